@@ -1,0 +1,80 @@
+# Set-up, demo, tests and checks, from a bare Debian 12 or Ubuntu 24.04 with python3, make and git.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.ONESHELL:
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+.PHONY: help setup system demo test check bench clean
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+EXTRAS := synth,train,dev
+
+# PCL and a compiler for the extension; Mesa for rendering without a screen; Xvfb for the window's tests.
+PACKAGES := python3-venv python3-dev g++ cmake ninja-build pkg-config libpcl-dev \
+	xvfb xauth libgl1 libegl1 libgomp1
+# The report's browser test skips without it (Ubuntu has it only as a snap).
+OPTIONAL := chromium
+
+help:
+	@echo "make demo    set up, then run the whole path on the virtual rig into demo-out/"
+	echo "make test    set up, then run the tests"
+	echo "make check   set up, then run the linters, the types and the import contracts"
+	echo "make bench   set up, then run the benchmarks"
+	echo "make setup   system packages, .venv, pinned Python packages, the native extension"
+	echo "make clean   remove what was built and cached, but not .venv"
+
+setup: $(READY)
+
+# Written last, so that a set-up that was cut short starts again.
+$(READY): Makefile pyproject.toml constraints.txt CMakeLists.txt annotate/cpp/pcl.cpp
+	@$(MAKE) --no-print-directory system
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
+		echo "$$($(PYTHON) --version) is too old; annotate-cloud needs 3.11 or newer:" \
+			"name one, as in 'make setup PYTHON=python3.12'" >&2
+		exit 1
+	}
+	[ -x $(BIN)/pip ] || $(PYTHON) -m venv $(VENV)
+	echo "installing Python packages into $(VENV)"
+	$(BIN)/pip install --quiet --constraint constraints.txt scikit-build-core nanobind
+	$(BIN)/pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[$(EXTRAS)]'
+	touch $@
+
+# Asks apt for nothing, and needs no network, where everything is there already.
+system:
+	@installed() { [ "$$(dpkg-query -Wf '$${db:Status-Status}' "$$1" 2>/dev/null)" = installed ]; }
+	command -v apt-get >/dev/null || { echo "no apt-get here; needed: $(PACKAGES)" >&2; exit 0; }
+	missing=(); for package in $(PACKAGES) $(OPTIONAL); do
+		installed $$package || missing+=($$package)
+	done
+	[ $${#missing[@]} -gt 0 ] || exit 0
+	root=(env DEBIAN_FRONTEND=noninteractive); [ "$$(id -u)" = 0 ] || root=(sudo "$${root[@]}")
+	echo "installing system packages: $${missing[*]}"
+	"$${root[@]}" apt-get update -qq
+	found=(); for package in "$${missing[@]}"; do
+		[[ " $(OPTIONAL) " == *" $$package "* && -z "$$(apt-cache search --names-only "^$$package$$")" ]] ||
+			found+=($$package)
+	done
+	"$${root[@]}" apt-get install -qq --yes --no-install-recommends "$${found[@]}"
+
+demo: $(READY)
+	$(BIN)/annotate-cloud demo --out demo-out --overwrite
+
+test: $(READY)
+	$(BIN)/pytest -n 2
+
+check: $(READY)
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(READY)
+	$(BIN)/python -m tests.bench
+
+clean:
+	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +

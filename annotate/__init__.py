@@ -1,0 +1,1 @@
+"""Point clouds, body parts, labels and their correction."""

@@ -1,0 +1,71 @@
+"""The person's square out of a depth image, as networks see it: 212 x 212, depth in [0, 1]."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import BACKGROUND
+from sensors.errors import CloudError
+
+SIZE = 212
+"""Side of the network's input (Nishi & Miura 2017, section 3.1)."""
+RANGE_MM = 2000.0
+"""Depth [0, 2000] mm becomes [0, 1] (same section). The person's median is moved to the middle first:
+the paper's camera stood within 2 m, other people's do not."""
+MARGIN = 0.04
+"""Free border on each side, as a share of the person's larger extent."""
+
+
+@dataclass(frozen=True)
+class Crop:
+    """A square of an image: its top left corner (v, u), possibly outside the image, and its side, pixels."""
+
+    top: int
+    left: int
+    side: int
+
+    def cut(self, image: NDArray[Any], fill: int | float, size: int = SIZE) -> NDArray[Any]:
+        """The square resampled to (size, size) by nearest neighbour; ``fill`` outside the image."""
+        v = self.top + (np.arange(size) * self.side + self.side // 2) // size
+        u = self.left + (np.arange(size) * self.side + self.side // 2) // size
+        v_in, u_in = (v >= 0) & (v < image.shape[0]), (u >= 0) & (u < image.shape[1])
+        result = np.full((size, size), fill, image.dtype)
+        result[np.ix_(v_in, u_in)] = image[np.ix_(v[v_in], u[u_in])]
+        return result
+
+    def paste(self, patch: NDArray[Any], shape: tuple[int, int], fill: int | float) -> NDArray[Any]:
+        """Inverse of ``cut``: a patch (size, size, ...) spread back over an image (h, w, ...)."""
+        size = patch.shape[0]
+        v, u = np.arange(shape[0]) - self.top, np.arange(shape[1]) - self.left
+        v_in, u_in = (v >= 0) & (v < self.side), (u >= 0) & (u < self.side)
+        result = np.full((*shape, *patch.shape[2:]), fill, patch.dtype)
+        result[np.ix_(v_in, u_in)] = patch[np.ix_(v[v_in] * size // self.side, u[u_in] * size // self.side)]
+        return result
+
+
+def crop_around(mask: NDArray[np.bool_]) -> Crop:
+    """The square around a person's mask (h, w), with a margin. Raises CloudError on an empty mask."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if rows.size == 0:
+        raise CloudError("no person in the mask; check the temperature window or the depth range")
+    height, width = rows[-1] - rows[0] + 1, columns[-1] - columns[0] + 1
+    side = max(8, round(max(height, width) * (1 + 2 * MARGIN)))
+    return Crop(int(rows[0] + height // 2 - side // 2), int(columns[0] + width // 2 - side // 2), side)
+
+
+def normalize(depth_mm: NDArray[np.uint16], mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Person's depth (h, w) in millimetres -> float32 in [0, 1], 0 where there is no person or reading."""
+    person = mask & (depth_mm > 0)
+    if not person.any():
+        return np.zeros(depth_mm.shape, np.float32)
+    middle = float(np.median(depth_mm[person]))
+    scaled = (depth_mm.astype(np.float32) - (middle - RANGE_MM / 2)) / RANGE_MM
+    # 0 is kept for "nothing here".
+    return np.where(person, np.clip(scaled, 1 / RANGE_MM, 1), 0).astype(np.float32)
+
+
+def person_of(parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Pixels that belong to a person, the undefined ones too."""
+    return parts != BACKGROUND

@@ -1,0 +1,73 @@
+"""The eleven body parts and the background: ids, names, colours, neighbours.
+
+Left and right are the person's own. Hands belong to the forearms, feet to the lower legs, the
+neck to the head (Nishi & Miura 2017, section 2.2, name the eleven parts).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+BACKGROUND = 0
+UNDEFINED = 255
+N_CLASSES = 12
+
+
+@dataclass(frozen=True)
+class Part:
+    """One class of a label image: its id, machine name, title, and display colour."""
+
+    id: int
+    name: str
+    title: str
+    rgb: tuple[int, int, int]
+
+
+PARTS = (
+    Part(0, "background", "Background", (24, 24, 28)),
+    Part(1, "head", "Head", (230, 57, 70)),
+    Part(2, "torso", "Torso", (69, 123, 157)),
+    Part(3, "left_upper_arm", "Left upper arm", (42, 157, 143)),
+    Part(4, "right_upper_arm", "Right upper arm", (244, 162, 97)),
+    Part(5, "left_forearm", "Left forearm", (144, 224, 160)),
+    Part(6, "right_forearm", "Right forearm", (255, 209, 102)),
+    Part(7, "hip", "Hip", (155, 93, 229)),
+    Part(8, "left_upper_leg", "Left upper leg", (0, 119, 182)),
+    Part(9, "right_upper_leg", "Right upper leg", (214, 99, 180)),
+    Part(10, "left_lower_leg", "Left lower leg", (72, 202, 228)),
+    Part(11, "right_lower_leg", "Right lower leg", (181, 131, 90)),
+)
+"""All classes, indexed by id. Colours keep neighbours and twins apart on light and dark."""
+
+BODY_PARTS = PARTS[1:]
+PART_ID = {part.name: part.id for part in PARTS}
+
+LEFT_RIGHT = ((3, 4), (5, 6), (8, 9), (10, 11))
+"""(left, right) twins."""
+
+NEIGHBOURS = frozenset(
+    frozenset(pair)
+    for pair in (
+        *((1, 2), (2, 3), (2, 4), (3, 5), (4, 6), (2, 7)),
+        *((7, 8), (7, 9), (8, 10), (9, 11)),
+    )
+)
+"""Pairs of parts joined by anatomy: the body's part tree."""
+
+
+def swap_left_right(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Exchange every left part with its right twin; any shape."""
+    table = np.arange(256, dtype=np.uint8)
+    for left, right in LEFT_RIGHT:
+        table[left], table[right] = right, left
+    return table[labels]
+
+
+def palette_rgb() -> NDArray[np.uint8]:
+    """Colours (256, 3) by id, for palette PNGs and pictures; undefined is grey, unused ids black."""
+    palette = np.zeros((256, 3), np.uint8)
+    for part in PARTS:
+        palette[part.id] = part.rgb
+    palette[UNDEFINED] = (128, 128, 128)
+    return palette

@@ -1,0 +1,171 @@
+"""A label set: a folder of labelled depth images that any viewer opens and no crash can break."""
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Self
+
+from annotate.images import (
+    decode_confidence,
+    decode_depth,
+    decode_parts,
+    encode_confidence,
+    encode_depth,
+    encode_parts,
+    png_shape,
+)
+from annotate.labels import FrameLabels
+from annotate.parts import PARTS
+from sensors.atomic import write_bytes
+from sensors.camera import Intrinsics
+from sensors.errors import CloudError, ExistsError, FormatError
+
+SCHEMA = 1
+MANIFEST = "labelset.json"
+MAX_JSON_BYTES = 16_000_000
+_FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+
+
+class LabelSet:
+    """A label set on disk. Every write is whole or absent; a frame exists once its JSON does.
+
+    intrinsics: the undistorted depth camera that all frames share.
+    info: what the manifest says beside that (source, steps, tool versions).
+    """
+
+    def __init__(self, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> None:
+        self.path, self.intrinsics, self.info = path, intrinsics, info
+
+    @classmethod
+    def create(cls, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> Self:
+        """Start an empty label set in a new or empty folder. Raises ExistsError otherwise."""
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise ExistsError(f"{path} exists already; choose another folder or pass --overwrite")
+        (path / "frames").mkdir(parents=True, exist_ok=True)
+        manifest = {
+            "schema": SCHEMA,
+            "parts": {part.name: part.id for part in PARTS},
+            "intrinsics": asdict(intrinsics),
+            **info,
+        }
+        write_bytes(path / MANIFEST, _dump(manifest))
+        return cls(path, intrinsics, info)
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Open an existing label set. Raises FormatError when it is none, or is corrupt."""
+        if not (path / MANIFEST).is_file():
+            raise FormatError(
+                f"{path} is no label set (it has no {MANIFEST}); give the folder that label wrote"
+            )
+        manifest = _load(path / MANIFEST)
+        if manifest.pop("schema", None) != SCHEMA:
+            raise FormatError(f"{path / MANIFEST} is not of schema {SCHEMA}; use the version that wrote it")
+        if manifest.pop("parts", None) != {part.name: part.id for part in PARTS}:
+            raise FormatError(f"{path / MANIFEST} names other parts; only the twelve classes are supported")
+        try:
+            intrinsics = Intrinsics(**manifest.pop("intrinsics"))
+        except (TypeError, KeyError) as error:
+            raise FormatError(f"{path / MANIFEST} has malformed intrinsics ({error}); restore it") from error
+        return cls(path, intrinsics, manifest)
+
+    @property
+    def frame_ids(self) -> list[str]:
+        """Ids of the finished frames, sorted."""
+        return sorted(p.stem for p in (self.path / "frames").glob("*.json") if _FRAME_ID.fullmatch(p.stem))
+
+    def __len__(self) -> int:
+        return len(self.frame_ids)
+
+    def __contains__(self, frame_id: str) -> bool:
+        return self._file(frame_id, "json").is_file()
+
+    def __iter__(self) -> Iterator[FrameLabels]:
+        return (self.read(frame_id) for frame_id in self.frame_ids)
+
+    def read(self, frame_id: str) -> FrameLabels:
+        """Read one frame. Raises FormatError naming the file that is missing or corrupt."""
+        fields = _load(self._file(frame_id, "json"))
+        depth = decode_depth(self._bytes(frame_id, "depth.png"))
+        parts = decode_parts(self._bytes(frame_id, "parts.png"))
+        has_confidence = self._file(frame_id, "confidence.png").is_file()
+        confidence = decode_confidence(self._bytes(frame_id, "confidence.png")) if has_confidence else None
+        try:
+            return FrameLabels(frame_id, depth, parts, confidence, **fields)
+        except TypeError as error:
+            raise FormatError(
+                f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it"
+            ) from error
+
+    def write(self, frame: FrameLabels) -> None:
+        """Add or replace one frame. Raises FormatError when its size is not the set's."""
+        if frame.depth_mm.shape != self.intrinsics.shape:
+            raise FormatError(
+                f"frame {frame.frame_id} is {frame.depth_mm.shape}, the label set {self.intrinsics.shape}; "
+                "one set holds one camera"
+            )
+        self._put(frame.frame_id, "depth.png", encode_depth(frame.depth_mm))
+        self._put(frame.frame_id, "parts.png", encode_parts(frame.parts))
+        if frame.confidence is not None:
+            self._put(frame.frame_id, "confidence.png", encode_confidence(frame.confidence))
+        fields = {"status": frame.status, "subject": frame.subject, "notes": frame.notes}
+        self._put(frame.frame_id, "json", _dump(fields))
+
+    def _file(self, frame_id: str, suffix: str) -> Path:
+        if not _FRAME_ID.fullmatch(frame_id):
+            raise FormatError(f"frame id {frame_id!r} is unsafe; use letters, digits, '_', '-' and '.'")
+        return self.path / "frames" / f"{frame_id}.{suffix}"
+
+    def _put(self, frame_id: str, suffix: str, data: bytes) -> None:
+        write_bytes(self._file(frame_id, suffix), data)
+
+    def _bytes(self, frame_id: str, suffix: str) -> bytes:
+        file = self._file(frame_id, suffix)
+        try:
+            data = file.read_bytes()
+        except OSError as error:
+            raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error
+        try:
+            shape = png_shape(data, suffix)
+        except FormatError as error:
+            raise FormatError(f"{file}: {error}") from error
+        if shape != self.intrinsics.shape:
+            raise FormatError(
+                f"{file} is {shape}, the label set {self.intrinsics.shape}; restore it from a copy"
+            )
+        return data
+
+
+def validate(labels: LabelSet) -> list[str]:
+    """Every problem of a label set, one line each; empty when all frames read back well."""
+    problems = []
+    for frame_id in labels.frame_ids:
+        try:
+            frame = labels.read(frame_id)
+        except CloudError as error:
+            problems.append(str(error))
+            continue
+        on_nothing = int(((frame.parts > 0) & (frame.parts < 255) & (frame.depth_mm == 0)).sum())
+        if on_nothing:
+            problems.append(f"frame {frame_id}: {on_nothing} pixels carry a part where there is no depth")
+    if not labels.frame_ids:
+        problems.append(f"{labels.path} holds no frames")
+    return problems
+
+
+def _dump(value: dict[str, Any]) -> bytes:
+    return (json.dumps(value, indent=1, sort_keys=True) + "\n").encode()
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > MAX_JSON_BYTES:
+            raise FormatError(f"{path} is larger than {MAX_JSON_BYTES} bytes; restore it from a copy")
+        value = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        raise FormatError(f"{path} is corrupt ({error}); restore it from a copy") from error
+    if not isinstance(value, dict):
+        raise FormatError(f"{path} holds no JSON object; restore it from a copy")
+    return value

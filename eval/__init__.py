@@ -1,0 +1,1 @@
+"""Networks, metrics, comparisons and the report."""

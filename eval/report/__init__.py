@@ -1,0 +1,1 @@
+"""Results of comparisons as one self-contained HTML page."""

@@ -1,0 +1,189 @@
+"""Pictures for the report: depth, labels, errors and thermal clouds as uint8 RGB images."""
+
+import base64
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import BACKGROUND, LEFT_RIGHT, NEIGHBOURS, UNDEFINED, palette_rgb
+from eval.metrics import Labels, named
+
+Image = NDArray[np.uint8]
+
+SIZE_PX = 212
+"""Side of a gallery picture: the network's input (section 3.1)."""
+
+CANVAS = (24, 24, 28)
+"""Colour of nothing, as in the palette of parts."""
+
+THERMAL_RANGE_C = (18.0, 36.0)
+"""Temperatures drawn from black to yellow: a room to warm skin (the paper extracts 25 to 35)."""
+
+ERROR_KINDS = {
+    "missed_person": ("Missed person", (79, 151, 255)),
+    "invented_person": ("Invented person", (247, 201, 72)),
+    "left_right_swap": ("Left-right swap", (236, 96, 204)),
+    "neighbour_part": ("Neighbouring part", (240, 132, 74)),
+    "other_part": ("Other part", (214, 48, 49)),
+}
+"""Title and colour of the fields of `eval.metrics.ErrorKinds`."""
+
+_RIGHT = (92, 99, 112)
+_IGNORED = (52, 52, 58)
+
+
+def colorize_depth(depth_mm: NDArray[np.uint16]) -> Image:
+    """Depth (h, w) as grey (h, w, 3), near bright; its own 2nd to 98th percentile span the greys."""
+    valid = depth_mm > 0
+    image = np.full((*depth_mm.shape, 3), CANVAS, np.uint8)
+    if valid.any():
+        near, far = np.percentile(depth_mm[valid], [2, 98])
+        nearness = 1 - (depth_mm[valid] - near) / max(far - near, 1.0)
+        image[valid] = (70 + 185 * np.clip(nearness, 0, 1)).astype(np.uint8)[:, None]
+    return image
+
+
+def colorize_parts(parts: Labels) -> Image:
+    """Labels (h, w) in the colours of `annotate.parts` (h, w, 3)."""
+    return palette_rgb()[parts]
+
+
+def colorize_error(truth: Labels, predicted: Labels) -> Image:
+    """What went wrong where, (h, w, 3): grey where the part is right, else in `ERROR_KINDS` colours."""
+    guess = named(predicted)
+    person, seen = truth != BACKGROUND, guess != BACKGROUND
+    wrong = (truth != guess) & person & seen
+    twin, neighbour = _pairs(LEFT_RIGHT), _pairs(tuple(tuple(pair) for pair in NEIGHBOURS))
+    image = np.full((*truth.shape, 3), CANVAS, np.uint8)
+    image[person & (truth == guess)] = _RIGHT
+    for kind, mask in (
+        ("other_part", wrong),
+        ("neighbour_part", wrong & neighbour[truth, guess]),
+        ("left_right_swap", wrong & twin[truth, guess]),
+        ("missed_person", person & ~seen),
+        ("invented_person", ~person & seen),
+    ):
+        image[mask] = ERROR_KINDS[kind][1]
+    image[truth == UNDEFINED] = _IGNORED
+    return image
+
+
+def _pairs(pairs: tuple[tuple[int, ...], ...]) -> NDArray[np.bool_]:
+    table = np.zeros((256, 256), np.bool_)
+    for a, b in pairs:
+        table[a, b] = table[b, a] = True
+    return table
+
+
+def render_thermal_cloud(
+    points_m: NDArray[np.float32],
+    temperature_c: NDArray[np.float32],
+    yaw_deg: float = 22.0,
+    pitch_deg: float = 10.0,
+) -> Image:
+    """An organised cloud seen from slightly aside, coloured by temperature: (212, 212, 3).
+
+    points_m: (h, w, 3), depth-camera frame, NaN = no reading or not to be drawn. temperature_c:
+    (h, w), NaN is drawn grey. The viewer moves by yaw to its right and by pitch upwards around the
+    cloud's middle. Points are drawn far to near as squares that close the gaps between them.
+    """
+    drawn = np.asarray(np.isfinite(points_m).all(-1))
+    image = np.full((SIZE_PX, SIZE_PX, 3), CANVAS, np.uint8)
+    if not drawn.any():
+        return image
+    turned, middle = _orbit(points_m, drawn, yaw_deg, pitch_deg)
+    color = (_thermal_colors(temperature_c) * _shade(turned)[..., None]).astype(np.uint8)[drawn]
+    radius = float(np.percentile(np.linalg.norm(turned[drawn][:, :2] - middle[:2], axis=1), 99))
+    focal = 0.47 * SIZE_PX * middle[2] / max(radius, 1e-3)
+    x, y, z = turned[drawn].T
+    u = (x - middle[0]) / z * focal + SIZE_PX / 2
+    v = (y - middle[1]) / z * focal + SIZE_PX / 2
+    width = _splat_px(turned, float(focal / middle[2]))
+    order = np.argsort(-z, kind="stable")
+    rows, columns, color = v[order].astype(int), u[order].astype(int), color[order]
+    # One splat is painted whole before the next nearer one: offsets vary fastest.
+    dy, dx = (offset.ravel() for offset in np.indices((width, width)) - width // 2)
+    rows, columns = (rows[:, None] + dy).ravel(), (columns[:, None] + dx).ravel()
+    inside = (rows >= 0) & (rows < SIZE_PX) & (columns >= 0) & (columns < SIZE_PX)
+    image[rows[inside], columns[inside]] = np.repeat(color, width * width, axis=0)[inside]
+    return image
+
+
+def _orbit(
+    points_m: NDArray[np.float32], drawn: NDArray[np.bool_], yaw_deg: float, pitch_deg: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points (h, w, 3) in the moved viewer's frame, and the cloud's middle (3,) there."""
+    low, high = np.percentile(points_m[drawn], [2, 98], axis=0)
+    middle = (low + high) / 2
+    yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
+    about_y = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
+    about_x = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
+    away = np.array(
+        [0, 0, max(float(np.linalg.norm(middle)), 2.0 * float(np.ptp([low, high], axis=0).max()))]
+    )
+    turned: NDArray[np.float64] = (points_m - middle) @ (about_x @ about_y).T + away
+    turned[..., 2] = np.maximum(turned[..., 2], 0.1)
+    return turned, away
+
+
+def _thermal_colors(temperature_c: NDArray[np.float32]) -> NDArray[np.float64]:
+    low, high = THERMAL_RANGE_C
+    share = np.clip((np.nan_to_num(temperature_c, nan=low) - low) / (high - low), 0, 1)
+    inferno = cv2.applyColorMap((40 + 215 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)[..., ::-1]
+    return np.where(np.isnan(temperature_c)[..., None], 110.0, inferno)
+
+
+def _shade(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Light from the viewer (h, w): 1 facing it, 0.55 at a grazing angle or where no normal is known."""
+    across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
+    normal = np.cross(across, down)
+    length = np.linalg.norm(normal, axis=-1)
+    facing = np.divide(np.abs(normal[..., 2]), length, out=np.zeros_like(length), where=length > 0)
+    light: NDArray[np.float64] = 0.55 + 0.45 * facing
+    return light
+
+
+def _splat_px(points: NDArray[np.float64], px_per_m: float) -> int:
+    """Side of a point's square: the median gap between neighbours in the picture, rounded up."""
+    gap = np.linalg.norm(np.diff(points[..., :2], axis=1), axis=-1)
+    gap = gap[np.isfinite(gap)]
+    return int(np.clip(np.ceil(np.median(gap) * px_per_m * 1.3), 1, 8)) if gap.size else 3
+
+
+def person_box(person: NDArray[np.bool_], margin: float = 0.08) -> tuple[int, int, int]:
+    """Square around the True pixels of (h, w): top, left, side in pixels; it may pass the edges."""
+    rows, columns = np.flatnonzero(person.any(1)), np.flatnonzero(person.any(0))
+    if not rows.size:
+        return 0, 0, max(person.shape)
+    height, width = rows[-1] - rows[0] + 1, columns[-1] - columns[0] + 1
+    side = int(np.ceil(max(height, width) * (1 + 2 * margin)))
+    return int(rows[0] + (height - side) // 2), int(columns[0] + (width - side) // 2), side
+
+
+def crop(image: NDArray[np.generic], box: tuple[int, int, int], fill: float = 0) -> NDArray[np.generic]:
+    """The square `box` of an image (h, w, ...), with `fill` where it passes the edges."""
+    top, left, side = box
+    out = np.full((side, side, *image.shape[2:]), fill, image.dtype)
+    rows = slice(max(top, 0), min(top + side, image.shape[0]))
+    columns = slice(max(left, 0), min(left + side, image.shape[1]))
+    out[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = image[rows, columns]
+    return out
+
+
+def to_size(image: Image, smooth: bool = False) -> Image:
+    """Resample an RGB image to 212 x 212; labels keep their exact colours unless `smooth`."""
+    method = cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST_EXACT
+    return np.asarray(cv2.resize(image, (SIZE_PX, SIZE_PX), interpolation=method), np.uint8)
+
+
+def data_uri(image: Image) -> str:
+    """An RGB image as a data URI: PNG where it has few colours, as labels have, else WebP."""
+    flat = image.reshape(-1, 3).astype(np.int32)
+    few = np.unique(flat @ np.array([65536, 256, 1])).size <= 64
+    bgr = np.ascontiguousarray(image[..., ::-1])
+    if few:
+        kind, (_, data) = "png", cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    else:
+        kind, (_, data) = "webp", cv2.imencode(".webp", bgr, [cv2.IMWRITE_WEBP_QUALITY, 85])
+    return f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode()}"

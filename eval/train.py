@@ -1,0 +1,168 @@
+"""Train a network on labelled frames: resumable, deterministic given a seed, watched while it runs."""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from annotate.parts import N_CLASSES, UNDEFINED
+from eval.data import Crops, batches
+from eval.metrics import confusion_matrix, mean_recall, miou
+from eval.networks import CompactUNet
+from sensors.atomic import replacing, write_bytes
+from sensors.errors import ExistsError, FormatError
+
+CLASS_WEIGHT_BACKGROUND = 0.3
+"""Background is easy and everywhere: it would drown the parts in the mean loss."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """AdamW with one cycle of the learning rate over all epochs."""
+
+    epochs: int = 12
+    batch: int = 16
+    peak_rate: float = 6e-3
+    weight_decay: float = 1e-4
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """What an epoch came to: mean training loss, and on held-out frames mean recall and mIoU of the parts."""
+
+    number: int
+    loss: float
+    mean_recall: float
+    miou: float
+    seconds: float
+
+
+def train(
+    crops: Crops, held_out: Crops, out: Path, schedule: Schedule, report: Callable[[Epoch], None]
+) -> tuple[CompactUNet, list[Epoch]]:
+    """Train the compact network; each epoch ends in a checkpoint in ``out`` from which the same call goes on.
+
+    Raises ExistsError when ``out`` was started with another schedule, FormatError on a broken checkpoint.
+    """
+    _claim(out, schedule)
+    torch.manual_seed(schedule.seed)
+    model = CompactUNet().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    optimizer = torch.optim.AdamW(model.parameters(), schedule.peak_rate, weight_decay=schedule.weight_decay)
+    steps = max(1, len(crops) // schedule.batch) * schedule.epochs
+    cycle = torch.optim.lr_scheduler.OneCycleLR(optimizer, schedule.peak_rate, total_steps=steps + 1)
+    history = _resume(out, model, optimizer, cycle)
+    for number in range(len(history), schedule.epochs):
+        started = time.monotonic()
+        rng = np.random.default_rng((schedule.seed, number))
+        loss = _epoch(model, optimizer, cycle, crops, schedule.batch, rng)
+        matrix = evaluate(model, held_out)
+        history.append(Epoch(number, loss, mean_recall(matrix), miou(matrix), time.monotonic() - started))
+        _save(out, model, optimizer, cycle, history)
+        report(history[-1])
+    return model, history
+
+
+def _epoch(model: nn.Module, optimizer: torch.optim.Optimizer, cycle: Any, crops: Crops, batch: int,
+           rng: np.random.Generator) -> float:  # fmt: skip
+    model.train()
+    weight = torch.ones(N_CLASSES)
+    weight[0] = CLASS_WEIGHT_BACKGROUND
+    losses = []
+    for x, y in batches(crops, batch, rng):
+        scores = model(torch.from_numpy(x).contiguous(memory_format=torch.channels_last))
+        loss = nn.functional.cross_entropy(
+            scores, torch.from_numpy(y.astype(np.int64)), weight, ignore_index=UNDEFINED
+        )
+        optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        cycle.step()
+        losses.append(float(loss.detach()))
+    return float(np.mean(losses))
+
+
+@torch.no_grad()
+def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> NDArray[np.int64]:
+    """Confusion matrix (12, 12) of a network on crops, rows are the truth."""
+    model.eval()
+    total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
+    for start in range(0, len(crops), batch):
+        x = crops.depth[start : start + batch, None].astype(np.float32) / np.float32(65535)
+        predicted = model(torch.from_numpy(x).contiguous(memory_format=torch.channels_last)).argmax(1)
+        total += confusion_matrix(crops.parts[start : start + batch], predicted.numpy().astype(np.uint8))
+    return total
+
+
+def export_onnx(model: nn.Module, path: Path) -> None:
+    """Write the network as ONNX: input ``depth`` (B, 1, 212, 212), output ``probability`` (B, 12, 212, 212)."""
+    example = torch.rand(1, 1, 212, 212)
+    whole = nn.Sequential(model, nn.Softmax(dim=1)).eval().to(memory_format=torch.contiguous_format)  # type: ignore[call-overload]
+    with replacing(path) as temporary:
+        torch.onnx.export(
+            whole,
+            (example,),
+            temporary,
+            input_names=["depth"],
+            output_names=["probability"],
+            dynamic_axes={"depth": {0: "batch"}, "probability": {0: "batch"}},
+            dynamo=False,
+        )
+
+
+def _claim(out: Path, schedule: Schedule) -> None:
+    order = (json.dumps(asdict(schedule), sort_keys=True) + "\n").encode()
+    if (out / "schedule.json").is_file():
+        if (out / "schedule.json").read_bytes() != order:
+            raise ExistsError(f"{out} holds a training with another schedule; choose another folder or --overwrite")
+        return
+    if out.exists() and any(out.iterdir()):
+        raise ExistsError(f"{out} exists and is no training; choose another folder or pass --overwrite")
+    out.mkdir(parents=True, exist_ok=True)
+    write_bytes(out / "schedule.json", order)
+
+
+def _save(out: Path, model: nn.Module, optimizer: torch.optim.Optimizer, cycle: Any, history: list[Epoch]) -> None:
+    tensors = {f"model.{k}": v.contiguous() for k, v in model.state_dict().items()}
+    state = optimizer.state_dict()
+    for index, entry in state["state"].items():
+        tensors |= {f"optimizer.{index}.{k}": v.contiguous() for k, v in entry.items()}
+    meta = {"history": json.dumps([asdict(e) for e in history]), "step": str(cycle.last_epoch)}
+    with replacing(out / "checkpoint.safetensors") as temporary:
+        save_file(tensors, temporary, meta)
+
+
+def _resume(out: Path, model: nn.Module, optimizer: torch.optim.Optimizer, cycle: Any) -> list[Epoch]:
+    path = out / "checkpoint.safetensors"
+    if not path.is_file():
+        return []
+    try:
+        tensors = load_file(path)
+        with path.open("rb") as file:
+            header = json.loads(file.read(int.from_bytes(file.read(8), "little")))["__metadata__"]
+        model.load_state_dict({k[6:]: v for k, v in tensors.items() if k.startswith("model.")})
+        state = optimizer.state_dict()
+        state["state"] = _optimizer_state(tensors)
+        optimizer.load_state_dict(state)
+        for _ in range(int(header["step"])):
+            cycle.step()
+        return [Epoch(**e) for e in json.loads(header["history"])]
+    except (OSError, ValueError, KeyError, RuntimeError, TypeError) as error:
+        raise FormatError(f"checkpoint {path} cannot be resumed ({error}); remove it or start elsewhere") from error
+
+
+def _optimizer_state(tensors: dict[str, Tensor]) -> dict[int, dict[str, Tensor]]:
+    state: dict[int, dict[str, Tensor]] = {}
+    for name, value in tensors.items():
+        if name.startswith("optimizer."):
+            _, index, key = name.split(".", 2)
+            state.setdefault(int(index), {})[key] = value
+    return state

@@ -1,0 +1,102 @@
+"""The records of an MCAP file, whole or cut off, each bounded before it is read.
+
+``mcap.reader`` needs the index at a file's end and trusts the lengths it finds; a recording that was killed
+has no index, and a hostile one has impossible lengths. The records themselves are parsed by ``mcap``.
+"""
+
+import io
+import os
+import struct
+from collections.abc import Iterator
+from typing import BinaryIO
+
+import zstandard
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Chunk, McapRecord
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from sensors.errors import FormatError
+
+MAGIC = b"\x89MCAP0\r\n"
+MAX_RECORD_BYTES = 1 << 28
+"""Largest record or chunk accepted: room for the largest image that a camera may have."""
+
+_HEAD = struct.Struct("<BQ")  # opcode, length (MCAP specification, "Records")
+_WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.STATISTICS}
+_BROKEN = (
+    McapError,
+    struct.error,
+    ValueError,
+    KeyError,
+    OverflowError,
+    MemoryError,
+    zstandard.ZstdError,
+)
+
+
+def record_offsets(file: BinaryIO) -> Iterator[int]:
+    """Offsets of the records that are there in full; those of a truncated file simply end early.
+
+    Raises FormatError when the file is empty or no MCAP file.
+    """
+    size = os.fstat(file.fileno()).st_size
+    file.seek(0)
+    if file.read(len(MAGIC)) != MAGIC:
+        raise FormatError(
+            f"{file.name} is {'empty' if size == 0 else 'no MCAP file'}; give a recorded session"
+        )
+    offset = len(MAGIC)
+    while offset + _HEAD.size <= size:
+        file.seek(offset)
+        opcode, length = _HEAD.unpack(file.read(_HEAD.size))
+        if opcode == 0 or length > size - offset - _HEAD.size:
+            return
+        yield offset
+        if opcode == Opcode.FOOTER:
+            return
+        offset += _HEAD.size + length
+
+
+def is_complete(file: BinaryIO) -> bool:
+    """Whether the file ends as a finished MCAP file does: footer, then magic."""
+    last = max(record_offsets(file), default=None)
+    if last is None:
+        return False
+    file.seek(last)
+    opcode, length = _HEAD.unpack(file.read(_HEAD.size))
+    file.seek(length, os.SEEK_CUR)
+    return opcode == Opcode.FOOTER and file.read() == MAGIC
+
+
+def records_at(file: BinaryIO, offset: int) -> list[McapRecord]:
+    """The ``mcap.records`` at an offset: one, a chunk's contents, or none where nobody needs them.
+
+    Raises FormatError when they are corrupt, naming file and offset.
+    """
+    file.seek(offset)
+    head = file.read(_HEAD.size)
+    opcode, length = _HEAD.unpack(head)
+    if opcode not in _WANTED:
+        return []
+    try:
+        if length > MAX_RECORD_BYTES:
+            raise ValueError(f"{length} bytes long")
+        record = next(StreamReader(io.BytesIO(head + file.read(length)), True, emit_chunks=True).records)
+        return _contents(record) if isinstance(record, Chunk) else [record]
+    except _BROKEN as error:
+        reason = str(error) or type(error).__name__
+        raise FormatError(
+            f"{file.name} is damaged at byte {offset} ({reason}); repair it, or restore it from a copy"
+        ) from error
+
+
+def _contents(chunk: Chunk) -> list[McapRecord]:
+    if chunk.compression not in ("", "zstd"):
+        raise ValueError(f"compression {chunk.compression[:20]!r} is not supported, convert it to zstd")
+    size = chunk.uncompressed_size
+    # zstandard allocates what the frame itself claims, whatever maximum it is given.
+    claimed = zstandard.frame_content_size(chunk.data) if chunk.compression else len(chunk.data)
+    if size > MAX_RECORD_BYTES or claimed not in (size, -1):
+        raise ValueError(f"chunk claims {claimed} and {size} bytes")
+    return list(breakup_chunk(chunk, validate_crc=True)) if size else []

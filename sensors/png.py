@@ -1,0 +1,32 @@
+"""One-channel PNG images as bytes, bounded and checked on the way in."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.camera import MAX_IMAGE_SIDE
+from sensors.errors import FormatError
+
+
+def png_shape(data: bytes, name: str) -> tuple[int, int]:
+    """(height, width) from a PNG's header, before anything is allocated. Raises FormatError."""
+    if len(data) < 33 or data[:8] != b"\x89PNG\r\n\x1a\n":
+        raise FormatError(f"{name} image is no PNG or is cut off; restore it from a copy")
+    width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    if not (0 < width <= MAX_IMAGE_SIDE and 0 < height <= MAX_IMAGE_SIDE):
+        raise FormatError(
+            f"{name} PNG claims {width}x{height} pixels; at most {MAX_IMAGE_SIDE} a side are read"
+        )
+    return height, width
+
+
+def decode_grey(data: bytes, dtype: type[Any], name: str) -> NDArray[Any]:
+    """Greyscale PNG of exactly ``dtype`` (uint8 or uint16) -> (h, w). Raises FormatError."""
+    png_shape(data, name)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.ndim != 2 or image.dtype != dtype:
+        found = "nothing readable" if image is None else f"{image.dtype} {image.shape}"
+        raise FormatError(f"{name} PNG holds {found}; give one channel of {dtype.__name__}")
+    return np.asarray(image, dtype)

@@ -1,0 +1,155 @@
+"""A recorded session as a source of frames, read from disk one frame at a time."""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import McapRecord, Message
+from numpy.typing import NDArray
+
+from sensors.calibration import RigCalibration
+from sensors.camera import Intrinsics
+from sensors.contents import read_contents
+from sensors.errors import CalibrationError, FormatError
+from sensors.frame import RigFrame
+from sensors.mcap_records import records_at
+from sensors.messages import COLOR, DEPTH, THERMAL, color_from, depth_from, thermal_from
+
+COLOR_WINDOW_NS = 17_000_000
+"""Colour belongs to a depth image when at most half a period of 30 Hz away."""
+THERMAL_WINDOW_NS = 4_000_000
+"""Thermal belongs to a depth image when at most half a period of 128 Hz away."""
+
+CACHED_CHUNKS = 4
+
+
+@dataclass(frozen=True)
+class Stream:
+    """How many messages a topic has, and their mean rate by device stamp (0 for fewer than two)."""
+
+    count: int
+    rate_hz: float
+
+
+class Session:
+    """A session file, whole or truncated, as a ``FrameSource`` with random access.
+
+    Depth is master: a frame has the colour and thermal images nearest to it in device time, if within the
+    windows above; no message is used twice. Frames are in the order of their depth stamps and numbered by
+    it. Opening reads the whole file once (CRCs included) but keeps only where each message lies.
+    Raises FormatError for what is no session or is damaged, CalibrationError when calibration is missing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        contents = read_contents(path)
+        self.path = path
+        self.name = contents.metadata.pop("name", "") or path.name.split(".")[0]
+        self.metadata: dict[str, str] = contents.metadata
+        self.calibration: RigCalibration = contents.calibration
+        self.truncated: bool = contents.truncated
+        self.events: tuple[tuple[int, str], ...] = contents.events
+        self._messages = contents.messages
+        depth = self._messages[DEPTH].stamps_ns
+        self._color = pair_stamps(depth, self._messages[COLOR].stamps_ns, COLOR_WINDOW_NS)
+        self._thermal = pair_stamps(depth, self._messages[THERMAL].stamps_ns, THERMAL_WINDOW_NS)
+        self._chunk = lru_cache(CACHED_CHUNKS)(self._read_chunk)
+
+    def __len__(self) -> int:
+        return len(self._messages[DEPTH].stamps_ns)
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        return (self.frame(index) for index in range(len(self)))
+
+    def frame(self, index: int) -> RigFrame:
+        """Frame ``index`` of 0 .. len - 1. Raises IndexError, FormatError or CalibrationError."""
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        depth = depth_from(self._message(DEPTH, index))
+        _check_size("depth", depth, self.calibration.depth)
+        color, thermal = int(self._color[index]), int(self._thermal[index])
+        thermal_c = None
+        if thermal >= 0:
+            thermal_c = thermal_from(self._message(THERMAL, thermal))
+            _check_size("thermal", thermal_c, self.calibration.thermal)
+        return RigFrame(
+            index=index,
+            stamp_ns=int(self._messages[DEPTH].stamps_ns[index]),
+            depth_mm=depth,
+            color_encoded=color_from(self._message(COLOR, color)) if color >= 0 else None,
+            thermal_c=thermal_c,
+        )
+
+    @property
+    def streams(self) -> dict[str, Stream]:
+        """Count and rate of every image topic that has messages."""
+        return {topic: _stream(m.stamps_ns) for topic, m in self._messages.items() if len(m.stamps_ns)}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the session lacks, one sentence each."""
+        notes = [
+            f"no {name} images"
+            for name, topic in (("colour", COLOR), ("thermal", THERMAL))
+            if not len(self._messages[topic].stamps_ns)
+        ]
+        if self.truncated:
+            notes.append(f"truncated: the recording was cut off after {len(self)} frames")
+        return tuple(notes)
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the file, in hexadecimal."""
+        with self.path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+
+    def _message(self, topic: str, index: int) -> bytes:
+        messages = self._messages[topic]
+        records, slot = self._chunk(int(messages.offsets[index])), int(messages.slots[index])
+        record = records[slot] if slot < len(records) else None
+        if not isinstance(record, Message):
+            raise FormatError(f"{self.path} was changed while it was read; open it again")
+        return record.data
+
+    def _read_chunk(self, offset: int) -> list[McapRecord]:
+        with self.path.open("rb") as file:
+            return records_at(file, offset)
+
+
+def pair_stamps(
+    master_ns: NDArray[np.int64], other_ns: NDArray[np.int64], window_ns: int
+) -> NDArray[np.int64]:
+    """For each master stamp the index of the other stamp that belongs to it, or -1.
+
+    Two stamps belong together when each is the other's nearest (the earlier where equally near) and they
+    are at most ``window_ns`` apart, so none is used twice. Both (n,) and sorted.
+    """
+    if not len(master_ns) or not len(other_ns):
+        return np.full(len(master_ns), -1, np.int64)
+    other = _nearest(other_ns, master_ns)
+    mutual = _nearest(master_ns, other_ns)[other] == np.arange(len(master_ns))
+    near = np.abs(other_ns[other] - master_ns) <= window_ns
+    return np.where(mutual & near, other, -1)
+
+
+def _nearest(stamps_ns: NDArray[np.int64], queries_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    after = np.searchsorted(stamps_ns, queries_ns).clip(0, len(stamps_ns) - 1)
+    before = np.searchsorted(stamps_ns, stamps_ns[np.maximum(after - 1, 0)])
+    closer = np.abs(stamps_ns[before] - queries_ns) <= np.abs(stamps_ns[after] - queries_ns)
+    return np.where(closer, before, after).astype(np.int64)
+
+
+def _stream(stamps_ns: NDArray[np.int64]) -> Stream:
+    span_s = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9
+    return Stream(len(stamps_ns), round((len(stamps_ns) - 1) / span_s, 3) if span_s > 0 else 0.0)
+
+
+def _check_size(name: str, image: NDArray[Any], camera: Intrinsics | None) -> None:
+    if camera is not None and image.shape != camera.shape:
+        raise CalibrationError(
+            f"{name} image is {image.shape[1]}x{image.shape[0]} but its calibration says "
+            f"{camera.width}x{camera.height}; give the session the calibration of this camera"
+        )

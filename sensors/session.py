@@ -1,0 +1,207 @@
+"""A session on disk: an MCAP file that Foxglove and ROS tools open, that a crash cannot take away.
+
+Topics are those of ``sensors.messages``; log_time is the host's arrival, publish_time the device's stamp.
+While it is written a session is called ``NAME.mcap.partial``; it can be read at any time, and takes its
+final name once complete. Every depth frame ends a compressed chunk that is handed to the system at once, so
+that a killed process loses at most the frame it was writing.
+"""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self
+
+import numpy as np
+from google.protobuf.message import Message as ProtoMessage
+from mcap.records import Channel, McapRecord, Message, Metadata, Schema
+from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
+from numpy.typing import NDArray
+
+from sensors.atomic import replacing
+from sensors.calibration import RigCalibration
+from sensors.errors import CalibrationError, ExistsError, FormatError
+from sensors.frame import RigFrame
+from sensors.mcap_records import is_complete, record_offsets, records_at
+from sensors.messages import (
+    COLOR,
+    DEPTH,
+    EVENTS,
+    METADATA,
+    SCHEMAS,
+    THERMAL,
+    calibration_messages,
+    color_message,
+    depth_message,
+    event_message,
+    thermal_message,
+)
+
+CHUNK_BYTES = 1 << 20
+
+
+class SessionWriter:
+    """Writes one session; use it as a context manager.
+
+    On success the file takes its final name. On an exception, Ctrl-C included, what was recorded stays
+    under ``partial`` and opens as a truncated session; with ``keep_partial`` False it is removed instead.
+    Raises ExistsError when ``path`` or an unfinished recording of it exists and ``overwrite`` is False.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        calibration: RigCalibration,
+        name: str,
+        *,
+        overwrite: bool = False,
+        metadata: dict[str, str] | None = None,
+        keep_partial: bool = True,
+    ) -> None:
+        self.path, self.calibration = path, calibration
+        self.partial = path.with_name(path.name + ".partial")
+        self._metadata = {**(metadata or {}), "name": name}
+        self._overwrite, self._keep_partial = overwrite, keep_partial
+        self._file: BinaryIO
+        self._writer: Writer
+        self._channels: dict[str, int] = {}
+        self._calibrated = False
+
+    def __enter__(self) -> Self:
+        if not self._overwrite:
+            for existing in (self.path, self.partial):
+                if existing.exists():
+                    raise ExistsError(f"{existing} exists already; choose another name or pass --overwrite")
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = self.partial.open("wb" if self._overwrite else "xb")
+        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
+        self._writer.start(profile="", library=METADATA)
+        for topic, schema in SCHEMAS.items():
+            schema_id = register_schema(self._writer, schema)
+            self._channels[topic] = self._writer.register_channel(topic, "protobuf", schema_id)
+        self._writer.add_metadata(METADATA, self._metadata)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None:
+                self._writer.finish()
+                self._file.flush()
+                os.fsync(self._file.fileno())
+        finally:
+            self._file.close()
+        if kind is None:
+            self.partial.replace(self.path)
+        elif not self._keep_partial:
+            self.partial.unlink(missing_ok=True)
+
+    def write(self, frame: RigFrame, arrival_ns: int | None = None) -> None:
+        """Write all that a frame has, stamped with the depth camera's time. Raises FormatError."""
+        if frame.color_encoded is not None:
+            self.write_color(frame.color_encoded, frame.stamp_ns, arrival_ns)
+        if frame.thermal_c is not None:
+            self.write_thermal(frame.thermal_c, frame.stamp_ns, arrival_ns)
+        self.write_depth(frame.depth_mm, frame.stamp_ns, arrival_ns)
+
+    def write_depth(self, depth_mm: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None) -> None:
+        """Write a depth image of the calibrated size, and hand everything so far to the system."""
+        if depth_mm.shape != self.calibration.depth.shape:
+            raise CalibrationError(
+                f"depth image is {depth_mm.shape}, its calibration {self.calibration.depth.shape}; "
+                "calibrate the camera in the mode that is recorded"
+            )
+        self._add(DEPTH, depth_message(depth_mm, stamp_ns), stamp_ns, arrival_ns)
+        self.flush()
+
+    def write_color(self, encoded: bytes, stamp_ns: int, arrival_ns: int | None = None) -> None:
+        """Write the colour camera's own JPEG or PNG bytes. Raises FormatError for others."""
+        self._add(COLOR, color_message(encoded, stamp_ns), stamp_ns, arrival_ns)
+
+    def write_thermal(
+        self, thermal_c: NDArray[np.float32], stamp_ns: int, arrival_ns: int | None = None
+    ) -> None:
+        """Write temperatures in Celsius, NaN = no reading."""
+        self._add(THERMAL, thermal_message(thermal_c, stamp_ns), stamp_ns, arrival_ns)
+
+    def event(self, stamp_ns: int, text: str) -> None:
+        """Note something that happened at ``stamp_ns``."""
+        self._add(EVENTS, event_message(stamp_ns, text), stamp_ns, None)
+
+    def flush(self) -> None:
+        """End the chunk and hand it to the system: from here on it survives the death of the process."""
+        self._writer.flush()
+
+    def _add(self, topic: str, message: ProtoMessage, stamp_ns: int, arrival_ns: int | None) -> None:
+        arrival = stamp_ns if arrival_ns is None else arrival_ns
+        if not (0 <= stamp_ns < 1 << 63 and 0 <= arrival < 1 << 63):
+            raise FormatError(f"time {stamp_ns} ns is impossible; give 0 to 2^63 - 1")
+        if not self._calibrated:
+            # First of all, and with the first stamp: the session's time range is that of its images.
+            self._calibrated = True
+            for its_topic, calibration in calibration_messages(self.calibration, stamp_ns):
+                self._add(its_topic, calibration, stamp_ns, arrival)
+            self.flush()
+        self._writer.add_message(self._channels[topic], arrival, message.SerializeToString(), stamp_ns)
+
+
+@dataclass(frozen=True)
+class Repair:
+    """What ``repair`` saved: messages kept, damaged records dropped, and whether the end was missing."""
+
+    messages: int
+    dropped: int
+    truncated: bool
+
+
+def repair(path: Path, out: Path, *, overwrite: bool = False) -> Repair:
+    """Rewrite a truncated or damaged session as a whole one with all that can still be read.
+
+    Raises FormatError when ``path`` is no MCAP file, ExistsError when ``out`` exists.
+    """
+    if out.exists() and not overwrite:
+        raise ExistsError(f"{out} exists already; choose another name or pass --overwrite")
+    kept = dropped = 0
+    with path.open("rb") as source, replacing(out) as temporary, temporary.open("wb") as sink:
+        writer = Writer(sink, chunk_size=CHUNK_BYTES)
+        writer.start(profile="", library=METADATA)
+        add = _copier(writer)
+        for offset in record_offsets(source):
+            try:
+                kept += sum(add(record) for record in records_at(source, offset))
+            except FormatError:
+                dropped += 1
+        writer.finish()
+        return Repair(kept, dropped, truncated=not is_complete(source))
+
+
+def _copier(writer: Writer) -> Callable[[McapRecord], int]:
+    """A function that copies one record and returns the number of messages copied (0 or 1)."""
+    schemas: dict[int, int] = {0: 0}
+    channels: dict[int, int] = {}
+
+    def add(record: McapRecord) -> int:
+        if isinstance(record, Schema) and record.id not in schemas:
+            schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+        elif isinstance(record, Channel) and record.id not in channels and record.schema_id in schemas:
+            schema = schemas[record.schema_id]
+            channels[record.id] = writer.register_channel(
+                record.topic, record.message_encoding, schema, record.metadata
+            )
+        elif isinstance(record, Metadata):
+            writer.add_metadata(record.name, record.metadata)
+        elif isinstance(record, Message) and record.channel_id in channels:
+            writer.add_message(
+                channels[record.channel_id],
+                record.log_time,
+                record.data,
+                record.publish_time,
+                record.sequence,
+            )
+            return 1
+        return 0
+
+    return add

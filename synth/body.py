@@ -1,0 +1,172 @@
+"""A baked body: mesh, parts, skeleton and skinning weights, in numpy alone."""
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import PART_ID
+from sensors.atomic import replacing
+from sensors.errors import FormatError
+from synth.skeleton import JOINT_ID, N_JOINTS, Float64, Posture, alignment, forward
+
+BONES_PER_VERTEX = 4
+DENSITY_KG_M3 = 980.0
+"""Mean density of a body, as anny's Anthropometry takes it."""
+MAX_BODY_BYTES = 50_000_000
+
+
+@dataclass(frozen=True)
+class Body:
+    """One person's shape at rest, ready to be posed.
+
+    vertices_m: float32 (V, 3) rest pose, x to the person's left, y back, z up, soles at z = 0.
+    faces: int32 (F, 3). face_parts: uint8 (F,) part ids. joints_m: float64 (J, 3) at rest.
+    bones: uint8 (V, 4) joint per influence. weights: float32 (V, 4), rows sum to 1.
+    waist: int32 (n,) vertices of the waist ring. Raises FormatError when shapes disagree.
+    """
+
+    name: str
+    vertices_m: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    face_parts: NDArray[np.uint8]
+    joints_m: Float64
+    bones: NDArray[np.uint8]
+    weights: NDArray[np.float32]
+    waist: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        v, f = len(self.vertices_m), len(self.faces)
+        expected = {
+            "vertices_m": (v, 3),
+            "faces": (f, 3),
+            "face_parts": (f,),
+            "joints_m": (N_JOINTS, 3),
+            "bones": (v, BONES_PER_VERTEX),
+            "weights": (v, BONES_PER_VERTEX),
+        }
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise FormatError(f"body {self.name}: {name} is {getattr(self, name).shape}; give {shape}")
+        if self.faces.size == 0 or self.faces.min() < 0 or self.faces.max() >= v or self.bones.max() >= N_JOINTS:
+            raise FormatError(f"body {self.name}: indices point outside; bake it again")
+
+    @property
+    def height_cm(self) -> float:
+        """Standing height at rest."""
+        return 100 * float(np.ptp(self.vertices_m[:, 2]))
+
+    @property
+    def weight_kg(self) -> float:
+        """Enclosed volume times the density of a body."""
+        return volume_m3(self.vertices_m, self.faces) * DENSITY_KG_M3
+
+    @property
+    def waist_breadth_cm(self) -> float:
+        """Breadth from left to right of the waist ring."""
+        return 100 * float(np.ptp(self.vertices_m[self.waist, 0]))
+
+
+def volume_m3(vertices_m: NDArray[np.floating], faces: NDArray[np.int32]) -> float:  # type: ignore[type-arg]
+    """Volume enclosed by a triangle mesh: the sum of signed tetrahedra to the origin."""
+    a, b, c = (vertices_m[faces[:, i]].astype(np.float64) for i in range(3))
+    return abs(float(np.einsum("ij,ij->", np.cross(a, b), c))) / 6
+
+
+def pose(body: Body, posture: Posture) -> tuple[NDArray[np.float32], Float64]:
+    """Skin a body by linear blending. Returns vertices float32 (V, 3) and joints (J, 3), world, metres."""
+    frames, joints = forward(posture, body.joints_m, alignment(body.joints_m))
+    offsets = joints - np.einsum("jab,jb->ja", frames, body.joints_m)
+    matrices = np.concatenate([frames, offsets[..., None]], axis=2).astype(np.float32)
+    return _skin(body.vertices_m, body.bones, body.weights, matrices), joints
+
+
+@numba.njit(cache=True, fastmath=True)
+def _skin(vertices, bones, weights, matrices):  # type: ignore[no-untyped-def] # pragma: no cover
+    result = np.empty_like(vertices)
+    m = np.empty((3, 4), np.float32)
+    for v in range(len(vertices)):
+        m[:] = 0
+        for k in range(bones.shape[1]):
+            w = weights[v, k]
+            if w > 0:
+                b = bones[v, k]
+                for i in range(3):
+                    for j in range(4):
+                        m[i, j] += w * matrices[b, i, j]
+        x, y, z = vertices[v]
+        for i in range(3):
+            result[v, i] = m[i, 0] * x + m[i, 1] * y + m[i, 2] * z + m[i, 3]
+    return result
+
+
+def label_faces(
+    vertices_m: NDArray[np.float32], faces: NDArray[np.int32], joints_m: Float64, by_joint: NDArray[np.float32]
+) -> NDArray[np.uint8]:
+    """Part id (F,) per face from summed skinning weights at its centre; the pelvis by landmarks.
+
+    by_joint: (V, J) weight of every joint. Skinning alone leaves the hip a sliver: here it reaches from
+    the iliac crest down to the groin in front and to the gluteal folds behind.
+    """
+    by_part = np.zeros((len(vertices_m), 12), np.float32)
+    for name, joint in JOINT_ID.items():
+        by_part[:, _part_of_joint(name)] += by_joint[:, joint]
+    parts = by_part[faces].mean(axis=1).argmax(axis=1).astype(np.uint8)
+    x, y, z = vertices_m[faces].mean(axis=1).T
+    hip_z = joints_m[JOINT_ID["left_hip"], 2]
+    femur = hip_z - joints_m[JOINT_ID["left_knee"], 2]
+    trunk = np.isin(parts, (PART_ID["torso"], PART_ID["hip"]))
+    thigh = np.isin(parts, (PART_ID["left_upper_leg"], PART_ID["right_upper_leg"]))
+    midline = (np.abs(x) < 0.01) & (trunk | thigh) & (z < hip_z)
+    crotch_z = z[midline].min() if midline.any() else hip_z - 0.1
+    # The iliac crest lies about a quarter of the femur's length above the hip joint.
+    crest_z = hip_z + 0.24 * femur
+    outwards = np.clip(np.abs(x) / np.abs(x[thigh]).max(), 0, 1)
+    behind = np.clip((y - joints_m[JOINT_ID["left_hip"], 1]) / 0.05 + 0.5, 0, 1)
+    groin_z = crotch_z + (1 - behind) * (hip_z - crotch_z) * outwards
+    parts[trunk] = np.where(z[trunk] < crest_z, PART_ID["hip"], PART_ID["torso"])
+    parts[thigh & (z > groin_z)] = PART_ID["hip"]
+    return parts
+
+
+def _part_of_joint(joint: str) -> int:
+    side, _, kind = joint.partition("_")
+    names = {
+        "shoulder": f"{side}_upper_arm",
+        "elbow": f"{side}_forearm",
+        "wrist": f"{side}_forearm",
+        "hip": f"{side}_upper_leg",
+        "knee": f"{side}_lower_leg",
+        "ankle": f"{side}_lower_leg",
+    }
+    trunk = {"pelvis": "hip", "neck": "head", "head": "head"}
+    return PART_ID[names.get(kind) or trunk.get(joint, "torso")]
+
+
+def save_body(path: Path, body: Body) -> None:
+    """Write a body as a compressed npz without pickles."""
+    arrays = {k: v for k, v in vars(body).items() if k != "name"}
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def load_body(path: Path) -> Body:
+    """Read a baked body. Raises FormatError when the file is none."""
+    try:
+        if path.stat().st_size > MAX_BODY_BYTES:
+            raise FormatError(f"body {path} is larger than {MAX_BODY_BYTES} bytes; bake it again")
+        with np.load(path, allow_pickle=False) as arrays:
+            return Body(path.stem, **{k: arrays[k] for k in arrays.files})
+    except (OSError, ValueError, TypeError, EOFError) as error:
+        raise FormatError(f"body {path} cannot be read ({error}); bake it with 'synth bodies'") from error
+
+
+@cache
+def shipped_bodies() -> tuple[Body, ...]:
+    """The paper's eight bodies (Table 1), baked from anny and shipped with the package."""
+    folder = Path(str(files("synth").joinpath("data")))
+    return tuple(load_body(path) for path in sorted(folder.glob("body_*.npz")))

@@ -1,0 +1,123 @@
+"""A dataset: tar shards in the WebDataset layout, a manifest with their hashes, and one reader."""
+
+import hashlib
+import io
+import json
+import tarfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from annotate.images import decode_depth, decode_parts, encode_depth, encode_parts
+from annotate.labels import FrameLabels
+from sensors.errors import FormatError
+
+MANIFEST = "dataset.json"
+SCHEMA = 1
+MAX_SHARD_BYTES = 2_000_000_000
+MAX_MEMBER_BYTES = 64_000_000
+
+
+def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
+    """Frames as an uncompressed tar of ``<key>.depth.png``, ``<key>.parts.png``, ``<key>.json``.
+
+    Owner, mode and time are fixed: the same frames give the same bytes.
+    """
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w", format=tarfile.USTAR_FORMAT) as tar:
+        for frame in frames:
+            fields = {"subject": frame.subject, "status": frame.status, "notes": frame.notes}
+            for suffix, data in (
+                ("depth.png", encode_depth(frame.depth_mm)),
+                ("parts.png", encode_parts(frame.parts)),
+                ("json", json.dumps(fields, sort_keys=True).encode()),
+            ):
+                member = tarfile.TarInfo(f"{frame.frame_id}.{suffix}")
+                member.size = len(data)
+                tar.addfile(member, io.BytesIO(data))
+    return buffer.getvalue()
+
+
+def read_shard(path: Path) -> Iterator[FrameLabels]:
+    """Yield a shard's frames in order, sequentially. Raises FormatError when it is cut off or foreign."""
+    try:
+        if path.stat().st_size > MAX_SHARD_BYTES:
+            raise FormatError(f"shard {path} is larger than {MAX_SHARD_BYTES} bytes; split it")
+        with tarfile.open(path, mode="r:") as tar:
+            pending: dict[str, bytes] = {}
+            for member in tar:
+                if not member.isfile() or member.size > MAX_MEMBER_BYTES:
+                    raise FormatError(f"shard {path} holds {member.name!r}, no image or too large; generate it again")
+                file = tar.extractfile(member)
+                key, _, suffix = member.name.partition(".")
+                pending[suffix] = file.read() if file else b""
+                if suffix == "json":
+                    yield _frame(path, key, pending)
+                    pending = {}
+        if pending:
+            raise FormatError(f"shard {path} ends in the middle of a frame; generate it again")
+    except (OSError, tarfile.TarError, EOFError) as error:
+        raise FormatError(f"shard {path} cannot be read ({error}); generate it again") from error
+
+
+def _frame(path: Path, key: str, data: dict[str, bytes]) -> FrameLabels:
+    try:
+        fields = json.loads(data["json"])
+        return FrameLabels(key, decode_depth(data["depth.png"]), decode_parts(data["parts.png"]), **fields)
+    except (KeyError, ValueError, TypeError, RecursionError) as error:
+        raise FormatError(f"shard {path}, frame {key!r} is malformed ({error}); generate it again") from error
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A folder of shards. shards: (file name, sha256) in order; info: the manifest's other entries."""
+
+    path: Path
+    shards: tuple[tuple[str, str], ...]
+    info: dict[str, Any]
+
+    @staticmethod
+    def open(path: Path) -> "Dataset":
+        """Read the manifest. Raises FormatError when there is none, or it is corrupt, or shards are missing."""
+        manifest = path / MANIFEST
+        if not manifest.is_file():
+            raise FormatError(f"{path} is no finished dataset (it has no {MANIFEST}); run 'synth generate' again")
+        try:
+            info = json.loads(manifest.read_bytes())
+            if info.pop("schema") != SCHEMA:
+                raise FormatError(f"{manifest} is not of schema {SCHEMA}; generate the dataset again")
+            shards = tuple((str(s["file"]), str(s["sha256"])) for s in info.pop("shards"))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise FormatError(f"{manifest} is corrupt ({error!r}); generate the dataset again") from error
+        for name, _ in shards:
+            if Path(name).name != name or not (path / name).is_file():
+                raise FormatError(f"{path} lacks shard {name!r} of its manifest; run 'synth generate' again")
+        return Dataset(path, shards, info)
+
+    def __iter__(self) -> Iterator[FrameLabels]:
+        for name, _ in self.shards:
+            yield from read_shard(self.path / name)
+
+    def __len__(self) -> int:
+        return int(self.info["images"])
+
+
+def validate(dataset: Dataset) -> list[str]:
+    """Every problem of a dataset, one line each; empty when all hashes and frames are right."""
+    problems = []
+    for name, expected in dataset.shards:
+        try:
+            if sha256(dataset.path / name) != expected:
+                problems.append(f"shard {name} differs from its hash in the manifest; generate it again")
+            for _ in read_shard(dataset.path / name):
+                pass
+        except FormatError as error:
+            problems.append(str(error))
+    return problems
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

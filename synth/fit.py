@@ -1,0 +1,198 @@
+"""Fit anny's parametric body to height, weight and waist breadth, and bake it. Needs the extra ``synth``."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import qmc
+
+from sensors.errors import CloudError
+from synth.body import BONES_PER_VERTEX, DENSITY_KG_M3, Body, label_faces, volume_m3
+from synth.skeleton import JOINTS, N_JOINTS
+
+PHENOTYPES = ("gender", "age", "muscle", "weight", "height", "proportions")
+ADULT_AGE = 0.5
+"""anny's age runs from newborn at 0 over 2/3 (25 years) to old at 1; below 0.5 are children."""
+
+
+@dataclass(frozen=True)
+class BodySize:
+    """What a body is asked to measure."""
+
+    name: str
+    height_cm: float
+    weight_kg: float
+    waist_breadth_cm: float
+
+    def __post_init__(self) -> None:
+        for value, low, high, what in (
+            (self.height_cm, 80, 230, "height_cm"),
+            (self.weight_kg, 10, 250, "weight_kg"),
+            (self.waist_breadth_cm, 12, 70, "waist_breadth_cm"),
+        ):
+            if not low <= value <= high:
+                raise CloudError(f"body {self.name}: {what} {value} is impossible; give {low} to {high}")
+
+
+PAPER_BODIES = tuple(
+    BodySize(f"body_{i}", *row)
+    for i, row in enumerate(
+        (
+            (149.2, 36.6, 22.7),
+            (155.3, 45.0, 24.2),
+            (172.6, 51.9, 23.7),
+            (171.4, 56.8, 25.2),
+            (169.6, 61.7, 26.6),
+            (167.7, 66.6, 27.7),
+            (166.1, 71.5, 29.0),
+            (182.8, 78.4, 28.8),
+        )
+    )
+)
+"""Table 1 of Nishi & Miura 2017."""
+
+
+class BodyModel:
+    """anny's blend shapes at rest, as a function of its six phenotypes; loads in seconds."""
+
+    def __init__(self) -> None:
+        try:
+            import anny
+            import torch
+        except ImportError as error:
+            raise CloudError("fitting bodies needs anny; install the extra: pip install '.[synth]'") from error
+        self._torch: Any = torch
+        self._model: Any = anny.Anny()
+        self.faces = self._model.faces.numpy().astype(np.int32)
+        self.waist = np.array(anny.Anthropometry(self._model).waist_vertex_indices, np.int32)
+
+    def shape(self, phenotype: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Vertices (V, 3) and bone heads (B, 3) in metres for phenotypes (6,) in [0, 1]."""
+        model = self._model
+        with self._torch.no_grad():
+            values = {k: self._torch.tensor([v], dtype=model.dtype) for k, v in zip(PHENOTYPES, phenotype, strict=True)}
+            coefficients = model.get_phenotype_blendshape_coefficients(**values)[0]
+            used = self._torch.nonzero(coefficients)[:, 0]
+            part = coefficients[used]
+            vertices = model.template_vertices + self._torch.einsum("k,kvd->vd", part, model.blendshapes[used])
+            heads = model.template_bone_heads + self._torch.einsum("k,kvd->vd", part, model.bone_heads_blendshapes[used])
+        return vertices.numpy().astype(np.float64), heads.numpy().astype(np.float64)
+
+    def measure(self, phenotype: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(height cm, weight kg, waist breadth cm)."""
+        vertices, _ = self.shape(phenotype)
+        height, breadth = np.ptp(vertices[:, 2]), np.ptp(vertices[self.waist, 0])
+        return np.array([100 * height, DENSITY_KG_M3 * volume_m3(vertices, self.faces), 100 * breadth])
+
+    def bake(self, name: str, phenotype: NDArray[np.float64]) -> Body:
+        """Everything a worker needs of one body."""
+        vertices, heads = self.shape(phenotype)
+        floor = vertices[:, 2].min()
+        vertices[:, 2] -= floor
+        heads[:, 2] -= floor
+        by_joint = self._weights_by_joint(len(vertices))
+        bones = np.argsort(-by_joint, axis=1)[:, :BONES_PER_VERTEX]
+        weights = np.take_along_axis(by_joint, bones, axis=1)
+        weights /= weights.sum(axis=1, keepdims=True)
+        joints = np.stack([heads[self._model.bone_labels.index(_HEAD_BONE[j.name])] for j in JOINTS])
+        vertices32 = vertices.astype(np.float32)
+        return Body(
+            name=name,
+            vertices_m=vertices32,
+            faces=self.faces,
+            face_parts=label_faces(vertices32, self.faces, joints, by_joint),
+            joints_m=joints,
+            bones=bones.astype(np.uint8),
+            weights=weights.astype(np.float32),
+            waist=self.waist,
+        )
+
+    def _weights_by_joint(self, n_vertices: int) -> NDArray[np.float32]:
+        joint_of_bone = np.array([_joint_of(label) for label in self._model.bone_labels])
+        indices = joint_of_bone[self._model.vertex_bone_indices.numpy()]
+        by_joint = np.zeros((n_vertices, N_JOINTS), np.float32)
+        np.add.at(by_joint, (np.arange(n_vertices)[:, None], indices), self._model.vertex_bone_weights.numpy())
+        return by_joint
+
+
+_HEAD_BONE = {
+    "pelvis": "root",
+    "spine_lower": "spine04",
+    "spine_middle": "spine03",
+    "spine_upper": "spine02",
+    "neck": "neck01",
+    "head": "head",
+} | {
+    f"{side}_{joint}": f"{bone}.{side[0].upper()}"
+    for side in ("left", "right")
+    for joint, bone in {
+        "clavicle": "clavicle",
+        "shoulder": "upperarm01",
+        "elbow": "lowerarm01",
+        "wrist": "wrist",
+        "hip": "upperleg01",
+        "knee": "lowerleg01",
+        "ankle": "foot",
+    }.items()
+}
+_LIMB = {
+    "clavicle": "clavicle",
+    "shoulder": "clavicle",
+    "upperarm": "shoulder",
+    "lowerarm": "elbow",
+    "wrist": "wrist",
+    "finger": "wrist",
+    "metacarpal": "wrist",
+    "upperleg": "hip",
+    "lowerleg": "knee",
+    "foot": "ankle",
+    "toe": "ankle",
+}
+_TRUNK = {
+    "root": "pelvis",
+    "pelvis": "pelvis",
+    "spine05": "pelvis",
+    "spine04": "spine_lower",
+    "spine03": "spine_middle",
+    "spine02": "spine_upper",
+    "spine01": "spine_upper",
+    "neck": "neck",
+    "head": "head",
+    "eye": "head",
+}
+
+
+def _joint_of(bone: str) -> int:
+    stem, _, side = bone.partition(".")
+    names = [j.name for j in JOINTS]
+    for prefix, joint in _TRUNK.items():
+        if stem.startswith(prefix):
+            return names.index(joint)
+    limb = next(joint for prefix, joint in _LIMB.items() if stem.startswith(prefix))
+    return names.index(f"{'left' if side == 'L' else 'right'}_{limb}")
+
+
+def fit(model: BodyModel, size: BodySize, starts: int = 6) -> NDArray[np.float64]:
+    """Phenotypes (6,) whose body measures as asked, by bounded least squares from several starts.
+
+    The three measures leave freedom: a weak pull to the middle of every phenotype decides.
+    """
+    asked = np.array([size.height_cm, size.weight_kg, size.waist_breadth_cm])
+    low = np.array([0.0, ADULT_AGE, 0.0, 0.0, 0.0, 0.0])
+    middle = np.array([0.5, 0.67, 0.5, 0.5, 0.5, 0.5])
+
+    def residuals(phenotype: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.concatenate([model.measure(phenotype) - asked, 0.05 * (phenotype - middle)])
+
+    best: NDArray[np.float64] | None = None
+    cost = np.inf
+    for start in qmc.scale(qmc.Sobol(6, seed=0).random(starts), low, np.ones(6)):
+        result = least_squares(residuals, start, bounds=(low, np.ones(6)), diff_step=1e-3, max_nfev=60)
+        if result.cost < cost:
+            best, cost = result.x, float(result.cost)
+        if np.abs(residuals(result.x)[:3]).max() < 0.1:
+            break
+    assert best is not None
+    return best

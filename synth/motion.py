@@ -1,0 +1,249 @@
+"""Motion without a studio: what people do on a sofa, as smooth sequences of postures.
+
+A moment of sitting is a vector of named numbers (``Sitting``). An activity draws such vectors; motion
+glides from one to the next, so it is smooth in time, and every moment is turned into a posture whose
+pelvis rests on the seat, whose back meets the rest, and whose hands are where they should be.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import PART_ID
+from synth.body import Body, pose
+from synth.scene import Sofa
+from synth.skeleton import JOINT_ID, N_JOINTS, Float64, Posture, alignment, clamp, forward, reach
+
+CUSHION_M = 0.02
+"""How deep a body sinks into the seat and the back rest."""
+KNEE_ROOM_M = 0.07
+"""Room for a calf between the knee joint and the seat's front edge."""
+KEY_SECONDS = (0.6, 2.5)
+"""Time from one drawn moment to the next."""
+
+
+@dataclass(frozen=True)
+class Sitting:
+    """One moment of sitting; degrees and metres.
+
+    Hands are wrist targets relative to the hip joints' middle, in the trunk-upright body frame scaled by the
+    body's height / 1.7 m: x to the person's left, y back, z up.
+    """
+
+    slide: float  # m the pelvis sits in front of the back rest's reach
+    recline: float  # pelvis pitch backwards
+    bend: float  # trunk flexion forwards, spread over the spine
+    lean: float  # sideways to the person's left
+    twist: float
+    nod: float
+    turn: float
+    left_thigh: float  # above the horizontal
+    right_thigh: float
+    left_spread: float
+    right_spread: float
+    left_hip_twist: float
+    right_hip_twist: float
+    left_knee: float  # flexion, positive
+    right_knee: float
+    left_hand_x: float
+    left_hand_y: float
+    left_hand_z: float
+    right_hand_x: float
+    right_hand_y: float
+    right_hand_z: float
+    left_swivel: float
+    right_swivel: float
+    pronation: float
+
+
+_FIELDS = tuple(f.name for f in fields(Sitting))
+_BASE = {
+    "slide": (0.0, 0.06),
+    "recline": (12.0, 6.0),
+    "bend": (12.0, 8.0),
+    "lean": (0.0, 4.0),
+    "twist": (0.0, 6.0),
+    "nod": (6.0, 10.0),
+    "turn": (0.0, 18.0),
+    "left_thigh": (4.0, 5.0),
+    "right_thigh": (4.0, 5.0),
+    "left_spread": (8.0, 8.0),
+    "right_spread": (8.0, 8.0),
+    "left_hip_twist": (0.0, 8.0),
+    "right_hip_twist": (0.0, 8.0),
+    "left_knee": (82.0, 14.0),
+    "right_knee": (82.0, 14.0),
+    "left_hand_x": (0.16, 0.05),
+    "left_hand_y": (-0.32, 0.07),
+    "left_hand_z": (0.16, 0.03),
+    "right_hand_x": (-0.16, 0.05),
+    "right_hand_y": (-0.32, 0.07),
+    "right_hand_z": (0.16, 0.03),
+    "left_swivel": (20.0, 12.0),
+    "right_swivel": (20.0, 12.0),
+    "pronation": (0.0, 30.0),
+}
+"""Mean and spread of a person who just sits, hands on the thighs."""
+
+
+def _hands(x: float, y: float, z: float, spread: float) -> dict[str, tuple[float, float]]:
+    return {
+        **{f"left_hand_{k}": (v, spread) for k, v in zip("xyz", (x, y, z), strict=True)},
+        **{f"right_hand_{k}": (v, spread) for k, v in zip("xyz", (-x, y, z), strict=True)},
+    }
+
+
+def _hand(side: str, x: float, y: float, z: float, spread: float) -> dict[str, tuple[float, float]]:
+    sign = 1 if side == "left" else -1
+    return {f"{side}_hand_{k}": (v, spread) for k, v in zip("xyz", (sign * x, y, z), strict=True)}
+
+
+ACTIVITIES: dict[str, dict[str, tuple[float, float]]] = {
+    "resting": {},
+    "drinking": {**_hand("right", 0.10, -0.30, 0.52, 0.07), "nod": (-4.0, 8.0)},
+    "drinking_left": {**_hand("left", 0.10, -0.30, 0.52, 0.07), "nod": (-4.0, 8.0)},
+    "reading": {**_hands(0.13, -0.40, 0.34, 0.05), "nod": (22.0, 8.0), "turn": (0.0, 8.0)},
+    "gadget": {**_hands(0.08, -0.34, 0.26, 0.05), "nod": (24.0, 8.0), "bend": (22.0, 8.0)},
+    "swinging_body": {"lean": (0.0, 14.0), "twist": (0.0, 16.0), "bend": (18.0, 16.0)},
+    "swinging_arms": {**_hands(0.34, -0.30, 0.46, 0.18), "left_swivel": (25.0, 25.0), "right_swivel": (25.0, 25.0)},
+    "arms_up": {**_hands(0.30, -0.12, 0.80, 0.14)},
+    "arm_rests": {**_hands(0.36, -0.20, 0.24, 0.05), "left_swivel": (40.0, 15.0), "right_swivel": (40.0, 15.0)},
+    "swinging_legs": {
+        "left_knee": (60.0, 28.0),
+        "right_knee": (60.0, 28.0),
+        "left_thigh": (12.0, 10.0),
+        "right_thigh": (12.0, 10.0),
+    },
+    "legs_apart": {"left_spread": (28.0, 8.0), "right_spread": (28.0, 8.0)},
+    "crossed_left": {
+        "left_thigh": (26.0, 5.0),
+        "left_spread": (-12.0, 4.0),
+        "left_knee": (72.0, 12.0),
+        "left_hip_twist": (8.0, 6.0),
+        "right_spread": (3.0, 4.0),
+    },
+    "crossed_right": {
+        "right_thigh": (26.0, 5.0),
+        "right_spread": (-12.0, 4.0),
+        "right_knee": (72.0, 12.0),
+        "right_hip_twist": (8.0, 6.0),
+        "left_spread": (3.0, 4.0),
+    },
+    "leaning_forward": {**_hands(0.14, -0.52, 0.14, 0.06), "bend": (42.0, 12.0), "recline": (-8.0, 8.0)},
+    "leaning_aside": {"lean": (0.0, 22.0), "turn": (0.0, 24.0)},
+    "slumping": {
+        **_hands(0.22, -0.10, 0.10, 0.06),
+        "slide": (0.18, 0.06),
+        "recline": (32.0, 8.0),
+        "bend": (24.0, 10.0),
+        "nod": (26.0, 10.0),
+        "lean": (0.0, 14.0),
+        "left_knee": (60.0, 18.0),
+        "right_knee": (60.0, 18.0),
+    },
+}
+"""Per activity, what differs from just sitting (section 3.2 of the paper names the scenes)."""
+
+
+def draw(activity: str, rng: np.random.Generator) -> Sitting:
+    """A random moment of an activity."""
+    spreads = {**_BASE, **ACTIVITIES[activity]}
+    return Sitting(**{name: float(rng.normal(*spreads[name])) for name in _FIELDS})
+
+
+def glide(start: Sitting, end: Sitting, share: float) -> Sitting:
+    """The moment a share in [0, 1] of the way, starting and ending at rest (smoothstep)."""
+    s = share * share * (3 - 2 * share)
+    return Sitting(**{name: (1 - s) * getattr(start, name) + s * getattr(end, name) for name in _FIELDS})
+
+
+def sit(body: Body, sofa: Sofa, moment: Sitting) -> tuple[NDArray[np.float32], Float64]:
+    """Turn a moment into a body on the sofa: vertices float32 (V, 3) and joints (J, 3), world, metres.
+
+    Thighs are lifted where a foot would sink into the floor.
+    """
+    vertices, joints = pose(body, sitting_posture(body, moment))
+    shift = _rest_on(sofa, body, vertices, joints, moment.slide)
+    lifted = _feet_on_floor(body, moment, joints + shift)
+    if lifted is not moment:
+        vertices, joints = pose(body, sitting_posture(body, lifted))
+        shift = _rest_on(sofa, body, vertices, joints, lifted.slide)
+    return vertices + shift.astype(np.float32), joints + shift
+
+
+def _feet_on_floor(body: Body, moment: Sitting, joints: Float64) -> Sitting:
+    femur = np.linalg.norm(body.joints_m[JOINT_ID["left_knee"]] - body.joints_m[JOINT_ID["left_hip"]])
+    rest_ankle_z = body.joints_m[JOINT_ID["left_ankle"], 2]
+    lifts = {}
+    for side in ("left", "right"):
+        sunk = float((rest_ankle_z - joints[JOINT_ID[f"{side}_ankle"], 2]) / femur)
+        if sunk > 0:
+            lifts[f"{side}_thigh"] = getattr(moment, f"{side}_thigh") + np.degrees(np.arcsin(min(sunk, 0.8)))
+    return replace(moment, **lifts) if lifts else moment
+
+
+def sitting_posture(body: Body, moment: Sitting) -> Posture:
+    """Posture of a moment with the pelvis at the world's origin, inside all joint limits."""
+    scale = body.height_cm / 170
+    aligned = alignment(body.joints_m)
+    posture = Posture(_sitting_angles(moment), np.zeros(3))
+    _, joints = forward(posture, body.joints_m, aligned)
+    middle = (joints[JOINT_ID["left_hip"]] + joints[JOINT_ID["right_hip"]]) / 2
+    for side in ("left", "right"):
+        hand = np.array([getattr(moment, f"{side}_hand_{k}") for k in "xyz"])
+        swivel = np.radians(getattr(moment, f"{side}_swivel"))
+        posture = reach(posture, body.joints_m, aligned, side, middle + scale * hand, swivel)
+    return posture
+
+
+def _sitting_angles(moment: Sitting) -> Float64:
+    angles = np.zeros((N_JOINTS, 3))
+    angles[JOINT_ID["pelvis"]] = (-moment.recline, 0, 0)
+    for joint in ("spine_lower", "spine_middle", "spine_upper"):
+        angles[JOINT_ID[joint]] = np.array([moment.bend, moment.lean, moment.twist]) / 3
+    for joint in ("neck", "head"):
+        angles[JOINT_ID[joint]] = np.array([moment.nod, -moment.lean / 2, moment.turn]) / 2
+    for side in ("left", "right"):
+        thigh, spread, twist, knee = (
+            getattr(moment, f"{side}_{k}") for k in ("thigh", "spread", "hip_twist", "knee")
+        )
+        # The thigh's height counts from the horizontal, whatever the pelvis does.
+        angles[JOINT_ID[f"{side}_hip"]] = (90 + thigh - moment.recline, spread, twist)
+        angles[JOINT_ID[f"{side}_knee"], 0] = -knee
+        # Feet stay flat as far as the ankle lets them.
+        angles[JOINT_ID[f"{side}_ankle"], 0] = knee - 90 - thigh
+        angles[JOINT_ID[f"{side}_elbow"], 2] = moment.pronation
+    pelvis = angles[0].copy()
+    limited = clamp(np.radians(angles))
+    limited[0] = np.radians(pelvis)
+    return limited
+
+
+def _rest_on(sofa: Sofa, body: Body, vertices: NDArray[np.float32], joints: Float64, slide: float) -> Float64:
+    """Shift (3,) that puts the seat under the body, the back rest behind it and the knees before the edge."""
+    used = np.unique(body.faces[np.isin(body.face_parts, _SEATED)])
+    behind = np.unique(body.faces[np.isin(body.face_parts, _BACK)])
+    up = sofa.seat_height - CUSHION_M - float(np.quantile(vertices[used, 2], 0.002))
+    gap = sofa.back_y(vertices[behind, 2] + up) - vertices[behind, 1]
+    leant_back = float(gap.min()) + CUSHION_M - max(slide, 0.0)
+    knees_free = -KNEE_ROOM_M - float(joints[_KNEES, 1].max())
+    return np.array([0.0, min(leant_back, knees_free), up])
+
+
+_KNEES = [JOINT_ID["left_knee"], JOINT_ID["right_knee"]]
+_SEATED = (PART_ID["hip"],)
+_BACK = (PART_ID["hip"], PART_ID["torso"])
+
+
+def moments(rng: np.random.Generator, frames_per_second: float, activities: tuple[str, ...]) -> Iterator[Sitting]:
+    """An endless stream of moments: activity after activity, gliding from one key moment to the next."""
+    current = draw(str(rng.choice(activities)), rng)
+    while True:
+        activity = str(rng.choice(activities))
+        for _ in range(int(rng.integers(2, 5))):
+            following = draw(activity, rng)
+            steps = max(1, round(rng.uniform(*KEY_SECONDS) * frames_per_second))
+            yield from (glide(current, following, i / steps) for i in range(steps))
+            current = following

@@ -1,0 +1,197 @@
+"""The paper's skeleton: joints, their limits, forward kinematics and the reach of an arm.
+
+Body frame of a posture in anatomical zero (standing, arms hanging): x to the person's left, y to the
+back, z up, metres. An angle triple of a joint is (flexion, abduction, axial rotation) in radians:
+a limb turns by Rx(-flexion) Ry(-side * abduction) Rz(side * rotation), the trunk by Rx(+flexion), so
+that flexion is forwards everywhere (a knee's is negative) and the same numbers mean the same
+movement on both sides (side is +1 left, -1 right; trunk joints count as left).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint: its parent's index (-1 root), side, and limits in degrees.
+
+    limits_deg: ((low, high) flexion, (low, high) abduction, (low, high) rotation).
+    """
+
+    name: str
+    parent: int
+    side: int
+    limits_deg: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+
+
+_FREE = ((-180.0, 180.0), (-180.0, 180.0), (-180.0, 180.0))
+# Norkin & White, Measurement of Joint Motion (2016), appendix of AAOS ranges; the trunk's ranges are
+# shared out over three spine joints, the clavicle's over elevation and protraction.
+_SPINE = ((-12.0, 30.0), (-14.0, 14.0), (-16.0, 16.0))
+_NECK = ((-30.0, 30.0), (-23.0, 23.0), (-40.0, 40.0))
+_CLAVICLE = ((-10.0, 20.0), (-10.0, 35.0), (-15.0, 15.0))
+_SHOULDER = ((-60.0, 180.0), (-45.0, 180.0), (-90.0, 90.0))
+_ELBOW = ((0.0, 150.0), (-8.0, 8.0), (-85.0, 85.0))
+_WRIST = ((-70.0, 80.0), (-20.0, 30.0), (0.0, 0.0))
+_HIP = ((-25.0, 125.0), (-30.0, 50.0), (-45.0, 45.0))
+_KNEE = ((-145.0, 5.0), (-5.0, 5.0), (-25.0, 25.0))
+_ANKLE = ((-50.0, 25.0), (-20.0, 35.0), (-10.0, 10.0))
+
+
+def _build() -> tuple[Joint, ...]:
+    joints = [
+        Joint("pelvis", -1, 1, _FREE),
+        Joint("spine_lower", 0, 1, _SPINE),
+        Joint("spine_middle", 1, 1, _SPINE),
+        Joint("spine_upper", 2, 1, _SPINE),
+        Joint("neck", 3, 1, _NECK),
+        Joint("head", 4, 1, _NECK),
+    ]
+    for side, sign in (("left", 1), ("right", -1)):
+        first = len(joints)
+        joints += [
+            Joint(f"{side}_clavicle", 3, sign, _CLAVICLE),
+            Joint(f"{side}_shoulder", first, sign, _SHOULDER),
+            Joint(f"{side}_elbow", first + 1, sign, _ELBOW),
+            Joint(f"{side}_wrist", first + 2, sign, _WRIST),
+            Joint(f"{side}_hip", 0, sign, _HIP),
+            Joint(f"{side}_knee", first + 4, sign, _KNEE),
+            Joint(f"{side}_ankle", first + 5, sign, _ANKLE),
+        ]
+    return tuple(joints)
+
+
+JOINTS = _build()
+JOINT_ID = {joint.name: i for i, joint in enumerate(JOINTS)}
+N_JOINTS = len(JOINTS)
+PARENTS = np.array([joint.parent for joint in JOINTS])
+SIDES = np.array([joint.side for joint in JOINTS])
+LIMITS_RAD = np.radians([joint.limits_deg for joint in JOINTS])
+"""(J, 3, 2): low and high per angle."""
+
+_TRUNK = ("pelvis", "spine_lower", "spine_middle", "spine_upper", "neck", "head")
+_SIGNS = np.stack([np.where([j.name in _TRUNK for j in JOINTS], 1, -1), -SIDES, SIDES], axis=1)
+
+_DISTAL = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Posture:
+    """Where the skeleton is: joint angles and the pelvis in the world.
+
+    angles_rad: float64 (J, 3) as the module says; the pelvis' own row is its orientation.
+    pelvis_m: float64 (3,) position of the pelvis joint, world frame (z up).
+    """
+
+    angles_rad: Float64
+    pelvis_m: Float64
+
+    @staticmethod
+    def zero() -> "Posture":
+        """Anatomical zero with the pelvis at the origin."""
+        return Posture(np.zeros((N_JOINTS, 3)), np.zeros(3))
+
+
+def rotations(angles_rad: Float64) -> Float64:
+    """Joint rotations (J, 3, 3) of angle triples (J, 3)."""
+    return np.asarray(Rotation.from_euler("XYZ", angles_rad * _SIGNS).as_matrix())
+
+
+def angles_of(joint: int, rotation: Float64) -> Float64:
+    """Angle triple (3,) of one joint's rotation matrix: inverse of ``rotations``."""
+    return np.asarray(Rotation.from_matrix(rotation).as_euler("XYZ") * _SIGNS[joint])
+
+
+def clamp(angles_rad: Float64) -> Float64:
+    """Angles (J, 3) brought inside the joints' limits."""
+    return np.clip(angles_rad, LIMITS_RAD[..., 0], LIMITS_RAD[..., 1])
+
+
+def alignment(rest_joints_m: Float64) -> Float64:
+    """Rotations (J, 3, 3) that bring a body's rest limbs to anatomical zero, limbs hanging down.
+
+    rest_joints_m: (J, 3) joint positions in the rest pose. Feet and trunk stay as they rest; a
+    forearm follows its upper arm first, so that the elbow straightens about its own hinge.
+    """
+    result = np.tile(np.eye(3), (N_JOINTS, 1, 1))
+    for i, joint in enumerate(JOINTS):
+        side, _, kind = joint.name.partition("_")
+        if kind in _DISTAL:
+            bone = rest_joints_m[JOINT_ID[f"{side}_{_DISTAL[kind]}"]] - rest_joints_m[i]
+            before = result[joint.parent] if kind in ("elbow", "knee") else np.eye(3)
+            result[i] = shortest_arc(before @ bone, DOWN) @ before
+        elif kind == "wrist":
+            result[i] = result[joint.parent]
+    return result
+
+
+def forward(posture: Posture, rest_joints_m: Float64, aligned: Float64) -> tuple[Float64, Float64]:
+    """Place the skeleton of one body in the world.
+
+    rest_joints_m: (J, 3); aligned: ``alignment`` of them. Returns (frames, positions): frames (J, 3, 3)
+    turn rest-pose directions of a segment to the world, positions (J, 3) are the joints, metres.
+    """
+    local = rotations(posture.angles_rad)
+    turned = np.empty((N_JOINTS, 3, 3))
+    frames = np.empty((N_JOINTS, 3, 3))
+    positions = np.empty((N_JOINTS, 3))
+    for i, parent in enumerate(PARENTS):
+        if parent < 0:
+            turned[i], positions[i] = local[i], posture.pelvis_m
+        else:
+            turned[i] = turned[parent] @ local[i]
+            positions[i] = positions[parent] + frames[parent] @ (rest_joints_m[i] - rest_joints_m[parent])
+        frames[i] = turned[i] @ aligned[i]
+    return frames, positions
+
+
+def shortest_arc(source: Float64, target: Float64) -> Float64:
+    """Rotation matrix of least angle that turns the direction ``source`` to ``target``."""
+    a, b = source / np.linalg.norm(source), target / np.linalg.norm(target)
+    cosine, axis = float(a @ b), np.cross(a, b)
+    if cosine < -1 + 1e-9:
+        axis = np.cross(a, [1.0, 0.0, 0.0] if abs(a[0]) < 0.9 else [0.0, 1.0, 0.0])
+        return np.asarray(Rotation.from_rotvec(np.pi * axis / np.linalg.norm(axis)).as_matrix())
+    skew = np.cross(np.eye(3), axis)
+    return np.asarray(np.eye(3) + skew + skew @ skew / (1 + cosine))
+
+
+def reach(
+    posture: Posture, rest_joints_m: Float64, aligned: Float64, side: str, target_m: Float64, swivel_rad: float
+) -> Posture:
+    """Bend one arm so that its wrist comes to ``target_m`` (world), or as near as the limits allow.
+
+    swivel_rad turns the elbow about the line from shoulder to wrist; 0 = elbow hanging straight down,
+    positive = elbow away from the body. Two-bone closed form, then clamped.
+    """
+    shoulder, elbow, wrist = (JOINT_ID[f"{side}_{k}"] for k in ("shoulder", "elbow", "wrist"))
+    frames, positions = forward(posture, rest_joints_m, aligned)
+    upper = float(np.linalg.norm(rest_joints_m[elbow] - rest_joints_m[shoulder]))
+    fore = float(np.linalg.norm(rest_joints_m[wrist] - rest_joints_m[elbow]))
+    line = target_m - positions[shoulder]
+    distance = float(np.clip(np.linalg.norm(line), abs(upper - fore) + 1e-3, 0.999 * (upper + fore)))
+    flexion = np.pi - np.arccos(np.clip((upper**2 + fore**2 - distance**2) / (2 * upper * fore), -1, 1))
+    at_shoulder = np.arcsin(np.clip(fore * np.sin(flexion) / distance, -1, 1))
+    if upper + fore * np.cos(flexion) < 0:
+        at_shoulder = np.pi - at_shoulder
+    # Frame of the arm: down the line, the elbow's hinge across it.
+    along = line / np.linalg.norm(line)
+    hinge = np.cross(DOWN, along)
+    hinge = hinge / np.linalg.norm(hinge) if np.linalg.norm(hinge) > 1e-6 else np.array([1.0, 0, 0])
+    sign = 1.0 if side == "left" else -1.0
+    hinge = Rotation.from_rotvec(sign * swivel_rad * along).apply(hinge)
+    upper_down = Rotation.from_rotvec(-at_shoulder * hinge).apply(along)
+    # Columns: body x is the hinge reversed (flexion turns about -x), z points up the bone.
+    turned = np.stack([-hinge, np.cross(-upper_down, -hinge), -upper_down], axis=1)
+    parent = frames[JOINTS[shoulder].parent] @ aligned[JOINTS[shoulder].parent].T
+    angles = posture.angles_rad.copy()
+    angles[shoulder] = angles_of(shoulder, parent.T @ turned)
+    angles[elbow, 0] = flexion
+    angles[elbow, 1] = 0.0
+    return Posture(clamp(angles), posture.pelvis_m)

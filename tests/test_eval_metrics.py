@@ -1,0 +1,247 @@
+"""Laws of the scores: a slow reference, closed forms, symmetries, and the interval's coverage."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy.ndimage import distance_transform_edt
+
+from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
+from eval import bootstrap, boundary, metrics, paper
+
+LABELS = st.sampled_from([0, 1, 2, 3, 4, 9, UNDEFINED])  # most classes absent, as in real frames
+PAIR = hnp.array_shapes(min_dims=2, max_dims=2, max_side=9).flatmap(
+    lambda shape: st.tuples(*[hnp.arrays(np.uint8, shape, elements=LABELS)] * 2)
+)
+
+
+def body(seed: int = 0, size: int = 48) -> np.ndarray:
+    """A label map with every part in blobs on background."""
+    rng = np.random.default_rng(seed)
+    seeds = rng.integers(0, size, (N_CLASSES * 2, 2))
+    v, u = np.mgrid[:size, :size]
+    nearest = ((v[..., None] - seeds[:, 0]) ** 2 + (u[..., None] - seeds[:, 1]) ** 2).argmin(-1)
+    return (nearest % N_CLASSES).astype(np.uint8)
+
+
+def naive(truth: np.ndarray, predicted: np.ndarray) -> dict[str, list[float]]:
+    """Every per-part score by counting pixel after pixel."""
+    pixels = [
+        (int(t), 0 if p == UNDEFINED else int(p)) for t, p in zip(truth.flat, predicted.flat, strict=True)
+    ]
+    pixels = [(t, p) for t, p in pixels if t != UNDEFINED]
+    scores: dict[str, list[float]] = {"recall": [], "precision": [], "iou": [], "dice": []}
+    for c in range(N_CLASSES):
+        hit = sum(1 for t, p in pixels if t == c and p == c)
+        true = sum(1 for t, _ in pixels if t == c)
+        drawn = sum(1 for _, p in pixels if p == c)
+        scores["recall"].append(hit / true if true else math.nan)
+        scores["precision"].append(hit / drawn if drawn else math.nan)
+        scores["iou"].append(hit / (true + drawn - hit) if true + drawn else math.nan)
+        scores["dice"].append(2 * hit / (true + drawn) if true + drawn else math.nan)
+    return scores
+
+
+def naive_mean(values: list[float]) -> float:
+    present = [v for v in values if not math.isnan(v)]
+    return sum(present) / len(present) if present else math.nan
+
+
+@given(PAIR)
+def test_scores_agree_with_a_slow_reference(pair: tuple[np.ndarray, np.ndarray]) -> None:
+    matrix = metrics.confusion_matrix(*pair)
+    expected = naive(*pair)
+    for name in expected:
+        np.testing.assert_allclose(getattr(metrics, name)(matrix), expected[name], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(metrics.mean_recall(matrix), naive_mean(expected["recall"][1:]), atol=1e-12)
+    np.testing.assert_allclose(metrics.miou(matrix), naive_mean(expected["iou"][1:]), atol=1e-12)
+
+
+@given(st.lists(PAIR, min_size=1, max_size=5))
+def test_mean_ious_agree_with_a_slow_reference(pairs: list[tuple[np.ndarray, np.ndarray]]) -> None:
+    table = [naive(*pair)["iou"][1:] for pair in pairs]
+    result = metrics.mean_ious(np.stack([metrics.confusion_matrix(*pair) for pair in pairs]))
+    by_frame = [naive_mean(row) for row in table]
+    np.testing.assert_allclose(result.over_images, naive_mean(by_frame), atol=1e-12)
+    by_part = [naive_mean(list(column)) for column in zip(*table, strict=True)]
+    np.testing.assert_allclose(result.over_parts, naive_mean(by_part), atol=1e-12)
+    present = [v for v in by_frame if not math.isnan(v)]
+    np.testing.assert_allclose(result.worst, min(present) if present else math.nan, atol=1e-12)
+
+
+@given(PAIR)
+def test_every_wrong_pixel_has_one_kind(pair: tuple[np.ndarray, np.ndarray]) -> None:
+    matrix = metrics.confusion_matrix(*pair)
+    kinds = metrics.error_kinds(matrix)
+    assert sum(vars(kinds).values()) == matrix.sum() - np.trace(matrix)
+    assert min(vars(kinds).values()) >= 0
+
+
+@given(PAIR)
+def test_pixel_counts_add_up(pair: tuple[np.ndarray, np.ndarray]) -> None:
+    ignored, unnamed, everything = metrics.undefined_pixels(*pair)
+    assert metrics.confusion_matrix(*pair).sum() + ignored == everything == pair[0].size
+    assert unnamed <= everything - ignored
+
+
+def test_identity_scores_one() -> None:
+    truth = body()
+    matrix = metrics.confusion_matrix(truth, truth)
+    for score in (metrics.recall, metrics.precision, metrics.iou, metrics.dice):
+        np.testing.assert_array_equal(score(matrix), 1.0)
+    assert metrics.person_iou(matrix) == metrics.mean_recall(matrix) == 1.0
+    assert metrics.left_right_swap_rate(matrix) == 0.0
+    assert boundary.boundary_f(boundary.boundary_counts(truth, truth, 0.0)) == 1.0
+    assert boundary.errors_by_distance(truth, truth)[:, 0].sum() == 0
+
+
+def test_a_left_right_swap_is_caught() -> None:
+    truth = body()
+    matrix = metrics.confusion_matrix(truth, swap_left_right(truth))
+    assert metrics.left_right_swap_rate(matrix) == 1.0
+    assert metrics.error_kinds(matrix).left_right_swap == matrix.sum() - np.trace(matrix)
+    assert metrics.flip_helps(matrix)
+    assert not metrics.flip_helps(metrics.confusion_matrix(truth, truth))
+    np.testing.assert_array_equal(metrics.iou(metrics.merge_left_right(matrix)), 1.0)
+    assert metrics.person_iou(matrix) == 1.0
+
+
+def test_merging_twins_is_the_confusion_of_merged_labels() -> None:
+    truth, predicted = body(1), body(2)
+    to_left = np.arange(256, dtype=np.uint8)
+    for left, right in LEFT_RIGHT:
+        to_left[right] = left
+    merged = metrics.confusion_matrix(to_left[truth], to_left[predicted])
+    kept = np.unique(to_left[:N_CLASSES])
+    expected = merged[np.ix_(kept, kept)]
+    np.testing.assert_array_equal(
+        metrics.merge_left_right(metrics.confusion_matrix(truth, predicted)), expected
+    )
+
+
+def test_absent_and_undefined_are_neither_right_nor_wrong() -> None:
+    truth = np.array([[1, 1, 2, UNDEFINED]], np.uint8)
+    predicted = np.array([[1, UNDEFINED, 2, 3]], np.uint8)
+    matrix = metrics.confusion_matrix(truth, predicted)
+    np.testing.assert_array_equal(metrics.recall(matrix)[1:3], [0.5, 1.0])
+    assert np.isnan(metrics.iou(matrix)[3:]).all()
+    assert metrics.mean_recall(matrix) == 0.75
+    np.testing.assert_array_equal(metrics.undefined_pixels(truth, predicted), [1, 1, 4])
+    assert np.isnan(metrics.mean_recall(np.zeros((12, 12), np.int64)))
+
+
+def test_wrong_maps_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"\(2, 2\)"):
+        metrics.confusion_matrix(np.zeros((2, 2), np.uint8), np.zeros((2, 3), np.uint8))
+    with pytest.raises(ValueError, match="label 12"):
+        metrics.confusion_matrix(np.zeros((1, 1), np.uint8), np.full((1, 1), 12, np.uint8))
+
+
+def test_the_paper_tables_are_the_paper_s() -> None:
+    assert paper.mean_recall_of(paper.TABLE2_SYNTHETIC) == pytest.approx(0.8636, abs=5e-5)
+    assert paper.mean_recall_of(paper.TABLE3_REAL) == pytest.approx(0.7318, abs=5e-5)
+    for table in (paper.TABLE2_SYNTHETIC, paper.TABLE3_REAL):
+        np.testing.assert_allclose(table.sum(1), 1.0, atol=0.021)
+        assert table[0, 0] == 1.0
+    assert paper.TABLE3_REAL[1, 2] == 0.22 and paper.TABLE3_REAL[7, 2] == 0.25  # quoted in section 4.2.2
+
+
+def naive_boundary(truth: np.ndarray, predicted: np.ndarray, tolerance: float) -> list[int]:
+    def edge(labels: np.ndarray) -> list[tuple[int, int, int]]:
+        found = []
+        for (v, u), part in np.ndenumerate(labels):
+            around = [(v - 1, u), (v + 1, u), (v, u - 1), (v, u + 1)]
+            inside = [
+                labels[q] for q in around if 0 <= q[0] < labels.shape[0] and 0 <= q[1] < labels.shape[1]
+            ]
+            if part not in (0, UNDEFINED) and any(q not in (part, UNDEFINED) for q in inside):
+                found.append((v, u, int(part)))
+        return found
+
+    seen = np.where(predicted == UNDEFINED, 0, predicted)
+    a, b = edge(np.where(truth == UNDEFINED, UNDEFINED, seen)), edge(truth)
+
+    def near(these: list[tuple[int, int, int]], those: list[tuple[int, int, int]]) -> int:
+        return sum(
+            any(p == q and math.hypot(v - y, u - x) <= tolerance for y, x, q in those) for v, u, p in these
+        )
+
+    return [near(a, b), len(a), near(b, a), len(b)]
+
+
+@given(PAIR, st.sampled_from([0.0, 1.0, 1.5, 2.0]))
+def test_boundary_counts_agree_with_a_slow_reference(
+    pair: tuple[np.ndarray, np.ndarray], tolerance: float
+) -> None:
+    assert boundary.boundary_counts(*pair, tolerance).tolist() == naive_boundary(*pair, tolerance)
+
+
+def test_boundary_f_knows_how_far_a_border_moved() -> None:
+    truth = np.zeros((30, 40), np.uint8)
+    truth[5:25, 5:35] = 2
+    moved = np.roll(truth, 2, axis=1)
+    assert boundary.boundary_f(boundary.boundary_counts(truth, moved, 2.0)) == 1.0
+    assert boundary.boundary_f(boundary.boundary_counts(truth, moved, 1.0)) < 0.8
+    assert np.isnan(boundary.boundary_f(np.zeros(4, np.int64)))
+    assert boundary.boundary_f(np.array([0, 9, 0, 0])) == 0.0
+
+
+def test_errors_by_distance_agree_with_scipy() -> None:
+    truth, predicted = body(3), body(4)
+    away = distance_transform_edt(boundary.border_parts(truth) == 0)
+    counts = boundary.errors_by_distance(truth, predicted)
+    edges = (0.0, *boundary.DISTANCE_EDGES_PX, np.inf)
+    for i, (low, high) in enumerate(itertools.pairwise(edges)):
+        inside = (truth != 0) & (away >= low) & (away < high)
+        assert counts[i].tolist() == [(inside & (truth != predicted)).sum(), inside.sum()]
+
+
+@pytest.mark.parametrize(("people", "frames"), [(100, 2), (1, 200)])
+def test_interval_covers_a_known_mean(people: int, frames: int) -> None:
+    """Each person has a level of their own, unless there is one person: then each frame has."""
+    rng = np.random.default_rng(5)
+    subjects = [str(i) for i in range(people) for _ in range(frames)]
+    covered = 0
+    for _ in range(400):
+        level = rng.beta(40, 10, size=len(subjects) if people == 1 else people)  # mean 0.8
+        hits = rng.binomial(1000, np.repeat(level, len(subjects) // len(level)))
+        counts = np.stack([hits, np.full(len(hits), 1000)], axis=-1)
+        sums = bootstrap.resampled_sums(counts, subjects, resamples=300)
+        low, high = bootstrap.interval(metrics.ratio(sums[:, 0], sums[:, 1]))
+        covered += low <= 0.8 <= high
+    assert 0.93 <= covered / 400 <= 0.97
+
+
+def test_frames_of_one_subject_are_resampled_together() -> None:
+    """Without spread inside a subject, the spread is that of subject means: variance / S."""
+    counts = np.repeat(np.arange(10), 20)[:, None]
+    subjects = [str(i) for i in counts[:, 0]]
+    sums = bootstrap.resampled_sums(counts, subjects, resamples=20000)[:, 0] / 200
+    assert sums.var() == pytest.approx(np.arange(10).var() / 10, rel=0.05)
+
+
+def test_a_resample_draws_as_many_frames_as_there_are() -> None:
+    ones = np.ones((60, 1), np.int64)
+    sums = bootstrap.resampled_sums(ones, [str(i % 6) for i in range(60)], resamples=50)
+    np.testing.assert_array_equal(sums, 60)
+
+
+@settings(max_examples=20)
+@given(st.integers(1, 6), st.integers(1, 8))
+def test_an_interval_is_reproducible_and_ordered(people: int, frames: int) -> None:
+    rng = np.random.default_rng(people * 10 + frames)
+    counts = rng.integers(1, 50, (people * frames, 12, 12))
+    subjects = [f"s{i % people}" for i in range(people * frames)]
+    first = bootstrap.score_interval(metrics.recall, counts, subjects)
+    np.testing.assert_array_equal(first, bootstrap.score_interval(metrics.recall, counts, subjects))
+    assert (first[0] <= first[1]).all()
+
+
+def test_an_interval_of_nothing_is_nan() -> None:
+    assert np.isnan(bootstrap.interval(np.full((10, 2), np.nan))).all()
+    with pytest.raises(ValueError, match="one subject per frame"):
+        bootstrap.resampled_sums(np.ones((3, 1), np.int64), ["a"])

@@ -1,0 +1,159 @@
+"""Poses are a group; calibrations survive JSON to the bit, and hostile JSON is refused in one line."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from sensors.calibration import (
+    Pose,
+    RigCalibration,
+    calibration_from_json,
+    calibration_to_json,
+    load_calibration,
+    save_calibration,
+)
+from sensors.camera import Intrinsics
+from sensors.errors import CalibrationError, CloudError
+
+DEPTH = Intrinsics(512, 424, 365.150208, 365.150208, 253.9832, 211.093994, k1=0.0922871977, k2=-0.266797304)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def pose(seed: int) -> Pose:
+    rng = np.random.default_rng(seed)
+    return Pose(Rotation.random(random_state=seed).as_matrix(), rng.normal(0, 2, 3))
+
+
+def rig(seed: int) -> RigCalibration:
+    color = Intrinsics(1920, 1080, 1081.37207, 1081.37207, 959.5, 539.5)
+    return RigCalibration(DEPTH, color, pose(seed), Intrinsics(160, 120, 390, 391, 80, 60), pose(seed + 1))
+
+
+def assert_same(a: Pose, b: Pose) -> None:
+    np.testing.assert_allclose(a.rotation, b.rotation, atol=1e-12)
+    np.testing.assert_allclose(a.translation_m, b.translation_m, atol=1e-12)
+
+
+@given(a=seeds, b=seeds, c=seeds)
+def test_poses_are_a_group(a, b, c):
+    p, q, r = pose(a), pose(b), pose(c)
+    assert_same((p @ q) @ r, p @ (q @ r))
+    assert_same(p @ Pose.identity(), p)
+    assert_same(Pose.identity() @ p, p)
+    assert_same(p @ p.inverse(), Pose.identity())
+    assert_same(p.inverse() @ p, Pose.identity())
+    assert_same(p.inverse().inverse(), p)
+
+
+@given(a=seeds, b=seeds, shape=st.sampled_from([(3,), (5, 3), (2, 4, 3)]))
+def test_composition_is_application_in_turn_and_keeps_distances(a, b, shape):
+    p, q = pose(a), pose(b)
+    points = np.random.default_rng(a).normal(0, 2, shape)
+    moved = (p @ q).apply(points)
+    assert moved.shape == shape
+    np.testing.assert_allclose(moved, p.apply(q.apply(points)), atol=1e-12)
+    np.testing.assert_allclose(p.inverse().apply(p.apply(points)), points, atol=1e-12)
+    rows, images = points.reshape(-1, 3), moved.reshape(-1, 3)
+    np.testing.assert_allclose(
+        np.linalg.norm(images - images[0], axis=1), np.linalg.norm(rows - rows[0], axis=1), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("rotation", "translation"),
+    [
+        (np.diag([1.0, 1.0, -1.0]), np.zeros(3)),  # a reflection
+        (2 * np.eye(3), np.zeros(3)),
+        (np.eye(3), np.array([0, np.nan, 0])),
+        (np.full((3, 3), np.nan), np.zeros(3)),
+        (np.eye(2), np.zeros(3)),
+    ],
+)
+def test_what_is_no_rigid_transform_is_refused(rotation, translation):
+    with pytest.raises(CalibrationError, match="give"):
+        Pose(rotation, translation)
+
+
+@given(seed=st.integers(0, 2**32 - 2))
+def test_calibration_survives_json_to_the_bit(seed):
+    original = rig(seed)
+    text = json.dumps(calibration_to_json(original))
+    copy = calibration_from_json(json.loads(text))
+    assert (copy.depth, copy.color, copy.thermal) == (original.depth, original.color, original.thermal)
+    for name in ("color_from_depth", "thermal_from_depth"):
+        np.testing.assert_array_equal(getattr(copy, name).rotation, getattr(original, name).rotation)
+        np.testing.assert_array_equal(getattr(copy, name).translation_m, getattr(original, name).translation_m)
+
+
+def test_calibration_survives_a_file(tmp_path):
+    save_calibration(tmp_path / "rig.json", RigCalibration(DEPTH))
+    assert load_calibration(tmp_path / "rig.json") == RigCalibration(DEPTH)
+
+
+def test_a_camera_without_its_pose_is_refused():
+    with pytest.raises(CalibrationError, match="color_from_depth"):
+        RigCalibration(DEPTH, color=DEPTH)
+
+
+HOSTILE = [
+    None,
+    [],
+    {},
+    {"color": {}},
+    {"depth": []},
+    {"depth": {"width": 1}},
+    {"depth": {**calibration_to_json(RigCalibration(DEPTH))["depth"], "rolling_shutter": 1}},
+    {"depth": {**calibration_to_json(RigCalibration(DEPTH))["depth"], "width": 10**9}},
+    {"depth": {**calibration_to_json(RigCalibration(DEPTH))["depth"], "fx": "wide"}},
+    {"depth": {**calibration_to_json(RigCalibration(DEPTH))["depth"], "fx": float("nan")}},
+    {**calibration_to_json(rig(0)), "color_from_depth": {"rotation": [[1]], "translation_m": [0, 0, 0]}},
+    {**calibration_to_json(rig(0)), "color_from_depth": {"rotation": [1, [2]], "translation_m": [0]}},
+    {**calibration_to_json(rig(0)), "color_from_depth": {"rotation": None}},
+    {**calibration_to_json(rig(0)), "__class__": "os.system"},
+]
+
+
+@pytest.mark.parametrize("fields", HOSTILE, ids=range(len(HOSTILE)))
+def test_hostile_json_is_refused(fields):
+    with pytest.raises(CalibrationError) as error:
+        calibration_from_json(fields)
+    assert "\n" not in str(error.value)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
+    max_leaves=8,
+)
+
+
+@given(
+    name=st.sampled_from(["depth", "color", "color_from_depth"]),
+    key=st.sampled_from(["width", "fx", "k1", "rotation", "translation_m"]),
+    value=json_values,
+)
+def test_any_entry_may_be_anything(name, key, value):
+    fields = calibration_to_json(rig(0))
+    fields[name][key] = value
+    try:
+        calibration_from_json(fields)
+    except CloudError as error:
+        assert str(error)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b" " * 1_000_001])
+def test_broken_files_are_refused(tmp_path, content):
+    path = tmp_path / "rig.json"
+    path.write_bytes(content)
+    with pytest.raises(CalibrationError, match=r"rig\.json"):
+        load_calibration(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(CalibrationError, match=f"none{os.extsep}json"):
+        load_calibration(tmp_path / "none.json")

@@ -1,0 +1,98 @@
+"""Laws of the pinhole camera: round trips, and OpenCV as an oracle."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sensors.camera import Intrinsics, distort, project, rays, undistort, unproject
+from sensors.errors import CalibrationError
+
+# A real Kinect v2 (facts of its factory calibration).
+KINECT = Intrinsics(
+    512, 424, 365.150208, 365.150208, 253.9832, 211.093994, k1=0.0922871977, k2=-0.266797304, k3=0.0901915208
+)
+TANGENTIAL = Intrinsics(512, 424, 366.4, 367.1, 255.6, 204.0, k1=0.09, k2=-0.27, p1=1e-3, p2=-5e-4, k3=0.1)
+CAMERAS = pytest.mark.parametrize("camera", [KINECT, TANGENTIAL, KINECT.undistorted()])
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def points_in_view(camera: Intrinsics, seed: int, n: int = 50) -> np.ndarray:
+    """Points (n, 3) that the camera sees, 0.5 to 4.5 m away."""
+    rng = np.random.default_rng(seed)
+    pixels = rng.integers([0, 0], [camera.width, camera.height], (n, 2))
+    return rays(camera)[pixels[:, 1], pixels[:, 0]] * rng.uniform(0.5, 4.5, (n, 1))
+
+
+@CAMERAS
+@given(seed=seeds)
+def test_project_agrees_with_opencv(camera, seed):
+    points = points_in_view(camera, seed)
+    expected, _ = cv2.projectPoints(
+        points, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.distortion)
+    )
+    np.testing.assert_allclose(project(camera, points), expected[:, 0], atol=1e-6)
+
+
+@CAMERAS
+@given(seed=seeds)
+def test_undistort_agrees_with_opencv_and_inverts_distort(camera, seed):
+    points = points_in_view(camera, seed)
+    ideal = points[:, :2] / points[:, 2:]
+    distorted = distort(camera, ideal)
+    np.testing.assert_allclose(undistort(camera, distorted), ideal, atol=1e-8)
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-12)
+    oracle = cv2.undistortPointsIter(
+        distorted[:, None], np.eye(3), np.array(camera.distortion), np.eye(3), np.eye(3), criteria
+    )
+    np.testing.assert_allclose(undistort(camera, distorted), oracle[:, 0], atol=1e-7)
+
+
+@CAMERAS
+def test_every_pixel_survives_unproject_and_project(camera):
+    depth = np.random.default_rng(0).uniform(0.5, 4.5, camera.shape).astype(np.float32)
+    depth[::7, ::5] = np.nan
+    points = unproject(camera, depth)
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    seen = ~np.isnan(depth)
+    np.testing.assert_array_equal(np.isnan(points).any(axis=-1), ~seen)
+    np.testing.assert_array_equal(points[seen][:, 2], depth[seen])
+    np.testing.assert_allclose(project(camera, points)[seen], np.stack([u, v], axis=-1)[seen], atol=2e-4)
+
+
+def test_a_point_on_the_axis_lands_on_the_principal_point():
+    np.testing.assert_allclose(project(KINECT, np.array([0.0, 0.0, 2.0])), [KINECT.cx, KINECT.cy])
+
+
+@given(z=st.floats(max_value=0, allow_nan=False))
+def test_points_behind_the_camera_have_no_pixel(z):
+    assert np.isnan(project(KINECT, np.array([0.1, 0.1, z]))).all()
+
+
+def test_undistorted_keeps_the_pinhole():
+    assert KINECT.undistorted().distortion == (0, 0, 0, 0, 0)
+    np.testing.assert_array_equal(KINECT.undistorted().matrix, KINECT.matrix)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"width": 0},
+        {"height": 8193},
+        {"fx": 0.0},
+        {"fy": -1.0},
+        {"cx": float("nan")},
+        {"k3": float("inf")},
+    ],
+)
+def test_impossible_cameras_are_refused(changes):
+    values = {"width": 512, "height": 424, "fx": 365.0, "fy": 365.0, "cx": 256.0, "cy": 212.0}
+    with pytest.raises(CalibrationError, match="give"):
+        Intrinsics(**{**values, **changes})
+
+
+def test_unproject_refuses_an_image_of_another_camera():
+    with pytest.raises(CalibrationError, match="640x480"):
+        unproject(KINECT, np.ones((480, 640), np.float32))
