@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
 from annotate.registration import undistortion_index
-from annotate.visibility import ONE, Image, View, nearest_pixel, slack_m
+from annotate.visibility import ONE, ZERO, Image, Projection, View, nearest_pixel
 from sensors.calibration import RigCalibration
 from sensors.camera import Intrinsics, rays
 from sensors.errors import CalibrationError
 from sensors.frame import RigFrame
-
-ZERO = np.float32(0)
 
 
 class Fuser:
@@ -67,20 +65,32 @@ class Fuser:
         color, seen = np.zeros(points.shape, np.uint8), np.zeros(undistorted.shape, np.bool_)
         temperature = np.full(undistorted.shape, np.nan, np.float32)
         if color_rgb is not None:
-            view = _checked_view("colour", color_rgb, self._color)
-            projected = view.project(depth_m)
-            seen, _ = view.visible(projected)
-            color = _nearest(projected, seen, np.ascontiguousarray(color_rgb))
+            color, seen = _colors(_checked("colour", color_rgb, self._color), depth_m, color_rgb)
         if thermal_c is not None:
-            view = _checked_view("thermal", thermal_c, self._thermal)
-            projected = view.project(depth_m)
-            seen_warm, nearest = view.visible(projected)
-            image = np.ascontiguousarray(thermal_c)
-            temperature = _bilinear(projected, seen_warm, nearest, np.float32(view.slope_reach), image)
+            temperature = _temperatures(_checked("thermal", thermal_c, self._thermal), depth_m, thermal_c)
         return ThermalCloud(self.camera, undistorted, points, color, seen, temperature)
 
 
-def _checked_view(name: str, image: NDArray[Any], view: View | None) -> View:
+def _colors(
+    view: View, depth_m: Image, color_rgb: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    projection = view.project(depth_m)
+    slack_m = view.slack_m(projection.ahead_m)
+    seen = view.visible(projection, view.zbuffer(projection), slack_m)
+    return _nearest(projection, seen, np.ascontiguousarray(color_rgb)), seen
+
+
+def _temperatures(view: View, depth_m: Image, thermal_c: Image) -> Image:
+    projection = view.project(depth_m)
+    slack_m, nearest = view.slack_m(projection.ahead_m), view.zbuffer(projection)
+    seen = view.visible(projection, nearest, slack_m)
+    # A border without readings spares the kernel every check of the image's edge.
+    surface = np.pad(nearest, 1, constant_values=np.inf)
+    image = np.pad(thermal_c, 1, constant_values=np.nan)
+    return _bilinear(projection, seen, slack_m, surface, image)
+
+
+def _checked(name: str, image: NDArray[Any], view: View | None) -> View:
     if view is None:
         raise CalibrationError(
             f"the frame has a {name} image but the calibration has no {name} camera; "
@@ -125,8 +135,8 @@ def _points(depth_m: Image, rays_xy: Image) -> Image:
 
 
 @njit(cache=True, nogil=True)
-def _nearest(projected: Image, seen: NDArray[np.bool_], image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    columns, rows, _ = projected
+def _nearest(projection: Projection, seen: NDArray[np.bool_], image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    columns, rows, _ = projection
     colors = np.zeros((*seen.shape, 3), np.uint8)
     for v in range(seen.shape[0]):
         for u in range(seen.shape[1]):
@@ -139,28 +149,30 @@ def _nearest(projected: Image, seen: NDArray[np.bool_], image: NDArray[np.uint8]
 
 @njit(cache=True, nogil=True)
 def _bilinear(
-    projected: Image, seen: NDArray[np.bool_], nearest: Image, slope_reach: np.float32, image: Image
+    projection: Projection, seen: NDArray[np.bool_], slack_m: Image, surface: Image, image: Image
 ) -> Image:
-    """Bilinear mean over the pixels that have a reading and whose nearest surface is the point's."""
-    columns, rows, ahead = projected
+    """Bilinear mean over the pixels that have a reading and whose nearest surface is the point's own.
+
+    surface, image: z-buffer and temperatures with a border of one pixel, inf and NaN.
+    """
     values = np.full(seen.shape, np.float32(np.nan))
     for v in range(seen.shape[0]):
         for u in range(seen.shape[1]):
             if not seen[v, u]:
                 continue
-            slack = slack_m(ahead, v, u, slope_reach)
-            left, top = np.floor(columns[v, u]), np.floor(rows[v, u])
-            right_share, lower_share = columns[v, u] - left, rows[v, u] - top
-            total, weight = np.float32(0), np.float32(0)
+            x, y = projection.column[v, u] + ONE, projection.row[v, u] + ONE
+            left, top = np.uint32(x), np.uint32(y)
+            right_share, lower_share = x - np.float32(left), y - np.float32(top)
+            total, weight = ZERO, ZERO
             for down in range(2):
                 for right in range(2):
-                    row = np.uint32(min(max(top + np.float32(down), ZERO), np.float32(image.shape[0] - 1)))
-                    column = np.uint32(min(max(left + np.float32(right), ZERO), np.float32(image.shape[1] - 1)))
-                    own = abs(nearest[row, column] - ahead[v, u]) <= slack
-                    if own and not np.isnan(image[row, column]):
-                        share = lower_share if down else ONE - lower_share
-                        share *= right_share if right else ONE - right_share
-                        total += share * image[row, column]
+                    row, column = top + np.uint32(down), left + np.uint32(right)
+                    share = lower_share if down else ONE - lower_share
+                    share *= right_share if right else ONE - right_share
+                    reading = image[row, column]
+                    own = abs(surface[row, column] - projection.ahead_m[v, u]) <= slack_m[v, u]
+                    if own & (reading == reading):  # not NaN
+                        total += share * reading
                         weight += share
             if weight > 0:
                 values[v, u] = total / weight

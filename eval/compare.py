@@ -82,6 +82,13 @@ class Comparison:
         return metrics.miou(self.matrices)
 
     @property
+    def undefined_shares(self) -> dict[str, float]:
+        """Shares of all pixels undefined in the truth (ignored), and in the prediction only."""
+        ignored, unnamed, pixels = self.undefined.sum(0)
+        shares = metrics.ratio(np.array([ignored, unnamed]), np.array([pixels, pixels]))
+        return {"truth": float(shares[0]), "predicted": float(shares[1])}
+
+    @property
     def n_subjects(self) -> int:
         """How many different people are seen."""
         return len(set(self.subjects))
@@ -101,7 +108,6 @@ class Comparison:
 
     def to_evaluation_json(self) -> dict[str, Any]:
         """What `evaluate` prints: the summary with intervals, confusion and what was left out."""
-        ignored, unnamed, pixels = (int(v) for v in self.undefined.sum(0))
         per_part = {"recall", "precision", "iou", "dice"}
         return {
             **self.to_json(),
@@ -114,7 +120,7 @@ class Comparison:
             "background": {name: _plain(self.scores[name][BACKGROUND]) for name in sorted(per_part)},
             "absent_parts": [p.name for p in BODY_PARTS if np.isnan(self.scores["iou"][p.id])],
             "mious": {name: _plain(v) for name, v in asdict(metrics.mean_ious(self.matrices)).items()},
-            "undefined": {"truth": ignored / pixels, "predicted": unnamed / pixels},
+            "undefined": {name: _plain(share) for name, share in self.undefined_shares.items()},
             "extra_frames": self.extra_frames,
         }
 

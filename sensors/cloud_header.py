@@ -76,7 +76,7 @@ def _pcd(fields: dict[str, list[str]], file: BinaryIO, left: int) -> CloudHeader
         if kinds[at] != "F" or sizes[at] not in (4, 8) or counts[at] != 1:
             raise ValueError(f"{axis} is no float")
     width, height, points = (int(fields[name][0]) for name in ("WIDTH", "HEIGHT", "POINTS"))
-    if width * height != points:
+    if width < 0 or width * height != points:
         raise ValueError(f"{width} x {height} are not {points} points")
     stride = sum(size * count for size, count in zip(sizes, counts, strict=True))
     _check_room(fields["DATA"], points, stride, sum(counts), file, left)

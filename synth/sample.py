@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from annotate.crop import SIZE, crop_around
 from annotate.labels import FrameLabels
 from annotate.parts import N_CLASSES, PART_ID
-from sensors.camera import Intrinsics
+from annotate.registration import KINECT2_DEPTH
 from sensors.errors import CloudError
 from synth.body import Body, shipped_bodies
 from synth.motion import ACTIVITIES, Sitting, draw, glide, sit
@@ -16,12 +16,6 @@ from synth.noise import DepthNoise, kinect
 from synth.render import Mesh, ZBuffer, merge, rasterize
 from synth.scene import Sofa, look_at
 from synth.skeleton import JOINT_ID, Float64
-
-KINECT_DEPTH = Intrinsics(
-    512, 424, 365.150208, 365.150208, 253.9832, 211.093994, 0.0922871977, -0.266797304, 0.0, 0.0, 0.0901915208
-)
-"""A real Kinect v2's factory parameters of the depth camera."""
-
 
 @dataclass(frozen=True)
 class Preset:
@@ -78,7 +72,7 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     top, left = window[0].start, window[1].start
     inside = replace(crop, top=crop.top - top, left=crop.left - left)
     depth_mm = kinect(
-        KINECT_DEPTH, view.zbuffer.depth_m[window], view.dark[window], DepthNoise.sample(rng), rng, top, left
+        KINECT2_DEPTH, view.zbuffer.depth_m[window], view.dark[window], DepthNoise.sample(rng), rng, top, left
     )
     parts = np.where(person, view.tags, 0).astype(np.uint8)[window]
     depth = inside.cut(np.where(parts > 0, depth_mm, 0).astype(np.uint16), 0, SIZE)
@@ -98,7 +92,7 @@ def render_view(body: Body, vertices_m: NDArray[np.float32], joints_m: Float64, 
     person = Mesh(vertices_m, body.faces, body.face_parts.astype(np.int32))
     scene = merge([person, *around])
     in_camera = camera_from_world.apply(scene.vertices_m).astype(np.float32)
-    seen = rasterize(KINECT_DEPTH.undistorted(), in_camera, scene.faces)
+    seen = rasterize(KINECT2_DEPTH.undistorted(), in_camera, scene.faces)
     hit = seen.face >= 0
     tags = np.where(hit, scene.tags[np.maximum(seen.face, 0)], 0).astype(np.int32)
     dark = hit & np.concatenate([hair_faces(body), np.zeros(len(scene.faces) - len(body.faces), bool)])[seen.face]

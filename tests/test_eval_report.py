@@ -48,7 +48,7 @@ def person(seed: int, camera: Intrinsics = CAMERA) -> FrameLabels:
     parts = np.zeros((camera.height, camera.width), np.uint8)
     for part, (start, end, radius) in LIMBS.items():
         ends = (np.array([start, end]) + rng.normal(0, 0.01, 2)) * height
-        a, b = (tuple(int(round(c)) for c in p) for p in ends)
+        a, b = (tuple(round(c) for c in p) for p in ends)
         cv2.line(parts, a, b, part, thickness=int(2 * radius * height))
     inside = cv2.distanceTransform((parts > 0).astype(np.uint8), cv2.DIST_L2, 5)
     depth = np.where(parts > 0, 1500 - 12 * inside * 80 / height, 2400 + rng.normal(0, 4, parts.shape))
@@ -105,8 +105,9 @@ def test_a_set_against_itself_is_perfect(sets: tuple[LabelSet, LabelSet]) -> Non
 
 
 def test_json_has_the_keys_of_the_contract(compared: Comparison) -> None:
-    keys = "frames mean_recall recall miou iou boundary_f left_right_swap_rate person_iou".split()
-    assert list(compared.to_json()) == keys
+    keys = {"frames", "mean_recall", "recall", "miou", "iou", "boundary_f"}
+    keys |= {"left_right_swap_rate", "person_iou"}
+    assert set(compared.to_json()) == keys
     full = json.loads(json.dumps(compared.to_evaluation_json(), allow_nan=False))
     assert set(full) >= {*keys, "ci95", "confusion", "background"}
     assert list(full["recall"]) == [part.name for part in BODY_PARTS]
@@ -184,9 +185,9 @@ def test_picked_frames_are_the_extremes_and_never_twice(compared: Comparison) ->
     picked = pick_frames(compared, each=2)
     ranked = [compared.frame_ids[i] for i in np.argsort(compared.frame_miou, kind="stable")]
     assert picked["Worst"] == ranked[:2] and picked["Best"] == ranked[::-1][:2]
-    everything = sum(picked.values(), [])
+    everything = [*picked["Worst"], *picked["Random"], *picked["Best"]]
     assert len(everything) == len(set(everything)) == 6
-    assert len(sum(pick_frames(compared, each=5).values(), [])) == 6
+    assert sum(map(len, pick_frames(compared, each=5).values())) == 6
 
 
 def test_error_colours_follow_the_error_kinds() -> None:
@@ -236,7 +237,7 @@ def test_a_nearer_point_hides_a_farther_one() -> None:
 class Page(HTMLParser):
     """Tags, their attributes, and whether every tag is closed in order."""
 
-    VOID = frozenset(("meta", "img", "br", "col", "line", "rect", "circle", "path"))
+    VOID = frozenset(("meta", "img", "br", "col"))
 
     def __init__(self, text: str) -> None:
         super().__init__()

@@ -92,14 +92,15 @@ def render_thermal_cloud(
     image = np.full((SIZE_PX, SIZE_PX, 3), CANVAS, np.uint8)
     if not drawn.any():
         return image
-    turned, middle = _orbit(points_m, drawn, yaw_deg, pitch_deg)
+    turned = _orbit(points_m, drawn, yaw_deg, pitch_deg)
     color = (_thermal_colors(temperature_c) * _shade(turned)[..., None]).astype(np.uint8)[drawn]
-    radius = float(np.percentile(np.linalg.norm(turned[drawn][:, :2] - middle[:2], axis=1), 99))
-    focal = 0.47 * SIZE_PX * middle[2] / max(radius, 1e-3)
-    x, y, z = turned[drawn].T
-    u = (x - middle[0]) / z * focal + SIZE_PX / 2
-    v = (y - middle[1]) / z * focal + SIZE_PX / 2
-    width = _splat_px(turned, float(focal / middle[2]))
+    flat = turned[..., :2] / turned[..., 2:]
+    low, high = np.percentile(flat[drawn], [0.5, 99.5], axis=0)
+    scale = 0.94 * SIZE_PX / max(float((high - low).max()), 1e-3)
+    flat = (flat - (low + high) / 2) * scale + SIZE_PX / 2
+    width = _splat_px(flat)
+    u, v = flat[drawn].T
+    z = turned[drawn][:, 2]
     order = np.argsort(-z, kind="stable")
     rows, columns, color = v[order].astype(int), u[order].astype(int), color[order]
     # One splat is painted whole before the next nearer one: offsets vary fastest.
@@ -112,19 +113,17 @@ def render_thermal_cloud(
 
 def _orbit(
     points_m: NDArray[np.float32], drawn: NDArray[np.bool_], yaw_deg: float, pitch_deg: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (h, w, 3) in the moved viewer's frame, and the cloud's middle (3,) there."""
+) -> NDArray[np.float64]:
+    """Points (h, w, 3) in the frame of a viewer who moved around the cloud's middle."""
     low, high = np.percentile(points_m[drawn], [2, 98], axis=0)
     middle = (low + high) / 2
     yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
     about_y = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
     about_x = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
-    away = np.array(
-        [0, 0, max(float(np.linalg.norm(middle)), 2.0 * float(np.ptp([low, high], axis=0).max()))]
-    )
-    turned: NDArray[np.float64] = (points_m - middle) @ (about_x @ about_y).T + away
+    distance_m = max(float(np.linalg.norm(middle)), 2.0 * float((high - low).max()))
+    turned: NDArray[np.float64] = (points_m - middle) @ (about_x @ about_y).T + [0.0, 0.0, distance_m]
     turned[..., 2] = np.maximum(turned[..., 2], 0.1)
-    return turned, away
+    return turned
 
 
 def _thermal_colors(temperature_c: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -144,11 +143,11 @@ def _shade(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return light
 
 
-def _splat_px(points: NDArray[np.float64], px_per_m: float) -> int:
-    """Side of a point's square: the median gap between neighbours in the picture, rounded up."""
-    gap = np.linalg.norm(np.diff(points[..., :2], axis=1), axis=-1)
+def _splat_px(flat: NDArray[np.float64]) -> int:
+    """Side of a point's square, from points in the picture (h, w, 2): their median gap, and a bit more."""
+    gap = np.linalg.norm(np.diff(flat, axis=1), axis=-1)
     gap = gap[np.isfinite(gap)]
-    return int(np.clip(np.ceil(np.median(gap) * px_per_m * 1.3), 1, 8)) if gap.size else 3
+    return int(np.clip(np.ceil(np.median(gap) * 1.3), 1, 8)) if gap.size else 3
 
 
 def person_box(person: NDArray[np.bool_], margin: float = 0.08) -> tuple[int, int, int]:

@@ -1,6 +1,7 @@
 """What the page shows of a result, as plain numbers in the order they are read."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,7 +116,6 @@ def view_of(result: Result) -> View:
     confusion = comparison.confusion
     shares = metrics.ratio(confusion, np.broadcast_to(confusion.sum(1, keepdims=True), confusion.shape))
     inside = metrics.without_background(confusion)
-    ignored, unnamed, pixels = comparison.undefined.sum(0)
     errors = _error_rows(comparison)
     scores = {name: _estimate(comparison, name) for name, v in comparison.scores.items() if not v.ndim}
     return View(
@@ -133,7 +133,7 @@ def view_of(result: Result) -> View:
         mious=metrics.mean_ious(comparison.matrices),
         subjects=_subject_rows(comparison),
         frames=_frame_rows(comparison),
-        undefined={"truth": ignored / pixels, "predicted": unnamed / pixels},
+        undefined=comparison.undefined_shares,
         absent=[part.title for part in BODY_PARTS if np.isnan(comparison.scores["iou"][part.id])],
     )
 
@@ -201,7 +201,7 @@ def _distance_rows(comparison: Comparison) -> list[DistanceRow]:
     counts = comparison.by_distance.sum(0)
     rates, pixels = error_rate(counts), counts[:, 1]
     starts = (0, *(int(edge) for edge in DISTANCE_EDGES_PX))
-    labels = [f"{a}" if b - a == 1 else f"{a}–{b - 1}" for a, b in zip(starts, starts[1:], strict=False)]  # noqa: RUF001
+    labels = [f"{a}" if b - a == 1 else f"{a} to {b - 1}" for a, b in pairwise(starts)]
     labels.append(f"{starts[-1]} and more")
     shares = pixels / max(int(pixels.sum()), 1)
     return [DistanceRow(*row) for row in zip(labels, rates.tolist(), shares.tolist(), strict=True)]

@@ -1,0 +1,117 @@
+"""The colour-coded clothing: which colours each part wears, as a TOML palette and as a colour model.
+
+A palette file names every part once::
+
+    name = "ten-colour suit"
+    [colors]
+    head = ["#d8d8d8", "#c98f73"]   # hood and skin
+    torso = "#e6c814"
+    ...
+"""
+
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import BODY_PARTS, PART_ID, PARTS
+from sensors.errors import CloudError
+
+MAX_TOML_BYTES = 100_000
+MIN_CHROMA_DISTANCE = 0.06
+"""Two parts whose chromaticities are nearer than this cannot be told apart in a shaded image."""
+_HEX = re.compile(r"#[0-9a-fA-F]{6}")
+
+
+@dataclass(frozen=True)
+class Suit:
+    """A worn palette. colors_rgb: uint8 (K, 3) swatches; parts: uint8 (K,) the part wearing each.
+
+    Raises CloudError when a part has no colour, or two parts look alike.
+    """
+
+    name: str
+    colors_rgb: NDArray[np.uint8]
+    parts: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        for part in BODY_PARTS:
+            if part.id not in self.parts:
+                raise CloudError(f"suit {self.name!r} has no colour for {part.name}; add it under [colors]")
+        chroma = chromaticity(self.colors_rgb)
+        gaps = np.linalg.norm(chroma[:, None] - chroma[None], axis=2)
+        gaps[self.parts[:, None] == self.parts[None]] = np.inf
+        i, j = np.unravel_index(int(gaps.argmin()), gaps.shape)
+        if gaps[i, j] < MIN_CHROMA_DISTANCE:
+            raise CloudError(
+                f"suit {self.name!r}: {PARTS[self.parts[i]].name} and {PARTS[self.parts[j]].name} have the same "
+                "colour but for brightness; shade would mix them up, give one of them another hue"
+            )
+
+
+def chromaticity(rgb: NDArray[np.generic]) -> NDArray[np.float64]:
+    """Colour (..., 3) sRGB -> chromaticity (..., 2), which shade does not change.
+
+    Shares of red and green in linear light: x = R / (R + G + B). Gamma: IEC 61966-2-1, taken as 2.2.
+    """
+    linear = np.power(np.asarray(rgb, np.float64) / 255, 2.2) + 1e-6
+    return np.asarray(linear[..., :2] / linear.sum(axis=-1, keepdims=True))
+
+
+def load_suit(path: Path) -> Suit:
+    """Read a palette. Raises CloudError naming the part or value that is wrong."""
+    try:
+        if path.stat().st_size > MAX_TOML_BYTES:
+            raise CloudError(f"suit {path} is larger than {MAX_TOML_BYTES} bytes; give a palette file")
+        fields = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        # A part named twice is a doubled TOML key: tomllib says which line.
+        raise CloudError(f"suit {path} cannot be read ({error}); give a TOML palette") from error
+    colors = fields.get("colors")
+    if not isinstance(colors, dict):
+        raise CloudError(f"suit {path} has no [colors] table; list the eleven parts there")
+    swatches = [(part, color) for part, value in colors.items() for color in _as_list(value)]
+    for part, color in swatches:
+        if part not in PART_ID or part == "background":
+            raise CloudError(f"suit {path}: {part!r} is no part; use {', '.join(p.name for p in BODY_PARTS)}")
+        if not isinstance(color, str) or not _HEX.fullmatch(color):
+            raise CloudError(f"suit {path}: {part} has colour {color!r}; give '#rrggbb'")
+    return Suit(
+        str(fields.get("name", path.stem)),
+        np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for _, c in swatches], np.uint8).reshape(-1, 3),
+        np.array([PART_ID[p] for p, _ in swatches], np.uint8),
+    )
+
+
+def suit_to_toml(suit: Suit) -> str:
+    """A palette as TOML text; inverse of ``load_suit``."""
+    lines = [f'name = "{re.sub(r"[^A-Za-z0-9 _.-]", "", suit.name)}"', "[colors]"]
+    for part in BODY_PARTS:
+        swatches = ", ".join(
+            '"#{:02x}{:02x}{:02x}"'.format(*rgb) for rgb in suit.colors_rgb[suit.parts == part.id].tolist()
+        )
+        lines.append(f"{part.name} = [{swatches}]")
+    return "\n".join(lines) + "\n"
+
+
+def _as_list(value: object) -> list[object]:
+    return value if isinstance(value, list) else [value]
+
+
+DEFAULT_SUIT = Suit(
+    "ten-colour suit with a grey hood",
+    np.array(
+        [
+            *((216, 216, 216), (201, 143, 115), (230, 200, 20)),
+            *((220, 30, 40), (30, 60, 210), (20, 190, 195), (240, 125, 10)),
+            *((115, 40, 175), (30, 160, 50), (220, 40, 150)),
+            *((90, 160, 240), (165, 225, 40)),
+        ],
+        np.uint8,
+    ),
+    np.array([1, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11], np.uint8),
+)
+"""What the virtual rig's people wear: neighbours and twins far apart in chromaticity."""

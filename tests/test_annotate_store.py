@@ -1,0 +1,359 @@
+"""A label set survives to the bit, refuses what is corrupt or unsafe, and is never left half-written."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from PIL import Image
+
+import annotate.store
+from annotate.images import (
+    decode_confidence,
+    decode_depth,
+    decode_parts,
+    encode_confidence,
+    encode_depth,
+    encode_parts,
+)
+from annotate.labels import FrameLabels
+from annotate.parts import (
+    BACKGROUND,
+    BODY_PARTS,
+    LEFT_RIGHT,
+    N_CLASSES,
+    NEIGHBOURS,
+    PART_ID,
+    PARTS,
+    UNDEFINED,
+    palette_rgb,
+    swap_left_right,
+)
+from annotate.store import MANIFEST, LabelSet, validate
+from sensors.camera import Intrinsics
+from sensors.errors import CloudError, ExistsError, FormatError
+
+law = settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+CAMERA = Intrinsics(8, 6, 9.5, 9.25, 3.5, 2.5)
+IDS = st.sampled_from([*range(N_CLASSES), UNDEFINED])
+depths = arrays(np.uint16, (6, 8))
+part_maps = arrays(np.uint8, (6, 8), elements=IDS)
+confidences = st.none() | arrays(np.uint8, (6, 8)).map(lambda a: a.astype(np.float32) / np.float32(255))
+notes = st.dictionaries(
+    st.text(max_size=8), st.none() | st.booleans() | st.integers() | st.text(max_size=8), max_size=3
+)
+
+
+def labels(frame_id: str = "a", seed: int = 0, **fields) -> FrameLabels:
+    rng = np.random.default_rng(seed)
+    depth = rng.integers(1, 65536, (6, 8), np.uint16)
+    return FrameLabels(frame_id, depth, rng.integers(0, N_CLASSES, (6, 8), np.uint8), **fields)
+
+
+def assert_same(a: FrameLabels, b: FrameLabels) -> None:
+    for name in ("frame_id", "status", "subject", "notes"):
+        assert getattr(a, name) == getattr(b, name)
+    np.testing.assert_array_equal(a.depth_mm, b.depth_mm)
+    np.testing.assert_array_equal(a.parts, b.parts)
+    assert (a.confidence is None) == (b.confidence is None)
+    if a.confidence is not None:
+        np.testing.assert_array_equal(a.confidence, b.confidence)
+
+
+@pytest.fixture
+def label_set(tmp_path) -> LabelSet:
+    created = LabelSet.create(tmp_path / "set", CAMERA, {"source": "test"})
+    for i in range(3):
+        created.write(labels(f"{i:06}", i))
+    return created
+
+
+# Parts
+
+
+def test_parts_are_numbered_named_and_coloured_apart():
+    assert [part.id for part in PARTS] == list(range(N_CLASSES))
+    assert len({part.name for part in PARTS}) == len({part.rgb for part in PARTS}) == N_CLASSES
+    assert PART_ID["background"] == BACKGROUND
+    assert len(BODY_PARTS) == 11
+
+
+def test_the_body_is_a_tree_symmetric_in_left_and_right():
+    assert len(NEIGHBOURS) == len(BODY_PARTS) - 1
+    reached, frontier = {1}, [1]
+    while frontier:
+        part = frontier.pop()
+        new = {other for pair in NEIGHBOURS if part in pair for other in pair} - reached
+        reached |= new
+        frontier += new
+    assert reached == {part.id for part in BODY_PARTS}
+    swap = swap_left_right(np.arange(256, dtype=np.uint8))
+    assert {frozenset(int(swap[p]) for p in pair) for pair in NEIGHBOURS} == NEIGHBOURS
+
+
+@given(parts=part_maps)
+@law
+def test_left_right_exchange_is_its_own_inverse(parts):
+    swapped = swap_left_right(parts)
+    np.testing.assert_array_equal(swap_left_right(swapped), parts)
+    for left, right in LEFT_RIGHT:
+        assert PARTS[left].name == PARTS[right].name.replace("right", "left")
+        np.testing.assert_array_equal(swapped == left, parts == right)
+
+
+# Images
+
+
+@given(depth=depths, parts=part_maps, confidence=arrays(np.uint8, (6, 8)))
+@law
+def test_images_survive_png_to_the_bit(depth, parts, confidence):
+    np.testing.assert_array_equal(decode_depth(encode_depth(depth)), depth)
+    np.testing.assert_array_equal(decode_parts(encode_parts(parts)), parts)
+    values = confidence.astype(np.float32) / np.float32(255)
+    np.testing.assert_array_equal(decode_confidence(encode_confidence(values)), values)
+
+
+def test_any_viewer_shows_the_parts_colours(tmp_path):
+    parts = np.arange(N_CLASSES, dtype=np.uint8).reshape(2, 6)
+    (tmp_path / "parts.png").write_bytes(encode_parts(parts))
+    with Image.open(tmp_path / "parts.png") as image:
+        np.testing.assert_array_equal(np.asarray(image.convert("RGB")), palette_rgb()[parts])
+
+
+@pytest.mark.parametrize("decode", [decode_depth, decode_parts, decode_confidence])
+@given(data=st.data())
+@law
+def test_a_corrupt_image_is_an_image_or_a_format_error(decode, data):
+    encoded = bytearray(encode_depth(np.arange(48, dtype=np.uint16).reshape(6, 8)))
+    if decode is not decode_depth:
+        encoded = bytearray(encode_parts(np.zeros((6, 8), np.uint8)))
+    for _ in range(data.draw(st.integers(1, 3))):
+        encoded[data.draw(st.integers(0, len(encoded) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        image = decode(bytes(encoded[: data.draw(st.integers(0, len(encoded)))]))
+    except FormatError:
+        return
+    assert image.ndim == 2
+
+
+def test_an_impossible_size_is_refused_before_it_is_allocated():
+    data = bytearray(encode_depth(np.zeros((6, 8), np.uint16)))
+    data[16:20] = (1 << 30).to_bytes(4, "big")
+    for decode in (decode_depth, decode_parts, decode_confidence):
+        with pytest.raises(FormatError, match="1073741824x6"):
+            decode(bytes(data))
+
+
+# Labels
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"depth_mm": np.ones((6, 8), np.float32)}, "float32"),
+        ({"depth_mm": np.ones((6, 8, 1), np.uint16)}, r"\(6, 8, 1\)"),
+        ({"parts": np.zeros((6, 7), np.uint8)}, r"\(6, 8\)"),
+        ({"parts": np.zeros((6, 8), np.int64)}, "int64"),
+        ({"parts": np.full((6, 8), 12, np.uint8)}, "part id 12"),
+        ({"confidence": np.zeros((1, 1), np.float32)}, "confidence"),
+        ({"status": "guessed"}, "guessed"),
+    ],
+)
+def test_impossible_labels_are_refused(changes, says):
+    good = {"depth_mm": np.ones((6, 8), np.uint16), "parts": np.zeros((6, 8), np.uint8)}
+    with pytest.raises(FormatError, match=says):
+        FrameLabels("a", **{**good, **changes})
+
+
+# The store
+
+
+@given(
+    depth=depths,
+    parts=part_maps,
+    confidence=confidences,
+    status=st.sampled_from(["auto", "corrected", "reviewed", "truth"]),
+    subject=st.text(max_size=9),
+    noted=notes,
+)
+@law
+def test_a_frame_survives_to_the_bit(label_set, depth, parts, confidence, status, subject, noted):
+    frame = FrameLabels("000001", depth, parts, confidence, status, subject, noted)
+    label_set.write(frame)
+    assert_same(LabelSet.open(label_set.path).read("000001"), frame)
+
+
+def test_a_label_set_reopens_as_it_was(label_set):
+    reopened = LabelSet.open(label_set.path)
+    assert (reopened.intrinsics, reopened.info) == (CAMERA, {"source": "test"})
+    assert reopened.frame_ids == ["000000", "000001", "000002"]
+    assert len(reopened) == 3
+    assert "000001" in reopened
+    assert "000009" not in reopened
+    for i, frame in enumerate(reopened):
+        assert_same(frame, labels(f"{i:06}", i))
+    assert validate(reopened) == []
+
+
+def test_nothing_is_overwritten_unasked(label_set, tmp_path):
+    before = sorted(label_set.path.rglob("*"))
+    with pytest.raises(ExistsError, match="--overwrite"):
+        LabelSet.create(label_set.path, CAMERA, {})
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(ExistsError):
+        LabelSet.create(tmp_path / "file", CAMERA, {})
+    assert sorted(label_set.path.rglob("*")) == before
+
+
+UNSAFE = [
+    "",
+    ".",
+    "..",
+    "../x",
+    "a/b",
+    "/etc/passwd",
+    "a\0b",
+    "a\n",
+    "-rf",
+    ".hidden",
+    "é",
+    "x" * 101,
+    "C:\\x",
+]
+
+
+@pytest.mark.parametrize("frame_id", UNSAFE)
+def test_unsafe_ids_touch_no_file(label_set, frame_id):
+    before = sorted(label_set.path.parent.rglob("*"))
+    for action in (
+        lambda: label_set.write(labels(frame_id)),
+        lambda: label_set.read(frame_id),
+        lambda: frame_id in label_set,
+    ):
+        with pytest.raises(FormatError, match="unsafe"):
+            action()
+    assert sorted(label_set.path.parent.rglob("*")) == before
+
+
+def test_another_camera_is_refused(label_set):
+    with pytest.raises(FormatError, match=r"\(4, 4\)"):
+        label_set.write(FrameLabels("a", np.ones((4, 4), np.uint16), np.zeros((4, 4), np.uint8)))
+
+
+@pytest.mark.parametrize("fails_at", range(4))
+def test_a_write_that_fails_leaves_no_new_frame_and_no_litter(label_set, monkeypatch, fails_at):
+    written = []
+
+    def failing(path: Path, data: bytes) -> None:
+        if len(written) == fails_at:
+            raise OSError(28, "No space left on device")
+        written.append(path)
+        real(path, data)
+
+    real = annotate.store.write_bytes
+    monkeypatch.setattr(annotate.store, "write_bytes", failing)
+    new = labels("new", confidence=np.zeros((6, 8), np.float32))
+    with pytest.raises(OSError, match="No space"):
+        label_set.write(new)
+    reopened = LabelSet.open(label_set.path)
+    assert "new" not in reopened
+    assert reopened.frame_ids == ["000000", "000001", "000002"]
+    assert validate(reopened) == []
+    assert not list(label_set.path.rglob("*.partial"))
+
+
+def test_a_file_that_fails_in_the_middle_keeps_the_old_one(label_set, monkeypatch):
+    old = label_set.read("000001")
+
+    def half(self: Path, data: bytes) -> int:
+        with self.open("wb") as file:
+            file.write(data[: len(data) // 2])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", half)
+    with pytest.raises(OSError, match="No space"):
+        label_set.write(labels("000001", 99))
+    monkeypatch.undo()
+    assert_same(LabelSet.open(label_set.path).read("000001"), old)
+    assert not list(label_set.path.rglob("*.partial"))
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"[]", b"null", b"\xff\xfe", b"[" * 100_000, b'{"schema": 2}']
+)
+@pytest.mark.parametrize("name", [MANIFEST, "frames/000001.json"])
+def test_a_corrupt_json_blocks_and_is_left_alone(label_set, name, content):
+    file = label_set.path / name
+    file.write_bytes(content)
+    with pytest.raises(FormatError) as error:
+        LabelSet.open(label_set.path).read("000001")
+    assert file.name in str(error.value)
+    assert "\n" not in str(error.value)
+    assert file.read_bytes() == content
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@given(name=st.sampled_from(["schema", "parts", "intrinsics", "other"]), value=json_values)
+@law
+def test_any_entry_of_the_manifest_may_be_anything(label_set, name, value):
+    original = (label_set.path / MANIFEST).read_bytes()
+    manifest = {**json.loads(original), name: value}
+    (label_set.path / MANIFEST).write_text(json.dumps(manifest))
+    try:
+        LabelSet.open(label_set.path)
+    except CloudError as error:
+        assert "\n" not in str(error)
+    finally:
+        (label_set.path / MANIFEST).write_bytes(original)
+
+
+@given(name=st.sampled_from(["status", "subject", "notes", "frame_id", "depth_mm"]), value=json_values)
+@law
+def test_any_entry_of_a_frame_may_be_anything(label_set, name, value):
+    file = label_set.path / "frames" / "000001.json"
+    original = file.read_bytes()
+    file.write_text(json.dumps({**json.loads(original), name: value}))
+    try:
+        label_set.read("000001")
+    except CloudError:
+        pass
+    finally:
+        file.write_bytes(original)
+
+
+def test_validate_finds_every_planted_fault(label_set):
+    frames = label_set.path / "frames"
+    for i in range(3, 9):
+        label_set.write(labels(f"{i:06}", i))
+    assert validate(label_set) == []
+    (frames / "000000.depth.png").unlink()
+    (frames / "000001.parts.png").write_bytes(b"no PNG")
+    (frames / "000002.json").write_text("{")
+    (frames / "000003.parts.png").write_bytes(encode_parts(np.full((6, 8), 77, np.uint8)))
+    (frames / "000004.depth.png").write_bytes(encode_depth(np.ones((5, 8), np.uint16)))
+    (frames / "000005.depth.png").write_bytes(encode_depth(np.zeros((6, 8), np.uint16)))
+    (frames / "000005.parts.png").write_bytes(encode_parts(np.full((6, 8), 3, np.uint8)))
+    (frames / "000006.depth.png").write_bytes(encode_depth(labels().depth_mm)[:50])
+    (frames / "000007.json").write_text(json.dumps({"status": "guessed", "subject": "", "notes": {}}))
+    problems = validate(label_set)
+    assert len(problems) == 8
+    for i, problem in enumerate(problems):
+        assert f"{i:06}" in problem
+        assert "\n" not in problem
+    assert "48 pixels" in problems[5]
+
+
+def test_an_empty_set_is_a_problem_and_none_is_an_error(tmp_path):
+    assert "no frames" in validate(LabelSet.create(tmp_path / "set", CAMERA, {}))[0]
+    with pytest.raises(FormatError, match=MANIFEST):
+        LabelSet.open(tmp_path)

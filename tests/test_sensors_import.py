@@ -1,0 +1,370 @@
+"""Folders and point clouds become frames, say what they lack, and are refused in one line when broken."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from sensors.calibration import Pose, RigCalibration, save_calibration
+from sensors.camera import Intrinsics, project, unproject
+from sensors.errors import CalibrationError, CloudError, FormatError
+from sensors.importers import open_source
+from sensors.messages import thermal_from_uint16
+from sensors.pointcloud import KINECT_V2, CloudFile, fit_intrinsics, project_cloud, shift_into_view
+from sensors.replay import Session
+from sensors.session import SessionWriter
+
+law = settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+CAMERA = Intrinsics(32, 24, 30.0, 31.0, 15.5, 11.5)
+NUMBERS = {"fx": 30, "fy": 31.0, "cx": 15.5, "cy": 11.5, "width": 32, "height": 24}
+
+
+def depth_image(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 5000, (24, 32), np.uint16)
+
+
+def write_png(path: Path, image: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(bytes(cv2.imencode(".png", image)[1]))
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    path = tmp_path / "person"
+    for i in range(3):
+        write_png(path / "depth" / f"{i:03}.png", depth_image(i))
+    (path / "intrinsics.json").write_text(json.dumps(NUMBERS))
+    return path
+
+
+# Folders
+
+
+def test_a_folder_of_depth_is_a_source(folder):
+    source = open_source(folder)
+    assert (source.name, len(source), source.calibration) == ("person", 3, RigCalibration(CAMERA))
+    for i, frame in enumerate(source):
+        assert frame.index == i
+        np.testing.assert_array_equal(frame.depth_mm, depth_image(i))
+        assert frame.color_encoded is None
+        assert frame.thermal_c is None
+    assert {"no colour images", "no thermal images"} <= set(source.notes)
+
+
+def test_colour_and_thermal_belong_by_name(folder):
+    values = np.arange(48, dtype=np.uint16).reshape(6, 8) * 700
+    write_png(folder / "thermal" / "001.png", values)
+    write_png(folder / "color" / "002.png", np.zeros((4, 4, 3), np.uint8))
+    (folder / "color" / "notes.txt").write_text("not an image")
+    (folder / "intrinsics.json").unlink()
+    small, pose = Intrinsics(8, 6, 9, 9, 3.5, 2.5), Pose.identity()
+    save_calibration(
+        folder / "calibration.json",
+        RigCalibration(CAMERA, thermal=small, thermal_from_depth=pose),
+    )
+    source = open_source(folder)
+    first, second, third = source
+    assert (first.thermal_c, first.color_encoded, second.color_encoded) == (None, None, None)
+    np.testing.assert_array_equal(second.thermal_c, thermal_from_uint16(values))
+    assert third.color_encoded == (folder / "color" / "002.png").read_bytes()
+    assert "2 of 3 frames have no colour image" in source.notes
+    assert any("no calibration of the colour camera" in note for note in source.notes)
+
+
+@pytest.mark.parametrize("name", ["{:03}.depth.png", "{:03}.png"])
+def test_depth_may_lie_in_the_folder_itself(tmp_path, name):
+    for i in range(2):
+        write_png(tmp_path / name.format(i), depth_image(i))
+    (tmp_path / "intrinsics.json").write_text(json.dumps(NUMBERS))
+    assert [f.depth_mm.sum() for f in open_source(tmp_path)] == [depth_image(i).sum() for i in range(2)]
+
+
+def test_depth_steps_become_millimetres(folder):
+    (folder / "intrinsics.json").write_text(json.dumps({**NUMBERS, "depth_unit_mm": 20}))
+    frame = next(iter(open_source(folder)))
+    expected = depth_image(0).astype(int) * 20
+    np.testing.assert_array_equal(frame.depth_mm, np.where(expected > 65535, 0, expected))
+
+
+def test_missing_intrinsics_say_what_to_add(folder):
+    (folder / "intrinsics.json").unlink()
+    with pytest.raises(CalibrationError) as error:
+        open_source(folder)
+    assert str(folder / "intrinsics.json") in str(error.value)
+    assert '"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": 32, "height": 24' in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "{",
+        "[" * 100_000,
+        "[]",
+        "{}",
+        json.dumps({**NUMBERS, "fx": "30"}),
+        json.dumps({**NUMBERS, "fx": True}),
+        json.dumps({**NUMBERS, "fx": -1}),
+        json.dumps({**NUMBERS, "cx": float("nan")}),
+        json.dumps({**NUMBERS, "width": 10**9}),
+        json.dumps({**NUMBERS, "rolling": 1}),
+        json.dumps({**NUMBERS, "depth_unit_mm": 0}),
+        json.dumps({**NUMBERS, "width": 33}),
+        " " * 1_000_001,
+    ],
+)
+def test_bad_intrinsics_are_refused(folder, content):
+    (folder / "intrinsics.json").write_text(content)
+    with pytest.raises(CloudError) as error:
+        list(open_source(folder))
+    assert "\n" not in str(error.value)
+
+
+def test_bad_images_are_refused(folder):
+    def refused(image: bytes, says: str) -> None:
+        (folder / "depth" / "000.png").write_bytes(image)
+        with pytest.raises(FormatError, match=says):
+            list(open_source(folder))
+
+    good = (folder / "depth" / "000.png").read_bytes()
+    refused(b"", "no PNG")
+    refused(good[:60], "nothing readable|cut off")
+    refused(bytes(cv2.imencode(".png", depth_image().astype(np.uint8))[1]), "uint8")
+    refused(bytes(cv2.imencode(".png", np.zeros((24, 32, 3), np.uint16))[1]), r"\(24, 32, 3\)")
+    refused(good[:16] + (10**6).to_bytes(4, "big") + good[20:], "1000000x24")
+
+
+def test_names_that_match_nothing_are_refused(folder):
+    write_png(folder / "color" / "frame7.png", np.zeros((4, 4, 3), np.uint8))
+    with pytest.raises(FormatError, match="named like a depth image"):
+        open_source(folder)
+
+
+def test_what_is_no_source_is_refused(tmp_path):
+    (tmp_path / "a.txt").write_text("hello")
+    (tmp_path / "empty").mkdir()
+    for name, says in (
+        ("a.txt", "no known kind"),
+        ("b.mcap", "does not exist"),
+        ("empty", "no depth images"),
+    ):
+        with pytest.raises(FormatError, match=says):
+            open_source(tmp_path / name)
+
+
+def test_whatever_is_imported_can_be_recorded(folder, tmp_path):
+    source = open_source(folder)
+    with SessionWriter(tmp_path / "x.mcap", source.calibration, source.name) as writer:
+        for frame in source:
+            writer.write(frame)
+    session = open_source(tmp_path / "x.mcap")
+    assert isinstance(session, Session)
+    for a, b in zip(source, session, strict=True):
+        assert (a.index, a.stamp_ns) == (b.index, b.stamp_ns)
+        np.testing.assert_array_equal(a.depth_mm, b.depth_mm)
+
+
+# Point clouds
+
+
+def pcd(points: np.ndarray, width: int, height: int, **header: str) -> bytes:
+    fields = {
+        "VERSION": "0.7",
+        "FIELDS": "x y z",
+        "SIZE": "4 4 4",
+        "TYPE": "F F F",
+        "COUNT": "1 1 1",
+        "WIDTH": str(width),
+        "HEIGHT": str(height),
+        "VIEWPOINT": "0 0 0 1 0 0 0",
+        "POINTS": str(width * height),
+        "DATA": "binary",
+        **header,
+    }
+    text = "".join(f"{key} {value}\n" for key, value in fields.items())
+    return text.encode() + points.astype("<f4").tobytes()
+
+
+def organised(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Depth (24, 32) in mm and the organised cloud (24, 32, 3) that the camera sees of it."""
+    depth = np.random.default_rng(seed).integers(500, 4500, (24, 32)).astype(np.uint16)
+    depth[::5, ::3] = 0
+    metres = np.where(depth > 0, depth / 1000, np.nan).astype(np.float32)
+    return depth, unproject(CAMERA, metres)
+
+
+def test_an_organised_cloud_is_its_depth_image(tmp_path):
+    depth, points = organised()
+    path = tmp_path / "grid.pcd"
+    path.write_bytes(pcd(points, 32, 24))
+    source = open_source(path)
+    frame = next(iter(source))
+    np.testing.assert_array_equal(frame.depth_mm, depth)
+    fitted = source.calibration.depth
+    np.testing.assert_allclose(fitted.matrix, CAMERA.matrix, atol=1e-3)
+    assert any("residual" in note for note in source.notes)
+    assert {"no colour images", "no thermal images"} <= set(source.notes)
+
+
+@given(
+    fx=st.floats(20, 60),
+    fy=st.floats(20, 60),
+    cx=st.floats(5, 25),
+    cy=st.floats(5, 20),
+    seed=st.integers(0, 99),
+)
+@law
+def test_the_fit_finds_the_camera(fx, fy, cx, cy, seed):
+    camera = Intrinsics(32, 24, fx, fy, cx, cy)
+    depth = np.random.default_rng(seed).uniform(0.5, 4.5, camera.shape)
+    fitted, residual = fit_intrinsics(unproject(camera, depth).astype(np.float64))
+    np.testing.assert_allclose(fitted.matrix, camera.matrix, rtol=1e-4, atol=1e-4)
+    assert residual < 1e-3
+
+
+def test_a_grid_that_is_no_image_is_refused(tmp_path):
+    path = tmp_path / "grid.pcd"
+    path.write_bytes(pcd(np.random.default_rng(0).uniform(1, 2, (24, 32, 3)), 32, 24))
+    with pytest.raises(FormatError, match=r"no pinhole image|fits no camera"):
+        open_source(path)
+
+
+def ball(n: int = 20_000) -> np.ndarray:
+    """A ball of 0.3 m radius about (0.1, 0.2, 2) in camera axes."""
+    directions = np.random.default_rng(0).normal(size=(n, 3))
+    return 0.3 * directions / np.linalg.norm(directions, axis=1, keepdims=True) + [0.1, 0.2, 2.0]
+
+
+AXES = {
+    "camera": np.eye(3),
+    "y-up": np.diag([1.0, -1.0, -1.0]),
+    "z-up": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+}
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_a_cloud_is_the_same_in_any_axes(tmp_path, axes):
+    points = ball()
+    path = tmp_path / "ball.pcd"
+    path.write_bytes(pcd(points @ AXES[axes].T, len(points), 1))
+    depth_mm = next(iter(CloudFile(path, axes))).depth_mm  # type: ignore[arg-type]
+    v, u = np.unravel_index(np.where(depth_mm > 0, depth_mm, 9999).argmin(), depth_mm.shape)
+    expected = project(KINECT_V2, np.array([0.1, 0.2, 2.0]) * (1 - 0.3 / np.linalg.norm([0.1, 0.2, 2.0])))
+    assert depth_mm[v, u] == pytest.approx(1700, abs=4)
+    np.testing.assert_allclose([u, v], expected, atol=12)
+    if axes != "z-up":  # the others are recognised
+        np.testing.assert_array_equal(next(iter(CloudFile(path))).depth_mm, depth_mm)
+
+
+def test_a_ball_hides_its_far_side_and_has_no_holes():
+    depth = project_cloud(ball(60_000), KINECT_V2, spacing_m=0.01)
+    assert np.nanmax(depth) < 2.06
+    centre = project(KINECT_V2, np.array([0.1, 0.2, 2.0]))
+    inside = np.hypot(*(np.indices(depth.shape)[::-1] - centre[:, None, None])) < 0.95 * 365.15 * 0.3 / 2
+    assert np.isfinite(depth[inside]).all()
+    assert np.isfinite(depth).sum() < 1.15 * np.pi * (365.15 * 0.3 / 2) ** 2
+
+
+@given(points=arrays(np.float64, (30, 3), elements=st.floats(-50, 50)))
+@law
+def test_any_cloud_is_moved_into_view(points):
+    pixels = project(KINECT_V2, points + shift_into_view(points, KINECT_V2))
+    assert (pixels >= -1e-6).all()
+    assert (pixels <= np.array([KINECT_V2.width, KINECT_V2.height]) - 1 + 1e-6).all()
+
+
+def test_a_cloud_in_view_is_not_moved():
+    assert not shift_into_view(ball(), KINECT_V2).any()
+    assert shift_into_view(ball() * [9, 1, 1], KINECT_V2).any()
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary_little_endian"])
+def test_ply_is_read(tmp_path, kind):
+    points = ball(500)
+    path = tmp_path / "ball.ply"
+    head = f"ply\nformat {kind} 1.0\nelement vertex 500\n" + "".join(f"property float {a}\n" for a in "xyz")
+    text = "\n".join(" ".join(f"{x:.6f}" for x in p) for p in points) + "\n"
+    body = text.encode() if kind == "ascii" else points.astype("<f4").tobytes()
+    path.write_bytes(head.encode() + b"end_header\n" + body)
+    frame = next(iter(open_source(path)))
+    assert frame.depth_mm.shape == KINECT_V2.shape
+    assert frame.depth_mm[frame.depth_mm > 0].min() == pytest.approx(1700, abs=20)
+
+
+GRID = organised()[1]
+BROKEN = {
+    "empty": b"",
+    "no header's end": b"VERSION 0.7\nFIELDS x y z",
+    "too many points": pcd(GRID, 10**5, 10**4),
+    "more points than bytes": pcd(GRID, 33, 24),
+    "sizes contradict": pcd(GRID, 32, 24, POINTS="7"),
+    "negative": pcd(GRID, -32, -24),
+    "no points": pcd(GRID[:0], 0, 1),
+    "text as size": pcd(GRID, 32, 24, SIZE="4 4 x"),
+    "odd fields": pcd(GRID, 32, 24, FIELDS="x y"),
+    "no z": pcd(GRID, 32, 24, FIELDS="x y w"),
+    "integers": pcd(GRID, 32, 24, TYPE="I I I"),
+    "huge count": pcd(GRID, 32, 24, COUNT="1 1 999999999"),
+    "bomb": pcd(GRID, 32, 24, DATA="binary_compressed"),
+    "unknown data": pcd(GRID, 32, 24, DATA="../../etc/passwd"),
+    "all NaN": pcd(GRID * np.nan, 32, 24),
+    "long line": b"#" * 10_000,
+    "many lines": b"# x\n" * 10_000,
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_clouds_are_refused(tmp_path, name):
+    path = tmp_path / "x.pcd"
+    path.write_bytes(BROKEN[name])
+    with pytest.raises(FormatError) as error:
+        open_source(path)
+    assert "\n" not in str(error.value)
+
+
+@given(data=st.data())
+@law
+def test_a_flipped_cloud_is_an_error_or_a_frame(tmp_path, data):
+    content = bytearray(pcd(GRID, 32, 24))
+    for _ in range(data.draw(st.integers(1, 3))):
+        content[data.draw(st.integers(0, 250))] = data.draw(st.integers(0, 255))
+    path = tmp_path / "x.pcd"
+    path.write_bytes(content)
+    try:
+        frames = list(open_source(path))
+    except CloudError as error:
+        assert "\n" not in str(error)
+    else:
+        assert len(frames) == 1
+
+
+# Real recordings
+
+
+def test_the_real_organised_cloud(shared_data):
+    source = open_source(shared_data / "pcl_person" / "person.pcd")
+    camera = source.calibration.depth
+    assert camera.shape == (480, 640)
+    np.testing.assert_allclose(
+        [camera.fx, camera.fy, camera.cx, camera.cy], [525, 525, 319.5, 239.5], atol=1e-3
+    )
+    depth = next(iter(source)).depth_mm
+    assert depth[depth > 0].min() == 607
+    assert depth.max() == 3779
+
+
+@pytest.mark.parametrize("name", ["20190823_020756", "20190823_030127"])
+def test_the_real_standing_person(shared_data, name):
+    source = open_source(shared_data / "kinect2_standing" / f"{name}.pcd")
+    assert source.calibration == RigCalibration(KINECT_V2)
+    depth = next(iter(source)).depth_mm
+    v, u = np.nonzero(depth)
+    assert 0 < v.min() < v.max() < 423
+    assert 0 < u.min() < u.max() < 511
+    assert np.ptp(v) > 1.5 * np.ptp(u)  # upright
+    assert 1500 < depth[v, u].min() < depth.max() < 2700

@@ -1,0 +1,434 @@
+"""A session survives to the bit, a killed one up to its last frame; damage never goes unnoticed."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from mcap_protobuf.decoder import DecoderFactory
+from mcap_protobuf.schema import register_schema
+
+from sensors.calibration import Pose, RigCalibration
+from sensors.camera import Intrinsics
+from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
+from sensors.frame import RigFrame
+from sensors.messages import (
+    COLOR,
+    DEPTH,
+    SCHEMAS,
+    THERMAL,
+    calibration_from,
+    calibration_messages,
+    depth_message,
+    thermal_from_uint16,
+    thermal_to_uint16,
+)
+from sensors.replay import COLOR_WINDOW_NS, Session, pair_stamps
+from sensors.session import SessionWriter, repair
+
+law = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+DEPTH_CAMERA = Intrinsics(32, 24, 30.0, 31.0, 15.5, 11.5, k1=0.09, k2=-0.27, p1=1e-4, p2=-5e-4, k3=0.1)
+_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+RIG = RigCalibration(
+    depth=DEPTH_CAMERA,
+    color=Intrinsics(16, 12, 20.0, 20.0, 7.5, 5.5),
+    color_from_depth=Pose(_TURN, np.array([0.052, 0.001, -0.002])),
+    thermal=Intrinsics(8, 6, 9.0, 9.0, 3.5, 2.5),
+    thermal_from_depth=Pose(np.eye(3), np.array([-0.03, 0.06, 0.0])),
+)
+PERIOD_NS = 33_333_333
+JPEG = bytes(cv2.imencode(".jpg", np.full((12, 16, 3), 90, np.uint8))[1])
+
+
+def frames(n: int, seed: int = 0) -> list[RigFrame]:
+    rng = np.random.default_rng(seed)
+    return [
+        RigFrame(
+            index=i,
+            stamp_ns=10**18 + i * PERIOD_NS,
+            depth_mm=rng.integers(0, 65536, (24, 32), np.uint16),
+            color_encoded=JPEG + bytes(rng.integers(0, 256, 9, np.uint8)),
+            thermal_c=thermal_from_uint16(rng.integers(0, 65536, (6, 8), np.uint16)),
+        )
+        for i in range(n)
+    ]
+
+
+def record(path: Path, recorded: list[RigFrame], calibration: RigCalibration = RIG) -> Path:
+    with SessionWriter(path, calibration, "rig 7", metadata={"subject": "s01"}) as writer:
+        for frame in recorded:
+            writer.write(frame)
+        writer.event(recorded[0].stamp_ns, "flag closed")
+    return path
+
+
+def assert_same(a: RigFrame, b: RigFrame) -> None:
+    assert (a.index, a.stamp_ns, a.color_encoded) == (b.index, b.stamp_ns, b.color_encoded)
+    np.testing.assert_array_equal(a.depth_mm, b.depth_mm)
+    np.testing.assert_array_equal(a.thermal_c, b.thermal_c)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    return record(tmp_path_factory.mktemp("session") / "rig.mcap", frames(8))
+
+
+def test_a_session_survives_to_the_bit(whole):
+    session = Session(whole)
+    for original, copy in zip(frames(8), session, strict=True):
+        assert_same(original, copy)
+    assert_same(session.frame(5), frames(8)[5])
+    assert (session.name, session.metadata, len(session)) == ("rig 7", {"subject": "s01"}, 8)
+    assert session.events == ((10**18, "flag closed"),)
+    assert not session.truncated
+    assert not session.notes
+    assert {topic: stream.count for topic, stream in session.streams.items()} == {
+        DEPTH: 8,
+        COLOR: 8,
+        THERMAL: 8,
+    }
+    assert session.streams[DEPTH].rate_hz == pytest.approx(30, abs=0.001)
+    assert not list(whole.parent.glob("*.partial"))
+
+
+def test_its_calibration_survives(whole):
+    copy = Session(whole).calibration
+    assert (copy.depth, copy.color, copy.thermal) == (RIG.depth, RIG.color, RIG.thermal)
+    for name in ("color_from_depth", "thermal_from_depth"):
+        np.testing.assert_allclose(getattr(copy, name).rotation, getattr(RIG, name).rotation, atol=1e-12)
+        np.testing.assert_allclose(
+            getattr(copy, name).translation_m, getattr(RIG, name).translation_m, atol=1e-12
+        )
+
+
+def test_the_public_reader_decodes_all_of_it(whole):
+    with whole.open("rb") as file:
+        decoded = list(
+            make_reader(
+                file, validate_crcs=True, decoder_factories=[DecoderFactory()]
+            ).iter_decoded_messages()
+        )
+    names = {channel.topic: schema.name for schema, channel, _, _ in decoded}
+    assert names == {topic: schema.DESCRIPTOR.full_name for topic, schema in SCHEMAS.items()}
+    depth = [message for _, channel, _, message in decoded if channel.topic == DEPTH]
+    values = np.frombuffer(depth[3].data, "<u2").reshape(depth[3].height, depth[3].width)
+    np.testing.assert_array_equal(values, frames(8)[3].depth_mm)
+    assert (depth[3].encoding, depth[3].frame_id) == ("16UC1", "depth")
+    assert depth[3].timestamp.ToNanoseconds() == frames(8)[3].stamp_ns
+
+
+@given(values=arrays(np.uint16, (5, 7)))
+@law
+def test_the_thermal_scale_is_invertible(values):
+    np.testing.assert_array_equal(thermal_to_uint16(thermal_from_uint16(values)), values)
+
+
+def test_the_thermal_scale_saturates_and_marks_what_is_no_reading():
+    values = np.array([[np.nan, np.inf, -1e9, -99.99, 36.6, 555.35, 1e9]], np.float32)
+    np.testing.assert_array_equal(thermal_to_uint16(values), [[0, 0, 1, 1, 13660, 65535, 65535]])
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@law
+def test_the_calibration_messages_are_invertible(seed):
+    messages = {t: m.SerializeToString() for t, m in calibration_messages(RIG, seed)}
+    assert calibration_from(messages).depth == RIG.depth
+
+
+def naive_pairs(master, other, window):
+    """The definition, pair by pair."""
+    pairs = []
+    for i, stamp in enumerate(master):
+        j = min(range(len(other)), key=lambda j: (abs(other[j] - stamp), j), default=None)
+        if j is None or abs(other[j] - stamp) > window:
+            pairs.append(-1)
+            continue
+        back = min(range(len(master)), key=lambda i: (abs(master[i] - other[j]), i))
+        pairs.append(j if back == i else -1)
+    return pairs
+
+
+stamps = st.lists(st.integers(0, 60), max_size=12).map(lambda v: np.array(sorted(v), np.int64))
+
+
+@given(master=stamps, other=stamps, window=st.integers(0, 8))
+@law
+def test_pairing_is_its_definition_and_uses_nothing_twice(master, other, window):
+    pairs = pair_stamps(master, other, window)
+    assert pairs.tolist() == naive_pairs(master.tolist(), other.tolist(), window)
+    used = pairs[pairs >= 0]
+    assert len(set(used.tolist())) == len(used)
+
+
+def test_unsynchronised_streams_pair_by_device_time(tmp_path):
+    path, depth = tmp_path / "live.mcap", np.ones((24, 32), np.uint16)
+    late = PERIOD_NS // 3
+    with SessionWriter(path, RIG, "live") as writer:
+        for i in range(1, 7):
+            writer.write_depth(depth * i, i * PERIOD_NS, arrival_ns=10**15 + i * PERIOD_NS)
+            if i % 2:  # colour at half the rate, arriving after its depth image
+                writer.write_color(JPEG, i * PERIOD_NS + late, arrival_ns=10**15 + i * PERIOD_NS + 9)
+    with_color = [frame.color_encoded is not None for frame in Session(path)]
+    assert late < COLOR_WINDOW_NS
+    assert with_color == [True, False] * 3
+    assert "no thermal images" in Session(path).notes
+
+
+def test_depth_alone_is_a_session(tmp_path):
+    alone = [RigFrame(i, i * PERIOD_NS, f.depth_mm) for i, f in enumerate(frames(3))]
+    session = Session(record(tmp_path / "depth.mcap", alone, RigCalibration(DEPTH_CAMERA)))
+    assert session.notes == ("no colour images", "no thermal images")
+    assert all(f.color_encoded is None and f.thermal_c is None for f in session)
+    assert session.calibration == RigCalibration(DEPTH_CAMERA)
+
+
+def test_nothing_is_overwritten_unasked(tmp_path, whole):
+    path = record(tmp_path / "a.mcap", frames(1))
+    before = path.read_bytes()
+    with pytest.raises(ExistsError, match="--overwrite"):
+        record(path, frames(2))
+    (tmp_path / "b.mcap.partial").write_bytes(b"an unfinished recording")
+    with pytest.raises(ExistsError, match="partial"):
+        record(tmp_path / "b.mcap", frames(2))
+    with pytest.raises(ExistsError):
+        repair(whole, path)
+    assert path.read_bytes() == before
+    with SessionWriter(path, RIG, "new", overwrite=True) as writer:
+        writer.write(frames(1)[0])
+    assert Session(path).name == "new"
+
+
+@pytest.mark.parametrize("keep_partial", [True, False])
+def test_an_interrupted_session_never_gets_its_final_name(tmp_path, keep_partial):
+    path = tmp_path / "a.mcap"
+    with (
+        pytest.raises(KeyboardInterrupt),
+        SessionWriter(path, RIG, "rig", keep_partial=keep_partial) as writer,
+    ):
+        for frame in frames(3):
+            writer.write(frame)
+        raise KeyboardInterrupt
+    assert not path.exists()
+    assert writer.partial.exists() == keep_partial
+    if keep_partial:
+        session = Session(writer.partial)
+        assert session.truncated
+        assert len(list(session)) == 3
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+sys.path[:0] = [{root!r}, {tests!r}]
+from test_sensors_session import RIG, frames
+from sensors.session import SessionWriter
+writer = SessionWriter(Path({path!r}), RIG, "killed").__enter__()
+for frame in frames(20):
+    writer.write(frame)
+writer.write_color(frames(1)[0].color_encoded, 10**18 + 20 * 33_333_333)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_kill_9_loses_at_most_a_tenth_of_a_second(tmp_path):
+    path = tmp_path / "killed.mcap"
+    tests = Path(__file__).parent
+    code = KILLED.format(root=str(tests.parent), tests=str(tests), path=str(path))
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -signal.SIGKILL
+    session = Session(tmp_path / "killed.mcap.partial")
+    assert session.truncated
+    assert "truncated" in session.notes[-1]
+    assert len(session) >= 20 - 3
+    for original, copy in zip(frames(20), session, strict=False):
+        assert_same(original, copy)
+
+
+def test_repair_makes_a_truncated_session_whole(tmp_path, whole):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    left = Session(cut)
+    assert left.truncated
+    assert 0 < len(left) < 8
+    report = repair(cut, tmp_path / "mended.mcap")
+    assert report.truncated
+    mended = Session(tmp_path / "mended.mcap")
+    assert not mended.truncated
+    assert (mended.name, mended.metadata) == (left.name, left.metadata)
+    for a, b in zip(left, mended, strict=True):
+        assert_same(a, b)
+    with (tmp_path / "mended.mcap").open("rb") as file:
+        assert make_reader(file).get_summary() is not None
+
+
+def test_repair_drops_only_what_is_damaged(tmp_path, whole):
+    data = bytearray(whole.read_bytes())
+    data[len(data) // 2] ^= 0x10
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(data)
+    with pytest.raises(FormatError, match="damaged at byte"):
+        Session(broken)
+    assert repair(broken, tmp_path / "mended.mcap").dropped == 1
+    originals = {f.stamp_ns: f.depth_mm for f in frames(8)}
+    mended = list(Session(tmp_path / "mended.mcap"))
+    assert len(mended) == 7
+    for frame in mended:
+        np.testing.assert_array_equal(frame.depth_mm, originals[frame.stamp_ns])
+
+
+@given(share=st.floats(0, 1, exclude_max=True))
+@law
+def test_cut_anywhere_it_is_a_prefix_or_an_error(tmp_path, whole, share):
+    data = whole.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: int(share * len(data))])
+    try:
+        session = Session(cut)
+    except CloudError as error:
+        assert "\n" not in str(error)
+        return
+    assert session.truncated
+    for original, copy in zip(frames(8), session, strict=False):
+        np.testing.assert_array_equal(copy.depth_mm, original.depth_mm)
+
+
+@given(data=st.data())
+@law
+def test_flipped_anywhere_it_is_an_error_or_what_was_recorded(tmp_path, whole, data):
+    damaged = bytearray(whole.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        damaged[data.draw(st.integers(0, len(damaged) - 1))] ^= data.draw(st.integers(1, 255))
+    broken = tmp_path / "flipped.mcap"
+    broken.write_bytes(damaged)
+    try:
+        copies = list(Session(broken))
+    except CloudError as error:
+        assert "\n" not in str(error)
+        return
+    for original, copy in zip(frames(8), copies, strict=False):
+        np.testing.assert_array_equal(copy.depth_mm, original.depth_mm)
+
+
+@given(body=st.binary(max_size=300))
+@law
+def test_garbage_behind_the_magic_is_an_error(tmp_path, body):
+    path = tmp_path / "garbage.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + body)
+    with pytest.raises(CloudError):
+        Session(path)
+
+
+@pytest.mark.parametrize(("content", "says"), [(b"", "empty"), (b"not an MCAP file", "no MCAP")])
+def test_what_is_no_session_is_named(tmp_path, content, says):
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content)
+    for action in (lambda: Session(path), lambda: repair(path, tmp_path / "y.mcap")):
+        with pytest.raises(FormatError, match=says):
+            action()
+    assert not (tmp_path / "y.mcap").exists()
+
+
+def foreign(path: Path, messages: list, compression=CompressionType.NONE, encoding="protobuf") -> Path:
+    """An MCAP file that another program wrote: (topic, message) pairs."""
+    with path.open("wb") as file:
+        writer = Writer(file, compression=compression)
+        writer.start()
+        for i, (topic, message) in enumerate(messages):
+            schema = register_schema(writer, type(message))
+            channel = writer.register_channel(topic, encoding, schema)
+            writer.add_message(channel, i, message.SerializeToString(), i)
+        writer.finish()
+    return path
+
+
+CALIBRATION = list(calibration_messages(RigCalibration(DEPTH_CAMERA), 0))
+IMAGE = depth_message(np.ones((24, 32), np.uint16), 0)
+
+
+def altered(**fields):
+    message = type(IMAGE)()
+    message.CopyFrom(IMAGE)
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+def test_a_foreign_session_opens(tmp_path):
+    session = Session(foreign(tmp_path / "x.mcap", [(DEPTH, IMAGE), *CALIBRATION]))
+    assert (session.name, len(list(session))) == ("x", 1)
+
+
+@pytest.mark.parametrize(
+    ("messages", "kwargs", "error", "says"),
+    [
+        (CALIBRATION, {}, FormatError, "no depth images"),
+        ([(DEPTH, IMAGE)], {}, CalibrationError, "no /depth/calibration"),
+        ([*CALIBRATION, (DEPTH, IMAGE)], {"encoding": "cdr"}, FormatError, "only protobuf"),
+        ([*CALIBRATION, (COLOR, IMAGE)], {}, FormatError, "CompressedImage"),
+        (
+            [*CALIBRATION, (DEPTH, IMAGE)],
+            {"compression": CompressionType.LZ4},
+            FormatError,
+            "'lz4' is not supported",
+        ),
+        ([*CALIBRATION, (DEPTH, altered(encoding="32FC1"))], {}, FormatError, "32FC1"),
+        ([*CALIBRATION, (DEPTH, altered(width=2**31))], {}, FormatError, "bytes a row"),
+        ([*CALIBRATION, (DEPTH, altered(height=2**31, step=0))], {}, FormatError, "bytes a row"),
+        ([*CALIBRATION, (DEPTH, altered(width=24, height=32, step=48))], {}, CalibrationError, "24x32"),
+    ],
+)
+def test_foreign_files_are_refused_in_one_line(tmp_path, messages, kwargs, error, says):
+    with pytest.raises(error, match=says) as caught:
+        list(Session(foreign(tmp_path / "x.mcap", messages, **kwargs)))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_decompression_bomb_is_refused(tmp_path):
+    """A chunk whose zstd frame unpacks to more than the chunk claims."""
+    path = foreign(tmp_path / "x.mcap", [(DEPTH, IMAGE)] * 50, CompressionType.ZSTD)
+    data = bytearray(path.read_bytes())
+    at = data.index(b"\x04\x00\x00\x00zstd") - 12  # uncompressed_size, then its CRC
+    data[at : at + 8] = (100).to_bytes(8, "little")
+    path.write_bytes(data)
+    with pytest.raises(FormatError, match="chunk claims"):
+        Session(path)
+
+
+def test_the_writer_refuses_what_it_could_not_read_back(tmp_path):
+    with SessionWriter(tmp_path / "a.mcap", RIG, "rig") as writer:
+        with pytest.raises(CalibrationError, match=r"\(3, 3\)"):
+            writer.write_depth(np.ones((3, 3), np.uint16), 0)
+        with pytest.raises(FormatError, match="JPEG or PNG"):
+            writer.write_color(b"GIF89a", 0)
+        with pytest.raises(FormatError, match="time -1"):
+            writer.write_depth(np.ones((24, 32), np.uint16), -1)
+        writer.write(frames(1)[0])
+    assert len(Session(tmp_path / "a.mcap")) == 1
+
+
+def test_text_from_a_file_is_made_plain(tmp_path):
+    with SessionWriter(tmp_path / "a.mcap", RIG, "\x1b[31mred\n" + "x" * 999) as writer:
+        writer.write(frames(1)[0])
+    name = Session(tmp_path / "a.mcap").name
+    assert name.startswith("[31mred")
+    assert name.isprintable()
+    assert len(name) <= 200
+
+
+def test_a_full_disk_leaves_no_final_file(tmp_path):
+    if not Path("/dev/full").exists() or os.name != "posix":
+        pytest.skip("no /dev/full on this system")
+    path = tmp_path / "a.mcap"
+    (tmp_path / "a.mcap.partial").symlink_to("/dev/full")
+    with pytest.raises(OSError, match="space"), SessionWriter(path, RIG, "rig", overwrite=True) as writer:
+        writer.write(frames(1)[0])
+    assert not path.exists()
