@@ -71,6 +71,19 @@ class LabelSet:
             raise FormatError(f"{path / MANIFEST} has malformed intrinsics ({error}); restore it") from error
         return cls(path, intrinsics, manifest)
 
+    @classmethod
+    def resume(cls, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> Self:
+        """Go on with a label set begun with the same ``info``, or start it. Raises ExistsError otherwise."""
+        if not (path / MANIFEST).is_file():
+            return cls.create(path, intrinsics, info)
+        begun = cls.open(path)
+        if begun.info != json.loads(json.dumps(info)) or begun.intrinsics != intrinsics:
+            raise ExistsError(
+                f"{path} was made from another source or with other settings; choose another folder "
+                "or pass --overwrite"
+            )
+        return begun
+
     @property
     def frame_ids(self) -> list[str]:
         """Ids of the finished frames, sorted."""
@@ -98,6 +111,11 @@ class LabelSet:
             raise FormatError(
                 f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it"
             ) from error
+
+    def notes(self, frame_id: str) -> dict[str, Any]:
+        """A frame's notes alone, without its images."""
+        notes = _load(self._file(frame_id, "json")).get("notes", {})
+        return notes if isinstance(notes, dict) else {}
 
     def write(self, frame: FrameLabels) -> None:
         """Add or replace one frame. Raises FormatError when its size is not the set's."""

@@ -46,6 +46,10 @@ class Crops:
     def __len__(self) -> int:
         return len(self.depth)
 
+    def first(self, n: int) -> "Crops":
+        """The first ``n`` of them."""
+        return Crops(self.depth[:n], self.parts[:n])
+
 
 def load_crops(sources: list[Path]) -> Crops:
     """Read every frame of the given label sets and datasets. Raises CloudError when there is none."""

@@ -25,7 +25,7 @@ from sensors.messages import (
 )
 
 MAX_EVENTS = 100_000
-MAX_TEXT = 200
+MAX_TEXT = 1000
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ SPLAT = 0.65
 """Half-width of a projected point in point spacings: a half closes an ideal lattice; on Kinect fusion scans
 0.6 is the least that hides their far side."""
 
+MAX_COORDINATE_M = 10_000.0
+
 Axes = Literal["camera", "y-up", "z-up"]
 """Axes of a cloud: the camera's own (x right, y down, z forward); y up, z backward; or z up, y forward."""
 
@@ -176,13 +178,14 @@ def _to_mm(depth_m: NDArray[np.float64]) -> NDArray[np.uint16]:
 
 
 def _read_points(path: Path, header: CloudHeader) -> NDArray[np.float64]:
-    """All points (n, 3) as they stand in the file, non-finite ones included."""
+    """All points (n, 3) in the file's order, NaN where not finite or farther than MAX_COORDINATE_M."""
     import open3d as o3d
 
     try:
         with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
             cloud = o3d.t.io.read_point_cloud(path, remove_nan_points=False, remove_infinite_points=False)
-        points = np.array(cloud.point.positions.numpy(), np.float64)
+        with np.errstate(invalid="ignore"):  # signalling NaNs
+            points = np.array(cloud.point.positions.numpy(), np.float64)
     except (RuntimeError, KeyError, ValueError) as error:
         raise FormatError(f"{path} cannot be read; restore it from a copy") from error
     if points.shape != (header.points, 3):

@@ -162,6 +162,8 @@ def repair(path: Path, out: Path, *, overwrite: bool = False) -> Repair:
 
     Raises FormatError when ``path`` is no MCAP file, ExistsError when ``out`` exists.
     """
+    if not path.is_file():
+        raise FormatError(f"{path} does not exist; give a recorded session")
     if out.exists() and not overwrite:
         raise ExistsError(f"{out} exists already; choose another name or pass --overwrite")
     kept = dropped = 0

@@ -117,6 +117,20 @@ def test_json_has_the_keys_of_the_contract(compared: Comparison) -> None:
     assert 0 < full["undefined"]["truth"] < 0.1 and full["subjects"] == 3
 
 
+def test_the_summary_is_that_of_the_pixels(sets: tuple[LabelSet, LabelSet], compared: Comparison) -> None:
+    """Person IoU and swap rate once more, straight from the label maps."""
+    truth = np.stack([frame.parts for frame in sets[1]])
+    guess = np.stack([frame.parts for frame in sets[0]])
+    defined, seen = truth != UNDEFINED, (guess > 0) & (guess != UNDEFINED)
+    person_iou = (defined & (truth > 0) & seen).sum() / (defined & ((truth > 0) | seen)).sum()
+    limb = defined & (swap_left_right(truth) != truth)
+    swapped = limb & (guess == swap_left_right(truth))
+    summary = compared.to_json()
+    assert summary["person_iou"] == pytest.approx(person_iou, abs=1e-12)
+    assert summary["left_right_swap_rate"] == pytest.approx(swapped.sum() / limb.sum(), abs=1e-12)
+    assert summary["frames"] == len(truth) and 0 < summary["left_right_swap_rate"] < 1
+
+
 def test_absent_parts_are_null_in_json(compared: Comparison) -> None:
     matrices = compared.matrices.copy()
     matrices[:, 1, :] = matrices[:, :, 1] = 0
@@ -222,16 +236,17 @@ def test_a_crop_passes_the_edges_and_keeps_the_person() -> None:
 
 
 def test_a_nearer_point_hides_a_farther_one() -> None:
-    """A warm square before a cold wall, seen head-on: the middle is warm, the rim is cold."""
+    """A warm sheet and a cold one behind it on the same rays, in either order: only warm is seen."""
     v, u = np.mgrid[:60, :60]
-    z = np.where((abs(v - 30) < 10) & (abs(u - 30) < 10), 1.0, 1.5).astype(np.float32)
-    points = np.stack([(u - 30) / 60 * z, (v - 30) / 60 * z, z], -1).astype(np.float32)
-    warm = np.where(z < 1.2, 36, 18).astype(np.float32)
-    image = figures.render_thermal_cloud(points, warm, yaw_deg=0, pitch_deg=0).astype(int).sum(-1)
-    middle = figures.SIZE_PX // 2
-    assert image[middle, middle] > 600 > 200 > image[middle, 25]
+    rays = np.stack([(u - 30) / 60, (v - 30) / 60, np.ones((60, 60))], -1)
+    sheets = [(rays * 1.0, np.full((60, 60), 36.0)), (rays * 1.5, np.full((60, 60), 18.0))]
+    for first, second in (sheets, sheets[::-1]):
+        points = np.concatenate([first[0], second[0]]).astype(np.float32)
+        warm = np.concatenate([first[1], second[1]]).astype(np.float32)
+        image = figures.render_thermal_cloud(points, warm, yaw_deg=0, pitch_deg=0).astype(int).sum(-1)
+        assert image[80:130, 80:130].min() > 500
     hidden = np.full((8, 8, 3), np.nan, np.float32)
-    assert (figures.render_thermal_cloud(hidden, warm[:8, :8]) == figures.CANVAS).all()
+    assert (figures.render_thermal_cloud(hidden, hidden[..., 0]) == figures.CANVAS).all()
 
 
 class Page(HTMLParser):

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.decoder import DecoderFactory
@@ -19,8 +20,10 @@ from mcap_protobuf.schema import register_schema
 
 from sensors.calibration import Pose, RigCalibration
 from sensors.camera import Intrinsics
+from sensors.contents import MAX_TEXT
 from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
 from sensors.frame import RigFrame
+from sensors.mcap_records import record_offsets
 from sensors.messages import (
     COLOR,
     DEPTH,
@@ -285,6 +288,24 @@ def test_repair_drops_only_what_is_damaged(tmp_path, whole):
         np.testing.assert_array_equal(frame.depth_mm, originals[frame.stamp_ns])
 
 
+def test_a_chunk_that_hides_is_missed(tmp_path, whole):
+    """Its opcode made unknown, a chunk is skipped without any CRC; the file's own count tells."""
+    data = bytearray(whole.read_bytes())
+    with whole.open("rb") as file:
+        chunks = [offset for offset in record_offsets(file) if data[offset] == Opcode.CHUNK]
+    data[chunks[4]] = 0x7F
+    hidden = tmp_path / "hidden.mcap"
+    hidden.write_bytes(data)
+    with pytest.raises(FormatError, match="of its"):
+        Session(hidden)
+
+
+def test_frames_come_in_the_order_of_their_stamps(tmp_path):
+    shuffled = [frames(5)[i] for i in (2, 0, 4, 1, 3)]
+    for original, copy in zip(frames(5), Session(record(tmp_path / "x.mcap", shuffled)), strict=True):
+        assert_same(original, copy)
+
+
 @given(share=st.floats(0, 1, exclude_max=True))
 @law
 def test_cut_anywhere_it_is_a_prefix_or_an_error(tmp_path, whole, share):
@@ -416,12 +437,12 @@ def test_the_writer_refuses_what_it_could_not_read_back(tmp_path):
 
 
 def test_text_from_a_file_is_made_plain(tmp_path):
-    with SessionWriter(tmp_path / "a.mcap", RIG, "\x1b[31mred\n" + "x" * 999) as writer:
+    with SessionWriter(tmp_path / "a.mcap", RIG, "\x1b[31mred\n" + "x" * 9999) as writer:
         writer.write(frames(1)[0])
     name = Session(tmp_path / "a.mcap").name
     assert name.startswith("[31mred")
     assert name.isprintable()
-    assert len(name) <= 200
+    assert len(name) <= MAX_TEXT
 
 
 def test_a_full_disk_leaves_no_final_file(tmp_path):

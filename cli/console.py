@@ -1,0 +1,98 @@
+"""What a command says: progress on stderr, its result on stdout, errors in one line."""
+
+import json
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+
+from sensors.errors import ExistsError
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
+
+LINE_SECONDS = 5.0
+"""Where stderr is no terminal, progress is a plain line this often."""
+
+
+@contextmanager
+def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show how far a long run is, with its rate and the time left; yields ``advance(n)``."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _lines(what, total)
+        return
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as bar:
+        task, started, done = bar.add_task(what, total=total, rate=""), time.monotonic(), 0
+
+        def advance(n: int) -> None:
+            nonlocal done
+            done += n
+            bar.update(task, advance=n, rate=f"{done / (time.monotonic() - started + 1e-6):.1f}/s")
+
+        yield advance
+
+
+def _lines(what: str, total: int) -> Callable[[int], None]:
+    started = said = time.monotonic()
+    done = 0
+
+    def advance(n: int) -> None:
+        nonlocal said, done
+        done += n
+        now = time.monotonic()
+        if now - said >= LINE_SECONDS or done >= total:
+            said = now
+            rate = done / (now - started + 1e-6)
+            left = max(0, total - done) / rate if rate else 0
+            print(f"{what}: {done}/{total}, {rate:.1f}/s, {left:.0f} s left", file=sys.stderr, flush=True)
+
+    return advance
+
+
+def finish(result: dict[str, Any], as_json: bool, text: str) -> None:
+    """Print a command's result: its JSON object or its sentence."""
+    print(json.dumps(result, allow_nan=False) if as_json else text)
+
+
+def say(line: str) -> None:
+    """A remark beside the result, on stderr."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def finish_run(result: dict[str, Any], failed: tuple[tuple[str, str], ...], as_json: bool, text: str) -> None:
+    """Print the result of a run over frames; exits with 3 when some of them failed."""
+    if failed:
+        result["failed"] = [{"frame": frame, "why": why} for frame, why in failed]
+        for frame, why in failed:
+            say(f"frame {frame}: {why}")
+    finish(result, as_json, text)
+    if failed:
+        raise typer.Exit(3)
+
+
+def clear(out: Path, marker: str, overwrite: bool) -> None:
+    """Remove a folder that an earlier run made (it holds ``marker``), when asked to.
+
+    Raises ExistsError for a folder that no run of this command made: that is never removed.
+    """
+    if not overwrite or not out.exists():
+        return
+    if not (out / marker).is_file() and (not out.is_dir() or any(out.iterdir())):
+        raise ExistsError(f"{out} was not made by this command (it has no {marker}); remove it yourself")
+    shutil.rmtree(out)

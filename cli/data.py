@@ -1,0 +1,137 @@
+"""Verbs that make, bring in and look at recordings: simulate, import, info, validate."""
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from annotate import store
+from annotate.parts import PARTS
+from annotate.store import LabelSet
+from cli.console import Json, Overwrite, finish, progress, say
+from sensors.errors import CloudError
+from sensors.importers import open_source
+from sensors.replay import Session
+from sensors.session import SessionWriter
+from synth import dataset
+from synth.dataset import Dataset
+
+Session_ = Annotated[Path, typer.Argument(metavar="OUT.mcap", help="Session to write.")]
+Any_ = Annotated[Path, typer.Argument(help="Session, label set, dataset, folder of depth PNGs, PCD or PLY.")]
+
+
+def simulate(
+    out: Session_,
+    frames: Annotated[int, typer.Option(help="Frames to record.")] = 40,
+    subjects: Annotated[int, typer.Option(help="People, one after another.")] = 4,
+    scene: Annotated[str, typer.Option(help="Where they are: sofa.")] = "sofa",
+    difficulty: Annotated[str, typer.Option(help="clean, normal or hard.")] = "normal",
+    seed: Annotated[int, typer.Option(help="Same seed, same session.")] = 0,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Let the virtual rig record people in a colour-coded suit; the truth goes to OUT.mcap.truth/."""
+    from synth.rig import VirtualRig
+    from synth.simulate import simulate, suit_path, truth_path
+
+    rig = VirtualRig(frames, subjects, difficulty, seed, scene)
+    with progress("simulate", frames) as advance:
+        simulate(rig, out, advance, overwrite=overwrite)
+    result = {"frames": frames, "truth": str(truth_path(out)), "suit": str(suit_path(out))}
+    finish(result, json, f"{frames} frames in {out}, truth in {truth_path(out)}, suit in {suit_path(out)}")
+
+
+def import_(
+    source: Annotated[Path, typer.Argument(metavar="SRC", help="Folder of depth PNGs, PCD, PLY or session.")],
+    out: Session_,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Turn your own recording into a session."""
+    frames = open_source(source)
+    streams = Counter[str]()
+    with (
+        SessionWriter(out, frames.calibration, frames.name, overwrite=overwrite, keep_partial=False) as writer,
+        progress("import", len(frames)) as advance,
+    ):
+        for frame in frames:
+            writer.write(frame)
+            streams.update(_streams_of(frame))
+            advance(1)
+    for note in frames.notes:
+        say(note)
+    if not streams["depth"]:
+        raise CloudError(f"{source} holds no depth images; give 16-bit PNGs, a PCD or a PLY")
+    result = {"frames": streams["depth"], "streams": dict(streams), "notes": list(frames.notes)}
+    finish(result, json, f"{streams['depth']} frames with {', '.join(sorted(streams))} in {out}")
+
+
+def info(path: Any_, json: Json = False) -> None:
+    """Say what a path holds."""
+    result = _label_info(LabelSet.open(path)) if (path / store.MANIFEST).is_file() else None
+    if result is None and (path / dataset.MANIFEST).is_file():
+        shards = Dataset.open(path)
+        result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
+    if result is None:
+        result = _source_info(path)
+    finish(result, json, "\n".join(f"{key}: {value}" for key, value in result.items()))
+
+
+def validate(path: Any_, json: Json = False) -> None:
+    """Check every frame; exit 1 when something is wrong."""
+    if (path / store.MANIFEST).is_file():
+        problems = store.validate(LabelSet.open(path))
+    elif (path / dataset.MANIFEST).is_file():
+        problems = dataset.validate(Dataset.open(path))
+    else:
+        problems = _source_problems(path)
+    finish({"ok": not problems, "problems": problems}, json, "\n".join(problems) or f"{path}: all is well")
+    if problems:
+        raise typer.Exit(1)
+
+
+def _streams_of(frame: Any) -> list[str]:
+    present = {"depth": True, "color": frame.color_encoded is not None, "thermal": frame.thermal_c is not None}
+    return [name for name, there in present.items() if there]
+
+
+def _label_info(labels: LabelSet) -> dict[str, Any]:
+    statuses, pixels = Counter[str](), Counter[int]()
+    for frame in labels:
+        statuses[frame.status] += 1
+        pixels.update({part.id: int((frame.parts == part.id).sum()) for part in PARTS})
+    return {
+        "kind": "label set",
+        "frames": len(labels),
+        "statuses": dict(statuses),
+        "pixels": {part.name: pixels[part.id] for part in PARTS},
+        "source": labels.info.get("source", ""),
+        "steps": labels.info.get("steps", {}),
+    }
+
+
+def _source_info(path: Path) -> dict[str, Any]:
+    source = open_source(path)
+    result: dict[str, Any] = {"kind": type(source).__name__, "name": source.name, "frames": len(source)}
+    if isinstance(source, Session):
+        result |= {"truncated": source.truncated, "sha256": source.sha256}
+        result["streams"] = {
+            topic: {"messages": s.messages, "per_second": round(s.rate_hz, 2)} for topic, s in source.streams.items()
+        }
+    return result | {"notes": list(source.notes)}
+
+
+def _source_problems(path: Path) -> list[str]:
+    source = open_source(path)
+    problems = []
+    if isinstance(source, Session) and source.truncated:
+        problems.append(f"{path} is truncated: its last moments are lost; its {len(source)} frames can be used")
+    try:
+        for frame in source:
+            frame.decode_color()
+            if not (frame.depth_mm > 0).any():
+                problems.append(f"frame {frame.index:06d} has no depth reading at all")
+    except CloudError as error:
+        problems.append(str(error))
+    return problems
