@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 JUMP = 0.025
 """Depth difference of neighbouring pixels, as a share of the depth, above which a surface ends: 5 cm
 at 2 m, what 84 degrees of slant give at 365 pixels of focal length."""
+SMOOTH = 0.004
+"""Depth steps, as a share of the depth, that count as equally smooth: 8 mm at 2 m, the sensor's noise."""
 STEPS = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) < (0, 0)])
 """(v, u) to the neighbours that come earlier in the image; the others are their opposites."""
 NO_PIXEL = 255
@@ -35,10 +37,11 @@ def components(
 def flood(
     marks: NDArray[np.uint8], depth_m: NDArray[np.float32], reach_px: float, jump: float = JUMP
 ) -> NDArray[np.uint8]:
-    """Give every undecided pixel the mark that reaches it over the smallest depth steps.
+    """Give every undecided pixel the mark that reaches it over the smoothest surface, then the nearest one.
 
-    A minimum spanning forest on the relative steps (the watershed cut, Cousty et al. 2009); it stops at
-    depth jumps and after ``reach_px`` steps, so that no mark leaks far into the unknown.
+    A minimum spanning forest on the depth steps in units of SMOOTH (the watershed cut of Cousty et al.
+    2009), ties going to the shorter path. It stops at depth jumps and after ``reach_px`` steps, so that
+    no mark leaks far into the unknown.
     marks: uint8 (h, w), 0 = undecided, NO_PIXEL = none. depth_m: float32 (h, w), positive where it counts.
     Returns the marks (h, w); what none reaches stays 0.
     """
@@ -90,33 +93,35 @@ def _flood(
 ) -> NDArray[np.uint8]:
     width = marks.shape[1]
     marks = marks.copy()
-    path = np.zeros(marks.size, np.int32)
-    least = np.full(marks.size, jump, np.float32)
-    queue = [(np.float32(0), 0, 0) for _ in range(0)]
+    path = np.zeros(marks.size, np.int64)
+    least = np.full(marks.size, np.int64(1) << 62)
+    queue = [(0, 0, 0) for _ in range(0)]
     for start in range(marks.size):
         if 0 < marks[start // width, start % width] < NO_PIXEL:
-            _queue_neighbours(queue, marks, depth, least, start)
+            _queue_neighbours(queue, marks, depth, path, least, jump, start)
     while queue:
         _, source, target = heapq.heappop(queue)
         if marks[target // width, target % width] == 0:
             marks[target // width, target % width] = marks[source // width, source % width]
             path[target] = path[source] + 1
             if path[target] < reach_px:
-                _queue_neighbours(queue, marks, depth, least, target)
+                _queue_neighbours(queue, marks, depth, path, least, jump, target)
     return marks
 
 
 @njit(cache=True, nogil=True)
 def _queue_neighbours(
-    queue: list[tuple[np.float32, int, int]],
+    queue: list[tuple[int, int, int]],
     marks: NDArray[np.uint8],
     depth: NDArray[np.float32],
-    least: NDArray[np.float32],
+    path: NDArray[np.int64],
+    least: NDArray[np.int64],
+    jump: np.float32,
     source: int,
 ) -> None:
-    """Queue a pixel's undecided neighbours by the relative depth step to them.
+    """Queue a pixel's undecided neighbours by the depth step to them, then by the path.
 
-    least: the smallest step queued for every pixel so far; a larger one would never be used.
+    least: the best rank queued for every pixel so far; a worse one would never be used.
     """
     height, width = marks.shape
     v, u = source // width, source % width
@@ -126,6 +131,7 @@ def _queue_neighbours(
         if 0 <= r < height and 0 <= c < width and marks[r, c] == 0:
             target = r * width + c
             step = abs(depth[r, c] - depth[v, u]) / min(depth[r, c], depth[v, u])
-            if step < least[target]:
-                least[target] = step
-                heapq.heappush(queue, (step, source, target))
+            rank = (np.int64(step / SMOOTH) << 32) + path[source]
+            if step <= jump and rank < least[target]:
+                least[target] = rank
+                heapq.heappush(queue, (rank, source, target))

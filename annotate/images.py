@@ -1,7 +1,6 @@
 """Depth, part and confidence images as PNG bytes, bounded and checked on the way in."""
 
 import io
-from typing import Any
 
 import cv2
 import numpy as np
@@ -9,8 +8,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from annotate.parts import palette_rgb
-from sensors.camera import MAX_IMAGE_SIDE
 from sensors.errors import FormatError
+from sensors.png import decode_grey, png_shape
 
 PNG_LEVEL = 1
 """zlib level: level 1 is 2.2 to 1 on Kinect depth at a fraction of the default's time."""
@@ -23,7 +22,7 @@ def encode_depth(depth_mm: NDArray[np.uint16]) -> bytes:
 
 def decode_depth(data: bytes) -> NDArray[np.uint16]:
     """16-bit greyscale PNG -> uint16 (h, w) millimetres. Raises FormatError."""
-    return _decode_grey(data, np.uint16, "depth")
+    return decode_grey(data, np.uint16, "depth")
 
 
 def encode_confidence(confidence: NDArray[np.float32]) -> bytes:
@@ -33,7 +32,7 @@ def encode_confidence(confidence: NDArray[np.float32]) -> bytes:
 
 def decode_confidence(data: bytes) -> NDArray[np.float32]:
     """Inverse of ``encode_confidence``. Raises FormatError."""
-    return _decode_grey(data, np.uint8, "confidence").astype(np.float32) / np.float32(255)
+    return decode_grey(data, np.uint8, "confidence").astype(np.float32) / np.float32(255)
 
 
 def encode_parts(parts: NDArray[np.uint8]) -> bytes:
@@ -57,29 +56,8 @@ def decode_parts(data: bytes) -> NDArray[np.uint8]:
         raise FormatError(f"parts PNG cannot be decoded ({error}); restore it from a copy") from error
 
 
-def png_shape(data: bytes, name: str) -> tuple[int, int]:
-    """(height, width) from a PNG's header, before anything is allocated. Raises FormatError."""
-    if len(data) < 33 or data[:8] != b"\x89PNG\r\n\x1a\n":
-        raise FormatError(f"{name} image is no PNG or is cut off; restore it from a copy")
-    width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
-    if not (0 < width <= MAX_IMAGE_SIDE and 0 < height <= MAX_IMAGE_SIDE):
-        raise FormatError(
-            f"{name} PNG claims {width}x{height} pixels; at most {MAX_IMAGE_SIDE} a side are read"
-        )
-    return height, width
-
-
 def _encode_png(image: NDArray[np.generic]) -> bytes:
     ok, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])
     if not ok:
         raise FormatError(f"image {image.dtype} {image.shape} cannot be encoded as PNG; give uint8 or uint16")
     return bytes(data)
-
-
-def _decode_grey(data: bytes, dtype: type[Any], name: str) -> NDArray[Any]:
-    png_shape(data, name)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None or image.ndim != 2 or image.dtype != dtype:
-        found = "nothing readable" if image is None else f"{image.dtype} {image.shape}"
-        raise FormatError(f"{name} PNG holds {found}; give one channel of {dtype.__name__}")
-    return np.asarray(image, dtype)

@@ -22,8 +22,11 @@ WINDOW_C = (25.0, 35.0)
 """Surface temperatures of a dressed person in a room (Nishi & Miura 2017, section 4.2.1)."""
 HOT_MARGIN_C = 2.0
 """A radiometric camera is off by up to 2 degrees (Optris PI200): that far above the window is unsure."""
-COLD_SHARE = 0.2
-"""From the background's temperature this share of the way to the person's, a point may be cold cloth."""
+COLD_SHARE, HALFWAY = 0.25, 0.5
+"""Shares of the way from the background's temperature to the person's: below the first a point is no
+person, above the second (and inside the window) it is, between them its surface decides."""
+LEAST_CONTRAST_C = 0.1
+"""The camera's own noise (Optris PI200, 0.08 degrees): less than that parts nothing."""
 
 SURROUNDINGS_M = 0.9
 """How far around the warm piece the person may reach: a sleeve, a leg behind an arm rest."""
@@ -117,14 +120,12 @@ def _marks(
     size = 2 * round(LOCAL_M * pixels_per_m) + 1
     person = _local_mean(temperature, warm, size)
     cold = np.isfinite(temperature) & ~warm & (temperature < hottest_c)
-    background = _local_mean(temperature, cold, size)
-    # Once more without what may be cold cloth, which has raised the mean.
-    share = (temperature - background) / np.maximum(person - background, 0.1)
-    cold &= share < COLD_SHARE
-    background = _local_mean(temperature, cold, size)
-    share = (temperature - background) / np.maximum(person - background, 0.1)
+    for _ in range(2):  # the second time without cold cloth, which has raised the mean
+        background = _local_mean(temperature, cold, size)
+        share = (temperature - background) / np.maximum(person - background, LEAST_CONTRAST_C)
+        cold &= share < COLD_SHARE
     marks = np.zeros(temperature.shape, np.uint8)
-    marks[warm & (share >= 0.5)] = PERSON
+    marks[warm & (share >= HALFWAY)] = PERSON
     marks[~warm & (share < COLD_SHARE)] = OTHER
     marks[temperature > hottest_c + HOT_MARGIN_C] = OTHER
     return marks

@@ -2,10 +2,13 @@
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from annotate.images import (
     decode_confidence,
@@ -14,7 +17,6 @@ from annotate.images import (
     encode_confidence,
     encode_depth,
     encode_parts,
-    png_shape,
 )
 from annotate.labels import FrameLabels
 from annotate.parts import PARTS
@@ -26,6 +28,9 @@ SCHEMA = 1
 MANIFEST = "labelset.json"
 MAX_JSON_BYTES = 16_000_000
 _FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+
+
+T = TypeVar("T", bound=np.generic)
 
 
 class LabelSet:
@@ -101,10 +106,10 @@ class LabelSet:
     def read(self, frame_id: str) -> FrameLabels:
         """Read one frame. Raises FormatError naming the file that is missing or corrupt."""
         fields = _load(self._file(frame_id, "json"))
-        depth = decode_depth(self._bytes(frame_id, "depth.png"))
-        parts = decode_parts(self._bytes(frame_id, "parts.png"))
+        depth = self._image(frame_id, "depth.png", decode_depth)
+        parts = self._image(frame_id, "parts.png", decode_parts)
         has_confidence = self._file(frame_id, "confidence.png").is_file()
-        confidence = decode_confidence(self._bytes(frame_id, "confidence.png")) if has_confidence else None
+        confidence = self._image(frame_id, "confidence.png", decode_confidence) if has_confidence else None
         try:
             return FrameLabels(frame_id, depth, parts, confidence, **fields)
         except TypeError as error:
@@ -128,6 +133,8 @@ class LabelSet:
         self._put(frame.frame_id, "parts.png", encode_parts(frame.parts))
         if frame.confidence is not None:
             self._put(frame.frame_id, "confidence.png", encode_confidence(frame.confidence))
+        else:
+            self._file(frame.frame_id, "confidence.png").unlink(missing_ok=True)
         fields = {"status": frame.status, "subject": frame.subject, "notes": frame.notes}
         self._put(frame.frame_id, "json", _dump(fields))
 
@@ -139,21 +146,19 @@ class LabelSet:
     def _put(self, frame_id: str, suffix: str, data: bytes) -> None:
         write_bytes(self._file(frame_id, suffix), data)
 
-    def _bytes(self, frame_id: str, suffix: str) -> bytes:
+    def _image(self, frame_id: str, suffix: str, decode: Callable[[bytes], NDArray[T]]) -> NDArray[T]:
         file = self._file(frame_id, suffix)
         try:
-            data = file.read_bytes()
+            image = decode(file.read_bytes())
         except OSError as error:
             raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error
-        try:
-            shape = png_shape(data, suffix)
         except FormatError as error:
             raise FormatError(f"{file}: {error}") from error
-        if shape != self.intrinsics.shape:
+        if image.shape != self.intrinsics.shape:
             raise FormatError(
-                f"{file} is {shape}, the label set {self.intrinsics.shape}; restore it from a copy"
+                f"{file} is {image.shape}, the label set {self.intrinsics.shape}; restore it from a copy"
             )
-        return data
+        return image
 
 
 def validate(labels: LabelSet) -> list[str]:

@@ -103,7 +103,7 @@ def calibration_from_json(fields: Any) -> RigCalibration:
     for name, entry in fields.items():
         try:
             values[name] = _pose(entry) if name.endswith("_from_depth") else _intrinsics(entry)
-        except (TypeError, ValueError, KeyError) as error:
+        except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
             raise CalibrationError(
                 f"calibration entry {name!r} is malformed ({error}); correct it"
             ) from error
@@ -116,7 +116,7 @@ def load_calibration(path: Path) -> RigCalibration:
         if path.stat().st_size > MAX_CALIBRATION_BYTES:
             raise CalibrationError(f"calibration {path} is larger than 1 MB; give a rig calibration file")
         return calibration_from_json(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise CalibrationError(f"calibration {path} cannot be read ({error}); give a JSON file") from error
 
 

@@ -1,11 +1,14 @@
 """One synchronised moment of the rig: depth, colour and temperature as the cameras gave them."""
 
+import io
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
+from sensors.camera import MAX_IMAGE_SIDE
 from sensors.errors import FormatError
 
 MAX_DEPTH_MM = 65535
@@ -39,12 +42,20 @@ class RigFrame:
         """
         if self.color_encoded is None:
             return None
+        try:
+            with Image.open(io.BytesIO(self.color_encoded), formats=("JPEG", "PNG")) as header:
+                size = header.size
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            raise self._broken_color(str(error)) from error
+        if max(size) > MAX_IMAGE_SIDE:
+            raise self._broken_color(f"it claims {size[0]}x{size[1]} pixels")
         image = cv2.imdecode(np.frombuffer(self.color_encoded, np.uint8), cv2.IMREAD_COLOR)
         if image is None:
-            raise FormatError(
-                f"colour image of frame {self.index} cannot be decoded; record it again or drop it"
-            )
+            raise self._broken_color("it is cut off or corrupt")
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+    def _broken_color(self, why: str) -> FormatError:
+        return FormatError(f"colour image of frame {self.index} cannot be decoded ({why}); drop it or record again")
 
 
 def _check(name: str, image: NDArray[np.generic], dtype: type[np.generic]) -> None:

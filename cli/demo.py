@@ -1,0 +1,90 @@
+"""The whole path as one readable recipe: simulate, label, correct, predict, evaluate, report."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from annotate.effort import correct
+from annotate.fuse import Fuser
+from annotate.label import label_source
+from annotate.store import LabelSet
+from cli.console import Json, Overwrite, clear, finish, progress
+from eval.compare import Comparison, compare_sets
+from eval.predict import Network, predict_source
+from eval.report.build import write_report
+from eval.report.gallery import make_gallery
+from eval.results import Result, save_result
+from sensors.atomic import write_bytes
+from sensors.replay import Session
+from synth.rig import VirtualRig
+from synth.simulate import simulate, truth_path
+
+MARKER = ".annotate-cloud-demo"
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")],
+    frames: Annotated[int, typer.Option(min=1)] = 12,
+    seed: Annotated[int, typer.Option()] = 1,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Run the whole path on the virtual rig and end with a report."""
+    started = time.monotonic()
+    clear(out, MARKER, overwrite)
+    out.mkdir(parents=True, exist_ok=False)
+    write_bytes(out / MARKER, b"")
+
+    rig = VirtualRig(frames, min(4, frames), "normal", seed)
+    session_path = out / "session.mcap"
+    with progress("simulate", frames) as advance:
+        simulate(rig, session_path, advance)
+    session, truth = Session(session_path), LabelSet.open(truth_path(session_path))
+    with progress("label", frames) as advance:
+        automatic = label_source(session, rig.suit, out / "automatic", advance).labels
+    corrected, seconds = _correct_all(automatic, truth, out / "corrected")
+    with progress("predict", frames) as advance:
+        predicted = predict_source(session, Network(), out / "network", advance).labels
+
+    sets = {"Automatic": automatic, "Corrected": corrected, "Network": predicted}
+    compared = {name: compare_sets(labels, truth) for name, labels in sets.items()}
+    facts = {"command": f"annotate-cloud demo --frames {frames} --seed {seed}", "session": session.sha256}
+    results = [Result(name, comparison, facts) for name, comparison in compared.items()]
+    for result in results:
+        save_result(out / f"{result.title.lower()}.json", result)
+    fuser = Fuser(session.calibration)
+    galleries = {
+        name: make_gallery(compared[name], labels, truth, lambda i: fuser.fuse_frame(session.frame(int(i))))
+        for name, labels in sets.items()
+        if name != "Corrected"
+    }
+    write_report(out / "report.html", results, galleries, facts, seconds)
+    summary = {name: _summary(comparison) for name, comparison in compared.items()}
+    answer = {
+        "frames": frames,
+        "auto": summary["Automatic"],
+        "corrected": summary["Corrected"],
+        "fcn": summary["Network"],
+        "person_iou": float(compared["Automatic"].scores["person_iou"]),
+        "effort_seconds_median": float(np.median(seconds)),
+        "report": str(out / "report.html"),
+        "seconds": round(time.monotonic() - started, 1),
+    }
+    finish(answer, json, f"report: {out / 'report.html'}")
+
+
+def _correct_all(automatic: LabelSet, truth: LabelSet, out: Path) -> tuple[LabelSet, list[float]]:
+    corrected = LabelSet.create(out, automatic.intrinsics, {"source": automatic.info["source"], "steps": {"correct": "simulated"}})  # fmt: skip
+    seconds = []
+    for frame in automatic:
+        done = correct(frame, truth.read(frame.frame_id))
+        corrected.write(done.frame)
+        seconds.append(done.seconds)
+    return corrected, seconds
+
+
+def _summary(comparison: Comparison) -> dict[str, float]:
+    return {name: float(comparison.scores[name]) for name in ("mean_recall", "miou")}
