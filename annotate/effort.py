@@ -14,7 +14,7 @@ from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND, UNDEFINED
 
 KEY_S, POINT_S, BUTTON_S, MENTAL_S = 0.2, 1.1, 0.1, 1.35
-"""Keystroke-level model (Card, Moran & Newell 1983): press a key, point, press or release a button, prepare."""
+"""Keystroke-level model (Card, Moran & Newell 1983): key, pointing, button down or up, preparation."""
 LOOK_S = MENTAL_S + KEY_S
 """Looking at a frame and accepting it with one key."""
 STROKE_S = MENTAL_S + KEY_S + POINT_S + BUTTON_S + POINT_S + BUTTON_S
@@ -25,7 +25,7 @@ AGREEMENT = 0.99
 
 @dataclass(frozen=True)
 class Corrected:
-    """A frame put right. strokes: how many lassos; seconds: of a person's work; agreement: share right now."""
+    """A frame put right. strokes: lassos drawn; seconds: of a person's work; agreement: share right now."""
 
     frame: FrameLabels
     strokes: int
@@ -56,9 +56,9 @@ def correct(automatic: FrameLabels, truth: FrameLabels, goal: float = AGREEMENT)
 def _patches(
     parts: NDArray[np.uint8], truth: NDArray[np.uint8], counted: NDArray[np.bool_]
 ) -> list[tuple[NDArray[np.intp], ...]]:
-    """Connected patches that should all become one part, the largest first; indices as ``np.nonzero`` gives."""
+    """Connected patches that should become one part, the largest first; indices as ``np.nonzero`` gives."""
     wrong = np.where(counted & (parts != truth), truth.astype(np.int32) + 1, 0)
-    patches = connected(wrong, background=0, connectivity=2)
+    patches: NDArray[np.intp] = connected(wrong, background=0, connectivity=2)
     order = np.argsort(patches.ravel(), kind="stable")
     sizes = np.bincount(patches.ravel())
     pieces = np.split(order, np.cumsum(sizes)[:-1])[1:]

@@ -33,7 +33,8 @@ class FrameLabels:
     def __post_init__(self) -> None:
         if self.depth_mm.ndim != 2 or self.depth_mm.dtype != np.uint16:
             raise FormatError(
-                f"frame {self.frame_id}: depth is {self.depth_mm.dtype} {self.depth_mm.shape}; give uint16 (h, w)"
+                f"frame {self.frame_id}: depth is {self.depth_mm.dtype} {self.depth_mm.shape}; "
+                "give uint16 (h, w)"
             )
         if self.parts.shape != self.depth_mm.shape or self.parts.dtype != np.uint8:
             raise FormatError(
@@ -47,7 +48,8 @@ class FrameLabels:
         unknown = self.parts[(self.parts >= N_CLASSES) & (self.parts != UNDEFINED)]
         if unknown.size:
             raise FormatError(
-                f"frame {self.frame_id}: part id {int(unknown[0])} is unknown; use 0 to 11, or 255 for undefined"
+                f"frame {self.frame_id}: part id {int(unknown[0])} is unknown; "
+                "use 0 to 11, or 255 for undefined"
             )
         if self.status not in get_args(Status):
             raise FormatError(

@@ -47,8 +47,8 @@ class Suit:
         i, j = np.unravel_index(int(gaps.argmin()), gaps.shape)
         if gaps[i, j] < MIN_CHROMA_DISTANCE:
             raise CloudError(
-                f"suit {self.name!r}: {PARTS[self.parts[i]].name} and {PARTS[self.parts[j]].name} have the same "
-                "colour but for brightness; shade would mix them up, give one of them another hue"
+                f"suit {self.name!r}: {PARTS[self.parts[i]].name} and {PARTS[self.parts[j]].name} "
+                "have the same colour but for brightness; shade would mix them up, give one another hue"
             )
 
 
@@ -73,17 +73,20 @@ def load_suit(path: Path) -> Suit:
     colors = fields.get("colors")
     if not isinstance(colors, dict):
         raise CloudError(f"suit {path} has no [colors] table; list the eleven parts there")
-    swatches = [(part, color) for part, value in colors.items() for color in _as_list(value)]
-    for part, color in swatches:
-        if part not in PART_ID or part == "background":
-            raise CloudError(f"suit {path}: {part!r} is no part; use {', '.join(p.name for p in BODY_PARTS)}")
-        if not isinstance(color, str) or not _HEX.fullmatch(color):
-            raise CloudError(f"suit {path}: {part} has colour {color!r}; give '#rrggbb'")
+    swatches = [_swatch(path, part, color) for part, value in colors.items() for color in _as_list(value)]
     return Suit(
         str(fields.get("name", path.stem)),
-        np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for _, c in swatches], np.uint8).reshape(-1, 3),
-        np.array([PART_ID[p] for p, _ in swatches], np.uint8),
+        np.array([rgb for _, rgb in swatches], np.uint8).reshape(-1, 3),
+        np.array([part for part, _ in swatches], np.uint8),
     )
+
+
+def _swatch(path: Path, part: str, color: object) -> tuple[int, tuple[int, ...]]:
+    if part not in PART_ID or part == "background":
+        raise CloudError(f"suit {path}: {part!r} is no part; use {', '.join(p.name for p in BODY_PARTS)}")
+    if not isinstance(color, str) or not _HEX.fullmatch(color):
+        raise CloudError(f"suit {path}: {part} has colour {color!r}; give '#rrggbb'")
+    return PART_ID[part], tuple(int(color[i : i + 2], 16) for i in (1, 3, 5))
 
 
 def suit_to_toml(suit: Suit) -> str:

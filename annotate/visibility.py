@@ -53,9 +53,9 @@ class View:
 
     camera: its intrinsics. rays: float32 (3, h, w), the depth camera's rays (z = 1) turned into its
     frame. translation_m: float32 (3,), from the depth camera. half_window: (rows, columns) of the
-    z-buffer's window to each side. tolerance: the
-    share of its depth by which a seen point may lie behind another. slope_reach: depth pixels over which a slanted surface may recede
-    within that window without counting as occluded (the slope-scaled bias of shadow mapping).
+    z-buffer's window to each side. tolerance: share of its depth by which a seen point may lie behind
+    another. slope_reach: depth pixels over which a slanted surface may recede within the window without
+    counting as occluded (the slope-scaled bias of shadow mapping).
     """
 
     camera: Intrinsics

@@ -11,6 +11,7 @@ from annotate.parts import PARTS
 from annotate.store import LabelSet
 from cli.console import Json, Overwrite, finish, progress, say
 from sensors.errors import CloudError
+from sensors.frame import RigFrame
 from sensors.importers import open_source
 from sensors.replay import Session
 from sensors.session import SessionWriter
@@ -52,7 +53,9 @@ def import_(
     frames = open_source(source)
     streams = Counter[str]()
     with (
-        SessionWriter(out, frames.calibration, frames.name, overwrite=overwrite, keep_partial=False) as writer,
+        SessionWriter(
+            out, frames.calibration, frames.name, overwrite=overwrite, keep_partial=False
+        ) as writer,
         progress("import", len(frames)) as advance,
     ):
         for frame in frames:
@@ -91,8 +94,12 @@ def validate(path: Any_, json: Json = False) -> None:
         raise typer.Exit(1)
 
 
-def _streams_of(frame: Any) -> list[str]:
-    present = {"depth": True, "color": frame.color_encoded is not None, "thermal": frame.thermal_c is not None}
+def _streams_of(frame: RigFrame) -> list[str]:
+    present = {
+        "depth": True,
+        "color": frame.color_encoded is not None,
+        "thermal": frame.thermal_c is not None,
+    }
     return [name for name, there in present.items() if there]
 
 
@@ -117,7 +124,8 @@ def _source_info(path: Path) -> dict[str, Any]:
     if isinstance(source, Session):
         result |= {"truncated": source.truncated, "sha256": source.sha256}
         result["streams"] = {
-            topic: {"messages": s.messages, "per_second": round(s.rate_hz, 2)} for topic, s in source.streams.items()
+            topic: {"messages": s.count, "per_second": round(s.rate_hz, 2)}
+            for topic, s in source.streams.items()
         }
     return result | {"notes": list(source.notes)}
 
@@ -126,7 +134,9 @@ def _source_problems(path: Path) -> list[str]:
     source = open_source(path)
     problems = []
     if isinstance(source, Session) and source.truncated:
-        problems.append(f"{path} is truncated: its last moments are lost; its {len(source)} frames can be used")
+        problems.append(
+            f"{path} is truncated: its last moments are lost; its {len(source)} frames can be used"
+        )
     try:
         for frame in source:
             frame.decode_color()

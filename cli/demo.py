@@ -77,7 +77,8 @@ def demo(
 
 
 def _correct_all(automatic: LabelSet, truth: LabelSet, out: Path) -> tuple[LabelSet, list[float]]:
-    corrected = LabelSet.create(out, automatic.intrinsics, {"source": automatic.info["source"], "steps": {"correct": "simulated"}})  # fmt: skip
+    info = {"source": automatic.info["source"], "steps": {"correct": "simulated"}}
+    corrected = LabelSet.create(out, automatic.intrinsics, info)
     seconds = []
     for frame in automatic:
         done = correct(frame, truth.read(frame.frame_id))

@@ -1,4 +1,4 @@
-"""The ``annotate-cloud`` command: mounts every package's verbs; the one place that prints errors and exits."""
+"""The ``annotate-cloud`` command: mounts all verbs; the one place that prints errors and exits."""
 
 import errno
 import os

@@ -22,8 +22,12 @@ from sensors.importers import open_source
 
 def train(
     data: Annotated[list[Path], typer.Argument(help="Datasets and label sets.")],
-    out: Annotated[Path, typer.Option(help="Folder for checkpoints and weights; a broken run goes on there.")],
-    held_out: Annotated[Path | None, typer.Option(help="Dataset or label set to measure on each epoch.")] = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder for checkpoints and weights; a broken run goes on there.")
+    ],
+    held_out: Annotated[
+        Path | None, typer.Option(help="Dataset or label set to measure on each epoch.")
+    ] = None,
     epochs: Annotated[int, typer.Option(min=1, max=10_000)] = 6,
     batch: Annotated[int, typer.Option(min=1, max=1024)] = 16,
     seed: Annotated[int, typer.Option()] = 0,
@@ -32,7 +36,7 @@ def train(
 ) -> None:
     """Train the compact network; writes weights.onnx. Needs the extra 'train'."""
     try:
-        from eval.train import Schedule, export_onnx
+        from eval.train import Epoch, Schedule, export_onnx
         from eval.train import train as run
     except ImportError as error:
         raise CloudError(f"training needs torch ({error.name} is missing): pip install '.[train]'") from error
@@ -43,13 +47,14 @@ def train(
     crops = load_crops(data)
     measured = load_crops([held_out]) if held_out else crops.first(512)
     with progress("train, epochs", epochs) as advance:
-        model, history = run(
-            crops,
-            measured,
-            out,
-            Schedule(epochs=epochs, batch=batch, seed=seed),
-            lambda epoch: (advance(1), say(f"epoch {epoch.number + 1}: loss {epoch.loss:.4f}, mean recall {epoch.mean_recall:.4f}, mIoU {epoch.miou:.4f}"))[0],  # fmt: skip
-        )
+
+        def told(epoch: Epoch) -> None:
+            advance(1)
+            scores = f"loss {epoch.loss:.4f}, mean recall {epoch.mean_recall:.4f}, mIoU {epoch.miou:.4f}"
+            say(f"epoch {epoch.number + 1}: {scores}")
+
+        schedule = Schedule(epochs=epochs, batch=batch, seed=seed)
+        model, history = run(crops, measured, out, schedule, told)
     export_onnx(model, out / "weights.onnx")
     seconds = time.monotonic() - started
     result = {
@@ -59,7 +64,9 @@ def train(
         "weights": str(out / "weights.onnx"),
         "history": [asdict(e) for e in history],
     }
-    finish(result, json, f"{len(history)} epochs, loss {history[-1].loss:.4f}, weights in {out / 'weights.onnx'}")
+    finish(
+        result, json, f"{len(history)} epochs, loss {history[-1].loss:.4f}, weights in {out / 'weights.onnx'}"
+    )
 
 
 def predict(
@@ -67,7 +74,9 @@ def predict(
         Path, typer.Argument(metavar="SRC", help="Session, folder of depth PNGs, PCD, PLY or label set.")
     ],
     out: Labels,
-    weights: Annotated[Path, typer.Option(help="Network (.onnx).", show_default="the shipped one")] = SHIPPED_WEIGHTS,
+    weights: Annotated[
+        Path, typer.Option(help="Network (.onnx).", show_default="the shipped one")
+    ] = SHIPPED_WEIGHTS,
     window: Window = WINDOW_C,
     overwrite: Overwrite = False,
     json: Json = False,

@@ -80,4 +80,6 @@ def generate_(
         dataset = generate(order, out, pool, advance)
     rate = order.count / (time.monotonic() - started)
     result = {"images": order.count, "images_per_second": round(rate, 1), "shards": len(dataset.shards)}
-    finish(result, json, f"{order.count} images in {len(dataset.shards)} shards in {out}, {rate:.0f} a second")
+    finish(
+        result, json, f"{order.count} images in {len(dataset.shards)} shards in {out}, {rate:.0f} a second"
+    )

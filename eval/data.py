@@ -67,7 +67,7 @@ def load_crops(sources: list[Path]) -> Crops:
 def batches(
     crops: Crops, size: int, rng: np.random.Generator, augmented: bool = True
 ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.uint8]]]:
-    """One epoch in random order: (B, 1, 212, 212) float32 and (B, 212, 212) uint8; short rests are dropped."""
+    """One epoch in random order: (B, 1, 212, 212) float32, (B, 212, 212) uint8; a short rest is dropped."""
     order = rng.permutation(len(crops))
     for start in range(0, len(order) - size + 1, size) if len(order) >= size else [0]:
         index = order[start : start + size]
@@ -107,7 +107,9 @@ def _zoom(
     u = np.rint((np.arange(size) - size / 2) * scale + size / 2 + du).astype(int)
     inside = ((v >= 0) & (v < size))[:, None] & ((u >= 0) & (u < size))
     grid = np.ix_(np.clip(v, 0, size - 1), np.clip(u, 0, size - 1))
-    return np.where(inside, depth[grid], 0).astype(np.float32), np.where(inside, parts[grid], 0).astype(np.uint8)
+    return np.where(inside, depth[grid], 0).astype(np.float32), np.where(inside, parts[grid], 0).astype(
+        np.uint8
+    )
 
 
 def _blobs(shape: tuple[int, ...], person: NDArray[np.bool_], rng: np.random.Generator) -> NDArray[np.bool_]:

@@ -1,6 +1,7 @@
 """The compact network that labels a person's crop: a U-Net with a stride-2 stem, made for CPUs."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -28,12 +29,12 @@ class CompactUNet(nn.Module):
     at a quarter of the pixels, which is what makes training on two cores affordable.
     """
 
-    def __init__(self, config: CompactConfig = CompactConfig()) -> None:  # noqa: B008 - frozen
+    def __init__(self, config: CompactConfig = CompactConfig()) -> None:
         super().__init__()
         w = config.widths
         self.stem = _convolution(1, w[0], stride=2)
         self.down = nn.ModuleList(
-            nn.Sequential(_convolution(a, b, stride=2), _convolution(b, b)) for a, b in zip(w, w[1:], strict=False)
+            nn.Sequential(_convolution(a, b, stride=2), _convolution(b, b)) for a, b in pairwise(w)
         )
         self.up = nn.ModuleList(
             _convolution(below + skip, skip) for skip, below in zip(w[-2::-1], w[:0:-1], strict=True)

@@ -33,17 +33,29 @@ class Network:
     def __init__(self, path: Path = SHIPPED_WEIGHTS) -> None:
         try:
             if path.stat().st_size > MAX_WEIGHT_BYTES:
-                raise FormatError(f"weights {path} are larger than {MAX_WEIGHT_BYTES} bytes; give an exported network")
-            self._session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+                raise FormatError(
+                    f"weights {path} are larger than {MAX_WEIGHT_BYTES} bytes; give an exported network"
+                )
+            self._session = onnxruntime.InferenceSession(
+                path.read_bytes(), providers=["CPUExecutionProvider"]
+            )
         except OSError as error:
-            raise FormatError(f"weights {path} cannot be read ({error.strerror}); give an .onnx file") from error
+            raise FormatError(
+                f"weights {path} cannot be read ({error.strerror}); give an .onnx file"
+            ) from error
         except Exception as error:  # ONNX Runtime's own errors share no public base
-            raise FormatError(f"weights {path} are no ONNX network ({type(error).__name__}); export it again") from error
+            raise FormatError(
+                f"weights {path} are no ONNX network ({type(error).__name__}); export it again"
+            ) from error
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
         if len(inputs) != 1 or inputs[0].shape[1:] != [1, SIZE, SIZE] or not outputs:
-            raise FormatError(f"weights {path} take {[i.shape for i in inputs]}; give a network for (B, 1, 212, 212)")
+            raise FormatError(
+                f"weights {path} take {[i.shape for i in inputs]}; give a network for (B, 1, 212, 212)"
+            )
         if outputs[0].shape[1:] != [N_CLASSES, SIZE, SIZE]:
-            raise FormatError(f"weights {path} give {outputs[0].shape}; give a network of {N_CLASSES} classes")
+            raise FormatError(
+                f"weights {path} give {outputs[0].shape}; give a network of {N_CLASSES} classes"
+            )
         self._input = inputs[0].name
         self.sha256 = sha256(path)
 
@@ -79,7 +91,9 @@ def predict_source(
         person = extract_person(cloud, window_c)
         return network.segment(cloud.depth_mm, person.mask), person
 
-    return run(source, {"predict": {"weights": network.sha256, "window_c": list(window_c)}}, out, one, progress)
+    return run(
+        source, {"predict": {"weights": network.sha256, "window_c": list(window_c)}}, out, one, progress
+    )
 
 
 def predict_labels(labels: LabelSet, network: Network, out: Path, progress: Callable[[int], None]) -> Run:

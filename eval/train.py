@@ -115,9 +115,9 @@ def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> NDArray[np.int6
 
 
 def export_onnx(model: nn.Module, path: Path) -> None:
-    """Write the network as ONNX: input ``depth`` (B, 1, 212, 212), output ``probability`` (B, 12, 212, 212)."""
+    """Write the network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, 12, 212, 212)."""
     example = torch.rand(1, 1, 212, 212)
-    whole = nn.Sequential(model, nn.Softmax(dim=1)).eval().to(memory_format=torch.contiguous_format)  # type: ignore[call-overload]
+    whole = nn.Sequential(model, nn.Softmax(dim=1)).eval()
     with replacing(path) as temporary:
         torch.onnx.export(
             whole,
@@ -134,7 +134,9 @@ def _claim(out: Path, schedule: Schedule) -> None:
     order = (json.dumps(asdict(schedule), sort_keys=True) + "\n").encode()
     if (out / "schedule.json").is_file():
         if (out / "schedule.json").read_bytes() != order:
-            raise ExistsError(f"{out} holds a training with another schedule; choose another folder or --overwrite")
+            raise ExistsError(
+                f"{out} holds a training with another schedule; choose another folder or --overwrite"
+            )
         return
     if out.exists() and any(out.iterdir()):
         raise ExistsError(f"{out} exists and is no training; choose another folder or pass --overwrite")
@@ -166,7 +168,9 @@ def _resume(out: Path, model: nn.Module, optimizer: torch.optim.Optimizer) -> li
         optimizer.load_state_dict(state)
         return [Epoch(**e) for e in json.loads(header["history"])]
     except (OSError, ValueError, KeyError, RuntimeError, TypeError) as error:
-        raise FormatError(f"checkpoint {path} cannot be resumed ({error}); remove it or start elsewhere") from error
+        raise FormatError(
+            f"checkpoint {path} cannot be resumed ({error}); remove it or start elsewhere"
+        ) from error
 
 
 def _optimizer_state(tensors: dict[str, Tensor]) -> dict[int, dict[str, Tensor]]:

@@ -1,1 +1,1 @@
-"""Cameras, frames, calibrations, sessions and devices: what a rig of depth, colour and thermal sensors yields."""
+"""Cameras, frames, calibrations, sessions and devices: what a rig of sensors yields."""

@@ -29,7 +29,8 @@ class Pose:
         rotation, translation = np.asarray(self.rotation, float), np.asarray(self.translation_m, float)
         if rotation.shape != (3, 3) or translation.shape != (3,):
             raise CalibrationError(
-                f"pose has rotation {rotation.shape} and translation {translation.shape}; give (3, 3) and (3,)"
+                f"pose has rotation {rotation.shape} and translation {translation.shape}; "
+                "give (3, 3) and (3,)"
             )
         orthonormal = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4)
         if not orthonormal or np.linalg.det(rotation) < 0 or not np.isfinite(translation).all():
@@ -90,7 +91,7 @@ def calibration_to_json(calibration: RigCalibration) -> dict[str, Any]:
     return fields
 
 
-def calibration_from_json(fields: Any) -> RigCalibration:
+def calibration_from_json(fields: object) -> RigCalibration:
     """Inverse of ``calibration_to_json``. Raises CalibrationError naming the offending entry."""
     if not isinstance(fields, dict) or "depth" not in fields:
         raise CalibrationError(

@@ -40,7 +40,8 @@ class Intrinsics:
     def __post_init__(self) -> None:
         if not (0 < self.width <= MAX_IMAGE_SIDE and 0 < self.height <= MAX_IMAGE_SIDE):
             raise CalibrationError(
-                f"image size {self.width}x{self.height} is impossible; give 1 to {MAX_IMAGE_SIDE} pixels a side"
+                f"image size {self.width}x{self.height} is impossible; "
+                f"give 1 to {MAX_IMAGE_SIDE} pixels a side"
             )
         numbers = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
         if not all(np.isfinite(numbers)) or self.fx <= 0 or self.fy <= 0:

@@ -55,7 +55,9 @@ class RigFrame:
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
     def _broken_color(self, why: str) -> FormatError:
-        return FormatError(f"colour image of frame {self.index} cannot be decoded ({why}); drop it or record again")
+        return FormatError(
+            f"colour image of frame {self.index} cannot be decoded ({why}); drop it or record again"
+        )
 
 
 def _check(name: str, image: NDArray[np.generic], dtype: type[np.generic]) -> None:

@@ -52,8 +52,10 @@ class ColorNoise:
     exposure: float = 1.0
 
 
-def body_colors(body: Body, suit: Suit, skin_rgb: NDArray[np.float64], hair_rgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Linear colour (F, 3) of every body face: the suit, a bare face under its hood's edge, and hair at the brow."""
+def body_colors(
+    body: Body, suit: Suit, skin_rgb: NDArray[np.float64], hair_rgb: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Linear colour (F, 3) of every body face: the suit, a bare face in its hood, hair at the brow."""
     colors = np.stack([suit.colors_rgb[suit.parts == p][0] for p in range(1, 12)])[body.face_parts - 1]
     centre = body.vertices_m[body.faces].mean(axis=1)
     head = body.joints_m[JOINT_ID["head"]]
@@ -83,9 +85,12 @@ def shade(mesh: Mesh, colors: NDArray[np.float64], light: Light) -> NDArray[np.f
 
 
 def photograph(
-    seen: ZBuffer, lit: NDArray[np.float64], noise: ColorNoise, maps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    seen: ZBuffer,
+    lit: NDArray[np.float64],
+    noise: ColorNoise,
+    maps: tuple[NDArray[np.float32], NDArray[np.float32]],
     rng: np.random.Generator,
-) -> bytes:  # fmt: skip
+) -> bytes:
     """A pinhole render and its lit faces (F, 3) -> the camera's JPEG: lens, blur, noise and gamma.
 
     maps: where each distorted pixel looks in the pinhole render (cv2.remap's x and y).
@@ -98,8 +103,10 @@ def photograph(
     if noise.sigma > 0:
         grain = rng.standard_normal((image.shape[0] // 2, image.shape[1] // 2, 3), dtype=np.float32)
         # Demosaicing correlates noise over two pixels.
-        grain = cv2.resize(grain * np.float32(noise.sigma), image.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-        image = np.clip(image + grain, 0, 255).astype(np.uint8)
+        grain = cv2.resize(
+            grain * np.float32(noise.sigma), image.shape[1::-1], interpolation=cv2.INTER_LINEAR
+        )
+        image = np.asarray(np.clip(image + grain, 0, 255), np.uint8)
     ok, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not ok:
         raise FormatError(f"colour image {image.shape} cannot be encoded as JPEG")

@@ -62,7 +62,9 @@ class BodyModel:
             import anny
             import torch
         except ImportError as error:
-            raise CloudError("fitting bodies needs anny; install the extra: pip install '.[synth]'") from error
+            raise CloudError(
+                "fitting bodies needs anny; install the extra: pip install '.[synth]'"
+            ) from error
         self._torch: Any = torch
         self._model: Any = anny.Anny()
         self.faces = self._model.faces.numpy().astype(np.int32)
@@ -72,12 +74,19 @@ class BodyModel:
         """Vertices (V, 3) and bone heads (B, 3) in metres for phenotypes (6,) in [0, 1]."""
         model = self._model
         with self._torch.no_grad():
-            values = {k: self._torch.tensor([v], dtype=model.dtype) for k, v in zip(PHENOTYPES, phenotype, strict=True)}
+            values = {
+                k: self._torch.tensor([v], dtype=model.dtype)
+                for k, v in zip(PHENOTYPES, phenotype, strict=True)
+            }
             coefficients = model.get_phenotype_blendshape_coefficients(**values)[0]
             used = self._torch.nonzero(coefficients)[:, 0]
             part = coefficients[used]
-            vertices = model.template_vertices + self._torch.einsum("k,kvd->vd", part, model.blendshapes[used])
-            heads = model.template_bone_heads + self._torch.einsum("k,kvd->vd", part, model.bone_heads_blendshapes[used])
+            vertices = model.template_vertices + self._torch.einsum(
+                "k,kvd->vd", part, model.blendshapes[used]
+            )
+            heads = model.template_bone_heads + self._torch.einsum(
+                "k,kvd->vd", part, model.bone_heads_blendshapes[used]
+            )
         return vertices.numpy().astype(np.float64), heads.numpy().astype(np.float64)
 
     def measure(self, phenotype: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -113,7 +122,9 @@ class BodyModel:
         joint_of_bone = np.array([_joint_of(label) for label in self._model.bone_labels])
         indices = joint_of_bone[self._model.vertex_bone_indices.numpy()]
         by_joint = np.zeros((n_vertices, N_JOINTS), np.float32)
-        np.add.at(by_joint, (np.arange(n_vertices)[:, None], indices), self._model.vertex_bone_weights.numpy())
+        np.add.at(
+            by_joint, (np.arange(n_vertices)[:, None], indices), self._model.vertex_bone_weights.numpy()
+        )
         return by_joint
 
 

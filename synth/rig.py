@@ -6,9 +6,7 @@ each camera's faults are apart: ``Difficulty`` says how bad each is.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -83,17 +81,33 @@ SCENES = ("sofa",)
 
 # A real Kinect v2 (serial 196605135147 of iai_kinect2, Apache-2.0): lens of the colour camera and its pose.
 _KINECT_COLOR = Intrinsics(
-    1920, 1080, 1081.37207, 1081.37207, 959.5, 539.5, 0.0562684, -0.0741991, 0.00142508, -0.00169517, 0.0241077
+    1920,
+    1080,
+    1081.37207,
+    1081.37207,
+    959.5,
+    539.5,
+    0.0562684,
+    -0.0741991,
+    0.00142508,
+    -0.00169517,
+    0.0241077,
 )
 _COLOR_FROM_DEPTH = Pose(
     Rotation.from_matrix(
-        [[0.99979884, -0.01687134, -0.01084615], [0.0168911, 0.99985583, 0.00173301], [0.01081535, -0.00191586, 0.99993968]]
+        [
+            [0.99979884, -0.01687134, -0.01084615],
+            [0.0168911, 0.99985583, 0.00173301],
+            [0.01081535, -0.00191586, 0.99993968],
+        ]
     ).as_matrix(),
     np.array([-0.05205248, -0.00046314, 0.00088807]),
 )
 # Optris PI200 with its 72 degree lens, mounted 6 cm above the Kinect and tilted 2 degrees down.
 _OPTRIS = Intrinsics(160, 120, 110.1, 110.1, 80.3, 59.2, -0.19, 0.04)
-_THERMAL_FROM_DEPTH = Pose(Rotation.from_euler("x", -2, degrees=True).as_matrix(), np.array([0.012, 0.06, -0.01]))
+_THERMAL_FROM_DEPTH = Pose(
+    Rotation.from_euler("x", -2, degrees=True).as_matrix(), np.array([0.012, 0.06, -0.01])
+)
 
 RIG_CALIBRATION = RigCalibration(
     KINECT2_DEPTH, _KINECT_COLOR, _COLOR_FROM_DEPTH, _OPTRIS, _THERMAL_FROM_DEPTH
@@ -102,7 +116,7 @@ RIG_CALIBRATION = RigCalibration(
 
 @dataclass(frozen=True)
 class Truth:
-    """What a camera cannot know. parts: uint8 (h, w) on the raw depth image; joints_m: (J, 3), depth camera."""
+    """What a camera cannot know. parts: uint8 (h, w), raw depth image; joints_m: (J, 3), depth camera."""
 
     parts: NDArray[np.uint8]
     joints_m: NDArray[np.float64]
@@ -132,7 +146,9 @@ class VirtualRig:
 
     def __init__(self, frames: int, subjects: int, difficulty: str, seed: int, scene: str = "sofa") -> None:
         if not 1 <= subjects <= frames <= 1_000_000:
-            raise CloudError(f"{frames} frames of {subjects} subjects are impossible; give at least one frame each")
+            raise CloudError(
+                f"{frames} frames of {subjects} subjects are impossible; give at least one frame each"
+            )
         if difficulty not in DIFFICULTIES:
             raise CloudError(f"difficulty {difficulty!r} is unknown; use {', '.join(DIFFICULTIES)}")
         if scene not in SCENES:
@@ -154,7 +170,8 @@ class VirtualRig:
 
     def with_truth(self) -> Iterator[tuple[RigFrame, Truth]]:
         """Yield every frame with its truth."""
-        current, subject, motion = -1, None, iter(())
+        current, subject = -1, None
+        motion: Iterator[Sitting] = iter(())
         for index in range(self.frames):
             if (number := index * self.subjects // self.frames) != current:
                 current = number
@@ -172,7 +189,10 @@ class VirtualRig:
         body = bodies[(number + self.seed) % len(bodies)]
         sofa = Sofa.sample(rng)
         furniture = _furniture(sofa, self.difficulty.clutter, rng)
-        skin, hair = rng.uniform((150, 100, 80), (230, 180, 150)), rng.uniform(20, 110) * np.array([1, 0.85, 0.7])
+        skin, hair = (
+            rng.uniform((150, 100, 80), (230, 180, 150)),
+            rng.uniform(20, 110) * np.array([1, 0.85, 0.7]),
+        )
         eye = _robot_eye(rng)
         return _Subject(
             f"subject-{number}",
@@ -302,7 +322,9 @@ def _robot_eye(rng: np.random.Generator) -> NDArray[np.float64]:
 def truth_labels(frame: RigFrame, truth: Truth) -> FrameLabels:
     """The truth over the undistorted depth image, undistorted exactly as fusion does it."""
     source = undistortion_index(KINECT2_DEPTH)
-    depth_mm, parts = (np.where(source >= 0, image.ravel()[source], 0) for image in (frame.depth_mm, truth.parts))
+    depth_mm, parts = (
+        np.where(source >= 0, image.ravel()[source], 0) for image in (frame.depth_mm, truth.parts)
+    )
     parts[depth_mm == 0] = 0
     notes = {"joints_mm": np.rint(truth.joints_m * 1000).astype(int).tolist()}
     return FrameLabels(

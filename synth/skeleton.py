@@ -163,7 +163,12 @@ def shortest_arc(source: Float64, target: Float64) -> Float64:
 
 
 def reach(
-    posture: Posture, rest_joints_m: Float64, aligned: Float64, side: str, target_m: Float64, swivel_rad: float
+    posture: Posture,
+    rest_joints_m: Float64,
+    aligned: Float64,
+    side: str,
+    target_m: Float64,
+    swivel_rad: float,
 ) -> Posture:
     """Bend one arm so that its wrist comes to ``target_m`` (world), or as near as the limits allow.
 

@@ -43,7 +43,7 @@ SURFACE_C = {
 
 @dataclass(frozen=True)
 class ThermalNoise:
-    """The FIR camera's faults: noise-equivalent temperature difference, lens blur, slow offset of all pixels."""
+    """The FIR camera's faults: noise-equivalent temperature difference, lens blur, drift of all pixels."""
 
     netd_c: float = 0.08
     blur_px: float = 0.6
@@ -51,7 +51,7 @@ class ThermalNoise:
 
 
 def body_temperatures(body: Body, rng: np.random.Generator, spread_c: float) -> NDArray[np.float64]:
-    """Temperature (F,) of every body face: by part, hair apart, with patches ``spread_c`` warmer or colder."""
+    """Temperature (F,) of every body face: by part, hair apart, in patches ``spread_c`` apart."""
     by_part = np.zeros(12)
     for name, celsius in PART_C.items():
         by_part[PART_ID[name]] = celsius
@@ -72,9 +72,13 @@ def surface_temperatures(mesh: Mesh, rng: np.random.Generator, spread_c: float) 
 
 
 def thermograph(
-    seen: ZBuffer, celsius: NDArray[np.float64], ambient_c: float, noise: ThermalNoise,
-    maps: tuple[NDArray[np.float32], NDArray[np.float32]], rng: np.random.Generator,
-) -> NDArray[np.float32]:  # fmt: skip
+    seen: ZBuffer,
+    celsius: NDArray[np.float64],
+    ambient_c: float,
+    noise: ThermalNoise,
+    maps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    rng: np.random.Generator,
+) -> NDArray[np.float32]:
     """A supersampled pinhole render and face temperatures (F,) -> float32 (h, w) degrees Celsius.
 
     maps: where each distorted supersampled pixel looks in the render (cv2.remap's x and y).
