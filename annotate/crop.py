@@ -28,12 +28,26 @@ class Crop:
 
     def cut(self, image: NDArray[Any], fill: int | float, size: int = SIZE) -> NDArray[Any]:
         """The square resampled to (size, size) by nearest neighbour; ``fill`` outside the image."""
-        v = self.top + (np.arange(size) * self.side + self.side // 2) // size
-        u = self.left + (np.arange(size) * self.side + self.side // 2) // size
+        v, u = self._source(self.top, size), self._source(self.left, size)
         v_in, u_in = (v >= 0) & (v < image.shape[0]), (u >= 0) & (u < image.shape[1])
         result = np.full((size, size), fill, image.dtype)
-        result[np.ix_(v_in, u_in)] = image[np.ix_(v[v_in], u[u_in])]
+        # Indices grow evenly, so those inside are one run.
+        rows, columns = (
+            slice(*np.flatnonzero(k)[[0, -1]] + (0, 1)) if k.any() else slice(0) for k in (v_in, u_in)
+        )
+        result[rows, columns] = image[v[rows]][:, u[columns]]
         return result
+
+    def reads(self, shape: tuple[int, ...], size: int = SIZE) -> NDArray[np.bool_]:
+        """Pixels (h, w) of an image of that shape that ``cut`` looks at."""
+        v_read, u_read = np.zeros(shape[0], np.bool_), np.zeros(shape[1], np.bool_)
+        for read, start in ((v_read, self.top), (u_read, self.left)):
+            source = self._source(start, size)
+            read[source[(source >= 0) & (source < len(read))]] = True
+        return v_read[:, None] & u_read
+
+    def _source(self, start: int, size: int) -> NDArray[np.intp]:
+        return start + (np.arange(size) * self.side + self.side // 2) // size
 
     def paste(self, patch: NDArray[Any], shape: tuple[int, int], fill: int | float) -> NDArray[Any]:
         """Inverse of ``cut``: a patch (size, size, ...) spread back over an image (h, w, ...)."""
@@ -41,7 +55,8 @@ class Crop:
         v, u = np.arange(shape[0]) - self.top, np.arange(shape[1]) - self.left
         v_in, u_in = (v >= 0) & (v < self.side), (u >= 0) & (u < self.side)
         result = np.full((*shape, *patch.shape[2:]), fill, patch.dtype)
-        result[np.ix_(v_in, u_in)] = patch[np.ix_(v[v_in] * size // self.side, u[u_in] * size // self.side)]
+        row, column = ((at * size + size // 2) // self.side for at in (v[v_in], u[u_in]))
+        result[np.ix_(v_in, u_in)] = patch[np.ix_(row, column)]
         return result
 
 

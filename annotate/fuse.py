@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
 from annotate.registration import undistortion_index
-from annotate.visibility import ONE, ZERO, Image, Projection, View, nearest_pixel
+from annotate.visibility import ONE, ZERO, Image, Projection, View, nearest_pixel, visible
 from sensors.calibration import RigCalibration
 from sensors.camera import Intrinsics, rays
 from sensors.errors import CalibrationError
@@ -55,7 +55,7 @@ class Fuser:
         depth_mm: uint16 (h, w) as the sensor gave it, lens distortion still in; undistorted by nearest
         neighbour as in libfreenect2. color_rgb: uint8 (h', w', 3); each point takes the nearest pixel.
         thermal_c: float32 (h", w") degrees Celsius, NaN = no reading; each point takes the bilinear
-        mean of those of its four pixels that see its own surface. A missing image leaves colours
+        mean of those of its four pixels that see its surface alone. A missing image leaves colours
         invalid or temperatures NaN. Raises CalibrationError when an image's size is not its camera's,
         or the calibration has no such camera.
         """
@@ -76,18 +76,20 @@ def _colors(
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     projection = view.project(depth_m)
     slack_m = view.slack_m(projection.ahead_m)
-    seen = view.visible(projection, view.zbuffer(projection), slack_m)
+    seen = visible(projection, view.front(view.zbuffer(projection)), slack_m)
     return _nearest(projection, seen, np.ascontiguousarray(color_rgb)), seen
 
 
 def _temperatures(view: View, depth_m: Image, thermal_c: Image) -> Image:
     projection = view.project(depth_m)
     slack_m, nearest = view.slack_m(projection.ahead_m), view.zbuffer(projection)
-    seen = view.visible(projection, nearest, slack_m)
+    front = view.front(nearest)
+    seen = visible(projection, front, slack_m)
     # A border without readings spares the kernel every check of the image's edge.
-    surface = np.pad(nearest, 1, constant_values=np.inf)
-    image = np.pad(thermal_c, 1, constant_values=np.nan)
-    return _bilinear(projection, seen, slack_m, surface, image)
+    nearest, front, image = (
+        np.pad(plane, 1, constant_values=np.nan) for plane in (nearest, front, thermal_c)
+    )
+    return _bilinear(projection, seen, slack_m, nearest, front, image)
 
 
 def _checked(name: str, image: NDArray[Any], view: View | None) -> View:
@@ -149,11 +151,16 @@ def _nearest(projection: Projection, seen: NDArray[np.bool_], image: NDArray[np.
 
 @njit(cache=True, nogil=True)
 def _bilinear(
-    projection: Projection, seen: NDArray[np.bool_], slack_m: Image, surface: Image, image: Image
+    projection: Projection,
+    seen: NDArray[np.bool_],
+    slack_m: Image,
+    nearest: Image,
+    front: Image,
+    image: Image,
 ) -> Image:
-    """Bilinear mean over the pixels that have a reading and whose nearest surface is the point's own.
+    """Bilinear mean over the pixels with a reading that show the point's own surface and touch no nearer one.
 
-    surface, image: z-buffer and temperatures with a border of one pixel, inf and NaN.
+    nearest, front, image: z-buffer, its window's minimum and temperatures with a border of one NaN.
     """
     values = np.full(seen.shape, np.float32(np.nan))
     for v in range(seen.shape[0]):
@@ -170,7 +177,8 @@ def _bilinear(
                     share = lower_share if down else ONE - lower_share
                     share *= right_share if right else ONE - right_share
                     reading = image[row, column]
-                    own = abs(surface[row, column] - projection.ahead_m[v, u]) <= slack_m[v, u]
+                    z, slack = projection.ahead_m[v, u], slack_m[v, u]
+                    own = (abs(nearest[row, column] - z) <= slack) & (z - front[row, column] <= slack)
                     if own & (reading == reading):  # not NaN
                         total += share * reading
                         weight += share

@@ -61,15 +61,12 @@ def pieces_of(
     area = np.bincount(label, pixel_m2, count + 1)
     order = np.argsort(label, kind="stable")
     first = np.searchsorted(label[order], np.arange(count + 2))
-    members = [order[first[i] : first[i + 1]] for i in range(count + 1)]
-    width = mask.shape[1]
-    return labels, [
-        _measured(
-            i, float(area[i]), index[members[i]] // width, index[members[i]] % width, points[members[i]]
-        )
-        for i in range(1, count + 1)
-        if area[i] >= least_m2
-    ]
+    pieces = []
+    for i in np.flatnonzero(area >= least_m2):
+        member = order[first[i] : first[i + 1]]
+        v, u = np.divmod(index[member], mask.shape[1])
+        pieces.append(_measured(int(i), float(area[i]), v, u, points[member]))
+    return labels, pieces
 
 
 def likeliest(pieces: Sequence[Piece]) -> Piece | None:

@@ -21,6 +21,7 @@ from annotate.parts import BODY_PARTS, PART_ID, PARTS
 from sensors.errors import CloudError
 
 MAX_TOML_BYTES = 100_000
+MAX_SWATCHES = 200
 MIN_CHROMA_DISTANCE = 0.06
 """Two parts whose chromaticities are nearer than this cannot be told apart in a shaded image."""
 _HEX = re.compile(r"#[0-9a-fA-F]{6}")
@@ -67,13 +68,15 @@ def load_suit(path: Path) -> Suit:
         if path.stat().st_size > MAX_TOML_BYTES:
             raise CloudError(f"suit {path} is larger than {MAX_TOML_BYTES} bytes; give a palette file")
         fields = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         # A part named twice is a doubled TOML key: tomllib says which line.
         raise CloudError(f"suit {path} cannot be read ({error}); give a TOML palette") from error
     colors = fields.get("colors")
     if not isinstance(colors, dict):
         raise CloudError(f"suit {path} has no [colors] table; list the eleven parts there")
     swatches = [_swatch(path, part, color) for part, value in colors.items() for color in _as_list(value)]
+    if len(swatches) > MAX_SWATCHES:
+        raise CloudError(f"suit {path} has {len(swatches)} colours; give at most {MAX_SWATCHES}")
     return Suit(
         str(fields.get("name", path.stem)),
         np.array([rgb for _, rgb in swatches], np.uint8).reshape(-1, 3),

@@ -105,12 +105,11 @@ class View:
         _fill_zbuffer(projection, nearest)
         return nearest
 
-    def visible(self, projection: Projection, nearest: Image, slack_m: Image) -> NDArray[np.bool_]:
-        """Which points (h, w) the camera sees: those not behind the z-buffer's window by more than slack."""
+    def front(self, nearest: Image) -> Image:
+        """The z-buffer's minimum over each pixel's window (h', w'); overwritten like ``zbuffer``."""
         rows, columns = self.half_window
         window = np.ones((2 * rows + 1, 2 * columns + 1), np.uint8)
-        front = cv2.erode(nearest, window, dst=self._buffer("front"))
-        return _visible(projection, np.asarray(front, np.float32), slack_m)
+        return np.asarray(cv2.erode(nearest, window, dst=self._buffer("front")), np.float32)
 
     def _buffer(self, name: str) -> Image:
         # Kept, because fresh pages for 1920x1080 floats cost more time than all the arithmetic.
@@ -184,7 +183,8 @@ def _fill_zbuffer(projection: Projection, nearest: Image) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _visible(projection: Projection, front: Image, slack_m: Image) -> NDArray[np.bool_]:
+def visible(projection: Projection, front: Image, slack_m: Image) -> NDArray[np.bool_]:
+    """Which points (h, w) the camera sees: those not behind the window's front by more than their slack."""
     columns, rows, ahead = projection
     seen = np.zeros(ahead.shape, np.bool_)
     for v in range(ahead.shape[0]):

@@ -93,13 +93,17 @@ def finish_run(result: dict[str, Any], failed: tuple[tuple[str, str], ...], as_j
         raise typer.Exit(3)
 
 
-def clear(out: Path, marker: str, overwrite: bool) -> None:
+def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
     """Remove a folder that an earlier run made (it holds ``marker``), when asked to.
 
-    Raises ExistsError for a folder that no run of this command made: that is never removed.
+    Raises ExistsError for a folder that no run of this command made, or that holds one of its ``inputs``:
+    neither is ever removed.
     """
     if not overwrite or not out.exists():
         return
+    for path in inputs:
+        if path.resolve().is_relative_to(out.resolve()):
+            raise ExistsError(f"{out} holds the input {path}; choose another folder for the result")
     if not (out / marker).is_file() and (not out.is_dir() or any(out.iterdir())):
         raise ExistsError(f"{out} was not made by this command (it has no {marker}); remove it yourself")
     shutil.rmtree(out)

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from annotate import store
+from annotate.fuse import Fuser
 from annotate.parts import PARTS
 from annotate.store import LabelSet
 from cli.console import Json, Overwrite, finish, progress, say
@@ -24,11 +25,14 @@ Any_ = Annotated[Path, typer.Argument(help="Session, label set, dataset, folder 
 
 def simulate(
     out: Session_,
-    frames: Annotated[int, typer.Option(help="Frames to record.")] = 40,
-    subjects: Annotated[int, typer.Option(help="People, one after another.")] = 4,
+    frames: Annotated[int, typer.Option(help="Frames to record.", min=1)] = 40,
+    subjects: Annotated[
+        int | None,
+        typer.Option(help="People, one after another.", min=1, show_default="4, but at most one a frame"),
+    ] = None,
     scene: Annotated[str, typer.Option(help="Where they are: sofa.")] = "sofa",
     difficulty: Annotated[str, typer.Option(help="clean, normal or hard.")] = "normal",
-    seed: Annotated[int, typer.Option(help="Same seed, same session.")] = 0,
+    seed: Annotated[int, typer.Option(help="Same seed, same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -36,7 +40,7 @@ def simulate(
     from synth.rig import VirtualRig
     from synth.simulate import simulate, suit_path, truth_path
 
-    rig = VirtualRig(frames, subjects, difficulty, seed, scene)
+    rig = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, scene)
     with progress("simulate", frames) as advance:
         simulate(rig, out, advance, overwrite=overwrite)
     result = {"frames": frames, "truth": str(truth_path(out)), "suit": str(suit_path(out))}
@@ -64,8 +68,6 @@ def import_(
             advance(1)
     for note in frames.notes:
         say(note)
-    if not streams["depth"]:
-        raise CloudError(f"{source} holds no depth images; give 16-bit PNGs, a PCD or a PLY")
     result = {"frames": streams["depth"], "streams": dict(streams), "notes": list(frames.notes)}
     finish(result, json, f"{streams['depth']} frames with {', '.join(sorted(streams))} in {out}")
 
@@ -137,11 +139,20 @@ def _source_problems(path: Path) -> list[str]:
         problems.append(
             f"{path} is truncated: its last moments are lost; its {len(source)} frames can be used"
         )
+    fuser = Fuser(source.calibration)
     try:
         for frame in source:
-            frame.decode_color()
-            if not (frame.depth_mm > 0).any():
-                problems.append(f"frame {frame.index:06d} has no depth reading at all")
+            problems += _frame_problems(frame, fuser)
     except CloudError as error:
         problems.append(str(error))
     return problems
+
+
+def _frame_problems(frame: RigFrame, fuser: Fuser) -> list[str]:
+    if not (frame.depth_mm > 0).any():
+        return [f"frame {frame.index:06d} has no depth reading at all"]
+    try:
+        fuser.fuse_frame(frame)
+    except CloudError as error:
+        return [f"frame {frame.index:06d}: {error}"]
+    return []

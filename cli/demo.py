@@ -18,6 +18,7 @@ from eval.report.build import write_report
 from eval.report.gallery import make_gallery
 from eval.results import Result, save_result
 from sensors.atomic import write_bytes
+from sensors.errors import ExistsError
 from sensors.replay import Session
 from synth.rig import VirtualRig
 from synth.simulate import simulate, truth_path
@@ -28,14 +29,16 @@ MARKER = ".annotate-cloud-demo"
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")],
     frames: Annotated[int, typer.Option(min=1)] = 12,
-    seed: Annotated[int, typer.Option()] = 1,
+    seed: Annotated[int, typer.Option(min=0)] = 1,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Run the whole path on the virtual rig and end with a report."""
     started = time.monotonic()
     clear(out, MARKER, overwrite)
-    out.mkdir(parents=True, exist_ok=False)
+    if out.exists():
+        raise ExistsError(f"{out} exists already; choose another folder or pass --overwrite")
+    out.mkdir(parents=True)
     write_bytes(out / MARKER, b"")
 
     rig = VirtualRig(frames, min(4, frames), "normal", seed)

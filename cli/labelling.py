@@ -1,5 +1,6 @@
 """Verbs on labels: label, diff."""
 
+import math
 import time
 from pathlib import Path
 from typing import Annotated
@@ -7,14 +8,25 @@ from typing import Annotated
 import typer
 
 from annotate import store
-from annotate.label import WINDOW_C, label_source
+from annotate.label import label_source
+from annotate.person import WINDOW_C
 from annotate.store import LabelSet
 from annotate.suit import load_suit
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from eval.compare import compare_sets
 from sensors.importers import open_source
 
-Window = Annotated[tuple[float, float], typer.Option(help="Temperatures of a person, degrees Celsius.")]
+
+def _window(window_c: tuple[float, float]) -> tuple[float, float]:
+    low, high = window_c
+    if not -math.inf < low < high < math.inf:
+        raise typer.BadParameter(f"{low} to {high} is no range; give the lower temperature first")
+    return window_c
+
+
+Window = Annotated[
+    tuple[float, float], typer.Option(help="Temperatures of a person, degrees Celsius.", callback=_window)
+]
 Labels = Annotated[Path, typer.Option(help="Label set to write; a broken run goes on there.")]
 
 
@@ -29,7 +41,7 @@ def label(
     """Fuse every frame, extract the person by temperature, and read the parts off the suit."""
     palette = load_suit(suit) if suit else None
     source = open_source(session)
-    clear(out, store.MANIFEST, overwrite)
+    clear(out, store.MANIFEST, overwrite, session, *([suit] if suit else []))
     for note in source.notes:
         say(note)
     if palette is None:

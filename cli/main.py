@@ -29,6 +29,8 @@ app.command()(networks.predict)
 app.command()(networks.evaluate)
 app.command()(networks.report)
 
+INTERRUPTED = "interrupted; give the same command again, without --overwrite, to go on"
+
 
 def main() -> None:
     """Run the command; exit 0 done, 1 a user's error in one line, 2 wrong usage, 3 done in part."""
@@ -37,7 +39,12 @@ def main() -> None:
     except CloudError as error:
         _fail(str(error))
     except KeyboardInterrupt:
-        _fail("interrupted; run the same command again to go on", 130)
+        _fail(INTERRUPTED, 130)
+    except SystemExit as end:
+        # Typer makes a silent exit of Ctrl-C.
+        if end.code == 130:
+            _fail(INTERRUPTED, 130)
+        raise
     except BrokenPipeError:
         # The reader of our output has gone: nothing is left to say, and nowhere to say it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from annotate import store
-from annotate.label import WINDOW_C
+from annotate.person import WINDOW_C
 from annotate.store import LabelSet
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from cli.labelling import Labels, Window
@@ -30,7 +30,7 @@ def train(
     ] = None,
     epochs: Annotated[int, typer.Option(min=1, max=10_000)] = 6,
     batch: Annotated[int, typer.Option(min=1, max=1024)] = 16,
-    seed: Annotated[int, typer.Option()] = 0,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -42,10 +42,10 @@ def train(
         raise CloudError(f"training needs torch ({error.name} is missing): pip install '.[train]'") from error
     from eval.data import load_crops
 
-    clear(out, "schedule.json", overwrite)
     started = time.monotonic()
     crops = load_crops(data)
     measured = load_crops([held_out]) if held_out else crops.first(512)
+    clear(out, "schedule.json", overwrite, *data, *([held_out] if held_out else []))
     with progress("train, epochs", epochs) as advance:
 
         def told(epoch: Epoch) -> None:
@@ -85,7 +85,7 @@ def predict(
     network = Network(weights)
     if (source / store.MANIFEST).is_file():
         labels = LabelSet.open(source)
-        clear(out, store.MANIFEST, overwrite)
+        clear(out, store.MANIFEST, overwrite, source, weights)
         started, total = time.monotonic(), len(labels)
         with progress("predict", total) as advance:
             run = predict_labels(labels, network, out, advance)
@@ -93,7 +93,7 @@ def predict(
         frames = open_source(source)
         for note in frames.notes:
             say(note)
-        clear(out, store.MANIFEST, overwrite)
+        clear(out, store.MANIFEST, overwrite, source, weights)
         started, total = time.monotonic(), len(frames)
         with progress("predict", total) as advance:
             run = predict_source(frames, network, out, advance, window)

@@ -52,15 +52,22 @@ class Crops:
 
 
 def load_crops(sources: list[Path]) -> Crops:
-    """Read every frame of the given label sets and datasets. Raises CloudError when there is none."""
+    """Read the given label sets and datasets; frames without a named part teach nothing and are left out.
+
+    Raises CloudError when none is left.
+    """
     depth, parts = [], []
     for path in sources:
         for frame in open_frames(path):
+            if not ((frame.parts < UNDEFINED) & (frame.parts > BACKGROUND) & (frame.depth_mm > 0)).any():
+                continue
             x, y = to_crop(frame)
             depth.append(np.rint(x * 65535).astype(np.uint16))
             parts.append(y)
     if not depth:
-        raise CloudError(f"{', '.join(map(str, sources))} hold no frames; generate or label some first")
+        raise CloudError(
+            f"{', '.join(map(str, sources))} hold no labelled part; generate or label some first"
+        )
     return Crops(np.stack(depth), np.stack(parts))
 
 
@@ -89,12 +96,12 @@ def augment(
     lost = rng.random(depth.shape, dtype=np.float32) < rng.uniform(0, 0.03)
     if rng.random() < 0.3:
         lost |= _blobs(depth.shape, depth > 0, rng)
-    depth = np.where(depth > 0, depth + np.float32(rng.normal(0, 0.02)), 0).astype(np.float32)
-    depth[lost] = 0
+    moved = np.clip(depth + np.float32(rng.normal(0, 0.02)), NEAREST, 1)
+    depth = np.where((depth > 0) & ~lost, moved, 0).astype(np.float32)
     parts = parts.copy()
     # What nobody sees cannot be learnt or held against the network.
     parts[lost & (parts != BACKGROUND)] = UNDEFINED
-    return np.clip(depth, 0, 1), parts
+    return depth, parts
 
 
 def _zoom(

@@ -1,5 +1,6 @@
 """A trained network at work: the person's crop in, part labels over the depth image out."""
 
+import hashlib
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
@@ -10,15 +11,14 @@ from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
 from annotate.crop import SIZE, crop_around, normalize, person_of
-from annotate.label import WINDOW_C, Run, run
+from annotate.label import Run, check_same, finished, run
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND, N_CLASSES
-from annotate.person import PersonMask, extract_person
+from annotate.person import WINDOW_C, PersonMask, extract_person
 from annotate.segment import Segmentation
 from annotate.store import LabelSet
-from sensors.errors import FormatError
+from sensors.errors import CloudError, FormatError
 from sensors.source import FrameSource
-from synth.dataset import sha256
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
 MAX_WEIGHT_BYTES = 1_000_000_000
@@ -32,32 +32,29 @@ class Network:
 
     def __init__(self, path: Path = SHIPPED_WEIGHTS) -> None:
         try:
-            if path.stat().st_size > MAX_WEIGHT_BYTES:
-                raise FormatError(
-                    f"weights {path} are larger than {MAX_WEIGHT_BYTES} bytes; give an exported network"
-                )
-            self._session = onnxruntime.InferenceSession(
-                path.read_bytes(), providers=["CPUExecutionProvider"]
-            )
+            data = path.read_bytes() if path.stat().st_size <= MAX_WEIGHT_BYTES else b""
         except OSError as error:
             raise FormatError(
                 f"weights {path} cannot be read ({error.strerror}); give an .onnx file"
             ) from error
+        if not data:
+            raise FormatError(
+                f"weights {path} are empty or larger than {MAX_WEIGHT_BYTES} bytes; give an exported network"
+            )
+        try:
+            self._session = onnxruntime.InferenceSession(data, providers=["CPUExecutionProvider"])
+            self._input = self._session.get_inputs()[0].name
+            # A trial run: what a file declares of its inputs and outputs need not be true.
+            shapes = [self.probabilities(np.zeros((n, SIZE, SIZE), np.float32)).shape for n in (1, 2)]
         except Exception as error:  # ONNX Runtime's own errors share no public base
             raise FormatError(
-                f"weights {path} are no ONNX network ({type(error).__name__}); export it again"
+                f"weights {path} are no network for (B, 1, {SIZE}, {SIZE}) ({type(error).__name__}); export it again"
             ) from error
-        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
-        if len(inputs) != 1 or inputs[0].shape[1:] != [1, SIZE, SIZE] or not outputs:
+        if shapes != [(n, N_CLASSES, SIZE, SIZE) for n in (1, 2)]:
             raise FormatError(
-                f"weights {path} take {[i.shape for i in inputs]}; give a network for (B, 1, 212, 212)"
+                f"weights {path} give {shapes[0]}; give a network of {N_CLASSES} classes at {SIZE}x{SIZE}"
             )
-        if outputs[0].shape[1:] != [N_CLASSES, SIZE, SIZE]:
-            raise FormatError(
-                f"weights {path} give {outputs[0].shape}; give a network of {N_CLASSES} classes"
-            )
-        self._input = inputs[0].name
-        self.sha256 = sha256(path)
+        self.sha256 = hashlib.sha256(data).hexdigest()
 
     def probabilities(self, crops: NDArray[np.float32]) -> NDArray[np.float32]:
         """Normalised crops (B, 212, 212) -> class probabilities (B, 12, 212, 212)."""
@@ -99,20 +96,25 @@ def predict_source(
 def predict_labels(labels: LabelSet, network: Network, out: Path, progress: Callable[[int], None]) -> Run:
     """Label the persons of an existing label set again, by the network, within the same outlines; resumes."""
     info = {"source": labels.info.get("source", ""), "steps": {"predict": {"weights": network.sha256}}}
-    predicted = LabelSet.resume(out, labels.intrinsics, info)
+    predicted, failed = LabelSet.resume(out, labels.intrinsics, info), []
+    done = set(predicted.frame_ids)
     for frame_id in labels.frame_ids:
-        if frame_id not in predicted:
+        try:
             frame = labels.read(frame_id)
-            result = network.segment(frame.depth_mm, person_of(frame.parts))
-            predicted.write(
-                FrameLabels(
-                    frame_id,
-                    frame.depth_mm,
-                    result.parts,
-                    result.confidence.astype(np.float32),
-                    subject=frame.subject,
-                    notes={"notes": list(result.notes)},
-                )
-            )
+        except FormatError as error:
+            failed.append((frame_id, str(error)))
+        else:
+            if frame_id in done:
+                check_same(predicted, frame_id, frame.depth_mm)
+            else:
+                predicted.write(_predicted(frame, network))
         progress(1)
-    return Run(predicted, ())
+    return finished(predicted, failed)
+
+
+def _predicted(frame: FrameLabels, network: Network) -> FrameLabels:
+    result = network.segment(frame.depth_mm, person_of(frame.parts))
+    notes = {"notes": list(result.notes)}
+    return FrameLabels(
+        frame.frame_id, frame.depth_mm, result.parts, result.confidence, subject=frame.subject, notes=notes
+    )

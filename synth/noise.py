@@ -1,10 +1,11 @@
 """What a Kinect v2 makes of a clean depth image."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
-import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from sensors.camera import Intrinsics
 
@@ -48,33 +49,33 @@ CLIP_RAD = np.radians(82.0)
 """The noise model diverges at 90 degrees; its measurements end at about 80."""
 
 
-def axial_sigma_mm(depth_m: NDArray[np.float32], incidence_rad: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Standard deviation along the ray, millimetres. Source: Fankhauser et al. 2015, Kinect v2, eq. 4."""
-    theta = np.minimum(incidence_rad, np.float32(CLIP_RAD))
-    tilt = theta * theta / np.square(np.float32(np.pi / 2) - theta)
-    z = depth_m
-    sigma = 1.5 - 0.5 * z + 0.3 * z * z + 0.1 * np.power(z, 1.5) * tilt
-    return np.asarray(sigma, np.float32)
+FAR_M = 8.0
+"""Where nothing is hit, there is a background this far away: out of range, but edges and slopes need it."""
+MIXED_M = 0.6
+"""A flying pixel floats at most this far behind its foreground."""
+EXACT = {"nsz", "nnan"}
+"""No fused or reassociated arithmetic in the kernel: the same bytes on every processor."""
+
+_NORMALS = ndtri((np.arange(4096) + 0.5) / 4096)
+_NORMALS = (_NORMALS / _NORMALS.std()).astype(np.float32)
+"""The normal distribution by its inverse: twelve random bits make a number, 3.7 sigma at most."""
 
 
-def incidence(camera: Intrinsics, depth_m: NDArray[np.float32], top: int = 0, left: int = 0) -> NDArray[np.float32]:
-    """Angle (h, w) between the viewing ray and the surface, radians, from the depth's own gradient.
+@numba.njit(cache=True, fastmath=EXACT)
+def axial_sigma_mm(depth_m, incidence_rad):  # type: ignore[no-untyped-def]
+    """Standard deviation along the ray, millimetres, of float32 numbers or arrays alike.
 
-    ``depth_m`` may be a window of the image whose corner is (top, left). NaN becomes grazing.
+    Source: Fankhauser et al. 2015, Kinect v2, eq. 4.
     """
-    height, width = depth_m.shape
+    theta = np.minimum(incidence_rad, np.float32(CLIP_RAD))
+    tilt = theta / (np.float32(np.pi / 2) - theta)
     z = depth_m
-    x = (np.arange(left, left + width, dtype=np.float32) - camera.cx) / camera.fx
-    y = ((np.arange(top, top + height, dtype=np.float32) - camera.cy) / camera.fy)[:, None]
-    z_u = cv2.Sobel(z, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
-    z_v = cv2.Sobel(z, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
-    # Normal of the surface (x z, y z, z) over the pixel grid, up to a common positive factor.
-    n_x, n_y = -z_u * camera.fx, -z_v * camera.fy
-    n_z = z - x * n_x - y * n_y
-    ray = np.sqrt(1 + x * x + y * y)
-    cosine = (n_x * x + n_y * y + n_z) / (np.sqrt(n_x * n_x + n_y * n_y + n_z * n_z) * ray + 1e-9)
-    angle = np.arccos(np.clip(np.abs(cosine), 0, 1)).astype(np.float32)
-    return np.where(np.isfinite(angle), angle, np.float32(np.pi / 2))
+    return (
+        np.float32(1.5)
+        - np.float32(0.5) * z
+        + np.float32(0.3) * z * z
+        + np.float32(0.1) * z * np.sqrt(z) * tilt * tilt
+    )
 
 
 def kinect(
@@ -83,47 +84,98 @@ def kinect(
     dark: NDArray[np.bool_],
     noise: DepthNoise,
     rng: np.random.Generator,
-    top: int = 0,
-    left: int = 0,
+    only: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.uint16]:
     """Clean depth (h, w) in metres, NaN = nothing -> noisy uint16 millimetres, 0 = no reading.
 
-    dark: pixels of low infrared return (hair). ``depth_m`` may be a window whose corner is (top, left).
+    dark: pixels of low infrared return (hair). only: pixels wanted, the others become 0; default all.
     Order as in a real device: edges jitter and mix, then axial noise, then what the driver rejects.
+    Randomness is a hash of one number drawn from ``rng`` and the pixel: no pixel depends on another.
     """
-    shape = depth_m.shape
-    depth = _jitter(depth_m, noise.lateral_px, rng)
-    theta = incidence(camera, np.nan_to_num(depth, nan=8.0), top, left)
-    depth = _mix_edges(np.where(np.isnan(depth), np.float32(np.nan), depth), noise.flying, rng)
-    sigma = noise.axial * axial_sigma_mm(np.nan_to_num(depth), theta)
-    depth_mm = depth * (1000 * noise.scale) + noise.offset_mm
-    depth_mm = depth_mm + sigma * rng.standard_normal(shape, dtype=np.float32)
-    chance = rng.random(shape, dtype=np.float32)
-    lost = chance < noise.grazing * np.square(np.clip(theta / np.float32(np.pi / 2), 0, 1)) ** 4
-    lost |= dark & (rng.random(shape, dtype=np.float32) < noise.dark)
-    lost |= ~np.isfinite(depth_mm) | (depth_mm < MIN_RANGE_MM) | (depth_mm > MAX_RANGE_MM)
-    return np.where(lost, 0, np.rint(np.nan_to_num(depth_mm))).astype(np.uint16)
+    noisy = np.zeros(depth_m.shape, np.uint16)
+    wanted = np.ones(depth_m.shape, np.bool_) if only is None else only
+    strengths = np.array(astuple(noise), np.float32)
+    pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
+    key = rng.integers(0, 2**64, dtype=np.uint64)
+    filled = np.where(np.isnan(depth_m), np.float32(FAR_M), depth_m)
+    _kinect(filled, dark, wanted, strengths, pinhole, key, _NORMALS, noisy)
+    return noisy
 
 
-def _jitter(depth: NDArray[np.float32], sigma_px: float, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Lateral noise: every pixel reads a neighbour now and then."""
-    if sigma_px <= 0:
-        return depth
+@numba.njit(cache=True, fastmath=EXACT)
+def _kinect(depth, dark, wanted, strengths, pinhole, key, normals, noisy):  # type: ignore[no-untyped-def] # pragma: no cover
     height, width = depth.shape
-    shift = np.rint(rng.standard_normal((2, height, width), dtype=np.float32) * np.float32(sigma_px * 0.6))
-    v = np.clip(np.arange(height)[:, None] + shift[0].astype(np.intp), 0, height - 1)
-    u = np.clip(np.arange(width) + shift[1].astype(np.intp), 0, width - 1)
-    return depth[v, u]
+    axial, flying, grazing, darkness, lateral, offset_mm, scale = strengths
+    for v in range(height):
+        for u in range(width):
+            if not wanted[v, u]:
+                continue
+            bits = _hash(key, 2 * (v * width + u))
+            more = _hash(key, 2 * (v * width + u) + 1)
+            # Lateral noise: a pixel reads a neighbour now and then.
+            y = v + int(np.rint(normals[bits & np.uint64(4095)] * lateral * np.float32(0.6)))
+            x = u + int(np.rint(normals[(bits >> np.uint64(12)) & np.uint64(4095)] * lateral * np.float32(0.6)))
+            y, x = min(max(y, 0), height - 1), min(max(x, 0), width - 1)
+            z = depth[y, x]
+            near, far, z_u, z_v = _around(depth, y, x)
+            theta = _incidence(pinhole, y, x, z, z_u, z_v)
+            if far - near > np.float32(EDGE_DELTA_MM / 1000):
+                chance = _share(bits >> np.uint64(48))
+                if chance < np.float32(0.6) * flying:
+                    continue  # rejected by the driver
+                if chance < flying:
+                    near_share = _share(more) ** np.float32(0.35)
+                    z = near * near_share + min(far, near + np.float32(MIXED_M)) * (np.float32(1) - near_share)
+            if dark[v, u] and _share(more >> np.uint64(16)) < darkness:
+                continue
+            slant = theta / np.float32(np.pi / 2)
+            slant = slant * slant * slant * slant
+            if _share(more >> np.uint64(32)) < grazing * slant * slant:
+                continue
+            sigma = axial * axial_sigma_mm(z, theta)
+            mm = z * np.float32(1000) * scale + offset_mm + sigma * normals[(bits >> np.uint64(24)) & np.uint64(4095)]
+            if MIN_RANGE_MM <= mm <= MAX_RANGE_MM:
+                noisy[v, u] = int(np.rint(mm))
 
 
-def _mix_edges(depth: NDArray[np.float32], share: float, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Flying pixels: at a silhouette z = a z_near + (1 - a) z_far; some are rejected by the driver."""
-    filled = np.nan_to_num(depth, nan=8.0)
-    kernel = np.ones((3, 3), np.uint8)
-    near, far = cv2.erode(filled, kernel), cv2.dilate(filled, kernel)
-    edge = (far - near) * 1000 > EDGE_DELTA_MM
-    chance = rng.random(depth.shape, dtype=np.float32)
-    share_near = rng.random(depth.shape, dtype=np.float32) ** np.float32(0.35)
-    mixed = near * share_near + np.minimum(far, near + 0.6) * (1 - share_near)
-    result = np.where(edge & (chance < share), np.where(chance < 0.6 * share, np.float32(np.nan), mixed), depth)
-    return result.astype(np.float32)
+@numba.njit(cache=True, fastmath=EXACT)
+def _around(depth, y, x):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Nearest and farthest depth of the 3x3 neighbours, and the Sobel slopes along u and v, metres a pixel."""
+    above, below = max(y - 1, 0), min(y + 1, depth.shape[0] - 1)
+    left, right = max(x - 1, 0), min(x + 1, depth.shape[1] - 1)
+    a, b, c = depth[above, left], depth[above, x], depth[above, right]
+    d, e, f = depth[y, left], depth[y, x], depth[y, right]
+    g, h, i = depth[below, left], depth[below, x], depth[below, right]
+    z_u = (c - a + i - g + f - d + f - d) * np.float32(0.125)
+    z_v = (g - a + i - c + h - b + h - b) * np.float32(0.125)
+    near = min(min(min(a, b, c), min(d, e, f)), min(g, h, i))
+    far = max(max(max(a, b, c), max(d, e, f)), max(g, h, i))
+    return near, far, z_u, z_v
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _incidence(pinhole, v, u, z, z_u, z_v):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Angle between the viewing ray and the surface normal, radians, from depth and its slopes at a pixel."""
+    fx, fy, cx, cy = pinhole
+    x, y = (np.float32(u) - cx) / fx, (np.float32(v) - cy) / fy
+    # Normal of the surface (x z, y z, z) over the pixel grid, up to a common positive factor.
+    n_x, n_y = -z_u * fx, -z_v * fy
+    n_z = z - x * n_x - y * n_y
+    square = (n_x * n_x + n_y * n_y + n_z * n_z) * (np.float32(1) + x * x + y * y)
+    cosine = abs(n_x * x + n_y * y + n_z) / np.sqrt(square + np.float32(1e-18))
+    return np.float32(np.arccos(min(cosine, np.float32(1))))
+
+
+@numba.njit(cache=True)
+def _hash(key, counter):  # type: ignore[no-untyped-def] # pragma: no cover
+    """64 random bits of a key and a counter. Source: splitmix64, Steele et al. 2014."""
+    z = np.uint64(key) + np.uint64(counter + 1) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@numba.njit(cache=True)
+def _share(bits):  # type: ignore[no-untyped-def] # pragma: no cover
+    """The sixteen low bits as a number in [0, 1)."""
+    return np.float32(bits & np.uint64(0xFFFF)) * np.float32(1 / 65536)

@@ -1,36 +1,188 @@
 """One synthetic depth image with part labels: a pure function of (preset, seed, index)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.crop import SIZE, crop_around
+from annotate.crop import SIZE, Crop, crop_around
 from annotate.labels import FrameLabels
-from annotate.parts import N_CLASSES, PART_ID
-from annotate.registration import KINECT2_DEPTH
 from sensors.errors import CloudError
 from synth.body import Body, shipped_bodies
-from synth.motion import ACTIVITIES, Sitting, draw, glide, sit
+from synth.motion import ACTIVITIES, draw, glide, sit
 from synth.noise import DepthNoise, kinect
-from synth.render import Mesh, ZBuffer, merge, rasterize
+from synth.occlude import cut, occluder
+from synth.render import Mesh, merge
 from synth.scene import Sofa, look_at
-from synth.skeleton import JOINT_ID, Float64
+from synth.skeleton import Float64
+from synth.view import View, render_view, visibility
+from synth.view import hair_faces as hair_faces
+
+MIN_PIXELS = 400
+"""A person of fewer pixels is no example: what hides it is left out, or another one is drawn."""
+TRIES = 20
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A posed person among furniture before a camera, world frame, metres.
+
+    vertices_m: float32 (V, 3). joints_m: (J, 3). around: closed meshes. eye_m, target_m: (3,).
+    """
+
+    activity: str
+    vertices_m: NDArray[np.float32]
+    joints_m: Float64
+    around: Mesh
+    eye_m: Float64
+    target_m: Float64
+    roll_rad: float
+
 
 @dataclass(frozen=True)
 class Preset:
-    """A dataset by name: how many images by default, and which random stream it draws from."""
+    """A dataset by name: how many images by default, which random stream it draws from, and what it shows.
+
+    occluders, cut: share of images with things in front of the person, and with holes in its extraction.
+    """
 
     name: str
     count: int
     stream: int
+    stage: Callable[[np.random.Generator, Body], Stage]
+    occluders: float = 0.0
+    cut: float = 0.0
+
+    def __post_init__(self) -> None:
+        for what, share in (("occluders", self.occluders), ("cut", self.cut)):
+            if not 0 <= share <= 1:
+                raise CloudError(f"{what} {share} is no share of the images; give 0 to 1")
+
+
+def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
+    """Image ``index`` of a preset: the person's crop, 212 x 212, depth in millimetres, parts, provenance.
+
+    Notes: activity; crop (top, left, side) in the 512 x 424 image; joints_mm, camera frame; camera
+    (azimuth_deg from the person's front, height_m, distance_m); visible, the share of the person that
+    furniture, occluders and extraction left, whole and per part; occluders and cut, how many things
+    stand in front and which share of the person's pixels the extraction lost.
+    """
+    rng = np.random.default_rng((preset.stream, seed, index))
+    for _ in range(TRIES):
+        body, hair, subject = _random_body(rng)
+        stage = preset.stage(rng, body)
+        things, view = _look(preset, stage, body, hair, rng)
+        if np.count_nonzero(view.parts) >= MIN_PIXELS:
+            break
+    else:
+        raise AssertionError(f"sample {preset.name}/{seed}/{index} shows no person")
+    person = view.parts > 0
+    if rng.random() < preset.cut and np.count_nonzero(holed := cut(person, rng)) >= MIN_PIXELS:
+        person = holed
+    crop = crop_around(person)
+    depth, labels = _shoot(view, person, crop, rng)
+    notes = {
+        "activity": stage.activity,
+        "crop": [crop.top + view.corner[0], crop.left + view.corner[1], crop.side],
+        **_geometry(stage),
+        "visible": _visible(view, person),
+        "occluders": things,
+        "cut": round(1 - np.count_nonzero(person) / np.count_nonzero(view.parts), 3),
+    }
+    return FrameLabels(f"{index:08d}", depth, labels, subject=subject, status="truth", notes=notes)
+
+
+def _look(
+    preset: Preset, stage: Stage, body: Body, hair: NDArray[np.bool_], rng: np.random.Generator
+) -> tuple[int, View]:
+    """Render the stage, with occluders in their share of images unless they hide the person; how many stand."""
+    camera_from_world = look_at(stage.eye_m, stage.target_m, stage.roll_rad)
+    if rng.random() < preset.occluders:
+        seen = rng.choice(stage.vertices_m, int(rng.integers(1, 4))).astype(np.float64)
+        things = [occluder(stage.eye_m, point, rng) for point in seen]
+        view = render_view(body, hair, stage.vertices_m, merge([stage.around, *things]), camera_from_world)
+        if np.count_nonzero(view.parts) >= MIN_PIXELS:
+            return len(things), view
+    return 0, render_view(body, hair, stage.vertices_m, stage.around, camera_from_world)
+
+
+def _shoot(
+    view: View, person: NDArray[np.bool_], crop: Crop, rng: np.random.Generator
+) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+    """The crop's depth and parts through a noisy sensor; only the pixels that the crop reads are computed."""
+    read = person & crop.reads(person.shape)
+    noisy = kinect(view.camera, view.depth_m, view.dark, DepthNoise.sample(rng), rng, only=read)
+    depth = crop.cut(noisy, 0, SIZE)
+    return depth, np.where(depth > 0, crop.cut(view.parts, 0, SIZE), np.uint8(0))
+
+
+def _geometry(stage: Stage) -> dict[str, Any]:
+    camera_from_world = look_at(stage.eye_m, stage.target_m, stage.roll_rad)
+    centre = stage.vertices_m.mean(axis=0)
+    x, y, _ = (stage.eye_m - centre).tolist()
+    return {
+        "joints_mm": np.rint(camera_from_world.apply(stage.joints_m) * 1000).astype(int).tolist(),
+        "camera": {
+            "azimuth_deg": round(np.degrees(np.arctan2(x, -y)), 1),
+            "height_m": round(float(stage.eye_m[2]), 2),
+            "distance_m": round(float(np.linalg.norm(stage.eye_m - centre)), 2),
+        },
+    }
+
+
+def _visible(view: View, person: NDArray[np.bool_]) -> list[float]:
+    kept = visibility(np.where(person, view.parts, np.uint8(0)), view.parts)
+    return [round(share, 3) for share in (kept * view.visible).tolist()]
+
+
+@cache
+def _shipped_hair(i: int) -> NDArray[np.bool_]:
+    return hair_faces(shipped_bodies()[i])
+
+
+def _random_body(rng: np.random.Generator) -> tuple[Body, NDArray[np.bool_], str]:
+    """A build between two of the paper's bodies (same topology, so shapes blend), its hair, the nearer's name."""
+    bodies = shipped_bodies()
+    i, j = rng.choice(len(bodies), 2, replace=False)
+    share = float(rng.beta(0.6, 0.6))
+    if share >= 0.5:
+        i, j, share = j, i, 1 - share
+    return blend(bodies[i], bodies[j], share), _shipped_hair(i), bodies[i].name
+
+
+def blend(a: Body, b: Body, share: float) -> Body:
+    """The body a share in [0, 1] of the way from ``a`` to ``b``, with the parts of ``a``; one topology."""
+    return replace(
+        a,
+        vertices_m=np.float32(1 - share) * a.vertices_m + np.float32(share) * b.vertices_m,
+        joints_m=(1 - share) * a.joints_m + share * b.joints_m,
+    )
+
+
+def sitting(rng: np.random.Generator, body: Body) -> Stage:
+    """On a sofa, seen as by the robot: within 65 degrees of the front, at chest to head height of a standing person."""
+    sofa = Sofa.sample(rng)
+    names = tuple(ACTIVITIES)
+    first = str(rng.choice(names))
+    second = first if rng.random() < 0.6 else str(rng.choice(names))
+    moment = glide(draw(first, rng), draw(second, rng), float(rng.random()))
+    vertices, joints = sit(body, sofa, moment)
+    centre = vertices.mean(axis=0).astype(np.float64)
+    azimuth, distance = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0)
+    eye = centre + distance * np.array([np.sin(azimuth), -np.cos(azimuth), 0])
+    eye[2] = rng.uniform(0.6, 1.7)
+    target = centre + rng.normal(0, (0.12, 0.12, 0.10))
+    return Stage(first, vertices, joints, sofa.mesh(), eye, target, np.radians(rng.normal(0, 2)))
 
 
 PRESETS = {
     preset.name: preset
-    for preset in (Preset("sitting-train", 10_076, 1), Preset("sitting-test", 4_984, 2))
+    for preset in (Preset("sitting-train", 10_076, 1, sitting), Preset("sitting-test", 4_984, 2, sitting))
 }
-"""The paper's sitting sets (sections 3.2 and 4.1); their streams never meet."""
+"""The paper's sets (sections 3.2, 4.1 and 4.3); their streams never meet."""
 
 
 def preset_named(name: str) -> Preset:
@@ -38,106 +190,3 @@ def preset_named(name: str) -> Preset:
     if name not in PRESETS:
         raise CloudError(f"preset {name!r} is unknown; use one of {', '.join(PRESETS)}")
     return PRESETS[name]
-
-
-@dataclass(frozen=True)
-class View:
-    """A rendered person before any noise.
-
-    zbuffer: as ``rasterize`` gives it. tags: int32 (h, w), part ids or ``Surface``, 0 = nothing.
-    dark: bool (h, w), hair. joints_m: (J, 3), camera frame.
-    """
-
-    zbuffer: ZBuffer
-    tags: NDArray[np.int32]
-    dark: NDArray[np.bool_]
-    joints_m: Float64
-
-
-def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
-    """Image ``index`` of a preset: the person's crop, 212 x 212, depth in millimetres, parts, provenance."""
-    rng = np.random.default_rng((preset.stream, seed, index))
-    body, who = _random_body(rng)
-    sofa = Sofa.sample(rng)
-    activity, moment = _random_moment(rng)
-    vertices, joints = sit(body, sofa, moment)
-    view = _random_view(rng, body, sofa, vertices, joints)
-    person = (view.tags > 0) & (view.tags < N_CLASSES)
-    if person.sum() < 400:
-        raise AssertionError(f"sample {preset.name}/{seed}/{index} shows no person")
-    crop = crop_around(person)
-    window = np.s_[
-        max(crop.top - 4, 0) : crop.top + crop.side + 4, max(crop.left - 4, 0) : crop.left + crop.side + 4
-    ]
-    top, left = window[0].start, window[1].start
-    inside = replace(crop, top=crop.top - top, left=crop.left - left)
-    depth_mm = kinect(
-        KINECT2_DEPTH, view.zbuffer.depth_m[window], view.dark[window], DepthNoise.sample(rng), rng, top, left
-    )
-    parts = np.where(person, view.tags, 0).astype(np.uint8)[window]
-    depth = inside.cut(np.where(parts > 0, depth_mm, 0).astype(np.uint16), 0, SIZE)
-    labels = np.where(depth > 0, inside.cut(parts, 0, SIZE), 0).astype(np.uint8)
-    notes = {
-        "activity": activity,
-        "crop": [crop.top, crop.left, crop.side],
-        "joints_mm": np.rint(view.joints_m * 1000).astype(int).tolist(),
-    }
-    return FrameLabels(f"{index:08d}", depth, labels, subject=who, status="truth", notes=notes)
-
-
-def render_view(body: Body, vertices_m: NDArray[np.float32], joints_m: Float64, around: list[Mesh], eye: Float64,
-                target: Float64, roll_rad: float = 0.0) -> View:  # fmt: skip
-    """Render a posed body among other meshes with the Kinect's pinhole; all in the world frame."""
-    camera_from_world = look_at(eye, target, roll_rad)
-    person = Mesh(vertices_m, body.faces, body.face_parts.astype(np.int32))
-    scene = merge([person, *around])
-    in_camera = camera_from_world.apply(scene.vertices_m).astype(np.float32)
-    seen = rasterize(KINECT2_DEPTH.undistorted(), in_camera, scene.faces)
-    hit = seen.face >= 0
-    tags = np.where(hit, scene.tags[np.maximum(seen.face, 0)], 0).astype(np.int32)
-    dark = hit & np.concatenate([hair_faces(body), np.zeros(len(scene.faces) - len(body.faces), bool)])[seen.face]
-    return View(seen, tags, dark, camera_from_world.apply(joints_m))
-
-
-def hair_faces(body: Body) -> NDArray[np.bool_]:
-    """Faces (F,) where hair grows: the head above the brow, and its back down to the neck."""
-    _, y, z = body.vertices_m[body.faces].mean(axis=1).T
-    head = body.joints_m[JOINT_ID["head"]]
-    top = body.vertices_m[:, 2].max()
-    above = z > head[2] + 0.6 * (top - head[2])
-    behind = (y > head[1] + 0.02) & (z > head[2])
-    return (body.face_parts == PART_ID["head"]) & (above | behind)
-
-
-def _random_body(rng: np.random.Generator) -> tuple[Body, str]:
-    """A build between two of the paper's bodies (same topology, so shapes blend)."""
-    bodies = shipped_bodies()
-    i, j = rng.choice(len(bodies), 2, replace=False)
-    share = float(rng.beta(0.6, 0.6))
-    a, b = bodies[i], bodies[j]
-    blended = replace(
-        a,
-        vertices_m=((1 - share) * a.vertices_m + share * b.vertices_m).astype(np.float32),
-        joints_m=(1 - share) * a.joints_m + share * b.joints_m,
-        face_parts=a.face_parts if share < 0.5 else b.face_parts,
-    )
-    return blended, (a if share < 0.5 else b).name
-
-
-def _random_moment(rng: np.random.Generator) -> tuple[str, Sitting]:
-    names = tuple(ACTIVITIES)
-    first = str(rng.choice(names))
-    second = first if rng.random() < 0.6 else str(rng.choice(names))
-    return first, glide(draw(first, rng), draw(second, rng), float(rng.random()))
-
-
-def _random_view(
-    rng: np.random.Generator, body: Body, sofa: Sofa, vertices: NDArray[np.float32], joints: Float64
-) -> View:
-    """The robot's view: within 65 degrees of the front, at chest to head height of a standing person."""
-    centre = vertices.mean(axis=0).astype(np.float64)
-    azimuth, distance = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0)
-    eye = centre + distance * np.array([np.sin(azimuth), -np.cos(azimuth), 0])
-    eye[2] = rng.uniform(0.6, 1.7)
-    target = centre + rng.normal(0, (0.12, 0.12, 0.10))
-    return render_view(body, vertices, joints, [sofa.mesh()], eye, target, np.radians(rng.normal(0, 2)))

@@ -1,6 +1,6 @@
 """Furniture, room and cameras. World frame: z up, metres; the person faces -y towards the robot."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -25,6 +25,47 @@ class Surface(IntEnum):
 
 
 @dataclass(frozen=True)
+class Solid:
+    """A box that carries or stops a body. low, high: its corners, metres, before it is turned and moved.
+
+    rotation: (3, 3), about the box's own origin, then translation: (3,), to the world. give_m: how deep a
+    body sinks into it. tag: ``Surface`` of its faces.
+    """
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    give_m: float
+    tag: int
+    rotation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+    translation: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+
+    def mesh(self) -> Mesh:
+        """Its twelve triangles in the world."""
+        upright = box(self.low, self.high, self.tag)
+        return Mesh(
+            (upright.vertices_m @ self.rotation.T + self.translation).astype(np.float32),
+            upright.faces,
+            upright.tags,
+        )
+
+    def packed(self) -> NDArray[np.float64]:
+        """(16,) for compiled code: centre, half sizes, give, rotation row by row."""
+        low, high = np.array(self.low), np.array(self.high)
+        centre = self.rotation @ ((low + high) / 2) + self.translation
+        return np.concatenate([centre, (high - low) / 2, [self.give_m], self.rotation.ravel()])
+
+    def depth_m(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:  # type: ignore[type-arg]
+        """(...,) how deep world points (..., 3) lie under its surface; 0 outside, give not yet taken off."""
+        local = (points_m - self.translation) @ self.rotation
+        inside = np.minimum(local - np.array(self.low), np.array(self.high) - local).min(axis=-1)
+        return np.asarray(np.maximum(inside, 0.0), np.float64)
+
+
+FLOOR = Solid((-10.0, -10.0, -1.0), (10.0, 10.0, 0.0), 0.005, Surface.FLOOR)
+"""The floor every piece of furniture stands on; half a centimetre for socks and carpet."""
+
+
+@dataclass(frozen=True)
 class Sofa:
     """Where a person sits. Metres; the seat's front edge is at y = 0, the back rest starts at y = depth."""
 
@@ -35,6 +76,7 @@ class Sofa:
     back_tilt_rad: float = 0.26
     arm_height: float = 0.20
     arm_width: float = 0.18
+    give_m: float = 0.02
 
     @staticmethod
     def sample(rng: np.random.Generator) -> "Sofa":
@@ -52,18 +94,129 @@ class Sofa:
         """Where the back rest's front face lies at height z (world)."""
         return self.depth + np.tan(self.back_tilt_rad) * np.maximum(z_m - self.seat_height, 0)
 
-    def mesh(self) -> Mesh:
-        """Seat, back rest and arm rests as boxes."""
+    def solids(self) -> list[Solid]:
+        """Seat, back rest and arm rests."""
         half, h = self.width / 2, self.seat_height
-        back = box((-half, 0, 0), (half, 0.16, self.back_height), Surface.SOFA)
         tilt = Rotation.from_euler("x", -self.back_tilt_rad).as_matrix()
-        back = _moved(back, tilt, np.array([0, self.depth, h]))
-        seat = box((-half, 0, 0.05), (half, self.depth + 0.16, h), Surface.SOFA)
+        place = np.array([0, self.depth, h])
+        give, tag = self.give_m, Surface.SOFA
         arms = [
-            box((x, 0, 0.05), (x + self.arm_width, self.depth + 0.1, h + self.arm_height), Surface.SOFA)
+            Solid((x, 0, 0.05), (x + self.arm_width, self.depth + 0.1, h + self.arm_height), give, tag)
             for x in (-half - self.arm_width, half)
         ]
-        return merge([seat, back, *arms])
+        return [
+            Solid((-half, 0, 0.05), (half, self.depth + 0.16, h), give, tag),
+            Solid((-half, 0, 0), (half, 0.16, self.back_height), give, tag, tilt, place),
+            *arms,
+        ]
+
+    def mesh(self) -> Mesh:
+        """The solids' faces."""
+        return merge([solid.mesh() for solid in self.solids()])
+
+
+@dataclass(frozen=True)
+class Chair:
+    """A chair without arms. Metres; the seat's front edge is at y = 0, as a sofa's."""
+
+    seat_height: float = 0.45
+    depth: float = 0.42
+    width: float = 0.44
+    back_height: float = 0.45
+    back_tilt_rad: float = 0.12
+    give_m: float = 0.01
+
+    @staticmethod
+    def sample(rng: np.random.Generator) -> "Chair":
+        """A kitchen or ward chair of common dimensions."""
+        return Chair(
+            seat_height=rng.uniform(0.42, 0.50),
+            depth=rng.uniform(0.38, 0.46),
+            width=rng.uniform(0.42, 0.52),
+            back_height=rng.uniform(0.35, 0.55),
+            back_tilt_rad=rng.uniform(0.05, 0.2),
+        )
+
+    def back_y(self, z_m: NDArray[np.floating]) -> NDArray[np.floating]:  # type: ignore[type-arg]
+        """Where the back rest's front face lies at height z (world)."""
+        return self.depth + np.tan(self.back_tilt_rad) * np.maximum(z_m - self.seat_height, 0)
+
+    def solids(self) -> list[Solid]:
+        """Seat, back rest and four legs."""
+        half, h, leg, tag = self.width / 2, self.seat_height, 0.04, Surface.SOFA
+        tilt = Rotation.from_euler("x", -self.back_tilt_rad).as_matrix()
+        place = np.array([0, self.depth, h])
+        legs = [
+            Solid((x, y, 0), (x + leg, y + leg, h - 0.05), 0.0, tag)
+            for x in (-half, half - leg)
+            for y in (0.01, self.depth - leg)
+        ]
+        return [
+            Solid((-half, 0, h - 0.05), (half, self.depth, h), self.give_m, tag),
+            Solid((-half, 0, 0.08), (half, 0.03, self.back_height), self.give_m, tag, tilt, place),
+            *legs,
+        ]
+
+    def mesh(self) -> Mesh:
+        """The solids' faces."""
+        return merge([solid.mesh() for solid in self.solids()])
+
+
+@dataclass(frozen=True)
+class Bed:
+    """Where a person lies. Metres; centred on the world's z axis, its length along y, the pillow at +y.
+
+    give_m: how deep a body sinks into mattress and pillow, 4 cm: between a firm and a soft foam mattress
+    under a back (a stated simplification: the mattress is drawn flat).
+    """
+
+    height: float = 0.50
+    length: float = 2.0
+    width: float = 0.95
+    pillow_height: float = 0.09
+    board_height: float = 0.35
+    give_m: float = 0.04
+
+    @staticmethod
+    def sample(rng: np.random.Generator) -> "Bed":
+        """A single, double or nursing bed."""
+        return Bed(
+            height=rng.uniform(0.38, 0.70),
+            length=rng.uniform(1.95, 2.15),
+            width=rng.uniform(0.85, 1.6),
+            pillow_height=rng.uniform(0.06, 0.13),
+            board_height=rng.uniform(0.1, 0.55),
+        )
+
+    def solids(self) -> list[Solid]:
+        """Mattress on its base, pillow and head board."""
+        x, y, h, tag = self.width / 2, self.length / 2, self.height, Surface.BED
+        pillow = min(0.33, x - 0.05)
+        return [
+            Solid((-x, -y, 0.12), (x, y, h), self.give_m, tag),
+            Solid((-pillow, y - 0.42, h), (pillow, y - 0.03, h + self.pillow_height), self.give_m, tag),
+            Solid((-x, y, 0.0), (x, y + 0.05, h + self.board_height), 0.0, tag),
+        ]
+
+    def mesh(self) -> Mesh:
+        """The solids' faces."""
+        return merge([solid.mesh() for solid in self.solids()])
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The bare floor as a place to lie on; ``mesh`` is what a camera sees of it."""
+
+    height: float = 0.0
+    give_m: float = FLOOR.give_m
+
+    def solids(self) -> list[Solid]:
+        """None but the floor, which is always there."""
+        return []
+
+    def mesh(self) -> Mesh:
+        """Three metres of floor to each side."""
+        return sheet(np.array([-3.0, -3.0, 0.0]), np.array([6.0, 0, 0]), np.array([0, 6.0, 0]), Surface.FLOOR)
 
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float], tag: int) -> Mesh:
@@ -114,5 +267,14 @@ def look_at(eye_m: NDArray[np.float64], target_m: NDArray[np.float64], roll_rad:
     return Pose(rotation, -rotation @ eye_m)
 
 
-def _moved(mesh: Mesh, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> Mesh:
-    return Mesh((mesh.vertices_m @ rotation.T + translation).astype(np.float32), mesh.faces, mesh.tags)
+def view_around(rng: np.random.Generator, centre_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Eye and target (3,) each of a camera anywhere around a lying person (the paper's 360 degrees).
+
+    Heights from a robot's bumper camera (0.4 m over the person) to a ceiling's (2.6 m over the floor).
+    """
+    azimuth = rng.uniform(-np.pi, np.pi)
+    level = rng.choice((0.7, 1.1, 1.5, 2.1)) + rng.uniform(-0.2, 0.2)
+    distance = rng.uniform(1.2, 2.6)
+    eye = centre_m + distance * np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+    eye[2] = max(centre_m[2] + 0.3, level)
+    return eye, centre_m + rng.normal(0, (0.12, 0.12, 0.05))

@@ -4,9 +4,9 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from annotate.store import LabelSet
+from annotate.store import MANIFEST, LabelSet
 from annotate.suit import suit_to_toml
-from sensors.atomic import write_bytes
+from sensors.atomic import replacing
 from sensors.errors import ExistsError
 from sensors.session import SessionWriter
 from synth.rig import VirtualRig, truth_labels
@@ -29,16 +29,18 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
     Raises ExistsError when one of them exists and ``overwrite`` is False.
     """
     truth_folder = truth_path(out)
-    if not overwrite and truth_folder.exists():
-        raise ExistsError(f"{truth_folder} exists already; choose another name or pass --overwrite")
     unfinished = truth_folder.with_name(truth_folder.name + ".partial")
-    shutil.rmtree(unfinished, ignore_errors=True)
+    for path in (suit_path(out), truth_folder, unfinished):
+        _check_free(path, overwrite)
     metadata = {"difficulty": rig.difficulty.name, "seed": str(rig.seed), "subjects": str(rig.subjects)}
     writer = SessionWriter(
         out, rig.calibration, rig.name, overwrite=overwrite, metadata=metadata, keep_partial=False
     )
+    out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with writer:
+        with replacing(suit_path(out)) as suit, writer:
+            suit.write_text(suit_to_toml(rig.suit), encoding="utf-8")
+            shutil.rmtree(unfinished, ignore_errors=True)
             truth = LabelSet.create(
                 unfinished, rig.calibration.depth.undistorted(), {"source": rig.name, "made_by": "simulate"}
             )
@@ -46,8 +48,14 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
                 writer.write(frame)
                 truth.write(truth_labels(frame, known))
                 progress(1)
-            write_bytes(suit_path(out), suit_to_toml(rig.suit).encode())
         shutil.rmtree(truth_folder, ignore_errors=True)
         unfinished.replace(truth_folder)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def _check_free(path: Path, overwrite: bool) -> None:
+    if path.exists() and not overwrite:
+        raise ExistsError(f"{path} exists already; choose another name or pass --overwrite")
+    if path.is_dir() and not (path / MANIFEST).is_file():
+        raise ExistsError(f"{path} was not made by simulate (it has no {MANIFEST}); remove it yourself")

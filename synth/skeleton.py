@@ -9,6 +9,7 @@ movement on both sides (side is +1 left, -1 right; trunk joints count as left).
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -81,6 +82,15 @@ _DISTAL = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
+def _child(joint: Joint) -> int:
+    side, _, kind = joint.name.partition("_")
+    return JOINT_ID[f"{side}_{_DISTAL[kind]}"] if kind in _DISTAL else -1
+
+
+_CHILD = np.array([_child(joint) for joint in JOINTS])
+_FOLLOWS = np.array([joint.name.endswith(("elbow", "knee", "wrist")) for joint in JOINTS])
+
+
 @dataclass(frozen=True)
 class Posture:
     """Where the skeleton is: joint angles and the pelvis in the world.
@@ -119,15 +129,17 @@ def alignment(rest_joints_m: Float64) -> Float64:
     rest_joints_m: (J, 3) joint positions in the rest pose. Feet and trunk stay as they rest; a
     forearm follows its upper arm first, so that the elbow straightens about its own hinge.
     """
-    result = np.tile(np.eye(3), (N_JOINTS, 1, 1))
-    for i, joint in enumerate(JOINTS):
-        side, _, kind = joint.name.partition("_")
-        if kind in _DISTAL:
-            bone = rest_joints_m[JOINT_ID[f"{side}_{_DISTAL[kind]}"]] - rest_joints_m[i]
-            before = result[joint.parent] if kind in ("elbow", "knee") else np.eye(3)
-            result[i] = shortest_arc(before @ bone, DOWN) @ before
-        elif kind == "wrist":
-            result[i] = result[joint.parent]
+    return _alignment(rest_joints_m)
+
+
+@numba.njit(cache=True)
+def _alignment(rest_joints_m: Float64) -> Float64:  # pragma: no cover
+    result = np.empty((N_JOINTS, 3, 3))
+    for i in range(N_JOINTS):
+        result[i] = result[PARENTS[i]] if _FOLLOWS[i] else np.eye(3)
+        if _CHILD[i] >= 0:
+            bone = result[i] @ (rest_joints_m[_CHILD[i]] - rest_joints_m[i])
+            result[i] = shortest_arc(bone, DOWN) @ result[i]
     return result
 
 
@@ -137,29 +149,67 @@ def forward(posture: Posture, rest_joints_m: Float64, aligned: Float64) -> tuple
     rest_joints_m: (J, 3); aligned: ``alignment`` of them. Returns (frames, positions): frames (J, 3, 3)
     turn rest-pose directions of a segment to the world, positions (J, 3) are the joints, metres.
     """
-    local = rotations(posture.angles_rad)
-    turned = np.empty((N_JOINTS, 3, 3))
-    frames = np.empty((N_JOINTS, 3, 3))
-    positions = np.empty((N_JOINTS, 3))
-    for i, parent in enumerate(PARENTS):
-        if parent < 0:
-            turned[i], positions[i] = local[i], posture.pelvis_m
-        else:
-            turned[i] = turned[parent] @ local[i]
-            positions[i] = positions[parent] + frames[parent] @ (rest_joints_m[i] - rest_joints_m[parent])
-        frames[i] = turned[i] @ aligned[i]
+    _, frames, positions = kinematics(posture.angles_rad, posture.pelvis_m, rest_joints_m, aligned)
     return frames, positions
 
 
-def shortest_arc(source: Float64, target: Float64) -> Float64:
+@numba.njit(cache=True)
+def kinematics(
+    angles_rad: Float64, pelvis_m: Float64, rest_joints_m: Float64, aligned: Float64
+) -> tuple[Float64, Float64, Float64]:  # pragma: no cover
+    """Compiled ``forward``, callable from compiled code. Returns (axes, frames, positions).
+
+    axes (J, 3, 3): row a of a joint is the world direction about which its angle a turns all beyond it.
+    """
+    turned = np.empty((N_JOINTS, 3, 3))
+    frames = np.empty((N_JOINTS, 3, 3))
+    axes = np.empty((N_JOINTS, 3, 3))
+    positions = np.empty((N_JOINTS, 3))
+    for i in range(N_JOINTS):
+        parent = PARENTS[i]
+        if parent < 0:
+            positions[i] = pelvis_m
+            before = np.eye(3)
+        else:
+            positions[i] = positions[parent] + frames[parent] @ (rest_joints_m[i] - rest_joints_m[parent])
+            before = turned[parent]
+        for a in range(3):
+            # The axes of XYZ Euler angles are columns of the frame turned so far.
+            axes[i, a] = _SIGNS[i, a] * before[:, a]
+            before = before @ _turn(a, _SIGNS[i, a] * angles_rad[i, a])
+        turned[i] = before
+        frames[i] = before @ aligned[i]
+    return axes, frames, positions
+
+
+@numba.njit(cache=True)
+def _turn(axis: int, angle: float) -> Float64:  # pragma: no cover
+    """Rotation matrix about one coordinate axis."""
+    result = np.zeros((3, 3))
+    b, c = (axis + 1) % 3, (axis + 2) % 3
+    result[axis, axis] = 1.0
+    result[b, b] = result[c, c] = np.cos(angle)
+    result[c, b] = np.sin(angle)
+    result[b, c] = -result[c, b]
+    return result
+
+
+@numba.njit(cache=True)
+def shortest_arc(source: Float64, target: Float64) -> Float64:  # pragma: no cover
     """Rotation matrix of least angle that turns the direction ``source`` to ``target``."""
     a, b = source / np.linalg.norm(source), target / np.linalg.norm(target)
-    cosine, axis = float(a @ b), np.cross(a, b)
+    cosine, axis = np.dot(a, b), np.cross(a, b)
     if cosine < -1 + 1e-9:
-        axis = np.cross(a, [1.0, 0.0, 0.0] if abs(a[0]) < 0.9 else [0.0, 1.0, 0.0])
-        return np.asarray(Rotation.from_rotvec(np.pi * axis / np.linalg.norm(axis)).as_matrix())
-    skew = np.cross(np.eye(3), axis)
-    return np.asarray(np.eye(3) + skew + skew @ skew / (1 + cosine))
+        # Half a turn about any direction across.
+        other = np.zeros(3)
+        other[0 if abs(a[0]) < 0.9 else 1] = 1.0
+        axis = np.cross(a, other)
+        axis /= np.linalg.norm(axis)
+        turned: Float64 = 2 * axis.reshape(3, 1) * axis - np.eye(3)
+        return turned
+    skew = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    matrix: Float64 = np.eye(3) + skew + skew @ skew / (1 + cosine)
+    return matrix
 
 
 def reach(
@@ -175,28 +225,63 @@ def reach(
     swivel_rad turns the elbow about the line from shoulder to wrist; 0 = elbow hanging straight down,
     positive = elbow away from the body. Two-bone closed form, then clamped.
     """
-    shoulder, elbow, wrist = (JOINT_ID[f"{side}_{k}"] for k in ("shoulder", "elbow", "wrist"))
-    frames, positions = forward(posture, rest_joints_m, aligned)
-    upper = float(np.linalg.norm(rest_joints_m[elbow] - rest_joints_m[shoulder]))
-    fore = float(np.linalg.norm(rest_joints_m[wrist] - rest_joints_m[elbow]))
-    line = target_m - positions[shoulder]
-    distance = float(np.clip(np.linalg.norm(line), abs(upper - fore) + 1e-3, 0.999 * (upper + fore)))
-    flexion = np.pi - np.arccos(np.clip((upper**2 + fore**2 - distance**2) / (2 * upper * fore), -1, 1))
-    at_shoulder = np.arcsin(np.clip(fore * np.sin(flexion) / distance, -1, 1))
-    if upper + fore * np.cos(flexion) < 0:
-        at_shoulder = np.pi - at_shoulder
-    # Frame of the arm: down the line, the elbow's hinge across it.
-    along = line / np.linalg.norm(line)
-    hinge = np.cross(DOWN, along)
-    hinge = hinge / np.linalg.norm(hinge) if np.linalg.norm(hinge) > 1e-6 else np.array([1.0, 0, 0])
-    sign = 1.0 if side == "left" else -1.0
-    hinge = Rotation.from_rotvec(sign * swivel_rad * along).apply(hinge)
-    upper_down = Rotation.from_rotvec(-at_shoulder * hinge).apply(along)
-    # Columns: body x is the hinge reversed (flexion turns about -x), z points up the bone.
-    turned = np.stack([-hinge, np.cross(-upper_down, -hinge), -upper_down], axis=1)
-    parent = frames[JOINTS[shoulder].parent] @ aligned[JOINTS[shoulder].parent].T
     angles = posture.angles_rad.copy()
-    angles[shoulder] = angles_of(shoulder, parent.T @ turned)
-    angles[elbow, 0] = flexion
-    angles[elbow, 1] = 0.0
+    shoulder = JOINT_ID[f"{side}_shoulder"]
+    _reach(angles, posture.pelvis_m, rest_joints_m, aligned, shoulder, target_m, swivel_rad)
     return Posture(clamp(angles), posture.pelvis_m)
+
+
+@numba.njit(cache=True)
+def _reach(
+    angles_rad: Float64, pelvis_m: Float64, rest_joints_m: Float64, aligned: Float64,
+    shoulder: int, target_m: Float64, swivel_rad: float,
+) -> None:  # fmt: skip # pragma: no cover
+    elbow, wrist, parent = shoulder + 1, shoulder + 2, PARENTS[shoulder]
+    _, frames, positions = kinematics(angles_rad, pelvis_m, rest_joints_m, aligned)
+    upper = np.linalg.norm(rest_joints_m[elbow] - rest_joints_m[shoulder])
+    fore = np.linalg.norm(rest_joints_m[wrist] - rest_joints_m[elbow])
+    line = target_m - positions[shoulder]
+    along = line / np.linalg.norm(line)
+    distance = min(max(np.linalg.norm(line), abs(upper - fore) + 1e-3), 0.999 * (upper + fore))
+    flexion = np.pi - np.arccos((upper**2 + fore**2 - distance**2) / (2 * upper * fore))
+    at_shoulder = np.arctan2(fore * np.sin(flexion), upper + fore * np.cos(flexion))
+    # Frame of the arm: down the line, the elbow's hinge across it.
+    hinge = np.cross(DOWN, along)
+    if np.linalg.norm(hinge) < 1e-6:
+        hinge[0] = 1.0
+    hinge = _about(along, SIDES[shoulder] * swivel_rad, hinge / np.linalg.norm(hinge))
+    upper_down = _about(hinge, -at_shoulder, along)
+    # Columns: body x is the hinge reversed (flexion turns about -x), z points up the bone.
+    turned = np.empty((3, 3))
+    turned[:, 0], turned[:, 1], turned[:, 2] = -hinge, np.cross(upper_down, hinge), -upper_down
+    before = frames[parent] @ np.ascontiguousarray(aligned[parent].T)
+    local = np.ascontiguousarray(before.T) @ turned
+    angles_rad[shoulder] = _euler_inside(local, _SIGNS[shoulder], LIMITS_RAD[shoulder])
+    angles_rad[elbow, 0] = flexion
+    angles_rad[elbow, 1] = 0.0
+
+
+@numba.njit(cache=True)
+def _about(axis: Float64, angle: float, vector: Float64) -> Float64:  # pragma: no cover
+    """A vector turned about a unit axis (Rodrigues)."""
+    turned: Float64 = (
+        vector * np.cos(angle)
+        + np.cross(axis, vector) * np.sin(angle)
+        + axis * np.dot(axis, vector) * (1 - np.cos(angle))
+    )
+    return turned
+
+
+@numba.njit(cache=True)
+def _euler_inside(rotation: Float64, signs: Float64, limits_rad: Float64) -> Float64:  # pragma: no cover
+    """The one of a rotation's two XYZ angle triples that leaves the limits least."""
+    best, least = np.zeros(3), np.inf
+    y = np.arcsin(min(max(rotation[0, 2], -1.0), 1.0))
+    x, z = np.arctan2(-rotation[1, 2], rotation[2, 2]), np.arctan2(-rotation[0, 1], rotation[0, 0])
+    for other in range(2):
+        triple = np.array([x + other * np.pi, (np.pi - y) if other else y, z + other * np.pi]) * signs
+        triple -= 2 * np.pi * np.rint(triple / (2 * np.pi))
+        beyond = np.maximum(limits_rad[:, 0] - triple, 0) + np.maximum(triple - limits_rad[:, 1], 0)
+        if np.sum(beyond) < least - 1e-9:
+            best, least = triple, np.sum(beyond)
+    return best

@@ -1,4 +1,4 @@
-"""Runs ``bench()`` of every tests/bench_*.py and prints one table: python tests/bench.py [name ...]."""
+"""Runs ``bench()`` of every tests/bench_*.py and prints one table: python -m tests.bench [name ...]."""
 
 import importlib
 import sys
@@ -14,7 +14,7 @@ def main(names: list[str]) -> None:
     modules = [f"bench_{name}" for name in names] or sorted(path.stem for path in here.glob("bench_*.py"))
     table = Table("what", "ms", "per second", "naive ms", "times faster")
     for module in modules:
-        for name, seconds, naive_seconds in importlib.import_module(module).bench():
+        for name, seconds, naive_seconds in importlib.import_module(f"tests.{module}").bench():
             table.add_row(
                 name,
                 f"{seconds * 1e3:.2f}",

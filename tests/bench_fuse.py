@@ -51,7 +51,9 @@ def fuse_naive(calibration, depth_mm, color_rgb, thermal_c):
 
     scale = (calibration.color.fx / camera.fx) / (KINECT2_COLOR.f / KINECT2_DEPTH.fx)
     window = round(scale), round(2 * scale)
-    u, v, _, _, seen, _ = _look(calibration.color, calibration.color_from_depth, camera, z, window, 0.01, 0)
+    u, v, _, _, seen, _, _ = _look(
+        calibration.color, calibration.color_from_depth, camera, z, window, 0.01, 0
+    )
     color = np.zeros((*camera.shape, 3), np.uint8)
     color[seen] = color_rgb[_pixel(v[seen]), _pixel(u[seen])]
 
@@ -63,7 +65,7 @@ def fuse_naive(calibration, depth_mm, color_rgb, thermal_c):
 
 
 def _look(other, pose, camera, z, window, tolerance, reach):
-    """Position in the other camera, z there, slack, what is seen, and the z-buffer."""
+    """Position in the other camera, z there, slack, what is seen, the z-buffer and its window's front."""
     turned = np.einsum("ij,hwj->ihw", pose.rotation, rays(camera)).astype(F)
     t = pose.translation_m.astype(F)
     k1, k2, p1, p2, k3 = (F(k) for k in other.distortion)
@@ -83,7 +85,7 @@ def _look(other, pose, camera, z, window, tolerance, reach):
     slack = F(tolerance) * ahead + F(reach) * _slope(ahead)
     seen = np.zeros(z.shape, bool)
     seen[inside] = ahead[inside] - front[row, column] <= slack[inside]
-    return u, v, ahead, slack, seen, nearest
+    return u, v, ahead, slack, seen, nearest, front
 
 
 def _pixel(coordinate):
@@ -100,16 +102,17 @@ def _slope(z):
     return slope
 
 
-def _bilinear(image, u, v, ahead, slack, seen, nearest):
-    """Bilinear mean over the pixels with a reading whose nearest surface is the point's own."""
-    surface, image = np.pad(nearest, 1, constant_values=np.inf), np.pad(image, 1, constant_values=np.nan)
+def _bilinear(image, u, v, ahead, slack, seen, nearest, front):
+    """Bilinear mean over the pixels with a reading that show the point's own surface alone."""
+    nearest, front, image = (np.pad(plane, 1, constant_values=np.nan) for plane in (nearest, front, image))
     x, y, z = u[seen] + F(1), v[seen] + F(1), ahead[seen]
     left, top = x.astype(np.intp), y.astype(np.intp)
     a, b = x - left.astype(F), y - top.astype(F)
     total, weight = np.zeros_like(z), np.zeros_like(z)
     for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
         reading = image[top + down, left + right]
-        own = (abs(surface[top + down, left + right] - z) <= slack[seen]) & ~np.isnan(reading)
+        own = abs(nearest[top + down, left + right] - z) <= slack[seen]
+        own &= (z - front[top + down, left + right] <= slack[seen]) & ~np.isnan(reading)
         share = (b if down else F(1) - b) * (a if right else F(1) - a)
         total += np.where(own, share * reading, F(0))
         weight += np.where(own, share, F(0))

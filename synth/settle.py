@@ -1,0 +1,295 @@
+"""Settling: joint angles moved as little as needed so that no limb is in another or in the furniture.
+
+A posture is asked for; what it violates are inequalities that are linear for a small step: flesh that
+overlaps has to part, flesh inside furniture has to leave it, a hand has to come to its target, a limb at
+rest has to sink until something carries it. Each round projects the step onto one half-space after the
+other and onto the box of the joint limits (cyclic projections, Kaczmarz 1937; Bauschke & Borwein 1996), contacts
+last, so that they win. The result depends continuously on the posture asked for, but where a limb
+would have to pass through another.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from synth.flesh import CHAINS, N_STATIONS, Flesh, Int64
+from synth.scene import Solid
+from synth.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, N_JOINTS, PARENTS, Float64, Posture, kinematics
+
+ROUNDS = 12
+"""Linearisations; in the last third only contacts act, so that nothing pulls a limb back in."""
+SKIN_M = 0.004
+"""Flesh is kept this far apart: its spheres are means, the skin is not round."""
+PULL_STEP_M = 0.06
+"""A pull moves its point by no more than this a round."""
+MAX_ROWS = 240
+MAX_STEP_RAD = 0.35
+
+
+def _mobility() -> Float64:
+    """(J, 3) how readily an angle gives way: limbs before the trunk, and no joint about a hinge it has not."""
+    by_kind = {
+        "clavicle": (0.05, 0.05, 0.0),
+        "shoulder": (1.0, 1.0, 1.0),
+        "elbow": (1.0, 0.0, 0.1),
+        "wrist": (0.5, 0.5, 0.0),
+        "hip": (0.7, 0.7, 0.7),
+        "knee": (1.0, 0.0, 0.0),
+        "ankle": (0.5, 0.2, 0.0),
+        "neck": (0.2, 0.2, 0.1),
+        "head": (0.2, 0.2, 0.1),
+    }
+    return np.array([by_kind.get(joint.name.rpartition("_")[2], (0.0, 0.0, 0.0)) for joint in JOINTS])
+
+
+_MOBILITY = _mobility()
+
+
+def _ancestors() -> NDArray[np.bool_]:
+    moves = np.zeros((N_JOINTS, N_JOINTS), bool)
+    for i, parent in enumerate(PARENTS):
+        moves[i] = moves[parent] if parent >= 0 else False
+        moves[i, i] = True
+    return moves
+
+
+_MOVED_BY = _ancestors()
+"""[point's joint, joint]: whether turning the joint moves the point."""
+
+
+def _pairs() -> Int64:
+    """(n, 4) stations lo..hi of one chain against the flesh over stations lo..hi of another.
+
+    Neighbours by anatomy are left out near the joint they share, where skin folds.
+    """
+    slices = [name for name in CHAINS if name.startswith("slice")]
+    rows = []
+
+    def against(a: str, b: str, a_from: int = 0, b_from: int = 0, b_drop: int = 0) -> None:
+        rows.append((CHAINS[a].lo + a_from, CHAINS[a].hi, CHAINS[b].lo + b_from, CHAINS[b].hi - b_drop))
+
+    for side, other in (("left", "right"), ("right", "left")):
+        for limb in ("upper_arm", "forearm", "hand"):
+            for i, trunk in enumerate(slices):
+                first = 0 if limb != "upper_arm" else (3 if i >= 5 else 2)
+                against(f"{side}_{limb}", trunk, first)
+            for leg in ("thigh", "shank", "foot"):
+                for s in (side, other):
+                    against(f"{side}_{limb}", f"{s}_{leg}", 1 if limb == "upper_arm" else 0)
+        for limb in ("forearm", "hand"):
+            against(f"{side}_{limb}", "head")
+            against(f"{side}_{limb}", "neck")
+            against(f"{side}_{limb}", f"{other}_upper_arm")
+        against(f"{side}_hand", f"{other}_forearm")
+        against(f"{side}_hand", f"{side}_upper_arm")
+        against(f"{side}_forearm", f"{side}_upper_arm", 2, 0, 2)
+        for trunk in slices:
+            against(f"{side}_shank", trunk)
+            against(f"{side}_foot", trunk)
+        for trunk in slices[2:]:
+            against(f"{side}_thigh", trunk, 3)
+        against(f"{side}_shank", f"{side}_thigh", 3, 0, 2)
+        against(f"{side}_foot", f"{side}_thigh")
+        against(f"{side}_shank", f"{other}_thigh")
+        against(f"{side}_foot", f"{other}_thigh")
+        against(f"{side}_foot", f"{other}_shank")
+    for a, b in (("hand", "hand"), ("forearm", "forearm"), ("shank", "shank"), ("foot", "foot")):
+        against(f"left_{a}", f"right_{b}")
+    against("left_thigh", "right_thigh", 1, 1)
+    for trunk in slices[3:]:
+        for leg in ("left_thigh", "right_thigh"):
+            against(leg, trunk, 3)
+    return np.array(rows, np.int64)
+
+
+_PAIRS = _pairs()
+
+
+@dataclass(frozen=True)
+class Pull:
+    """A joint drawn to a place. target_m: (3,) world; weight: (3,) share of the way per axis and round."""
+
+    joint: str
+    target_m: Float64
+    weight: Float64
+
+
+def sink(joint: str, weight: float) -> Pull:
+    """A joint drawn straight down, until something carries it."""
+    return Pull(joint, np.array([0.0, 0.0, -10.0]), np.array([0.0, 0.0, weight]))
+
+
+def settle(flesh: Flesh, posture: Posture, solids: list[Solid], pulls: list[Pull]) -> Posture:
+    """The posture nearest to the one asked for whose limbs keep clear of each other and of the solids.
+
+    The pelvis stays. Angles come back inside their limits.
+    """
+    boxes = np.array([s.packed() for s in solids]).reshape(-1, 16)
+    pulled = np.array([JOINT_ID[p.joint] for p in pulls], np.int64)
+    ends = np.array([np.concatenate([p.target_m, p.weight]) for p in pulls]).reshape(-1, 6)
+    angles = _settle(
+        posture.angles_rad.copy(), posture.pelvis_m, flesh.rest_joints_m, flesh.aligned, flesh.centres_m,
+        flesh.radii_m, flesh.joints, boxes, pulled, ends,
+    )  # fmt: skip
+    return Posture(angles, posture.pelvis_m)
+
+
+@numba.njit(cache=True)
+def _settle(angles: Float64, pelvis: Float64, rest: Float64, aligned: Float64, centres: Float64, radii: Float64, joints: Int64, boxes: Float64, pulled: Int64, ends: Float64) -> Float64:  # fmt: skip # pragma: no cover
+    normals = np.empty((MAX_ROWS, 3))
+    depths = np.empty(MAX_ROWS)
+    # Each row pushes point a (joint row[0]) along the normal, and point b (joint row[1], -1 none) against it.
+    points = np.empty((MAX_ROWS, 2, 3))
+    movers = np.empty((MAX_ROWS, 2), np.int64)
+    stations = np.empty((N_STATIONS, 3))
+    for i in range(N_JOINTS):
+        if i > 0:
+            for a in range(3):
+                angles[i, a] = min(max(angles[i, a], LIMITS_RAD[i, a, 0]), LIMITS_RAD[i, a, 1])
+    for round_ in range(ROUNDS):
+        axes, frames, positions = kinematics(angles, pelvis, rest, aligned)
+        for s in range(N_STATIONS):
+            j = joints[s]
+            stations[s] = positions[j] + frames[j] @ (centres[s] - rest[j])
+        n = 0
+        if 3 * round_ < 2 * ROUNDS:
+            n = _pull_rows(positions, pulled, ends, normals, depths, points, movers, n)
+        n = _flesh_rows(stations, radii, joints, normals, depths, points, movers, n)
+        n = _solid_rows(stations, radii, joints, boxes, normals, depths, points, movers, n)
+        if n == 0:
+            break
+        step = _project(angles, axes, positions, normals, depths, points, movers, n)
+        angles += step
+    return angles
+
+
+@numba.njit(cache=True)
+def _pull_rows(positions: Float64, pulled: Int64, ends: Float64, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> int:  # fmt: skip # pragma: no cover
+    for k in range(len(pulled)):
+        way = (ends[k, :3] - positions[pulled[k]]) * ends[k, 3:]
+        length = np.sqrt(np.dot(way, way))
+        if length > 1e-6:
+            normals[n] = way / length
+            depths[n] = min(length, PULL_STEP_M * np.max(ends[k, 3:]))
+            points[n, 0] = positions[pulled[k]]
+            movers[n, 0], movers[n, 1] = pulled[k], -1
+            n += 1
+    return n
+
+
+@numba.njit(cache=True, fastmath=True)
+def _flesh_rows(stations: Float64, radii: Float64, joints: Int64, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> int:  # fmt: skip # pragma: no cover
+    for r in range(len(_PAIRS)):
+        a_lo, a_hi, b_lo, b_hi = _PAIRS[r]
+        for s in range(a_lo, a_hi):
+            px, py, pz = stations[s]
+            deepest, where, share = 0.0, -1, 0.0
+            for b in range(b_lo, b_hi - 1):
+                ax, ay, az = stations[b]
+                dx, dy, dz = stations[b + 1, 0] - ax, stations[b + 1, 1] - ay, stations[b + 1, 2] - az
+                t = ((px - ax) * dx + (py - ay) * dy + (pz - az) * dz) / (dx * dx + dy * dy + dz * dz + 1e-12)
+                t = min(max(t, 0.0), 1.0)
+                ex, ey, ez = px - ax - t * dx, py - ay - t * dy, pz - az - t * dz
+                touch = radii[s] + radii[b] + t * (radii[b + 1] - radii[b]) + SKIN_M
+                squared = ex * ex + ey * ey + ez * ez
+                if squared < touch * touch:
+                    depth = touch - np.sqrt(squared)
+                    if depth > deepest:
+                        deepest, where, share = depth, b, t
+            if where >= 0 and n < MAX_ROWS:
+                near = stations[where] + share * (stations[where + 1] - stations[where])
+                way = stations[s] - near
+                length = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
+                if length < 1e-6:
+                    continue
+                normals[n] = way / length
+                depths[n] = deepest
+                points[n, 0], points[n, 1] = stations[s], near
+                movers[n, 0], movers[n, 1] = joints[s], joints[where]
+                n += 1
+    return n
+
+
+@numba.njit(cache=True)
+def _solid_rows(stations: Float64, radii: Float64, joints: Int64, boxes: Float64, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> int:  # fmt: skip # pragma: no cover
+    for k in range(len(boxes)):
+        centre, half, give = boxes[k, :3], boxes[k, 3:6], boxes[k, 6]
+        turn = np.ascontiguousarray(boxes[k, 7:]).reshape(3, 3)
+        for s in range(N_STATIONS):
+            if joints[s] <= 3:
+                # The trunk rests by ``rest_on``, exactly.
+                continue
+            off = turn.T @ (stations[s] - centre)
+            depth, normal = _leave(off, half)
+            depth += radii[s] - give
+            if depth > 0 and n < MAX_ROWS:
+                normals[n] = turn @ normal
+                depths[n] = depth
+                points[n, 0] = stations[s]
+                movers[n, 0], movers[n, 1] = joints[s], -1
+                n += 1
+    return n
+
+
+@numba.njit(cache=True)
+def _leave(off: Float64, half: Float64) -> tuple[float, Float64]:  # pragma: no cover
+    """How deep a point lies in a box about the origin (negative: how far from it), and the way out."""
+    normal = np.zeros(3)
+    beyond = np.abs(off) - half
+    outside = np.maximum(beyond, 0.0)
+    distance = np.sqrt(np.dot(outside, outside))
+    if distance > 0:
+        normal[:] = np.sign(off) * outside / distance
+        return -distance, normal
+    axis = int(np.argmax(beyond))
+    normal[axis] = 1.0 if off[axis] >= 0 else -1.0
+    return -beyond[axis], normal
+
+
+@numba.njit(cache=True)
+def _project(angles: Float64, axes: Float64, positions: Float64, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> Float64:  # fmt: skip # pragma: no cover
+    """The small step (J, 3) towards satisfying all rows."""
+    rows = np.zeros((n, N_JOINTS, 3))
+    weight = np.zeros(n)
+    for r in range(n):
+        for side in range(2):
+            mover = movers[r, side]
+            if mover < 0:
+                continue
+            for j in range(1, N_JOINTS):
+                if not _MOVED_BY[mover, j]:
+                    continue
+                arm = points[r, side] - positions[j]
+                sign = 1.0 if side == 0 else -1.0
+                for a in range(3):
+                    if _MOBILITY[j, a] > 0:
+                        x = axes[j, a]
+                        rows[r, j, a] += sign * (
+                            normals[r, 0] * (x[1] * arm[2] - x[2] * arm[1])
+                            + normals[r, 1] * (x[2] * arm[0] - x[0] * arm[2])
+                            + normals[r, 2] * (x[0] * arm[1] - x[1] * arm[0])
+                        )
+        weight[r] = 1e-3
+        for j in range(N_JOINTS):
+            for a in range(3):
+                weight[r] += _MOBILITY[j, a] * rows[r, j, a] ** 2
+    step = np.zeros((N_JOINTS, 3))
+    for _ in range(4):
+        for r in range(n):
+            left = depths[r]
+            for j in range(1, N_JOINTS):
+                for a in range(3):
+                    left -= rows[r, j, a] * step[j, a]
+            if left <= 0:
+                continue
+            force = left / weight[r]
+            for j in range(1, N_JOINTS):
+                for a in range(3):
+                    if rows[r, j, a] != 0:
+                        low = max(LIMITS_RAD[j, a, 0] - angles[j, a], -MAX_STEP_RAD)
+                        high = min(LIMITS_RAD[j, a, 1] - angles[j, a], MAX_STEP_RAD)
+                        wanted = step[j, a] + force * _MOBILITY[j, a] * rows[r, j, a]
+                        step[j, a] = min(max(wanted, low), high)
+    return step

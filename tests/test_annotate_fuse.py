@@ -1,0 +1,343 @@
+"""Fusion and registration: the naive twins, closed forms, and what an occluded point must never get."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bench_fuse import CALIBRATION, fuse_naive, random_scene, register_naive
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from annotate.fuse import Fuser
+from annotate.registration import (
+    KINECT2_COLOR,
+    KINECT2_DEPTH,
+    KinectColorParams,
+    Registration,
+    kinect_points,
+    undistortion_index,
+)
+from annotate.visibility import View
+from sensors.calibration import Pose, RigCalibration
+from sensors.camera import Intrinsics, project, unproject
+from sensors.errors import CalibrationError, FormatError
+from sensors.frame import RigFrame
+
+DEPTH = Intrinsics(96, 80, 70.0, 70.0, 47.3, 39.8)
+COLOR = Intrinsics(320, 260, 207.0, 207.0, 160.2, 129.4)
+THERMAL = Intrinsics(40, 34, 24.0, 24.0, 19.4, 16.6)
+RIG = RigCalibration(
+    *(DEPTH, COLOR, Pose(np.eye(3), np.array([-0.05, 0.0, 0.0]))),
+    *(THERMAL, Pose(np.eye(3), np.array([0.02, 0.06, 0.0]))),
+)
+OTHER_UNIT = Intrinsics(
+    512, 424, 368.10, 368.10, 262.5, 206.0, k1=0.0891, k2=-0.2709, k3=0.0993, p1=1e-3, p2=-2e-3
+)
+
+
+def wall(z_mm=2000, camera=DEPTH):
+    return np.full(camera.shape, z_mm, np.uint16)
+
+
+def box_before_wall():
+    depth = wall(2500)
+    depth[20:60, 30:60] = 1200
+    return depth
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_equals_the_naive_twin_bit_for_bit(seed):
+    scene = random_scene(seed)
+    fused, naive = Fuser(CALIBRATION).fuse(*scene), fuse_naive(CALIBRATION, *scene)
+    assert fused.color_valid.mean() > 0.5 and np.isfinite(fused.temperature_c).mean() > 0.5
+    for name in ("depth_mm", "color_rgb", "color_valid"):
+        np.testing.assert_array_equal(getattr(fused, name), getattr(naive, name))
+    for name in ("points_m", "temperature_c"):
+        np.testing.assert_array_equal(getattr(fused, name), getattr(naive, name))
+
+
+def test_points_are_the_undistorted_cameras_unprojection():
+    depth, _, _ = random_scene(3)
+    cloud = Fuser(CALIBRATION).fuse(depth)
+    metres = np.where(cloud.valid, cloud.depth_mm / 1000, np.nan)
+    np.testing.assert_allclose(cloud.points_m, unproject(cloud.camera, metres), rtol=1e-6, atol=1e-7)
+    np.testing.assert_array_equal(np.isnan(cloud.points_m[..., 2]), ~cloud.valid)
+
+
+def test_undistortion_without_distortion_is_the_identity():
+    np.testing.assert_array_equal(
+        undistortion_index(DEPTH).ravel(), np.arange(DEPTH.width * DEPTH.height, dtype=np.int32)
+    )
+
+
+def test_projection_agrees_with_the_double_precision_camera():
+    depth, _, _ = random_scene(4)
+    cloud = Fuser(CALIBRATION).fuse(depth)
+    view = View.of_color(CALIBRATION.depth, CALIBRATION.color, CALIBRATION.color_from_depth)
+    found = view.project(cloud.points_m[..., 2])
+    expected = project(CALIBRATION.color, CALIBRATION.color_from_depth.apply(cloud.points_m))
+    inside = np.isfinite(found.ahead_m)
+    assert inside.mean() > 0.5
+    np.testing.assert_allclose(found.column[inside], expected[inside, 0], atol=2e-3)
+    np.testing.assert_allclose(found.row[inside], expected[inside, 1], atol=2e-3)
+
+
+def test_a_point_takes_the_colour_painted_at_its_projection():
+    v, u = np.mgrid[: COLOR.height, : COLOR.width]
+    color = np.stack([u // 2, v, (u + v) % 256], axis=-1).astype(np.uint8)
+    cloud = Fuser(RIG).fuse(wall(), color)
+    position = np.floor(project(COLOR, RIG.color_from_depth.apply(cloud.points_m)) + 0.5).astype(int)
+    inside = ((position >= 0) & (position < (COLOR.width, COLOR.height))).all(axis=-1)
+    np.testing.assert_array_equal(cloud.color_valid, inside)
+    column, row = position[inside].T
+    np.testing.assert_array_equal(cloud.color_rgb[inside], color[row, column])
+    assert not cloud.color_rgb[~inside].any()
+
+
+def test_bilinear_temperature_is_exact_on_a_ramp():
+    v, u = np.mgrid[: THERMAL.height, : THERMAL.width].astype(np.float32)
+    cloud = Fuser(RIG).fuse(wall(), None, 20 + 0.25 * u + 0.125 * v)
+    position = project(THERMAL, RIG.thermal_from_depth.apply(cloud.points_m))
+    # A thermal pixel on which no point falls, beside the cloud, says nothing about the cloud.
+    low = np.maximum(position.min(axis=(0, 1)) + 1, 0)
+    high = np.minimum(position.max(axis=(0, 1)) - 1, (THERMAL.width - 1, THERMAL.height - 1))
+    inside = ((position >= low) & (position <= high)).all(axis=-1)
+    expected = 20 + 0.25 * position[..., 0] + 0.125 * position[..., 1]
+    np.testing.assert_allclose(cloud.temperature_c[inside], expected[inside], atol=1e-3)
+
+
+def test_occluded_points_never_take_the_foregrounds_colour():
+    depth = box_before_wall()
+    near = depth == 1200
+    # Paint red every colour pixel on which a point of the box falls, blue the rest.
+    points = RIG.color_from_depth.apply(Fuser(RIG).fuse(depth).points_m)
+    column, row = np.floor(project(COLOR, points) + 0.5).astype(int)[near].T
+    color = np.zeros((*COLOR.shape, 3), np.uint8) + np.uint8([0, 0, 255])
+    color[row, column] = (255, 0, 0)
+    cloud = Fuser(RIG).fuse(depth, color)
+    np.testing.assert_array_equal(cloud.color_rgb[near & cloud.color_valid], [[255, 0, 0]] * near.sum())
+    behind = cloud.color_valid & ~near
+    np.testing.assert_array_equal(cloud.color_rgb[behind, 0], 0)
+    assert (~cloud.color_valid & ~near).any(), "parallax hides some of the wall"
+
+
+def test_the_foregrounds_heat_is_never_copied_onto_the_wall():
+    depth = box_before_wall()
+    near = depth == 1200
+    # Every thermal pixel that sees any of the box is a mixture, as on a real silhouette.
+    corners = project(THERMAL, RIG.thermal_from_depth.apply(Fuser(RIG).fuse(depth).points_m))[near]
+    u, v = np.arange(THERMAL.width), np.arange(THERMAL.height)
+    (u0, v0), (u1, v1) = corners.min(axis=0), corners.max(axis=0)
+    covered_u = np.clip(np.minimum(u + 0.5, u1 + 0.3) - np.maximum(u - 0.5, u0 - 0.3), 0, 1)
+    covered_v = np.clip(np.minimum(v + 0.5, v1 + 0.3) - np.maximum(v - 0.5, v0 - 0.3), 0, 1)
+    thermal = (20 + 14 * covered_v[:, None] * covered_u).astype(np.float32)
+    cloud = Fuser(RIG).fuse(depth, None, thermal)
+    assert np.nanmax(cloud.temperature_c[~near]) < 20.01
+    assert np.isfinite(cloud.temperature_c[near]).all()
+    assert np.nanmedian(cloud.temperature_c[near]) == pytest.approx(34, abs=0.01)
+
+
+@pytest.mark.parametrize(("share", "visible"), [(0.009, True), (0.0115, False)])
+def test_colour_tolerance_is_libfreenect2s(share, visible):
+    camera = replace(DEPTH, fx=70 * 0.99, fy=70 * 0.99)
+    rig = RigCalibration(camera, replace(COLOR, fx=207, fy=207), Pose.identity())
+    depth = wall(5000)
+    depth[:, ::2] = round(5000 * (1 + share))
+    cloud = Fuser(rig).fuse(depth, np.full((*COLOR.shape, 3), 7, np.uint8))
+    inner = np.s_[10:-10, 10:-10]
+    assert cloud.color_valid[inner][:, 1::2].all()
+    assert cloud.color_valid[inner][:, ::2].all() == visible
+
+
+def test_a_slanted_floor_keeps_its_temperature():
+    v = np.arange(DEPTH.height)
+    below = np.clip((v - 30) / DEPTH.fy, 0.15, None)
+    depth = np.repeat((1200 / below)[:, None], DEPTH.width, axis=1).astype(np.uint16)
+    cloud = Fuser(RIG).fuse(depth, None, np.full(THERMAL.shape, 21, np.float32))
+    assert np.isfinite(cloud.temperature_c[45:70, 5:-5]).mean() > 0.95
+
+
+def test_rolling_a_camera_with_its_image_changes_nothing():
+    depth, color, thermal = random_scene(5, RIG)
+    half_turn = np.diag([-1.0, -1.0, 1.0])
+
+    def rolled(camera, pose):
+        camera = replace(camera, cx=camera.width - 1 - camera.cx, cy=camera.height - 1 - camera.cy)
+        return camera, Pose(half_turn @ pose.rotation, half_turn @ pose.translation_m)
+
+    turned = RigCalibration(
+        DEPTH, *rolled(COLOR, RIG.color_from_depth), *rolled(THERMAL, RIG.thermal_from_depth)
+    )
+    a = Fuser(RIG).fuse(depth, color, thermal)
+    b = Fuser(turned).fuse(depth, color[::-1, ::-1], thermal[::-1, ::-1])
+    assert (a.color_rgb == b.color_rgb).all(axis=-1).mean() > 0.999
+    both = np.isfinite(a.temperature_c) & np.isfinite(b.temperature_c)
+    assert (np.isfinite(a.temperature_c) == both).mean() > 0.999
+    assert np.mean(np.abs(a.temperature_c - b.temperature_c)[both] < 1e-2) > 0.999
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10**6), x=st.floats(-0.3, 0.3), angle=st.floats(-3.1, 3.1))
+def test_any_pose_gives_values_of_the_image_or_nothing(seed, x, angle):
+    pose = Pose(Rotation.from_rotvec([0.1, angle, 0.2]).as_matrix(), np.array([x, -x, 0.1]))
+    depth, _, thermal = random_scene(seed, RIG)
+    cloud = Fuser(RigCalibration(DEPTH, COLOR, pose, THERMAL, pose)).fuse(
+        depth, np.full((*COLOR.shape, 3), 9, np.uint8), thermal
+    )
+    assert (cloud.color_rgb[cloud.color_valid] == 9).all() and not cloud.color_rgb[~cloud.color_valid].any()
+    known = cloud.temperature_c[np.isfinite(cloud.temperature_c)]
+    assert ((known >= np.nanmin(thermal) - 1e-3) & (known <= np.nanmax(thermal) + 1e-3)).all()
+    assert not cloud.color_valid[~cloud.valid].any() and np.isnan(cloud.temperature_c[~cloud.valid]).all()
+
+
+def test_pixels_without_a_reading_do_not_spread():
+    thermal = np.full(THERMAL.shape, 30, np.float32)
+    thermal[::2, ::2] = np.nan
+    cloud = Fuser(RIG).fuse(wall(), None, thermal)
+    known = cloud.temperature_c[np.isfinite(cloud.temperature_c)]
+    np.testing.assert_allclose(known, 30, atol=1e-4)
+    assert np.isnan(Fuser(RIG).fuse(wall(), None, thermal * np.nan).temperature_c).all()
+
+
+def test_without_colour_and_thermal_the_cloud_says_so():
+    cloud = Fuser(RigCalibration(DEPTH)).fuse(wall())
+    assert not cloud.color_valid.any() and np.isnan(cloud.temperature_c).all() and cloud.valid.all()
+    frame = RigFrame(0, 0, wall(), None, np.full(THERMAL.shape, 22, np.float32))
+    assert np.nanmax(Fuser(RIG).fuse_frame(frame).temperature_c) == pytest.approx(22, abs=1e-4)
+    with pytest.raises(FormatError, match="cannot be decoded"):
+        Fuser(RIG).fuse_frame(RigFrame(0, 0, wall(), b"no image"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ((np.zeros((5, 6), np.uint16),), "depth image is 6x5 .* 96x80"),
+        ((wall(), np.zeros((4, 4, 3), np.uint8)), "colour image is 4x4"),
+        ((wall(), None, np.zeros((3, 9), np.float32)), "thermal image is 9x3"),
+    ],
+)
+def test_a_wrong_size_is_one_clear_line(arguments, match):
+    with pytest.raises(CalibrationError, match=match) as caught:
+        Fuser(RIG).fuse(*arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_image_without_its_camera_is_refused():
+    with pytest.raises(CalibrationError, match="no colour camera"):
+        Fuser(RigCalibration(DEPTH)).fuse(wall(), np.zeros((4, 4, 3), np.uint8))
+
+
+# --- libfreenect2's registration -------------------------------------------------------------------
+
+
+def register_scalar(depth, color, rgb, depth_mm):
+    """Registration written out pixel by pixel in float32, after the facts' six steps."""
+    f = np.float32
+    fx, fy, cx, cy = f(depth.fx), f(depth.fy), f(depth.cx), f(depth.cy)
+    k1, k2, p1, p2, k3 = map(f, depth.distortion)
+    undistorted = np.zeros(depth.shape, f)
+    registered, target = np.zeros((*depth.shape, 3), np.uint8), {}
+    front = {}
+    for v in range(depth.height):
+        for u in range(depth.width):
+            dx, dy = (f(u) - cx) / fx, (f(v) - cy) / fy
+            dx2, dy2, dxdy2 = dx * dx, dy * dy, f(2) * dx * dy
+            r2 = dx2 + dy2
+            kr = f(1) + ((k3 * r2 + k2) * r2 + k1) * r2
+            x = fx * (dx * kr + p2 * (r2 + f(2) * dx2) + p1 * dxdy2) + cx
+            y = fy * (dy * kr + p1 * (r2 + f(2) * dy2) + p2 * dxdy2) + cy
+            column, row = int(x + f(0.5)), int(y + f(0.5))
+            if not (0 <= column < depth.width and 0 <= row < depth.height):
+                continue
+            z = f(depth_mm[row, column])
+            undistorted[v, u] = z
+            if z <= 0:
+                continue
+            mx, my = (f(u) - cx) * f(0.01), (f(v) - cy) * f(0.01)
+            powers = (
+                mx * mx * mx,
+                my * my * my,
+                mx * mx * my,
+                my * my * mx,
+                mx * mx,
+                my * my,
+                mx * my,
+                mx,
+                my,
+            )
+            wx, wy = f(0), f(0)
+            for power, a, b in zip((*powers, f(1)), color.mx, color.my, strict=True):
+                wx, wy = wx + power * f(a), wy + power * f(b)
+            rx = wx / (f(color.f) * f(0.002199)) - f(color.shift_m) / f(color.shift_d)
+            ry = wy / f(0.002199) + f(color.cy)
+            across = int((rx + f(color.shift_m) / z) * f(color.f) + (f(color.cx) + f(0.5)))
+            offset = across + color.width * int(ry + f(0.5))
+            if 0 <= offset < color.width * color.height:
+                target[v, u] = offset
+                for down in (-1, 0, 1):
+                    for side in (-2, -1, 0, 1, 2):
+                        cell = offset + down * color.width + side
+                        front[cell] = min(front.get(cell, f(65536)), z)
+    for (v, u), offset in target.items():
+        z = undistorted[v, u]
+        if not (z - front[offset]) / z > f(0.01):
+            registered[v, u] = rgb[offset // color.width, offset % color.width]
+    return undistorted, registered
+
+
+SMALL_COLOR = replace(KINECT2_COLOR, width=210, height=150, cx=104.5, cy=60.0)
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 10**6), unit=st.sampled_from([KINECT2_DEPTH, OTHER_UNIT]))
+def test_registration_equals_the_scalar_facts_bit_for_bit(seed, unit):
+    rng = np.random.default_rng(seed)
+    depth = replace(unit, width=36, height=28, cx=17.3, cy=14.2, fx=unit.fx / 13, fy=unit.fy / 13)
+    depth_mm = rng.choice([0, 700, 701, 1500, 1510, 1530, 4000], depth.shape).astype(np.float32)
+    rgb = rng.integers(1, 256, (SMALL_COLOR.height, SMALL_COLOR.width, 3), np.uint8)
+    undistorted, registered = Registration(depth, SMALL_COLOR).apply(rgb, depth_mm)
+    expected = register_scalar(depth, SMALL_COLOR, rgb, depth_mm)
+    np.testing.assert_array_equal(undistorted, expected[0])
+    np.testing.assert_array_equal(registered, expected[1])
+    assert registered.any() and (registered[undistorted > 0] == 0).all(axis=-1).any()
+
+
+@pytest.mark.parametrize("unit", [KINECT2_DEPTH, OTHER_UNIT])
+def test_registration_of_a_full_frame_equals_numpy(unit):
+    depth, rgb, _ = random_scene(6)
+    undistorted, registered = Registration(unit, KINECT2_COLOR).apply(rgb, depth)
+    expected = register_naive(unit, KINECT2_COLOR, rgb, depth)
+    np.testing.assert_array_equal(undistorted, expected[0])
+    np.testing.assert_array_equal(registered, expected[1])
+    assert registered.any(axis=-1).mean() > 0.5
+
+
+def test_registration_has_the_published_disparity():
+    """56 pixels between 1 m and infinity, a third of that at 3 m (shift_m f / z)."""
+    near, far = (KINECT2_COLOR.shift_m * KINECT2_COLOR.f / z for z in (1000.0, 3000.0))
+    assert near == pytest.approx(56.2, abs=0.1) and far == pytest.approx(near / 3)
+    ramp = np.zeros((1080, 1920, 3), np.uint8)
+    ramp[..., 0], ramp[..., 1] = np.arange(1920) % 256, np.arange(1920) // 256
+    apply = Registration(KINECT2_DEPTH, KINECT2_COLOR).apply
+    columns = [
+        r[212, 256].astype(int) @ (1, 256, 0)
+        for r in (apply(ramp, np.full((424, 512), z, np.float32))[1] for z in (1000, 3000))
+    ]
+    assert columns[0] - columns[1] == pytest.approx(near - far, abs=1)
+
+
+def test_kinect_points_lie_half_a_pixel_off_and_drop_a_millimetre():
+    points = kinect_points(np.float32([[0, 1], [2000, 1000]]), replace(KINECT2_DEPTH, width=2, height=2))
+    assert np.isnan(points[0]).all()
+    x = (0.5 - KINECT2_DEPTH.cx) * 2.0 / KINECT2_DEPTH.fx
+    np.testing.assert_allclose(
+        points[1, 0], (x, (1.5 - KINECT2_DEPTH.cy) * 2.0 / KINECT2_DEPTH.fy, 2.0), rtol=1e-6
+    )
+
+
+def test_registration_refuses_other_sizes_and_coefficients():
+    with pytest.raises(CalibrationError, match="this registration is for"):
+        Registration(KINECT2_DEPTH, KINECT2_COLOR).apply(np.zeros((4, 4, 3), np.uint8), wall())
+    with pytest.raises(CalibrationError, match="give 10 each"):
+        KinectColorParams(1, 1, 1, 1, 1, (1.0,), (1.0,))

@@ -1,0 +1,226 @@
+"""The person in analytic scenes, on the virtual rig, and in real recordings without temperature."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from annotate.cloud import ThermalCloud
+from annotate.fuse import Fuser
+from annotate.person import extract_person
+from sensors.camera import Intrinsics, rays
+from sensors.pointcloud import CloudFile
+from synth.rig import VirtualRig, truth_labels
+
+CAMERA = Intrinsics(256, 212, 183.0, 183.0, 127.5, 105.5)
+RAYS = rays(CAMERA)
+
+
+class Scene:
+    """Ray-traced spheres and planes; what was hit last in front counts. Camera frame, metres."""
+
+    def __init__(self):
+        self.z = np.full(CAMERA.shape, np.inf)
+        self.celsius = np.full(CAMERA.shape, np.nan)
+        self.person = np.zeros(CAMERA.shape, bool)
+
+    def put(self, z, celsius, person=False):
+        front = z < self.z
+        self.z[front], self.person[front] = z[front], person
+        self.celsius[front] = celsius
+
+    def ellipsoid(self, centre, radii, celsius, person=True):
+        """|(p - c) / r| = 1 along p = t ray."""
+        d, c = RAYS / radii, np.divide(centre, radii)
+        a, b, k = (d * d).sum(-1), d @ c, c @ c - 1
+        inside = b * b - a * k
+        root = np.where(inside >= 0, (b - np.sqrt(np.maximum(inside, 0))) / a, np.inf)
+        self.put(root, celsius, person)
+
+    def plane(self, normal, offset, celsius, where=None):
+        """normal . p = offset, kept where ``where(points)``."""
+        with np.errstate(divide="ignore"):
+            z = offset / (RAYS @ np.asarray(normal, float))
+        z = np.where(z > 0, z, np.inf)
+        if where is not None:
+            points = np.where(np.isfinite(z), z, 0)[..., None] * RAYS
+            z = np.where(where(points), z, np.inf)
+        self.put(z, celsius)
+
+    def cloud(self, seed=0, holes=0.0, unseen=None):
+        rng = np.random.default_rng(seed)
+        z = np.where(np.isfinite(self.z), self.z + rng.normal(0, 0.003, self.z.shape), 0)
+        z[(rng.random(z.shape) < holes) | (z > 4.5)] = 0
+        depth = np.rint(z * 1000).astype(np.uint16)
+        celsius = (self.celsius + rng.normal(0, 0.08, z.shape)).astype(np.float32)
+        celsius[(depth == 0) | (unseen if unseen is not None else False)] = np.nan
+        return cloud_of(depth, celsius)
+
+
+def cloud_of(depth_mm, celsius):
+    metres = np.where(depth_mm > 0, depth_mm / 1000, np.nan)
+    points = (RAYS * metres[..., None]).astype(np.float32)
+    return ThermalCloud(
+        CAMERA, depth_mm, points, np.zeros((*CAMERA.shape, 3), np.uint8), depth_mm > 0, celsius
+    )
+
+
+def room():
+    scene = Scene()
+    scene.plane((0, 0, 1), 3.4, 20.5)
+    scene.plane((0, 1, 0), 0.95, 20.0)
+    return scene
+
+
+def sitting(hair_c=26.0, shoe_c=28.0):
+    """A person of ellipsoids on a sofa whose seat and back they touch."""
+    scene = room()
+    scene.plane((0, 0, 1), 2.45, 21.5, lambda p: (abs(p[..., 0]) < 0.8) & (p[..., 1] > -0.1))
+    scene.plane(
+        (0, 1, 0), 0.42, 21.5, lambda p: (abs(p[..., 0]) < 0.8) & (p[..., 2] > 1.9) & (p[..., 2] < 2.5)
+    )
+    scene.plane((0, 0, 1), 1.9, 21.5, lambda p: (abs(p[..., 0]) < 0.8) & (p[..., 1] > 0.42))
+    scene.ellipsoid((0, 0.05, 2.36), (0.2, 0.33, 0.12), 30.5)
+    scene.ellipsoid((0, -0.43, 2.32), (0.09, 0.13, 0.1), 33.5)
+    scene.ellipsoid((0, -0.5, 2.33), (0.095, 0.09, 0.11), hair_c)
+    for side in (-1, 1):
+        scene.ellipsoid((side * 0.12, 0.36, 2.05), (0.08, 0.08, 0.3), 29.5)
+        scene.ellipsoid((side * 0.13, 0.62, 1.8), (0.06, 0.3, 0.06), 28.8)
+        scene.ellipsoid((side * 0.13, 0.88, 1.74), (0.05, 0.06, 0.12), shoe_c)
+        scene.ellipsoid((side * 0.27, 0.02, 2.26), (0.05, 0.3, 0.06), 30.0)
+    return scene
+
+
+def iou(found, truth):
+    return (found & truth).sum() / (found | truth).sum()
+
+
+def truth_of(scene, cloud):
+    return scene.person & cloud.valid
+
+
+def test_a_person_on_a_sofa_is_found_and_the_sofa_is_not():
+    scene = sitting()
+    cloud = scene.cloud()
+    found = extract_person(cloud)
+    assert found.method == "thermal" and found.notes == ()
+    assert iou(found.mask, truth_of(scene, cloud)) > 0.97
+
+
+def test_hair_and_shoes_below_the_window_are_recovered():
+    scene = sitting(hair_c=24.0, shoe_c=24.2)
+    cloud = scene.cloud(holes=0.05)
+    window_only = (cloud.temperature_c >= 25) & (cloud.temperature_c <= 35)
+    truth = truth_of(scene, cloud)
+    assert iou(extract_person(cloud).mask, truth) > 0.96 > iou(window_only, truth) + 0.02
+
+
+def test_points_without_temperature_go_with_their_surface():
+    scene = sitting()
+    rng = np.random.default_rng(1)
+    unseen = np.kron(rng.random((27, 32)) < 0.35, np.ones((8, 8))).astype(bool)[:212, :256]
+    cloud = scene.cloud(unseen=unseen)
+    assert iou(extract_person(cloud).mask, truth_of(scene, cloud)) > 0.93
+
+
+def test_small_and_flat_warm_things_are_no_persons():
+    scene = sitting()
+    scene.ellipsoid((-1.2, 0.3, 2.6), (0.05, 0.06, 0.05), 33.0, person=False)
+    scene.plane((0, 0, 1), 3.3, 31.0, lambda p: (p[..., 0] > 0.5) & (abs(p[..., 1]) < 0.8))
+    cloud = scene.cloud()
+    assert iou(extract_person(cloud).mask, truth_of(scene, cloud)) > 0.97
+
+
+def test_nobody_there_gives_an_empty_mask_and_a_note():
+    found = extract_person(room().cloud())
+    assert not found.mask.any() and found.mask.dtype == bool and "no person" in found.notes[0]
+    nothing = np.zeros(CAMERA.shape, np.uint16)
+    blind = cloud_of(nothing, np.full(CAMERA.shape, np.nan, np.float32))
+    found = extract_person(blind)
+    assert not found.mask.any() and found.method == "depth" and "no person" in found.notes[0]
+
+
+@pytest.mark.parametrize("drift", [-3.0, 1.5])
+def test_drift_of_camera_and_window_changes_nothing(drift):
+    cloud = sitting().cloud()
+    drifted = replace(cloud, temperature_c=cloud.temperature_c + np.float32(drift))
+    found = extract_person(drifted, (25 + drift, 35 + drift))
+    assert iou(found.mask, extract_person(cloud).mask) > 0.999
+
+
+def test_how_hot_a_radiator_far_away_is_does_not_matter():
+    masks = []
+    for celsius in (40.0, 80.0):
+        scene = sitting()
+        scene.plane((0, 0, 1), 3.3, celsius, lambda p: (p[..., 0] > 1.0) & (abs(p[..., 1]) < 0.4))
+        masks.append(extract_person(scene.cloud()).mask)
+    np.testing.assert_array_equal(*masks)
+
+
+def test_a_mirrored_cloud_gives_the_mirrored_mask():
+    cloud = sitting().cloud()
+    mirrored = cloud_of(cloud.depth_mm[:, ::-1].copy(), cloud.temperature_c[:, ::-1].copy())
+    assert iou(extract_person(mirrored).mask[:, ::-1], extract_person(cloud).mask) > 0.99
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 10**6), warm=st.floats(0, 1), holes=st.floats(0, 1))
+def test_the_mask_is_a_subset_of_the_valid_pixels(seed, warm, holes):
+    rng = np.random.default_rng(seed)
+    blocks = np.kron(rng.integers(800, 3000, (27, 32)), np.ones((8, 8), int))[:212, :256]
+    depth = np.where(rng.random(CAMERA.shape) < holes, 0, blocks).astype(np.uint16)
+    celsius = np.where(rng.random(CAMERA.shape) < warm, 30, 20).astype(np.float32)
+    celsius[rng.random(CAMERA.shape) < 0.2] = np.nan
+    cloud = cloud_of(depth, celsius)
+    found = extract_person(cloud)
+    assert not found.mask[~cloud.valid].any()
+    np.testing.assert_array_equal(found.mask, extract_person(cloud).mask)
+
+
+def standing():
+    scene = room()
+    scene.ellipsoid((0.1, 0.0, 2.3), (0.22, 0.4, 0.13), np.nan)
+    scene.ellipsoid((0.1, -0.52, 2.3), (0.1, 0.14, 0.1), np.nan)
+    for side in (-0.1, 0.1):
+        scene.ellipsoid((0.1 + side, 0.55, 2.3), (0.08, 0.38, 0.09), np.nan)
+    return scene
+
+
+def test_by_depth_alone_walls_and_floor_fall_away():
+    scene = standing()
+    cloud = scene.cloud(unseen=np.ones(CAMERA.shape, bool))
+    found = extract_person(cloud)
+    assert found.method == "depth" and "depth alone" in found.notes[0]
+    assert iou(found.mask, truth_of(scene, cloud)) > 0.93
+    empty = extract_person(room().cloud(unseen=np.ones(CAMERA.shape, bool)))
+    assert not empty.mask.any() and "no person" in empty.notes[0]
+
+
+def test_on_the_virtual_rig_the_person_is_found_to_95_percent():
+    rig = VirtualRig(2, 2, "hard", 3)
+    fuser = Fuser(rig.calibration)
+    for frame, truth in rig.with_truth():
+        parts = truth_labels(frame, truth).parts
+        cloud = fuser.fuse(frame.depth_mm, None, frame.thermal_c)
+        known = parts != 255
+        assert iou(extract_person(cloud).mask & known, (parts > 0) & known) > 0.95
+
+
+def depth_only(path):
+    recording = CloudFile(path)
+    cloud = Fuser(recording.calibration).fuse(next(iter(recording)).depth_mm)
+    return cloud, extract_person(cloud).mask
+
+
+def test_real_standing_people_without_temperature(shared_data):
+    for path in sorted((shared_data / "kinect2_standing").glob("*.pcd")):
+        cloud, mask = depth_only(path)
+        assert mask.sum() > 0.9 * cloud.valid.sum()
+
+
+def test_a_real_head_and_shoulders_before_an_office(shared_data):
+    cloud, mask = depth_only(shared_data / "pcl_person" / "person.pcd")
+    near = cloud.valid & (cloud.points_m[..., 2] < 1.1)
+    assert iou(mask, near) > 0.95
