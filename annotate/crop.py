@@ -14,6 +14,8 @@ SIZE = 212
 RANGE_MM = 2000.0
 """Depth [0, 2000] mm becomes [0, 1] (same section). The person's median is moved to the middle first:
 the paper's camera stood within 2 m, other people's do not."""
+NEAREST = 1 / RANGE_MM
+"""Least value of a person's pixel: 0 is kept for "nothing here"."""
 MARGIN = 0.04
 """Free border on each side, as a share of the person's larger extent."""
 
@@ -77,8 +79,7 @@ def normalize(depth_mm: NDArray[np.uint16], mask: NDArray[np.bool_]) -> NDArray[
         return np.zeros(depth_mm.shape, np.float32)
     middle = float(np.median(depth_mm[person]))
     scaled = (depth_mm.astype(np.float32) - (middle - RANGE_MM / 2)) / RANGE_MM
-    # 0 is kept for "nothing here".
-    return np.where(person, np.clip(scaled, 1 / RANGE_MM, 1), 0).astype(np.float32)
+    return np.where(person, np.clip(scaled, NEAREST, 1), 0).astype(np.float32)
 
 
 def person_of(parts: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from annotate.crop import SIZE, Crop, crop_around
 from annotate.labels import FrameLabels
+from sensors.calibration import Pose
 from sensors.errors import CloudError
 from synth.body import Body, shipped_bodies
 from synth.motion import ACTIVITIES, draw, glide, sit
@@ -30,7 +31,7 @@ TRIES = 20
 class Stage:
     """A posed person among furniture before a camera, world frame, metres.
 
-    vertices_m: float32 (V, 3). joints_m: (J, 3). around: closed meshes. eye_m, target_m: (3,).
+    vertices_m: float32 (V, 3). joints_m: (J, 3). around: closed meshes. eye_m: (3,) the camera's place.
     """
 
     activity: str
@@ -38,8 +39,7 @@ class Stage:
     joints_m: Float64
     around: Mesh
     eye_m: Float64
-    target_m: Float64
-    roll_rad: float
+    camera_from_world: Pose
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
         "activity": stage.activity,
         "crop": [crop.top + view.corner[0], crop.left + view.corner[1], crop.side],
         **_geometry(stage),
-        "visible": _visible(view, person),
+        "visible": [round(v, 3) for v in visibility(np.where(person, view.parts, np.uint8(0)), view.whole).tolist()],
         "occluders": things,
         "cut": round(1 - np.count_nonzero(person) / np.count_nonzero(view.parts), 3),
     }
@@ -99,14 +99,13 @@ def _look(
     preset: Preset, stage: Stage, body: Body, hair: NDArray[np.bool_], rng: np.random.Generator
 ) -> tuple[int, View]:
     """Render the stage, with occluders in their share of images unless they hide the person; how many stand."""
-    camera_from_world = look_at(stage.eye_m, stage.target_m, stage.roll_rad)
     if rng.random() < preset.occluders:
         seen = rng.choice(stage.vertices_m, int(rng.integers(1, 4))).astype(np.float64)
         things = [occluder(stage.eye_m, point, rng) for point in seen]
-        view = render_view(body, hair, stage.vertices_m, merge([stage.around, *things]), camera_from_world)
+        view = render_view(body, hair, stage.vertices_m, merge([stage.around, *things]), stage.camera_from_world)
         if np.count_nonzero(view.parts) >= MIN_PIXELS:
             return len(things), view
-    return 0, render_view(body, hair, stage.vertices_m, stage.around, camera_from_world)
+    return 0, render_view(body, hair, stage.vertices_m, stage.around, stage.camera_from_world)
 
 
 def _shoot(
@@ -120,22 +119,16 @@ def _shoot(
 
 
 def _geometry(stage: Stage) -> dict[str, Any]:
-    camera_from_world = look_at(stage.eye_m, stage.target_m, stage.roll_rad)
-    centre = stage.vertices_m.mean(axis=0)
+    centre = stage.joints_m.mean(axis=0)
     x, y, _ = (stage.eye_m - centre).tolist()
     return {
-        "joints_mm": np.rint(camera_from_world.apply(stage.joints_m) * 1000).astype(int).tolist(),
+        "joints_mm": np.rint(stage.camera_from_world.apply(stage.joints_m) * 1000).astype(int).tolist(),
         "camera": {
             "azimuth_deg": round(np.degrees(np.arctan2(x, -y)), 1),
             "height_m": round(float(stage.eye_m[2]), 2),
             "distance_m": round(float(np.linalg.norm(stage.eye_m - centre)), 2),
         },
     }
-
-
-def _visible(view: View, person: NDArray[np.bool_]) -> list[float]:
-    kept = visibility(np.where(person, view.parts, np.uint8(0)), view.parts)
-    return [round(share, 3) for share in (kept * view.visible).tolist()]
 
 
 @cache
@@ -170,12 +163,13 @@ def sitting(rng: np.random.Generator, body: Body) -> Stage:
     second = first if rng.random() < 0.6 else str(rng.choice(names))
     moment = glide(draw(first, rng), draw(second, rng), float(rng.random()))
     vertices, joints = sit(body, sofa, moment)
-    centre = vertices.mean(axis=0).astype(np.float64)
+    centre = joints.mean(axis=0)
     azimuth, distance = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0)
     eye = centre + distance * np.array([np.sin(azimuth), -np.cos(azimuth), 0])
     eye[2] = rng.uniform(0.6, 1.7)
     target = centre + rng.normal(0, (0.12, 0.12, 0.10))
-    return Stage(first, vertices, joints, sofa.mesh(), eye, target, np.radians(rng.normal(0, 2)))
+    camera_from_world = look_at(eye, target, np.radians(rng.normal(0, 2)))
+    return Stage(first, vertices, joints, sofa.mesh(), eye, camera_from_world)
 
 
 PRESETS = {

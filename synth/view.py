@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +11,7 @@ from annotate.registration import KINECT2_DEPTH
 from sensors.calibration import Pose
 from sensors.camera import Intrinsics
 from synth.body import Body
-from synth.render import Mesh, rasterize
+from synth.render import NEAR_M, Mesh, rasterize
 from synth.skeleton import JOINT_ID, Float64
 
 CAMERA = KINECT2_DEPTH.undistorted()
@@ -24,16 +25,15 @@ class View:
 
     camera: pinhole of the window. corner: (top, left) of the window in the whole image. depth_m: float32
     (h, w) along z, NaN where nothing is hit, furniture included. parts: uint8 (h, w) part ids, 0 where
-    the person is not. dark: bool (h, w), hair. visible: float64 (12,) share of each part's pixels that
-    nothing else hides, 1 where the part shows none; [0] is the whole person's.
+    the person is not. whole: the same if nothing stood before the person. dark: bool (h, w), hair.
     """
 
     camera: Intrinsics
     corner: tuple[int, int]
     depth_m: NDArray[np.float32]
     parts: NDArray[np.uint8]
+    whole: NDArray[np.uint8]
     dark: NDArray[np.bool_]
-    visible: Float64
 
 
 def render_view(
@@ -52,7 +52,7 @@ def render_view(
     hidden = others.depth_m < person.depth_m
     parts = np.where(hidden, np.uint8(BACKGROUND), whole)
     dark = np.append(hair, False)[person.face] & ~hidden
-    return View(camera, corner, np.fmin(person.depth_m, others.depth_m), parts, dark, visibility(parts, whole))
+    return View(camera, corner, np.fmin(person.depth_m, others.depth_m), parts, whole, dark)
 
 
 def visibility(parts: NDArray[np.uint8], whole: NDArray[np.uint8]) -> Float64:
@@ -76,22 +76,45 @@ def hair_faces(body: Body) -> NDArray[np.bool_]:
 
 
 def _to_camera(camera_from_world: Pose, vertices_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    rotation, translation = (
-        np.asarray(a, np.float32) for a in (camera_from_world.rotation, camera_from_world.translation_m)
-    )
-    return vertices_m @ rotation.T + translation
+    rotation, translation = camera_from_world.rotation, camera_from_world.translation_m
+    points: NDArray[np.float32] = _move(vertices_m, rotation.astype(np.float32), translation.astype(np.float32))
+    return points
+
+
+@numba.njit(cache=True)
+def _move(vertices, rotation, translation):  # type: ignore[no-untyped-def] # pragma: no cover
+    moved = np.empty_like(vertices)
+    for i in range(len(vertices)):
+        x, y, z = vertices[i]
+        for k in range(3):
+            moved[i, k] = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z + translation[k]
+    return moved
 
 
 def _window(points_m: NDArray[np.float32]) -> tuple[Intrinsics, tuple[int, int]]:
     """The part of the image that the points cover, with a border: its camera and its corner (top, left)."""
-    ahead = points_m[points_m[:, 2] > 0.05]
-    if len(ahead) == 0:
-        return replace(CAMERA, width=1, height=1), (0, 0)
-    x, y = ahead[:, 0] / ahead[:, 2], ahead[:, 1] / ahead[:, 2]
-    left, right = (int(CAMERA.fx * float(v) + CAMERA.cx) for v in (x.min(), x.max()))
-    top, bottom = (int(CAMERA.fy * float(v) + CAMERA.cy) for v in (y.min(), y.max()))
-    left, top = (min(max(v - BORDER_PX, 0), size - 1) for v, size in ((left, CAMERA.width), (top, CAMERA.height)))
-    width = max(1, min(right + BORDER_PX + 1, CAMERA.width) - left)
-    height = max(1, min(bottom + BORDER_PX + 1, CAMERA.height) - top)
-    window = replace(CAMERA, width=width, height=height, cx=CAMERA.cx - left, cy=CAMERA.cy - top)
+    x0, y0, x1, y1 = _bounds(points_m, NEAR_M)
+    left, right = _clip(CAMERA.fx * x0 + CAMERA.cx, CAMERA.fx * x1 + CAMERA.cx, CAMERA.width)
+    top, bottom = _clip(CAMERA.fy * y0 + CAMERA.cy, CAMERA.fy * y1 + CAMERA.cy, CAMERA.height)
+    window = replace(
+        CAMERA, width=right - left, height=bottom - top, cx=CAMERA.cx - left, cy=CAMERA.cy - top
+    )
     return window, (top, left)
+
+
+def _clip(low: float, high: float, size: int) -> tuple[int, int]:
+    """First pixel and the one after the last between two coordinates and inside an image's side; one at least."""
+    start = int(np.clip(low - BORDER_PX, 0, size - 1))
+    return start, int(np.clip(high + BORDER_PX + 1, start + 1, size))
+
+
+@numba.njit(cache=True)
+def _bounds(points, near):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Least x / z and y / z, then the greatest, of the points beyond the near plane."""
+    x0 = y0 = np.float32(1e6)
+    x1 = y1 = np.float32(-1e6)
+    for x, y, z in points:
+        if z > near:
+            x0, x1 = min(x0, x / z), max(x1, x / z)
+            y0, y1 = min(y0, y / z), max(y1, y / z)
+    return x0, y0, x1, y1
