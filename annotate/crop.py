@@ -84,4 +84,4 @@ def normalize(depth_mm: NDArray[np.uint16], mask: NDArray[np.bool_]) -> NDArray[
 
 def person_of(parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Pixels that belong to a person, the undefined ones too."""
-    return parts != BACKGROUND
+    return np.asarray(parts != BACKGROUND, np.bool_)

@@ -2,8 +2,7 @@
 
 import csv
 import time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,9 +11,11 @@ import typer
 from cli.console import Json, Overwrite, clear, finish, progress
 from sensors.errors import CloudError, ExistsError
 from synth.body import load_body, save_body
-from synth.generate import Order, generate
+from synth.generate import ORDER, Order, generate
 from synth.sample import preset_named
+from synth.workers import cluster, processes
 
+MEASURES = ("height_cm", "weight_kg", "waist_breadth_cm")
 app = typer.Typer(help="Bodies and datasets of synthetic depth images.", no_args_is_help=True)
 
 
@@ -36,11 +37,12 @@ def bodies(
         try:
             with table.open(newline="", encoding="utf-8") as file:
                 rows = list(csv.DictReader(file))
-            columns = ("height_cm", "weight_kg", "waist_breadth_cm")
-            sizes = tuple(BodySize(Path(row["name"]).name, *(float(row[c]) for c in columns)) for row in rows)
+            sizes = tuple(
+                BodySize(Path(row["name"]).name, *(float(row[c]) for c in MEASURES)) for row in rows
+            )
         except (KeyError, TypeError, ValueError) as error:
             raise CloudError(
-                f"{table} is no table of bodies ({error}); give columns name,height_cm,weight_kg,waist_breadth_cm"
+                f"{table} is no table of bodies ({error}); give columns name,{','.join(MEASURES)}"
             ) from error
     out.mkdir(parents=True, exist_ok=True)
     model, made = BodyModel(), []
@@ -52,34 +54,39 @@ def bodies(
             save_body(path, model.bake(size.name, fit(model, size)))
             body = load_body(path)
             measured = (body.height_cm, body.weight_kg, body.waist_breadth_cm)
-            made.append({"model": size.name, **dict(zip(("height_cm", "weight_kg", "waist_breadth_cm"),
-                                                        (round(v, 2) for v in measured), strict=True))})  # fmt: skip
+            made.append(
+                {"model": size.name} | dict(zip(MEASURES, (round(v, 2) for v in measured), strict=True))
+            )
             advance(1)
     finish({"bodies": made}, json, "\n".join(", ".join(f"{k} {v}" for k, v in body.items()) for body in made))
 
 
 @app.command("generate")
 def generate_(
-    preset: Annotated[str, typer.Option(help="sitting-train or sitting-test.")],
+    preset: Annotated[str, typer.Option(help="sitting-train, sitting-test or recumbent.")],
     out: Annotated[Path, typer.Option(help="Folder for the shards; a broken run goes on there.")],
     count: Annotated[int | None, typer.Option(help="Images; default: the paper's number.")] = None,
-    workers: Annotated[int, typer.Option(help="Processes.", min=1, max=256)] = 2,
+    workers: Annotated[int, typer.Option(help="Processes of this machine.", min=1, max=256)] = 2,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Use a dask cluster instead: its scheduler's address, tcp://HOST:8786.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Same seed, same bytes.")] = 0,
+    occluders: Annotated[float, typer.Option(help="Share of images with things before the person.")] = 0.0,
+    cut: Annotated[float, typer.Option(help="Share of images with holes in the extraction.")] = 0.0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Generate labelled depth images of seated people as tar shards."""
-    chosen = preset_named(preset)
+    """Generate labelled depth images of people as tar shards, with a page of pictures and statistics."""
+    chosen = replace(preset_named(preset), occluders=occluders, cut=cut)
     order = Order(chosen, chosen.count if count is None else count, seed)
-    clear(out, "order.json", overwrite)
+    clear(out, ORDER, overwrite)
     started = time.monotonic()
     with (
-        ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool,
+        cluster(scheduler) if scheduler else processes(workers) as hands,
         progress("generate", order.count) as advance,
     ):
-        dataset = generate(order, out, pool, advance)
-    rate = order.count / (time.monotonic() - started)
-    result = {"images": order.count, "images_per_second": round(rate, 1), "shards": len(dataset.shards)}
-    finish(
-        result, json, f"{order.count} images in {len(dataset.shards)} shards in {out}, {rate:.0f} a second"
-    )
+        made = generate(order, out, hands, advance)
+    rate = made.images / (time.monotonic() - started)
+    shards = len(made.dataset.shards)
+    result = {"images": order.count, "images_per_second": round(rate, 1), "shards": shards}
+    finish(result, json, f"{order.count} images in {shards} shards in {out}, {rate:.0f} a second")

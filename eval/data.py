@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.crop import SIZE, crop_around, normalize, person_of
+from annotate.crop import NEAREST, SIZE, crop_around, normalize, person_of
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND, UNDEFINED, swap_left_right
 from annotate.store import LabelSet

@@ -17,7 +17,7 @@ from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.person import WINDOW_C, PersonMask, extract_person
 from annotate.segment import Segmentation
 from annotate.store import LabelSet
-from sensors.errors import CloudError, FormatError
+from sensors.errors import FormatError
 from sensors.source import FrameSource
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
@@ -48,7 +48,8 @@ class Network:
             shapes = [self.probabilities(np.zeros((n, SIZE, SIZE), np.float32)).shape for n in (1, 2)]
         except Exception as error:  # ONNX Runtime's own errors share no public base
             raise FormatError(
-                f"weights {path} are no network for (B, 1, {SIZE}, {SIZE}) ({type(error).__name__}); export it again"
+                f"weights {path} are no network for (B, 1, {SIZE}, {SIZE}) ({type(error).__name__}); "
+                "export it again"
             ) from error
         if shapes != [(n, N_CLASSES, SIZE, SIZE) for n in (1, 2)]:
             raise FormatError(

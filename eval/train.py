@@ -3,6 +3,7 @@
 import json
 import math
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
@@ -118,7 +120,9 @@ def export_onnx(model: nn.Module, path: Path) -> None:
     """Write the network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, 12, 212, 212)."""
     example = torch.rand(1, 1, 212, 212)
     whole = nn.Sequential(model, nn.Softmax(dim=1)).eval()
-    with replacing(path) as temporary:
+    with replacing(path) as temporary, warnings.catch_warnings():
+        # The newer exporter needs another package, onnxscript, and gains nothing here.
+        warnings.simplefilter("ignore", DeprecationWarning)
         torch.onnx.export(
             whole,
             (example,),
@@ -167,7 +171,7 @@ def _resume(out: Path, model: nn.Module, optimizer: torch.optim.Optimizer) -> li
         state["state"] = _optimizer_state(tensors)
         optimizer.load_state_dict(state)
         return [Epoch(**e) for e in json.loads(header["history"])]
-    except (OSError, ValueError, KeyError, RuntimeError, TypeError) as error:
+    except (OSError, ValueError, KeyError, RuntimeError, TypeError, SafetensorError) as error:
         raise FormatError(
             f"checkpoint {path} cannot be resumed ({error}); remove it or start elsewhere"
         ) from error

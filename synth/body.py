@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from annotate.parts import PART_ID
 from sensors.atomic import replacing
+from sensors.camera import FloatArray
 from sensors.errors import FormatError
 from synth.skeleton import JOINT_ID, N_JOINTS, Float64, Posture, alignment, forward
 
@@ -52,7 +53,12 @@ class Body:
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise FormatError(f"body {self.name}: {name} is {getattr(self, name).shape}; give {shape}")
-        if self.faces.size == 0 or self.faces.min() < 0 or self.faces.max() >= v or self.bones.max() >= N_JOINTS:
+        if (
+            self.faces.size == 0
+            or self.faces.min() < 0
+            or self.faces.max() >= v
+            or self.bones.max() >= N_JOINTS
+        ):
             raise FormatError(f"body {self.name}: indices point outside; bake it again")
 
     @property
@@ -71,7 +77,7 @@ class Body:
         return 100 * float(np.ptp(self.vertices_m[self.waist, 0]))
 
 
-def volume_m3(vertices_m: NDArray[np.floating], faces: NDArray[np.int32]) -> float:  # type: ignore[type-arg]
+def volume_m3(vertices_m: FloatArray, faces: NDArray[np.int32]) -> float:
     """Volume enclosed by a triangle mesh: the sum of signed tetrahedra to the origin."""
     a, b, c = (vertices_m[faces[:, i]].astype(np.float64) for i in range(3))
     return abs(float(np.einsum("ij,ij->", np.cross(a, b), c))) / 6
@@ -85,8 +91,13 @@ def pose(body: Body, posture: Posture) -> tuple[NDArray[np.float32], Float64]:
     return _skin(body.vertices_m, body.bones, body.weights, matrices), joints
 
 
-@numba.njit(cache=True, fastmath=True)
-def _skin(vertices, bones, weights, matrices):  # type: ignore[no-untyped-def] # pragma: no cover
+@numba.njit(cache=True)
+def _skin(
+    vertices: NDArray[np.float32],
+    bones: NDArray[np.uint8],
+    weights: NDArray[np.float32],
+    matrices: NDArray[np.float32],
+) -> NDArray[np.float32]:  # pragma: no cover
     result = np.empty_like(vertices)
     m = np.empty((3, 4), np.float32)
     for v in range(len(vertices)):
@@ -105,7 +116,10 @@ def _skin(vertices, bones, weights, matrices):  # type: ignore[no-untyped-def] #
 
 
 def label_faces(
-    vertices_m: NDArray[np.float32], faces: NDArray[np.int32], joints_m: Float64, by_joint: NDArray[np.float32]
+    vertices_m: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    joints_m: Float64,
+    by_joint: NDArray[np.float32],
 ) -> NDArray[np.uint8]:
     """Part id (F,) per face from summed skinning weights at its centre; the pelvis by landmarks.
 
@@ -115,7 +129,7 @@ def label_faces(
     by_part = np.zeros((len(vertices_m), 12), np.float32)
     for name, joint in JOINT_ID.items():
         by_part[:, _part_of_joint(name)] += by_joint[:, joint]
-    parts = by_part[faces].mean(axis=1).argmax(axis=1).astype(np.uint8)
+    parts: NDArray[np.uint8] = by_part[faces].mean(axis=1).argmax(axis=1).astype(np.uint8)
     x, y, z = vertices_m[faces].mean(axis=1).T
     hip_z = joints_m[JOINT_ID["left_hip"], 2]
     femur = hip_z - joints_m[JOINT_ID["left_knee"], 2]

@@ -48,7 +48,9 @@ def read_shard(path: Path) -> Iterator[FrameLabels]:
             pending: dict[str, bytes] = {}
             for member in tar:
                 if not member.isfile() or member.size > MAX_MEMBER_BYTES:
-                    raise FormatError(f"shard {path} holds {member.name!r}, no image or too large; generate it again")
+                    raise FormatError(
+                        f"shard {path} holds {member.name!r}, no image or too large; generate it again"
+                    )
                 file = tar.extractfile(member)
                 key, _, suffix = member.name.partition(".")
                 pending[suffix] = file.read() if file else b""
@@ -79,10 +81,12 @@ class Dataset:
 
     @staticmethod
     def open(path: Path) -> "Dataset":
-        """Read the manifest. Raises FormatError when there is none, or it is corrupt, or shards are missing."""
+        """Read the manifest. Raises FormatError when there is none, it is corrupt, or shards are missing."""
         manifest = path / MANIFEST
         if not manifest.is_file():
-            raise FormatError(f"{path} is no finished dataset (it has no {MANIFEST}); run 'synth generate' again")
+            raise FormatError(
+                f"{path} is no finished dataset (it has no {MANIFEST}); run 'synth generate' again"
+            )
         try:
             info = json.loads(manifest.read_bytes())
             if info.pop("schema") != SCHEMA:

@@ -27,16 +27,20 @@ class Chain:
 
 
 _TRUNK_SLICES = 7
-_STATIONS = {"upper_arm": 4, "forearm": 4, "hand": 3, "thigh": 5, "shank": 5, "foot": 4}
+_STATIONS = {"upper_arm": 4, "forearm": 4, "hand": 3, "thumb_side": 3, "thigh": 5, "shank": 5, "foot": 4, "foot_outside": 4}
 _BONE = {
     "upper_arm": ("shoulder", "elbow"),
     "forearm": ("elbow", "wrist"),
     "hand": ("wrist", ""),
+    "thumb_side": ("wrist", ""),
     "thigh": ("hip", "knee"),
     "shank": ("knee", "ankle"),
     "foot": ("ankle", ""),
+    "foot_outside": ("ankle", ""),
 }
 _HEAD_STATIONS = 3
+FINGERS_M = 0.004
+"""Fingers stand out from the mean of a hand."""
 
 
 def _chains() -> dict[str, Chain]:
@@ -56,7 +60,7 @@ class Flesh:
     """What of a body does not change with its posture, for kinematics and contact.
 
     rest_joints_m, aligned: as ``kinematics`` takes them. centres_m: (S, 3) stations at rest; radii_m: (S,);
-    joints: (S,) the joint each station follows.
+    joints: (S,) the joint each station follows. trunk: indices of the vertices that pelvis and spine carry.
     """
 
     rest_joints_m: Float64
@@ -64,6 +68,7 @@ class Flesh:
     centres_m: Float64
     radii_m: Float64
     joints: Int64
+    trunk: Int64
 
 
 class _Same:
@@ -94,32 +99,63 @@ def _fit(same: _Same) -> Flesh:
         for limb, (start, end) in _BONE.items():
             j = JOINT_ID[f"{side}_{start}"]
             chain = CHAINS[f"{side}_{limb}"]
-            axis = _limb_axis(body, main, j, f"{side}_{end}", limb)
-            own = np.zeros(N_JOINTS, np.bool_)
-            own[j] = True
             s = slice(chain.lo, chain.hi)
-            _fit_chain(body.vertices_m, main, own, axis, centres[s], radii[s])
+            own = body.vertices_m[main == j].astype(np.float64)
+            axis = _limb_axis(body.joints_m, own, j, f"{side}_{end}", limb)
+            if start == "wrist":
+                # At rest the thumbs point forwards.
+                own = _half(own, axis, _FRONT if limb == "thumb_side" else -_FRONT)
+            elif start == "ankle":
+                outside = np.array([1.0 if side == "left" else -1.0, 0.0, 0.0])
+                own = _half(own, axis, outside if limb == "foot_outside" else -outside)
+            _fit_chain(own, axis, centres[s], radii[s])
             joints[s] = j
-            if limb == "foot":
+            if start == "wrist":
+                radii[s] += FINGERS_M
+            if start == "ankle":
                 # A sole is flat: the sphere reaches down to it and no further.
                 radii[s] = np.minimum(radii[s], 0.8 * centres[s, 2])
                 centres[s, 2] = radii[s]
-    return Flesh(body.joints_m, alignment(body.joints_m), centres, radii, joints)
+    trunk = np.flatnonzero(_carried(body, main))
+    return Flesh(body.joints_m, alignment(body.joints_m), centres, radii, joints, trunk)
 
 
-def _limb_axis(body: Body, main: Int64, joint: int, end: str, limb: str) -> Float64:
+def _carried(body: Body, main: Int64) -> NDArray[np.bool_]:
+    """(V,) what a lying or sitting body rests on first: pelvis, spine, buttocks and the bulk of the shoulders."""
+    carried = main <= JOINT_ID["spine_upper"]
+    for side in ("left", "right"):
+        shoulder = JOINT_ID[f"{side}_shoulder"]
+        near = np.abs(body.vertices_m - body.joints_m[shoulder].astype(np.float32)).max(axis=1) < 0.07
+        carried |= (main == JOINT_ID[f"{side}_clavicle"]) | ((main == shoulder) & near)
+        hip = JOINT_ID[f"{side}_hip"]
+        carried |= (main == hip) & (body.vertices_m[:, 2] > body.joints_m[hip, 2] - 0.08)
+    return carried
+
+
+_FRONT = np.array([0.0, -1.0, 0.0])
+
+
+def _half(own: Float64, axis: Float64, towards: Float64) -> Float64:
+    """The vertices of a hand or foot on that side of its axis, across its breadth."""
+    along = (axis[1] - axis[0]) / np.linalg.norm(axis[1] - axis[0])
+    off = own - axis[0]
+    off -= np.outer(off @ along, along)
+    across = np.linalg.eigh(off.T @ off)[1][:, -1]
+    return own[(off @ across > 0) == (across @ towards > 0)]
+
+
+def _limb_axis(rest_joints_m: Float64, own: Float64, joint: int, end: str, limb: str) -> Float64:
     """(2, 3) first and last station's place on the line the chain follows."""
-    start = body.joints_m[joint]
+    start = rest_joints_m[joint]
     if end in JOINT_ID:
-        along = body.joints_m[JOINT_ID[end]] - start
+        along = rest_joints_m[JOINT_ID[end]] - start
         return np.stack([start + 0.08 * along, start + 0.94 * along])
-    own = body.vertices_m[main == joint].astype(np.float64)
     along = own.mean(axis=0) - start
-    if limb == "foot":
-        along = np.array([along[0], along[1], 0.0])
+    if limb.startswith("foot"):
+        along[2] = 0.0
     along /= np.linalg.norm(along)
     reach = (own - start) @ along
-    margin = 0.025 if limb == "foot" else 0.015
+    margin = 0.02 if limb.startswith("foot") else 0.015
     return np.stack([start + (reach.min() + margin) * along, start + (reach.max() - margin) * along])
 
 
@@ -139,15 +175,24 @@ def _fit_trunk(body: Body, main: Int64, centres: Float64, radii: Float64, joints
         radii[chain.lo : chain.hi] = radius
         below = [j for j in range(4) if rest[j, 2] <= heights[i]]
         joints[chain.lo : chain.hi] = max(below, default=0)
-    for name, top in (("neck", "head"), ("head", "")):
-        chain, j = CHAINS[name], JOINT_ID[name]
-        low = rest[j] + (0, 0, 0.02)
-        high = rest[JOINT_ID[top]] if top else np.array([low[0], low[1], body.vertices_m[:, 2].max() - 0.085])
-        own = np.zeros(N_JOINTS, np.bool_)
-        own[j] = True
-        s = slice(chain.lo, chain.hi)
-        _fit_chain(body.vertices_m, main, own, np.stack([low, high]), centres[s], radii[s])
-        joints[s] = j
+    _fit_head(body, main, centres, radii, joints)
+
+
+def _fit_head(body: Body, main: Int64, centres: Float64, radii: Float64, joints: Int64) -> None:
+    neck, head = JOINT_ID["neck"], JOINT_ID["head"]
+    low, high = body.joints_m[neck] + (0, 0, 0.02), body.joints_m[head]
+    s = slice(CHAINS["neck"].lo, CHAINS["neck"].hi)
+    _fit_chain(body.vertices_m[main == neck].astype(np.float64), np.stack([low, high]), centres[s], radii[s])
+    joints[s] = neck
+    # Eyes and teeth weigh in a mean, so the head goes by its extents; the nose may stand out.
+    s = slice(CHAINS["head"].lo, CHAINS["head"].hi)
+    heights = np.linspace(high[2], body.vertices_m[:, 2].max() - 0.075, _HEAD_STATIONS)
+    own = np.zeros(N_JOINTS, np.bool_)
+    own[head] = True
+    left, right, front, back = _slices(body.vertices_m, main, own, heights, 0.02).T
+    radii[s] = (left - right + back - front) / 4
+    centres[s] = np.stack([(left + right) / 2, back - (back - front) / 2 - 0.005, heights], axis=1)
+    joints[s] = head
 
 
 def _main_joint(bones: NDArray[np.uint8], weights: NDArray[np.float32]) -> Int64:
@@ -156,40 +201,30 @@ def _main_joint(bones: NDArray[np.uint8], weights: NDArray[np.float32]) -> Int64
 
 
 @numba.njit(cache=True)
-def _fit_chain(
-    vertices_m: NDArray[np.float32], main: Int64, own: NDArray[np.bool_], axis: Float64, centres: Float64, radii: Float64
-) -> None:  # pragma: no cover
-    """Centre and mean radius of the vertices about each station of a line; writes centres and radii."""
+def _fit_chain(own: Float64, axis: Float64, centres: Float64, radii: Float64) -> None:  # pragma: no cover
+    """Middle and mean radius of the vertices (n, 3) about each station of a line; writes centres and radii."""
     n = len(radii)
     along = axis[1] - axis[0]
     length = np.sqrt(np.dot(along, along))
     along = along / length
+    nearest = np.rint((own - axis[0]) @ along * ((n - 1) / length)).astype(np.int64)
     count = np.zeros(n)
-    for sweep in range(2):
-        for v in range(0, len(main)):
-            if not own[main[v]]:
-                continue
-            p = vertices_m[v].astype(np.float64)
-            t = np.dot(p - axis[0], along) / length * (n - 1)
-            k = int(np.rint(t))
-            if k < 0 or k >= n:
-                continue
-            if sweep == 0:
-                centres[k] += p
-                count[k] += 1
-            else:
-                off = p - centres[k]
-                across = off - np.dot(off, along) * along
-                radii[k] += np.sqrt(np.dot(across, across))
-        if sweep == 0:
-            for k in range(n):
-                on_line = axis[0] + along * (length * k / (n - 1))
-                if count[k] > 0:
-                    mean = centres[k] / count[k]
-                    on_line = mean - along * (np.dot(mean - on_line, along))
-                centres[k] = on_line
+    for v in range(len(own)):
+        if 0 <= nearest[v] < n:
+            centres[nearest[v]] += own[v]
+            count[nearest[v]] += 1
     for k in range(n):
-        radii[k] /= max(count[k], 1.0)
+        station = axis[0] + along * (length * k / (n - 1))
+        if count[k] > 0:
+            mean = centres[k] / count[k]
+            station = mean - along * np.dot(mean - station, along)
+        centres[k] = station
+    for v in range(len(own)):
+        k = nearest[v]
+        if 0 <= k < n:
+            off = own[v] - centres[k]
+            off = off - np.dot(off, along) * along
+            radii[k] += np.sqrt(np.dot(off, off)) / count[k]
 
 
 @numba.njit(cache=True)

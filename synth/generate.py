@@ -1,17 +1,30 @@
 """Seeds to shards on any executor; the bytes do not depend on the workers, and a broken run resumes."""
 
+import hashlib
 import json
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, as_completed
-from dataclasses import dataclass
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from sensors.atomic import write_bytes
 from sensors.errors import CloudError, ExistsError
 from synth.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
-from synth.sample import Preset, preset_named, sample
+from synth.dataset_page import write_page
+from synth.sample import Preset, sample
+from synth.workers import Workers
 
 SHARD_FRAMES = 256
+ORDER = "order.json"
+"""What a folder's shards belong to, from the first one on."""
+
+
+def _versions() -> dict[str, str]:
+    return {
+        name: version(name) for name in ("annotate-cloud", "numpy", "numba", "opencv-contrib-python-headless")
+    }
 
 
 @dataclass(frozen=True)
@@ -21,76 +34,108 @@ class Order:
     preset: Preset
     count: int
     seed: int
+    versions: dict[str, str] = field(default_factory=_versions)
 
     def __post_init__(self) -> None:
         if not 1 <= self.count <= 1_000_000_000:
             raise CloudError(f"count {self.count} is impossible; give 1 to 1000000000 images")
+        if not 0 <= self.seed < 2**63:
+            raise CloudError(f"seed {self.seed} is impossible; give 0 to 2^63 - 1")
 
     @property
     def shards(self) -> int:
         """Number of shards, the last one perhaps shorter."""
         return -(-self.count // SHARD_FRAMES)
 
-    def manifest(self) -> dict[str, str | int]:
+    def manifest(self) -> dict[str, Any]:
         """The order as JSON values."""
-        return {"preset": self.preset.name, "images": self.count, "seed": self.seed, "shard_frames": SHARD_FRAMES}
+        return {
+            "preset": self.preset.name,
+            "occluders": self.preset.occluders,
+            "cut": self.preset.cut,
+            "images": self.count,
+            "seed": self.seed,
+            "shard_frames": SHARD_FRAMES,
+            "versions": self.versions,
+        }
 
 
-def make_shard(preset_name: str, seed: int, count: int, shard: int) -> bytes:
-    """One shard's bytes: the pure function that workers run."""
-    preset = preset_named(preset_name)
+@dataclass(frozen=True)
+class Made:
+    """A finished dataset, and how many of its images this run made; earlier ones made the others."""
+
+    dataset: Dataset
+    images: int
+
+
+def make_shard(order: Order, shard: int) -> bytes:
+    """One shard's bytes: the pure function that workers run.
+
+    Raises CloudError on a worker whose versions are not the order's: its bytes might differ.
+    """
+    if (here := _versions()) != order.versions:
+        raise CloudError(
+            f"a worker has {here}, the order {order.versions}; install the same versions everywhere"
+        )
     first = shard * SHARD_FRAMES
-    return encode_shard(sample(preset, seed, i) for i in range(first, min(first + SHARD_FRAMES, count)))
+    frames = range(first, first + _length(order, shard))
+    return encode_shard(sample(order.preset, order.seed, i) for i in frames)
 
 
-def generate(order: Order, out: Path, executor: Executor, progress: Callable[[int], None]) -> Dataset:
-    """Write the dataset's missing shards and its manifest into ``out``; ``progress`` gets images done.
+def generate(order: Order, out: Path, workers: Workers, progress: Callable[[int], None]) -> Made:
+    """Write the missing shards, then manifest and page, into ``out``; ``progress`` gets images done.
 
     Raises ExistsError when ``out`` holds something else than the beginning of this very order.
     """
     _claim(order, out)
     missing = [i for i in range(order.shards) if not (out / _file(i)).is_file()]
-    progress(order.count - sum(_length(order, i) for i in missing))
+    made = sum(_length(order, i) for i in missing)
+    progress(order.count - made)
+    hashes: dict[int, str] = {}
     futures: dict[Future[bytes], int] = {}
     queue = iter(missing)
     try:
-        # A bounded number in flight keeps the parent's memory flat.
-        while len(futures) < 8 and (shard := next(queue, None)) is not None:
-            futures[_submit(executor, order, shard)] = shard
-        while futures:
-            done = next(as_completed(futures))
-            shard = futures.pop(done)
-            write_bytes(out / _file(shard), done.result())
-            progress(_length(order, shard))
-            if (following := next(queue, None)) is not None:
-                futures[_submit(executor, order, following)] = following
+        while True:
+            # Two tasks a worker keep it busy, and the parent's memory flat.
+            while len(futures) < 2 * workers.parallel and (shard := next(queue, None)) is not None:
+                futures[workers.executor.submit(make_shard, order, shard)] = shard
+            if not futures:
+                break
+            for done in wait(futures, return_when=FIRST_COMPLETED).done:
+                shard, data = futures.pop(done), done.result()
+                write_bytes(out / _file(shard), data)
+                hashes[shard] = hashlib.sha256(data).hexdigest()
+                progress(_length(order, shard))
     finally:
         for future in futures:
             future.cancel()
-    return _finish(order, out)
-
-
-def _submit(executor: Executor, order: Order, shard: int) -> "Future[bytes]":
-    return executor.submit(make_shard, order.preset.name, order.seed, order.count, shard)
+    return Made(_finish(order, out, hashes), made)
 
 
 def _claim(order: Order, out: Path) -> None:
     """Start or resume: the order file says whose half-finished folder this is."""
-    started = out / "order.json"
+    started = out / ORDER
     text = (json.dumps(order.manifest(), sort_keys=True) + "\n").encode()
-    if out.exists() and any(out.iterdir()):
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
         if not started.is_file() or started.read_bytes() != text:
-            raise ExistsError(f"{out} holds something else already; choose another folder or pass --overwrite")
+            raise ExistsError(
+                f"{out} holds something else already; choose another folder or pass --overwrite"
+            )
         return
     out.mkdir(parents=True, exist_ok=True)
     write_bytes(started, text)
 
 
-def _finish(order: Order, out: Path) -> Dataset:
-    shards = [{"file": _file(i), "sha256": sha256(out / _file(i))} for i in range(order.shards)]
+def _finish(order: Order, out: Path, hashes: dict[int, str]) -> Dataset:
+    """Write manifest and page; shards of an earlier run are hashed from the disk."""
+    shards = [
+        {"file": _file(i), "sha256": hashes.get(i) or sha256(out / _file(i))} for i in range(order.shards)
+    ]
     manifest = {"schema": SCHEMA, **order.manifest(), "shards": shards}
     write_bytes(out / MANIFEST, (json.dumps(manifest, indent=1, sort_keys=True) + "\n").encode())
-    return Dataset.open(out)
+    dataset = Dataset.open(out)
+    write_page(dataset)
+    return dataset
 
 
 def _file(shard: int) -> str:

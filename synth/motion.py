@@ -1,27 +1,27 @@
 """Motion without a studio: what people do on a sofa, as smooth sequences of postures.
 
-A moment of sitting is a vector of named numbers (``Sitting``). An activity draws such vectors; motion
-glides from one to the next, so it is smooth in time, and every moment is turned into a posture whose
-pelvis rests on the seat, whose back meets the rest, and whose hands are where they should be.
+A moment of sitting is a vector of named numbers (``Sitting``). It is turned into a posture whose
+pelvis rests on the seat, whose back meets the rest, whose feet stand on the floor and whose hands are
+where they should be, with no limb in another or in the sofa.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.parts import PART_ID
 from synth.body import Body, pose
-from synth.scene import Sofa
-from synth.skeleton import JOINT_ID, N_JOINTS, Float64, Posture, alignment, clamp, forward, reach
+from synth.flesh import flesh_of
+from synth.moment import Family, Spread
+from synth.moment import glide as glide
+from synth.scene import FLOOR, Chair, Sofa
+from synth.settle import Pull, settle, sink
+from synth.skeleton import JOINT_ID, N_JOINTS, Float64, Posture, clamp, reach
 
-CUSHION_M = 0.02
-"""How deep a body sinks into the seat and the back rest."""
 KNEE_ROOM_M = 0.07
 """Room for a calf between the knee joint and the seat's front edge."""
-KEY_SECONDS = (0.6, 2.5)
-"""Time from one drawn moment to the next."""
+HAND_HOLD = np.full(3, 0.5)
+"""How strongly a hand is drawn to its target."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,11 @@ class Sitting:
     left_swivel: float
     right_swivel: float
     pronation: float
+    left_foot_sink: float  # in [0, 1]: how much the foot is let down to the floor
+    right_foot_sink: float
 
 
-_FIELDS = tuple(f.name for f in fields(Sitting))
-_BASE = {
+_BASE: dict[str, Spread] = {
     "slide": (0.0, 0.06),
     "recline": (12.0, 6.0),
     "bend": (12.0, 8.0),
@@ -77,30 +78,32 @@ _BASE = {
     "right_knee": (82.0, 14.0),
     "left_hand_x": (0.16, 0.05),
     "left_hand_y": (-0.32, 0.07),
-    "left_hand_z": (0.16, 0.03),
+    "left_hand_z": (0.12, 0.03),
     "right_hand_x": (-0.16, 0.05),
     "right_hand_y": (-0.32, 0.07),
-    "right_hand_z": (0.16, 0.03),
+    "right_hand_z": (0.12, 0.03),
     "left_swivel": (20.0, 12.0),
     "right_swivel": (20.0, 12.0),
     "pronation": (0.0, 30.0),
+    "left_foot_sink": (0.6, 0.1),
+    "right_foot_sink": (0.6, 0.1),
 }
-"""Mean and spread of a person who just sits, hands on the thighs."""
+"""A person who just sits, hands on the thighs: aimed a little inside them, which contact forbids."""
 
 
-def _hands(x: float, y: float, z: float, spread: float) -> dict[str, tuple[float, float]]:
+def _hands(x: float, y: float, z: float, spread: float) -> dict[str, Spread]:
     return {
         **{f"left_hand_{k}": (v, spread) for k, v in zip("xyz", (x, y, z), strict=True)},
         **{f"right_hand_{k}": (v, spread) for k, v in zip("xyz", (-x, y, z), strict=True)},
     }
 
 
-def _hand(side: str, x: float, y: float, z: float, spread: float) -> dict[str, tuple[float, float]]:
+def _hand(side: str, x: float, y: float, z: float, spread: float) -> dict[str, Spread]:
     sign = 1 if side == "left" else -1
     return {f"{side}_hand_{k}": (v, spread) for k, v in zip("xyz", (sign * x, y, z), strict=True)}
 
 
-ACTIVITIES: dict[str, dict[str, tuple[float, float]]] = {
+ACTIVITIES: dict[str, dict[str, Spread]] = {
     "resting": {},
     "drinking": {**_hand("right", 0.10, -0.30, 0.52, 0.07), "nod": (-4.0, 8.0)},
     "drinking_left": {**_hand("left", 0.10, -0.30, 0.52, 0.07), "nod": (-4.0, 8.0)},
@@ -115,6 +118,8 @@ ACTIVITIES: dict[str, dict[str, tuple[float, float]]] = {
         "right_knee": (60.0, 28.0),
         "left_thigh": (12.0, 10.0),
         "right_thigh": (12.0, 10.0),
+        "left_foot_sink": (0.0, 0.0),
+        "right_foot_sink": (0.0, 0.0),
     },
     "legs_apart": {"left_spread": (28.0, 8.0), "right_spread": (28.0, 8.0)},
     "crossed_left": {
@@ -122,6 +127,7 @@ ACTIVITIES: dict[str, dict[str, tuple[float, float]]] = {
         "left_spread": (-12.0, 4.0),
         "left_knee": (72.0, 12.0),
         "left_hip_twist": (8.0, 6.0),
+        "left_foot_sink": (0.0, 0.0),
         "right_spread": (3.0, 4.0),
     },
     "crossed_right": {
@@ -129,6 +135,7 @@ ACTIVITIES: dict[str, dict[str, tuple[float, float]]] = {
         "right_spread": (-12.0, 4.0),
         "right_knee": (72.0, 12.0),
         "right_hip_twist": (8.0, 6.0),
+        "right_foot_sink": (0.0, 0.0),
         "left_spread": (3.0, 4.0),
     },
     "leaning_forward": {**_hands(0.14, -0.52, 0.14, 0.06), "bend": (42.0, 12.0), "recline": (-8.0, 8.0)},
@@ -147,55 +154,28 @@ ACTIVITIES: dict[str, dict[str, tuple[float, float]]] = {
 """Per activity, what differs from just sitting (section 3.2 of the paper names the scenes)."""
 
 
-def draw(activity: str, rng: np.random.Generator) -> Sitting:
-    """A random moment of an activity."""
-    spreads = {**_BASE, **ACTIVITIES[activity]}
-    return Sitting(**{name: float(rng.normal(*spreads[name])) for name in _FIELDS})
+SITTING: Family[Sitting] = Family(Sitting, _BASE, ACTIVITIES)
+draw = SITTING.draw
+moments = SITTING.moments
 
 
-def glide(start: Sitting, end: Sitting, share: float) -> Sitting:
-    """The moment a share in [0, 1] of the way, starting and ending at rest (smoothstep)."""
-    s = share * share * (3 - 2 * share)
-    return Sitting(**{name: (1 - s) * getattr(start, name) + s * getattr(end, name) for name in _FIELDS})
-
-
-def sit(body: Body, sofa: Sofa, moment: Sitting) -> tuple[NDArray[np.float32], Float64]:
-    """Turn a moment into a body on the sofa: vertices float32 (V, 3) and joints (J, 3), world, metres.
-
-    Thighs are lifted where a foot would sink into the floor.
-    """
-    vertices, joints = pose(body, sitting_posture(body, moment))
-    shift = _rest_on(sofa, body, vertices, joints, moment.slide)
-    lifted = _feet_on_floor(body, moment, joints + shift)
-    if lifted is not moment:
-        vertices, joints = pose(body, sitting_posture(body, lifted))
-        shift = _rest_on(sofa, body, vertices, joints, lifted.slide)
-    return vertices + shift.astype(np.float32), joints + shift
-
-
-def _feet_on_floor(body: Body, moment: Sitting, joints: Float64) -> Sitting:
-    femur = np.linalg.norm(body.joints_m[JOINT_ID["left_knee"]] - body.joints_m[JOINT_ID["left_hip"]])
-    rest_ankle_z = body.joints_m[JOINT_ID["left_ankle"], 2]
-    lifts = {}
-    for side in ("left", "right"):
-        sunk = float((rest_ankle_z - joints[JOINT_ID[f"{side}_ankle"], 2]) / femur)
-        if sunk > 0:
-            lifts[f"{side}_thigh"] = getattr(moment, f"{side}_thigh") + np.degrees(np.arcsin(min(sunk, 0.8)))
-    return replace(moment, **lifts) if lifts else moment
-
-
-def sitting_posture(body: Body, moment: Sitting) -> Posture:
-    """Posture of a moment with the pelvis at the world's origin, inside all joint limits."""
-    scale = body.height_cm / 170
-    aligned = alignment(body.joints_m)
+def sit(body: Body, seat: Sofa | Chair, moment: Sitting) -> tuple[NDArray[np.float32], Float64]:
+    """Turn a moment into a body on a seat: vertices float32 (V, 3) and joints (J, 3), world, metres."""
+    flesh, scale = flesh_of(body), body.height_cm / 170
     posture = Posture(_sitting_angles(moment), np.zeros(3))
-    _, joints = forward(posture, body.joints_m, aligned)
-    middle = (joints[JOINT_ID["left_hip"]] + joints[JOINT_ID["right_hip"]]) / 2
+    vertices, joints = pose(body, posture)
+    place = _rest_on(seat, vertices[flesh.trunk], joints, moment.slide)
+    middle = (joints[JOINT_ID["left_hip"]] + joints[JOINT_ID["right_hip"]]) / 2 + place
+    posture = Posture(posture.angles_rad, place)
+    pulls = []
     for side in ("left", "right"):
-        hand = np.array([getattr(moment, f"{side}_hand_{k}") for k in "xyz"])
+        hand = middle + scale * np.array([getattr(moment, f"{side}_hand_{k}") for k in "xyz"])
         swivel = np.radians(getattr(moment, f"{side}_swivel"))
-        posture = reach(posture, body.joints_m, aligned, side, middle + scale * hand, swivel)
-    return posture
+        posture = reach(posture, flesh.rest_joints_m, flesh.aligned, side, hand, swivel)
+        pulls.append(Pull(f"{side}_wrist", hand, HAND_HOLD))
+        pulls.append(sink(f"{side}_ankle", getattr(moment, f"{side}_foot_sink")))
+    settled = settle(flesh, posture, [FLOOR, *seat.solids()], pulls)
+    return pose(body, settled)
 
 
 def _sitting_angles(moment: Sitting) -> Float64:
@@ -221,29 +201,13 @@ def _sitting_angles(moment: Sitting) -> Float64:
     return limited
 
 
-def _rest_on(sofa: Sofa, body: Body, vertices: NDArray[np.float32], joints: Float64, slide: float) -> Float64:
-    """Shift (3,) that puts the seat under the body, the back rest behind it and the knees before the edge."""
-    used = np.unique(body.faces[np.isin(body.face_parts, _SEATED)])
-    behind = np.unique(body.faces[np.isin(body.face_parts, _BACK)])
-    up = sofa.seat_height - CUSHION_M - float(np.quantile(vertices[used, 2], 0.002))
-    gap = sofa.back_y(vertices[behind, 2] + up) - vertices[behind, 1]
-    leant_back = float(gap.min()) + CUSHION_M - max(slide, 0.0)
+def _rest_on(seat: Sofa | Chair, trunk: NDArray[np.float32], joints: Float64, slide: float) -> Float64:
+    """Shift (3,) that puts the seat under the trunk, the back rest behind it and the knees before the edge."""
+    up = seat.seat_height - seat.give_m - float(trunk[:, 2].min())
+    gap = seat.back_y(trunk[:, 2] + up) - trunk[:, 1]
+    leant_back = float(gap.min()) + seat.give_m - max(slide, 0.0)
     knees_free = -KNEE_ROOM_M - float(joints[_KNEES, 1].max())
     return np.array([0.0, min(leant_back, knees_free), up])
 
 
 _KNEES = [JOINT_ID["left_knee"], JOINT_ID["right_knee"]]
-_SEATED = (PART_ID["hip"],)
-_BACK = (PART_ID["hip"], PART_ID["torso"])
-
-
-def moments(rng: np.random.Generator, frames_per_second: float, activities: tuple[str, ...]) -> Iterator[Sitting]:
-    """An endless stream of moments: activity after activity, gliding from one key moment to the next."""
-    current = draw(str(rng.choice(activities)), rng)
-    while True:
-        activity = str(rng.choice(activities))
-        for _ in range(int(rng.integers(2, 5))):
-            following = draw(activity, rng)
-            steps = max(1, round(rng.uniform(*KEY_SECONDS) * frames_per_second))
-            yield from (glide(current, following, i / steps) for i in range(steps))
-            current = following

@@ -9,6 +9,9 @@ from scipy.special import ndtri
 
 from sensors.camera import Intrinsics
 
+Float32 = NDArray[np.float32]
+Number = np.float32
+
 
 @dataclass(frozen=True)
 class DepthNoise:
@@ -62,20 +65,13 @@ _NORMALS = (_NORMALS / _NORMALS.std()).astype(np.float32)
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def axial_sigma_mm(depth_m, incidence_rad):  # type: ignore[no-untyped-def]
-    """Standard deviation along the ray, millimetres, of float32 numbers or arrays alike.
-
-    Source: Fankhauser et al. 2015, Kinect v2, eq. 4.
-    """
-    theta = np.minimum(incidence_rad, np.float32(CLIP_RAD))
-    tilt = theta / (np.float32(np.pi / 2) - theta)
+def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:  # pragma: no cover
+    """Standard deviation along the ray, millimetres. Source: Fankhauser et al. 2015, Kinect v2, eq. 4."""
     z = depth_m
-    return (
-        np.float32(1.5)
-        - np.float32(0.5) * z
-        + np.float32(0.3) * z * z
-        + np.float32(0.1) * z * np.sqrt(z) * tilt * tilt
-    )
+    theta = min(incidence_rad, np.float32(CLIP_RAD))
+    tilt = theta / (np.float32(np.pi / 2) - theta)
+    straight = np.float32(1.5) - np.float32(0.5) * z + np.float32(0.3) * z * z
+    return straight + np.float32(0.1) * z * np.sqrt(z) * tilt * tilt
 
 
 def kinect(
@@ -103,7 +99,17 @@ def kinect(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _kinect(depth, dark, wanted, strengths, pinhole, key, normals, noisy):  # type: ignore[no-untyped-def] # pragma: no cover
+def _kinect(
+    depth: Float32,
+    dark: NDArray[np.bool_],
+    wanted: NDArray[np.bool_],
+    strengths: Float32,
+    pinhole: Float32,
+    key: np.uint64,
+    normals: Float32,
+    noisy: NDArray[np.uint16],
+) -> None:  # pragma: no cover
+    """Writes the readings of the wanted pixels into ``noisy``."""
     height, width = depth.shape
     axial, flying, grazing, darkness, lateral, offset_mm, scale = strengths
     for v in range(height):
@@ -114,7 +120,9 @@ def _kinect(depth, dark, wanted, strengths, pinhole, key, normals, noisy):  # ty
             more = _hash(key, 2 * (v * width + u) + 1)
             # Lateral noise: a pixel reads a neighbour now and then.
             y = v + int(np.rint(normals[bits & np.uint64(4095)] * lateral * np.float32(0.6)))
-            x = u + int(np.rint(normals[(bits >> np.uint64(12)) & np.uint64(4095)] * lateral * np.float32(0.6)))
+            x = u + int(
+                np.rint(normals[(bits >> np.uint64(12)) & np.uint64(4095)] * lateral * np.float32(0.6))
+            )
             y, x = min(max(y, 0), height - 1), min(max(x, 0), width - 1)
             z = depth[y, x]
             near, far, z_u, z_v = _around(depth, y, x)
@@ -125,7 +133,9 @@ def _kinect(depth, dark, wanted, strengths, pinhole, key, normals, noisy):  # ty
                     continue  # rejected by the driver
                 if chance < flying:
                     near_share = _share(more) ** np.float32(0.35)
-                    z = near * near_share + min(far, near + np.float32(MIXED_M)) * (np.float32(1) - near_share)
+                    z = near * near_share + min(far, near + np.float32(MIXED_M)) * (
+                        np.float32(1) - near_share
+                    )
             if dark[v, u] and _share(more >> np.uint64(16)) < darkness:
                 continue
             slant = theta / np.float32(np.pi / 2)
@@ -133,14 +143,18 @@ def _kinect(depth, dark, wanted, strengths, pinhole, key, normals, noisy):  # ty
             if _share(more >> np.uint64(32)) < grazing * slant * slant:
                 continue
             sigma = axial * axial_sigma_mm(z, theta)
-            mm = z * np.float32(1000) * scale + offset_mm + sigma * normals[(bits >> np.uint64(24)) & np.uint64(4095)]
+            mm = (
+                z * np.float32(1000) * scale
+                + offset_mm
+                + sigma * normals[(bits >> np.uint64(24)) & np.uint64(4095)]
+            )
             if MIN_RANGE_MM <= mm <= MAX_RANGE_MM:
                 noisy[v, u] = int(np.rint(mm))
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _around(depth, y, x):  # type: ignore[no-untyped-def] # pragma: no cover
-    """Nearest and farthest depth of the 3x3 neighbours, and the Sobel slopes along u and v, metres a pixel."""
+def _around(depth: Float32, y: int, x: int) -> tuple[Number, Number, Number, Number]:  # pragma: no cover
+    """Nearest and farthest of the 3x3 neighbours; Sobel slopes along u and v, metres a pixel."""
     above, below = max(y - 1, 0), min(y + 1, depth.shape[0] - 1)
     left, right = max(x - 1, 0), min(x + 1, depth.shape[1] - 1)
     a, b, c = depth[above, left], depth[above, x], depth[above, right]
@@ -154,7 +168,9 @@ def _around(depth, y, x):  # type: ignore[no-untyped-def] # pragma: no cover
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _incidence(pinhole, v, u, z, z_u, z_v):  # type: ignore[no-untyped-def] # pragma: no cover
+def _incidence(
+    pinhole: Float32, v: int, u: int, z: Number, z_u: Number, z_v: Number
+) -> Number:  # pragma: no cover
     """Angle between the viewing ray and the surface normal, radians, from depth and its slopes at a pixel."""
     fx, fy, cx, cy = pinhole
     x, y = (np.float32(u) - cx) / fx, (np.float32(v) - cy) / fy
@@ -167,7 +183,7 @@ def _incidence(pinhole, v, u, z, z_u, z_v):  # type: ignore[no-untyped-def] # pr
 
 
 @numba.njit(cache=True)
-def _hash(key, counter):  # type: ignore[no-untyped-def] # pragma: no cover
+def _hash(key: np.uint64, counter: int) -> np.uint64:  # pragma: no cover
     """64 random bits of a key and a counter. Source: splitmix64, Steele et al. 2014."""
     z = np.uint64(key) + np.uint64(counter + 1) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -176,6 +192,6 @@ def _hash(key, counter):  # type: ignore[no-untyped-def] # pragma: no cover
 
 
 @numba.njit(cache=True)
-def _share(bits):  # type: ignore[no-untyped-def] # pragma: no cover
+def _share(bits: np.uint64) -> np.float32:  # pragma: no cover
     """The sixteen low bits as a number in [0, 1)."""
     return np.float32(bits & np.uint64(0xFFFF)) * np.float32(1 / 65536)

@@ -15,13 +15,13 @@ THING_M = (0.04, 0.45)
 def occluder(eye_m: Float64, seen_m: Float64, rng: np.random.Generator) -> Mesh:
     """A box at any angle between the camera and the point ``seen_m`` of the person, world frame.
 
-    It stands at 35 to 80 % of the way. Random occluders help occluded and unoccluded tests alike
+    It stands at 50 to 85 % of the way. Random occluders help occluded and unoccluded tests alike
     (Sarandi et al. 2018).
     """
-    half = np.exp(rng.uniform(*np.log(THING_M), 3)) / 2
+    half = np.exp(rng.uniform(np.log(THING_M[0]), np.log(THING_M[1]), 3)) / 2
     mesh = box(tuple(-half), tuple(half), Surface.TABLE)
     rotation = Rotation.random(rng=rng).as_matrix()
-    centre = eye_m + rng.uniform(0.35, 0.8) * (seen_m - eye_m)
+    centre = eye_m + rng.uniform(0.5, 0.85) * (seen_m - eye_m)
     return Mesh((mesh.vertices_m @ rotation.T + centre).astype(np.float32), mesh.faces, mesh.tags)
 
 

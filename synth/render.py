@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from sensors.camera import Intrinsics
 
+Float32 = NDArray[np.float32]
+Int32 = NDArray[np.int32]
+
 NEAR_M = 0.05
 """Triangles reaching nearer than this to the camera plane are dropped: nothing useful is that close."""
 EXACT = {"nnan", "nsz"}
@@ -19,7 +22,7 @@ WIDE_PX = 8
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles with one integer tag a face. vertices_m: float32 (V, 3), faces: int32 (F, 3), tags: int32 (F,)."""
+    """Triangles, a tag each. vertices_m: float32 (V, 3), faces: int32 (F, 3), tags: int32 (F,)."""
 
     vertices_m: NDArray[np.float32]
     faces: NDArray[np.int32]
@@ -66,7 +69,7 @@ def rasterize(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _project(vertices, fx, fy, cx, cy):  # type: ignore[no-untyped-def] # pragma: no cover
+def _project(vertices: Float32, fx: float, fy: float, cx: float, cy: float) -> Float32:  # pragma: no cover
     """Pixel coordinates and nearness 1/z (V, 3); nearness 0 in front of the near plane."""
     points = np.empty((len(vertices), 3), np.float32)
     for i in range(len(vertices)):
@@ -79,8 +82,10 @@ def _project(vertices, fx, fy, cx, cy):  # type: ignore[no-untyped-def] # pragma
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _candidates(points, faces, width, height, closed):  # type: ignore[no-untyped-def] # pragma: no cover
-    """Faces whose bounding box holds a pixel centre. Free of branches: most faces are smaller than a pixel."""
+def _candidates(
+    points: Float32, faces: Int32, width: int, height: int, closed: bool
+) -> Int32:  # pragma: no cover
+    """Faces whose bounding box holds a pixel centre; without branches, as most hold none."""
     kept = np.empty(len(faces), np.int32)
     right, bottom = np.float32(width - 1), np.float32(height - 1)
     n = 0
@@ -95,12 +100,15 @@ def _candidates(points, faces, width, height, closed):  # type: ignore[no-untype
         # Faces outwards run counter-clockwise seen from outside, and v points down.
         seen &= (not closed) | ((ub - ua) * (vc - va) < (uc - ua) * (vb - va))
         kept[n] = f
-        n += np.int64(seen)
+        n += int(seen)
     return kept[:n]
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _fill(points, faces, candidates, nearness, face):  # type: ignore[no-untyped-def] # pragma: no cover
+def _fill(
+    points: Float32, faces: Int32, candidates: Int32, nearness: Float32, face: Int32
+) -> None:  # pragma: no cover
+    """Nearness and index of the nearest candidate at every pixel, written into the last two arguments."""
     height, width = nearness.shape
     for f in candidates:
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -141,7 +149,7 @@ def _fill(points, faces, candidates, nearness, face):  # type: ignore[no-untyped
 
 
 @numba.njit(cache=True)
-def _invert(nearness):  # type: ignore[no-untyped-def] # pragma: no cover
+def _invert(nearness: Float32) -> None:  # pragma: no cover
     """Nearness to depth in place; nothing seen becomes NaN."""
     flat = nearness.ravel()
     for i in range(len(flat)):
@@ -149,7 +157,7 @@ def _invert(nearness):  # type: ignore[no-untyped-def] # pragma: no cover
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _narrow(start, end, u0, value, step):  # type: ignore[no-untyped-def] # pragma: no cover
+def _narrow(start: int, end: int, u0: int, value: float, step: float) -> tuple[int, int]:  # pragma: no cover
     """The part of [start, end] where ``value + step (u - u0) >= 0``, and a pixel more for rounding."""
     if step > 0:
         start = max(start, u0 + int(min(max(-value / step, 0.0), 1e6)) - 1)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,18 +13,25 @@ from annotate.labels import FrameLabels
 from sensors.calibration import Pose
 from sensors.errors import CloudError
 from synth.body import Body, shipped_bodies
-from synth.motion import ACTIVITIES, draw, glide, sit
+from synth.moment import Family, M, glide
+from synth.motion import SITTING, sit
 from synth.noise import DepthNoise, kinect
 from synth.occlude import cut, occluder
+from synth.recumbent import FALLEN, IN_BED, RECUMBENT, lie
 from synth.render import Mesh, merge
-from synth.scene import Sofa, look_at
+from synth.scene import Bed, Ground, Sofa, look_at, view_around
 from synth.skeleton import Float64
-from synth.view import View, render_view, visibility
+from synth.view import View, inside_image, render_view, visibility
 from synth.view import hair_faces as hair_faces
 
-MIN_PIXELS = 400
-"""A person of fewer pixels is no example: what hides it is left out, or another one is drawn."""
-TRIES = 20
+MIN_PIXELS, MIN_VISIBLE, MIN_JOINTS = 400, 0.4, 0.9
+"""Of a person's pixels, their share that furniture leaves, and joints inside the image: with less it is no
+example. What hides it is left out, or another one is drawn."""
+TRIES = 50
+IMAGES_PER_PERSON = 16
+"""So many images in a row show one build; what a build costs is spread over them."""
+FALLEN_SHARE = 0.2
+"""Of the recumbent, those on the floor."""
 
 
 @dataclass(frozen=True)
@@ -66,16 +73,16 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     """Image ``index`` of a preset: the person's crop, 212 x 212, depth in millimetres, parts, provenance.
 
     Notes: activity; crop (top, left, side) in the 512 x 424 image; joints_mm, camera frame; camera
-    (azimuth_deg from the person's front, height_m, distance_m); visible, the share of the person that
-    furniture, occluders and extraction left, whole and per part; occluders and cut, how many things
-    stand in front and which share of the person's pixels the extraction lost.
+    (azimuth_deg from the sofa's front or the bed's foot, height_m, distance_m); visible, the share of
+    the person that furniture, occluders and extraction left, whole and per part; occluders, how many
+    things stand in front; cut, the share of the person's pixels that the extraction lost.
     """
     rng = np.random.default_rng((preset.stream, seed, index))
+    body, hair, subject = _person(preset.stream, seed, index // IMAGES_PER_PERSON)
     for _ in range(TRIES):
-        body, hair, subject = _random_body(rng)
         stage = preset.stage(rng, body)
         things, view = _look(preset, stage, body, hair, rng)
-        if np.count_nonzero(view.parts) >= MIN_PIXELS:
+        if _shows(view) and inside_image(stage.camera_from_world.apply(stage.joints_m)).mean() >= MIN_JOINTS:
             break
     else:
         raise AssertionError(f"sample {preset.name}/{seed}/{index} shows no person")
@@ -88,7 +95,9 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
         "activity": stage.activity,
         "crop": [crop.top + view.corner[0], crop.left + view.corner[1], crop.side],
         **_geometry(stage),
-        "visible": [round(v, 3) for v in visibility(np.where(person, view.parts, np.uint8(0)), view.whole).tolist()],
+        "visible": [
+            round(v, 3) for v in visibility(np.where(person, view.parts, np.uint8(0)), view.whole).tolist()
+        ],
         "occluders": things,
         "cut": round(1 - np.count_nonzero(person) / np.count_nonzero(view.parts), 3),
     }
@@ -98,14 +107,21 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
 def _look(
     preset: Preset, stage: Stage, body: Body, hair: NDArray[np.bool_], rng: np.random.Generator
 ) -> tuple[int, View]:
-    """Render the stage, with occluders in their share of images unless they hide the person; how many stand."""
+    """Render the stage, in a share of the images with occluders unless they hide all; how many stand."""
     if rng.random() < preset.occluders:
-        seen = rng.choice(stage.vertices_m, int(rng.integers(1, 4))).astype(np.float64)
+        seen = rng.choice(stage.vertices_m, int(rng.integers(1, 3))).astype(np.float64)
         things = [occluder(stage.eye_m, point, rng) for point in seen]
-        view = render_view(body, hair, stage.vertices_m, merge([stage.around, *things]), stage.camera_from_world)
-        if np.count_nonzero(view.parts) >= MIN_PIXELS:
+        view = render_view(
+            body, hair, stage.vertices_m, merge([stage.around, *things]), stage.camera_from_world
+        )
+        if _shows(view):
             return len(things), view
     return 0, render_view(body, hair, stage.vertices_m, stage.around, stage.camera_from_world)
+
+
+def _shows(view: View) -> bool:
+    seen = np.count_nonzero(view.parts)
+    return bool(seen >= max(MIN_PIXELS, MIN_VISIBLE * np.count_nonzero(view.whole)))
 
 
 def _shoot(
@@ -131,19 +147,19 @@ def _geometry(stage: Stage) -> dict[str, Any]:
     }
 
 
-@cache
-def _shipped_hair(i: int) -> NDArray[np.bool_]:
-    return hair_faces(shipped_bodies()[i])
-
-
-def _random_body(rng: np.random.Generator) -> tuple[Body, NDArray[np.bool_], str]:
-    """A build between two of the paper's bodies (same topology, so shapes blend), its hair, the nearer's name."""
+@lru_cache(maxsize=2)
+def _person(stream: int, seed: int, number: int) -> tuple[Body, NDArray[np.bool_], str]:
+    """A build between two of the paper's bodies (one topology, so shapes blend), its hair, its name."""
+    rng = np.random.default_rng((stream, seed, number, 1))
     bodies = shipped_bodies()
     i, j = rng.choice(len(bodies), 2, replace=False)
-    share = float(rng.beta(0.6, 0.6))
-    if share >= 0.5:
-        i, j, share = j, i, 1 - share
-    return blend(bodies[i], bodies[j], share), _shipped_hair(i), bodies[i].name
+    share = float(rng.beta(0.6, 0.6)) / 2
+    return blend(bodies[i], bodies[j], share), _hair(i), bodies[i].name
+
+
+@cache
+def _hair(i: int) -> NDArray[np.bool_]:
+    return hair_faces(shipped_bodies()[i])
 
 
 def blend(a: Body, b: Body, share: float) -> Body:
@@ -156,12 +172,9 @@ def blend(a: Body, b: Body, share: float) -> Body:
 
 
 def sitting(rng: np.random.Generator, body: Body) -> Stage:
-    """On a sofa, seen as by the robot: within 65 degrees of the front, at chest to head height of a standing person."""
+    """On a sofa, seen as by the robot: within 65 degrees of the front, at its chest to head height."""
     sofa = Sofa.sample(rng)
-    names = tuple(ACTIVITIES)
-    first = str(rng.choice(names))
-    second = first if rng.random() < 0.6 else str(rng.choice(names))
-    moment = glide(draw(first, rng), draw(second, rng), float(rng.random()))
+    activity, moment = _random_moment(SITTING, tuple(SITTING.activities), rng)
     vertices, joints = sit(body, sofa, moment)
     centre = joints.mean(axis=0)
     azimuth, distance = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0)
@@ -169,12 +182,34 @@ def sitting(rng: np.random.Generator, body: Body) -> Stage:
     eye[2] = rng.uniform(0.6, 1.7)
     target = centre + rng.normal(0, (0.12, 0.12, 0.10))
     camera_from_world = look_at(eye, target, np.radians(rng.normal(0, 2)))
-    return Stage(first, vertices, joints, sofa.mesh(), eye, camera_from_world)
+    return Stage(activity, vertices, joints, sofa.mesh(), eye, camera_from_world)
+
+
+def recumbent(rng: np.random.Generator, body: Body) -> Stage:
+    """In bed or fallen on the floor, seen from all around (the paper's 360 degrees), several heights."""
+    fallen = rng.random() < FALLEN_SHARE
+    activity, moment = _random_moment(RECUMBENT, tuple(FALLEN if fallen else IN_BED), rng)
+    support = Ground() if fallen else Bed.sample(rng)
+    vertices, joints = lie(body, support, moment)
+    eye, target = view_around(rng, joints.mean(axis=0))
+    camera_from_world = look_at(eye, target, np.radians(rng.normal(0, 2)))
+    return Stage(activity, vertices, joints, support.mesh(), eye, camera_from_world)
+
+
+def _random_moment(family: Family[M], activities: tuple[str, ...], rng: np.random.Generator) -> tuple[str, M]:
+    """A moment of one activity, or on the way from it to another, and the first one's name."""
+    first = str(rng.choice(activities))
+    second = first if rng.random() < 0.6 else str(rng.choice(activities))
+    return first, glide(family.draw(first, rng), family.draw(second, rng), float(rng.random()))
 
 
 PRESETS = {
     preset.name: preset
-    for preset in (Preset("sitting-train", 10_076, 1, sitting), Preset("sitting-test", 4_984, 2, sitting))
+    for preset in (
+        Preset("sitting-train", 10_076, 1, sitting),
+        Preset("sitting-test", 4_984, 2, sitting),
+        Preset("recumbent", 326_984, 3, recumbent),
+    )
 }
 """The paper's sets (sections 3.2, 4.1 and 4.3); their streams never meet."""
 

@@ -29,7 +29,8 @@ class Solid:
     """A box that carries or stops a body. low, high: its corners, metres, before it is turned and moved.
 
     rotation: (3, 3), about the box's own origin, then translation: (3,), to the world. give_m: how deep a
-    body sinks into it. tag: ``Surface`` of its faces.
+    body sinks into it. tag: ``Surface`` of its faces. carries_m: a limb inside leaves by the top where that is
+    no more than this much farther than by a side.
     """
 
     low: tuple[float, float, float]
@@ -38,6 +39,7 @@ class Solid:
     tag: int
     rotation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
     translation: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    carries_m: float = 0.0
 
     def mesh(self) -> Mesh:
         """Its twelve triangles in the world."""
@@ -49,10 +51,10 @@ class Solid:
         )
 
     def packed(self) -> NDArray[np.float64]:
-        """(16,) for compiled code: centre, half sizes, give, rotation row by row."""
+        """(17,) for compiled code: centre, half sizes, give, bias to the top, rotation row by row."""
         low, high = np.array(self.low), np.array(self.high)
         centre = self.rotation @ ((low + high) / 2) + self.translation
-        return np.concatenate([centre, (high - low) / 2, [self.give_m], self.rotation.ravel()])
+        return np.concatenate([centre, (high - low) / 2, [self.give_m, self.carries_m], self.rotation.ravel()])
 
     def depth_m(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:  # type: ignore[type-arg]
         """(...,) how deep world points (..., 3) lie under its surface; 0 outside, give not yet taken off."""
@@ -61,7 +63,7 @@ class Solid:
         return np.asarray(np.maximum(inside, 0.0), np.float64)
 
 
-FLOOR = Solid((-10.0, -10.0, -1.0), (10.0, 10.0, 0.0), 0.005, Surface.FLOOR)
+FLOOR = Solid((-10.0, -10.0, -1.0), (10.0, 10.0, 0.0), 0.005, Surface.FLOOR, carries_m=2.0)
 """The floor every piece of furniture stands on; half a centimetre for socks and carpet."""
 
 
@@ -105,7 +107,7 @@ class Sofa:
             for x in (-half - self.arm_width, half)
         ]
         return [
-            Solid((-half, 0, 0.05), (half, self.depth + 0.16, h), give, tag),
+            Solid((-half, 0, 0.05), (half, self.depth + 0.16, h), give, tag, carries_m=0.1),
             Solid((-half, 0, 0), (half, 0.16, self.back_height), give, tag, tilt, place),
             *arms,
         ]
@@ -152,7 +154,7 @@ class Chair:
             for y in (0.01, self.depth - leg)
         ]
         return [
-            Solid((-half, 0, h - 0.05), (half, self.depth, h), self.give_m, tag),
+            Solid((-half, 0, h - 0.05), (half, self.depth, h), self.give_m, tag, carries_m=0.1),
             Solid((-half, 0, 0.08), (half, 0.03, self.back_height), self.give_m, tag, tilt, place),
             *legs,
         ]
@@ -193,8 +195,8 @@ class Bed:
         x, y, h, tag = self.width / 2, self.length / 2, self.height, Surface.BED
         pillow = min(0.33, x - 0.05)
         return [
-            Solid((-x, -y, 0.12), (x, y, h), self.give_m, tag),
-            Solid((-pillow, y - 0.42, h), (pillow, y - 0.03, h + self.pillow_height), self.give_m, tag),
+            Solid((-x, -y, 0.12), (x, y, h), self.give_m, tag, carries_m=0.15),
+            Solid((-pillow, y - 0.37, h - 0.1), (pillow, y - 0.02, h + self.pillow_height), 0.06, tag, carries_m=0.2),
             Solid((-x, y, 0.0), (x, y + 0.05, h + self.board_height), 0.0, tag),
         ]
 

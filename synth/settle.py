@@ -18,20 +18,27 @@ from synth.flesh import CHAINS, N_STATIONS, Flesh, Int64
 from synth.scene import Solid
 from synth.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, N_JOINTS, PARENTS, Float64, Posture, kinematics
 
-ROUNDS = 12
-"""Linearisations; in the last third only contacts act, so that nothing pulls a limb back in."""
+ROUNDS = 18
+PULL_ROUNDS = 9
+"""Linearisations, and how many of them pull, ever less; after them only contacts act."""
 SKIN_M = 0.004
 """Flesh is kept this far apart: its spheres are means, the skin is not round."""
 PULL_STEP_M = 0.06
 """A pull moves its point by no more than this a round."""
-MAX_ROWS = 240
+SWEEPS = 5
+"""Times each round goes over all half-spaces."""
+CLEAR_M = 0.002
+"""Overlap that is left alone once nothing pulls any more."""
+MAX_ROWS = 256
+MAX_ENTRIES = 36
+"""Angles that can move the two points of one row: six joints on each side."""
 MAX_STEP_RAD = 0.35
 
 
 def _mobility() -> Float64:
     """(J, 3) how readily an angle gives way: limbs before the trunk, and no joint about a hinge it has not."""
     by_kind = {
-        "clavicle": (0.05, 0.05, 0.0),
+        "clavicle": (0.1, 0.15, 0.1),
         "shoulder": (1.0, 1.0, 1.0),
         "elbow": (1.0, 0.0, 0.1),
         "wrist": (0.5, 0.5, 0.0),
@@ -59,6 +66,9 @@ _MOVED_BY = _ancestors()
 """[point's joint, joint]: whether turning the joint moves the point."""
 
 
+_HAND = ("hand", "thumb_side")
+
+
 def _pairs() -> Int64:
     """(n, 4) stations lo..hi of one chain against the flesh over stations lo..hi of another.
 
@@ -71,36 +81,36 @@ def _pairs() -> Int64:
         rows.append((CHAINS[a].lo + a_from, CHAINS[a].hi, CHAINS[b].lo + b_from, CHAINS[b].hi - b_drop))
 
     for side, other in (("left", "right"), ("right", "left")):
-        for limb in ("upper_arm", "forearm", "hand"):
+        for limb in ("upper_arm", "forearm", *_HAND):
             for i, trunk in enumerate(slices):
-                first = 0 if limb != "upper_arm" else (3 if i >= 5 else 2)
+                first = 0 if limb != "upper_arm" else (2 if i >= 5 else 1)
                 against(f"{side}_{limb}", trunk, first)
             for leg in ("thigh", "shank", "foot"):
                 for s in (side, other):
                     against(f"{side}_{limb}", f"{s}_{leg}", 1 if limb == "upper_arm" else 0)
-        for limb in ("forearm", "hand"):
+        against(f"{side}_upper_arm", "head", 1)
+        for limb in ("forearm", *_HAND):
             against(f"{side}_{limb}", "head")
             against(f"{side}_{limb}", "neck")
             against(f"{side}_{limb}", f"{other}_upper_arm")
-        against(f"{side}_hand", f"{other}_forearm")
-        against(f"{side}_hand", f"{side}_upper_arm")
+        for half in _HAND:
+            against(f"{side}_{half}", f"{other}_forearm")
+            against(f"{side}_{half}", f"{side}_upper_arm")
+            against(f"{side}_{half}", f"{other}_hand")
         against(f"{side}_forearm", f"{side}_upper_arm", 2, 0, 2)
         for trunk in slices:
             against(f"{side}_shank", trunk)
             against(f"{side}_foot", trunk)
         for trunk in slices[2:]:
-            against(f"{side}_thigh", trunk, 3)
-        against(f"{side}_shank", f"{side}_thigh", 3, 0, 2)
+            against(f"{side}_thigh", trunk, 2)
+        against(f"{side}_shank", f"{side}_thigh", 2, 0, 1)
         against(f"{side}_foot", f"{side}_thigh")
         against(f"{side}_shank", f"{other}_thigh")
         against(f"{side}_foot", f"{other}_thigh")
         against(f"{side}_foot", f"{other}_shank")
-    for a, b in (("hand", "hand"), ("forearm", "forearm"), ("shank", "shank"), ("foot", "foot")):
+    for a, b in (("thumb_side", "thumb_side"), ("forearm", "forearm"), ("shank", "shank"), ("foot", "foot")):
         against(f"left_{a}", f"right_{b}")
     against("left_thigh", "right_thigh", 1, 1)
-    for trunk in slices[3:]:
-        for leg in ("left_thigh", "right_thigh"):
-            against(leg, trunk, 3)
     return np.array(rows, np.int64)
 
 
@@ -121,26 +131,31 @@ def sink(joint: str, weight: float) -> Pull:
     return Pull(joint, np.array([0.0, 0.0, -10.0]), np.array([0.0, 0.0, weight]))
 
 
-def settle(flesh: Flesh, posture: Posture, solids: list[Solid], pulls: list[Pull]) -> Posture:
+def settle(
+    flesh: Flesh, posture: Posture, solids: list[Solid], pulls: list[Pull], heave: float = 0.0
+) -> Posture:
     """The posture nearest to the one asked for whose limbs keep clear of each other and of the solids.
 
-    The pelvis stays. Angles come back inside their limits.
+    Angles come back inside their limits. The pelvis stays, but that solids may lift the whole body as readily as
+    ``heave`` (rad^2/m^2 beside a limb's 1) says.
     """
-    boxes = np.array([s.packed() for s in solids]).reshape(-1, 16)
+    boxes = np.array([s.packed() for s in solids]).reshape(-1, 17)
     pulled = np.array([JOINT_ID[p.joint] for p in pulls], np.int64)
     ends = np.array([np.concatenate([p.target_m, p.weight]) for p in pulls]).reshape(-1, 6)
-    angles = _settle(
-        posture.angles_rad.copy(), posture.pelvis_m, flesh.rest_joints_m, flesh.aligned, flesh.centres_m,
+    angles, pelvis = posture.angles_rad.copy(), posture.pelvis_m.copy()
+    _settle(
+        angles, pelvis, heave, flesh.rest_joints_m, flesh.aligned, flesh.centres_m,
         flesh.radii_m, flesh.joints, boxes, pulled, ends,
     )  # fmt: skip
-    return Posture(angles, posture.pelvis_m)
+    return Posture(angles, pelvis)
 
 
 @numba.njit(cache=True)
-def _settle(angles: Float64, pelvis: Float64, rest: Float64, aligned: Float64, centres: Float64, radii: Float64, joints: Int64, boxes: Float64, pulled: Int64, ends: Float64) -> Float64:  # fmt: skip # pragma: no cover
+def _settle(angles: Float64, pelvis: Float64, heave: float, rest: Float64, aligned: Float64, centres: Float64, radii: Float64, joints: Int64, boxes: Float64, pulled: Int64, ends: Float64) -> None:  # fmt: skip # pragma: no cover
     normals = np.empty((MAX_ROWS, 3))
     depths = np.empty(MAX_ROWS)
-    # Each row pushes point a (joint row[0]) along the normal, and point b (joint row[1], -1 none) against it.
+    # Each row pushes point a (joint row[0]) along the normal, and point b against it;
+    # -1 is a solid, -2 nothing.
     points = np.empty((MAX_ROWS, 2, 3))
     movers = np.empty((MAX_ROWS, 2), np.int64)
     stations = np.empty((N_STATIONS, 3))
@@ -154,27 +169,27 @@ def _settle(angles: Float64, pelvis: Float64, rest: Float64, aligned: Float64, c
             j = joints[s]
             stations[s] = positions[j] + frames[j] @ (centres[s] - rest[j])
         n = 0
-        if 3 * round_ < 2 * ROUNDS:
-            n = _pull_rows(positions, pulled, ends, normals, depths, points, movers, n)
+        if round_ < PULL_ROUNDS:
+            n = _pull_rows(positions, pulled, ends, 1 - round_ / PULL_ROUNDS, normals, depths, points, movers, n)
         n = _flesh_rows(stations, radii, joints, normals, depths, points, movers, n)
         n = _solid_rows(stations, radii, joints, boxes, normals, depths, points, movers, n)
-        if n == 0:
+        if n == 0 or (round_ >= PULL_ROUNDS and np.max(depths[:n]) < CLEAR_M):
             break
-        step = _project(angles, axes, positions, normals, depths, points, movers, n)
+        step, rise = _project(angles, axes, positions, heave, normals, depths, points, movers, n)
         angles += step
-    return angles
+        pelvis[2] += rise
 
 
 @numba.njit(cache=True)
-def _pull_rows(positions: Float64, pulled: Int64, ends: Float64, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> int:  # fmt: skip # pragma: no cover
+def _pull_rows(positions: Float64, pulled: Int64, ends: Float64, strength: float, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> int:  # fmt: skip # pragma: no cover
     for k in range(len(pulled)):
         way = (ends[k, :3] - positions[pulled[k]]) * ends[k, 3:]
         length = np.sqrt(np.dot(way, way))
         if length > 1e-6:
             normals[n] = way / length
-            depths[n] = min(length, PULL_STEP_M * np.max(ends[k, 3:]))
+            depths[n] = strength * min(length, PULL_STEP_M * np.max(ends[k, 3:]))
             points[n, 0] = positions[pulled[k]]
-            movers[n, 0], movers[n, 1] = pulled[k], -1
+            movers[n, 0], movers[n, 1] = pulled[k], -2
             n += 1
     return n
 
@@ -215,14 +230,14 @@ def _flesh_rows(stations: Float64, radii: Float64, joints: Int64, normals: Float
 @numba.njit(cache=True)
 def _solid_rows(stations: Float64, radii: Float64, joints: Int64, boxes: Float64, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> int:  # fmt: skip # pragma: no cover
     for k in range(len(boxes)):
-        centre, half, give = boxes[k, :3], boxes[k, 3:6], boxes[k, 6]
-        turn = np.ascontiguousarray(boxes[k, 7:]).reshape(3, 3)
+        centre, half, give, bias = boxes[k, :3], boxes[k, 3:6], boxes[k, 6], boxes[k, 7]
+        turn = np.ascontiguousarray(boxes[k, 8:]).reshape(3, 3)
         for s in range(N_STATIONS):
             if joints[s] <= 3:
                 # The trunk rests by ``rest_on``, exactly.
                 continue
             off = turn.T @ (stations[s] - centre)
-            depth, normal = _leave(off, half)
+            depth, normal = _leave(off, half, bias)
             depth += radii[s] - give
             if depth > 0 and n < MAX_ROWS:
                 normals[n] = turn @ normal
@@ -234,8 +249,11 @@ def _solid_rows(stations: Float64, radii: Float64, joints: Int64, boxes: Float64
 
 
 @numba.njit(cache=True)
-def _leave(off: Float64, half: Float64) -> tuple[float, Float64]:  # pragma: no cover
-    """How deep a point lies in a box about the origin (negative: how far from it), and the way out."""
+def _leave(off: Float64, half: Float64, bias: float) -> tuple[float, Float64]:  # pragma: no cover
+    """How deep a point lies in a box about the origin (negative: how far from it), and the way out.
+
+    The way up is taken where it is no more than ``bias`` longer than the shortest.
+    """
     normal = np.zeros(3)
     beyond = np.abs(off) - half
     outside = np.maximum(beyond, 0.0)
@@ -244,52 +262,72 @@ def _leave(off: Float64, half: Float64) -> tuple[float, Float64]:  # pragma: no 
         normal[:] = np.sign(off) * outside / distance
         return -distance, normal
     axis = int(np.argmax(beyond))
+    if beyond[axis] - bias < off[2] - half[2]:
+        normal[2] = 1.0
+        return half[2] - off[2], normal
     normal[axis] = 1.0 if off[axis] >= 0 else -1.0
     return -beyond[axis], normal
 
 
-@numba.njit(cache=True)
-def _project(angles: Float64, axes: Float64, positions: Float64, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> Float64:  # fmt: skip # pragma: no cover
-    """The small step (J, 3) towards satisfying all rows."""
-    rows = np.zeros((n, N_JOINTS, 3))
-    weight = np.zeros(n)
-    for r in range(n):
-        for side in range(2):
-            mover = movers[r, side]
-            if mover < 0:
+@numba.njit(cache=True, fastmath=True)
+def _row(axes: Float64, positions: Float64, normal: Float64, points: Float64, movers: Int64, where: Int64, value: Float64) -> int:  # fmt: skip # pragma: no cover
+    """How far the points part along the normal per radian of each angle that moves them; returns how many."""
+    n = 0
+    for side in range(2):
+        mover = movers[side]
+        if mover < 0:
+            continue
+        first = n
+        for j in range(1, N_JOINTS):
+            if not _MOVED_BY[mover, j]:
                 continue
-            for j in range(1, N_JOINTS):
-                if not _MOVED_BY[mover, j]:
-                    continue
-                arm = points[r, side] - positions[j]
-                sign = 1.0 if side == 0 else -1.0
-                for a in range(3):
-                    if _MOBILITY[j, a] > 0:
-                        x = axes[j, a]
-                        rows[r, j, a] += sign * (
-                            normals[r, 0] * (x[1] * arm[2] - x[2] * arm[1])
-                            + normals[r, 1] * (x[2] * arm[0] - x[0] * arm[2])
-                            + normals[r, 2] * (x[0] * arm[1] - x[1] * arm[0])
-                        )
-        weight[r] = 1e-3
-        for j in range(N_JOINTS):
+            x, y, z = points[side] - positions[j]
             for a in range(3):
-                weight[r] += _MOBILITY[j, a] * rows[r, j, a] ** 2
-    step = np.zeros((N_JOINTS, 3))
-    for _ in range(4):
+                if _MOBILITY[j, a] == 0:
+                    continue
+                u, v, w = axes[j, a]
+                rate = normal[0] * (v * z - w * y) + normal[1] * (w * x - u * z) + normal[2] * (u * y - v * x)
+                known = -1
+                for k in range(first if side == 1 else 0):
+                    if where[k] == 3 * j + a:
+                        known = k
+                if known >= 0:
+                    value[known] -= rate
+                else:
+                    where[n], value[n] = 3 * j + a, rate if side == 0 else -rate
+                    n += 1
+    return n
+
+
+@numba.njit(cache=True, fastmath=True)
+def _project(angles: Float64, axes: Float64, positions: Float64, heave: float, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> tuple[Float64, float]:  # fmt: skip # pragma: no cover
+    """The small step towards satisfying all rows: angles (J, 3) and how far the whole body rises (m)."""
+    where = np.empty((n, MAX_ENTRIES), np.int64)
+    value = np.empty((n, MAX_ENTRIES))
+    count = np.empty(n, np.int64)
+    size = np.empty(n)
+    mobility, now = _MOBILITY.ravel(), angles.ravel()
+    low = np.maximum(LIMITS_RAD[:, :, 0].copy().ravel() - now, -MAX_STEP_RAD)
+    high = np.minimum(LIMITS_RAD[:, :, 1].copy().ravel() - now, MAX_STEP_RAD)
+    up = np.zeros(n)
+    for r in range(n):
+        count[r] = _row(axes, positions, normals[r], points[r], movers[r], where[r], value[r])
+        if movers[r, 1] == -1:
+            up[r] = max(normals[r, 2], 0.0)
+        size[r] = 1e-3 + heave * up[r] ** 2
+        for k in range(count[r]):
+            size[r] += mobility[where[r, k]] * value[r, k] ** 2
+    step, rise = np.zeros(3 * N_JOINTS), 0.0
+    for _ in range(SWEEPS):
         for r in range(n):
-            left = depths[r]
-            for j in range(1, N_JOINTS):
-                for a in range(3):
-                    left -= rows[r, j, a] * step[j, a]
-            if left <= 0:
-                continue
-            force = left / weight[r]
-            for j in range(1, N_JOINTS):
-                for a in range(3):
-                    if rows[r, j, a] != 0:
-                        low = max(LIMITS_RAD[j, a, 0] - angles[j, a], -MAX_STEP_RAD)
-                        high = min(LIMITS_RAD[j, a, 1] - angles[j, a], MAX_STEP_RAD)
-                        wanted = step[j, a] + force * _MOBILITY[j, a] * rows[r, j, a]
-                        step[j, a] = min(max(wanted, low), high)
-    return step
+            left = depths[r] - up[r] * rise
+            for k in range(count[r]):
+                left -= value[r, k] * step[where[r, k]]
+            if left > 0:
+                force = left / size[r]
+                rise += heave * up[r] * force
+                for k in range(count[r]):
+                    i = where[r, k]
+                    wanted = step[i] + force * mobility[i] * value[r, k]
+                    step[i] = min(max(wanted, low[i]), high[i])
+    return step.reshape(N_JOINTS, 3), rise

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from synth.body import shipped_bodies
-from synth.kinematics import Prior, State, fit_posture, markers_at, normal_blocks
+from synth.kinematics import State, markers_at
 from synth.markerset import MarkerSet
+from synth.posture_fit import Prior, fit_posture, shape_normal
 from synth.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Float64, Posture, alignment, forward
 
 REFERENCE_BODY = 4
@@ -35,7 +36,12 @@ class Subject:
     @property
     def leg_m(self) -> float:
         """Length from hip to ankle."""
-        return float(np.linalg.norm(self.bones_m[_LEG], axis=1).sum())
+        return leg_length_m(self.bones_m)
+
+
+def leg_length_m(bones_m: Float64) -> float:
+    """Length from hip to ankle of bones (J, 3)."""
+    return float(np.linalg.norm(bones_m[_LEG], axis=1).sum())
 
 
 _LEG = [JOINT_ID["left_knee"], JOINT_ID["left_ankle"]]
@@ -49,13 +55,26 @@ def zero_bones(rest_joints_m: Float64) -> Float64:
 
 def posture_prior(rest_deg: float, hold_deg: float) -> Prior:
     """Pulls that let a joint stray ``rest_deg`` from zero and ``hold_deg`` from its start at one sigma."""
-    rest = np.full(N_JOINTS, np.radians(rest_deg) ** -2)
-    for joint, spread in _STIFF.items():
-        rest[[j.name.endswith(joint) for j in JOINTS]] *= (60 / spread) ** 2
-    return Prior(rest, np.full(N_JOINTS, np.radians(hold_deg) ** -2), 1.0)
+    spread = np.full((N_JOINTS, 3), rest_deg)
+    for j, joint in enumerate(JOINTS):
+        kind = joint.name.removeprefix("left_").removeprefix("right_")
+        spread[j] = np.minimum(spread[j], _SPREAD_DEG.get(kind, 180))
+    return Prior(np.radians(spread) ** -2, np.full(N_JOINTS, np.radians(hold_deg) ** -2), 1.0)
 
 
-_STIFF = {"spine_lower": 30, "spine_middle": 30, "spine_upper": 30, "neck": 40, "head": 40, "clavicle": 20}
+_SPREAD_DEG = {
+    "spine_lower": (30, 15, 15),
+    "spine_middle": (30, 15, 15),
+    "spine_upper": (30, 15, 15),
+    "neck": (40, 25, 40),
+    "head": (40, 25, 40),
+    "clavicle": (20, 20, 20),
+    "elbow": (180, 4, 90),
+    "wrist": (40, 15, 90),
+    "knee": (180, 3, 12),
+    "ankle": (30, 10, 10),
+}
+"""How far joints stray from zero, for angles that few markers tell: about half their range."""
 
 
 def _group_of_joint(name: str) -> str:
@@ -185,12 +204,11 @@ def calibrate(template: Template, shape: Float64, observed_m: Float64, weights: 
     for _ in range(CALIBRATION_STEPS):
         system, gradient = precision.copy(), precision @ (shape - mean)
         for k, state in enumerate(states):
-            posture, mixed, block, slope = normal_blocks(
+            matrix, slope = shape_normal(
                 state, subject.bones_m, subject.marker_joint, subject.offsets_m, clean[k], weights[k], prior,
                 template.bone_basis, template.offset_basis,
             )  # fmt: skip
-            posture[np.diag_indices(len(posture))] += 1e-6
-            system += share * (block - mixed.T @ np.linalg.solve(posture, mixed))
+            system += share * matrix
             gradient += share * slope
         step = np.linalg.solve(system, -gradient)
         shape = shape + step

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
 from annotate.registration import KINECT2_DEPTH
 from sensors.calibration import Pose
-from sensors.camera import Intrinsics
+from sensors.camera import Intrinsics, project
 from synth.body import Body
 from synth.render import NEAR_M, Mesh, rasterize
 from synth.skeleton import JOINT_ID, Float64
 
+Float32 = NDArray[np.float32]
 CAMERA = KINECT2_DEPTH.undistorted()
 BORDER_PX = 4
 """Kept around the person, so that edges and slopes there have neighbours."""
@@ -37,16 +38,20 @@ class View:
 
 
 def render_view(
-    body: Body, hair: NDArray[np.bool_], vertices_m: NDArray[np.float32], around: Mesh, camera_from_world: Pose
+    body: Body,
+    hair: NDArray[np.bool_],
+    vertices_m: NDArray[np.float32],
+    around: Mesh,
+    camera_from_world: Pose,
 ) -> View:
-    """See a posed body and the closed furniture around it with the Kinect's pinhole; meshes in the world frame.
+    """See a posed body and the furniture around it with the Kinect's pinhole; meshes in the world frame.
 
     hair: bool (F,) as ``hair_faces`` gives it. Only the person's window of the 512 x 424 image is rendered.
     """
     points = _to_camera(camera_from_world, vertices_m)
     camera, corner = _window(points)
     person = rasterize(camera, points, body.faces, closed=True)
-    others = rasterize(camera, _to_camera(camera_from_world, around.vertices_m), around.faces, closed=True)
+    others = rasterize(camera, _to_camera(camera_from_world, around.vertices_m), around.faces)
     # Index -1, nothing hit, reads the entry appended last.
     whole = np.append(body.face_parts, np.uint8(BACKGROUND))[person.face]
     hidden = others.depth_m < person.depth_m
@@ -60,9 +65,25 @@ def visibility(parts: NDArray[np.uint8], whole: NDArray[np.uint8]) -> Float64:
 
     Entry 0 is over all parts together.
     """
-    shown, all_of_it = (np.bincount(image.ravel(), minlength=N_CLASSES)[:N_CLASSES] for image in (parts, whole))
-    shown[0], all_of_it[0] = shown[1:].sum(), all_of_it[1:].sum()
-    return np.where(all_of_it > 0, shown / np.maximum(all_of_it, 1), 1.0)
+    shown, there = _tally(parts), _tally(whole)
+    return np.where(there > 0, shown / np.maximum(there, 1), 1.0)
+
+
+@numba.njit(cache=True)
+def _tally(parts: NDArray[np.uint8]) -> NDArray[np.int64]:  # pragma: no cover
+    """Pixels (12,) of each part, and of all together at 0."""
+    pixels = np.zeros(N_CLASSES, np.int64)
+    for part in parts.flat:
+        if part > 0:
+            pixels[part] += 1
+            pixels[0] += 1
+    return pixels
+
+
+def inside_image(points_m: Float64) -> NDArray[np.bool_]:
+    """Which points (n, 3) of the camera frame the whole image covers."""
+    u, v = np.nan_to_num(project(CAMERA, points_m), nan=-1.0).T
+    return np.asarray((u >= 0) & (u < CAMERA.width) & (v >= 0) & (v < CAMERA.height), np.bool_)
 
 
 def hair_faces(body: Body) -> NDArray[np.bool_]:
@@ -72,44 +93,45 @@ def hair_faces(body: Body) -> NDArray[np.bool_]:
     top = body.vertices_m[:, 2].max()
     above = z > head[2] + 0.6 * (top - head[2])
     behind = (y > head[1] + 0.02) & (z > head[2])
-    return (body.face_parts == PART_ID["head"]) & (above | behind)
+    return np.asarray((body.face_parts == PART_ID["head"]) & (above | behind), np.bool_)
 
 
 def _to_camera(camera_from_world: Pose, vertices_m: NDArray[np.float32]) -> NDArray[np.float32]:
     rotation, translation = camera_from_world.rotation, camera_from_world.translation_m
-    points: NDArray[np.float32] = _move(vertices_m, rotation.astype(np.float32), translation.astype(np.float32))
-    return points
+    return _move(vertices_m, rotation.astype(np.float32), translation.astype(np.float32))
 
 
 @numba.njit(cache=True)
-def _move(vertices, rotation, translation):  # type: ignore[no-untyped-def] # pragma: no cover
+def _move(vertices: Float32, rotation: Float32, translation: Float32) -> Float32:  # pragma: no cover
     moved = np.empty_like(vertices)
+    r, t = rotation, translation
     for i in range(len(vertices)):
-        x, y, z = vertices[i]
-        for k in range(3):
-            moved[i, k] = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z + translation[k]
+        x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
+        moved[i, 0] = r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0]
+        moved[i, 1] = r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + t[1]
+        moved[i, 2] = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2]
     return moved
 
 
 def _window(points_m: NDArray[np.float32]) -> tuple[Intrinsics, tuple[int, int]]:
     """The part of the image that the points cover, with a border: its camera and its corner (top, left)."""
-    x0, y0, x1, y1 = _bounds(points_m, NEAR_M)
+    x0, y0, x1, y1 = map(float, _bounds(points_m, NEAR_M))
     left, right = _clip(CAMERA.fx * x0 + CAMERA.cx, CAMERA.fx * x1 + CAMERA.cx, CAMERA.width)
     top, bottom = _clip(CAMERA.fy * y0 + CAMERA.cy, CAMERA.fy * y1 + CAMERA.cy, CAMERA.height)
-    window = replace(
-        CAMERA, width=right - left, height=bottom - top, cx=CAMERA.cx - left, cy=CAMERA.cy - top
-    )
+    window = replace(CAMERA, width=right - left, height=bottom - top, cx=CAMERA.cx - left, cy=CAMERA.cy - top)
     return window, (top, left)
 
 
 def _clip(low: float, high: float, size: int) -> tuple[int, int]:
-    """First pixel and the one after the last between two coordinates and inside an image's side; one at least."""
+    """First pixel, and the one after the last, between two coordinates and inside an image's side."""
     start = int(np.clip(low - BORDER_PX, 0, size - 1))
     return start, int(np.clip(high + BORDER_PX + 1, start + 1, size))
 
 
 @numba.njit(cache=True)
-def _bounds(points, near):  # type: ignore[no-untyped-def] # pragma: no cover
+def _bounds(
+    points: Float32, near: float
+) -> tuple[np.float32, np.float32, np.float32, np.float32]:  # pragma: no cover
     """Least x / z and y / z, then the greatest, of the points beyond the near plane."""
     x0 = y0 = np.float32(1e6)
     x1 = y1 = np.float32(-1e6)

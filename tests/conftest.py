@@ -1,8 +1,22 @@
-"""What tests share: the folder of real recordings, where there is one."""
+"""What tests share: real recordings where there are some, a small virtual one, and the command itself."""
 
+import hashlib
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from annotate.label import label_source
+from annotate.store import LabelSet
+from annotate.suit import DEFAULT_SUIT
+from cli.main import main
+from sensors.replay import Session
+from synth.rig import VirtualRig
+from synth.simulate import simulate
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -13,3 +27,57 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip("no real recordings: ../shared/data is absent")
     return SHARED_DATA
+
+
+@pytest.fixture(scope="session")
+def rig_session(tmp_path_factory) -> Path:
+    """A clean recording of the virtual rig, 3 frames of 2 people; truth and suit lie beside it."""
+    path = tmp_path_factory.mktemp("rig") / "session.mcap"
+    simulate(VirtualRig(3, 2, "clean", 5), path, lambda n: None)
+    return path
+
+
+@pytest.fixture(scope="session")
+def rig_labels(rig_session) -> LabelSet:
+    """What an uninterrupted ``label`` makes of ``rig_session``."""
+    out = rig_session.with_name("labels")
+    return label_source(Session(rig_session), DEFAULT_SUIT, out, lambda n: None).labels
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended: its exit code and what it said."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """The one JSON object on stdout."""
+        assert self.out.count("\n") == 1, self.out
+        value = json.loads(self.out)
+        assert isinstance(value, dict)
+        return value
+
+
+@pytest.fixture
+def annotate_cloud(monkeypatch, capsys) -> Callable[..., Ended]:
+    """Run ``annotate-cloud`` with these arguments in this process, as its script does."""
+
+    def run(*arguments: object) -> Ended:
+        monkeypatch.setattr(sys, "argv", ["annotate-cloud", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main()
+        return Ended(int(end.value.code or 0), *capsys.readouterr())
+
+    return run
+
+
+def tree(path: Path) -> dict[str, str]:
+    """Everything below a folder: relative path -> SHA-256, "" for folders."""
+    return {
+        str(p.relative_to(path)): hashlib.sha256(p.read_bytes()).hexdigest() if p.is_file() else ""
+        for p in sorted(path.rglob("*"))
+    }

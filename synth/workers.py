@@ -1,0 +1,70 @@
+"""Who makes the shards: processes of this machine, or a dask.distributed cluster."""
+
+import logging
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from typing import Any
+
+import cv2
+
+from sensors.errors import CloudError
+
+CONNECT_SECONDS = 10
+
+
+@dataclass(frozen=True)
+class Workers:
+    """An executor and how many tasks it can work on at once."""
+
+    executor: Executor
+    parallel: int
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Workers]:
+    """``count`` processes of this machine, each on one core. Raises CloudError when one is killed."""
+    try:
+        with ProcessPoolExecutor(count, get_context("spawn"), cv2.setNumThreads, (1,)) as pool:
+            yield Workers(pool, count)
+    except BrokenExecutor as error:
+        raise CloudError(
+            "a worker process was killed, perhaps for want of memory; go on with fewer --workers"
+        ) from error
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Workers]:
+    """The workers of a dask scheduler, e.g. ``tcp://host:8786``; tasks of one that dies go to another.
+
+    Raises CloudError when the extra is missing, nobody answers, nobody works there, or it is lost.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise CloudError("--scheduler needs dask; install the extra: pip install '.[cluster]'") from error
+    # What distributed logs about a lost connection is said in one line by the error below.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    try:
+        client: Any = Client(  # type: ignore[no-untyped-call]
+            address, timeout=CONNECT_SECONDS, set_as_default=False
+        )
+    except (OSError, ValueError) as error:
+        raise CloudError(
+            f"scheduler {address} does not answer; start one with 'dask scheduler', or leave --scheduler away"
+        ) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=CONNECT_SECONDS)
+        except TimeoutError as error:
+            raise CloudError(
+                f"scheduler {address} has no workers; start some with 'dask worker {address} --nthreads 1'"
+            ) from error
+        try:
+            yield Workers(client.get_executor(pure=False), sum(client.nthreads().values()))
+        except CancelledError as error:
+            raise CloudError(
+                f"scheduler {address} was lost in mid-run; start it and give the same command to go on"
+            ) from error

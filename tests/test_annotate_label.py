@@ -1,0 +1,146 @@
+"""The labelling run keeps what it can, resumes to the bit, and mixes nothing."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from annotate.label import label_source
+from annotate.parts import UNDEFINED
+from annotate.store import LabelSet
+from annotate.suit import DEFAULT_SUIT
+from conftest import tree
+from sensors.calibration import RigCalibration
+from sensors.errors import CloudError, ExistsError
+from sensors.frame import RigFrame
+from sensors.replay import Session
+
+
+class Altered:
+    """A recording with every frame changed: ``change`` returns a frame, or raises."""
+
+    def __init__(
+        self, session: Session, change=lambda frame: frame, calibration: RigCalibration | None = None
+    ):
+        self._session, self._change = session, change
+        self.name = session.name
+        self.calibration = calibration or session.calibration
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        return (self._change(frame) for frame in self._session)
+
+
+def silent(n: int) -> None:
+    assert n == 1
+
+
+@pytest.fixture
+def session(rig_session) -> Session:
+    return Session(rig_session)
+
+
+def broken_color(at: set[int]):
+    return lambda f: replace(f, color_encoded=b"\xff\xd8") if f.index in at else f
+
+
+def test_every_frame_is_labelled_and_kept(session, rig_labels):
+    assert rig_labels.frame_ids == ["000000", "000001", "000002"]
+    for frame in rig_labels:
+        assert frame.status == "auto"
+        assert len(np.unique(frame.parts)) >= 10
+        assert not (frame.parts[frame.depth_mm == 0]).any()
+        assert frame.notes["extraction"] == "thermal"
+        on = frame.parts > 0
+        assert frame.notes["confidence"] == pytest.approx(float(frame.confidence[on].mean()), abs=0.005)
+    assert rig_labels.info["source"] == session.name
+    assert rig_labels.info["steps"]["label"]["suit"].startswith("name = ")
+
+
+def test_without_a_suit_only_the_person_is_found(tmp_path, session, rig_labels):
+    run = label_source(session, None, tmp_path / "l", silent)
+    for bare, dressed in zip(run.labels, rig_labels, strict=True):
+        assert set(np.unique(bare.parts)) == {0, UNDEFINED}
+        np.testing.assert_array_equal(bare.parts > 0, dressed.parts > 0)
+
+
+def test_progress_counts_every_frame_bad_ones_too(tmp_path, session):
+    told = []
+    run = label_source(Altered(session, broken_color({1})), DEFAULT_SUIT, tmp_path / "l", told.append)
+    assert told == [1, 1, 1]
+    assert [frame_id for frame_id, _ in run.failed] == ["000001"]
+    assert run.labels.frame_ids == ["000000", "000002"]
+
+
+@pytest.mark.parametrize("stops_at", [0, 1, 2])
+def test_a_run_that_broke_off_goes_on_to_the_same_bytes(tmp_path, session, rig_labels, stops_at):
+    def stop(frame: RigFrame) -> RigFrame:
+        if frame.index == stops_at:
+            raise KeyboardInterrupt
+        return frame
+
+    out = tmp_path / "l"
+    with pytest.raises(KeyboardInterrupt):
+        label_source(Altered(session, stop), DEFAULT_SUIT, out, silent)
+    assert len(LabelSet.open(out)) == stops_at
+    label_source(session, DEFAULT_SUIT, out, silent)
+    assert tree(out) == tree(rig_labels.path)
+
+
+def test_what_is_done_is_not_done_again(tmp_path, session):
+    out = tmp_path / "l"
+    label_source(session, DEFAULT_SUIT, out, silent)
+    files = {p: p.stat().st_mtime_ns for p in out.rglob("*")}
+    label_source(session, DEFAULT_SUIT, out, silent)
+    assert {p: p.stat().st_mtime_ns for p in out.rglob("*")} == files
+
+
+def test_other_settings_or_another_recording_are_refused(tmp_path, session):
+    out = tmp_path / "l"
+    label_source(session, DEFAULT_SUIT, out, silent)
+    before = tree(out)
+    other = Altered(session, lambda f: replace(f, depth_mm=np.roll(f.depth_mm, 5, axis=0)))
+    for source, suit, window in (
+        (session, None, (25.0, 35.0)),
+        (session, DEFAULT_SUIT, (24.0, 35.0)),
+        (other, DEFAULT_SUIT, (25.0, 35.0)),
+    ):
+        with pytest.raises(ExistsError, match="choose another folder"):
+            label_source(source, suit, out, silent, window)
+        assert tree(out) == before
+
+
+def test_when_all_fail_it_says_why_and_leaves_nothing(tmp_path, session):
+    with pytest.raises(CloudError, match="none of the 3 frames could be done; frame 000000: colour image"):
+        label_source(Altered(session, broken_color({0, 1, 2})), DEFAULT_SUIT, tmp_path / "l", silent)
+    assert not list(tmp_path.iterdir())
+
+
+def test_images_of_uncalibrated_cameras_are_left_out_and_said(tmp_path, session):
+    depth_only = Altered(session, calibration=RigCalibration(session.calibration.depth))
+    run = label_source(depth_only, DEFAULT_SUIT, tmp_path / "l", silent)
+    assert not run.failed
+    for frame in run.labels:
+        notes = " ".join(frame.notes["notes"])
+        assert "colour left out" in notes
+        assert "temperature left out" in notes
+        assert frame.notes["extraction"] == "depth"
+
+
+def test_the_least_certain_frame_comes_first(tmp_path, session):
+    empty = Altered(session, lambda f: replace(f, depth_mm=np.zeros_like(f.depth_mm)) if f.index == 1 else f)
+    run = label_source(empty, DEFAULT_SUIT, tmp_path / "l", silent)
+    assert run.review_order()[0] == "000001"
+    assert sorted(run.review_order()) == run.labels.frame_ids
+
+
+def test_a_corrupt_frame_blocks_resuming_and_is_left_alone(tmp_path, session):
+    out = tmp_path / "l"
+    label_source(session, DEFAULT_SUIT, out, silent)
+    spoilt = Path(out / "frames" / "000001.depth.png")
+    spoilt.write_bytes(spoilt.read_bytes()[:900])
+    before = tree(out)
+    with pytest.raises(CloudError, match=r"000001\.depth\.png"):
+        label_source(session, DEFAULT_SUIT, out, silent)
+    assert tree(out) == before

@@ -1,0 +1,251 @@
+"""The verbs as a new user runs them: results on stdout, remarks on stderr, exit codes that scripts rely on."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from annotate.parts import BODY_PARTS
+from annotate.store import LabelSet
+from conftest import tree
+from sensors.replay import Session
+from sensors.session import SessionWriter
+
+SCRIPT = Path(sys.executable).with_name("annotate-cloud")
+SCORES = {
+    "frames",
+    "mean_recall",
+    "recall",
+    "miou",
+    "iou",
+    "boundary_f",
+    "left_right_swap_rate",
+    "person_iou",
+}
+
+
+def suit_of(session: Path) -> Path:
+    return session.with_name(session.name + ".suit.toml")
+
+
+def truth_of(session: Path) -> Path:
+    return session.with_name(session.name + ".truth")
+
+
+@pytest.fixture
+def half_corrupt(tmp_path, rig_session) -> Path:
+    """``rig_session`` with the colour image of its second frame cut off."""
+    source, path = Session(rig_session), tmp_path / "half.mcap"
+    with SessionWriter(path, source.calibration, "half") as writer:
+        for frame in source:
+            color = frame.color_encoded[:500] if frame.index == 1 else frame.color_encoded
+            writer.write_color(color, frame.stamp_ns)
+            writer.write_thermal(frame.thermal_c, frame.stamp_ns)
+            writer.write_depth(frame.depth_mm, frame.stamp_ns)
+    return path
+
+
+# The main path, verb by verb
+
+
+def test_simulate_records_and_is_the_same_for_the_same_seed(annotate_cloud, tmp_path):
+    done = [
+        annotate_cloud("simulate", tmp_path / d / "s.mcap", "--frames", 1, "--seed", 3, "--json")
+        for d in ("a", "b")
+    ]
+    assert [d.code for d in done] == [0, 0]
+    path = tmp_path / "a" / "s.mcap"
+    assert done[0].result == {"frames": 1, "truth": str(truth_of(path)), "suit": str(suit_of(path))}
+    assert tree(tmp_path / "a") == tree(tmp_path / "b")
+    assert set(p.name for p in (tmp_path / "a").iterdir()) == {"s.mcap", "s.mcap.truth", "s.mcap.suit.toml"}
+
+
+def test_info_and_validate_know_all_kinds(annotate_cloud, rig_session, rig_labels):
+    kinds = {rig_session: "Session", rig_labels.path: "label set", truth_of(rig_session): "label set"}
+    for path, kind in kinds.items():
+        info = annotate_cloud("info", path, "--json").result
+        assert (info["kind"], info["frames"]) == (kind, 3)
+        assert annotate_cloud("validate", path, "--json").result == {"ok": True, "problems": []}
+        assert annotate_cloud("info", path).out.startswith(f"kind: {kind}\n")
+
+
+def test_label_writes_what_the_library_writes(annotate_cloud, tmp_path, rig_session, rig_labels):
+    done = annotate_cloud(
+        "label", rig_session, "--suit", suit_of(rig_session), "--out", tmp_path / "l", "--json"
+    )
+    assert done.code == 0
+    assert done.result["frames"] == 3
+    assert done.result["seconds_per_frame"] > 0
+    assert sorted(done.result["review"]) == rig_labels.frame_ids
+    confidence = [rig_labels.notes(i)["confidence"] for i in done.result["review"]]
+    assert confidence == sorted(confidence)
+    assert tree(tmp_path / "l") == tree(rig_labels.path)
+
+
+def test_diff_evaluate_and_report(annotate_cloud, tmp_path, rig_session, rig_labels):
+    diff = annotate_cloud("diff", rig_labels.path, truth_of(rig_session), "--json").result
+    assert set(diff) == SCORES
+    assert diff["frames"] == 3
+    assert set(diff["recall"]) == set(diff["iou"]) == {part.name for part in BODY_PARTS}
+
+    result = tmp_path / "result.json"
+    evaluated = annotate_cloud(
+        "evaluate", rig_labels.path, truth_of(rig_session), "--out", result, "--title", "Auto", "--json"
+    ).result
+    assert diff.items() <= evaluated.items()
+    assert {"ci95", "confusion"} <= set(evaluated)
+
+    page = tmp_path / "report.html"
+    assert annotate_cloud("report", result, "--out", page, "--json").result == {"path": str(page)}
+    html = page.read_text()
+    assert "Auto" in html
+    assert "data:image/" in html
+
+
+def test_a_label_set_is_its_own_truth(annotate_cloud, rig_session):
+    same = annotate_cloud("diff", truth_of(rig_session), truth_of(rig_session), "--json").result
+    assert (same["mean_recall"], same["miou"], same["person_iou"]) == (1, 1, 1)
+
+
+def test_predict_on_a_session_and_within_given_outlines(annotate_cloud, tmp_path, rig_session, rig_labels):
+    done = annotate_cloud("predict", rig_session, "--out", tmp_path / "a", "--json")
+    assert (done.code, done.result["frames"]) == (0, 3)
+    assert done.result["ms_per_frame"] > 0
+    done = annotate_cloud("predict", rig_labels.path, "--out", tmp_path / "b", "--json")
+    assert done.result["frames"] == 3
+    for predicted, given in zip(LabelSet.open(tmp_path / "b"), rig_labels, strict=True):
+        np.testing.assert_array_equal(predicted.parts > 0, given.parts > 0)
+        np.testing.assert_array_equal(predicted.depth_mm, given.depth_mm)
+
+
+def test_a_folder_of_pngs_goes_the_whole_way(annotate_cloud, tmp_path, rig_session):
+    """The two lines of the README for a user's own depth images."""
+    session, folder = Session(rig_session), tmp_path / "mine"
+    folder.mkdir()
+    camera = session.calibration.depth
+    for frame in session:
+        cv2.imwrite(str(folder / f"{frame.index}.png"), frame.depth_mm)
+    numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    (folder / "intrinsics.json").write_text(json.dumps(numbers))
+
+    imported = annotate_cloud("import", folder, tmp_path / "s.mcap", "--json")
+    assert (imported.result["frames"], imported.result["streams"]) == (3, {"depth": 3})
+    assert "no colour images" in imported.err
+    done = annotate_cloud("label", tmp_path / "s.mcap", "--out", tmp_path / "l", "--json")
+    assert (done.code, done.result["frames"]) == (0, 3)
+    assert {"no colour images", "no thermal images"} <= set(done.err.splitlines())
+    assert LabelSet.open(tmp_path / "l").notes("000000")["extraction"] == "depth"
+
+
+def test_train_on_labels_then_predict_with_the_weights(annotate_cloud, tmp_path, rig_session):
+    pytest.importorskip("torch")
+    trained = annotate_cloud(
+        *("train", truth_of(rig_session), "--out", tmp_path / "t", "--epochs", 1, "--batch", 2, "--json")
+    )
+    assert trained.code == 0
+    assert {"epochs", "loss", "seconds"} <= set(trained.result)
+    assert trained.result["epochs"] == 1
+    weights = trained.result["weights"]
+    done = annotate_cloud("predict", rig_session, "--out", tmp_path / "p", "--weights", weights, "--json")
+    assert (done.code, done.result["frames"]) == (0, 3)
+
+
+def test_the_demo_runs_the_whole_path(annotate_cloud, tmp_path):
+    done = annotate_cloud("demo", "--out", tmp_path / "d", "--frames", 2, "--json")
+    assert done.code == 0
+    result = done.result
+    keys = {"frames", "auto", "corrected", "fcn", "person_iou", "effort_seconds_median", "report", "seconds"}
+    assert keys <= set(result)
+    for name in ("auto", "corrected", "fcn"):
+        assert set(result[name]) == {"mean_recall", "miou"}
+    assert result["corrected"]["miou"] >= result["auto"]["miou"]
+    assert Path(result["report"]).read_text().startswith("<!doctype html>")
+
+    again = annotate_cloud("demo", "--out", tmp_path / "d", "--frames", 2)
+    assert (again.code, again.err.count("\n")) == (1, 1)
+    assert "--overwrite" in again.err
+
+
+# Streams and exit codes
+
+
+def test_one_bad_frame_fails_alone(annotate_cloud, tmp_path, half_corrupt, rig_session, rig_labels):
+    out = tmp_path / "l"
+    command = ("label", half_corrupt, "--suit", suit_of(rig_session), "--out", out, "--json")
+    for _ in range(2):  # the second time resumes, and fails alike
+        done = annotate_cloud(*command)
+        assert (done.code, done.result["frames"]) == (3, 2)
+        (failed,) = done.result["failed"]
+        assert failed["frame"] == "000001"
+        assert "cannot be decoded" in failed["why"]
+        assert "frame 000001" in done.err
+    for frame_id in ("000000", "000002"):
+        kept, expected = LabelSet.open(out).read(frame_id), rig_labels.read(frame_id)
+        np.testing.assert_array_equal(kept.parts, expected.parts)
+    checked = annotate_cloud("validate", half_corrupt, "--json")
+    assert checked.code == 1
+    (problem,) = checked.result["problems"]
+    assert problem.startswith("frame 000001: colour image")
+
+
+def test_one_corrupt_label_fails_alone(annotate_cloud, tmp_path, rig_labels):
+    shutil.copytree(rig_labels.path, tmp_path / "l")
+    (tmp_path / "l" / "frames" / "000001.depth.png").write_bytes(b"not a png")
+    done = annotate_cloud("predict", tmp_path / "l", "--out", tmp_path / "p", "--json")
+    assert (done.code, done.result["frames"]) == (3, 2)
+    assert [f["frame"] for f in done.result["failed"]] == ["000001"]
+    assert "000001.depth.png" in done.result["failed"][0]["why"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("frobnicate",),
+        ("label",),
+        ("label", "x.mcap"),
+        ("label", "x.mcap", "--out", "l", "--window", "warm", "hot"),
+        ("label", "x.mcap", "--out", "l", "--window", "35", "25"),
+        ("label", "x.mcap", "--out", "l", "--window", "nan", "35"),
+        ("simulate", "x.mcap", "--seed", "-1"),
+        ("simulate", "x.mcap", "--frames", "0"),
+        ("simulate", "x.mcap", "--subjects", "many"),
+        ("demo", "--out", "d", "--seed", "-1"),
+        ("train", "x", "--out", "t", "--epochs", "0"),
+        ("train", "x", "--out", "t", "--seed", "-1"),
+    ],
+)
+def test_wrong_usage_is_2_and_touches_nothing(annotate_cloud, tmp_path, monkeypatch, arguments):
+    monkeypatch.chdir(tmp_path)
+    done = annotate_cloud(*arguments)
+    assert (done.code, done.out) == (2, "")
+    assert done.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_help_is_no_error(annotate_cloud):
+    for arguments in (("--help",), ("label", "-h"), ("synth", "--help")):
+        done = annotate_cloud(*arguments)
+        assert (done.code, done.err) == (0, "")
+
+
+def test_the_installed_command_keeps_its_streams_apart(rig_session, tmp_path):
+    """The real script: JSON alone on stdout, plain progress lines on stderr, a user's error in one line."""
+    script = [str(SCRIPT)] if SCRIPT.is_file() else [sys.executable, "-m", "cli.main"]
+    good = subprocess.run(
+        [*script, "label", str(rig_session), "--out", str(tmp_path / "l"), "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (good.returncode, json.loads(good.stdout)["frames"]) == (0, 3)
+    assert good.stderr.splitlines()[-1].startswith("label: 3/3")
+    assert "\x1b" not in good.stderr
+    bad = subprocess.run([*script, "info", "absent.mcap"], capture_output=True, text=True, check=False)
+    assert (bad.returncode, bad.stdout) == (1, "")
+    assert bad.stderr.startswith("annotate-cloud: absent.mcap does not exist")
+    assert bad.stderr.count("\n") == 1

@@ -1,0 +1,153 @@
+"""The virtual rig is deterministic, its truth is true, and its cameras agree on what they see."""
+
+import numpy as np
+import pytest
+
+from annotate.fuse import Fuser
+from annotate.parts import N_CLASSES, UNDEFINED
+from annotate.registration import KINECT2_DEPTH
+from annotate.store import LabelSet, validate
+from annotate.suit import DEFAULT_SUIT, chromaticity
+from sensors.camera import project
+from sensors.errors import CloudError
+from sensors.frame import RigFrame
+from sensors.replay import Session
+from synth.rig import DIFFICULTIES, RIG_CALIBRATION, Truth, VirtualRig, truth_labels
+from synth.simulate import suit_path, truth_path
+
+
+@pytest.fixture(scope="module")
+def shot() -> dict[str, list[tuple[RigFrame, Truth]]]:
+    """One frame of each of two subjects, at every difficulty."""
+    return {name: list(VirtualRig(2, 2, name, 11).with_truth()) for name in DIFFICULTIES}
+
+
+def test_the_same_seed_gives_the_same_bytes(shot):
+    for (a, known_a), (b, known_b) in zip(
+        VirtualRig(2, 2, "normal", 11).with_truth(), shot["normal"], strict=True
+    ):
+        assert (a.index, a.stamp_ns, a.color_encoded) == (b.index, b.stamp_ns, b.color_encoded)
+        np.testing.assert_array_equal(a.depth_mm, b.depth_mm)
+        np.testing.assert_array_equal(a.thermal_c, b.thermal_c)
+        np.testing.assert_array_equal(known_a.parts, known_b.parts)
+        np.testing.assert_array_equal(known_a.joints_m, known_b.joints_m)
+    other = next(VirtualRig(1, 1, "normal", 12).with_truth())[0]
+    assert not np.array_equal(other.depth_mm, shot["normal"][0][0].depth_mm)
+
+
+def test_truth_has_parts_only_where_there_is_depth(shot):
+    for frames in shot.values():
+        for frame, known in frames:
+            assert known.parts.shape == frame.depth_mm.shape == KINECT2_DEPTH.shape
+            assert not known.parts[frame.depth_mm == 0].any()
+            assert ((known.parts < N_CLASSES) | (known.parts == UNDEFINED)).all()
+            labelled = truth_labels(frame, known)
+            assert not labelled.parts[labelled.depth_mm == 0].any()
+
+
+def test_people_are_whole_and_of_human_size(shot):
+    camera = RIG_CALIBRATION.depth
+    for frames in shot.values():
+        for frame, known in frames:
+            person = (known.parts > 0) & (known.parts < UNDEFINED)
+            assert len(np.unique(known.parts[person])) >= 9
+            meters = frame.depth_mm[person] / 1000
+            assert 0.2 < (meters**2).sum() / (camera.fx * camera.fy) < 2
+            assert 1 < np.median(meters) < 4
+
+
+def test_only_noise_makes_undefined_truth(shot):
+    assert not any((known.parts == UNDEFINED).any() for _, known in shot["clean"])
+
+
+def test_the_person_is_within_the_temperature_window_and_little_else_is(shot):
+    """Nishi & Miura 2017, section 4.2.1: 25 to 35 degrees Celsius. Away from silhouettes, which mix."""
+    fuser = Fuser(RIG_CALIBRATION)
+    for name in ("clean", "normal"):
+        for frame, known in shot[name]:
+            labelled = truth_labels(frame, known)
+            cloud = fuser.fuse_frame(frame)
+            np.testing.assert_array_equal(cloud.depth_mm, labelled.depth_mm)
+            person = (labelled.parts > 0) & (labelled.parts < UNDEFINED)
+            measured = np.isfinite(cloud.temperature_c)
+            warm = (cloud.temperature_c >= 25) & (cloud.temperature_c <= 35)
+            assert warm[person & measured].mean() > 0.9
+            assert warm[(labelled.parts == 0) & measured].mean() < 0.1
+
+
+def test_the_colour_camera_sees_the_suit_where_depth_sees_the_part(shot):
+    fuser = Fuser(RIG_CALIBRATION)
+    for frame, known in shot["clean"]:
+        labelled, cloud = truth_labels(frame, known), fuser.fuse_frame(frame)
+        for part in range(2, 12):
+            seen = (labelled.parts == part) & cloud.color_valid
+            if seen.sum() >= 200:
+                expected = chromaticity(DEFAULT_SUIT.colors_rgb[DEFAULT_SUIT.parts == part][0])
+                actual = np.median(chromaticity(cloud.color_rgb[seen]), axis=0)
+                assert np.linalg.norm(actual - expected) < 0.03
+
+
+def test_joints_lie_in_the_image_near_their_person(shot):
+    for frame, known in shot["clean"]:
+        v, u = np.nonzero(known.parts)
+        pixels = project(KINECT2_DEPTH, known.joints_m)
+        assert (pixels[:, 0] > u.min() - 60).all()
+        assert (pixels[:, 0] < u.max() + 60).all()
+        assert (pixels[:, 1] > v.min() - 60).all()
+        assert (pixels[:, 1] < v.max() + 60).all()
+        assert abs(np.median(known.joints_m[:, 2]) - np.median(frame.depth_mm[v, u]) / 1000) < 0.5
+
+
+def test_harder_is_noisier(shot):
+    roughness_mm = {
+        name: np.mean([roughness(f.depth_mm, k.parts) for f, k in frames]) for name, frames in shot.items()
+    }
+    assert roughness_mm["clean"] < roughness_mm["normal"] < roughness_mm["hard"]
+
+
+def roughness(depth_mm: np.ndarray, parts: np.ndarray) -> float:
+    """Mean second difference along rows within one part, where no edge is: noise, not shape."""
+    d = depth_mm.astype(float)
+    bend = np.abs(d[:, :-2] - 2 * d[:, 1:-1] + d[:, 2:])
+    same = (parts[:, :-2] == parts[:, 1:-1]) & (parts[:, 1:-1] == parts[:, 2:]) & (parts[:, 2:] > 0)
+    return float(bend[same & (parts[:, 2:] < UNDEFINED) & (bend < 30)].mean())
+
+
+def test_subjects_take_turns():
+    rig = VirtualRig(5, 2, "clean", 0)
+    assert len(rig) == 5
+    frames = list(rig.with_truth())
+    assert [f.index for f, _ in frames] == [0, 1, 2, 3, 4]
+    assert [k.subject for _, k in frames] == ["subject-0"] * 3 + ["subject-1"] * 2
+    stamps = [f.stamp_ns for f, _ in frames]
+    assert stamps == sorted(set(stamps))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ((0, 1, "clean", 0), "at least one frame"),
+        ((1, 2, "clean", 0), "at least one frame"),
+        ((1, 1, "easy", 0), "'easy' is unknown; use clean, normal, hard"),
+        ((1, 1, "clean", 0, "pool"), "'pool' is unknown; use sofa"),
+    ],
+)
+def test_impossible_rigs_are_refused(arguments, says):
+    with pytest.raises(CloudError, match=says):
+        VirtualRig(*arguments)
+
+
+def test_what_is_recorded_is_what_was_shot(rig_session):
+    rig = VirtualRig(3, 2, "clean", 5)
+    session, truth = Session(rig_session), LabelSet.open(truth_path(rig_session))
+    assert not session.truncated
+    assert (session.name, len(session), truth.frame_ids) == (rig.name, 3, ["000000", "000001", "000002"])
+    assert suit_path(rig_session).is_file()
+    assert validate(truth) == []
+    assert truth.intrinsics == RIG_CALIBRATION.depth.undistorted()
+    frame, known = next(rig.with_truth())
+    np.testing.assert_array_equal(session.frame(0).depth_mm, frame.depth_mm)
+    assert session.frame(0).color_encoded == frame.color_encoded
+    np.testing.assert_allclose(session.frame(0).thermal_c, frame.thermal_c, atol=0.01)
+    np.testing.assert_array_equal(truth.read("000000").parts, truth_labels(frame, known).parts)
+    assert {truth.read(i).status for i in truth.frame_ids} == {"truth"}
