@@ -36,7 +36,7 @@ def simulate(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Let the virtual rig record people in a colour-coded suit; the truth goes to OUT.mcap.truth/."""
+    """Let the virtual rig record people in a colour-coded suit; the truth goes to OUT.truth/."""
     from synth.rig import VirtualRig
     from synth.simulate import simulate, suit_path, truth_path
 

@@ -114,6 +114,7 @@ def evaluate(
     comparison = compare_sets(LabelSet.open(predicted), LabelSet.open(truth))
     if out is not None:
         facts = {"predicted": str(predicted), "truth": str(truth)}
+        out.parent.mkdir(parents=True, exist_ok=True)
         save_result(out, Result(title, comparison, facts), overwrite)
     result = comparison.to_evaluation_json()
     shown = {k: result[k] for k in ("frames", "mean_recall", "miou", "person_iou", "left_right_swap_rate")}

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import torch
@@ -53,9 +54,9 @@ def train(
 ) -> tuple[CompactUNet, list[Epoch]]:
     """Train the compact network; each epoch ends in a checkpoint in ``out`` from which the same call goes on.
 
-    Raises ExistsError when ``out`` was started with another schedule, FormatError on a broken checkpoint.
+    Raises ExistsError when ``out`` was started otherwise, FormatError on a broken checkpoint.
     """
-    _claim(out, schedule)
+    _claim(out, schedule, crops)
     torch.manual_seed(schedule.seed)
     model = CompactUNet().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimizer = torch.optim.AdamW(model.parameters(), schedule.peak_rate, weight_decay=schedule.weight_decay)
@@ -134,12 +135,14 @@ def export_onnx(model: nn.Module, path: Path) -> None:
         )
 
 
-def _claim(out: Path, schedule: Schedule) -> None:
-    order = (json.dumps(asdict(schedule), sort_keys=True) + "\n").encode()
+def _claim(out: Path, schedule: Schedule, crops: Crops) -> None:
+    """Start or resume: schedule and data say whose half-finished training this is."""
+    data = {"images": len(crops), "crc32": crc32(crops.parts.tobytes(), crc32(crops.depth.tobytes()))}
+    order = (json.dumps({**asdict(schedule), "data": data}, sort_keys=True) + "\n").encode()
     if (out / "schedule.json").is_file():
         if (out / "schedule.json").read_bytes() != order:
             raise ExistsError(
-                f"{out} holds a training with another schedule; choose another folder or --overwrite"
+                f"{out} holds another training (schedule or data differ); take another folder or --overwrite"
             )
         return
     if out.exists() and any(out.iterdir()):

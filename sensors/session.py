@@ -87,17 +87,21 @@ class SessionWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        whole = False
         try:
+            try:
+                if kind is None:
+                    self._writer.finish()
+                    self._file.flush()
+                    os.fsync(self._file.fileno())
+            finally:
+                self._file.close()
             if kind is None:
-                self._writer.finish()
-                self._file.flush()
-                os.fsync(self._file.fileno())
+                self.partial.replace(self.path)
+                whole = True
         finally:
-            self._file.close()
-        if kind is None:
-            self.partial.replace(self.path)
-        elif not self._keep_partial:
-            self.partial.unlink(missing_ok=True)
+            if not whole and not self._keep_partial:
+                self.partial.unlink(missing_ok=True)
 
     def write(self, frame: RigFrame, arrival_ns: int | None = None) -> None:
         """Write all that a frame has, stamped with the depth camera's time. Raises FormatError."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from zipfile import BadZipFile, ZipFile
 
 import numba
 import numpy as np
@@ -98,20 +99,16 @@ def _skin(
     weights: NDArray[np.float32],
     matrices: NDArray[np.float32],
 ) -> NDArray[np.float32]:  # pragma: no cover
-    result = np.empty_like(vertices)
-    m = np.empty((3, 4), np.float32)
+    result = np.zeros_like(vertices)
     for v in range(len(vertices)):
-        m[:] = 0
+        x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]
         for k in range(bones.shape[1]):
             w = weights[v, k]
             if w > 0:
-                b = bones[v, k]
-                for i in range(3):
-                    for j in range(4):
-                        m[i, j] += w * matrices[b, i, j]
-        x, y, z = vertices[v]
-        for i in range(3):
-            result[v, i] = m[i, 0] * x + m[i, 1] * y + m[i, 2] * z + m[i, 3]
+                m = matrices[bones[v, k]]
+                result[v, 0] += w * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3])
+                result[v, 1] += w * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3])
+                result[v, 2] += w * (m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3])
     return result
 
 
@@ -171,11 +168,15 @@ def save_body(path: Path, body: Body) -> None:
 def load_body(path: Path) -> Body:
     """Read a baked body. Raises FormatError when the file is none."""
     try:
-        if path.stat().st_size > MAX_BODY_BYTES:
-            raise FormatError(f"body {path} is larger than {MAX_BODY_BYTES} bytes; bake it again")
-        with np.load(path, allow_pickle=False) as arrays:
-            return Body(path.stem, **{k: arrays[k] for k in arrays.files})
-    except (OSError, ValueError, TypeError, EOFError) as error:
+        with path.open("rb") as file:
+            # Sizes are in the archive's directory: checked before anything is unpacked.
+            with ZipFile(file) as archive:
+                if sum(member.file_size for member in archive.infolist()) > MAX_BODY_BYTES:
+                    raise FormatError(f"body {path} is larger than {MAX_BODY_BYTES} bytes; bake it again")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as arrays:
+                return Body(path.stem, **{k: arrays[k] for k in arrays.files})
+    except (OSError, ValueError, TypeError, EOFError, BadZipFile) as error:
         raise FormatError(f"body {path} cannot be read ({error}); bake it with 'synth bodies'") from error
 
 

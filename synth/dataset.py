@@ -49,7 +49,8 @@ def read_shard(path: Path) -> Iterator[FrameLabels]:
             for member in tar:
                 if not member.isfile() or member.size > MAX_MEMBER_BYTES:
                     raise FormatError(
-                        f"shard {path} holds {member.name!r}, no image or too large; generate it again"
+                        f"shard {path} holds {member.name!r}, no image or too large; delete it and "
+                        "generate again"
                     )
                 file = tar.extractfile(member)
                 key, _, suffix = member.name.partition(".")
@@ -58,17 +59,19 @@ def read_shard(path: Path) -> Iterator[FrameLabels]:
                     yield _frame(path, key, pending)
                     pending = {}
         if pending:
-            raise FormatError(f"shard {path} ends in the middle of a frame; generate it again")
+            raise FormatError(f"shard {path} ends in the middle of a frame; delete it and generate again")
     except (OSError, tarfile.TarError, EOFError) as error:
-        raise FormatError(f"shard {path} cannot be read ({error}); generate it again") from error
+        raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
 
 
 def _frame(path: Path, key: str, data: dict[str, bytes]) -> FrameLabels:
     try:
         fields = json.loads(data["json"])
         return FrameLabels(key, decode_depth(data["depth.png"]), decode_parts(data["parts.png"]), **fields)
-    except (KeyError, ValueError, TypeError, RecursionError) as error:
-        raise FormatError(f"shard {path}, frame {key!r} is malformed ({error}); generate it again") from error
+    except (FormatError, KeyError, ValueError, TypeError, RecursionError) as error:
+        raise FormatError(
+            f"shard {path}, frame {key!r} is malformed ({error}); delete it and generate again"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,9 @@ def validate(dataset: Dataset) -> list[str]:
     for name, expected in dataset.shards:
         try:
             if sha256(dataset.path / name) != expected:
-                problems.append(f"shard {name} differs from its hash in the manifest; generate it again")
+                problems.append(
+                    f"shard {name} differs from its hash in the manifest; delete it and generate again"
+                )
             for _ in read_shard(dataset.path / name):
                 pass
         except FormatError as error:

@@ -6,6 +6,7 @@ them. Limbs are chains along a bone; the trunk is a pile of short chains from ri
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numba
 import numpy as np
@@ -39,7 +40,9 @@ _BONE = {
     "foot_outside": ("ankle", ""),
 }
 _HEAD_STATIONS = 3
-FINGERS_M = 0.004
+SOLE_M = 0.005
+"""The edge of a sole stands out from the spheres under it when the foot rolls."""
+FINGERS_M = 0.007
 """Fingers stand out from the mean of a hand."""
 
 
@@ -74,7 +77,7 @@ class Flesh:
 class _Same:
     """Hashes an object by identity and keeps it alive, so that its identity is not given away again."""
 
-    def __init__(self, held: Body) -> None:
+    def __init__(self, held: Any) -> None:
         self.held = held
 
     def __hash__(self) -> int:
@@ -91,16 +94,16 @@ def flesh_of(body: Body) -> Flesh:
 
 @lru_cache(maxsize=16)
 def _fit(same: _Same) -> Flesh:
-    body = same.held
+    body: Body = same.held
     centres, radii, joints = np.zeros((N_STATIONS, 3)), np.zeros(N_STATIONS), np.zeros(N_STATIONS, np.int64)
-    main = _main_joint(body.bones, body.weights)
-    _fit_trunk(body, main, centres, radii, joints)
+    owned = _vertices_of_joints(_Same(body.bones), _Same(body.weights))
+    _fit_trunk(body, owned, centres, radii, joints)
     for side in ("left", "right"):
         for limb, (start, end) in _BONE.items():
             j = JOINT_ID[f"{side}_{start}"]
             chain = CHAINS[f"{side}_{limb}"]
             s = slice(chain.lo, chain.hi)
-            own = body.vertices_m[main == j].astype(np.float64)
+            own = body.vertices_m[owned[j]]
             axis = _limb_axis(body.joints_m, own, j, f"{side}_{end}", limb)
             if start == "wrist":
                 # At rest the thumbs point forwards.
@@ -116,57 +119,55 @@ def _fit(same: _Same) -> Flesh:
                 # A sole is flat: the sphere reaches down to it and no further.
                 radii[s] = np.minimum(radii[s], 0.8 * centres[s, 2])
                 centres[s, 2] = radii[s]
-    trunk = np.flatnonzero(_carried(body, main))
-    return Flesh(body.joints_m, alignment(body.joints_m), centres, radii, joints, trunk)
+                radii[s] += SOLE_M
+    return Flesh(body.joints_m, alignment(body.joints_m), centres, radii, joints, _carried(body, owned))
 
 
-def _carried(body: Body, main: Int64) -> NDArray[np.bool_]:
-    """(V,) what a lying or sitting body rests on first: pelvis, spine, buttocks and the bulk of the shoulders."""
-    carried = main <= JOINT_ID["spine_upper"]
+def _carried(body: Body, owned: list[Int64]) -> Int64:
+    """What a lying or sitting body rests on first: pelvis, spine, buttocks and the bulk of the shoulders."""
+    parts = [owned[j] for name, j in JOINT_ID.items() if j <= JOINT_ID["spine_upper"] or "clavicle" in name]
     for side in ("left", "right"):
-        shoulder = JOINT_ID[f"{side}_shoulder"]
-        near = np.abs(body.vertices_m - body.joints_m[shoulder].astype(np.float32)).max(axis=1) < 0.07
-        carried |= (main == JOINT_ID[f"{side}_clavicle"]) | ((main == shoulder) & near)
-        hip = JOINT_ID[f"{side}_hip"]
-        carried |= (main == hip) & (body.vertices_m[:, 2] > body.joints_m[hip, 2] - 0.08)
-    return carried
+        shoulder, hip = JOINT_ID[f"{side}_shoulder"], JOINT_ID[f"{side}_hip"]
+        arm, leg = body.vertices_m[owned[shoulder]], body.vertices_m[owned[hip], 2]
+        parts.append(owned[shoulder][np.abs(arm - body.joints_m[shoulder]).max(axis=1) < 0.07])
+        parts.append(owned[hip][leg > body.joints_m[hip, 2] - 0.08])
+    return np.concatenate(parts)
 
 
 _FRONT = np.array([0.0, -1.0, 0.0])
 
 
-def _half(own: Float64, axis: Float64, towards: Float64) -> Float64:
+def _half(own: NDArray[np.float32], axis: Float64, towards: Float64) -> NDArray[np.float32]:
     """The vertices of a hand or foot on that side of its axis, across its breadth."""
-    along = (axis[1] - axis[0]) / np.linalg.norm(axis[1] - axis[0])
-    off = own - axis[0]
-    off -= np.outer(off @ along, along)
+    along = ((axis[1] - axis[0]) / np.linalg.norm(axis[1] - axis[0])).astype(np.float32)
+    off = own - axis[0].astype(np.float32)
+    off -= (off @ along)[:, None] * along
     across = np.linalg.eigh(off.T @ off)[1][:, -1]
     return own[(off @ across > 0) == (across @ towards > 0)]
 
 
-def _limb_axis(rest_joints_m: Float64, own: Float64, joint: int, end: str, limb: str) -> Float64:
+def _limb_axis(rest_joints_m: Float64, own: NDArray[np.float32], joint: int, end: str, limb: str) -> Float64:
     """(2, 3) first and last station's place on the line the chain follows."""
     start = rest_joints_m[joint]
     if end in JOINT_ID:
         along = rest_joints_m[JOINT_ID[end]] - start
         return np.stack([start + 0.08 * along, start + 0.94 * along])
-    along = own.mean(axis=0) - start
+    along = own.mean(axis=0, dtype=np.float64) - start
     if limb.startswith("foot"):
         along[2] = 0.0
     along /= np.linalg.norm(along)
-    reach = (own - start) @ along
-    margin = 0.02 if limb.startswith("foot") else 0.015
+    reach = own @ along.astype(np.float32) - start @ along
+    margin = 0.012 if limb.startswith("foot") else 0.015
     return np.stack([start + (reach.min() + margin) * along, start + (reach.max() - margin) * along])
 
 
-def _fit_trunk(body: Body, main: Int64, centres: Float64, radii: Float64, joints: Int64) -> None:
+def _fit_trunk(body: Body, owned: list[Int64], centres: Float64, radii: Float64, joints: Int64) -> None:
     rest = body.joints_m
     hip_z, neck_z = rest[JOINT_ID["left_hip"], 2], rest[JOINT_ID["neck"], 2]
     heights = np.linspace(hip_z - 0.02, neck_z - 0.06, _TRUNK_SLICES)
-    bones = ("pelvis", "spine_lower", "spine_middle", "spine_upper", "left_clavicle", "right_clavicle")
-    own = np.zeros(N_JOINTS, np.bool_)
-    own[[JOINT_ID[name] for name in (*bones, "left_hip", "right_hip")]] = True
-    boxes = _slices(body.vertices_m, main, own, heights, 0.6 * (heights[1] - heights[0]))
+    trunk = ("pelvis", "spine_lower", "spine_middle", "spine_upper", "left_clavicle", "right_clavicle")
+    own = np.concatenate([owned[JOINT_ID[name]] for name in (*trunk, "left_hip", "right_hip")])
+    boxes = _slices(body.vertices_m[own], heights, 0.6 * (heights[1] - heights[0]))
     for i, (left, right, front, back) in enumerate(boxes):
         chain = CHAINS[f"slice_{i}"]
         radius = min((back - front) / 2, (left - right) / 2)
@@ -175,69 +176,76 @@ def _fit_trunk(body: Body, main: Int64, centres: Float64, radii: Float64, joints
         radii[chain.lo : chain.hi] = radius
         below = [j for j in range(4) if rest[j, 2] <= heights[i]]
         joints[chain.lo : chain.hi] = max(below, default=0)
-    _fit_head(body, main, centres, radii, joints)
+    _fit_head(body, owned, centres, radii, joints)
 
 
-def _fit_head(body: Body, main: Int64, centres: Float64, radii: Float64, joints: Int64) -> None:
+def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, joints: Int64) -> None:
     neck, head = JOINT_ID["neck"], JOINT_ID["head"]
     low, high = body.joints_m[neck] + (0, 0, 0.02), body.joints_m[head]
     s = slice(CHAINS["neck"].lo, CHAINS["neck"].hi)
-    _fit_chain(body.vertices_m[main == neck].astype(np.float64), np.stack([low, high]), centres[s], radii[s])
+    _fit_chain(body.vertices_m[owned[neck]], np.stack([low, high]), centres[s], radii[s])
     joints[s] = neck
     # Eyes and teeth weigh in a mean, so the head goes by its extents; the nose may stand out.
     s = slice(CHAINS["head"].lo, CHAINS["head"].hi)
     heights = np.linspace(high[2], body.vertices_m[:, 2].max() - 0.075, _HEAD_STATIONS)
-    own = np.zeros(N_JOINTS, np.bool_)
-    own[head] = True
-    left, right, front, back = _slices(body.vertices_m, main, own, heights, 0.02).T
+    left, right, front, back = _slices(body.vertices_m[owned[head]], heights, 0.02).T
     radii[s] = (left - right + back - front) / 4
     centres[s] = np.stack([(left + right) / 2, back - (back - front) / 2 - 0.005, heights], axis=1)
     joints[s] = head
 
 
-def _main_joint(bones: NDArray[np.uint8], weights: NDArray[np.float32]) -> Int64:
-    """(V,) the joint with the greatest weight."""
-    return bones[np.arange(len(bones)), weights.argmax(axis=1)].astype(np.int64)
+@lru_cache(maxsize=4)
+def _vertices_of_joints(bones: _Same, weights: _Same) -> list[Int64]:
+    """Per joint the vertices it has most weight on; builds blended of one kind share the arrays, so this too."""
+    strongest = weights.held.argmax(axis=1)
+    main = bones.held[np.arange(len(strongest)), strongest]
+    return [np.flatnonzero(main == j) for j in range(N_JOINTS)]
 
 
-@numba.njit(cache=True)
-def _fit_chain(own: Float64, axis: Float64, centres: Float64, radii: Float64) -> None:  # pragma: no cover
+@numba.njit(cache=True, fastmath=True)
+def _fit_chain(own: NDArray[np.float32], axis: Float64, centres: Float64, radii: Float64) -> None:  # pragma: no cover
     """Middle and mean radius of the vertices (n, 3) about each station of a line; writes centres and radii."""
     n = len(radii)
     along = axis[1] - axis[0]
-    length = np.sqrt(np.dot(along, along))
-    along = along / length
-    nearest = np.rint((own - axis[0]) @ along * ((n - 1) / length)).astype(np.int64)
+    length = np.sqrt((along**2).sum())
+    along /= length
+    nearest = np.empty(len(own), np.int64)
     count = np.zeros(n)
     for v in range(len(own)):
-        if 0 <= nearest[v] < n:
-            centres[nearest[v]] += own[v]
-            count[nearest[v]] += 1
+        reach = 0.0
+        for i in range(3):
+            reach += (own[v, i] - axis[0, i]) * along[i]
+        k = int(np.rint(reach * (n - 1) / length))
+        nearest[v] = k if k < n else -1
+        if 0 <= k < n:
+            centres[k] += own[v]
+            count[k] += 1
     for k in range(n):
         station = axis[0] + along * (length * k / (n - 1))
         if count[k] > 0:
             mean = centres[k] / count[k]
-            station = mean - along * np.dot(mean - station, along)
+            station = mean - along * ((mean - station) * along).sum()
         centres[k] = station
     for v in range(len(own)):
         k = nearest[v]
-        if 0 <= k < n:
-            off = own[v] - centres[k]
-            off = off - np.dot(off, along) * along
-            radii[k] += np.sqrt(np.dot(off, off)) / count[k]
+        if k >= 0:
+            squared, reach = 0.0, 0.0
+            for i in range(3):
+                off = own[v, i] - centres[k, i]
+                squared += off * off
+                reach += off * along[i]
+            radii[k] += np.sqrt(max(squared - reach * reach, 0.0)) / count[k]
 
 
 @numba.njit(cache=True)
 def _slices(
-    vertices_m: NDArray[np.float32], main: Int64, own: NDArray[np.bool_], heights: Float64, half: float
+    own: NDArray[np.float32], heights: Float64, half: float
 ) -> Float64:  # pragma: no cover
-    """(n, 4) left, right, front and back of the chosen vertices about each height."""
+    """(n, 4) left, right, front and back of the vertices (n, 3) about each height."""
     result = np.empty((len(heights), 4))
     result[:, 0], result[:, 1], result[:, 2], result[:, 3] = -1e3, 1e3, 1e3, -1e3
-    for v in range(len(main)):
-        if not own[main[v]]:
-            continue
-        x, y, z = vertices_m[v]
+    for v in range(len(own)):
+        x, y, z = own[v]
         for k in range(len(heights)):
             if abs(z - heights[k]) < half:
                 result[k, 0] = max(result[k, 0], x)

@@ -16,7 +16,6 @@ from synth.dataset_page import write_page
 from synth.sample import Preset, sample
 from synth.workers import Workers
 
-SHARD_FRAMES = 256
 ORDER = "order.json"
 """What a folder's shards belong to, from the first one on."""
 
@@ -34,6 +33,7 @@ class Order:
     preset: Preset
     count: int
     seed: int
+    shard_frames: int = 256
     versions: dict[str, str] = field(default_factory=_versions)
 
     def __post_init__(self) -> None:
@@ -45,7 +45,12 @@ class Order:
     @property
     def shards(self) -> int:
         """Number of shards, the last one perhaps shorter."""
-        return -(-self.count // SHARD_FRAMES)
+        return -(-self.count // self.shard_frames)
+
+    def frames(self, shard: int) -> range:
+        """Indices of the images in a shard."""
+        first = shard * self.shard_frames
+        return range(first, min(first + self.shard_frames, self.count))
 
     def manifest(self) -> dict[str, Any]:
         """The order as JSON values."""
@@ -55,7 +60,7 @@ class Order:
             "cut": self.preset.cut,
             "images": self.count,
             "seed": self.seed,
-            "shard_frames": SHARD_FRAMES,
+            "shard_frames": self.shard_frames,
             "versions": self.versions,
         }
 
@@ -77,9 +82,7 @@ def make_shard(order: Order, shard: int) -> bytes:
         raise CloudError(
             f"a worker has {here}, the order {order.versions}; install the same versions everywhere"
         )
-    first = shard * SHARD_FRAMES
-    frames = range(first, first + _length(order, shard))
-    return encode_shard(sample(order.preset, order.seed, i) for i in frames)
+    return encode_shard(sample(order.preset, order.seed, i) for i in order.frames(shard))
 
 
 def generate(order: Order, out: Path, workers: Workers, progress: Callable[[int], None]) -> Made:
@@ -89,7 +92,7 @@ def generate(order: Order, out: Path, workers: Workers, progress: Callable[[int]
     """
     _claim(order, out)
     missing = [i for i in range(order.shards) if not (out / _file(i)).is_file()]
-    made = sum(_length(order, i) for i in missing)
+    made = sum(len(order.frames(i)) for i in missing)
     progress(order.count - made)
     hashes: dict[int, str] = {}
     futures: dict[Future[bytes], int] = {}
@@ -105,7 +108,7 @@ def generate(order: Order, out: Path, workers: Workers, progress: Callable[[int]
                 shard, data = futures.pop(done), done.result()
                 write_bytes(out / _file(shard), data)
                 hashes[shard] = hashlib.sha256(data).hexdigest()
-                progress(_length(order, shard))
+                progress(len(order.frames(shard)))
     finally:
         for future in futures:
             future.cancel()
@@ -140,7 +143,3 @@ def _finish(order: Order, out: Path, hashes: dict[int, str]) -> Dataset:
 
 def _file(shard: int) -> str:
     return f"shard-{shard:06d}.tar"
-
-
-def _length(order: Order, shard: int) -> int:
-    return min(SHARD_FRAMES, order.count - shard * SHARD_FRAMES)

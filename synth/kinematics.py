@@ -2,9 +2,12 @@
 
 The same joints, angles and frames as ``skeleton.forward``, whose anatomical zero is the rest pose here:
 ``bones_m[j]`` is joint j seen from its parent with the limbs hanging. Inside, angles are signed as rotations
-(``skeleton`` counts flexion the same way on both sides). Pelvis and shoulders turn by rotation vectors, because
-their Euler angles lock with a raised arm or a lying person.
+(``skeleton`` counts flexion the same way on both sides). Pelvis and shoulders turn by rotation vectors,
+because their Euler angles lock with a raised arm or a lying person.
 """
+
+# Numba types the compiled functions.
+# ruff: noqa: ANN001, ANN201, ANN202
 
 from dataclasses import dataclass
 
@@ -52,8 +55,10 @@ def place(state: State, bones_m: Float64) -> tuple[Float64, Float64]:
     return frames, joints
 
 
-def markers_at(state: State, bones_m: Float64, marker_joint: NDArray[np.int64], offsets_m: Float64) -> Float64:
-    """Where markers (M, 3) fixed to the joints ``marker_joint`` at ``offsets_m`` (M, 3) are, world, metres."""
+def markers_at(
+    state: State, bones_m: Float64, marker_joint: NDArray[np.int64], offsets_m: Float64
+) -> Float64:
+    """Markers (M, 3) fixed to joints ``marker_joint`` (M,) at ``offsets_m`` (M, 3): world, metres."""
     frames, joints = place(state, bones_m)
     return np.asarray(joints[marker_joint] + np.einsum("mij,mj->mi", frames[marker_joint], offsets_m))
 
@@ -133,7 +138,11 @@ def settle(rotation, signed, limits):  # type: ignore[no-untyped-def] # pragma: 
         total = np.arctan2(rotation[1, 0], rotation[1, 1])
         c = total - a if b > 0 else total + a
     for twin in range(2):
-        triple = (_wrapped(a + twin * np.pi), b if twin == 0 else _wrapped(np.pi - b), _wrapped(c + twin * np.pi))
+        triple = (
+            _wrapped(a + twin * np.pi),
+            b if twin == 0 else _wrapped(np.pi - b),
+            _wrapped(c + twin * np.pi),
+        )
         score = 0.0
         for k in range(3):
             beyond = max(0.0, limits[k, 0] - triple[k], triple[k] - limits[k, 1])

@@ -17,16 +17,14 @@ MAX_MARKERS = 1_000
 MAX_SAMPLES = 100_000_000
 """Frames times markers."""
 UNITS_M = {"m": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "mm": 0.001, "millimeters": 0.001}
-FAR_M = 100.0
-"""A marker farther than this from the origin is no marker of a capture room."""
 
 
 @dataclass(frozen=True)
 class Markers:
     """Marker positions over time.
 
-    labels: M names as the file spells them. positions: float64 (F, M, 3) in the file's unit and axes, NaN where
-    a marker was not seen. frames_per_second. unit: what the file declares ("m", "mm"), or "" if nothing.
+    labels: M names as the file spells them. positions: float64 (F, M, 3) in the file's unit and axes, NaN
+    where a marker was not seen. frames_per_second. unit: as the file declares ("m", "mm"), "" if nothing.
     up: the file's vertical axis 0, 1 or 2 as declared, or -1. Raises FormatError when sizes are impossible.
     """
 
@@ -39,9 +37,15 @@ class Markers:
     def __post_init__(self) -> None:
         frames, markers = self.positions.shape[:2]
         if self.positions.shape != (frames, len(self.labels), 3):
-            raise FormatError(f"{markers} marker positions for {len(self.labels)} labels; give one label each")
-        if not (1 <= frames <= MAX_FRAMES and 1 <= markers <= MAX_MARKERS and frames * markers <= MAX_SAMPLES):
-            raise FormatError(f"{frames} frames of {markers} markers; give 1 to {MAX_FRAMES} of 1 to {MAX_MARKERS}")
+            raise FormatError(
+                f"{markers} marker positions for {len(self.labels)} labels; give one label each"
+            )
+        if not (
+            1 <= frames <= MAX_FRAMES and 1 <= markers <= MAX_MARKERS and frames * markers <= MAX_SAMPLES
+        ):
+            raise FormatError(
+                f"{frames} frames of {markers} markers; give 1 to {MAX_FRAMES} of 1 to {MAX_MARKERS}"
+            )
         if not (math.isfinite(self.frames_per_second) and 1 <= self.frames_per_second <= 10_000):
             raise FormatError(f"{self.frames_per_second} frames per second; give 1 to 10000")
 
@@ -84,7 +88,9 @@ def _c3d_points(reader: Any, size: int) -> Markers:  # noqa: ANN401 - c3d has no
     if frames < 1 or points < 1:
         raise FormatError("the C3D holds no marker; record again")
     if points > MAX_MARKERS or frames * points * 4 * word > size:
-        raise FormatError(f"the C3D claims {frames} frames of {points} points and is cut short; copy it again")
+        raise FormatError(
+            f"the C3D claims {frames} frames of {points} points and is cut short; copy it again"
+        )
     positions = np.full((frames, points, 3), np.nan)
     read = 0
     for _, found, _ in reader.read_frames(copy=False):
@@ -103,7 +109,9 @@ def _c3d_points(reader: Any, size: int) -> Markers:  # noqa: ANN401 - c3d has no
 
 def _parameter(reader: Any, name: str) -> str:  # noqa: ANN401 - c3d has no types
     parameter = reader.get(name)
-    values = () if parameter is None else np.atleast_1d(parameter.string_array if parameter.dimensions else "")
+    values = (
+        () if parameter is None else np.atleast_1d(parameter.string_array if parameter.dimensions else "")
+    )
     return str(np.ravel(values)[0]).strip() if len(values) else ""
 
 
@@ -121,7 +129,8 @@ def _read_trc(path: Path) -> Markers:
     rows = [line for line in lines[5:] if line.strip()]
     if len(labels) != markers or len(rows) != frames:
         raise FormatError(
-            f"the TRC claims {frames} frames of {markers} markers and holds {len(rows)} of {len(labels)}; copy it again"
+            f"the TRC claims {frames} frames of {markers} markers and holds {len(rows)} of {len(labels)}; "
+            "copy it again"
         )
     return Markers(labels, np.stack([_trc_row(row, markers) for row in rows]), rate, unit)
 

@@ -45,7 +45,9 @@ def load_marker_set(path: Path) -> MarkerSet:
     """Read a marker-set file (TOML). Raises FormatError naming the entry that is wrong."""
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
-            raise FormatError(f"marker set {path} is larger than {MAX_FILE_BYTES} bytes; give a marker-set file")
+            raise FormatError(
+                f"marker set {path} is larger than {MAX_FILE_BYTES} bytes; give a marker-set file"
+            )
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise FormatError(f"marker set {path} cannot be read ({error}); give a TOML file") from error
@@ -53,7 +55,9 @@ def load_marker_set(path: Path) -> MarkerSet:
     if not isinstance(markers, dict) or not 1 <= len(markers) <= MAX_MARKERS:
         raise FormatError(f"marker set {path} has no table [markers] of 1 to {MAX_MARKERS} entries; add it")
     if len({key_of(name) for name in markers}) < len(markers):
-        raise FormatError(f"marker set {path} names a marker twice; labels differ in more than case and punctuation")
+        raise FormatError(
+            f"marker set {path} names a marker twice; labels differ in more than case and punctuation"
+        )
     rows = [_place(path, name, entry) for name, entry in markers.items()]
     joint, at, spread, weight = zip(*rows, strict=True)
     return MarkerSet(

@@ -14,15 +14,15 @@ from synth.skeleton import N_JOINTS, Float64, Posture
 from synth.subject import leg_length_m, zero_bones
 
 SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
-"""Status of a marker in a frame: used as it is; bridged over a short gap; missing; thrown out; labels exchanged."""
+"""Status of a marker in a frame: as it is; bridged over a short gap; missing; thrown out; relabelled."""
 MAX_FILE_BYTES = 1_000_000_000
 VERSION = 1
 
 
 @dataclass(frozen=True)
 class MarkerReport:
-    """How the markers fared. error_m: float32 (F, M) distance to the body's marker, NaN where not seen or thrown
-    out. status: uint8 (F, M). unknown: labels of the file that the marker set does not know."""
+    """How the markers fared. error_m: float32 (F, M) distance to the body's marker, NaN where not seen or
+    thrown out. status: uint8 (F, M). unknown: labels of the file that the marker set does not know."""
 
     names: tuple[str, ...]
     error_m: NDArray[np.float32]
@@ -59,8 +59,9 @@ class MarkerReport:
 class Motion:
     """Joint angles over time.
 
-    angles_rad: float64 (F, J, 3) as ``skeleton`` counts them. pelvis_m: float64 (F, 3) world, z up. leg_m: the
-    recorded person's hip-to-ankle length, by which a body of another size strides. report: of the markers.
+    angles_rad: float64 (F, J, 3) as ``skeleton`` counts them. pelvis_m: float64 (F, 3) world, z up.
+    leg_m: of the recorded person from hip to ankle, by which a body of another size strides.
+    report: how the markers fared. Raises FormatError when shapes or numbers are impossible.
     """
 
     angles_rad: Float64
@@ -116,7 +117,9 @@ def load_motion(path: Path) -> Motion:
     try:
         with zipfile.ZipFile(path) as archive:
             if sum(member.file_size for member in archive.infolist()) > MAX_FILE_BYTES:
-                raise FormatError(f"motion {path} unpacks to more than {MAX_FILE_BYTES} bytes; cut the recording")
+                raise FormatError(
+                    f"motion {path} unpacks to more than {MAX_FILE_BYTES} bytes; cut the recording"
+                )
         with np.load(path, allow_pickle=False) as arrays:
             if int(arrays["version"]) != VERSION:
                 raise FormatError(f"motion {path} is of version {int(arrays['version'])}; solve it again")

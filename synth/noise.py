@@ -71,7 +71,7 @@ def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:  # pragma:
     theta = min(incidence_rad, np.float32(CLIP_RAD))
     tilt = theta / (np.float32(np.pi / 2) - theta)
     straight = np.float32(1.5) - np.float32(0.5) * z + np.float32(0.3) * z * z
-    return straight + np.float32(0.1) * z * np.sqrt(z) * tilt * tilt
+    return np.float32(straight + np.float32(0.1) * z * np.sqrt(z) * tilt * tilt)
 
 
 def kinect(

@@ -1,5 +1,8 @@
 """The damped least squares that poses a skeleton to markers, and its derivative in the body's shape."""
 
+# Numba types the compiled functions.
+# ruff: noqa: ANN001, ANN202
+
 from dataclasses import dataclass
 
 import numba
@@ -22,7 +25,7 @@ from synth.kinematics import (
 )
 from synth.skeleton import Float64
 
-MARKER_SIGMA_M = 0.01
+MARKER_SIGMA_M = 0.005
 """What a marker's residual is measured in: noise, soft tissue and the model's own error together."""
 ROBUST_M = 0.08
 """Residual at which a marker's pull wanes (Geman & McClure 1987)."""
@@ -83,9 +86,9 @@ def shape_normal(
     Schur complement, as in bundle adjustment (Triggs et al. 2000, section 6.1).
     """
     matrix, gradient = _shape_normal(
-        PARENT, BALL, SIGNED_LIMITS, state.pelvis_m, state.signed_rad, state.local, bones_m, marker_joint, offsets_m,
-        observed_m, weights / MARKER_SIGMA_M**2, prior.rest, prior.hold, prior.hold_pelvis, ROBUST_M**2,
-        bone_basis, offset_basis,
+        PARENT, BALL, SIGNED_LIMITS, state.pelvis_m, state.signed_rad, state.local, bones_m, marker_joint,
+        offsets_m, observed_m, weights / MARKER_SIGMA_M**2, prior.rest, prior.hold, prior.hold_pelvis,
+        ROBUST_M**2, bone_basis, offset_basis,
     )  # fmt: skip
     return matrix, gradient
 
@@ -136,6 +139,13 @@ def _eliminate(h, g, mixed, matrix, gradient):  # type: ignore[no-untyped-def] #
                 gradient[s] -= x * g[i]
                 for t in range(size):
                     matrix[s, t] -= x * mixed[i, t]
+
+
+def solve_positive(matrix: Float64, right: Float64) -> Float64:
+    """Solution (n,) of a positive definite system (n, n); leaves its arguments alone."""
+    solution = right.copy()
+    _solve(matrix.copy(), solution)
+    return solution
 
 
 @numba.njit(cache=True)
@@ -223,8 +233,8 @@ def _fit(  # type: ignore[no-untyped-def] # pragma: no cover
     damping = 1e-3
     for _ in range(steps):
         _normal(
-            parents, ball, limits, signed, start, drift, pelvis - origin, frames, joints, mjoint, offsets, observed,
-            weights, robust2, rest, hold, hold_pelvis, h, g,
+            parents, ball, limits, signed, start, drift, pelvis - origin, frames, joints, mjoint, offsets,
+            observed, weights, robust2, rest, hold, hold_pelvis, h, g,
         )  # fmt: skip
         improved = False
         for _ in range(8):
@@ -233,12 +243,17 @@ def _fit(  # type: ignore[no-untyped-def] # pragma: no cover
                 damped[v, v] += damping * h[v, v] + 1e-6
             step = -g
             _solve(damped, step)
-            new_pelvis, new_signed, new_local, new_drift = pelvis.copy(), signed.copy(), local.copy(), drift.copy()
+            new_pelvis, new_signed, new_local, new_drift = (
+                pelvis.copy(),
+                signed.copy(),
+                local.copy(),
+                drift.copy(),
+            )
             _apply(step, ball, limits, new_pelvis, new_signed, new_local, new_drift)
             new_frames, new_joints = place_compiled(parents, new_local, bones, new_pelvis)
-            new_cost = _cost(new_frames, new_joints, mjoint, offsets, observed, weights, robust2) + _prior_cost(
-                new_signed, start, new_drift, new_pelvis - origin, ball, rest, hold, hold_pelvis
-            )
+            new_cost = _cost(
+                new_frames, new_joints, mjoint, offsets, observed, weights, robust2
+            ) + _prior_cost(new_signed, start, new_drift, new_pelvis - origin, ball, rest, hold, hold_pelvis)
             if new_cost < cost:
                 improved = True
                 break

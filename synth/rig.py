@@ -6,6 +6,7 @@ each camera's faults are apart: ``Difficulty`` says how bad each is.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,9 +159,9 @@ class VirtualRig:
         self.suit: Suit = DEFAULT_SUIT
         self.difficulty = DIFFICULTIES[difficulty]
         self.frames, self.subjects, self.seed = frames, subjects, seed
-        self._depth = _Optics(KINECT2_DEPTH, 1)
-        self._color = _Optics(_KINECT_COLOR, 1)
-        self._thermal = _Optics(_OPTRIS, SUPERSAMPLE)
+        self._depth = _optics(KINECT2_DEPTH, 1)
+        self._color = _optics(_KINECT_COLOR, 1)
+        self._thermal = _optics(_OPTRIS, SUPERSAMPLE)
 
     def __len__(self) -> int:
         return self.frames
@@ -289,6 +290,10 @@ class _Optics:
         wide = self.render_pinhole(points, faces)
         u, v = (np.rint(m).astype(np.intp) for m in self.maps)
         return ZBuffer(wide.depth_m[v, u], wide.face[v, u])
+
+
+_optics = lru_cache(maxsize=4)(_Optics)
+"""Every rig has the same cameras, and the colour camera's map takes a second."""
 
 
 def _undistort_fast(camera: Intrinsics, distorted: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -196,7 +196,7 @@ class Bed:
         pillow = min(0.33, x - 0.05)
         return [
             Solid((-x, -y, 0.12), (x, y, h), self.give_m, tag, carries_m=0.15),
-            Solid((-pillow, y - 0.37, h - 0.1), (pillow, y - 0.02, h + self.pillow_height), 0.06, tag, carries_m=0.2),
+            Solid((-pillow, y - 0.37, h - 0.1), (pillow, y - 0.02, h + self.pillow_height), 0.07, tag, carries_m=0.2),
             Solid((-x, y, 0.0), (x, y + 0.05, h + self.board_height), 0.0, tag),
         ]
 

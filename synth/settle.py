@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from synth.flesh import CHAINS, N_STATIONS, Flesh, Int64
+from synth.flesh import CHAINS, Flesh, Int64
 from synth.scene import Solid
 from synth.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, N_JOINTS, PARENTS, Float64, Posture, kinematics
 
@@ -33,6 +33,8 @@ MAX_ROWS = 256
 MAX_ENTRIES = 36
 """Angles that can move the two points of one row: six joints on each side."""
 MAX_STEP_RAD = 0.35
+MAX_HEAVE_M = 0.05
+"""What lies under a body lifts it by no more than this."""
 
 
 def _mobility() -> Float64:
@@ -51,19 +53,13 @@ def _mobility() -> Float64:
     return np.array([by_kind.get(joint.name.rpartition("_")[2], (0.0, 0.0, 0.0)) for joint in JOINTS])
 
 
-_MOBILITY = _mobility()
-
-
 def _ancestors() -> NDArray[np.bool_]:
+    """[point's joint, joint]: whether turning the joint moves the point."""
     moves = np.zeros((N_JOINTS, N_JOINTS), bool)
     for i, parent in enumerate(PARENTS):
         moves[i] = moves[parent] if parent >= 0 else False
         moves[i, i] = True
     return moves
-
-
-_MOVED_BY = _ancestors()
-"""[point's joint, joint]: whether turning the joint moves the point."""
 
 
 _HAND = ("hand", "thumb_side")
@@ -107,14 +103,19 @@ def _pairs() -> Int64:
         against(f"{side}_foot", f"{side}_thigh")
         against(f"{side}_shank", f"{other}_thigh")
         against(f"{side}_foot", f"{other}_thigh")
-        against(f"{side}_foot", f"{other}_shank")
-    for a, b in (("thumb_side", "thumb_side"), ("forearm", "forearm"), ("shank", "shank"), ("foot", "foot")):
+        for half in ("foot", "foot_outside"):
+            against(f"{side}_{half}", f"{other}_shank")
+            against(f"{side}_{half}", f"{other}_foot")
+        against(f"{side}_foot_outside", f"{other}_thigh")
+    for a, b in (("thumb_side", "thumb_side"), ("forearm", "forearm"), ("shank", "shank")):
         against(f"left_{a}", f"right_{b}")
     against("left_thigh", "right_thigh", 1, 1)
     return np.array(rows, np.int64)
 
 
-_PAIRS = _pairs()
+Rules = tuple[Float64, Int64, Float64, NDArray[np.bool_]]
+_RULES: Rules = (LIMITS_RAD, _pairs(), _mobility(), _ancestors())
+"""Joint limits, pairs, mobility and ancestors: handed to compiled code, whose cache would keep old globals."""
 
 
 @dataclass(frozen=True)
@@ -144,39 +145,44 @@ def settle(
     ends = np.array([np.concatenate([p.target_m, p.weight]) for p in pulls]).reshape(-1, 6)
     angles, pelvis = posture.angles_rad.copy(), posture.pelvis_m.copy()
     _settle(
-        angles, pelvis, heave, flesh.rest_joints_m, flesh.aligned, flesh.centres_m,
+        _RULES, angles, pelvis, heave, flesh.rest_joints_m, flesh.aligned, flesh.centres_m,
         flesh.radii_m, flesh.joints, boxes, pulled, ends,
     )  # fmt: skip
     return Posture(angles, pelvis)
 
 
 @numba.njit(cache=True)
-def _settle(angles: Float64, pelvis: Float64, heave: float, rest: Float64, aligned: Float64, centres: Float64, radii: Float64, joints: Int64, boxes: Float64, pulled: Int64, ends: Float64) -> None:  # fmt: skip # pragma: no cover
+def _settle(rules: Rules, angles: Float64, pelvis: Float64, heave: float, rest: Float64, aligned: Float64, centres: Float64, radii: Float64, joints: Int64, boxes: Float64, pulled: Int64, ends: Float64) -> None:  # fmt: skip # pragma: no cover
     normals = np.empty((MAX_ROWS, 3))
     depths = np.empty(MAX_ROWS)
     # Each row pushes point a (joint row[0]) along the normal, and point b against it;
     # -1 is a solid, -2 nothing.
     points = np.empty((MAX_ROWS, 2, 3))
     movers = np.empty((MAX_ROWS, 2), np.int64)
-    stations = np.empty((N_STATIONS, 3))
-    for i in range(N_JOINTS):
-        if i > 0:
-            for a in range(3):
-                angles[i, a] = min(max(angles[i, a], LIMITS_RAD[i, a, 0]), LIMITS_RAD[i, a, 1])
+    stations = np.empty_like(centres)
+    limits, pairs, heaved = rules[0], rules[1], 0.0
+    reaches = _reaches(pairs, centres, radii)
+    for i in range(1, N_JOINTS):
+        for a in range(3):
+            angles[i, a] = min(max(angles[i, a], limits[i, a, 0]), limits[i, a, 1])
     for round_ in range(ROUNDS):
         axes, frames, positions = kinematics(angles, pelvis, rest, aligned)
-        for s in range(N_STATIONS):
+        for s in range(len(centres)):
             j = joints[s]
             stations[s] = positions[j] + frames[j] @ (centres[s] - rest[j])
         n = 0
         if round_ < PULL_ROUNDS:
             n = _pull_rows(positions, pulled, ends, 1 - round_ / PULL_ROUNDS, normals, depths, points, movers, n)
-        n = _flesh_rows(stations, radii, joints, normals, depths, points, movers, n)
+        n = _flesh_rows(pairs, reaches, stations, radii, joints, normals, depths, points, movers, n)
         n = _solid_rows(stations, radii, joints, boxes, normals, depths, points, movers, n)
         if n == 0 or (round_ >= PULL_ROUNDS and np.max(depths[:n]) < CLEAR_M):
             break
-        step, rise = _project(angles, axes, positions, heave, normals, depths, points, movers, n)
+        # Not while limbs are drawn down, or they would lift the body off what it lies on.
+        lift = heave if round_ >= PULL_ROUNDS else 0.0
+        step, rise = _project(rules, angles, axes, positions, lift, normals, depths, points, movers, n)
         angles += step
+        rise = min(rise, MAX_HEAVE_M - heaved)
+        heaved += rise
         pelvis[2] += rise
 
 
@@ -194,10 +200,30 @@ def _pull_rows(positions: Float64, pulled: Int64, ends: Float64, strength: float
     return n
 
 
+@numba.njit(cache=True)
+def _reaches(pairs: Int64, centres: Float64, radii: Float64) -> Float64:  # pragma: no cover
+    """(n,) how near the middle stations of a pair have to come before its flesh can touch; chains are rigid."""
+    result = np.empty(len(pairs))
+    for r in range(len(pairs)):
+        total = SKIN_M
+        for lo, hi in ((pairs[r, 0], pairs[r, 1]), (pairs[r, 2], pairs[r, 3])):
+            farthest = 0.0
+            for s in range(lo, hi):
+                off = centres[s] - centres[(lo + hi) // 2]
+                farthest = max(farthest, np.sqrt(np.dot(off, off)) + radii[s])
+            total += farthest
+        result[r] = total
+    return result
+
+
 @numba.njit(cache=True, fastmath=True)
-def _flesh_rows(stations: Float64, radii: Float64, joints: Int64, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> int:  # fmt: skip # pragma: no cover
-    for r in range(len(_PAIRS)):
-        a_lo, a_hi, b_lo, b_hi = _PAIRS[r]
+def _flesh_rows(pairs: Int64, reaches: Float64, stations: Float64, radii: Float64, joints: Int64, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> int:  # fmt: skip # pragma: no cover
+    for r in range(len(pairs)):
+        a_lo, a_hi, b_lo, b_hi = pairs[r]
+        a, b = (a_lo + a_hi) // 2, (b_lo + b_hi) // 2
+        dx, dy, dz = stations[a, 0] - stations[b, 0], stations[a, 1] - stations[b, 1], stations[a, 2] - stations[b, 2]
+        if dx * dx + dy * dy + dz * dz > reaches[r] ** 2:
+            continue
         for s in range(a_lo, a_hi):
             px, py, pz = stations[s]
             deepest, where, share = 0.0, -1, 0.0
@@ -232,9 +258,9 @@ def _solid_rows(stations: Float64, radii: Float64, joints: Int64, boxes: Float64
     for k in range(len(boxes)):
         centre, half, give, bias = boxes[k, :3], boxes[k, 3:6], boxes[k, 6], boxes[k, 7]
         turn = np.ascontiguousarray(boxes[k, 8:]).reshape(3, 3)
-        for s in range(N_STATIONS):
-            if joints[s] <= 3:
-                # The trunk rests by ``rest_on``, exactly.
+        for s in range(len(stations)):
+            if joints[s] <= 4:
+                # Trunk and neck are laid down before; no limb of theirs could give way.
                 continue
             off = turn.T @ (stations[s] - centre)
             depth, normal = _leave(off, half, bias)
@@ -261,6 +287,8 @@ def _leave(off: Float64, half: Float64, bias: float) -> tuple[float, Float64]:  
     if distance > 0:
         normal[:] = np.sign(off) * outside / distance
         return -distance, normal
+    # Nothing leaves by the underside.
+    beyond[2] = off[2] - half[2]
     axis = int(np.argmax(beyond))
     if beyond[axis] - bias < off[2] - half[2]:
         normal[2] = 1.0
@@ -270,8 +298,9 @@ def _leave(off: Float64, half: Float64, bias: float) -> tuple[float, Float64]:  
 
 
 @numba.njit(cache=True, fastmath=True)
-def _row(axes: Float64, positions: Float64, normal: Float64, points: Float64, movers: Int64, where: Int64, value: Float64) -> int:  # fmt: skip # pragma: no cover
+def _row(rules: Rules, axes: Float64, positions: Float64, normal: Float64, points: Float64, movers: Int64, where: Int64, value: Float64) -> int:  # fmt: skip # pragma: no cover
     """How far the points part along the normal per radian of each angle that moves them; returns how many."""
+    mobility, moved_by = rules[2], rules[3]
     n = 0
     for side in range(2):
         mover = movers[side]
@@ -279,11 +308,11 @@ def _row(axes: Float64, positions: Float64, normal: Float64, points: Float64, mo
             continue
         first = n
         for j in range(1, N_JOINTS):
-            if not _MOVED_BY[mover, j]:
+            if not moved_by[mover, j]:
                 continue
             x, y, z = points[side] - positions[j]
             for a in range(3):
-                if _MOBILITY[j, a] == 0:
+                if mobility[j, a] == 0:
                     continue
                 u, v, w = axes[j, a]
                 rate = normal[0] * (v * z - w * y) + normal[1] * (w * x - u * z) + normal[2] * (u * y - v * x)
@@ -300,18 +329,18 @@ def _row(axes: Float64, positions: Float64, normal: Float64, points: Float64, mo
 
 
 @numba.njit(cache=True, fastmath=True)
-def _project(angles: Float64, axes: Float64, positions: Float64, heave: float, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> tuple[Float64, float]:  # fmt: skip # pragma: no cover
+def _project(rules: Rules, angles: Float64, axes: Float64, positions: Float64, heave: float, normals: Float64, depths: Float64, points: Float64, movers: Int64, n: int) -> tuple[Float64, float]:  # fmt: skip # pragma: no cover
     """The small step towards satisfying all rows: angles (J, 3) and how far the whole body rises (m)."""
     where = np.empty((n, MAX_ENTRIES), np.int64)
     value = np.empty((n, MAX_ENTRIES))
     count = np.empty(n, np.int64)
     size = np.empty(n)
-    mobility, now = _MOBILITY.ravel(), angles.ravel()
-    low = np.maximum(LIMITS_RAD[:, :, 0].copy().ravel() - now, -MAX_STEP_RAD)
-    high = np.minimum(LIMITS_RAD[:, :, 1].copy().ravel() - now, MAX_STEP_RAD)
+    limits, mobility, now = rules[0], rules[2].ravel(), angles.ravel()
+    low = np.maximum(limits[:, :, 0].copy().ravel() - now, -MAX_STEP_RAD)
+    high = np.minimum(limits[:, :, 1].copy().ravel() - now, MAX_STEP_RAD)
     up = np.zeros(n)
     for r in range(n):
-        count[r] = _row(axes, positions, normals[r], points[r], movers[r], where[r], value[r])
+        count[r] = _row(rules, axes, positions, normals[r], points[r], movers[r], where[r], value[r])
         if movers[r, 1] == -1:
             up[r] = max(normals[r, 2], 0.0)
         size[r] = 1e-3 + heave * up[r] ** 2

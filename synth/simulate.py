@@ -13,17 +13,17 @@ from synth.rig import VirtualRig, truth_labels
 
 
 def truth_path(session: Path) -> Path:
-    """Where the truth of a simulated session lies."""
-    return session.with_name(session.name + ".truth")
+    """Where the truth of a simulated session lies: ``people.truth/`` beside ``people.mcap``."""
+    return session.with_suffix(".truth")
 
 
 def suit_path(session: Path) -> Path:
     """Where the palette of a simulated session's suit lies."""
-    return session.with_name(session.name + ".suit.toml")
+    return session.with_suffix(".suit.toml")
 
 
 def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, overwrite: bool = False) -> None:
-    """Record all frames of the rig to ``out``, ``out.truth/`` and ``out.suit.toml``.
+    """Record all frames of the rig to ``out``, the truth and the suit beside it.
 
     They appear when all are done; a broken run leaves nothing. ``progress`` is called with 1 a frame.
     Raises ExistsError when one of them exists and ``overwrite`` is False.

@@ -65,17 +65,18 @@ def _calibration_frames(trial: Trial, count: int) -> Float64:
     chosen = chosen[seen[chosen] >= max(MIN_SEEN, 0.5 * seen.max())]
     if not len(chosen):
         raise CloudError("no frame holds enough of the markers; record again")
-    return trial.positions_m[chosen]
+    return np.asarray(trial.positions_m[chosen])
 
 
 def _track(
     trial: Trial, subject: Subject, markerset: MarkerSet, rate: float, advance: Callable[[int], None]
 ) -> Motion:
     positions, status = bridge(trial.positions_m, round(BRIDGE_SECONDS * rate))
-    used = trial.seen.any(axis=0)
+    used = np.asarray(trial.seen.any(axis=0))
     prior = posture_prior(200, 12 * min(4.0, max(1.0, 60 / rate)))
     error = np.full(status.shape, np.nan, np.float32)
-    angles, pelvis = [], []
+    angles: list[Float64] = []
+    pelvis: list[Float64] = []
     state: State | None = None
     for f, observed in enumerate(positions):
         if (status[f] == SEEN).sum() >= MIN_SEEN:
@@ -99,7 +100,7 @@ def _frame(
 ) -> tuple[State, NDArray[np.float32]]:
     """Posture of one frame, and its markers' errors; marks ghosts and swaps in ``status``."""
     body = (subject.bones_m, subject.marker_joint, subject.offsets_m)
-    seen = status == SEEN
+    seen = np.asarray(status == SEEN)
     weights = np.where(seen, weight, np.where(status == BRIDGED, BRIDGE_WEIGHT * weight, 0.0))
     if before is None:
         before, _ = fit_from_nothing(subject, np.where(seen[:, None], observed, np.nan), weights, prior)
@@ -110,7 +111,7 @@ def _frame(
     if (distance[seen] > GHOST_M).any():
         state = _second_look(subject, before, state, observed, weights, prior)
         distance = _distances(subject, state, clean)
-    ghosts = seen & (distance > GHOST_M)
+    ghosts = np.asarray(seen & (distance > GHOST_M))
     if ghosts.any():
         status[ghosts] = GHOST
         state, _ = fit_posture(state, *body, clean, np.where(ghosts, 0.0, weights), prior, steps=TRACK_STEPS)
@@ -127,7 +128,7 @@ def _distances(subject: Subject, state: State, observed: Float64) -> Float64:
 def _second_look(
     subject: Subject, before: State, state: State, observed: Float64, weights: Float64, prior: Prior
 ) -> State:
-    """A limb that moved fast, or a person who was lost, is no ghost: the best of three ways to fit a frame."""
+    """A limb that moved fast, or a lost person, is no ghost: the best of three ways to fit a frame."""
     body, clean = (subject.bones_m, subject.marker_joint, subject.offsets_m), np.nan_to_num(observed)
     plain, _ = fit_posture(before, *body, clean, weights, prior, steps=3 * TRACK_STEPS, robust_m=10.0)
     followed, _ = fit_posture(plain, *body, clean, weights, prior, steps=TRACK_STEPS)
@@ -142,7 +143,7 @@ def _second_look(
 
 
 def bridge(positions_m: Float64, longest: int) -> tuple[Float64, NDArray[np.uint8]]:
-    """Fill gaps of up to ``longest`` frames by straight lines: positions (F, M, 3), and status uint8 (F, M)."""
+    """Fill gaps of up to ``longest`` frames by lines: positions (F, M, 3), and status uint8 (F, M)."""
     filled = positions_m.copy()
     seen = np.isfinite(positions_m).all(axis=2)
     status = np.where(seen, SEEN, MISSING).astype(np.uint8)
@@ -159,10 +160,10 @@ def bridge(positions_m: Float64, longest: int) -> tuple[Float64, NDArray[np.uint
 def unswap(observed_m: Float64, predicted_m: Float64, status: NDArray[np.uint8]) -> Float64:
     """Give two markers their labels back where exchanging them brings both nearer to the prediction.
 
-    observed_m, predicted_m: (M, 3); marks them in ``status``. The test is the difference of the summed squares,
+    observed_m, predicted_m: (M, 3); marks them in ``status``. The test is the difference of summed squares,
     2 (x_i - x_j) . (p_j - p_i): negative enough, and each comes nearer than half the pair's distance.
     """
-    usable = np.flatnonzero((status == SEEN) | (status == SWAPPED))
+    usable = np.flatnonzero(np.isin(status, (SEEN, SWAPPED)))
     x, p = observed_m[usable], predicted_m[usable]
     across = p[:, None] - p[None, :]
     length = np.linalg.norm(across, axis=2)

@@ -10,12 +10,23 @@ from scipy.spatial.transform import Rotation
 from synth.body import shipped_bodies
 from synth.kinematics import State, markers_at
 from synth.markerset import MarkerSet
-from synth.posture_fit import Prior, fit_posture, shape_normal
+from synth.posture_fit import Prior, fit_posture, shape_normal, solve_positive
 from synth.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Float64, Posture, alignment, forward
 
 REFERENCE_BODY = 4
 """The shipped body of 1.70 m on which marker sets are stated."""
-_GROUPS = ("height", "hip_width", "pelvis", "spine", "head", "shoulder_width", "upper_arm", "forearm", "thigh", "shank")
+_GROUPS = (
+    "height",
+    "hip_width",
+    "pelvis",
+    "spine",
+    "head",
+    "shoulder_width",
+    "upper_arm",
+    "forearm",
+    "thigh",
+    "shank",
+)
 SCALE_SPREAD = 0.06
 """How far a segment's scale strays from the body's (Pheasant & Haslegrave 2005: 3 to 6 % of length)."""
 HEIGHT_SPREAD = 0.2
@@ -80,8 +91,8 @@ _SPREAD_DEG = {
 def _group_of_joint(name: str) -> str:
     kinds = {
         "pelvis": "pelvis", "spine_lower": "pelvis", "spine_middle": "spine", "spine_upper": "spine",
-        "neck": "spine", "head": "head", "clavicle": "spine", "shoulder": "shoulder_width", "elbow": "upper_arm",
-        "wrist": "forearm", "hip": "pelvis", "knee": "thigh", "ankle": "shank",
+        "neck": "spine", "head": "head", "clavicle": "spine", "shoulder": "shoulder_width",
+        "elbow": "upper_arm", "wrist": "forearm", "hip": "pelvis", "knee": "thigh", "ankle": "shank",
     }  # fmt: skip
     return kinds.get(name) or kinds[name.partition("_")[2]]
 
@@ -89,8 +100,8 @@ def _group_of_joint(name: str) -> str:
 def _group_of_marker(joint: int) -> str:
     kinds = {
         "pelvis": "pelvis", "spine_lower": "spine", "spine_middle": "spine", "spine_upper": "spine",
-        "neck": "head", "head": "head", "clavicle": "shoulder_width", "shoulder": "upper_arm", "elbow": "forearm",
-        "wrist": "forearm", "hip": "thigh", "knee": "shank", "ankle": "shank",
+        "neck": "head", "head": "head", "clavicle": "shoulder_width", "shoulder": "upper_arm",
+        "elbow": "forearm", "wrist": "forearm", "hip": "thigh", "knee": "shank", "ankle": "shank",
     }  # fmt: skip
     name = JOINTS[joint].name
     return kinds.get(name) or kinds[name.partition("_")[2]]
@@ -98,7 +109,7 @@ def _group_of_marker(joint: int) -> str:
 
 @dataclass(frozen=True)
 class Template:
-    """How shape parameters make a subject: metres per group scale, for bones (G, J, 3) and markers (G, M, 3)."""
+    """How shape parameters make a subject: metres per group's scale, bones (G, J, 3), markers (G, M, 3)."""
 
     marker_joint: NDArray[np.int64]
     spread_m: Float64
@@ -182,15 +193,26 @@ _LEGS: tuple[dict[str, tuple[float, float, float]], ...] = (
 )
 
 
-def fit_from_nothing(subject: Subject, observed_m: Float64, weights: Float64, prior: Prior) -> tuple[State, float]:
+def fit_from_nothing(
+    subject: Subject, observed_m: Float64, weights: Float64, prior: Prior
+) -> tuple[State, float]:
     """Best posture of one frame over all starts, and its cost."""
-    args = (subject.bones_m, subject.marker_joint, subject.offsets_m, np.nan_to_num(observed_m), weights, prior)
+    args = (
+        subject.bones_m,
+        subject.marker_joint,
+        subject.offsets_m,
+        np.nan_to_num(observed_m),
+        weights,
+        prior,
+    )
     rough = [fit_posture(s, *args, steps=40, robust_m=10.0) for s in start_states(subject, observed_m)]
     best = min(rough, key=lambda result: result[1])[0]
     return fit_posture(best, *args, steps=40)
 
 
-def calibrate(template: Template, shape: Float64, observed_m: Float64, weights: Float64) -> tuple[Float64, list[State]]:
+def calibrate(
+    template: Template, shape: Float64, observed_m: Float64, weights: Float64
+) -> tuple[Float64, list[State]]:
     """Shape (S,) that explains frames (K, M, 3) best under the prior, and the frames' postures.
 
     weights: (K, M), 0 where a marker is missing. Gauss-Newton on the shape with the postures eliminated
@@ -210,13 +232,13 @@ def calibrate(template: Template, shape: Float64, observed_m: Float64, weights: 
             )  # fmt: skip
             system += share * matrix
             gradient += share * slope
-        step = np.linalg.solve(system, -gradient)
+        step = solve_positive(system, -gradient)
         shape = shape + step
         subject = template.subject(shape)
         states = [
             fit_posture(s, subject.bones_m, subject.marker_joint, subject.offsets_m, o, w, prior, steps=20)[0]
             for s, o, w in zip(states, clean, weights, strict=True)
         ]
-        if np.abs(step).max() < 1e-4:
+        if np.abs(step).max() < 1e-3:
             break
     return shape, states

@@ -62,8 +62,8 @@ def trial_of(markers: Markers, markerset: MarkerSet, up: NDArray[np.float64] | N
     return Trial(world, unknown)
 
 
-def up_direction(markers: Markers, markerset: MarkerSet, positions: Float64) -> NDArray[np.float64]:
-    """Vertical direction (3,) of a file: as it declares, else where the trunk stands over the legs, else y."""
+def up_direction(markers: Markers, markerset: MarkerSet, positions: Float64) -> Float64:
+    """Vertical direction (3,) of a file: as declared, else where the trunk stands over the legs, else y."""
     result = np.zeros(3)
     if markers.up >= 0:
         result[markers.up] = 1.0
@@ -82,7 +82,9 @@ def _mean(positions: Float64) -> Float64:
     """Mean over axis 1 of what is finite, NaN where nothing is."""
     finite = np.isfinite(positions)
     count = finite.sum(axis=1)
-    return np.asarray(np.where(count > 0, np.where(finite, positions, 0).sum(axis=1) / np.maximum(count, 1), np.nan))
+    return np.asarray(
+        np.where(count > 0, np.where(finite, positions, 0).sum(axis=1) / np.maximum(count, 1), np.nan)
+    )
 
 
 def _unit_m(positions: Float64, unit: str) -> float:
@@ -99,7 +101,9 @@ def _unit_m(positions: Float64, unit: str) -> float:
     for scale in (1.0, 0.01, 0.001):
         if PERSON_M[0] <= span * scale <= PERSON_M[1]:
             return scale
-    raise CloudError(f"the markers span {span:.3g} {unit or 'units'}, no person's size in m, cm or mm; scale them")
+    raise CloudError(
+        f"the markers span {span:.3g} {unit or 'units'}, no person's size in m, cm or mm; scale them"
+    )
 
 
 def _span(positions: Float64) -> float:
@@ -118,11 +122,13 @@ def check_same_person(trial: Trial, static: Trial, markerset: MarkerSet) -> None
         on_bone = np.flatnonzero(markerset.joint == joint)
         for i, a in enumerate(on_bone):
             for b in on_bone[i + 1 :]:
-                here, there = (_distance(t, a, b) for t in (trial, static))
+                here, there = (_distance(t, int(a), int(b)) for t in (trial, static))
                 if min(here, there) > 0.08:
                     differences.append(abs(here / there - 1))
     if not differences:
-        raise CloudError("the static trial shares too few markers with the trial; give the static of this recording")
+        raise CloudError(
+            "the static trial shares too few markers with the trial; give the static of this recording"
+        )
     if np.median(differences) > SAME_PERSON / 2 or np.quantile(differences, 0.8) > SAME_PERSON:
         raise CloudError(
             f"the static trial is of another person or other markers: distances on one bone differ by "

@@ -14,7 +14,9 @@ from annotate.label import label_source
 from annotate.store import LabelSet
 from annotate.suit import DEFAULT_SUIT
 from cli.main import main
+from sensors.frame import RigFrame
 from sensors.replay import Session
+from sensors.session import SessionWriter
 from synth.rig import VirtualRig
 from synth.simulate import simulate
 
@@ -81,3 +83,21 @@ def tree(path: Path) -> dict[str, str]:
         str(p.relative_to(path)): hashlib.sha256(p.read_bytes()).hexdigest() if p.is_file() else ""
         for p in sorted(path.rglob("*"))
     }
+
+
+def assert_refused(done: Ended, *says: object, remarks: int = 0) -> None:
+    """One line on stderr after ``remarks`` others, which holds what it must say; exit 1."""
+    assert (done.code, done.out) == (1, ""), done
+    lines = done.err.splitlines()
+    assert len(lines) == 1 + remarks, done.err
+    assert lines[-1].startswith("annotate-cloud: ")
+    for said in says:
+        assert str(said) in lines[-1]
+
+
+def record(path: Path, source: Session, change: Callable[[RigFrame], RigFrame]) -> Path:
+    """A recording with every frame changed."""
+    with SessionWriter(path, source.calibration, source.name) as writer:
+        for frame in source:
+            writer.write(change(frame))
+    return path

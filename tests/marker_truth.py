@@ -29,7 +29,9 @@ class Truth:
     moving: Markers
 
 
-def synthesise(seed: int, frames: int, noise_mm: float = 2.0, body: int = 7, misplaced_mm: float = 8.0) -> Truth:
+def synthesise(
+    seed: int, frames: int, noise_mm: float = 2.0, body: int = 7, misplaced_mm: float = 8.0
+) -> Truth:
     """Smooth random motion of a body that is not the solver's reference, markers 8 mm off their places."""
     rng = np.random.default_rng(seed)
     markerset = plug_in_gait()
@@ -39,7 +41,8 @@ def synthesise(seed: int, frames: int, noise_mm: float = 2.0, body: int = 7, mis
 
     def recorded(angles: np.ndarray, pelvis: np.ndarray) -> Markers:
         places = [
-            markers_at(State.of(a, p), bones, markerset.joint, offsets) for a, p in zip(angles, pelvis, strict=True)
+            markers_at(State.of(a, p), bones, markerset.joint, offsets)
+            for a, p in zip(angles, pelvis, strict=True)
         ]
         noisy = np.array(places) + rng.normal(0, noise_mm / 1000, (len(angles), len(offsets), 3))
         return Markers(markerset.names, 1000 * noisy, RATE, "mm", 2)
@@ -58,7 +61,9 @@ def _motion(rng: np.random.Generator, frames: int) -> tuple[np.ndarray, np.ndarr
     middle, reach = LIMITS_RAD.mean(axis=2), np.ptp(LIMITS_RAD, axis=2) / 2
     middle[0], reach[0] = 0, np.radians([25, 20, 60])
     # Toes and twisted spines are the same movement to these markers when every joint strays at random.
-    waves = np.sin(2 * np.pi * (rng.uniform(0.1, 0.6, (N_JOINTS, 3)) * time[:, None, None] + rng.random((N_JOINTS, 3))))
+    waves = np.sin(
+        2 * np.pi * (rng.uniform(0.1, 0.6, (N_JOINTS, 3)) * time[:, None, None] + rng.random((N_JOINTS, 3)))
+    )
     angles = middle + 0.5 * reach * waves
     spine = [JOINT_ID[f"spine_{part}"] for part in ("lower", "middle", "upper")]
     neck = [JOINT_ID["neck"], JOINT_ID["head"]]

@@ -1,4 +1,4 @@
-"""The simulated annotator: right frames cost one look, work grows with errors, and never makes things worse."""
+"""The simulated annotator: right frames cost one look, more errors more work, and no work harms."""
 
 import numpy as np
 import pytest

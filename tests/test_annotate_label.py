@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import tree
 
 from annotate.label import label_source
 from annotate.parts import UNDEFINED
 from annotate.store import LabelSet
 from annotate.suit import DEFAULT_SUIT
-from conftest import tree
 from sensors.calibration import RigCalibration
 from sensors.errors import CloudError, ExistsError
 from sensors.frame import RigFrame

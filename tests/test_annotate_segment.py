@@ -48,7 +48,7 @@ def seen(rig_session) -> list[tuple[ThermalCloud, np.ndarray]]:
     """The clean rig's clouds and their true parts."""
     session = Session(rig_session)
     fuser = Fuser(session.calibration)
-    truth = LabelSet.open(rig_session.with_name(rig_session.name + ".truth"))
+    truth = LabelSet.open(rig_session.with_suffix(".truth"))
     return [(fuser.fuse_frame(f), truth.read(f"{f.index:06d}").parts) for f in session]
 
 
@@ -123,6 +123,15 @@ def test_stains_and_unseen_points_take_their_surroundings():
     clean = worn == halves()
     assert (result.parts == halves())[unseen & clean].mean() > 0.9
     assert (result.parts == halves())[clean].mean() > 0.95
+
+
+def test_a_patch_that_no_camera_sees_takes_what_is_around_it():
+    unseen = np.zeros(CAMERA.shape, bool)
+    unseen[4:22, 20:38] = True  # 10 cm of torso: whole supervoxels without a colour
+    unseen[34:50, 40:58] = True
+    result = segment(wall(halves(), ~unseen), ALL, DEFAULT_SUIT)
+    np.testing.assert_array_equal(result.parts[unseen], halves()[unseen])
+    assert result.confidence[unseen].min() < result.confidence[~unseen].min()
 
 
 def test_without_colour_parts_are_undefined():

@@ -1,4 +1,4 @@
-"""The verbs as a new user runs them: results on stdout, remarks on stderr, exit codes that scripts rely on."""
+"""The verbs as a new user runs them: results on stdout, remarks on stderr, exit codes to rely on."""
 
 import json
 import shutil
@@ -9,12 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import tree
 
 from annotate.parts import BODY_PARTS
 from annotate.store import LabelSet
-from conftest import tree
 from sensors.replay import Session
 from sensors.session import SessionWriter
+from synth.simulate import suit_path, truth_path
 
 SCRIPT = Path(sys.executable).with_name("annotate-cloud")
 SCORES = {
@@ -27,14 +28,6 @@ SCORES = {
     "left_right_swap_rate",
     "person_iou",
 }
-
-
-def suit_of(session: Path) -> Path:
-    return session.with_name(session.name + ".suit.toml")
-
-
-def truth_of(session: Path) -> Path:
-    return session.with_name(session.name + ".truth")
 
 
 @pytest.fixture
@@ -60,13 +53,13 @@ def test_simulate_records_and_is_the_same_for_the_same_seed(annotate_cloud, tmp_
     ]
     assert [d.code for d in done] == [0, 0]
     path = tmp_path / "a" / "s.mcap"
-    assert done[0].result == {"frames": 1, "truth": str(truth_of(path)), "suit": str(suit_of(path))}
+    assert done[0].result == {"frames": 1, "truth": str(truth_path(path)), "suit": str(suit_path(path))}
     assert tree(tmp_path / "a") == tree(tmp_path / "b")
-    assert set(p.name for p in (tmp_path / "a").iterdir()) == {"s.mcap", "s.mcap.truth", "s.mcap.suit.toml"}
+    assert {p.name for p in (tmp_path / "a").iterdir()} == {"s.mcap", "s.truth", "s.suit.toml"}
 
 
 def test_info_and_validate_know_all_kinds(annotate_cloud, rig_session, rig_labels):
-    kinds = {rig_session: "Session", rig_labels.path: "label set", truth_of(rig_session): "label set"}
+    kinds = {rig_session: "Session", rig_labels.path: "label set", truth_path(rig_session): "label set"}
     for path, kind in kinds.items():
         info = annotate_cloud("info", path, "--json").result
         assert (info["kind"], info["frames"]) == (kind, 3)
@@ -76,7 +69,7 @@ def test_info_and_validate_know_all_kinds(annotate_cloud, rig_session, rig_label
 
 def test_label_writes_what_the_library_writes(annotate_cloud, tmp_path, rig_session, rig_labels):
     done = annotate_cloud(
-        "label", rig_session, "--suit", suit_of(rig_session), "--out", tmp_path / "l", "--json"
+        "label", rig_session, "--suit", suit_path(rig_session), "--out", tmp_path / "l", "--json"
     )
     assert done.code == 0
     assert done.result["frames"] == 3
@@ -88,14 +81,14 @@ def test_label_writes_what_the_library_writes(annotate_cloud, tmp_path, rig_sess
 
 
 def test_diff_evaluate_and_report(annotate_cloud, tmp_path, rig_session, rig_labels):
-    diff = annotate_cloud("diff", rig_labels.path, truth_of(rig_session), "--json").result
+    diff = annotate_cloud("diff", rig_labels.path, truth_path(rig_session), "--json").result
     assert set(diff) == SCORES
     assert diff["frames"] == 3
     assert set(diff["recall"]) == set(diff["iou"]) == {part.name for part in BODY_PARTS}
 
-    result = tmp_path / "result.json"
+    result = tmp_path / "results" / "auto.json"
     evaluated = annotate_cloud(
-        "evaluate", rig_labels.path, truth_of(rig_session), "--out", result, "--title", "Auto", "--json"
+        "evaluate", rig_labels.path, truth_path(rig_session), "--out", result, "--title", "Auto", "--json"
     ).result
     assert diff.items() <= evaluated.items()
     assert {"ci95", "confusion"} <= set(evaluated)
@@ -108,7 +101,7 @@ def test_diff_evaluate_and_report(annotate_cloud, tmp_path, rig_session, rig_lab
 
 
 def test_a_label_set_is_its_own_truth(annotate_cloud, rig_session):
-    same = annotate_cloud("diff", truth_of(rig_session), truth_of(rig_session), "--json").result
+    same = annotate_cloud("diff", truth_path(rig_session), truth_path(rig_session), "--json").result
     assert (same["mean_recall"], same["miou"], same["person_iou"]) == (1, 1, 1)
 
 
@@ -145,7 +138,7 @@ def test_a_folder_of_pngs_goes_the_whole_way(annotate_cloud, tmp_path, rig_sessi
 def test_train_on_labels_then_predict_with_the_weights(annotate_cloud, tmp_path, rig_session):
     pytest.importorskip("torch")
     trained = annotate_cloud(
-        *("train", truth_of(rig_session), "--out", tmp_path / "t", "--epochs", 1, "--batch", 2, "--json")
+        *("train", truth_path(rig_session), "--out", tmp_path / "t", "--epochs", 1, "--batch", 2, "--json")
     )
     assert trained.code == 0
     assert {"epochs", "loss", "seconds"} <= set(trained.result)
@@ -176,7 +169,7 @@ def test_the_demo_runs_the_whole_path(annotate_cloud, tmp_path):
 
 def test_one_bad_frame_fails_alone(annotate_cloud, tmp_path, half_corrupt, rig_session, rig_labels):
     out = tmp_path / "l"
-    command = ("label", half_corrupt, "--suit", suit_of(rig_session), "--out", out, "--json")
+    command = ("label", half_corrupt, "--suit", suit_path(rig_session), "--out", out, "--json")
     for _ in range(2):  # the second time resumes, and fails alike
         done = annotate_cloud(*command)
         assert (done.code, done.result["frames"]) == (3, 2)

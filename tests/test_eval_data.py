@@ -1,4 +1,4 @@
-"""Training tensors: mirrored bodies swap sides, no part is invented where depth is gone, order is the seed's."""
+"""Training tensors: mirrored bodies swap sides, no part is invented where depth is gone."""
 
 import numpy as np
 import pytest
@@ -126,7 +126,7 @@ def test_a_frame_becomes_the_square_round_its_person():
 
 
 def test_label_sets_are_read_and_frames_that_teach_nothing_left_out(tmp_path, rig_session):
-    truth = rig_session.with_name(rig_session.name + ".truth")
+    truth = rig_session.with_suffix(".truth")
     loaded = load_crops([truth])
     assert len(loaded) == 3
     assert len(load_crops([truth, truth])) == 6

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from conftest import tree
 
 from annotate.crop import SIZE
 from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.store import LabelSet
-from conftest import tree
 from eval.compare import compare_sets
 from eval.predict import Network, predict_labels, predict_source
 from sensors.errors import ExistsError, FormatError
@@ -24,7 +24,7 @@ def network() -> Network:
 
 @pytest.fixture(scope="module")
 def truth(rig_session) -> LabelSet:
-    return LabelSet.open(rig_session.with_name(rig_session.name + ".truth"))
+    return LabelSet.open(rig_session.with_suffix(".truth"))
 
 
 @pytest.fixture(scope="module")

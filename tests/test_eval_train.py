@@ -1,4 +1,4 @@
-"""A training is deterministic, resumes bit for bit, refuses what is not its own, and its export is the network."""
+"""A training resumes bit for bit, refuses what is not its own, and its export is the network."""
 
 import json
 import math
@@ -10,9 +10,10 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from conftest import tree  # noqa: E402
+
 from annotate.crop import SIZE  # noqa: E402
 from annotate.parts import N_CLASSES  # noqa: E402
-from conftest import tree  # noqa: E402
 from eval.data import Crops, load_crops  # noqa: E402
 from eval.networks import CompactUNet  # noqa: E402
 from eval.predict import Network  # noqa: E402
@@ -24,7 +25,7 @@ SCHEDULE = Schedule(epochs=2, batch=2, seed=4)
 
 @pytest.fixture(scope="module")
 def crops(rig_session) -> Crops:
-    return load_crops([rig_session.with_name(rig_session.name + ".truth")])
+    return load_crops([rig_session.with_suffix(".truth")])
 
 
 def quiet(epoch: Epoch) -> None:
@@ -105,7 +106,15 @@ def test_a_broken_checkpoint_is_named_and_kept(tmp_path, crops, whole, spoil):
 
 
 def test_the_schedule_on_disk_is_the_schedule(whole):
-    assert Schedule(**json.loads((whole[0] / "schedule.json").read_text())) == SCHEDULE
+    order = json.loads((whole[0] / "schedule.json").read_text())
+    assert order.pop("data")["images"] == 3
+    assert Schedule(**order) == SCHEDULE
+
+
+def test_a_training_does_not_go_on_with_other_data(tmp_path, crops, whole):
+    (tmp_path / "schedule.json").write_bytes((whole[0] / "schedule.json").read_bytes())
+    with pytest.raises(ExistsError, match="data differ"):
+        train(Crops(crops.depth[::-1], crops.parts), crops, tmp_path, SCHEDULE, quiet)
 
 
 def test_the_export_is_the_network(tmp_path, crops, whole):

@@ -29,7 +29,9 @@ def noise(depth, faults, seed=0, **more):
 
 @given(z=st.floats(0.5, 4.5), theta=st.floats(0, 1.4))
 def test_axial_sigma_is_fankhausers(z, theta):
-    assert axial_sigma_mm(np.float32(z), np.float32(theta)) == pytest.approx(fankhauser_mm(z, theta), rel=1e-3)
+    assert axial_sigma_mm(np.float32(z), np.float32(theta)) == pytest.approx(
+        fankhauser_mm(z, theta), rel=1e-3
+    )
 
 
 def test_axial_sigma_is_finite_at_grazing_incidence():
@@ -95,10 +97,14 @@ def test_dark_pixels_are_lost_in_their_share():
     assert not lost[60:].any()
 
 
-def test_grazing_surfaces_are_lost_more_than_frontal_ones():
+@pytest.mark.parametrize("slope", [0.0, 2.0, 4.0])
+def test_grazing_surfaces_are_lost_with_the_eighth_power_of_the_incidence(slope):
     grazing = DepthNoise(axial=0, flying=0, grazing=1, dark=0, lateral_px=0)
-    frontal, slanted = (np.mean(noise(plane(1.0, s), grazing)[20:100, 60:100] == 0) for s in (0.0, 3.0))
-    assert frontal < 0.001 and slanted > 0.2
+    middle = np.s_[:, 70:90]
+    lost = noise(plane(1.0, slope), grazing)[middle] == 0
+    ray = rays(CAMERA)[middle]
+    theta = np.arccos(np.abs(ray @ [slope, 0, -1]) / np.hypot(slope, 1) / np.linalg.norm(ray, axis=2))
+    assert lost.mean() == pytest.approx(((theta / (np.pi / 2)) ** 8).mean(), abs=0.03)
 
 
 def test_lateral_noise_moves_edges_by_a_pixel_and_leaves_flat_parts():

@@ -55,7 +55,10 @@ def test_agrees_with_ray_casting_on_a_posed_body(seed):
 def test_closed_meshes_look_the_same_from_their_front_alone():
     body, vertices, sofa, pose = posed(3)
     mesh = sofa.mesh()
-    for points, faces in ((vertices, body.faces), (pose.apply(mesh.vertices_m).astype(np.float32), mesh.faces)):
+    for points, faces in (
+        (vertices, body.faces),
+        (pose.apply(mesh.vertices_m).astype(np.float32), mesh.faces),
+    ):
         both, front = (rasterize(CAMERA, points, faces, closed=closed) for closed in (False, True))
         np.testing.assert_array_equal(both.face, front.face)
         np.testing.assert_array_equal(both.depth_m, front.depth_m)
@@ -123,7 +126,7 @@ def test_a_plane_moved_by_whole_pixels_is_the_image_moved(shift, size, z):
 @settings(max_examples=25, deadline=None)
 def test_the_order_of_triangles_does_not_matter(seed):
     rng = np.random.default_rng(seed)
-    vertices = (rng.uniform(-1, 1, (60, 3)) + [0, 0, 2.5]).astype(np.float32)
+    vertices = (rng.uniform(-1, 1, (60, 3)) + np.array([0, 0, 2.5])).astype(np.float32)
     faces = rng.permutation(60).reshape(20, 3).astype(np.int32)
     order = rng.permutation(20)
     seen, other = rasterize(SMALL, vertices, faces), rasterize(SMALL, vertices, faces[order])

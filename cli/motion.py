@@ -1,0 +1,97 @@
+"""The verb on motion: solve."""
+
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from cli.console import Json, Overwrite, finish, progress, say
+from sensors.errors import CloudError, ExistsError
+from synth.bvh import read_bvh
+from synth.markers import read_markers
+from synth.markerset import load_marker_set
+from synth.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, MarkerReport, save_motion
+from synth.solve import solve as solve_markers
+
+
+def solve(
+    markers: Annotated[Path, typer.Argument(help="Recording: C3D, TRC or BVH.")],
+    out: Annotated[Path, typer.Option(help="File for the motion (.npz).")],
+    static: Annotated[Path | None, typer.Option(help="Static trial of the same person: C3D or TRC.")] = None,
+    markerset: Annotated[
+        Path | None, typer.Option(help="Marker-set file (TOML). Default: the shipped set that fits best.")
+    ] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Turn recorded markers into joint angles that move any body."""
+    if out.exists() and not overwrite:
+        raise ExistsError(f"{out} exists already; choose another name or pass --overwrite")
+    places = None if markerset is None else load_marker_set(markerset)
+    if markers.suffix.lower() == ".bvh":
+        if static is not None or places is not None:
+            raise CloudError(f"{markers} brings its own skeleton; leave out --static and --markerset")
+        recorded, places = read_bvh(markers)
+    else:
+        recorded = read_markers(markers)
+    standing = None if static is None else read_markers(static)
+    started = time.monotonic()
+    with progress("solve", len(recorded.positions)) as advance:
+        motion = solve_markers(recorded, standing, places, advance)
+    rate = len(motion) / (time.monotonic() - started)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    save_motion(out, motion, overwrite=overwrite)
+    report = motion.report
+    result: dict[str, Any] = {
+        "frames": len(motion),
+        "marker_median_mm": round(report.median_mm, 2),
+        "marker_rms_mm": round(report.rms_mm, 2),
+        "frames_per_second": round(rate, 1),
+        "markers": _per_marker(report),
+        "unknown": list(report.unknown),
+    }
+    if not json:
+        _remark(report)
+    finish(
+        result,
+        json,
+        f"{len(motion)} frames in {out}, {rate:.0f} a second; "
+        f"markers off by {report.median_mm:.1f} mm (median), {report.rms_mm:.1f} mm (rms)",
+    )
+
+
+def _per_marker(report: MarkerReport) -> dict[str, dict[str, float]]:
+    counts = {
+        word: report.count(status)
+        for word, status in (
+            ("bridged", BRIDGED),
+            ("missing", MISSING),
+            ("ghost", GHOST),
+            ("swapped", SWAPPED),
+        )
+    }
+    gap = report.longest_gap()
+    result: dict[str, dict[str, float]] = {}
+    for m, name in enumerate(report.names):
+        errors = report.error_m[:, m]
+        errors = errors[np.isfinite(errors)]
+        result[name] = {"median_mm": round(1000 * float(np.median(errors)), 2)} if errors.size else {}
+        result[name] |= {word: int(count[m]) for word, count in counts.items()} | {"longest_gap": int(gap[m])}
+    return result
+
+
+def _remark(report: MarkerReport) -> None:
+    """Lines on markers that were not simply followed."""
+    for name, marker in _per_marker(report).items():
+        told = [
+            f"{marker[word]:.0f} {word}"
+            for word in ("bridged", "missing", "ghost", "swapped")
+            if marker[word]
+        ]
+        if told:
+            say(f"{name}: {', '.join(told)} frames, longest gap {marker['longest_gap']:.0f}")
+    if report.unknown:
+        shown = ", ".join(report.unknown[:8]) + (", ..." if len(report.unknown) > 8 else "")
+        say(f"{len(report.unknown)} labels are in no marker set: {shown}")

@@ -1,0 +1,187 @@
+"""Shards, manifest and page: what is written comes back, and what is broken is named."""
+
+import io
+import json
+import re
+import tarfile
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from annotate.images import decode_parts, encode_depth, encode_parts
+from annotate.labels import FrameLabels
+from sensors.atomic import write_bytes
+from sensors.errors import FormatError
+from synth.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, read_shard, sha256, validate
+from synth.dataset_page import contact_sheet, render, write_page
+from synth.sample import PRESETS, sample
+from synth.statistics import count
+
+FRAMES = [sample(PRESETS["sitting-train"], 0, i * 16) for i in range(6)]
+INFO = {
+    "preset": "sitting-train",
+    "images": 6,
+    "seed": 0,
+    "occluders": 0.0,
+    "cut": 0.0,
+    "versions": {"x": "1"},
+}
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    """Two shards of three frames, with their manifest."""
+    shards = []
+    for i in range(2):
+        path = tmp_path / f"shard-{i:06d}.tar"
+        path.write_bytes(encode_shard(FRAMES[3 * i : 3 * i + 3]))
+        shards.append({"file": path.name, "sha256": sha256(path)})
+    (tmp_path / MANIFEST).write_text(json.dumps({"schema": SCHEMA, **INFO, "shards": shards}))
+    return Dataset.open(tmp_path)
+
+
+def test_a_dataset_comes_back_as_it_was(dataset):
+    assert len(dataset) == 6 and validate(dataset) == []
+    for frame, again in zip(FRAMES, dataset, strict=True):
+        np.testing.assert_array_equal(again.depth_mm, frame.depth_mm)
+        np.testing.assert_array_equal(again.parts, frame.parts)
+        assert (again.frame_id, again.subject, again.status) == (frame.frame_id, frame.subject, "truth")
+        assert again.notes == frame.notes
+
+
+def test_shards_are_plain_webdataset_tars(dataset):
+    with tarfile.open(dataset.path / "shard-000000.tar") as tar:
+        names = tar.getnames()
+        assert names[:3] == ["00000000.depth.png", "00000000.parts.png", "00000000.json"]
+        assert {(m.uid, m.gid, m.mtime, m.mode) for m in tar} == {(0, 0, 0, 0o644)}
+
+
+@given(seed=st.integers(0, 10_000), height=st.integers(1, 40), width=st.integers(1, 40))
+@settings(max_examples=30, deadline=None)
+def test_any_frame_survives_a_shard(tmp_path_factory, seed, height, width):
+    rng = np.random.default_rng(seed)
+    depth = rng.integers(0, 65536, (height, width)).astype(np.uint16)
+    parts = rng.choice([*range(12), 255], (height, width)).astype(np.uint8)
+    path = tmp_path_factory.mktemp("any") / "s.tar"
+    path.write_bytes(encode_shard([FrameLabels("k", depth, parts)]))
+    (again,) = read_shard(path)
+    np.testing.assert_array_equal(again.depth_mm, depth)
+    np.testing.assert_array_equal(again.parts, parts)
+
+
+def test_parts_are_palette_pngs_and_both_images_small():
+    data = encode_parts(FRAMES[0].parts)
+    assert data[25] == 3  # colour type: palette
+    np.testing.assert_array_equal(decode_parts(data), FRAMES[0].parts)
+    assert len(data) + len(encode_depth(FRAMES[0].depth_mm)) < 25_000
+
+
+@pytest.mark.parametrize("damage", ["flip", "cut", "empty", "foreign"])
+def test_validate_names_a_corrupt_shard(dataset, damage):
+    path = dataset.path / "shard-000001.tar"
+    data = bytearray(path.read_bytes())
+    if damage == "flip":
+        data[1000] ^= 255
+    path.write_bytes(
+        {"flip": data, "cut": data[: len(data) // 2], "empty": b"", "foreign": b"hello" * 999}[damage]
+    )
+    problems = validate(dataset)
+    assert problems and all("shard-000001.tar" in p and "\n" not in p for p in problems)
+    assert "generate" in problems[0]
+
+
+def test_shards_from_outside_are_bounded(tmp_path):
+    path = tmp_path / "s.tar"
+    with tarfile.open(path, "w") as tar:
+        member = tarfile.TarInfo("../k.json")
+        member.type, member.linkname = tarfile.SYMTYPE, "/etc/passwd"
+        tar.addfile(member)
+    with pytest.raises(FormatError, match="no image"):
+        list(read_shard(path))
+    for fields in (b"[" * 100_000, b'{"status": "king"}', b"{}", b'{"frame_id": "x"}'):
+        with tarfile.open(path, "w") as tar:
+            member = tarfile.TarInfo("k.json")
+            member.size = len(fields)
+            tar.addfile(member, io.BytesIO(fields))
+        with pytest.raises(FormatError, match="malformed"):
+            list(read_shard(path))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"schema": 9, "shards": []}',
+        '{"schema": 1, "shards": [{"file": "../x", "sha256": ""}]}',
+    ],
+)
+def test_a_bad_manifest_is_refused(dataset, text):
+    (dataset.path / MANIFEST).write_text(text)
+    with pytest.raises(FormatError):
+        Dataset.open(dataset.path)
+
+
+def test_statistics_by_hand():
+    statistics = count(FRAMES)
+    person = sum((f.parts > 0).sum() for f in FRAMES)
+    assert statistics.frames == 6 and statistics.pixels.sum() == 6 * 212 * 212
+    assert statistics.pixels[1:].sum() == statistics.depth.sum() == person
+    assert sum(statistics.activities.values()) == statistics.azimuth.sum() == statistics.height.sum() == 6
+    assert statistics.spread_mm[0] == 0 and statistics.spread_mm[1:].min() > 0
+    assert statistics.occluded == statistics.cut == 0
+
+
+def test_the_sheet_shows_labels_above_depth():
+    sheet = contact_sheet(FRAMES[:3])
+    assert sheet.shape == (2 * 212, 8 * 212, 3)
+    labels, depth = sheet[:212, :212], sheet[212:, :212]
+    seen = FRAMES[0].parts > 0
+    assert (depth[seen] > 0).all() and (depth[~seen] == 0).all()
+    assert len(np.unique(labels.reshape(-1, 3), axis=0)) == np.unique(FRAMES[0].parts).size
+
+
+class Links(HTMLParser):
+    """Collects what a page would fetch or run."""
+
+    def __init__(self):
+        super().__init__()
+        self.fetched, self.tags = [], set()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.fetched += [v for k, v in attrs if k in ("src", "href") and not v.startswith("data:image/")]
+
+
+def test_the_page_is_one_file_without_scripts_or_requests(dataset):
+    write_page(dataset)
+    page = (dataset.path / "index.html").read_text()
+    links = Links()
+    links.feed(page)
+    assert links.fetched == [] and "script" not in links.tags and "default-src 'none'" in page
+    assert re.search(r"6\s+of them", page) and "Left forearm" in page
+
+
+def test_names_from_a_manifest_are_text_on_the_page(dataset):
+    hostile = "<script>alert(1)</script>"
+    page = render(replace(dataset, info={**dataset.info, "preset": hostile, "versions": {hostile: hostile}}))
+    assert hostile not in page and "&lt;script&gt;" in page
+
+
+def test_a_failed_write_leaves_nothing(tmp_path, monkeypatch):
+    path = tmp_path / "shard-000000.tar"
+
+    def full(self, data):
+        with self.open("wb") as file:
+            file.write(data[:10])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    with pytest.raises(OSError, match="No space"):
+        write_bytes(path, b"x" * 100)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,234 @@
+"""Generation: the same bytes whoever works, resumed after any accident, on processes or a cluster."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from sensors.errors import CloudError, ExistsError
+from synth.dataset import validate
+from synth.generate import Order, generate, make_shard
+from synth.sample import PRESETS
+from synth.workers import Workers, cluster, processes
+
+SHARD = 8
+"""Images a shard: few, so that a test has several."""
+
+
+def order(count=20, seed=1, shard_frames=SHARD):
+    return Order(PRESETS["sitting-train"], count, seed, shard_frames)
+
+
+def run(folder, wanted, parallel=1):
+    told = []
+    with ThreadPoolExecutor(parallel) as pool:
+        made = generate(wanted, folder, Workers(pool, parallel), told.append)
+    assert sum(told) == wanted.count
+    return made
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def test_the_bytes_do_not_depend_on_the_workers(tmp_path):
+    one, three = run(tmp_path / "one", order()), run(tmp_path / "three", order(), 3)
+    assert contents(tmp_path / "one") == contents(tmp_path / "three")
+    assert one.images == three.images == 20 and len(one.dataset.shards) == 3
+    assert validate(one.dataset) == []
+    assert contents(tmp_path / "one").keys() >= {"dataset.json", "index.html", "shard-000002.tar"}
+    assert run(tmp_path / "other", order(seed=2)).dataset.shards != one.dataset.shards
+
+
+def test_a_longer_run_begins_with_the_shorter_one(tmp_path):
+    short, long = run(tmp_path / "short", order(16)), run(tmp_path / "long", order(24))
+    assert short.dataset.shards == long.dataset.shards[:2]
+
+
+def test_a_broken_run_goes_on_and_ends_with_the_same_bytes(tmp_path):
+    run(tmp_path / "whole", order())
+    run(tmp_path / "broken", order())
+    for name in ("dataset.json", "index.html", "shard-000001.tar"):
+        (tmp_path / "broken" / name).unlink()
+    assert run(tmp_path / "broken", order()).images == SHARD
+    assert contents(tmp_path / "whole") == contents(tmp_path / "broken")
+    assert run(tmp_path / "broken", order()).images == 0
+
+
+@pytest.mark.parametrize(
+    "other", [order(seed=2), order(21), replace(order(), preset=replace(PRESETS["sitting-train"], cut=0.5))]
+)
+def test_another_order_is_never_mixed_in(tmp_path, other):
+    run(tmp_path / "a", order(8))
+    before = contents(tmp_path / "a")
+    with pytest.raises(ExistsError, match="holds something else"):
+        run(tmp_path / "a", other)
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "mine.txt").write_text("mine")
+    with pytest.raises(ExistsError):
+        run(tmp_path / "b", other)
+    assert contents(tmp_path / "a") == before
+
+
+@pytest.mark.parametrize(("count", "seed"), [(0, 0), (-3, 0), (2_000_000_000, 0), (1, -1), (1, 2**63)])
+def test_impossible_orders_are_refused(count, seed):
+    with pytest.raises(CloudError, match="impossible"):
+        order(count, seed)
+
+
+class Broken(Executor):
+    """Makes two shards, then fails as a full disk or a dying worker would."""
+
+    def __init__(self):
+        self.made = 0
+
+    def submit(self, function, *args):
+        future = Future()
+        self.made += 1
+        if self.made <= 2:
+            future.set_result(function(*args))
+        else:
+            future.set_exception(OSError(28, "No space left on device"))
+        return future
+
+
+def test_a_failure_leaves_whole_shards_alone(tmp_path):
+    with pytest.raises(OSError, match="No space"):
+        generate(order(24), tmp_path / "d", Workers(Broken(), 1), lambda n: None)
+    names = set(contents(tmp_path / "d"))
+    assert names == {"order.json", "shard-000000.tar", "shard-000001.tar"}
+    run(tmp_path / "d", order(24))
+    run(tmp_path / "whole", order(24))
+    assert contents(tmp_path / "d") == contents(tmp_path / "whole")
+
+
+def test_a_worker_of_other_versions_is_refused():
+    with pytest.raises(CloudError, match="same versions"):
+        make_shard(replace(order(), versions={"numpy": "0.1"}), 0)
+
+
+def test_the_manifest_says_what_was_ordered(tmp_path):
+    run(tmp_path / "d", order(8))
+    manifest = json.loads((tmp_path / "d" / "dataset.json").read_text())
+    assert manifest["preset"] == "sitting-train" and manifest["images"] == 8 and manifest["seed"] == 1
+    assert {"annotate-cloud", "numpy"} <= manifest["versions"].keys()
+
+
+def test_processes_give_the_same_bytes_and_survive_a_killed_one(tmp_path):
+    with processes(2) as workers:
+        generate(order(), tmp_path / "pool", workers, lambda n: None)
+    run(tmp_path / "here", order())
+    assert contents(tmp_path / "pool") == contents(tmp_path / "here")
+    with pytest.raises(CloudError, match="was killed"), processes(1) as workers:
+        workers.executor.submit(_die).result()
+
+
+def _die():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+# ---- a real scheduler and real workers on loopback
+
+
+def spawn(*arguments):
+    environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__DAEMON": "False", "OMP_NUM_THREADS": "1"}
+    return subprocess.Popen(
+        [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]],
+        env=environment,
+        cwd=Path(__file__).parents[1],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def stop(process):
+    process.kill()
+    process.wait(10)
+
+
+@pytest.fixture(scope="module")
+def dask():
+    """(address, scheduler, workers): one scheduler, two workers of one thread, all on loopback."""
+    pytest.importorskip("distributed", reason="distributed is missing; install the extra 'cluster'")
+    port = free_port()
+    address = f"tcp://127.0.0.1:{port}"
+    scheduler = spawn(
+        "dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard", "--no-show"
+    )
+    worker = (
+        "dask_worker",
+        address,
+        "--nthreads",
+        "1",
+        "--no-dashboard",
+        "--no-nanny",
+        "--host",
+        "127.0.0.1",
+    )
+    running = [scheduler, spawn(*worker), spawn(*worker)]
+    yield address, scheduler, running[1:]
+    for process in running:
+        stop(process)
+
+
+def joined(address, number):
+    """The cluster's context, once so many workers have come."""
+    deadline = time.monotonic() + 20
+    while time.monotonic() < deadline:
+        with cluster(address) as hands:
+            if hands.parallel >= number:
+                return cluster(address)
+        time.sleep(0.1)
+    raise AssertionError(f"{number} workers did not come")
+
+
+def test_a_cluster_that_loses_a_worker_gives_the_local_bytes(tmp_path, dask):
+    address, _, workers = dask
+    told = []
+
+    def kill_one(images):
+        told.append(images)
+        if sum(told) == 3 * SHARD:
+            stop(workers[0])
+
+    with joined(address, 2) as hands:
+        generate(order(120), tmp_path / "cluster", hands, kill_one)
+    assert workers[0].poll() is not None and sum(told) == 120
+    run(tmp_path / "here", order(120))
+    assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
+
+
+def test_a_scheduler_that_dies_is_one_line_and_the_run_goes_on_elsewhere(tmp_path, dask):
+    address, scheduler, _ = dask
+    with pytest.raises(CloudError, match="was lost") as caught, joined(address, 1) as hands:
+        generate(order(120), tmp_path / "d", hands, lambda images: images and stop(scheduler))
+    assert "\n" not in str(caught.value)
+    assert not list((tmp_path / "d").glob(".*"))
+    assert 0 < run(tmp_path / "d", order(120)).images < 120
+
+
+def test_a_dead_scheduler_is_one_line(monkeypatch):
+    pytest.importorskip("distributed", reason="distributed is missing; install the extra 'cluster'")
+    monkeypatch.setattr("synth.workers.CONNECT_SECONDS", 1)
+    with (
+        pytest.raises(CloudError, match="does not answer") as caught,
+        cluster(f"tcp://127.0.0.1:{free_port()}"),
+    ):
+        pass
+    assert "\n" not in str(caught.value)
+    with pytest.raises(CloudError, match="does not answer"), cluster("nonsense://:::"):
+        pass

@@ -1,0 +1,269 @@
+"""Marker files: what is read is what was written, and what is damaged is one clear error."""
+
+import struct
+import warnings
+from pathlib import Path
+
+import c3d
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from sensors.errors import CloudError, FormatError
+from synth.bvh import read_bvh
+from synth.markers import Markers, read_markers
+from synth.markerset import choose_marker_set, key_of, load_marker_set, shipped_marker_sets
+from synth.trial import trial_of
+
+NAMES = tuple(
+    f"Anna:{name}" for name in ("LASI", "RASI", "LPSI", "RPSI", "LKNE", "RKNE", "LANK", "RANK", "C7", "CLAV")
+)
+MUTATIONS = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def positions(frames: int = 5) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    result = [*rng.uniform(-0.5, 0.5, (frames, len(NAMES), 3)), 0, 0, 1]
+    result[1, 2] = np.nan
+    return result
+
+
+def write_trc(path: Path, points: np.ndarray, unit: str = "m", frames: int | None = None) -> None:
+    markers = points.shape[1]
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"100\t100\t{frames or len(points)}\t{markers}\t{unit}\t100\t0\t{len(points)}",
+        "Frame#\tTime\t" + "\t\t\t".join(NAMES[:markers]) + "\t\t",
+        "\t\t" + "\t".join(f"{a}{m + 1}" for m in range(markers) for a in "XYZ"),
+        "",
+    ]
+    for f, row in enumerate(points):
+        cells = ["" if np.isnan(v) else f"{v:.6f}" for v in row.ravel()]
+        lines.append(f"{f + 1}\t{f / 100}\t" + "\t".join(cells))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def write_c3d(path: Path, points: np.ndarray) -> None:
+    writer = c3d.Writer(point_rate=100, point_scale=-1.0, point_units="mm ")
+    for row in points:
+        frame = np.zeros((len(row), 5), np.float32)
+        seen = np.isfinite(row).all(axis=1)
+        frame[seen, :3] = 1000 * row[seen]
+        frame[~seen, 3:] = -1
+        writer.add_frames([(frame, np.zeros((0, 1)))])
+    writer.set_point_labels(list(NAMES[: points.shape[1]]))
+    with path.open("wb") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        writer.write(file)
+
+
+BVH = """HIERARCHY
+ROOT Hips
+{
+ OFFSET 0 0 0
+ CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
+ JOINT LeftUpLeg
+ { OFFSET 10 0 0
+  CHANNELS 3 Zrotation Yrotation Xrotation
+  JOINT LeftLeg
+  { OFFSET 0 -40 0
+   CHANNELS 3 Zrotation Yrotation Xrotation
+   JOINT LeftFoot
+   { OFFSET 0 -42 0
+    CHANNELS 3 Zrotation Yrotation Xrotation
+    End Site
+    { OFFSET 0 -5 15 } } } }
+ JOINT RightUpLeg
+ { OFFSET -10 0 0
+  CHANNELS 3 Zrotation Yrotation Xrotation
+  JOINT RightLeg
+  { OFFSET 0 -40 0
+   CHANNELS 3 Zrotation Yrotation Xrotation
+   JOINT RightFoot
+   { OFFSET 0 -42 0
+    CHANNELS 3 Zrotation Yrotation Xrotation
+    End Site
+    { OFFSET 0 -5 15 } } } }
+ JOINT Neck
+ { OFFSET 0 50 0
+  CHANNELS 3 Zrotation Yrotation Xrotation
+  JOINT Head
+  { OFFSET 0 10 0
+   CHANNELS 3 Zrotation Yrotation Xrotation
+   End Site
+   { OFFSET 0 18 0 } } }
+}
+MOTION
+Frames: 2
+Frame Time: 0.01
+"""
+
+
+def bvh_text() -> str:
+    still = np.zeros((2, 6 + 8 * 3))
+    still[:, 1] = 90
+    still[1, 8] = -90  # the left thigh turns about x: forwards in a frame with y up and z to the front
+    return BVH + "\n".join(" ".join(f"{v:g}" for v in row) for row in still) + "\n"
+
+
+def test_trc_round_trip(tmp_path):
+    write_trc(tmp_path / "a.trc", positions())
+    found = read_markers(tmp_path / "a.trc")
+    assert found.labels == NAMES and found.unit == "m" and found.frames_per_second == 100
+    np.testing.assert_allclose(found.positions, positions(), atol=1e-6)
+
+
+def test_c3d_round_trip(tmp_path):
+    write_c3d(tmp_path / "a.c3d", positions())
+    found = read_markers(tmp_path / "a.c3d")
+    assert found.labels == NAMES and found.unit == "mm" and found.frames_per_second == 100
+    np.testing.assert_allclose(found.positions, 1000 * positions(), atol=1e-3)
+
+
+def test_bvh_joints_stand_where_the_offsets_put_them(tmp_path):
+    (tmp_path / "a.bvh").write_text(bvh_text())
+    markers, places = read_bvh(tmp_path / "a.bvh")
+    at = dict(zip(markers.labels, np.moveaxis(markers.positions, 1, 0), strict=True))
+    scale = 0.82 / 82
+    np.testing.assert_allclose(at["left_knee"][0], np.array([10, 50, 0]) * scale)
+    np.testing.assert_allclose(at["left_knee"][1], np.array([10, 90, 40]) * scale, atol=1e-12)
+    np.testing.assert_allclose(at["head_end"][0], np.array([0, 168, 0]) * scale)
+    assert markers.frames_per_second == pytest.approx(100) and places.names == markers.labels
+
+
+@pytest.mark.parametrize("label", ["Derrick:L_ASIS", "l.asis", "L-ASIS ", "SUBJ:x:LASIS"])
+def test_labels_are_one_in_any_spelling(label):
+    assert key_of(label) == "lasis"
+
+
+def test_shipped_sets_are_symmetric_and_complete():
+    sets = {s.name: s for s in shipped_marker_sets()}
+    assert {"plug_in_gait": 39, "cmu_41": 41, "vicon_53": 53}.items() <= {
+        n: len(s.names) for n, s in sets.items()
+    }.items()
+    for markerset in sets.values():
+        places = dict(zip(markerset.names, markerset.at_m, strict=True))
+        for name, place in places.items():
+            twin = ("R" if name[0] == "L" else "r" if name[0] == "l" else "") + name[1:]
+            if name[0] in "Ll" and twin in places:
+                np.testing.assert_allclose(places[twin], place * [-1, 1, 1])
+
+
+def test_any_marker_set_from_a_file(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('[markers]\nKneeOutL = { joint = "left_knee", at_m = [0.05, 0, 0], weight = 2 }\n')
+    found = load_marker_set(path)
+    assert found.name == "mine" and found.names == ("KneeOutL",) and found.weight[0] == 2
+    for bad in (
+        "[markers]",
+        "x = 1",
+        '[markers]\na = { joint = "tail", at_m = [0, 0, 0] }',
+        "[markers]\na = 3",
+        "][",
+    ):
+        path.write_text(bad)
+        with pytest.raises(FormatError, match="mine"):
+            load_marker_set(path)
+
+
+def test_unknown_markers_are_named():
+    with pytest.raises(CloudError, match="unknown markers"):
+        choose_marker_set(("nose", "tail", "wing"))
+
+
+def test_wrong_unit_is_told_by_the_body():
+    places = next(s for s in shipped_marker_sets() if s.name == "plug_in_gait")
+    right = Markers(NAMES, positions(), 100, "m", 2)
+    np.testing.assert_array_equal(
+        trial_of(Markers(NAMES, 1000 * positions(), 100), places).seen, trial_of(right, places).seen
+    )
+    with pytest.raises(CloudError, match="declares 'mm'"):
+        trial_of(Markers(NAMES, positions(), 100, "mm", 2), places)
+
+
+def test_hostile_sizes_are_refused_at_once(tmp_path):
+    write_trc(tmp_path / "a.trc", positions(), frames=10**9)
+    with pytest.raises(FormatError, match="1000000000 frames"):
+        read_markers(tmp_path / "a.trc")
+    (tmp_path / "a.bvh").write_text(bvh_text().replace("Frames: 2", f"Frames: {10**9}"))
+    with pytest.raises(FormatError, match="1000000000 frames"):
+        read_bvh(tmp_path / "a.bvh")
+    write_c3d(tmp_path / "a.c3d", positions())
+    data = bytearray((tmp_path / "a.c3d").read_bytes())
+    data[8:10] = struct.pack("<H", 65535)
+    (tmp_path / "a.c3d").write_bytes(data)
+    with pytest.raises(CloudError):
+        read_markers(tmp_path / "a.c3d")
+
+
+@pytest.mark.parametrize("suffix", [".c3d", ".trc", ".bvh"])
+@pytest.mark.parametrize("keep", [0.0, 0.1, 0.6, 0.97])
+def test_empty_and_cut_files_are_refused(tmp_path, suffix, keep):
+    path = tmp_path / f"a{suffix}"
+    data = original(path)
+    path.write_bytes(data[: int(keep * len(data))])
+    with pytest.raises(CloudError, match="a" + suffix):
+        read(path)
+
+
+def test_missing_and_other_files_are_refused(tmp_path):
+    for name in ("none.c3d", "none.trc", "none.csv"):
+        with pytest.raises(CloudError, match="none"):
+            read_markers(tmp_path / name)
+
+
+def original(path: Path) -> bytes:
+    if path.suffix == ".bvh":
+        path.write_text(bvh_text())
+    else:
+        {".c3d": write_c3d, ".trc": write_trc}[path.suffix](path, positions(60))
+    return path.read_bytes()
+
+
+def read(path: Path) -> Markers:
+    return read_bvh(path)[0] if path.suffix == ".bvh" else read_markers(path)
+
+
+@pytest.mark.parametrize("suffix", [".c3d", ".trc", ".bvh"])
+@MUTATIONS
+@given(
+    changes=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8),
+    cut=st.floats(0, 1),
+)
+def test_changed_bytes_are_read_or_refused(tmp_path, suffix, changes, cut):
+    path = tmp_path / f"m{suffix}"
+    mutate(path, original(path), changes, 1.0 if cut > 0.3 else cut / 0.3, 3000)
+
+
+@pytest.mark.parametrize("name", ["nim_cmu_02_05.c3d", "static1.trc"])
+@settings(MUTATIONS, max_examples=12)
+@given(
+    changes=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8),
+    cut=st.floats(0, 1),
+)
+def test_changed_bytes_of_real_files_are_read_or_refused(tmp_path, shared_data, name, changes, cut):
+    mutate(
+        tmp_path / name,
+        (shared_data / "mocap" / name).read_bytes(),
+        changes,
+        1.0 if cut > 0.3 else cut / 0.3,
+        6000,
+    )
+
+
+def mutate(path: Path, data: bytes, changes: list[tuple[float, int]], keep: float, head: int) -> None:
+    """Change bytes near the start, where the headers are, cut, and read."""
+    changed = bytearray(data)
+    for where, value in changes:
+        changed[int(where * (min(head, len(data)) - 1))] = value
+    path.write_bytes(changed[: int(keep * len(changed))])
+    try:
+        found = read(path)
+    except CloudError as error:
+        assert "\n" not in str(error)
+    else:
+        assert found.positions.shape[1] == len(found.labels)

@@ -1,0 +1,126 @@
+"""One synthetic image: what it holds, what its notes say, and what its options do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from annotate.crop import SIZE, Crop
+from annotate.parts import N_CLASSES
+from sensors.camera import project
+from sensors.errors import CloudError
+from synth.occlude import cut, occluder
+from synth.sample import PRESETS, preset_named, sample
+from synth.skeleton import N_JOINTS
+from synth.view import CAMERA, visibility
+
+NAMES = sorted(PRESETS)
+FRAMES = {name: [sample(PRESETS[name], 3, i * 7) for i in range(12)] for name in NAMES}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_depth_and_parts_belong_to_one_person(name):
+    for frame in FRAMES[name]:
+        assert frame.depth_mm.shape == frame.parts.shape == (SIZE, SIZE)
+        np.testing.assert_array_equal(frame.depth_mm > 0, frame.parts > 0)
+        assert frame.parts.max() < N_CLASSES and frame.status == "truth"
+        assert np.unique(frame.parts).size > 5
+        assert np.ptp(np.percentile(frame.depth_mm[frame.depth_mm > 0], (2, 98))) < 2500
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_notes_tell_where_the_joints_are(name):
+    inside = []
+    for frame in FRAMES[name]:
+        joints = np.array(frame.notes["joints_mm"]) / 1000
+        assert joints.shape == (N_JOINTS, 3)
+        u, v = project(CAMERA, joints).T
+        top, left, side = frame.notes["crop"]
+        inside.append((u > left - 2) & (u < left + side + 2) & (v > top - 2) & (v < top + side + 2))
+        pelvis = joints[0, 2] * 1000
+        assert abs(np.median(frame.depth_mm[frame.depth_mm > 0]) - pelvis) < 700
+    assert np.mean(inside) > 0.9
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_one_index_is_one_image_and_streams_never_meet(name):
+    again = sample(PRESETS[name], 3, 7)
+    np.testing.assert_array_equal(again.depth_mm, FRAMES[name][1].depth_mm)
+    assert again.notes == FRAMES[name][1].notes
+    assert (sample(PRESETS[name], 4, 7).depth_mm != again.depth_mm).any()
+    streams = [preset.stream for preset in PRESETS.values()]
+    assert len(set(streams)) == len(streams)
+
+
+def test_the_recumbent_are_seen_from_all_around_and_from_several_heights():
+    cameras = [f.notes["camera"] for f in FRAMES["recumbent"]] + [
+        sample(PRESETS["recumbent"], 0, i).notes["camera"] for i in range(20)
+    ]
+    azimuths = np.sort([c["azimuth_deg"] for c in cameras])
+    assert np.diff(azimuths).max() < 90 and np.ptp(azimuths) > 270
+    assert np.ptp([c["height_m"] for c in cameras]) > 1
+
+
+def test_the_papers_counts():
+    assert {name: preset.count for name, preset in PRESETS.items()} == {
+        "sitting-train": 10_076,
+        "sitting-test": 4_984,
+        "recumbent": 326_984,
+    }
+
+
+def test_occluders_and_cuts_come_in_their_share_and_are_recorded():
+    plain = PRESETS["sitting-train"]
+    assert all(f.notes["occluders"] == 0 and f.notes["cut"] == 0 for f in FRAMES["sitting-train"])
+    frames = [sample(replace(plain, occluders=1, cut=1), 0, i) for i in range(16)]
+    assert np.mean([f.notes["occluders"] > 0 for f in frames]) > 0.7
+    assert np.mean([f.notes["cut"] > 0 for f in frames]) > 0.7
+    whole = np.mean([f.notes["visible"][0] for f in FRAMES["sitting-train"]])
+    assert np.mean([f.notes["visible"][0] for f in frames]) < whole - 0.15
+    half = [sample(replace(plain, occluders=0.5), 0, i).notes["occluders"] > 0 for i in range(30)]
+    assert 0.2 < np.mean(half) < 0.8
+
+
+def test_bad_options_are_refused():
+    with pytest.raises(CloudError, match="sitting-train"):
+        preset_named("standing")
+    with pytest.raises(CloudError, match=r"occluders 1\.5"):
+        replace(PRESETS["recumbent"], occluders=1.5)
+
+
+def test_an_occluder_stands_between_the_camera_and_the_person():
+    rng = np.random.default_rng(0)
+    eye, seen = np.array([0.0, -2.0, 1.0]), np.array([0.2, 0.0, 0.5])
+    for _ in range(20):
+        centre = occluder(eye, seen, rng).vertices_m.mean(axis=0)
+        along = (centre - eye) @ (seen - eye) / np.sum((seen - eye) ** 2)
+        assert 0.49 < along < 0.86
+        np.testing.assert_allclose(centre, eye + along * (seen - eye), atol=1e-5)
+
+
+def test_a_cut_takes_only_from_the_person():
+    person = np.zeros((90, 120), bool)
+    person[20:80, 30:60] = True
+    for seed in range(10):
+        left = cut(person, np.random.default_rng(seed))
+        assert not (left & ~person).any() and 0 < left.sum() < person.sum()
+
+
+def test_visibility_by_hand():
+    whole = np.array([[1, 1, 2, 2], [0, 3, 3, 3]], np.uint8)
+    parts = np.array([[1, 0, 2, 2], [0, 0, 0, 0]], np.uint8)
+    shares = visibility(parts, whole)
+    assert shares[[1, 2, 3, 4]].tolist() == [0.5, 1, 0, 1] and shares[0] == pytest.approx(3 / 7)
+
+
+@pytest.mark.parametrize("crop", [Crop(3, 5, 40), Crop(-30, 70, 90), Crop(200, 0, 20), Crop(-9, -9, 400)])
+def test_a_crop_reads_the_pixels_it_cuts(crop):
+    image = np.arange(1, 101 * 97 + 1, dtype=np.int32).reshape(101, 97)
+    taken = crop.cut(image, 0)
+    for row in range(0, SIZE, 13):
+        for column in range(0, SIZE, 17):
+            v = crop.top + (row * crop.side + crop.side // 2) // SIZE
+            u = crop.left + (column * crop.side + crop.side // 2) // SIZE
+            inside = 0 <= v < 101 and 0 <= u < 97
+            assert taken[row, column] == (image[v, u] if inside else 0)
+    np.testing.assert_array_equal(np.unique(taken[taken > 0]), image[crop.reads(image.shape)])

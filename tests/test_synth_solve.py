@@ -1,0 +1,299 @@
+"""The solver against known angles, against damage, and against real recordings."""
+
+import json
+
+import numpy as np
+import pytest
+import typer
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+import cli.motion
+from sensors.errors import CloudError, ExistsError, FormatError
+from synth.body import shipped_bodies
+from synth.bvh import read_bvh
+from synth.kinematics import BALL, PARENT, State, axes_of, markers_at, place
+from synth.markers import Markers, read_markers
+from synth.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, Motion, load_motion, save_motion
+from synth.posture_fit import fit_posture
+from synth.skeleton import (
+    JOINT_ID,
+    JOINTS,
+    LIMITS_RAD,
+    N_JOINTS,
+    Posture,
+    alignment,
+    clamp,
+    forward,
+    rotations,
+)
+from synth.solve import bridge, solve
+from synth.subject import Template, posture_prior, zero_bones
+from tests.marker_truth import joint_errors_deg, plug_in_gait, synthesise
+
+
+def random_posture(seed: int) -> Posture:
+    rng = np.random.default_rng(seed)
+    share = rng.uniform(0.1, 0.9, (N_JOINTS, 3))
+    return Posture(LIMITS_RAD[..., 0] + share * np.ptp(LIMITS_RAD, axis=2), rng.normal(0, 1, 3))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_kinematics_agree_with_the_skeleton(seed):
+    posture, rest = random_posture(seed), shipped_bodies()[seed].joints_m
+    aligned = alignment(rest)
+    frames, joints = forward(posture, rest, aligned)
+    found_frames, found_joints = place(State.of(posture.angles_rad, posture.pelvis_m), zero_bones(rest))
+    np.testing.assert_allclose(found_joints, joints, atol=1e-9)
+    np.testing.assert_allclose(found_frames @ aligned, frames, atol=1e-9)
+
+
+def test_axes_are_the_derivative_of_the_frames():
+    posture, step = random_posture(9), 1e-6
+    bones = zero_bones(shipped_bodies()[0].joints_m)
+    state = State.of(posture.angles_rad, posture.pelvis_m)
+    frames, _ = place(state, bones)
+    axes = axes_of(PARENT, BALL, frames, state.signed_rad)
+    for j in np.flatnonzero(~BALL):
+        for k in range(3):
+            signed = state.signed_rad.copy()
+            signed[j, k] += step
+            local = state.local.copy()
+            local[j] = Rotation.from_euler("XYZ", signed[j]).as_matrix()
+            moved, _ = place(State(state.pelvis_m, signed, local), bones)
+            turn = Rotation.from_matrix(moved[j] @ frames[j].T).as_rotvec() / step
+            np.testing.assert_allclose(turn, axes[j, k], atol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return synthesise(0, 200)
+
+
+@pytest.fixture(scope="module")
+def solved(truth):
+    return solve(truth.moving, truth.static)
+
+
+def with_positions(markers: Markers, positions: np.ndarray) -> Markers:
+    return Markers(markers.labels, positions, markers.frames_per_second, markers.unit, markers.up)
+
+
+def angle_errors_deg(truth, motion: Motion) -> np.ndarray:
+    return np.degrees(np.abs(truth.angles_rad - motion.angles_rad))
+
+
+def test_known_angles_are_found(truth, solved):
+    assert np.median(angle_errors_deg(truth, solved)) <= 2
+    assert np.median(joint_errors_deg(truth.angles_rad, solved.angles_rad)) <= 5
+    assert np.median(np.linalg.norm(solved.pelvis_m - truth.pelvis_m, axis=1)) < 0.02
+    assert solved.report.median_mm < 4
+
+
+def test_known_angles_are_found_with_a_third_of_the_markers_missing(truth):
+    positions = truth.moving.positions.copy()
+    positions[np.random.default_rng(1).random(positions.shape[:2]) < 0.3] = np.nan
+    motion = solve(with_positions(truth.moving, positions), truth.static)
+    assert np.median(angle_errors_deg(truth, motion)) <= 3
+    gone = motion.report.count(BRIDGED) + motion.report.count(MISSING)
+    np.testing.assert_allclose(gone / len(motion), 0.3, atol=0.12)
+
+
+def test_limits_hold(solved):
+    inside = np.array([clamp(a) for a in solved.angles_rad])
+    np.testing.assert_allclose(inside[:, 1:], solved.angles_rad[:, 1:], atol=1e-9)
+
+
+def test_swapped_and_ghost_markers_are_detected(truth, solved):
+    names = plug_in_gait().names
+    left, right, ghost = (names.index(n) for n in ("LKNE", "RKNE", "LWRA"))
+    positions = truth.moving.positions.copy()
+    positions[60:90, [left, right]] = positions[60:90, [right, left]]
+    positions[100:120, ghost] += [0, 0, 400]
+    motion = solve(with_positions(truth.moving, positions), truth.static)
+    swapped, ghosts = motion.report.status == SWAPPED, motion.report.status == GHOST
+    assert swapped[60:90, [left, right]].all() and swapped.sum() == 60
+    assert ghosts[100:120, ghost].all() and ghosts.sum() == 20
+    worse = joint_errors_deg(solved.angles_rad, motion.angles_rad)
+    assert np.median(worse) < 1 and np.quantile(worse, 0.99) < 15
+
+
+def test_spans_without_markers_are_held_and_reported(truth):
+    positions = truth.moving.positions.copy()
+    positions[:10] = np.nan
+    positions[80:110] = np.nan
+    motion = solve(with_positions(truth.moving, positions), truth.static)
+    assert (motion.report.longest_gap() == 30).all() and len(motion) == 200
+    np.testing.assert_array_equal(motion.angles_rad[0], motion.angles_rad[9])
+    assert np.isnan(motion.report.error_m[80:110]).all()
+
+
+def test_bridges_are_straight_and_short():
+    line = np.arange(12.0)[:, None, None] * [1.0, 2.0, 3.0] * np.ones((1, 2, 1))
+    broken = line.copy()
+    broken[3:6, 0] = np.nan
+    broken[2:9, 1] = np.nan
+    filled, status = bridge(broken, 3)
+    np.testing.assert_allclose(filled[:, 0], line[:, 0])
+    assert np.isnan(filled[2:9, 1]).all()
+    assert (status[3:6, 0] == BRIDGED).all() and (status[2:9, 1] == MISSING).all()
+
+
+def test_bad_recordings_are_refused(truth):
+    nothing = with_positions(truth.moving, np.full_like(truth.moving.positions, np.nan))
+    with pytest.raises(CloudError, match="no frame"):
+        solve(nothing)
+    other = synthesise(5, 20, body=0).static
+    with pytest.raises(CloudError, match="another person"):
+        solve(truth.moving, other)
+    few = Markers(truth.moving.labels[:9], truth.static.positions[:, :9], 100, "mm", 2)
+    with pytest.raises(CloudError):
+        solve(truth.moving, with_positions(few, np.full_like(few.positions, np.nan)))
+
+
+def test_shoulder_passes_the_lock_of_its_euler_angles():
+    """An arm held out sideways and swept forwards: its flexion is undefined at the start."""
+    markerset, bones = plug_in_gait(), zero_bones(shipped_bodies()[4].joints_m)
+    subject = Template.of(markerset).subject(Template.of(markerset).shape(1.0))
+    angles = np.zeros((N_JOINTS, 3))
+    angles[JOINT_ID["left_shoulder"], 1] = np.pi / 2
+    state = State.of(angles, np.zeros(3))
+    shoulder = JOINT_ID["left_shoulder"]
+    start = state.local[shoulder].copy()
+    for sweep in np.radians(np.arange(2, 80, 2)):
+        turned = state.local.copy()
+        turned[shoulder] = Rotation.from_rotvec([0, 0, -sweep]).as_matrix() @ start
+        goal = markers_at(
+            State(np.zeros(3), state.signed_rad, turned), bones, subject.marker_joint, subject.offsets_m
+        )
+        state, _ = fit_posture(
+            state,
+            bones,
+            subject.marker_joint,
+            subject.offsets_m,
+            goal,
+            np.ones(len(goal)),
+            posture_prior(200, 20),
+            steps=15,
+        )
+        found = rotations(state.angles_rad)[shoulder]
+        assert Rotation.from_matrix(found.T @ turned[shoulder]).magnitude() < np.radians(2)
+
+
+def test_motion_file_round_trip(tmp_path, solved):
+    path = tmp_path / "a.npz"
+    save_motion(path, solved)
+    found = load_motion(path)
+    np.testing.assert_array_equal(found.angles_rad, solved.angles_rad)
+    np.testing.assert_array_equal(found.report.status, solved.report.status)
+    assert found.report.names == solved.report.names and found.leg_m == solved.leg_m
+    with pytest.raises(ExistsError):
+        save_motion(path, solved)
+    data = path.read_bytes()
+    for bad in (b"", data[:1000], data[:-200], b"PK" + data[5:]):
+        path.write_bytes(bad)
+        with pytest.raises(FormatError):
+            load_motion(path)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_a_motion_strides_with_the_legs_of_its_body(solved):
+    small, tall = shipped_bodies()[0], shipped_bodies()[7]
+    ratio = solved.posture(3, tall).pelvis_m / solved.posture(3, small).pelvis_m
+    assert np.ptp(ratio) < 1e-9 and ratio[0] > 1.2
+    np.testing.assert_array_equal(solved.posture(3, tall).angles_rad, solved.angles_rad[3])
+
+
+def test_bvh_of_known_angles(tmp_path):
+    """A BVH written from our own skeleton gives back where its joints were."""
+    truth = synthesise(2, 40)
+    bones = zero_bones(shipped_bodies()[3].joints_m)
+    path = tmp_path / "a.bvh"
+    path.write_text(bvh_of(truth.angles_rad, truth.pelvis_m, bones))
+    markers, places = read_bvh(path)
+    motion = solve(markers, markerset=places)
+    for joint in ("left_knee", "right_knee", "left_elbow", "right_elbow"):
+        j = JOINT_ID[joint]
+        assert np.median(np.degrees(np.abs(truth.angles_rad[:, j, 0] - motion.angles_rad[:, j, 0]))) < 4
+
+
+BVH_NAMES = {
+    "shoulder": "Arm",
+    "elbow": "ForeArm",
+    "wrist": "Hand",
+    "hip": "UpLeg",
+    "knee": "Leg",
+    "ankle": "Foot",
+}
+
+
+def bvh_of(angles_rad: np.ndarray, pelvis_m: np.ndarray, bones: np.ndarray) -> str:
+    """Our joints as a BVH in centimetres, y up; every joint keeps its own frame, turned to y up."""
+    to_y_up = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    order: list[int] = []
+
+    def node(j: int, depth: int) -> str:
+        order.append(j)
+        side, _, kind = JOINTS[j].name.partition("_")
+        name = (
+            side.capitalize() + BVH_NAMES.get(kind, kind.capitalize())
+            if kind and side in ("left", "right")
+            else JOINTS[j].name
+        )
+        name = "Hips" if j == 0 else name
+        offset = " ".join(f"{v:.6f}" for v in 100 * to_y_up @ bones[j])
+        place = "Xposition Yposition Zposition " if j == 0 else ""
+        head = f"{'ROOT' if j == 0 else 'JOINT'} {name}\n{{\nOFFSET {offset}\n"
+        head += f"CHANNELS {6 if j == 0 else 3} {place}Zrotation Xrotation Yrotation\n"
+        below = "".join(node(c, depth + 1) for c in range(N_JOINTS) if JOINTS[c].parent == j)
+        return head + (below or "End Site\n{\nOFFSET 0 -8 0\n}\n") + "}\n"
+
+    text = "HIERARCHY\n" + node(0, 0)
+    rows = []
+    for angles, pelvis in zip(angles_rad, pelvis_m, strict=True):
+        local = to_y_up @ rotations(angles) @ to_y_up.T
+        row = list(100 * to_y_up @ pelvis)
+        for j in order:
+            row += list(Rotation.from_matrix(local[j]).as_euler("ZXY", degrees=True))
+        rows.append(" ".join(f"{v:.6f}" for v in row))
+    return text + f"MOTION\nFrames: {len(rows)}\nFrame Time: 0.01\n" + "\n".join(rows) + "\n"
+
+
+REAL = [
+    ("pycgm_Movement_trial.c3d", "pycgm_Static_trial.c3d", 15, 25),
+    ("STS1.trc", "static1.trc", 20, 25),
+    ("nim_cmu_02_05.c3d", None, 20, 25),
+    ("nim_squat.c3d", None, 20, 25),
+    ("ktk_kinematics_tennis_serve.c3d", None, 20, 25),
+]
+
+
+@pytest.mark.parametrize(("name", "static", "median_mm", "rms_mm"), REAL)
+def test_real_recordings(shared_data, name, static, median_mm, rms_mm):
+    folder = shared_data / "mocap"
+    whole = read_markers(folder / name)
+    # The bench solves whole trials.
+    motion = solve(
+        with_positions(whole, whole.positions[100:400]), read_markers(folder / static) if static else None
+    )
+    assert motion.report.median_mm <= median_mm / 3
+    assert motion.report.rms_mm <= rms_mm / 2
+    assert motion.report.count(GHOST).sum() <= 20 and motion.report.count(SWAPPED).sum() == 0
+    up = np.array([rotations(a)[0][:, 2] for a in motion.angles_rad[::50]])
+    assert (up[:, 2] > 0).mean() > 0.9
+
+
+def test_command(tmp_path, truth):
+    from tests.test_synth_markers import write_trc
+
+    app = typer.Typer(pretty_exceptions_enable=False)
+    app.command()(cli.motion.solve)
+    path = tmp_path / "a.trc"
+    write_trc(path, truth.moving.positions[:20, :10] / 1000)
+    result = CliRunner().invoke(app, [str(path), "--out", str(tmp_path / "m.npz"), "--json"])
+    assert result.exit_code == 0, result.output
+    said = json.loads(result.stdout)
+    assert said["frames"] == 20 and {"marker_median_mm", "marker_rms_mm", "frames_per_second"} <= said.keys()
+    again = CliRunner().invoke(app, [str(path), "--out", str(tmp_path / "m.npz")])
+    assert isinstance(again.exception, ExistsError)
+    assert len(load_motion(tmp_path / "m.npz")) == 20
