@@ -79,12 +79,13 @@ def generate_(
     """Generate labelled depth images of people as tar shards, with a page of pictures and statistics."""
     chosen = replace(preset_named(preset), occluders=occluders, cut=cut)
     order = Order(chosen, chosen.count if count is None else count, seed)
-    clear(out, ORDER, overwrite)
     started = time.monotonic()
     with (
         cluster(scheduler) if scheduler else processes(workers) as hands,
         progress("generate", order.count) as advance,
     ):
+        # Not before the workers are there: a dead scheduler costs no old dataset.
+        clear(out, ORDER, overwrite)
         made = generate(order, out, hands, advance)
     rate = made.images / (time.monotonic() - started)
     shards = len(made.dataset.shards)

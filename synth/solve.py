@@ -145,7 +145,7 @@ def _second_look(
 def bridge(positions_m: Float64, longest: int) -> tuple[Float64, NDArray[np.uint8]]:
     """Fill gaps of up to ``longest`` frames by lines: positions (F, M, 3), and status uint8 (F, M)."""
     filled = positions_m.copy()
-    seen = np.isfinite(positions_m).all(axis=2)
+    seen = np.asarray(np.isfinite(positions_m).all(axis=2))
     status = np.where(seen, SEEN, MISSING).astype(np.uint8)
     for m in range(seen.shape[1]):
         known = np.flatnonzero(seen[:, m])

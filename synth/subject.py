@@ -30,7 +30,7 @@ _GROUPS = (
 SCALE_SPREAD = 0.06
 """How far a segment's scale strays from the body's (Pheasant & Haslegrave 2005: 3 to 6 % of length)."""
 HEIGHT_SPREAD = 0.2
-EFFECTIVE_FRAMES = 10.0
+EFFECTIVE_FRAMES = 2.0
 """Frames of one recording err alike (soft tissue, marker places): together they count as so many."""
 CALIBRATION_STEPS = 12
 
@@ -80,10 +80,10 @@ _SPREAD_DEG = {
     "neck": (40, 25, 40),
     "head": (40, 25, 40),
     "clavicle": (20, 20, 20),
-    "elbow": (180, 4, 90),
+    "elbow": (180, 3, 90),
     "wrist": (40, 15, 90),
-    "knee": (180, 3, 12),
-    "ankle": (30, 10, 10),
+    "knee": (180, 2, 8),
+    "ankle": (30, 5, 5),
 }
 """How far joints stray from zero, for angles that few markers tell: about half their range."""
 

@@ -75,7 +75,7 @@ def test_it_learns(whole):
 
 def test_another_schedule_or_folder_is_refused(tmp_path, crops, whole):
     before = tree(whole[0])
-    with pytest.raises(ExistsError, match="another schedule"):
+    with pytest.raises(ExistsError, match="another training"):
         train(crops, crops, whole[0], Schedule(epochs=3, batch=2, seed=4), quiet)
     assert tree(whole[0]) == before
     (tmp_path / "mine.txt").write_text("mine")

@@ -26,7 +26,7 @@ MUTATIONS = settings(
 
 def positions(frames: int = 5) -> np.ndarray:
     rng = np.random.default_rng(3)
-    result = [*rng.uniform(-0.5, 0.5, (frames, len(NAMES), 3)), 0, 0, 1]
+    result = rng.uniform([-0.5, -0.5, 0.5], [0.5, 0.5, 1.5], (frames, len(NAMES), 3))
     result[1, 2] = np.nan
     return result
 

@@ -1,6 +1,7 @@
 """One synthetic image: what it holds, what its notes say, and what its options do."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,12 +16,17 @@ from synth.skeleton import N_JOINTS
 from synth.view import CAMERA, visibility
 
 NAMES = sorted(PRESETS)
-FRAMES = {name: [sample(PRESETS[name], 3, i * 7) for i in range(12)] for name in NAMES}
+
+
+@cache
+def frames(name):
+    """A dozen samples of a preset."""
+    return [sample(PRESETS[name], 3, i * 7) for i in range(12)]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_depth_and_parts_belong_to_one_person(name):
-    for frame in FRAMES[name]:
+    for frame in frames(name):
         assert frame.depth_mm.shape == frame.parts.shape == (SIZE, SIZE)
         np.testing.assert_array_equal(frame.depth_mm > 0, frame.parts > 0)
         assert frame.parts.max() < N_CLASSES and frame.status == "truth"
@@ -31,7 +37,7 @@ def test_depth_and_parts_belong_to_one_person(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_notes_tell_where_the_joints_are(name):
     inside = []
-    for frame in FRAMES[name]:
+    for frame in frames(name):
         joints = np.array(frame.notes["joints_mm"]) / 1000
         assert joints.shape == (N_JOINTS, 3)
         u, v = project(CAMERA, joints).T
@@ -45,15 +51,15 @@ def test_notes_tell_where_the_joints_are(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_one_index_is_one_image_and_streams_never_meet(name):
     again = sample(PRESETS[name], 3, 7)
-    np.testing.assert_array_equal(again.depth_mm, FRAMES[name][1].depth_mm)
-    assert again.notes == FRAMES[name][1].notes
+    np.testing.assert_array_equal(again.depth_mm, frames(name)[1].depth_mm)
+    assert again.notes == frames(name)[1].notes
     assert (sample(PRESETS[name], 4, 7).depth_mm != again.depth_mm).any()
     streams = [preset.stream for preset in PRESETS.values()]
     assert len(set(streams)) == len(streams)
 
 
 def test_the_recumbent_are_seen_from_all_around_and_from_several_heights():
-    cameras = [f.notes["camera"] for f in FRAMES["recumbent"]] + [
+    cameras = [f.notes["camera"] for f in frames("recumbent")] + [
         sample(PRESETS["recumbent"], 0, i).notes["camera"] for i in range(20)
     ]
     azimuths = np.sort([c["azimuth_deg"] for c in cameras])
@@ -71,12 +77,12 @@ def test_the_papers_counts():
 
 def test_occluders_and_cuts_come_in_their_share_and_are_recorded():
     plain = PRESETS["sitting-train"]
-    assert all(f.notes["occluders"] == 0 and f.notes["cut"] == 0 for f in FRAMES["sitting-train"])
-    frames = [sample(replace(plain, occluders=1, cut=1), 0, i) for i in range(16)]
-    assert np.mean([f.notes["occluders"] > 0 for f in frames]) > 0.7
-    assert np.mean([f.notes["cut"] > 0 for f in frames]) > 0.7
-    whole = np.mean([f.notes["visible"][0] for f in FRAMES["sitting-train"]])
-    assert np.mean([f.notes["visible"][0] for f in frames]) < whole - 0.15
+    assert all(f.notes["occluders"] == 0 and f.notes["cut"] == 0 for f in frames("sitting-train"))
+    hidden = [sample(replace(plain, occluders=1, cut=1), 0, i) for i in range(16)]
+    assert np.mean([f.notes["occluders"] > 0 for f in hidden]) > 0.7
+    assert np.mean([f.notes["cut"] > 0 for f in hidden]) > 0.7
+    whole = np.mean([f.notes["visible"][0] for f in frames("sitting-train")])
+    assert np.mean([f.notes["visible"][0] for f in hidden]) < whole - 0.15
     half = [sample(replace(plain, occluders=0.5), 0, i).notes["occluders"] > 0 for i in range(30)]
     assert 0.2 < np.mean(half) < 0.8
 
