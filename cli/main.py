@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from cli import data, demo, labelling, networks, synthesis
+from cli import data, demo, labelling, motion, networks, synthesis
 from sensors.errors import CloudError
 
 app = typer.Typer(
@@ -24,6 +24,7 @@ app.command()(data.validate)
 app.command()(labelling.label)
 app.command()(labelling.diff)
 app.add_typer(synthesis.app, name="synth")
+app.command()(motion.solve)
 app.command()(networks.train)
 app.command()(networks.predict)
 app.command()(networks.evaluate)

@@ -10,9 +10,9 @@ from annotate.suit import Suit
 from sensors.errors import FormatError
 from synth.body import Body
 from synth.render import Mesh, ZBuffer
-from synth.sample import hair_faces
 from synth.scene import Surface
 from synth.skeleton import JOINT_ID
+from synth.view import hair_faces
 
 JPEG_QUALITY = 90
 
@@ -103,10 +103,8 @@ def photograph(
     if noise.sigma > 0:
         grain = rng.standard_normal((image.shape[0] // 2, image.shape[1] // 2, 3), dtype=np.float32)
         # Demosaicing correlates noise over two pixels.
-        grain = cv2.resize(
-            grain * np.float32(noise.sigma), image.shape[1::-1], interpolation=cv2.INTER_LINEAR
-        )
-        image = np.asarray(np.clip(image + grain, 0, 255), np.uint8)
+        wide = cv2.resize(grain * np.float32(noise.sigma), image.shape[1::-1])
+        image = np.asarray(np.clip(image + wide, 0, 255), np.uint8)
     ok, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not ok:
         raise FormatError(f"colour image {image.shape} cannot be encoded as JPEG")

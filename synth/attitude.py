@@ -15,8 +15,8 @@ class Attitude:
     """One moment of a body; degrees and metres. Flexion is forwards, a knee's counts positive.
 
     The pelvis turns by ``roll`` about the body's long axis (90: left side towards its back), then by
-    ``pitch`` (90 forwards: face down), then by ``heading`` about the vertical. ``sink`` numbers in [0, 1] say how much
-    a limb gives in to gravity until something carries it.
+    ``pitch`` (90 forwards: face down), then by ``heading`` about the vertical. ``sink`` numbers in [0, 1] say
+    how much a limb gives in to gravity until something carries it.
     """
 
     heading: float

@@ -1,4 +1,4 @@
-"""Contact of a posed skin with what carries it: where a body comes to rest, and how deep it is in furniture."""
+"""A posed skin on what carries it: where a body comes to rest, and how deep it is in furniture."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,10 @@ Vertices = NDArray[np.float32]
 
 
 def height_to_rest(vertices_m: Vertices, carriers: list[Solid]) -> float:
-    """Rise (m, may be negative) that puts vertices (V, 3) on the highest upright solid below each, sunk in by its give."""
+    """Rise (m, may be negative) that puts vertices (V, 3) on the upright solids under them.
+
+    The vertex that needs it most ends as deep in the highest solid under it as that solid gives.
+    """
     top = np.full(len(vertices_m), -np.inf, np.float32)
     for solid in carriers:
         top = np.maximum(top, np.where(_over(vertices_m, solid), solid.high[2] - solid.give_m, -np.inf))

@@ -1,4 +1,4 @@
-"""A body's flesh as chains of spheres about the bones: what contact is computed on, fitted in a fraction of a ms.
+"""A body's flesh as chains of spheres about the bones: what contact is computed on, fitted in about a ms.
 
 A chain is a row of stations (centre, radius), and the flesh between two neighbours is the round cone over
 them. Limbs are chains along a bone; the trunk is a pile of short chains from right to left, one a height.
@@ -6,7 +6,7 @@ them. Limbs are chains along a bone; the trunk is a pile of short chains from ri
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple, cast
 
 import numba
 import numpy as np
@@ -28,7 +28,16 @@ class Chain:
 
 
 _TRUNK_SLICES = 7
-_STATIONS = {"upper_arm": 4, "forearm": 4, "hand": 3, "thumb_side": 3, "thigh": 5, "shank": 5, "foot": 4, "foot_outside": 4}
+_STATIONS = {
+    "upper_arm": 4,
+    "forearm": 4,
+    "hand": 3,
+    "thumb_side": 3,
+    "thigh": 5,
+    "shank": 5,
+    "foot": 4,
+    "foot_outside": 4,
+}
 _BONE = {
     "upper_arm": ("shoulder", "elbow"),
     "forearm": ("elbow", "wrist"),
@@ -58,9 +67,8 @@ CHAINS = _chains()
 N_STATIONS = max(chain.hi for chain in CHAINS.values())
 
 
-@dataclass(frozen=True)
-class Flesh:
-    """What of a body does not change with its posture, for kinematics and contact.
+class Flesh(NamedTuple):
+    """What of a body does not change with its posture (a named tuple, which compiled code takes).
 
     rest_joints_m, aligned: as ``kinematics`` takes them. centres_m: (S, 3) stations at rest; radii_m: (S,);
     joints: (S,) the joint each station follows. trunk: indices of the vertices that pelvis and spine carry.
@@ -77,7 +85,7 @@ class Flesh:
 class _Same:
     """Hashes an object by identity and keeps it alive, so that its identity is not given away again."""
 
-    def __init__(self, held: Any) -> None:
+    def __init__(self, held: object) -> None:
         self.held = held
 
     def __hash__(self) -> int:
@@ -143,7 +151,8 @@ def _half(own: NDArray[np.float32], axis: Float64, towards: Float64) -> NDArray[
     off = own - axis[0].astype(np.float32)
     off -= (off @ along)[:, None] * along
     across = np.linalg.eigh(off.T @ off)[1][:, -1]
-    return own[(off @ across > 0) == (across @ towards > 0)]
+    chosen: NDArray[np.float32] = own[(off @ across > 0) == (across @ towards > 0)]
+    return chosen
 
 
 def _limb_axis(rest_joints_m: Float64, own: NDArray[np.float32], joint: int, end: str, limb: str) -> Float64:
@@ -203,7 +212,9 @@ def _vertices_of_joints(bones: _Same, weights: _Same) -> list[Int64]:
 
 
 @numba.njit(cache=True, fastmath=True)
-def _fit_chain(own: NDArray[np.float32], axis: Float64, centres: Float64, radii: Float64) -> None:  # pragma: no cover
+def _fit_chain(
+    own: NDArray[np.float32], axis: Float64, centres: Float64, radii: Float64
+) -> None:  # pragma: no cover
     """Middle and mean radius of the vertices (n, 3) about each station of a line; writes centres and radii."""
     n = len(radii)
     along = axis[1] - axis[0]
@@ -238,9 +249,7 @@ def _fit_chain(own: NDArray[np.float32], axis: Float64, centres: Float64, radii:
 
 
 @numba.njit(cache=True)
-def _slices(
-    own: NDArray[np.float32], heights: Float64, half: float
-) -> Float64:  # pragma: no cover
+def _slices(own: NDArray[np.float32], heights: Float64, half: float) -> Float64:  # pragma: no cover
     """(n, 4) left, right, front and back of the vertices (n, 3) about each height."""
     result = np.empty((len(heights), 4))
     result[:, 0], result[:, 1], result[:, 2], result[:, 3] = -1e3, 1e3, 1e3, -1e3

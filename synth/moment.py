@@ -16,6 +16,8 @@ Spread = tuple[float, float]
 
 KEY_SECONDS = (0.6, 2.5)
 """Time from one drawn moment to the next."""
+PACE_PER_S = 110.0
+"""No number changes faster than this on the mean of a glide: degrees (metres and shares never come near)."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,8 @@ class Family(Generic[M]):
     def draw(self, activity: str, rng: np.random.Generator) -> M:
         """A random moment of an activity."""
         spreads = {**self.base, **self.activities[activity]}
-        return self.kind(**{name: float(rng.normal(*spread)) for name, spread in spreads.items()})
+        moment: M = self.kind(**{name: float(rng.normal(*spread)) for name, spread in spreads.items()})
+        return moment
 
     def moments(
         self, rng: np.random.Generator, frames_per_second: float, activities: tuple[str, ...]
@@ -40,7 +43,8 @@ class Family(Generic[M]):
             activity = str(rng.choice(activities))
             for _ in range(int(rng.integers(2, 5))):
                 following = self.draw(activity, rng)
-                steps = max(1, round(rng.uniform(*KEY_SECONDS) * frames_per_second))
+                seconds = max(rng.uniform(*KEY_SECONDS), _largest_change(current, following) / PACE_PER_S)
+                steps = max(1, round(seconds * frames_per_second))
                 yield from (glide(current, following, i / steps) for i in range(steps))
                 current = following
 
@@ -49,4 +53,11 @@ def glide(start: M, end: M, share: float) -> M:
     """The moment a share in [0, 1] of the way, starting and ending at rest (smoothstep)."""
     s = share * share * (3 - 2 * share)
     names = (f.name for f in fields(start))
-    return type(start)(**{name: (1 - s) * getattr(start, name) + s * getattr(end, name) for name in names})
+    between: M = type(start)(
+        **{name: (1 - s) * getattr(start, name) + s * getattr(end, name) for name in names}
+    )
+    return between
+
+
+def _largest_change(start: M, end: M) -> float:
+    return max(abs(getattr(end, f.name) - getattr(start, f.name)) for f in fields(start))

@@ -110,9 +110,17 @@ ACTIVITIES: dict[str, dict[str, Spread]] = {
     "reading": {**_hands(0.13, -0.40, 0.34, 0.05), "nod": (22.0, 8.0), "turn": (0.0, 8.0)},
     "gadget": {**_hands(0.08, -0.34, 0.26, 0.05), "nod": (24.0, 8.0), "bend": (22.0, 8.0)},
     "swinging_body": {"lean": (0.0, 14.0), "twist": (0.0, 16.0), "bend": (18.0, 16.0)},
-    "swinging_arms": {**_hands(0.34, -0.30, 0.46, 0.18), "left_swivel": (25.0, 25.0), "right_swivel": (25.0, 25.0)},
+    "swinging_arms": {
+        **_hands(0.34, -0.30, 0.46, 0.18),
+        "left_swivel": (25.0, 25.0),
+        "right_swivel": (25.0, 25.0),
+    },
     "arms_up": {**_hands(0.30, -0.12, 0.80, 0.14)},
-    "arm_rests": {**_hands(0.36, -0.20, 0.24, 0.05), "left_swivel": (40.0, 15.0), "right_swivel": (40.0, 15.0)},
+    "arm_rests": {
+        **_hands(0.36, -0.20, 0.24, 0.05),
+        "left_swivel": (40.0, 15.0),
+        "right_swivel": (40.0, 15.0),
+    },
     "swinging_legs": {
         "left_knee": (60.0, 28.0),
         "right_knee": (60.0, 28.0),
@@ -161,6 +169,11 @@ moments = SITTING.moments
 
 def sit(body: Body, seat: Sofa | Chair, moment: Sitting) -> tuple[NDArray[np.float32], Float64]:
     """Turn a moment into a body on a seat: vertices float32 (V, 3) and joints (J, 3), world, metres."""
+    return pose(body, sitting_posture(body, seat, moment))
+
+
+def sitting_posture(body: Body, seat: Sofa | Chair, moment: Sitting) -> Posture:
+    """The posture of a moment: trunk on the seat, hands at their targets, feet on the floor, limbs clear."""
     flesh, scale = flesh_of(body), body.height_cm / 170
     posture = Posture(_sitting_angles(moment), np.zeros(3))
     vertices, joints = pose(body, posture)
@@ -174,8 +187,7 @@ def sit(body: Body, seat: Sofa | Chair, moment: Sitting) -> tuple[NDArray[np.flo
         posture = reach(posture, flesh.rest_joints_m, flesh.aligned, side, hand, swivel)
         pulls.append(Pull(f"{side}_wrist", hand, HAND_HOLD))
         pulls.append(sink(f"{side}_ankle", getattr(moment, f"{side}_foot_sink")))
-    settled = settle(flesh, posture, [FLOOR, *seat.solids()], pulls)
-    return pose(body, settled)
+    return settle(flesh, posture, [FLOOR, *seat.solids()], pulls)
 
 
 def _sitting_angles(moment: Sitting) -> Float64:

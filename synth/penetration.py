@@ -1,8 +1,8 @@
 """How deep a posed body is in itself, measured on its skin (slow: for tests and figures, not for generating).
 
 The skin is cut into the eleven parts, each closed by a fan over its open borders. A vertex of one part
-inside another is as deep as its distance to that other part's skin (fans do not count); the deepest of all counts.
-Where two parts meet skin folds and flesh is pressed flat, so vertices near the joint between them are
+inside another is as deep as its distance to that other part's skin (fans do not count); the deepest of all
+counts. Where two parts meet skin folds and flesh is pressed flat, so vertices near the joint between them are
 left out: ``FOLDS`` names the joint and the radius for every such pair, and no other pair has any relief.
 """
 
@@ -39,11 +39,11 @@ def _folds() -> dict[frozenset[int], tuple[tuple[int, ...], float]]:
 
 
 FOLDS = _folds()
-"""Pair of parts -> (joints between them, radius in metres within which their skins may fold into each other)."""
+"""Pair of parts -> (joints between them, radius in metres within which their skins may fold)."""
 
 
 def self_penetration_m(body: Body, vertices_m: NDArray[np.float32], joints_m: Float64) -> float:
-    """Depth (m) of the deepest vertex of one part inside another part of the posed body, 0 when there is none.
+    """Depth (m) of the deepest vertex of one part inside another of a posed body, 0 when there is none.
 
     vertices_m: (V, 3) posed skin; joints_m: (J, 3) its joints, the same frame.
     """
@@ -71,15 +71,16 @@ def penetrations_m(
         if len(points) == 0:
             continue
         points = np.ascontiguousarray(points, np.float32)
-        inside = closed[b].compute_occupancy(points, nsamples=3).numpy() > 0
+        inside = closed[b].compute_occupancy(o3d.core.Tensor.from_numpy(points), nsamples=3).numpy() > 0
         if inside.any():
-            found[a, b] = float(skin[b].compute_distance(points[inside]).numpy().max())
+            found[a, b] = float(skin[b].compute_distance(o3d.core.Tensor.from_numpy(points[inside])).numpy().max())
     return found
 
 
 def _scene(vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> o3d.t.geometry.RaycastingScene:
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(np.ascontiguousarray(vertices_m), np.ascontiguousarray(faces.astype(np.uint32)))
+    vertices, triangles = (np.ascontiguousarray(a) for a in (vertices_m, faces.astype(np.uint32)))
+    scene.add_triangles(o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(triangles))
     return scene
 
 
@@ -93,7 +94,9 @@ def _close(
     loop = _components(border)
     middles = [vertices_m[np.unique(border[loop == k])].mean(axis=0) for k in range(loop.max(initial=-1) + 1)]
     fans = np.column_stack([border[:, ::-1], len(vertices_m) + loop]).astype(np.int32)
-    return np.concatenate([vertices_m, np.array(middles, np.float32).reshape(-1, 3)]), np.concatenate([faces, fans])
+    return np.concatenate([vertices_m, np.array(middles, np.float32).reshape(-1, 3)]), np.concatenate(
+        [faces, fans]
+    )
 
 
 def _components(edges: NDArray[np.int32]) -> NDArray[np.int64]:

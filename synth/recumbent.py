@@ -8,7 +8,7 @@ from synth.body import Body, pose
 from synth.contact import height_to_rest, lift_needed
 from synth.flesh import flesh_of
 from synth.moment import Family, Spread
-from synth.scene import FLOOR, Bed, Ground
+from synth.scene import FLOOR, Bed, Ground, Solid
 from synth.settle import settle
 from synth.skeleton import JOINT_ID, Float64, Posture
 
@@ -227,17 +227,33 @@ def lie(body: Body, support: Bed | Ground, moment: Attitude) -> tuple[NDArray[np
 
     The trunk rests on the support, sunk in by its give; limbs and head sink until something carries them.
     """
+    _, vertices, joints = _laid(body, support, moment)
+    up = lift_needed(vertices, _carriers(support))
+    return vertices + np.array([0, 0, up], np.float32), joints + np.array([0, 0, up])
+
+
+def lying_posture(body: Body, support: Bed | Ground, moment: Attitude) -> Posture:
+    """The posture ``lie`` poses."""
+    settled, vertices, _ = _laid(body, support, moment)
+    up = lift_needed(vertices, _carriers(support))
+    return Posture(settled.angles_rad, settled.pelvis_m + np.array([0, 0, up]))
+
+
+def _carriers(support: Bed | Ground) -> list[Solid]:
+    """Floor and mattress."""
+    return [FLOOR, *support.solids()[:1]]
+
+
+def _laid(
+    body: Body, support: Bed | Ground, moment: Attitude
+) -> tuple[Posture, NDArray[np.float32], Float64]:
     flesh, posture = flesh_of(body), posture_of(moment)
-    solids = [FLOOR, *support.solids()]
-    carriers = solids[:2]
     vertices, joints = pose(body, posture)
     place = _place(support, moment, joints)
-    trunk = vertices[flesh.trunk] + place.astype(np.float32)
-    place[2] = height_to_rest(trunk, carriers)
+    place[2] = height_to_rest(vertices[flesh.trunk] + place.astype(np.float32), _carriers(support))
+    solids = [FLOOR, *support.solids()]
     settled = settle(flesh, Posture(posture.angles_rad, place), solids, pulls_of(moment), HEAVE)
-    vertices, joints = pose(body, settled)
-    up = lift_needed(vertices, carriers)
-    return vertices + np.array([0, 0, up], np.float32), joints + [0, 0, up]
+    return settled, *pose(body, settled)
 
 
 def _place(support: Bed | Ground, moment: Attitude, joints: Float64) -> Float64:

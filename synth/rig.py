@@ -25,8 +25,8 @@ from synth.body import Body, shipped_bodies
 from synth.motion import ACTIVITIES, Sitting, moments, sit
 from synth.noise import DepthNoise, kinect
 from synth.render import Mesh, ZBuffer, merge, rasterize
-from synth.sample import hair_faces
 from synth.scene import Sofa, Surface, box, look_at, room
+from synth.view import hair_faces
 from synth.warmth import (
     SUPERSAMPLE,
     ThermalNoise,

@@ -21,8 +21,7 @@ from synth.recumbent import FALLEN, IN_BED, RECUMBENT, lie
 from synth.render import Mesh, merge
 from synth.scene import Bed, Ground, Sofa, look_at, view_around
 from synth.skeleton import Float64
-from synth.view import View, inside_image, render_view, visibility
-from synth.view import hair_faces as hair_faces
+from synth.view import View, hair_faces, inside_image, render_view, visibility
 
 MIN_PIXELS, MIN_VISIBLE, MIN_JOINTS = 400, 0.4, 0.9
 """Of a person's pixels, their share that furniture leaves, and joints inside the image: with less it is no

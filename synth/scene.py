@@ -29,8 +29,8 @@ class Solid:
     """A box that carries or stops a body. low, high: its corners, metres, before it is turned and moved.
 
     rotation: (3, 3), about the box's own origin, then translation: (3,), to the world. give_m: how deep a
-    body sinks into it. tag: ``Surface`` of its faces. carries_m: a limb inside leaves by the top where that is
-    no more than this much farther than by a side.
+    body sinks into it. tag: ``Surface`` of its faces. carries_m: a limb inside leaves by the top where that
+    is no more than this much farther than by a side.
     """
 
     low: tuple[float, float, float]
@@ -54,9 +54,11 @@ class Solid:
         """(17,) for compiled code: centre, half sizes, give, bias to the top, rotation row by row."""
         low, high = np.array(self.low), np.array(self.high)
         centre = self.rotation @ ((low + high) / 2) + self.translation
-        return np.concatenate([centre, (high - low) / 2, [self.give_m, self.carries_m], self.rotation.ravel()])
+        return np.concatenate(
+            [centre, (high - low) / 2, [self.give_m, self.carries_m], self.rotation.ravel()]
+        )
 
-    def depth_m(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:  # type: ignore[type-arg]
+    def depth_m(self, points_m: NDArray[np.float32]) -> NDArray[np.float64]:
         """(...,) how deep world points (..., 3) lie under its surface; 0 outside, give not yet taken off."""
         local = (points_m - self.translation) @ self.rotation
         inside = np.minimum(local - np.array(self.low), np.array(self.high) - local).min(axis=-1)
@@ -196,7 +198,13 @@ class Bed:
         pillow = min(0.33, x - 0.05)
         return [
             Solid((-x, -y, 0.12), (x, y, h), self.give_m, tag, carries_m=0.15),
-            Solid((-pillow, y - 0.37, h - 0.1), (pillow, y - 0.02, h + self.pillow_height), 0.07, tag, carries_m=0.2),
+            Solid(
+                (-pillow, y - 0.37, h - 0.1),
+                (pillow, y - 0.02, h + self.pillow_height),
+                0.07,
+                tag,
+                carries_m=0.2,
+            ),
             Solid((-x, y, 0.0), (x, y + 0.05, h + self.board_height), 0.0, tag),
         ]
 
@@ -230,7 +238,9 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float], tag: 
     return Mesh(corners, faces, np.full(len(faces), tag, np.int32))
 
 
-def sheet(origin: NDArray[np.float64], along: NDArray[np.float64], across: NDArray[np.float64], tag: int) -> Mesh:
+def sheet(
+    origin: NDArray[np.float64], along: NDArray[np.float64], across: NDArray[np.float64], tag: int
+) -> Mesh:
     """Rectangle cut into quarter-metre cells, so that a cell behind the camera can be dropped alone."""
     n, m = (max(1, int(np.ceil(np.linalg.norm(side) / 0.25))) for side in (along, across))
     i, j = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij")
@@ -269,7 +279,9 @@ def look_at(eye_m: NDArray[np.float64], target_m: NDArray[np.float64], roll_rad:
     return Pose(rotation, -rotation @ eye_m)
 
 
-def view_around(rng: np.random.Generator, centre_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def view_around(
+    rng: np.random.Generator, centre_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Eye and target (3,) each of a camera anywhere around a lying person (the paper's 360 degrees).
 
     Heights from a robot's bumper camera (0.4 m over the person) to a ceiling's (2.6 m over the floor).

@@ -135,7 +135,12 @@ UPRIGHT: Family[Attitude] = Family(
             **both("knee", 46.0, 10.0),
             **both("arm", 34.0, 14.0),
         },
-        "getting_up_from_floor": {**_HALF_KNEEL, "pitch": (24.0, 8.0), "bend": (24.0, 8.0), "left_arm": (66.0, 8.0)},
+        "getting_up_from_floor": {
+            **_HALF_KNEEL,
+            "pitch": (24.0, 8.0),
+            "bend": (24.0, 8.0),
+            "left_arm": (66.0, 8.0),
+        },
     },
 )
 """Poses on one's own legs. Getting up glides from one of them to the next, up to standing."""
@@ -146,6 +151,20 @@ def rise(body: Body, seat: Sofa | Chair | None, moment: Attitude) -> tuple[NDArr
 
     The lowest skin stands on the floor; with a seat behind, the legs keep before its front edge (y = 0).
     """
+    _, vertices, joints, shift = _placed(body, seat, moment)
+    return vertices + shift.astype(np.float32), joints + shift
+
+
+def upright_posture(body: Body, seat: Sofa | Chair | None, moment: Attitude) -> Posture:
+    """The posture ``rise`` poses."""
+    settled, _, _, shift = _placed(body, seat, moment)
+    return Posture(settled.angles_rad, settled.pelvis_m + shift)
+
+
+def _placed(
+    body: Body, seat: Sofa | Chair | None, moment: Attitude
+) -> tuple[Posture, NDArray[np.float32], Float64, Float64]:
+    """The settled posture, its vertices and joints, and the shift (3,) that brings them before the seat."""
     flesh, posture = flesh_of(body), posture_of(_soles_level(moment))
     vertices, joints = pose(body, posture)
     place = np.array([moment.off / 2, -moment.along, height_to_rest(vertices, [FLOOR])])
@@ -158,7 +177,7 @@ def rise(body: Body, seat: Sofa | Chair | None, moment: Attitude) -> tuple[NDArr
     shift = np.array([0.0, 0.0, lift_needed(vertices, [FLOOR])])
     if seat is not None:
         shift[1] = min(0.0, -_behind(vertices, shift[2], seat))
-    return vertices + shift.astype(np.float32), joints + shift
+    return settled, vertices, joints, shift
 
 
 def _behind(vertices: NDArray[np.float32], up: float, seat: Sofa | Chair) -> float:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
 from annotate.registration import KINECT2_DEPTH
 from sensors.calibration import Pose
-from sensors.camera import Intrinsics, project
+from sensors.camera import Intrinsics
 from synth.body import Body
 from synth.render import NEAR_M, Mesh, rasterize
 from synth.skeleton import JOINT_ID, Float64
@@ -82,8 +82,10 @@ def _tally(parts: NDArray[np.uint8]) -> NDArray[np.int64]:  # pragma: no cover
 
 def inside_image(points_m: Float64) -> NDArray[np.bool_]:
     """Which points (n, 3) of the camera frame the whole image covers."""
-    u, v = np.nan_to_num(project(CAMERA, points_m), nan=-1.0).T
-    return np.asarray((u >= 0) & (u < CAMERA.width) & (v >= 0) & (v < CAMERA.height), np.bool_)
+    x, y, z = points_m.T
+    near = np.maximum(z, NEAR_M)
+    u, v = CAMERA.fx * x / near + CAMERA.cx, CAMERA.fy * y / near + CAMERA.cy
+    return np.asarray((z > NEAR_M) & (u >= 0) & (u < CAMERA.width) & (v >= 0) & (v < CAMERA.height), np.bool_)
 
 
 def hair_faces(body: Body) -> NDArray[np.bool_]:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from annotate.parts import PART_ID
 from synth.body import Body
 from synth.render import Mesh, ZBuffer
-from synth.sample import hair_faces
 from synth.scene import Surface
+from synth.view import hair_faces
 
 SUPERSAMPLE = 3
 """Renders per FIR pixel side: its silhouette pixels mix person and background, as real ones do."""

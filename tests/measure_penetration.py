@@ -84,17 +84,28 @@ def main(poses: int, seed: int) -> None:
         pair = max(found, key=lambda key: found[key], default=(0, 0))
         deepest[family].append(1000 * found.get(pair, 0.0))
         sunk[family].append(1000 * furniture_penetration_m(vertices, solids))
-        worst[family].append((deepest[family][-1], f"{activity}: {PARTS[pair[0]].name} > {PARTS[pair[1]].name}"))
+        worst[family].append(
+            (deepest[family][-1], f"{activity}: {PARTS[pair[0]].name} > {PARTS[pair[1]].name}")
+        )
         worst[family + " furniture"].append((sunk[family][-1], activity))
-    print(f"{poses} poses, seed {seed}, {1000 * seconds / poses:.2f} ms of CPU a pose (body fitted anew each time)")
+    print(
+        f"{poses} poses, seed {seed}, {1000 * seconds / poses:.2f} ms of CPU a pose (body fitted anew each time)"
+    )
     for family in (*FAMILIES, "all"):
         own, furniture = (
-            np.concatenate(list(d.values())) if family == "all" else np.array(d[family]) for d in (deepest, sunk)
+            np.concatenate(list(d.values())) if family == "all" else np.array(d[family])
+            for d in (deepest, sunk)
         )
-        line = " ".join(f"{np.median(v):6.1f} {np.percentile(v, 99):6.1f} {v.max():6.1f}" for v in (own, furniture))
+        line = " ".join(
+            f"{np.median(v):6.1f} {np.percentile(v, 99):6.1f} {v.max():6.1f}" for v in (own, furniture)
+        )
         print(f"{family:8s} self, furniture (median p99 max mm): {line}")
     for family, entries in worst.items():
-        print(family, Counter(name for depth, name in entries if depth > 15).most_common(7), sorted(entries)[-4:])
+        print(
+            family,
+            Counter(name for depth, name in entries if depth > 15).most_common(7),
+            sorted(entries)[-4:],
+        )
 
 
 if __name__ == "__main__":

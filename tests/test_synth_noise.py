@@ -28,6 +28,7 @@ def noise(depth, faults, seed=0, **more):
 
 
 @given(z=st.floats(0.5, 4.5), theta=st.floats(0, 1.4))
+@settings(deadline=None)
 def test_axial_sigma_is_fankhausers(z, theta):
     assert axial_sigma_mm(np.float32(z), np.float32(theta)) == pytest.approx(
         fankhauser_mm(z, theta), rel=1e-3

@@ -11,9 +11,10 @@ from annotate.parts import N_CLASSES
 from sensors.camera import project
 from sensors.errors import CloudError
 from synth.occlude import cut, occluder
+from synth.render import NEAR_M
 from synth.sample import PRESETS, preset_named, sample
 from synth.skeleton import N_JOINTS
-from synth.view import CAMERA, visibility
+from synth.view import CAMERA, inside_image, visibility
 
 NAMES = sorted(PRESETS)
 
@@ -110,6 +111,13 @@ def test_a_cut_takes_only_from_the_person():
     for seed in range(10):
         left = cut(person, np.random.default_rng(seed))
         assert not (left & ~person).any() and 0 < left.sum() < person.sum()
+
+
+def test_points_inside_the_image_are_those_that_project_there():
+    points = np.random.default_rng(0).normal((0, 0, 1), 1.5, (500, 3))
+    u, v = project(CAMERA, points).T
+    expected = (u >= 0) & (u < CAMERA.width) & (v >= 0) & (v < CAMERA.height) & (points[:, 2] > NEAR_M)
+    np.testing.assert_array_equal(inside_image(points), expected)
 
 
 def test_visibility_by_hand():
