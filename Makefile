@@ -60,7 +60,7 @@ system:
 	[ $${#found[@]} -gt 0 ] || exit 0
 	# Hundreds of small packages: without a flush after every file it takes half the time.
 	"$${root[@]}" apt-get install -qq --yes --no-install-recommends \
-		-o Dpkg::Options::=--force-unsafe-io "$${found[@]}"
+		-o Dpkg::Options::=--force-unsafe-io "$${found[@]}" >/dev/null
 
 demo: $(READY)
 	$(BIN)/annotate-cloud demo --out demo-out --overwrite
