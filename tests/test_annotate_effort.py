@@ -42,7 +42,7 @@ def agreement(parts: np.ndarray, truth: np.ndarray) -> float:
 
 
 def test_a_right_frame_costs_one_look(rig_session):
-    truth = LabelSet.open(rig_session.with_name(rig_session.name + ".truth"))
+    truth = LabelSet.open(rig_session.with_suffix(".truth"))
     for true in [frame(person()), frame(np.zeros((H, W), np.uint8)), *truth]:
         done = correct(true, true)
         assert (done.strokes, done.seconds, done.agreement) == (0, LOOK_S, 1.0)

@@ -117,7 +117,8 @@ def test_a_plane_moved_by_whole_pixels_is_the_image_moved(shift, size, z):
     images = []
     for move in (0, shift * z / 64):
         points = np.column_stack([corners[:, 0] + move, corners[:, 1], np.full(4, z)]).astype(np.float32)
-        images.append(rasterize(camera, points, faces).face)
+        # Either triangle may win where the diagonal meets a pixel's centre: what counts is that one does.
+        images.append(rasterize(camera, points, faces).face >= 0)
     still, moved = images[0][:, 30:98], images[1][:, 30 + shift : 98 + shift]
     assert (still != moved).mean() < 0.01
 
