@@ -1,6 +1,7 @@
 """The labelling run: every frame of a source fused, its person extracted, its suit read, and kept."""
 
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,6 +34,10 @@ class Run:
     def review_order(self) -> list[str]:
         """Frame ids, the least certain first."""
         return sorted(self.labels.frame_ids, key=lambda i: float(self.labels.notes(i).get("confidence", 0.0)))
+
+    def remarks(self) -> dict[str, int]:
+        """What was left out or went wrong, and in how many frames."""
+        return dict(Counter(note for i in self.labels.frame_ids for note in self.labels.notes(i)["notes"]))
 
 
 def label_source(
@@ -136,4 +141,5 @@ def _calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame,
 
 def _unlabelled(mask: NDArray[np.bool_]) -> Segmentation:
     parts = np.where(mask, UNDEFINED, BACKGROUND).astype(np.uint8)
-    return Segmentation(parts, np.zeros(mask.shape, np.float32), ("no suit given: parts are undefined",))
+    note = "no --suit: only the person is extracted, its parts stay undefined"
+    return Segmentation(parts, np.zeros(mask.shape, np.float32), (note,))

@@ -20,6 +20,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from annotate.label import Run
 from sensors.errors import ExistsError
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
@@ -82,14 +83,17 @@ def say(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def finish_run(result: dict[str, Any], failed: tuple[tuple[str, str], ...], as_json: bool, text: str) -> None:
-    """Print the result of a run over frames; exits with 3 when some of them failed."""
-    if failed:
-        result["failed"] = [{"frame": frame, "why": why} for frame, why in failed]
-        for frame, why in failed:
+def finish_run(result: dict[str, Any], run: Run, as_json: bool, text: str) -> None:
+    """Print the result of a run over frames, and what it left out; exits with 3 when some frames failed."""
+    result["remarks"] = run.remarks()
+    for remark, frames in run.remarks().items():
+        say(f"{frames} of {len(run.labels)} frames: {remark}")
+    if run.failed:
+        result["failed"] = [{"frame": frame, "why": why} for frame, why in run.failed]
+        for frame, why in run.failed:
             say(f"frame {frame}: {why}")
     finish(result, as_json, text)
-    if failed:
+    if run.failed:
         raise typer.Exit(3)
 
 

@@ -44,8 +44,6 @@ def label(
     clear(out, store.MANIFEST, overwrite, session, *([suit] if suit else []))
     for note in source.notes:
         say(note)
-    if palette is None:
-        say("no --suit: only the person is extracted, its parts stay undefined")
     started = time.monotonic()
     with progress("label", len(source)) as advance:
         run = label_source(source, palette, out, advance, window)
@@ -58,7 +56,7 @@ def label(
         "notes": list(source.notes),
     }
     text = f"{len(run.labels)} frames in {out}, {seconds:.2f} s each; review first: {', '.join(review[:5])}"
-    finish_run(result, run.failed, json, text)
+    finish_run(result, run, json, text)
 
 
 def diff(

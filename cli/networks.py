@@ -99,7 +99,7 @@ def predict(
             run = predict_source(frames, network, out, advance, window)
     ms = 1000 * (time.monotonic() - started) / max(1, total)
     result = {"frames": len(run.labels), "ms_per_frame": round(ms, 2)}
-    finish_run(result, run.failed, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")
+    finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")
 
 
 def evaluate(

@@ -1,4 +1,4 @@
-"""Measure penetration over sampled poses of every family: ``python tests/measure_penetration.py [POSES] [SEED]``.
+"""Measure penetration over sampled poses: ``python -m tests.measure_penetration [POSES] [SEED]``.
 
 Prints, in millimetres, the median and the 99th percentile of the deepest self-penetration and of the deepest
 penetration into furniture beyond its give, by family and over all, and what goes into what.
@@ -88,9 +88,7 @@ def main(poses: int, seed: int) -> None:
             (deepest[family][-1], f"{activity}: {PARTS[pair[0]].name} > {PARTS[pair[1]].name}")
         )
         worst[family + " furniture"].append((sunk[family][-1], activity))
-    print(
-        f"{poses} poses, seed {seed}, {1000 * seconds / poses:.2f} ms of CPU a pose (body fitted anew each time)"
-    )
+    print(f"{poses} poses, seed {seed}, {1000 * seconds / poses:.2f} ms of CPU a pose, a new body each time")
     for family in (*FAMILIES, "all"):
         own, furniture = (
             np.concatenate(list(d.values())) if family == "all" else np.array(d[family])

@@ -1,0 +1,92 @@
+"""Furniture and cameras."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from synth.render import Mesh
+from synth.scene import FLOOR, Bed, Chair, Ground, Sofa, Solid, Surface, box, look_at, sheet, view_around
+
+FURNITURE = [Sofa(), Chair(), Bed()]
+
+
+def volume(mesh: Mesh) -> float:
+    a, b, c = (mesh.vertices_m[mesh.faces[:, i]].astype(float) for i in range(3))
+    return abs(float(np.einsum("ij,ij->", np.cross(a, b), c))) / 6
+
+
+def test_a_box_is_closed_and_has_its_volume():
+    mesh = box((0, -1, 2), (2, 0.5, 3), Surface.TABLE)
+    assert volume(mesh) == pytest.approx(2 * 1.5 * 1)
+    assert (mesh.tags == Surface.TABLE).all()
+
+
+@given(
+    angles=st.tuples(*[st.floats(-3, 3)] * 3),
+    place=st.tuples(*[st.floats(-2, 2)] * 3),
+    point=st.tuples(*[st.floats(-1, 1)] * 3),
+)
+def test_a_solids_depth_is_that_of_its_box_wherever_it_stands(angles, place, point):
+    turn, low, high = Rotation.from_euler("xyz", angles).as_matrix(), (-0.5, -0.4, -0.3), (0.5, 0.4, 0.3)
+    solid = Solid(low, high, 0.0, Surface.SOFA, turn, np.array(place))
+    world = np.array(place) + turn @ np.array(point)
+    expected = max(0.0, min(h - abs(p) for h, p in zip(high, point, strict=True)))
+    assert solid.depth_m(world[None]) == pytest.approx(expected, abs=1e-9)
+    packed = solid.packed()
+    assert np.allclose(packed[:3], place) and np.allclose(packed[3:6], high)
+    assert np.allclose(packed[8:].reshape(3, 3), turn)
+
+
+@pytest.mark.parametrize("furniture", FURNITURE, ids=lambda f: type(f).__name__)
+def test_what_a_camera_sees_of_furniture_is_what_stops_a_limb(furniture):
+    mesh, solids = furniture.mesh(), furniture.solids()
+    assert len(mesh.faces) == 12 * len(solids)
+    assert (mesh.vertices_m[:, 2] >= -1e-6).all()
+    # Every corner lies on the surface of its own solid.
+    for i, solid in enumerate(solids):
+        corners = mesh.vertices_m[8 * i : 8 * i + 8]
+        assert solid.depth_m(corners).max() < 1e-6
+        assert solid.depth_m(corners.mean(axis=0)[None])[0] > 0.005
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_sampled_furniture_has_the_sizes_of_furniture(seed):
+    rng = np.random.default_rng(seed)
+    sofa, chair, bed = Sofa.sample(rng), Chair.sample(rng), Bed.sample(rng)
+    assert 0.35 < sofa.seat_height < 0.5 and 0.4 <= chair.seat_height <= 0.5
+    assert 1.9 < bed.length < 2.2 and 0.8 < bed.width < 1.7 and 0.3 < bed.height < 0.8
+    assert np.ptp(bed.mesh().vertices_m[:, 1]) == pytest.approx(bed.length + 0.05, abs=1e-5)
+
+
+def test_the_ground_is_the_floor_and_floor_stops_everything():
+    assert Ground().solids() == [] and np.ptp(Ground().mesh().vertices_m[:, 2]) == 0
+    assert FLOOR.depth_m(np.array([[3.0, -2.0, -0.25]]))[0] == pytest.approx(0.25)
+
+
+def test_a_sheet_covers_its_rectangle():
+    mesh = sheet(np.zeros(3), np.array([2.0, 0, 0]), np.array([0, 1.1, 0]), Surface.FLOOR)
+    a, b, c = (mesh.vertices_m[mesh.faces[:, i]] for i in range(3))
+    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(2.2, rel=1e-5)
+
+
+@given(eye=st.tuples(*[st.floats(-3, 3)] * 3), roll=st.floats(-1, 1))
+def test_a_camera_looks_where_it_should(eye, roll):
+    target = np.array([0.1, 0.2, 5.0])
+    camera_from_world = look_at(np.array(eye), target, roll)
+    seen = camera_from_world.apply(target[None])[0]
+    assert np.allclose(seen[:2], 0, atol=1e-9) and seen[2] > 0
+    assert np.allclose(camera_from_world.apply(np.array([eye]))[0], 0, atol=1e-9)
+
+
+def test_recumbent_cameras_stand_all_around_at_several_heights():
+    rng, centre = np.random.default_rng(0), np.array([0.1, -0.2, 0.5])
+    eyes = np.array([view_around(rng, centre)[0] for _ in range(4000)])
+    off = eyes - centre
+    azimuth = np.histogram(np.arctan2(off[:, 0], off[:, 1]), 12, (-np.pi, np.pi))[0]
+    assert azimuth.min() > 0.7 * 4000 / 12
+    assert (np.histogram(eyes[:, 2], [0.7, 1.0, 1.35, 1.9, 2.4])[0] > 300).all()
+    assert (off[:, 2] >= 0.3 - 1e-9).all()
+    distance = np.hypot(off[:, 0], off[:, 1])
+    assert distance.min() > 1.1 and distance.max() < 2.7
