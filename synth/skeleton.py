@@ -41,7 +41,7 @@ _ELBOW = ((0.0, 150.0), (-8.0, 8.0), (-85.0, 85.0))
 _WRIST = ((-70.0, 80.0), (-20.0, 30.0), (0.0, 0.0))
 _HIP = ((-25.0, 125.0), (-30.0, 50.0), (-45.0, 45.0))
 _KNEE = ((-145.0, 5.0), (-5.0, 5.0), (-25.0, 25.0))
-# Bearing weight, the ankle bends 43 degrees and more: Bennell et al. 1998, the lunge test; AAOS measures it free.
+# Bearing weight, the ankle bends 43 degrees and more (Bennell 1998, lunge test); AAOS measures it free.
 _ANKLE = ((-50.0, 45.0), (-20.0, 35.0), (-10.0, 10.0))
 
 
