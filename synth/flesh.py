@@ -6,7 +6,7 @@ them. Limbs are chains along a bone; the trunk is a pile of short chains from ri
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numba
 import numpy as np
@@ -49,7 +49,7 @@ _BONE = {
     "foot_outside": ("ankle", ""),
 }
 _HEAD_STATIONS = 3
-SOLE_M = 0.005
+SOLE_M = 0.008
 """The edge of a sole stands out from the spheres under it when the foot rolls."""
 FINGERS_M = 0.007
 """Fingers stand out from the mean of a hand."""
@@ -102,7 +102,7 @@ def flesh_of(body: Body) -> Flesh:
 
 @lru_cache(maxsize=16)
 def _fit(same: _Same) -> Flesh:
-    body: Body = same.held
+    body = cast(Body, same.held)
     centres, radii, joints = np.zeros((N_STATIONS, 3)), np.zeros(N_STATIONS), np.zeros(N_STATIONS, np.int64)
     owned = _vertices_of_joints(_Same(body.bones), _Same(body.weights))
     _fit_trunk(body, owned, centres, radii, joints)
@@ -111,14 +111,7 @@ def _fit(same: _Same) -> Flesh:
             j = JOINT_ID[f"{side}_{start}"]
             chain = CHAINS[f"{side}_{limb}"]
             s = slice(chain.lo, chain.hi)
-            own = body.vertices_m[owned[j]]
-            axis = _limb_axis(body.joints_m, own, j, f"{side}_{end}", limb)
-            if start == "wrist":
-                # At rest the thumbs point forwards.
-                own = _half(own, axis, _FRONT if limb == "thumb_side" else -_FRONT)
-            elif start == "ankle":
-                outside = np.array([1.0 if side == "left" else -1.0, 0.0, 0.0])
-                own = _half(own, axis, outside if limb == "foot_outside" else -outside)
+            own, axis = _limb(body, owned[j], j, limb, side, end)
             _fit_chain(own, axis, centres[s], radii[s])
             joints[s] = j
             if start == "wrist":
@@ -138,36 +131,42 @@ def _carried(body: Body, owned: list[Int64]) -> Int64:
         shoulder, hip = JOINT_ID[f"{side}_shoulder"], JOINT_ID[f"{side}_hip"]
         arm, leg = body.vertices_m[owned[shoulder]], body.vertices_m[owned[hip], 2]
         parts.append(owned[shoulder][np.abs(arm - body.joints_m[shoulder]).max(axis=1) < 0.07])
-        parts.append(owned[hip][leg > body.joints_m[hip, 2] - 0.08])
+        parts.append(owned[hip][leg > body.joints_m[hip, 2] - 0.11])
     return np.concatenate(parts)
 
 
 _FRONT = np.array([0.0, -1.0, 0.0])
 
 
-def _half(own: NDArray[np.float32], axis: Float64, towards: Float64) -> NDArray[np.float32]:
-    """The vertices of a hand or foot on that side of its axis, across its breadth."""
-    along = ((axis[1] - axis[0]) / np.linalg.norm(axis[1] - axis[0])).astype(np.float32)
-    off = own - axis[0].astype(np.float32)
-    off -= (off @ along)[:, None] * along
+def _half(own: NDArray[np.float32], start: Float64, along: Float64, towards: Float64) -> NDArray[np.float32]:
+    """The vertices of a hand or foot on that side of the line along it, across its breadth."""
+    line = along.astype(np.float32)
+    off = own - start.astype(np.float32)
+    off -= (off @ line)[:, None] * line
     across = np.linalg.eigh(off.T @ off)[1][:, -1]
     chosen: NDArray[np.float32] = own[(off @ across > 0) == (across @ towards > 0)]
     return chosen
 
 
-def _limb_axis(rest_joints_m: Float64, own: NDArray[np.float32], joint: int, end: str, limb: str) -> Float64:
-    """(2, 3) first and last station's place on the line the chain follows."""
-    start = rest_joints_m[joint]
-    if end in JOINT_ID:
-        along = rest_joints_m[JOINT_ID[end]] - start
-        return np.stack([start + 0.08 * along, start + 0.94 * along])
+def _limb(
+    body: Body, owned: Int64, joint: int, limb: str, side: str, end: str
+) -> tuple[NDArray[np.float32], Float64]:
+    """Vertices of a limb, or its half, and (2, 3) first and last station on the line it follows."""
+    own, start = body.vertices_m[owned], body.joints_m[joint]
+    if end:
+        along = body.joints_m[JOINT_ID[f"{side}_{end}"]] - start
+        return own, np.stack([start + 0.08 * along, start + 0.94 * along])
     along = own.mean(axis=0, dtype=np.float64) - start
     if limb.startswith("foot"):
         along[2] = 0.0
     along /= np.linalg.norm(along)
+    outside = np.array([1.0 if side == "left" else -1.0, 0.0, 0.0])
+    # At rest the thumbs point forwards.
+    towards = {"thumb_side": _FRONT, "hand": -_FRONT, "foot_outside": outside, "foot": -outside}[limb]
+    own = _half(own, start, along, towards)
     reach = own @ along.astype(np.float32) - start @ along
     margin = 0.012 if limb.startswith("foot") else 0.015
-    return np.stack([start + (reach.min() + margin) * along, start + (reach.max() - margin) * along])
+    return own, np.stack([start + (reach.min() + margin) * along, start + (reach.max() - margin) * along])
 
 
 def _fit_trunk(body: Body, owned: list[Int64], centres: Float64, radii: Float64, joints: Int64) -> None:
@@ -205,9 +204,9 @@ def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, 
 
 @lru_cache(maxsize=4)
 def _vertices_of_joints(bones: _Same, weights: _Same) -> list[Int64]:
-    """Per joint the vertices it has most weight on; builds blended of one kind share the arrays, so this too."""
-    strongest = weights.held.argmax(axis=1)
-    main = bones.held[np.arange(len(strongest)), strongest]
+    """Per joint the vertices it weighs most on; builds blended of one kind share the arrays, so this too."""
+    strongest = cast(NDArray[np.float32], weights.held).argmax(axis=1)
+    main = cast(NDArray[np.uint8], bones.held)[np.arange(len(strongest)), strongest]
     return [np.flatnonzero(main == j) for j in range(N_JOINTS)]
 
 
@@ -215,7 +214,7 @@ def _vertices_of_joints(bones: _Same, weights: _Same) -> list[Int64]:
 def _fit_chain(
     own: NDArray[np.float32], axis: Float64, centres: Float64, radii: Float64
 ) -> None:  # pragma: no cover
-    """Middle and mean radius of the vertices (n, 3) about each station of a line; writes centres and radii."""
+    """Write the middle and mean radius of the vertices (n, 3) about each station of a line."""
     n = len(radii)
     along = axis[1] - axis[0]
     length = np.sqrt((along**2).sum())

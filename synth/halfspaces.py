@@ -105,7 +105,7 @@ def add_flesh(
 def _deepest(
     s: int, lo: int, hi: int, flesh: Flesh, stations: Float64
 ) -> tuple[float, Float64, int]:  # pragma: no cover
-    """How deep station s is in the flesh over stations lo..hi, the place on its axis, and that place's joint."""
+    """How deep station s is in the flesh over stations lo..hi, the place on the axis, and its joint."""
     radii = flesh.radii_m
     px, py, pz = stations[s]
     deepest, where, share = 0.0, lo, 0.0
@@ -136,8 +136,17 @@ def add_solids(
         for s in range(len(stations)):
             if flesh.joints[s] <= _LAST_FIXED:
                 continue
-            depth, normal = _leave(turn.T @ (stations[s] - centre), half, bias)
-            depth += flesh.radii_m[s] - give
+            room = flesh.radii_m[s] - give
+            x, y, z = stations[s] - centre
+            off = np.empty(3)
+            outside = 0.0
+            for i in range(3):
+                off[i] = turn[0, i] * x + turn[1, i] * y + turn[2, i] * z
+                outside = max(outside, abs(off[i]) - half[i])
+            if outside >= max(room, 0.0) and outside > 0.0:
+                continue
+            depth, normal = _leave(off, half, bias)
+            depth += room
             if depth > 0 and n < MAX_ROWS:
                 rows.normals[n] = turn @ normal
                 rows.depths_m[n] = depth

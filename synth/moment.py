@@ -22,7 +22,7 @@ PACE_PER_S = 110.0
 
 @dataclass(frozen=True)
 class Family(Generic[M]):
-    """Moments of one kind. kind: a dataclass of floats; base: every field's spread; activities: what differs."""
+    """Moments of one kind. kind: a dataclass of floats; base: every field's spread; activities: changes."""
 
     kind: Callable[..., M]
     base: Mapping[str, Spread]
@@ -60,4 +60,4 @@ def glide(start: M, end: M, share: float) -> M:
 
 
 def _largest_change(start: M, end: M) -> float:
-    return max(abs(getattr(end, f.name) - getattr(start, f.name)) for f in fields(start))
+    return max(abs(float(getattr(end, f.name) - getattr(start, f.name))) for f in fields(start))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from synth.body import Body, pose
 from synth.flesh import flesh_of
 from synth.moment import Family, Spread
-from synth.moment import glide as glide
 from synth.scene import FLOOR, Chair, Sofa
 from synth.settle import Pull, settle, sink
 from synth.skeleton import JOINT_ID, N_JOINTS, Float64, Posture, clamp, reach
@@ -58,6 +57,8 @@ class Sitting:
     pronation: float
     left_foot_sink: float  # in [0, 1]: how much the foot is let down to the floor
     right_foot_sink: float
+    left_hand_sink: float  # likewise, to whatever lies under the hand
+    right_hand_sink: float
 
 
 _BASE: dict[str, Spread] = {
@@ -87,20 +88,20 @@ _BASE: dict[str, Spread] = {
     "pronation": (0.0, 30.0),
     "left_foot_sink": (0.6, 0.1),
     "right_foot_sink": (0.6, 0.1),
+    "left_hand_sink": (0.5, 0.1),
+    "right_hand_sink": (0.5, 0.1),
 }
 """A person who just sits, hands on the thighs: aimed a little inside them, which contact forbids."""
 
 
-def _hands(x: float, y: float, z: float, spread: float) -> dict[str, Spread]:
-    return {
-        **{f"left_hand_{k}": (v, spread) for k, v in zip("xyz", (x, y, z), strict=True)},
-        **{f"right_hand_{k}": (v, spread) for k, v in zip("xyz", (-x, y, z), strict=True)},
-    }
-
-
-def _hand(side: str, x: float, y: float, z: float, spread: float) -> dict[str, Spread]:
+def _hand(side: str, x: float, y: float, z: float, spread: float, rest: float = 0.0) -> dict[str, Spread]:
     sign = 1 if side == "left" else -1
-    return {f"{side}_hand_{k}": (v, spread) for k, v in zip("xyz", (sign * x, y, z), strict=True)}
+    place = {f"{side}_hand_{k}": (v, spread) for k, v in zip("xyz", (sign * x, y, z), strict=True)}
+    return {**place, f"{side}_hand_sink": (rest, 0.0)}
+
+
+def _hands(x: float, y: float, z: float, spread: float, rest: float = 0.0) -> dict[str, Spread]:
+    return {**_hand("left", x, y, z, spread, rest), **_hand("right", x, y, z, spread, rest)}
 
 
 ACTIVITIES: dict[str, dict[str, Spread]] = {
@@ -117,7 +118,7 @@ ACTIVITIES: dict[str, dict[str, Spread]] = {
     },
     "arms_up": {**_hands(0.30, -0.12, 0.80, 0.14)},
     "arm_rests": {
-        **_hands(0.36, -0.20, 0.24, 0.05),
+        **_hands(0.36, -0.20, 0.24, 0.05, rest=0.5),
         "left_swivel": (40.0, 15.0),
         "right_swivel": (40.0, 15.0),
     },
@@ -146,10 +147,14 @@ ACTIVITIES: dict[str, dict[str, Spread]] = {
         "right_foot_sink": (0.0, 0.0),
         "left_spread": (3.0, 4.0),
     },
-    "leaning_forward": {**_hands(0.14, -0.52, 0.14, 0.06), "bend": (42.0, 12.0), "recline": (-8.0, 8.0)},
+    "leaning_forward": {
+        **_hands(0.14, -0.52, 0.14, 0.06, rest=0.5),
+        "bend": (42.0, 12.0),
+        "recline": (-8.0, 8.0),
+    },
     "leaning_aside": {"lean": (0.0, 22.0), "turn": (0.0, 24.0)},
     "slumping": {
-        **_hands(0.22, -0.10, 0.10, 0.06),
+        **_hands(0.22, -0.10, 0.10, 0.06, rest=0.5),
         "slide": (0.18, 0.06),
         "recline": (32.0, 8.0),
         "bend": (24.0, 10.0),
@@ -185,7 +190,9 @@ def sitting_posture(body: Body, seat: Sofa | Chair, moment: Sitting) -> Posture:
         hand = middle + scale * np.array([getattr(moment, f"{side}_hand_{k}") for k in "xyz"])
         swivel = np.radians(getattr(moment, f"{side}_swivel"))
         posture = reach(posture, flesh.rest_joints_m, flesh.aligned, side, hand, swivel)
-        pulls.append(Pull(f"{side}_wrist", hand, HAND_HOLD))
+        down = getattr(moment, f"{side}_hand_sink")
+        pulls.append(Pull(f"{side}_wrist", hand, HAND_HOLD * (1, 1, 1 - down)))
+        pulls.append(sink(f"{side}_wrist", down))
         pulls.append(sink(f"{side}_ankle", getattr(moment, f"{side}_foot_sink")))
     return settle(flesh, posture, [FLOOR, *seat.solids()], pulls)
 
@@ -214,7 +221,7 @@ def _sitting_angles(moment: Sitting) -> Float64:
 
 
 def _rest_on(seat: Sofa | Chair, trunk: NDArray[np.float32], joints: Float64, slide: float) -> Float64:
-    """Shift (3,) that puts the seat under the trunk, the back rest behind it and the knees before the edge."""
+    """Shift (3,) that puts the seat under the trunk, the back rest behind it, the knees before its edge."""
     up = seat.seat_height - seat.give_m - float(trunk[:, 2].min())
     gap = seat.back_y(trunk[:, 2] + up) - trunk[:, 1]
     leant_back = float(gap.min()) + seat.give_m - max(slide, 0.0)

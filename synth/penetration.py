@@ -73,7 +73,9 @@ def penetrations_m(
         points = np.ascontiguousarray(points, np.float32)
         inside = closed[b].compute_occupancy(o3d.core.Tensor.from_numpy(points), nsamples=3).numpy() > 0
         if inside.any():
-            found[a, b] = float(skin[b].compute_distance(o3d.core.Tensor.from_numpy(points[inside])).numpy().max())
+            found[a, b] = float(
+                skin[b].compute_distance(o3d.core.Tensor.from_numpy(points[inside])).numpy().max()
+            )
     return found
 
 

@@ -94,9 +94,10 @@ class Sofa:
             arm_height=rng.uniform(0.12, 0.26),
         )
 
-    def back_y(self, z_m: NDArray[np.floating]) -> NDArray[np.floating]:  # type: ignore[type-arg]
+    def back_y(self, z_m: NDArray[np.float32]) -> NDArray[np.float64]:
         """Where the back rest's front face lies at height z (world)."""
-        return self.depth + np.tan(self.back_tilt_rad) * np.maximum(z_m - self.seat_height, 0)
+        above = np.maximum(z_m.astype(np.float64) - self.seat_height, 0)
+        return np.asarray(self.depth + np.tan(self.back_tilt_rad) * above, np.float64)
 
     def solids(self) -> list[Solid]:
         """Seat, back rest and arm rests."""
@@ -141,9 +142,10 @@ class Chair:
             back_tilt_rad=rng.uniform(0.05, 0.2),
         )
 
-    def back_y(self, z_m: NDArray[np.floating]) -> NDArray[np.floating]:  # type: ignore[type-arg]
+    def back_y(self, z_m: NDArray[np.float32]) -> NDArray[np.float64]:
         """Where the back rest's front face lies at height z (world)."""
-        return self.depth + np.tan(self.back_tilt_rad) * np.maximum(z_m - self.seat_height, 0)
+        above = np.maximum(z_m.astype(np.float64) - self.seat_height, 0)
+        return np.asarray(self.depth + np.tan(self.back_tilt_rad) * above, np.float64)
 
     def solids(self) -> list[Solid]:
         """Seat, back rest and four legs."""
@@ -268,7 +270,7 @@ def room(back_wall_y: float, half_width: float = 2.5, front_y: float = -3.5, hei
 
 
 def look_at(eye_m: NDArray[np.float64], target_m: NDArray[np.float64], roll_rad: float = 0.0) -> Pose:
-    """``camera_from_world`` of a camera at ``eye_m`` whose axis meets ``target_m``; x stays level but for roll."""
+    """``camera_from_world`` of a camera at ``eye_m`` looking at ``target_m``; x is level but for roll."""
     forward = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-6:

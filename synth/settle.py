@@ -3,7 +3,7 @@
 A posture is asked for; what it violates are inequalities that are linear for a small step: flesh that
 overlaps has to part, flesh inside furniture has to leave it, a hand has to come to its target, a limb at
 rest has to sink until something carries it. Each round projects the step onto one half-space after the
-other and onto the box of the joint limits (cyclic projections, Kaczmarz 1937; Bauschke & Borwein 1996), contacts
+other and onto the box of the joint limits (cyclic projections; Bauschke & Borwein 1996), contacts
 last, so that they win. The result depends continuously on the posture asked for, but where a limb
 would have to pass through another.
 """
@@ -35,7 +35,7 @@ MAX_HEAVE_M = 0.05
 
 
 def _mobility() -> Float64:
-    """(J, 3) how readily an angle gives way: limbs before the trunk, and no joint about a hinge it has not."""
+    """(J, 3) how readily an angle gives way: limbs before the trunk, no joint about a hinge it has not."""
     by_kind = {
         "clavicle": (0.1, 0.15, 0.1),
         "shoulder": (1.0, 1.0, 1.0),
@@ -197,15 +197,17 @@ def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:  #
 def _gradient(
     rules: Rules, axes: Float64, positions: Float64, rows: Rows, r: int, where: Int64, value: Float64
 ) -> int:  # pragma: no cover
-    """How far row r's points part per radian of each angle (index, value) that moves them; returns how many."""
+    """How far row r's points part per radian of each angle that moves them; returns how many."""
     n = 0
+    u, v, w = rows.normals[r]
     for side in range(2):
         mover, first = rows.movers[r, side], n
         sign = 1.0 if side == 0 else -1.0
         for j in range(1, N_JOINTS):
             if mover < 0 or not rules.moved_by[mover, j]:
                 continue
-            lever = np.cross(rows.points[r, side] - positions[j], rows.normals[r])
+            x, y, z = rows.points[r, side] - positions[j]
+            p, q, s = y * w - z * v, z * u - x * w, x * v - y * u
             for a in range(3):
                 if rules.mobility[j, a] > 0:
                     known = -1
@@ -214,7 +216,7 @@ def _gradient(
                     if known < 0:
                         known, n = n, n + 1
                         where[known], value[known] = 3 * j + a, 0.0
-                    value[known] += sign * np.dot(axes[j, a], lever)
+                    value[known] += sign * (axes[j, a, 0] * p + axes[j, a, 1] * q + axes[j, a, 2] * s)
     return n
 
 
