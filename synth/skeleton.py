@@ -114,11 +114,6 @@ def rotations(angles_rad: Float64) -> Float64:
     return np.asarray(Rotation.from_euler("XYZ", angles_rad * _SIGNS).as_matrix())
 
 
-def angles_of(joint: int, rotation: Float64) -> Float64:
-    """Angle triple (3,) of one joint's rotation matrix: inverse of ``rotations``."""
-    return np.asarray(Rotation.from_matrix(rotation).as_euler("XYZ") * _SIGNS[joint])
-
-
 def clamp(angles_rad: Float64) -> Float64:
     """Angles (J, 3) brought inside the joints' limits."""
     return np.clip(angles_rad, LIMITS_RAD[..., 0], LIMITS_RAD[..., 1])
