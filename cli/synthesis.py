@@ -1,64 +1,79 @@
 """Verbs on synthetic people: synth bodies, synth generate."""
 
-import csv
+import sys
 import time
+from collections.abc import Sequence
+from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from cli.console import Json, Overwrite, clear, finish, progress
 from sensors.errors import CloudError, ExistsError
-from synth.body import load_body, save_body
+from synth.body import Body, save_body
+from synth.body_picture import save_picture
+from synth.body_table import PAPER_BODIES, BodySize, as_text, describe, read_sizes
 from synth.generate import ORDER, Order, generate
 from synth.sample import preset_named
 from synth.workers import cluster, processes
 
-MEASURES = ("height_cm", "weight_kg", "waist_breadth_cm")
+PICTURE = "bodies.png"
 app = typer.Typer(help="Bodies and datasets of synthetic depth images.", no_args_is_help=True)
 
 
 @app.command()
 def bodies(
-    out: Annotated[Path, typer.Option(help="Folder for the baked bodies.")],
+    out: Annotated[Path, typer.Option(help=f"Folder for the baked bodies and their picture, {PICTURE}.")],
     table: Annotated[
         Path | None,
         typer.Option(help="CSV: name,height_cm,weight_kg,waist_breadth_cm. Default: the paper's eight."),
     ] = None,
+    sample: Annotated[
+        int | None,
+        typer.Option(
+            help="So many random adults instead, of both sexes, all ages and builds.", min=1, max=1000
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the random adults: same seed, same bodies.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Fit the parametric body to height, weight and waist breadth, and bake it. Needs the extra 'synth'."""
-    from synth.fit import PAPER_BODIES, BodyModel, BodySize, fit
-
-    sizes = PAPER_BODIES
-    if table is not None:
-        try:
-            with table.open(newline="", encoding="utf-8") as file:
-                rows = list(csv.DictReader(file))
-            sizes = tuple(
-                BodySize(Path(row["name"]).name, *(float(row[c]) for c in MEASURES)) for row in rows
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise CloudError(
-                f"{table} is no table of bodies ({error}); give columns name,{','.join(MEASURES)}"
-            ) from error
+    if table is not None and sample is not None:
+        raise CloudError("--table and --sample both say which bodies; give one of them")
+    asked = PAPER_BODIES if table is None else read_sizes(table)
+    sizes: Sequence[BodySize | None] = asked if sample is None else [None] * sample
+    names = [f"sample_{i:03}" if size is None else size.name for i, size in enumerate(sizes)]
+    for path in (out / PICTURE, *(out / f"{name}.npz" for name in names)):
+        if path.exists() and not overwrite:
+            raise ExistsError(f"{path} exists already; choose another folder or pass --overwrite")
+    # All bodies are found before the first is written.
+    made = _bake(names, sizes, np.random.default_rng(seed))
     out.mkdir(parents=True, exist_ok=True)
-    model, made = BodyModel(), []
+    for body in made:
+        save_body(out / f"{body.name}.npz", body)
+    save_picture(out / PICTURE, made)
+    rows = [describe(body, size) for body, size in zip(made, sizes, strict=True)]
+    finish({"bodies": rows}, json, as_text(rows))
+
+
+def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Generator) -> list[Body]:
+    """Fitted where a size is asked, random where not."""
+    from synth.fit import BodyModel, fit, random_adult
+
+    # Libraries under anny greet on stdout, which is the result's.
+    with redirect_stdout(sys.stderr):
+        model = BodyModel()
+    made = []
     with progress("fit bodies", len(sizes)) as advance:
-        for size in sizes:
-            path = out / f"{size.name}.npz"
-            if path.exists() and not overwrite:
-                raise ExistsError(f"{path} exists already; choose another folder or pass --overwrite")
-            save_body(path, model.bake(size.name, fit(model, size)))
-            body = load_body(path)
-            measured = (body.height_cm, body.weight_kg, body.waist_breadth_cm)
-            made.append(
-                {"model": size.name} | dict(zip(MEASURES, (round(v, 2) for v in measured), strict=True))
-            )
+        for name, size in zip(names, sizes, strict=True):
+            phenotype = random_adult(rng) if size is None else fit(model, size)
+            made.append(model.bake(name, phenotype))
             advance(1)
-    finish({"bodies": made}, json, "\n".join(", ".join(f"{k} {v}" for k, v in body.items()) for body in made))
+    return made
 
 
 @app.command("generate")

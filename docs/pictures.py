@@ -12,6 +12,8 @@ from annotate.person import extract_person
 from annotate.segment import segment
 from eval.predict import Network
 from eval.report.gallery import make_frame
+from synth.body import shipped_bodies
+from synth.body_picture import save_picture
 from synth.rig import VirtualRig, truth_labels
 
 IMAGES = Path(__file__).parent / "images"
@@ -41,4 +43,5 @@ def _framed(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
+    save_picture(IMAGES / "bodies.png", shipped_bodies())
     cv2.imwrite(str(IMAGES / "frame.png"), frame_picture()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])

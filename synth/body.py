@@ -10,11 +10,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.parts import PART_ID
 from sensors.atomic import replacing
 from sensors.camera import FloatArray
 from sensors.errors import FormatError
-from synth.skeleton import JOINT_ID, N_JOINTS, Float64, Posture, alignment, forward
+from synth.skeleton import N_JOINTS, Float64, Posture, alignment, forward
 
 BONES_PER_VERTEX = 4
 DENSITY_KG_M3 = 980.0
@@ -110,52 +109,6 @@ def _skin(
                 result[v, 1] += w * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3])
                 result[v, 2] += w * (m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3])
     return result
-
-
-def label_faces(
-    vertices_m: NDArray[np.float32],
-    faces: NDArray[np.int32],
-    joints_m: Float64,
-    by_joint: NDArray[np.float32],
-) -> NDArray[np.uint8]:
-    """Part id (F,) per face from summed skinning weights at its centre; the pelvis by landmarks.
-
-    by_joint: (V, J) weight of every joint. Skinning alone leaves the hip a sliver: here it reaches from
-    the iliac crest down to the groin in front and to the gluteal folds behind.
-    """
-    by_part = np.zeros((len(vertices_m), 12), np.float32)
-    for name, joint in JOINT_ID.items():
-        by_part[:, _part_of_joint(name)] += by_joint[:, joint]
-    parts: NDArray[np.uint8] = by_part[faces].mean(axis=1).argmax(axis=1).astype(np.uint8)
-    x, y, z = vertices_m[faces].mean(axis=1).T
-    hip_z = joints_m[JOINT_ID["left_hip"], 2]
-    femur = hip_z - joints_m[JOINT_ID["left_knee"], 2]
-    trunk = np.isin(parts, (PART_ID["torso"], PART_ID["hip"]))
-    thigh = np.isin(parts, (PART_ID["left_upper_leg"], PART_ID["right_upper_leg"]))
-    midline = (np.abs(x) < 0.01) & (trunk | thigh) & (z < hip_z)
-    crotch_z = z[midline].min() if midline.any() else hip_z - 0.1
-    # The iliac crest lies about a quarter of the femur's length above the hip joint.
-    crest_z = hip_z + 0.24 * femur
-    outwards = np.clip(np.abs(x) / np.abs(x[thigh]).max(), 0, 1)
-    behind = np.clip((y - joints_m[JOINT_ID["left_hip"], 1]) / 0.05 + 0.5, 0, 1)
-    groin_z = crotch_z + (1 - behind) * (hip_z - crotch_z) * outwards
-    parts[trunk] = np.where(z[trunk] < crest_z, PART_ID["hip"], PART_ID["torso"])
-    parts[thigh & (z > groin_z)] = PART_ID["hip"]
-    return parts
-
-
-def _part_of_joint(joint: str) -> int:
-    side, _, kind = joint.partition("_")
-    names = {
-        "shoulder": f"{side}_upper_arm",
-        "elbow": f"{side}_forearm",
-        "wrist": f"{side}_forearm",
-        "hip": f"{side}_upper_leg",
-        "knee": f"{side}_lower_leg",
-        "ankle": f"{side}_lower_leg",
-    }
-    trunk = {"pelvis": "hip", "neck": "head", "head": "head"}
-    return PART_ID[names.get(kind) or trunk.get(joint, "torso")]
 
 
 def save_body(path: Path, body: Body) -> None:

@@ -104,7 +104,7 @@ def flesh_of(body: Body) -> Flesh:
 def _fit(same: _Same) -> Flesh:
     body = cast(Body, same.held)
     centres, radii, joints = np.zeros((N_STATIONS, 3)), np.zeros(N_STATIONS), np.zeros(N_STATIONS, np.int64)
-    owned = _vertices_of_joints(_Same(body.bones), _Same(body.weights))
+    owned = _vertices_of_joints(*map(_Same, (body.bones, body.weights, body.faces, body.face_parts)))
     _fit_trunk(body, owned, centres, radii, joints)
     for side in ("left", "right"):
         for limb, (start, end) in _BONE.items():
@@ -203,11 +203,19 @@ def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, 
 
 
 @lru_cache(maxsize=4)
-def _vertices_of_joints(bones: _Same, weights: _Same) -> list[Int64]:
-    """Per joint the vertices it weighs most on; builds blended of one kind share the arrays, so this too."""
+def _vertices_of_joints(bones: _Same, weights: _Same, faces: _Same, parts: _Same) -> list[Int64]:
+    """Per joint the vertices it weighs most on; builds blended of one kind share the arrays, so this too.
+
+    Those on a border between parts are left out: they stand in a dense row and would weigh in every mean.
+    """
     strongest = cast(NDArray[np.float32], weights.held).argmax(axis=1)
     main = cast(NDArray[np.uint8], bones.held)[np.arange(len(strongest)), strongest]
-    return [np.flatnonzero(main == j) for j in range(N_JOINTS)]
+    corners, part = cast(NDArray[np.int32], faces.held), cast(NDArray[np.uint8], parts.held)
+    lowest, highest = np.full(len(main), 255, np.uint8), np.zeros(len(main), np.uint8)
+    for corner in corners.T:
+        np.minimum.at(lowest, corner, part)
+        np.maximum.at(highest, corner, part)
+    return [np.flatnonzero((main == j) & (lowest == highest)) for j in range(N_JOINTS)]
 
 
 @numba.njit(cache=True, fastmath=True)
