@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from synth.attitude import mirrored
 from synth.body import shipped_bodies
-from synth.contact import height_to_rest
+from synth.contact import height_to_rest, lift_needed
 from synth.flesh import flesh_of
 from synth.moment import Family, glide
 from synth.motion import SITTING, sit, sitting_posture
@@ -111,8 +111,11 @@ def test_a_trunk_lies_on_the_mattress_and_never_through_it(activity):
         rng, body = np.random.default_rng(seed), BODIES[seed]
         bed = Bed.sample(rng)
         vertices, _ = lie(body, bed, RECUMBENT.draw(activity, rng))
-        rise_left = height_to_rest(vertices[flesh_of(body).trunk], [FLOOR, bed.solids()[0]])
-        assert -0.09 < rise_left < 0.012
+        trunk, carriers = vertices[flesh_of(body).trunk], [FLOOR, bed.solids()[0]]
+        rise_left = height_to_rest(trunk, carriers)
+        assert rise_left > -0.09
+        # Over the mattress' edge flesh hangs down beside it: there only what is through its top counts.
+        assert (lift_needed(trunk, carriers) if activity == "half_off_left" else rise_left) < 4e-3
 
 
 def test_the_side_a_body_lies_on_is_the_side_its_name_says():

@@ -117,10 +117,12 @@ def test_a_plane_moved_by_whole_pixels_is_the_image_moved(shift, size, z):
     images = []
     for move in (0, shift * z / 64):
         points = np.column_stack([corners[:, 0] + move, corners[:, 1], np.full(4, z)]).astype(np.float32)
-        # Either triangle may win where the diagonal meets a pixel's centre: what counts is that one does.
-        images.append(rasterize(camera, points, faces).face >= 0)
+        images.append(rasterize(camera, points, faces).face)
     still, moved = images[0][:, 30:98], images[1][:, 30 + shift : 98 + shift]
-    assert (still != moved).mean() < 0.01
+    assert ((still >= 0) != (moved >= 0)).mean() < 0.01
+    # Either triangle may win where their diagonal meets a pixel's centre: one pixel a row, no more.
+    both = (still >= 0) & (moved >= 0)
+    assert (both & (still != moved)).sum(axis=1).max() <= 1
 
 
 @given(seed=st.integers(0, 1000))
