@@ -11,12 +11,15 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-EXTRAS := synth,train,cluster,dev
+EXTRAS := synth,train,gui,cluster,dev
 
-# PCL and a compiler for the extension; Mesa for rendering without a screen.
-PACKAGES := python3-venv python3-dev g++ cmake ninja-build pkg-config libpcl-dev libgl1 libegl1 libgomp1
-# A browser for the report's test, which skips without one (Ubuntu has it only as a snap).
-OPTIONAL := chromium
+# PCL and a compiler for the extension; Mesa for rendering without a screen; what Qt asks of X.
+PACKAGES := python3-venv python3-dev g++ cmake ninja-build pkg-config libpcl-dev libgl1 libegl1 libgomp1 \
+	libxcb-cursor0 libxkbcommon-x11-0 libxcb-icccm4 libxcb-keysyms1 libxcb-image0 libxcb-render-util0 \
+	libxcb-xinerama0 libxcb-shape0
+# A screen for the window's tests, and a browser for the report's; the last is skipped where there is none
+# (Ubuntu has it only as a snap).
+OPTIONAL := xvfb chromium
 
 help:
 	@echo "make demo    set up, then run the whole path on the virtual rig into demo-out/"

@@ -64,6 +64,16 @@ def decode_parts(data: bytes) -> NDArray[np.uint8]:
         raise FormatError(f"parts PNG cannot be decoded ({error}); restore it from a copy") from error
 
 
+def encode_persons(persons: NDArray[np.uint8]) -> bytes:
+    """uint8 (h, w) person numbers -> 8-bit greyscale PNG."""
+    return _encode_png(persons)
+
+
+def decode_persons(data: bytes) -> NDArray[np.uint8]:
+    """Inverse of ``encode_persons``. Raises FormatError."""
+    return decode_grey(data, np.uint8, "persons")
+
+
 def _encode_png(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     ok, data = cv2.imencode(".png", image, _RLE)
     if not ok:

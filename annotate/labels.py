@@ -19,6 +19,7 @@ class FrameLabels:
     depth_mm: uint16 (h, w), 0 = no reading. parts: uint8 (h, w) part ids, 255 = undefined.
     confidence: float32 (h, w) in [0, 1], or None. subject: who is seen, "" if unknown.
     notes: free JSON values (what was left out, what makes the frame hard).
+    persons: uint8 (h, w), or None: 0 nobody, 1 the labelled person, 2 and on everybody else.
     Raises FormatError naming shape or value.
     """
 
@@ -29,6 +30,7 @@ class FrameLabels:
     status: Status = "auto"
     subject: str = ""
     notes: dict[str, Any] = field(default_factory=dict)
+    persons: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         if self.depth_mm.ndim != 2 or self.depth_mm.dtype != np.uint16:
@@ -44,6 +46,13 @@ class FrameLabels:
         if self.confidence is not None and self.confidence.shape != self.parts.shape:
             raise FormatError(
                 f"frame {self.frame_id}: confidence is {self.confidence.shape}; give {self.parts.shape}"
+            )
+        if self.persons is not None and (
+            self.persons.shape != self.parts.shape or self.persons.dtype != np.uint8
+        ):
+            raise FormatError(
+                f"frame {self.frame_id}: persons are {self.persons.dtype} {self.persons.shape}; "
+                f"give uint8 {self.parts.shape}"
             )
         unknown = self.parts[(self.parts >= N_CLASSES) & (self.parts != UNDEFINED)]
         if unknown.size:

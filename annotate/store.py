@@ -14,9 +14,11 @@ from annotate.images import (
     decode_confidence,
     decode_depth,
     decode_parts,
+    decode_persons,
     encode_confidence,
     encode_depth,
     encode_parts,
+    encode_persons,
 )
 from annotate.labels import FrameLabels
 from annotate.parts import PARTS
@@ -110,8 +112,10 @@ class LabelSet:
         parts = self._image(frame_id, "parts.png", decode_parts)
         has_confidence = self._file(frame_id, "confidence.png").is_file()
         confidence = self._image(frame_id, "confidence.png", decode_confidence) if has_confidence else None
+        has_persons = self._file(frame_id, "persons.png").is_file()
+        persons = self._image(frame_id, "persons.png", decode_persons) if has_persons else None
         try:
-            return FrameLabels(frame_id, depth, parts, confidence, **fields)
+            return FrameLabels(frame_id, depth, parts, confidence, persons=persons, **fields)
         except TypeError as error:
             raise FormatError(
                 f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it"
@@ -135,6 +139,10 @@ class LabelSet:
             self._put(frame.frame_id, "confidence.png", encode_confidence(frame.confidence))
         else:
             self._file(frame.frame_id, "confidence.png").unlink(missing_ok=True)
+        if frame.persons is not None:
+            self._put(frame.frame_id, "persons.png", encode_persons(frame.persons))
+        else:
+            self._file(frame.frame_id, "persons.png").unlink(missing_ok=True)
         fields = {"status": frame.status, "subject": frame.subject, "notes": frame.notes}
         self._put(frame.frame_id, "json", _dump(fields))
 

@@ -63,6 +63,7 @@ def assert_same(a: FrameLabels, b: FrameLabels) -> None:
     assert (a.confidence is None) == (b.confidence is None)
     if a.confidence is not None:
         np.testing.assert_array_equal(a.confidence, b.confidence)
+    np.testing.assert_array_equal(a.persons, b.persons)
 
 
 @pytest.fixture
@@ -161,6 +162,7 @@ def test_an_impossible_size_is_refused_before_it_is_allocated():
         ({"parts": np.zeros((6, 8), np.int64)}, "int64"),
         ({"parts": np.full((6, 8), 12, np.uint8)}, "part id 12"),
         ({"confidence": np.zeros((1, 1), np.float32)}, "confidence"),
+        ({"persons": np.zeros((6, 8), np.int64)}, "int64"),
         ({"status": "guessed"}, "guessed"),
     ],
 )
@@ -180,10 +182,11 @@ def test_impossible_labels_are_refused(changes, says):
     status=st.sampled_from(["auto", "corrected", "reviewed", "truth"]),
     subject=st.text(max_size=9),
     noted=notes,
+    persons=st.none() | arrays(np.uint8, (6, 8)),
 )
 @law
-def test_a_frame_survives_to_the_bit(label_set, depth, parts, confidence, status, subject, noted):
-    frame = FrameLabels("000001", depth, parts, confidence, status, subject, noted)
+def test_a_frame_survives_to_the_bit(label_set, depth, parts, confidence, status, subject, noted, persons):
+    frame = FrameLabels("000001", depth, parts, confidence, status, subject, noted, persons)
     label_set.write(frame)
     assert_same(LabelSet.open(label_set.path).read("000001"), frame)
 
