@@ -16,6 +16,7 @@ from sensors.messages import (
     COLOR,
     DEPTH,
     EVENTS,
+    INFRARED,
     METADATA,
     SCHEMAS,
     TF,
@@ -86,7 +87,7 @@ class _Scan:
 
     path: Path
     places: dict[str, "array[int]"] = field(
-        default_factory=lambda: {topic: array("q") for topic in (DEPTH, COLOR, THERMAL)}
+        default_factory=lambda: {topic: array("q") for topic in (DEPTH, COLOR, THERMAL, INFRARED)}
     )
     calibrations: dict[str, bytes] = field(default_factory=dict)
     events: list[tuple[int, str]] = field(default_factory=list)

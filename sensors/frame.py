@@ -21,6 +21,7 @@ class RigFrame:
     depth_mm: uint16 (h, w) millimetres along z, 0 = no reading, lens distortion still in.
     color_encoded: the camera's own JPEG (or PNG) bytes, or None.
     thermal_c: float32 (h, w) degrees Celsius, NaN = no reading, or None.
+    infrared: uint16 (h, w) amplitude in the depth camera's own pixels, or None; calibration needs it.
     stamp_ns: the depth camera's time. Raises FormatError for wrong types or shapes.
     """
 
@@ -29,11 +30,14 @@ class RigFrame:
     depth_mm: NDArray[np.uint16]
     color_encoded: bytes | None = field(default=None, repr=False)
     thermal_c: NDArray[np.float32] | None = None
+    infrared: NDArray[np.uint16] | None = None
 
     def __post_init__(self) -> None:
         _check("depth", self.depth_mm, np.uint16)
         if self.thermal_c is not None:
             _check("thermal", self.thermal_c, np.float32)
+        if self.infrared is not None:
+            _check("infrared", self.infrared, np.uint16)
 
     def decode_color(self) -> NDArray[np.uint8] | None:
         """Colour image (h, w, 3) RGB, or None where the frame has none.

@@ -26,6 +26,7 @@ from sensors.errors import CalibrationError, FormatError
 
 CAMERAS = ("depth", "color", "thermal")
 DEPTH, COLOR, THERMAL = (f"/{camera}/image" for camera in CAMERAS)
+INFRARED = "/infrared/image"
 CALIBRATIONS = {f"/{camera}/calibration": camera for camera in CAMERAS}
 TF, EVENTS = "/tf", "/events"
 
@@ -33,6 +34,7 @@ SCHEMAS: dict[str, type[ProtoMessage]] = {
     DEPTH: RawImage,
     COLOR: CompressedImage,
     THERMAL: RawImage,
+    INFRARED: RawImage,
     **dict.fromkeys(CALIBRATIONS, CameraCalibration),
     TF: FrameTransforms,
     EVENTS: Log,
@@ -57,6 +59,16 @@ def depth_message(depth_mm: NDArray[np.uint16], stamp_ns: int) -> RawImage:
 def depth_from(data: bytes) -> NDArray[np.uint16]:
     """Inverse of ``depth_message``. Raises FormatError."""
     return _raw_values(data, "depth")
+
+
+def infrared_message(infrared: NDArray[np.uint16], stamp_ns: int) -> RawImage:
+    """uint16 (h, w) infrared amplitude of the depth camera as 16UC1."""
+    return _raw_image(infrared, "infrared", stamp_ns)
+
+
+def infrared_from(data: bytes) -> NDArray[np.uint16]:
+    """Inverse of ``infrared_message``. Raises FormatError."""
+    return _raw_values(data, "infrared")
 
 
 def thermal_message(thermal_c: NDArray[np.float32], stamp_ns: int) -> RawImage:

@@ -17,7 +17,16 @@ from sensors.contents import read_contents
 from sensors.errors import CalibrationError, FormatError
 from sensors.frame import RigFrame
 from sensors.mcap_records import records_at
-from sensors.messages import COLOR, DEPTH, THERMAL, color_from, depth_from, thermal_from
+from sensors.messages import (
+    COLOR,
+    DEPTH,
+    INFRARED,
+    THERMAL,
+    color_from,
+    depth_from,
+    infrared_from,
+    thermal_from,
+)
 
 COLOR_WINDOW_NS = 17_000_000
 """Colour belongs to a depth image when at most half a period of 30 Hz away."""
@@ -56,6 +65,8 @@ class Session:
         depth = self._messages[DEPTH].stamps_ns
         self._color = pair_stamps(depth, self._messages[COLOR].stamps_ns, COLOR_WINDOW_NS)
         self._thermal = pair_stamps(depth, self._messages[THERMAL].stamps_ns, THERMAL_WINDOW_NS)
+        # One exposure gives both.
+        self._infrared = pair_stamps(depth, self._messages[INFRARED].stamps_ns, 0)
         self._chunk = lru_cache(CACHED_CHUNKS)(self._read_chunk)
 
     def __len__(self) -> int:
@@ -70,17 +81,21 @@ class Session:
             raise IndexError(index)
         depth = depth_from(self._message(DEPTH, index))
         _check_size("depth", depth, self.calibration.depth)
-        color, thermal = int(self._color[index]), int(self._thermal[index])
-        thermal_c = None
+        color, thermal, shone = int(self._color[index]), int(self._thermal[index]), int(self._infrared[index])
+        thermal_c = infrared = None
         if thermal >= 0:
             thermal_c = thermal_from(self._message(THERMAL, thermal))
             _check_size("thermal", thermal_c, self.calibration.thermal)
+        if shone >= 0:
+            infrared = infrared_from(self._message(INFRARED, shone))
+            _check_size("infrared", infrared, self.calibration.depth)
         return RigFrame(
             index=index,
             stamp_ns=int(self._messages[DEPTH].stamps_ns[index]),
             depth_mm=depth,
             color_encoded=color_from(self._message(COLOR, color)) if color >= 0 else None,
             thermal_c=thermal_c,
+            infrared=infrared,
         )
 
     @property

@@ -29,6 +29,7 @@ from sensors.messages import (
     COLOR,
     DEPTH,
     EVENTS,
+    INFRARED,
     METADATA,
     SCHEMAS,
     THERMAL,
@@ -36,6 +37,7 @@ from sensors.messages import (
     color_message,
     depth_message,
     event_message,
+    infrared_message,
     thermal_message,
 )
 
@@ -109,6 +111,8 @@ class SessionWriter:
             self.write_color(frame.color_encoded, frame.stamp_ns, arrival_ns)
         if frame.thermal_c is not None:
             self.write_thermal(frame.thermal_c, frame.stamp_ns, arrival_ns)
+        if frame.infrared is not None:
+            self._add(INFRARED, infrared_message(frame.infrared, frame.stamp_ns), frame.stamp_ns, arrival_ns)
         self.write_depth(frame.depth_mm, frame.stamp_ns, arrival_ns)
 
     def write_depth(self, depth_mm: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None) -> None:

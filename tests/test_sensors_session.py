@@ -27,6 +27,7 @@ from sensors.mcap_records import record_offsets
 from sensors.messages import (
     COLOR,
     DEPTH,
+    INFRARED,
     SCHEMAS,
     THERMAL,
     calibration_from,
@@ -62,6 +63,7 @@ def frames(n: int, seed: int = 0) -> list[RigFrame]:
             depth_mm=rng.integers(0, 65536, (24, 32), np.uint16),
             color_encoded=JPEG + bytes(rng.integers(0, 256, 9, np.uint8)),
             thermal_c=thermal_from_uint16(rng.integers(0, 65536, (6, 8), np.uint16)),
+            infrared=rng.integers(0, 65536, (24, 32), np.uint16),
         )
         for i in range(n)
     ]
@@ -79,6 +81,7 @@ def assert_same(a: RigFrame, b: RigFrame) -> None:
     assert (a.index, a.stamp_ns, a.color_encoded) == (b.index, b.stamp_ns, b.color_encoded)
     np.testing.assert_array_equal(a.depth_mm, b.depth_mm)
     np.testing.assert_array_equal(a.thermal_c, b.thermal_c)
+    np.testing.assert_array_equal(a.infrared, b.infrared)
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +102,7 @@ def test_a_session_survives_to_the_bit(whole):
         DEPTH: 8,
         COLOR: 8,
         THERMAL: 8,
+        INFRARED: 8,
     }
     assert session.streams[DEPTH].rate_hz == pytest.approx(30, abs=0.001)
     assert not list(whole.parent.glob("*.partial"))

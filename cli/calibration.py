@@ -1,0 +1,79 @@
+"""The verb on calibration: calibrate."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cli.calibration_plot import plot_residuals
+from cli.console import Json, Overwrite, finish, progress, say
+from sensors.atomic import replacing
+from sensors.bundle import Adjusted, adjust
+from sensors.calibration import save_calibration
+from sensors.calibration_verdict import judge
+from sensors.calibration_yaml import write_yaml
+from sensors.errors import CalibrationError, ExistsError
+from sensors.hole_plate import HolePlate
+from sensors.plate_view import view_plate
+from sensors.replay import Session
+
+
+def calibrate(
+    board: Annotated[Path, typer.Argument(help="Session of the hole plate held before the cameras.")],
+    out: Annotated[Path, typer.Option(help="Calibration to write (JSON); a plot goes beside it.")],
+    yaml: Annotated[
+        Path | None, typer.Option(help="Folder for the same as OpenCV and iai_kinect2 YAML.")
+    ] = None,
+    columns: Annotated[int, typer.Option(help="Holes in a row.")] = 4,
+    rows: Annotated[int, typer.Option(help="Rows of holes.")] = 11,
+    pitch_mm: Annotated[float, typer.Option(help="Distance of neighbouring rows.")] = 35.0,
+    hole_mm: Annotated[float, typer.Option(help="Diameter of a hole.")] = 22.0,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Solve intrinsics and relative poses of all cameras from a recording of a hole plate."""
+    plot = out.with_suffix(".png")
+    for path in (out, plot, *([yaml] if yaml else [])):
+        if path.exists() and not overwrite:
+            raise ExistsError(f"{path} exists already; choose another name or pass --overwrite")
+    plate = HolePlate(columns, rows, pitch_mm / 1000, hole_mm / 1000)
+    found = _solve(Session(board), plate)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(out) as temporary:
+        save_calibration(temporary, found.calibration)
+    plot_residuals(plot, found)
+    if yaml is not None:
+        write_yaml(yaml, found.calibration, found.depth_shift_mm[0])
+    good, findings = judge(found)
+    for finding in findings:
+        say(finding.says + (f": {finding.remedy}" if finding.remedy else ""))
+    verdict = "good" if good else "not to be relied on yet, see above"
+    finish(_result(found, good), json, f"{out}: {verdict}; errors drawn in {plot}")
+
+
+def _solve(session: Session, plate: HolePlate) -> Adjusted:
+    if "/infrared/image" not in session.streams:
+        raise CalibrationError(
+            f"{session.path} has no infrared images; record with --infrared, or calibrate --check a session"
+        )
+    views = []
+    with progress("look for the plate", len(session)) as advance:
+        for frame in session:
+            views.append(view_plate(frame, plate, session.calibration.depth))
+            advance(1)
+    say(f"solve {len(views)} views")
+    return adjust(views, plate, session.calibration)
+
+
+def _result(found: Adjusted, good: bool) -> dict[str, Any]:
+    shift_mm, shift_sd = found.depth_shift_mm
+    return {
+        "reprojection_px": {name: round(seen.rms_px, 4) for name, seen in found.residuals.items()},
+        "rotation_deg_sd": {n: sd.rotation_deg.round(5).tolist() for n, sd in found.deviations.items()},
+        "translation_mm_sd": {n: sd.translation_mm.round(4).tolist() for n, sd in found.deviations.items()},
+        "depth_shift_mm": round(shift_mm, 3),
+        "depth_shift_mm_sd": round(shift_sd, 3),
+        "views": found.views,
+        "left_out": list(found.left_out),
+        "good": good,
+    }

@@ -1,0 +1,134 @@
+"""The calibration target: a plate with holes before a warm matt backing, which all three cameras see.
+
+Infrared and colour see the holes darker or brighter than the plate, the thermal camera sees them warm.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import CalibrationError
+
+FINE_PX = 640
+"""Images narrower than this are enlarged before the search: OpenCV's blobs need some pixels."""
+FAINT = 1e-6
+SMALL_PX = 14.0
+"""Half the distance of neighbouring holes up to which their centres are refined."""
+
+
+@dataclass(frozen=True)
+class HolePlate:
+    """An asymmetric grid of holes. ``rows`` rows of ``columns``; every second row is shifted by a pitch.
+
+    pitch_m: distance of neighbouring rows, and half that of two holes of one row. hole_m: their diameter.
+    Raises CalibrationError for a plate that cannot be drilled.
+    """
+
+    columns: int = 4
+    rows: int = 11
+    pitch_m: float = 0.035
+    hole_m: float = 0.022
+
+    def __post_init__(self) -> None:
+        if not (2 <= self.columns <= 50 and 3 <= self.rows <= 100 and self.rows % 2):
+            raise CalibrationError(
+                f"a plate of {self.columns} x {self.rows} holes is none; give 2 or more columns and an odd "
+                "number of rows (an even one looks the same upside down)"
+            )
+        if not 0 < self.hole_m < np.sqrt(2) * self.pitch_m:
+            raise CalibrationError(
+                f"holes of {self.hole_m} m at a pitch of {self.pitch_m} m run into each other; measure again"
+            )
+
+    @property
+    def centers_m(self) -> NDArray[np.float64]:
+        """Hole centres (rows * columns, 2) in the plate's plane, in the order of ``find_holes``."""
+        row, column = np.divmod(np.arange(self.rows * self.columns), self.columns)
+        return np.stack([2 * column + row % 2, row], axis=1) * self.pitch_m
+
+    @property
+    def size_m(self) -> NDArray[np.float64]:
+        """Lower and upper corner (2, 2) of the plate: a pitch and a half beyond the outermost centres."""
+        reach = self.centers_m.max(axis=0)
+        return np.stack([np.full(2, -1.5 * self.pitch_m), reach + 1.5 * self.pitch_m])
+
+
+def find_holes(image: NDArray[np.generic], plate: HolePlate) -> NDArray[np.float64] | None:
+    """Centres (n, 2) of all holes as (u, v) in an image (h, w), row by row; None where any is not found.
+
+    The image may be of any brightness scale (amplitude, grey, Celsius); NaN counts as dark.
+    """
+    grey = _stretched(np.asarray(image, np.float32))
+    if grey is None:
+        return None
+    scale = max(1, -(-FINE_PX // grey.shape[1]))
+    if scale > 1:
+        fine = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+        grey = np.asarray(fine, np.uint8)
+    for bright in (255, 0):
+        found, centers = cv2.findCirclesGrid(
+            grey,
+            (plate.columns, plate.rows),
+            flags=cv2.CALIB_CB_ASYMMETRIC_GRID | cv2.CALIB_CB_CLUSTERING,
+            blobDetector=_blobs(bright, grey.shape[1]),
+        )
+        if found and centers is not None:
+            coarse = np.asarray((centers.reshape(-1, 2) + 0.5) / scale - 0.5, np.float64)
+            return _centroids(np.asarray(image, np.float64), coarse)
+    return None
+
+
+def _centroids(image: NDArray[np.float64], coarse: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Centres (n, 2) of small holes to the noise: contrast-weighted means over discs that end half way to the
+    next hole.
+
+    The mean of a blurred hole's contrast is the centre of its ellipse. OpenCV's blobs, made of a few
+    thresholds, are twice as noisy on 160 x 120 pixels, but better where a hole is large.
+    """
+    gaps = np.linalg.norm(coarse[:, None] - coarse[None], axis=2)
+    radius = np.sort(gaps, axis=1)[:, 1] / 2
+    if np.median(radius) > SMALL_PX:
+        return coarse
+    return np.stack([_centroid(image, *one) for one in zip(coarse, radius, strict=True)])
+
+
+def _centroid(image: NDArray[np.float64], center: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    start = center
+    for _ in range(4):
+        (left, top), (right, bottom) = np.floor(center - radius), np.ceil(center + radius) + 1
+        u, v = np.meshgrid(np.arange(max(left, 0), right), np.arange(max(top, 0), bottom))
+        patch = image[int(v[0, 0]) : int(bottom), int(u[0, 0]) : int(right)]
+        if patch.shape != u.shape or not np.isfinite(patch).all():
+            return start
+        away = np.hypot(u - center[0], v - center[1])
+        around = np.median(patch[np.abs(away - radius) < 1])
+        weight = np.clip(radius - away + 0.5, 0, 1) * (patch - around)
+        center = np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
+        if not np.linalg.norm(center - start) < radius / 4:
+            return start
+    return center
+
+
+def _stretched(image: NDArray[np.float32]) -> NDArray[np.uint8] | None:
+    if not np.isfinite(image).any():
+        return None
+    low, high = np.nanpercentile(image, (1, 99))
+    if not high - low > FAINT:
+        return None
+    return np.asarray(255 * np.clip(np.nan_to_num((image - low) / (high - low)), 0, 1), np.uint8)
+
+
+@lru_cache(maxsize=8)
+def _blobs(bright: int, width: int) -> cv2.SimpleBlobDetector:
+    parameters = cv2.SimpleBlobDetector.Params()
+    parameters.blobColor = bright
+    parameters.minThreshold, parameters.maxThreshold, parameters.thresholdStep = 20, 235, 8
+    parameters.minArea, parameters.maxArea = (width / 200) ** 2, (width / 12) ** 2
+    parameters.minDistBetweenBlobs = width / 200
+    parameters.minCircularity, parameters.filterByCircularity = 0.5, True
+    parameters.minConvexity, parameters.filterByConvexity = 0.8, True
+    parameters.minInertiaRatio, parameters.filterByInertia = 0.2, True
+    return cv2.SimpleBlobDetector.create(parameters)

@@ -1,0 +1,208 @@
+"""Calibration: the hole plate is found to a fraction of a pixel, and one adjustment gives the rig back."""
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from sensors.bundle import LEAST_VIEWS, adjust
+from sensors.calibration import Pose, RigCalibration
+from sensors.calibration_verdict import judge
+from sensors.calibration_yaml import FILES, open_calibration, read_yaml, write_yaml
+from sensors.camera import Intrinsics, project
+from sensors.errors import CalibrationError
+from sensors.hole_plate import HolePlate, find_holes
+from sensors.plate_view import PlateView, view_plate
+from sensors.session import SessionWriter
+from synth.plate_views import PlateViews
+from tests.conftest import assert_refused
+
+PLATE = HolePlate()
+RIG = RigCalibration(
+    Intrinsics(512, 424, 365.2, 365.2, 254.0, 211.1, 0.092, -0.267, 0.0, 0.0, 0.09),
+    Intrinsics(1920, 1080, 1081.4, 1081.4, 959.5, 539.5, 0.056, -0.074, 0.0014, -0.0017, 0.024),
+    Pose(Rotation.from_rotvec([0.002, 0.011, 0.017]).as_matrix(), np.array([-0.052, 0.0, 0.001])),
+    Intrinsics(160, 120, 110.1, 110.1, 80.3, 59.2, -0.19, 0.04),
+    Pose(Rotation.from_rotvec([-0.035, 0.0, 0.0]).as_matrix(), np.array([0.012, 0.06, -0.01])),
+)
+
+
+def exact_views(count: int, seed: int, noise_px: float = 0.0) -> list[PlateView]:
+    """Views as perfect images would give them, from the cameras' projection alone (holes are points)."""
+    rng = np.random.default_rng(seed)
+    board = np.c_[PLATE.centers_m, np.zeros(len(PLATE.centers_m))]
+    views = []
+    for index in range(count):
+        turn = Rotation.from_euler("xyz", rng.uniform(-30, 30, 3), degrees=True).as_matrix()
+        z = rng.uniform(0.75, 1.15)
+        middle = np.array([*PLATE.size_m.mean(axis=0), 0.0])
+        pose = Pose(
+            turn, np.array([rng.uniform(-0.2, 0.2) * z, rng.uniform(-0.15, 0.15) * z, z]) - turn @ middle
+        )
+        points = pose.apply(board)
+        centers = {
+            "depth": project(RIG.depth, points),
+            "color": project(RIG.color, RIG.color_from_depth.apply(points)),
+            "thermal": project(RIG.thermal, RIG.thermal_from_depth.apply(points)),
+        }
+        centers = {name: px + rng.normal(0, noise_px, px.shape) for name, px in centers.items()}
+        mm = 1000 * points[:, 2] + 5.0
+        views.append(PlateView(index, centers, project(RIG.depth, points), mm))
+    return views
+
+
+POINTLIKE = replace(PLATE, hole_m=1e-6)
+
+
+def test_exact_views_give_the_rig_back():
+    found = adjust(exact_views(12, 1), POINTLIKE, RIG)
+    for name in ("color", "thermal"):
+        said, true = (getattr(c, f"{name}_from_depth") for c in (found.calibration, RIG))
+        np.testing.assert_allclose(said.rotation, true.rotation, atol=2e-4)
+        np.testing.assert_allclose(said.translation_m, true.translation_m, atol=3e-4)
+    assert found.depth_shift_mm[0] == pytest.approx(5.0, abs=0.3)
+    assert found.left_out == ()
+    assert max(seen.rms_px for seen in found.residuals.values()) < 0.01
+
+
+def test_a_slipped_plate_is_left_out():
+    views = exact_views(14, 2, noise_px=0.03)
+    for bad in (3, 8):
+        views[bad].centers_px["thermal"] += (1.5, -0.8)
+    assert adjust(views, POINTLIKE, RIG).left_out == (3, 8)
+
+
+def test_too_few_views_are_refused():
+    with pytest.raises(CalibrationError, match=f"at least {LEAST_VIEWS}"):
+        adjust(exact_views(LEAST_VIEWS - 1, 3), POINTLIKE, RIG)
+    views = exact_views(LEAST_VIEWS + 2, 3)
+    for view in views[:5]:
+        del view.centers_px["thermal"]
+    with pytest.raises(CalibrationError, match="infrared and thermal"):
+        adjust(views, POINTLIKE, RIG)
+
+
+@pytest.fixture(scope="module")
+def shot():
+    """Twelve rendered frames, and what is seen in them."""
+    frames = list(PlateViews(RIG, 12, 5, bad_share=0.0))
+    return frames, [view_plate(frame, PLATE, RIG.depth) for frame in frames]
+
+
+def test_holes_are_found_to_a_fraction_of_a_pixel(shot):
+    _, views = shot
+    found = adjust(views, PLATE, RIG)
+    assert len(views) - sum("thermal" in v.centers_px for v in views) <= 3
+    assert found.residuals["depth"].rms_px < 0.06
+    assert found.residuals["color"].rms_px < 0.06
+    assert found.residuals["thermal"].rms_px < 0.08
+    for name in ("color", "thermal"):
+        said, true = (getattr(c, f"{name}_from_depth") for c in (found.calibration, RIG))
+        turn = Rotation.from_matrix(said.rotation @ true.rotation.T).magnitude()
+        assert np.degrees(turn) < 0.2
+        assert 1000 * np.abs(said.translation_m - true.translation_m).max() < 3
+    good, findings = judge(found)
+    assert all("%" in f.says for f in findings if f.remedy) or not good
+
+
+def test_brightness_scale_does_not_matter(shot):
+    frames, _ = shot
+    image = frames[0].infrared.astype(np.float64)
+    first = find_holes(image, PLATE)
+    second = find_holes(0.01 * image - 40, PLATE)
+    np.testing.assert_allclose(first, second, atol=1e-6)
+    np.testing.assert_allclose(first, find_holes(image.max() - image, PLATE), atol=0.02)
+
+
+def test_no_plate_no_holes():
+    assert find_holes(np.zeros((120, 160)), PLATE) is None
+    assert find_holes(np.full((120, 160), np.nan), PLATE) is None
+    assert find_holes(np.random.default_rng(0).normal(size=(120, 160)), PLATE) is None
+
+
+@pytest.mark.parametrize(
+    "fields", [{"rows": 10}, {"columns": 1}, {"hole_m": 0.06}, {"pitch_m": 0.0}, {"hole_m": -1.0}]
+)
+def test_a_plate_that_cannot_be_is_refused(fields):
+    with pytest.raises(CalibrationError):
+        HolePlate(**fields)
+
+
+# YAML
+
+
+def test_yaml_survives(tmp_path):
+    write_yaml(tmp_path / "yaml", RIG, -13.4)
+    read = open_calibration(tmp_path / "yaml")
+    assert (read.depth, read.color, read.thermal) == (RIG.depth, RIG.color, RIG.thermal)
+    for name in ("color_from_depth", "thermal_from_depth"):
+        np.testing.assert_array_equal(getattr(read, name).rotation, getattr(RIG, name).rotation)
+        np.testing.assert_array_equal(getattr(read, name).translation_m, getattr(RIG, name).translation_m)
+    storage = cv2.FileStorage(str(tmp_path / "yaml" / "calib_depth.yaml"), cv2.FILE_STORAGE_READ)
+    assert storage.getNode("depthShift").real() == -13.4
+
+
+def test_a_real_device_s_files_are_read(shared_data, tmp_path):
+    files = sorted((shared_data / "kinect2_calibration").glob("iai_196605135147_*.yaml"))
+    for file in files:
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    rig = read_yaml(tmp_path)
+    assert rig.depth.fx == pytest.approx(366.9475727)
+    assert rig.color.shape == (1080, 1920)
+    assert rig.color_from_depth.translation_m[0] == pytest.approx(-0.05205, abs=1e-5)
+    both = shared_data / "kinect2_calibration"
+    with pytest.raises(CalibrationError, match="one device"):
+        read_yaml(both)
+
+
+@given(garbage=st.binary(max_size=400), cut=st.integers(0, 600))
+@settings(deadline=None, max_examples=60)
+def test_a_corrupt_yaml_is_a_calibration_error(tmp_path_factory, garbage, cut):
+    folder = tmp_path_factory.getbasetemp() / "yaml"
+    write_yaml(folder, RIG)
+    file = folder / FILES["depth"]
+    whole = file.read_bytes()
+    file.write_bytes(whole[:cut] + garbage + whole[cut + len(garbage) :])
+    try:
+        assert read_yaml(folder).depth.width > 0
+    except CalibrationError as error:
+        assert "\n" not in str(error)[:-1] or len(str(error)) < 600
+
+
+# The command
+
+
+def test_calibrate_from_a_recording(annotate_cloud, tmp_path, shot):
+    frames, _ = shot
+    rough = RigCalibration(
+        Intrinsics(512, 424, 366, 366, 256, 212),
+        Intrinsics(1920, 1080, 1080, 1080, 960, 540),
+        Pose.identity(),
+        Intrinsics(160, 120, 110, 110, 80, 60),
+        Pose.identity(),
+    )
+    with SessionWriter(tmp_path / "board.mcap", rough, "board") as writer:
+        for frame in frames:
+            writer.write(frame)
+    arguments = ("calibrate", tmp_path / "board.mcap", "--out", tmp_path / "rig.json")
+    done = annotate_cloud(*arguments, "--yaml", tmp_path / "yaml", "--json")
+    assert done.code == 0, done.err
+    assert {"reprojection_px", "rotation_deg_sd", "translation_mm_sd"} <= set(done.result)
+    said = open_calibration(tmp_path / "rig.json")
+    assert (
+        1000 * np.abs(said.thermal_from_depth.translation_m - RIG.thermal_from_depth.translation_m).max() < 3
+    )
+    assert read_yaml(tmp_path / "yaml").depth == said.depth
+    assert cv2.imread(str(tmp_path / "rig.png")) is not None
+    assert json.loads((tmp_path / "rig.json").read_text())
+    assert_refused(annotate_cloud(*arguments), "exists already")
+
+
+def test_a_session_without_infrared_says_what_to_do(annotate_cloud, rig_session, tmp_path):
+    done = annotate_cloud("calibrate", rig_session, "--out", tmp_path / "rig.json")
+    assert_refused(done, "no infrared images")
