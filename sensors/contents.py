@@ -14,10 +14,12 @@ from sensors.mcap_records import is_complete, record_offsets, records_at
 from sensors.messages import (
     CALIBRATIONS,
     COLOR,
+    COUNTS,
     DEPTH,
     EVENTS,
     INFRARED,
     METADATA,
+    PYROMETER,
     SCHEMAS,
     TF,
     THERMAL,
@@ -25,6 +27,8 @@ from sensors.messages import (
     event_from,
 )
 
+IMAGES = (DEPTH, COLOR, THERMAL, INFRARED, COUNTS, PYROMETER)
+"""Topics of which every message is kept track of."""
 MAX_EVENTS = 100_000
 MAX_TEXT = 1000
 
@@ -86,9 +90,7 @@ class _Scan:
     """What has been seen so far. places: (stamp, arrival, offset, slot) after each other, by image topic."""
 
     path: Path
-    places: dict[str, "array[int]"] = field(
-        default_factory=lambda: {topic: array("q") for topic in (DEPTH, COLOR, THERMAL, INFRARED)}
-    )
+    places: dict[str, "array[int]"] = field(default_factory=lambda: {topic: array("q") for topic in IMAGES})
     calibrations: dict[str, bytes] = field(default_factory=dict)
     events: list[tuple[int, str]] = field(default_factory=list)
     metadata: dict[str, str] = field(default_factory=dict)

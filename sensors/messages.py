@@ -26,7 +26,7 @@ from sensors.errors import CalibrationError, FormatError
 
 CAMERAS = ("depth", "color", "thermal")
 DEPTH, COLOR, THERMAL = (f"/{camera}/image" for camera in CAMERAS)
-INFRARED = "/infrared/image"
+INFRARED, COUNTS, PYROMETER = "/infrared/image", "/thermal/counts", "/pyrometer"
 CALIBRATIONS = {f"/{camera}/calibration": camera for camera in CAMERAS}
 TF, EVENTS = "/tf", "/events"
 
@@ -35,6 +35,8 @@ SCHEMAS: dict[str, type[ProtoMessage]] = {
     COLOR: CompressedImage,
     THERMAL: RawImage,
     INFRARED: RawImage,
+    COUNTS: RawImage,
+    PYROMETER: RawImage,
     **dict.fromkeys(CALIBRATIONS, CameraCalibration),
     TF: FrameTransforms,
     EVENTS: Log,
@@ -69,6 +71,33 @@ def infrared_message(infrared: NDArray[np.uint16], stamp_ns: int) -> RawImage:
 def infrared_from(data: bytes) -> NDArray[np.uint16]:
     """Inverse of ``infrared_message``. Raises FormatError."""
     return _raw_values(data, "infrared")
+
+
+def counts_message(counts: NDArray[np.uint16], stamp_ns: int) -> RawImage:
+    """uint16 (h, w) detector counts, no temperatures, as 16UC1."""
+    return _raw_image(counts, "thermal", stamp_ns)
+
+
+def spot_message(target_c: float, head_c: float, box_c: float, stamp_ns: int) -> RawImage:
+    """What a pyrometer measures as one row of 32FC1: target, head and box, Celsius, NaN = not measured."""
+    data = np.array([target_c, head_c, box_c], "<f4").tobytes()
+    return RawImage(
+        timestamp=_time(stamp_ns),
+        frame_id="pyrometer",
+        width=3,
+        height=1,
+        encoding="32FC1",
+        step=12,
+        data=data,
+    )
+
+
+def target_from(data: bytes) -> float:
+    """The target's temperature of a ``spot_message``, Celsius. Raises FormatError."""
+    message = _decode(RawImage, data)
+    if message.encoding != "32FC1" or len(message.data) < 4:
+        raise FormatError(f"a pyrometer reading has encoding {message.encoding[:40]!r}; only 32FC1 is read")
+    return float(np.frombuffer(message.data[:4], "<f4")[0])
 
 
 def thermal_message(thermal_c: NDArray[np.float32], stamp_ns: int) -> RawImage:

@@ -13,18 +13,22 @@ from numpy.typing import NDArray
 
 from sensors.calibration import RigCalibration
 from sensors.camera import Intrinsics
-from sensors.contents import read_contents
+from sensors.clock import fit_clock
+from sensors.contents import Messages, read_contents
 from sensors.errors import CalibrationError, FormatError
 from sensors.frame import RigFrame
 from sensors.mcap_records import records_at
 from sensors.messages import (
     COLOR,
+    COUNTS,
     DEPTH,
     INFRARED,
+    PYROMETER,
     THERMAL,
     color_from,
     depth_from,
     infrared_from,
+    target_from,
     thermal_from,
 )
 
@@ -32,6 +36,13 @@ COLOR_WINDOW_NS = 17_000_000
 """Colour belongs to a depth image when at most half a period of 30 Hz away."""
 THERMAL_WINDOW_NS = 4_000_000
 """Thermal belongs to a depth image when at most half a period of 128 Hz away."""
+SPOT_WINDOW_NS = 1_000_000_000
+"""Readings of a pyrometer farther apart do not tell what was between them (it gives several a second)."""
+CLOCK = "clock "
+"""Metadata keys that name a topic's clock begin with it."""
+LATENCY = "latency "
+"""Metadata keys that say how many milliseconds after its exposure a topic's image arrives begin with it."""
+MAX_LATENCY_MS = 1000.0
 
 CACHED_CHUNKS = 4
 
@@ -62,11 +73,12 @@ class Session:
         self.truncated: bool = contents.truncated
         self.events: tuple[tuple[int, str], ...] = contents.events
         self._messages = contents.messages
-        depth = self._messages[DEPTH].stamps_ns
-        self._color = pair_stamps(depth, self._messages[COLOR].stamps_ns, COLOR_WINDOW_NS)
-        self._thermal = pair_stamps(depth, self._messages[THERMAL].stamps_ns, THERMAL_WINDOW_NS)
+        host = host_times(self._messages, self.metadata)
+        self._color = pair_stamps(host[DEPTH], host[COLOR], COLOR_WINDOW_NS)
+        self._thermal = pair_stamps(host[DEPTH], host[THERMAL], THERMAL_WINDOW_NS)
         # One exposure gives both.
-        self._infrared = pair_stamps(depth, self._messages[INFRARED].stamps_ns, 0)
+        self._infrared = pair_stamps(self._messages[DEPTH].stamps_ns, self._messages[INFRARED].stamps_ns, 0)
+        self._host = host
         self._chunk = lru_cache(CACHED_CHUNKS)(self._read_chunk)
 
     def __len__(self) -> int:
@@ -98,6 +110,16 @@ class Session:
             infrared=infrared,
         )
 
+    @cached_property
+    def reference_c(self) -> NDArray[np.float64]:
+        """What the pyrometer measured at the time of every frame (n,), Celsius; NaN where it did not.
+
+        Interpolated between its two nearest readings, if these are less than ``SPOT_WINDOW_NS`` apart.
+        """
+        times = self._host[PYROMETER]
+        values = [target_from(self._message(PYROMETER, i)) for i in range(len(times))]
+        return interpolate(times, np.array(values), self._host[DEPTH], SPOT_WINDOW_NS)
+
     @property
     def streams(self) -> dict[str, Stream]:
         """Count and rate of every image topic that has messages."""
@@ -111,6 +133,8 @@ class Session:
             for name, topic in (("colour", COLOR), ("thermal", THERMAL))
             if not len(self._messages[topic].stamps_ns)
         ]
+        if len(self._messages[COUNTS].stamps_ns) and not len(self._messages[THERMAL].stamps_ns):
+            notes.append("thermal counts without the camera's calibration are no temperatures")
         if self.truncated:
             notes.append(f"truncated: the recording was cut off after {len(self)} frames")
         return tuple(notes)
@@ -132,6 +156,53 @@ class Session:
     def _read_chunk(self, offset: int) -> list[McapRecord]:
         with self.path.open("rb") as file:
             return records_at(file, offset)
+
+
+def host_times(messages: dict[str, Messages], metadata: dict[str, str]) -> dict[str, NDArray[np.int64]]:
+    """When each message was made, on one clock for all: int64 (n,) by topic.
+
+    A recording says in its metadata which clock stamped a topic (``clock /depth/image``); each of those is
+    fitted to the host's. Topics of no stated clock are stamped by one and the same.
+    """
+    host = {topic: found.stamps_ns for topic, found in messages.items()}
+    clocks: dict[str, list[str]] = {}
+    for topic, found in messages.items():
+        name = metadata.get(f"{CLOCK}{topic}")
+        if name is not None and len(found.stamps_ns):
+            clocks.setdefault(name, []).append(topic)
+    for topics in clocks.values():
+        stamps = np.concatenate([messages[topic].stamps_ns for topic in topics])
+        clock = fit_clock(stamps, np.concatenate([messages[topic].arrivals_ns for topic in topics]))
+        for topic in topics:
+            late_ns = round(_latency_ms(metadata.get(f"{LATENCY}{topic}", "0")) * 1e6)
+            host[topic] = clock.host_ns(messages[topic].stamps_ns) - late_ns
+    return host
+
+
+def _latency_ms(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if 0 <= value <= MAX_LATENCY_MS else 0.0
+
+
+def interpolate(
+    times_ns: NDArray[np.int64],
+    values: NDArray[np.float64],
+    queries_ns: NDArray[np.int64],
+    window_ns: int,
+) -> NDArray[np.float64]:
+    """Linear interpolation at the queries (m,) between readings (n,); NaN where those are too far apart."""
+    result = np.full(len(queries_ns), np.nan)
+    if len(times_ns) < 2:
+        return result
+    right = np.clip(np.searchsorted(times_ns, queries_ns), 1, len(times_ns) - 1)
+    before, after = times_ns[right - 1], times_ns[right]
+    near = (queries_ns >= before) & (queries_ns <= after) & (after - before < window_ns)
+    share = (queries_ns - before)[near] / np.maximum(after - before, 1)[near]
+    result[near] = (1 - share) * values[right - 1][near] + share * values[right][near]
+    return result
 
 
 def pair_stamps(

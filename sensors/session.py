@@ -27,17 +27,21 @@ from sensors.frame import RigFrame
 from sensors.mcap_records import is_complete, record_offsets, records_at
 from sensors.messages import (
     COLOR,
+    COUNTS,
     DEPTH,
     EVENTS,
     INFRARED,
     METADATA,
+    PYROMETER,
     SCHEMAS,
     THERMAL,
     calibration_messages,
     color_message,
+    counts_message,
     depth_message,
     event_message,
     infrared_message,
+    spot_message,
     thermal_message,
 )
 
@@ -112,7 +116,7 @@ class SessionWriter:
         if frame.thermal_c is not None:
             self.write_thermal(frame.thermal_c, frame.stamp_ns, arrival_ns)
         if frame.infrared is not None:
-            self._add(INFRARED, infrared_message(frame.infrared, frame.stamp_ns), frame.stamp_ns, arrival_ns)
+            self.write_infrared(frame.infrared, frame.stamp_ns, arrival_ns)
         self.write_depth(frame.depth_mm, frame.stamp_ns, arrival_ns)
 
     def write_depth(self, depth_mm: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None) -> None:
@@ -135,9 +139,30 @@ class SessionWriter:
         """Write temperatures in Celsius, NaN = no reading."""
         self._add(THERMAL, thermal_message(thermal_c, stamp_ns), stamp_ns, arrival_ns)
 
-    def event(self, stamp_ns: int, text: str) -> None:
+    def write_infrared(
+        self, infrared: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None
+    ) -> None:
+        """Write the amplitude image of a depth image; its stamp is the depth image's."""
+        self._add(INFRARED, infrared_message(infrared, stamp_ns), stamp_ns, arrival_ns)
+
+    def write_counts(self, counts: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None) -> None:
+        """Write a thermal camera's raw counts (h, w)."""
+        self._add(COUNTS, counts_message(counts, stamp_ns), stamp_ns, arrival_ns)
+
+    def write_spot(
+        self,
+        target_c: float,
+        head_c: float,
+        box_c: float,
+        stamp_ns: int,
+        arrival_ns: int | None = None,
+    ) -> None:
+        """Write a pyrometer's temperatures in Celsius, NaN = not measured."""
+        self._add(PYROMETER, spot_message(target_c, head_c, box_c, stamp_ns), stamp_ns, arrival_ns)
+
+    def event(self, stamp_ns: int, text: str, arrival_ns: int | None = None) -> None:
         """Note something that happened at ``stamp_ns``."""
-        self._add(EVENTS, event_message(stamp_ns, text), stamp_ns, None)
+        self._add(EVENTS, event_message(stamp_ns, text), stamp_ns, arrival_ns)
 
     def flush(self) -> None:
         """End the chunk and hand it to the system: from here on it survives the death of the process."""

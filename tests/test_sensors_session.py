@@ -26,8 +26,10 @@ from sensors.frame import RigFrame
 from sensors.mcap_records import record_offsets
 from sensors.messages import (
     COLOR,
+    COUNTS,
     DEPTH,
     INFRARED,
+    PYROMETER,
     SCHEMAS,
     THERMAL,
     calibration_from,
@@ -74,6 +76,9 @@ def record(path: Path, recorded: list[RigFrame], calibration: RigCalibration = R
         for frame in recorded:
             writer.write(frame)
         writer.event(recorded[0].stamp_ns, "flag closed")
+        for i, stamp in enumerate((recorded[0].stamp_ns, recorded[-1].stamp_ns)):
+            writer.write_spot(30.0 + i, 25.0, float("nan"), stamp)
+        writer.write_counts(np.arange(48, dtype=np.uint16).reshape(6, 8), recorded[0].stamp_ns)
     return path
 
 
@@ -103,7 +108,10 @@ def test_a_session_survives_to_the_bit(whole):
         COLOR: 8,
         THERMAL: 8,
         INFRARED: 8,
+        COUNTS: 1,
+        PYROMETER: 2,
     }
+    np.testing.assert_allclose(session.reference_c, np.linspace(30, 31, 8), atol=1e-6)
     assert session.streams[DEPTH].rate_hz == pytest.approx(30, abs=0.001)
     assert not list(whole.parent.glob("*.partial"))
 
@@ -194,7 +202,8 @@ def test_unsynchronised_streams_pair_by_device_time(tmp_path):
 def test_depth_alone_is_a_session(tmp_path):
     alone = [RigFrame(i, i * PERIOD_NS, f.depth_mm) for i, f in enumerate(frames(3))]
     session = Session(record(tmp_path / "depth.mcap", alone, RigCalibration(DEPTH_CAMERA)))
-    assert session.notes == ("no colour images", "no thermal images")
+    assert session.notes[:2] == ("no colour images", "no thermal images")
+    assert "counts" in session.notes[2]
     assert all(f.color_encoded is None and f.thermal_c is None for f in session)
     assert session.calibration == RigCalibration(DEPTH_CAMERA)
 

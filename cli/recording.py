@@ -1,0 +1,144 @@
+"""The verb on devices that stream: record."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from cli.console import LINE_SECONDS, Json, Overwrite, finish, say
+from sensors.calibration import RigCalibration
+from sensors.device import Device
+from sensors.devices import open_device
+from sensors.errors import CalibrationError, DeviceError
+from sensors.frame import RigFrame
+from sensors.recorder import Recorded, Recorder, clock_metadata
+from sensors.rig_file import Rig, load_rig
+from sensors.session import SessionWriter
+from synth.rig import VirtualRig
+
+VIRTUAL_SEED = 7
+VIRTUAL_FRAMES = 30
+"""A second of the virtual rig at 30 a second, which the virtual cameras show round and round."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What virtual cameras see."""
+
+    frames: tuple[RigFrame, ...]
+    calibration: RigCalibration
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        return iter(self.frames)
+
+
+def record(
+    out: Annotated[Path, typer.Argument(help="Session to write (.mcap).")],
+    rig: Annotated[Path | None, typer.Option(help="Rig file (TOML): devices and calibration.")] = None,
+    device: Annotated[
+        list[str] | None, typer.Option(help="Device, as `devices` lists them; may be given again.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="How long; else until Ctrl-C.")] = None,
+    infrared: Annotated[bool, typer.Option(help="Keep infrared images: for calibrate.")] = False,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Record depth, colour and temperature from devices, real or virtual, into a session."""
+    if (rig is None) == (not device):
+        raise DeviceError("nothing says what to record; give either --rig or one or more --device")
+    wanted = load_rig(rig) if rig is not None else Rig("rig", tuple(device or ()))
+    with ExitStack() as stack:
+        shown = _shown() if any(a.startswith("virtual:") for a in wanted.devices) else None
+        devices = [stack.enter_context(closing(open_device(a, shown))) for a in wanted.devices]
+        calibration = _calibration(wanted, devices, shown)
+        metadata = clock_metadata(devices, wanted.latency_ms)
+        writer = SessionWriter(out, calibration, wanted.name, overwrite=overwrite, metadata=metadata)
+        recorder = Recorder(devices, writer, infrared)
+        with writer, _preview() as show:
+            done = recorder.run(_until(seconds), show)
+    _report(out, done, json)
+
+
+def _shown() -> Shown:
+    say(f"rendering {VIRTUAL_FRAMES} frames for the virtual cameras")
+    rig = VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
+    return Shown(tuple(rig), rig.calibration)
+
+
+def _calibration(rig: Rig, devices: list[Device], shown: Shown | None) -> RigCalibration:
+    """The rig's; else the virtual rig's; else the depth camera's factory intrinsics alone."""
+    if rig.calibration is not None:
+        return rig.calibration
+    if shown is not None:
+        return shown.calibration
+    for one in devices:
+        if "depth" in one.cameras:
+            say("no calibration: only depth has intrinsics, colour and temperature wait for `calibrate`")
+            return RigCalibration(one.cameras["depth"])
+    raise CalibrationError("no device knows its depth intrinsics; name a calibration in a --rig file")
+
+
+def _until(seconds: float | None) -> Callable[[], bool]:
+    end = None if seconds is None else time.monotonic() + seconds
+    return lambda: end is not None and time.monotonic() >= end
+
+
+@contextmanager
+def _preview() -> Iterator[Callable[[Recorder], None]]:
+    """Show once a second how the recording goes; Ctrl-C ends it well."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _lines()
+        return
+    with Live(console=console, transient=True, auto_refresh=False) as live:
+        yield lambda recorder: live.update(_table(recorder), refresh=True)
+
+
+def _table(recorder: Recorder) -> Table:
+    table = Table("stream", "images", "a second", "dropped", "now", title="recording; Ctrl-C ends it")
+    for name, stream in recorder.streams.items():
+        table.add_row(name, str(stream.count), f"{stream.rate_hz:.1f}", str(stream.dropped), stream.shows)
+    return table
+
+
+def _lines() -> Callable[[Recorder], None]:
+    said = time.monotonic()
+
+    def show(recorder: Recorder) -> None:
+        nonlocal said
+        if time.monotonic() - said >= LINE_SECONDS:
+            said = time.monotonic()
+            parts = (
+                f"{name} {stream.rate_hz:.1f}/s, {stream.dropped} dropped, {stream.shows}"
+                for name, stream in recorder.streams.items()
+            )
+            say("; ".join(parts))
+
+    return show
+
+
+def _report(out: Path, done: Recorded, json: bool) -> None:
+    frames = done.streams["depth"].count
+    dropped = sum(stream.dropped for stream in done.streams.values())
+    for text, times in done.events.items():
+        say(f"{text}" + (f" ({times} times)" if times > 1 else ""))
+    result = {
+        "frames": frames,
+        "dropped": dropped,
+        "seconds": round(done.seconds, 2),
+        "streams": {
+            name: {"count": stream.count, "dropped": stream.dropped} for name, stream in done.streams.items()
+        },
+        "events": dict(done.events),
+        "ended": done.why,
+    }
+    finish(result, json, f"{frames} frames in {out}, {done.seconds:.1f} s, {dropped} messages dropped")
+    if done.why != "asked":
+        raise typer.Exit(3)

@@ -1,0 +1,75 @@
+"""Device clocks against the host's: offset and skew from the lower envelope of the delays.
+
+A message arrives after a delay that is never negative: transport, plus whatever the host was busy with. The
+line below all delays, as near to them as can be, is the clock; stalls and jitter only lie above it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+LIMIT_SKEW = 200e-6
+"""No crystal of a camera or host is off by more; a steeper envelope is jitter over a short time."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """host_ns = stamp_ns + offset_ns + skew * (stamp_ns - origin_ns)."""
+
+    offset_ns: int
+    skew: float
+    origin_ns: int
+
+    def host_ns(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Device stamps (n,) on the host's clock."""
+        since = stamps_ns - self.origin_ns
+        return stamps_ns + self.offset_ns + np.rint(self.skew * since).astype(np.int64)
+
+
+def fit_clock(stamps_ns: NDArray[np.int64], arrivals_ns: NDArray[np.int64]) -> Clock:
+    """Fit a device's clock to the host's arrivals, both (n,), n >= 1.
+
+    What is transported fastest is taken to arrive at once: a constant delay cannot be seen from here.
+    """
+    origin = int(stamps_ns[0])
+    since = (stamps_ns - origin).astype(np.float64)
+    delay = arrivals_ns - stamps_ns
+    base = int(delay.min())
+    skew, offset = _envelope(since, (delay - base).astype(np.float64))
+    return Clock(base + round(offset), skew, origin)
+
+
+def _envelope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
+    """Slope and intercept of the line under all points (n,) with the least mean distance to them.
+
+    It is the side of their convex hull that lies below the mean x.
+    """
+    order = np.lexsort((y, x))
+    corner = _lower_hull(x[order], y[order])
+    x_hull, y_hull = x[order][corner], y[order][corner]
+    right = int(np.clip(np.searchsorted(x_hull, x.mean()), 1, max(len(corner) - 1, 1)))
+    if right >= len(corner):
+        return 0.0, float(y.min())
+    run, rise = x_hull[right] - x_hull[right - 1], y_hull[right] - y_hull[right - 1]
+    slope = float(np.clip(rise / run, -LIMIT_SKEW, LIMIT_SKEW))
+    return slope, float((y_hull - slope * x_hull).min())
+
+
+@njit(cache=True)
+def _lower_hull(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Corners of the lower convex hull of points sorted by x, then y (Andrew 1979)."""
+    corner = np.empty(len(x), np.int64)
+    count = 0
+    for i in range(len(x)):
+        if count > 0 and x[corner[count - 1]] == x[i]:
+            continue
+        while count > 1:
+            a, b = corner[count - 2], corner[count - 1]
+            if (x[b] - x[a]) * (y[i] - y[a]) > (y[b] - y[a]) * (x[i] - x[a]):
+                break
+            count -= 1
+        corner[count] = i
+        count += 1
+    return corner[:count]

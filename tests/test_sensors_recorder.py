@@ -1,0 +1,167 @@
+"""Recording: virtual devices end up in a session that pairs, whole or killed; what cannot be is refused."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing, suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+import sensors.recorder
+from annotate.registration import KINECT2_DEPTH
+from sensors.calibration import RigCalibration, save_calibration
+from sensors.devices import open_device
+from sensors.errors import CalibrationError, DeviceError
+from sensors.recorder import Recorder, clock_metadata
+from sensors.replay import Session
+from sensors.rig_file import Rig, load_rig
+from sensors.session import SessionWriter
+from tests.conftest import assert_refused
+
+KINECT, FIR, SPOT = "virtual:kinect2", "virtual:optris-direct", "virtual:pyrometer?family=ct"
+RIG = RigCalibration(KINECT2_DEPTH)
+
+
+def recorded(path: Path, seconds: float, *addresses: str) -> sensors.recorder.Recorded:
+    devices = [open_device(address) for address in addresses]
+    end = time.monotonic() + seconds
+    with SessionWriter(path, RIG, "rig", metadata=clock_metadata(devices, {})) as writer:
+        return Recorder(devices, writer).run(lambda: time.monotonic() >= end, lambda recorder: None)
+
+
+def test_three_devices_make_a_session(tmp_path):
+    path = tmp_path / "session.mcap"
+    done = recorded(path, 2.0, KINECT, FIR, SPOT)
+    session = Session(path)
+    assert done.why == "asked"
+    assert len(session) == done.streams["depth"].count > 20
+    assert not session.truncated
+    frames = list(session)
+    assert np.mean([frame.color_encoded is not None for frame in frames]) > 0.9
+    assert np.mean([frame.thermal_c is not None for frame in frames]) > 0.9
+    assert np.isfinite(session.reference_c).mean() > 0.5
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        topics = {channel.topic for _, channel, _, _ in reader.iter_decoded_messages()}
+    assert {"/depth/image", "/color/image", "/thermal/image", "/pyrometer"} <= topics
+
+
+def test_an_unplugged_depth_camera_ends_it_and_keeps_what_came(tmp_path):
+    path = tmp_path / "session.mcap"
+    done = recorded(path, 30.0, f"{KINECT}?unplug_after=0.8", FIR)
+    assert done.why == "lost"
+    assert len(Session(path)) > 5
+    assert any("kinect2" in text for text in done.events)
+
+
+def test_another_lost_device_is_noted_and_recording_goes_on(tmp_path):
+    path = tmp_path / "session.mcap"
+    done = recorded(path, 2.0, KINECT, f"{FIR}?unplug_after=0.5")
+    session = Session(path)
+    assert done.why == "asked"
+    assert session.events
+    assert session.frame(len(session) - 1).thermal_c is None
+
+
+def test_drops_are_counted_and_noted(tmp_path):
+    done = recorded(tmp_path / "session.mcap", 1.5, f"{KINECT}?drop=0.3")
+    assert done.streams["depth"].dropped > 0
+    assert any("dropped" in text for text in done.events)
+
+
+def test_a_nearly_full_disk_ends_the_recording_in_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(sensors.recorder, "RESERVE_BYTES", 1 << 62)
+    path = tmp_path / "session.mcap"
+    assert recorded(path, 30.0, KINECT).why == "disk"
+    assert not Session(path).truncated
+
+
+def test_the_virtual_clock_s_skew_does_not_part_pairs(tmp_path):
+    path = tmp_path / "session.mcap"
+    recorded(path, 2.0, f"{KINECT}?skew_ppm=50", f"{FIR}?skew_ppm=-50")
+    frames = list(Session(path))
+    assert np.mean([frame.thermal_c is not None for frame in frames]) > 0.9
+
+
+SCRIPT = """
+import sys, time
+from pathlib import Path
+from tests.test_sensors_recorder import recorded, KINECT, FIR
+print("ready", flush=True)
+recorded(Path(sys.argv[1]), 60.0, KINECT, FIR)
+"""
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_kill_9_loses_at_most_a_tenth_of_a_second(tmp_path, number):
+    path = tmp_path / "session.mcap"
+    process = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, path], stdout=subprocess.PIPE, cwd=Path(__file__).parents[1]
+    )
+    with closing(process.stdout):
+        process.stdout.readline()
+        partial = path.with_name(path.name + ".partial")
+        deadline = time.monotonic() + 20
+        while time.monotonic() < deadline and not (partial.exists() and partial.stat().st_size > 200_000):
+            time.sleep(0.02)
+        time.sleep(np.random.default_rng(number).uniform(0.5, 1.5))
+        killed_ns = time.time_ns()
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    session = Session(partial)
+    assert session.truncated
+    last_ns = int(session._messages["/depth/image"].arrivals_ns[-1])
+    # A period of 30 Hz may pass before the next image comes at all.
+    assert killed_ns - last_ns < 100e6 + 34e6
+    assert "truncated" in " ".join(session.notes)
+
+
+# What cannot be recorded
+
+
+def test_two_devices_of_one_stream_are_refused(tmp_path):
+    with pytest.raises(DeviceError, match="both give depth"):
+        recorded(tmp_path / "session.mcap", 0.1, KINECT, f"{KINECT}?skew_ppm=1")
+    with suppress(FileNotFoundError):
+        assert not list(tmp_path.glob("*.mcap"))
+
+
+RIG_FILE = 'name = "ward"\ncalibration = "rig.json"\ndevices = ["virtual:kinect2"]\n'
+
+
+def test_a_rig_file_is_read(tmp_path):
+    save_calibration(tmp_path / "rig.json", RIG)
+    (tmp_path / "rig.toml").write_text(RIG_FILE + '[latency_ms]\n"virtual:kinect2" = 25\n')
+    assert load_rig(tmp_path / "rig.toml") == Rig("ward", (KINECT,), RIG, {KINECT: 25})
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('colour = "kinect2"', "unknown key 'colour'"),
+        ("devices = 3", "list of addresses"),
+        ("devices = []", "0 devices"),
+        ('devices = ["a:b", "a:b"]', "twice"),
+        ('devices = ["a:b"]\n[latency_ms]\n"c" = 1', "none of its devices"),
+        ('devices = ["a:b"]\n[latency_ms]\n"a:b" = -1', "0 to 1000"),
+        ("devices = [", "TOML"),
+        (RIG_FILE, "rig.json"),
+    ],
+)
+def test_a_wrong_rig_file_says_what_is_wrong(tmp_path, text, says):
+    (tmp_path / "rig.toml").write_text(text)
+    with pytest.raises((DeviceError, CalibrationError), match=says) as error:
+        load_rig(tmp_path / "rig.toml")
+    assert "\n" not in str(error.value).strip()
+
+
+def test_record_needs_to_know_what(annotate_cloud, tmp_path):
+    assert_refused(annotate_cloud("record", tmp_path / "a.mcap"), "--rig")
+    assert_refused(annotate_cloud("record", tmp_path / "a.mcap", "--device", "webcam:0"), "webcam")
+    assert not list(tmp_path.iterdir())
