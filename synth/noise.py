@@ -77,14 +77,15 @@ def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:  # pragma:
 def kinect(
     camera: Intrinsics,
     depth_m: NDArray[np.float32],
-    dark: NDArray[np.bool_],
+    dark: NDArray[np.bool_] | NDArray[np.float32],
     noise: DepthNoise,
     rng: np.random.Generator,
     only: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.uint16]:
     """Clean depth (h, w) in metres, NaN = nothing -> noisy uint16 millimetres, 0 = no reading.
 
-    dark: pixels of low infrared return (hair). only: pixels wanted, the others become 0; default all.
+    dark: (h, w) how little infrared a pixel returns, 1 or True for hair. only: pixels wanted, the others
+    become 0; default all.
     Order as in a real device: edges jitter and mix, then axial noise, then what the driver rejects.
     Randomness is a hash of one number drawn from ``rng`` and the pixel: no pixel depends on another.
     """
@@ -94,14 +95,14 @@ def kinect(
     pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
     key = rng.integers(0, 2**64, dtype=np.uint64)
     filled = np.where(np.isnan(depth_m), np.float32(FAR_M), depth_m)
-    _kinect(filled, dark, wanted, strengths, pinhole, key, _NORMALS, noisy)
+    _kinect(filled, dark.astype(np.float32), wanted, strengths, pinhole, key, _NORMALS, noisy)
     return noisy
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _kinect(
     depth: Float32,
-    dark: NDArray[np.bool_],
+    dark: Float32,
     wanted: NDArray[np.bool_],
     strengths: Float32,
     pinhole: Float32,
@@ -136,7 +137,7 @@ def _kinect(
                     z = near * near_share + min(far, near + np.float32(MIXED_M)) * (
                         np.float32(1) - near_share
                     )
-            if dark[v, u] and _share(more >> np.uint64(16)) < darkness:
+            if dark[v, u] > 0 and _share(more >> np.uint64(16)) < darkness * dark[v, u]:
                 continue
             slant = theta / np.float32(np.pi / 2)
             slant = slant * slant * slant * slant

@@ -22,6 +22,14 @@ class Surface(IntEnum):
     RADIATOR = 21
     MUG = 22
     HAIR = 23
+    LAPTOP = 24
+    KEYBOARD = 25
+    SCREEN = 26
+    WINDOW = 27
+    SUNLIT = 28
+    BLANKET = 29
+    PILLOW = 30
+    OTHER_PERSON = 31
 
 
 @dataclass(frozen=True)
@@ -204,7 +212,7 @@ class Bed:
                 (-pillow, y - 0.37, h - 0.1),
                 (pillow, y - 0.02, h + self.pillow_height),
                 0.07,
-                tag,
+                Surface.PILLOW,
                 carries_m=0.2,
             ),
             Solid((-x, y, 0.0), (x, y + 0.05, h + self.board_height), 0.0, tag),
@@ -247,15 +255,20 @@ def sheet(
     n, m = (max(1, int(np.ceil(np.linalg.norm(side) / 0.25))) for side in (along, across))
     i, j = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij")
     vertices = (origin + i[..., None] * along + j[..., None] * across).reshape(-1, 3).astype(np.float32)
-    a = (np.arange(n)[:, None] * (m + 1) + np.arange(m)).ravel()
-    faces = np.concatenate(
-        [np.stack([a, a + 1, a + m + 2], axis=1), np.stack([a, a + m + 2, a + m + 1], axis=1)]
-    ).astype(np.int32)
+    faces = grid_faces(n + 1, m + 1)
     return Mesh(vertices, faces, np.full(len(faces), tag, np.int32))
 
 
+def grid_faces(rows: int, columns: int) -> NDArray[np.int32]:
+    """Triangles (2 (rows - 1) (columns - 1), 3) between the nodes of a grid, numbered row by row."""
+    a = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    b = a + columns
+    halves = [np.stack([a, a + 1, b + 1], axis=1), np.stack([a, b + 1, b], axis=1)]
+    return np.concatenate(halves).astype(np.int32)
+
+
 def room(back_wall_y: float, half_width: float = 2.5, front_y: float = -3.5, height: float = 2.5) -> Mesh:
-    """Floor, back wall and two side walls."""
+    """Floor and four walls; sheets nearer to a camera than it can see are not drawn."""
     depth = np.array([0, back_wall_y - front_y, 0])
     width, up = np.array([2 * half_width, 0, 0]), np.array([0, 0, height])
     corner = np.array([-half_width, front_y, 0])
@@ -263,6 +276,7 @@ def room(back_wall_y: float, half_width: float = 2.5, front_y: float = -3.5, hei
         [
             sheet(corner, width, depth, Surface.FLOOR),
             sheet(corner + depth, width, up, Surface.WALL),
+            sheet(corner, width, up, Surface.WALL),
             sheet(corner, depth, up, Surface.WALL),
             sheet(corner + width, depth, up, Surface.WALL),
         ]

@@ -9,7 +9,7 @@ from annotate.suit import suit_to_toml
 from sensors.atomic import replacing
 from sensors.errors import ExistsError
 from sensors.session import SessionWriter
-from synth.rig import VirtualRig, truth_labels
+from synth.rig import FLAG_CLOSED, VirtualRig, truth_labels
 
 
 def truth_path(session: Path) -> Path:
@@ -32,7 +32,12 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
     unfinished = truth_folder.with_name(truth_folder.name + ".partial")
     for path in (suit_path(out), truth_folder, unfinished):
         _check_free(path, overwrite)
-    metadata = {"difficulty": rig.difficulty.name, "seed": str(rig.seed), "subjects": str(rig.subjects)}
+    metadata = {
+        "difficulty": rig.difficulty.name,
+        "seed": str(rig.seed),
+        "subjects": str(rig.subjects),
+        "scene": rig.scene,
+    }
     writer = SessionWriter(
         out, rig.calibration, rig.name, overwrite=overwrite, metadata=metadata, keep_partial=False
     )
@@ -46,6 +51,8 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
             )
             for frame, known in rig.with_truth():
                 writer.write(frame)
+                if frame.thermal_c is None:
+                    writer.event(frame.stamp_ns, FLAG_CLOSED)
                 truth.write(truth_labels(frame, known))
                 progress(1)
         shutil.rmtree(truth_folder, ignore_errors=True)

@@ -98,6 +98,12 @@ def test_dark_pixels_are_lost_in_their_share():
     assert not lost[60:].any()
 
 
+def test_half_dark_pixels_are_lost_half_as_often():
+    dark = np.full(CAMERA.shape, 0.5, np.float32)
+    lost = noise(plane(2.0), DepthNoise(axial=0, flying=0, grazing=0, dark=0.4, lateral_px=0), dark=dark) == 0
+    assert lost.mean() == pytest.approx(0.2, abs=0.02)
+
+
 @pytest.mark.parametrize("slope", [0.0, 2.0, 4.0])
 def test_grazing_surfaces_are_lost_with_the_eighth_power_of_the_incidence(slope):
     grazing = DepthNoise(axial=0, flying=0, grazing=1, dark=0, lateral_px=0)

@@ -12,8 +12,15 @@ from sensors.camera import project
 from sensors.errors import CloudError
 from sensors.frame import RigFrame
 from sensors.replay import Session
-from synth.rig import DIFFICULTIES, RIG_CALIBRATION, Truth, VirtualRig, truth_labels
-from synth.simulate import suit_path, truth_path
+from synth.noise import DepthNoise
+from synth.render import ZBuffer
+from synth.rig import DIFFICULTIES, FLAG_CLOSED, RIG_CALIBRATION, Truth, VirtualRig, truth_labels
+from synth.scene import Surface
+from synth.simulate import simulate, suit_path, truth_path
+from synth.truth import FLYING_MM, whose_readings
+
+FLAG_SEED = 58
+"""The flag of this normal rig closes over its second frame."""
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +136,8 @@ def test_subjects_take_turns():
         ((0, 1, "clean", 0), "at least one frame"),
         ((1, 2, "clean", 0), "at least one frame"),
         ((1, 1, "easy", 0), "'easy' is unknown; use clean, normal, hard"),
-        ((1, 1, "clean", 0, "pool"), "'pool' is unknown; use sofa"),
+        ((1, 1, "clean", 0, "pool"), "'pool' is unknown; use sofa, chair, bed"),
+        ((1, 1, "clean", 0, "sofa", 0.0), "0.0 frames a second are impossible; give 0.1 to 30"),
     ],
 )
 def test_impossible_rigs_are_refused(arguments, says):
@@ -151,3 +159,77 @@ def test_what_is_recorded_is_what_was_shot(rig_session):
     np.testing.assert_allclose(session.frame(0).thermal_c, frame.thermal_c, atol=0.01)
     np.testing.assert_array_equal(truth.read("000000").parts, truth_labels(frame, known).parts)
     assert {truth.read(i).status for i in truth.frame_ids} == {"truth"}
+
+
+@pytest.mark.parametrize("scene", ["chair", "bed"])
+def test_every_scene_shows_a_person(scene):
+    frame, known = next(VirtualRig(1, 1, "clean", 3, scene).with_truth())
+    assert ((known.parts > 0) & (known.parts < N_CLASSES)).sum() > 3000
+    assert set(known.hard) <= {"motion blur", "out of view"}
+    assert (frame.depth_mm > 0).mean() > 0.7
+
+
+def test_persons_are_the_subject_where_parts_are_named_and_others_elsewhere():
+    rigs = (VirtualRig(1, 1, "hard", seed) for seed in range(4))
+    others = 0
+    for frame, known in (next(rig.with_truth()) for rig in rigs):
+        labels = truth_labels(frame, known)
+        named = (labels.parts > 0) & (labels.parts < UNDEFINED)
+        np.testing.assert_array_equal(labels.persons == 1, named)
+        assert not labels.persons[labels.depth_mm == 0].any()
+        assert labels.notes["hard"] == list(known.hard) != []
+        seen = int((labels.persons == 2).sum())
+        others += seen
+        assert seen == 0 if "second person" not in known.hard else seen > 50
+    assert others > 0
+
+
+def test_time_goes_as_fast_as_asked():
+    slow, fast = (VirtualRig(2, 1, "clean", 5, frames_per_second=rate) for rate in (2.0, 10.0))
+    (_, a), (late, b) = slow.with_truth()
+    (first, c), (soon, d) = fast.with_truth()
+    assert (first.stamp_ns, late.stamp_ns, soon.stamp_ns) == (0, 500_000_000, 100_000_000)
+    np.testing.assert_array_equal(a.joints_m, c.joints_m)
+    assert np.abs(d.joints_m - c.joints_m).max() < np.abs(b.joints_m - a.joints_m).max()
+
+
+def test_a_closed_flag_leaves_no_temperatures_and_an_event(tmp_path):
+    path = tmp_path / "flag.mcap"
+    simulate(VirtualRig(2, 1, "normal", FLAG_SEED), path, lambda n: None)
+    session, truth = Session(path), LabelSet.open(truth_path(path))
+    assert [session.frame(i).thermal_c is None for i in range(2)] == [False, True]
+    assert session.events == ((500_000_000, FLAG_CLOSED),)
+    assert [FLAG_CLOSED in truth.notes(i)["hard"] for i in truth.frame_ids] == [False, True]
+
+
+def test_a_reading_is_whose_surface_it_lies_on():
+    """Against a loop over pixels: a wall, before it a torso whose left half an arm hides, and a visitor."""
+    tags = np.array([Surface.WALL, 2, 3, Surface.OTHER_PERSON], np.int32)
+    face = np.zeros((8, 12), np.int32)
+    face[2:7, 3:6], face[2:7, 6:9], face[:, 11] = 2, 1, 3
+    face[0, 0] = -1
+    depth_m = np.choose(face + 1, (np.nan, 3.0, 2.0, 1.9, 1.2)).astype(np.float32)
+    noise = DepthNoise(offset_mm=10.0, scale=1.002)
+    rng = np.random.default_rng(0)
+    exact = np.nan_to_num(depth_m) * 1002 + 10
+    depth_mm = np.maximum(exact + rng.choice((0, 20, -900, 300, -500), face.shape), 0).astype(np.uint16)
+    depth_mm[rng.random(face.shape) < 0.1] = 0
+    parts, persons = whose_readings(ZBuffer(depth_m, face), tags, depth_mm, noise)
+    for v, u in np.ndindex(face.shape):
+        tag = naive_tag(tags, face, exact, depth_mm, v, u)
+        person = 1 if 0 < tag < N_CLASSES else 2 * (tag == Surface.OTHER_PERSON)
+        part = tag if tag == UNDEFINED or tag < N_CLASSES else 0
+        assert (parts[v, u], persons[v, u]) == (part, person), (v, u)
+
+
+def naive_tag(tags, face, exact, depth_mm, v, u):
+    """The tag of the surface a reading lies on: 255 for none near it, 0 for no reading."""
+    if depth_mm[v, u] == 0:
+        return 0
+    rows, columns = range(max(v - 1, 0), min(v + 2, 8)), range(max(u - 1, 0), min(u + 2, 12))
+    tag = {(y, x): tags[face[y, x]] if face[y, x] >= 0 else 0 for y in rows for x in columns}
+    gap = {at: abs(float(depth_mm[v, u]) - exact[at]) for at in tag}
+    if gap[v, u] <= FLYING_MM:
+        return tag[v, u]
+    nearest = min(gap, key=gap.__getitem__)
+    return tag[nearest] if gap[nearest] < FLYING_MM else UNDEFINED

@@ -1,0 +1,148 @@
+"""What stands about a subject keeps out of its way, and nobody is in anybody else."""
+
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from annotate.parts import N_CLASSES, PART_ID
+from annotate.suit import DEFAULT_SUIT
+from sensors.errors import CloudError
+from synth.body import shipped_bodies
+from synth.difficulty import CLEAN, HARD, NORMAL, Clutter
+from synth.motion import SITTING
+from synth.place import SCENES, Place
+from synth.props import laptop, mug
+from synth.rig_scene import Stay
+from synth.scene import Surface
+from synth.skeleton import JOINT_ID
+
+BODY = shipped_bodies()[3]
+EVERYTHING = replace(HARD, clutter=Clutter(**dict.fromkeys(vars(Clutter()), 1.0)))
+
+
+def stay(scene="sofa", difficulty=EVERYTHING, number=0, seed=1):
+    return Stay(scene, difficulty, DEFAULT_SUIT, seed, number, 2.0)
+
+
+def vertices_of(cast, tableau, *tags):
+    return tableau.vertices_m[np.unique(cast.faces[np.isin(cast.tags, tags)])]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_stay_is_the_same_twice_and_its_arrays_fit(scene):
+    first, again = stay(scene), stay(scene)
+    for a, b in islice(zip(first.tableaux(), again.tableaux(), strict=True), 3):
+        np.testing.assert_array_equal(a.vertices_m, b.vertices_m)
+        np.testing.assert_array_equal(a.celsius, b.celsius)
+        cast = first.cast
+        assert a.vertices_m.shape == a.following_m.shape and np.isfinite(a.vertices_m).all()
+        assert len(cast.faces) == len(cast.tags) == len(a.celsius) == len(cast.dark) - 1
+        assert cast.faces.max() == len(a.vertices_m) - 1
+        assert (np.isfinite(a.celsius) & (a.celsius > 5) & (a.celsius < 90)).all()
+        assert ((cast.dark >= 0) & (cast.dark <= 1)).all()
+        own = cast.tags < N_CLASSES
+        assert cast.faces[own].max() < cast.subject <= cast.people
+        assert cast.faces[cast.tags == Surface.OTHER_PERSON].max(initial=cast.subject) < cast.people
+
+
+def test_what_follows_is_the_next_moment():
+    a, b = islice(stay(difficulty=NORMAL).tableaux(), 2)
+    np.testing.assert_array_equal(a.following_m, b.vertices_m)
+    assert np.abs(a.following_m - a.vertices_m).max() > 1e-4
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_visitors_touch_nobody_and_stand_on_the_floor(scene):
+    visited = [s for s in (stay(scene, number=k) for k in range(3)) if s.cast.people > s.cast.subject]
+    assert visited
+    for played, tableau in ((s, t) for s in visited for t in islice(s.tableaux(), 3)):
+        subject, people = played.cast.subject, played.cast.people
+        visitor = tableau.vertices_m[subject:people]
+        gap, _ = cKDTree(tableau.vertices_m[:subject][::5]).query(visitor[::5])
+        assert gap.min() > 0.05
+        assert -0.03 < visitor[:, 2].min() < 0.05
+        seat = vertices_of(played.cast, tableau, Surface.SOFA, Surface.BED)[:8]
+        inside = (visitor > seat.min(axis=0) + 0.01) & (visitor < seat.max(axis=0) - 0.01)
+        assert not inside.all(axis=1).any() or scene == "chair"
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_blankets_lie_over_the_legs(scene):
+    played = stay(scene, number=1)
+    legs = [PART_ID[f"{s}_{p}"] for s in ("left", "right") for p in ("upper_leg", "lower_leg")]
+    for tableau in islice(played.tableaux(), 3):
+        cloth = vertices_of(played.cast, tableau, Surface.BLANKET)
+        leg = vertices_of(played.cast, tableau, *legs)
+        low, high = cloth[:, :2].min(axis=0), cloth[:, :2].max(axis=0)
+        covered = leg[((leg[:, :2] > low) & (leg[:, :2] < high)).all(axis=1)]
+        assert len(covered) > 200
+        # The nearest node beside a point of the leg is not lower than it, but where the cloth hangs down.
+        _, nearest = cKDTree(cloth[:, :2]).query(covered[:, :2])
+        assert (cloth[nearest, 2] >= covered[:, 2] - 0.005).mean() > 0.97
+
+
+def test_a_laptop_is_on_free_thighs_and_else_aside():
+    rng, place = np.random.default_rng(3), Place.sample("sofa", np.random.default_rng(0))
+    thing = laptop(np.array([9.0, 9.0, 0.5]), BODY, on_lap=True)
+    places = {}
+    for activity in ("gadget", "resting", "leaning_forward", "reading"):
+        for _ in range(4):
+            person, joints = place.pose(BODY, SITTING.draw(activity, rng))
+            where = thing.vertices(person, joints)
+            places.setdefault(activity, []).append(bool(where[0, 0] < 5))
+            if where[0, 0] < 5:
+                base = where[:8]
+                inside = (person > base.min(axis=0) + 1e-4) & (person < base.max(axis=0) - 1e-4)
+                assert not inside.all(axis=1).any()
+                knee = joints[[JOINT_ID["left_knee"], JOINT_ID["right_knee"]], 2].max()
+                assert knee - 0.12 < base[:, 2].min() < knee + 0.2
+    assert any(places["gadget"]) and not any(places["leaning_forward"])
+
+
+def test_a_mug_is_at_the_mouth_of_who_drinks_unless_it_stands():
+    rng, place = np.random.default_rng(3), Place.sample("sofa", np.random.default_rng(0))
+    held, standing = (mug(np.array([9.0, 9.0, 0.5]), BODY, held=free) for free in (True, False))
+    at_mouth = []
+    for _ in range(8):
+        person, joints = place.pose(BODY, SITTING.draw("drinking", rng))
+        away = np.linalg.norm(held.vertices(person, joints).mean(axis=0) - joints[JOINT_ID["head"]])
+        at_mouth.append(away < 0.4)
+        assert standing.vertices(person, joints)[:, 0].min() > 8
+    assert any(at_mouth)
+    person, joints = place.pose(BODY, SITTING.draw("resting", rng))
+    assert held.vertices(person, joints)[:, 0].min() > 8
+
+
+def test_the_seat_is_warm_where_somebody_sits_and_the_room_even_when_clean():
+    hard, clean = stay(difficulty=NORMAL), stay(difficulty=CLEAN)
+    warm, cold = next(hard.tableaux()), next(clean.tableaux())
+    seat_c = warm.celsius[hard.cast.tags == Surface.SOFA]
+    assert seat_c.max() > hard.cast.room_c + 5 and np.median(seat_c) < hard.cast.room_c + 2
+    lifeless = clean.cast.tags >= N_CLASSES
+    assert set(cold.celsius[lifeless]) == {clean.cast.room_c}
+
+
+def test_subjects_are_of_many_builds_and_a_bad_scene_is_refused():
+    heights = [np.ptp(shipped_bodies()[k].vertices_m[:, 2]) for k in range(8)]
+    assert np.ptp(heights) > 0.3
+    builds = {
+        round(float(np.ptp(stay(difficulty=CLEAN, number=k)._body.vertices_m[:, 2])), 4) for k in range(8)
+    }
+    assert len(builds) == 8
+    with pytest.raises(CloudError, match="'pool' is unknown; use sofa, chair, bed"):
+        Place.sample("pool", np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_robots_look_at_the_person_from_a_robots_distance(scene):
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        place = Place.sample(scene, rng)
+        pose = place.robot_eye(rng, 1.0)
+        middle = pose.apply(np.array([[0, 0, place.seat_height_m + 0.1]]))[0]
+        assert 1.5 < middle[2] < 3.2 and abs(middle[0]) < 0.6 and abs(middle[1]) < 0.7
+        eye = pose.inverse().translation_m
+        assert 0.9 < eye[2] < 2.5 and eye[1] < place.wall_y - 0.2
