@@ -25,7 +25,8 @@ class Clock:
     def host_ns(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         """Device stamps (n,) on the host's clock."""
         since = stamps_ns - self.origin_ns
-        return stamps_ns + self.offset_ns + np.rint(self.skew * since).astype(np.int64)
+        host = stamps_ns + self.offset_ns + np.rint(self.skew * since).astype(np.int64)
+        return np.asarray(host, np.int64)
 
 
 def fit_clock(stamps_ns: NDArray[np.int64], arrivals_ns: NDArray[np.int64]) -> Clock:

@@ -18,3 +18,27 @@ class CalibrationError(CloudError):
 
 class ExistsError(CloudError):
     """A result already exists and nobody asked for it to be replaced."""
+
+
+class DeviceError(CloudError):
+    """A device cannot do what was asked of it."""
+
+
+class DeviceNotFoundError(DeviceError):
+    """No such device, or the library that drives it is not installed."""
+
+
+class DeviceAccessError(DeviceError):
+    """The device is there, but the system's permissions keep this user from it."""
+
+
+class DeviceBusyError(DeviceError):
+    """Somebody else, or another part of this program, has the device open."""
+
+
+class DeviceLostError(DeviceError):
+    """The device was unplugged, or stopped answering for good."""
+
+
+class DeviceFaultError(DeviceError):
+    """The device answers, but not what its protocol allows; the next read may be well again."""

@@ -118,7 +118,7 @@ class Recorder:
     def __init__(self, devices: Sequence[Device], writer: SessionWriter, infrared: bool = False) -> None:
         _check_apart(devices)
         self._writer, self._infrared = writer, infrared
-        self._queues = {device.address: Queue[Reading | DeviceError](BACKLOG) for device in devices}
+        self._queues = {device.address: Queue[Reading | Exception](BACKLOG) for device in devices}
         self._devices = {device.address: device for device in devices}
         self._overrun = Counter[str]()
         self._woken, self._stop = threading.Event(), threading.Event()
@@ -160,8 +160,8 @@ class Recorder:
         queue = self._queues[device.address]
         while not self._stop.is_set():
             try:
-                item: Reading | DeviceError | None = device.read(READ_S)
-            except DeviceError as error:
+                item: Reading | Exception | None = device.read(READ_S)
+            except Exception as error:  # whoever writes deals with it, or it would die with this thread
                 item = error
             if item is None:
                 continue
@@ -170,7 +170,7 @@ class Recorder:
             except Full:
                 self._overrun[device.address] += 1
             self._woken.set()
-            if isinstance(item, DeviceError) and not isinstance(item, DeviceFaultError):
+            if isinstance(item, Exception) and not isinstance(item, DeviceFaultError):
                 return
 
     def _write(self, enough: Callable[[], bool], show: Callable[["Recorder"], None]) -> str:
@@ -198,6 +198,8 @@ class Recorder:
                     if isinstance(item, Reading):
                         self._put(address, item)
                         continue
+                    if not isinstance(item, DeviceError):
+                        raise item
                     self._note(time.time_ns(), str(item))
                     gone = not isinstance(item, DeviceFaultError)
                     alive = alive and not (gone and "depth" in self._devices[address].rates_hz)

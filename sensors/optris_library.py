@@ -1,0 +1,92 @@
+"""The C interface of the vendor's libirdirectsdk.so in ctypes: types, prototypes, and where the library is.
+
+Source: irdirectsdk.h of libirimager (Evocortex), as public bindings of it declare it.
+"""
+
+from collections.abc import Callable
+from ctypes import (
+    CDLL,
+    CFUNCTYPE,
+    POINTER,
+    Structure,
+    c_char_p,
+    c_float,
+    c_int,
+    c_longlong,
+    c_uint,
+    c_ulong,
+    c_ushort,
+)
+from ctypes.util import find_library
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from sensors.errors import DeviceNotFoundError
+
+
+class FrameMetadata(Structure):
+    """``EvoIRFrameMetadata``. timestamp: units of 100 ns."""
+
+    _fields_ = [
+        ("counter", c_uint),
+        ("counterHW", c_uint),
+        ("timestamp", c_longlong),
+        ("timestampMedia", c_longlong),
+        ("flagState", c_int),
+        ("tempChip", c_float),
+        ("tempFlag", c_float),
+        ("tempBox", c_float),
+    ]
+
+
+Pointer = Any
+"""Any of ctypes' pointer types, which come into being at run time."""
+
+_SIZE = (POINTER(c_int), POINTER(c_int))
+PROTOTYPES: dict[str, Any] = {
+    "usb_init": CFUNCTYPE(c_int, c_char_p, c_char_p, c_char_p),
+    "get_serial": CFUNCTYPE(c_int, POINTER(c_ulong)),
+    "get_thermal_image_size": CFUNCTYPE(c_int, *_SIZE),
+    "get_thermal_image_metadata": CFUNCTYPE(c_int, *_SIZE, POINTER(c_ushort), POINTER(FrameMetadata)),
+    "set_shutter_mode": CFUNCTYPE(c_int, c_int),
+    "trigger_shutter_flag": CFUNCTYPE(c_int),
+    "set_radiation_parameters": CFUNCTYPE(c_int, c_float, c_float, c_float),
+    "set_temperature_range": CFUNCTYPE(c_int, c_int, c_int),
+    "terminate": CFUNCTYPE(c_int),
+}
+"""Each function's name without ``evo_irimager_``; all return 0 on success."""
+
+
+@dataclass(frozen=True, eq=False)
+class DirectLibrary:
+    """The functions, as C function pointers: the vendor's library's, or a twin's. It serves one camera."""
+
+    usb_init: Callable[..., int]
+    get_serial: Callable[..., int]
+    get_thermal_image_size: Callable[..., int]
+    get_thermal_image_metadata: Callable[..., int]
+    set_shutter_mode: Callable[..., int]
+    trigger_shutter_flag: Callable[..., int]
+    set_radiation_parameters: Callable[..., int]
+    set_temperature_range: Callable[..., int]
+    terminate: Callable[..., int]
+
+
+@lru_cache(maxsize=1)
+def load_library() -> DirectLibrary:
+    """The vendor's library. Raises DeviceNotFoundError where it is not installed."""
+    path = find_library("irdirectsdk")
+    if path is None:
+        raise DeviceNotFoundError(
+            "libirdirectsdk.so is not installed; install libirimager from evocortex.org, "
+            "or read raw counts with: optris:/dev/video0"
+        )
+    try:
+        library = CDLL(path)
+        pointers = {name: kind((f"evo_irimager_{name}", library)) for name, kind in PROTOTYPES.items()}
+    except (OSError, AttributeError) as error:
+        raise DeviceNotFoundError(
+            f"{path} cannot be used ({error}); install libirimager 2 or newer"
+        ) from error
+    return DirectLibrary(**pointers)

@@ -1,0 +1,104 @@
+"""The twin of a Kinect v2: the shim's C interface, made of C function pointers into Python."""
+
+from collections import deque
+from ctypes import c_float, memmove, pointer
+
+import numpy as np
+
+from sensors.camera import Intrinsics
+from sensors.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
+from sensors.kinect2_shim import COLOR, DEPTH, PROTOTYPES, Frame, Pointer, Shim
+from sensors.virtual.scene import Scene
+from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
+
+RATE_HZ = 30.0
+TICKS_PER_S = 8000
+FIRST_TICK = 2**32 - 2 * TICKS_PER_S
+"""The twin's clock wraps around two seconds after the start, which a real one does after 149 hours."""
+COLOR_LATER_S = 0.004
+QUEUE = 15
+"""Of each stream, as the shim keeps."""
+_HANDLE = 1
+
+
+class VirtualKinect2:
+    """One Kinect v2 with its serial number, behind ``shim``. The scene's frames must have colour."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        faults: Faults | None = None,
+        *,
+        serials: tuple[str, ...] = ("virtual",),
+        depth: Intrinsics = KINECT2_DEPTH,
+    ) -> None:
+        scene.color(0)
+        self._scene, self._serials, self._depth = scene, serials, depth
+        self.schedule = Schedule(RATE_HZ, faults or Faults())
+        self.schedule.queue = QUEUE
+        self._open = False
+        self._ready = deque[tuple[int, int]]()
+        self.shim = Shim(**{name: make(getattr(self, f"_{name}")) for name, make in PROTOTYPES.items()})
+
+    def unplug(self) -> None:
+        """Fall silent, as libfreenect2 does; idempotent."""
+        self.schedule.stop()
+
+    def _k2_count(self) -> int:
+        return len(self._serials)
+
+    def _k2_serial(self, index: int, text: Pointer, size: int) -> int:
+        data = self._serials[index].encode() + b"\0"
+        if len(data) > size:
+            return -1
+        memmove(text, data, len(data))
+        return 0
+
+    def _k2_open(self, serial: bytes) -> int | None:
+        if self._open or serial.decode() not in self._serials:
+            return None
+        self._open = True
+        return _HANDLE
+
+    def _k2_params(self, handle: int, infrared: Pointer, color: Pointer) -> None:
+        d, c = self._depth, KINECT2_COLOR
+        values = (
+            (infrared, (d.fx, d.fy, d.cx, d.cy, d.k1, d.k2, d.k3, d.p1, d.p2)),
+            (color, (c.f, c.f, c.cx, c.cy, c.shift_d, c.shift_m, *c.mx, *c.my)),
+        )
+        for target, numbers in values:
+            memmove(target, (c_float * len(numbers))(*numbers), 4 * len(numbers))
+
+    def _k2_start(self, handle: int) -> int:
+        self.schedule.start()
+        return 0
+
+    def _k2_read(self, handle: int, timeout_ms: int, frame: Pointer, data: int, capacity: int) -> int:
+        if not self._ready:
+            try:
+                number = self.schedule.wait(timeout_ms * 1e-3)
+            except UnpluggedError:
+                return 0
+            if number is None:
+                return 0
+            self._ready += ((DEPTH, number), (COLOR, number))
+        kind, number = self._ready.popleft()
+        image = self._image(kind, number)
+        seconds = self.schedule.device_s(number) + (COLOR_LATER_S if kind == COLOR else 0.0)
+        ticks = (FIRST_TICK + int(seconds * TICKS_PER_S)) % 2**32
+        size = (512, 424) if kind == DEPTH else (1920, 1080)
+        head = Frame(kind, ticks, number, int(self.schedule.is_short()), *size, len(image))
+        memmove(frame, pointer(head), Frame.bytes.offset + Frame.bytes.size)
+        if len(image) > capacity:
+            return -1
+        memmove(data, image, len(image))
+        return 1
+
+    def _k2_close(self, handle: int) -> None:
+        self._open = False
+
+    def _image(self, kind: int, number: int) -> bytes:
+        seconds = number / RATE_HZ
+        if kind == DEPTH:
+            return self._scene.depth(seconds).astype(np.float32).tobytes()
+        return self._scene.color(seconds)

@@ -1,0 +1,191 @@
+"""The twin of an Optris pyrometer: its protocol on a pseudo-terminal, which pyserial opens like any port."""
+
+import os
+import select
+import threading
+import time
+import tty
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import sin
+from pathlib import Path
+
+import numpy as np
+
+from sensors.pyrometer_protocol import (
+    BURST_LAYOUT,
+    BURST_SWITCH,
+    CS_PROCESSOR,
+    CT,
+    SYNC,
+    TENTHS,
+    Family,
+    Scale,
+    checksum,
+)
+
+CHECKSUM_SWITCH = 0xAD
+BURST_PERIOD_S = 0.01
+AMBIENT_C, HEAD_C, BOX_C, PROCESSOR_C = 22.0, 27.4, 31.2, 33.5
+
+
+@dataclass(frozen=True)
+class LineFaults:
+    """What goes wrong on the line. delay_s: before every reply. noise, loss: share of reply bytes changed or
+    lost. refuse: share of SET commands that arrive damaged, so that their checksum is wrong.
+    """
+
+    delay_s: float = 0.0
+    noise: float = 0.0
+    loss: float = 0.0
+    refuse: float = 0.0
+
+
+def skin_temperature_c(seconds: float) -> float:
+    """What the twin looks at: skin that breathes a little, 32.5 to 33.5 C."""
+    return 33.0 + 0.5 * sin(0.3 * seconds)
+
+
+class VirtualPyrometer:
+    """Answers on the pseudo-terminal ``port`` until ``unplug``. Deterministic faults in ``seed``.
+
+    target_c: the true temperature over the seconds since the start. Emissivity scales what is above
+    the ambient, as on the device. faults may be exchanged at any time.
+    """
+
+    def __init__(
+        self,
+        family: Family = CT,
+        *,
+        serial: int = 8_031_234,
+        rs485: int | None = None,
+        scale: Scale = TENTHS,
+        faults: LineFaults | None = None,
+        target_c: Callable[[float], float] = skin_temperature_c,
+        seed: int = 0,
+    ) -> None:
+        self.family, self.emissivity, self.transmissivity = family, 0.97, 1.0
+        self.checksum_expected = family.checksum
+        self._number, self._rs485, self._scale, self._target_c = serial, rs485, scale, target_c
+        self.faults, self._rng = faults or LineFaults(), np.random.default_rng(seed)
+        self._layout: tuple[int, ...] = ()
+        self._streaming = False
+        self._started = time.monotonic()
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.port = Path(os.ttyname(self._slave))
+        self._wake_read, self._wake_write = os.pipe()
+        self._thread = threading.Thread(target=self._serve, name=f"twin {self.port}", daemon=True)
+        self._thread.start()
+
+    def unplug(self) -> None:
+        """Vanish, as when the cable is pulled; idempotent."""
+        if self._thread.is_alive():
+            os.write(self._wake_write, b"x")
+            self._thread.join()
+
+    def _serve(self) -> None:
+        waiting = bytearray()
+        try:
+            while True:
+                pause = BURST_PERIOD_S if self._streaming else None
+                ready, _, _ = select.select([self._master, self._wake_read], [], [], pause)
+                if self._wake_read in ready:
+                    return
+                if self._master in ready:
+                    waiting += os.read(self._master, 256)
+                    while (used := self._obey(waiting)) > 0:
+                        del waiting[:used]
+                if self._streaming:
+                    self._send(SYNC + b"".join(self._item(item) for item in self._layout))
+        except OSError:
+            return
+        finally:
+            for fd in (self._master, self._slave, self._wake_read, self._wake_write):
+                os.close(fd)
+
+    def _obey(self, waiting: bytearray) -> int:
+        """Carry out the command at the front; the number of bytes it has, 0 while it is incomplete."""
+        start = 0
+        if waiting and 0xB0 <= waiting[0] < 0xD0:
+            start = 1
+        if len(waiting) <= start:
+            return 0
+        code, family = waiting[start], self.family
+        data = 0
+        if code in (family.set_emissivity, family.set_transmissivity):
+            data = 2
+        elif code in (BURST_LAYOUT, BURST_SWITCH) and family.burst:
+            data = 4 if code == BURST_LAYOUT else 1
+        guarded = code >= 0x82 and self.checksum_expected
+        length = start + 1 + data + guarded
+        if len(waiting) < length:
+            return 0
+        mine = self._rs485 is None or (start == 1 and waiting[0] == 0xB0 + self._rs485)
+        command = bytes(waiting[start : start + 1 + data])
+        intact = not guarded or waiting[length - 1] == checksum(command)
+        if data and code >= 0x82 and self._rng.random() < self.faults.refuse:
+            intact = False
+        if mine and intact:
+            self._send(self._answer(command))
+        return length
+
+    def _answer(self, command: bytes) -> bytes:
+        code, data, family = command[0], command[1:], self.family
+        if code in (family.set_emissivity, family.set_transmissivity):
+            name = "emissivity" if code == family.set_emissivity else "transmissivity"
+            setattr(self, name, int.from_bytes(data) / 1000)
+            return data
+        if code == BURST_LAYOUT and family.burst:
+            nibbles = [n for byte in data for n in (byte >> 4, byte & 15)]
+            self._layout = tuple(nibbles[: (*nibbles, 0).index(0)])
+            return b""
+        if code == BURST_SWITCH and family.burst:
+            self._streaming = data == b"\x01"
+            return b""
+        if code == CHECKSUM_SWITCH and family.checksum:
+            self.checksum_expected = not self.checksum_expected
+            return b""
+        return self._reading(code)
+
+    def _reading(self, code: int) -> bytes:
+        family = self.family
+        if code == family.serial:
+            return self._number.to_bytes(3)
+        if code == family.firmware:
+            return (2007).to_bytes(2)
+        if code in (family.target, family.current_target):
+            return self._item(1)
+        if code == family.head:
+            return self._item(2)
+        if code == family.box:
+            return self._item(3)
+        if code == family.emissivity:
+            return self._item(5)
+        if code == family.transmissivity:
+            return self._item(6)
+        if code == CS_PROCESSOR and not family.burst:
+            return self._scale.encode(PROCESSOR_C)
+        return b""
+
+    def _item(self, item: int) -> bytes:
+        """Two bytes of one burst item: 1 process, 2 head, 3 box, 4 actual, 5 emissivity, 6 transmissivity."""
+        if item in (5, 6):
+            return round((self.emissivity if item == 5 else self.transmissivity) * 1000).to_bytes(2)
+        if item in (2, 3):
+            return self._scale.encode(HEAD_C if item == 2 else BOX_C)
+        true_c = self._target_c(time.monotonic() - self._started)
+        return self._scale.encode(AMBIENT_C + (true_c - AMBIENT_C) * 0.97 / self.emissivity)
+
+    def _send(self, reply: bytes) -> None:
+        if not reply:
+            return
+        if self.faults.delay_s:
+            time.sleep(self.faults.delay_s)
+        chance = self._rng.random((2, len(reply)))
+        noisy = bytes(
+            byte ^ int(self._rng.integers(1, 256)) if hit < self.faults.noise else byte
+            for byte, hit, lost in zip(reply, *chance, strict=True)
+            if lost >= self.faults.loss
+        )
+        os.write(self._master, noisy)

@@ -1,0 +1,89 @@
+"""What a twin's camera sees: recorded or rendered frames in a loop, or a simple test picture."""
+
+from collections.abc import Iterable
+from functools import lru_cache
+from itertools import islice
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import DeviceError
+from sensors.frame import RigFrame
+from sensors.optris_layout import HEIGHT, WIDTH
+
+FRAMES_PER_SECOND = 30.0
+T = TypeVar("T")
+
+AMBIENT_C = 22.0
+LONGEST = 30
+"""Frames kept of a source: a second of them, 60 MB at most, made before the twin starts."""
+
+
+class Scene:
+    """The first frames of a source, shown round and round at 30 a second. Raises DeviceError for none.
+
+    A frame without colour or temperatures shows those of the frame before.
+    """
+
+    def __init__(self, frames: Iterable[RigFrame] | None = None) -> None:
+        shown = tuple(islice(frames, LONGEST)) if frames is not None else swinging_ball()
+        if not shown:
+            raise DeviceError("the twin's source has no frames; give a session or the virtual rig")
+        self._depth = [frame.depth_mm for frame in shown]
+        self._color = _filled([frame.color_encoded for frame in shown])
+        self._thermal = [_thermal(celsius) for celsius in _filled([frame.thermal_c for frame in shown])]
+
+    def depth(self, seconds: float) -> NDArray[np.uint16]:
+        """Millimetres (h, w), ``seconds`` after the start."""
+        return _at(self._depth, seconds, "depth")
+
+    def color(self, seconds: float) -> bytes:
+        """The encoded image. Raises DeviceError where the source has none."""
+        return _at(self._color, seconds, "colour")
+
+    def thermal(self, seconds: float) -> NDArray[np.float32]:
+        """Celsius (120, 160) without gaps. Raises DeviceError where the source has none."""
+        return _at(self._thermal, seconds, "thermal")
+
+
+def _filled(images: list[T | None]) -> list[T]:
+    """Each image or, where there is none, the one before; what comes before the first takes the first."""
+    there = [image for image in images if image is not None]
+    filled: list[T] = []
+    for image in images if there else []:
+        filled.append(image if image is not None else (filled or there)[-1 if filled else 0])
+    return filled
+
+
+def _thermal(celsius: NDArray[np.float32]) -> NDArray[np.float32]:
+    if celsius.shape != (HEIGHT, WIDTH):
+        celsius = cv2.resize(celsius, (WIDTH, HEIGHT)).astype(np.float32)
+    return np.nan_to_num(celsius, nan=AMBIENT_C)
+
+
+def _at(images: list[T], seconds: float, name: str) -> T:
+    if not images:
+        raise DeviceError(f"the twin's source has no {name} images; give one that has")
+    return images[int(seconds * FRAMES_PER_SECOND + 1e-6) % len(images)]
+
+
+@lru_cache(maxsize=1)
+def swinging_ball(count: int = 10) -> tuple[RigFrame, ...]:
+    """A warm ball of 33 C that swings before a wall of 22 C, as depth, colour and temperature."""
+    return tuple(_frame(index, np.sin(2 * np.pi * index / count)) for index in range(count))
+
+
+def _frame(index: int, swing: float) -> RigFrame:
+    depth = np.where(_ball(424, 512, swing), 1500, 2500).astype(np.uint16)
+    color = np.where(_ball(1080, 1920, swing)[..., None], (60, 80, 200), (120, 130, 120)).astype(np.uint8)
+    thermal = np.where(_ball(HEIGHT, WIDTH, swing), 33.0, AMBIENT_C).astype(np.float32)
+    encoded = cv2.imencode(".jpg", color)[1].tobytes()
+    return RigFrame(index, round(index * 1e9 / FRAMES_PER_SECOND), depth, encoded, thermal)
+
+
+def _ball(height: int, width: int, swing: float) -> NDArray[np.bool_]:
+    v, u = np.ogrid[:height, :width]
+    away = np.hypot(u - width * (0.5 + 0.2 * swing), v - height / 2)
+    return np.asarray(away < height / 4, np.bool_)

@@ -1,0 +1,81 @@
+"""When a twin's frames are due, and what goes wrong with them."""
+
+import threading
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+QUEUE = 4
+"""Frames kept for a slow reader unless it asks for more, as V4L2 drivers do; older ones are lost."""
+
+
+class UnpluggedError(Exception):
+    """The twin has vanished; each twin turns this into what its own system says."""
+
+
+@dataclass(frozen=True)
+class Faults:
+    """drop: share of frames lost before the host. short: share of frames cut off. unplug_after: seconds.
+
+    skew_ppm: how much faster the device's clock runs than the host's. jitter_s: mean of the random delay
+    with which frames arrive.
+    """
+
+    drop: float = 0.0
+    short: float = 0.0
+    unplug_after: float = float("inf")
+    skew_ppm: float = 0.0
+    jitter_s: float = 0.0
+
+
+class Schedule:
+    """Frames 0, 1, 2 .. of ``rate_hz`` a second since ``start``. One thread waits; any may ``stop``.
+
+    queue: how many frames wait for a slow reader.
+    """
+
+    def __init__(self, rate_hz: float, faults: Faults, seed: int = 0) -> None:
+        self._rate_hz, self.faults, self.queue = rate_hz, faults, QUEUE
+        self._rng = np.random.default_rng(seed)
+        self._next, self._delay_s = 0, 0.0
+        self._start_s = float("inf")
+        self._stopped = threading.Event()
+
+    def start(self) -> None:
+        """The first frame is due one period from now."""
+        self._start_s = time.monotonic()
+
+    def stop(self) -> None:
+        """Let whoever waits go."""
+        self._stopped.set()
+
+    def wait(self, timeout_s: float) -> int | None:
+        """Number of the next frame once it is due, None after ``timeout_s``. Raises UnpluggedError."""
+        end_s = time.monotonic() + timeout_s
+        while True:
+            late = int((time.monotonic() - self._start_s) * self._rate_hz) if self._started else 0
+            self._next = max(self._next, late - self.queue)
+            due_s = self._start_s + (self._next + 1) / self._rate_hz + self._delay_s
+            unplugged_s = self._start_s + self.faults.unplug_after
+            until_s = min(due_s, end_s, unplugged_s)
+            if self._stopped.wait(max(0.0, until_s - time.monotonic())) or until_s == unplugged_s:
+                raise UnpluggedError
+            if until_s < due_s:
+                return None
+            number, self._next = self._next, self._next + 1
+            self._delay_s = float(self._rng.exponential(self.faults.jitter_s))
+            if self._rng.random() >= self.faults.drop:
+                return number
+
+    def is_short(self) -> bool:
+        """Whether the frame now at hand is cut off."""
+        return bool(self._rng.random() < self.faults.short)
+
+    def device_s(self, number: int) -> float:
+        """The device's clock when frame ``number`` was taken."""
+        return number / self._rate_hz * (1 + self.faults.skew_ppm * 1e-6)
+
+    @property
+    def _started(self) -> bool:
+        return self._start_s != float("inf")

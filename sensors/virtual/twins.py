@@ -1,0 +1,144 @@
+"""Opens virtual devices: each is the real driver, with a twin where its hardware would be."""
+
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Protocol
+
+from sensors.address import Address
+from sensors.camera import Intrinsics
+from sensors.device import Device, Reading
+from sensors.errors import DeviceError
+from sensors.frame import RigFrame
+from sensors.kinect2 import Kinect2
+from sensors.optris import Optris
+from sensors.optris_direct import OptrisDirect
+from sensors.optris_layout import LAYOUTS
+from sensors.pyrometer_protocol import FAMILIES
+from sensors.video import OpenCvVideo, Video
+from sensors.virtual.kinect2 import VirtualKinect2
+from sensors.virtual.optris import FakeKernel, VirtualOptris
+from sensors.virtual.optris_direct import VirtualDirect
+from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
+from sensors.virtual.scene import Scene
+from sensors.virtual.schedule import Faults
+
+
+class Twin(Protocol):
+    """The hardware's side of a virtual device."""
+
+    def unplug(self) -> None:
+        """Vanish; idempotent."""
+        ...
+
+
+class VirtualDevice:
+    """A real driver and its twin under one roof: the driver speaks, closing ends both."""
+
+    def __init__(self, address: str, device: Device, twin: Twin) -> None:
+        self.address, self.device, self.twin = address, device, twin
+
+    @property
+    def serial(self) -> str:
+        """See ``Device``."""
+        return self.device.serial
+
+    @property
+    def rates_hz(self) -> Mapping[str, float]:
+        """See ``Device``."""
+        return self.device.rates_hz
+
+    @property
+    def cameras(self) -> Mapping[str, Intrinsics]:
+        """See ``Device``."""
+        return self.device.cameras
+
+    def start(self) -> None:
+        """See ``Device``."""
+        self.device.start()
+
+    def read(self, timeout_s: float) -> Reading | None:
+        """See ``Device``."""
+        return self.device.read(timeout_s)
+
+    def close(self) -> None:
+        """See ``Device``."""
+        self.device.close()
+        self.twin.unplug()
+
+
+def open_twin(address: Address, frames: Iterable[RigFrame] | None) -> Device:
+    """The virtual device of an address; see ``sensors.devices.open_device``. Raises DeviceError."""
+    openers: dict[str, Callable[[Address, Iterable[RigFrame] | None], Device]] = {
+        "kinect2": _kinect2,
+        "optris": _optris,
+        "optris-direct": _optris_direct,
+        "pyrometer": lambda address, _: _pyrometer(address),
+    }
+    if address.kind not in openers:
+        raise DeviceError(
+            f"device {address.text!r} has no virtual twin; use virtual: with {', '.join(openers)}"
+        )
+    return openers[address.kind](address, frames)
+
+
+def _kinect2(address: Address, frames: Iterable[RigFrame] | None) -> Device:
+    faults = _faults(address)
+    address.finish()
+    twin = VirtualKinect2(Scene(frames), faults)
+    return VirtualDevice(address.text, Kinect2(shim=twin.shim), twin)
+
+
+def _optris(address: Address, frames: Iterable[RigFrame] | None) -> Device:
+    layout, faults = address.choice("mode", LAYOUTS, "128hz"), _faults(address)
+    transport = address.choice("transport", {"opencv": "opencv", "linuxpy": "linuxpy"}, "opencv")
+    address.finish()
+    twin = VirtualOptris(layout, Scene(frames), faults)
+    video: Video
+    if transport == "linuxpy":
+        from sensors.video_linuxpy import LinuxpyVideo
+        from sensors.virtual.ioctl import FakeIo
+
+        video = LinuxpyVideo(twin.node, layout.width, layout.height, layout.uvc_hz, FakeIo(twin))
+    else:
+        video = OpenCvVideo(twin.node, layout.width, layout.height, layout.uvc_hz, FakeKernel(twin))
+    return VirtualDevice(address.text, Optris(twin.node, layout, video, "virtual"), twin)
+
+
+def _optris_direct(address: Address, frames: Iterable[RigFrame] | None) -> Device:
+    faults = _faults(address)
+    address.finish()
+    twin = VirtualDirect(Scene(frames), faults)
+    with tempfile.TemporaryDirectory() as folder:
+        config = Path(folder) / "generic.xml"
+        config.write_text("<imager><serial>0</serial></imager>\n", encoding="ascii")
+        return VirtualDevice(address.text, OptrisDirect(config, twin.library), twin)
+
+
+def _pyrometer(address: Address) -> Device:
+    # sensors.devices imports this module only to open a twin.
+    from sensors.devices import SCALES, open_pyrometer
+
+    family, scale = address.choice("family", FAMILIES, "ct"), address.choice("step", SCALES, "0.1")
+    faults = LineFaults(
+        address.number("delay", 0.0, 0.0, 10.0),
+        *(address.number(name, 0.0, 0.0, 1.0) for name in ("noise", "loss", "refuse")),
+    )
+    twin = VirtualPyrometer(family, rs485=address.given_integer("rs485", 1, 32), scale=scale)
+    try:
+        device = open_pyrometer(address, twin.port)
+    except DeviceError:
+        twin.unplug()
+        raise
+    twin.faults = faults
+    return VirtualDevice(address.text, device, twin)
+
+
+def _faults(address: Address) -> Faults:
+    return Faults(
+        drop=address.number("drop", 0.0, 0.0, 1.0),
+        short=address.number("short", 0.0, 0.0, 1.0),
+        unplug_after=address.number("unplug_after", float("inf"), 0.0, 1e6),
+        skew_ppm=address.number("skew_ppm", 0.0, -1e5, 1e5),
+        jitter_s=address.number("jitter_ms", 0.0, 0.0, 1e4) / 1000,
+    )

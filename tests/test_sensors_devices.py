@@ -1,0 +1,595 @@
+"""One contract for every device that can be opened here, addresses, and what goes wrong on opening."""
+
+import errno
+import os
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from importlib.machinery import ModuleSpec
+from itertools import count, pairwise
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sensors import devices, kinect2, node, optris_direct, paired_camera, pyrometer, serial_line, usb
+from sensors.address import Address
+from sensors.azure_kinect import AzureKinect, azure_serials
+from sensors.device import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
+from sensors.devices import find_devices, open_device
+from sensors.errors import (
+    CloudError,
+    DeviceAccessError,
+    DeviceBusyError,
+    DeviceError,
+    DeviceFaultError,
+    DeviceLostError,
+    DeviceNotFoundError,
+)
+from sensors.frame import RigFrame
+from sensors.kinect2 import Kinect2
+from sensors.lens import intrinsics_from_rational
+from sensors.node import check_node, node_error
+from sensors.optris import Optris
+from sensors.optris_direct import OptrisDirect
+from sensors.optris_layout import LAYOUTS
+from sensors.orbbec import Orbbec, depth_of, orbbec_serials
+from sensors.pyrometer import Pyrometer
+from sensors.pyrometer_protocol import CS, CT
+from sensors.video import OpenCvVideo
+from sensors.virtual.kinect2 import VirtualKinect2
+from sensors.virtual.optris import FakeKernel, VirtualOptris
+from sensors.virtual.optris_direct import VirtualDirect
+from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
+from sensors.virtual.scene import Scene
+from sensors.virtual.schedule import Faults
+
+VALUES = {
+    "depth": DepthImage,
+    "color": ColorImage,
+    "thermal": (ThermalImage, ThermalCounts),
+    "pyrometer": Spot,
+}
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch):
+    """Twins answer at once; what is silent for a fifth of a second is gone."""
+    monkeypatch.setattr(kinect2, "SILENCE_S", 0.2)
+    monkeypatch.setattr(optris_direct, "SILENCE_S", 0.2)
+    monkeypatch.setattr(serial_line, "REPLY_S", 0.05)
+    monkeypatch.setattr(serial_line, "QUIET_S", 0.005)
+    monkeypatch.setattr(pyrometer, "POLL_HZ", 100.0)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A twin on the bench: how the real driver opens it, and how its cable is pulled."""
+
+    open: Callable[[], Device]
+    unplug: Callable[[], None]
+
+
+def bench_kinect2(faults, folder):
+    twin = VirtualKinect2(Scene(), faults)
+    return Bench(lambda: Kinect2(shim=twin.shim), twin.unplug)
+
+
+def bench_optris(mode):
+    def make(faults, folder):
+        layout = LAYOUTS[mode]
+        twin = VirtualOptris(layout, Scene(), faults)
+
+        def opened():
+            size = (layout.width, layout.height, layout.uvc_hz)
+            return Optris(twin.node, layout, OpenCvVideo(twin.node, *size, FakeKernel(twin)))
+
+        return Bench(opened, twin.unplug)
+
+    return make
+
+
+def bench_linuxpy(faults, folder):
+    pytest.importorskip("linuxpy")
+    from sensors.video_linuxpy import LinuxpyVideo
+    from sensors.virtual.ioctl import FakeIo
+
+    layout = LAYOUTS["128hz"]
+    twin = VirtualOptris(layout, Scene(), faults)
+    video = (twin.node, layout.width, layout.height, layout.uvc_hz)
+    return Bench(lambda: Optris(twin.node, layout, LinuxpyVideo(*video, FakeIo(twin))), twin.unplug)
+
+
+def bench_direct(faults, folder):
+    config = folder / "generic.xml"
+    config.write_text("<imager><serial>0</serial></imager>")
+    twin = VirtualDirect(Scene(), faults)
+    return Bench(lambda: OptrisDirect(config, twin.library), twin.unplug)
+
+
+def bench_pyrometer(family, burst):
+    def make(faults, folder):
+        twin = VirtualPyrometer(family)
+
+        def opened():
+            device = Pyrometer(twin.port, family, burst=burst)
+            twin.faults = LineFaults(loss=faults.drop**2)
+            return device
+
+        return Bench(opened, twin.unplug)
+
+    return make
+
+
+BENCHES = {
+    "kinect2": bench_kinect2,
+    **{f"optris {mode}": bench_optris(mode) for mode in LAYOUTS},
+    "optris by linuxpy": bench_linuxpy,
+    "optris-direct": bench_direct,
+    "pyrometer ct": bench_pyrometer(CT, False),
+    "pyrometer cs": bench_pyrometer(CS, False),
+    "pyrometer ct burst": bench_pyrometer(CT, True),
+}
+
+
+@pytest.fixture(params=BENCHES)
+def bench(request, tmp_path):
+    """Makes the bench of each kind of device in turn, with faults."""
+    made = []
+
+    def make(faults=None):
+        made.append(BENCHES[request.param](faults or Faults(), tmp_path))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.unplug()
+
+
+def read_on(device, count):
+    """So many readings, whatever faults lie between."""
+    readings = []
+    for _ in range(20 * count):
+        try:
+            reading = device.read(0.5)
+        except DeviceFaultError:
+            continue
+        if reading is not None:
+            readings.append(reading)
+        if len(readings) == count:
+            return readings
+    raise AssertionError("the device gives too little")
+
+
+def test_contract_stamps_increase_and_streams_are_announced(bench):
+    with closing(bench().open()) as device:
+        assert device.address and isinstance(device.serial, str)
+        assert device.rates_hz and all(rate > 0 for rate in device.rates_hz.values())
+        device.start()
+        readings = read_on(device, 8)
+    assert {r.stream for r in readings} == set(device.rates_hz)
+    for stream in device.rates_hz:
+        mine = [r for r in readings if r.stream == stream]
+        assert all(isinstance(r.value, VALUES[stream]) for r in mine)
+        assert all(a.stamp_ns < b.stamp_ns and a.arrival_ns <= b.arrival_ns for a, b in pairwise(mine))
+
+
+def test_contract_a_timeout_gives_none_and_not_a_hang(bench):
+    with closing(bench(Faults(drop=1.0)).open()) as device:
+        device.start()
+        try:
+            assert device.read(0.02) is None or device.read(0.0) is None
+        except DeviceFaultError as fault:
+            assert device.address.startswith("pyrometer") and "answered 0 of 2 bytes" in str(fault)
+
+
+def test_contract_unplugging_says_what_to_do(bench):
+    made = bench()
+    with closing(made.open()) as device:
+        device.start()
+        read_on(device, 2)
+        made.unplug()
+        with pytest.raises(DeviceLostError, match="; ") as lost:
+            for _ in range(200):
+                device.read(0.2)
+    assert "\n" not in str(lost.value)
+
+
+def test_contract_close_is_idempotent_and_ends_a_read(bench):
+    device = bench(Faults(drop=1.0)).open()
+    device.start()
+    ended = []
+
+    def read():
+        with pytest.raises(DeviceLostError, match="; "):
+            while True:
+                try:
+                    device.read(5.0)
+                except DeviceFaultError:
+                    continue
+        ended.append(True)
+
+    thread = threading.Thread(target=read)
+    thread.start()
+    device.close()
+    thread.join(10)
+    assert ended
+    device.close()
+    with pytest.raises(DeviceLostError, match="; "):
+        device.read(0.01)
+
+
+def test_contract_a_device_is_opened_once(bench):
+    made = bench()
+    with closing(made.open()) as device:
+        with pytest.raises(DeviceBusyError, match=r"; |, and has it open"):
+            made.open()
+        device.start()
+        read_on(device, 1)
+    if not device.address.startswith("optris-direct"):
+        made.open().close()
+
+
+def test_contract_what_is_lost_is_reported(bench):
+    with closing(bench(Faults(drop=0.25)).open()) as device:
+        device.start()
+        readings = []
+        dropped = 0
+        while not dropped and len(readings) < 300:
+            readings += read_on(device, 10)
+            dropped = sum(r.dropped for r in readings)
+    assert dropped > 0
+
+
+# --- addresses -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("address", devices.VIRTUAL)
+def test_every_listed_virtual_device_opens(address):
+    with closing(open_device(address)) as device:
+        assert device.address == address
+        device.start()
+        assert {r.stream for r in read_on(device, 4)} == set(device.rates_hz)
+
+
+def test_a_virtual_device_shows_the_frames_it_is_given():
+    """Any source of rig frames: a recorded session, the virtual rig. The first second is shown in a loop."""
+
+    def endless():
+        for index in count():
+            depth = np.full((424, 512), 1000 + index, np.uint16)
+            yield RigFrame(index, 0, depth, b"\xff\xd8\xff" if index % 2 else None)
+
+    with closing(open_device("virtual:kinect2", endless())) as device:
+        device.start()
+        shown = {r.stream: r.value for r in read_on(device, 2)}
+    assert 1000 <= shown["depth"].depth_mm[0, 0] < 1030 and shown["color"].encoded == b"\xff\xd8\xff"
+    with pytest.raises(DeviceError, match="has no frames"):
+        open_device("virtual:kinect2", iter(()))
+
+
+@pytest.mark.parametrize("kind", ["optris", "optris-direct"])
+def test_a_twin_of_a_source_without_thermal_says_so_at_once(kind):
+    frames = [RigFrame(0, 0, np.zeros((424, 512), np.uint16))]
+    with pytest.raises(DeviceError, match="has no thermal images; give one that has"):
+        open_device(f"virtual:{kind}", frames)
+    with pytest.raises(DeviceError, match="has no colour images; give one that has"):
+        open_device("virtual:kinect2", frames)
+
+
+@pytest.mark.parametrize(
+    ("address", "match"),
+    [
+        ("", "is of no known kind; use kinect2"),
+        ("webcam:0", "is of no known kind"),
+        ("virtual:webcam", "has no virtual twin; use virtual: with"),
+        ("virtual:azure", "has no virtual twin"),
+        ("virtual:optris?mode=1hz", "mode '1hz' .* is unknown; use 128hz"),
+        ("virtual:optris?speed=1", "unknown option 'speed'; known are drop"),
+        ("virtual:optris?drop=2", "drop '2' .* is no number from 0 to 1"),
+        ("virtual:optris?drop=nan", "is no number from 0 to 1"),
+        ("virtual:optris?drop", "malformed options"),
+        ("virtual:optris?drop=0&drop=1", "gives an option twice"),
+        ("virtual:pyrometer?family=ir", "family 'ir' .* is unknown; use ct, cs"),
+        ("virtual:pyrometer?rs485=1.5", "is no integer; give 1 to 32"),
+        ("virtual:pyrometer?family=cs&burst=yes", "cs family has no burst"),
+        ("virtual:pyrometer?refuse=1&emissivity=2", "emissivity '2' .* is no number"),
+        ("optris:", "names no node; give for instance optris:/dev/video0"),
+        ("optris:/dev/video77", "/dev/video77 does not exist; plug the device in"),
+        ("pyrometer:/dev/ttyUSB77", "/dev/ttyUSB77 does not exist; plug the device in"),
+        ("kinect2:1?mode=1", "unknown option 'mode'; known are none"),
+    ],
+)
+def test_a_bad_address_is_one_clear_line(address, match):
+    with pytest.raises(DeviceError, match=match) as caught:
+        open_device(address)
+    assert "\n" not in str(caught.value)
+
+
+@given(st.text(max_size=40))
+def test_any_text_is_an_address_or_refused(text):
+    try:
+        address = Address(text)
+        address.number("drop", 0.0, 0.0, 1.0)
+        address.finish()
+    except CloudError as error:
+        assert "; " in str(error) or "is no number" in str(error)
+
+
+def test_options_of_a_virtual_pyrometer_reach_the_real_driver():
+    with closing(open_device("virtual:pyrometer?emissivity=0.95&rs485=3&step=0.01")) as device:
+        assert device.device.emissivity == 0.95 and device.twin.emissivity == 0.95
+
+
+# --- what keeps a node closed ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("code", "kind", "match"),
+    [
+        (errno.EACCES, DeviceAccessError, r"belongs to group \w+ and you are no member|udev rule"),
+        (errno.EBUSY, DeviceBusyError, "in use by another program; close"),
+        (errno.ENODEV, DeviceNotFoundError, "does not exist; plug"),
+        (errno.EIO, DeviceError, r"cannot be opened \(Input/output error\); give a device node"),
+    ],
+)
+def test_errors_of_the_system_name_the_remedy(monkeypatch, tmp_path, code, kind, match):
+    def refuse(*arguments, **options):
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(node.os, "open", refuse)
+    with pytest.raises(kind, match=match):
+        check_node(tmp_path / "video0")
+
+
+@pytest.mark.parametrize(("name", "group"), [("video3", "video"), ("ttyUSB0", "dialout")])
+def test_without_permission_the_group_is_named(monkeypatch, name, group):
+    """The node's own group; where the system does not know it, the one Debian gives to its kind."""
+    error = node_error(Path("/nowhere") / name, errno.EACCES)
+    assert f"belongs to group {group}" in str(error) and f"usermod -aG {group} $USER" in str(error)
+
+
+def test_a_node_of_root_alone_wants_a_udev_rule(monkeypatch, tmp_path):
+    monkeypatch.setattr(node, "_group", lambda path: "root")
+    assert "udev rule" in str(node_error(tmp_path, errno.EACCES))
+
+
+def test_a_kinect_that_may_not_be_opened_is_told_from_none(monkeypatch, tmp_path):
+    """libfreenect2 lists only what it can open; the system's list of USB devices knows better."""
+    entry = tmp_path / "2-1"
+    entry.mkdir()
+    for name, text in (("idVendor", "045e"), ("idProduct", "02c4"), ("busnum", "2"), ("devnum", "5")):
+        (entry / name).write_text(text + "\n")
+    (entry / "serial").write_text("0123\n")
+    found = usb.usb_devices(kinect2.USB_IDS, tmp_path)
+    assert [(str(d.node), d.serial) for d in found] == [("/dev/bus/usb/002/005", "0123")]
+    assert usb.usb_devices(("0403:de37",), tmp_path) == []
+    monkeypatch.setattr(usb, "check_node", lambda path: (_ for _ in ()).throw(node_error(path, errno.EACCES)))
+    with pytest.raises(DeviceAccessError):
+        usb.check_usb(kinect2.USB_IDS, tmp_path)
+
+
+def test_video_nodes_of_a_camera_are_found_without_its_metadata_node(tmp_path):
+    camera = tmp_path / "usb" / "1-2"
+    (camera / "1-2:1.0").mkdir(parents=True)
+    for name, text in (("idVendor", "0403"), ("idProduct", "de37"), ("serial", "77")):
+        (camera / name).write_text(text)
+    for index, name in enumerate(("video0", "video1")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "device").symlink_to(camera / "1-2:1.0")
+        (tmp_path / name / "index").write_text(str(index))
+    assert usb.video_nodes("0403:de37", tmp_path) == [(Path("/dev/video0"), "77")]
+
+
+def test_two_devices_with_one_serial_number_are_marked():
+    notes = [found.note for found in devices._numbered("kinect2", ["A", "B", "A"])]
+    assert notes[1] == "" and notes[0] == notes[2] and "same serial number" in notes[0]
+
+
+# --- the command -----------------------------------------------------------------------------------
+
+
+def test_devices_lists_what_there_is(annotate_cloud):
+    done = annotate_cloud("devices", "--json")
+    assert done.code == 0
+    listed = {entry["address"]: entry for entry in done.result["devices"]}
+    assert set(devices.VIRTUAL) <= set(listed)
+    assert all(listed[address]["virtual"] for address in devices.VIRTUAL)
+    assert "virtual:kinect2" in annotate_cloud("devices").out
+
+
+def test_finding_opens_nothing(monkeypatch):
+    monkeypatch.setattr(devices, "video_nodes", lambda usb_id: [(Path("/dev/video7"), "77")])
+    port = SimpleNamespace(device="/dev/ttyUSB9", serial_number=None)
+    monkeypatch.setattr(devices, "comports", lambda: [port])
+    found = {one.address: one for one in find_devices()}
+    assert found["optris:/dev/video7"].serial == "77"
+    assert "group video" in found["optris:/dev/video7"].note
+    assert "group dialout" in found["pyrometer:/dev/ttyUSB9"].note
+
+
+# --- cameras that people buy today -----------------------------------------------------------------
+
+
+def test_without_their_libraries_they_say_what_to_install():
+    for kind, serials in ((AzureKinect, azure_serials), (Orbbec, orbbec_serials)):
+        if not serials():
+            with pytest.raises(DeviceNotFoundError, match=r"install|plugged in"):
+                kind()
+
+
+def test_a_rational_lens_becomes_the_polynomial_one():
+    """An Azure Kinect's depth camera: a hundredth of a pixel over the whole image."""
+    coefficients = np.array([0.7, 0.3, 1e-4, -5e-5, 0.015, 1.03, 0.46, 0.08])
+    matrix = np.array([[504.0, 0, 320], [0, 504.0, 330], [0, 0, 1]])
+    camera = intrinsics_from_rational((640, 576), matrix, coefficients)
+    import cv2
+
+    from sensors.camera import project
+
+    v, u = np.mgrid[-0.6:0.6:25j, -0.6:0.6:25j]
+    points = np.stack([u, v, np.ones_like(u)], axis=-1).reshape(-1, 3)
+    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, coefficients)[0].reshape(-1, 2)
+    inside = ((expected >= 0) & (expected < (640, 576))).all(axis=-1)
+    assert inside.mean() > 0.5
+    np.testing.assert_allclose(project(camera, points)[inside], expected[inside], atol=0.05)
+
+
+class FakeAzure:
+    """pyk4a's own names (github.com/etiennedub/pyk4a, 1.5), with one device of three captures."""
+
+    class K4AException(Exception):  # noqa: N818
+        pass
+
+    class K4ATimeoutException(K4AException):
+        pass
+
+    ColorResolution = SimpleNamespace(RES_1080P=1)
+    ImageFormat = SimpleNamespace(COLOR_MJPG=0)
+    DepthMode = SimpleNamespace(NFOV_UNBINNED=2)
+    FPS = SimpleNamespace(FPS_30=2)
+    CalibrationType = SimpleNamespace(DEPTH=0, COLOR=1)
+    Config = SimpleNamespace
+    __spec__ = ModuleSpec("pyk4a", None)
+
+    @staticmethod
+    def connected_device_count():
+        return 1
+
+    class PyK4A:
+        serial = "000042"
+
+        def __init__(self, config=None, device_id=0):
+            self.opened = self.is_running = False
+            self.stamps = [10_000, 43_333, 143_333]
+            self.calibration = SimpleNamespace(
+                get_camera_matrix=lambda kind: np.diag([500.0, 500.0, 1.0]),
+                get_distortion_coefficients=lambda kind: np.zeros(8),
+                depth_to_color_3d=lambda point: np.array([-32.0, 2.0, 4.0]) + point,
+            )
+
+        def open(self):
+            self.opened = True
+
+        def start(self):
+            self.is_running = True
+
+        def stop(self):
+            self.is_running = self.opened = False
+
+        close = stop
+
+        def get_capture(self, timeout):
+            if not self.stamps:
+                raise FakeAzure.K4ATimeoutException
+            stamp = self.stamps.pop(0)
+            depth, jpeg = np.full((576, 640), 1500, np.uint16), np.frombuffer(b"\xff\xd8\xff", np.uint8)
+            return SimpleNamespace(
+                depth=depth, color=jpeg, depth_timestamp_usec=stamp, color_timestamp_usec=stamp + 100
+            )
+
+
+def test_an_azure_kinect_by_pyk4as_names(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyk4a", FakeAzure)
+    monkeypatch.setattr(paired_camera, "SILENCE_S", 0.1)
+    assert [found.address for found in find_devices() if found.kind == "azure"] == ["azure:000042"]
+    with closing(open_device("azure:")) as device:
+        assert device.address == "azure:000042" and not device.cameras
+        device.start()
+        np.testing.assert_allclose(device.calibration.color_from_depth.rotation, np.eye(3), atol=1e-12)
+        np.testing.assert_allclose(device.calibration.color_from_depth.translation_m, (-0.032, 0.002, 0.004))
+        readings = [device.read(0.5) for _ in range(6)]
+        assert [r.stream for r in readings] == ["depth", "color"] * 3
+        assert [r.dropped for r in readings] == [0, 0, 0, 0, 2, 2]
+        assert readings[0].stamp_ns == 10_000_000 and readings[1].value.encoded == b"\xff\xd8\xff"
+        with pytest.raises(DeviceLostError, match="has sent nothing for"):
+            while True:
+                device.read(0.05)
+
+
+class FakeOrbbec:
+    """pyorbbecsdk's own names (its stub file), with one camera of two framesets."""
+
+    class OBError(Exception):
+        pass
+
+    OBSensorType = SimpleNamespace(COLOR_SENSOR=2, DEPTH_SENSOR=3)
+    OBFormat = SimpleNamespace(MJPG=5)
+    __spec__ = ModuleSpec("pyorbbecsdk", None)
+
+    class Config:
+        def enable_stream(self, profile):
+            assert profile in ("color 1920x1080", "depth")
+
+    class Context:
+        def query_devices(self):
+            return SimpleNamespace(
+                get_count=lambda: 1,
+                get_device_serial_number_by_index=lambda index: "CP1",
+                get_device_by_serial_number=lambda serial: serial,
+            )
+
+    class Pipeline:
+        def __init__(self, device):
+            self.left = 2
+
+        def get_stream_profile_list(self, sensor):
+            return SimpleNamespace(
+                get_video_stream_profile=lambda width, height, form, hz: f"color {width}x{height}",
+                get_default_video_stream_profile=lambda: "depth",
+            )
+
+        def start(self, config):
+            pass
+
+        def stop(self):
+            pass
+
+        def get_camera_param(self):
+            lens = SimpleNamespace(fx=500.0, fy=500.0, cx=320.0, cy=288.0, width=640, height=576)
+            none = SimpleNamespace(**dict.fromkeys(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), 0.0))
+            pose = SimpleNamespace(rot=np.eye(3), transform=np.array([-32.0, 0, 0]))
+            return SimpleNamespace(
+                depth_intrinsic=lens,
+                depth_distortion=none,
+                rgb_intrinsic=lens,
+                rgb_distortion=none,
+                transform=pose,
+            )
+
+        def wait_for_frames(self, timeout_ms):
+            self.left -= 1
+            if self.left < 0:
+                return None
+            depth = {
+                "get_height": 2,
+                "get_width": 3,
+                "get_data": np.arange(6, dtype="<u2").view(np.uint8),
+                "get_depth_scale": 0.5,
+                "get_timestamp_us": 10**6 - 33_333 * self.left,
+            }
+            frame = SimpleNamespace(**{name: (lambda v=value: v) for name, value in depth.items()})
+            return SimpleNamespace(get_depth_frame=lambda: frame, get_color_frame=lambda: None)
+
+
+def test_an_orbbec_by_pyorbbecsdks_names(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyorbbecsdk", FakeOrbbec)
+    assert [found.address for found in find_devices() if found.kind == "orbbec"] == ["orbbec:CP1"]
+    with closing(open_device("orbbec:CP1")) as device:
+        device.start()
+        np.testing.assert_allclose(device.calibration.color_from_depth.translation_m, (-0.032, 0, 0))
+        readings = [device.read(0.5), device.read(0.5)]
+        np.testing.assert_array_equal(readings[0].value.depth_mm, [[0, 0, 1], [2, 2, 2]])
+        assert readings[1].stamp_ns - readings[0].stamp_ns == 33_333_000
+        assert device.read(0.0) is None
+
+
+def test_a_cut_depth_frame_is_a_fault():
+    values = {"get_height": 2, "get_width": 3, "get_data": np.zeros(10, np.uint8), "get_depth_scale": 1.0}
+    with pytest.raises(DeviceFaultError, match="sent 5 of 6 pixels; read on"):
+        depth_of(SimpleNamespace(**{name: (lambda v=value: v) for name, value in values.items()}))

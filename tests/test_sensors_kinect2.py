@@ -1,0 +1,208 @@
+"""Kinect v2: registration to the last bit, the compiled shim, its driver, and which device is meant."""
+
+import shutil
+import subprocess
+from contextlib import closing
+from ctypes import CDLL, c_void_p
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from registration_twin import register_scalar
+
+from annotate.registration import Registration
+from sensors import kinect2
+from sensors.camera import Intrinsics
+from sensors.device import ColorImage, DepthImage
+from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
+from sensors.kinect2 import Kinect2, depth_from_float
+from sensors.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
+from sensors.kinect2_shim import load_shim
+from sensors.ticks import Sequence, WrappingCounter
+from sensors.virtual.kinect2 import VirtualKinect2
+from sensors.virtual.scene import Scene
+
+ROOT = Path(__file__).resolve().parents[1]
+FAKE = ROOT / "tests" / "fake_freenect2"
+UNITS = ("196605135147", "299150235147")
+FRAMES = 100
+
+
+def infrared_camera(folder, unit):
+    """Infrared camera of a real unit as iai_kinect2 calibrated it."""
+    file = cv2.FileStorage(str(folder / f"iai_{unit}_calib_ir.yaml"), cv2.FILE_STORAGE_READ)
+    k, d = file.getNode("cameraMatrix").mat(), file.getNode("distortionCoefficients").mat().ravel()
+    file.release()
+    return Intrinsics(512, 424, k[0, 0], k[1, 1], k[0, 2], k[1, 2], *d[:5])
+
+
+def random_depth(rng):
+    """Slanted planes with steps, noise of a millimetre, and a tenth of the pixels without a reading."""
+    v, u = np.mgrid[:424, :512].astype(np.float32)
+    plane = rng.uniform(800, 4000) + rng.uniform(-1, 1) * u + rng.uniform(-1, 1) * v
+    for _ in range(4):
+        left, top = rng.integers(0, 400), rng.integers(0, 320)
+        plane[top : top + 90, left : left + 110] = rng.uniform(500, 3000)
+    noisy = plane + rng.normal(0, 1, plane.shape).astype(np.float32)
+    return np.where(rng.random(plane.shape) < 0.1, 0, noisy.clip(0, 8000)).astype(np.float32)
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_registration_of_a_hundred_frames_equals_the_scalar_twin_bit_for_bit(shared_data, unit):
+    camera = infrared_camera(shared_data / "kinect2_calibration", unit)
+    registration = Registration(camera, KINECT2_COLOR)
+    rng = np.random.default_rng(int(unit))
+    rgb = rng.integers(1, 256, (1080, 1920, 3), np.uint8)
+    colored = hidden = 0
+    for _ in range(FRAMES):
+        depth = random_depth(rng)
+        undistorted, registered = registration.apply(rgb, depth)
+        expected = register_scalar(camera, KINECT2_COLOR, rgb, depth)
+        assert np.array_equal(undistorted, expected[0]) and np.array_equal(registered, expected[1])
+        seen = registered.any(axis=-1)
+        colored, hidden = colored + seen.sum(), hidden + (~seen & (undistorted > 0)).sum()
+    assert colored > 0.4 * FRAMES * 512 * 424 and hidden > 0.005 * FRAMES * 512 * 424
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_registration_equals_the_installed_library(shared_data, tmp_path, unit):
+    if subprocess.run(["pkg-config", "--exists", "freenect2"], check=False).returncode:
+        pytest.skip("libfreenect2 is not installed")
+    flags = subprocess.run(
+        ["pkg-config", "--cflags", "--libs", "freenect2"], check=True, capture_output=True, text=True
+    ).stdout.split()
+    out = tmp_path / "registration.so"
+    source = str(FAKE / "registration.cpp")
+    subprocess.run(["g++", "-shared", "-fPIC", source, "-o", str(out), *flags], check=True)
+    camera, color = infrared_camera(shared_data / "kinect2_calibration", unit), KINECT2_COLOR
+    lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.k1, camera.k2, camera.k3, camera.p1, camera.p2)
+    factory = (color.f, color.f, color.cx, color.cy, color.shift_d, color.shift_m, *color.mx, *color.my)
+    infrared, colors = np.float32(lens), np.float32(factory)
+    rng, registration = np.random.default_rng(1), Registration(camera, color)
+    bgrx = rng.integers(1, 256, (1080, 1920, 4), np.uint8)
+    undistorted, registered = np.empty((424, 512), np.float32), np.empty((424, 512, 4), np.uint8)
+    for _ in range(FRAMES):
+        depth = random_depth(rng)
+        arrays = (infrared, colors, depth, bgrx, undistorted, registered)
+        CDLL(str(out)).register_frame(*(array.ctypes.data_as(c_void_p) for array in arrays))
+        ours = registration.apply(np.ascontiguousarray(bgrx[..., :3]), depth)
+        np.testing.assert_array_equal(ours[0], undistorted)
+        np.testing.assert_array_equal(ours[1], registered[..., :3])
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """The product's shim, compiled against a library with libfreenect2's interface that has one device."""
+    if shutil.which("g++") is None:
+        pytest.skip("no g++ to compile the shim")
+    out = tmp_path_factory.mktemp("shim") / "_kinect2.so"
+    source = ROOT / "sensors" / "cpp" / "kinect2_shim.cpp"
+    command = ["g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-pthread"]
+    subprocess.run([*command, f"-I{FAKE}", str(source), "-o", str(out)], check=True)
+    return load_shim(out)
+
+
+def test_the_compiled_shim_streams_native_jpeg_and_millimetres(compiled):
+    with closing(Kinect2(shim=compiled)) as device:
+        assert device.serial == "012345678947" and not device.cameras
+        with pytest.raises(DeviceBusyError, match="cannot be opened; close the program"):
+            Kinect2(shim=compiled)
+        device.start()
+        readings = [device.read(1) for _ in range(16)]
+        depth = [r for r in readings if r.stream == "depth"]
+        color = [r for r in readings if r.stream == "color"]
+        # Frame 5 was lost, frame 7 broken; both streams say so, and the clock wrapped around meanwhile.
+        numbers, dropped = [1, 2, 3, 4, 6, 8, 9, 10], [0, 0, 0, 0, 1, 1, 0, 0]
+        assert [r.dropped for r in depth] == dropped and [r.dropped for r in color] == dropped
+        assert [r.value.encoded for r in color] == [bytes([0xFF, 0xD8, 0xFF, n]) for n in numbers]
+        assert [int(r.value.depth_mm.max()) for r in depth] == numbers
+        assert [r.value.depth_mm.shape for r in depth] == [(424, 512)] * 8
+        ticks = np.diff([r.stamp_ns for r in depth]) / 125_000
+        np.testing.assert_array_equal(ticks, 267 * np.diff(numbers))
+    Kinect2(shim=compiled).close()
+
+
+def test_factory_parameters_are_read_in_libfreenect2s_order(compiled):
+    with closing(Kinect2("012345678947", compiled)) as device:
+        with pytest.raises(DeviceError, match="start it first"):
+            assert device.color_params
+        device.start()
+        camera, color = device.cameras["depth"], device.color_params
+        assert (camera.fx, camera.fy, camera.cx, camera.cy) == (365, 366, 254, 211)
+        np.testing.assert_allclose(camera.distortion, (0.1, 0.2, 0.4, 0.5, 0.3), rtol=1e-6)
+        assert (color.f, color.cx, color.cy, color.shift_d, color.shift_m) == (1000, 1002, 1003, 1004, 1005)
+        assert (*color.mx, *color.my) == tuple(range(1006, 1026))
+
+
+def test_the_twin_tells_real_parameters_and_shows_its_scene():
+    scene = Scene()
+    twin = VirtualKinect2(scene)
+    with closing(Kinect2(shim=twin.shim)) as device:
+        device.start()
+        np.testing.assert_allclose(device.color_params.mx, KINECT2_COLOR.mx, rtol=1e-6)
+        assert device.cameras["depth"].fx == pytest.approx(KINECT2_DEPTH.fx)
+        first = {(r := device.read(1)).stream: r.value for _ in range(2)}
+    np.testing.assert_array_equal(first["depth"].depth_mm, scene.depth(0))
+    assert first["color"].encoded == scene.color(0)
+
+
+def test_silence_is_an_unplugged_device(monkeypatch):
+    monkeypatch.setattr(kinect2, "SILENCE_S", 0.15)
+    twin = VirtualKinect2(Scene())
+    with closing(Kinect2(shim=twin.shim)) as device:
+        device.start()
+        assert isinstance(device.read(1).value, DepthImage) and isinstance(device.read(1).value, ColorImage)
+        twin.unplug()
+        with pytest.raises(DeviceLostError, match=r"sent nothing for 0\.15 s; check its USB 3 cable"):
+            while True:
+                device.read(0.05)
+
+
+@pytest.mark.parametrize(
+    ("serials", "wanted", "match"),
+    [
+        ((), "", "no Kinect v2 is plugged in"),
+        (("A", "B"), "", r"there are 2 Kinect v2 devices \(A, B\); name one"),
+        (("A", "B"), "C", r"no Kinect v2 has serial 'C'; plugged in: A, B"),
+        (("A", "A"), "", "two Kinect v2 devices have serial 'A'; unplug one"),
+        (("A", "B", "A"), "A", "two Kinect v2 devices have serial 'A'; unplug one"),
+    ],
+)
+def test_which_device_is_meant(serials, wanted, match):
+    with pytest.raises(DeviceError, match=match):
+        Kinect2(wanted, VirtualKinect2(Scene(), serials=serials).shim)
+
+
+def test_without_the_library_one_line_says_what_to_install(tmp_path):
+    with pytest.raises(DeviceNotFoundError, match="libfreenect2 was not found; install"):
+        load_shim(tmp_path / "absent.so")
+    (tmp_path / "no.so").write_bytes(b"no library")
+    with pytest.raises(DeviceNotFoundError, match="cannot be loaded"):
+        load_shim(tmp_path / "no.so")
+
+
+def test_float_depth_becomes_whole_millimetres():
+    depth = np.float32([[0.4, 499.6, 70000], [np.nan, np.inf, -5]])
+    np.testing.assert_array_equal(depth_from_float(depth), [[0, 500, 65535], [0, 0, 0]])
+
+
+@given(st.lists(st.integers(-(2**20), 2**31 - 1), max_size=30), st.integers(0, 2**32 - 1))
+def test_a_wrapping_clock_is_counted_on(steps, start):
+    counter, true = WrappingCounter(), start
+    assert counter.unwrap(start) == start
+    for step in steps:
+        true += step
+        assert counter.unwrap(true % 2**32) == true
+
+
+@given(st.lists(st.integers(1, 2**31 - 1), max_size=20), st.integers(0, 2**32 - 1))
+def test_gaps_in_running_numbers_are_counted(steps, start):
+    sequence, number = Sequence(), start
+    assert sequence.lost_before(start) == 0
+    for step in steps:
+        number = (number + step) % 2**32
+        assert sequence.lost_before(number) == step - 1
+        assert sequence.lost_before(number) is None and sequence.lost_before((number - 1) % 2**32) is None
