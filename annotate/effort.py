@@ -1,70 +1,216 @@
 """The simulated annotator: how long a person would need to put a frame's labels right.
 
-It works as a person does with a lasso: the largest wrong patch first, one stroke a patch, until the
-frame agrees with the truth. Times come from the keystroke-level model.
+It works through the very operations the window offers (``edit``), as strokes of the one journal. It knows
+the truth only to see, as a person would, what is wrong; it then does whatever mends most per second
+(``keystrokes``), with a hand that errs (``hand``), takes back what went wrong, and stops when the frame is
+good enough or nothing helps.
 """
 
-from dataclasses import dataclass
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from skimage.measure import label as connected
 
+from annotate.agreement import Agreement
+from annotate.correction import Correction
+from annotate.edit import Editor
+from annotate.edit_supervoxels import edit_supervoxels
+from annotate.hand import drawn
+from annotate.keystrokes import MENTAL_S, Tools, gesture, gesture_s, move_s, moves_s
 from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, UNDEFINED
+from annotate.parts import BACKGROUND
+from annotate.propagate import propagate
+from annotate.repairs import SCALE, Move, Repair, Sight, patches, repairs, repairs_of_frame
+from annotate.select import View
+from annotate.store import LabelSet
+from annotate.stroke import KEY, Activity, Gesture, Stroke
 
-KEY_S, POINT_S, BUTTON_S, MENTAL_S = 0.2, 1.1, 0.1, 1.35
-"""Keystroke-level model (Card, Moran & Newell 1983): key, pointing, button down or up, preparation."""
-LOOK_S = MENTAL_S + KEY_S
-"""Looking at a frame and accepting it with one key."""
-STROKE_S = MENTAL_S + KEY_S + POINT_S + BUTTON_S + POINT_S + BUTTON_S
-"""One lasso stroke: see the patch, choose the part, point, press, draw round it, release."""
+WHO = "simulated"
 AGREEMENT = 0.99
 """Share of the person's pixels that has to be right before the frame is accepted."""
+TOLERANCE_PX = 2
+"""How far beside the true border a border may lie before a person minds: no hand draws more exactly than
+to a pixel or two, and the depth itself is no surer there."""
+SEEN = 5
+"""The worst patches, among which a person chooses what to do next."""
+LEAST_PX = 9
+"""Fewer pixels, three by three or 1 cm at 2 m, nobody notices, nor would anybody mend them."""
+MOST_REPAIRS = 60
+"""Then they give up."""
+CTRL_KEY = Gesture("key", keys=2)
+"""Ctrl and a letter: propagate, undo."""
+
+
+class Clock:
+    """The simulated annotator's own time, in seconds since they began."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def __call__(self) -> float:
+        return self.seconds
 
 
 @dataclass(frozen=True)
-class Corrected:
-    """A frame put right. strokes: lassos drawn; seconds: of a person's work; agreement: share right now."""
+class Effort:
+    """What a frame took. corrected: its labels afterwards; strokes: what was done, as the journal has it;
+    seconds: of a person's work; agreement: share right afterwards."""
 
-    frame: FrameLabels
-    strokes: int
+    corrected: FrameLabels
+    strokes: tuple[Stroke, ...]
     seconds: float
     agreement: float
 
+    @property
+    def repairs(self) -> int:
+        """Operations beside looking and accepting."""
+        return sum(stroke.operation != "accept" for stroke in self.strokes)
 
-def correct(automatic: FrameLabels, truth: FrameLabels, goal: float = AGREEMENT) -> Corrected:
-    """Correct a frame towards the truth, patch by patch, until ``goal`` of its pixels are right.
 
-    Both frames show the same depth image. Pixels undefined in the truth are left alone.
+class Annotator:
+    """A simulated person at the window. clock: their time, for the editors and corrections they work in.
+
+    goal: the agreement they work to. tolerance_px: how far beside the true border a border may lie before
+    they mind.
     """
-    parts = automatic.parts.copy()
-    counted = (truth.parts != UNDEFINED) & ((truth.parts != BACKGROUND) | (parts != BACKGROUND))
-    strokes = 0
-    for patch in _patches(parts, truth.parts, counted):
-        if _agreement(parts, truth.parts, counted) >= goal:
-            break
-        parts[patch] = truth.parts[patch]
-        strokes += 1
-    notes = {**automatic.notes, "strokes": strokes, "active_seconds": round(LOOK_S + strokes * STROKE_S, 2)}
-    frame = FrameLabels(
-        automatic.frame_id, automatic.depth_mm, parts, automatic.confidence, "corrected", truth.subject, notes
-    )
-    return Corrected(frame, strokes, LOOK_S + strokes * STROKE_S, _agreement(parts, truth.parts, counted))
+
+    def __init__(self, goal: float = AGREEMENT, tolerance_px: int = TOLERANCE_PX) -> None:
+        self.clock, self.goal, self.tolerance_px = Clock(), goal, tolerance_px
+        self._tools = Tools()
+
+    def work(
+        self,
+        editor: Editor,
+        truth: NDArray[np.uint8],
+        supervoxels: NDArray[np.int32],
+        propagated: NDArray[np.uint8] | None = None,
+    ) -> None:
+        """Work on one frame until it is right enough or nothing helps, and accept it.
+
+        editor: of that frame, with this annotator's clock. truth: uint8 (h, w). supervoxels: int32 (h, w).
+        propagated: parts (h, w) as the frame before gives them: that key is pressed first, by habit, and
+        the result taken back where it is worse.
+        """
+        agreement = Agreement(truth, self.tolerance_px)
+        imagined, rng = np.random.default_rng(zlib.crc32(editor.frame_id.encode())).spawn(2)
+        sight = Sight(editor, View.of_image(editor.depth_mm, SCALE), supervoxels, imagined)
+        editor.time.mark("looking")
+        if propagated is not None:
+            self._propagate(editor, agreement, propagated)
+        self._spend(editor, "looking", MENTAL_S)
+        tried: set[tuple[object, ...]] = set()
+        for _ in range(MOST_REPAIRS):
+            repair = self._choose(sight, agreement, tried)
+            if repair is None:
+                break
+            before = agreement.of(editor.parts)
+            strokes = self._carry_out(sight, repair, rng)
+            if agreement.of(editor.parts) <= before:
+                self._take_back(editor, strokes)
+                tried.add(repair.identity)
+        self._spend(editor, "painting", gesture_s(KEY, 1.0))
+        editor.accept()
+
+    def _choose(self, sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]) -> Repair | None:
+        """The repair that puts most pixels right per second; more than the goal needs counts nothing."""
+        parts = sight.editor.parts
+        needed = int(agreement.wrong(parts).sum()) - (1 - self.goal) * agreement.counted(parts)
+        if needed <= 0:
+            return None
+        found = patches(parts, agreement)[:SEEN]
+        options = [*repairs_of_frame(sight, {patch.part for patch in found})]
+        for patch in found:
+            options += repairs(patch, sight, agreement)
+        best, best_rate = None, 0.0
+        for repair in options:
+            gain = int(agreement.gains(parts, repair.pixels, repair.parts).sum())
+            rate = min(gain, needed) / moves_s(repair.moves, self._tools)
+            if gain >= LEAST_PX and rate > best_rate and repair.identity not in tried:
+                best, best_rate = repair, rate
+        return best
+
+    def _carry_out(self, sight: Sight, repair: Repair, rng: np.random.Generator) -> int:
+        """Number of strokes made."""
+        editor, strokes = sight.editor, 0
+        self._spend(editor, "looking", MENTAL_S)
+        for move in repair.moves:
+            corners = None if move.corners is None else drawn(move.corners, move.hand, rng)
+            tools = self._tools.set_for(move)
+            how = gesture(move, corners, tools.keys(self._tools))
+            self._spend(editor, "painting", move_s(move, how, self._tools))
+            self._tools = tools
+            editor.only = move.only
+            editor.locks = {BACKGROUND} if move.keep_outline else set()
+            strokes += _apply(sight, move, corners, how) is not None
+            editor.only = None
+        return strokes
+
+    def _propagate(self, editor: Editor, agreement: Agreement, propagated: NDArray[np.uint8]) -> None:
+        before = agreement.of(editor.parts)
+        self._spend(editor, "painting", gesture_s(CTRL_KEY, 1.0))
+        if editor.propagate(propagated, CTRL_KEY) and agreement.of(editor.parts) < before:
+            self._take_back(editor, 1)
+
+    def _take_back(self, editor: Editor, strokes: int) -> None:
+        """See that it went wrong, and undo it."""
+        self._spend(editor, "looking", MENTAL_S)
+        for _ in range(strokes):
+            self._spend(editor, "painting", gesture_s(CTRL_KEY, 1.0))
+            editor.undo(CTRL_KEY)
+
+    def _spend(self, editor: Editor, activity: Activity, seconds: float) -> None:
+        self.clock.seconds += seconds
+        editor.time.mark(activity)
 
 
-def _patches(
-    parts: NDArray[np.uint8], truth: NDArray[np.uint8], counted: NDArray[np.bool_]
-) -> list[tuple[NDArray[np.intp], ...]]:
-    """Connected patches that should become one part, the largest first; indices as ``np.nonzero`` gives."""
-    wrong = np.where(counted & (parts != truth), truth.astype(np.int32) + 1, 0)
-    patches: NDArray[np.intp] = connected(wrong, background=0, connectivity=2)
-    order = np.argsort(patches.ravel(), kind="stable")
-    sizes = np.bincount(patches.ravel())
-    pieces = np.split(order, np.cumsum(sizes)[:-1])[1:]
-    pieces.sort(key=len, reverse=True)
-    return [np.unravel_index(piece, parts.shape) for piece in pieces]
+def correct_set(
+    correction: Correction,
+    truth: LabelSet,
+    annotator: Annotator,
+    color_of: Callable[[str], NDArray[np.uint8] | None],
+    propagating: bool = False,
+) -> Iterator[Effort]:
+    """Let a simulated annotator correct a label set, frame by frame in order.
+
+    correction: with the annotator's clock. color_of: colours (h, w, 3) of a frame for the supervoxels, or
+    None. propagating: whether every frame of a person begins with the corrections of the one before.
+    """
+    before: tuple[str, FrameLabels, FrameLabels] | None = None
+    for frame_id in correction.frame_ids:
+        automatic, true = correction.frame(frame_id), truth.read(frame_id)
+        camera = correction.labels.intrinsics
+        pieces = edit_supervoxels(automatic.depth_mm, automatic.parts, camera, color_of(frame_id))
+        propagated = None
+        if propagating and before is not None and before[0] == true.subject:
+            found = propagate(before[2], before[1], automatic, camera)
+            propagated = found.parts if found.changed.any() else None
+        editor = correction.edit(frame_id)
+        annotator.work(editor, true.parts, pieces, propagated)
+        corrected = replace(automatic, parts=editor.parts.copy(), status="corrected")
+        strokes = tuple(correction.journal.strokes(frame_id))
+        seconds = sum(stroke.active_seconds for stroke in strokes)
+        agreement = Agreement(true.parts, annotator.tolerance_px).of(corrected.parts)
+        yield Effort(corrected, strokes, seconds, agreement)
+        before = true.subject, automatic, corrected
 
 
-def _agreement(parts: NDArray[np.uint8], truth: NDArray[np.uint8], counted: NDArray[np.bool_]) -> float:
-    return float((parts == truth)[counted].mean()) if counted.any() else 1.0
+def _apply(sight: Sight, move: Move, corners: NDArray[np.float64] | None, how: Gesture) -> Stroke | None:
+    """Make a move through the editor."""
+    editor = sight.editor
+    if move.operation == "swap_left_right":
+        return editor.swap_left_right(move.pairs, how=how)
+    if move.operation == "remove_islands":
+        return editor.remove_islands(how=how)
+    if move.operation == "fill_holes":
+        assert move.part is not None
+        return editor.fill_holes(move.part, how)
+    if move.operation == "merge":
+        assert move.part is not None and move.pixel is not None
+        return editor.merge(int(editor.parts.flat[move.pixel]), move.part, how=how)
+    pixels = sight.chosen(move, corners)
+    if move.operation == "to_neighbour":
+        return editor.to_neighbour(pixels, how=how)
+    assert move.part is not None
+    return editor.paint(pixels, move.part, how)

@@ -1,11 +1,10 @@
 """The labelling run: every frame of a source fused, its person extracted, its suit read, and kept."""
 
 import shutil
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +12,17 @@ from numpy.typing import NDArray
 from annotate.cloud import ThermalCloud
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, UNDEFINED
-from annotate.person import WINDOW_C, PersonMask, extract_person
-from annotate.segment import Segmentation, segment
+from annotate.parts import BACKGROUND
+from annotate.person import PersonMask, extract_person
+from annotate.segment import Segmentation, segment, unlabelled
 from annotate.store import LabelSet
 from annotate.suit import Suit, suit_to_toml
 from sensors.calibration import RigCalibration, calibration_to_json
 from sensors.errors import CloudError, ExistsError
 from sensors.frame import RigFrame
 from sensors.source import FrameSource
+
+NO_SUIT = "no --suit: only the person is extracted, its parts stay undefined"
 
 
 @dataclass(frozen=True)
@@ -35,9 +36,17 @@ class Run:
         """Frame ids, the least certain first."""
         return sorted(self.labels.frame_ids, key=lambda i: float(self.labels.notes(i).get("confidence", 0.0)))
 
-    def remarks(self) -> dict[str, int]:
-        """What was left out or went wrong, and in how many frames."""
-        return dict(Counter(note for i in self.labels.frame_ids for note in self.labels.notes(i)["notes"]))
+    def remarks(self) -> dict[str, list[str]]:
+        """What was left out or went wrong, and the ids of the frames."""
+        remarks: dict[str, list[str]] = {}
+        for frame_id in self.labels.frame_ids:
+            for note in self.labels.notes(frame_id)["notes"]:
+                remarks.setdefault(note, []).append(frame_id)
+        return remarks
+
+
+Labeller: TypeAlias = Callable[[ThermalCloud, FrameLabels | None], tuple[Segmentation, PersonMask]]
+"""What makes labels of a cloud and the labels of the frame before it."""
 
 
 def label_source(
@@ -45,58 +54,66 @@ def label_source(
     suit: Suit | None,
     out: Path,
     progress: Callable[[int], None],
-    window_c: tuple[float, float] = WINDOW_C,
+    window_c: tuple[float, float] | None = None,
 ) -> Run:
     """Label every frame of ``source`` into the label set ``out``; frames already there are kept.
 
-    Without a suit the person is extracted and its parts stay undefined. ``progress`` is called with 1 a
-    frame. Raises what ``run`` raises.
+    Without a suit the person is extracted and its parts stay undefined. window_c: surface temperatures of
+    a person, degrees Celsius; None: found in each frame. ``progress`` is called with 1 a frame. Raises what
+    ``run`` raises.
     """
-    step = {"suit": suit_to_toml(suit) if suit else None, "window_c": list(window_c)}
+    step = {"suit": suit_to_toml(suit) if suit else None, "window_c": list(window_c) if window_c else None}
 
-    def one(cloud: ThermalCloud) -> tuple[Segmentation, PersonMask]:
-        person = extract_person(cloud, window_c)
-        return (segment(cloud, person.mask, suit) if suit else _unlabelled(person.mask)), person
+    def one(cloud: ThermalCloud, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
+        person = extract_person(cloud, window_c, before)
+        if not person.trusted:
+            return unlabelled(person.mask), person
+        if suit is None:
+            return unlabelled(person.mask, NO_SUIT), person
+        return segment(cloud, person.mask, suit, before), person
 
     return run(source, {"label": step}, out, one, progress)
 
 
 def run(
-    source: FrameSource,
-    steps: dict[str, Any],
-    out: Path,
-    one: Callable[[ThermalCloud], tuple[Segmentation, PersonMask]],
-    progress: Callable[[int], None],
+    source: FrameSource, steps: dict[str, Any], out: Path, one: Labeller, progress: Callable[[int], None]
 ) -> Run:
     """Fuse every frame of a source and keep what ``one`` makes of it; resumes, and outlives bad frames.
 
-    Raises ExistsError when ``out`` holds something else than the beginning of this very run, CloudError
-    when every frame is bad: then nothing is left behind.
+    ``one`` is given the labels of the frame before exactly as they are stored, None at first and after a
+    frame that failed: so a run that broke off goes on to the same bytes. Raises ExistsError when ``out``
+    holds something else than the beginning of this very run, CloudError when every frame is bad: then
+    nothing is left behind.
     """
     fuser = Fuser(source.calibration)
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}
     labels = LabelSet.resume(out, fuser.camera, info)
     done, failed = set(labels.frame_ids), []
+    before: FrameLabels | None = None
     for frame in source:
         frame_id = f"{frame.index:06d}"
         if frame_id in done:
-            check_same(labels, frame_id, fuser.fuse(frame.depth_mm).depth_mm)
+            before = check_same(labels, frame_id, fuser.fuse(frame.depth_mm).depth_mm)
         else:
             try:
-                labels.write(_labelled(frame_id, frame, fuser, one))
+                labels.write(_labelled(frame_id, frame, fuser, one, before))
+                before = labels.read(frame_id)
             except CloudError as error:
                 failed.append((frame_id, str(error)))
+                before = None
         progress(1)
     return finished(labels, failed)
 
 
-def check_same(labels: LabelSet, frame_id: str, depth_mm: NDArray[np.uint16]) -> None:
-    """Raise ExistsError unless a frame kept by an earlier run shows this very depth image (h, w)."""
-    if not np.array_equal(labels.read(frame_id).depth_mm, depth_mm):
+def check_same(labels: LabelSet, frame_id: str, depth_mm: NDArray[np.uint16]) -> FrameLabels:
+    """A frame kept by an earlier run. Raises ExistsError unless it shows this very depth image (h, w)."""
+    kept = labels.read(frame_id)
+    if not np.array_equal(kept.depth_mm, depth_mm):
         raise ExistsError(
             f"{labels.path} holds another recording's frame {frame_id}; choose another folder "
             "or pass --overwrite"
         )
+    return kept
 
 
 def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
@@ -110,21 +127,23 @@ def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
 
 
 def _labelled(
-    frame_id: str,
-    frame: RigFrame,
-    fuser: Fuser,
-    one: Callable[[ThermalCloud], tuple[Segmentation, PersonMask]],
+    frame_id: str, frame: RigFrame, fuser: Fuser, one: Labeller, before: FrameLabels | None
 ) -> FrameLabels:
     frame, left_out = _calibrated(frame, fuser.calibration)
     cloud = fuser.fuse_frame(frame)
-    result, person = one(cloud)
+    result, person = one(cloud, before)
     on_person = result.confidence[result.parts != BACKGROUND]
-    notes = {
+    notes: dict[str, Any] = {
         "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
         "extraction": person.method,
         "notes": [*left_out, *person.notes, *result.notes],
     }
-    return FrameLabels(frame_id, cloud.depth_mm, result.parts, result.confidence, notes=notes)
+    persons = np.where(
+        person.mask, np.uint8(1), np.where(getattr(person, "others", False), np.uint8(2), np.uint8(0))
+    )
+    return FrameLabels(
+        frame_id, cloud.depth_mm, result.parts, result.confidence, notes=notes, persons=persons
+    )
 
 
 def _calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame, list[str]]:
@@ -137,9 +156,3 @@ def _calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame,
         frame = replace(frame, thermal_c=None)
         notes.append("temperature left out: its camera is not calibrated")
     return frame, notes
-
-
-def _unlabelled(mask: NDArray[np.bool_]) -> Segmentation:
-    parts = np.where(mask, UNDEFINED, BACKGROUND).astype(np.uint8)
-    note = "no --suit: only the person is extracted, its parts stay undefined"
-    return Segmentation(parts, np.zeros(mask.shape, np.float32), (note,))

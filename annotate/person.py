@@ -1,159 +1,237 @@
-"""The person in a thermal cloud: warm, connected in space, of human size.
+"""The person in a thermal cloud: warm, off the room's planes, connected in space, of human size.
 
-Nishi & Miura 2017, section 4.2.1, take every point of 25 to 35 degrees Celsius. Here that window only
-sets the marks: hair, cold cloth and points without a temperature go with the surface they lie on, and a
-sofa is told from the person on it by being colder than halfway between the two.
+Nishi & Miura 2017, section 4.2.1, take every point of 25 to 35 degrees Celsius. Here temperature is the
+first of several witnesses: what lies on a plane of the room is no person however warm, a colour that is
+the sofa's speaks for the sofa, and hair and cold cloth go with the surface that they continue.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from annotate.alignment import thermal_alignment
+from annotate.carried import by_before, persons_before
 from annotate.cloud import ThermalCloud
-from annotate.grid import NO_PIXEL, flood
-from annotate.pieces import Piece, likeliest, pieces_of
-from annotate.planes import without_planes
+from annotate.evidence import by_color, by_planes, by_warmth, lab_of, warmth_share
+from annotate.labels import FrameLabels
+from annotate.persons import Person, persons_of
+from annotate.planes import (
+    MIN_COLD_PLANE_M2,
+    MIN_PANEL_M2,
+    Plane,
+    close_to,
+    find_planes,
+    lies_on,
+    normals_at,
+    stands_free,
+)
+from annotate.silhouette import settle
+from annotate.warm_window import WINDOW_C, find_window
 
-WINDOW_C = (25.0, 35.0)
-"""Surface temperatures of a dressed person in a room (Nishi & Miura 2017, section 4.2.1)."""
-HOT_MARGIN_C = 2.0
-"""A radiometric camera is off by up to 2 degrees (Optris PI200): that far above the window is unsure."""
-COLD_SHARE, HALFWAY = 0.25, 0.5
-"""Shares of the way from the background's temperature to the person's: below the first a point is no
-person, above the second (and inside the window) it is, between them its surface decides."""
-LEAST_CONTRAST_C = 0.1
-"""The camera's own noise (Optris PI200, 0.08 degrees): less than that parts nothing."""
-
-SURROUNDINGS_M = 0.9
-"""How far around the warm piece the person may reach: a sleeve, a leg behind an arm rest."""
 LOCAL_M = 0.3
 """Half side of the window in which person and background temperatures are compared."""
-REACH_M = 0.5
-"""How far marks spread over a surface whose temperature is unknown."""
-NEAR_M, NEAR_SIZES = 0.35, 3.0
-"""A loose warm piece is a limb of the person within this distance, and this many times its own size."""
-SPECK_M2 = 0.001
-"""Visible surface of what is too small to be anything."""
-PANEL_M = 0.006
-"""Loose pieces flatter than this (standard deviation) are screens or panels, not limbs."""
-
-UNDECIDED, PERSON, OTHER = 0, 1, 2
+SURROUNDINGS_M = 0.5
+"""How far around what is warm a cold sleeve or a foot behind an arm rest may reach."""
+SURELY_COLD = 0.12
+"""What lies close to a plane and is no warmer than this share of a person needs no further look."""
+RIM_PX, TAUGHT_PX = 2, 10
+"""How far beyond the candidates the background is heard, and how far its colours are learnt."""
+EDGES_PX = 25
+"""How far around what is warm silhouettes are compared with the temperatures: four degrees."""
+OFF_CENTRE = 0.3
+"""Tangent of the angle off the view's middle column over which a claim to be the subject fades to 1/e:
+people are aimed at, half of a Kinect v2's view is 0.7."""
+BEFORE_COUNTS = 4.0
+"""What a claim gains for standing where the subject was in the frame before."""
+CLEAR = 2.0
+"""Among three and more, the subject's claim must be that many times the next one's."""
+BORDER_PX, CUT_PX = 4, 12
+"""So many pixels that near to a border of the image mean that it cuts the person."""
 
 
 @dataclass(frozen=True)
 class PersonMask:
     """Which pixels (h, w) of the undistorted depth image are the person; a subset of the valid ones.
 
-    method: "thermal", or "depth" where the cloud has no temperature at all. notes: what the user should
-    know, e.g. why the mask is empty.
+    method: "thermal"; "before" where the cloud has no temperature but the frame before had a person;
+    "depth" where there is neither. others: bool (h, w), pixels of other persons. notes: what the user
+    should know, e.g. why the mask is empty. trusted: False where the frame can't be relied on; a note
+    says which stream is to blame and what to do.
     """
 
     mask: NDArray[np.bool_]
-    method: Literal["thermal", "depth"]
+    method: Literal["thermal", "depth", "before"]
+    others: NDArray[np.bool_]
     notes: tuple[str, ...] = ()
+    trusted: bool = True
 
 
-def extract_person(cloud: ThermalCloud, window_c: tuple[float, float] = WINDOW_C) -> PersonMask:
-    """Find the person by temperature, or by depth alone where the cloud has none.
+@dataclass(frozen=True)
+class _Field:
+    """Log odds (h, w) of being a person before planes, colour and neighbours have spoken.
 
-    window_c: surface temperatures of a person, degrees Celsius. Where there is no person the mask is
+    candidates: pixels to decide on, the others are background. cold: background if on a plane at all.
+    nobody: the note where there is no person after all. warnings: notes of a frame not to be trusted.
+    """
+
+    method: Literal["thermal", "depth", "before"]
+    odds: NDArray[np.float32]
+    candidates: NDArray[np.bool_]
+    cold: NDArray[np.bool_]
+    planes: tuple[Plane, ...]
+    nobody: str
+    warnings: tuple[str, ...] = ()
+
+
+def extract_person(
+    cloud: ThermalCloud,
+    window_c: tuple[float, float] | None = None,
+    before: FrameLabels | None = None,
+) -> PersonMask:
+    """Find the person by temperature; without any by the frame before; else by depth alone.
+
+    window_c: surface temperatures of a person, degrees Celsius; None = found from the frame itself.
+    before: the labels of the previous frame of the same source. Where there is no person the mask is
     empty and a note says so; that is no error.
     """
+    planes = find_planes(cloud, cloud.valid)
     if np.isfinite(cloud.temperature_c).any():
-        return _by_temperature(cloud, window_c)
-    return _by_depth(cloud)
+        field = _by_temperature(cloud, window_c, planes)
+    else:
+        field = _by_before(cloud, before, planes) or _by_depth(cloud, planes)
+    persons = persons_of(cloud, _settled(cloud, field))
+    persons.sort(key=lambda person: -_claim(person, before))
+    mask, others = np.zeros((2, *cloud.valid.shape), np.bool_)
+    if not persons:
+        return PersonMask(mask, field.method, others, (field.nobody, *field.warnings), not field.warnings)
+    for person in persons[1:]:
+        others |= person.mask
+    warnings = [*field.warnings, *_crowd(persons, before), *_cut(persons[0].mask)]
+    notes = (*_SAYS[field.method], *warnings)
+    return PersonMask(persons[0].mask, field.method, others, notes, not warnings)
 
 
-def _by_temperature(cloud: ThermalCloud, window_c: tuple[float, float]) -> PersonMask:
-    warm = cloud.valid & (cloud.temperature_c >= window_c[0]) & (cloud.temperature_c <= window_c[1])
-    mask = np.zeros(warm.shape, np.bool_)
-    core = likeliest(pieces_of(cloud, warm, SPECK_M2)[1])
-    if core is None:
-        note = f"no person: nothing of human size is {window_c[0]:g} to {window_c[1]:g} degrees warm"
-        return PersonMask(mask, "thermal", (note,))
-    pixels_per_m = cloud.camera.fx / core.centre_m[2]
-    around = _window_around(core, round(SURROUNDINGS_M * pixels_per_m))
-    marks = _marks(cloud.temperature_c[around], warm[around], window_c[1], pixels_per_m)
-    marks[~cloud.valid[around]] = NO_PIXEL
-    marks = flood(marks, cloud.points_m[..., 2][around], REACH_M * pixels_per_m)
-    mask[around] = marks == PERSON
-    return PersonMask(_person_and_limbs(cloud, mask), "thermal")
+_SAYS = {
+    "thermal": (),
+    "before": ("no temperature in this frame: the person is carried over from the frame before",),
+    "depth": ("found by depth alone: things that touch the person are in the mask",),
+}
 
 
-def _by_depth(cloud: ThermalCloud) -> PersonMask:
-    """Without temperature: the human-sized piece nearest to the view's centre, planes taken away."""
-    rest = without_planes(cloud)
-    labels, pieces = pieces_of(cloud, rest, SPECK_M2)
-    candidates = [piece for piece in pieces if piece.is_human_sized]
-    if not candidates:
-        note = "no person: no connected surface of human size; record temperature to tell people from things"
-        return PersonMask(np.zeros(rest.shape, np.bool_), "depth", (note,))
-    chosen = max(candidates, key=_centrality)
-    note = "found by depth alone: things that touch the person are in the mask"
-    return PersonMask(labels == chosen.label, "depth", (note,))
+def _by_temperature(
+    cloud: ThermalCloud, window_c: tuple[float, float] | None, planes: tuple[Plane, ...]
+) -> _Field:
+    loose = cloud.valid & ~close_to(planes, cloud.points_m)
+    low, high = window_c or find_window(cloud, loose) or WINDOW_C
+    celsius = cloud.temperature_c
+    planes += find_planes(cloud, loose & (celsius < low), MIN_COLD_PLANE_M2)
+    loose &= ~close_to(planes, cloud.points_m)
+    hot = loose & (celsius >= low)
+    panels = find_planes(cloud, hot, MIN_PANEL_M2)
+    panels = tuple(panel for panel in panels if stands_free(panel, cloud.points_m, hot))
+    panel = hot & close_to(panels, cloud.points_m)
+    planes, loose = planes + panels, loose & ~panel
+    warm = loose & (celsius >= low) & (celsius <= high)
+    nobody = f"no person: nothing of human size is {low:.1f} to {high:.1f} degrees warm"
+    if not warm.any():
+        zero = np.zeros(loose.shape, np.float32)
+        return _Field("thermal", zero, warm, warm, planes, nobody)
+    alignment = thermal_alignment(cloud, (low, high), _around(warm, EDGES_PX))
+    pixels_per_m = cloud.camera.fx / float(np.median(cloud.points_m[..., 2][warm]))
+    share = warmth_share(celsius, warm, high, 2 * round(LOCAL_M * pixels_per_m) + 1)
+    cold = (share < SURELY_COLD) | panel
+    candidates = cloud.valid & _around(warm, SURROUNDINGS_M * pixels_per_m) & (loose | ~cold)
+    warnings = ()
+    if alignment.is_off:
+        right, down = alignment.shift_px
+        warnings = (
+            f"thermal image lies {right:+.0f}, {down:+.0f} pixels (right, down) off the depth image, "
+            f"{alignment.degrees(cloud.camera.fx):.1f} degrees: calibrate the thermal camera again; "
+            "parts are undefined",
+        )
+    return _Field("thermal", by_warmth(share, celsius, high), candidates, cold, planes, nobody, warnings)
 
 
-def _centrality(piece: Piece) -> float:
-    """Surface over squared distance, nearer to the middle of the view first."""
-    x, y, z = piece.centre_m
-    return float(piece.area_m2 / (z * z) * np.exp(-(x * x + y * y) / (z * z) / 0.5**2))
+def _by_depth(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> _Field:
+    loose = cloud.valid & ~close_to(planes, cloud.points_m)
+    nobody = "no person: no connected surface of human size; record temperature to tell people from things"
+    none = np.zeros_like(loose)
+    return _Field("depth", none.astype(np.float32), loose, none, planes, nobody)
 
 
-def _window_around(core: Piece, margin_px: int) -> tuple[slice, slice]:
-    """Rows and columns within a margin of a piece."""
-    top, left, bottom, right = core.window
-    return np.s_[max(top - margin_px, 0) : bottom + margin_px, max(left - margin_px, 0) : right + margin_px]
+def _by_before(
+    cloud: ThermalCloud, before: FrameLabels | None, planes: tuple[Plane, ...]
+) -> _Field | None:
+    carried = by_before(cloud.depth_mm, before) if before is not None else None
+    if before is None or carried is None:
+        return None
+    odds, still = carried
+    loose = cloud.valid & ~close_to(planes, cloud.points_m)
+    was = (persons_before(before) > 0) & (before.depth_mm > 0)
+    pixels_per_m = cloud.camera.fx * 1000 / float(np.median(before.depth_mm[was]))
+    candidates = cloud.valid & _around(was, SURROUNDINGS_M * pixels_per_m) & (loose | ~still)
+    nobody = "no person: no temperature in this frame, and whoever was in the frame before is gone"
+    return _Field("before", odds, candidates, still, planes, nobody)
 
 
-def _marks(
-    temperature: NDArray[np.float32], warm: NDArray[np.bool_], hottest_c: float, pixels_per_m: float
-) -> NDArray[np.uint8]:
-    """PERSON and OTHER where the temperature is clear, UNDECIDED elsewhere.
-
-    Compared are each point and the local means of what is warm and what is colder: an image edge blurred
-    by the thermal lens lies halfway between its two sides.
-    """
-    size = 2 * round(LOCAL_M * pixels_per_m) + 1
-    person = _local_mean(temperature, warm, size)
-    cold = np.isfinite(temperature) & ~warm & (temperature < hottest_c)
-    for _ in range(2):  # the second time without cold cloth, which has raised the mean
-        background = _local_mean(temperature, cold, size)
-        share = (temperature - background) / np.maximum(person - background, LEAST_CONTRAST_C)
-        cold &= share < COLD_SHARE
-    marks = np.zeros(temperature.shape, np.uint8)
-    marks[warm & (share >= HALFWAY)] = PERSON
-    marks[~warm & (share < COLD_SHARE)] = OTHER
-    marks[temperature > hottest_c + HOT_MARGIN_C] = OTHER
-    return marks
+def _around(mask: NDArray[np.bool_], reach_px: float) -> NDArray[np.bool_]:
+    """A mask (h, w) grown by a square."""
+    side = 2 * round(reach_px) + 1
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0, np.bool_)
 
 
-def _local_mean(values: NDArray[np.float32], mask: NDArray[np.bool_], size: int) -> NDArray[np.float32]:
-    """Mean over the masked pixels of a square window; the overall mean where there is none."""
-    kept = np.where(mask, values, np.float32(0))
-    total = cv2.boxFilter(kept, cv2.CV_32F, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    count = cv2.boxFilter(
-        mask.astype(np.float32), cv2.CV_32F, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT
-    )
-    overall = np.float32(kept.sum() / max(mask.sum(), 1))
-    return np.where(count > 0.5, total / np.maximum(count, 1), overall).astype(np.float32)
+def _settled(cloud: ThermalCloud, field: _Field) -> NDArray[np.bool_]:
+    """Planes, colour and neighbours heard: the pixels (h, w) of persons."""
+    if not field.candidates.any():
+        return field.candidates
+    candidates = cloud.valid & _around(field.candidates, RIM_PX)
+    near = close_to(field.planes, cloud.points_m)
+    normals = np.full((*near.shape, 3), np.float32(np.nan))
+    normals[candidates] = normals_at(cloud, *np.nonzero(candidates))
+    on = near & (field.cold | lies_on(field.planes, cloud.points_m, normals))
+    surface_m2 = np.square(cloud.points_m[..., 2]) / np.float32(cloud.camera.fx * cloud.camera.fy)
+    shaped = np.isfinite(normals[..., 0])
+    odds = field.odds + by_planes(on, near, shaped, field.cold, surface_m2)
+    lab = lab_of(cloud.color_rgb, cloud.color_valid)
+    odds += by_color(lab, odds, candidates, cloud.valid & _around(field.candidates, TAUGHT_PX))
+    return settle(odds, candidates, cloud.points_m[..., 2], normals, lab) > 0
 
 
-def _person_and_limbs(cloud: ThermalCloud, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The likeliest person among the mask's pieces, with the loose pieces near to it that can be limbs."""
-    labels, pieces = pieces_of(cloud, mask, SPECK_M2)
-    body = likeliest(pieces)
-    if body is None:
-        return np.zeros(mask.shape, np.bool_)
-    tree = cKDTree(cloud.points_m[labels == body.label][::7])
-    kept = [body.label]
-    for piece in pieces:
-        if piece.label != body.label:
-            gap, _ = tree.query(cloud.points_m[labels == piece.label][::3], distance_upper_bound=NEAR_M)
-            near_m = min(NEAR_M, NEAR_SIZES * np.sqrt(piece.area_m2))
-            if gap.min() <= near_m and piece.thickness_m >= PANEL_M:
-                kept.append(piece.label)
-    return np.isin(labels, kept)
+def _claim(person: Person, before: FrameLabels | None) -> float:
+    """How much speaks for a person being the one to label: surface, near the middle, there before."""
+    x, _, z = person.centre_m
+    claim = person.area_m2 * float(np.exp(-np.square(x / z / OFF_CENTRE)))
+    if before is not None and before.depth_mm.shape == person.mask.shape:
+        claim *= 1 + BEFORE_COUNTS * float((persons_before(before)[person.mask] == 1).mean())
+    return claim
+
+
+def _crowd(persons: Sequence[Person], before: FrameLabels | None) -> list[str]:
+    """A warning where three or more are there and none is clearly the subject."""
+    if len(persons) < 3 or _claim(persons[0], before) >= CLEAR * _claim(persons[1], before):
+        return []
+    return [
+        f"{len(persons)} persons in the depth and thermal images and none clearly the subject: let the others "
+        "step aside or aim the cameras at one; parts are undefined"
+    ]
+
+
+def _cut(mask: NDArray[np.bool_]) -> list[str]:
+    """A warning where three borders of the image or all four cut the person."""
+    borders = {
+        "left": mask[:, :BORDER_PX],
+        "right": mask[:, -BORDER_PX:],
+        "top": mask[:BORDER_PX],
+        "bottom": mask[-BORDER_PX:],
+    }
+    cut = [name for name, border in borders.items() if border.sum() >= CUT_PX]
+    if len(cut) < 3:
+        return []
+    return [
+        f"the person is larger than the depth camera's view (cut at {', '.join(cut)}): "
+        "move the camera back; parts are undefined"
+    ]

@@ -1,48 +1,202 @@
-"""Walls, floors and table tops: the large planes of a cloud."""
+"""Walls, floors, seats and table tops: the planes of a cloud, found from points with their normals."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
 
-MAX_PLANES = 4
-PLANE_TOLERANCE_M = 0.025
-MIN_PLANE_SHARE = 0.12
-"""Of the remaining points: a smaller plane is furniture, or a person's back."""
-MIN_PLANE_M = 1.0
-"""Second longest side of a plane: a person is narrower than that, arms spread or not."""
-SAMPLE = 8000
-"""Points on which planes are fitted."""
+MAX_PLANES = 16
+MIN_PLANE_M2 = 0.12
+"""Surface, seen head-on: a flat patch of a body (a back, a thigh) is smaller."""
+MIN_COLD_PLANE_M2 = 0.02
+"""The same where no point is warm, so that no body can be meant: an arm rest, a table's edge."""
+MIN_PANEL_M2 = 0.025
+"""The same where all is warm, for what ``stands_free``: half of a laptop's lid."""
+BEND_M, FREE_SHARE = 0.03, 0.78
+"""Beside a flat patch of a body the surface bends away by less than that within four pixels; more than
+this share of a panel's rim is farther behind."""
+TOLERANCE = 0.006
+"""Distance to a plane as a share of the depth: 12 mm at 2 m, three times a Kinect v2's noise
+(Fankhauser et al. 2015)."""
+LEAST_COSINE = 0.94
+"""A point lies on a plane only when their normals are within 20 degrees: a limb on a seat is not the seat."""
+NORMAL_JUMP = 0.02
+"""Neighbours farther apart in depth than this share of it lie on another surface."""
+STRIDE = 3
+"""Planes are sought on every third pixel of every third row."""
+SAMPLE, TRIALS = 3000, 40
+"""Points that vote in a round, and how many of them are tried as the plane."""
+LEAST_POINTS = 30
+
+Image = NDArray[np.float32]
 
 
-def without_planes(cloud: ThermalCloud, seed: int = 0) -> NDArray[np.bool_]:
-    """Valid pixels (h, w) that lie on no large plane; the same for the same seed.
+@dataclass(frozen=True)
+class Plane:
+    """normal . p = offset_m for points p of the depth camera's frame. normal: float32 (3,), of length 1,
+    towards the camera. area_m2: visible surface, taken as seen head-on."""
 
-    Planes are found one after the other by RANSAC (open3d's ``segment_plane``).
+    normal: NDArray[np.float32]
+    offset_m: float
+    area_m2: float
+
+    def close(self, points_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Which points (..., 3) are near enough to lie on it; NaN is not."""
+        distance = np.abs(points_m @ self.normal - np.float32(self.offset_m))
+        return np.asarray(distance <= np.float32(TOLERANCE) * points_m[..., 2], np.bool_)
+
+    def parallel(self, normals: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Which unit normals (..., 3) are turned as it is; NaN is not."""
+        x, y, z = self.normal
+        cosine = normals[..., 0] * x + normals[..., 1] * y + normals[..., 2] * z
+        return np.asarray(cosine >= LEAST_COSINE, np.bool_)
+
+
+def find_planes(
+    cloud: ThermalCloud, among: NDArray[np.bool_], least_m2: float = MIN_PLANE_M2, seed: int = 0
+) -> tuple[Plane, ...]:
+    """The planes of at least ``least_m2`` among valid pixels (h, w), the best supported first.
+
+    One-point RANSAC, since a point with its normal is a plane, then least squares on its inliers; the
+    same for the same seed.
     """
-    import open3d as o3d  # takes seconds to import, and few clouds come without temperature
-
-    left = cloud.valid.copy()
+    rows, columns = np.nonzero((among & cloud.valid)[1::STRIDE, 1::STRIDE])
+    rows, columns = rows * STRIDE + 1, columns * STRIDE + 1
+    points = cloud.points_m[rows, columns]
+    normals = normals_at(cloud, rows, columns)
+    flat = np.isfinite(normals[:, 0])
+    points, normals = points[flat], normals[flat]
+    pixel_m2 = points[:, 2] ** 2 * np.float32(STRIDE**2 / (cloud.camera.fx * cloud.camera.fy))
     rng = np.random.default_rng(seed)
-    o3d.utility.random.seed(seed)
-    points = cloud.points_m.reshape(-1, 3).astype(np.float64)
-    for _ in range(MAX_PLANES):
-        index = np.flatnonzero(left)
-        if index.size < 500:
+    planes: list[Plane] = []
+    while len(points) >= LEAST_POINTS and len(planes) < MAX_PLANES:
+        sample = rng.permutation(len(points))[:SAMPLE]
+        best = sample[_best(points[sample], normals[sample], pixel_m2[sample], min(TRIALS, len(sample)))]
+        plane, on = _fitted(points, normals, pixel_m2, int(best))
+        if plane.area_m2 < least_m2:
             break
-        chosen = points[rng.choice(index, min(SAMPLE, index.size), replace=False)]
-        sample = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(chosen))
-        plane, inliers = sample.segment_plane(PLANE_TOLERANCE_M, 3, 300)
-        if len(inliers) < MIN_PLANE_SHARE * len(chosen) or _second_side_m(chosen[inliers]) < MIN_PLANE_M:
-            break
-        distance = np.abs(points[index] @ np.asarray(plane[:3]) + plane[3])
-        left.ravel()[index[distance < PLANE_TOLERANCE_M]] = False
-    return left
+        planes.append(plane)
+        points, normals, pixel_m2 = points[~on], normals[~on], pixel_m2[~on]
+    return tuple(planes)
 
 
-def _second_side_m(points_m: NDArray[np.float64]) -> float:
-    """Second longest side of the points' bounding box along their principal axes (2nd to 98th percentile)."""
-    centred = points_m - points_m.mean(axis=0)
-    _, _, axes = np.linalg.svd(centred, full_matrices=False)
-    low, high = np.percentile(centred @ axes.T, (2, 98), axis=0)
-    return float(np.sort(high - low)[1])
+def stands_free(plane: Plane, points_m: NDArray[np.float32], among: NDArray[np.bool_]) -> bool:
+    """Whether a plane's largest patch ends in steps, as a screen's does, and not in a bend, as a chest's.
+
+    points_m: float32 (h, w, 3). among: bool (h, w), pixels that may be of the patch.
+    """
+    _, patches, stats, _ = cv2.connectedComponentsWithStats((among & plane.close(points_m)).astype(np.uint8))
+    if len(stats) < 2:
+        return False
+    patch = (patches == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())).astype(np.uint8)
+    rim = cv2.dilate(patch, np.ones((9, 9), np.uint8)) > cv2.dilate(patch, np.ones((3, 3), np.uint8))
+    behind_m = plane.offset_m - points_m[rim] @ plane.normal
+    behind, beside = (behind_m > BEND_M).sum(), (np.abs(behind_m) <= BEND_M).sum()
+    return bool(behind > FREE_SHARE * (behind + beside))
+
+
+def close_to(planes: Sequence[Plane], points_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which points (..., 3) are close to any of the planes, however their surface is turned."""
+    near = np.zeros(points_m.shape[:-1], np.bool_)
+    for plane in planes:
+        near |= plane.close(points_m)
+    return near
+
+
+def lies_on(
+    planes: Sequence[Plane], points_m: NDArray[np.float32], normals: NDArray[np.float32]
+) -> NDArray[np.bool_]:
+    """Which points (..., 3) with unit normals (..., 3) lie on any of the planes."""
+    on = np.zeros(points_m.shape[:-1], np.bool_)
+    for plane in planes:
+        on |= plane.close(points_m) & plane.parallel(normals)
+    return on
+
+
+def normals_at(
+    cloud: ThermalCloud, rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> NDArray[np.float32]:
+    """Unit normals (n, 3) of the surface at pixels, towards the camera; NaN where too little is seen.
+
+    Least squares over 5 x 5 pixels two apart. 1/z is fitted, which is linear over the image of a plane.
+    """
+    lens = np.array([cloud.camera.fx, cloud.camera.fy, cloud.camera.cx, cloud.camera.cy])
+    return _normals(np.ascontiguousarray(cloud.points_m[..., 2]), lens, rows, columns)
+
+
+def _fitted(
+    points: NDArray[np.float32], normals: NDArray[np.float32], pixel_m2: NDArray[np.float32], start: int
+) -> tuple[Plane, NDArray[np.bool_]]:
+    """The plane around one point by least squares, and which points (n,) lie on it."""
+    plane = Plane(normals[start], float(normals[start] @ points[start]), 0.0)
+    for _ in range(3):
+        on = plane.close(points) & plane.parallel(normals)
+        if on.sum() < LEAST_POINTS:
+            return plane, on
+        chosen = points[on].astype(np.float64)
+        centre = chosen.mean(axis=0)
+        normal = np.linalg.eigh((chosen - centre).T @ (chosen - centre))[1][:, 0]
+        normal *= np.sign(normal @ plane.normal)
+        plane = Plane(normal.astype(np.float32), float(normal @ centre), float(pixel_m2[on].sum()))
+    return plane, plane.close(points) & plane.parallel(normals)
+
+
+@njit(cache=True, nogil=True)
+def _best(points: Image, normals: Image, pixel_m2: Image, trials: int) -> int:
+    """Which of the first points makes the plane with the most surface on it."""
+    best, most = 0, np.float32(-1)
+    for i in range(trials):
+        a, b, c = normals[i, 0], normals[i, 1], normals[i, 2]
+        offset = a * points[i, 0] + b * points[i, 1] + c * points[i, 2]
+        area = np.float32(0)
+        for j in range(points.shape[0]):
+            x, y, z = points[j, 0], points[j, 1], points[j, 2]
+            # Twice the tolerance: one point's own noise is in the plane.
+            close = abs(a * x + b * y + c * z - offset) < np.float32(2 * TOLERANCE) * z
+            cosine = a * normals[j, 0] + b * normals[j, 1] + c * normals[j, 2]
+            if close and cosine > np.float32(LEAST_COSINE):
+                area += pixel_m2[j]
+        if area > most:
+            best, most = i, area
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _normals(
+    depth_m: Image, lens: NDArray[np.float64], rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> NDArray[np.float32]:
+    fx, fy, cx, cy = lens
+    height, width = depth_m.shape
+    normals = np.full((rows.size, 3), np.float32(np.nan))
+    for i in range(rows.size):
+        v, u = rows[i], columns[i]
+        z0 = np.float64(depth_m[v, u])
+        n, sx, sy, sd, sxx, sxy, syy, sxd, syd = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for y in range(-4, 5, 2):
+            for x in range(-4, 5, 2):
+                if not (0 <= v + y < height and 0 <= u + x < width):
+                    continue
+                z = np.float64(depth_m[v + y, u + x])
+                if abs(z - z0) <= NORMAL_JUMP * z0:  # False for NaN
+                    d = 1 / z
+                    n, sx, sy, sd = n + 1, sx + x, sy + y, sd + d
+                    sxx, sxy, syy, sxd, syd = sxx + x * x, sxy + x * y, syy + y * y, sxd + x * d, syd + y * d
+        if n < 8:
+            continue
+        sxx, sxy, syy = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
+        sxd, syd = sxd - sx * sd / n, syd - sy * sd / n
+        det = sxx * syy - sxy * sxy
+        if det < 1:
+            continue
+        a, b = (syy * sxd - sxy * syd) / det, (sxx * syd - sxy * sxd) / det
+        c = (sd - sx * a - sy * b) / n
+        # 1/z = a (u' - u) + b (v' - v) + c: with u' = fx X/Z + cx it is fx a X + fy b Y + (...) Z = 1.
+        x, y, z = fx * a, fy * b, c + a * (cx - u) + b * (cy - v)
+        length = np.sqrt(x * x + y * y + z * z)
+        normals[i, 0], normals[i, 1], normals[i, 2] = -x / length, -y / length, -z / length
+    return normals

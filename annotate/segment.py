@@ -1,4 +1,4 @@
-"""Person points -> body parts: suit colour pooled over supervoxels, smoothed along the body's part tree."""
+"""Person points -> body parts: suit colour pooled over supervoxels, joined over time and the part tree."""
 
 from dataclasses import dataclass
 
@@ -6,28 +6,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
-from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED
-from annotate.suit import Suit, chromaticity
+from annotate.color_model import CLIPPED, readable, refit_colors, under, unfitted
+from annotate.confidence import calibrated, features
+from annotate.labels import FrameLabels
+from annotate.part_clues import means_of, pooled, warmth_of, with_earlier
+from annotate.part_tree import settle
+from annotate.parts import BACKGROUND, BODY_PARTS, UNDEFINED
+from annotate.patches import patches_of, read_together
+from annotate.refine import refine
+from annotate.suit import Suit
 from annotate.supervoxels import Supervoxels, supervoxels
 
 SEED_M = 0.05
 """Distance of supervoxel seeds: a forearm is about 7 cm thick."""
-CHROMA_SIGMA = 0.05
-"""Spread of a swatch's chromaticity under coloured light and on folds."""
-NOISE_RGB = 4.0
-"""Noise of an 8-bit colour channel, which blurs the chromaticity of dark pixels."""
-COLOR_FLOOR = 1e-3
-"""Likelihood of any colour on any part: reflections, toys, a mended sleeve."""
-POINT_WEIGHT = 0.5
-"""Weight of a point's own colour against its supervoxel's verdict, for seams inside a supervoxel."""
-SAME, JOINED, TOUCHING = 0.0, -1.2, -2.4
-"""Log compatibility of two touching supervoxels: the same part, anatomical neighbours, a chance contact."""
-SMOOTHING = 0.6
-ROUNDS = 12
-MIN_COLORED_SHARE = 0.05
-"""Below this share of person points with colour there is nothing to go by."""
+MIN_READABLE_SHARE = 0.05
+"""Below this share of person points with a readable colour there is nothing to go by."""
+ROUNDS = 3
+PATCH_WEIGHT, PATCH_DOUBT = 1.0, 0.02
+BAD_SHARE = 0.3
+"""From this share of colours lost to darkness or glare on the user is told."""
+UNKNOWN, UNTOLD_BELOW = 0.35, 0.8
+"""Beliefs below which a supervoxel stays undefined: any, and one whose rival looks alike in the suit."""
+UNTOLD = "some parts stay undefined: their colours cannot be read, or look alike in the suit"
+OWN_COLOR, OWN_GROUP = 1.0, 0.25
+"""Weights of a point's own colour and of its supervoxel's belief where the border runs within supervoxels."""
 
 _N = len(BODY_PARTS)
+_Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -42,103 +47,112 @@ class Segmentation:
     notes: tuple[str, ...] = ()
 
 
-def segment(cloud: ThermalCloud, person: NDArray[np.bool_], suit: Suit) -> Segmentation:
+def segment(
+    cloud: ThermalCloud, person: NDArray[np.bool_], suit: Suit, before: FrameLabels | None = None
+) -> Segmentation:
     """Label a person's points by the suit they wear.
 
-    person: bool (h, w). A frame whose person has hardly any colour comes back undefined, with a note.
+    person: bool (h, w). before: the labels of the frame before. What cannot be told stays undefined: all of
+    a frame whose colours say nothing, and places where parts that look alike are not told apart by what
+    they join; a note says why.
     """
     mask = person & cloud.valid
-    parts = np.full(mask.shape, BACKGROUND, np.uint8)
-    confidence = np.zeros(mask.shape, np.float32)
-    n, colored = int(mask.sum()), cloud.color_valid[mask]
-    if n == 0:
-        return Segmentation(parts, confidence, ("no person: nothing to label",))
-    if colored.mean() < MIN_COLORED_SHARE:
-        parts[mask] = UNDEFINED
-        return Segmentation(parts, confidence, ("no colour on the person: parts are undefined",))
-    points, rgb = cloud.points_m[mask], cloud.color_rgb[mask]
-    groups = supervoxels(points, rgb, seed_m=SEED_M)
-    evidence = _color_evidence(rgb, suit)
-    evidence[~colored] = 0
-    belief = _smooth(_pooled(evidence, colored, groups), groups)
-    chosen, certainty = _points_in_groups(belief, evidence, groups)
-    parts[mask], confidence[mask] = chosen + 1, certainty
-    return Segmentation(parts, confidence)
+    rgb = cloud.color_rgb[mask]
+    usable = readable(rgb, cloud.color_valid[mask])
+    notes = _diagnosis(rgb, cloud.color_valid[mask], usable)
+    if usable.sum() <= MIN_READABLE_SHARE * len(usable):
+        return unlabelled(mask, *notes)
+    groups = tile(cloud, mask)
+    belief, evidence = _believed(cloud, mask, usable, suit, groups, before)
+    scores = point_scores(belief, evidence, groups)
+    chosen = refine(scores, scores.argmax(axis=1).astype(np.uint8), cloud.points_m[..., 2], mask)
+    parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
+    parts[mask] = chosen + 1
+    found = features(belief, evidence, usable, parts, mask, groups)
+    confidence[mask] = calibrated(found)[groups.ids]
+    if (untold := _untold(belief, suit)[groups.ids]).any():
+        parts[mask] = np.where(untold, UNDEFINED, parts[mask])
+        confidence[mask] = np.where(untold, 0, confidence[mask])
+        notes = (*notes, UNTOLD)
+    return Segmentation(parts, confidence, notes)
 
 
-def _color_evidence(rgb: NDArray[np.uint8], suit: Suit) -> NDArray[np.float64]:
-    """Log likelihood (n, 11) of every part for every point's colour, the best swatch counting."""
-    chroma = chromaticity(rgb)
-    spread = CHROMA_SIGMA**2 + (NOISE_RGB / np.maximum(rgb.max(axis=1), 1.0)) ** 2
-    gaps = np.square(chroma[:, None] - chromaticity(suit.colors_rgb)[None]).sum(axis=2)
-    per_swatch = -gaps / (2 * spread[:, None])
-    evidence = np.full((len(rgb), _N), -np.inf)
-    for swatch, part in enumerate(suit.parts):
-        evidence[:, part - 1] = np.maximum(evidence[:, part - 1], per_swatch[:, swatch])
-    return np.asarray(np.logaddexp(evidence, np.log(COLOR_FLOOR)))
+def unlabelled(mask: NDArray[np.bool_], *notes: str) -> Segmentation:
+    """A person (bool (h, w)) whose parts stay undefined, and why."""
+    parts = np.where(mask, UNDEFINED, BACKGROUND).astype(np.uint8)
+    return Segmentation(parts, np.zeros(mask.shape, np.float32), notes)
 
 
-def _pooled(
-    evidence: NDArray[np.float64], colored: NDArray[np.bool_], groups: Supervoxels
-) -> NDArray[np.float64]:
-    """Mean evidence (G, 11) over each supervoxel's coloured points, weighing more the more there are."""
-    total = np.stack([np.bincount(groups.ids, column, groups.count) for column in evidence.T], axis=1)
-    count = np.bincount(groups.ids, colored, groups.count)
-    # A few points are a guess; from about ten on more of the same adds nothing: they share their light.
-    return np.asarray(total / np.maximum(count, 1)[:, None] * (3 * count / (count + 10))[:, None])
+def _diagnosis(
+    rgb: NDArray[np.uint8], seen: NDArray[np.bool_], usable: NDArray[np.bool_]
+) -> tuple[str, ...]:
+    """What is wrong with a person's colours (n, 3), and what to do about it."""
+    if not len(rgb):
+        return ("no person: nothing to label",)
+    if seen.mean() < MIN_READABLE_SHARE:
+        return ("no colour on the person: point the colour camera at them and check its calibration",)
+    lost = rgb[seen & ~usable].max(axis=1) < CLIPPED
+    if lost.sum() > BAD_SHARE * seen.sum():
+        return ("colour is too dark on the person: light the room or raise the colour camera's exposure",)
+    if (~lost).sum() > BAD_SHARE * seen.sum():
+        return ("colour is over-exposed on the person: lower the colour camera's exposure or the light",)
+    return ()
 
 
-def _compatibility() -> NDArray[np.float64]:
-    table = np.full((_N, _N), TOUCHING)
-    for i in range(_N):
-        for j in range(_N):
-            if frozenset((i + 1, j + 1)) in NEIGHBOURS:
-                table[i, j] = JOINED
-    np.fill_diagonal(table, SAME)
-    return table
+def _believed(
+    cloud: ThermalCloud,
+    mask: NDArray[np.bool_],
+    usable: NDArray[np.bool_],
+    suit: Suit,
+    groups: Supervoxels,
+    before: FrameLabels | None,
+) -> tuple[_Array, _Array]:
+    """Belief (G, 11) of the supervoxels and colour evidence (n, 11) of the masked points.
 
-
-_COMPATIBILITY = _compatibility()
-
-
-def _smooth(unary: NDArray[np.float64], groups: Supervoxels) -> NDArray[np.float64]:
-    """Mean-field belief (G, 11) of a Potts-like field whose costs follow the body's part tree.
-
-    Source: Kraehenbuehl & Koltun 2011, the sparse case. Each round is damped, so it settles.
+    The second round knows from the first what parts the colours are on: so it learns this person's skin
+    and how far the cloth has faded.
     """
-    belief = _softmax(unary)
-    a, b = groups.edges.T
-    degree = np.bincount(np.r_[a, b], minlength=groups.count)
+    rgb, centroids_m = cloud.color_rgb[mask][usable], groups.centroids_m(cloud.points_m[mask])
+    palette = unfitted(suit)
+    patches = patches_of(groups, *means_of(cloud.color_rgb[mask], usable, groups), centroids_m)
+    warmth = warmth_of(cloud.temperature_c[mask], groups)
+    by_patch, log_gain = read_together(patches, palette, patches.mean(warmth, groups.sizes))
+    first = by_patch[patches.ids]
+    model, belief = under(palette, log_gain), first
     for _ in range(ROUNDS):
-        message = np.zeros_like(belief)
-        expected = belief @ _COMPATIBILITY
-        np.add.at(message, a, expected[b])
-        np.add.at(message, b, expected[a])
-        # More neighbours do not mean more knowledge: the sum is tempered.
-        message *= (SMOOTHING * 4 / np.maximum(degree, 4))[:, None]
-        belief = 0.5 * belief + 0.5 * _softmax(unary + message)
-    return belief
+        model = refit_colors(model, rgb, belief[groups.ids[usable]])
+        evidence = np.zeros((len(usable), _N))
+        evidence[usable] = model.evidence(rgb)
+        unary = pooled(evidence, usable, groups) + warmth + PATCH_WEIGHT * np.log(first + PATCH_DOUBT)
+        if before is not None:
+            unary = with_earlier(unary, groups, before, cloud, centroids_m)
+        belief = settle(unary, groups, centroids_m, belief)
+    return belief, evidence
 
 
-def _points_in_groups(
-    belief: NDArray[np.float64], evidence: NDArray[np.float64], groups: Supervoxels
-) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Part index (n,) and confidence (n,) per point: the verdict of its supervoxel, mended by its own colour.
+def _untold(belief: _Array, suit: Suit) -> NDArray[np.bool_]:
+    """Supervoxels (G,) of which nothing is known, or only that it is one of two parts that look alike."""
+    order = np.argsort(belief, axis=1)[:, -2:]
+    best = np.take_along_axis(belief, order, axis=1)[:, 1]
+    alike = np.zeros((_N, _N), bool)
+    for a, b in suit.look_alikes:
+        alike[a - 1, b - 1] = alike[b - 1, a - 1] = True
+    return np.asarray((best < UNKNOWN) | (best < UNTOLD_BELOW) & alike[order[:, 0], order[:, 1]])
 
-    A point may only take a part that its supervoxel or one touching it has.
-    """
+
+def tile(cloud: ThermalCloud, mask: NDArray[np.bool_]) -> Supervoxels:
+    """The supervoxels of the masked points, row-major: what ``segment`` works with."""
+    return supervoxels(cloud.points_m[mask], cloud.color_rgb[mask], seed_m=SEED_M)
+
+
+def point_scores(belief: _Array, evidence: _Array, groups: Supervoxels) -> _Array:
+    """Log score (n, 11) of the parts a point may take: those of its supervoxel and the touching ones."""
     chosen = belief.argmax(axis=1)
     allowed = np.zeros((groups.count, _N), bool)
     allowed[np.arange(groups.count), chosen] = True
     a, b = groups.edges.T
     allowed[a, chosen[b]] = True
     allowed[b, chosen[a]] = True
-    score = np.log(belief + 1e-6)[groups.ids] + POINT_WEIGHT * evidence
+    score = OWN_GROUP * np.log(belief + 1e-6)[groups.ids] + OWN_COLOR * evidence
     score[~allowed[groups.ids]] = -np.inf
-    best = score.argmax(axis=1)
-    return best, belief[groups.ids, best]
-
-
-def _softmax(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    e = np.exp(x - x.max(axis=1, keepdims=True))
-    return np.asarray(e / e.sum(axis=1, keepdims=True))
+    return np.asarray(score)

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Self, TypeVar, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from annotate.images import (
     encode_parts,
     encode_persons,
 )
-from annotate.labels import FrameLabels
+from annotate.labels import FrameLabels, Status
 from annotate.parts import PARTS
 from sensors.atomic import write_bytes
 from sensors.camera import Intrinsics
@@ -28,6 +28,7 @@ from sensors.errors import CloudError, ExistsError, FormatError
 
 SCHEMA = 1
 MANIFEST = "labelset.json"
+FRAMES, ORIGINAL = "frames", "original"
 MAX_JSON_BYTES = 16_000_000
 _FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
@@ -50,7 +51,7 @@ class LabelSet:
         """Start an empty label set in a new or empty folder. Raises ExistsError otherwise."""
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise ExistsError(f"{path} exists already; choose another folder or pass --overwrite")
-        (path / "frames").mkdir(parents=True, exist_ok=True)
+        (path / FRAMES).mkdir(parents=True, exist_ok=True)
         manifest = {
             "schema": SCHEMA,
             "parts": {part.name: part.id for part in PARTS},
@@ -94,7 +95,7 @@ class LabelSet:
     @property
     def frame_ids(self) -> list[str]:
         """Ids of the finished frames, sorted."""
-        return sorted(p.stem for p in (self.path / "frames").glob("*.json") if _FRAME_ID.fullmatch(p.stem))
+        return sorted(p.stem for p in (self.path / FRAMES).glob("*.json") if _FRAME_ID.fullmatch(p.stem))
 
     def __len__(self) -> int:
         return len(self.frame_ids)
@@ -105,11 +106,15 @@ class LabelSet:
     def __iter__(self) -> Iterator[FrameLabels]:
         return (self.read(frame_id) for frame_id in self.frame_ids)
 
-    def read(self, frame_id: str) -> FrameLabels:
-        """Read one frame. Raises FormatError naming the file that is missing or corrupt."""
-        fields = _load(self._file(frame_id, "json"))
+    def read(self, frame_id: str, original: bool = False) -> FrameLabels:
+        """Read one frame, or its labels as they were before the first correction (``keep_original``).
+
+        Raises FormatError naming the file that is missing or corrupt.
+        """
+        folder = ORIGINAL if original else FRAMES
+        fields = _load(self._file(frame_id, "json", folder))
         depth = self._image(frame_id, "depth.png", decode_depth)
-        parts = self._image(frame_id, "parts.png", decode_parts)
+        parts = self._image(frame_id, "parts.png", decode_parts, folder)
         has_confidence = self._file(frame_id, "confidence.png").is_file()
         confidence = self._image(frame_id, "confidence.png", decode_confidence) if has_confidence else None
         has_persons = self._file(frame_id, "persons.png").is_file()
@@ -126,6 +131,13 @@ class LabelSet:
         notes = _load(self._file(frame_id, "json")).get("notes", {})
         return notes if isinstance(notes, dict) else {}
 
+    def status(self, frame_id: str) -> Status:
+        """A frame's status alone. Raises FormatError on one that is unknown."""
+        status = _load(self._file(frame_id, "json")).get("status")
+        if status not in get_args(Status):
+            raise FormatError(f"{self._file(frame_id, 'json')} has an unknown status; restore it from a copy")
+        return cast(Status, status)
+
     def write(self, frame: FrameLabels) -> None:
         """Add or replace one frame. Raises FormatError when its size is not the set's."""
         if frame.depth_mm.shape != self.intrinsics.shape:
@@ -134,7 +146,6 @@ class LabelSet:
                 "one set holds one camera"
             )
         self._put(frame.frame_id, "depth.png", encode_depth(frame.depth_mm))
-        self._put(frame.frame_id, "parts.png", encode_parts(frame.parts))
         if frame.confidence is not None:
             self._put(frame.frame_id, "confidence.png", encode_confidence(frame.confidence))
         else:
@@ -143,19 +154,38 @@ class LabelSet:
             self._put(frame.frame_id, "persons.png", encode_persons(frame.persons))
         else:
             self._file(frame.frame_id, "persons.png").unlink(missing_ok=True)
+        self.write_labels(frame)
+
+    def write_labels(self, frame: FrameLabels) -> None:
+        """Replace a frame's parts, status, subject and notes; its other images stay as they are."""
+        self._put(frame.frame_id, "parts.png", encode_parts(frame.parts))
         fields = {"status": frame.status, "subject": frame.subject, "notes": frame.notes}
         self._put(frame.frame_id, "json", _dump(fields))
 
-    def _file(self, frame_id: str, suffix: str) -> Path:
+    def keep_original(self, frame_id: str) -> None:
+        """Copy a frame's parts and JSON to ``original/``, once: what a correction starts from."""
+        if not self.has_original(frame_id):
+            (self.path / ORIGINAL).mkdir(exist_ok=True)
+            for suffix in ("json", "parts.png"):
+                data = self._file(frame_id, suffix).read_bytes()
+                write_bytes(self._file(frame_id, suffix, ORIGINAL), data)
+
+    def has_original(self, frame_id: str) -> bool:
+        """Whether a frame's labels before its first correction were kept."""
+        return self._file(frame_id, "parts.png", ORIGINAL).is_file()
+
+    def _file(self, frame_id: str, suffix: str, folder: str = FRAMES) -> Path:
         if not _FRAME_ID.fullmatch(frame_id):
             raise FormatError(f"frame id {frame_id!r} is unsafe; use letters, digits, '_', '-' and '.'")
-        return self.path / "frames" / f"{frame_id}.{suffix}"
+        return self.path / folder / f"{frame_id}.{suffix}"
 
     def _put(self, frame_id: str, suffix: str, data: bytes) -> None:
         write_bytes(self._file(frame_id, suffix), data)
 
-    def _image(self, frame_id: str, suffix: str, decode: Callable[[bytes], NDArray[T]]) -> NDArray[T]:
-        file = self._file(frame_id, suffix)
+    def _image(
+        self, frame_id: str, suffix: str, decode: Callable[[bytes], NDArray[T]], folder: str = FRAMES
+    ) -> NDArray[T]:
+        file = self._file(frame_id, suffix, folder)
         try:
             image = decode(file.read_bytes())
         except OSError as error:

@@ -1,10 +1,10 @@
-"""The colour-coded clothing: which colours each part wears, as a TOML palette and as a colour model.
+"""The colour-coded clothing: which colours each part wears, as a TOML palette.
 
-A palette file names every part once::
+A palette file names every part once, with every colour it shows; bare hands go without saying::
 
     name = "ten-colour suit"
     [colors]
-    head = ["#d8d8d8", "#c98f73"]   # hood and skin
+    head = ["#d8d8d8", "#c98f73"]   # hood and face
     torso = "#e6c814"
     ...
 """
@@ -12,6 +12,7 @@ A palette file names every part once::
 import re
 import tomllib
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from sensors.errors import CloudError
 MAX_TOML_BYTES = 100_000
 MAX_SWATCHES = 200
 MIN_CHROMA_DISTANCE = 0.06
-"""Two parts whose chromaticities are nearer than this cannot be told apart in a shaded image."""
+"""Two swatches whose chromaticities are nearer than this cannot be told apart in a shaded image."""
 _HEX = re.compile(r"#[0-9a-fA-F]{6}")
 
 
@@ -31,7 +32,7 @@ _HEX = re.compile(r"#[0-9a-fA-F]{6}")
 class Suit:
     """A worn palette. colors_rgb: uint8 (K, 3) swatches; parts: uint8 (K,) the part wearing each.
 
-    Raises CloudError when a part has no colour, or two parts look alike.
+    Raises CloudError when a part has no colour.
     """
 
     name: str
@@ -42,15 +43,27 @@ class Suit:
         for part in BODY_PARTS:
             if part.id not in self.parts:
                 raise CloudError(f"suit {self.name!r} has no colour for {part.name}; add it under [colors]")
+
+    @cached_property
+    def look_alikes(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of parts, low id first, of which one has no colour that the other has not, but for shade."""
         chroma = chromaticity(self.colors_rgb)
-        gaps = np.linalg.norm(chroma[:, None] - chroma[None], axis=2)
-        gaps[self.parts[:, None] == self.parts[None]] = np.inf
-        i, j = np.unravel_index(int(gaps.argmin()), gaps.shape)
-        if gaps[i, j] < MIN_CHROMA_DISTANCE:
-            raise CloudError(
-                f"suit {self.name!r}: {PARTS[self.parts[i]].name} and {PARTS[self.parts[j]].name} "
-                "have the same colour but for brightness; shade would mix them up, give one another hue"
-            )
+        near = np.linalg.norm(chroma[:, None] - chroma[None], axis=2) < MIN_CHROMA_DISTANCE
+        ids = [part.id for part in BODY_PARTS]
+        return tuple((a, b) for a in ids for b in ids if a < b and self._covers(near, a, b))
+
+    def _covers(self, near: NDArray[np.bool_], a: int, b: int) -> bool:
+        both = near[np.ix_(self.parts == a, self.parts == b)]
+        return bool(both.any(axis=1).all() or both.any(axis=0).all())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know before wearing it: parts that look alike."""
+        return tuple(
+            f"suit {self.name!r}: {PARTS[a].name} and {PARTS[b].name} have the same colour but for brightness; "
+            "what their surroundings do not tell apart stays undefined: give one another hue"
+            for a, b in self.look_alikes
+        )
 
 
 def chromaticity(rgb: NDArray[np.generic]) -> NDArray[np.float64]:

@@ -87,7 +87,7 @@ def finish_run(result: dict[str, Any], run: Run, as_json: bool, text: str) -> No
     """Print the result of a run over frames, and what it left out; exits with 3 when some frames failed."""
     result["remarks"] = run.remarks()
     for remark, frames in run.remarks().items():
-        say(f"{frames} of {len(run.labels)} frames: {remark}")
+        say(f"{len(frames)} of {len(run.labels)} frames, first {frames[0]}: {remark}")
     if run.failed:
         result["failed"] = [{"frame": frame, "why": why} for frame, why in run.failed]
         for frame, why in run.failed:

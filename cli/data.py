@@ -10,6 +10,7 @@ from annotate import store
 from annotate.fuse import Fuser
 from annotate.parts import PARTS
 from annotate.store import LabelSet
+from cli.audit import audit_of, audit_text
 from cli.console import Json, Overwrite, finish, progress, say
 from sensors.errors import CloudError
 from sensors.frame import RigFrame
@@ -30,7 +31,7 @@ def simulate(
         int | None,
         typer.Option(help="People, one after another.", min=1, show_default="4, but at most one a frame"),
     ] = None,
-    scene: Annotated[str, typer.Option(help="Where they are: sofa.")] = "sofa",
+    scene: Annotated[str, typer.Option(help="Where they are: sofa, chair or bed.")] = "sofa",
     difficulty: Annotated[str, typer.Option(help="clean, normal or hard.")] = "normal",
     seed: Annotated[int, typer.Option(help="Same seed, same session.", min=0)] = 0,
     overwrite: Overwrite = False,
@@ -73,14 +74,21 @@ def import_(
 
 
 def info(path: Any_, json: Json = False) -> None:
-    """Say what a path holds."""
-    result = _label_info(LabelSet.open(path)) if (path / store.MANIFEST).is_file() else None
-    if result is None and (path / dataset.MANIFEST).is_file():
+    """Say what a path holds; of a label set, also the work people put into it."""
+    result = audit = None
+    if (path / store.MANIFEST).is_file():
+        labels = LabelSet.open(path)
+        result, audit = _label_info(labels), audit_of(labels)
+    elif (path / dataset.MANIFEST).is_file():
         shards = Dataset.open(path)
         result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
     if result is None:
         result = _source_info(path)
-    finish(result, json, "\n".join(f"{key}: {value}" for key, value in result.items()))
+    lines = [f"{key}: {value}" for key, value in result.items()]
+    if audit:
+        result["audit"] = audit.to_json()
+        lines.append(audit_text(audit))
+    finish(result, json, "\n".join(lines))
 
 
 def validate(path: Any_, json: Json = False) -> None:

@@ -1,13 +1,18 @@
 """The whole path as one readable recipe: simulate, label, correct, predict, evaluate, report."""
 
+import shutil
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
-from annotate.effort import correct
+from annotate.cloud import ThermalCloud
+from annotate.correction import Correction
+from annotate.effort import WHO, Annotator, correct_set
 from annotate.fuse import Fuser
 from annotate.label import label_source
 from annotate.store import LabelSet
@@ -48,7 +53,12 @@ def demo(
     session, truth = Session(session_path), LabelSet.open(truth_path(session_path))
     with progress("label", frames) as advance:
         automatic = label_source(session, rig.suit, out / "automatic", advance).labels
-    corrected, seconds = _correct_all(automatic, truth, out / "corrected")
+    fuser = Fuser(session.calibration)
+
+    def fused(frame_id: str) -> ThermalCloud:
+        return fuser.fuse_frame(session.frame(int(frame_id)))
+
+    corrected, seconds = _correct_all(automatic, truth, lambda i: fused(i).color_rgb, out / "corrected")
     with progress("predict", frames) as advance:
         predicted = predict_source(session, Network(), out / "network", advance).labels
 
@@ -58,9 +68,8 @@ def demo(
     results = [Result(name, comparison, facts) for name, comparison in compared.items()]
     for result in results:
         save_result(out / f"{result.title.lower()}.json", result)
-    fuser = Fuser(session.calibration)
     galleries = {
-        name: make_gallery(compared[name], labels, truth, lambda i: fuser.fuse_frame(session.frame(int(i))))
+        name: make_gallery(compared[name], labels, truth, fused)
         for name, labels in sets.items()
         if name != "Corrected"
     }
@@ -79,15 +88,15 @@ def demo(
     finish(answer, json, f"report: {out / 'report.html'}")
 
 
-def _correct_all(automatic: LabelSet, truth: LabelSet, out: Path) -> tuple[LabelSet, list[float]]:
-    info = {"source": automatic.info["source"], "steps": {"correct": "simulated"}}
-    corrected = LabelSet.create(out, automatic.intrinsics, info)
-    seconds = []
-    for frame in automatic:
-        done = correct(frame, truth.read(frame.frame_id))
-        corrected.write(done.frame)
-        seconds.append(done.seconds)
-    return corrected, seconds
+def _correct_all(
+    automatic: LabelSet, truth: LabelSet, color_of: Callable[[str], NDArray[np.uint8]], out: Path
+) -> tuple[LabelSet, list[float]]:
+    """A copy of the labels, corrected by the simulated annotator, and the seconds each frame took."""
+    shutil.copytree(automatic.path, out)
+    annotator = Annotator()
+    with Correction.open(out, WHO, clock=annotator.clock) as correction:
+        efforts = correct_set(correction, truth, annotator, color_of)
+        return correction.labels, [effort.seconds for effort in efforts]
 
 
 def _summary(comparison: Comparison) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Verbs on labels: label, diff."""
+"""Verbs on labels: label, suit learn, diff."""
 
 import math
 import time
@@ -9,15 +9,21 @@ import typer
 
 from annotate import store
 from annotate.label import label_source
-from annotate.person import WINDOW_C
 from annotate.store import LabelSet
-from annotate.suit import load_suit
+from annotate.suit import load_suit, suit_to_toml
+from annotate.suit_learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from eval.compare import compare_sets
+from sensors.atomic import write_bytes
+from sensors.errors import ExistsError
 from sensors.importers import open_source
 
+suit_app = typer.Typer(help="Palettes of the colour-coded suit.", no_args_is_help=True)
 
-def _window(window_c: tuple[float, float]) -> tuple[float, float]:
+
+def _window(window_c: tuple[float, float] | None) -> tuple[float, float] | None:
+    if window_c is None:
+        return None
     low, high = window_c
     if not -math.inf < low < high < math.inf:
         raise typer.BadParameter(f"{low} to {high} is no range; give the lower temperature first")
@@ -25,7 +31,11 @@ def _window(window_c: tuple[float, float]) -> tuple[float, float]:
 
 
 Window = Annotated[
-    tuple[float, float], typer.Option(help="Temperatures of a person, degrees Celsius.", callback=_window)
+    tuple[float, float] | None,
+    typer.Option(
+        help="Temperatures of a person, degrees Celsius; without it they are found in each frame.",
+        callback=_window,
+    ),
 ]
 Labels = Annotated[Path, typer.Option(help="Label set to write; a broken run goes on there.")]
 
@@ -34,7 +44,7 @@ def label(
     session: Annotated[Path, typer.Argument(help="Session, folder of depth PNGs, PCD or PLY.")],
     out: Labels,
     suit: Annotated[Path | None, typer.Option(help="Palette of the colour-coded suit (TOML).")] = None,
-    window: Window = WINDOW_C,
+    window: Window = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -42,7 +52,8 @@ def label(
     palette = load_suit(suit) if suit else None
     source = open_source(session)
     clear(out, store.MANIFEST, overwrite, session, *([suit] if suit else []))
-    for note in source.notes:
+    notes = [*source.notes, *(palette.notes if palette else ())]
+    for note in notes:
         say(note)
     started = time.monotonic()
     with progress("label", len(source)) as advance:
@@ -53,10 +64,45 @@ def label(
         "frames": len(run.labels),
         "seconds_per_frame": round(seconds, 4),
         "review": review,
-        "notes": list(source.notes),
+        "notes": notes,
     }
     text = f"{len(run.labels)} frames in {out}, {seconds:.2f} s each; review first: {', '.join(review[:5])}"
     finish_run(result, run, json, text)
+
+
+@suit_app.command()
+def learn(
+    out: Annotated[Path, typer.Option(help="Palette (TOML) to write.")],
+    labels: Annotated[Path | None, typer.Argument(help="Label set with corrected frames.")] = None,
+    session: Annotated[Path | None, typer.Option(help="What the labels were made from.")] = None,
+    frame: Annotated[
+        list[str] | None, typer.Option(help="Id of a right frame; default: all that a person corrected.")
+    ] = None,
+    swatches: Annotated[
+        Path | None,
+        typer.Option(
+            help="Instead: photograph of eleven patches on plain paper, row by row, head to right shin."
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
+    if out.exists() and not overwrite:
+        raise ExistsError(f"{out} exists already; choose another name or pass --overwrite")
+    if swatches is not None and labels is None and session is None and not frame:
+        palette = suit_from_photo(swatches, out.stem)
+    elif swatches is None and labels is not None and session is not None:
+        chosen = LabelSet.open(labels)
+        ids = frame or corrected_frames(chosen)
+        palette = suit_from_labels(clouds_with(chosen, ids, open_source(session)), out.stem)
+    else:
+        raise typer.BadParameter("give LABELS with --session, or --swatches alone")
+    write_bytes(out, suit_to_toml(palette).encode())
+    for note in palette.notes:
+        say(note)
+    result = {"suit": str(out), "colors": len(palette.parts), "notes": list(palette.notes)}
+    finish(result, json, f"{len(palette.parts)} colours in {out}")
 
 
 def diff(

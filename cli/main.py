@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from cli import data, demo, labelling, motion, networks, synthesis
+from cli import calibration, data, demo, devices, fix, labelling, motion, networks, recording, synthesis
 from sensors.errors import CloudError
 
 app = typer.Typer(
@@ -21,10 +21,15 @@ app.command()(data.simulate)
 app.command("import")(data.import_)
 app.command()(data.info)
 app.command()(data.validate)
+app.command()(devices.devices)
+app.command()(recording.record)
 app.command()(labelling.label)
+app.add_typer(labelling.suit_app, name="suit")
 app.command()(labelling.diff)
+app.command()(fix.fix)
 app.add_typer(synthesis.app, name="synth")
 app.command()(motion.solve)
+app.command()(calibration.calibrate)
 app.command()(networks.train)
 app.command()(networks.predict)
 app.command()(networks.evaluate)

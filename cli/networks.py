@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from annotate import store
-from annotate.person import WINDOW_C
 from annotate.store import LabelSet
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from cli.labelling import Labels, Window
@@ -77,7 +76,7 @@ def predict(
     weights: Annotated[
         Path, typer.Option(help="Network (.onnx).", show_default="the shipped one")
     ] = SHIPPED_WEIGHTS,
-    window: Window = WINDOW_C,
+    window: Window = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:

@@ -8,17 +8,21 @@ from numpy.typing import NDArray
 
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
+from annotate.parts import palette_rgb
 from annotate.person import extract_person
 from annotate.segment import segment
 from eval.predict import Network
 from eval.report.gallery import make_frame
 from synth.body import shipped_bodies
 from synth.body_picture import save_picture
-from synth.rig import VirtualRig, truth_labels
+from synth.rig import DIFFICULTIES, VirtualRig, truth_labels
 
 IMAGES = Path(__file__).parent / "images"
 SUBJECTS = 4
 GAP = 6
+DIFFICULTIES_SEED = 140
+VIEW_PX = (270, 200)
+OTHERS_RGB = (120, 120, 120)
 COLUMNS = ("Thermal cloud", "Extracted depth", "Target labels", "Predicted labels")
 
 
@@ -37,6 +41,45 @@ def frame_picture() -> NDArray[np.uint8]:
     return np.vstack(rows)
 
 
+def difficulties_picture() -> NDArray[np.uint8]:
+    """One row a difficulty: colour, temperature (18 to 36 C), depth (1 to 4 m), true parts; RGB."""
+    rows = []
+    for difficulty in DIFFICULTIES:
+        frame, known = next(VirtualRig(1, 1, difficulty, DIFFICULTIES_SEED).with_truth())
+        color = frame.decode_color()
+        assert color is not None and frame.thermal_c is not None
+        depth_m = np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)
+        parts = palette_rgb()[known.parts]
+        parts[known.persons > 1] = OTHERS_RGB
+        views = (
+            color,
+            _mapped(frame.thermal_c, 18, 36, cv2.COLORMAP_INFERNO),
+            _mapped(depth_m, 4, 1, cv2.COLORMAP_VIRIDIS),
+            parts,
+        )
+        rows.append(np.hstack([_framed(_scaled(view)) for view in views]))
+    return np.vstack(rows)
+
+
+def _mapped(values: NDArray[np.floating], low: float, high: float, colors: int) -> NDArray[np.uint8]:
+    """Values (h, w) as colours between low and high; black where there is none."""
+    share = np.clip((np.nan_to_num(values) - low) / (high - low), 0, 1)
+    image = cv2.applyColorMap((255 * share).astype(np.uint8), colors)[..., ::-1].copy()
+    image[np.isnan(values)] = 0
+    return image
+
+
+def _scaled(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The middle of a view, scaled to ``VIEW_PX``: photographs are smoothed, parts keep their colours."""
+    width, height = VIEW_PX
+    across = min(image.shape[1], round(image.shape[0] * width / height))
+    down = min(image.shape[0], round(across * height / width))
+    top, left = (image.shape[0] - down) // 2, (image.shape[1] - across) // 2
+    middle = image[top : top + down, left : left + across]
+    mode = cv2.INTER_AREA if down > 2 * height else cv2.INTER_NEAREST
+    return np.asarray(cv2.resize(middle, VIEW_PX, interpolation=mode), np.uint8)
+
+
 def _framed(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.pad(image, ((GAP, 0), (GAP, 0), (0, 0)), constant_values=255)
 
@@ -44,4 +87,6 @@ def _framed(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
     save_picture(IMAGES / "bodies.png", shipped_bodies())
+    difficulties = str(IMAGES / "difficulties.png")
+    cv2.imwrite(difficulties, difficulties_picture()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
     cv2.imwrite(str(IMAGES / "frame.png"), frame_picture()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])

@@ -14,7 +14,7 @@ from annotate.crop import SIZE, crop_around, normalize, person_of
 from annotate.label import Run, check_same, finished, run
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND, N_CLASSES
-from annotate.person import WINDOW_C, PersonMask, extract_person
+from annotate.person import PersonMask, extract_person
 from annotate.segment import Segmentation
 from annotate.store import LabelSet
 from sensors.errors import FormatError
@@ -81,16 +81,16 @@ def predict_source(
     network: Network,
     out: Path,
     progress: Callable[[int], None],
-    window_c: tuple[float, float] = WINDOW_C,
+    window_c: tuple[float, float] | None = None,
 ) -> Run:
     """Extract the person of every frame of a source and label it by the network; resumes."""
 
-    def one(cloud: ThermalCloud) -> tuple[Segmentation, PersonMask]:
-        person = extract_person(cloud, window_c)
+    def one(cloud: ThermalCloud, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
+        person = extract_person(cloud, window_c, before)
         return network.segment(cloud.depth_mm, person.mask), person
 
     return run(
-        source, {"predict": {"weights": network.sha256, "window_c": list(window_c)}}, out, one, progress
+        source, {"predict": {"weights": network.sha256, "window_c": list(window_c) if window_c else None}}, out, one, progress
     )
 
 

@@ -2,6 +2,9 @@
 
 import hashlib
 import json
+import os
+import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -44,6 +47,35 @@ def rig_labels(rig_session) -> LabelSet:
     """What an uninterrupted ``label`` makes of ``rig_session``."""
     out = rig_session.with_name("labels")
     return label_source(Session(rig_session), DEFAULT_SUIT, out, lambda n: None).labels
+
+
+SCREENS: list[subprocess.Popen] = []
+"""Kept until the process ends."""
+
+
+@pytest.fixture(scope="session")
+def display() -> str:
+    """A screen: the one there is, or an Xvfb of this process's own, which ends with it."""
+    if os.environ.get("DISPLAY"):
+        return os.environ["DISPLAY"]
+    if not shutil.which("Xvfb"):
+        pytest.skip("no screen and no Xvfb to make one: apt install xvfb")
+    reading, writing = os.pipe()
+    # setpriv, and no terminate() here: Qt ends the tests' process when its screen goes first.
+    command = ["setpriv", "--pdeathsig", "TERM", "Xvfb", "-displayfd", str(writing), "-screen", "0"]
+    command += ["1600x1200x24", "-nolisten", "tcp"]
+    SCREENS.append(subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL))
+    os.close(writing)
+    with open(reading) as numbers:
+        os.environ["DISPLAY"] = f":{numbers.readline().strip()}"
+    os.environ["QT_QPA_PLATFORM"] = "xcb"
+    return os.environ["DISPLAY"]
+
+
+@pytest.fixture(scope="session")
+def qapp_args(display) -> list[str]:
+    """pytest-qt's application needs a screen."""
+    return ["annotate-cloud"]
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import pytest
 from bench_fuse import CALIBRATION, fuse_naive, random_scene, register_naive
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from registration_twin import register_scalar
 from scipy.spatial.transform import Rotation
 
 from annotate.fuse import Fuser
@@ -229,61 +230,6 @@ def test_an_image_without_its_camera_is_refused():
 
 
 # --- libfreenect2's registration -------------------------------------------------------------------
-
-
-def register_scalar(depth, color, rgb, depth_mm):
-    """Registration written out pixel by pixel in float32, after the facts' six steps."""
-    f = np.float32
-    fx, fy, cx, cy = f(depth.fx), f(depth.fy), f(depth.cx), f(depth.cy)
-    k1, k2, p1, p2, k3 = map(f, depth.distortion)
-    undistorted = np.zeros(depth.shape, f)
-    registered, target = np.zeros((*depth.shape, 3), np.uint8), {}
-    front = {}
-    for v in range(depth.height):
-        for u in range(depth.width):
-            dx, dy = (f(u) - cx) / fx, (f(v) - cy) / fy
-            dx2, dy2, dxdy2 = dx * dx, dy * dy, f(2) * dx * dy
-            r2 = dx2 + dy2
-            kr = f(1) + ((k3 * r2 + k2) * r2 + k1) * r2
-            x = fx * (dx * kr + p2 * (r2 + f(2) * dx2) + p1 * dxdy2) + cx
-            y = fy * (dy * kr + p1 * (r2 + f(2) * dy2) + p2 * dxdy2) + cy
-            column, row = int(x + f(0.5)), int(y + f(0.5))
-            if not (0 <= column < depth.width and 0 <= row < depth.height):
-                continue
-            z = f(depth_mm[row, column])
-            undistorted[v, u] = z
-            if z <= 0:
-                continue
-            mx, my = (f(u) - cx) * f(0.01), (f(v) - cy) * f(0.01)
-            powers = (
-                mx * mx * mx,
-                my * my * my,
-                mx * mx * my,
-                my * my * mx,
-                mx * mx,
-                my * my,
-                mx * my,
-                mx,
-                my,
-            )
-            wx, wy = f(0), f(0)
-            for power, a, b in zip((*powers, f(1)), color.mx, color.my, strict=True):
-                wx, wy = wx + power * f(a), wy + power * f(b)
-            rx = wx / (f(color.f) * f(0.002199)) - f(color.shift_m) / f(color.shift_d)
-            ry = wy / f(0.002199) + f(color.cy)
-            across = int((rx + f(color.shift_m) / z) * f(color.f) + (f(color.cx) + f(0.5)))
-            offset = across + color.width * int(ry + f(0.5))
-            if 0 <= offset < color.width * color.height:
-                target[v, u] = offset
-                for down in (-1, 0, 1):
-                    for side in (-2, -1, 0, 1, 2):
-                        cell = offset + down * color.width + side
-                        front[cell] = min(front.get(cell, f(65536)), z)
-    for (v, u), offset in target.items():
-        z = undistorted[v, u]
-        if not (z - front[offset]) / z > f(0.01):
-            registered[v, u] = rgb[offset // color.width, offset % color.width]
-    return undistorted, registered
 
 
 SMALL_COLOR = replace(KINECT2_COLOR, width=210, height=150, cx=104.5, cy=60.0)

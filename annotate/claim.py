@@ -1,0 +1,107 @@
+"""One writer for each label set: who has it, so that a second one can be told."""
+
+import fcntl
+import getpass
+import json
+import os
+import socket
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Self
+
+from sensors.errors import CloudError
+
+CLAIM = "claim.json"
+MAX_BYTES = 4096
+
+
+class ClaimedError(CloudError):
+    """Somebody else is correcting the label set."""
+
+
+class Claim:
+    """The right to write a label set, held while its process lives.
+
+    The kernel's lock on ``claim.json`` (flock) is the claim, so a killed process leaves none behind;
+    the file's content only says whose it is.
+    """
+
+    def __init__(self, path: Path, file: int) -> None:
+        self.path, self._file = path, file
+
+    @classmethod
+    def take(cls, folder: Path, who: str) -> Self:
+        """Claim the label set in ``folder`` for ``who``.
+
+        Raises ClaimedError naming the owner when it is taken, CloudError when the folder cannot be written.
+        """
+        path = folder / CLAIM
+        try:
+            while True:
+                file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    if _is_at(file, path):
+                        _say(file, who)
+                        return cls(path, file)
+                except OSError:
+                    os.close(file)
+                    raise
+                # Its owner released it, and took it away, between our opening and our locking.
+                os.close(file)
+        except BlockingIOError as error:
+            raise ClaimedError(
+                f"{folder} is being corrected by {_owner(path)}; close that window, or open the set read-only"
+            ) from error
+        except OSError as error:
+            raise CloudError(
+                f"{folder} cannot be written to ({error.strerror}); open it read-only, or work on a copy"
+            ) from error
+
+    def release(self) -> None:
+        """Give the label set up; again does nothing."""
+        if self._file >= 0:
+            with suppress(OSError):
+                self.path.unlink()
+            os.close(self._file)
+            self._file = -1
+
+
+def login() -> str:
+    """The name of the person at the keyboard, as the system knows it."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):
+        return "somebody"
+
+
+def _is_at(file: int, path: Path) -> bool:
+    try:
+        there, here = path.stat(), os.fstat(file)
+    except FileNotFoundError:
+        return False
+    return (there.st_dev, there.st_ino) == (here.st_dev, here.st_ino)
+
+
+def _say(file: int, who: str) -> None:
+    owner = {
+        "who": who,
+        "host": socket.gethostname(),
+        "process": os.getpid(),
+        "since": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+    os.ftruncate(file, 0)
+    # A full disk must not keep anybody from reading on; the lock itself needs no space.
+    with suppress(OSError):
+        os.pwrite(file, json.dumps(owner).encode()[:MAX_BYTES], 0)
+
+
+def _owner(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            owner = json.loads(file.read(MAX_BYTES))
+        who, host, process, since = (str(owner[k])[:60] for k in ("who", "host", "process", "since"))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return "another process"
+    return f"{who}@{host} (process {process}, since {since})"

@@ -1,0 +1,131 @@
+"""Tidying labels: holes filled, islands removed, and the parts a selection touches. Results, not erasures."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.grid import JUMP, components
+from annotate.parts import BACKGROUND, BODY_PARTS, N_CLASSES, NEIGHBOURS, UNDEFINED
+
+MOST_HOLE_PX = 400
+"""Larger holes are no slips: something else is seen through them."""
+LEAST_PIECE_PX = 120
+"""Smaller pieces of a part are islands: at 2 m a patch of 6 cm."""
+HOLE_DEPTH = 0.03
+"""A hole in a surface lies at its depth, within this share of it."""
+_LABELS = np.array([*range(N_CLASSES), UNDEFINED])
+_INDEX = np.searchsorted(_LABELS, np.arange(256))
+"""Part id -> its place in _LABELS."""
+
+
+def filled(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], part: int) -> NDArray[np.uint8]:
+    """Labels (h, w) with the holes of one part given to it.
+
+    A hole is at most MOST_HOLE_PX connected pixels of anything else that touch nothing but the part and
+    pixels without depth, mostly the part, at its depth.
+    """
+    valid = depth_mm > 0
+    mask = valid & (parts == part)
+    other = valid & ~mask
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(other.astype(np.uint8), connectivity=8)
+    left, top = stats[:, cv2.CC_STAT_LEFT], stats[:, cv2.CC_STAT_TOP]
+    right, bottom = left + stats[:, cv2.CC_STAT_WIDTH], top + stats[:, cv2.CC_STAT_HEIGHT]
+    inside = (left > 0) & (top > 0) & (right < parts.shape[1]) & (bottom < parts.shape[0])
+    inside &= stats[:, cv2.CC_STAT_AREA] <= MOST_HOLE_PX
+    inside[0] = False
+    pixels = np.flatnonzero(inside[labels])
+    hole = labels.ravel()[pixels]
+    depth = depth_mm.ravel().astype(np.float64)
+    touching, bare, rim_mm = np.zeros(count), np.zeros(count), np.zeros(count)
+    for beside in _beside(pixels, parts.shape, 1):
+        is_part = mask.ravel()[beside]
+        touching += np.bincount(hole, is_part, count)
+        bare += np.bincount(hole, ~valid.ravel()[beside], count)
+        rim_mm += np.bincount(hole, np.where(is_part, depth[beside], 0), count)
+    hole_mm = np.bincount(hole, depth[pixels], count) / np.maximum(np.bincount(hole, None, count), 1)
+    rim_mm /= np.maximum(touching, 1)
+    is_hole = inside & (touching > bare) & (np.abs(hole_mm - rim_mm) <= HOLE_DEPTH * rim_mm)
+    result = parts.copy()
+    result.reshape(-1)[pixels[is_hole[hole]]] = part
+    return result
+
+
+def without_islands(
+    parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], part: int | None = None
+) -> NDArray[np.uint8]:
+    """Labels (h, w) with the small islands of one part, or of every body part, given to what they touch.
+
+    An island is a piece under LEAST_PIECE_PX pixels that is not its part's largest. It goes to the label
+    that it touches most at its depth; one that touches nothing goes to the background.
+    """
+    depth_m = depth_mm.astype(np.float32) / np.float32(1000)
+    flat_m = depth_m.ravel()
+    islands, count = _islands(parts, depth_m, [p.id for p in BODY_PARTS] if part is None else [part])
+    result = parts.copy()
+    pending = np.flatnonzero(islands)
+    while len(pending):
+        island = islands.ravel()[pending]
+        votes = np.zeros(count * len(_LABELS), np.int64)
+        for beside in _beside(pending, parts.shape, 2):
+            near = np.abs(flat_m[beside] - flat_m[pending]) <= JUMP * flat_m[pending]
+            near &= islands.ravel()[beside] == 0
+            ballot = island * len(_LABELS) + _INDEX[result.ravel()[beside]]
+            votes += np.bincount(ballot[near], None, len(votes))
+        by_label = votes.reshape(count, len(_LABELS))
+        winner = np.where(by_label.any(axis=1), _LABELS[by_label.argmax(axis=1)], -1)[island]
+        settled = winner >= 0
+        if not settled.any():
+            result.reshape(-1)[pending] = BACKGROUND
+            break
+        result.reshape(-1)[pending[settled]] = winner[settled]
+        islands.reshape(-1)[pending[settled]] = 0
+        pending = pending[~settled]
+    return result
+
+
+def neighbours(parts: NDArray[np.uint8], pixels: NDArray[np.int64]) -> list[int]:
+    """Body parts that the flat ``pixels`` touch, most contact first; then those joined to theirs by
+    anatomy; then the background. Without the part that most of the pixels have."""
+    if not len(pixels):
+        return []
+    own = int(np.bincount(parts.ravel()[pixels]).argmax())
+    outside = np.ones(parts.size, np.bool_)
+    outside[pixels] = False
+    contact = np.zeros(256, np.int64)
+    for beside in _beside(pixels, parts.shape, 2):
+        contact += np.bincount(parts.ravel()[beside[outside[beside]]], None, 256)
+    touched = [int(p) for p in np.argsort(-contact, kind="stable") if contact[p] and 0 < p < N_CLASSES]
+    joined = sorted(p for pair in NEIGHBOURS if own in pair for p in pair)
+    order = dict.fromkeys([*touched, *joined, BACKGROUND])
+    return [p for p in order if p not in (own, UNDEFINED)]
+
+
+def _islands(
+    parts: NDArray[np.uint8], depth_m: NDArray[np.float32], among: list[int]
+) -> tuple[NDArray[np.int32], int]:
+    """Island ids (h, w) from 1, 0 elsewhere, and one more than the highest."""
+    islands, count = np.zeros(parts.shape, np.int32), 1
+    for part in among:
+        mask = (parts == part) & (depth_m > 0)
+        left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
+        window = np.s_[top : top + height, left : left + width]
+        pieces, n = components(mask[window], depth_m[window])
+        sizes = np.bincount(pieces.ravel(), minlength=n + 1)
+        small = sizes < LEAST_PIECE_PX
+        small[[0, 1 + int(sizes[1:].argmax()) if n else 0]] = False
+        numbers = np.where(small, np.cumsum(small) + count - 1, 0)
+        islands[window] += numbers[pieces].astype(np.int32)
+        count += int(small.sum())
+    return islands, count
+
+
+def _beside(pixels: NDArray[np.int64], shape: tuple[int, ...], reach: int) -> list[NDArray[np.int64]]:
+    """Flat neighbours (n,) of flat pixels for every step of up to ``reach``; the border counts for itself."""
+    v, u = np.divmod(pixels, shape[1])
+    steps = range(-reach, reach + 1)
+    return [
+        np.clip(v + dv, 0, shape[0] - 1) * shape[1] + np.clip(u + du, 0, shape[1] - 1)
+        for dv in steps
+        for du in steps
+        if (dv, du) != (0, 0)
+    ]

@@ -1,0 +1,55 @@
+"""The pieces that one click takes: supervoxels of the person and a margin around them."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import BACKGROUND, palette_rgb
+from annotate.supervoxels import supervoxels
+from sensors.camera import Intrinsics, unproject
+
+MARGIN_PX = 24
+"""How far around the person a click still finds a piece."""
+MARGIN_DEPTH = 0.08
+"""Share of the person's depth that the margin may lie before or behind them: 16 cm at 2 m."""
+
+COLOR_WEIGHT = 4.0
+"""Colour borders are what a mistake ends at: 20 clicks mend 40 % of the wrong pixels where a weight of 1
+mends 36 % (virtual rig, hard, seed 101, 4 frames)."""
+
+
+def edit_supervoxels(
+    depth_mm: NDArray[np.uint16],
+    parts: NDArray[np.uint8],
+    camera: Intrinsics,
+    color_rgb: NDArray[np.uint8] | None = None,
+) -> NDArray[np.int32]:
+    """Supervoxel ids (h, w) of the person and their margin, -1 elsewhere.
+
+    depth_mm, parts: (h, w). color_rgb: uint8 (h, w, 3), or None to take the parts' palette, so that pieces
+    keep to the borders of the labels. ``select.supervoxel`` cuts a piece along them in any case.
+    """
+    mask = _near_person(depth_mm, parts)
+    ids = np.full(parts.shape, -1, np.int32)
+    if mask.any():
+        depth_m = np.where(mask, depth_mm, np.nan).astype(np.float32) / np.float32(1000)
+        points_m = unproject(camera, depth_m)[mask]
+        colors = palette_rgb()[parts] if color_rgb is None else color_rgb
+        ids[mask] = supervoxels(points_m, colors[mask], color_weight=COLOR_WEIGHT).ids
+    return ids
+
+
+def _near_person(depth_mm: NDArray[np.uint16], parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Pixels (h, w) with depth that are the person's, or near them in the image and in depth."""
+    person = (parts != BACKGROUND) & (depth_mm > 0)
+    if not person.any():
+        return np.asarray(person)
+    away_px, nearest = cv2.distanceTransformWithLabels(
+        (~person).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    # Every zero pixel carries a label of its own: its depth is the depth of whatever it is nearest to.
+    depth_of = np.zeros(int(nearest.max()) + 1, np.float32)
+    depth_of[nearest[person]] = depth_mm[person]
+    beside = depth_of[nearest]
+    near = (away_px <= MARGIN_PX) & (np.abs(depth_mm - beside) <= MARGIN_DEPTH * beside)
+    return np.asarray(person | near & (depth_mm > 0))

@@ -1,0 +1,115 @@
+"""What speaks for a person at each pixel: its temperature, the planes of the room, its colour. Log odds."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+LEAST_CONTRAST_C = 1.0
+"""A camera's noise and a room's unevenness (0.3 degrees each): less than that parts nothing."""
+COLD_SHARE = 0.25
+"""Below this share of the way from the background's temperature to the person's a point is no person."""
+UNSURE_SHARE, STEEPNESS, MOST_BY_WARMTH = 0.22, 8.0, 3.0
+"""Share at which temperature says nothing, log odds a unit of it, and the most it can be worth: cold cloth
+and hair reach down to 0.2, the thermal lens blurs a silhouette over a third of a person's warmth."""
+HOT_MARGIN_C, BY_HEAT = 2.0, -4.0
+"""A radiometric camera is off by up to 2 degrees (Optris PI200): that far above the window is no person."""
+ON_PLANE, ON_WARM_PLANE = -4.0, -1.0
+"""Log odds of lying on a plane of the room: with cold points about, or a large one; and all warm, which
+a chest can be that has the back rest's slant."""
+OFF_PLANES = 0.6
+"""Log odds of a surface off all planes: most of a room is flat."""
+PLANE_COLD_SHARE, PLANE_M2 = 0.2, 0.15
+"""Of a connected patch on planes: this share of it cold, or this much surface, and it is the room's."""
+BY_COLOR = 2.5
+"""The most that a colour can be worth: a sofa may have a suit's colour somewhere."""
+LEAST_SHARE = 2e-4
+"""Share of pixels that every colour is taken to have: one in five thousand, unseen or not."""
+SURE = 1.5
+"""Log odds from which on a pixel teaches what person and background look like."""
+LAB_BITS = (5, 3, 3)
+"""Bits of each Lab channel that a colour's bin leaves out: 8 x 32 x 32 bins."""
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+def warmth_share(celsius: Image, warm: Mask, hottest_c: float, size_px: int) -> Image:
+    """How far each pixel (h, w) is on the way from the background's temperature (0) to the person's (1).
+
+    Both are local means, of what is warm and of what is colder, over windows of size_px: rooms and
+    clothes are uneven. NaN without a temperature.
+    """
+    person_c = _local_mean(celsius, warm, size_px)
+    cold = np.isfinite(celsius) & ~warm & (celsius < hottest_c)
+    share = np.empty_like(celsius)
+    for _ in range(2):  # the second time without cold cloth, which has raised the mean
+        background_c = _local_mean(celsius, cold, size_px)
+        np.divide(celsius - background_c, np.maximum(person_c - background_c, LEAST_CONTRAST_C), out=share)
+        cold &= share < COLD_SHARE
+    return share
+
+
+def by_warmth(share: Image, celsius: Image, hottest_c: float) -> Image:
+    """Log odds (h, w) of temperature alone; 0 where there is none."""
+    odds = np.clip(STEEPNESS * (share - UNSURE_SHARE), -MOST_BY_WARMTH, MOST_BY_WARMTH)
+    heat = (celsius - np.float32(hottest_c)) / HOT_MARGIN_C
+    odds = np.where(heat > 0, odds + np.minimum(heat, 1) * (BY_HEAT - odds), odds)
+    return np.nan_to_num(odds).astype(np.float32)
+
+
+def by_planes(on: Mask, near: Mask, shaped: Mask, cold: Mask, surface_m2: Image) -> Image:
+    """Log odds (h, w) of lying on or off the room's planes.
+
+    on: pixels that lie on one; near: that are close to one, however turned; shaped: whose normal is known;
+    cold: that are the background's temperature; surface_m2: what each pixel covers.
+    """
+    _, patch = cv2.connectedComponents(on.astype(np.uint8), connectivity=8)
+    patch = patch[on]
+    pixels = np.maximum(np.bincount(patch, minlength=1), 1)
+    cold_share = np.bincount(patch, cold[on], pixels.size) / pixels
+    area_m2 = np.bincount(patch, surface_m2[on], pixels.size)
+    of_room = (cold_share > PLANE_COLD_SHARE) | (area_m2 > PLANE_M2)
+    odds = np.where(shaped & ~near, np.float32(OFF_PLANES), np.float32(0))
+    odds[on] = np.where(of_room, ON_PLANE, ON_WARM_PLANE)[patch]
+    return odds
+
+
+def by_color(lab: NDArray[np.uint8], odds: Image, candidates: Mask, among: Mask) -> Image:
+    """Log odds (h, w) of colour, learnt from the pixels that ``odds`` (h, w) are sure of.
+
+    lab: uint8 (h, w, 3) as ``lab_of`` gives it. candidates: what is off them is background for sure.
+    among: bool (h, w), where to learn. 0 without colour.
+    """
+    l_bits, a_bits, b_bits = LAB_BITS
+    seen = lab[..., 0] > 0
+    bins = (lab[..., 0].astype(np.int32) >> l_bits) * 1024 + (lab[..., 1].astype(np.int32) >> a_bits) * 32
+    bins += lab[..., 2] >> b_bits
+    person = _frequencies(bins[among & seen & candidates & (odds > SURE)])
+    room = _frequencies(bins[among & seen & (~candidates | (odds < -SURE))])
+    table = np.clip(np.log((person + LEAST_SHARE) / (room + LEAST_SHARE)), -BY_COLOR, BY_COLOR)
+    return np.where(seen, table[bins], np.float32(0)).astype(np.float32)
+
+
+def lab_of(color_rgb: NDArray[np.uint8], color_valid: Mask) -> NDArray[np.uint8]:
+    """CIE Lab, 8 bit (h, w, 3); the first channel is at least 1 where there is a colour, 0 where not."""
+    lab = cv2.cvtColor(color_rgb, cv2.COLOR_RGB2Lab).astype(np.uint8)
+    lab[..., 0] = np.maximum(lab[..., 0], 1)
+    lab[~color_valid] = 0
+    return lab
+
+
+def _frequencies(bins: NDArray[np.int32]) -> Image:
+    """Share (8192,) of each bin, smoothed over neighbouring hues."""
+    count = np.bincount(bins, minlength=8 * 32 * 32).astype(np.float32).reshape(8, 32, 32)
+    smooth = np.stack([cv2.GaussianBlur(plane, (0, 0), 0.8) for plane in count])
+    return np.asarray(smooth.ravel() / max(float(smooth.sum()), 1.0), np.float32)
+
+
+def _local_mean(values: Image, mask: Mask, size: int) -> Image:
+    """Mean over the masked pixels of a square window; the overall mean where there is none."""
+    kept = np.where(mask, values, np.float32(0))
+    window = {"normalize": False, "borderType": cv2.BORDER_CONSTANT}
+    total = cv2.boxFilter(kept, cv2.CV_32F, (size, size), **window)
+    count = cv2.boxFilter(mask.astype(np.float32), cv2.CV_32F, (size, size), **window)
+    overall = np.float32(kept.sum() / max(mask.sum(), 1))
+    return np.where(count > 0.5, total / np.maximum(count, 1), overall).astype(np.float32)

@@ -1,0 +1,1 @@
+"""The correction window: Qt and VTK are imported inside this package alone."""

@@ -1,0 +1,52 @@
+"""Opens the window on a label set and runs it until it is closed."""
+
+import signal
+import sys
+from pathlib import Path
+
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QApplication
+
+from annotate.correction import Correction
+from annotate.gui.keys import load_settings, settings_path
+from annotate.gui.probe import check_screen
+from annotate.gui.scene import SceneReader, find_session
+from annotate.gui.window import CorrectionWindow
+from annotate.store import LabelSet
+
+LISTEN_MS = 300
+"""Python sees a signal only between two of its own steps, which Qt's loop takes none of by itself."""
+
+
+def run_window(
+    path: Path, session: Path | None, other: Path | None, who: str, read_only: bool
+) -> dict[str, int]:
+    """Correct the label set at ``path`` until the window is closed; frames by state.
+
+    Raises CloudError where set, session, the set to compare, settings or screen are not what they must be.
+    """
+    settings = load_settings(settings_path().expanduser())
+    compared = LabelSet.open(other) if other else None
+    correction = Correction.open(path, who, read_only=read_only)
+    try:
+        reader = SceneReader(correction, session or find_session(correction.labels), compared)
+        check_screen()
+        app = QApplication.instance() or QApplication(sys.argv[:1])
+        window = CorrectionWindow(correction, reader, settings)
+    except BaseException:
+        correction.abandon()
+        raise
+    window.show()
+    _close_on_signals(window)
+    app.exec()
+    states = [correction.state(frame_id) for frame_id in correction.frame_ids]
+    return {state: states.count(state) for state in sorted(set(states))}
+
+
+def _close_on_signals(window: CorrectionWindow) -> None:
+    """Ctrl-C and a polite kill close the window as its own button does: everything saved."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: window.close())
+    timer = QTimer(window, interval=LISTEN_MS)
+    timer.timeout.connect(lambda: None)
+    timer.start()

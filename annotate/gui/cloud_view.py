@@ -1,0 +1,259 @@
+"""The cloud in 3D: the person in full, the room thinned, both thinned further while the view moves."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import NDArray
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
+from PySide6.QtGui import QMouseEvent, QWheelEvent
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+from pyvistaqt import QtInteractor
+
+from annotate import select
+from annotate.gui.drawing import Drawing
+from annotate.gui.orbit import Orbit, front_view
+from annotate.gui.pointing import Pointing
+from annotate.gui.projection import project
+from annotate.gui.scene import Scene
+from annotate.select import View
+
+MOVING_POINTS = 16_000
+"""As many points are drawn while the view moves: a frame every 20 ms without a graphics card."""
+SETTLED_MS = 180
+"""After a step of the wheel the view counts as moving for this long."""
+MIN_POINT_PX, MAX_POINT_PX = 2.0, 14.0
+
+Colors = Callable[[NDArray[np.int64]], NDArray[np.uint8]]
+
+
+class Points:
+    """One actor of coloured points, each of them a pixel of the depth image."""
+
+    def __init__(self, plotter: QtInteractor, name: str) -> None:
+        self._plotter, self._name = plotter, name
+        self._mesh = pv.PolyData()
+        self.pixels: NDArray[np.int64] = np.empty(0, np.int64)
+
+    def load(self, pixels: NDArray[np.int64], points_m: NDArray[np.float32], rgb: NDArray[np.uint8]) -> None:
+        """Show other pixels (n,) at ``points_m`` (n, 3) in colours (n, 3)."""
+        self.pixels = pixels
+        self._row = np.full(int(pixels.max(initial=-1)) + 1, -1, np.int64)
+        self._row[pixels] = np.arange(len(pixels))
+        self._mesh = pv.PolyData(points_m if len(points_m) else np.zeros((1, 3), np.float32))
+        self._mesh["rgba"] = _rgba(rgb if len(rgb) else np.zeros((1, 3), np.uint8))
+        self.actor = self._plotter.add_mesh(
+            self._mesh,
+            name=self._name,
+            scalars="rgba",
+            rgba=True,
+            style="points",
+            lighting=False,
+            reset_camera=False,
+            render=False,
+            show_scalar_bar=False,
+            pickable=False,
+        )
+        # Spares VTK the search for transparent colours: a quarter of the time of a frame.
+        self.actor.ForceOpaqueOn()
+
+    def recolor(self, pixels: NDArray[np.int64], rgb: NDArray[np.uint8]) -> None:
+        """New colours (n, 3) for pixels (n,), those that are not drawn here left out."""
+        rows = np.full(len(pixels), -1, np.int64)
+        known = pixels < len(self._row)
+        rows[known] = self._row[pixels[known]]
+        self._mesh["rgba"][rows[rows >= 0], :3] = rgb[rows >= 0]
+
+    def show_only(self, shown: NDArray[np.bool_]) -> None:
+        """Draw but those of ``pixels`` (n,) for which ``shown`` (n,) is set."""
+        rows = np.flatnonzero(shown) if len(self.pixels) else np.empty(0, np.int64)
+        self._mesh.verts = np.r_[len(rows), rows] if len(rows) else np.empty(0, np.int64)
+
+
+class CloudView(QWidget):
+    """A frame's cloud. pointing: shapes drawn on it. moved: the view was turned, shifted or neared."""
+
+    moved = Signal()
+    failed = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.plotter = QtInteractor(self, auto_update=False, multi_samples=0)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self.plotter)
+        self.pointing = Pointing(self.plotter)
+        # Asked before the drawing tools, which never see what moves the view.
+        self.plotter.installEventFilter(self)
+        self.plotter.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._person, self._room, self._moving = (
+            Points(self.plotter, name) for name in ("person", "room", "moving")
+        )
+        self.scene: Scene | None = None
+        self.orbit = Orbit((0.0, 0.0, 2.0), 3.0)
+        self._shown: NDArray[np.bool_] = np.empty(0, np.bool_)
+        self._seen: View | None = None
+        self._grip: QPointF | None = None
+        self._settle = QTimer(self, singleShot=True, interval=SETTLED_MS)
+        self._settle.timeout.connect(lambda: self._set_moving(False))
+
+    # What is shown
+
+    def load(self, scene: Scene, colors: Colors, shown: NDArray[np.bool_], same_view: bool) -> None:
+        """Show another frame. shown: bool (h * w,). same_view: keep the camera where it is."""
+        self.scene = scene
+        near = np.flatnonzero(scene.near)
+        mixed = np.r_[near, scene.room]
+        few = mixed[np.linspace(0, len(mixed) - 1, min(len(mixed), MOVING_POINTS)).astype(np.intp)]
+        for points, pixels in ((self._person, near), (self._room, scene.room), (self._moving, few)):
+            points.load(pixels, scene.points_m[pixels], colors(pixels))
+        if not same_view:
+            person = scene.labels.parts.ravel() > 0
+            self.orbit = front_view(
+                scene.points_m[person & (scene.labels.depth_mm.ravel() > 0)], self._aspect
+            )
+        self.set_shown(shown)
+        self._set_moving(False)
+
+    def recolor(self, pixels: NDArray[np.int64] | None, colors: Colors) -> None:
+        """New colours for some pixels, or for all."""
+        for points in (self._person, self._room, self._moving):
+            changed = points.pixels if pixels is None else pixels
+            points.recolor(changed, colors(changed))
+        self.plotter.update()
+
+    def set_shown(self, shown: NDArray[np.bool_]) -> None:
+        """Draw, and let choose, but these pixels, bool (h * w,)."""
+        self._shown, self._seen = shown, None
+        for points in (self._person, self._room, self._moving):
+            points.show_only(shown[points.pixels])
+        self.plotter.update()
+
+    def set_ground(self, rgb: tuple[int, int, int]) -> None:
+        """The colour behind the cloud."""
+        self.plotter.renderer.SetBackground([c / 255 for c in rgb])
+        self.plotter.update()
+
+    def look_ahead(self) -> None:
+        """See the person as the depth camera does."""
+        if self.scene:
+            person = self.scene.near & self._shown
+            self.orbit = front_view(self.scene.points_m[person], self._aspect)
+            self._apply()
+
+    # What is chosen
+
+    def view(self) -> View:
+        """Where every point is on the screen; computed once after every move."""
+        if self._seen is None and self.scene:
+            matrix = self.plotter.camera.GetCompositeProjectionTransformMatrix(self._aspect, -1, 1)
+            numbers = np.array([[matrix.GetElement(r, c) for c in range(4)] for r in range(4)])
+            size = self.plotter.width(), self.plotter.height()
+            self._seen = project(self.scene.points_m, self._shown, numbers, size, self._spacing_px)
+        assert self._seen is not None
+        return self._seen
+
+    def pixel_at(self, place: QPointF) -> int | None:
+        """The pixel whose point is drawn at a place of the view, or None."""
+        return select.nearest(self.view(), (place.x(), place.y())) if self.scene else None
+
+    def pixels_in(self, drawing: Drawing) -> NDArray[np.int64]:
+        """The pixels that a shape drawn on the view takes."""
+        return drawing.pixels(self.view())
+
+    def mark(self, pixel: int | None) -> None:
+        """Ring the point of a pixel, or none."""
+        xy = self.view().xy_px[pixel] if pixel is not None and self.scene else np.array([np.nan])
+        marker = QPointF(float(xy[0]), float(xy[1])) if np.isfinite(xy).all() else None
+        if marker != self.pointing.overlay.marker:
+            self.pointing.overlay.marker = marker
+            self.pointing.overlay.update()
+
+    # Moving the view
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
+        """Qt's hook: VTK's own interaction and keys are never reached."""
+        kind = event.type()
+        if isinstance(event, QWheelEvent):
+            if event.modifiers() & Qt.KeyboardModifier.ShiftModifier:
+                return False
+            self._move(self.orbit.neared(event.angleDelta().y() / 120))
+            self._settle.start()
+            return True
+        if kind in (QEvent.Type.KeyPress, QEvent.Type.KeyRelease):
+            event.ignore()
+            return True
+        if kind == QEvent.Type.Resize:
+            self._seen = None
+            QTimer.singleShot(0, self._apply)
+        return isinstance(event, QMouseEvent) and self._gripped(kind, event)
+
+    def _gripped(self, kind: QEvent.Type, event: QMouseEvent) -> bool:
+        """Right button: turn; middle button: shift. True for what is no business of the tools."""
+        grips = (Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton)
+        if (
+            kind in (QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick)
+            and event.button() in grips
+        ):
+            self._grip = event.position()
+            return True
+        if kind == QEvent.Type.MouseButtonRelease and event.button() in grips:
+            self._grip = None
+            self._set_moving(False)
+            return True
+        if kind == QEvent.Type.MouseMove and self._grip is not None:
+            by, self._grip = event.position() - self._grip, event.position()
+            turning = bool(event.buttons() & Qt.MouseButton.RightButton)
+            height = self.plotter.height()
+            orbit = (
+                self.orbit.turned(by.x(), by.y()) if turning else self.orbit.shifted(by.x(), by.y(), height)
+            )
+            self._move(orbit)
+            return True
+        return False
+
+    def _move(self, orbit: Orbit) -> None:
+        self.orbit = orbit
+        self._set_moving(True)
+        self.moved.emit()
+
+    def _set_moving(self, moving: bool) -> None:
+        if self.scene is None:
+            return
+        for points, visible in ((self._person, not moving), (self._room, not moving), (self._moving, moving)):
+            points.actor.SetVisibility(visible)
+        self._apply()
+
+    def _apply(self) -> None:
+        """Put the camera where the orbit says, and the points at a size that closes the surface."""
+        if self.scene is None:
+            return
+        camera, orbit = self.plotter.camera, self.orbit
+        camera.position, camera.focal_point = orbit.position_m.tolist(), orbit.target_m
+        camera.up, camera.view_angle = (0.0, -1.0, 0.0), orbit.angle_deg
+        self.plotter.renderer.ResetCameraClippingRange()
+        size_px = float(np.clip(1.25 * self._spacing_px, MIN_POINT_PX, MAX_POINT_PX))
+        for points, factor in ((self._person, 1.0), (self._room, self.scene.room_step), (self._moving, 2.0)):
+            points.actor.prop.point_size = size_px * factor * self.devicePixelRatioF()
+        self._seen = None
+        self.plotter.update()
+
+    @property
+    def _aspect(self) -> float:
+        return self.plotter.width() / max(1, self.plotter.height())
+
+    @property
+    def _spacing_px(self) -> float:
+        """Distance of neighbouring points of the person on the screen."""
+        if self.scene is None:
+            return 1.0
+        spacing_m = self.orbit.target_m[2] * self.scene.spacing
+        return abs(spacing_m) * self.orbit.focal_px(self.plotter.height()) / self.orbit.distance_m
+
+    def close_view(self) -> None:
+        """Give the graphics back; to be called before the window goes."""
+        self.plotter.close()
+
+
+def _rgba(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.concatenate([rgb, np.full((len(rgb), 1), 255, np.uint8)], axis=1)

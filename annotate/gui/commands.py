@@ -1,0 +1,105 @@
+"""What each key does in the window: the names of ``keys.BINDINGS`` and their actions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+from annotate.gui.desk import NOTHING, Done
+from annotate.gui.drawing import TOOLS
+from annotate.gui.review import RejectDialog
+from annotate.parts import PARTS, UNDEFINED
+
+if TYPE_CHECKING:
+    from annotate.gui.window import CorrectionWindow
+
+Command = Callable[[], Done | None]
+_SWITCHES = ("pick", "only", "room", "through", "smaller", "larger")
+STROKE_SETUP = frozenset((*(part.name for part in PARTS), "undefined", *_SWITCHES, *TOOLS))
+"""Keys that belong to the stroke that follows them."""
+
+
+def commands(window: CorrectionWindow) -> dict[str, Command]:
+    """Name -> action for every binding."""
+    desk, point = (lambda: window.desk), window.under_pointer
+    return {
+        **{part.name: partial(window.choose, part.id) for part in PARTS},
+        "undefined": partial(window.choose, UNDEFINED),
+        "pick": partial(_pick, window),
+        **{tool: partial(window.set_tool, tool) for tool in TOOLS},
+        "only": partial(window.toggle, "only"),
+        "through": partial(window.toggle, "through"),
+        "room": partial(window.toggle, "room"),
+        "smaller": lambda: window.scale_brush(1 / 1.25),
+        "larger": lambda: window.scale_brush(1.25),
+        "solo": partial(_solo, window),
+        "cancel": partial(_cancel, window),
+        "undo": lambda: desk().undo(),
+        "redo": lambda: desk().redo(),
+        "swap": lambda: desk().swap(point()),
+        "neighbour": lambda: desk().to_neighbour(point()),
+        "fill_holes": lambda: desk().fill_holes(),
+        "remove_islands": lambda: desk().remove_islands(),
+        "merge": lambda: desk().merge(point()),
+        "copy_previous": lambda: desk().copy_previous(window.walk.before(window.frame_id)),
+        "propagate": lambda: desk().propagate(window.walk.before(window.frame_id)),
+        "accept": partial(_accept, window),
+        "reject": partial(_reject, window),
+        "next": partial(_step, window, 1),
+        "back": partial(_step, window, -1),
+        "order": window.reorder,
+        "colouring": partial(_colouring, window),
+        "front_view": window.look_ahead,
+        "theme": window.toggle_theme,
+        "help": window.toggle_help,
+    }
+
+
+def _pick(window: CorrectionWindow) -> Done:
+    done = window.desk.pick(window.under_pointer())
+    window.choose(window.desk.part)
+    return done
+
+
+def _solo(window: CorrectionWindow) -> None:
+    window.desk.alone = not window.desk.alone
+    window.reshow()
+
+
+def _cancel(window: CorrectionWindow) -> Done | None:
+    if window.key_page.isVisible():
+        window.toggle_help()
+        return None
+    if any(view.pointing.cancel() for view in window.views):
+        return Done(NOTHING, "Stroke dropped")
+    return window.desk.cancel()
+
+
+def _accept(window: CorrectionWindow) -> Done | None:
+    done = window.desk.accept()
+    left = window.frame_id
+    window.strip.frames.refresh(left)
+    if window.step(1):
+        return None
+    return Done(NOTHING, f"{done.says}: that was the last frame", "good")
+
+
+def _reject(window: CorrectionWindow) -> Done | None:
+    dialog = RejectDialog(window)
+    if not dialog.exec():
+        return Done(NOTHING, "Not rejected")
+    done = window.desk.reject(dialog.reason)
+    window.strip.frames.refresh(window.frame_id)
+    return None if window.step(1) else done
+
+
+def _step(window: CorrectionWindow, by: int) -> Done | None:
+    if window.step(by):
+        return None
+    return Done(NOTHING, "That was the last frame" if by > 0 else "This is the first frame", "warn")
+
+
+def _colouring(window: CorrectionWindow) -> None:
+    window.desk.next_colouring()
+    window.recolor()

@@ -1,0 +1,163 @@
+"""The depth image in 2D: the parts over it, painting as in 3D, zoom and shift of its own."""
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QResizeEvent, QWheelEvent
+from PySide6.QtWidgets import QWidget
+
+from annotate import select
+from annotate.gui.cloud_view import Colors
+from annotate.gui.drawing import Drawing
+from annotate.gui.pointing import Pointing
+from annotate.gui.scene import Scene
+from annotate.select import View
+
+MIN_SCALE, MAX_SCALE = 0.2, 40.0
+REACH_PX = 6.0
+"""How far from the pointer a click finds a pixel with depth, in the image's own pixels."""
+
+
+class DepthPane(QWidget):
+    """A frame's depth image. pointing: shapes drawn on it. moved: it was shifted or zoomed."""
+
+    moved = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.pointing = Pointing(self)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setMinimumSize(160, 120)
+        self.scene: Scene | None = None
+        self.ground = QColor("black")
+        self._rgb: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)
+        self._view: View | None = None
+        self._scale, self._corner = 1.0, QPointF(0, 0)
+        self._marked: int | None = None
+        self._grip: QPointF | None = None
+        self._fitted = False
+
+    # What is shown
+
+    def load(self, scene: Scene, colors: Colors, shown: NDArray[np.bool_], same_view: bool) -> None:
+        """Show another frame. shown: bool (h * w,). same_view: keep zoom and shift."""
+        self.scene = scene
+        self._rgb = np.empty((*scene.labels.parts.shape, 3), np.uint8)
+        self.set_shown(shown)
+        self.recolor(None, colors)
+        if not same_view or not self._fitted:
+            self.fit()
+
+    def recolor(self, pixels: NDArray[np.int64] | None, colors: Colors) -> None:
+        """New colours for some pixels, or for all that have depth."""
+        if self.scene is None:
+            return
+        changed = pixels
+        if changed is None:
+            changed = np.flatnonzero(self.scene.labels.depth_mm)
+            self._rgb[:] = self.ground.getRgb()[:3]
+        self._rgb.reshape(-1, 3)[changed] = colors(changed)
+        self.update()
+
+    def set_shown(self, shown: NDArray[np.bool_]) -> None:
+        """Let but these pixels be chosen, bool (h * w,)."""
+        if self.scene is None:
+            return
+        view = View.of_image(self.scene.labels.depth_mm)
+        self._view = View(np.where(shown[:, None], view.xy_px, np.nan), view.distance_m, view.size_px)
+
+    def set_ground(self, rgb: tuple[int, int, int]) -> None:
+        """The colour around the image."""
+        self.ground = QColor(*rgb)
+        self.update()
+
+    def fit(self) -> None:
+        """Zoom to the person, or to the whole image where there is none."""
+        if self.scene is None or not self.width():
+            return
+        there = self.scene.labels.parts > 0
+        rows, columns = np.nonzero(there if there.any() else np.ones_like(there))
+        left, right, top, bottom = columns.min(), columns.max() + 1, rows.min(), rows.max() + 1
+        scale = 0.86 * min(self.width() / (right - left), self.height() / (bottom - top))
+        self._scale = float(np.clip(scale, MIN_SCALE, MAX_SCALE))
+        middle = QPointF((left + right) / 2, (top + bottom) / 2) * self._scale
+        self._corner = QPointF(self.width() / 2, self.height() / 2) - middle
+        self._fitted = True
+        self._moved()
+
+    def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        painter = QPainter(self)
+        painter.fillRect(self.rect(), self.ground)
+        if self.scene is None:
+            return
+        height, width = self._rgb.shape[:2]
+        image = QImage(self._rgb.data, width, height, 3 * width, QImage.Format.Format_RGB888)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, self._scale < 2)
+        size = QPointF(width, height) * self._scale
+        painter.drawImage(QRectF(self._corner, self._corner + size), image)
+
+    # What is chosen
+
+    def pixel_at(self, place: QPointF) -> int | None:
+        """The pixel with depth at a place of the pane, or None."""
+        if self._view is None:
+            return None
+        at = (place - self._corner) / self._scale
+        return select.nearest(self._view, (at.x(), at.y()), max(1.0, REACH_PX / self._scale))
+
+    def pixels_in(self, drawing: Drawing) -> NDArray[np.int64]:
+        """The pixels that a shape drawn on the pane takes; nothing hides anything in an image."""
+        if self._view is None:
+            return np.empty(0, np.int64)
+        drawing = drawing.scaled(self._corner.x(), self._corner.y(), self._scale)
+        drawing.through = True
+        return drawing.pixels(self._view)
+
+    def place_of(self, pixel: int) -> QPointF:
+        """Where the middle of a pixel is on the pane."""
+        v, u = divmod(pixel, self._rgb.shape[1])
+        return self._corner + QPointF(u + 0.5, v + 0.5) * self._scale
+
+    def mark(self, pixel: int | None) -> None:
+        """Ring a pixel, or none."""
+        self._marked = pixel
+        marker = self.place_of(pixel) if pixel is not None and self.scene else None
+        if marker != self.pointing.overlay.marker:
+            self.pointing.overlay.marker = marker
+            self.pointing.overlay.update()
+
+    # Moving the view
+
+    def wheelEvent(self, event: QWheelEvent) -> None:  # noqa: N802
+        """Qt's hook: zoom about the pointer."""
+        at = event.position()
+        scale = float(np.clip(self._scale * 1.2 ** (event.angleDelta().y() / 120), MIN_SCALE, MAX_SCALE))
+        self._corner = at - (at - self._corner) * (scale / self._scale)
+        self._scale = scale
+        self._moved()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+        """Qt's hook: any button that does not draw shifts the image."""
+        self._grip = event.position()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        if self._grip is not None and event.buttons():
+            self._corner += event.position() - self._grip
+            self._grip = event.position()
+            self._moved()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        self._grip = None
+
+    def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
+        """Qt's hook: the person stays in view."""
+        if self._fitted:
+            self.fit()
+
+    def _moved(self) -> None:
+        self.mark(self._marked)
+        self.update()
+        self.moved.emit()

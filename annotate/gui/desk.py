@@ -1,0 +1,363 @@
+"""The frame on the desk and the tools beside it: what every key and stroke does. No window here."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate import select
+from annotate.cleanup import filled, without_islands
+from annotate.correction import Correction
+from annotate.edit import ARMS, LEGS, Editor
+from annotate.grid import components
+from annotate.gui.colors import Colouring, Visibility, colourings, point_colors
+from annotate.gui.drawing import Drawing
+from annotate.gui.scene import Scene
+from annotate.parts import BACKGROUND, PARTS, UNDEFINED
+from annotate.propagate import propagate
+from annotate.stroke import Gesture, Operation, Stroke
+from sensors.errors import CloudError
+
+Tone = Literal["plain", "good", "warn", "bad"]
+PREVIEW_RGB = (255, 255, 0)
+"""What a clean-up would change: no part has this colour."""
+NOTHING: NDArray[np.int64] = np.empty(0, np.int64)
+
+
+@dataclass(frozen=True)
+class Done:
+    """What came of a key or a stroke: the pixels (n,) that look different now, and a sentence."""
+
+    pixels: NDArray[np.int64]
+    says: str
+    tone: Tone = "plain"
+
+
+@dataclass(frozen=True)
+class Preview:
+    """A clean-up that was computed and not yet applied. parts: uint8 (h, w) it leads to."""
+
+    operation: Operation
+    part: int | None
+    parts: NDArray[np.uint8]
+    pixels: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Grown:
+    """The piece painted last: a click on it again grows it over the labels (h, w) from before."""
+
+    pixels: NDArray[np.int64]
+    parts: NDArray[np.uint8]
+
+
+def title(part: int) -> str:
+    """A part's name in sentences."""
+    return "undefined" if part == UNDEFINED else PARTS[part].title.lower()
+
+
+@dataclass
+class Desk:
+    """One frame under work.
+
+    editor: None where the set is open read-only. part: the chosen one. visibility: parts that are faded or
+    hidden. alone: whether the chosen part is shown alone. keys: pressed since the last stroke.
+    """
+
+    correction: Correction
+    scene: Scene
+    editor: Editor | None
+    part: int = 1
+    colouring: Colouring = "part"
+    visibility: dict[int, Visibility] = field(default_factory=dict)
+    locks: set[int] = field(default_factory=set)
+    alone: bool = False
+    keys: int = 0
+    preview: Preview | None = None
+    _grown: _Grown | None = None
+
+    def __post_init__(self) -> None:
+        self.put(self.scene, self.editor)
+
+    def put(self, scene: Scene, editor: Editor | None) -> None:
+        """Lay another frame on the desk; the tools stay as they are."""
+        self.scene, self.editor, self.preview, self._grown, self.keys = scene, editor, None, None, 0
+        if editor:
+            editor.locks = self.locks
+        if self.colouring not in colourings(scene):
+            self.colouring = "part"
+
+    @property
+    def parts(self) -> NDArray[np.uint8]:
+        """Part ids (h, w) as they stand."""
+        return self.editor.parts if self.editor else self.scene.labels.parts
+
+    def counts(self) -> dict[int, int]:
+        """Pixels with depth by part id."""
+        numbers = np.bincount(self.parts[self.scene.labels.depth_mm > 0], minlength=256)
+        return {part: int(numbers[part]) for part in (*range(len(PARTS)), UNDEFINED)}
+
+    def shown(self) -> NDArray[np.bool_]:
+        """Pixels (h * w,) that are drawn and can be chosen."""
+        hidden = np.zeros(256, np.bool_)
+        if self.alone:
+            hidden[:] = True
+            hidden[self.part] = False
+        hidden[[part for part, how in self.visibility.items() if how == "hidden"]] = True
+        return np.asarray((self.scene.labels.depth_mm.ravel() > 0) & ~hidden[self.parts.ravel()])
+
+    def colors(self, pixels: NDArray[np.int64], ground: tuple[int, int, int]) -> NDArray[np.uint8]:
+        """Colours (n, 3) of flat pixels (n,) on a ground, a preview marked."""
+        rgb = point_colors(self.scene, self.parts, pixels, self.colouring, self.visibility, ground)
+        if self.preview:
+            rgb[np.isin(pixels, self.preview.pixels)] = PREVIEW_RGB
+        return rgb
+
+    def next_colouring(self) -> None:
+        """Colour by the next thing that the frame has data for."""
+        there = colourings(self.scene)
+        self.colouring = there[(there.index(self.colouring) + 1) % len(there)]
+
+    def toggle_lock(self, part: int) -> Done:
+        """Lock a part, or unlock it."""
+        self.locks ^= {part}
+        says = "locked: it neither gains nor loses" if part in self.locks else "unlocked"
+        return Done(NOTHING, f"{title(part).capitalize()} {says}")
+
+    def fade(self, part: int) -> Done:
+        """Shown, faded, hidden, and shown again."""
+        turn: dict[Visibility, Visibility] = {"shown": "faded", "faded": "hidden", "hidden": "shown"}
+        how = self.visibility[part] = turn[self.visibility.get(part, "shown")]
+        return Done(NOTHING, f"{title(part).capitalize()} {how}")
+
+    # Strokes with the mouse
+
+    def stroke(self, drawing: Drawing, start: int | None, pixels: NDArray[np.int64]) -> Done:
+        """A drawn shape: its pixels get the chosen part.
+
+        start: the pixel under its first point, or None. Takes the body's pixels alone, so that no lasso
+        catches the room behind; with ``drawing.room`` everything; with ``drawing.only`` those of the part
+        it started on, be it the room.
+        """
+        editor = self._editor()
+        old = self.parts.ravel()[pixels]
+        from_part = BACKGROUND if start is None else int(self.parts.ravel()[start])
+        taken = old == from_part if drawing.only else drawing.room | (old != BACKGROUND)
+        how = self._gesture(drawing)
+        self._grown = None
+        return self._did(
+            editor.paint(pixels[taken], self.part, how), self._why_nothing(pixels, taken, drawing)
+        )
+
+    def piece(self, pixel: int | None, drawing: Drawing) -> Done:
+        """A click: the piece under it gets the chosen part; a click on the piece just painted grows it."""
+        editor = self._editor()
+        if pixel is None:
+            return Done(NOTHING, "No point there: click on the body", "warn")
+        if self._grown and pixel in self._grown.pixels:
+            return self._grow(editor, self._grown, drawing)
+        before = self.parts.copy()
+        pixels = select.supervoxel(self.scene.pieces, before, pixel)
+        if not len(pixels):
+            return Done(NOTHING, "No piece there: draw round it instead", "warn")
+        done = self._did(
+            editor.paint(pixels, self.part, self._gesture(drawing)), self._already(int(before.flat[pixel]))
+        )
+        self._grown = _Grown(pixels, before) if len(done.pixels) else None
+        return done
+
+    def _grow(self, editor: Editor, grown: _Grown, drawing: Drawing) -> Done:
+        pixels = select.grow(self.scene.pieces, grown.parts, self.scene.labels.depth_mm, grown.pixels)
+        self.keys = 0
+        done = self._did(
+            editor.paint(pixels, self.part, drawing.gesture("grow")), "It cannot grow: its part ends here"
+        )
+        self._grown = _Grown(pixels, grown.parts)
+        return done
+
+    # Keys that work on the place under the pointer
+
+    def swap(self, pixel: int | None) -> Done:
+        """Exchange left and right: of the limb under the pointer, or else of the chosen part's."""
+        part = self.part if pixel is None or not self.parts.flat[pixel] else int(self.parts.flat[pixel])
+        pairs = next((limb for limb in (ARMS, LEGS) if part in np.ravel(limb)), None)
+        if pairs is None:
+            return Done(NOTHING, "Point at an arm or a leg to swap left and right", "warn")
+        limb = "arms" if pairs is ARMS else "legs"
+        return self._did(
+            self._editor().swap_left_right(pairs, how=self._key(pixel)), f"No {limb} to swap", limb
+        )
+
+    def to_neighbour(self, pixel: int | None) -> Done:
+        """Give the connected patch under the pointer to the part it touches most."""
+        patch = self._patch(pixel)
+        if not len(patch):
+            return Done(NOTHING, "Point at a patch of the body to give it to its neighbour", "warn")
+        return self._did(self._editor().to_neighbour(patch, how=self._key(pixel)), "It touches no other part")
+
+    def merge(self, pixel: int | None) -> Done:
+        """Turn the part under the pointer into the chosen one."""
+        source = BACKGROUND if pixel is None else int(self.parts.flat[pixel])
+        if source in (BACKGROUND, self.part):
+            return Done(NOTHING, f"Point at the part that should become {title(self.part)}", "warn")
+        return self._did(self._editor().merge(source, self.part, how=self._key(pixel)), self._locked())
+
+    def pick(self, pixel: int | None) -> Done:
+        """Choose the part under the pointer."""
+        if pixel is None:
+            return Done(NOTHING, "Point at a part to take it", "warn")
+        self.part = int(self.parts.flat[pixel])
+        return Done(NOTHING, f"{title(self.part).capitalize()} chosen")
+
+    # Clean-up, previewed first
+
+    def fill_holes(self) -> Done:
+        """Holes of the chosen part: the first call shows them, the second fills them."""
+        return self._previewed(
+            "fill_holes", self.part, filled(self.parts, self._editor().depth_mm, self.part)
+        )
+
+    def remove_islands(self) -> Done:
+        """Islands of all parts: the first call shows them, the second gives them to what is around."""
+        return self._previewed("remove_islands", None, without_islands(self.parts, self._editor().depth_mm))
+
+    def cancel(self) -> Done:
+        """Drop a preview."""
+        pixels = self.preview.pixels if self.preview else NOTHING
+        self.preview, self._grown = None, None
+        return Done(pixels, "Dropped" if len(pixels) else "")
+
+    def _previewed(self, operation: Operation, part: int | None, parts: NDArray[np.uint8]) -> Done:
+        editor, shown = self._editor(), self.preview
+        self.keys += 1
+        if shown and (shown.operation, shown.part) == (operation, part):
+            self.preview = None
+            stroke = editor.replace(operation, shown.parts, part, Gesture("key", keys=self._take_keys()))
+            return self._did(stroke, "Nothing to change")
+        dropped = self.cancel().pixels
+        pixels = editor.preview(parts)
+        what = "hole" if operation == "fill_holes" else "island"
+        whose = f" in {title(part)}" if part is not None else ""
+        if not len(pixels):
+            return Done(dropped, f"No {what}s{whose}")
+        self.preview = Preview(operation, part, parts, pixels)
+        says = f"{len(pixels):,} pixels of {what}s{whose} marked: the same key applies, Esc drops"
+        return Done(np.union1d(dropped, pixels), says, "warn")
+
+    # From the frame before
+
+    def copy_previous(self, frame_id: str) -> Done:
+        """Take the parts of another frame where it shows the same surface."""
+        previous = self.correction.frame(frame_id)
+        stroke = self._editor().copy_previous(previous, how=self._key(None, 2))
+        return self._did(stroke, "The frame before says the same")
+
+    def propagate(self, frame_id: str) -> Done:
+        """Carry the corrections of another frame over."""
+        labels = self.correction.labels
+        corrected = self.correction.frame(frame_id)
+        automatic = labels.read(frame_id, original=labels.has_original(frame_id))
+        now = self.scene.labels
+        target = type(now)(now.frame_id, now.depth_mm, self.parts.copy(), now.confidence)
+        parts = propagate(corrected, automatic, target, labels.intrinsics).parts
+        return self._did(
+            self._editor().propagate(parts, self._key(None, 2)), "The frame before has no correction for here"
+        )
+
+    # Back and forth, verdicts
+
+    def undo(self) -> Done:
+        """Take back the last stroke."""
+        self._grown = None
+        dropped = self.cancel().pixels
+        if len(dropped):
+            return Done(dropped, "Dropped")
+        return self._did(self._editor().undo(self._key(None, 2)), "Nothing to undo")
+
+    def redo(self) -> Done:
+        """Do again what was undone last."""
+        return self._did(self._editor().redo(self._key(None, 3)), "Nothing to redo")
+
+    def accept(self) -> Done:
+        """Right as it is: an annotator accepts, and whoever looks at accepted work agrees."""
+        editor = self._editor()
+        agrees = self.will_agree()
+        how = Gesture("key", keys=1)
+        _ = editor.agree(how) if agrees else editor.accept(how)
+        return Done(NOTHING, "Agreed" if agrees else "Accepted", "good")
+
+    def will_agree(self) -> bool:
+        """Whether accepting this frame would be a reviewer's agreement."""
+        return self.correction.state(self.scene.labels.frame_id) in ("accepted", "reviewed")
+
+    def reject(self, reason: str) -> Done:
+        """Not to be used."""
+        self._editor().reject(reason, Gesture("key", keys=2))
+        return Done(NOTHING, f"Rejected: {reason}", "warn")
+
+    # Within
+
+    def _editor(self) -> Editor:
+        if self.editor is None:
+            raise CloudError("This label set is open read-only: close it and open it without --read-only")
+        return self.editor
+
+    def _did(self, stroke: Stroke | None, nothing: str, what: str = "") -> Done:
+        if stroke is None:
+            return Done(NOTHING, nothing, "warn")
+        return Done(stroke.pixels, _told(stroke, what))
+
+    def _patch(self, pixel: int | None) -> NDArray[np.int64]:
+        if pixel is None or self.parts.flat[pixel] == BACKGROUND:
+            return NOTHING
+        mask = (self.parts == self.parts.flat[pixel]) & (self.scene.labels.depth_mm > 0)
+        pieces, _ = components(mask, self.scene.labels.depth_mm.astype(np.float32))
+        return np.flatnonzero(pieces == pieces.flat[pixel]) if pieces.flat[pixel] else NOTHING
+
+    def _why_nothing(self, pixels: NDArray[np.int64], taken: NDArray[np.bool_], drawing: Drawing) -> str:
+        if not len(pixels):
+            return "No point in there"
+        if not taken.any():
+            hint = "" if drawing.only else ": hold Shift and start on it to add it to the body"
+            return f"Only the room is in there{hint}" if not drawing.only else "Not the part it started on"
+        return self._locked() if self.locks else self._already(self.part)
+
+    def _already(self, part: int) -> str:
+        return f"That is {title(self.part)} already" if part == self.part else self._locked()
+
+    def _locked(self) -> str:
+        names = ", ".join(title(part) for part in sorted(self.locks))
+        return (
+            f"Nothing changed: {names} locked (Shift and the part's key unlocks)"
+            if names
+            else "Nothing to change"
+        )
+
+    def _take_keys(self) -> int:
+        keys, self.keys = self.keys, 0
+        return keys
+
+    def _key(self, pixel: int | None, keys: int = 1) -> Gesture:
+        self._take_keys()
+        return Gesture("key", points=int(pixel is not None), keys=keys)
+
+    def _gesture(self, drawing: Drawing) -> Gesture:
+        held = drawing.held_keys
+        kind = "supervoxel" if drawing.tool == "piece" else drawing.tool
+        return drawing.gesture(kind, self._take_keys() + held)
+
+
+def _told(stroke: Stroke, what: str) -> str:
+    """A stroke in words."""
+    count = f"{len(stroke.pixels):,} pixels"
+    if stroke.operation in ("undo", "redo"):
+        return f"{'Undone' if stroke.operation == 'undo' else 'Done again'}: {count}"
+    if stroke.operation == "swap_left_right":
+        return f"Left and right {what} swapped: {count}"
+    if stroke.part is None:
+        return f"{stroke.operation.replace('_', ' ').capitalize()}: {count}"
+    taken = Counter(dict(zip(*(x.tolist() for x in np.unique(stroke.old, return_counts=True)), strict=True)))
+    source = title(taken.most_common(1)[0][0])
+    return f"{count} from {source} to {title(stroke.part)}"

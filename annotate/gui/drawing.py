@@ -1,0 +1,91 @@
+"""A shape being drawn on a view, from the first press to the last release. No window here."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate import select
+from annotate.select import View
+from annotate.stroke import Gesture, GestureKind
+
+Tool = Literal["piece", "lasso", "polygon", "rectangle", "brush"]
+TOOLS: tuple[Tool, ...] = ("piece", "lasso", "polygon", "rectangle", "brush")
+STEP_PX = 2.0
+"""A drawn line gets a new point this far from the last one."""
+LEAST_PX = 4.0
+"""A lasso or rectangle that stays smaller is a slip of the hand."""
+
+
+@dataclass
+class Drawing:
+    """What has been drawn so far.
+
+    start_px: where it began, in logical pixels. radius_px: of the brush. through: not front-only.
+    only: replaces only the part under the start. room: takes the background too. points_px: the line,
+    corners or path. clicks: corners of a polygon, 1 for a piece or a rectangle. held_keys: held down for it.
+    """
+
+    tool: Tool
+    start_px: tuple[float, float]
+    radius_px: float = 0.0
+    through: bool = False
+    only: bool = False
+    room: bool = False
+    points_px: list[tuple[float, float]] = field(default_factory=list)
+    clicks: int = 1
+    held_keys: int = 0
+
+    def __post_init__(self) -> None:
+        self.points_px = self.points_px or [self.start_px]
+        # The keystroke model charges a drawn line for its press and release itself.
+        self.clicks = 0 if self.tool in ("lasso", "brush") else self.clicks
+
+    def drag(self, x: float, y: float) -> None:
+        """The pointer moved with the button down."""
+        if self.tool == "rectangle":
+            self.points_px[1:] = [(x, y)]
+        elif self.tool in ("lasso", "brush"):
+            last_x, last_y = self.points_px[-1]
+            if np.hypot(x - last_x, y - last_y) >= STEP_PX:
+                self.points_px.append((x, y))
+
+    def corner(self, x: float, y: float) -> None:
+        """One more corner of a polygon."""
+        self.points_px.append((x, y))
+        self.clicks += 1
+
+    @property
+    def is_slip(self) -> bool:
+        """Whether it encloses nothing that anybody could have meant."""
+        if self.tool in ("piece", "brush"):
+            return False
+        extent = np.ptp(np.array(self.points_px), axis=0)
+        return bool(extent.max() < LEAST_PX) or (self.tool != "rectangle" and len(self.points_px) < 3)
+
+    def outline_px(self) -> NDArray[np.float64]:
+        """The line (n, 2) to show; a rectangle's four corners."""
+        points = np.array(self.points_px, np.float64)
+        if self.tool == "rectangle" and len(points) == 2:
+            (left, top), (right, bottom) = points
+            points = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
+        return points
+
+    def pixels(self, view: View) -> NDArray[np.int64]:
+        """Flat indices (n,) of the points that it takes in a view whose coordinates it is drawn in."""
+        if self.tool == "brush":
+            return select.brush(view, self.outline_px(), self.radius_px, self.through)
+        return select.polygon(view, self.outline_px(), self.through)
+
+    def scaled(self, left_px: float, top_px: float, scale: float) -> "Drawing":
+        """The same shape with (left, top) as origin and ``scale`` pixels as one: in a zoomed image."""
+        points = [((x - left_px) / scale, (y - top_px) / scale) for x, y in self.points_px]
+        return replace(self, start_px=points[0], radius_px=self.radius_px / scale, points_px=points)
+
+    def gesture(self, kind: GestureKind, keys: int = 0) -> Gesture:
+        """How it is written down: its clicks, points and length."""
+        line = np.array(self.points_px, np.float64)
+        held = self.tool != "polygon" and len(line) > 1
+        path_px = float(np.hypot(*np.diff(line, axis=0).T).sum()) if held else 0.0
+        return Gesture(kind, self.clicks, len(line), round(path_px, 1), keys)

@@ -1,0 +1,210 @@
+"""The frames of the set in a row: their picture, how far each is, by time or the worst first."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import (
+    QAbstractListModel,
+    QModelIndex,
+    QObject,
+    QPersistentModelIndex,
+    QRectF,
+    QRunnable,
+    QSize,
+    Qt,
+    QThreadPool,
+    Signal,
+)
+from PySide6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen
+from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem
+
+from annotate.gui.theme import DARK, Theme
+from annotate.labels import FrameLabels
+from annotate.parts import palette_rgb
+from annotate.work import State
+from sensors.errors import CloudError
+
+THUMBNAIL = QSize(78, 66)
+CELL = QSize(90, 96)
+SAYS: dict[State, str] = {
+    "auto": "automatic",
+    "touched": "begun",
+    "accepted": "accepted",
+    "reviewed": "reviewed",
+    "rejected": "rejected",
+}
+Index = QModelIndex | QPersistentModelIndex
+
+
+def state_color(state: State, theme: Theme) -> QColor:
+    """The colour of a state's badge."""
+    names = {"auto": theme.quiet, "touched": theme.warn, "accepted": theme.good}
+    return QColor(names.get(state, theme.accent if state == "reviewed" else theme.bad))
+
+
+def thumbnail(labels: FrameLabels) -> QImage:
+    """A frame's parts over its depth, cut to the person."""
+    window = _window(labels.parts)
+    parts, depth = labels.parts[window], labels.depth_mm[window].astype(np.float32)
+    grey = np.where(depth > 0, 90 - np.clip(depth / 5000, 0, 1) * 70, 12)
+    rgb: NDArray[np.uint8] = np.where((parts > 0)[..., None], palette_rgb()[parts], grey[..., None])
+    rgb = np.ascontiguousarray(rgb.astype(np.uint8))
+    height, width = parts.shape
+    image = QImage(rgb.data, width, height, 3 * width, QImage.Format.Format_RGB888)
+    smooth = Qt.TransformationMode.SmoothTransformation
+    return image.scaled(2 * THUMBNAIL, Qt.AspectRatioMode.KeepAspectRatio, smooth).copy()
+
+
+def _window(parts: NDArray[np.uint8]) -> tuple[slice, slice]:
+    """The person with a margin, at the picture's proportions as far as the image goes."""
+    there = parts > 0
+    rows, columns = np.nonzero(there if there.any() else np.ones_like(there))
+    height = max(np.ptp(rows), np.ptp(columns) * THUMBNAIL.height() / THUMBNAIL.width()) * 1.12 + 2
+    width = height * THUMBNAIL.width() / THUMBNAIL.height()
+    top, left = ((x.min() + x.max() - size) / 2 for x, size in ((rows, height), (columns, width)))
+    return slice(max(0, int(top)), int(top + height)), slice(max(0, int(left)), int(left + width))
+
+
+class _Drawn(QObject):
+    ready = Signal(str, QImage)
+
+
+class _Draw(QRunnable):
+    def __init__(self, frame_id: str, read: Callable[[str], FrameLabels], drawn: _Drawn) -> None:
+        super().__init__()
+        self._frame_id, self._read, self._drawn = frame_id, read, drawn
+
+    def run(self) -> None:
+        try:
+            image = thumbnail(self._read(self._frame_id))
+        except CloudError:
+            image = QImage()
+        self._drawn.ready.emit(self._frame_id, image)
+
+
+class Frames(QAbstractListModel):
+    """The frames in the order shown. Pictures are drawn in a thread, as they come into view."""
+
+    def __init__(self, read: Callable[[str], FrameLabels], state: Callable[[str], State]) -> None:
+        super().__init__()
+        self.frame_ids: list[str] = []
+        self._read, self._state = read, state
+        self._images: dict[str, QImage | None] = {}
+        self._drawn = _Drawn()
+        self._drawn.ready.connect(self._keep)
+        self.pool = QThreadPool()
+        self.pool.setMaxThreadCount(1)
+
+    def order(self, frame_ids: list[str]) -> None:
+        """Show these frames, in this order."""
+        self.beginResetModel()
+        self.frame_ids = frame_ids
+        self.endResetModel()
+
+    def rowCount(self, parent: Index | None = None) -> int:  # noqa: N802
+        """Qt's hook."""
+        return len(self.frame_ids)
+
+    def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> object:
+        """Qt's hook."""
+        frame_id = self.frame_ids[index.row()]
+        if role == Qt.ItemDataRole.DisplayRole:
+            return frame_id
+        if role == Qt.ItemDataRole.ToolTipRole:
+            return f"Frame {frame_id}, {SAYS[self._state(frame_id)]}"
+        if role == Qt.ItemDataRole.StatusTipRole:
+            return self._state(frame_id)
+        if role == Qt.ItemDataRole.DecorationRole:
+            return self._image(frame_id)
+        return None
+
+    def refresh(self, frame_id: str) -> None:
+        """Draw a frame's picture and state again."""
+        self._images.pop(frame_id, None)
+        self._changed(frame_id)
+
+    def _image(self, frame_id: str) -> QImage | None:
+        if frame_id not in self._images:
+            self._images[frame_id] = None
+            self.pool.start(_Draw(frame_id, self._read, self._drawn))
+        return self._images[frame_id]
+
+    def _keep(self, frame_id: str, image: QImage) -> None:
+        self._images[frame_id] = image
+        self._changed(frame_id)
+
+    def _changed(self, frame_id: str) -> None:
+        if frame_id in self.frame_ids:
+            index = self.index(self.frame_ids.index(frame_id))
+            self.dataChanged.emit(index, index)
+
+
+class _Cell(QStyledItemDelegate):
+    theme: Theme = DARK
+
+    def sizeHint(self, option: QStyleOptionViewItem, index: Index) -> QSize:  # noqa: N802
+        return CELL
+
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+        theme = self.theme
+        painter.save()
+        painter.setRenderHints(QPainter.RenderHint.Antialiasing | QPainter.RenderHint.SmoothPixmapTransform)
+        cell = QRectF(option.rect).adjusted(3, 3, -3, -3)
+        path = QPainterPath()
+        path.addRoundedRect(cell, 7, 7)
+        painter.fillPath(path, QColor(theme.raised))
+        chosen = bool(option.state & QStyle.StateFlag.State_Selected)
+        painter.setPen(QPen(QColor(theme.accent if chosen else theme.line), 2.5 if chosen else 1))
+        painter.drawPath(path)
+        image = index.data(Qt.ItemDataRole.DecorationRole)
+        if isinstance(image, QImage) and not image.isNull():
+            size = QSize(image.size()).scaled(THUMBNAIL, Qt.AspectRatioMode.KeepAspectRatio)
+            left, top = cell.center().x() - size.width() / 2, cell.top() + 4 + (66 - size.height()) / 2
+            painter.drawImage(QRectF(left, top, size.width(), size.height()), image)
+        state = index.data(Qt.ItemDataRole.StatusTipRole)
+        foot = QRectF(cell.left() + 8, cell.bottom() - 19, cell.width() - 16, 16)
+        painter.setBrush(state_color(state, theme))
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.drawEllipse(QRectF(foot.left(), foot.center().y() - 4, 8, 8))
+        painter.setPen(QColor(theme.text if chosen else theme.quiet))
+        font = painter.font()
+        font.setPixelSize(11)
+        painter.setFont(font)
+        right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+        number = (str(index.data()).lstrip("0") or "0")[-8:]
+        painter.drawText(foot, right, number)
+        painter.restore()
+
+
+class FrameStrip(QListView):
+    """The frames in a row. opened: a frame was clicked."""
+
+    opened = Signal(str)
+
+    def __init__(self, read: Callable[[str], FrameLabels], state: Callable[[str], State]) -> None:
+        super().__init__()
+        self.frames = Frames(read, state)
+        self._cell = _Cell(self)
+        self.setModel(self.frames)
+        self.setItemDelegate(self._cell)
+        self.setFlow(QListView.Flow.LeftToRight)
+        self.setWrapping(False)
+        self.setUniformItemSizes(True)
+        self.setHorizontalScrollMode(QListView.ScrollMode.ScrollPerPixel)
+        self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setFixedHeight(CELL.height() + 12)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.clicked.connect(lambda index: self.opened.emit(index.data()))
+
+    def set_theme(self, theme: Theme) -> None:
+        """Draw in other colours."""
+        self._cell.theme = theme
+        self.viewport().update()
+
+    def choose(self, frame_id: str) -> None:
+        """Mark a frame as the one that is open, and bring it into view."""
+        if frame_id in self.frames.frame_ids:
+            index = self.frames.index(self.frames.frame_ids.index(frame_id))
+            self.setCurrentIndex(index)
+            self.scrollTo(index, QListView.ScrollHint.PositionAtCenter)

@@ -1,0 +1,88 @@
+"""The bar above the views: which frame this is, how far it and the set are, and how it is coloured."""
+
+from functools import partial
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QButtonGroup, QHBoxLayout, QLabel, QSizePolicy, QToolButton, QWidget
+
+from annotate.gui.colors import Colouring, colourings
+from annotate.gui.desk import Desk
+from annotate.gui.frame_strip import SAYS, state_color
+from annotate.gui.keys import Settings
+from annotate.gui.theme import Theme
+from annotate.gui.walk import Walk
+from annotate.work import rejection
+
+TITLES: dict[Colouring, str] = {
+    "part": "Parts",
+    "colour": "Colour",
+    "temperature": "Heat",
+    "confidence": "Confidence",
+    "disagreement": "Difference",
+}
+MISSING: dict[Colouring, str] = {
+    "colour": "No colour: give the recording with --session",
+    "temperature": "No temperature: give the recording with --session",
+    "confidence": "These labels carry no confidence",
+    "disagreement": "Nothing to compare: give another label set with --compare",
+}
+
+
+class Header(QWidget):
+    """coloured: a colouring was clicked. asked: a button with a command's name was."""
+
+    coloured = Signal(str)
+    asked = Signal(str)
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(objectName="panel")
+        self.setFixedHeight(48)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(14, 0, 12, 0)
+        row.setSpacing(8)
+        self.frame, self.badge = QLabel(objectName="title"), QLabel(objectName="badge")
+        self.facts = QLabel(objectName="quiet")
+        self.facts.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        for widget in (self.frame, self.badge):
+            row.addWidget(widget, 0, Qt.AlignmentFlag.AlignVCenter)
+        row.addWidget(self.facts, 1)
+        key = QLabel(settings.key("colouring"), objectName="key")
+        row.addWidget(key, 0, Qt.AlignmentFlag.AlignVCenter)
+        self.colourings: dict[Colouring, QToolButton] = {}
+        group = QButtonGroup(self)
+        for name, title in TITLES.items():
+            button = self.colourings[name] = self._button(title, checkable=True)
+            button.clicked.connect(partial(self.coloured.emit, name))
+            group.addButton(button)
+            row.addWidget(button)
+        row.addSpacing(10)
+        for name, title in (("order", "Order"), ("theme", "Theme"), ("help", "Keys")):
+            button = self._button(f"{title}  {settings.key(name)}")
+            button.clicked.connect(partial(self.asked.emit, name))
+            row.addWidget(button)
+
+    def _button(self, text: str, checkable: bool = False) -> QToolButton:
+        button = QToolButton(text=text, checkable=checkable)
+        button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        return button
+
+    def show_desk(self, desk: Desk, walk: Walk, theme: Theme) -> None:
+        """The frame on the desk, and its place among all."""
+        frame_id = desk.scene.labels.frame_id
+        state = desk.correction.state(frame_id)
+        place = f"{walk.frame_ids.index(frame_id) + 1} of {len(walk.frame_ids)}"
+        self.frame.setText(f"Frame {frame_id.lstrip('0') or '0'}")
+        self.badge.setText(SAYS[state])
+        color = state_color(state, theme).name()
+        self.badge.setStyleSheet(f"color: {color}; border: 1px solid {color}")
+        why = rejection(desk.correction.journal.strokes(frame_id))
+        done = sum(desk.correction.state(i) not in ("auto", "touched") for i in walk.frame_ids)
+        facts = [place + (", worst first" if walk.worst_first else ""), f"{done} done"]
+        facts.append(f"because: {why}" if why else "")
+        facts.append("READ-ONLY" if desk.correction.read_only else f"{desk.correction.who}")
+        self.facts.setText("   ·   ".join(filter(None, facts)))
+        there = colourings(desk.scene)
+        for name, button in self.colourings.items():
+            button.setEnabled(name in there)
+            button.setChecked(name == desk.colouring)
+            button.setToolTip(MISSING.get(name, "") if name not in there else "")

@@ -1,0 +1,141 @@
+"""Every key of the window: what it does, where it lies, and how a user moves it.
+
+All keys lie under the left hand while the right one holds the mouse. The parts are laid out like a body
+that faces you, so nothing has to be learnt: head on top, its right arm on the left.
+
+     1  2  3        right upper arm   head    left upper arm
+     Q  W  E        right forearm     torso   left forearm
+     A  S  D        right upper leg   hip     left upper leg
+     Z  X  C        right lower leg   erase   left lower leg
+"""
+
+import os
+import tomllib
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from annotate.parts import PARTS
+from sensors.errors import CloudError
+
+MAX_TOML_BYTES = 100_000
+THEMES = ("system", "light", "dark")
+
+BODY_KEYS = {"1": 4, "2": 1, "3": 3, "Q": 6, "W": 2, "E": 5, "A": 9, "S": 7, "D": 8, "Z": 11, "X": 0, "C": 10}
+"""Key -> part id, row by row as the keys lie."""
+BODY_GRID = ((4, 1, 3), (6, 2, 5), (9, 7, 8), (11, 0, 10))
+"""Part ids as a body that faces you."""
+
+
+@dataclass(frozen=True)
+class Binding:
+    """One thing a key does. name: as in window.toml; key: as Qt writes it; says: for the F1 page."""
+
+    name: str
+    key: str
+    group: str
+    says: str
+
+
+def _parts() -> list[Binding]:
+    key_of = {part: key for key, part in BODY_KEYS.items()}
+    return [
+        Binding(part.name, key_of[part.id], "Parts", part.title if part.id else "Background: erase")
+        for row in BODY_GRID
+        for part in (PARTS[i] for i in row)
+    ]
+
+
+BINDINGS: tuple[Binding, ...] = (
+    *_parts(),
+    Binding("undefined", "Ctrl+X", "Parts", "Undefined"),
+    Binding("pick", "`", "Parts", "Take the part under the pointer"),
+    Binding("only", "4", "Parts", "Replace only the part a stroke starts on"),
+    Binding("solo", "Ctrl+A", "Parts", "Show the chosen part alone, and back"),
+    Binding("piece", "F", "Tools", "Piece: click, again to grow"),
+    Binding("lasso", "G", "Tools", "Lasso: draw round it"),
+    Binding("polygon", "T", "Tools", "Polygon: double-click closes"),
+    Binding("rectangle", "R", "Tools", "Rectangle: drag"),
+    Binding("brush", "B", "Tools", "Brush: drag over it"),
+    Binding("smaller", "Ctrl+1", "Tools", "Smaller brush"),
+    Binding("larger", "Ctrl+2", "Tools", "Larger brush"),
+    Binding("through", "Tab", "Tools", "Front only, or through"),
+    Binding("room", "6", "Tools", "The body only, or the room too"),
+    Binding("cancel", "Esc", "Tools", "Drop the stroke or the preview"),
+    Binding("undo", "Ctrl+Z", "Edit", "Undo, without limit"),
+    Binding("redo", "Ctrl+Shift+Z", "Edit", "Redo"),
+    Binding("swap", "V", "Edit", "Swap left and right of the limb under the pointer"),
+    Binding("neighbour", "5", "Edit", "Give the patch under the pointer to its neighbour"),
+    Binding("fill_holes", "Ctrl+F", "Edit", "Fill holes: again to apply"),
+    Binding("remove_islands", "Ctrl+D", "Edit", "Remove islands: again to apply"),
+    Binding("merge", "Ctrl+E", "Edit", "Turn the part under the pointer into the chosen one"),
+    Binding("copy_previous", "Ctrl+V", "Edit", "Copy the parts of the previous frame"),
+    Binding("propagate", "Ctrl+G", "Edit", "Carry the previous frame's corrections over"),
+    Binding("accept", "Space", "Frames", "Right: accept it, and go on"),
+    Binding("reject", "Ctrl+R", "Frames", "Reject, with a reason"),
+    Binding("next", "Ctrl+Space", "Frames", "Next frame, this one undecided"),
+    Binding("back", "Shift+Space", "Frames", "Frame before"),
+    Binding("order", "F5", "Frames", "By time, or the worst first"),
+    Binding("colouring", "F2", "View", "Next colouring"),
+    Binding("front_view", "F3", "View", "Look as the depth camera does"),
+    Binding("theme", "F4", "View", "Light or dark"),
+    Binding("help", "F1", "View", "Show or hide this page"),
+)
+"""All bindings, as the window is delivered."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a user sets in window.toml. theme: of THEMES; bindings: with the user's own keys."""
+
+    theme: str = "system"
+    bindings: tuple[Binding, ...] = BINDINGS
+
+    def key(self, name: str) -> str:
+        """The key of a binding. Raises KeyError for a name that does not exist."""
+        for binding in self.bindings:
+            if binding.name == name:
+                return binding.key
+        raise KeyError(name)
+
+
+def settings_path() -> Path:
+    """window.toml in the user's configuration folder (XDG Base Directory Specification 0.8)."""
+    home = os.environ.get("XDG_CONFIG_HOME") or "~/.config"
+    return Path(home) / "annotate-cloud" / "window.toml"
+
+
+def load_settings(path: Path) -> Settings:
+    """Read ``theme`` and the table ``[keys]`` (name = "Ctrl+K"); as delivered where there is no file.
+
+    Raises CloudError naming the line, the name or the key that is wrong or used twice.
+    """
+    if not path.exists():
+        return Settings()
+    try:
+        if path.stat().st_size > MAX_TOML_BYTES:
+            raise CloudError(f"{path} is larger than {MAX_TOML_BYTES} bytes; give a table of keys")
+        fields = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise CloudError(f"{path} cannot be read ({error}); mend or remove it") from error
+    theme, keys = fields.pop("theme", "system"), fields.pop("keys", {})
+    if fields:
+        raise CloudError(f"{path}: {next(iter(fields))!r} is no setting; use theme and [keys]")
+    if theme not in THEMES:
+        raise CloudError(f"{path}: theme is {theme!r}; use {', '.join(THEMES)}")
+    return Settings(theme, _rebound(path, keys))
+
+
+def _rebound(path: Path, keys: object) -> tuple[Binding, ...]:
+    if not isinstance(keys, dict) or not all(isinstance(key, str) and key for key in keys.values()):
+        raise CloudError(f'{path}: [keys] is no table of keys; write lines such as undo = "Ctrl+Z"')
+    names = {binding.name for binding in BINDINGS}
+    unknown = sorted(set(keys) - names)
+    if unknown:
+        raise CloudError(f"{path}: [keys] names {unknown[0]!r}; use one of {', '.join(sorted(names))}")
+    bindings = tuple(replace(b, key=keys.get(b.name, b.key)) for b in BINDINGS)
+    key, count = Counter(b.key.casefold() for b in bindings).most_common(1)[0]
+    if count > 1:
+        both = " and ".join(b.name for b in bindings if b.key.casefold() == key)
+        raise CloudError(f"{path}: {both} have the same key {key!r}; give each its own")
+    return bindings

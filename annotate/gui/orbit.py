@@ -1,0 +1,72 @@
+"""Turning, shifting and nearing a camera around the person. No window here."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+DEGREES_PER_PX = 0.35
+ZOOM_PER_STEP = 1.15
+STEEPEST_DEG = 88.0
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A camera that looks at ``target_m`` from a distance, in the depth camera's frame (y down, z forward).
+
+    azimuth_deg: 0 looks along z as the depth camera does, positive from the right. elevation_deg:
+    positive from above. angle_deg: the vertical field of view.
+    """
+
+    target_m: tuple[float, float, float]
+    distance_m: float
+    azimuth_deg: float = 0.0
+    elevation_deg: float = 0.0
+    angle_deg: float = 30.0
+
+    @property
+    def axes(self) -> tuple[Vector, Vector, Vector]:
+        """Unit vectors right, down and forward of the view."""
+        a, e = np.radians([self.azimuth_deg, self.elevation_deg])
+        forward = np.array([-np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
+        right = np.array([np.cos(a), 0.0, np.sin(a)])
+        return right, np.cross(forward, right), forward
+
+    @property
+    def position_m(self) -> Vector:
+        """Where the eye is."""
+        return np.asarray(np.array(self.target_m) - self.distance_m * self.axes[2])
+
+    def focal_px(self, height_px: int) -> float:
+        """Focal length in pixels of a view so high."""
+        return float(height_px / 2 / np.tan(np.radians(self.angle_deg / 2)))
+
+    def turned(self, right_px: float, down_px: float) -> "Orbit":
+        """After dragging the scene by so much."""
+        elevation = np.clip(self.elevation_deg + DEGREES_PER_PX * down_px, -STEEPEST_DEG, STEEPEST_DEG)
+        azimuth = (self.azimuth_deg - DEGREES_PER_PX * right_px + 180) % 360 - 180
+        return replace(self, azimuth_deg=azimuth, elevation_deg=float(elevation))
+
+    def shifted(self, right_px: float, down_px: float, height_px: int) -> "Orbit":
+        """After shifting the scene by so much: the target stays under the pointer."""
+        right, down, _ = self.axes
+        metre_per_px = self.distance_m / self.focal_px(height_px)
+        target = np.array(self.target_m) - metre_per_px * (right_px * right + down_px * down)
+        return replace(self, target_m=tuple(target.tolist()))
+
+    def neared(self, steps: float) -> "Orbit":
+        """After so many steps of the wheel towards the person."""
+        return replace(self, distance_m=float(np.clip(self.distance_m * ZOOM_PER_STEP**-steps, 0.15, 20.0)))
+
+
+def front_view(points_m: NDArray[np.float32], aspect: float) -> Orbit:
+    """The view along the depth camera that holds these points (n, 3), with a margin; n may be 0."""
+    if not len(points_m):
+        return Orbit((0.0, 0.0, 2.0), 3.0)
+    low, high = np.percentile(points_m, [1, 99], axis=0)
+    target = (low + high) / 2
+    orbit = Orbit(tuple(target.tolist()), 1.0)
+    half = max((high - low)[1] / 2, (high - low)[0] / 2 / aspect) * 1.18
+    away = half / np.tan(np.radians(orbit.angle_deg / 2)) + float(target[2] - low[2])
+    return replace(orbit, distance_m=float(max(away, 0.3)))

@@ -1,0 +1,192 @@
+"""The part palette: twelve tiles laid out like a body that faces you, as the keys are."""
+
+from dataclasses import dataclass
+
+from PySide6.QtCore import QPointF, QRect, QRectF, Qt, Signal
+from PySide6.QtGui import QColor, QFont, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPen
+from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+
+from annotate.gui.colors import Visibility
+from annotate.gui.desk import Desk
+from annotate.gui.keys import BODY_GRID, Settings
+from annotate.gui.theme import DARK, Theme, part_color
+from annotate.parts import BACKGROUND, PARTS, UNDEFINED
+
+ICON_PX = 16
+HEIGHT_PX = 62
+
+
+@dataclass(frozen=True)
+class TileState:
+    """What a tile shows. count: pixels of the part."""
+
+    count: int = 0
+    chosen: bool = False
+    locked: bool = False
+    visibility: Visibility = "shown"
+
+
+class PartTile(QWidget):
+    """One part: its key, colour, name and count, with a lock and an eye to click."""
+
+    chosen = Signal(int)
+    lock_clicked = Signal(int)
+    eye_clicked = Signal(int)
+
+    def __init__(self, part: int, key: str) -> None:
+        super().__init__()
+        self.part, self.key, self.theme, self.state = part, key, DARK, TileState()
+        self.setFixedHeight(HEIGHT_PX)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.setMouseTracking(True)
+        name = "Undefined" if part == UNDEFINED else PARTS[part].title
+        self.setToolTip(f"{name}: {key} chooses it, Shift+{key} locks it, Alt+{key} fades, then hides it")
+
+    @property
+    def lock_rect(self) -> QRect:
+        """Where a click locks."""
+        return QRect(self.width() - 2 * ICON_PX - 10, 4, ICON_PX + 2, ICON_PX + 4)
+
+    @property
+    def eye_rect(self) -> QRect:
+        """Where a click fades, hides and shows again."""
+        return QRect(self.width() - ICON_PX - 6, 4, ICON_PX + 2, ICON_PX + 4)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        place = event.position().toPoint()
+        if self.lock_rect.contains(place):
+            self.lock_clicked.emit(self.part)
+        elif self.eye_rect.contains(place):
+            self.eye_clicked.emit(self.part)
+        else:
+            self.chosen.emit(self.part)
+
+    def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        painter, theme, state = QPainter(self), self.theme, self.state
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        body = QRectF(self.rect()).adjusted(1.5, 1.5, -1.5, -1.5)
+        path = QPainterPath()
+        path.addRoundedRect(body, 8, 8)
+        painter.fillPath(path, QColor(theme.raised))
+        color = part_color(self.part, theme)
+        painter.setClipPath(path)
+        painter.fillRect(QRectF(body.left(), body.top(), 6, body.height()), color)
+        painter.setClipping(False)
+        edge = QColor(theme.accent) if state.chosen else QColor(theme.line)
+        painter.setPen(QPen(edge, 2.5 if state.chosen else 1))
+        painter.drawPath(path)
+        if state.visibility == "hidden":
+            painter.setOpacity(0.5)
+        self._write(painter)
+        painter.setOpacity(1)
+        draw_lock(painter, self.lock_rect, QColor(theme.warn if state.locked else theme.line), state.locked)
+        draw_eye(painter, self.eye_rect, QColor(theme.quiet), state.visibility)
+
+    def _write(self, painter: QPainter) -> None:
+        theme, inside = self.theme, self.rect().adjusted(14, 6, -7, -5)
+        font = QFont(self.font())
+        font.setPixelSize(12)
+        font.setBold(True)
+        painter.setFont(font)
+        painter.setPen(QColor(theme.quiet))
+        painter.drawText(inside, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop, self.key)
+        font.setBold(self.state.chosen)
+        painter.setFont(font)
+        painter.setPen(QColor(theme.text))
+        name = {BACKGROUND: "Erase", UNDEFINED: "Undefined"}.get(self.part, "")
+        name = name or PARTS[self.part].title.replace("Left ", "").replace("Right ", "").capitalize()
+        low = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+        painter.drawText(inside.adjusted(0, 12, 0, 0 if self.state.count == 0 else -6), low, name)
+        font.setPixelSize(10)
+        font.setBold(False)
+        painter.setFont(font)
+        painter.setPen(QColor(theme.quiet))
+        count = f"{self.state.count:,}" if self.state.count and self.part != BACKGROUND else ""
+        painter.drawText(inside, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignBottom, count)
+
+
+def draw_lock(painter: QPainter, rect: QRect, color: QColor, closed: bool) -> None:
+    """A padlock, closed or open."""
+    middle, top = rect.center().x() + 0.5, rect.top() + 3.0
+    painter.setPen(QPen(color, 1.6))
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    shackle = QRectF(middle - 3 + (0 if closed else 3), top, 6, 9)
+    painter.drawArc(shackle, 0, 180 * 16)
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(color)
+    painter.drawRoundedRect(QRectF(middle - 5, top + 5, 10, 7.5), 1.5, 1.5)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+
+
+def draw_eye(painter: QPainter, rect: QRect, color: QColor, how: Visibility) -> None:
+    """An eye: open, half, or struck out."""
+    middle = QPointF(rect.center()) + QPointF(0.5, 1)
+    path = QPainterPath(middle + QPointF(-7, 0))
+    path.quadTo(middle + QPointF(0, -8), middle + QPointF(7, 0))
+    path.quadTo(middle + QPointF(0, 8), middle + QPointF(-7, 0))
+    painter.setPen(QPen(color, 1.4))
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.drawPath(path)
+    if how != "faded":
+        painter.setBrush(color)
+    painter.drawEllipse(middle, 2.2, 2.2)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    if how == "hidden":
+        painter.drawLine(middle + QPointF(-6, 6), middle + QPointF(6, -6))
+
+
+class Palette(QWidget):
+    """The tiles. chosen, locked, faded: a part's tile, lock or eye was clicked."""
+
+    chosen = Signal(int)
+    locked = Signal(int)
+    faded = Signal(int)
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__()
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(12, 8, 12, 10)
+        layout.setSpacing(4)
+        layout.addWidget(_sides())
+        grid = QGridLayout()
+        grid.setSpacing(5)
+        layout.addLayout(grid)
+        self.tiles: dict[int, PartTile] = {}
+        for row, parts in enumerate(BODY_GRID):
+            for column, part in enumerate(parts):
+                grid.addWidget(self._tile(part, settings.key(PARTS[part].name)), row, column)
+        grid.addWidget(self._tile(UNDEFINED, settings.key("undefined")), len(BODY_GRID), 0, 1, 3)
+
+    def _tile(self, part: int, key: str) -> PartTile:
+        tile = self.tiles[part] = PartTile(part, key)
+        if part == UNDEFINED:
+            tile.setFixedHeight(44)
+        tile.chosen.connect(self.chosen)
+        tile.lock_clicked.connect(self.locked)
+        tile.eye_clicked.connect(self.faded)
+        return tile
+
+    def show_desk(self, desk: Desk, theme: Theme) -> None:
+        """Counts, choice, locks and eyes as they are."""
+        counts = desk.counts()
+        for part, tile in self.tiles.items():
+            how = desk.visibility.get(part, "shown")
+            if desk.alone and part != desk.part:
+                how = "hidden"
+            tile.theme = theme
+            tile.state = TileState(counts[part], part == desk.part, part in desk.locks, how)
+            tile.update()
+
+
+def _sides() -> QWidget:
+    """Whose left and right it is: the person's, who faces you."""
+    head = QWidget()
+    row = QGridLayout(head)
+    row.setContentsMargins(2, 0, 2, 0)
+    aligns = Qt.AlignmentFlag.AlignLeft, Qt.AlignmentFlag.AlignCenter, Qt.AlignmentFlag.AlignRight
+    for column, (text, align) in enumerate(zip(("THEIR RIGHT", "PARTS", "THEIR LEFT"), aligns, strict=True)):
+        label = QLabel(text, objectName="caption")
+        row.addWidget(label, 0, column, align)
+    return head

@@ -1,0 +1,70 @@
+"""Tries the screen and the graphics in a process of its own: where they fail, Qt ends the process.
+
+``python -m annotate.gui.probe`` prints the version of OpenGL, such as "4.5", or "0.0" where there is none.
+"""
+
+import os
+import subprocess
+import sys
+
+from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext, QSurfaceFormat
+
+from sensors.errors import CloudError
+
+OPENGL = (3, 2)
+"""The least version that VTK draws with."""
+TIMEOUT_S = 60
+
+
+def main() -> None:
+    """What the process does."""
+    app = QGuiApplication([])
+    surface_format = QSurfaceFormat()
+    surface_format.setVersion(*OPENGL)
+    surface_format.setProfile(QSurfaceFormat.OpenGLContextProfile.CoreProfile)
+    context, surface = QOpenGLContext(), QOffscreenSurface()
+    context.setFormat(surface_format)
+    surface.create()
+    works = context.create() and context.makeCurrent(surface)
+    version = context.format().version() if works else (0, 0)
+    sys.stdout.write("{}.{}\n".format(*version))
+    del app
+
+
+def check_screen() -> None:
+    """Raises CloudError, saying what to do, where the window could not be shown."""
+    names = [name for name in ("DISPLAY", "WAYLAND_DISPLAY") if os.environ.get(name)]
+    if not names:
+        raise CloudError(
+            "there is no screen (neither DISPLAY nor WAYLAND_DISPLAY is set); "
+            "start it on a desktop, over ssh -X, or with xvfb-run -a"
+        )
+    command = [sys.executable, "-m", "annotate.gui.probe"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise CloudError(f"the screen did not answer within {TIMEOUT_S} s; check the desktop") from error
+    if "could not connect" in done.stderr:
+        screens = " and ".join(f"{name}={os.environ[name]}" for name in names)
+        raise CloudError(f"the screen {screens} cannot be reached; log in on the desktop, or use xvfb-run -a")
+    if done.returncode:
+        why = next((line for line in done.stderr.splitlines() if line.strip()), f"exit {done.returncode}")
+        raise CloudError(
+            f"Qt cannot start ({why.strip()[:200]}); install what its xcb plugin needs: "
+            "apt install libxcb-cursor0 libxkbcommon-x11-0 libxcb-icccm4 libxcb-keysyms1"
+        )
+    check_opengl(done.stdout.strip())
+
+
+def check_opengl(version: str) -> None:
+    """Raises CloudError for a version such as "2.1" that is too old, and for "0.0"."""
+    if tuple(int(n) for n in version.split(".")) < OPENGL:
+        found = "no OpenGL" if version == "0.0" else f"OpenGL {version}"
+        raise CloudError(
+            f"the graphics driver offers {found}, the window needs {OPENGL[0]}.{OPENGL[1]}; "
+            "update the driver, or set LIBGL_ALWAYS_SOFTWARE=1 to draw without it"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,38 @@
+"""From the cloud to the screen: where each point lands, and which points a view shows. No window here.
+
+Screen coordinates are Qt's logical pixels, x right and y down from the view's upper left corner, whatever
+the screen's pixel ratio: so a selection never lies beside the pointer on a fine display.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.select import CELL_PX, View
+
+CELL_SPACINGS = 2.2
+"""Size of a view's cell in distances of neighbouring points: leaves no gap for what lies behind."""
+
+
+def project(
+    points_m: NDArray[np.float32],
+    shown: NDArray[np.bool_],
+    screen_from_world: NDArray[np.float64],
+    size_px: tuple[int, int],
+    spacing_px: float,
+) -> View:
+    """Project points (n, 3), depth-camera frame, with a VTK composite matrix (4, 4) onto a view.
+
+    shown: bool (n,); the others neither hide nor can be chosen. size_px: (width, height). spacing_px:
+    distance of neighbouring points on the screen. Points at or behind the eye are not on the screen.
+    """
+    matrix = screen_from_world.astype(np.float32)
+    at = np.flatnonzero(shown)
+    points = points_m[at]
+    x, y, w = (points @ matrix[row, :3] + matrix[row, 3] for row in (0, 1, 3))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        w = np.where(w > 0, w, np.float32(np.nan))
+        xy = np.stack([(x / w + 1) / 2 * size_px[0], (1 - y / w) / 2 * size_px[1]], axis=1)
+    xy_px = np.full((len(points_m), 2), np.nan, np.float32)
+    distance_m = np.full(len(points_m), np.nan, np.float32)
+    xy_px[at], distance_m[at] = xy, w
+    return View(xy_px, distance_m, size_px, max(CELL_PX, round(CELL_SPACINGS * spacing_px)))

@@ -1,0 +1,159 @@
+"""One frame as the window shows it: its points and everything they can be coloured by. No window here."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.cloud import ThermalCloud
+from annotate.correction import Correction
+from annotate.edit_supervoxels import edit_supervoxels
+from annotate.fuse import Fuser
+from annotate.labels import FrameLabels
+from annotate.store import LabelSet
+from sensors.calibration import RigCalibration
+from sensors.errors import CloudError, FormatError
+from sensors.importers import open_source
+
+NEAR_PX = 10
+"""Room this near to the person, in pixels of the depth image, is shown in full: a limb may be missing."""
+ROOM_POINTS = 50_000
+"""The rest of the room is thinned to about so many points."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One frame, read and fused; arrays are (h, w, ...) or flat over its pixels.
+
+    labels: as stored when it was read. cloud: its points; colours and temperatures where a session is
+    known. other: part ids (h, w) of the compared set, or None. near: bool (h * w,), points shown in
+    full. room: int64 (k,), pixels of the thinned rest, every ``room_step``th along each side.
+    shade: float32 (h * w,), 0 edge-on to 1 head-on. pieces: int32 (h, w), the supervoxels that a click
+    takes, -1 = none. remark: what is missing and why, "" if nothing.
+    """
+
+    labels: FrameLabels
+    cloud: ThermalCloud
+    other: NDArray[np.uint8] | None
+    near: NDArray[np.bool_]
+    room: NDArray[np.int64]
+    room_step: int
+    shade: NDArray[np.float32]
+    pieces: NDArray[np.int32]
+    remark: str = ""
+
+    @property
+    def points_m(self) -> NDArray[np.float32]:
+        """Points (h * w, 3) in metres, depth-camera frame, NaN where there is no reading."""
+        return self.cloud.points_m.reshape(-1, 3)
+
+    @property
+    def spacing(self) -> float:
+        """Distance of neighbouring points seen head-on, as a share of their depth."""
+        return 1.0 / self.cloud.camera.fx
+
+
+class SceneReader:
+    """Reads scenes of the set that is being corrected; also from a thread beside the window's."""
+
+    def __init__(
+        self, correction: Correction, session: Path | None = None, other: LabelSet | None = None
+    ) -> None:
+        """Raises FormatError where the session or the other set is not of these frames' size."""
+        self._correction, self.other = correction, other
+        labels = self.labels = correction.labels
+        self._source = open_source(session) if session else None
+        # A label set's depth images are undistorted already.
+        self._bare = Fuser(RigCalibration(labels.intrinsics))
+        self._fuser = Fuser(self._source.calibration) if self._source else self._bare
+        if self._fuser.camera.shape != labels.intrinsics.shape:
+            raise FormatError(
+                f"{session} has images of {self._fuser.camera.shape}, {labels.path} of "
+                f"{labels.intrinsics.shape}; give the session that was labelled"
+            )
+        if other and other.intrinsics.shape != labels.intrinsics.shape:
+            raise FormatError(
+                f"{other.path} has frames of {other.intrinsics.shape}, {labels.path} of "
+                f"{labels.intrinsics.shape}; compare two sets of the same recording"
+            )
+
+    def read(self, frame_id: str) -> Scene:
+        """One frame. Raises FormatError naming the file of the label set that is missing or corrupt.
+
+        Colour, temperature or the other set's parts that cannot be had are left out with a remark.
+        Raises RestorableError where the label set can be mended.
+        """
+        labels = self._correction.frame(frame_id)
+        other, unlike = self._compared(labels)
+        cloud, without = self._fused(labels)
+        near, room, step = _levels(labels, other)
+        color = cloud.color_rgb if cloud.color_valid.any() else None
+        pieces = edit_supervoxels(labels.depth_mm, labels.parts, cloud.camera, color)
+        remark = "; ".join(filter(None, [without, unlike]))
+        return Scene(labels, cloud, other, near, room, step, _shade(cloud), pieces, remark)
+
+    def _fused(self, labels: FrameLabels) -> tuple[ThermalCloud, str]:
+        plain = self._bare.fuse(labels.depth_mm)
+        if self._source is None:
+            return plain, ""
+        try:
+            fused = self._fuser.fuse_frame(self._source.frame(int(labels.frame_id)))
+        except (CloudError, ValueError, IndexError, OSError) as error:
+            return plain, f"no colour or temperature: {error}"
+        if not np.array_equal(fused.depth_mm, labels.depth_mm):
+            return plain, "no colour or temperature: the session shows another depth image"
+        return fused, ""
+
+    def _compared(self, labels: FrameLabels) -> tuple[NDArray[np.uint8] | None, str]:
+        if self.other is None:
+            return None, ""
+        try:
+            other = self.other.read(labels.frame_id)
+        except CloudError as error:
+            return None, f"nothing to compare: {error}"
+        if not np.array_equal(other.depth_mm, labels.depth_mm):
+            return None, f"nothing to compare: {self.other.path} shows another depth image"
+        return other.parts, ""
+
+
+def find_session(labels: LabelSet) -> Path | None:
+    """The recording that the manifest names as source, if it lies beside the label set."""
+    name = labels.info.get("source")
+    if not isinstance(name, str) or not name or Path(name).name != name:
+        return None
+    path = labels.path.resolve().parent / f"{name}.mcap"
+    return path if path.is_file() else None
+
+
+def _levels(
+    labels: FrameLabels, other: NDArray[np.uint8] | None
+) -> tuple[NDArray[np.bool_], NDArray[np.int64], int]:
+    """What is shown in full, which of the other pixels are kept, and every how many along each side."""
+    valid = labels.depth_mm > 0
+    person = labels.parts > 0
+    if other is not None:
+        person |= other > 0
+    kernel = np.ones((2 * NEAR_PX + 1, 2 * NEAR_PX + 1), np.uint8)
+    near = (cv2.dilate(person.astype(np.uint8), kernel) > 0) & valid
+    rest = valid & ~near
+    # A regular lattice of larger points still closes a surface, where a random choice leaves noise.
+    step = max(1, int(np.ceil(np.sqrt(rest.sum() / ROOM_POINTS))))
+    lattice = np.zeros_like(rest)
+    lattice[::step, ::step] = True
+    return near.ravel(), np.flatnonzero(rest & lattice), step
+
+
+def _shade(cloud: ThermalCloud) -> NDArray[np.float32]:
+    """Cosine between the surface and the line of sight, from central differences of the points.
+
+    Colours alone show no shape where points are drawn unlit.
+    """
+    smooth = cv2.medianBlur(cloud.depth_mm, 5).astype(np.float32) / np.float32(1000)
+    # d(point)/du = z' * ray + z * d(ray)/du: the slope per metre of surface is z' * f / z.
+    along_u, along_v = (cv2.Sobel(smooth, cv2.CV_32F, *d, ksize=3) / 8 for d in ((1, 0), (0, 1)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope2 = ((along_u * cloud.camera.fx) ** 2 + (along_v * cloud.camera.fy) ** 2) / smooth**2
+    shade = 1 / np.sqrt(1 + slope2)
+    return np.asarray(np.nan_to_num(shade, nan=1.0), np.float32).ravel()

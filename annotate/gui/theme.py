@@ -1,0 +1,115 @@
+"""Light and dark: a handful of named colours, and Qt's style made of them."""
+
+from dataclasses import dataclass
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor, QGuiApplication, QPalette
+
+from annotate.parts import PARTS, UNDEFINED
+
+Rgb = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours as "#rrggbb". ground: behind the cloud; surface: panels; raised: buttons; line: borders;
+    text, quiet: words; accent: what is chosen; good, warn, bad: states."""
+
+    name: str
+    ground: str
+    surface: str
+    raised: str
+    line: str
+    text: str
+    quiet: str
+    accent: str
+    on_accent: str
+    good: str
+    warn: str
+    bad: str
+
+    @property
+    def ground_rgb(self) -> Rgb:
+        """The cloud's background as numbers."""
+        color = QColor(self.ground)
+        return color.red(), color.green(), color.blue()
+
+
+DARK = Theme(
+    *("dark", "#14161b", "#1c1f26", "#272b34", "#353a46", "#e8eaf0", "#98a0b0"),
+    *("#5b9dff", "#08101e", "#4cc38a", "#f5b73d", "#f2706b"),
+)
+LIGHT = Theme(
+    *("light", "#eef0f4", "#ffffff", "#f0f2f6", "#d4d8e0", "#1b1f27", "#5c6472"),
+    *("#1f66d6", "#ffffff", "#18794e", "#9a5b00", "#c62f2f"),
+)
+
+
+def theme_of(name: str) -> Theme:
+    """The theme of a setting: "light", "dark", or the system's own."""
+    if name == "system":
+        scheme = QGuiApplication.styleHints().colorScheme()
+        return LIGHT if scheme == Qt.ColorScheme.Light else DARK
+    return LIGHT if name == "light" else DARK
+
+
+def part_color(part: int, theme: Theme) -> QColor:
+    """The colour a part has in lists; the background takes the room's grey."""
+    if part == UNDEFINED:
+        return QColor(128, 128, 128)
+    return QColor(*PARTS[part].rgb) if part else QColor(theme.line)
+
+
+def qt_palette(theme: Theme) -> QPalette:
+    """Qt's own palette, for what no style sheet reaches."""
+    palette = QPalette()
+    roles = QPalette.ColorRole
+    for role, color in (
+        (roles.Window, theme.surface),
+        (roles.WindowText, theme.text),
+        (roles.Base, theme.surface),
+        (roles.AlternateBase, theme.raised),
+        (roles.Text, theme.text),
+        (roles.Button, theme.raised),
+        (roles.ButtonText, theme.text),
+        (roles.Highlight, theme.accent),
+        (roles.HighlightedText, theme.on_accent),
+        (roles.ToolTipBase, theme.raised),
+        (roles.ToolTipText, theme.text),
+        (roles.PlaceholderText, theme.quiet),
+    ):
+        palette.setColor(role, QColor(color))
+    return palette
+
+
+def style_sheet(theme: Theme) -> str:
+    """The look of all widgets."""
+    t = theme
+    return f"""
+    QWidget {{ color: {t.text}; font-size: 13px; }}
+    QMainWindow, QDialog, #panel {{ background: {t.surface}; }}
+    QFrame#line {{ background: {t.line}; max-height: 1px; min-height: 1px; border: none; }}
+    QLabel#title {{ font-size: 14px; font-weight: 600; }}
+    QLabel#quiet, QLabel#caption {{ color: {t.quiet}; }}
+    QLabel#caption {{ font-size: 11px; font-weight: 600; letter-spacing: 1px; }}
+    QLabel#key {{ background: {t.raised}; border: 1px solid {t.line}; border-radius: 4px;
+        padding: 1px 6px; font-family: monospace; font-size: 12px; }}
+    QLabel#warn {{ color: {t.warn}; }}
+    QLabel#badge {{ border-radius: 9px; padding: 2px 10px; font-weight: 600; }}
+    QToolButton, QPushButton {{ background: {t.raised}; border: 1px solid {t.line}; border-radius: 6px;
+        padding: 5px 10px; }}
+    QToolButton:hover, QPushButton:hover {{ border-color: {t.accent}; }}
+    QToolButton:checked, QPushButton:default {{ background: {t.accent}; color: {t.on_accent};
+        border-color: {t.accent}; }}
+    QToolButton:disabled, QPushButton:disabled {{ color: {t.quiet}; background: {t.surface}; }}
+    QLineEdit {{ background: {t.raised}; border: 1px solid {t.line}; border-radius: 6px; padding: 6px 8px; }}
+    QLineEdit:focus {{ border-color: {t.accent}; }}
+    QListView {{ background: {t.surface}; border: none; outline: none; }}
+    QScrollBar:horizontal {{ background: {t.surface}; height: 8px; }}
+    QScrollBar:vertical {{ background: {t.surface}; width: 8px; }}
+    QScrollBar::handle {{ background: {t.line}; border-radius: 4px; min-width: 32px; min-height: 32px; }}
+    QScrollBar::add-line, QScrollBar::sub-line {{ width: 0; height: 0; }}
+    QScrollBar::add-page, QScrollBar::sub-page {{ background: transparent; }}
+    QSplitter::handle {{ background: {t.line}; }}
+    QToolTip {{ background: {t.raised}; color: {t.text}; border: 1px solid {t.line}; padding: 4px; }}
+    """

@@ -1,0 +1,142 @@
+"""The tools in a column: one to a key, each with its picture."""
+
+from collections.abc import Callable
+from functools import partial
+
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap, QPolygonF
+from PySide6.QtWidgets import QLabel, QToolButton, QVBoxLayout, QWidget
+
+from annotate.gui.drawing import TOOLS
+from annotate.gui.keys import Settings
+from annotate.gui.pointing import Pointing
+from annotate.gui.theme import Theme
+
+STROKES = {"through": "Through", "only": "One part", "room": "Room too"}
+"""Switches of ``Pointing``, and their titles."""
+ICON = QSize(30, 30)
+Draw = Callable[[QPainter], None]
+
+
+def _piece(painter: QPainter) -> None:
+    cells = ((4, 5), (13, 3), (21, 8), (6, 14), (14, 12), (22, 17), (9, 22), (17, 21))
+    for i, (x, y) in enumerate(cells):
+        shape = QRectF(x, y, 7, 7)
+        painter.setOpacity(1.0 if i == 4 else 0.35)
+        painter.fillRect(shape, painter.pen().color())
+    painter.setOpacity(1)
+
+
+def _lasso(painter: QPainter) -> None:
+    painter.drawEllipse(QRectF(4, 5, 22, 14))
+    painter.drawArc(QRectF(7, 15, 10, 12), 60 * 16, -220 * 16)
+
+
+def _polygon(painter: QPainter) -> None:
+    corners = [QPointF(5, 10), QPointF(17, 4), QPointF(26, 13), QPointF(21, 25), QPointF(8, 22)]
+    painter.drawPolygon(QPolygonF(corners))
+    for corner in corners:
+        painter.fillRect(QRectF(corner.x() - 2.5, corner.y() - 2.5, 5, 5), painter.pen().color())
+
+
+def _rectangle(painter: QPainter) -> None:
+    pen = QPen(painter.pen())
+    pen.setStyle(Qt.PenStyle.DashLine)
+    painter.setPen(pen)
+    painter.drawRect(QRectF(5, 7, 20, 16))
+
+
+def _brush(painter: QPainter) -> None:
+    painter.drawLine(QPointF(25, 4), QPointF(14, 17))
+    painter.setBrush(painter.pen().color())
+    painter.drawEllipse(QPointF(10, 21), 5, 5)
+
+
+def _through(painter: QPainter) -> None:
+    painter.drawRect(QRectF(5, 5, 13, 13))
+    pen = QPen(painter.pen())
+    pen.setStyle(Qt.PenStyle.DotLine)
+    painter.setPen(pen)
+    painter.drawRect(QRectF(12, 12, 13, 13))
+
+
+def _only(painter: QPainter) -> None:
+    painter.drawEllipse(QPointF(15, 15), 10, 10)
+    painter.setBrush(painter.pen().color())
+    painter.drawEllipse(QPointF(15, 15), 4, 4)
+
+
+def _room(painter: QPainter) -> None:
+    painter.drawEllipse(QPointF(15, 9), 4, 4)
+    painter.drawArc(QRectF(8, 15, 14, 18), 0, 180 * 16)
+    painter.drawPolyline([QPointF(4, 26), QPointF(4, 4), QPointF(26, 4), QPointF(26, 26)])
+
+
+DRAWN: dict[str, Draw] = {
+    "piece": _piece,
+    "lasso": _lasso,
+    "polygon": _polygon,
+    "rectangle": _rectangle,
+    "brush": _brush,
+    "through": _through,
+    "only": _only,
+    "room": _room,
+}
+
+
+def icon(name: str, color: str, ratio: float) -> QIcon:
+    """A tool's picture in a colour, sharp at a screen's pixel ratio."""
+    pixmap = QPixmap(ICON * ratio)
+    pixmap.setDevicePixelRatio(ratio)
+    pixmap.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(pixmap)
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    painter.setPen(QPen(QColor(color), 2))
+    DRAWN[name](painter)
+    painter.end()
+    return QIcon(pixmap)
+
+
+class ToolColumn(QWidget):
+    """chosen: a tool was clicked. toggled: one of STROKES was."""
+
+    chosen = Signal(str)
+    toggled = Signal(str)
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(objectName="panel")
+        self.setFixedWidth(108)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(10, 12, 10, 12)
+        column.setSpacing(6)
+        column.addWidget(QLabel("TOOLS", objectName="caption"))
+        self.buttons: dict[str, QToolButton] = {}
+        for name in (*TOOLS, *STROKES):
+            if name == "through":
+                column.addSpacing(10)
+                column.addWidget(QLabel("STROKES", objectName="caption"))
+            button = self._button(name, STROKES.get(name, name.capitalize()), settings)
+            column.addWidget(button)
+        column.addStretch(1)
+
+    def _button(self, name: str, title: str, settings: Settings) -> QToolButton:
+        button = self.buttons[name] = QToolButton()
+        button.setText(f"{title}  {settings.key(name)}")
+        button.setToolTip(next(b.says for b in settings.bindings if b.name == name))
+        button.setCheckable(True)
+        button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        button.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextUnderIcon)
+        button.setIconSize(ICON)
+        button.setFixedSize(88, 60)
+        button.setStyleSheet("font-size: 11px; padding: 2px")
+        signal = self.chosen if name in TOOLS else self.toggled
+        button.clicked.connect(partial(signal.emit, name))
+        return button
+
+    def show_state(self, pointing: Pointing, theme: Theme) -> None:
+        """Press the buttons in that are on."""
+        on = {pointing.tool, *(name for name in STROKES if getattr(pointing, name))}
+        for name, button in self.buttons.items():
+            button.setChecked(name in on)
+            color = theme.on_accent if name in on else theme.text
+            button.setIcon(icon(name, color, self.devicePixelRatioF()))

@@ -1,0 +1,90 @@
+"""The way through the frames: their order, what comes next, and reading ahead. No window here."""
+
+from collections.abc import Callable
+
+from annotate.correction import Correction, RestorableError
+from annotate.edit import Editor
+from annotate.gui.prefetch import Prefetch
+from annotate.gui.scene import Scene, SceneReader
+from sensors.errors import CloudError
+
+Opened = tuple[Scene, Editor | None]
+"""A frame to lay on the desk; without an editor where the set is open read-only."""
+
+
+class Walk:
+    """The frames of one set. ask_restore: says whether to rebuild a broken frame, given what is wrong.
+
+    worst_first: the order, else by time. frame_ids: in this order.
+    """
+
+    def __init__(
+        self, correction: Correction, reader: SceneReader, ask_restore: Callable[[str], bool]
+    ) -> None:
+        self.correction, self._ask_restore = correction, ask_restore
+        self._prefetch = Prefetch(reader.read)
+        self.worst_first = False
+        self.frame_ids = correction.frame_ids
+
+    def reorder(self) -> None:
+        """The other order."""
+        self.worst_first = not self.worst_first
+        self.frame_ids = self.correction.frame_ids
+        if self.worst_first:
+            self.frame_ids.sort(key=self._confidence)
+
+    def first(self) -> Opened:
+        """The first frame that nobody has finished, or else the first that can be read.
+
+        Raises what reading the first one raised when none can, CloudError for an empty set.
+        """
+        states = {frame_id: self.correction.state(frame_id) for frame_id in self.frame_ids}
+        error: CloudError | None = None
+        for frame_id in sorted(self.frame_ids, key=lambda i: states[i] not in ("auto", "touched")):
+            try:
+                return self.open(frame_id)
+            except CloudError as reason:
+                error = error or reason
+        raise error or CloudError(f"{self.correction.labels.path} holds no frames; label a recording first")
+
+    def open(self, frame_id: str) -> Opened:
+        """A frame, its broken files restored where the user agrees. Raises CloudError."""
+        scene = self._scene(frame_id)
+        editor = None if self.correction.read_only else self.correction.edit(frame_id)
+        at = self.frame_ids.index(frame_id)
+        self._prefetch.want([*self.frame_ids[max(0, at - 1) : at + 3], frame_id])
+        return scene, editor
+
+    def beside(self, frame_id: str, by: int) -> str | None:
+        """The frame ``by`` places on in the order, or None."""
+        at = self.frame_ids.index(frame_id) + by
+        return self.frame_ids[at] if 0 <= at < len(self.frame_ids) else None
+
+    def before(self, frame_id: str) -> str:
+        """The frame before in time. Raises CloudError for the first."""
+        frame_ids = self.correction.frame_ids
+        at = frame_ids.index(frame_id)
+        if not at:
+            raise CloudError("This is the first frame: there is none before it")
+        return frame_ids[at - 1]
+
+    def close(self) -> None:
+        """Stop reading ahead."""
+        self._prefetch.close()
+
+    def _scene(self, frame_id: str) -> Scene:
+        try:
+            return self._prefetch.take(frame_id)
+        except RestorableError as error:
+            if self.correction.read_only or not self._ask_restore(str(error)):
+                raise
+            self.correction.restore(frame_id)
+            return self._prefetch.take(frame_id)
+
+    def _confidence(self, frame_id: str) -> float:
+        """As the labelling noted it; frames without come last."""
+        try:
+            value = self.correction.labels.notes(frame_id).get("confidence")
+        except CloudError:
+            return -1.0
+        return float(value) if isinstance(value, int | float) else 2.0

@@ -1,0 +1,153 @@
+"""Patches of one colour on a person, and which parts they can be: a second opinion before any pixel's.
+
+Within a patch all supervoxels share the same cloth, fold and lamp, so that their colours are one piece of
+evidence, not many. A patch's colour alone is often ambiguous once cloth has faded and light is coloured;
+where it lies among the others rarely is.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.body_plan import CONTACT, DISTANCE_M, DISTANCE_SD_M
+from annotate.color_model import GAIN, GAIN_SIGMA, GAIN_STEPS, ColorModel, under
+from annotate.parts import BODY_PARTS
+from annotate.supervoxels import Supervoxels
+
+MERGE = 0.15
+"""Chromaticity difference at which touching supervoxels are parted, and how much less may join small ones
+(k of Felzenszwalb & Huttenlocher 2004, in supervoxels)."""
+MOST = 32
+"""The largest patches are labelled together; the others wait for their surroundings."""
+LEAST_POINTS = 15
+LIGHTS, BEAM = 12, 40
+"""How many lights are followed, and how many labellings of the patches in each."""
+DISTANCE_WEIGHT, DISTANCE_WIDER = 6.0, 1.3
+"""How many independent distances all those of a patch are worth; poses the rig has not seen are wider."""
+CONTACT_WEIGHT, FULL_CONTACT = 1.0, 3.0
+"""Weight of a contact, and how many touching pairs of supervoxels make one."""
+STRAY = -8.0
+"""Log likelihood of a patch whose colour is no swatch's."""
+
+_N = len(BODY_PARTS)
+_Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Patches of one colour: ids (G,) of the supervoxels' patches, 0 the largest; then by patch (R, ...).
+
+    chroma (R, 2), blur (R,): mean chromaticity and its uncertainty. points: (R,) how many. middle_m: (R, 3).
+    contacts: (R, R) touching pairs of supervoxels.
+    """
+
+    ids: NDArray[np.intp]
+    chroma: _Array
+    blur: _Array
+    points: _Array
+    middle_m: _Array
+    contacts: _Array
+
+    def mean(self, values: _Array, by: _Array) -> _Array:
+        """Mean (R, k) over each patch of its supervoxels' values (G, k), weighted by (G,)."""
+        return _mean(self.ids, values, by)
+
+
+def patches_of(groups: Supervoxels, chroma: _Array, blur: _Array, middle_m: _Array) -> Patches:
+    """Join touching supervoxels of like chromaticity (G, 2), the likest first; blur (G,): its uncertainty."""
+    a, b = groups.edges.T
+    apart = np.linalg.norm(chroma[a] - chroma[b], axis=1)
+    parent, size, within = list(range(groups.count)), [1] * groups.count, [0.0] * groups.count
+
+    def root(i: int) -> int:
+        while parent[i] != i:
+            parent[i] = parent[parent[i]]
+            i = parent[i]
+        return i
+
+    for edge in np.argsort(apart, kind="stable").tolist():
+        i, j = root(int(a[edge])), root(int(b[edge]))
+        if i != j and apart[edge] <= min(within[i] + MERGE / size[i], within[j] + MERGE / size[j]):
+            parent[j], size[i], within[i] = i, size[i] + size[j], float(apart[edge])
+    roots = np.array([root(i) for i in range(groups.count)])
+    points = np.bincount(roots, groups.sizes, groups.count)
+    rank = np.argsort(np.argsort(-points, kind="stable"), kind="stable")
+    ids = rank[roots]
+    weight = groups.sizes / np.maximum(blur, 0.01) ** 2
+
+    count, sizes = int(ids.max()) + 1, groups.sizes.astype(np.float64)
+    contacts = np.zeros((count, count))
+    np.add.at(contacts, (ids[a], ids[b]), 1)
+    contacts = contacts + contacts.T
+    np.fill_diagonal(contacts, 0)
+    return Patches(
+        ids,
+        _mean(ids, chroma, weight),
+        _mean(ids, blur[:, None], sizes)[:, 0],
+        np.bincount(ids, sizes, count),
+        _mean(ids, middle_m, sizes),
+        contacts,
+    )
+
+
+def _mean(ids: NDArray[np.intp], values: _Array, by: _Array) -> _Array:
+    total = np.stack([np.bincount(ids, by * column) for column in values.T], axis=1)
+    return np.asarray(total / np.bincount(ids, by)[:, None])
+
+
+def read_together(patches: Patches, palette: ColorModel, earlier: _Array) -> tuple[_Array, _Array]:
+    """Belief (R, 11) about the patches and log gains (2,) of the light that explain them best as one body.
+
+    earlier: (R, 11) log evidence from elsewhere. A beam search over labellings, the largest patch first, in
+    the likeliest lights of a grid side by side; the belief is a mean over what is left in the beam.
+    """
+    used = np.flatnonzero(patches.points >= LEAST_POINTS)[:MOST]
+    if not len(used):
+        return np.full((len(patches.points), _N), 1 / _N), GAIN
+    gains, unary = _lights(patches, palette, used)
+    unary = unary + earlier[used]
+    pairs = _pairs(patches, used)
+    labels = np.zeros((len(gains), 1, len(used)), np.intp)
+    score = (-((gains - GAIN) ** 2).sum(axis=1) / (2 * GAIN_SIGMA**2))[:, None]
+    light = np.arange(len(gains))[:, None]
+    for n in range(len(used)):
+        heard = sum((pairs[m, n][labels[..., m]] for m in range(n)), np.zeros((1, 1, _N)))
+        grown = score[..., None] + unary[:, None, n] + heard
+        flat = grown.reshape(len(gains), -1)
+        best = np.argsort(-flat, axis=1, kind="stable")[:, :BEAM]
+        labels = labels[light, best // _N].copy()
+        labels[..., n] = best % _N
+        score = np.take_along_axis(flat, best, axis=1)
+    weight = np.exp(score - score.max())
+    belief = np.full((len(patches.points), _N), 1 / _N)
+    for n, patch in enumerate(used):
+        belief[patch] = np.bincount(labels[..., n].ravel(), weight.ravel(), _N)
+    belief[used] /= belief[used].sum(axis=1, keepdims=True)
+    return belief, np.asarray(gains[np.unravel_index(score.argmax(), score.shape)[0]])
+
+
+def _lights(patches: Patches, palette: ColorModel, used: NDArray[np.intp]) -> tuple[_Array, _Array]:
+    """The likeliest gains (L, 2) and the log likelihood (L, R, 11) of the patches' parts in each."""
+    gains = GAIN + np.stack(np.meshgrid(GAIN_STEPS, GAIN_STEPS), axis=-1).reshape(-1, 2)
+    weight = np.minimum(patches.points[used] / 40, 1)
+    unary = np.empty((len(gains), len(used), _N))
+    for light, gain in enumerate(gains):
+        match = under(palette, gain).match(patches.chroma[used], 0.5 * patches.blur[used])
+        best = np.stack([match[:, palette.wears[:, part]].max(axis=1) for part in range(_N)], axis=1)
+        unary[light] = np.logaddexp(best, STRAY) * weight[:, None]
+    fit = unary.max(axis=2).sum(axis=1) - ((gains - GAIN) ** 2).sum(axis=1) / (2 * GAIN_SIGMA**2)
+    likely = np.argsort(-fit, kind="stable")[:LIGHTS]
+    return gains[likely], unary[likely]
+
+
+def _pairs(patches: Patches, used: NDArray[np.intp]) -> _Array:
+    """Log score (R, R, 11, 11) of every pair of patches by their parts: how far apart, whether touching."""
+    middle = patches.middle_m[used]
+    away = np.linalg.norm(middle[:, None] - middle[None], axis=2)[..., None, None]
+    spread = DISTANCE_WIDER * DISTANCE_SD_M
+    distance = -0.5 * ((away - DISTANCE_M) / spread) ** 2 - np.log(spread / spread.mean())
+    share = patches.points[used] / patches.points[used].sum()
+    heed = DISTANCE_WEIGHT * (share[:, None] + share[None]) / 2
+    contact = CONTACT_WEIGHT * np.minimum(patches.contacts[np.ix_(used, used)] / FULL_CONTACT, 1)
+    return np.asarray(heed[..., None, None] * distance + contact[..., None, None] * CONTACT)

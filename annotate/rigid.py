@@ -1,0 +1,101 @@
+"""How every part of a body moved from one frame to the next: rigid motions along the part tree."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
+from sensors.calibration import Pose
+
+PARENTS = ((2, 2), (1, 2), (3, 2), (4, 2), (5, 3), (6, 4), (7, 2), (8, 7), (9, 7), (10, 8), (11, 9))
+"""(part, the part it hangs on), parents first: the part tree with the torso as its root."""
+GATES_M = (0.25, 0.25, 0.15, 0.15, 0.1, 0.1, 0.06, 0.06, 0.04, 0.04, 0.04)
+"""Largest distance of a pair in each step of a registration: a hand moves 0.3 m between frames at 2 Hz."""
+LEAST_POINTS = 25
+"""A part seen in fewer points moves with the part it hangs on."""
+SAMPLE = 300
+"""Points of a part that are registered."""
+STILL = Pose.identity()
+
+
+@dataclass(frozen=True)
+class Tagged:
+    """Points of a body and what the automatic labels call them.
+
+    points_m: float64 (n, 3), camera frame. tags: uint8 (n,) part ids as labelled automatically.
+    """
+
+    points_m: NDArray[np.float64]
+    tags: NDArray[np.uint8]
+
+
+def part_motions(source: Tagged, parts: NDArray[np.uint8], target: Tagged) -> list[Pose]:
+    """Motion to_target_from_source of every class id; the background's is none.
+
+    parts: uint8 (n,), the true part of every source point. Points are paired with the nearest ones that
+    carry the same tag: the same cloth is mistaken for the same part in both frames.
+    Each part is registered point to point (Besl & McKay 1992, trimmed by distance), starting from where
+    its parent went, from no motion, and from the shift of its middle; the best fit counts.
+    """
+    trees = {
+        int(tag): cKDTree(target.points_m[target.tags == tag])
+        for tag in np.unique(target.tags)
+        if tag not in (BACKGROUND, UNDEFINED)
+    }
+    motions = [STILL] * N_CLASSES
+    for part, parent in PARENTS:
+        own = np.flatnonzero((parts == part) & np.isin(source.tags, list(trees)))
+        if own.size < LEAST_POINTS:
+            motions[part] = motions[parent]
+            continue
+        own = own[:: max(1, own.size // SAMPLE)]
+        body = Tagged(source.points_m[own], source.tags[own])
+        starts = [motions[parent], STILL, *_middle_shift(body, part, trees)]
+        fits = [_register(body, trees, start) for start in starts]
+        motions[part] = min(fits, key=lambda fit: fit[0])[1]
+    return motions
+
+
+def _middle_shift(body: Tagged, part: int, trees: dict[int, cKDTree]) -> list[Pose]:
+    """The shift of the middle of the points tagged as this part, where both frames have enough."""
+    own = body.tags == part
+    if part not in trees or trees[part].n < LEAST_POINTS or own.sum() < LEAST_POINTS:
+        return []
+    shift = np.median(trees[part].data, axis=0) - np.median(body.points_m[own], axis=0)
+    return [Pose(np.eye(3), shift)]
+
+
+def _register(body: Tagged, trees: dict[int, cKDTree], start: Pose) -> tuple[float, Pose]:
+    """Mean distance in metres, cut at the last gate, and the motion."""
+    pose = start
+    for gate_m in GATES_M:
+        away_m, matched = _nearest(pose.apply(body.points_m), body.tags, trees)
+        paired = away_m <= gate_m
+        if paired.sum() < LEAST_POINTS:
+            break
+        pose = _align(body.points_m[paired], matched[paired])
+    away_m, _ = _nearest(pose.apply(body.points_m), body.tags, trees)
+    return float(np.minimum(away_m, GATES_M[-1]).mean()), pose
+
+
+def _nearest(
+    points_m: NDArray[np.float64], tags: NDArray[np.uint8], trees: dict[int, cKDTree]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Distance (n,) to, and place (n, 3) of, the nearest point of the same tag."""
+    away_m, matched = np.empty(len(points_m)), np.empty_like(points_m)
+    for tag in np.unique(tags):
+        own, tree = tags == tag, trees[int(tag)]
+        away_m[own], index = tree.query(points_m[own])
+        matched[own] = tree.data[index]
+    return away_m, matched
+
+
+def _align(source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
+    """The rigid motion with the least squared distances (Kabsch 1976)."""
+    middle, goal = source.mean(axis=0), target.mean(axis=0)
+    u, _, vt = np.linalg.svd((target - goal).T @ (source - middle))
+    mirrored = np.array([1, 1, np.sign(np.linalg.det(u @ vt))])
+    matrix = (u * mirrored) @ vt
+    return Pose(matrix, goal - matrix @ middle)

@@ -1,0 +1,170 @@
+"""Which pixels a gesture means: shapes drawn on a view of the cloud, and pieces of its surface.
+
+Point index = pixel index: every function takes and gives flat indices (n,) into the depth image.
+Nothing here knows a window; a view is where each pixel's point lands on the screen.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.grid import JUMP
+from sensors.errors import CloudError
+
+CELL_PX = 3
+"""Screen cells in which the nearest point hides the others."""
+BEHIND = 0.03
+"""Share of the distance that a point in front may lie behind its cell's nearest: 6 cm at 2 m."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the cloud is seen. Taken once for every camera move.
+
+    xy_px: float32 (n, 2), screen position of each pixel's point, y down; NaN = not on the screen.
+    distance_m: float32 (n,), from the eye. size_px: (width, height) of the screen. cell_px: size of the
+    cells in which the nearest point hides the others; at least twice the distance of neighbouring points
+    on the screen, or what lies behind shines through. Raises CloudError on shapes that differ.
+    """
+
+    xy_px: NDArray[np.float32]
+    distance_m: NDArray[np.float32]
+    size_px: tuple[int, int]
+    cell_px: int = CELL_PX
+
+    def __post_init__(self) -> None:
+        if self.xy_px.shape != (len(self.distance_m), 2):
+            raise CloudError(f"view has points {self.xy_px.shape} for {len(self.distance_m)} distances")
+
+    @classmethod
+    def of_image(cls, depth_mm: NDArray[np.uint16], scale: float = 1.0) -> "View":
+        """The depth image itself (h, w) as a pane shows it, ``scale`` screen pixels to one of its own.
+
+        Pixels without depth are there too, so that they can be seen; the editor leaves them alone.
+        """
+        height, width = depth_mm.shape
+        v, u = np.divmod(np.arange(depth_mm.size), width)
+        xy_px = (np.stack([u, v], axis=1).astype(np.float32) + np.float32(0.5)) * np.float32(scale)
+        size = round(width * scale), round(height * scale)
+        return cls(xy_px, depth_mm.ravel().astype(np.float32) / np.float32(1000), size)
+
+    @cached_property
+    def pixels(self) -> NDArray[np.int64]:
+        """Flat indices (m,) of the points on the screen."""
+        x, y = self.xy_px.T
+        return np.flatnonzero((x >= 0) & (y >= 0) & (x < self.size_px[0]) & (y < self.size_px[1]))
+
+    @cached_property
+    def cells(self) -> NDArray[np.int64]:
+        """Screen pixel (m,), row by row, of each of ``pixels``."""
+        xy = self.xy_px[self.pixels].astype(np.int64)
+        return xy[:, 1] * self.size_px[0] + xy[:, 0]
+
+    @cached_property
+    def front(self) -> NDArray[np.bool_]:
+        """Which of all points (n,) are in front: none in their cell is nearer by more than BEHIND."""
+        xy = self.xy_px[self.pixels].astype(np.int64) // self.cell_px
+        across = self.size_px[0] // self.cell_px + 1
+        cell = xy[:, 1] * across + xy[:, 0]
+        distance = self.distance_m[self.pixels]
+        nearest = np.full((self.size_px[1] // self.cell_px + 1) * across, np.inf, np.float32)
+        np.minimum.at(nearest, cell, distance)
+        front = np.zeros(len(self.xy_px), np.bool_)
+        front[self.pixels] = distance <= nearest[cell] * np.float32(1 + BEHIND)
+        return front
+
+
+def polygon(view: View, corners_px: NDArray[np.floating], through: bool = False) -> NDArray[np.int64]:
+    """Points inside a lasso or polygon, corners (k, 2) in screen pixels; those in front, or all through."""
+    shape = np.zeros(view.size_px[::-1], np.uint8)
+    cv2.fillPoly(shape, [_fixed(corners_px)], 1, shift=_SHIFT)
+    return _under(view, shape, through)
+
+
+def rectangle(
+    view: View, corner_px: tuple[float, float], opposite_px: tuple[float, float], through: bool = False
+) -> NDArray[np.int64]:
+    """Points inside a rectangle between two opposite corners in screen pixels."""
+    (x0, y0), (x1, y1) = corner_px, opposite_px
+    return polygon(view, np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], np.float64), through)
+
+
+def brush(
+    view: View, path_px: NDArray[np.floating], radius_px: float, through: bool = False
+) -> NDArray[np.int64]:
+    """Points within ``radius_px`` of a path (k, 2) in screen pixels; one corner is a dab."""
+    shape = np.zeros(view.size_px[::-1], np.uint8)
+    path = _fixed(path_px)
+    radius = round(radius_px * (1 << _SHIFT))
+    for x, y in path.tolist():
+        cv2.circle(shape, (x, y), radius, 1, cv2.FILLED, shift=_SHIFT)
+    cv2.polylines(shape, [path], False, 1, max(1, round(2 * radius_px)), shift=_SHIFT)
+    return _under(view, shape, through)
+
+
+def nearest(view: View, at_px: tuple[float, float], reach_px: float = 12.0) -> int | None:
+    """The front point nearest to a screen position, or None within ``reach_px``: what a click means."""
+    found = brush(view, np.array([at_px], np.float64), reach_px)
+    if not len(found):
+        return None
+    away = np.square(view.xy_px[found] - np.array(at_px, np.float32)).sum(axis=1)
+    return int(found[away.argmin()])
+
+
+def supervoxel(ids: NDArray[np.int32], parts: NDArray[np.uint8], pixel: int) -> NDArray[np.int64]:
+    """The supervoxel under a pixel, as far as it has that pixel's part; empty where there is none.
+
+    ids: int32 (h, w), -1 = none. parts: uint8 (h, w).
+    """
+    if ids.flat[pixel] < 0:
+        return np.empty(0, np.int64)
+    return np.flatnonzero((ids == ids.flat[pixel]) & (parts == parts.flat[pixel]))
+
+
+def grow(
+    ids: NDArray[np.int32],
+    parts: NDArray[np.uint8],
+    depth_mm: NDArray[np.uint16],
+    pixels: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """The pixels and every supervoxel of the same part that their surface touches: one click more.
+
+    The part is the one most of the pixels have. ids: int32 (h, w); parts: uint8 (h, w).
+    """
+    if not len(pixels):
+        return pixels
+    part = int(np.bincount(parts.ravel()[pixels]).argmax())
+    chosen = np.zeros(parts.shape, np.uint8)
+    chosen.reshape(-1)[pixels] = 1
+    depth = np.where(chosen > 0, depth_mm, 0).astype(np.float32)
+    # Where the selection ends, its depth beside it: the deepest and, negated, the nearest.
+    deepest = cv2.dilate(depth, _AROUND)
+    near = -cv2.dilate(np.where(chosen > 0, -depth, np.float32(-1e6)), _AROUND)
+    slack = JUMP * depth_mm
+    goes_on = (deepest > 0) & (depth_mm <= deepest + slack) & (depth_mm >= near - slack)
+    same = (parts == part) & (ids >= 0)
+    reached = np.unique(ids[goes_on & same])
+    return np.flatnonzero((chosen > 0) | (same & np.isin(ids, reached)))
+
+
+_SHIFT = 4
+"""Fractional bits of the corners that OpenCV draws with."""
+_AROUND = np.ones((5, 5), np.uint8)
+"""Two pixels around, as in ``grid``: dropouts do not cut a surface."""
+
+
+def _fixed(corners_px: NDArray[np.floating]) -> NDArray[np.int32]:
+    corners = np.asarray(corners_px, np.float64)
+    if corners.ndim != 2 or corners.shape[1] != 2 or not np.isfinite(corners).all():
+        raise CloudError(f"corners are {corners.shape}; give finite screen pixels (k, 2)")
+    # A screen pixel covers [x, x + 1); OpenCV's centre is at x.
+    return np.rint((np.clip(corners, -1e5, 1e5) - 0.5) * (1 << _SHIFT)).astype(np.int32)
+
+
+def _under(view: View, shape: NDArray[np.uint8], through: bool) -> NDArray[np.int64]:
+    """Points under a drawn shape (height, width)."""
+    found = view.pixels[shape.ravel()[view.cells] > 0]
+    return found if through else found[view.front[found]]

@@ -1,0 +1,209 @@
+"""A stroke: one entry of the journal, as the difference it made to the labels of one frame."""
+
+import json
+from dataclasses import asdict, dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import N_CLASSES, UNDEFINED
+from sensors.errors import FormatError
+
+Operation = Literal[
+    # What changes labels,
+    "paint",
+    "fill_holes",
+    "remove_islands",
+    "swap_left_right",
+    "merge",
+    "to_neighbour",
+    "copy_previous",
+    "propagate",
+    # goes back and forth among changes,
+    "undo",
+    "redo",
+    # says what a person thinks of the frame,
+    "accept",
+    "agree",
+    "reject",
+    # or only keeps the time spent.
+    "leave",
+]
+VERDICTS = ("accept", "agree", "reject")
+"""The annotator is done; a reviewer agrees; somebody rejects, with a reason."""
+
+GestureKind = Literal["supervoxel", "grow", "lasso", "polygon", "rectangle", "brush", "key"]
+Activity = Literal["looking", "painting", "navigating"]
+MAX_TEXT = 500
+"""Longest name or reason, in characters."""
+
+
+@dataclass(frozen=True)
+class Gesture:
+    """How a person chose the pixels: what the keystroke-level model needs to price it.
+
+    clicks: mouse clicks; points: vertices of a lasso, polygon or brush path; path_px: its length on the
+    screen in pixels, the button held down; keys: keys pressed for it. Raises FormatError.
+    """
+
+    kind: GestureKind = "key"
+    clicks: int = 0
+    points: int = 0
+    path_px: float = 0.0
+    keys: int = 0
+
+    def __post_init__(self) -> None:
+        numbers = (self.clicks, self.points, self.path_px, self.keys)
+        if self.kind not in get_args(GestureKind):
+            raise FormatError(f"gesture {str(self.kind)[:40]!r} is unknown; use {get_args(GestureKind)}")
+        if not all(type(n) in (int, float) and 0 <= n < 1e9 for n in numbers):
+            raise FormatError(f"gesture {self.kind} counts something else than numbers from 0")
+
+
+KEY = Gesture("key", keys=1)
+"""One key stroke."""
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """One thing a person did to one frame, and the difference it made.
+
+    part: the part given, or None where an operation gives several. how: the gesture.
+    runs: int64 (n, 4), each (start, length, old, new): the pixels [start, start + length) of the image
+    read row by row went from part id old to new. Runs are sorted and do not overlap, so a stroke replays
+    exactly whatever computed it, and its inverse undoes it. Undo and redo carry their own runs.
+    who; when: ISO 8601 UTC; seconds: active seconds since the entry before, by kind of activity.
+    reason: why, for a rejection. Raises FormatError.
+    """
+
+    frame_id: str
+    operation: Operation
+    runs: NDArray[np.int64]
+    part: int | None = None
+    how: Gesture = KEY
+    who: str = ""
+    when: str = ""
+    seconds: dict[Activity, float] = field(default_factory=dict)
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        if self.operation not in get_args(Operation):
+            raise FormatError(f"operation {str(self.operation)[:40]!r} is unknown; use {get_args(Operation)}")
+        if self.part is not None and not (type(self.part) is int and is_part(self.part)):
+            raise FormatError(f"part id {str(self.part)[:40]} is unknown; use 0 to 11, or 255 for undefined")
+        texts = (self.frame_id, self.who, self.when, self.reason)
+        if not all(isinstance(text, str) and len(text) <= MAX_TEXT for text in texts):
+            raise FormatError(f"a name, time or reason is no text of at most {MAX_TEXT} characters")
+        if not isinstance(self.seconds, dict) or not all(
+            kind in get_args(Activity) and type(s) in (int, float) and 0 <= s < 1e9
+            for kind, s in self.seconds.items()
+        ):
+            raise FormatError(f"seconds are no numbers by {get_args(Activity)}")
+        _check_runs(self.runs)
+
+    @property
+    def changes(self) -> bool:
+        """Whether any pixel is another part afterwards."""
+        return len(self.runs) > 0
+
+    @property
+    def pixels(self) -> NDArray[np.int64]:
+        """Flat indices (n,) of the pixels that changed, sorted."""
+        start, length = self.runs[:, 0], self.runs[:, 1]
+        ends = np.cumsum(length)
+        return np.arange(ends[-1] if len(ends) else 0) + np.repeat(start - ends + length, length)
+
+    @property
+    def old(self) -> NDArray[np.uint8]:
+        """Part ids (n,) before, one for each of ``pixels``."""
+        return np.repeat(self.runs[:, 2], self.runs[:, 1]).astype(np.uint8)
+
+    @property
+    def new(self) -> NDArray[np.uint8]:
+        """Part ids (n,) after, one for each of ``pixels``."""
+        return np.repeat(self.runs[:, 3], self.runs[:, 1]).astype(np.uint8)
+
+    @property
+    def active_seconds(self) -> float:
+        """Active seconds of all kinds."""
+        return float(sum(self.seconds.values()))
+
+    def inverse_runs(self) -> NDArray[np.int64]:
+        """The runs that undo this stroke."""
+        return self.runs[:, [0, 1, 3, 2]]
+
+    def apply_to(self, parts: NDArray[np.uint8]) -> None:
+        """Make the change in ``parts`` (h, w), contiguous. Raises FormatError where it reaches outside."""
+        if self.changes and int(self.runs[-1, :2].sum()) > parts.size:
+            raise FormatError(
+                f"a stroke on frame {self.frame_id} reaches pixel {int(self.runs[-1, :2].sum()) - 1} "
+                f"of {parts.size}"
+            )
+        parts.reshape(-1)[self.pixels] = self.new
+
+
+def is_part(part: int) -> bool:
+    """Whether a number is the id of a part, of the background, or 255."""
+    return 0 <= part < N_CLASSES or part == UNDEFINED
+
+
+def difference(
+    pixels: NDArray[np.int64], old: NDArray[np.uint8], new: NDArray[np.uint8]
+) -> NDArray[np.int64]:
+    """Runs (n, 4) of a change of the sorted flat ``pixels`` from ``old`` to ``new`` part ids, all (m,)."""
+    differs = old != new
+    pixels, old, new = pixels[differs], old[differs], new[differs]
+    if not len(pixels):
+        return np.empty((0, 4), np.int64)
+    first = np.ones(len(pixels), np.bool_)
+    first[1:] = (np.diff(pixels) != 1) | (old[1:] != old[:-1]) | (new[1:] != new[:-1])
+    at = np.flatnonzero(first)
+    length = np.diff(at, append=len(pixels))
+    return np.stack([pixels[at], length, old[at], new[at]], axis=1).astype(np.int64)
+
+
+def to_line(stroke: Stroke) -> bytes:
+    """One line of JSON, its newline included."""
+    fields = {name: getattr(stroke, name) for name in Stroke.__dataclass_fields__}
+    fields |= {"how": asdict(stroke.how), "runs": stroke.runs.ravel().tolist()}
+    return json.dumps(fields, allow_nan=False, separators=(",", ":")).encode() + b"\n"
+
+
+def from_line(line: bytes) -> Stroke:
+    """Inverse of ``to_line``. Raises FormatError on anything else."""
+    try:
+        fields = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise FormatError(f"no JSON ({error})") from error
+    if not isinstance(fields, dict):
+        raise FormatError("no JSON object")
+    try:
+        runs, how = _runs(fields.pop("runs")), Gesture(**fields.pop("how"))
+        return Stroke(runs=runs, how=how, **fields)
+    except (TypeError, KeyError) as error:
+        raise FormatError(f"its fields are not those of a stroke ({str(error)[:100]})") from error
+
+
+def _runs(numbers: object) -> NDArray[np.int64]:
+    if not isinstance(numbers, list) or len(numbers) % 4 or not all(type(n) is int for n in numbers):
+        raise FormatError("its runs are no list of whole numbers, four for each run")
+    try:
+        return np.array(numbers, np.int64).reshape(-1, 4)
+    except OverflowError as error:
+        raise FormatError("its runs hold a number too large") from error
+
+
+def _check_runs(runs: NDArray[np.int64]) -> None:
+    if runs.ndim != 2 or runs.shape[1] != 4 or runs.dtype != np.int64:
+        raise FormatError(f"runs are {runs.dtype} {runs.shape}; give int64 (n, 4)")
+    if not len(runs):
+        return
+    start, length, old, new = runs.T
+    ids = np.array([*range(N_CLASSES), UNDEFINED])
+    if start[0] < 0 or length.min() < 1 or max(start.max(), length.max()) >= 1 << 31:
+        raise FormatError("runs start before the image or are empty")
+    if (start[1:] < (start + length)[:-1]).any():
+        raise FormatError("runs overlap or are not sorted")
+    if not (np.isin(old, ids).all() and np.isin(new, ids).all()) or (old == new).any():
+        raise FormatError("runs name unknown part ids, or change nothing")

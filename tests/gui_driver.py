@@ -1,0 +1,140 @@
+"""Drives the correction window as a person does: mouse and key events, places given in the depth image."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QCursor, QKeySequence
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from annotate.correction import Correction
+from annotate.gui.cloud_view import CloudView
+from annotate.gui.keys import Settings
+from annotate.gui.scene import SceneReader
+from annotate.gui.window import CorrectionWindow
+
+NO_MODIFIER = Qt.KeyboardModifier.NoModifier
+SHIFT = Qt.KeyboardModifier.ShiftModifier
+CTRL = Qt.KeyboardModifier.ControlModifier
+ALT = Qt.KeyboardModifier.AltModifier
+
+
+class Driver:
+    """A window on a label set, and a hand. said: what its status line says of the last action."""
+
+    def __init__(self, path: Path, session: Path | None = None, **options) -> None:
+        settings = options.pop("settings", Settings("dark"))
+        other = options.pop("other", None)
+        size = options.pop("size", (1000, 760))
+        self.correction = Correction.open(path, options.pop("who", "mia"), **options)
+        reader = SceneReader(self.correction, session, other)
+        self.window = CorrectionWindow(self.correction, reader, settings)
+        self.window.resize(*size)
+        # The screen's own pointer, under the window, would interfere.
+        QCursor.setPos(size[0] + 200, size[1] + 200)
+        self.window.show()
+        self.window.activateWindow()
+        assert QTest.qWaitForWindowActive(self.window)
+        self.settle()
+
+    @property
+    def said(self) -> str:
+        return self.window.status.last.text()
+
+    @property
+    def parts(self) -> NDArray[np.uint8]:
+        return self.window.desk.parts
+
+    def settle(self) -> None:
+        """Let everything that is due happen: events, timers at once, repaints."""
+        for _ in range(3):
+            QApplication.processEvents()
+
+    def key(self, name: str) -> None:
+        """Press the key that a binding has."""
+        self.press(self.window.settings.key(name))
+
+    def press(self, sequence: str) -> None:
+        """Press a key such as "Ctrl+Z"."""
+        combination = QKeySequence(sequence)[0]
+        QTest.keyClick(self.window, combination.key(), combination.keyboardModifiers())
+        self.settle()
+
+    def place(self, pixel: int, view=None) -> QPoint:
+        """Where a pixel is on a view's widget."""
+        view = view or self.window.cloud_view
+        if isinstance(view, CloudView):
+            x, y = view.view().xy_px[pixel]
+            return QPoint(round(float(x)), round(float(y)))
+        return view.place_of(pixel).toPoint()
+
+    def on_window(self, place: QPoint | QPointF, view=None) -> QPoint:
+        """A place of a view as one of the window, to which all events are sent as the system does."""
+        view = view or self.window.cloud_view
+        canvas = view.plotter if isinstance(view, CloudView) else view
+        return canvas.mapTo(self.window, QPointF(place).toPoint())
+
+    def hover(self, place: QPoint, view=None) -> None:
+        QTest.mouseMove(self.window.windowHandle(), self.on_window(place, view))
+        self.settle()
+
+    def click(self, place: QPoint, modifier=NO_MODIFIER, view=None) -> None:
+        self.hover(place, view)
+        handle, point = self.window.windowHandle(), self.on_window(place, view)
+        QTest.mouseClick(handle, Qt.MouseButton.LeftButton, modifier, point)
+        self.settle()
+
+    def double_click(self, place: QPoint, view=None) -> None:
+        handle, point = self.window.windowHandle(), self.on_window(place, view)
+        QTest.mouseDClick(handle, Qt.MouseButton.LeftButton, NO_MODIFIER, point)
+        self.settle()
+
+    def drag(
+        self,
+        places: Sequence[QPoint | QPointF],
+        modifier=NO_MODIFIER,
+        view=None,
+        button=Qt.MouseButton.LeftButton,
+    ) -> None:
+        """Press at the first place, move through all, release at the last."""
+        self.press_and_draw(places, modifier, view, button)()
+        self.settle()
+
+    def press_and_draw(
+        self,
+        places: Sequence[QPoint | QPointF],
+        modifier=NO_MODIFIER,
+        view=None,
+        button=Qt.MouseButton.LeftButton,
+    ) -> Callable[[], None]:
+        """As ``drag``, but for the release, which is returned."""
+        handle, points = self.window.windowHandle(), [self.on_window(p, view) for p in places]
+        QTest.mouseMove(handle, points[0])
+        QTest.mousePress(handle, button, modifier, points[0])
+        for point in points[1:]:
+            QTest.mouseMove(handle, point)
+        return lambda: QTest.mouseRelease(handle, button, modifier, points[-1])
+
+    def circle(self, middle: QPoint, radius: float) -> list[QPoint]:
+        """Places round a place."""
+        angles = np.linspace(0, 2 * np.pi, 20)
+        return [middle + QPointF(radius * np.cos(a), radius * np.sin(a)).toPoint() for a in angles]
+
+    def middle_of(self, part: int) -> int:
+        """A pixel in the middle of a part."""
+        pixels = np.flatnonzero(self.parts.ravel() == part)
+        v, u = np.divmod(pixels, self.parts.shape[1])
+        return int(pixels[np.hypot(v - np.median(v), u - np.median(u)).argmin()])
+
+    def picture(self) -> NDArray[np.uint8]:
+        """What the 3D view shows, as pixels (h, w, 3)."""
+        self.settle()
+        return np.asarray(self.window.cloud_view.plotter.screenshot(return_img=True))
+
+    def close(self) -> None:
+        self.window.close()
+        self.window.deleteLater()
+        self.settle()

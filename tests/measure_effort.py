@@ -1,0 +1,105 @@
+"""Measure the work left: ``python -m tests.measure_effort LABELS TRUTH [--session S] [--frames N]``.
+
+A simulated annotator corrects a copy of the label set to 99 % agreement with the truth; printed are the
+seconds and operations a frame, with a strict border and one of 2 px, each frame alone and with propagation
+from the frame before it. With the session, supervoxels follow colour; else the labels.
+"""
+
+import argparse
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from annotate.agreement import Agreement
+from annotate.correction import Correction
+from annotate.effort import AGREEMENT, WHO, Annotator, correct_set
+from annotate.fuse import Fuser
+from annotate.parts import PARTS
+from annotate.store import LabelSet
+from sensors.replay import Session
+
+TOLERANCES_PX = (2, 0)
+
+
+def measure(labels, truth, color_of, tolerance_px, propagating, trace=False):
+    """Print one way of working over a label set."""
+    annotator = Annotator(tolerance_px=tolerance_px)
+    efforts, before, left, operations = [], [], Counter(), Counter()
+    started = time.process_time()
+    with Correction.open(labels.path, WHO, clock=annotator.clock) as correction:
+        for effort in correct_set(correction, truth, annotator, color_of, propagating):
+            frame_id = effort.corrected.frame_id
+            true = truth.read(frame_id).parts
+            agreement = Agreement(true, tolerance_px)
+            efforts.append(effort)
+            before.append(agreement.of(labels.read(frame_id, original=True).parts))
+            wrong = agreement.wrong(effort.corrected.parts)
+            left.update(zip(effort.corrected.parts[wrong].tolist(), true[wrong].tolist(), strict=True))
+            operations.update((s.operation, s.how.kind) for s in effort.strokes if s.operation != "accept")
+            if trace:
+                done = [f"{s.operation}/{s.how.kind} {s.active_seconds:.1f}" for s in effort.strokes]
+                print(
+                    f"  {frame_id} {before[-1]:.4f} -> {effort.agreement:.4f} {effort.seconds:.1f} s", *done
+                )
+    print_summary(efforts, before, left, operations)
+    print(f"  simulated in {(time.process_time() - started) / len(efforts):.2f} s a frame")
+
+
+def print_summary(efforts, before, left, operations):
+    seconds = np.array([e.seconds for e in efforts])
+    repairs = np.array([e.repairs for e in efforts])
+    missed = [e for e in efforts if e.agreement < AGREEMENT]
+    print(
+        f"  {len(efforts)} frames: median {np.median(seconds):.2f} s, mean {seconds.mean():.2f}, "
+        f"p90 {np.quantile(seconds, 0.9):.1f}, most {seconds.max():.1f}; operations median "
+        f"{np.median(repairs):g}, p90 {np.quantile(repairs, 0.9):g}; one key {np.mean(repairs == 0):.1%}"
+    )
+    print(
+        f"  agreement before: median {np.median(before):.4f}, 10 % under {np.quantile(before, 0.1):.4f}; "
+        f"given up under {AGREEMENT:.0%}: {len(missed)}"
+        + (f", at {np.median([e.agreement for e in missed]):.4f}" if missed else "")
+    )
+    of_all = sum(left.values()) or 1
+    said = (f"{n / of_all:.0%} {name(was)} for {name(true)}" for (was, true), n in left.most_common(5))
+    print("  left wrong:", ", ".join(said) or "nothing")
+    print("  operations:", ", ".join(f"{n} {o}/{how}" for (o, how), n in operations.most_common()))
+
+
+def name(part):
+    return PARTS[part].name if part < len(PARTS) else "undefined"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("labels", type=Path)
+    parser.add_argument("truth", type=Path)
+    parser.add_argument("--session", type=Path)
+    parser.add_argument("--frames", type=int, help="only the first so many")
+    parser.add_argument("--trace", action="store_true", help="every frame and what was done")
+    options = parser.parse_args()
+    truth, color_of = LabelSet.open(options.truth), lambda frame_id: None
+    if options.session:
+        session = Session(options.session)
+        fuser = Fuser(session.calibration)
+        color_of = lambda frame_id: fuser.fuse_frame(session.frame(int(frame_id))).color_rgb  # noqa: E731
+    for tolerance_px in TOLERANCES_PX:
+        for propagating in (False, True):
+            print(f"border {tolerance_px} px, {'with propagation' if propagating else 'each frame alone'}:")
+            with tempfile.TemporaryDirectory() as folder:
+                labels = copy_of(LabelSet.open(options.labels), Path(folder) / "labels", options.frames)
+                measure(labels, truth, color_of, tolerance_px, propagating, options.trace)
+
+
+def copy_of(labels, path, frames):
+    """The first frames of a label set as a set of their own, as labelled automatically."""
+    copied = LabelSet.create(path, labels.intrinsics, labels.info)
+    for frame_id in labels.frame_ids[:frames]:
+        copied.write(labels.read(frame_id))
+    return copied
+
+
+if __name__ == "__main__":
+    main()

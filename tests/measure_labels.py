@@ -1,0 +1,173 @@
+"""Measure the labelling engine against the truth of simulated sessions, and what each of its steps gives.
+
+python -m tests.measure_labels SESSION.mcap...             the figures of every session
+python -m tests.measure_labels --ablation SESSION.mcap...  the same with one step after the other taken out
+Both print Markdown tables.
+"""
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import cv2
+import numpy as np
+
+from annotate.color_model import unfitted
+from annotate.confidence import worst_first
+from annotate.fuse import Fuser
+from annotate.label import label_source
+from annotate.part_tree import softmax
+from annotate.parts import BACKGROUND, UNDEFINED
+from annotate.person import WINDOW_C
+from annotate.segment import tile
+from annotate.store import LabelSet
+from annotate.suit import load_suit
+from annotate.supervoxels import Supervoxels
+from eval.compare import compare_sets
+from sensors.replay import Session
+from synth.simulate import suit_path, truth_path
+
+BINS = 15
+AGREED = 0.99
+FIRST_SHARE = 0.3
+
+
+def agreement(truth: np.ndarray, parts: np.ndarray, tolerance_px: int = 0) -> float:
+    """Share of pixels right among those where truth or labels name a part, undefined truth left out."""
+    counted = (truth != UNDEFINED) & ((truth != BACKGROUND) | ((parts != BACKGROUND) & (parts != UNDEFINED)))
+    right = np.zeros(truth.shape, bool)
+    square = np.ones((2 * tolerance_px + 1,) * 2, np.uint8)
+    for part in np.unique(parts[counted]):
+        right |= (parts == part) & (cv2.dilate((truth == part).astype(np.uint8), square) > 0)
+    return float(right[counted].mean()) if counted.any() else 1.0
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Confidence and rightness of labelled pixels (n,), and the share of a set's wrong pixels that lie in
+    the supervoxels looked at first."""
+
+    confidence: np.ndarray
+    right: np.ndarray
+    found_first: float
+
+    @property
+    def ece(self) -> float:
+        """Expected calibration error (Guo et al. 2017), pixel by pixel, equal bins."""
+        bins = np.minimum((self.confidence * BINS).astype(int), BINS - 1)
+        gaps = np.bincount(bins, self.confidence - self.right, BINS)
+        return float(np.abs(gaps).sum() / len(bins))
+
+
+def reliability(labels: LabelSet, truth: LabelSet, session: Session) -> Reliability:
+    """How far the confidence of a session's labels is to be believed."""
+    fuser = Fuser(session.calibration)
+    rows, found, wrong_all = [], 0, 0
+    for frame in session:
+        guess, known = labels.read(f"{frame.index:06d}"), truth.read(f"{frame.index:06d}").parts
+        named = (guess.parts != BACKGROUND) & (guess.parts != UNDEFINED)
+        if not named.any():
+            continue
+        right, counted = (guess.parts == known)[named], (known != UNDEFINED)[named]
+        rows.append((guess.confidence[named][counted], right[counted]))
+        groups = tile(fuser.fuse_frame(frame), named)
+        wrong = np.bincount(groups.ids, counted & ~right, groups.count)
+        order = worst_first(groups.mean(guess.confidence[named]), groups.sizes)
+        found += wrong[order[: int(np.ceil(FIRST_SHARE * groups.count))]].sum()
+        wrong_all += wrong.sum()
+    confidence, right = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return Reliability(confidence, right, found / max(wrong_all, 1))
+
+
+def label_timed(session: Session, out: Path, window_c: tuple[float, float] | None) -> tuple[LabelSet, float]:
+    """The session's labels, and the median of seconds a frame (the first compiles or loads kernels)."""
+    ends = [time.perf_counter()]
+    suit = load_suit(suit_path(session.path))
+    run = label_source(session, suit, out, lambda _: ends.append(time.perf_counter()), window_c)
+    for frame_id, why in run.failed:
+        print(f"frame {frame_id}: {why}", file=sys.stderr)
+    return run.labels, float(np.median(np.diff(ends)))
+
+
+def measured(path: Path, window_c: tuple[float, float] | None = None) -> dict[str, float]:
+    """Every figure of the bars for one simulated session."""
+    session, truth = Session(path), LabelSet.open(truth_path(path))
+    with tempfile.TemporaryDirectory() as folder:
+        labels, seconds = label_timed(session, Path(folder) / "l", window_c)
+        scores = compare_sets(labels, truth).scores
+        sure = reliability(labels, truth, session)
+        pairs = [(t.parts, labels.read(t.frame_id).parts) for t in truth]
+    strict, tolerant = (np.array([agreement(t, p, px) for t, p in pairs]) for px in (0, 2))
+    return {
+        "person IoU": float(scores["person_iou"]),
+        "mean recall": float(scores["mean_recall"]),
+        "mIoU": float(scores["miou"]),
+        "boundary F, 2 px": float(scores["boundary_f"]),
+        "swap rate, %": 100 * float(scores["left_right_swap_rate"]),
+        "calibration error": sure.ece,
+        "wrong pixels in first 30 %": sure.found_first,
+        "agreement, strict": float(strict.mean()),
+        "frames >= 0.99, strict": float((strict >= AGREED).mean()),
+        "agreement, 2 px": float(tolerant.mean()),
+        "frames >= 0.99, 2 px": float((tolerant >= AGREED).mean()),
+        "seconds a frame": seconds,
+    }
+
+
+def points_alone(cloud: Any, mask: np.ndarray) -> Supervoxels:
+    """Every point a group of its own, touching its neighbours in the image."""
+    index = np.full(mask.shape, -1)
+    index[mask] = np.arange(mask.sum())
+    across, down = ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:]))
+    edges = np.concatenate([np.stack([a.ravel(), b.ravel()], 1) for a, b in (across, down)])
+    edges = edges[(edges >= 0).all(axis=1)]
+    return Supervoxels(np.arange(mask.sum(), dtype=np.int32), int(mask.sum()), edges.astype(np.int32))
+
+
+WITHOUT: dict[str, dict[str, Callable[..., Any]]] = {
+    "nothing (all steps)": {},
+    "fitting colours to the light": {"fit_colors": lambda rgb, suit, last: unfitted(suit)},
+    "supervoxels": {"tile": points_alone},
+    "the part tree": {"settle": lambda unary, groups, centroids_m: softmax(unary)},
+    "the frame before": {"with_earlier": lambda unary, groups, before, cloud, centroids_m: unary},
+    "refined borders": {"refine": lambda scores, start, depth_m, mask: start},
+}
+"""What is taken out, and what stands in its place in annotate.segment."""
+
+
+def ablation(paths: list[Path]) -> Iterator[tuple[str, list[dict[str, float]]]]:
+    """For each step: its name and the figures of the sessions without it."""
+    for name, instead in WITHOUT.items():
+        with ExitStack() as stack:
+            for function, stand_in in instead.items():
+                stack.enter_context(patch(f"annotate.segment.{function}", stand_in))
+            yield name, [measured(path) for path in paths]
+    yield "the window found by itself (25 to 35 °C)", [measured(path, WINDOW_C) for path in paths]
+
+
+def print_figures(paths: list[Path]) -> None:
+    columns = [measured(path) for path in paths]
+    print("| | " + " | ".join(path.stem for path in paths) + " |")
+    print("|---|" + "---:|" * len(paths))
+    for name in columns[0]:
+        print(f"| {name} | " + " | ".join(f"{column[name]:.4f}" for column in columns) + " |")
+
+
+def print_ablation(paths: list[Path]) -> None:
+    shown = ("person IoU", "mean recall", "boundary F, 2 px", "swap rate, %", "frames >= 0.99, strict")
+    print("| without | " + " | ".join(f"{path.stem}: {name}" for path in paths for name in shown) + " |")
+    print("|---|" + "---:|" * len(paths) * len(shown))
+    for step, columns in ablation(paths):
+        cells = " | ".join(f"{column[name]:.4f}" for column in columns for name in shown)
+        print(f"| {step} | {cells} |", flush=True)
+
+
+if __name__ == "__main__":
+    given = [argument for argument in sys.argv[1:] if argument != "--ablation"]
+    (print_ablation if "--ablation" in sys.argv else print_figures)([Path(p) for p in given])

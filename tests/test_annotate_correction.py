@@ -1,0 +1,483 @@
+"""A correction session loses nothing: not on kill -9, not on a full disk, not over a corrupt file."""
+
+import json
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from annotate.audit import audit
+from annotate.claim import ClaimedError
+from annotate.correction import AUTOSAVE_STROKES, Correction, RestorableError
+from annotate.journal import JOURNAL, Journal, NotSavedError
+from annotate.labels import FrameLabels
+from annotate.parts import UNDEFINED, swap_left_right
+from annotate.replay import replay
+from annotate.review import disagreement, disagreements
+from annotate.store import LabelSet, validate
+from annotate.stroke import Gesture, Stroke, to_line
+from sensors.camera import Intrinsics
+from sensors.errors import CloudError, FormatError
+
+law = settings(deadline=None, max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+H, W = 12, 16
+FRAMES = ("000000", "000001", "000002")
+
+
+class Clock:
+    """Seconds that pass when told."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    labels = LabelSet.create(tmp_path / "labels", Intrinsics(W, H, 20, 20, 8, 6), {"source": "test"})
+    parts = np.zeros((H, W), np.uint8)
+    parts[2:10, 2:8], parts[2:10, 8:14] = 2, 3
+    depth = np.full((H, W), 1500, np.uint16)
+    depth[0] = 0
+    for frame_id in FRAMES:
+        confidence = np.full((H, W), 0.8, np.float32)
+        labels.write(FrameLabels(frame_id, depth, parts, confidence, subject="s", notes={"confidence": 0.5}))
+    return labels.path
+
+
+def dab(k: int) -> np.ndarray:
+    """Three pixels with depth."""
+    return W + 7 * k % (H * W - W - 3) + np.arange(3)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def killed(folder: Path, strokes: int = 5) -> np.ndarray:
+    """Strokes on the first frame by a session that never came to saving; the labels it saw."""
+    correction = Correction.open(folder, "ann")
+    editor = correction.edit(FRAMES[0])
+    for k in range(strokes):
+        editor.paint(dab(k), 1 + k % 11)
+    correction.abandon()
+    return editor.parts
+
+
+def worked(folder: Path) -> np.ndarray:
+    """The first frame corrected and accepted in good order."""
+    with Correction.open(folder, "ann") as correction:
+        editor = correction.edit(FRAMES[0])
+        editor.paint(dab(1), 5)
+        editor.swap_left_right()
+        editor.accept()
+    return editor.parts
+
+
+# Going on
+
+
+def test_a_killed_session_goes_on_at_the_last_stroke_with_its_whole_history(folder):
+    automatic = LabelSet.open(folder).read(FRAMES[0]).parts
+    result = killed(folder)
+    np.testing.assert_array_equal(LabelSet.open(folder).read(FRAMES[0]).parts, automatic)
+    with Correction.open(folder, "bob") as correction:
+        np.testing.assert_array_equal(correction.frame(FRAMES[0]).parts, result)
+        editor = correction.edit(FRAMES[0])
+        np.testing.assert_array_equal(editor.parts, result)
+        undone = 0
+        while editor.undo():
+            undone += 1
+        np.testing.assert_array_equal(editor.parts, automatic)
+    assert undone == 5
+    with Correction.open(folder, "bob") as correction:
+        editor = correction.edit(FRAMES[0])
+        while editor.redo():
+            pass
+        np.testing.assert_array_equal(editor.parts, result)
+    np.testing.assert_array_equal(LabelSet.open(folder).read(FRAMES[0]).parts, result)
+
+
+def test_a_saved_frame_says_what_was_done_and_by_whom(folder):
+    clock, before = Clock(), files(folder)
+    with Correction.open(folder, "ann", clock=clock) as correction:
+        editor = correction.edit(FRAMES[1])
+        for operation in (lambda: editor.paint(dab(0), 5), editor.undo, editor.redo, editor.accept):
+            clock.now += 2
+            operation()
+    frame = LabelSet.open(folder).read(FRAMES[1])
+    assert (frame.status, frame.subject) == ("corrected", "s")
+    assert frame.notes == {
+        "confidence": 0.5,
+        "who": "ann",
+        "when": "1970-01-01T00:00:08.000+00:00",
+        "active_seconds": 8.0,
+        "strokes": 1,
+        "undos": 1,
+        "operations": {"paint": 1, "undo": 1, "redo": 1, "accept": 1},
+        "accepted": True,
+        "rejected": None,
+        "journal": 4,
+    }
+    after = files(folder)
+    touched = {f"frames/{FRAMES[1]}.parts.png", f"frames/{FRAMES[1]}.json"}
+    new = {JOURNAL, f"original/{FRAMES[1]}.parts.png", f"original/{FRAMES[1]}.json"}
+    assert {name for name in after if after[name] != before.get(name)} == touched | new
+    for name in touched:
+        assert after[name.replace("frames", "original")] == before[name]
+    assert validate(LabelSet.open(folder)) == []
+
+
+def test_looking_alone_changes_nothing_and_its_time_is_kept(folder):
+    before, clock = files(folder), Clock()
+    with Correction.open(folder, "ann", clock=clock) as correction:
+        for frame_id in FRAMES:
+            correction.edit(frame_id)
+            correction.save(frame_id)
+    assert files(folder) == before
+    with Correction.open(folder, "ann", clock=clock) as correction:
+        editor = correction.edit(FRAMES[0])
+        clock.now += 5
+        editor.time.mark("navigating")
+    frame = LabelSet.open(folder).read(FRAMES[0])
+    assert (frame.status, frame.notes["active_seconds"], frame.notes["strokes"]) == ("auto", 5, 0)
+
+
+def test_frames_are_saved_now_and_then_and_on_leaving(folder):
+    labels = LabelSet.open(folder)
+    with Correction.open(folder, "ann") as correction:
+        editor = correction.edit(FRAMES[0])
+        for k in range(AUTOSAVE_STROKES):
+            assert "journal" not in labels.notes(FRAMES[0])
+            editor.paint(dab(0), 5 + k % 2)
+        assert labels.notes(FRAMES[0])["journal"] == AUTOSAVE_STROKES
+        editor.undo()
+        assert labels.notes(FRAMES[0])["journal"] == AUTOSAVE_STROKES
+        assert correction.edit(FRAMES[0]) is editor
+        correction.edit(FRAMES[1])
+        assert labels.notes(FRAMES[0])["journal"] == AUTOSAVE_STROKES + 1
+
+
+def test_a_save_cut_off_between_its_two_files_does_no_harm(folder):
+    first = killed(folder, 3)
+    stale = files(folder)[f"frames/{FRAMES[0]}.json"]
+    with Correction.open(folder, "ann") as correction:
+        editor = correction.edit(FRAMES[0])
+        editor.undo()
+        editor.paint(dab(9), 9)
+    result = editor.parts
+    assert (result != first).any()
+    (folder / "frames" / f"{FRAMES[0]}.json").write_bytes(stale)
+    with Correction.open(folder, "ann") as correction:
+        np.testing.assert_array_equal(correction.frame(FRAMES[0]).parts, result)
+
+
+@given(cut=st.floats(0, 1))
+@law
+def test_recorded_work_gives_the_same_labels_again_up_to_any_stroke(folder, cut):
+    again = folder.with_name("again")
+    for path in (again, folder.with_name("work")):
+        shutil.rmtree(path, ignore_errors=True)
+    mine = Path(shutil.copytree(folder, folder.with_name("work")))
+    shutil.copytree(folder, again)
+    seen = []
+    with Correction.open(mine, "simulated") as correction:
+        for frame_id in FRAMES[:2]:
+            editor = correction.edit(frame_id)
+            for k in range(4):
+                editor.paint(dab(k), 4 + k)
+                seen.append((frame_id, editor.parts.copy()))
+    np.testing.assert_array_equal(
+        [frame.parts for frame in replay(LabelSet.open(again), Journal.of(mine))],
+        [frame.parts for frame in LabelSet.open(mine)],
+    )
+    lines = (mine / JOURNAL).read_bytes().splitlines(keepends=True)
+    kept = round(cut * len(lines))
+    (again / JOURNAL).write_bytes(b"".join(lines[:kept]))
+    with Correction.open(again, read_only=True) as correction:
+        if kept:
+            frame_id, parts = seen[kept - 1]
+            np.testing.assert_array_equal(correction.frame(frame_id).parts, parts)
+
+
+def test_states(folder):
+    with Correction.open(folder, "ann") as correction:
+        editor = correction.edit(FRAMES[0])
+        expected = [
+            (lambda: None, "auto", "auto"),
+            (lambda: editor.paint(dab(0), 9), "touched", "corrected"),
+            (editor.accept, "accepted", "corrected"),
+            (editor.agree, "reviewed", "reviewed"),
+            (editor.undo, "touched", "corrected"),
+            (lambda: editor.reject("the arms\nare swapped"), "rejected", "corrected"),
+        ]
+        for operation, state, status in expected:
+            operation()
+            correction.save(FRAMES[0])
+            assert (correction.state(FRAMES[0]), correction.labels.status(FRAMES[0])) == (state, status)
+        assert correction.labels.notes(FRAMES[0])["rejected"] == "the arms are swapped"
+        correction.edit(FRAMES[1]).reject("blurred")
+        assert correction.labels.status(FRAMES[1]) == "auto"
+        correction.edit(FRAMES[1]).accept()
+        assert correction.labels.status(FRAMES[1]) == "corrected"
+        assert correction.labels.notes(FRAMES[1])["rejected"] is None
+
+
+# One at a time
+
+
+def test_a_second_window_is_refused_but_may_look(folder):
+    with Correction.open(folder, "ann") as correction:
+        correction.edit(FRAMES[0]).paint(dab(0), 9)
+        with pytest.raises(ClaimedError, match="ann@"):
+            Correction.open(folder, "bob")
+        before = files(folder)
+        with Correction.open(folder, "bob", read_only=True) as looking:
+            np.testing.assert_array_equal(looking.frame(FRAMES[0]).parts, correction.frame(FRAMES[0]).parts)
+            for refused in (looking.edit, looking.restore):
+                with pytest.raises(CloudError, match="read-only"):
+                    refused(FRAMES[0])
+        assert files(folder) == before
+    Correction.open(folder, "bob").close()
+
+
+def test_a_set_that_cannot_be_opened_is_not_claimed(folder):
+    (folder / JOURNAL).write_bytes(b"nonsense\n")
+    with pytest.raises(FormatError, match="line 1"):
+        Correction.open(folder)
+    assert not (folder / "claim.json").exists()
+    with pytest.raises(FormatError, match="no label set"):
+        Correction.open(folder.parent)
+
+
+# Full disks
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """Files may not grow beyond ``size`` bytes: a disk that fills up in the middle of a write."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_full_disk_loses_no_stroke(folder):
+    correction = Correction.open(folder, "ann")
+    editor = correction.edit(FRAMES[0])
+    editor.paint(dab(0), 9)
+    before = files(folder)
+    with largest_file(10):
+        for k in (1, 2):
+            with pytest.raises(NotSavedError, match="free some space"):
+                editor.paint(dab(k), 9)
+        other = correction.edit(FRAMES[1])
+        with pytest.raises(NotSavedError):
+            other.paint(dab(3), 9)
+        with pytest.raises(NotSavedError):
+            other.accept()
+        with pytest.raises(NotSavedError):
+            correction.close()
+        # Two strokes, then, on another frame that has no original yet, a stroke and a verdict.
+        assert correction.unsaved == 4
+        assert files(folder) == before
+        np.testing.assert_array_equal(correction.frame(FRAMES[0]).parts, editor.parts)
+    editor.undo()
+    assert correction.unsaved == 0
+    correction.close()
+    with Correction.open(folder, read_only=True) as again:
+        for frame_id, ours in ((FRAMES[0], editor), (FRAMES[1], other)):
+            np.testing.assert_array_equal(again.labels.read(frame_id).parts, ours.parts)
+        assert again.state(FRAMES[1]) == "accepted"
+
+
+# Corrupt files
+
+
+@pytest.mark.parametrize("suffix", ["parts.png", "json"])
+@pytest.mark.parametrize("spoil", ["empty", "cut"])
+def test_a_corrupt_frame_blocks_opening_and_is_rebuilt(folder, suffix, spoil):
+    parts, before = worked(folder), files(folder)
+    path = folder / "frames" / f"{FRAMES[0]}.{suffix}"
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2] if spoil == "cut" else b"")
+    with Correction.open(folder, "bob") as correction:
+        spoilt = files(folder)
+        with pytest.raises(RestorableError, match=rf"{path.name}.*rebuilt from its original"):
+            correction.edit(FRAMES[0])
+        assert files(folder) == spoilt
+        np.testing.assert_array_equal(correction.restore(FRAMES[0]).parts, parts)
+        np.testing.assert_array_equal(correction.edit(FRAMES[0]).parts, parts)
+    assert files(folder) == before
+
+
+def test_what_was_never_corrected_or_has_no_depth_cannot_be_rebuilt(folder):
+    worked(folder)
+    for frame_id, suffix in ((FRAMES[1], "parts.png"), (FRAMES[0], "depth.png")):
+        (folder / "frames" / f"{frame_id}.{suffix}").write_bytes(b"")
+        with Correction.open(folder, "bob") as correction:
+            with pytest.raises(FormatError, match="restore it from a copy") as refusal:
+                correction.edit(frame_id)
+            assert not isinstance(refusal.value, RestorableError)
+            with pytest.raises(FormatError):
+                correction.restore(frame_id)
+
+
+def test_labels_are_not_thrown_away_for_a_journal_that_lost_lines(folder):
+    worked(folder)
+    lines = (folder / JOURNAL).read_bytes().splitlines(keepends=True)
+    (folder / JOURNAL).write_bytes(lines[0])
+    before = files(folder)
+    with Correction.open(folder, "bob") as correction:
+        for refused in (correction.frame, correction.edit, correction.restore):
+            with pytest.raises(FormatError, match=r"holds 1 entries .* include 3; restore it"):
+                refused(FRAMES[0])
+    assert files(folder) == before
+
+
+def test_a_copy_without_its_history_begins_anew(folder):
+    parts = worked(folder)
+    (folder / JOURNAL).unlink()
+    shutil.rmtree(folder / "original")
+    correction = Correction.open(folder, "bob")
+    editor = correction.edit(FRAMES[0])
+    np.testing.assert_array_equal(editor.parts, parts)
+    assert editor.undo() is None
+    editor.paint(dab(5), 11)
+    correction.abandon()
+    with Correction.open(folder, "bob") as correction:
+        again = correction.edit(FRAMES[0])
+        np.testing.assert_array_equal(again.parts, editor.parts)
+        again.undo()
+        np.testing.assert_array_equal(again.parts, parts)
+
+
+@pytest.mark.parametrize(
+    ("runs", "says"),
+    [([[H * W, 1, 0, 1]], "reaches pixel"), ([[0, 2, 0, 1]], "have no depth")],
+)
+def test_a_journal_of_another_set_is_refused(folder, runs, says):
+    hostile = Stroke(FRAMES[0], "paint", np.array(runs, np.int64), 1)
+    (folder / JOURNAL).write_bytes(to_line(hostile))
+    with Correction.open(folder, "bob") as correction, pytest.raises(FormatError, match=says):
+        correction.edit(FRAMES[0])
+    other = Stroke(FRAMES[0], "paint", np.array([[3 * W, 1, 8, 9]], np.int64), 1)
+    (folder / JOURNAL).write_bytes(to_line(other))
+    with pytest.raises(FormatError, match="other labels"):
+        list(replay(LabelSet.open(folder), Journal.of(folder)))
+
+
+def test_what_killed_processes_left_is_swept(folder):
+    with subprocess.Popen([sys.executable, "-c", ""]) as gone:
+        gone.wait()
+    litter = folder / "frames" / f".{FRAMES[0]}.parts.png.{gone.pid}.partial"
+    alive = folder / "frames" / f".{FRAMES[0]}.parts.png.1.partial"
+    for path in (litter, alive):
+        path.write_bytes(b"x")
+    Correction.open(folder).close()
+    assert (litter.exists(), alive.exists()) == (False, True)
+
+
+def test_kill_at_random_moments(tmp_path):
+    command = [sys.executable, "-m", "tests.kill_editor", str(tmp_path / "set"), "--kills", "15"]
+    done = subprocess.run(
+        [*command, "--size", "106", "128"],
+        cwd=Path(__file__).resolve().parents[1],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "none lost" in done.stderr
+
+
+# The audit and the second pair of eyes
+
+
+def audited(folder: Path) -> Path:
+    """Ann paints and accepts one frame and accepts another as it is; Bob mends the first."""
+    clock = Clock()
+    with Correction.open(folder, "ann", clock=clock) as correction:
+        editor = correction.edit(FRAMES[0])
+        clock.now += 10
+        editor.paint(np.arange(2 * W + 2, 2 * W + 8), 7, Gesture("lasso", points=9))
+        clock.now += 3
+        editor.undo()
+        editor.redo()
+        editor.accept()
+        editor = correction.edit(FRAMES[1])
+        clock.now += 5
+        editor.accept()
+    with Correction.open(folder, "[b]bob", clock=clock) as correction:
+        editor = correction.edit(FRAMES[0])
+        clock.now += 4
+        editor.paint(np.arange(2 * W + 2, 2 * W + 4), 2)
+        editor.paint(np.arange(2 * W + 4, 2 * W + 5), 8)
+        editor.reject("the hip is a guess")
+    return folder
+
+
+def test_the_audit_counts_what_stands_in_the_end(folder):
+    found = audit(LabelSet.open(audited(folder)), Journal.of(folder))
+    ann, bob = found.people
+    assert found.rejected == {FRAMES[0]: "the hip is a guess"}
+    assert (ann.who, ann.frames, ann.accepted, ann.accepted_untouched) == ("ann", 2, 2, 0.5)
+    assert (ann.seconds_median, ann.seconds_p90, ann.strokes, ann.undos) == (9, 12.2, 1, 1)
+    assert ann.seconds == {"painting": 13, "looking": 5}
+    # Six torso pixels became hip; two of them are torso again, one went on by Bob's hand.
+    assert ann.changed == round(3 / (2 * 96), 6)
+    assert (ann.parts["hip"].gained_px, ann.parts["torso"].lost_px) == (3, 3)
+    assert (ann.parts["hip"].strokes, ann.parts["hip"].seconds) == (1, 10)
+    assert (bob.who, bob.frames, bob.strokes, bob.accepted_untouched) == ("[b]bob", 1, 2, 0)
+    assert bob.changed == round(1 / 96, 6)
+    assert bob.parts["left_upper_leg"].gained_px == 1
+
+
+def test_info_shows_the_audit(folder, annotate_cloud):
+    assert "audit" not in annotate_cloud("info", folder, "--json").result
+    audited(folder)
+    result = annotate_cloud("info", folder, "--json").result
+    assert [person["who"] for person in result["audit"]["people"]] == ["ann", "[b]bob"]
+    assert result["audit"]["people"][0]["parts"]["hip"]["gained_px"] == 3
+    shown = annotate_cloud("info", folder).out
+    for said in ("ann", "[b]bob", "left_upper_leg", f"rejected {FRAMES[0]}: the hip is a guess", "50%"):
+        assert said in shown
+
+
+def test_info_names_a_corrupt_journal(folder, annotate_cloud):
+    (folder / JOURNAL).write_bytes(json.dumps([1]).encode() + b"\n")
+    done = annotate_cloud("info", folder)
+    assert (done.code, done.out) == (1, "")
+    assert "journal.jsonl line 1" in done.err
+
+
+def test_two_annotators_are_compared_the_most_disputed_frame_first(folder):
+    mine, theirs = (Path(shutil.copytree(folder, folder.with_name(name))) for name in ("mine", "theirs"))
+    with Correction.open(mine, "ann") as correction:
+        correction.edit(FRAMES[0]).paint(dab(0), UNDEFINED)
+        correction.edit(FRAMES[2]).swap_left_right()
+        correction.edit(FRAMES[1]).paint(dab(2), 8)
+    a, b = LabelSet.open(mine), LabelSet.open(theirs)
+    found = disagreements(a, b)
+    assert [each.frame_id for each in found] == [FRAMES[2], FRAMES[1], FRAMES[0]]
+    assert found[0].pixels == 48 and found[0].share == 0.5
+    assert found[2].pixels == 0
+    parts = b.read(FRAMES[2]).parts
+    np.testing.assert_array_equal(disagreement(parts, swap_left_right(parts)), parts == 3)
+    with pytest.raises(CloudError, match="no frame in common"):
+        disagreements(a, LabelSet.create(folder.with_name("none"), a.intrinsics, {}))
+    with pytest.raises(CloudError, match="compare two of the same frame"):
+        disagreement(parts, parts[1:])

@@ -1,0 +1,120 @@
+"""Propagation: corrections travel with the part they were made on, and nothing else changes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from annotate.labels import FrameLabels
+from annotate.parts import UNDEFINED
+from annotate.propagate import propagate
+from annotate.rigid import Tagged, part_motions
+from sensors.camera import Intrinsics, rays
+from sensors.errors import FormatError
+
+law = settings(deadline=None, max_examples=15)
+
+CAMERA = Intrinsics(200, 160, 190.0, 190.0, 99.5, 79.5)
+BODY = {1: (0, -0.42, 1.8, 0.13), 2: (0, 0, 1.8, 0.26), 4: (-0.36, 0.05, 1.75, 0.1), 3: (0.36, 0.05, 1.75, 0.1)}
+"""part: (x, y, z, radius) of the ball that stands for it, metres, camera frame."""
+
+
+def seen(shift=(0.0, 0.0, 0.0), frame_id="a") -> FrameLabels:
+    """The balls, moved, before a wall; the nearest surface counts."""
+    direction = rays(CAMERA)
+    depth, parts = np.full(CAMERA.shape, 2.6), np.zeros(CAMERA.shape, np.uint8)
+    for part, (*middle, radius) in BODY.items():
+        middle = np.array(middle) + shift
+        a, b = (direction**2).sum(axis=-1), direction @ middle
+        inside = b**2 - a * (middle @ middle - radius**2)
+        z = (b - np.sqrt(np.maximum(inside, 0))) / a
+        nearer = (inside > 0) & (z < depth)
+        depth[nearer], parts[nearer] = z[nearer], part
+    return FrameLabels(frame_id, np.rint(depth * 1000).astype(np.uint16), parts)
+
+
+def face_mistaken(frame: FrameLabels) -> FrameLabels:
+    """The lower half of the head called left leg: a mistake that moves with it."""
+    rows = np.nonzero(frame.parts == 1)[0]
+    below = np.arange(CAMERA.height)[:, None] > np.median(rows)
+    return replace(frame, parts=np.where((frame.parts == 1) & below, np.uint8(8), frame.parts))
+
+
+def wrong(frame: FrameLabels, parts) -> int:
+    return int((parts != frame.parts).sum())
+
+
+shifts = st.tuples(*(st.floats(-0.12, 0.12) for _ in range(2)), st.floats(-0.1, 0.1))
+
+
+@law
+@given(shifts)
+def test_a_correction_follows_the_movement_and_nothing_else_changes(shift):
+    before, after = seen(), seen(shift, "b")
+    mistaken = face_mistaken(after)
+    done = propagate(before, face_mistaken(before), mistaken, CAMERA)
+    assert wrong(after, done.parts) <= 0.1 * wrong(after, mistaken.parts)
+    np.testing.assert_array_equal(done.changed, done.parts != mistaken.parts)
+    assert (mistaken.parts[done.changed] == 8).all()
+    assert (done.confidence[done.changed] > 0.5).all()
+
+
+@law
+@given(shifts)
+def test_what_is_right_stays(shift):
+    before, after = seen(), seen(shift, "b")
+    for corrected, automatic in ((before, before), (before, face_mistaken(before))):
+        assert not propagate(corrected, automatic, after, CAMERA).changed.any()
+
+
+def test_what_stands_still_is_taken_away_where_it_stood():
+    before, after = seen(), seen((0.08, 0, 0), "b")
+    stain = np.zeros(CAMERA.shape, np.bool_)
+    stain[100:130, 100:115] = True
+
+    def stained(frame):
+        return replace(frame, parts=np.where(stain & (frame.parts == 0), np.uint8(10), frame.parts))
+
+    done = propagate(before, stained(before), stained(after), CAMERA)
+    assert wrong(after, stained(after).parts) > 100
+    assert wrong(after, done.parts) <= 0.1 * wrong(after, stained(after).parts)
+
+
+def test_an_undefined_frame_takes_the_labels_over():
+    before, after = seen(), seen((0.03, 0.02, 0), "b")
+    unknown = replace(after, parts=np.where(after.parts > 0, np.uint8(UNDEFINED), after.parts))
+    done = propagate(before, before, unknown, CAMERA)
+    on_body = after.parts > 0
+    assert (done.parts == after.parts)[on_body].mean() > 0.9
+    np.testing.assert_array_equal(done.parts[~on_body], 0)
+
+
+def test_frames_that_are_not_one_are_refused():
+    with pytest.raises(FormatError, match="before and after its correction"):
+        propagate(seen(), seen((0.1, 0, 0)), seen(), CAMERA)
+    small = FrameLabels("s", np.ones((4, 4), np.uint16), np.zeros((4, 4), np.uint8))
+    with pytest.raises(FormatError, match="one camera"):
+        propagate(seen(), seen(), small, CAMERA)
+
+
+@law
+@given(st.integers(0, 999))
+def test_motions_of_parts_are_found_again(seed):
+    rng = np.random.default_rng(seed)
+    points, parts, moved = [], [], []
+    for part, middle in ((2, (0, 0, 2)), (4, (-0.3, 0, 1.9)), (6, (-0.3, 0.3, 1.8))):
+        own = rng.normal(0, (0.05, 0.1, 0.03), (400, 3))
+        turn = Rotation.from_rotvec(rng.normal(0, 0.06, 3))
+        shift = rng.normal(0, 0.02, 3)
+        points.append(own + middle)
+        moved.append(turn.apply(own) + middle + shift)
+        parts.append(np.full(400, part, np.uint8))
+    source = Tagged(np.concatenate(points), np.concatenate(parts))
+    motions = part_motions(source, source.tags, Tagged(np.concatenate(moved), source.tags))
+    for part, own, goal in zip((2, 4, 6), points, moved, strict=True):
+        assert np.linalg.norm(motions[part].apply(own) - goal, axis=1).mean() < 0.01
+    np.testing.assert_array_equal(motions[0].translation_m, 0)
+    assert motions[5] is motions[3]
