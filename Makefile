@@ -32,7 +32,7 @@ help:
 setup: $(READY)
 
 # Written last, so that a set-up that was cut short starts again.
-$(READY): Makefile pyproject.toml constraints.txt CMakeLists.txt annotate/cpp/pcl.cpp
+$(READY): Makefile pyproject.toml constraints.txt CMakeLists.txt annotate/cpp/pcl.cpp sensors/cpp/kinect2_shim.cpp
 	@$(MAKE) --no-print-directory system
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
 		echo "$$($(PYTHON) --version) is too old; annotate-cloud needs 3.11 or newer:" \

@@ -32,7 +32,7 @@ class Claim:
 
     @classmethod
     def take(cls, folder: Path, who: str) -> Self:
-        """Claim the label set in ``folder`` for ``who``.
+        """Claim the label set in ``folder`` for ``who``, and sweep up what killed processes left there.
 
         Raises ClaimedError naming the owner when it is taken, CloudError when the folder cannot be written.
         """
@@ -44,6 +44,7 @@ class Claim:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     if _is_at(file, path):
                         _say(file, who)
+                        _sweep(folder)
                         return cls(path, file)
                 except OSError:
                     os.close(file)
@@ -95,6 +96,15 @@ def _say(file: int, who: str) -> None:
     # A full disk must not keep anybody from reading on; the lock itself needs no space.
     with suppress(OSError):
         os.pwrite(file, json.dumps(owner).encode()[:MAX_BYTES], 0)
+
+
+def _sweep(folder: Path) -> None:
+    """Remove the temporary files of processes that were killed while they saved (``sensors.atomic``)."""
+    for path in folder.glob("**/.*.partial"):
+        pid = path.name.split(".")[-2]
+        if pid.isdigit() and not Path("/proc", pid).exists():
+            with suppress(OSError):
+                path.unlink()
 
 
 def _owner(path: Path) -> str:

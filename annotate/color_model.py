@@ -23,7 +23,7 @@ NOISE_RGB = 4.0
 SIGMA, LEAST_SIGMA, SIGMA_POINTS = 0.05, 0.02, 60.0
 """Spread of a swatch's chromaticity on folds and under several lamps; how many points that guess is worth."""
 FADE, FADE_SIGMA = 0.1, 0.2
-"""How far washing and sun have moved a cloth's chromaticity towards the light's own, as a share of the way."""
+"""How far washing and sun have moved a cloth's chromaticity towards the light's: a share of the way."""
 HUE_SIGMA = 0.03
 """How far its chromaticity strays beside that."""
 BARE = (((176, 135, 105), ("head", "left_forearm", "right_forearm")),
@@ -56,8 +56,9 @@ class ColorModel:
     """Swatches as one frame shows them.
 
     palette: (K, 2) chromaticities in white light. shift: (K, 2) from where the gains take them; unknown:
-    (K, 2, 2) covariance of what is not known of it. variance: (K,) of a swatch's colours. wears: bool (K, 11), which parts show a swatch. bare:
-    bool (K,), no cloth of the suit. log_gain: (2,) of red and blue against green, natural logarithm.
+    (K, 2, 2) covariance of what is not known of it. variance: (K,) of a swatch's colours. wears: bool
+    (K, 11), which parts show a swatch. bare: bool (K,), no cloth of the suit. log_gain: (2,) of red and blue
+    against green, natural logarithm.
     """
 
     palette: _Array
@@ -94,8 +95,11 @@ class ColorModel:
     def evidence(self, rgb: NDArray[np.uint8]) -> _Array:
         """Log likelihood (n, 11) of every part for every colour (n, 3); flat where no swatch is near."""
         match = self.match(chromaticity(rgb), blur(rgb))
-        best = [match[:, self.wears[:, part]].max(axis=1) for part in range(_N)]
-        return np.logaddexp(np.stack(best, axis=1), np.log(STRAY))
+        return np.asarray(np.logaddexp(self.by_part(match), np.log(STRAY)))
+
+    def by_part(self, match: _Array) -> _Array:
+        """The best swatch's log likelihood (n, 11) of each part, from that of all (n, K)."""
+        return np.stack([match[:, self.wears[:, part]].max(axis=1) for part in range(_N)], axis=1)
 
 
 def readable(rgb: NDArray[np.uint8], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -110,7 +114,9 @@ def unfitted(suit: Suit) -> ColorModel:
     palette = chromaticity(np.concatenate([suit.colors_rgb, np.array([rgb for rgb, _ in BARE])]))
     bare = np.arange(len(palette)) >= len(suit.parts)
     variance = np.full(len(palette), SIGMA**2)
-    model = ColorModel(palette, palette, np.zeros((len(palette), 2, 2)), variance, np.array(wears), bare, GAIN)
+    model = ColorModel(
+        palette, palette, np.zeros((len(palette), 2, 2)), variance, np.array(wears), bare, GAIN
+    )
     return under(model, GAIN)
 
 

@@ -3,7 +3,8 @@
 On disk: ``frames/`` holds the labels as last saved, ``journal.jsonl`` every stroke, ``original/`` each
 corrected frame's labels before its first one. A frame's notes say how many entries of the journal its saved
 labels include ("journal"); the later ones are applied when it is read. That is safe at every moment, since
-the journal is written first and applying an entry twice, in order, is applying it once.
+the journal is written first and applying an entry twice, in order, is applying it once. Frames are saved on
+a verdict, on leaving them, and when a killed session is opened again: a stroke waits for one write only.
 """
 
 import time
@@ -26,9 +27,6 @@ from annotate.stroke import VERDICTS, Stroke
 from annotate.work import State, state_of
 from sensors.errors import CloudError, FormatError
 
-AUTOSAVE_STROKES = 20
-"""A frame is saved after so many strokes, on a verdict, and on leaving it."""
-
 
 class RestorableError(FormatError):
     """A frame's labels are corrupt, but ``Correction.restore`` can rebuild them."""
@@ -49,7 +47,7 @@ class Correction:
         self.labels, self.who, self.journal = labels, who, Journal.of(labels.path)
         self._claim, self._clock = claim, clock
         self._opened: dict[str, tuple[FrameLabels, Editor]] = {}
-        self._unsaved: dict[str, int] = {}
+        self._unsaved: set[str] = set()
 
     @classmethod
     def open(
@@ -63,9 +61,10 @@ class Correction:
         labels, who = LabelSet.open(path), who or login()
         claim = None if read_only else Claim.take(path, who)
         try:
+            correction = cls(labels, who, claim, clock)
             if claim:
-                _sweep(path)
-            return cls(labels, who, claim, clock)
+                correction._recover()
+            return correction
         except BaseException:
             if claim:
                 claim.release()
@@ -135,10 +134,8 @@ class Correction:
             return
         with _saving(self.labels.path):
             self.flush()
-            before = self.labels.read(frame_id, original=True).status
-            frame = replace(frame, parts=editor.parts.copy())
-            self.labels.write_labels(noted(frame, self.journal, before))
-        self._unsaved.pop(frame_id, None)
+            self._write(replace(frame, parts=editor.parts.copy()))
+        self._unsaved.discard(frame_id)
 
     def leave(self, frame_id: str) -> None:
         """Save a frame that was edited, if anything was done to it, and let it go."""
@@ -158,7 +155,8 @@ class Correction:
     def state(self, frame_id: str) -> State:
         """How far a frame is."""
         strokes = self.journal.strokes(frame_id)
-        return state_of(strokes, "auto" if strokes else self.labels.status(frame_id))
+        told = any(stroke.operation != "leave" for stroke in strokes)
+        return state_of(strokes, "auto" if told else self.labels.status(frame_id))
 
     def can_restore(self, frame_id: str) -> bool:
         """Whether a frame's labels from before its first correction were kept, and can be read."""
@@ -221,25 +219,28 @@ class Correction:
                 self.labels.write_labels(frame)
         return frame
 
+    def _recover(self) -> None:
+        """Save the frames whose last strokes a killed session left in the journal alone."""
+        for frame_id in sorted(set(self.journal.frame_ids) & set(self.labels.frame_ids)):
+            # What is corrupt blocks that frame once it is wanted; what cannot be saved is in the journal.
+            with suppress(CloudError, OSError):
+                if self._later(frame_id, self.labels.notes(frame_id)):
+                    self._write(self.frame(frame_id))
+
+    def _write(self, frame: FrameLabels) -> None:
+        before = self.labels.status(frame.frame_id, self.labels.has_original(frame.frame_id))
+        self.labels.write_labels(noted(frame, self.journal, before))
+
     def _record(self, stroke: Stroke) -> None:
         self.journal.add(stroke)
-        strokes = self._unsaved[stroke.frame_id] = self._unsaved.get(stroke.frame_id, 0) + 1
+        self._unsaved.add(stroke.frame_id)
         self.flush()
-        if strokes >= AUTOSAVE_STROKES or stroke.operation in VERDICTS:
+        if stroke.operation in VERDICTS:
             self.save(stroke.frame_id)
 
     def _refuse_read_only(self) -> None:
         if self.read_only:
             raise CloudError(f"{self.labels.path} is open read-only; open it again to correct it")
-
-
-def _sweep(folder: Path) -> None:
-    """Remove the temporary files of processes that were killed while they saved (``sensors.atomic``)."""
-    for path in folder.glob("**/.*.partial"):
-        pid = path.name.split(".")[-2]
-        if pid.isdigit() and not Path("/proc", pid).exists():
-            with suppress(OSError):
-                path.unlink()
 
 
 @contextmanager

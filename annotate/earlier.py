@@ -1,4 +1,4 @@
-"""What the labels of the frame before say of this one's points: a person moves a little, and stays a person."""
+"""What the labels of the frame before say of places in this one: people move only a little."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ STRIDE = 4
 DOUBT = 1.0
 """Weight of knowing nothing, against one earlier point at the very place."""
 LEAST_AGREEMENT = 0.6
-"""Where the parts found by colour agree less than this with the earlier ones, it is another person or scene."""
+"""Where parts found by colour agree less than this with the earlier ones, it is somebody else."""
 
 _Array = NDArray[np.float64]
 

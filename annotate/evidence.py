@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.warm_window import ABOVE_C
+
 LEAST_CONTRAST_C = 1.0
 """A camera's noise and a room's unevenness (0.3 degrees each): less than that parts nothing."""
 COLD_SHARE = 0.25
@@ -24,6 +26,8 @@ BY_COLOR = 2.5
 """The most that a colour can be worth: a sofa may have a suit's colour somewhere."""
 LEAST_SHARE = 2e-4
 """Share of pixels that every colour is taken to have: one in five thousand, unseen or not."""
+LEAST_TAUGHT = 200
+"""Pixels of either from which colours can be learnt."""
 SURE = 1.5
 """Log odds from which on a pixel teaches what person and background look like."""
 LAB_BITS = (5, 3, 3)
@@ -33,17 +37,21 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
-def warmth_share(celsius: Image, warm: Mask, hottest_c: float, size_px: int) -> Image:
+def warmth_share(celsius: Image, warm: Mask, window_c: tuple[float, float], size_px: int) -> Image:
     """How far each pixel (h, w) is on the way from the background's temperature (0) to the person's (1).
 
     Both are local means, of what is warm and of what is colder, over windows of size_px: rooms and
-    clothes are uneven. NaN without a temperature.
+    clothes are uneven. Nothing counts as colder than the room, which lies as far below the window's
+    beginning as the person above it: a window pane would make warm what is beside it. NaN without a
+    temperature.
     """
+    low_c, hottest_c = window_c
+    room_c = np.float32(2 * low_c - (hottest_c - ABOVE_C))
     person_c = _local_mean(celsius, warm, size_px)
     cold = np.isfinite(celsius) & ~warm & (celsius < hottest_c)
     share = np.empty_like(celsius)
     for _ in range(2):  # the second time without cold cloth, which has raised the mean
-        background_c = _local_mean(celsius, cold, size_px)
+        background_c = _local_mean(np.maximum(celsius, room_c), cold, size_px)
         np.divide(celsius - background_c, np.maximum(person_c - background_c, LEAST_CONTRAST_C), out=share)
         cold &= share < COLD_SHARE
     return share
@@ -84,9 +92,11 @@ def by_color(lab: NDArray[np.uint8], odds: Image, candidates: Mask, among: Mask)
     seen = lab[..., 0] > 0
     bins = (lab[..., 0].astype(np.int32) >> l_bits) * 1024 + (lab[..., 1].astype(np.int32) >> a_bits) * 32
     bins += lab[..., 2] >> b_bits
-    person = _frequencies(bins[among & seen & candidates & (odds > SURE)])
-    room = _frequencies(bins[among & seen & (~candidates | (odds < -SURE))])
-    table = np.clip(np.log((person + LEAST_SHARE) / (room + LEAST_SHARE)), -BY_COLOR, BY_COLOR)
+    person = bins[among & seen & candidates & (odds > SURE)]
+    room = bins[among & seen & (~candidates | (odds < -SURE))]
+    if min(person.size, room.size) < LEAST_TAUGHT:
+        return np.zeros(odds.shape, np.float32)
+    table = np.clip(np.log((_frequencies(person) + LEAST_SHARE) / (_frequencies(room) + LEAST_SHARE)), -BY_COLOR, BY_COLOR)
     return np.where(seen, table[bins], np.float32(0)).astype(np.float32)
 
 

@@ -26,10 +26,8 @@ _N = len(BODY_PARTS)
 _Array = NDArray[np.float64]
 
 
-def means_of(
-    rgb: NDArray[np.uint8], usable: NDArray[np.bool_], groups: Supervoxels
-) -> tuple[_Array, _Array]:
-    """Mean chromaticity (G, 2) of the readable colours (n, 3) of each supervoxel, and its uncertainty (G,)."""
+def means_of(rgb: NDArray[np.uint8], usable: NDArray[np.bool_], groups: Supervoxels) -> tuple[_Array, _Array]:
+    """Mean chromaticity (G, 2) of each supervoxel's readable colours (n, 3), and its uncertainty (G,)."""
     noise = blur(rgb)
     weight = usable / (noise**2 + LEAST_BLUR**2)
     total = np.bincount(groups.ids, weight, groups.count)

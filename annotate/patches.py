@@ -16,11 +16,16 @@ from annotate.parts import BODY_PARTS
 from annotate.supervoxels import Supervoxels
 
 MERGE = 0.15
-"""Chromaticity difference at which touching supervoxels are parted, and how much less may join small ones
+"""Chromaticity by which touching supervoxels may differ in one patch; the less, the larger it has grown
 (k of Felzenszwalb & Huttenlocher 2004, in supervoxels)."""
+LEAST_BLUR = 0.01
+"""No supervoxel's chromaticity is known better than that."""
 MOST = 32
 """The largest patches are labelled together; the others wait for their surroundings."""
-LEAST_POINTS = 15
+LEAST_POINTS, FULL_POINTS = 15, 40
+"""Points of a patch that is labelled at all, and from which on its colour has its full weight."""
+MEAN_BLUR = 0.5
+"""Noise of a patch's mean colour against its points', which is the camera's and the light's in part."""
 LIGHTS, BEAM = 12, 40
 """How many lights are followed, and how many labellings of the patches in each."""
 DISTANCE_WEIGHT, DISTANCE_WIDER = 6.0, 1.3
@@ -49,13 +54,34 @@ class Patches:
     middle_m: _Array
     contacts: _Array
 
-    def mean(self, values: _Array, by: _Array) -> _Array:
-        """Mean (R, k) over each patch of its supervoxels' values (G, k), weighted by (G,)."""
-        return _mean(self.ids, values, by)
+    def mean(self, values: _Array, sizes: NDArray[np.int64]) -> _Array:
+        """Mean (R, k) over each patch of its supervoxels' values (G, k), which have ``sizes`` (G,)."""
+        return _mean(self.ids, values, sizes.astype(np.float64))
 
 
 def patches_of(groups: Supervoxels, chroma: _Array, blur: _Array, middle_m: _Array) -> Patches:
-    """Join touching supervoxels of like chromaticity (G, 2), the likest first; blur (G,): its uncertainty."""
+    """Join touching supervoxels of like chromaticity (G, 2); blur (G,): its uncertainty."""
+    roots = _joined(groups, chroma)
+    sizes = groups.sizes.astype(np.float64)
+    rank = np.argsort(np.argsort(-np.bincount(roots, sizes, groups.count), kind="stable"), kind="stable")
+    ids = rank[roots]
+    count = int(ids.max()) + 1
+    contacts = np.zeros((count, count))
+    np.add.at(contacts, tuple(ids[groups.edges].T), 1)
+    contacts = contacts + contacts.T
+    np.fill_diagonal(contacts, 0)
+    return Patches(
+        ids,
+        _mean(ids, chroma, sizes / np.maximum(blur, LEAST_BLUR) ** 2),
+        _mean(ids, blur[:, None], sizes)[:, 0],
+        np.bincount(ids, sizes, count).astype(np.float64),
+        _mean(ids, middle_m, sizes),
+        contacts,
+    )
+
+
+def _joined(groups: Supervoxels, chroma: _Array) -> NDArray[np.intp]:
+    """One supervoxel's number (G,) for all of a patch: Felzenszwalb & Huttenlocher 2004 on their graph."""
     a, b = groups.edges.T
     apart = np.linalg.norm(chroma[a] - chroma[b], axis=1)
     parent, size, within = list(range(groups.count)), [1] * groups.count, [0.0] * groups.count
@@ -70,25 +96,7 @@ def patches_of(groups: Supervoxels, chroma: _Array, blur: _Array, middle_m: _Arr
         i, j = root(int(a[edge])), root(int(b[edge]))
         if i != j and apart[edge] <= min(within[i] + MERGE / size[i], within[j] + MERGE / size[j]):
             parent[j], size[i], within[i] = i, size[i] + size[j], float(apart[edge])
-    roots = np.array([root(i) for i in range(groups.count)])
-    points = np.bincount(roots, groups.sizes, groups.count)
-    rank = np.argsort(np.argsort(-points, kind="stable"), kind="stable")
-    ids = rank[roots]
-    weight = groups.sizes / np.maximum(blur, 0.01) ** 2
-
-    count, sizes = int(ids.max()) + 1, groups.sizes.astype(np.float64)
-    contacts = np.zeros((count, count))
-    np.add.at(contacts, (ids[a], ids[b]), 1)
-    contacts = contacts + contacts.T
-    np.fill_diagonal(contacts, 0)
-    return Patches(
-        ids,
-        _mean(ids, chroma, weight),
-        _mean(ids, blur[:, None], sizes)[:, 0],
-        np.bincount(ids, sizes, count),
-        _mean(ids, middle_m, sizes),
-        contacts,
-    )
+    return np.array([root(i) for i in range(groups.count)], np.intp)
 
 
 def _mean(ids: NDArray[np.intp], values: _Array, by: _Array) -> _Array:
@@ -96,17 +104,17 @@ def _mean(ids: NDArray[np.intp], values: _Array, by: _Array) -> _Array:
     return np.asarray(total / np.bincount(ids, by)[:, None])
 
 
-def read_together(patches: Patches, palette: ColorModel, earlier: _Array) -> tuple[_Array, _Array]:
+def read_together(patches: Patches, palette: ColorModel, clues: _Array) -> tuple[_Array, _Array]:
     """Belief (R, 11) about the patches and log gains (2,) of the light that explain them best as one body.
 
-    earlier: (R, 11) log evidence from elsewhere. A beam search over labellings, the largest patch first, in
+    clues: (R, 11) log evidence from elsewhere. A beam search over labellings, the largest patch first, in
     the likeliest lights of a grid side by side; the belief is a mean over what is left in the beam.
     """
     used = np.flatnonzero(patches.points >= LEAST_POINTS)[:MOST]
     if not len(used):
         return np.full((len(patches.points), _N), 1 / _N), GAIN
     gains, unary = _lights(patches, palette, used)
-    unary = unary + earlier[used]
+    unary = unary + clues[used]
     pairs = _pairs(patches, used)
     labels = np.zeros((len(gains), 1, len(used)), np.intp)
     score = (-((gains - GAIN) ** 2).sum(axis=1) / (2 * GAIN_SIGMA**2))[:, None]
@@ -130,12 +138,11 @@ def read_together(patches: Patches, palette: ColorModel, earlier: _Array) -> tup
 def _lights(patches: Patches, palette: ColorModel, used: NDArray[np.intp]) -> tuple[_Array, _Array]:
     """The likeliest gains (L, 2) and the log likelihood (L, R, 11) of the patches' parts in each."""
     gains = GAIN + np.stack(np.meshgrid(GAIN_STEPS, GAIN_STEPS), axis=-1).reshape(-1, 2)
-    weight = np.minimum(patches.points[used] / 40, 1)
+    weight = np.minimum(patches.points[used] / FULL_POINTS, 1)
     unary = np.empty((len(gains), len(used), _N))
     for light, gain in enumerate(gains):
-        match = under(palette, gain).match(patches.chroma[used], 0.5 * patches.blur[used])
-        best = np.stack([match[:, palette.wears[:, part]].max(axis=1) for part in range(_N)], axis=1)
-        unary[light] = np.logaddexp(best, STRAY) * weight[:, None]
+        match = under(palette, gain).match(patches.chroma[used], MEAN_BLUR * patches.blur[used])
+        unary[light] = np.logaddexp(palette.by_part(match), STRAY) * weight[:, None]
     fit = unary.max(axis=2).sum(axis=1) - ((gains - GAIN) ** 2).sum(axis=1) / (2 * GAIN_SIGMA**2)
     likely = np.argsort(-fit, kind="stable")[:LIGHTS]
     return gains[likely], unary[likely]

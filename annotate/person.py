@@ -18,7 +18,8 @@ from annotate.carried import by_before, persons_before
 from annotate.cloud import ThermalCloud
 from annotate.evidence import by_color, by_planes, by_warmth, lab_of, warmth_share
 from annotate.labels import FrameLabels
-from annotate.persons import Person, persons_of
+from annotate.persons import SPECK_M2, Person, persons_of
+from annotate.pieces import Piece, pieces_of
 from annotate.planes import (
     MIN_COLD_PLANE_M2,
     MIN_PANEL_M2,
@@ -27,7 +28,7 @@ from annotate.planes import (
     find_planes,
     lies_on,
     normals_at,
-    stands_free,
+    panel_of,
 )
 from annotate.silhouette import settle
 from annotate.warm_window import WINDOW_C, find_window
@@ -40,6 +41,8 @@ SURELY_COLD = 0.12
 """What lies close to a plane and is no warmer than this share of a person needs no further look."""
 RIM_PX, TAUGHT_PX = 2, 10
 """How far beyond the candidates the background is heard, and how far its colours are learnt."""
+RIM_JUMP = 0.05
+"""Depth difference there, as a share of the depth: 10 cm at 2 m."""
 EDGES_PX = 25
 """How far around what is warm silhouettes are compared with the temperatures: four degrees."""
 OFF_CENTRE = 0.3
@@ -75,15 +78,17 @@ class _Field:
     """Log odds (h, w) of being a person before planes, colour and neighbours have spoken.
 
     candidates: pixels to decide on, the others are background. cold: background if on a plane at all.
-    nobody: the note where there is no person after all. warnings: notes of a frame not to be trusted.
+    nobody: the note where there is no person after all. notes: what to say anyway; warnings: why the frame
+    is not to be trusted.
     """
 
-    method: Literal["thermal", "depth", "before"]
+    method: Literal["thermal", "before"]
     odds: NDArray[np.float32]
     candidates: NDArray[np.bool_]
     cold: NDArray[np.bool_]
     planes: tuple[Plane, ...]
     nobody: str
+    notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
@@ -102,7 +107,10 @@ def extract_person(
     if np.isfinite(cloud.temperature_c).any():
         field = _by_temperature(cloud, window_c, planes)
     else:
-        field = _by_before(cloud, before, planes) or _by_depth(cloud, planes)
+        carried = _by_before(cloud, before, planes)
+        if carried is None:
+            return _by_depth(cloud, planes)
+        field = carried
     persons = persons_of(cloud, _settled(cloud, field))
     persons.sort(key=lambda person: -_claim(person, before))
     mask, others = np.zeros((2, *cloud.valid.shape), np.bool_)
@@ -111,15 +119,7 @@ def extract_person(
     for person in persons[1:]:
         others |= person.mask
     warnings = [*field.warnings, *_crowd(persons, before), *_cut(persons[0].mask)]
-    notes = (*_SAYS[field.method], *warnings)
-    return PersonMask(persons[0].mask, field.method, others, notes, not warnings)
-
-
-_SAYS = {
-    "thermal": (),
-    "before": ("no temperature in this frame: the person is carried over from the frame before",),
-    "depth": ("found by depth alone: things that touch the person are in the mask",),
-}
+    return PersonMask(persons[0].mask, field.method, others, (*field.notes, *warnings), not warnings)
 
 
 def _by_temperature(
@@ -131,10 +131,10 @@ def _by_temperature(
     planes += find_planes(cloud, loose & (celsius < low), MIN_COLD_PLANE_M2)
     loose &= ~close_to(planes, cloud.points_m)
     hot = loose & (celsius >= low)
-    panels = find_planes(cloud, hot, MIN_PANEL_M2)
-    panels = tuple(panel for panel in panels if stands_free(panel, cloud.points_m, hot))
-    panel = hot & close_to(panels, cloud.points_m)
-    planes, loose = planes + panels, loose & ~panel
+    panel = np.zeros_like(hot)
+    for plane in find_planes(cloud, hot, MIN_PANEL_M2):
+        panel |= panel_of(plane, cloud, hot)
+    loose &= ~panel
     warm = loose & (celsius >= low) & (celsius <= high)
     nobody = f"no person: nothing of human size is {low:.1f} to {high:.1f} degrees warm"
     if not warm.any():
@@ -142,9 +142,10 @@ def _by_temperature(
         return _Field("thermal", zero, warm, warm, planes, nobody)
     alignment = thermal_alignment(cloud, (low, high), _around(warm, EDGES_PX))
     pixels_per_m = cloud.camera.fx / float(np.median(cloud.points_m[..., 2][warm]))
-    share = warmth_share(celsius, warm, high, 2 * round(LOCAL_M * pixels_per_m) + 1)
-    cold = (share < SURELY_COLD) | panel
-    candidates = cloud.valid & _around(warm, SURROUNDINGS_M * pixels_per_m) & (loose | ~cold)
+    share = warmth_share(celsius, warm, (low, high), 2 * round(LOCAL_M * pixels_per_m) + 1)
+    cold = share < SURELY_COLD
+    near_warm = _around(warm, SURROUNDINGS_M * pixels_per_m)
+    candidates = cloud.valid & near_warm & (loose | ~cold) & ~panel
     warnings = ()
     if alignment.is_off:
         right, down = alignment.shift_px
@@ -153,14 +154,28 @@ def _by_temperature(
             f"{alignment.degrees(cloud.camera.fx):.1f} degrees: calibrate the thermal camera again; "
             "parts are undefined",
         )
-    return _Field("thermal", by_warmth(share, celsius, high), candidates, cold, planes, nobody, warnings)
+    odds = by_warmth(share, celsius, high)
+    return _Field("thermal", odds, candidates, cold, planes, nobody, warnings=warnings)
 
 
-def _by_depth(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> _Field:
-    loose = cloud.valid & ~close_to(planes, cloud.points_m)
-    nobody = "no person: no connected surface of human size; record temperature to tell people from things"
-    none = np.zeros_like(loose)
-    return _Field("depth", none.astype(np.float32), loose, none, planes, nobody)
+def _by_depth(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
+    """Without temperature: the human-sized piece off the planes nearest to the view's middle."""
+    labels, pieces = pieces_of(cloud, cloud.valid & ~close_to(planes, cloud.points_m), SPECK_M2)
+    persons = [piece for piece in pieces if piece.is_human_sized]
+    none = np.zeros(labels.shape, np.bool_)
+    if not persons:
+        note = "no person: no connected surface of human size; record temperature to tell people from things"
+        return PersonMask(none, "depth", none, (note,))
+    chosen = labels == max(persons, key=_centrality).label
+    note = "found by depth alone: things that touch the person are in the mask"
+    warnings = _cut(chosen)
+    return PersonMask(chosen, "depth", none, (note, *warnings), not warnings)
+
+
+def _centrality(piece: Piece) -> float:
+    """Surface over squared distance, nearer to the middle of the view first."""
+    x, y, z = piece.centre_m
+    return float(piece.area_m2 / (z * z) * np.exp(-(x * x + y * y) / (z * z) / 0.5**2))
 
 
 def _by_before(
@@ -175,7 +190,8 @@ def _by_before(
     pixels_per_m = cloud.camera.fx * 1000 / float(np.median(before.depth_mm[was]))
     candidates = cloud.valid & _around(was, SURROUNDINGS_M * pixels_per_m) & (loose | ~still)
     nobody = "no person: no temperature in this frame, and whoever was in the frame before is gone"
-    return _Field("before", odds, candidates, still, planes, nobody)
+    note = "no temperature in this frame: the person is carried over from the frame before"
+    return _Field("before", odds, candidates, still, planes, nobody, (note,))
 
 
 def _around(mask: NDArray[np.bool_], reach_px: float) -> NDArray[np.bool_]:
@@ -196,9 +212,17 @@ def _settled(cloud: ThermalCloud, field: _Field) -> NDArray[np.bool_]:
     surface_m2 = np.square(cloud.points_m[..., 2]) / np.float32(cloud.camera.fx * cloud.camera.fy)
     shaped = np.isfinite(normals[..., 0])
     odds = field.odds + by_planes(on, near, shaped, field.cold, surface_m2)
-    lab = lab_of(cloud.color_rgb, cloud.color_valid)
+    lab = lab_of(cloud.color_rgb, cloud.color_valid & ~_rims(cloud))
     odds += by_color(lab, odds, candidates, cloud.valid & _around(field.candidates, TAUGHT_PX))
     return settle(odds, candidates, cloud.points_m[..., 2], normals, lab) > 0
+
+
+def _rims(cloud: ThermalCloud) -> NDArray[np.bool_]:
+    """Pixels (h, w) beside a depth jump: colour is a pixel or two off there, in place and in time."""
+    depth_mm, window = cloud.depth_mm, np.ones((RIM_PX * 2 + 1,) * 2, np.uint8)
+    farthest = cv2.dilate(depth_mm, window)
+    nearest = cv2.erode(np.where(cloud.valid, depth_mm, np.uint16(65535)), window)
+    return np.asarray(farthest > nearest * (1 + RIM_JUMP), np.bool_)
 
 
 def _claim(person: Person, before: FrameLabels | None) -> float:
@@ -215,8 +239,8 @@ def _crowd(persons: Sequence[Person], before: FrameLabels | None) -> list[str]:
     if len(persons) < 3 or _claim(persons[0], before) >= CLEAR * _claim(persons[1], before):
         return []
     return [
-        f"{len(persons)} persons in the depth and thermal images and none clearly the subject: let the others "
-        "step aside or aim the cameras at one; parts are undefined"
+        f"{len(persons)} persons in the depth and thermal images, none clearly the subject: "
+        "let the others step aside or aim the cameras at one; parts are undefined"
     ]
 
 

@@ -21,18 +21,23 @@ TRUNK_JUMP = 0.08
 """Depth step, as a share of the depth, within one trunk: an arm before it; another person is farther."""
 LEAST_CORE_M2 = 0.015
 """Of a trunk; two knees side by side are as wide, but not for long."""
-ONE_PERSON_M = 0.5
-"""Trunk and pelvis are nearer to each other than that, two people's trunks are not."""
+PERSON_M2 = 0.15
+"""A piece with more surface is no loose limb: two legs together have less."""
+ONE_PERSON_M = 0.55
+"""Trunk and legs are nearer to each other than that, two people's trunks are not."""
 NEAR_M, NEAR_SIZES = 0.40, 3.0
 """A loose warm piece is a limb of the person within this distance, and this many times its own size."""
 PANEL_M = 0.006
 """Loose pieces flatter than this (standard deviation) are screens or panels, not limbs."""
 TOUCH_M = 0.05
 """A gap that pixels without a reading make."""
+BESIDE_PX = 4
+"""So many pixels next to the person's make a loose piece its neighbour in the image."""
 PAIRS = 12
 """Pairs of nearest pixels tried: a body bends out of sight somewhere along the gap."""
-OPEN_SHARE = 0.25
-"""Of the pixels between two parts of a body: more with something farther than both, and nothing joins them."""
+BEHIND_M, OPEN_M, OPEN_SHARE = 0.05, 0.08, 0.25
+"""Where something farther than both, by the first, is seen between two parts of a body, for longer than the
+second and for more than this share of the way, nothing joins them."""
 MAX_PERSONS = 250
 
 
@@ -70,25 +75,38 @@ def _trunks(
     # Closed, because the pixels between an arm and the trunk behind it often have no reading.
     closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
     depth_m = cloud.points_m[..., 2]
-    radius_m = np.where(solid, cv2.distanceTransform(closed, cv2.DIST_L2, 3) * depth_m / cloud.camera.fx, 0)
+    # Without any background OpenCV's distance is infinite.
+    radius_px = np.minimum(cv2.distanceTransform(closed, cv2.DIST_L2, 3), max(mask.shape))
+    radius_m = np.where(solid, radius_px * depth_m / cloud.camera.fx, 0)
     cores, count = components(radius_m >= CORE_M, depth_m, TRUNK_JUMP)
     surface_m2 = depth_m**2 / (cloud.camera.fx * cloud.camera.fy)
-    trunks: list[NDArray[np.bool_]] = []
-    centres: list[NDArray[np.float32]] = []
+    sure = []
     for label in range(1, count + 1):
         core = cores == label
-        if radius_m[core].max() < TRUNK_M or surface_m2[core].sum() < LEAST_CORE_M2:
-            continue
-        centre = np.median(cloud.points_m[core], axis=0)
-        near = [i for i, other in enumerate(centres) if np.linalg.norm(other - centre) < ONE_PERSON_M]
-        if near:
-            trunks[near[0]] |= core
-        elif len(trunks) < MAX_PERSONS:
-            trunks.append(core)
-            centres.append(centre)
+        if radius_m[core].max() >= TRUNK_M and surface_m2[core].sum() >= LEAST_CORE_M2:
+            sure.append(core)
+    # A slender person from the side has no trunk of that width, but much surface in one piece.
+    large = [labels == p.label for p in pieces if p.area_m2 >= PERSON_M2 and p.thickness_m >= PANEL_M]
+    sure += [piece for piece in large if not any((piece & core).any() for core in sure)]
+    trunks = _apart(cloud, sure)
     if not trunks and solid.any():
         trunks = [labels == labels.ravel()[int(radius_m.argmax())]]
     return trunks
+
+
+def _apart(cloud: ThermalCloud, cores: Sequence[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
+    """Cores of one person joined."""
+    joined: list[NDArray[np.bool_]] = []
+    centres: list[NDArray[np.float32]] = []
+    for core in cores:
+        centre = np.median(cloud.points_m[core], axis=0)
+        near = [i for i, other in enumerate(centres) if np.linalg.norm(other - centre) < ONE_PERSON_M]
+        if near:
+            joined[near[0]] |= core
+        elif len(joined) < MAX_PERSONS:
+            joined.append(core)
+            centres.append(centre)
+    return joined
 
 
 def _owners(
@@ -103,32 +121,49 @@ def _owners(
         marks[trunk] = number
     owner = flood(marks, np.nan_to_num(cloud.points_m[..., 2]), float(labels.size))
     owner[owner == NO_PIXEL] = 0
-    seeds = [np.flatnonzero(owner == number)[::7] for number in range(1, len(trunks) + 1)]
-    points, depth_m = cloud.points_m.reshape(-1, 3), cloud.points_m[..., 2]
-    trees = [cKDTree(points[seed]) for seed in seeds]
+    limbs = _Limbs(cloud, [np.flatnonzero(owner == number)[::7] for number in range(1, len(trunks) + 1)])
     for piece in pieces:
-        own = np.flatnonzero(labels == piece.label)[::3]
-        if owner.ravel()[own].any() or piece.thickness_m < PANEL_M:
-            continue
-        near_m = min(NEAR_M, NEAR_SIZES * np.sqrt(piece.area_m2))
-        found = [tree.query(points[own], distance_upper_bound=near_m) for tree in trees]
-        whose = int(np.argmin([gap.min() for gap, _ in found]))
-        gap, nearest = found[whose]
-        order = np.argsort(gap)[: np.count_nonzero(gap <= min(near_m, 2 * gap.min() + TOUCH_M))]
-        if any(
-            _hidden_between(depth_m, int(own[i]), int(seeds[whose][nearest[i]]), float(gap[i]))
-            for i in order[:: max(1, order.size // PAIRS)]
-        ):
-            owner[labels == piece.label] = whose + 1
+        own = labels == piece.label
+        if not owner[own].any() and piece.thickness_m >= PANEL_M:
+            owner[own] = limbs.owner(own, min(NEAR_M, NEAR_SIZES * float(np.sqrt(piece.area_m2))), owner)
     return owner
 
 
-def _hidden_between(depth_m: NDArray[np.float32], one: int, other: int, gap_m: float) -> bool:
-    """Whether what joins two pixels can be out of sight: a limb's middle is never behind what is seen there."""
-    if gap_m <= TOUCH_M:
-        return True
+class _Limbs:
+    """Whose limb a loose piece is. seeds: for each person some pixels, flat indices."""
+
+    def __init__(self, cloud: ThermalCloud, seeds: Sequence[NDArray[np.intp]]) -> None:
+        self._points, self._depth_m = cloud.points_m.reshape(-1, 3), cloud.points_m[..., 2]
+        self._pixel_rad = 1 / cloud.camera.fx
+        self._seeds = seeds
+        self._trees = [cKDTree(self._points[seed]) for seed in seeds]
+
+    def owner(self, piece: NDArray[np.bool_], near_m: float, owner: NDArray[np.uint8]) -> int:
+        """Number of the person within ``near_m`` that a piece (h, w) belongs to, 0 for nobody.
+
+        Beside the person in the image it does, and where what joins them can be hidden.
+        """
+        own = np.flatnonzero(piece)[::3]
+        found = [tree.query(self._points[own], distance_upper_bound=near_m) for tree in self._trees]
+        whose = int(np.argmin([gap.min() for gap, _ in found]))
+        gap, nearest = found[whose]
+        order = np.argsort(gap)[: np.count_nonzero(gap <= min(near_m, 2 * gap.min() + TOUCH_M))]
+        if not order.size:
+            return 0
+        beside = cv2.dilate(piece.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        if np.count_nonzero(owner[beside] == whose + 1) >= BESIDE_PX:
+            return whose + 1
+        tried = order[:: 1 + order.size // PAIRS]
+        pairs = ((int(own[i]), int(self._seeds[whose][nearest[i]])) for i in tried)
+        hidden = any(_hidden_between(self._depth_m, one, other, self._pixel_rad) for one, other in pairs)
+        return whose + 1 if hidden else 0
+
+
+def _hidden_between(depth_m: NDArray[np.float32], one: int, other: int, pixel_rad: float) -> bool:
+    """Whether what joins two pixels can be out of sight: a limb is never behind what is seen there."""
     (v0, u0), (v1, u1) = (divmod(pixel, depth_m.shape[1]) for pixel in (one, other))
     steps = max(abs(v1 - v0), abs(u1 - u0)) + 1
     v, u = (np.rint(np.linspace(a, b, steps)).astype(np.intp) for a, b in ((v0, v1), (u0, u1)))
-    farther = depth_m[v, u] > np.linspace(depth_m[v0, u0], depth_m[v1, u1], steps) + TOUCH_M
-    return bool(farther.mean() <= OPEN_SHARE)
+    farther = depth_m[v, u] > np.linspace(depth_m[v0, u0], depth_m[v1, u1], steps) + BEHIND_M
+    open_m = np.count_nonzero(farther) * depth_m[v0, u0] * pixel_rad
+    return bool(open_m <= OPEN_M or farther.mean() <= OPEN_SHARE)

@@ -16,7 +16,9 @@ MIN_PLANE_M2 = 0.12
 MIN_COLD_PLANE_M2 = 0.02
 """The same where no point is warm, so that no body can be meant: an arm rest, a table's edge."""
 MIN_PANEL_M2 = 0.025
-"""The same where all is warm, for what ``stands_free``: half of a laptop's lid."""
+"""The same where all is warm, for a panel that stands free: half of a laptop's lid."""
+PANEL_RADIUS_M = 0.045
+"""Of the largest disc on it: half of a shin's breadth is less."""
 BEND_M, FREE_SHARE = 0.03, 0.78
 """Beside a flat patch of a body the surface bends away by less than that within four pixels; more than
 this share of a panel's rim is farther behind."""
@@ -85,19 +87,27 @@ def find_planes(
     return tuple(planes)
 
 
-def stands_free(plane: Plane, points_m: NDArray[np.float32], among: NDArray[np.bool_]) -> bool:
-    """Whether a plane's largest patch ends in steps, as a screen's does, and not in a bend, as a chest's.
+def panel_of(plane: Plane, cloud: ThermalCloud, among: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels (h, w) of a plane's largest patch with its rim, if it is broad and ends in steps, as a screen.
 
-    points_m: float32 (h, w, 3). among: bool (h, w), pixels that may be of the patch.
+    Nothing where it is narrow, as a shin, or its border bends, as a chest's does. among: bool (h, w), pixels
+    that may be of the patch.
     """
-    _, patches, stats, _ = cv2.connectedComponentsWithStats((among & plane.close(points_m)).astype(np.uint8))
+    nothing = np.zeros_like(among)
+    flat = (among & plane.close(cloud.points_m)).astype(np.uint8)
+    _, patches, stats, _ = cv2.connectedComponentsWithStats(flat)
     if len(stats) < 2:
-        return False
+        return nothing
     patch = (patches == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())).astype(np.uint8)
-    rim = cv2.dilate(patch, np.ones((9, 9), np.uint8)) > cv2.dilate(patch, np.ones((3, 3), np.uint8))
-    behind_m = plane.offset_m - points_m[rim] @ plane.normal
-    behind, beside = (behind_m > BEND_M).sum(), (np.abs(behind_m) <= BEND_M).sum()
-    return bool(behind > FREE_SHARE * (behind + beside))
+    behind_m = np.float32(plane.offset_m) - cloud.points_m @ plane.normal
+    grown = cv2.dilate(patch, np.ones((9, 9), np.uint8)) > 0
+    rim_m = behind_m[grown & ~(cv2.dilate(patch, np.ones((3, 3), np.uint8)) > 0)]
+    behind, beside = np.count_nonzero(rim_m > BEND_M), np.count_nonzero(np.abs(rim_m) <= BEND_M)
+    closed = cv2.morphologyEx(patch, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    radius_m = cv2.distanceTransform(np.pad(closed, 1), cv2.DIST_L2, 3)[1:-1, 1:-1] * cloud.points_m[..., 2]
+    if np.nanmax(radius_m) < PANEL_RADIUS_M * cloud.camera.fx or behind <= FREE_SHARE * (behind + beside):
+        return nothing
+    return np.asarray(grown & (np.abs(behind_m) <= BEND_M), np.bool_)
 
 
 def close_to(planes: Sequence[Plane], points_m: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -132,18 +142,20 @@ def normals_at(
 def _fitted(
     points: NDArray[np.float32], normals: NDArray[np.float32], pixel_m2: NDArray[np.float32], start: int
 ) -> tuple[Plane, NDArray[np.bool_]]:
-    """The plane around one point by least squares, and which points (n,) lie on it."""
+    """The plane around one point by least squares, and which points (n,) it was fitted to."""
     plane = Plane(normals[start], float(normals[start] @ points[start]), 0.0)
+    on = plane.close(points) & plane.parallel(normals)
     for _ in range(3):
-        on = plane.close(points) & plane.parallel(normals)
         if on.sum() < LEAST_POINTS:
-            return plane, on
+            break
         chosen = points[on].astype(np.float64)
         centre = chosen.mean(axis=0)
         normal = np.linalg.eigh((chosen - centre).T @ (chosen - centre))[1][:, 0]
         normal *= np.sign(normal @ plane.normal)
         plane = Plane(normal.astype(np.float32), float(normal @ centre), float(pixel_m2[on].sum()))
-    return plane, plane.close(points) & plane.parallel(normals)
+        fitted, on = on, plane.close(points) & plane.parallel(normals)
+        on |= fitted  # else a bad fit would be found again and again
+    return plane, on
 
 
 @njit(cache=True, nogil=True)

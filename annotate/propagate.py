@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from annotate.cleanup import without_islands
 from annotate.labels import FrameLabels
 from annotate.parts import N_CLASSES, UNDEFINED
 from annotate.rigid import Tagged, part_motions
@@ -54,10 +55,13 @@ class _Voters:
     tags: NDArray[np.uint8]
     parts: NDArray[np.uint8]
 
-    def of(self, tag: int) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-        """Points and parts of those tagged so; of all where the target has no label of its own."""
-        chosen = self.tags == tag if tag != UNDEFINED else self.parts != UNDEFINED
-        return self.points_m[chosen], self.parts[chosen]
+    def near_corrections(self, tag: int) -> "_Voters":
+        """Those with one tag that were corrected, and those near enough to have a say beside them."""
+        own = np.flatnonzero(self.tags == tag)
+        corrected = self.points_m[own[self.parts[own] != tag]]
+        away_m, _ = cKDTree(corrected).query(self.points_m[own], distance_upper_bound=2 * REACH_M)
+        own = own[np.isfinite(away_m)]
+        return _Voters(self.points_m[own], self.tags[own], self.parts[own])
 
 
 def propagate(
@@ -80,17 +84,16 @@ def propagate(
             f"frames {corrected.frame_id} and {automatic.frame_id} show other depth images; "
             "give one frame before and after its correction"
         )
-    parts = target.parts.copy()
+    near = _near_body(target.parts > 0) & (target.depth_mm > 0)
+    points, parts = _points(target, near, camera), target.parts.copy()
+    voters = _voters(corrected, automatic, Tagged(points, target.parts[near]), camera)
     confidence = np.ones(parts.shape, np.float32) if target.confidence is None else target.confidence.copy()
-    mistaken = np.unique(automatic.parts[corrected.parts != automatic.parts]).tolist()
-    if mistaken or (target.parts == UNDEFINED).any():
-        near = _near_body(target.parts > 0) & (target.depth_mm > 0)
-        points = _points(target, near, camera)
-        tags = target.parts[near]
-        voters = _voters(corrected, automatic, Tagged(points, tags), camera)
-        chosen, share = _vote(points, tags, voters, {*mistaken, UNDEFINED})
-        parts[near] = chosen
-        confidence[near] = np.where(chosen != tags, share, confidence[near])
+    for tag in np.unique(automatic.parts[corrected.parts != automatic.parts]).tolist():
+        asked = near & (target.parts == tag)
+        _ask(asked, points[asked[near]], voters.near_corrections(tag), parts, confidence)
+    # What has no label, or is an island by now, takes the label of what is nearest, whatever it was called.
+    asked = near & ((parts == UNDEFINED) | (without_islands(parts, target.depth_mm) != parts))
+    _ask(asked, points[asked[near]], voters, parts, confidence)
     return Propagated(parts, confidence, parts != target.parts)
 
 
@@ -104,28 +107,25 @@ def _voters(corrected: FrameLabels, automatic: FrameLabels, target: Tagged, came
     return _Voters(moved, tags, parts)
 
 
-def _vote(
-    points_m: NDArray[np.float64], tags: NDArray[np.uint8], voters: _Voters, open_tags: set[int]
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Part (n,) of every target point, and the share of votes for it; only points of open tags change."""
-    chosen, share = tags.copy(), np.ones(len(tags), np.float32)
-    for tag in open_tags:
-        asked, (places, votes) = np.flatnonzero(tags == tag), voters.of(tag)
-        if not asked.size or not (votes != tag).any():
-            continue
-        # Most of the background is far from any correction.
-        away_m, _ = cKDTree(places[votes != tag]).query(points_m[asked], distance_upper_bound=REACH_M)
-        asked = asked[np.isfinite(away_m)]
-        away_m, index = cKDTree(places).query(points_m[asked], k=VOTERS, distance_upper_bound=REACH_M)
-        weight = np.where(np.isfinite(away_m), np.exp(-0.5 * (away_m / SPREAD_M) ** 2), 0)
-        vote = np.r_[votes, UNDEFINED][index]
-        poll = np.stack([(weight * (vote == part)).sum(axis=1) for part in range(N_CLASSES)], axis=1)
-        total, winner = poll.sum(axis=1), poll.argmax(axis=1)
-        wins = poll.max(axis=1) / np.maximum(total, 1e-12)
-        decided = (total > LEAST_WEIGHT) & (wins > MAJORITY)
-        chosen[asked[decided]] = winner[decided]
-        share[asked[decided]] = wins[decided]
-    return chosen, share
+def _ask(
+    asked: NDArray[np.bool_],
+    points_m: NDArray[np.float64],
+    voters: _Voters,
+    parts: NDArray[np.uint8],
+    confidence: NDArray[np.float32],
+) -> None:
+    """Give the asked pixels (h, w), at these points (n, 3), the part that the voters agree on, in place."""
+    if not len(points_m) or not len(voters.parts):
+        return
+    away_m, index = cKDTree(voters.points_m).query(points_m, k=VOTERS, distance_upper_bound=REACH_M)
+    weight = np.where(np.isfinite(away_m), np.exp(-0.5 * (away_m / SPREAD_M) ** 2), 0)
+    vote = np.r_[voters.parts, UNDEFINED][index]
+    poll = np.stack([(weight * (vote == part)).sum(axis=1) for part in range(N_CLASSES)], axis=1)
+    total, most = poll.sum(axis=1), poll.max(axis=1)
+    won = (total > LEAST_WEIGHT) & (most > MAJORITY * total) & (poll.argmax(axis=1) != parts[asked])
+    pixels = np.flatnonzero(asked)[won]
+    parts.ravel()[pixels] = poll.argmax(axis=1)[won]
+    confidence.ravel()[pixels] = (most / np.maximum(total, LEAST_WEIGHT))[won]
 
 
 def _near_body(body: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -33,7 +33,7 @@ def _modes(
     height, width = index.shape
     chosen = start.copy()
     total = np.empty(scores.shape[1])
-    for round_ in range(ROUNDS):
+    for _ in range(ROUNDS):
         last = chosen.copy()
         for v in range(height):
             for u in range(width):

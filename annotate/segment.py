@@ -26,7 +26,7 @@ PATCH_WEIGHT, PATCH_DOUBT = 1.0, 0.02
 BAD_SHARE = 0.3
 """From this share of colours lost to darkness or glare on the user is told."""
 UNKNOWN, UNTOLD_BELOW = 0.35, 0.8
-"""Beliefs below which a supervoxel stays undefined: any, and one whose rival looks alike in the suit."""
+"""Beliefs below which a supervoxel stays undefined: without any colour; with a rival that looks alike."""
 UNTOLD = "some parts stay undefined: their colours cannot be read, or look alike in the suit"
 OWN_COLOR, OWN_GROUP = 1.0, 0.25
 """Weights of a point's own colour and of its supervoxel's belief where the border runs within supervoxels."""
@@ -68,9 +68,10 @@ def segment(
     chosen = refine(scores, scores.argmax(axis=1).astype(np.uint8), cloud.points_m[..., 2], mask)
     parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
     parts[mask] = chosen + 1
-    found = features(belief, evidence, usable, parts, mask, groups)
+    found = features(belief, evidence, usable, cloud.temperature_c[mask], parts, mask, groups)
     confidence[mask] = calibrated(found)[groups.ids]
-    if (untold := _untold(belief, suit)[groups.ids]).any():
+    read = np.bincount(groups.ids, usable, groups.count)
+    if (untold := _untold(belief, read, suit)[groups.ids]).any():
         parts[mask] = np.where(untold, UNDEFINED, parts[mask])
         confidence[mask] = np.where(untold, 0, confidence[mask])
         notes = (*notes, UNTOLD)
@@ -83,9 +84,7 @@ def unlabelled(mask: NDArray[np.bool_], *notes: str) -> Segmentation:
     return Segmentation(parts, np.zeros(mask.shape, np.float32), notes)
 
 
-def _diagnosis(
-    rgb: NDArray[np.uint8], seen: NDArray[np.bool_], usable: NDArray[np.bool_]
-) -> tuple[str, ...]:
+def _diagnosis(rgb: NDArray[np.uint8], seen: NDArray[np.bool_], usable: NDArray[np.bool_]) -> tuple[str, ...]:
     """What is wrong with a person's colours (n, 3), and what to do about it."""
     if not len(rgb):
         return ("no person: nothing to label",)
@@ -130,14 +129,17 @@ def _believed(
     return belief, evidence
 
 
-def _untold(belief: _Array, suit: Suit) -> NDArray[np.bool_]:
-    """Supervoxels (G,) of which nothing is known, or only that it is one of two parts that look alike."""
+def _untold(belief: _Array, read: NDArray[np.float64], suit: Suit) -> NDArray[np.bool_]:
+    """Supervoxels (G,) of which nothing is known, or only that it is one of two parts that look alike.
+
+    read: (G,) number of readable colours.
+    """
     order = np.argsort(belief, axis=1)[:, -2:]
     best = np.take_along_axis(belief, order, axis=1)[:, 1]
     alike = np.zeros((_N, _N), bool)
     for a, b in suit.look_alikes:
         alike[a - 1, b - 1] = alike[b - 1, a - 1] = True
-    return np.asarray((best < UNKNOWN) | (best < UNTOLD_BELOW) & alike[order[:, 0], order[:, 1]])
+    return np.asarray((best < UNKNOWN) & (read == 0) | (best < UNTOLD_BELOW) & alike[order[:, 0], order[:, 1]])
 
 
 def tile(cloud: ThermalCloud, mask: NDArray[np.bool_]) -> Supervoxels:

@@ -20,6 +20,7 @@ from annotate.images import (
     encode_parts,
     encode_persons,
 )
+from annotate.journal import Journal
 from annotate.labels import FrameLabels, Status
 from annotate.parts import PARTS
 from sensors.atomic import write_bytes
@@ -131,9 +132,9 @@ class LabelSet:
         notes = _load(self._file(frame_id, "json")).get("notes", {})
         return notes if isinstance(notes, dict) else {}
 
-    def status(self, frame_id: str) -> Status:
-        """A frame's status alone. Raises FormatError on one that is unknown."""
-        status = _load(self._file(frame_id, "json")).get("status")
+    def status(self, frame_id: str, original: bool = False) -> Status:
+        """A frame's status alone, or what it was before the first correction. Raises FormatError."""
+        status = _load(self._file(frame_id, "json", ORIGINAL if original else FRAMES)).get("status")
         if status not in get_args(Status):
             raise FormatError(f"{self._file(frame_id, 'json')} has an unknown status; restore it from a copy")
         return cast(Status, status)
@@ -213,7 +214,23 @@ def validate(labels: LabelSet) -> list[str]:
             problems.append(f"frame {frame_id}: {on_nothing} pixels carry a part where there is no depth")
     if not labels.frame_ids:
         problems.append(f"{labels.path} holds no frames")
-    return problems
+    return problems + _journal_problems(labels)
+
+
+def _journal_problems(labels: LabelSet) -> list[str]:
+    """A journal that cannot be read, and strokes that a killed correction left out of the labels."""
+    try:
+        journal = Journal.of(labels.path)
+        behind = [
+            i
+            for i in journal.frame_ids
+            if i in labels and labels.notes(i).get("journal", 0) != len(journal.strokes(i))
+        ]
+    except CloudError as error:
+        return [str(error)]
+    return [
+        f"frame {i}: its labels lack strokes of {journal.path}; open the set once with fix" for i in behind
+    ]
 
 
 def _dump(value: dict[str, Any]) -> bytes:

@@ -1,7 +1,9 @@
 """A palette learnt from what was seen: corrected frames of a session, or a photograph of the cloths."""
 
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -47,7 +49,7 @@ def corrected_frames(labels: LabelSet) -> list[str]:
 def clouds_with(
     labels: LabelSet, frame_ids: list[str], source: FrameSource
 ) -> Iterator[tuple[ThermalCloud, FrameLabels]]:
-    """The clouds of a source's frames with their labels. Raises CloudError when a frame is in none of both."""
+    """The clouds of a source's frames with their labels. Raises CloudError when either lacks one."""
     wanted = set(frame_ids)
     if missing := sorted(wanted - set(labels.frame_ids)):
         raise CloudError(f"{labels.path} has no frame {missing[0]!r}; give one of its ids")
@@ -98,8 +100,8 @@ def suit_from_photo(path: Path, name: str) -> Suit:
     patches = [i for i in range(1, len(stats)) if stats[i, cv2.CC_STAT_AREA] >= LEAST_PATCH * spots.size]
     if len(patches) != len(BODY_PARTS):
         raise CloudError(
-            f"swatches {path} show {len(patches)} patches; lay {len(BODY_PARTS)} apart on plain paper, row by "
-            f"row in this order: {', '.join(part.name for part in BODY_PARTS)}"
+            f"swatches {path} show {len(patches)} patches; lay {len(BODY_PARTS)} apart on plain paper, "
+            f"row by row in this order: {', '.join(part.name for part in BODY_PARTS)}"
         )
     inner = cv2.erode(spots, np.ones((5, 5), np.uint8), borderValue=0) > 0
     ordered = _row_by_row(stats[patches])
@@ -162,13 +164,13 @@ def _inner(parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return np.asarray(cv2.dilate(parts, square) == cv2.erode(parts, square))
 
 
-def _row_by_row(stats: NDArray[np.int32]) -> list[int]:
+def _row_by_row(stats: NDArray[Any]) -> list[int]:
     """Indices of patches in reading order; a row ends where the next patch starts below its middle."""
     top, height = stats[:, cv2.CC_STAT_TOP], stats[:, cv2.CC_STAT_HEIGHT]
     middle = top + height / 2
     row = np.zeros(len(stats), int)
     order = np.argsort(middle)
-    for last, this in zip(order, order[1:], strict=False):
+    for last, this in pairwise(order.tolist()):
         row[this] = row[last] + (middle[this] - middle[last] > np.median(height) / 2)
     return [int(i) for i in np.lexsort((stats[:, cv2.CC_STAT_LEFT], row))]
 

@@ -1,7 +1,7 @@
 """Takes the pictures of the correction window in docs/images: xvfb-run -a -s "-screen 0 1600x1000x24" \\
 .venv/bin/python docs/window.py
 
-A hard recording of the virtual rig is labelled, and predicted by the network to compare with; then the
+A recording of the virtual rig is labelled, and predicted by the network to compare with; then the
 window is worked by mouse and keys.
 """
 
@@ -40,7 +40,7 @@ def main() -> None:
             window.show()
             window.activateWindow()
             QTest.qWaitForWindowActive(window)
-            QTest.qWait(1500)
+            QTest.qWait(3000)
             (dark if theme == "dark" else light)(window)
             window.close()
     del app
@@ -49,7 +49,7 @@ def main() -> None:
 def make_labels(folder: Path) -> Path:
     """A recording, its automatic labels, and the network's."""
     for command in (
-        "simulate people.mcap --frames 12 --subjects 3 --difficulty hard --seed 7",
+        "simulate people.mcap --frames 12 --subjects 3 --difficulty normal --seed 7",
         "label people.mcap --suit people.suit.toml --out labels",
         "predict people.mcap --out network",
     ):
@@ -62,9 +62,9 @@ def dark(window: CorrectionWindow) -> None:
     for _ in range(2):
         press(window, "accept")
     press(window, "lasso")
-    press(window, "torso")
+    press(window, "right_upper_leg")
     view = window.cloud_view
-    pixels = np.flatnonzero(window.desk.parts.ravel() == PART_ID["hip"])
+    pixels = np.flatnonzero(window.desk.parts.ravel() == PART_ID["left_upper_leg"])
     x, y = np.nanmedian(view.view().xy_px[pixels], axis=0)
     angles = np.linspace(0.3, 6.0, 40)
     ring = [QPoint(round(x + 62 * np.cos(a)), round(y + 40 * np.sin(a))) for a in angles]

@@ -90,7 +90,11 @@ def predict_source(
         return network.segment(cloud.depth_mm, person.mask), person
 
     return run(
-        source, {"predict": {"weights": network.sha256, "window_c": list(window_c) if window_c else None}}, out, one, progress
+        source,
+        {"predict": {"weights": network.sha256, "window_c": list(window_c) if window_c else None}},
+        out,
+        one,
+        progress,
     )
 
 

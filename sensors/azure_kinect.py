@@ -1,5 +1,6 @@
 """Azure Kinect through pyk4a (extra ``kinect``; it needs Microsoft's Azure Kinect SDK 1.4)."""
 
+from contextlib import suppress
 from importlib.util import find_spec
 from typing import Any
 
@@ -24,13 +25,14 @@ class AzureKinect(PairedCamera):
             raise DeviceNotFoundError(
                 "pyk4a is not installed; install the Azure Kinect SDK, then annotate-cloud[kinect]"
             )
-        serials = azure_serials()
-        chosen = choose("Azure Kinect", serials, serial)
-        super().__init__(f"azure:{chosen}", chosen, _Library(serials.index(chosen)))
+        there = azure_devices()
+        chosen = choose("Azure Kinect", [number for _, number in there], serial)
+        index = next(index for index, number in there if number == chosen)
+        super().__init__(f"azure:{chosen}", chosen, _Library(index))
 
 
-def azure_serials() -> list[str]:
-    """Serial numbers of the devices that are plugged in; none where pyk4a is not installed.
+def azure_devices() -> list[tuple[int, str]]:
+    """Index and serial number of the devices that are plugged in; none where pyk4a is not installed.
 
     Each is opened for a moment, as its number cannot be asked otherwise; one in use is left out.
     """
@@ -38,16 +40,14 @@ def azure_serials() -> list[str]:
         return []
     import pyk4a
 
-    serials = []
+    found = []
     for index in range(pyk4a.connected_device_count()):
         device = pyk4a.PyK4A(device_id=index)
-        try:
+        with suppress(pyk4a.K4AException):
             device.open()
-            serials.append(str(device.serial))
+            found.append((index, str(device.serial)))
             device.close()
-        except pyk4a.K4AException:
-            serials.append("in-use")
-    return serials
+    return found
 
 
 class _Library:
@@ -104,7 +104,8 @@ class _Library:
             raise DeviceLostError("the Azure Kinect is gone; plug it in again and start anew") from error
         images = []
         if capture.depth is not None:
-            depth = DepthImage(np.array(capture.depth, np.uint16))
+            infrared = None if capture.ir is None else np.array(capture.ir, np.uint16)
+            depth = DepthImage(np.array(capture.depth, np.uint16), infrared)
             images.append(Image(1000 * capture.depth_timestamp_usec, depth))
         if capture.color is not None:
             images.append(Image(1000 * capture.color_timestamp_usec, ColorImage(bytes(capture.color))))

@@ -1,5 +1,6 @@
 """All devices by address: which there are, and opening one, real or virtual."""
 
+import errno
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -12,13 +13,14 @@ from sensors.errors import DeviceError, DeviceNotFoundError
 from sensors.frame import RigFrame
 from sensors.kinect2 import Kinect2, kinect2_serials
 from sensors.kinect2_shim import load_shim
+from sensors.node import node_error
 from sensors.optris import USB_ID, Optris
 from sensors.optris_direct import OptrisDirect
 from sensors.optris_layout import LAYOUTS, Layout
-from sensors.pyrometer import Pyrometer
-from sensors.pyrometer_protocol import FAMILIES, HUNDREDTHS, TENTHS
+from sensors.pyrometer import open_pyrometer
 from sensors.usb import video_nodes
-from sensors.video import OpenCvVideo, Video
+from sensors.video import TRANSPORTS, OpenCvVideo, Video
+from sensors.virtual.twins import open_twin
 
 VIRTUAL = (
     "virtual:kinect2",
@@ -27,8 +29,6 @@ VIRTUAL = (
     "virtual:pyrometer?family=ct",
     "virtual:pyrometer?family=cs",
 )
-SCALES = {"0.1": TENTHS, "0.01": HUNDREDTHS}
-YES_NO = {"yes": True, "no": False}
 
 
 def open_device(address: str, frames: Iterable[RigFrame] | None = None) -> Device:
@@ -39,8 +39,6 @@ def open_device(address: str, frames: Iterable[RigFrame] | None = None) -> Devic
     """
     parsed = Address(address)
     if parsed.virtual:
-        from sensors.virtual.twins import open_twin
-
         return open_twin(parsed, frames)
     if parsed.kind not in OPENERS:
         raise DeviceError(
@@ -50,7 +48,7 @@ def open_device(address: str, frames: Iterable[RigFrame] | None = None) -> Devic
 
 
 def find_devices() -> list[Found]:
-    """Devices that are plugged in, then the virtual ones. Nothing is opened, nothing is sent."""
+    """Devices that are plugged in, then the virtual ones. Nothing is sent to any of them."""
     finders = (_find_kinect2, _find_azure, _find_orbbec, _find_optris, _find_serial_ports)
     real = [found for find in finders for found in find()]
     return real + [Found(address, address.split(":")[1].split("?")[0], virtual=True) for address in VIRTUAL]
@@ -63,23 +61,6 @@ def optris_video(transport: str, node: Path, layout: Layout) -> Video:
 
         return LinuxpyVideo(node, layout.width, layout.height, layout.uvc_hz)
     return OpenCvVideo(node, layout.width, layout.height, layout.uvc_hz)
-
-
-def open_pyrometer(address: Address, port: Path) -> Pyrometer:
-    """The pyrometer on ``port`` with the options of its address."""
-    family = address.choice("family", FAMILIES, "ct")
-    baud, rs485 = address.given_integer("baud", 9600, 115200), address.given_integer("rs485", 1, 32)
-    scale, burst = address.choice("step", SCALES, "0.1"), address.choice("burst", YES_NO, "no")
-    emissivity = address.given_number("emissivity", 0.1, 1.1)
-    address.finish()
-    device = Pyrometer(port, family, baud=baud, rs485=rs485, scale=scale, burst=burst)
-    try:
-        if emissivity is not None:
-            device.emissivity = emissivity
-    except DeviceError:
-        device.close()
-        raise
-    return device
 
 
 def _open_kinect2(address: Address) -> Device:
@@ -103,7 +84,7 @@ def _open_orbbec(address: Address) -> Device:
 
 def _open_optris(address: Address) -> Device:
     layout = address.choice("mode", LAYOUTS, "128hz")
-    transport = address.choice("transport", {"opencv": "opencv", "linuxpy": "linuxpy"}, "opencv")
+    transport = address.choice("transport", TRANSPORTS, "opencv")
     address.finish()
     node = _target(address, "/dev/video0")
     return Optris(node, layout, optris_video(transport, node, layout), _usb_serial(node))
@@ -153,9 +134,9 @@ def _find_kinect2() -> list[Found]:
 
 
 def _find_azure() -> list[Found]:
-    from sensors.azure_kinect import azure_serials
+    from sensors.azure_kinect import azure_devices
 
-    return _numbered("azure", azure_serials())
+    return _numbered("azure", [serial for _, serial in azure_devices()])
 
 
 def _find_orbbec() -> list[Found]:
@@ -195,8 +176,4 @@ def _numbered(kind: str, serials: list[str]) -> list[Found]:
 
 def _access(node: Path) -> str:
     """What keeps this user from the node, without opening it."""
-    from sensors.node import node_error
-
-    if os.access(node, os.R_OK | os.W_OK):
-        return ""
-    return str(node_error(node, 13))
+    return "" if os.access(node, os.R_OK | os.W_OK) else str(node_error(node, errno.EACCES))

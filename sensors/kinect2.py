@@ -1,4 +1,4 @@
-"""Kinect v2 through libfreenect2 (0.2): depth in millimetres, colour as the device's own JPEG."""
+"""Kinect v2 through libfreenect2 (0.2): depth with its infrared image, colour as the device's own JPEG."""
 
 import time
 from collections.abc import Mapping
@@ -12,7 +12,16 @@ from sensors.camera import Intrinsics
 from sensors.device import ColorImage, DepthImage, Reading
 from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceLostError
 from sensors.kinect2_factory import KinectColorParams
-from sensors.kinect2_shim import COLOR, COLOR_PARAMS, DEPTH, INFRARED_PARAMS, Frame, Shim, load_shim
+from sensors.kinect2_shim import (
+    COLOR,
+    COLOR_PARAMS,
+    DEPTH,
+    INFRARED,
+    INFRARED_PARAMS,
+    Frame,
+    Shim,
+    load_shim,
+)
 from sensors.select import choose
 from sensors.ticks import Sequence, WrappingCounter
 from sensors.usb import check_usb
@@ -53,6 +62,7 @@ class Kinect2:
         self._clock = WrappingCounter()
         self._numbers = {DEPTH: Sequence(), COLOR: Sequence()}
         self._dropped = {DEPTH: 0, COLOR: 0}
+        self._infrared: tuple[int, NDArray[np.uint16] | None] = (-1, None)
         self._heard_s = time.monotonic()
         self._params: tuple[Intrinsics, KinectColorParams] | None = None
 
@@ -110,29 +120,41 @@ class Kinect2:
                 self._shim.k2_close(self._handle)
 
     def _reading(self, frame: Frame, arrival_ns: int) -> Reading | None:
-        """The frame in the buffer; None for one that is late or broken, which counts as dropped."""
+        """The frame in the buffer; None for one that is late or broken, which counts as dropped.
+
+        None too for an infrared image, which waits for the depth image of its number.
+        """
         self._heard_s = time.monotonic()
+        if frame.type == INFRARED:
+            self._infrared = frame.sequence, self._image(frame)
+            return None
         lost = self._numbers[frame.type].lost_before(frame.sequence)
         if lost is None:
             return None
         self._dropped[frame.type] += lost
         stamp_ns = self._clock.unwrap(frame.timestamp) * TICK_NS
-        data = self._jpeg(frame) if frame.type == COLOR else self._depth(frame)
-        if frame.status or data is None:
+        value = self._color(frame) if frame.type == COLOR else self._depth(frame)
+        if frame.status or value is None:
             self._dropped[frame.type] += 1
             return None
-        value = ColorImage(data) if isinstance(data, bytes) else DepthImage(data)
         dropped, self._dropped[frame.type] = self._dropped[frame.type], 0
         return Reading(stamp_ns, arrival_ns, value, dropped)
 
-    def _jpeg(self, frame: Frame) -> bytes:
-        return bytes(memoryview(self._buffer)[: frame.bytes])
+    def _color(self, frame: Frame) -> ColorImage:
+        return ColorImage(bytes(memoryview(self._buffer)[: frame.bytes]))
 
-    def _depth(self, frame: Frame) -> NDArray[np.uint16] | None:
+    def _depth(self, frame: Frame) -> DepthImage | None:
+        image, (number, infrared) = self._image(frame), self._infrared
+        if image is None:
+            return None
+        return DepthImage(image, infrared if number == frame.sequence else None)
+
+    def _image(self, frame: Frame) -> NDArray[np.uint16] | None:
+        """The float image in the buffer, rounded; None for one of another size."""
         if (frame.height, frame.width) != DEPTH_SHAPE or frame.bytes != 4 * frame.height * frame.width:
             return None
-        millimetres = np.frombuffer(memoryview(self._buffer), np.float32, frame.height * frame.width)
-        return depth_from_float(millimetres.reshape(DEPTH_SHAPE))
+        values = np.frombuffer(memoryview(self._buffer), np.float32, frame.height * frame.width)
+        return uint16_from_float(values.reshape(DEPTH_SHAPE))
 
     def _ask_params(self) -> tuple[Intrinsics, KinectColorParams]:
         infrared, color = (c_float * INFRARED_PARAMS)(), (c_float * COLOR_PARAMS)()
@@ -151,7 +173,7 @@ def kinect2_serials(shim: Shim) -> list[str]:
     return [text.value.decode("ascii", "replace") for index in found if not shim.k2_serial(index, text, 64)]
 
 
-def depth_from_float(depth_mm: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """libfreenect2's float millimetres as uint16, rounded; negative, infinite or NaN becomes 0."""
-    good = np.isfinite(depth_mm) & (depth_mm > 0)
-    return np.rint(np.where(good, depth_mm, 0)).clip(0, 65535).astype(np.uint16)
+def uint16_from_float(values: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """libfreenect2's float millimetres, or amplitude, rounded; negative, infinite or NaN becomes 0."""
+    good = np.isfinite(values) & (values > 0)
+    return np.rint(np.where(good, values, 0)).clip(0, 65535).astype(np.uint16)

@@ -12,7 +12,7 @@ from sensors.errors import DeviceNotFoundError
 Pointer = Any
 """Any of ctypes' pointer types, which come into being at run time."""
 
-COLOR, DEPTH = 1, 4
+COLOR, INFRARED, DEPTH = 1, 2, 4
 """Frame types (libfreenect2's Frame::Type)."""
 INFRARED_PARAMS, COLOR_PARAMS = 9, 26
 

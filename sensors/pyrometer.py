@@ -8,6 +8,7 @@ from math import nan
 from pathlib import Path
 from types import MappingProxyType
 
+from sensors.address import Address
 from sensors.camera import Intrinsics
 from sensors.device import Reading, Spot
 from sensors.errors import DeviceError, DeviceFaultError, DeviceLostError
@@ -19,6 +20,8 @@ from sensors.pyrometer_protocol import (
     CS,
     CS_PROCESSOR,
     CT,
+    FAMILIES,
+    HUNDREDTHS,
     TENTHS,
     BurstParser,
     Family,
@@ -28,6 +31,9 @@ from sensors.pyrometer_protocol import (
 )
 from sensors.serial_line import ChatterError, SerialLine, SilenceError
 
+SCALES = {"0.1": TENTHS, "0.01": HUNDREDTHS}
+"""Scales by the option ``step``: how many kelvin a step of a reading is."""
+YES_NO = {"yes": True, "no": False}
 POLL_HZ = 10.0
 """A pyrometer follows drift over minutes; ten readings a second leave the line idle most of the time."""
 BURST_HZ = 100.0
@@ -228,3 +234,20 @@ class Pyrometer:
             self._ready += self._parser.feed(data)
             self._dropped += -(-(self._parser.skipped - skipped) // 8)
         return Spot(*self._ready.pop(0))
+
+
+def open_pyrometer(address: Address, port: Path) -> Pyrometer:
+    """The pyrometer on ``port`` with the options of its address. Raises DeviceError."""
+    family = address.choice("family", FAMILIES, "ct")
+    baud, rs485 = address.given_integer("baud", 9600, 115200), address.given_integer("rs485", 1, 32)
+    scale, burst = address.choice("step", SCALES, "0.1"), address.choice("burst", YES_NO, "no")
+    emissivity = address.given_number("emissivity", 0.1, 1.1)
+    address.finish()
+    device = Pyrometer(port, family, baud=baud, rs485=rs485, scale=scale, burst=burst)
+    try:
+        if emissivity is not None:
+            device.emissivity = emissivity
+    except DeviceError:
+        device.close()
+        raise
+    return device

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceLostError
 from sensors.node import check_node
 
+TRANSPORTS = {"opencv": "opencv", "linuxpy": "linuxpy"}
+"""How a node can be read; the first is built in."""
 BUFFERS = 10
 """OpenCV's most; 78 ms at 128 Hz."""
 SLICE_S = 0.05

@@ -19,12 +19,19 @@ Io = Any
 """Where linuxpy takes ``open`` and ``select`` from; its own unless a fake kernel's is given."""
 
 
+def need_linuxpy() -> None:
+    """Raise DeviceNotFoundError where the extra is not installed."""
+    if find_spec("linuxpy") is None:
+        raise DeviceNotFoundError(
+            "linuxpy is not installed; install annotate-cloud[v4l2], or leave transport=linuxpy out"
+        )
+
+
 class LinuxpyVideo:
     """A V4L2 node as a ``Video`` of ``width`` x ``height`` words. Raises DeviceError."""
 
     def __init__(self, node: Path, width: int, height: int, hz: float, io: Io = None) -> None:
-        if find_spec("linuxpy") is None:
-            raise DeviceNotFoundError("linuxpy is not installed; install annotate-cloud[v4l2], or use opencv")
+        need_linuxpy()
         from linuxpy.io import IO
         from linuxpy.video.device import Device, V4L2Error, VideoCapture
 

@@ -27,11 +27,11 @@ class Clutter:
 class Difficulty:
     """How hard the rig makes it.
 
-    look: clothes, light and the colour camera. depth: one frame's faults;
-    reflectance: the room's, in the infrared, for light that bounces twice (0: none does);
-    unit_mm, unit_scale: standard deviations of the unit's own offset and scale. warmth: how unevenly warm
-    people and things are, 1 as in a good room. room_c: air and walls, least and most. clutter: what stands
-    about. stray: how far the robot's aim is off, 1 as well as it can.
+    look: clothes, light and the colour camera. depth: one frame's faults. reflectance: the room's, in the
+    infrared, for light that bounces twice (0: none does). unit_mm, unit_scale: standard deviations of the
+    unit's own offset and scale. warmth: how unevenly warm people and things are, 1 as in a good room.
+    room_c: air and walls, least and most. clutter: what stands about. stray: how far the robot's aim is off,
+    1 as well as it can.
     """
 
     name: str

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtCore import QPoint, QPointF, Qt, QTimer
 from PySide6.QtGui import QCursor, QKeySequence
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 
 from annotate.correction import Correction
 from annotate.gui.cloud_view import CloudView
@@ -59,6 +59,10 @@ class Driver:
 
     def press(self, sequence: str) -> None:
         """Press a key such as "Ctrl+Z"."""
+        if not self.window.isActiveWindow():
+            # After a dialogue: a screen without a window manager gives the focus back to nobody.
+            self.window.activateWindow()
+            assert QTest.qWaitForWindowActive(self.window)
         combination = QKeySequence(sequence)[0]
         QTest.keyClick(self.window, combination.key(), combination.keyboardModifiers())
         self.settle()
@@ -138,3 +142,19 @@ class Driver:
         self.window.close()
         self.window.deleteLater()
         self.settle()
+
+
+def answering(text: str) -> Callable[[], list[str]]:
+    """Click the button that begins with ``text`` in the next dialogue; what it said, once it has come."""
+    said: list[str] = []
+
+    def click() -> None:
+        dialog = QApplication.activeModalWidget()
+        if dialog is None:
+            QTimer.singleShot(50, click)
+            return
+        said.extend(label.text() for label in dialog.findChildren(QLabel))
+        next(b for b in dialog.findChildren(QPushButton) if b.text().startswith(text)).click()
+
+    QTimer.singleShot(50, click)
+    return lambda: said

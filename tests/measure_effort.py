@@ -21,8 +21,6 @@ from annotate.parts import PARTS
 from annotate.store import LabelSet
 from sensors.replay import Session
 
-TOLERANCES_PX = (2, 0)
-
 
 def measure(labels, truth, color_of, tolerance_px, propagating, trace=False):
     """Print one way of working over a label set."""
@@ -78,6 +76,7 @@ def main():
     parser.add_argument("truth", type=Path)
     parser.add_argument("--session", type=Path)
     parser.add_argument("--frames", type=int, help="only the first so many")
+    parser.add_argument("--tolerance", type=int, nargs="+", default=(2, 0), help="pixels at borders")
     parser.add_argument("--trace", action="store_true", help="every frame and what was done")
     options = parser.parse_args()
     truth, color_of = LabelSet.open(options.truth), lambda frame_id: None
@@ -85,7 +84,7 @@ def main():
         session = Session(options.session)
         fuser = Fuser(session.calibration)
         color_of = lambda frame_id: fuser.fuse_frame(session.frame(int(frame_id))).color_rgb  # noqa: E731
-    for tolerance_px in TOLERANCES_PX:
+    for tolerance_px in options.tolerance:
         for propagating in (False, True):
             print(f"border {tolerance_px} px, {'with propagation' if propagating else 'each frame alone'}:")
             with tempfile.TemporaryDirectory() as folder:

@@ -15,15 +15,16 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-import cv2
 import numpy as np
 
-from annotate.color_model import unfitted
+from annotate.agreement import Agreement
+from annotate.color_model import ColorModel, under
 from annotate.confidence import worst_first
 from annotate.fuse import Fuser
 from annotate.label import label_source
 from annotate.part_tree import softmax
 from annotate.parts import BACKGROUND, UNDEFINED
+from annotate.patches import Patches, read_together
 from annotate.person import WINDOW_C
 from annotate.segment import tile
 from annotate.store import LabelSet
@@ -36,16 +37,6 @@ from synth.simulate import suit_path, truth_path
 BINS = 15
 AGREED = 0.99
 FIRST_SHARE = 0.3
-
-
-def agreement(truth: np.ndarray, parts: np.ndarray, tolerance_px: int = 0) -> float:
-    """Share of pixels right among those where truth or labels name a part, undefined truth left out."""
-    counted = (truth != UNDEFINED) & ((truth != BACKGROUND) | ((parts != BACKGROUND) & (parts != UNDEFINED)))
-    right = np.zeros(truth.shape, bool)
-    square = np.ones((2 * tolerance_px + 1,) * 2, np.uint8)
-    for part in np.unique(parts[counted]):
-        right |= (parts == part) & (cv2.dilate((truth == part).astype(np.uint8), square) > 0)
-    return float(right[counted].mean()) if counted.any() else 1.0
 
 
 @dataclass(frozen=True)
@@ -103,7 +94,7 @@ def measured(path: Path, window_c: tuple[float, float] | None = None) -> dict[st
         scores = compare_sets(labels, truth).scores
         sure = reliability(labels, truth, session)
         pairs = [(t.parts, labels.read(t.frame_id).parts) for t in truth]
-    strict, tolerant = (np.array([agreement(t, p, px) for t, p in pairs]) for px in (0, 2))
+    strict, tolerant = (np.array([Agreement(t, px).of(p) for t, p in pairs]) for px in (0, 2))
     return {
         "person IoU": float(scores["person_iou"]),
         "mean recall": float(scores["mean_recall"]),
@@ -130,11 +121,29 @@ def points_alone(cloud: Any, mask: np.ndarray) -> Supervoxels:
     return Supervoxels(np.arange(mask.sum(), dtype=np.int32), int(mask.sum()), edges.astype(np.int32))
 
 
+def by_color_alone(patches: Patches, palette: ColorModel, clues: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Each patch by its own colour in white light."""
+    match = under(palette, np.zeros(2)).match(patches.chroma, 0.5 * patches.blur)
+    return softmax(palette.by_part(match) + clues), np.zeros(2)
+
+
+def patches_alone(patches: Patches, palette: ColorModel, clues: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The light found, but no belief about any patch."""
+    belief, log_gain = read_together(patches, palette, clues)
+    return np.full_like(belief, 1 / 11), log_gain
+
+
 WITHOUT: dict[str, dict[str, Callable[..., Any]]] = {
     "nothing (all steps)": {},
-    "fitting colours to the light": {"fit_colors": lambda rgb, suit, last: unfitted(suit)},
+    "fitting colours to the light": {
+        "read_together": by_color_alone,
+        "refit_colors": lambda model, rgb, belief: model,
+    },
+    "reading the patches as one body": {"read_together": by_color_alone},
+    "the patches' second opinion": {"read_together": patches_alone},
     "supervoxels": {"tile": points_alone},
-    "the part tree": {"settle": lambda unary, groups, centroids_m: softmax(unary)},
+    "the part tree": {"settle": lambda unary, groups, centroids_m, start: softmax(unary)},
+    "warmth": {"warmth_of": lambda celsius, groups: np.zeros((groups.count, 11))},
     "the frame before": {"with_earlier": lambda unary, groups, before, cloud, centroids_m: unary},
     "refined borders": {"refine": lambda scores, start, depth_m, mask: start},
 }

@@ -144,8 +144,7 @@ def test_keys_under_the_pointer(at_window):
 
 def test_clean_up_is_shown_then_applied_or_dropped(at_window):
     at_window.key("brush")
-    for _ in range(6):
-        at_window.key("smaller")
+    at_window.key("small")
     at_window.key("head")
     pane = at_window.window.depth_pane
     pixel = at_window.middle_of(TORSO)

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from sensors import devices, kinect2, node, optris_direct, paired_camera, pyrometer, serial_line, usb
 from sensors.address import Address
-from sensors.azure_kinect import AzureKinect, azure_serials
+from sensors.azure_kinect import AzureKinect, azure_devices
 from sensors.device import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
 from sensors.devices import find_devices, open_device
 from sensors.errors import (
@@ -417,10 +417,16 @@ def test_finding_opens_nothing(monkeypatch):
 
 
 def test_without_their_libraries_they_say_what_to_install():
-    for kind, serials in ((AzureKinect, azure_serials), (Orbbec, orbbec_serials)):
+    for kind, serials in ((AzureKinect, azure_devices), (Orbbec, orbbec_serials)):
         if not serials():
             with pytest.raises(DeviceNotFoundError, match=r"install|plugged in"):
                 kind()
+
+
+def test_without_linuxpy_its_transport_says_what_to_install(monkeypatch):
+    monkeypatch.setattr("sensors.video_linuxpy.find_spec", lambda name: None)
+    with pytest.raises(DeviceNotFoundError, match=r"install annotate-cloud\[v4l2\], or leave"):
+        open_device("virtual:optris?transport=linuxpy")
 
 
 def test_a_rational_lens_becomes_the_polynomial_one():
@@ -490,7 +496,11 @@ class FakeAzure:
             stamp = self.stamps.pop(0)
             depth, jpeg = np.full((576, 640), 1500, np.uint16), np.frombuffer(b"\xff\xd8\xff", np.uint8)
             return SimpleNamespace(
-                depth=depth, color=jpeg, depth_timestamp_usec=stamp, color_timestamp_usec=stamp + 100
+                depth=depth,
+                ir=depth + 1,
+                color=jpeg,
+                depth_timestamp_usec=stamp,
+                color_timestamp_usec=stamp + 100,
             )
 
 
@@ -506,6 +516,7 @@ def test_an_azure_kinect_by_pyk4as_names(monkeypatch):
         readings = [device.read(0.5) for _ in range(6)]
         assert [r.stream for r in readings] == ["depth", "color"] * 3
         assert [r.dropped for r in readings] == [0, 0, 0, 0, 2, 2]
+        assert (readings[0].value.infrared == 1501).all()
         assert readings[0].stamp_ns == 10_000_000 and readings[1].value.encoded == b"\xff\xd8\xff"
         with pytest.raises(DeviceLostError, match="has sent nothing for"):
             while True:

@@ -18,7 +18,7 @@ from sensors import kinect2
 from sensors.camera import Intrinsics
 from sensors.device import ColorImage, DepthImage
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
-from sensors.kinect2 import Kinect2, depth_from_float
+from sensors.kinect2 import Kinect2, uint16_from_float
 from sensors.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.kinect2_shim import load_shim
 from sensors.ticks import Sequence, WrappingCounter
@@ -119,6 +119,7 @@ def test_the_compiled_shim_streams_native_jpeg_and_millimetres(compiled):
         assert [r.dropped for r in depth] == dropped and [r.dropped for r in color] == dropped
         assert [r.value.encoded for r in color] == [bytes([0xFF, 0xD8, 0xFF, n]) for n in numbers]
         assert [int(r.value.depth_mm.max()) for r in depth] == numbers
+        assert [int(r.value.infrared.max()) for r in depth] == numbers
         assert [r.value.depth_mm.shape for r in depth] == [(424, 512)] * 8
         ticks = np.diff([r.stamp_ns for r in depth]) / 125_000
         np.testing.assert_array_equal(ticks, 267 * np.diff(numbers))
@@ -146,6 +147,7 @@ def test_the_twin_tells_real_parameters_and_shows_its_scene():
         assert device.cameras["depth"].fx == pytest.approx(KINECT2_DEPTH.fx)
         first = {(r := device.read(1)).stream: r.value for _ in range(2)}
     np.testing.assert_array_equal(first["depth"].depth_mm, scene.depth(0))
+    np.testing.assert_array_equal(first["depth"].infrared, scene.infrared(0))
     assert first["color"].encoded == scene.color(0)
 
 
@@ -184,9 +186,9 @@ def test_without_the_library_one_line_says_what_to_install(tmp_path):
         load_shim(tmp_path / "no.so")
 
 
-def test_float_depth_becomes_whole_millimetres():
+def test_float_images_become_whole_numbers():
     depth = np.float32([[0.4, 499.6, 70000], [np.nan, np.inf, -5]])
-    np.testing.assert_array_equal(depth_from_float(depth), [[0, 500, 65535], [0, 0, 0]])
+    np.testing.assert_array_equal(uint16_from_float(depth), [[0, 500, 65535], [0, 0, 0]])
 
 
 @given(st.lists(st.integers(-(2**20), 2**31 - 1), max_size=30), st.integers(0, 2**32 - 1))

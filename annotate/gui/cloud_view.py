@@ -1,6 +1,8 @@
 """The cloud in 3D: the person in full, the room thinned, both thinned further while the view moves."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -22,6 +24,8 @@ MOVING_POINTS = 16_000
 """As many points are drawn while the view moves: a frame every 20 ms without a graphics card."""
 SETTLED_MS = 180
 """After a step of the wheel the view counts as moving for this long."""
+IN_VIEW = 0.97
+"""Share of the person that has to be on the screen for the view to stay from frame to frame."""
 MIN_POINT_PX, MAX_POINT_PX = 2.0, 14.0
 
 Colors = Callable[[NDArray[np.int64]], NDArray[np.uint8]]
@@ -62,7 +66,8 @@ class Points:
         rows = np.full(len(pixels), -1, np.int64)
         known = pixels < len(self._row)
         rows[known] = self._row[pixels[known]]
-        self._mesh["rgba"][rows[rows >= 0], :3] = rgb[rows >= 0]
+        colors: Any = self._mesh["rgba"]
+        colors[rows[rows >= 0], :3] = rgb[rows >= 0]
 
     def show_only(self, shown: NDArray[np.bool_]) -> None:
         """Draw but those of ``pixels`` (n,) for which ``shown`` (n,) is set."""
@@ -94,26 +99,25 @@ class CloudView(QWidget):
         self._shown: NDArray[np.bool_] = np.empty(0, np.bool_)
         self._seen: View | None = None
         self._grip: QPointF | None = None
+        # Whether the view is as it was fitted, and nobody has moved it since.
+        self._fitted = False
         self._settle = QTimer(self, singleShot=True, interval=SETTLED_MS)
         self._settle.timeout.connect(lambda: self._set_moving(False))
 
     # What is shown
 
-    def load(self, scene: Scene, colors: Colors, shown: NDArray[np.bool_], same_view: bool) -> None:
-        """Show another frame. shown: bool (h * w,). same_view: keep the camera where it is."""
-        self.scene = scene
+    def load(self, scene: Scene, colors: Colors, shown: NDArray[np.bool_]) -> None:
+        """Show another frame, seen as the last one if the person is in view. shown: bool (h * w,)."""
+        first, self.scene = self.scene is None, scene
         near = np.flatnonzero(scene.near)
         mixed = np.r_[near, scene.room]
         few = mixed[np.linspace(0, len(mixed) - 1, min(len(mixed), MOVING_POINTS)).astype(np.intp)]
         for points, pixels in ((self._person, near), (self._room, scene.room), (self._moving, few)):
             points.load(pixels, scene.points_m[pixels], colors(pixels))
-        if not same_view:
-            person = scene.labels.parts.ravel() > 0
-            self.orbit = front_view(
-                scene.points_m[person & (scene.labels.depth_mm.ravel() > 0)], self._aspect
-            )
         self.set_shown(shown)
         self._set_moving(False)
+        if first or self._fitted or not self._in_view(scene):
+            self._fit()
 
     def recolor(self, pixels: NDArray[np.int64] | None, colors: Colors) -> None:
         """New colours for some pixels, or for all."""
@@ -136,10 +140,23 @@ class CloudView(QWidget):
 
     def look_ahead(self) -> None:
         """See the person as the depth camera does."""
-        if self.scene:
-            person = self.scene.near & self._shown
-            self.orbit = front_view(self.scene.points_m[person], self._aspect)
-            self._apply()
+        self.orbit = replace(self.orbit, azimuth_deg=0.0, elevation_deg=0.0)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Bring the person in full into view, from the side that is looked at."""
+        if self.scene is None:
+            return
+        front = front_view(self.scene.points_m[_person(self.scene)], self._aspect)
+        turned = self.orbit.azimuth_deg, self.orbit.elevation_deg
+        self.orbit = replace(front, azimuth_deg=turned[0], elevation_deg=turned[1])
+        self._fitted = True
+        self._apply()
+
+    def _in_view(self, scene: Scene) -> bool:
+        """Whether the person is on the screen."""
+        person = np.flatnonzero(_person(scene))
+        return not len(person) or float(np.isin(person, self.view().pixels).mean()) > IN_VIEW
 
     # What is chosen
 
@@ -185,7 +202,7 @@ class CloudView(QWidget):
             return True
         if kind == QEvent.Type.Resize:
             self._seen = None
-            QTimer.singleShot(0, self._apply)
+            QTimer.singleShot(0, self._fit if self._fitted else self._apply)
         return isinstance(event, QMouseEvent) and self._gripped(kind, event)
 
     def _gripped(self, kind: QEvent.Type, event: QMouseEvent) -> bool:
@@ -213,7 +230,7 @@ class CloudView(QWidget):
         return False
 
     def _move(self, orbit: Orbit) -> None:
-        self.orbit = orbit
+        self.orbit, self._fitted = orbit, False
         self._set_moving(True)
         self.moved.emit()
 
@@ -257,3 +274,8 @@ class CloudView(QWidget):
 
 def _rgba(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.concatenate([rgb, np.full((len(rgb), 1), 255, np.uint8)], axis=1)
+
+
+def _person(scene: Scene) -> NDArray[np.bool_]:
+    """Pixels (h * w,) of the person as the frame was read."""
+    return np.asarray((scene.labels.parts.ravel() > 0) & (scene.labels.depth_mm.ravel() > 0))

@@ -83,7 +83,9 @@ def _plain(
         return np.where((part == BACKGROUND)[:, None], room_rgb, rgb)
     if colouring == "disagreement" and scene.other is not None:
         other = scene.other.ravel()[pixels]
-        rgb = np.where((part != other)[:, None], np.float32(DIFFERS_RGB), np.float32(SAME_RGB))
+        rgb = np.where(
+            (part != other)[:, None], np.array(DIFFERS_RGB, np.float32), np.array(SAME_RGB, np.float32)
+        )
         return np.where(((part == BACKGROUND) & (other == BACKGROUND))[:, None], room_rgb, rgb)
     return np.tile(room_rgb, (len(pixels), 1))
 

@@ -14,15 +14,17 @@ from annotate.parts import PARTS, UNDEFINED
 if TYPE_CHECKING:
     from annotate.gui.window import CorrectionWindow
 
+BRUSHES_PX = {"small": 9.0, "medium": 18.0, "large": 30.0}
+"""Radii of the brush in logical pixels of the screen."""
 Command = Callable[[], Done | None]
-_SWITCHES = ("pick", "only", "room", "through", "smaller", "larger")
+_SWITCHES = ("pick", "only", "room", "through", *BRUSHES_PX)
 STROKE_SETUP = frozenset((*(part.name for part in PARTS), "undefined", *_SWITCHES, *TOOLS))
 """Keys that belong to the stroke that follows them."""
 
 
 def commands(window: CorrectionWindow) -> dict[str, Command]:
     """Name -> action for every binding."""
-    desk, point = (lambda: window.desk), window.under_pointer
+    point = window.under_pointer
     return {
         **{part.name: partial(window.choose, part.id) for part in PARTS},
         "undefined": partial(window.choose, UNDEFINED),
@@ -31,19 +33,18 @@ def commands(window: CorrectionWindow) -> dict[str, Command]:
         "only": partial(window.toggle, "only"),
         "through": partial(window.toggle, "through"),
         "room": partial(window.toggle, "room"),
-        "smaller": lambda: window.scale_brush(1 / 1.25),
-        "larger": lambda: window.scale_brush(1.25),
+        **{size: partial(window.set_radius, px) for size, px in BRUSHES_PX.items()},
         "solo": partial(_solo, window),
         "cancel": partial(_cancel, window),
-        "undo": lambda: desk().undo(),
-        "redo": lambda: desk().redo(),
-        "swap": lambda: desk().swap(point()),
-        "neighbour": lambda: desk().to_neighbour(point()),
-        "fill_holes": lambda: desk().fill_holes(),
-        "remove_islands": lambda: desk().remove_islands(),
-        "merge": lambda: desk().merge(point()),
-        "copy_previous": lambda: desk().copy_previous(window.walk.before(window.frame_id)),
-        "propagate": lambda: desk().propagate(window.walk.before(window.frame_id)),
+        "undo": lambda: window.desk.undo(),
+        "redo": lambda: window.desk.redo(),
+        "swap": lambda: window.desk.swap(point()),
+        "neighbour": lambda: window.desk.to_neighbour(point()),
+        "fill_holes": lambda: window.desk.fill_holes(),
+        "remove_islands": lambda: window.desk.remove_islands(),
+        "merge": lambda: window.desk.merge(point()),
+        "copy_previous": lambda: window.desk.copy_previous(window.walk.before(window.frame_id)),
+        "propagate": lambda: window.desk.propagate(window.walk.before(window.frame_id)),
         "accept": partial(_accept, window),
         "reject": partial(_reject, window),
         "next": partial(_step, window, 1),

@@ -35,17 +35,18 @@ class DepthPane(QWidget):
         self._scale, self._corner = 1.0, QPointF(0, 0)
         self._marked: int | None = None
         self._grip: QPointF | None = None
-        self._fitted = False
+        # Whether the person fills the pane, and nobody has zoomed or shifted it since.
+        self._fitted = True
 
     # What is shown
 
-    def load(self, scene: Scene, colors: Colors, shown: NDArray[np.bool_], same_view: bool) -> None:
-        """Show another frame. shown: bool (h * w,). same_view: keep zoom and shift."""
+    def load(self, scene: Scene, colors: Colors, shown: NDArray[np.bool_]) -> None:
+        """Show another frame, at the zoom that was chosen, or else fitted. shown: bool (h * w,)."""
         self.scene = scene
         self._rgb = np.empty((*scene.labels.parts.shape, 3), np.uint8)
         self.set_shown(shown)
         self.recolor(None, colors)
-        if not same_view or not self._fitted:
+        if self._fitted:
             self.fit()
 
     def recolor(self, pixels: NDArray[np.int64] | None, colors: Colors) -> None:
@@ -55,7 +56,7 @@ class DepthPane(QWidget):
         changed = pixels
         if changed is None:
             changed = np.flatnonzero(self.scene.labels.depth_mm)
-            self._rgb[:] = self.ground.getRgb()[:3]
+            self._rgb[:] = (self.ground.red(), self.ground.green(), self.ground.blue())
         self._rgb.reshape(-1, 3)[changed] = colors(changed)
         self.update()
 
@@ -134,7 +135,7 @@ class DepthPane(QWidget):
         at = event.position()
         scale = float(np.clip(self._scale * 1.2 ** (event.angleDelta().y() / 120), MIN_SCALE, MAX_SCALE))
         self._corner = at - (at - self._corner) * (scale / self._scale)
-        self._scale = scale
+        self._scale, self._fitted = scale, False
         self._moved()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
@@ -145,7 +146,7 @@ class DepthPane(QWidget):
         """Qt's hook."""
         if self._grip is not None and event.buttons():
             self._corner += event.position() - self._grip
-            self._grip = event.position()
+            self._grip, self._fitted = event.position(), False
             self._moved()
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:  # noqa: N802

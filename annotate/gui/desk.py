@@ -47,8 +47,9 @@ class Preview:
 
 @dataclass(frozen=True)
 class _Grown:
-    """The piece painted last: a click on it again grows it over the labels (h, w) from before."""
+    """The piece given ``part`` last: a click on it again grows it over the labels (h, w) from before."""
 
+    part: int
     pixels: NDArray[np.int64]
     parts: NDArray[np.uint8]
 
@@ -156,7 +157,7 @@ class Desk:
         editor = self._editor()
         if pixel is None:
             return Done(NOTHING, "No point there: click on the body", "warn")
-        if self._grown and pixel in self._grown.pixels:
+        if self._grown and self._grown.part == self.part and pixel in self._grown.pixels:
             return self._grow(editor, self._grown, drawing)
         before = self.parts.copy()
         pixels = select.supervoxel(self.scene.pieces, before, pixel)
@@ -165,7 +166,7 @@ class Desk:
         done = self._did(
             editor.paint(pixels, self.part, self._gesture(drawing)), self._already(int(before.flat[pixel]))
         )
-        self._grown = _Grown(pixels, before) if len(done.pixels) else None
+        self._grown = _Grown(self.part, pixels, before) if len(done.pixels) else None
         return done
 
     def _grow(self, editor: Editor, grown: _Grown, drawing: Drawing) -> Done:
@@ -174,7 +175,7 @@ class Desk:
         done = self._did(
             editor.paint(pixels, self.part, drawing.gesture("grow")), "It cannot grow: its part ends here"
         )
-        self._grown = _Grown(pixels, grown.parts)
+        self._grown = _Grown(self.part, pixels, grown.parts)
         return done
 
     # Keys that work on the place under the pointer

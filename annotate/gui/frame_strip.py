@@ -53,7 +53,7 @@ def thumbnail(labels: FrameLabels) -> QImage:
     height, width = parts.shape
     image = QImage(rgb.data, width, height, 3 * width, QImage.Format.Format_RGB888)
     smooth = Qt.TransformationMode.SmoothTransformation
-    return image.scaled(2 * THUMBNAIL, Qt.AspectRatioMode.KeepAspectRatio, smooth).copy()
+    return image.scaled(THUMBNAIL * 2, Qt.AspectRatioMode.KeepAspectRatio, smooth)
 
 
 def _window(parts: NDArray[np.uint8]) -> tuple[slice, slice]:

@@ -9,7 +9,7 @@ from annotate.gui.colors import Colouring, colourings
 from annotate.gui.desk import Desk
 from annotate.gui.frame_strip import SAYS, state_color
 from annotate.gui.keys import Settings
-from annotate.gui.theme import Theme
+from annotate.gui.theme import Theme, named
 from annotate.gui.walk import Walk
 from annotate.work import rejection
 
@@ -35,24 +35,26 @@ class Header(QWidget):
     asked = Signal(str)
 
     def __init__(self, settings: Settings) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
+        self.setObjectName("panel")
         self.setFixedHeight(48)
         row = QHBoxLayout(self)
         row.setContentsMargins(14, 0, 12, 0)
         row.setSpacing(8)
-        self.frame, self.badge = QLabel(objectName="title"), QLabel(objectName="badge")
-        self.facts = QLabel(objectName="quiet")
+        self.frame, self.badge = named(QLabel(), "title"), named(QLabel(), "badge")
+        self.facts = named(QLabel(), "quiet")
         self.facts.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         for widget in (self.frame, self.badge):
             row.addWidget(widget, 0, Qt.AlignmentFlag.AlignVCenter)
         row.addWidget(self.facts, 1)
-        key = QLabel(settings.key("colouring"), objectName="key")
+        key = named(QLabel(settings.key("colouring")), "key")
         row.addWidget(key, 0, Qt.AlignmentFlag.AlignVCenter)
         self.colourings: dict[Colouring, QToolButton] = {}
         group = QButtonGroup(self)
-        for name, title in TITLES.items():
-            button = self.colourings[name] = self._button(title, checkable=True)
-            button.clicked.connect(partial(self.coloured.emit, name))
+        for colouring, title in TITLES.items():
+            button = self.colourings[colouring] = self._button(title)
+            button.setCheckable(True)
+            button.clicked.connect(partial(self.coloured.emit, colouring))
             group.addButton(button)
             row.addWidget(button)
         row.addSpacing(10)
@@ -61,8 +63,9 @@ class Header(QWidget):
             button.clicked.connect(partial(self.asked.emit, name))
             row.addWidget(button)
 
-    def _button(self, text: str, checkable: bool = False) -> QToolButton:
-        button = QToolButton(text=text, checkable=checkable)
+    def _button(self, text: str) -> QToolButton:
+        button = QToolButton()
+        button.setText(text)
         button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         return button
 
@@ -82,7 +85,7 @@ class Header(QWidget):
         facts.append("READ-ONLY" if desk.correction.read_only else f"{desk.correction.who}")
         self.facts.setText("   ·   ".join(filter(None, facts)))
         there = colourings(desk.scene)
-        for name, button in self.colourings.items():
-            button.setEnabled(name in there)
-            button.setChecked(name == desk.colouring)
-            button.setToolTip(MISSING.get(name, "") if name not in there else "")
+        for colouring, button in self.colourings.items():
+            button.setEnabled(colouring in there)
+            button.setChecked(colouring == desk.colouring)
+            button.setToolTip("" if colouring in there else MISSING[colouring])

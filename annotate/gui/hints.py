@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QSizePol
 from annotate.gui.desk import Done, title
 from annotate.gui.keys import BODY_GRID, Binding, Settings, settings_path
 from annotate.gui.pointing import Pointing
-from annotate.gui.theme import DARK, Theme, part_color
+from annotate.gui.theme import DARK, Theme, named, part_color
 from annotate.parts import PART_ID, PARTS
 
 MOUSE = (
@@ -50,14 +50,15 @@ class StatusLine(QWidget):
     """Left: what the next click does. Right: what the last one did, and whether all is saved."""
 
     def __init__(self) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
+        self.setObjectName("panel")
         self.setFixedHeight(36)
         row = QHBoxLayout(self)
         row.setContentsMargins(14, 0, 14, 0)
         row.setSpacing(10)
         self.chip = QLabel()
         self.chip.setFixedSize(14, 14)
-        self.next, self.last, self.saved = QLabel(), QLabel(), QLabel(objectName="quiet")
+        self.next, self.last, self.saved = QLabel(), QLabel(), named(QLabel(), "quiet")
         self.next.setObjectName("title")
         self.next.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         for label in (self.chip, self.next, self.last, self.saved):
@@ -86,14 +87,14 @@ class KeyPage(QWidget):
     def __init__(self, parent: QWidget, settings: Settings) -> None:
         super().__init__(parent)
         self.theme = DARK
-        self.card = QFrame(self, objectName="panel")
+        self.card = named(QFrame(self), "panel")
         outer = QVBoxLayout(self)
         outer.addWidget(self.card, 0, Qt.AlignmentFlag.AlignCenter)
         column = QVBoxLayout(self.card)
         column.setContentsMargins(28, 22, 28, 22)
         column.setSpacing(14)
         heading = "All keys lie under the left hand; the right one has the mouse"
-        column.addWidget(QLabel(heading, objectName="title"))
+        column.addWidget(named(QLabel(heading), "title"))
         row = QHBoxLayout()
         row.setSpacing(40)
         column.addLayout(row)
@@ -101,7 +102,7 @@ class KeyPage(QWidget):
         for binding in settings.bindings:
             groups[binding.group].append(binding)
         parts = QVBoxLayout()
-        parts.addWidget(QLabel("PARTS, LIKE A BODY THAT FACES YOU", objectName="caption"))
+        parts.addWidget(named(QLabel("PARTS, LIKE A BODY THAT FACES YOU"), "caption"))
         parts.addLayout(_body(settings))
         row.addLayout(_stacked(parts, _list("Mouse", MOUSE)))
         more = [binding for binding in groups["Parts"] if binding.name not in PART_ID]
@@ -111,7 +112,7 @@ class KeyPage(QWidget):
                 lists.append(_list("Choosing", [(b.key, b.says) for b in more]))
             row.addLayout(_stacked(*lists))
         foot = f'Keys can be changed: write  undo = "Ctrl+K"  under [keys] in {settings_path()}'
-        column.addWidget(QLabel(foot, objectName="quiet", textFormat=Qt.TextFormat.PlainText))
+        column.addWidget(named(QLabel(foot, textFormat=Qt.TextFormat.PlainText), "quiet"))
         self.hide()
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
@@ -138,13 +139,13 @@ def _list(name: str, rows: Sequence[tuple[str, str]]) -> QVBoxLayout:
     """A heading, and what each key does."""
     column = QVBoxLayout()
     column.setSpacing(5)
-    column.addWidget(QLabel(name.upper(), objectName="caption"))
+    column.addWidget(named(QLabel(name.upper()), "caption"))
     grid = QGridLayout()
     grid.setHorizontalSpacing(10)
     grid.setVerticalSpacing(3)
     grid.setColumnStretch(1, 1)
     for i, (key, says) in enumerate(rows):
-        grid.addWidget(QLabel(key, objectName="key"), i, 0, Qt.AlignmentFlag.AlignRight)
+        grid.addWidget(named(QLabel(key), "key"), i, 0, Qt.AlignmentFlag.AlignRight)
         grid.addWidget(QLabel(says), i, 1)
     column.addLayout(grid)
     return column
@@ -157,7 +158,7 @@ def _body(settings: Settings) -> QGridLayout:
     grid.setVerticalSpacing(4)
     for row, parts in enumerate(BODY_GRID):
         for column, part in enumerate(parts):
-            cap = QLabel(settings.key(PARTS[part].name), objectName="key")
+            cap = named(QLabel(settings.key(PARTS[part].name)), "key")
             grid.addWidget(cap, row, 2 * column, Qt.AlignmentFlag.AlignRight)
             name = PARTS[part].title.split(" ", 1)[-1].capitalize() if part else "Erase"
             grid.addWidget(QLabel(name), row, 2 * column + 1)

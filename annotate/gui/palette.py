@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWi
 from annotate.gui.colors import Visibility
 from annotate.gui.desk import Desk
 from annotate.gui.keys import BODY_GRID, Settings
-from annotate.gui.theme import DARK, Theme, part_color
+from annotate.gui.theme import DARK, Theme, named, part_color
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 
 ICON_PX = 16
@@ -98,13 +98,15 @@ class PartTile(QWidget):
         name = {BACKGROUND: "Erase", UNDEFINED: "Undefined"}.get(self.part, "")
         name = name or PARTS[self.part].title.replace("Left ", "").replace("Right ", "").capitalize()
         low = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
-        painter.drawText(inside.adjusted(0, 12, 0, 0 if self.state.count == 0 else -6), low, name)
+        beneath = self.state.count > 0 and self.part != UNDEFINED
+        painter.drawText(inside.adjusted(0, 12, 0, -6 if beneath else 0), low, name)
         font.setPixelSize(10)
         font.setBold(False)
         painter.setFont(font)
         painter.setPen(QColor(theme.quiet))
         count = f"{self.state.count:,}" if self.state.count and self.part != BACKGROUND else ""
-        painter.drawText(inside, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignBottom, count)
+        side = Qt.AlignmentFlag.AlignRight if self.part == UNDEFINED else Qt.AlignmentFlag.AlignLeft
+        painter.drawText(inside, side | Qt.AlignmentFlag.AlignBottom, count)
 
 
 def draw_lock(painter: QPainter, rect: QRect, color: QColor, closed: bool) -> None:
@@ -187,6 +189,6 @@ def _sides() -> QWidget:
     row.setContentsMargins(2, 0, 2, 0)
     aligns = Qt.AlignmentFlag.AlignLeft, Qt.AlignmentFlag.AlignCenter, Qt.AlignmentFlag.AlignRight
     for column, (text, align) in enumerate(zip(("THEIR RIGHT", "PARTS", "THEIR LEFT"), aligns, strict=True)):
-        label = QLabel(text, objectName="caption")
+        label = named(QLabel(text), "caption")
         row.addWidget(label, 0, column, align)
     return head

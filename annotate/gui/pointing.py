@@ -1,6 +1,7 @@
 """The mouse over a view: draws shapes with the left button, and leaves moving the view to the view itself."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
@@ -34,26 +35,26 @@ class Overlay(QWidget):
         if self.drawing:
             self._draw_shape(painter, self.drawing)
         if self.brush:
-            self._stroke(painter, lambda: painter.drawEllipse(self.brush[0], self.brush[1], self.brush[1]))
+            self._stroke(painter, partial(painter.drawEllipse, self.brush[0], self.brush[1], self.brush[1]))
         if self.marker:
-            self._stroke(painter, lambda: painter.drawEllipse(self.marker, 6, 6))
+            self._stroke(painter, partial(painter.drawEllipse, self.marker, 6, 6))
 
     def _draw_shape(self, painter: QPainter, drawing: Drawing) -> None:
-        line = QPolygonF([QPointF(x, y) for x, y in drawing.outline_px()])
+        points = [QPointF(x, y) for x, y in drawing.outline_px()]
         if drawing.tool == "brush":
             color = QColor(self.color)
             color.setAlpha(110)
             round_ = Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin
             painter.setPen(QPen(color, 2 * drawing.radius_px, Qt.PenStyle.SolidLine, *round_))
-            painter.drawPolyline(line) if len(line) > 1 else painter.drawPoint(line[0])
+            painter.drawPolyline(QPolygonF(points)) if len(points) > 1 else painter.drawPoint(points[0])
             return
         fill = QColor(self.color)
         fill.setAlpha(90)
         painter.setBrush(fill)
-        self._stroke(painter, lambda: painter.drawPolygon(line))
+        self._stroke(painter, partial(painter.drawPolygon, QPolygonF(points)))
         if drawing.tool == "polygon":
-            for corner in line:
-                self._stroke(painter, lambda corner=corner: painter.drawEllipse(corner, 3, 3))
+            for corner in points:
+                self._stroke(painter, partial(painter.drawEllipse, corner, 3, 3))
 
     def _stroke(self, painter: QPainter, draw: Callable[[], None]) -> None:
         """A white line on a black one, seen on any ground; filled as the painter's brush says."""
@@ -140,19 +141,19 @@ class Pointing(QObject):
         return True
 
     def _moved(self, event: QMouseEvent) -> bool:
-        drawing = self.overlay.drawing
+        drawing, place = self.overlay.drawing, event.position()
         dragging = bool(event.buttons() & Qt.MouseButton.LeftButton)
         if drawing and dragging:
-            drawing.drag(self.place.x(), self.place.y())
+            drawing.drag(place.x(), place.y())
         self._show_brush()
         if not event.buttons():
             self.hovered.emit(self.place)
         return dragging
 
     def _pressed(self, event: QMouseEvent) -> None:
-        x, y, held = self.place.x(), self.place.y(), event.modifiers()
+        x, y, held = event.position().x(), event.position().y(), event.modifiers()
         if held & _MODIFIER.AltModifier:
-            self.sampled.emit(self.place)
+            self.sampled.emit(event.position())
         elif self.overlay.drawing and self.tool == "polygon":
             self.overlay.drawing.corner(x, y)
         else:

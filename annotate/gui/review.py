@@ -13,6 +13,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from annotate.gui.theme import named
+
 REASONS = (
     "Body cut off or hidden",
     "Depth missing or noisy",
@@ -32,7 +34,7 @@ class RejectDialog(QDialog):
         column = QVBoxLayout(self)
         column.setContentsMargins(20, 18, 20, 18)
         column.setSpacing(8)
-        column.addWidget(QLabel("Why is this frame not to be used?", objectName="title"))
+        column.addWidget(named(QLabel("Why is this frame not to be used?"), "title"))
         for number, reason in enumerate(REASONS, 1):
             button = QPushButton(f"{number}   {reason}", autoDefault=False)
             button.setStyleSheet("text-align: left; padding: 8px 12px")
@@ -43,7 +45,7 @@ class RejectDialog(QDialog):
         self.words.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self.words.returnPressed.connect(lambda: self._choose(self.words.text()))
         column.addWidget(self.words)
-        column.addWidget(QLabel("Esc keeps the frame", objectName="quiet"))
+        column.addWidget(named(QLabel("Esc keeps the frame"), "quiet"))
         self.setMinimumWidth(360)
 
     def _choose(self, reason: str) -> None:
@@ -59,7 +61,7 @@ def _ask(parent: QWidget | None, title: str, text: str, yes: str, no: str) -> bo
     column = QVBoxLayout(dialog)
     column.setContentsMargins(22, 20, 22, 18)
     column.setSpacing(12)
-    column.addWidget(QLabel(title, objectName="title"))
+    column.addWidget(named(QLabel(title), "title"))
     # Plain: a file's name is no markup.
     words = QLabel(text, textFormat=Qt.TextFormat.PlainText, wordWrap=True)
     words.setMinimumWidth(440)

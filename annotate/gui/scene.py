@@ -1,6 +1,7 @@
 """One frame as the window shows it: its points and everything they can be coloured by. No window here."""
 
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,10 @@ from annotate.labels import FrameLabels
 from annotate.store import LabelSet
 from sensors.calibration import RigCalibration
 from sensors.errors import CloudError, FormatError
+from sensors.frame import RigFrame
 from sensors.importers import open_source
+from sensors.replay import Session
+from sensors.source import FrameSource
 
 NEAR_PX = 10
 """Room this near to the person, in pixels of the depth image, is shown in full: a limb may be missing."""
@@ -99,7 +103,7 @@ class SceneReader:
         if self._source is None:
             return plain, ""
         try:
-            fused = self._fuser.fuse_frame(self._source.frame(int(labels.frame_id)))
+            fused = self._fuser.fuse_frame(_rig_frame(self._source, int(labels.frame_id)))
         except (CloudError, ValueError, IndexError, OSError) as error:
             return plain, f"no colour or temperature: {error}"
         if not np.array_equal(fused.depth_mm, labels.depth_mm):
@@ -125,6 +129,15 @@ def find_session(labels: LabelSet) -> Path | None:
         return None
     path = labels.path.resolve().parent / f"{name}.mcap"
     return path if path.is_file() else None
+
+
+def _rig_frame(source: Session | FrameSource, index: int) -> RigFrame:
+    """One frame of a recording; folders and clouds are read from their beginning. Raises IndexError."""
+    if isinstance(source, Session):
+        return source.frame(index)
+    for frame in islice(source, index, None):
+        return frame
+    raise IndexError(f"the recording has no frame {index}")
 
 
 def _levels(

@@ -1,13 +1,16 @@
 """Light and dark: a handful of named colours, and Qt's style made of them."""
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QGuiApplication, QPalette
+from PySide6.QtWidgets import QWidget
 
 from annotate.parts import PARTS, UNDEFINED
 
 Rgb = tuple[int, int, int]
+W = TypeVar("W", bound=QWidget)
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,12 @@ def qt_palette(theme: Theme) -> QPalette:
     ):
         palette.setColor(role, QColor(color))
     return palette
+
+
+def named(widget: W, look: str) -> W:
+    """A widget under the name by which the style sheet knows it."""
+    widget.setObjectName(look)
+    return widget
 
 
 def style_sheet(theme: Theme) -> str:

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QLabel, QToolButton, QVBoxLayout, QWidget
 from annotate.gui.drawing import TOOLS
 from annotate.gui.keys import Settings
 from annotate.gui.pointing import Pointing
-from annotate.gui.theme import Theme
+from annotate.gui.theme import Theme, named
 
 STROKES = {"through": "Through", "only": "One part", "room": "Room too"}
 """Switches of ``Pointing``, and their titles."""
@@ -104,17 +104,18 @@ class ToolColumn(QWidget):
     toggled = Signal(str)
 
     def __init__(self, settings: Settings) -> None:
-        super().__init__(objectName="panel")
+        super().__init__()
+        self.setObjectName("panel")
         self.setFixedWidth(108)
         column = QVBoxLayout(self)
         column.setContentsMargins(10, 12, 10, 12)
         column.setSpacing(6)
-        column.addWidget(QLabel("TOOLS", objectName="caption"))
+        column.addWidget(named(QLabel("TOOLS"), "caption"))
         self.buttons: dict[str, QToolButton] = {}
         for name in (*TOOLS, *STROKES):
             if name == "through":
                 column.addSpacing(10)
-                column.addWidget(QLabel("STROKES", objectName="caption"))
+                column.addWidget(named(QLabel("STROKES"), "caption"))
             button = self._button(name, STROKES.get(name, name.capitalize()), settings)
             column.addWidget(button)
         column.addStretch(1)

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QMainWindow, QS
 from annotate.correction import Correction
 from annotate.gui import review
 from annotate.gui.cloud_view import CloudView
+from annotate.gui.colors import Colouring
 from annotate.gui.commands import STROKE_SETUP, commands
 from annotate.gui.depth_pane import DepthPane
 from annotate.gui.desk import NOTHING, Desk, Done
@@ -22,15 +23,12 @@ from annotate.gui.hints import KeyPage, StatusLine, next_click
 from annotate.gui.keys import Settings
 from annotate.gui.palette import Palette
 from annotate.gui.scene import SceneReader
-from annotate.gui.theme import DARK, LIGHT, part_color, qt_palette, style_sheet, theme_of
+from annotate.gui.theme import DARK, LIGHT, named, part_color, qt_palette, style_sheet, theme_of
 from annotate.gui.tools import ToolColumn
 from annotate.gui.walk import Walk
 from annotate.journal import NotSavedError
 from annotate.parts import PARTS
 from sensors.errors import CloudError
-
-SAME_PLACE_M = 0.4
-"""The camera stays from frame to frame while the person's middle moves by less."""
 
 
 class CorrectionWindow(QMainWindow):
@@ -52,8 +50,8 @@ class CorrectionWindow(QMainWindow):
         self.views = (self.cloud_view, self.depth_pane)
         self.tools, self.palette_, self.header = ToolColumn(settings), Palette(settings), Header(settings)
         self.strip, self.status = FrameStrip(correction.frame, correction.state), StatusLine()
-        self._lay_out()
-        self.key_page = KeyPage(self.centralWidget(), settings)
+        self._central = self._lay_out()
+        self.key_page = KeyPage(self._central, settings)
         self.commands = commands(self)
         self._bind()
         self._connect()
@@ -62,7 +60,7 @@ class CorrectionWindow(QMainWindow):
         self.strip.frames.order(self.walk.frame_ids)
         self.choose(self.desk.part)
         self._show_theme()
-        self.show_frame(same_view=False)
+        self.show_frame()
 
     # Frames
 
@@ -83,7 +81,7 @@ class CorrectionWindow(QMainWindow):
             self.say(Done(NOTHING, str(error), "bad"))
             return False
         self.strip.frames.refresh(left)
-        self.show_frame(same_view=self._is_in_place())
+        self.show_frame()
         return True
 
     def step(self, by: int) -> bool:
@@ -98,20 +96,12 @@ class CorrectionWindow(QMainWindow):
         self.strip.choose(self.frame_id)
         return Done(NOTHING, "Frames: the worst first" if self.walk.worst_first else "Frames by time")
 
-    def _is_in_place(self) -> bool:
-        """Whether the person is about where the camera looks."""
-        body = self.desk.scene.points_m[self.desk.scene.labels.parts.ravel() > 0]
-        if not len(body):
-            return True
-        away = np.nanmedian(body, axis=0) - np.array(self.cloud_view.orbit.target_m)
-        return bool(np.linalg.norm(away) < SAME_PLACE_M)
-
     # What is shown
 
-    def show_frame(self, same_view: bool) -> None:
+    def show_frame(self) -> None:
         """Show the frame on the desk everywhere."""
         for view in self.views:
-            view.load(self.desk.scene, self.colors, self.desk.shown(), same_view)
+            view.load(self.desk.scene, self.colors, self.desk.shown())
         self.strip.choose(self.frame_id)
         self.refresh()
         self.say(Done(NOTHING, self.desk.scene.remark, "warn"))
@@ -185,16 +175,12 @@ class CorrectionWindow(QMainWindow):
         for view in self.views:
             view.pointing.set_radius(radius_px)
 
-    def scale_brush(self, factor: float) -> None:
-        """A larger or smaller brush."""
-        self.set_radius(self.cloud_view.pointing.radius_px * factor)
-
     def toggle(self, name: str) -> None:
         """Switch "through", "only" or "room", until it is switched back."""
         for view in self.views:
             setattr(view.pointing, name, not getattr(view.pointing, name))
 
-    def set_colouring(self, name: str) -> None:
+    def set_colouring(self, name: Colouring) -> None:
         """Colour by what was clicked."""
         self.desk.colouring = name
         self.recolor()
@@ -290,7 +276,8 @@ class CorrectionWindow(QMainWindow):
 
     # Building
 
-    def _lay_out(self) -> None:
+    def _lay_out(self) -> QWidget:
+        """Everything in its place; the widget that holds it."""
         side = QSplitter(Qt.Orientation.Vertical)
         side.setObjectName("panel")
         side.addWidget(self.depth_pane)
@@ -310,7 +297,7 @@ class CorrectionWindow(QMainWindow):
         row.addWidget(self.tools)
         row.addWidget(_line(vertical=True))
         row.addWidget(middle, 1)
-        central = QWidget(objectName="panel")
+        central = named(QWidget(), "panel")
         column = QVBoxLayout(central)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
@@ -320,6 +307,7 @@ class CorrectionWindow(QMainWindow):
         for widget in (_line(), self.status, _line(), self.strip):
             column.addWidget(widget)
         self.setCentralWidget(central)
+        return central
 
     def _bind(self) -> None:
         for binding in self.settings.bindings:
@@ -349,7 +337,7 @@ class CorrectionWindow(QMainWindow):
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
         """Qt's hook."""
         super().resizeEvent(event)
-        self.key_page.resize(self.centralWidget().size())
+        self.key_page.resize(self._central.size())
 
     def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802
         """Qt's hook: everything is saved, or the window stays."""
@@ -367,7 +355,7 @@ class CorrectionWindow(QMainWindow):
 
 
 def _line(vertical: bool = False) -> QFrame:
-    line = QFrame(objectName="line")
+    line = named(QFrame(), "line")
     if vertical:
         line.setStyleSheet("max-height: 100000px; min-width: 1px; max-width: 1px")
     return line

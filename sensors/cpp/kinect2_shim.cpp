@@ -17,8 +17,8 @@ namespace fn2 = libfreenect2;
 
 namespace {
 
-// Half a second of both streams: a reader that is slower loses the oldest, which the running numbers tell.
-constexpr size_t kQueue = 30;
+// Half a second of all three types: a reader that is slower loses the oldest, which the running numbers tell.
+constexpr size_t kQueue = 45;
 
 // Depth decoded on the CPU, colour handed through undecoded.
 class NativeColorPipeline : public fn2::PacketPipeline {
@@ -38,7 +38,6 @@ class NativeColorPipeline : public fn2::PacketPipeline {
 class Queue : public fn2::FrameListener {
  public:
   bool onNewFrame(fn2::Frame::Type type, fn2::Frame *frame) override {
-    if (type != fn2::Frame::Color && type != fn2::Frame::Depth) return false;
     std::lock_guard<std::mutex> lock(mutex_);
     if (frames_.size() == kQueue) frames_.pop_front();
     frames_.emplace_back(type, std::unique_ptr<fn2::Frame>(frame));

@@ -8,7 +8,8 @@ extern "C" {
 
 typedef struct k2_device k2_device;
 
-// Frame types are libfreenect2's: 1 colour (the device's own JPEG bytes), 4 depth (float millimetres).
+// Frame types are libfreenect2's: 1 colour (the device's own JPEG bytes), 2 infrared (float 0 .. 65535),
+// 4 depth (float millimetres). An infrared frame comes before the depth frame of its number.
 typedef struct {
   uint32_t type;
   uint32_t timestamp;  // ticks of 0.125 ms, wraps around

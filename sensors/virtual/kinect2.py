@@ -7,7 +7,7 @@ import numpy as np
 
 from sensors.camera import Intrinsics
 from sensors.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
-from sensors.kinect2_shim import COLOR, DEPTH, PROTOTYPES, Frame, Pointer, Shim
+from sensors.kinect2_shim import COLOR, DEPTH, INFRARED, PROTOTYPES, Frame, Pointer, Shim
 from sensors.virtual.scene import Scene
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
 
@@ -81,12 +81,13 @@ class VirtualKinect2:
                 return 0
             if number is None:
                 return 0
-            self._ready += ((DEPTH, number), (COLOR, number))
+            kinds = (DEPTH, COLOR) if self._scene.infrared(0) is None else (INFRARED, DEPTH, COLOR)
+            self._ready += ((kind, number) for kind in kinds)
         kind, number = self._ready.popleft()
         image = self._image(kind, number)
         seconds = self.schedule.device_s(number) + (COLOR_LATER_S if kind == COLOR else 0.0)
         ticks = (FIRST_TICK + int(seconds * TICKS_PER_S)) % 2**32
-        size = (512, 424) if kind == DEPTH else (1920, 1080)
+        size = (1920, 1080) if kind == COLOR else (512, 424)
         head = Frame(kind, ticks, number, int(self.schedule.is_short()), *size, len(image))
         memmove(frame, pointer(head), Frame.bytes.offset + Frame.bytes.size)
         if len(image) > capacity:
@@ -99,6 +100,8 @@ class VirtualKinect2:
 
     def _image(self, kind: int, number: int) -> bytes:
         seconds = number / RATE_HZ
-        if kind == DEPTH:
-            return self._scene.depth(seconds).astype(np.float32).tobytes()
-        return self._scene.color(seconds)
+        if kind == COLOR:
+            return self._scene.color(seconds)
+        infrared = self._scene.infrared(seconds) if kind == INFRARED else None
+        image = self._scene.depth(seconds) if infrared is None else infrared
+        return image.astype(np.float32).tobytes()

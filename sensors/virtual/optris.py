@@ -38,7 +38,7 @@ class VirtualOptris:
         self.layout, self.in_use = layout, False
         self.schedule = Schedule(layout.uvc_hz, faults or Faults())
         self._scene, self._flag_every_s = scene, flag_every_s
-        handle, node = tempfile.mkstemp(prefix="video-virtual-")
+        handle, node = tempfile.mkstemp(prefix="virtual-optris-")
         os.close(handle)
         self.node = Path(node)
         rng = np.random.default_rng(0)

@@ -6,6 +6,7 @@ import threading
 import time
 import tty
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from math import sin
 from pathlib import Path
@@ -81,7 +82,8 @@ class VirtualPyrometer:
     def unplug(self) -> None:
         """Vanish, as when the cable is pulled; idempotent."""
         if self._thread.is_alive():
-            os.write(self._wake_write, b"x")
+            with suppress(OSError):
+                os.write(self._wake_write, b"x")
             self._thread.join()
 
     def _serve(self) -> None:

@@ -32,12 +32,17 @@ class Scene:
         if not shown:
             raise DeviceError("the twin's source has no frames; give a session or the virtual rig")
         self._depth = [frame.depth_mm for frame in shown]
+        self._infrared = _filled([frame.infrared for frame in shown])
         self._color = _filled([frame.color_encoded for frame in shown])
         self._thermal = [_thermal(celsius) for celsius in _filled([frame.thermal_c for frame in shown])]
 
     def depth(self, seconds: float) -> NDArray[np.uint16]:
         """Millimetres (h, w), ``seconds`` after the start."""
         return _at(self._depth, seconds, "depth")
+
+    def infrared(self, seconds: float) -> NDArray[np.uint16] | None:
+        """Amplitude (h, w) that belongs to the depth; None where the source has none."""
+        return _at(self._infrared, seconds, "infrared") if self._infrared else None
 
     def color(self, seconds: float) -> bytes:
         """The encoded image. Raises DeviceError where the source has none."""
@@ -80,7 +85,8 @@ def _frame(index: int, swing: float) -> RigFrame:
     color = np.where(_ball(1080, 1920, swing)[..., None], (60, 80, 200), (120, 130, 120)).astype(np.uint8)
     thermal = np.where(_ball(HEIGHT, WIDTH, swing), 33.0, AMBIENT_C).astype(np.float32)
     encoded = cv2.imencode(".jpg", color)[1].tobytes()
-    return RigFrame(index, round(index * 1e9 / FRAMES_PER_SECOND), depth, encoded, thermal)
+    infrared = np.where(_ball(424, 512, swing), 9000, 3000).astype(np.uint16)
+    return RigFrame(index, round(index * 1e9 / FRAMES_PER_SECOND), depth, encoded, thermal, infrared)
 
 
 def _ball(height: int, width: int, swing: float) -> NDArray[np.bool_]:

@@ -14,8 +14,9 @@ from sensors.kinect2 import Kinect2
 from sensors.optris import Optris
 from sensors.optris_direct import OptrisDirect
 from sensors.optris_layout import LAYOUTS
+from sensors.pyrometer import SCALES, open_pyrometer
 from sensors.pyrometer_protocol import FAMILIES
-from sensors.video import OpenCvVideo, Video
+from sensors.video import TRANSPORTS, OpenCvVideo, Video
 from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.optris import FakeKernel, VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
@@ -91,18 +92,27 @@ def _kinect2(address: Address, frames: Iterable[RigFrame] | None) -> Device:
 
 def _optris(address: Address, frames: Iterable[RigFrame] | None) -> Device:
     layout, faults = address.choice("mode", LAYOUTS, "128hz"), _faults(address)
-    transport = address.choice("transport", {"opencv": "opencv", "linuxpy": "linuxpy"}, "opencv")
+    transport = address.choice("transport", TRANSPORTS, "opencv")
     address.finish()
     twin = VirtualOptris(layout, Scene(frames), faults)
-    video: Video
-    if transport == "linuxpy":
-        from sensors.video_linuxpy import LinuxpyVideo
-        from sensors.virtual.ioctl import FakeIo
-
-        video = LinuxpyVideo(twin.node, layout.width, layout.height, layout.uvc_hz, FakeIo(twin))
-    else:
-        video = OpenCvVideo(twin.node, layout.width, layout.height, layout.uvc_hz, FakeKernel(twin))
+    try:
+        video = _video(transport, twin)
+    except DeviceError:
+        twin.unplug()
+        raise
     return VirtualDevice(address.text, Optris(twin.node, layout, video, "virtual"), twin)
+
+
+def _video(transport: str, twin: VirtualOptris) -> Video:
+    size = (twin.layout.width, twin.layout.height, twin.layout.uvc_hz)
+    if transport == "opencv":
+        return OpenCvVideo(twin.node, *size, FakeKernel(twin))
+    from sensors.video_linuxpy import LinuxpyVideo, need_linuxpy
+
+    need_linuxpy()
+    from sensors.virtual.ioctl import FakeIo
+
+    return LinuxpyVideo(twin.node, *size, FakeIo(twin))
 
 
 def _optris_direct(address: Address, frames: Iterable[RigFrame] | None) -> Device:
@@ -116,9 +126,6 @@ def _optris_direct(address: Address, frames: Iterable[RigFrame] | None) -> Devic
 
 
 def _pyrometer(address: Address) -> Device:
-    # sensors.devices imports this module only to open a twin.
-    from sensors.devices import SCALES, open_pyrometer
-
     family, scale = address.choice("family", FAMILIES, "ct"), address.choice("step", SCALES, "0.1")
     faults = LineFaults(
         address.number("delay", 0.0, 0.0, 10.0),

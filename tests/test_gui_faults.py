@@ -1,0 +1,217 @@
+"""What goes wrong around the window: nothing is lost, and one line or dialogue says what to do."""
+
+import builtins
+import errno
+import os
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from annotate.correction import Correction
+from annotate.gui.probe import check_opengl, check_screen
+from annotate.gui.review import REASONS
+from annotate.journal import Journal
+from annotate.parts import PART_ID
+from annotate.store import LabelSet
+from sensors.errors import CloudError
+from tests.conftest import assert_refused, tree
+from tests.gui_driver import Driver, answering
+
+HEAD, TORSO = PART_ID["head"], PART_ID["torso"]
+
+
+@pytest.fixture
+def folder(rig_labels, tmp_path):
+    shutil.copytree(rig_labels.path, tmp_path / "labels")
+    return tmp_path / "labels"
+
+
+def paint(driver: Driver) -> int:
+    """Give the middle of the torso to the head; returns the pixel."""
+    driver.key("head")
+    pixel = driver.middle_of(TORSO)
+    driver.click(driver.place(pixel))
+    assert driver.parts.flat[pixel] == HEAD
+    return pixel
+
+
+# Before there is a window
+
+
+def test_a_wrong_folder_and_a_missing_screen_are_one_line(annotate_cloud, folder, tmp_path, monkeypatch):
+    assert_refused(annotate_cloud("fix", tmp_path), "no label set", "labelset.json")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    before = tree(folder)
+    assert_refused(annotate_cloud("fix", folder), "no screen", "xvfb-run")
+    assert tree(folder) == before
+
+
+def test_a_screen_out_of_reach_is_one_line(annotate_cloud, folder, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":9876")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert_refused(annotate_cloud("fix", folder), ":9876", "cannot be reached")
+
+
+def test_without_the_extra_it_says_what_to_install(annotate_cloud, folder, monkeypatch):
+    real = builtins.__import__
+
+    def without_qt(name, *rest):
+        if name.startswith("annotate.gui"):
+            raise ImportError("No module named 'PySide6'")
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without_qt)
+    assert_refused(annotate_cloud("fix", folder), "PySide6", "annotate-cloud[gui]")
+
+
+def test_old_graphics_are_named_with_the_remedy():
+    for version, found in (("2.1", "OpenGL 2.1"), ("0.0", "no OpenGL")):
+        with pytest.raises(CloudError, match=f"{found}.*LIBGL_ALWAYS_SOFTWARE"):
+            check_opengl(version)
+    check_opengl("3.2")
+    check_opengl("4.6")
+
+
+def test_a_screen_with_graphics_is_let_through(display):
+    check_screen()
+
+
+def test_a_second_window_is_refused_with_its_owners_name(annotate_cloud, folder):
+    with Correction.open(folder, "mia"):
+        assert_refused(annotate_cloud("fix", folder, "--who", "ben"), "mia@")
+
+
+def test_a_set_without_frames_is_refused(annotate_cloud, rig_labels, tmp_path, display):
+    LabelSet.create(tmp_path / "empty", rig_labels.intrinsics, {})
+    assert_refused(annotate_cloud("fix", tmp_path / "empty"), "no frames")
+    assert not (tmp_path / "empty" / "claim.json").exists()
+
+
+def test_the_command_opens_the_window_and_ends_politely(display, folder):
+    """In a process of its own, ended by a signal as a desktop ends it."""
+    command = [sys.executable, "-m", "cli.main", "fix", str(folder), "--who", "mia"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        for _ in range(300):
+            if (folder / "claim.json").exists():
+                break
+            QTest.qWait(100)
+        QTest.qWait(2500)
+        process.terminate()
+        out, _ = process.communicate(timeout=60)
+    assert process.returncode in (0, -15)
+    assert process.returncode or "3 auto" in out
+
+
+# While it is open
+
+
+def test_read_only_changes_nothing(qapp, folder):
+    before = tree(folder)
+    driver = Driver(folder, read_only=True)
+    driver.key("head")
+    pixel = driver.middle_of(TORSO)
+    driver.click(driver.place(pixel))
+    assert driver.parts.flat[pixel] == TORSO and "read-only" in driver.said
+    driver.key("accept")
+    driver.key("next")
+    driver.key("colouring")
+    driver.close()
+    assert tree(folder) == before
+
+
+@pytest.mark.parametrize(("answer", "restored"), [("Restore", True), ("Leave", False)])
+def test_a_broken_frame_is_restored_if_one_wants(qapp, folder, answer, restored):
+    driver = Driver(folder)
+    pixel, frame_id = paint(driver), driver.window.frame_id
+    painted = driver.parts.copy()
+    driver.close()
+    (folder / "frames" / f"{frame_id}.parts.png").write_bytes(b"\x89PNG broken")
+    said = answering(answer)
+    again = Driver(folder)
+    assert any(frame_id in text for text in said())
+    if restored:
+        assert again.window.frame_id == frame_id and (again.parts == painted).all()
+        assert LabelSet.open(folder).read(frame_id).parts.flat[pixel] == HEAD
+    else:
+        assert again.window.frame_id != frame_id
+        assert (folder / "frames" / f"{frame_id}.parts.png").read_bytes() == b"\x89PNG broken"
+    again.close()
+
+
+def test_a_full_disk_loses_nothing(qapp, folder, monkeypatch):
+    driver = Driver(folder)
+
+    def full(journal, lines: bytes) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder / "journal.jsonl"))
+
+    append = Journal._append
+    monkeypatch.setattr(Journal, "_append", full)
+    said = answering("Go on")
+    pixel = paint(driver)
+    assert any("No space left" in text for text in said())
+    assert driver.correction.unsaved == 1 and "not saved" in driver.window.status.saved.text()
+    driver.key("undo")
+    assert driver.parts.flat[pixel] == TORSO and driver.correction.unsaved == 2
+    stays = answering("Stay")
+    driver.window.close()
+    assert any("could not be written" in text for text in stays()) and driver.window.isVisible()
+    monkeypatch.setattr(Journal, "_append", append)
+    driver.key("redo")
+    assert driver.correction.unsaved == 0 and "saved" in driver.window.status.saved.text()
+    painted, frame_id = driver.parts.copy(), driver.window.frame_id
+    driver.close()
+    assert (LabelSet.open(folder).read(frame_id).parts == painted).all()
+
+
+def test_a_frame_is_rejected_with_a_reason(qapp, folder):
+    driver = Driver(folder)
+    frame_id = driver.window.frame_id
+
+    def second() -> None:
+        QTest.keyClick(QApplication.activeModalWidget(), Qt.Key.Key_2)
+
+    QTimer.singleShot(300, second)
+    driver.key("reject")
+    assert driver.correction.state(frame_id) == "rejected" and driver.window.frame_id != frame_id
+    driver.key("back")
+    assert REASONS[1] in driver.window.header.facts.text()
+    QTimer.singleShot(300, lambda: QTest.keyClick(QApplication.activeModalWidget(), Qt.Key.Key_Escape))
+    driver.key("reject")
+    assert driver.window.frame_id == frame_id
+    driver.close()
+    assert LabelSet.open(folder).read(frame_id).notes["rejected"] == REASONS[1]
+
+
+def test_a_fine_screen_selects_what_is_under_the_pointer(display, folder, tmp_path):
+    """Twice the pixels (QT_SCALE_FACTOR), in a process of its own: what is clicked is what is painted."""
+    script = (
+        "import sys; from pathlib import Path; from PySide6.QtWidgets import QApplication\n"
+        "app = QApplication([]); from tests.gui_driver import Driver\n"
+        "d = Driver(Path(sys.argv[1]), size=(760, 580)); assert d.window.devicePixelRatioF() == 2\n"
+        "d.key('head'); p = d.middle_of(2); d.click(d.place(p)); shot = d.picture()\n"
+        "place = d.place(p); c = shot[place.y() * 2, place.x() * 2].astype(int)\n"
+        "print(d.parts.flat[p], shot.shape[1] / d.window.cloud_view.plotter.width(), c[0] > 2 * c[2])\n"
+        "d.close()"
+    )
+    environment = {**os.environ, "QT_SCALE_FACTOR": "2"}
+    command = [sys.executable, "-c", script, str(folder)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert done.stdout.split() == ["1", "2.0", "True"], done.stderr
+
+
+def test_a_frame_without_a_person_can_be_opened(qapp, rig_labels, tmp_path):
+    frame = rig_labels.read(rig_labels.frame_ids[0])
+    labels = LabelSet.create(tmp_path / "bare", rig_labels.intrinsics, {})
+    labels.write(type(frame)("000000", frame.depth_mm, np.zeros_like(frame.parts)))
+    driver = Driver(labels.path)
+    driver.key("lasso")
+    driver.drag(driver.circle(driver.place(100 * 512 + 200), 30))
+    assert "Shift" in driver.said
+    driver.close()
