@@ -31,7 +31,9 @@ def simulate(
         int | None,
         typer.Option(help="People, one after another.", min=1, show_default="4, but at most one a frame"),
     ] = None,
-    scene: Annotated[str, typer.Option(help="Where they are: sofa, chair or bed.")] = "sofa",
+    scene: Annotated[
+        str, typer.Option(help="Where they are: sofa, chair or bed; or plate, to try calibrate.")
+    ] = "sofa",
     difficulty: Annotated[str, typer.Option(help="clean, normal or hard.")] = "normal",
     seed: Annotated[int, typer.Option(help="Same seed, same session.", min=0)] = 0,
     overwrite: Overwrite = False,
@@ -41,11 +43,24 @@ def simulate(
     from synth.rig import VirtualRig
     from synth.simulate import simulate, suit_path, truth_path
 
+    if scene == "plate":
+        _simulate_plate(out, frames, seed, overwrite, json)
+        return
     rig = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, scene)
     with progress("simulate", frames) as advance:
         simulate(rig, out, advance, overwrite=overwrite)
     result = {"frames": frames, "truth": str(truth_path(out)), "suit": str(suit_path(out))}
     finish(result, json, f"{frames} frames in {out}, truth in {truth_path(out)}, suit in {suit_path(out)}")
+
+
+def _simulate_plate(out: Path, frames: int, seed: int, overwrite: bool, json: bool) -> None:
+    from synth.plate_views import PlateViews, record_plate
+    from synth.rig import RIG_CALIBRATION
+
+    with progress("simulate", frames) as advance:
+        truth = record_plate(PlateViews(RIG_CALIBRATION, frames, seed), out, advance, overwrite=overwrite)
+    result = {"frames": frames, "truth": str(truth), "suit": None}
+    finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
 
 
 def import_(

@@ -55,7 +55,7 @@ def record(
         raise DeviceError("nothing says what to record; give either --rig or one or more --device")
     wanted = load_rig(rig) if rig is not None else Rig("rig", tuple(device or ()))
     with ExitStack() as stack:
-        shown = _shown() if any(a.startswith("virtual:") for a in wanted.devices) else None
+        shown = shown_to_virtual() if any(a.startswith("virtual:") for a in wanted.devices) else None
         devices = [stack.enter_context(closing(open_device(a, shown))) for a in wanted.devices]
         calibration = _calibration(wanted, devices, shown)
         metadata = clock_metadata(devices, wanted.latency_ms)
@@ -66,7 +66,8 @@ def record(
     _report(out, done, json)
 
 
-def _shown() -> Shown:
+def shown_to_virtual() -> Shown:
+    """A second of the virtual rig, rendered beforehand."""
     say(f"rendering {VIRTUAL_FRAMES} frames for the virtual cameras")
     rig = VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
     return Shown(tuple(rig), rig.calibration)

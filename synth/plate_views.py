@@ -3,19 +3,22 @@
 A ``FrameSource``, so that it can be recorded and calibrated without hardware; it knows the true poses.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from sensors.calibration import Pose, RigCalibration
+from sensors.atomic import replacing
+from sensors.calibration import Pose, RigCalibration, save_calibration
 from sensors.camera import Intrinsics, distort, rays
-from sensors.errors import FormatError
+from sensors.errors import ExistsError, FormatError
 from sensors.frame import RigFrame
 from sensors.hole_plate import HolePlate
+from sensors.session import SessionWriter
 
 BACKING_M = 0.03
 """How far the warm backing lies behind the plate."""
@@ -135,6 +138,46 @@ class PlateViews:
         )
         image = cv2.GaussianBlur(image, (0, 0), BLUR_PX) + rng.normal(0, NETD_C, image.shape)
         return image.astype(np.float32)
+
+
+def record_plate(
+    views: PlateViews, out: Path, progress: Callable[[int], None], *, overwrite: bool = False
+) -> Path:
+    """Record the views to a session that knows its cameras only roughly; returns where the truth lies.
+
+    Raises ExistsError when one of the two files exists and ``overwrite`` is False.
+    """
+    truth = out.with_suffix(".calibration.json")
+    if truth.exists() and not overwrite:
+        raise ExistsError(f"{truth} exists already; choose another name or pass --overwrite")
+    rough = _roughly(views.calibration)
+    with (
+        replacing(truth) as temporary,
+        SessionWriter(out, rough, views.name, overwrite=overwrite, keep_partial=False) as writer,
+    ):
+        save_calibration(temporary, views.calibration)
+        for frame in views:
+            writer.write(frame)
+            progress(1)
+    return truth
+
+
+def _roughly(true: RigCalibration) -> RigCalibration:
+    """What a data sheet says: focal lengths to the pixel, the principal point in the middle, no lens."""
+    cameras = {
+        name: Intrinsics(
+            camera.width,
+            camera.height,
+            round(camera.fx),
+            round(camera.fy),
+            camera.width / 2,
+            camera.height / 2,
+        )
+        for name in ("depth", "color", "thermal")
+        if (camera := getattr(true, name)) is not None
+    }
+    poses = {f"{name}_from_depth": Pose.identity() for name in cameras if name != "depth"}
+    return RigCalibration(**cameras, **poses)  # type: ignore[arg-type]
 
 
 class _PlateCamera:

@@ -71,9 +71,8 @@ def report(name: str, share: np.ndarray, right: np.ndarray, pixels: np.ndarray) 
     ece = np.abs(np.bincount(bins, share * pixels - right)).sum() / pixels.sum()
     first = confidence.worst_first(share, pixels)[: int(0.3 * len(share))]
     found = (pixels - right)[first].sum() / (pixels - right).sum()
-    print(
-        f"{name}: right {right.sum() / pixels.sum():.4f}, calibration error {ece:.4f}, first 30 %: {found:.3f}"
-    )
+    rate = right.sum() / pixels.sum()
+    print(f"{name}: right {rate:.4f}, calibration error {ece:.4f}, first 30 %: {found:.3f}")
 
 
 if __name__ == "__main__":

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 from conftest import tree
 
-from annotate.label import label_source
+from annotate.cloud import ThermalCloud
+from annotate.label import label_source, run
+from annotate.labels import FrameLabels
 from annotate.parts import UNDEFINED
+from annotate.person import PersonMask
+from annotate.segment import Segmentation, unlabelled
 from annotate.store import LabelSet
 from annotate.suit import DEFAULT_SUIT
 from sensors.calibration import RigCalibration
@@ -102,9 +106,9 @@ def test_other_settings_or_another_recording_are_refused(tmp_path, session):
     before = tree(out)
     other = Altered(session, lambda f: replace(f, depth_mm=np.roll(f.depth_mm, 5, axis=0)))
     for source, suit, window in (
-        (session, None, (25.0, 35.0)),
+        (session, None, None),
         (session, DEFAULT_SUIT, (24.0, 35.0)),
-        (other, DEFAULT_SUIT, (25.0, 35.0)),
+        (other, DEFAULT_SUIT, None),
     ):
         with pytest.raises(ExistsError, match="choose another folder"):
             label_source(source, suit, out, silent, window)
@@ -125,7 +129,7 @@ def test_images_of_uncalibrated_cameras_are_left_out_and_said(tmp_path, session)
         notes = " ".join(frame.notes["notes"])
         assert "colour left out" in notes
         assert "temperature left out" in notes
-        assert frame.notes["extraction"] == "depth"
+        assert frame.notes["extraction"] in ("depth", "before")
 
 
 def test_the_least_certain_frame_comes_first(tmp_path, session):
@@ -144,3 +148,46 @@ def test_a_corrupt_frame_blocks_resuming_and_is_left_alone(tmp_path, session):
     with pytest.raises(CloudError, match=r"000001\.depth\.png"):
         label_source(session, DEFAULT_SUIT, out, silent)
     assert tree(out) == before
+
+
+def stripes(shape: tuple[int, int], trusted: bool = True) -> PersonMask:
+    """A person in the upper third of the image, somebody else in the lower third."""
+    rows = np.broadcast_to(np.arange(shape[0])[:, None] * 3 // shape[0], shape)
+    return PersonMask(rows == 0, "thermal", rows == 2, () if trusted else ("thermal: off",), trusted)
+
+
+def test_every_frame_is_given_the_one_before_as_it_is_stored(tmp_path, session):
+    seen = []
+
+    def one(cloud: ThermalCloud, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
+        seen.append(before)
+        person = stripes(cloud.valid.shape)
+        sure = np.random.default_rng(len(seen)).random(cloud.valid.shape).astype(np.float32)
+        return replace(unlabelled(person.mask), confidence=sure), person
+
+    labels = run(Altered(session, broken_color({1})), {}, tmp_path / "l", one, silent).labels
+    assert seen == [None, None]  # at first, and after a frame that failed
+    kept = run(session, {}, tmp_path / "m", one, silent).labels
+    assert seen[2] is None
+    for before, frame_id in zip(seen[3:], kept.frame_ids, strict=False):
+        stored = kept.read(frame_id)
+        for name in ("depth_mm", "parts", "confidence", "persons"):
+            np.testing.assert_array_equal(getattr(before, name), getattr(stored, name))
+        assert before.notes == stored.notes
+    assert set(np.unique(labels.read("000000").persons)) == {0, 1, 2}
+
+
+def test_a_frame_that_cannot_be_relied_on_is_not_labelled(tmp_path, session, monkeypatch):
+    monkeypatch.setattr(
+        "annotate.label.extract_person", lambda cloud, window_c, before: stripes(cloud.valid.shape, False)
+    )
+    for frame in label_source(session, DEFAULT_SUIT, tmp_path / "l", silent).labels:
+        np.testing.assert_array_equal(frame.parts == UNDEFINED, frame.persons == 1)
+        assert not frame.confidence.any()
+        assert frame.notes["notes"] == ["thermal: off"]
+
+
+def test_remarks_name_the_frames(tmp_path, session):
+    empty = Altered(session, lambda f: replace(f, depth_mm=np.zeros_like(f.depth_mm)) if f.index == 1 else f)
+    remarks = label_source(empty, DEFAULT_SUIT, tmp_path / "l", silent).remarks()
+    assert ["000001"] in remarks.values()

@@ -18,7 +18,12 @@ from sensors.errors import FormatError
 law = settings(deadline=None, max_examples=15)
 
 CAMERA = Intrinsics(200, 160, 190.0, 190.0, 99.5, 79.5)
-BODY = {1: (0, -0.42, 1.8, 0.13), 2: (0, 0, 1.8, 0.26), 4: (-0.36, 0.05, 1.75, 0.1), 3: (0.36, 0.05, 1.75, 0.1)}
+BODY = {
+    1: (0, -0.42, 1.8, 0.13),
+    2: (0, 0, 1.8, 0.26),
+    4: (-0.36, 0.05, 1.75, 0.1),
+    3: (0.36, 0.05, 1.75, 0.1),
+}
 """part: (x, y, z, radius) of the ball that stands for it, metres, camera frame."""
 
 

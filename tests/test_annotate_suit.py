@@ -3,14 +3,19 @@
 import tempfile
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from conftest import assert_refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.parts import BODY_PARTS, PARTS
+from annotate.parts import BODY_PARTS
+from annotate.store import LabelSet
 from annotate.suit import DEFAULT_SUIT, MIN_CHROMA_DISTANCE, Suit, chromaticity, load_suit, suit_to_toml
+from annotate.suit_learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
 from sensors.errors import CloudError
+from sensors.replay import Session
 
 law = settings(deadline=None, max_examples=60)
 
@@ -90,14 +95,90 @@ def test_the_default_suit_keeps_its_parts_apart():
 
 
 @pytest.mark.parametrize("part", BODY_PARTS, ids=lambda p: p.name)
-def test_every_part_needs_a_colour_of_its_own(part):
+def test_every_part_needs_a_colour_and_look_alikes_are_named(part):
     keep = DEFAULT_SUIT.parts != part.id
     with pytest.raises(CloudError, match=f"no colour for {part.name}"):
         Suit("s", DEFAULT_SUIT.colors_rgb[keep], DEFAULT_SUIT.parts[keep])
     twin = BODY_PARTS[part.id % 11]
     rgb = DEFAULT_SUIT.colors_rgb.copy()
     rgb[DEFAULT_SUIT.parts == part.id] = rgb[DEFAULT_SUIT.parts == twin.id][0] // 3 * 2
-    with pytest.raises(CloudError, match="same colour but for brightness") as refused:
-        Suit("s", rgb, DEFAULT_SUIT.parts)
-    assert PARTS[part.id].name in str(refused.value)
-    assert PARTS[twin.id].name in str(refused.value)
+    suit = Suit("s", rgb, DEFAULT_SUIT.parts)
+    assert (min(part.id, twin.id), max(part.id, twin.id)) in suit.look_alikes
+    assert part.name in suit.notes[0]
+    assert twin.name in suit.notes[0]
+    assert "another hue" in suit.notes[0]
+    assert not DEFAULT_SUIT.look_alikes
+
+
+def test_parts_that_share_skin_do_not_look_alike():
+    skin = DEFAULT_SUIT.colors_rgb[1]
+    colors, parts = np.vstack([DEFAULT_SUIT.colors_rgb, skin, skin]), np.append(DEFAULT_SUIT.parts, [5, 6])
+    assert not Suit("s", colors, parts.astype(np.uint8)).look_alikes
+    own = np.flatnonzero(parts == 5)[0]
+    bare_arm = Suit("s", np.delete(colors, own, axis=0), np.delete(parts, own).astype(np.uint8))
+    assert (1, 5) in bare_arm.look_alikes
+
+
+def nearest(suit: Suit, learnt: Suit) -> dict[str, float]:
+    """How far each part's learnt swatches are from its own, in chromaticity; the best of them."""
+    own, found = chromaticity(suit.colors_rgb), chromaticity(learnt.colors_rgb)
+    return {
+        p.name: np.linalg.norm(own[suit.parts == p.id][:, None] - found[learnt.parts == p.id], axis=2).min()
+        for p in BODY_PARTS
+    }
+
+
+def test_a_palette_is_learnt_from_right_frames(rig_session):
+    truth = LabelSet.open(rig_session.with_suffix(".truth"))
+    ids = corrected_frames(truth)
+    learnt = suit_from_labels(clouds_with(truth, ids, Session(rig_session)), "learnt")
+    assert max(nearest(DEFAULT_SUIT, learnt).values()) < 0.05
+    assert not learnt.look_alikes
+
+
+def test_what_cannot_be_learnt_from_is_named(rig_session, rig_labels):
+    with pytest.raises(CloudError, match="holds no corrected frame"):
+        corrected_frames(rig_labels)
+    with pytest.raises(CloudError, match="no frame 'x'"):
+        list(clouds_with(rig_labels, ["x"], Session(rig_session)))
+    with pytest.raises(CloudError, match="head shows 0 readable colours"):
+        suit_from_labels([], "s")
+
+
+def swatches(path: Path, columns: int, shown: int = 11) -> Path:
+    """A photograph of the default suit's cloths on grey-white paper, with noise."""
+    image = np.full((420, 560, 3), (206, 204, 198), np.uint8)
+    for i in range(shown):
+        row, column = divmod(i, columns)
+        color = DEFAULT_SUIT.colors_rgb[DEFAULT_SUIT.parts == i + 1][0] // (2 if i == 0 else 1)
+        image[30 + 90 * row : 90 + 90 * row, 30 + 90 * column : 90 + 90 * column] = color // (
+            2 if i == 0 else 1
+        )
+    noise = np.random.default_rng(0).normal(0, 3, image.shape)
+    cv2.imwrite(str(path), np.clip(image + noise, 0, 255).astype(np.uint8)[..., ::-1])
+    return path
+
+
+@pytest.mark.parametrize("columns", [3, 4, 6])
+def test_a_palette_is_learnt_from_a_photograph(tmp_path, columns):
+    learnt = suit_from_photo(swatches(tmp_path / "cloths.png", columns), "cloths")
+    assert len(learnt.parts) == 11
+    assert max(nearest(DEFAULT_SUIT, learnt).values()) < 0.03
+
+
+def test_a_photograph_of_something_else_is_refused(tmp_path):
+    with pytest.raises(CloudError, match="show 9 patches; lay 11 apart"):
+        suit_from_photo(swatches(tmp_path / "nine.png", 4, 9), "s")
+    (tmp_path / "text.png").write_text("no picture")
+    for path in (tmp_path / "text.png", tmp_path / "absent.png"):
+        with pytest.raises(CloudError, match="cannot be read"):
+            suit_from_photo(path, "s")
+
+
+def test_the_command_learns_a_palette_that_label_takes(annotate_cloud, tmp_path, rig_session):
+    out, truth = tmp_path / "suit.toml", rig_session.with_suffix(".truth")
+    learn = ("suit", "learn", truth, "--session", rig_session, "--out", out)
+    assert annotate_cloud(*learn, "--json").result["suit"] == str(out)
+    assert load_suit(out).name == "suit"
+    assert_refused(annotate_cloud(*learn), out, "exists already")
+    assert annotate_cloud("suit", "learn", "--out", out, "--overwrite").code == 2

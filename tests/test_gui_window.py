@@ -178,15 +178,35 @@ def test_locked_parts_stay_and_hidden_ones_cannot_be_hit(at_window):
     assert set(np.unique(at_window.parts.ravel()[at_window.window.desk.shown()])) == {HEAD}
 
 
-def test_space_accepts_and_a_reviewer_agrees(at_window):
-    first = at_window.window.frame_id
-    at_window.key("accept")
-    assert at_window.window.frame_id != first
-    assert at_window.correction.state(first) == "accepted"
-    at_window.key("back")
-    assert at_window.window.frame_id == first
-    at_window.key("accept")
-    assert at_window.correction.state(first) == "reviewed"
+def test_space_accepts_and_a_reviewer_agrees(qapp, folder):
+    annotator = Driver(folder)
+    first = annotator.window.frame_id
+    annotator.key("accept")
+    assert annotator.window.frame_id != first
+    annotator.key("back")
+    assert annotator.window.frame_id == first and "Space: go on" in annotator.window.status.space.text()
+    annotator.key("accept")
+    assert annotator.correction.state(first) == "accepted", "nobody reviews their own work"
+    annotator.close()
+    reviewer = Driver(folder, who="ben")
+    reviewer.window.open_frame(first)
+    assert "Space: agree" in reviewer.window.status.space.text()
+    reviewer.key("accept")
+    assert reviewer.correction.state(first) == "reviewed"
+    reviewer.key("save")
+    reviewer.close()
+
+
+def test_a_stroke_outdates_a_preview(at_window):
+    at_window.key("small")
+    at_window.key("brush")
+    at_window.key("head")
+    pixel = at_window.middle_of(TORSO)
+    at_window.click(at_window.place(pixel, at_window.window.depth_pane), view=at_window.window.depth_pane)
+    at_window.key("remove_islands")
+    at_window.key("piece")
+    at_window.click(at_window.place(at_window.middle_of(PART_ID["left_lower_leg"])))
+    assert at_window.window.desk.preview is None and at_window.parts.flat[pixel] == HEAD
 
 
 def test_frames_before_help_and_carry(at_window):
