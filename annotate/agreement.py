@@ -11,18 +11,20 @@ class Agreement:
     """A truth, to which labels are compared pixel by pixel.
 
     Counted are the pixels where truth or labels name a part; those undefined in the truth are left out.
-    truth: uint8 (h, w). tolerance_px: a label is right too where the truth has it within so many pixels
-    along rows and columns (Chebyshev), as for boundary F.
+    truth: uint8 (h, w). valid: bool (h, w), pixels with a depth reading. tolerance_px: a label is right
+    too where the truth has it within so many pixels along rows and columns (Chebyshev), as for boundary F;
+    of pixels without a reading the truth knows nothing, or a dropout would excuse a missing face.
     """
 
-    def __init__(self, truth: NDArray[np.uint8], tolerance_px: int = 0) -> None:
+    def __init__(self, truth: NDArray[np.uint8], valid: NDArray[np.bool_], tolerance_px: int = 0) -> None:
         self.truth = truth
         self._defined = truth.ravel() != UNDEFINED
         self._named = self._defined & (truth.ravel() != BACKGROUND)
         around = np.ones((2 * tolerance_px + 1, 2 * tolerance_px + 1), np.uint8)
         self._right = np.zeros((N_CLASSES + 1, truth.size), np.bool_)
         for part in range(N_CLASSES):
-            self._right[part] = cv2.dilate((truth == part).astype(np.uint8), around).ravel() > 0
+            self._right[part] = cv2.dilate((valid & (truth == part)).astype(np.uint8), around).ravel() > 0
+            self._right[part] |= truth.ravel() == part
 
     def wrong_at(self, pixels: NDArray[np.int64], parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Which of the flat ``pixels`` (n,) are counted and wrong when they have these ``parts`` (n,)."""

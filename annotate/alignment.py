@@ -84,7 +84,8 @@ def _filled(cloud: ThermalCloud, window_c: tuple[float, float]) -> NDArray[np.fl
     window = (FILL_PX, FILL_PX)
     total = cv2.boxFilter(np.where(known, warmth, np.float32(0)), cv2.CV_32F, window)
     share = cv2.boxFilter(known.astype(np.float32), cv2.CV_32F, window)
-    return np.where(known, warmth, total / np.maximum(share, np.float32(1e-3))).astype(np.float32)
+    filled = np.where(known, warmth, total / np.maximum(share, np.float32(1e-3)))
+    return np.asarray(filled, np.float32)
 
 
 def _sides(

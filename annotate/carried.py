@@ -20,7 +20,7 @@ def persons_before(before: FrameLabels) -> NDArray[np.uint8]:
     """Who was seen (h, w): 0 nobody, 1 the labelled person, 2 and on others."""
     if before.persons is not None:
         return before.persons
-    return (before.parts != BACKGROUND).astype(np.uint8)
+    return np.asarray(before.parts != BACKGROUND, np.uint8)
 
 
 def by_before(
@@ -37,7 +37,8 @@ def by_before(
     behind = depth_mm.astype(np.float32) - before.depth_mm
     slack = SAME * np.maximum(depth_mm, before.depth_mm).astype(np.float32)
     same = both & (np.abs(behind) <= slack)
-    if not person.any() or same[both & ~person].mean() < STILL_SHARE:
+    rest = both & ~person
+    if not person.any() or not rest.any() or same[rest].mean() < STILL_SHARE:
         return None
     odds = np.where(same, np.where(person, KEPT, -KEPT), 0.0)
     odds[both & (behind < -slack)] = CHANGED

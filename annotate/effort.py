@@ -93,7 +93,7 @@ class Annotator:
         propagated: parts (h, w) as the frame before gives them: that key is pressed first, by habit, and
         the result taken back where it is worse.
         """
-        agreement = Agreement(truth, self.tolerance_px)
+        agreement = Agreement(truth, editor.valid, self.tolerance_px)
         imagined, rng = np.random.default_rng(zlib.crc32(editor.frame_id.encode())).spawn(2)
         sight = Sight(editor, View.of_image(editor.depth_mm, SCALE), supervoxels, imagined)
         editor.time.mark("looking")
@@ -175,7 +175,8 @@ def correct_set(
     """Let a simulated annotator correct a label set, frame by frame in order.
 
     correction: with the annotator's clock. color_of: colours (h, w, 3) of a frame for the supervoxels, or
-    None. propagating: whether every frame of a person begins with the corrections of the one before.
+    None. propagating: whether a frame that follows one of the same person which was not right begins with
+    its corrections.
     """
     before: tuple[str, FrameLabels, FrameLabels] | None = None
     for frame_id in correction.frame_ids:
@@ -191,9 +192,10 @@ def correct_set(
         corrected = replace(automatic, parts=editor.parts.copy(), status="corrected")
         strokes = tuple(correction.journal.strokes(frame_id))
         seconds = sum(stroke.active_seconds for stroke in strokes)
-        agreement = Agreement(true.parts, annotator.tolerance_px).of(corrected.parts)
-        yield Effort(corrected, strokes, seconds, agreement)
-        before = true.subject, automatic, corrected
+        agreement = Agreement(true.parts, editor.valid, annotator.tolerance_px)
+        yield Effort(corrected, strokes, seconds, agreement.of(corrected.parts))
+        needed = agreement.of(automatic.parts) < annotator.goal
+        before = (true.subject, automatic, corrected) if needed else None
 
 
 def _apply(sight: Sight, move: Move, corners: NDArray[np.float64] | None, how: Gesture) -> Stroke | None:

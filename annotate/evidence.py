@@ -8,6 +8,8 @@ from annotate.warm_window import ABOVE_C
 
 LEAST_CONTRAST_C = 1.0
 """A camera's noise and a room's unevenness (0.3 degrees each): less than that parts nothing."""
+UNEVEN_C = 2.0
+"""Walls and floor may be colder than the commonest temperature of a room by this much."""
 COLD_SHARE = 0.25
 """Below this share of the way from the background's temperature to the person's a point is no person."""
 UNSURE_SHARE, STEEPNESS, MOST_BY_WARMTH = 0.22, 8.0, 3.0
@@ -46,7 +48,7 @@ def warmth_share(celsius: Image, warm: Mask, window_c: tuple[float, float], size
     temperature.
     """
     low_c, hottest_c = window_c
-    room_c = np.float32(2 * low_c - (hottest_c - ABOVE_C))
+    room_c = np.float32(2 * low_c - (hottest_c - ABOVE_C) - UNEVEN_C)
     person_c = _local_mean(celsius, warm, size_px)
     cold = np.isfinite(celsius) & ~warm & (celsius < hottest_c)
     share = np.empty_like(celsius)
@@ -62,7 +64,7 @@ def by_warmth(share: Image, celsius: Image, hottest_c: float) -> Image:
     odds = np.clip(STEEPNESS * (share - UNSURE_SHARE), -MOST_BY_WARMTH, MOST_BY_WARMTH)
     heat = (celsius - np.float32(hottest_c)) / HOT_MARGIN_C
     odds = np.where(heat > 0, odds + np.minimum(heat, 1) * (BY_HEAT - odds), odds)
-    return np.nan_to_num(odds).astype(np.float32)
+    return np.asarray(np.nan_to_num(odds), np.float32)
 
 
 def by_planes(on: Mask, near: Mask, shaped: Mask, cold: Mask, surface_m2: Image) -> Image:
@@ -96,7 +98,9 @@ def by_color(lab: NDArray[np.uint8], odds: Image, candidates: Mask, among: Mask)
     room = bins[among & seen & (~candidates | (odds < -SURE))]
     if min(person.size, room.size) < LEAST_TAUGHT:
         return np.zeros(odds.shape, np.float32)
-    table = np.clip(np.log((_frequencies(person) + LEAST_SHARE) / (_frequencies(room) + LEAST_SHARE)), -BY_COLOR, BY_COLOR)
+    table = np.clip(
+        np.log((_frequencies(person) + LEAST_SHARE) / (_frequencies(room) + LEAST_SHARE)), -BY_COLOR, BY_COLOR
+    )
     return np.where(seen, table[bins], np.float32(0)).astype(np.float32)
 
 
@@ -118,8 +122,14 @@ def _frequencies(bins: NDArray[np.int32]) -> Image:
 def _local_mean(values: Image, mask: Mask, size: int) -> Image:
     """Mean over the masked pixels of a square window; the overall mean where there is none."""
     kept = np.where(mask, values, np.float32(0))
-    window = {"normalize": False, "borderType": cv2.BORDER_CONSTANT}
-    total = cv2.boxFilter(kept, cv2.CV_32F, (size, size), **window)
-    count = cv2.boxFilter(mask.astype(np.float32), cv2.CV_32F, (size, size), **window)
+    total = _sum(kept, size)
+    count = _sum(mask.astype(np.float32), size)
     overall = np.float32(kept.sum() / max(mask.sum(), 1))
     return np.where(count > 0.5, total / np.maximum(count, 1), overall).astype(np.float32)
+
+
+def _sum(values: Image, size: int) -> Image:
+    """Sum over a square window around each pixel, nothing beyond the image."""
+    border = cv2.BORDER_CONSTANT
+    total = cv2.boxFilter(values, cv2.CV_32F, (size, size), normalize=False, borderType=border)
+    return np.asarray(total, np.float32)

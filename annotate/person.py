@@ -35,7 +35,7 @@ from annotate.warm_window import WINDOW_C, find_window
 
 LOCAL_M = 0.3
 """Half side of the window in which person and background temperatures are compared."""
-SURROUNDINGS_M = 0.5
+SURROUNDINGS_M = 0.4
 """How far around what is warm a cold sleeve or a foot behind an arm rest may reach."""
 SURELY_COLD = 0.12
 """What lies close to a plane and is no warmer than this share of a person needs no further look."""
@@ -146,7 +146,7 @@ def _by_temperature(
     cold = share < SURELY_COLD
     near_warm = _around(warm, SURROUNDINGS_M * pixels_per_m)
     candidates = cloud.valid & near_warm & (loose | ~cold) & ~panel
-    warnings = ()
+    warnings: tuple[str, ...] = ()
     if alignment.is_off:
         right, down = alignment.shift_px
         warnings = (
@@ -178,9 +178,7 @@ def _centrality(piece: Piece) -> float:
     return float(piece.area_m2 / (z * z) * np.exp(-(x * x + y * y) / (z * z) / 0.5**2))
 
 
-def _by_before(
-    cloud: ThermalCloud, before: FrameLabels | None, planes: tuple[Plane, ...]
-) -> _Field | None:
+def _by_before(cloud: ThermalCloud, before: FrameLabels | None, planes: tuple[Plane, ...]) -> _Field | None:
     carried = by_before(cloud.depth_mm, before) if before is not None else None
     if before is None or carried is None:
         return None
@@ -209,7 +207,7 @@ def _settled(cloud: ThermalCloud, field: _Field) -> NDArray[np.bool_]:
     normals = np.full((*near.shape, 3), np.float32(np.nan))
     normals[candidates] = normals_at(cloud, *np.nonzero(candidates))
     on = near & (field.cold | lies_on(field.planes, cloud.points_m, normals))
-    surface_m2 = np.square(cloud.points_m[..., 2]) / np.float32(cloud.camera.fx * cloud.camera.fy)
+    surface_m2 = cloud.points_m[..., 2] ** 2 / np.float32(cloud.camera.fx * cloud.camera.fy)
     shaped = np.isfinite(normals[..., 0])
     odds = field.odds + by_planes(on, near, shaped, field.cold, surface_m2)
     lab = lab_of(cloud.color_rgb, cloud.color_valid & ~_rims(cloud))

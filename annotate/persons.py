@@ -23,7 +23,7 @@ LEAST_CORE_M2 = 0.015
 """Of a trunk; two knees side by side are as wide, but not for long."""
 PERSON_M2 = 0.15
 """A piece with more surface is no loose limb: two legs together have less."""
-ONE_PERSON_M = 0.55
+ONE_PERSON_M = 0.7
 """Trunk and legs are nearer to each other than that, two people's trunks are not."""
 NEAR_M, NEAR_SIZES = 0.40, 3.0
 """A loose warm piece is a limb of the person within this distance, and this many times its own size."""

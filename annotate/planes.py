@@ -13,12 +13,12 @@ from annotate.cloud import ThermalCloud
 MAX_PLANES = 16
 MIN_PLANE_M2 = 0.12
 """Surface, seen head-on: a flat patch of a body (a back, a thigh) is smaller."""
-MIN_COLD_PLANE_M2 = 0.02
+MIN_COLD_PLANE_M2 = 0.04
 """The same where no point is warm, so that no body can be meant: an arm rest, a table's edge."""
 MIN_PANEL_M2 = 0.025
 """The same where all is warm, for a panel that stands free: half of a laptop's lid."""
-PANEL_RADIUS_M = 0.045
-"""Of the largest disc on it: half of a shin's breadth is less."""
+PANEL_RADIUS_M = 0.07
+"""Of the largest disc on it: half of a shin's or an arm's breadth is less."""
 BEND_M, FREE_SHARE = 0.03, 0.78
 """Beside a flat patch of a body the surface bends away by less than that within four pixels; more than
 this share of a panel's rim is farther behind."""
@@ -112,10 +112,12 @@ def panel_of(plane: Plane, cloud: ThermalCloud, among: NDArray[np.bool_]) -> NDA
 
 def close_to(planes: Sequence[Plane], points_m: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Which points (..., 3) are close to any of the planes, however their surface is turned."""
-    near = np.zeros(points_m.shape[:-1], np.bool_)
-    for plane in planes:
-        near |= plane.close(points_m)
-    return near
+    if not planes:
+        return np.zeros(points_m.shape[:-1], np.bool_)
+    normals = np.stack([plane.normal for plane in planes])
+    offsets = np.array([plane.offset_m for plane in planes], np.float32)
+    flat = np.ascontiguousarray(points_m, np.float32).reshape(-1, 3)
+    return _close(flat, normals, offsets).reshape(points_m.shape[:-1])
 
 
 def lies_on(
@@ -128,9 +130,7 @@ def lies_on(
     return on
 
 
-def normals_at(
-    cloud: ThermalCloud, rows: NDArray[np.intp], columns: NDArray[np.intp]
-) -> NDArray[np.float32]:
+def normals_at(cloud: ThermalCloud, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.float32]:
     """Unit normals (n, 3) of the surface at pixels, towards the camera; NaN where too little is seen.
 
     Least squares over 5 x 5 pixels two apart. 1/z is fitted, which is linear over the image of a plane.
@@ -156,6 +156,19 @@ def _fitted(
         fitted, on = on, plane.close(points) & plane.parallel(normals)
         on |= fitted  # else a bad fit would be found again and again
     return plane, on
+
+
+@njit(cache=True, nogil=True)
+def _close(points: Image, normals: Image, offsets: Image) -> NDArray[np.bool_]:
+    close = np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for k in range(len(offsets)):
+            distance = abs(x * normals[k, 0] + y * normals[k, 1] + z * normals[k, 2] - offsets[k])
+            if distance <= np.float32(TOLERANCE) * z:
+                close[i] = True
+                break
+    return close
 
 
 @njit(cache=True, nogil=True)

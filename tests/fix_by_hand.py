@@ -230,8 +230,9 @@ def at_window(path: Path) -> list[tuple[str, float, float, float, float]]:
     for frame_id in driver.correction.frame_ids:
         driver.window.open_frame(frame_id)
         zoom(driver)
-        true = truth.read(frame_id).parts
-        agreement, strict = Agreement(true, TOLERANCE_PX), Agreement(true)
+        known = truth.read(frame_id)
+        true, valid = known.parts, known.depth_mm > 0
+        agreement, strict = Agreement(true, valid, TOLERANCE_PX), Agreement(true, valid)
         before, spent = agreement.of(driver.parts), hand.ledger.seconds
         hand.work_on_frame(true)
         after = driver.correction.frame(frame_id).parts
@@ -267,7 +268,7 @@ def report(rows: list[tuple[str, float, float, float, float]], reckoned: dict[st
     before, after, strict, seconds = (np.array([row[k] for row in rows]) for k in (1, 2, 3, 4))
     expected = np.array([reckoned[row[0]] for row in rows])
     print(
-        f"frames {len(rows)}: agreement {before.mean():.4f} -> {after.mean():.4f} (strict {strict.mean():.4f})"
+        f"frames {len(rows)}, agreement {before.mean():.4f} -> {after.mean():.4f}, strict {strict.mean():.4f}"
     )
     print(f"at least 99 %: {(after >= 0.99 - 1e-9).sum()} of {len(rows)}; least {after.min():.4f}")
     print(f"seconds at the window: total {seconds.sum():.0f}, median {median(seconds):.1f}")

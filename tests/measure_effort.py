@@ -31,7 +31,7 @@ def measure(labels, truth, color_of, tolerance_px, propagating, trace=False):
         for effort in correct_set(correction, truth, annotator, color_of, propagating):
             frame_id = effort.corrected.frame_id
             true = truth.read(frame_id).parts
-            agreement = Agreement(true, tolerance_px)
+            agreement = Agreement(true, effort.corrected.depth_mm > 0, tolerance_px)
             efforts.append(effort)
             before.append(agreement.of(labels.read(frame_id, original=True).parts))
             wrong = agreement.wrong(effort.corrected.parts)

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from annotate.cloud import ThermalCloud
 from annotate.fuse import Fuser
+from annotate.labels import FrameLabels
 from annotate.person import extract_person
+from annotate.warm_window import fixed_window_mask as fixed
 from sensors.camera import Intrinsics, rays
 from sensors.pointcloud import CloudFile
 from synth.rig import VirtualRig, truth_labels
@@ -198,14 +200,93 @@ def test_by_depth_alone_walls_and_floor_fall_away():
     assert not empty.mask.any() and "no person" in empty.notes[0]
 
 
-def test_on_the_virtual_rig_the_person_is_found_to_95_percent():
-    rig = VirtualRig(2, 2, "hard", 3)
+def test_on_the_virtual_rig_the_person_is_found_where_the_fixed_window_fails():
+    rig = VirtualRig(2, 2, "normal", 104)
     fuser = Fuser(rig.calibration)
     for frame, truth in rig.with_truth():
-        parts = truth_labels(frame, truth).parts
-        cloud = fuser.fuse(frame.depth_mm, None, frame.thermal_c)
-        known = parts != 255
-        assert iou(extract_person(cloud).mask & known, (parts > 0) & known) > 0.95
+        labels = truth_labels(frame, truth)
+        cloud = fuser.fuse_frame(frame)
+        known, person = labels.parts != 255, labels.persons == 1
+        found, plain = (iou(m & known, person & known) for m in (extract_person(cloud).mask, fixed(cloud)))
+        assert found > max(0.85, plain + 0.05)
+
+
+@pytest.mark.parametrize("drift", [-2.0, 0.3, 2.0])
+def test_a_common_offset_of_all_temperatures_changes_nothing_when_the_window_is_found(drift):
+    cloud = sitting().cloud()
+    drifted = replace(cloud, temperature_c=cloud.temperature_c + np.float32(drift))
+    assert iou(extract_person(drifted).mask, extract_person(cloud).mask) > 0.998
+
+
+def test_the_fixed_window_takes_every_valid_pixel_in_it_and_a_wider_one_no_fewer():
+    cloud = sitting().cloud(holes=0.1)
+    narrow, wide = fixed(cloud), fixed(cloud, (20.0, 36.0))
+    celsius = cloud.temperature_c
+    np.testing.assert_array_equal(narrow, cloud.valid & (celsius >= 25) & (celsius <= 35))
+    assert wide[narrow].all() and wide.sum() > narrow.sum()
+
+
+def stander(scene, x, z):
+    """A person of three ellipsoids; their pixels are not the subject's."""
+    scene.ellipsoid((x, 0.0, z), (0.2, 0.4, 0.13), 30.0, person=False)
+    scene.ellipsoid((x, -0.5, z), (0.1, 0.14, 0.1), 33.0, person=False)
+    scene.ellipsoid((x, 0.6, z), (0.12, 0.35, 0.1), 29.0, person=False)
+
+
+def test_a_second_person_is_kept_apart():
+    scene = sitting()
+    stander(scene, 1.35, 2.5)
+    cloud = scene.cloud()
+    found = extract_person(cloud)
+    assert found.trusted and iou(found.mask, truth_of(scene, cloud)) > 0.97
+    aside = cloud.valid & (cloud.temperature_c > 27) & ~scene.person
+    assert iou(found.others, aside) > 0.9 and not (found.others & found.mask).any()
+
+
+def test_three_persons_alike_are_not_trusted_unless_one_was_the_subject_before():
+    scene = room()
+    for x in (-0.75, 0.0, 0.75):
+        stander(scene, x - 0.375, 2.4)
+    cloud = scene.cloud()
+    found = extract_person(cloud)
+    assert not found.trusted and "3 persons" in found.notes[-1] and "step aside" in found.notes[-1]
+    before = labels_of(cloud, found)
+    assert extract_person(cloud, before=before).trusted
+
+
+def test_a_person_larger_than_the_view_is_not_trusted():
+    scene = room()
+    scene.ellipsoid((0, 0, 1.0), (0.72, 1.1, 0.25), 30.0)
+    found = extract_person(scene.cloud())
+    assert not found.trusted and "larger than" in found.notes[-1] and "back" in found.notes[-1]
+
+
+def test_a_thermal_image_beside_the_depth_image_is_not_trusted():
+    cloud = sitting().cloud()
+    moved = replace(cloud, temperature_c=np.roll(cloud.temperature_c, 12, axis=1))
+    found = extract_person(moved)
+    assert not found.trusted and "thermal" in found.notes[-1] and "calibrate" in found.notes[-1]
+    assert "3.8 degrees" in found.notes[-1]
+    assert extract_person(cloud).trusted
+
+
+def labels_of(cloud, found):
+    persons = np.where(found.mask, 1, np.where(found.others, 2, 0)).astype(np.uint8)
+    parts = np.where(found.mask, 255, 0).astype(np.uint8)
+    return FrameLabels("000000", cloud.depth_mm, parts, persons=persons)
+
+
+def test_without_temperature_the_frame_before_is_carried_over():
+    first = sitting().cloud()
+    before = labels_of(first, extract_person(first))
+    scene = sitting()
+    scene.ellipsoid((0.1, -0.1, 2.1), (0.2, 0.05, 0.06), 31.0)
+    cloud = scene.cloud(seed=1, unseen=np.ones(CAMERA.shape, bool))
+    found = extract_person(cloud, before=before)
+    assert found.method == "before" and "carried over" in found.notes[0] and found.trusted
+    assert iou(found.mask, truth_of(scene, cloud)) > 0.95
+    turned = replace(before, depth_mm=(before.depth_mm * 0.8).astype(np.uint16))
+    assert extract_person(cloud, before=turned).method == "depth"
 
 
 def depth_only(path):

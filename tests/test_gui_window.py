@@ -146,9 +146,8 @@ def test_clean_up_is_shown_then_applied_or_dropped(at_window):
     at_window.key("brush")
     at_window.key("small")
     at_window.key("head")
-    pane = at_window.window.depth_pane
     pixel = at_window.middle_of(TORSO)
-    at_window.click(at_window.place(pixel, pane), view=pane)
+    at_window.click(at_window.place(pixel))
     island = at_window.parts.copy()
     assert island.flat[pixel] == HEAD
     at_window.key("remove_islands")
@@ -202,8 +201,9 @@ def test_a_stroke_outdates_a_preview(at_window):
     at_window.key("brush")
     at_window.key("head")
     pixel = at_window.middle_of(TORSO)
-    at_window.click(at_window.place(pixel, at_window.window.depth_pane), view=at_window.window.depth_pane)
+    at_window.click(at_window.place(pixel))
     at_window.key("remove_islands")
+    assert at_window.window.desk.preview
     at_window.key("piece")
     at_window.click(at_window.place(at_window.middle_of(PART_ID["left_lower_leg"])))
     assert at_window.window.desk.preview is None and at_window.parts.flat[pixel] == HEAD

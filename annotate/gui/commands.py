@@ -49,6 +49,7 @@ def commands(window: CorrectionWindow) -> dict[str, Command]:
         "reject": partial(_reject, window),
         "next": partial(_step, window, 1),
         "back": partial(_step, window, -1),
+        "save": partial(_save, window),
         "order": window.reorder,
         "colouring": partial(_colouring, window),
         "front_view": window.look_ahead,
@@ -93,6 +94,12 @@ def _reject(window: CorrectionWindow) -> Done | None:
     done = window.desk.reject(dialog.reason)
     window.strip.frames.refresh(window.frame_id)
     return None if window.step(1) else done
+
+
+def _save(window: CorrectionWindow) -> Done:
+    if window.desk.editor:
+        window.correction.save(window.frame_id)
+    return Done(NOTHING, "Everything is saved", "good")
 
 
 def _step(window: CorrectionWindow, by: int) -> Done | None:

@@ -1,6 +1,5 @@
 """The frame on the desk and the tools beside it: what every key and stroke does. No window here."""
 
-from collections import Counter
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -15,9 +14,10 @@ from annotate.grid import components
 from annotate.gui.colors import Colouring, Visibility, colourings, point_colors
 from annotate.gui.drawing import Drawing
 from annotate.gui.scene import Scene
+from annotate.gui.sentences import title, told
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 from annotate.propagate import propagate
-from annotate.stroke import Gesture, Operation, Stroke
+from annotate.stroke import VERDICTS, Gesture, Operation, Stroke
 from sensors.errors import CloudError
 
 Tone = Literal["plain", "good", "warn", "bad"]
@@ -52,11 +52,6 @@ class _Grown:
     part: int
     pixels: NDArray[np.int64]
     parts: NDArray[np.uint8]
-
-
-def title(part: int) -> str:
-    """A part's name in sentences."""
-    return "undefined" if part == UNDEFINED else PARTS[part].title.lower()
 
 
 @dataclass
@@ -226,9 +221,15 @@ class Desk:
 
     def cancel(self) -> Done:
         """Drop a preview."""
-        pixels = self.preview.pixels if self.preview else NOTHING
-        self.preview, self._grown = None, None
+        self._grown = None
+        pixels = self.cancel_preview()
         return Done(pixels, "Dropped" if len(pixels) else "")
+
+    def cancel_preview(self) -> NDArray[np.int64]:
+        """Drop a preview; the pixels (n,) that were marked."""
+        pixels = self.preview.pixels if self.preview else NOTHING
+        self.preview = None
+        return pixels
 
     def _previewed(self, operation: Operation, part: int | None, parts: NDArray[np.uint8]) -> Done:
         editor, shown = self._editor(), self.preview
@@ -282,16 +283,23 @@ class Desk:
         return self._did(self._editor().redo(self._key(None, 3)), "Nothing to redo")
 
     def accept(self) -> Done:
-        """Right as it is: an annotator accepts, and whoever looks at accepted work agrees."""
-        editor = self._editor()
-        agrees = self.will_agree()
-        how = Gesture("key", keys=1)
-        _ = editor.agree(how) if agrees else editor.accept(how)
-        return Done(NOTHING, "Agreed" if agrees else "Accepted", "good")
+        """Right as it is: an annotator accepts, and who looks at the accepted work of others agrees."""
+        editor, how = self._editor(), Gesture("key", keys=1)
+        verdict = self.next_verdict()
+        if verdict == "accept":
+            editor.accept(how)
+        elif verdict == "agree":
+            editor.agree(how)
+        said = {"accept": "Accepted", "agree": "Agreed", "none": "Accepted already"}
+        return Done(NOTHING, said[verdict], "good")
 
-    def will_agree(self) -> bool:
-        """Whether accepting this frame would be a reviewer's agreement."""
-        return self.correction.state(self.scene.labels.frame_id) in ("accepted", "reviewed")
+    def next_verdict(self) -> Literal["accept", "agree", "none"]:
+        """What accepting would say now; nothing where this person said it before."""
+        frame_id = self.scene.labels.frame_id
+        if self.correction.state(frame_id) not in ("accepted", "reviewed"):
+            return "accept"
+        verdicts = [s for s in self.correction.journal.strokes(frame_id) if s.operation in VERDICTS]
+        return "none" if verdicts and verdicts[-1].who == self.correction.who else "agree"
 
     def reject(self, reason: str) -> Done:
         """Not to be used."""
@@ -306,9 +314,10 @@ class Desk:
         return self.editor
 
     def _did(self, stroke: Stroke | None, nothing: str, what: str = "") -> Done:
+        """What came of an operation; a preview of the labels before it is no longer true."""
         if stroke is None:
             return Done(NOTHING, nothing, "warn")
-        return Done(stroke.pixels, _told(stroke, what))
+        return Done(np.union1d(stroke.pixels, self.cancel_preview()), told(stroke, what))
 
     def _patch(self, pixel: int | None) -> NDArray[np.int64]:
         if pixel is None or self.parts.flat[pixel] == BACKGROUND:
@@ -348,17 +357,3 @@ class Desk:
         held = drawing.held_keys
         kind = "supervoxel" if drawing.tool == "piece" else drawing.tool
         return drawing.gesture(kind, self._take_keys() + held)
-
-
-def _told(stroke: Stroke, what: str) -> str:
-    """A stroke in words."""
-    count = f"{len(stroke.pixels):,} pixels"
-    if stroke.operation in ("undo", "redo"):
-        return f"{'Undone' if stroke.operation == 'undo' else 'Done again'}: {count}"
-    if stroke.operation == "swap_left_right":
-        return f"Left and right {what} swapped: {count}"
-    if stroke.part is None:
-        return f"{stroke.operation.replace('_', ' ').capitalize()}: {count}"
-    taken = Counter(dict(zip(*(x.tolist() for x in np.unique(stroke.old, return_counts=True)), strict=True)))
-    source = title(taken.most_common(1)[0][0])
-    return f"{count} from {source} to {title(stroke.part)}"

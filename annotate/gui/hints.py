@@ -8,9 +8,10 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
-from annotate.gui.desk import Done, title
+from annotate.gui.desk import Done
 from annotate.gui.keys import BODY_GRID, Binding, Settings, settings_path
 from annotate.gui.pointing import Pointing
+from annotate.gui.sentences import title
 from annotate.gui.theme import DARK, Theme, named, part_color
 from annotate.parts import PART_ID, PARTS
 
@@ -59,9 +60,10 @@ class StatusLine(QWidget):
         self.chip = QLabel()
         self.chip.setFixedSize(14, 14)
         self.next, self.last, self.saved = QLabel(), QLabel(), named(QLabel(), "quiet")
+        self.space = QLabel()
         self.next.setObjectName("title")
         self.next.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        for label in (self.chip, self.next, self.last, self.saved):
+        for label in (self.chip, self.next, self.last, self.space, self.saved):
             row.addWidget(label, 1 if label is self.next else 0)
 
     def say_next(self, text: str, part: int, theme: Theme) -> None:
@@ -69,6 +71,11 @@ class StatusLine(QWidget):
         self.next.setText(text)
         color = part_color(part, theme).name()
         self.chip.setStyleSheet(f"background: {color}; border: 1px solid {theme.quiet}; border-radius: 7px")
+
+    def say_space(self, key: str, verdict: str) -> None:
+        """What the key for accepting will do."""
+        act = {"accept": "accept and go on", "agree": "agree and go on", "none": "go on"}[verdict]
+        self.space.setText(f"{escape(key)}: {act}")
 
     def say(self, done: Done, theme: Theme) -> None:
         """What came of the last key or stroke."""

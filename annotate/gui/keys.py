@@ -76,6 +76,7 @@ BINDINGS: tuple[Binding, ...] = (
     Binding("reject", "Ctrl+R", "Frames", "Reject, with a reason"),
     Binding("next", "Ctrl+Space", "Frames", "Next frame, this one undecided"),
     Binding("back", "Shift+Space", "Frames", "Frame before"),
+    Binding("save", "Ctrl+S", "Frames", "Save; every stroke is saved anyway"),
     Binding("order", "F5", "Frames", "By time, or the worst first"),
     Binding("colouring", "F2", "View", "Next colouring"),
     Binding("front_view", "F3", "View", "Look as the depth camera does"),

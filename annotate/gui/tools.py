@@ -5,7 +5,7 @@ from functools import partial
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap, QPolygonF
-from PySide6.QtWidgets import QLabel, QToolButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QToolButton, QVBoxLayout, QWidget
 
 from annotate.gui.drawing import TOOLS
 from annotate.gui.keys import Settings
@@ -14,6 +14,20 @@ from annotate.gui.theme import Theme, named
 
 STROKES = {"through": "Through", "only": "One part", "room": "Room too"}
 """Switches of ``Pointing``, and their titles."""
+EDITS = {
+    "undo": "Undo",
+    "redo": "Redo",
+    "swap": "Swap L/R",
+    "neighbour": "Neighbour",
+    "merge": "Merge",
+    "remove_islands": "Islands",
+    "fill_holes": "Holes",
+    "copy_previous": "Copy",
+    "propagate": "Carry on",
+}
+"""Commands shown with their keys; what works under the pointer, a key alone can do."""
+TITLES = {tool: tool.capitalize() for tool in TOOLS}
+ROW_PX = 30
 ICON = QSize(30, 30)
 Draw = Callable[[QPainter], None]
 
@@ -85,53 +99,64 @@ DRAWN: dict[str, Draw] = {
 
 
 def icon(name: str, color: str, ratio: float) -> QIcon:
-    """A tool's picture in a colour, sharp at a screen's pixel ratio."""
+    """A tool's picture in a colour, sharp at a screen's pixel ratio; blank for what has none."""
     pixmap = QPixmap(ICON * ratio)
     pixmap.setDevicePixelRatio(ratio)
     pixmap.fill(Qt.GlobalColor.transparent)
     painter = QPainter(pixmap)
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     painter.setPen(QPen(QColor(color), 2))
-    DRAWN[name](painter)
+    if name in DRAWN:
+        DRAWN[name](painter)
     painter.end()
     return QIcon(pixmap)
 
 
-class ToolColumn(QWidget):
-    """chosen: a tool was clicked. toggled: one of STROKES was."""
+class ToolButton(QToolButton):
+    """A row: picture, title, and the key at its right end."""
 
-    chosen = Signal(str)
-    toggled = Signal(str)
+    def __init__(self, title: str, key: str) -> None:
+        super().__init__()
+        self.setText(title)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+        self.setIconSize(ICON * 0.7)
+        self.setFixedHeight(ROW_PX)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.setStyleSheet("text-align: left; padding: 2px 6px; font-size: 12px")
+        self.key = QLabel(key.replace("Ctrl+", "^").replace("Shift+", "\u21e7"))
+        self.key.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 8, 0)
+        row.addWidget(self.key, 0, Qt.AlignmentFlag.AlignRight)
+
+
+class ToolColumn(QWidget):
+    """asked: a button with a command's name was clicked."""
+
+    asked = Signal(str)
 
     def __init__(self, settings: Settings) -> None:
         super().__init__()
         self.setObjectName("panel")
-        self.setFixedWidth(108)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(10, 12, 10, 12)
-        column.setSpacing(6)
-        column.addWidget(named(QLabel("TOOLS"), "caption"))
-        self.buttons: dict[str, QToolButton] = {}
-        for name in (*TOOLS, *STROKES):
-            if name == "through":
-                column.addSpacing(10)
-                column.addWidget(named(QLabel("STROKES"), "caption"))
-            button = self._button(name, STROKES.get(name, name.capitalize()), settings)
-            column.addWidget(button)
-        column.addStretch(1)
+        self.setFixedWidth(142)
+        self._settings = settings
+        self._column = QVBoxLayout(self)
+        self._column.setContentsMargins(8, 10, 8, 8)
+        self._column.setSpacing(4)
+        self.buttons: dict[str, ToolButton] = {}
+        for heading, titles in (("TOOLS", TITLES), ("STROKES", STROKES), ("EDIT", EDITS)):
+            self._column.addWidget(named(QLabel(heading), "caption"))
+            for name, title in titles.items():
+                self._column.addWidget(self._button(name, title))
+            self._column.addSpacing(8)
+        self._column.addStretch(1)
 
-    def _button(self, name: str, title: str, settings: Settings) -> QToolButton:
-        button = self.buttons[name] = QToolButton()
-        button.setText(f"{title}  {settings.key(name)}")
-        button.setToolTip(next(b.says for b in settings.bindings if b.name == name))
-        button.setCheckable(True)
-        button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        button.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextUnderIcon)
-        button.setIconSize(ICON)
-        button.setFixedSize(88, 60)
-        button.setStyleSheet("font-size: 11px; padding: 2px")
-        signal = self.chosen if name in TOOLS else self.toggled
-        button.clicked.connect(partial(signal.emit, name))
+    def _button(self, name: str, title: str) -> ToolButton:
+        button = self.buttons[name] = ToolButton(title, self._settings.key(name))
+        button.setToolTip(next(b.says for b in self._settings.bindings if b.name == name))
+        button.setCheckable(name not in EDITS)
+        button.clicked.connect(partial(self.asked.emit, name))
         return button
 
     def show_state(self, pointing: Pointing, theme: Theme) -> None:
@@ -140,4 +165,6 @@ class ToolColumn(QWidget):
         for name, button in self.buttons.items():
             button.setChecked(name in on)
             color = theme.on_accent if name in on else theme.text
+            button.key.setStyleSheet(f"color: {theme.on_accent if name in on else theme.quiet}")
+            # A blank picture keeps the titles of commands in line with those of tools.
             button.setIcon(icon(name, color, self.devicePixelRatioF()))

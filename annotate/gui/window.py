@@ -101,6 +101,7 @@ class CorrectionWindow(QMainWindow):
     def show_frame(self) -> None:
         """Show the frame on the desk everywhere."""
         for view in self.views:
+            view.pointing.cancel()
             view.load(self.desk.scene, self.colors, self.desk.shown())
         self.strip.choose(self.frame_id)
         self.refresh()
@@ -132,6 +133,7 @@ class CorrectionWindow(QMainWindow):
         if self.correction.read_only:
             text = "Read-only: look, turn and colour; nothing is changed"
         self.status.say_next(text, desk.part, self.theme)
+        self.status.say_space(self.settings.key("accept"), desk.next_verdict())
         self.status.say_saved(self.correction.unsaved, self.theme)
 
     def say(self, done: Done) -> None:
@@ -219,6 +221,7 @@ class CorrectionWindow(QMainWindow):
             if len(done.pixels):
                 self.recolor(done.pixels)
             self.say(done)
+        self._told_unsaved = self._told_unsaved and self.correction.unsaved > 0
         self.refresh()
 
     def command(self, name: str) -> None:
@@ -252,8 +255,6 @@ class CorrectionWindow(QMainWindow):
             self.act(lambda: self.desk.piece(start, drawing))
         else:
             self.act(lambda: self.desk.stroke(drawing, start, view.pixels_in(drawing)))
-        if not self.correction.unsaved:
-            self._told_unsaved = False
 
     def _hovered(self, view: CloudView | DepthPane, place: QPointF | None) -> None:
         other = self.depth_pane if view is self.cloud_view else self.cloud_view
@@ -328,8 +329,7 @@ class CorrectionWindow(QMainWindow):
         self.palette_.chosen.connect(lambda part: self.act(lambda: self.choose(part)))
         self.palette_.locked.connect(self._lock)
         self.palette_.faded.connect(self._fade)
-        self.tools.chosen.connect(self.command)
-        self.tools.toggled.connect(self.command)
+        self.tools.asked.connect(self.command)
         self.header.coloured.connect(self.set_colouring)
         self.header.asked.connect(self.command)
         self.strip.opened.connect(self.open_frame)

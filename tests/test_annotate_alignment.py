@@ -1,0 +1,58 @@
+"""A thermal image that was moved over the depth image is found out, and by how much."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from annotate.alignment import STEP_PX, thermal_alignment
+from annotate.cloud import ThermalCloud
+from sensors.camera import Intrinsics, rays
+
+CAMERA = Intrinsics(200, 160, 150.0, 150.0, 99.5, 79.5)
+WINDOW_C = (25.0, 35.0)
+EVERYWHERE = np.ones(CAMERA.shape, bool)
+
+
+def warm_disc(centre=(80, 100), radius=30, person_c=30.0, noise_c=0.08):
+    """A warm disc at 2 m before a wall at 3 m."""
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    disc = np.hypot(v - centre[0], u - centre[1]) < radius
+    depth = np.where(disc, 2000, 3000).astype(np.uint16)
+    celsius = np.where(disc, person_c, 20.0) + np.random.default_rng(0).normal(0, noise_c, disc.shape)
+    points = (rays(CAMERA) * depth[..., None] / 1000).astype(np.float32)
+    return ThermalCloud(
+        CAMERA, depth, points, np.zeros((*disc.shape, 3), np.uint8), disc, celsius.astype(np.float32)
+    )
+
+
+def test_temperatures_in_their_place_are_not_off():
+    alignment = thermal_alignment(warm_disc(), WINDOW_C, EVERYWHERE)
+    assert not alignment.is_off and np.hypot(*alignment.shift_px) <= 2 * STEP_PX
+    assert alignment.contrast > 0.8
+
+
+@pytest.mark.parametrize("shift", [(18, 0), (0, -15), (-12, 12)])
+def test_the_shift_of_the_temperatures_is_found(shift):
+    cloud = warm_disc()
+    moved = replace(cloud, temperature_c=np.roll(cloud.temperature_c, shift[::-1], axis=(0, 1)))
+    alignment = thermal_alignment(moved, WINDOW_C, EVERYWHERE)
+    assert alignment.is_off
+    np.testing.assert_allclose(alignment.shift_px, shift, atol=2 * STEP_PX)
+    expected = np.degrees(np.arctan(np.hypot(*alignment.shift_px) / 150.0))
+    assert alignment.degrees(150.0) == pytest.approx(expected)
+
+
+def test_gaps_in_the_temperatures_do_not_matter():
+    cloud = warm_disc()
+    celsius = cloud.temperature_c.copy()
+    celsius[np.random.default_rng(1).random(celsius.shape) < 0.4] = np.nan
+    alignment = thermal_alignment(replace(cloud, temperature_c=celsius), WINDOW_C, EVERYWHERE)
+    assert not alignment.is_off and alignment.contrast > 0.7
+
+
+def test_nothing_is_said_where_there_is_no_silhouette_or_no_warmth():
+    nothing = thermal_alignment(warm_disc(), WINDOW_C, ~EVERYWHERE)
+    assert nothing.edges == 0 and not nothing.is_off
+    cold = thermal_alignment(warm_disc(person_c=20.0), WINDOW_C, EVERYWHERE)
+    assert not cold.is_off
