@@ -61,18 +61,29 @@ def thermal_alignment(
 
     window_c: a person's temperatures; around: bool (h, w), where silhouettes count.
     """
+    contrast, edges = contrast_surface(cloud, window_c, around)
+    if not edges:
+        return Alignment((0.0, 0.0), 0.0, 0.0, 0)
+    row, column = np.unravel_index(int(contrast.argmax()), contrast.shape)
+    middle = len(contrast) // 2
+    shift = float(STEP_PX * (column - middle)), float(STEP_PX * (row - middle))
+    return Alignment(shift, float(contrast[middle, middle]), float(contrast.max()), edges)
+
+
+def contrast_surface(
+    cloud: ThermalCloud, window_c: tuple[float, float], around: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], int]:
+    """Contrast (n, n) at every shift tried, down by rows and right by columns; how many points were compared.
+
+    The middle is no shift, its neighbours are ``STEP_PX`` apart.
+    """
     inside, outside = _sides(cloud.points_m[..., 2], around)
     stride = max(1, len(inside) // MOST_EDGES)
-    inside, outside = inside[::stride], outside[::stride]
-    if not len(inside):
-        return Alignment((0.0, 0.0), 0.0, 0.0, 0)
-    warmth = _filled(cloud, window_c)
     shifts = np.arange(-SEARCHED_PX, SEARCHED_PX + 1, STEP_PX)
-    contrast = _contrasts(warmth, inside, outside, shifts)
-    row, column = np.unravel_index(int(contrast.argmax()), contrast.shape)
-    shift = float(shifts[column]), float(shifts[row])
-    middle = len(shifts) // 2
-    return Alignment(shift, float(contrast[middle, middle]), float(contrast.max()), len(inside))
+    if not len(inside):
+        return np.zeros((len(shifts), len(shifts))), 0
+    inside, outside = inside[::stride], outside[::stride]
+    return _contrasts(_filled(cloud, window_c), inside, outside, shifts), len(inside)
 
 
 def _filled(cloud: ThermalCloud, window_c: tuple[float, float]) -> NDArray[np.float32]:

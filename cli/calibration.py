@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from annotate.thermal_drift import measure_drift
 from cli.calibration_plot import plot_residuals
 from cli.console import Json, Overwrite, finish, progress, say
 from sensors.atomic import replacing
@@ -20,7 +21,13 @@ from sensors.replay import Session
 
 def calibrate(
     board: Annotated[Path, typer.Argument(help="Session of the hole plate held before the cameras.")],
-    out: Annotated[Path, typer.Option(help="Calibration to write (JSON); a plot goes beside it.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Calibration to write (JSON); a plot goes beside it.")
+    ] = None,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Measure instead how far an ordinary session's calibration is off."),
+    ] = False,
     yaml: Annotated[
         Path | None, typer.Option(help="Folder for the same as OpenCV and iai_kinect2 YAML.")
     ] = None,
@@ -32,6 +39,11 @@ def calibrate(
     json: Json = False,
 ) -> None:
     """Solve intrinsics and relative poses of all cameras from a recording of a hole plate."""
+    if check:
+        _check(Session(board), json)
+        return
+    if out is None:
+        raise typer.BadParameter("name a file for the calibration, or pass --check", param_hint="--out")
     plot = out.with_suffix(".png")
     for path in (out, plot, *([yaml] if yaml else [])):
         if path.exists() and not overwrite:
@@ -49,6 +61,24 @@ def calibrate(
         say(finding.says + (f": {finding.remedy}" if finding.remedy else ""))
     verdict = "good" if good else "not to be relied on yet, see above"
     finish(_result(found, good), json, f"{out}: {verdict}; errors drawn in {plot}")
+
+
+def _check(session: Session, json: bool) -> None:
+    drift = measure_drift(session, session.calibration)
+    right, down = drift.shift_px
+    verdict = "in order" if drift.is_tolerable else "record the hole plate and calibrate again"
+    result = {
+        "frames": drift.frames,
+        "shift_px": [round(right, 2), round(down, 2)],
+        "shift_px_sd": [round(sd, 2) for sd in drift.sd_px],
+        "degrees": round(drift.degrees, 3),
+        "good": drift.is_tolerable,
+    }
+    text = (
+        f"temperatures lie {right:+.1f}, {down:+.1f} px (right, down; sd {max(drift.sd_px):.1f}) off the "
+        f"depth image, {drift.degrees:.2f} degrees: {verdict}"
+    )
+    finish(result, json, text)
 
 
 def _solve(session: Session, plate: HolePlate) -> Adjusted:
