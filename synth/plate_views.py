@@ -35,7 +35,7 @@ DEPTH_SIGMA_MM = 1.5
 GREY_SIGMA = 3.0
 SLIP_M, SLIP_DEG = 0.006, 1.0
 """How far the plate moves in a bad view between the cameras' exposures."""
-SUBPIXELS = 4
+SUBPIXELS = 8
 _AROUND = np.ones((3, 3), np.uint8)
 FRAMES_PER_SECOND = 0.5
 
