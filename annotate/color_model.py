@@ -121,9 +121,10 @@ def unfitted(suit: Suit) -> ColorModel:
 
 
 def under(model: ColorModel, log_gain: _Array) -> ColorModel:
-    """A palette as it is to be expected in a light."""
-    nothing = np.zeros((1, len(model.palette)))
-    return _fitted_swatches(replace(model, log_gain=log_gain), model.palette[:1], nothing)
+    """A palette as it is to be expected in a light, before any colour has been seen."""
+    model = replace(model, log_gain=log_gain)
+    fading = model.fading
+    return replace(model, shift=FADE * fading, unknown=_strays(model, fading))
 
 
 def refit_colors(model: ColorModel, rgb: NDArray[np.uint8], belief: _Array) -> ColorModel:
@@ -164,9 +165,7 @@ def _fitted_swatches(model: ColorModel, chroma: _Array, share: _Array) -> ColorM
 
     A shift's prior is a normal distribution drawn out towards the light's chromaticity, for cloth fades.
     """
-    hue = np.where(model.bare, BARE_HUE_SIGMA, HUE_SIGMA)
-    prior = FADE_SIGMA**2 * np.einsum("ki,kj->kij", model.fading, model.fading)
-    prior = np.linalg.inv(prior + hue[:, None, None] ** 2 * np.eye(2))
+    prior = np.linalg.inv(_strays(model, model.fading))
     mass = share.sum(axis=0)
     gaps = _variance(model, chroma, share, mass)
     own = (gaps * mass + SIGMA_POINTS * SIGMA**2) / (mass + SIGMA_POINTS)
@@ -176,6 +175,14 @@ def _fitted_swatches(model: ColorModel, chroma: _Array, share: _Array) -> ColorM
     unknown = np.linalg.inv(prior + precision[:, None, None] * np.eye(2))
     shift = np.einsum("kij,kj->ki", unknown, pull)
     return replace(model, shift=shift, unknown=unknown, variance=np.maximum(own, LEAST_SIGMA**2))
+
+
+def _strays(model: ColorModel, fading: _Array) -> _Array:
+    """Covariance (K, 2, 2) of the swatches' shifts before any colour has been seen."""
+    hue = np.where(model.bare, BARE_HUE_SIGMA, HUE_SIGMA)
+    return np.asarray(
+        FADE_SIGMA**2 * fading[:, :, None] * fading[:, None, :] + hue[:, None, None] ** 2 * np.eye(2)
+    )
 
 
 def _variance(model: ColorModel, chroma: _Array, share: _Array, mass: _Array) -> _Array:

@@ -20,6 +20,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from annotate.journal import JOURNAL
 from annotate.label import Run
 from sensors.errors import ExistsError
 
@@ -100,8 +101,8 @@ def finish_run(result: dict[str, Any], run: Run, as_json: bool, text: str) -> No
 def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
     """Remove a folder that an earlier run made (it holds ``marker``), when asked to.
 
-    Raises ExistsError for a folder that no run of this command made, or that holds one of its ``inputs``:
-    neither is ever removed.
+    Raises ExistsError for a folder that no run of this command made, that holds one of its ``inputs``, or
+    people's corrections: none of these is ever removed.
     """
     if not overwrite or not out.exists():
         return
@@ -110,4 +111,6 @@ def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
             raise ExistsError(f"{out} holds the input {path}; choose another folder for the result")
     if not (out / marker).is_file() and (not out.is_dir() or any(out.iterdir())):
         raise ExistsError(f"{out} was not made by this command (it has no {marker}); remove it yourself")
+    if (out / JOURNAL).is_file():
+        raise ExistsError(f"{out} holds people's corrections; choose another folder, or remove it yourself")
     shutil.rmtree(out)

@@ -17,10 +17,14 @@ import pytest
 from conftest import assert_refused, record, tree
 
 import synth.simulate
+from annotate.label import label_source
 from annotate.store import LabelSet
 from annotate.suit import DEFAULT_SUIT, suit_to_toml
 from sensors.replay import Session
+from sensors.session import SessionWriter
 from synth.simulate import suit_path, truth_path
+
+LONG = 15
 
 MAIN = [sys.executable, "-c", "from cli.main import main; main()"]
 
@@ -144,9 +148,24 @@ def test_another_suit_or_window_or_recording_does_not_resume(annotate_cloud, tmp
     assert tree(labels) != before
 
 
-def test_ctrl_c_then_the_same_command_gives_the_same_labels(tmp_path, rig_session, rig_labels):
+def test_corrections_are_never_overwritten(annotate_cloud, tmp_path, rig_session, rig_labels):
+    labels = tmp_path / "labels"
+    shutil.copytree(rig_labels.path, labels)
+    (labels / "journal.jsonl").write_text("")
+    before = tree(labels)
+    done = annotate_cloud("label", rig_session, "--out", labels, "--overwrite")
+    assert_refused(done, labels, "corrections")
+    assert tree(labels) == before
+
+
+def test_ctrl_c_then_the_same_command_gives_the_same_labels(tmp_path, rig_session):
+    # Long enough to be caught in the middle of.
+    source, long = Session(rig_session), tmp_path / "long.mcap"
+    with SessionWriter(long, source.calibration, source.name) as writer:
+        for index in range(LONG):
+            writer.write(replace(source.frame(index % len(source)), stamp_ns=index * 500_000_000))
     out = tmp_path / "l"
-    command = [*MAIN, "label", rig_session, "--suit", suit_path(rig_session), "--out", out, "--json"]
+    command = [*MAIN, "label", long, "--suit", suit_path(rig_session), "--out", out, "--json"]
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 60
     while running.poll() is None and not (out / "frames" / "000000.json").exists():
@@ -158,12 +177,13 @@ def test_ctrl_c_then_the_same_command_gives_the_same_labels(tmp_path, rig_sessio
     assert remarks.splitlines()[-1].startswith("annotate-cloud: interrupted")
     assert "Traceback" not in remarks
     begun = LabelSet.open(out)
-    assert 1 <= len(begun) < 3
+    assert 1 <= len(begun) < LONG
     assert all(frame.parts.any() for frame in begun)
     assert not [name for name in tree(out) if name.endswith(".partial")]
     again = subprocess.run(command, capture_output=True, text=True, check=False)
     assert again.returncode == 0, again.stderr
-    assert tree(out) == tree(rig_labels.path)
+    whole = label_source(Session(long), DEFAULT_SUIT, tmp_path / "whole", lambda n: None)
+    assert tree(out) == tree(whole.labels.path)
 
 
 def test_an_interrupted_simulation_leaves_nothing(annotate_cloud, tmp_path, monkeypatch):
