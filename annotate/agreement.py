@@ -6,54 +6,79 @@ from numpy.typing import NDArray
 
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 
+Box = tuple[slice, slice]
+EVERYWHERE: Box = np.s_[:, :]
+
 
 class Agreement:
     """A truth, to which labels are compared pixel by pixel.
 
     Counted are the pixels where truth or labels name a part; those undefined in the truth are left out.
-    truth: uint8 (h, w). valid: bool (h, w), pixels with a depth reading. tolerance_px: a label is right
-    too where the truth has it within so many pixels along rows and columns (Chebyshev), as for boundary F;
-    of pixels without a reading the truth knows nothing, or a dropout would excuse a missing face.
+    A pixel is right where both say the same, and beside a border: where, within ``tolerance_px`` along rows
+    and columns (Chebyshev), the truth has what the labels say and the labels have what the truth says. So
+    a border may lie a little beside the true one, but whatever is missing altogether is wrong, however
+    thin. Only pixels with a reading lie beside anything, or a dropout would excuse a missing face.
+    truth: uint8 (h, w). valid: bool (h, w), pixels with a depth reading.
     """
 
     def __init__(self, truth: NDArray[np.uint8], valid: NDArray[np.bool_], tolerance_px: int = 0) -> None:
-        self.truth = truth
-        self._defined = truth.ravel() != UNDEFINED
-        self._named = self._defined & (truth.ravel() != BACKGROUND)
-        around = np.ones((2 * tolerance_px + 1, 2 * tolerance_px + 1), np.uint8)
-        self._right = np.zeros((N_CLASSES + 1, truth.size), np.bool_)
+        self.truth, self._valid, self._reach_px = truth, valid, tolerance_px
+        self._beside = np.zeros((N_CLASSES + 1, *truth.shape), np.bool_)
         for part in range(N_CLASSES):
-            self._right[part] = cv2.dilate((valid & (truth == part)).astype(np.uint8), around).ravel() > 0
-            self._right[part] |= truth.ravel() == part
+            self._beside[part] = self._dilated(valid & (truth == part))
 
-    def wrong_at(self, pixels: NDArray[np.int64], parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Which of the flat ``pixels`` (n,) are counted and wrong when they have these ``parts`` (n,)."""
-        right = self._right[np.minimum(parts, N_CLASSES), pixels]
-        return np.asarray(self._counted(pixels, parts) & ~right)
-
-    def wrong(self, parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Which pixels (h, w) of labels (h, w) are counted and wrong."""
-        return self.wrong_at(np.arange(parts.size), parts.ravel()).reshape(parts.shape)
+    def wrong(self, parts: NDArray[np.uint8], box: Box = EVERYWHERE) -> NDArray[np.bool_]:
+        """Which pixels of labels (h, w) are counted and wrong, in a box of the image."""
+        truth, labels = self.truth[box], parts[box]
+        wrong = self._counted(parts, box) & (labels != truth)
+        if not self._reach_px or not wrong.any():
+            return wrong
+        v, u = np.nonzero(wrong)
+        said, true = np.minimum(labels[v, u], N_CLASSES), truth[v, u]
+        right = self._beside[:, *box][said, v, u]
+        for part in np.unique(true[right]).tolist():
+            own = np.flatnonzero(right & (true == part))
+            beside = self._dilated(self._valid[box] & (labels == part))
+            right[own] = beside[v[own], u[own]]
+        wrong[v, u] = ~right
+        return wrong
 
     def gains(
         self, before: NDArray[np.uint8], pixels: NDArray[np.int64], after: NDArray[np.uint8]
-    ) -> NDArray[np.int64]:
-        """For each flat pixel (n,) 1 where the parts ``after`` (n,) put it right, -1 where wrong, else 0.
+    ) -> NDArray[np.int8]:
+        """Map (h, w): 1 where the labels become right when these flat pixels (n,) get the parts ``after``
+        (n,), -1 where wrong, else 0.
 
         before: the labels (h, w).
         """
-        was_wrong = self.wrong_at(pixels, before.ravel()[pixels])
-        return was_wrong.astype(np.int64) - self.wrong_at(pixels, after)
+        gains = np.zeros(before.shape, np.int8)
+        if pixels.size:
+            box, changed = self._around(pixels), before.copy()
+            changed.ravel()[pixels] = after
+            gains[box] = self.wrong(before, box).astype(np.int8) - self.wrong(changed, box)
+        return gains
 
     def counted(self, parts: NDArray[np.uint8]) -> int:
         """Number of pixels that count for these labels (h, w)."""
-        return int(self._counted(np.arange(parts.size), parts.ravel()).sum())
+        return int(self._counted(parts, EVERYWHERE).sum())
 
     def of(self, parts: NDArray[np.uint8]) -> float:
         """Share of the counted pixels of labels (h, w) that are right; 1 where nothing counts."""
         counted = self.counted(parts)
         return 1.0 - int(self.wrong(parts).sum()) / counted if counted else 1.0
 
-    def _counted(self, pixels: NDArray[np.int64], parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        named = (parts != BACKGROUND) & (parts != UNDEFINED)
-        return np.asarray(self._named[pixels] | named & self._defined[pixels])
+    def _counted(self, parts: NDArray[np.uint8], box: Box) -> NDArray[np.bool_]:
+        truth, labels = self.truth[box], parts[box]
+        named = (labels != BACKGROUND) & (labels != UNDEFINED)
+        return np.asarray((truth != UNDEFINED) & ((truth != BACKGROUND) | named))
+
+    def _dilated(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        size = 2 * self._reach_px + 1
+        return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
+
+    def _around(self, pixels: NDArray[np.int64]) -> Box:
+        """The box of all pixels whose verdict these can change, and of those that have a say there."""
+        v, u = np.divmod(pixels, self.truth.shape[1])
+        margin = 2 * self._reach_px
+        top, left = max(0, int(v.min()) - margin), max(0, int(u.min()) - margin)
+        return np.s_[top : int(v.max()) + margin + 1, left : int(u.max()) + margin + 1]

@@ -180,8 +180,8 @@ def _clicks(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:
     inside = np.flatnonzero(patch.mask & (ids >= 0))
     touched, first = np.unique(key[inside], return_index=True)
     pixels = np.flatnonzero(np.isin(key, touched))
-    gain = agreement.gains(parts, pixels, np.full(len(pixels), patch.part, np.uint8))
-    total = np.bincount(np.searchsorted(touched, key[pixels]), gain, len(touched))
+    gains = agreement.gains(parts, pixels, np.full(len(pixels), patch.part, np.uint8))
+    total = np.bincount(np.searchsorted(touched, key[pixels]), gains.ravel()[pixels], len(touched))
     for best in np.argsort(-total, kind="stable")[: MOST_CLICKS[-1]]:
         if total[best] > 0:
             yield Move("paint", "supervoxel", patch.part, pixel=int(inside[first[best]]), clicks=1)

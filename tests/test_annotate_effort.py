@@ -149,6 +149,10 @@ def test_a_sequence_pays_once_for_a_mistake_that_stays(tmp_path):
     np.testing.assert_allclose(spent, [effort.seconds for effort in efforts], atol=0.01)
 
 
+def near(mask: np.ndarray, v: int, u: int, reach_px: int) -> bool:
+    return bool(mask[max(v - reach_px, 0) : v + reach_px + 1, max(u - reach_px, 0) : u + reach_px + 1].any())
+
+
 @law
 @given(st.integers(0, 999), st.integers(0, 3))
 def test_agreement_is_what_a_plain_loop_says(seed, tolerance_px):
@@ -156,18 +160,53 @@ def test_agreement_is_what_a_plain_loop_says(seed, tolerance_px):
     truth, parts = rng.choice(np.array([0, 0, 1, 2, UNDEFINED], np.uint8), (2, 9, 11))
     valid = rng.random((9, 11)) < 0.7
     right = counted = 0
-    for v in range(9):
-        for u in range(11):
-            t, p = truth[v, u], parts[v, u]
-            if t == UNDEFINED or (t == BACKGROUND and p in (BACKGROUND, UNDEFINED)):
-                continue
-            r, k = tolerance_px, tolerance_px + 1
-            counted += 1
-            near = np.s_[max(v - r, 0) : v + k, max(u - r, 0) : u + k]
-            right += bool(p != UNDEFINED and (t == p or (valid[near] & (truth[near] == p)).any()))
-    assert Agreement(truth, valid, tolerance_px).of(parts) == pytest.approx(
-        right / counted if counted else 1.0
-    )
+    for v, u in np.ndindex(truth.shape):
+        t, p = truth[v, u], parts[v, u]
+        if t == UNDEFINED or (t == BACKGROUND and p in (BACKGROUND, UNDEFINED)):
+            continue
+        counted += 1
+        both = near(valid & (truth == p), v, u, tolerance_px) and near(
+            valid & (parts == t), v, u, tolerance_px
+        )
+        right += p != UNDEFINED and bool(t == p or both)
+    agreement = Agreement(truth, valid, tolerance_px)
+    assert agreement.of(parts) == pytest.approx(right / counted if counted else 1.0)
+
+
+@law
+@given(st.integers(0, 999), st.integers(0, 3))
+def test_agreement_is_mutual_and_strict_at_no_tolerance(seed, tolerance_px):
+    rng = np.random.default_rng(seed)
+    a, b = rng.choice(np.array([0, 0, 1, 2], np.uint8), (2, 9, 11))
+    valid = rng.random((9, 11)) < 0.7
+    wrong = Agreement(a, valid, tolerance_px).wrong(b)
+    np.testing.assert_array_equal(wrong, Agreement(b, valid, tolerance_px).wrong(a))
+    assert not (wrong & (a == b)).any()
+    np.testing.assert_array_equal(Agreement(a, valid).wrong(b), a != b)
+
+
+@pytest.mark.parametrize("was", [BACKGROUND, 2])
+def test_a_thin_piece_that_is_missing_is_wrong_and_a_border_beside_is_not(was):
+    truth = np.full((40, 40), was, np.uint8)
+    truth[10:30, 20:23] = 6
+    missing, shifted = np.full_like(truth, was), np.roll(truth, 2, axis=1)
+    agreement = Agreement(truth, np.ones(truth.shape, np.bool_), 2)
+    np.testing.assert_array_equal(agreement.wrong(missing), truth == 6)
+    assert agreement.of(shifted) == 1
+    assert agreement.of(np.roll(truth, 6, axis=1)) < 1
+
+
+@law
+@given(st.integers(0, 999), st.integers(0, 3))
+def test_gains_are_the_difference_that_a_change_makes(seed, tolerance_px):
+    rng = np.random.default_rng(seed)
+    truth, before = rng.choice(np.array([0, 1, 2, UNDEFINED], np.uint8), (2, 19, 21))
+    agreement = Agreement(truth, rng.random(truth.shape) < 0.7, tolerance_px)
+    pixels = np.unique(rng.integers(0, truth.size, rng.integers(0, 9)))
+    after, parts = before.copy(), rng.integers(0, 3, len(pixels)).astype(np.uint8)
+    after.ravel()[pixels] = parts
+    expected = agreement.wrong(before).astype(int) - agreement.wrong(after)
+    np.testing.assert_array_equal(agreement.gains(before, pixels, parts), expected)
 
 
 def test_gestures_cost_what_the_model_says():

@@ -76,4 +76,4 @@ def test_pairs_are_within_their_windows(seed):
     assert (with_color >= 0).mean() > 0.99
     assert (with_thermal >= 0)[inside].mean() > 0.99
     apart = np.abs(kinect - optris[with_thermal])[with_thermal >= 0]
-    assert apart.max() <= THERMAL_WINDOW_NS + MS // 2
+    assert apart.max() <= THERMAL_WINDOW_NS + MS // 20
