@@ -30,7 +30,7 @@ class Agreement:
     def wrong(self, parts: NDArray[np.uint8], box: Box = EVERYWHERE) -> NDArray[np.bool_]:
         """Which pixels of labels (h, w) are counted and wrong, in a box of the image."""
         truth, labels = self.truth[box], parts[box]
-        wrong = self._counted(parts, box) & (labels != truth)
+        wrong: NDArray[np.bool_] = self._counted(parts, box) & (labels != truth)
         if not self._reach_px or not wrong.any():
             return wrong
         v, u = np.nonzero(wrong)

@@ -9,6 +9,7 @@ good enough or nothing helps.
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from annotate.keystrokes import MENTAL_S, Tools, gesture, gesture_s, move_s, mov
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND
 from annotate.propagate import propagate
-from annotate.repairs import SCALE, Move, Repair, Sight, patches, repairs, repairs_of_frame
+from annotate.repairs import SCALE, Move, Patch, Repair, Sight, patches, repairs, repairs_of_frame
 from annotate.select import View
 from annotate.store import LabelSet
 from annotate.stroke import KEY, Activity, Gesture, Stroke
@@ -34,9 +35,10 @@ TOLERANCE_PX = 2
 """How far beside the true border a border may lie before a person minds: no hand draws more exactly than
 to a pixel or two, and the depth itself is no surer there."""
 SEEN = 5
-"""The worst patches, among which a person chooses what to do next."""
-LEAST_PX = 9
-"""Fewer pixels, three by three or 1 cm at 2 m, nobody notices, nor would anybody mend them."""
+"""The worst patches, among which a person chooses what to do next; if nothing helps, the next worst."""
+LEAST_PX = (9, 3)
+"""Fewer pixels, three by three or 1 cm at 2 m, nobody mends while there is anything else to do; fewer than
+the second nobody at all."""
 MOST_REPAIRS = 60
 """Then they give up."""
 CTRL_KEY = Gesture("key", keys=2)
@@ -119,17 +121,25 @@ class Annotator:
         needed = int(agreement.wrong(parts).sum()) - (1 - self.goal) * agreement.counted(parts)
         if needed <= 0:
             return None
-        found = patches(parts, agreement)[:SEEN]
-        options = [*repairs_of_frame(sight, {patch.part for patch in found})]
-        for patch in found:
-            options += repairs(patch, sight, agreement)
-        best, best_rate = None, 0.0
-        for repair in options:
-            gain = int(agreement.gains(parts, repair.pixels, repair.parts).sum())
-            rate = min(gain, needed) / moves_s(repair.moves, self._tools)
-            if gain >= LEAST_PX and rate > best_rate and repair.identity not in tried:
-                best, best_rate = repair, rate
-        return best
+        found = patches(parts, agreement)
+        for least_px in LEAST_PX:
+            worth = [patch for patch in found if patch.wrong >= least_px]
+            for first in range(0, len(worth), SEEN):
+                options = self._priced(worth[first : first + SEEN], sight, agreement, tried)
+                enough = [option for option in options if option[1] >= least_px]
+                if enough:
+                    return max(enough, key=lambda option: min(option[1], needed) / option[2])[0]
+        return None
+
+    def _priced(
+        self, found: list[Patch], sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]
+    ) -> Iterator[tuple[Repair, int, float]]:
+        """Every repair of these patches that was not tried, the pixels it puts right, and its seconds."""
+        frame_wide = repairs_of_frame(sight, {patch.part for patch in found})
+        for repair in chain(frame_wide, *(repairs(patch, sight, agreement) for patch in found)):
+            if repair.identity not in tried:
+                gain = int(agreement.gains(sight.editor.parts, repair.pixels, repair.parts).sum())
+                yield repair, gain, moves_s(repair.moves, self._tools)
 
     def _carry_out(self, sight: Sight, repair: Repair, rng: np.random.Generator) -> int:
         """Number of strokes made."""
@@ -139,7 +149,7 @@ class Annotator:
             corners = None if move.corners is None else drawn(move.corners, move.hand, rng)
             tools = self._tools.set_for(move)
             how = gesture(move, corners, tools.keys(self._tools))
-            self._spend(editor, "painting", move_s(move, how, self._tools))
+            self._spend(editor, "painting", move_s(move, how))
             self._tools = tools
             editor.only = move.only
             editor.locks = {BACKGROUND} if move.keep_outline else set()

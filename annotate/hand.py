@@ -8,22 +8,32 @@ from numpy.typing import NDArray
 
 AROUND = np.ones((3, 3), np.uint8)
 BRUSHES_PX = (3.0, 6.0, 10.0)
-"""Radii of the brush in image pixels."""
+"""Radii of the brush in image pixels, where the image is not brought nearer."""
+NOTCH = 1.2
+"""Times by which one notch of the wheel enlarges the image."""
 
 
 @dataclass(frozen=True)
 class Hand:
     """A way of drawing. sd_px: standard deviation of its error in image pixels; slack_px: how far outside
-    the patch it aims, where that does no harm."""
+    the patch it aims, where that does no harm; notches: by which the wheel brings the image nearer first."""
 
     sd_px: float
     slack_px: int
+    notches: int = 0
+
+    @property
+    def zoom(self) -> float:
+        """How many times larger the image is for it."""
+        return NOTCH**self.notches
 
 
 CAREFUL = Hand(sd_px=1.0, slack_px=2)
 """Along a border that must be kept."""
 QUICK = Hand(sd_px=2.5, slack_px=5)
 """Round a patch, two standard deviations outside it, where what lies there is kept by the tool."""
+FINE = Hand(sd_px=0.5, slack_px=1, notches=4)
+"""A finger's breadth: the same hand before an image twice as large."""
 
 
 def outline(patch: NDArray[np.bool_], free: NDArray[np.bool_], hand: Hand) -> NDArray[np.float64]:

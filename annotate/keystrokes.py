@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.hand import length_px
+from annotate.parts import BACKGROUND
 from annotate.repairs import SCALE, Move
 from annotate.stroke import Gesture
 
@@ -20,6 +21,8 @@ POINT_S = 1.1
 BUTTON_S = 0.1
 """A mouse button pressed, or released."""
 CLICK_S = 2 * BUTTON_S
+NOTCH_S = KEY_S
+"""The mouse wheel turned by one notch."""
 MENTAL_S = 1.35
 """Mental preparation: looking at the frame, seeing what is wrong next and deciding what to do about it."""
 STEER_S = 0.1
@@ -36,27 +39,28 @@ PREVIEWED = ("fill_holes", "remove_islands")
 
 @dataclass(frozen=True)
 class Tools:
-    """What is set in the window and stays set: the part to paint, the tool, the brush's radius, and whether
-    the background is locked."""
+    """What is set in the window and stays set: the part to paint, the tool, the brush's radius on the
+    screen, and whether strokes take the room too."""
 
     part: int | None = None
     tool: str = ""
     radius_px: float = 0.0
-    locked: bool = False
+    room: bool = False
 
     def set_for(self, move: Move) -> "Tools":
         """The settings that a move needs."""
         tool = "piece" if move.kind in ("supervoxel", "grow") else move.kind
+        minds_room = move.corners is not None and move.only is None and move.part != BACKGROUND
         return Tools(
             self.part if move.part is None else move.part,
             self.tool if tool == "key" else tool,
-            move.radius_px or self.radius_px,
-            move.keep_outline,
+            move.radius_px * move.hand.zoom or self.radius_px,
+            not move.keep_outline if minds_room else self.room,
         )
 
     def keys(self, before: "Tools") -> int:
-        """Keys to press for these settings: one for the part and the tool, Ctrl and one for the radius."""
-        changed = (self.part != before.part) + (self.tool != before.tool)
+        """Keys to press for these settings: one for each, but Ctrl and one for the radius."""
+        changed = (self.part != before.part) + (self.tool != before.tool) + (self.room != before.room)
         return changed + 2 * (self.radius_px != before.radius_px)
 
 
@@ -64,20 +68,18 @@ def gesture(move: Move, corners: NDArray[np.float64] | None, keys: int) -> Gestu
     """The gesture of a move: ``keys`` for the settings, then drawn along corners (k, 2), or clicked."""
     keys += move.keys + (move.only is not None)
     if corners is not None:
-        path_px = length_px(corners, closed=move.kind == "lasso") * SCALE
+        path_px = length_px(corners, closed=move.kind == "lasso") * SCALE * move.hand.zoom
         return Gesture(move.kind, points=len(corners), path_px=path_px, keys=keys)
     pointed = int(move.pixel is not None and move.kind != "supervoxel")
     return Gesture(move.kind, clicks=move.clicks, points=pointed, keys=keys)
 
 
-def move_s(move: Move, how: Gesture, before: Tools) -> float:
-    """Seconds that a move takes by this gesture from the settings before, its preview looked at.
-
-    The background is locked and unlocked by a click in the palette.
-    """
-    lock_s = POINT_S + CLICK_S if move.keep_outline != before.locked else 0.0
+def move_s(move: Move, how: Gesture) -> float:
+    """Seconds that a move takes by this gesture: the image brought nearer for it and back, its preview
+    looked at."""
+    wheel_s = 2 * move.hand.notches * NOTCH_S
     preview_s = MENTAL_S if move.operation in PREVIEWED else 0.0
-    return gesture_s(how, move.hand.sd_px * SCALE) + lock_s + preview_s
+    return gesture_s(how, move.hand.sd_px * SCALE * move.hand.zoom) + wheel_s + preview_s
 
 
 def moves_s(moves: tuple[Move, ...], tools: Tools) -> float:
@@ -85,7 +87,7 @@ def moves_s(moves: tuple[Move, ...], tools: Tools) -> float:
     seconds = MENTAL_S
     for move in moves:
         needed = tools.set_for(move)
-        seconds += move_s(move, gesture(move, move.corners, needed.keys(tools)), tools)
+        seconds += move_s(move, gesture(move, move.corners, needed.keys(tools)))
         tools = needed
     return seconds
 

@@ -65,7 +65,7 @@ def label_source(
     step = {"suit": suit_to_toml(suit) if suit else None, "window_c": list(window_c) if window_c else None}
 
     def one(cloud: ThermalCloud, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
-        person = extract_person(cloud, window_c, before)
+        person = extract_person(cloud, window_c, before, suit)
         if not person.trusted:
             return unlabelled(person.mask), person
         if suit is None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from annotate.alignment import thermal_alignment
 from annotate.carried import by_before, persons_before
 from annotate.cloud import ThermalCloud
+from annotate.covers import colors_worn, covers
 from annotate.evidence import by_color, by_planes, by_warmth, lab_of, warmth_share
 from annotate.labels import FrameLabels
 from annotate.persons import SPECK_M2, Person, persons_of
@@ -31,6 +32,7 @@ from annotate.planes import (
     panel_of,
 )
 from annotate.silhouette import settle
+from annotate.suit import Suit
 from annotate.warm_window import WINDOW_C, find_window
 
 LOCAL_M = 0.3
@@ -52,6 +54,8 @@ BEFORE_COUNTS = 4.0
 """What a claim gains for standing where the subject was in the frame before."""
 CLEAR = 2.0
 """Among three and more, the subject's claim must be that many times the next one's."""
+MIN_COVER_SHARE, BY_COVER = 0.02, -8.0
+"""A blanket on less of a person is left alone; log odds of being the person where one lies."""
 BORDER_PX, CUT_PX = 4, 12
 """So many pixels that near to a border of the image mean that it cuts the person."""
 
@@ -96,11 +100,13 @@ def extract_person(
     cloud: ThermalCloud,
     window_c: tuple[float, float] | None = None,
     before: FrameLabels | None = None,
+    suit: Suit | None = None,
 ) -> PersonMask:
     """Find the person by temperature; without any by the frame before; else by depth alone.
 
     window_c: surface temperatures of a person, degrees Celsius; None = found from the frame itself.
-    before: the labels of the previous frame of the same source. Where there is no person the mask is
+    before: the labels of the previous frame of the same source. suit: what the person is known to wear; with
+    it a blanket over them is told by its colour. Where there is no person the mask is
     empty and a note says so; that is no error.
     """
     planes = find_planes(cloud, cloud.valid)
@@ -111,14 +117,13 @@ def extract_person(
         if carried is None:
             return _by_depth(cloud, planes)
         field = carried
-    persons = persons_of(cloud, _settled(cloud, field))
-    persons.sort(key=lambda person: -_claim(person, before))
+    persons = _persons(cloud, field, suit, before)
     mask, others = np.zeros((2, *cloud.valid.shape), np.bool_)
     if not persons:
         return PersonMask(mask, field.method, others, (field.nobody, *field.warnings), not field.warnings)
     for person in persons[1:]:
         others |= person.mask
-    warnings = [*field.warnings, *_crowd(persons, before), *_cut(persons[0].mask)]
+    warnings = [*field.warnings, *_crowd(persons, before, cloud if suit else None), *_cut(persons[0].mask)]
     return PersonMask(persons[0].mask, field.method, others, (*field.notes, *warnings), not warnings)
 
 
@@ -198,21 +203,53 @@ def _around(mask: NDArray[np.bool_], reach_px: float) -> NDArray[np.bool_]:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0, np.bool_)
 
 
-def _settled(cloud: ThermalCloud, field: _Field) -> NDArray[np.bool_]:
-    """Planes, colour and neighbours heard: the pixels (h, w) of persons."""
-    if not field.candidates.any():
-        return field.candidates
-    candidates = cloud.valid & _around(field.candidates, RIM_PX)
-    near = close_to(field.planes, cloud.points_m)
-    normals = np.full((*near.shape, 3), np.float32(np.nan))
-    normals[candidates] = normals_at(cloud, *np.nonzero(candidates))
-    on = near & (field.cold | lies_on(field.planes, cloud.points_m, normals))
-    surface_m2 = cloud.points_m[..., 2] ** 2 / np.float32(cloud.camera.fx * cloud.camera.fy)
-    shaped = np.isfinite(normals[..., 0])
-    odds = field.odds + by_planes(on, near, shaped, field.cold, surface_m2)
-    lab = lab_of(cloud.color_rgb, cloud.color_valid & ~_rims(cloud))
-    odds += by_color(lab, odds, candidates, cloud.valid & _around(field.candidates, TAUGHT_PX))
-    return settle(odds, candidates, cloud.points_m[..., 2], normals, lab) > 0
+class _Silhouettes:
+    """Planes, colour and neighbours heard: who in a field is a person, as often as something new is known."""
+
+    def __init__(self, cloud: ThermalCloud, field: _Field) -> None:
+        self._cloud = cloud
+        self._candidates = cloud.valid & _around(field.candidates, RIM_PX)
+        near = close_to(field.planes, cloud.points_m)
+        self._normals = np.full((*near.shape, 3), np.float32(np.nan))
+        self._normals[self._candidates] = normals_at(cloud, *np.nonzero(self._candidates))
+        on = near & (field.cold | lies_on(field.planes, cloud.points_m, self._normals))
+        surface_m2 = cloud.points_m[..., 2] ** 2 / np.float32(cloud.camera.fx * cloud.camera.fy)
+        shaped = np.isfinite(self._normals[..., 0])
+        self.odds = field.odds + by_planes(on, near, shaped, field.cold, surface_m2)
+        self._lab = lab_of(cloud.color_rgb, cloud.color_valid & ~_rims(cloud))
+        self._taught = cloud.valid & _around(field.candidates, TAUGHT_PX)
+
+    @property
+    def surroundings(self) -> NDArray[np.bool_]:
+        """Pixels (h, w) around what may be a person that surely are not."""
+        return self._taught & ~self._candidates
+
+    def persons(self) -> list[Person]:
+        """Everybody there."""
+        if not self._candidates.any():
+            return []
+        odds = self.odds + by_color(self._lab, self.odds, self._candidates, self._taught)
+        depth_m = self._cloud.points_m[..., 2]
+        return persons_of(self._cloud, settle(odds, self._candidates, depth_m, self._normals, self._lab) > 0)
+
+
+def _persons(
+    cloud: ThermalCloud, field: _Field, suit: Suit | None, before: FrameLabels | None
+) -> list[Person]:
+    """Everybody there, the subject first, without what covers them where it is known what they wear."""
+
+    def ordered(persons: list[Person]) -> list[Person]:
+        return sorted(persons, key=lambda person: -_claim(person, before, cloud if suit else None))
+
+    silhouettes = _Silhouettes(cloud, field)
+    persons = ordered(silhouettes.persons())
+    if suit is None or not persons:
+        return persons
+    cloth = covers(cloud, persons[0].mask, silhouettes.surroundings)
+    if cloth.sum() < MIN_COVER_SHARE * persons[0].mask.sum():
+        return persons
+    silhouettes.odds[cloth] = BY_COVER  # and heard again: its colours are learnt as the room's
+    return ordered(silhouettes.persons()) or persons
 
 
 def _rims(cloud: ThermalCloud) -> NDArray[np.bool_]:
@@ -223,18 +260,26 @@ def _rims(cloud: ThermalCloud) -> NDArray[np.bool_]:
     return np.asarray(farthest > nearest * (1 + RIM_JUMP), np.bool_)
 
 
-def _claim(person: Person, before: FrameLabels | None) -> float:
-    """How much speaks for a person being the one to label: surface, near the middle, there before."""
+def _claim(person: Person, before: FrameLabels | None, wearing: ThermalCloud | None) -> float:
+    """How much speaks for a person being the one to label: surface, near the middle, there before.
+
+    wearing: the cloud where the subject is known to wear the suit: then its many colours count.
+    """
     x, _, z = person.centre_m
     claim = person.area_m2 * float(np.exp(-np.square(x / z / OFF_CENTRE)))
     if before is not None and before.depth_mm.shape == person.mask.shape:
         claim *= 1 + BEFORE_COUNTS * float((persons_before(before)[person.mask] == 1).mean())
-    return claim
+    if wearing is None or not wearing.color_valid.any():
+        return claim
+    return claim * (1 + colors_worn(wearing, person.mask, wearing.valid))
 
 
-def _crowd(persons: Sequence[Person], before: FrameLabels | None) -> list[str]:
+def _crowd(persons: Sequence[Person], before: FrameLabels | None, wearing: ThermalCloud | None) -> list[str]:
     """A warning where three or more are there and none is clearly the subject."""
-    if len(persons) < 3 or _claim(persons[0], before) >= CLEAR * _claim(persons[1], before):
+    if len(persons) < 3:
+        return []
+    first, second = (_claim(person, before, wearing) for person in persons[:2])
+    if first >= CLEAR * second:
         return []
     return [
         f"{len(persons)} persons in the depth and thermal images, none clearly the subject: "

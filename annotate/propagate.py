@@ -3,7 +3,7 @@
 The automatic labels make the same mistake in the same place of the body while the same cloth is seen in
 the same light. So it is the corrections that travel, not the labels: every corrected point is moved along
 with its part to the neighbouring frame, and a point there changes only where the corrected frame's points
-nearest to it carried the very same automatic label and were changed.
+nearest to it carried the very same automatic label and were changed, or where none of them has its name.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from annotate.cleanup import without_islands
 from annotate.labels import FrameLabels
-from annotate.parts import N_CLASSES, UNDEFINED
+from annotate.parts import BACKGROUND, BODY_PARTS, N_CLASSES, UNDEFINED
 from annotate.rigid import Tagged, part_motions
 from sensors.camera import Intrinsics, unproject
 from sensors.errors import FormatError
@@ -30,6 +30,11 @@ MAJORITY = 0.6
 """Share of the votes that changes a point."""
 LEAST_WEIGHT = 1.0
 """Least sum of votes: one voter about 1.5 spreads away."""
+STRANGE = 0.02
+"""Share of the votes up to which nothing near has a point's own name."""
+RENAMINGS = 2
+"""Times that the motions are found again with the names so far (of 27 hard pairs: 0.947 right without, 0.964
+after one, 0.967 after two)."""
 MARGIN_PX = 40
 """How far around the body the background has a say."""
 
@@ -54,6 +59,11 @@ class _Voters:
     points_m: NDArray[np.float64]
     tags: NDArray[np.uint8]
     parts: NDArray[np.uint8]
+
+    def of_body(self) -> "_Voters":
+        """Those that are a part of the person."""
+        own = (self.parts != BACKGROUND) & (self.parts != UNDEFINED)
+        return _Voters(self.points_m[own], self.tags[own], self.parts[own])
 
     def near_corrections(self, tag: int) -> "_Voters":
         """Those with one tag that were corrected, and those near enough to have a say beside them."""
@@ -94,6 +104,12 @@ def propagate(
     # What has no label, or is an island by now, takes the label of what is nearest, whatever it was called.
     asked = near & ((parts == UNDEFINED) | (without_islands(parts, target.depth_mm) != parts))
     _ask(asked, points[asked[near]], voters, parts, confidence)
+    # A colour read wrongly names a limb differently in every frame, so that no correction has its name: what
+    # bears a name that nothing near it has is called what they are. With its true name it moves better.
+    for _ in range(RENAMINGS):
+        voters = _voters(corrected, corrected, Tagged(points, parts[near]), camera)
+        asked = near & np.isin(parts, [part.id for part in BODY_PARTS])
+        _ask(asked, points[asked[near]], voters.of_body(), parts, confidence, STRANGE)
     return Propagated(parts, confidence, parts != target.parts)
 
 
@@ -113,8 +129,12 @@ def _ask(
     voters: _Voters,
     parts: NDArray[np.uint8],
     confidence: NDArray[np.float32],
+    own_share: float = 1.0,
 ) -> None:
-    """Give the asked pixels (h, w), at these points (n, 3), the part that the voters agree on, in place."""
+    """Give the asked pixels (h, w), at these points (n, 3), the part that the voters agree on, in place.
+
+    own_share: only those whose own part has no larger share of the votes.
+    """
     if not len(points_m) or not len(voters.parts):
         return
     away_m, index = cKDTree(voters.points_m).query(points_m, k=VOTERS, distance_upper_bound=REACH_M)
@@ -123,6 +143,8 @@ def _ask(
     poll = np.stack([(weight * (vote == part)).sum(axis=1) for part in range(N_CLASSES)], axis=1)
     total, most = poll.sum(axis=1), poll.max(axis=1)
     won = (total > LEAST_WEIGHT) & (most > MAJORITY * total) & (poll.argmax(axis=1) != parts[asked])
+    own = np.take_along_axis(poll, np.minimum(parts[asked], N_CLASSES - 1)[:, None].astype(np.intp), 1)[:, 0]
+    won &= own <= own_share * total
     pixels = np.flatnonzero(asked)[won]
     parts.ravel()[pixels] = poll.argmax(axis=1)[won]
     confidence.ravel()[pixels] = (most / np.maximum(total, LEAST_WEIGHT))[won]

@@ -12,7 +12,7 @@ from annotate.agreement import Agreement
 from annotate.cleanup import filled, neighbours, without_islands
 from annotate.edit import ARMS, LEGS, Editor
 from annotate.grid import components
-from annotate.hand import CAREFUL, QUICK, Hand
+from annotate.hand import CAREFUL, FINE, QUICK, Hand
 from annotate.parts import BACKGROUND, BODY_PARTS, swap_left_right
 from annotate.select import View, brush, grow, polygon, supervoxel
 from annotate.stroke import GestureKind, Operation
@@ -23,6 +23,8 @@ MOST_CLICKS = (1, 2, 4)
 """How many pieces a person clicks away before looking again."""
 MOST_GROWING = 4
 """Clicks in place that grow a piece."""
+NEAR_PX = 60
+"""Patches no longer than this are worth bringing the image nearer."""
 
 
 @dataclass(frozen=True)
@@ -142,10 +144,10 @@ def repairs_of_frame(sight: Sight, wanted: set[int]) -> Iterator[Repair]:
         if limbs.any():
             move = Move("swap_left_right", "key", pixel=int(np.flatnonzero(limbs)[0]), pairs=pairs, keys=1)
             yield _difference(sight, move, np.where(limbs, twins, parts))
-    # Once to see the preview, once to apply, Ctrl held.
-    yield _difference(sight, Move("remove_islands", "key", keys=3), without_islands(parts, depth_mm))
+    # Once to see the preview, once to apply, with Ctrl.
+    yield _difference(sight, Move("remove_islands", "key", keys=4), without_islands(parts, depth_mm))
     for part in wanted - {BACKGROUND}:
-        yield _difference(sight, Move("fill_holes", "key", part, keys=3), filled(parts, depth_mm, part))
+        yield _difference(sight, Move("fill_holes", "key", part, keys=4), filled(parts, depth_mm, part))
 
 
 def piece(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], pixel: int) -> NDArray[np.int64]:
@@ -161,16 +163,21 @@ def _drawings(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move
     free = ~sight.editor.valid | ((parts == part) & (agreement.truth == part)) | patch.mask
     careful = hand.outline(patch.mask, free, CAREFUL)
     quick = hand.loop(patch.mask, QUICK)
+    small = max(np.ptp(axis) for axis in np.nonzero(patch.mask)) < NEAR_PX
     kept = part != BACKGROUND and patch.was != BACKGROUND
-    for drawing, corners in ((CAREFUL, careful), (QUICK, quick)):
+    lassos = [(CAREFUL, careful), (QUICK, quick)]
+    if small:
+        lassos.append((FINE, hand.outline(patch.mask, free, FINE)))
+    for drawing, corners in lassos:
         yield Move("paint", "lasso", part, corners, drawing)
         yield Move("paint", "lasso", part, corners, drawing, only=patch.was)
         if kept:
             yield Move("paint", "lasso", part, corners, drawing, keep_outline=True)
     for radius_px in hand.BRUSHES_PX:
-        path = hand.along(patch.mask, radius_px)
-        for only in (None, patch.was):
-            yield Move("paint", "brush", part, path, CAREFUL, radius_px, only=only)
+        for drawing in (CAREFUL, FINE) if small else (CAREFUL,):
+            path = hand.along(patch.mask, radius_px / drawing.zoom)
+            for only in (None, patch.was):
+                yield Move("paint", "brush", part, path, drawing, radius_px / drawing.zoom, only=only)
 
 
 def _clicks(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:

@@ -40,7 +40,7 @@ def observed(path: Path, true_outline: bool) -> tuple[np.ndarray, np.ndarray, np
     with patch.object(segment, "features", keep):
         for frame in session:
             cloud, known = fuser.fuse_frame(frame), truth.read(f"{frame.index:06d}").parts
-            person = extract_person(cloud, None, before).mask
+            person = extract_person(cloud, None, before, suit).mask
             if true_outline:
                 person = (known != BACKGROUND) & (known != UNDEFINED)
             done, labelled = len(rows), segment.segment(cloud, person, suit, before)

@@ -83,6 +83,7 @@ class Hand(Annotator):
         for move in repair.moves:
             corners = None if move.corners is None else drawn(move.corners, move.hand, rng)
             self._move(move, corners)
+            self._tools = self._tools.set_for(move)
         return len(self.driver.correction.journal) - before
 
     # Hands
@@ -116,7 +117,8 @@ class Hand(Annotator):
         self._tool(move.kind)
         pointing = self.pane.pointing
         if move.kind == "brush":
-            name, px = min(BRUSHES_PX.items(), key=lambda item: abs(item[1] - move.radius_px * SCALE))
+            wanted_px = move.radius_px * move.hand.zoom * SCALE
+            name, px = min(BRUSHES_PX.items(), key=lambda item: abs(item[1] - wanted_px))
             if pointing.radius_px != px:
                 self.key(name)
         if move.only is None and move.part != BACKGROUND and pointing.room == move.keep_outline:
@@ -127,12 +129,20 @@ class Hand(Annotator):
         if move.only is not None:
             self.ledger.counts["key"] += 1
             line = self._started_on(move.only, line, closed=move.kind == "lasso")
+        self._wheel(line[0], move.hand.notches)
         places = [self._place(u, v) for u, v in line]
         length = float(np.hypot(*np.diff(np.array(line), axis=0).T).sum())
         self.ledger.counts["point"] += 1
         self.ledger.counts["button"] += 2
         self.ledger.steering_s += STEER_S * length / (EFFECTIVE_WIDTH * move.hand.sd_px)
         self.driver.drag(places, SHIFT if move.only is not None else NO_MODIFIER, view=self.pane)
+        self._wheel(line[0], -move.hand.notches)
+
+    def _wheel(self, corner: tuple[float, float], notches: int) -> None:
+        """Bring the image nearer, or farther again, about a place of it."""
+        if notches:
+            self.ledger.counts["key"] += abs(notches)
+            turn(self.driver, self._place(*corner), notches)
 
     def _started_on(self, part: int, line, closed: bool):
         """The same shape, begun on the part that alone is to be replaced."""
@@ -249,12 +259,17 @@ def zoom(driver: Driver) -> None:
     pane = driver.window.depth_pane
     pane.fit()
     steps = round(float(np.log(SCALE / (pane.place_of(1).x() - pane.place_of(0).x())) / np.log(1.2)))
-    middle = QPointF(pane.width() / 2, pane.height() / 2)
+    turn(driver, QPointF(pane.width() / 2, pane.height() / 2), steps)
+
+
+def turn(driver: Driver, at: QPointF, notches: int) -> None:
+    """Turn the wheel over a place of the depth image's pane."""
+    pane = driver.window.depth_pane
     event = QWheelEvent(
-        middle,
-        pane.mapToGlobal(middle),
+        at,
+        pane.mapToGlobal(at),
         QPoint(),
-        QPoint(0, 120 * steps),
+        QPoint(0, 120 * notches),
         Qt.MouseButton.NoButton,
         NO_MODIFIER,
         Qt.ScrollPhase.NoScrollPhase,

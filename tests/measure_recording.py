@@ -12,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from sensors.devices import open_device
 from sensors.recorder import Recorder, clock_metadata
 from sensors.replay import Session
 from sensors.session import SessionWriter
+from synth.optics import RIG_CALIBRATION
 
 DEVICES = ("virtual:kinect2", "virtual:optris-direct", "virtual:pyrometer?family=ct")
 
@@ -58,23 +58,27 @@ def peak_mb() -> float:
 
 def kill(path: Path, seed: int) -> float:
     """Start a recording, kill it at a random moment; seconds from its last depth image to its death."""
-    arguments = ["record", str(path), "--device", DEVICES[0], "--device", DEVICES[1]]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "cli.main", *arguments], stderr=subprocess.PIPE, text=True
-    )
+    process = subprocess.Popen([sys.executable, "-m", "tests.measure_recording", "record", str(path)])
     partial = path.with_name(path.name + ".partial")
-    with closing(process.stderr):
-        while not partial.exists() or partial.stat().st_size < 100_000:
-            time.sleep(0.01)
-        time.sleep(np.random.default_rng(seed).uniform(0, 2))
-        killed_ns = time.time_ns()
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
+    while not partial.exists() or partial.stat().st_size < 100_000:
+        time.sleep(0.01)
+    time.sleep(np.random.default_rng(seed).uniform(0, 2))
+    killed_ns = time.time_ns()
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
     session = Session(partial)
     assert any("truncated" in note for note in session.notes)
     last_ns = int(session._messages["/depth/image"].arrivals_ns[-1])
     partial.unlink()
     return (killed_ns - last_ns) * 1e-9
+
+
+def record_test_picture(path: Path) -> None:
+    """Record a minute of what the virtual devices show by themselves; for ``kill``."""
+    devices = [open_device(address) for address in DEVICES]
+    end = time.monotonic() + 60
+    with SessionWriter(path, RIG_CALIBRATION, "x", metadata=clock_metadata(devices, {})) as writer:
+        Recorder(devices, writer).run(lambda: time.monotonic() >= end, lambda _: None)
 
 
 def main(seconds: float, kills: int) -> None:
@@ -88,6 +92,8 @@ def main(seconds: float, kills: int) -> None:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:2] == ["record"]:
+        sys.exit(record_test_picture(Path(sys.argv[2])))
     given = [float(argument) for argument in sys.argv[1:]]
     measured_s, kills = given + [60.0, 50.0][len(given) :]
     main(measured_s, int(kills))

@@ -1,5 +1,7 @@
 """The simulated annotator: right frames cost one look, errors cost work by the model, no work harms."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -102,7 +104,7 @@ def test_a_missing_foot_is_drawn_where_no_piece_fits():
     assert {stroke.how.kind for stroke in strokes} & {"lasso", "brush"}
 
 
-@law
+@settings(deadline=None, max_examples=8)
 @given(st.integers(0, 999), st.floats(0.5, 1), st.sampled_from([0, 2]))
 def test_work_never_makes_it_worse_and_its_journal_replays(seed, goal, tolerance_px):
     truth = scribbled(seed, (0, 2, 7, UNDEFINED))
@@ -119,6 +121,23 @@ def test_work_never_makes_it_worse_and_its_journal_replays(seed, goal, tolerance
     same, strokes_again = worked(start, truth, goal, tolerance_px)
     np.testing.assert_array_equal(same.parts, editor.parts)
     assert seconds(strokes_again) == seconds(strokes)
+
+
+def test_a_repair_that_fails_is_undone_and_leaves_nothing(monkeypatch):
+    truth = person()
+    truth[90:116, 60:100] = 10
+    monkeypatch.setattr("annotate.effort.drawn", lambda corners, hand, rng: corners - 45.0)
+    editor, strokes = worked(person(), truth, goal=0.995)
+    undone = [stroke for stroke in strokes if stroke.operation == "undo"]
+    assert undone and all(stroke.active_seconds >= MENTAL_S + 2 * KEY_S - 1e-3 for stroke in undone)
+    again = person()
+    for stroke, following in pairwise(strokes):
+        if following.operation == "undo":
+            np.testing.assert_array_equal(stroke.pixels, following.pixels)
+            np.testing.assert_array_equal(stroke.old, following.new)
+        elif stroke.operation == "paint":
+            stroke.apply_to(again)
+    np.testing.assert_array_equal(again, editor.parts)
 
 
 def test_propagated_labels_come_first_and_go_again_where_they_harm():

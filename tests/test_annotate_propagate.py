@@ -88,6 +88,16 @@ def test_what_stands_still_is_taken_away_where_it_stood():
     assert wrong(after, done.parts) <= 0.1 * wrong(after, stained(after).parts)
 
 
+def test_a_limb_named_otherwise_in_every_frame_gets_its_name():
+    before, after = seen(), seen((0.03, 0.02, 0), "b")
+
+    def misread(frame, name):
+        return replace(frame, parts=np.where(frame.parts == 4, np.uint8(name), frame.parts))
+
+    done = propagate(before, misread(before, 8), misread(after, 10), CAMERA)
+    assert wrong(after, done.parts) <= 0.1 * wrong(after, misread(after, 10).parts)
+
+
 def test_an_undefined_frame_takes_the_labels_over():
     before, after = seen(), seen((0.03, 0.02, 0), "b")
     unknown = replace(after, parts=np.where(after.parts > 0, np.uint8(UNDEFINED), after.parts))
