@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.cloud import ThermalCloud
+from annotate.grid import NO_PIXEL, flood
 from annotate.warm_window import ABOVE_C
 
 LEAST_CONTRAST_C = 1.0
@@ -30,6 +32,9 @@ LEAST_SHARE = 2e-4
 """Share of pixels that every colour is taken to have: one in five thousand, unseen or not."""
 LEAST_TAUGHT = 200
 """Pixels of either from which colours can be learnt."""
+BY_COLD_SURFACE = -2.0
+"""Log odds of a surface whose temperature is known to be cold some way on."""
+WARM, COLD = 1, 2
 SURE = 1.5
 """Log odds from which on a pixel teaches what person and background look like."""
 LAB_BITS = (5, 3, 3)
@@ -65,6 +70,21 @@ def by_warmth(share: Image, celsius: Image, hottest_c: float) -> Image:
     heat = (celsius - np.float32(hottest_c)) / HOT_MARGIN_C
     odds = np.where(heat > 0, odds + np.minimum(heat, 1) * (BY_HEAT - odds), odds)
     return np.asarray(np.nan_to_num(odds), np.float32)
+
+
+def inherited(odds: Image, cloud: ThermalCloud, candidates: Mask, reach_px: float) -> Image:
+    """Log odds (h, w) against pixels without a temperature that go on from a cold surface, 0 elsewhere.
+
+    Beside a silhouette the thermal camera sees one surface in front of another, and no pixel of it is sure:
+    a rim of the sofa would be anybody's. (What goes on from a warm one may be either: cushions are warm.)
+    odds: (h, w) of temperature alone. reach_px: how far along a surface they speak.
+    """
+    known = np.isfinite(cloud.temperature_c)
+    marks = np.select([odds > SURE, odds < -SURE], [np.uint8(WARM), np.uint8(COLD)], np.uint8(0))
+    marks[~known] = 0
+    marks[~(cloud.valid & candidates)] = NO_PIXEL
+    reached = flood(marks, cloud.points_m[..., 2], reach_px)
+    return np.where(~known & (reached == COLD), np.float32(BY_COLD_SURFACE), np.float32(0))
 
 
 def by_planes(on: Mask, near: Mask, shaped: Mask, cold: Mask, surface_m2: Image) -> Image:

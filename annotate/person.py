@@ -17,7 +17,7 @@ from annotate.alignment import thermal_alignment
 from annotate.carried import by_before, persons_before
 from annotate.cloud import ThermalCloud
 from annotate.covers import colors_worn, covers
-from annotate.evidence import by_color, by_planes, by_warmth, lab_of, warmth_share
+from annotate.evidence import by_color, by_planes, by_warmth, inherited, lab_of, warmth_share
 from annotate.labels import FrameLabels
 from annotate.persons import SPECK_M2, Person, persons_of
 from annotate.pieces import Piece, pieces_of
@@ -37,6 +37,8 @@ from annotate.warm_window import WINDOW_C, find_window
 
 LOCAL_M = 0.3
 """Half side of the window in which person and background temperatures are compared."""
+REACH_M = 0.3
+"""How far a temperature speaks for the surface it lies on, where the thermal camera does not see it."""
 SURROUNDINGS_M = 0.4
 """How far around what is warm a cold sleeve or a foot behind an arm rest may reach."""
 SURELY_COLD = 0.12
@@ -160,6 +162,7 @@ def _by_temperature(
             "parts are undefined",
         )
     odds = by_warmth(share, celsius, high)
+    odds += inherited(odds, cloud, candidates, REACH_M * pixels_per_m)
     return _Field("thermal", odds, candidates, cold, planes, nobody, warnings=warnings)
 
 

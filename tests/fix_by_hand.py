@@ -38,6 +38,7 @@ from tests.gui_driver import NO_MODIFIER, SHIFT, Driver
 TOLERANCE_PX = 2
 WINDOW = (1600, 1150)
 PANE_WIDTH = 1250
+MIDDLE = Qt.MouseButton.MiddleButton
 
 
 @dataclass
@@ -129,20 +130,45 @@ class Hand(Annotator):
         if move.only is not None:
             self.ledger.counts["key"] += 1
             line = self._started_on(move.only, line, closed=move.kind == "lasso")
-        self._wheel(line[0], move.hand.notches)
+        self._bring_into_view(np.array(line), move.hand.zoom)
+        self._wheel(line, move.hand.notches)
         places = [self._place(u, v) for u, v in line]
         length = float(np.hypot(*np.diff(np.array(line), axis=0).T).sum())
         self.ledger.counts["point"] += 1
         self.ledger.counts["button"] += 2
         self.ledger.steering_s += STEER_S * length / (EFFECTIVE_WIDTH * move.hand.sd_px)
         self.driver.drag(places, SHIFT if move.only is not None else NO_MODIFIER, view=self.pane)
-        self._wheel(line[0], -move.hand.notches)
+        self._wheel(line, -move.hand.notches)
 
-    def _wheel(self, corner: tuple[float, float], notches: int) -> None:
-        """Bring the image nearer, or farther again, about a place of it."""
+    def _wheel(self, line, notches: int) -> None:
+        """Bring the image nearer, or farther again, about the middle of what is drawn."""
         if notches:
             self.ledger.counts["key"] += abs(notches)
-            turn(self.driver, self._place(*corner), notches)
+            turn(self.driver, self._place(*middle_of(np.array(line))), notches)
+
+    def _bring_into_view(self, line: NDArray[np.float64], zoom: float) -> None:
+        """Shift the image where what is to be drawn would leave the pane."""
+        middle = middle_of(line)
+        at = self._place(*middle)
+        reach = (np.ptp(line, axis=0) / 2 + 2) * zoom * self._scale
+        width, height = self.pane.width(), self.pane.height()
+        if reach[0] < at.x() < width - reach[0] and reach[1] < at.y() < height - reach[1]:
+            return
+        self.ledger.counts["point"] += 1
+        self.ledger.counts["button"] += 2
+        center = QPointF(width / 2, height / 2)
+        # In steps that stay on the pane: the patch itself may lie beyond it.
+        for _ in range(8):
+            away = center - self._place(*middle)
+            if max(abs(away.x()), abs(away.y())) < 2:
+                return
+            step = QPointF(
+                *(
+                    float(np.clip(d, -w / 3, w / 3))
+                    for d, w in zip((away.x(), away.y()), (width, height), strict=True)
+                )
+            )
+            self.driver.drag([center, center + step / 2, center + step], view=self.pane, button=MIDDLE)
 
     def _started_on(self, part: int, line, closed: bool):
         """The same shape, begun on the part that alone is to be replaced."""
@@ -162,12 +188,17 @@ class Hand(Annotator):
 
     def point_at(self, pixel: int) -> QPoint:
         """Move the mouse to a pixel."""
+        v, u = divmod(pixel, self.driver.parts.shape[1])
+        self._bring_into_view(np.array([[u, v]], np.float64), zoom=1.0)
         self.ledger.counts["point"] += 1
         return self.driver.place(pixel, self.pane)
 
+    @property
+    def _scale(self) -> float:
+        return self.pane.place_of(1).x() - self.pane.place_of(0).x()
+
     def _place(self, u: float, v: float) -> QPointF:
-        origin, across = self.pane.place_of(0), self.pane.place_of(1)
-        return origin + QPointF(u, v) * (across.x() - origin.x())
+        return self.pane.place_of(0) + QPointF(u, v) * self._scale
 
 
 class AtWindow:
@@ -181,6 +212,11 @@ class AtWindow:
 
     def accept(self) -> None:
         self._hand.key("accept")
+
+
+def middle_of(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The middle (2,) of a drawn line's box."""
+    return (line.min(axis=0) + line.max(axis=0)) / 2
 
 
 def main() -> None:

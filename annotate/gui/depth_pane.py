@@ -101,10 +101,14 @@ class DepthPane(QWidget):
     # What is chosen
 
     def pixel_at(self, place: QPointF) -> int | None:
-        """The pixel with depth at a place of the pane, or None."""
+        """The pixel at a place of the pane, the nearest that is shown where it is not, or None."""
         if self._view is None:
             return None
         at = (place - self._corner) / self._scale
+        (height, width), (u, v) = self._rgb.shape[:2], (int(at.x() // 1), int(at.y() // 1))
+        under = v * width + u
+        if 0 <= v < height and 0 <= u < width and np.isfinite(self._view.xy_px[under, 0]):
+            return under
         return select.nearest(self._view, (at.x(), at.y()), max(1.0, REACH_PX / self._scale))
 
     def pixels_in(self, drawing: Drawing) -> NDArray[np.int64]:
