@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -166,7 +167,14 @@ def test_ctrl_c_then_the_same_command_gives_the_same_labels(tmp_path, rig_sessio
             writer.write(replace(source.frame(index % len(source)), stamp_ns=index * 500_000_000))
     out = tmp_path / "l"
     command = [*MAIN, "label", long, "--suit", suit_path(rig_session), "--out", out, "--json"]
-    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    # A shell lets what it starts in the background ignore Ctrl-C, and all its children.
+    running = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
+    )
     until = time.monotonic() + 60
     while running.poll() is None and not (out / "frames" / "000000.json").exists():
         assert time.monotonic() < until, "no frame within a minute"

@@ -178,7 +178,7 @@ def test_a_corrupt_yaml_is_a_calibration_error(tmp_path_factory, garbage, cut):
 
 
 def test_calibrate_from_a_recording(annotate_cloud, tmp_path):
-    made = annotate_cloud("simulate", tmp_path / "board.mcap", "--scene", "plate", "--frames", 10, "--json")
+    made = annotate_cloud("simulate", tmp_path / "board.mcap", "--scene", "plate", "--frames", 16, "--json")
     assert made.code == 0, made.err
     true = open_calibration(Path(made.result["truth"]))
     arguments = ("calibrate", tmp_path / "board.mcap", "--out", tmp_path / "rig.json")

@@ -108,7 +108,7 @@ class DepthPane(QWidget):
         (height, width), (u, v) = self._rgb.shape[:2], (int(at.x() // 1), int(at.y() // 1))
         under = v * width + u
         if 0 <= v < height and 0 <= u < width and np.isfinite(self._view.xy_px[under, 0]):
-            return under
+            return int(under)
         return select.nearest(self._view, (at.x(), at.y()), max(1.0, REACH_PX / self._scale))
 
     def pixels_in(self, drawing: Drawing) -> NDArray[np.int64]:
