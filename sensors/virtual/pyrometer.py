@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sensors.errors import DeviceError
 from sensors.pyrometer_protocol import (
     BURST_LAYOUT,
     BURST_SWITCH,
@@ -72,7 +73,13 @@ class VirtualPyrometer:
         self._layout: tuple[int, ...] = ()
         self._streaming = False
         self._started = time.monotonic()
-        self._master, self._slave = os.openpty()
+        try:
+            self._master, self._slave = os.openpty()
+        except OSError as error:
+            raise DeviceError(
+                f"this system gives no pseudo-terminal ({error.strerror}), which a virtual pyrometer needs; "
+                "mount devpts on /dev/pts"
+            ) from error
         tty.setraw(self._slave)
         self.port = Path(os.ttyname(self._slave))
         self._wake_read, self._wake_write = os.pipe()
