@@ -3,10 +3,12 @@
 import hashlib
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -107,6 +109,17 @@ def annotate_cloud(monkeypatch, capsys) -> Callable[..., Ended]:
         return Ended(int(end.value.code or 0), *capsys.readouterr())
 
     return run
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """Files may not grow beyond ``size`` bytes: a disk that fills up in the middle of a write."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def tree(path: Path) -> dict[str, str]:

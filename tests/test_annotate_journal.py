@@ -1,14 +1,12 @@
 """The journal keeps every finished line, whatever happens to the last one, and believes nobody."""
 
 import json
-import resource
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from conftest import largest_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -172,17 +170,6 @@ def test_a_line_without_end_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("annotate.journal.MAX_BYTES", 500)
     with pytest.raises(FormatError, match="larger than 500"):
         Journal.of(tmp_path)
-
-
-@contextmanager
-def largest_file(size: int) -> Iterator[None]:
-    """Files may not grow beyond ``size`` bytes: a disk that fills up in the middle of a write."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_a_full_disk_keeps_whole_lines_and_the_rest_waits_in_memory(tmp_path):

@@ -1,7 +1,6 @@
 """What is there is never lost: folders of others, unfinished runs, full disks, folders without permission."""
 
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -15,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from conftest import assert_refused, record, tree
+from conftest import assert_refused, largest_file, record, tree
 
 import synth.simulate
 from annotate.label import label_source
@@ -226,17 +225,6 @@ def tiny_disk(tmp_path) -> Iterator[Path]:
         pytest.skip(f"no tmpfs to fill: {mounted.stderr.decode().strip()}")
     yield path
     subprocess.run(["umount", path], check=True)
-
-
-@contextmanager
-def largest_file(size: int) -> Iterator[None]:
-    """Files may not grow beyond ``size`` bytes: a disk that fills up, without a disk."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_a_full_disk_leaves_no_simulation(annotate_cloud, tiny_disk):
