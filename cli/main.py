@@ -6,7 +6,20 @@ import sys
 
 import typer
 
-from cli import calibration, data, demo, devices, fix, labelling, motion, networks, recording, synthesis
+from cli import (
+    calibration,
+    data,
+    demo,
+    devices,
+    evaluation,
+    fix,
+    labelling,
+    motion,
+    prediction,
+    recording,
+    synthesis,
+    training,
+)
 from sensors.errors import CloudError
 
 app = typer.Typer(
@@ -30,10 +43,10 @@ app.command()(fix.fix)
 app.add_typer(synthesis.app, name="synth")
 app.command()(motion.solve)
 app.command()(calibration.calibrate)
-app.command()(networks.train)
-app.command()(networks.predict)
-app.command()(networks.evaluate)
-app.command()(networks.report)
+app.command()(training.train)
+app.command()(prediction.predict)
+app.command()(evaluation.evaluate)
+app.command()(evaluation.report)
 
 INTERRUPTED = "interrupted; give the same command again, without --overwrite, to go on"
 
