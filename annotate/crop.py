@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.parts import BACKGROUND
+from sensors.camera import Intrinsics
 from sensors.errors import CloudError
 
 SIZE = 212
@@ -53,13 +54,30 @@ class Crop:
 
     def paste(self, patch: NDArray[Any], shape: tuple[int, int], fill: int | float) -> NDArray[Any]:
         """Inverse of ``cut``: a patch (size, size, ...) spread back over an image (h, w, ...)."""
-        size = patch.shape[0]
-        v, u = np.arange(shape[0]) - self.top, np.arange(shape[1]) - self.left
-        v_in, u_in = (v >= 0) & (v < self.side), (u >= 0) & (u < self.side)
         result = np.full((*shape, *patch.shape[2:]), fill, patch.dtype)
-        row, column = ((at * size + size // 2) // self.side for at in (v[v_in], u[u_in]))
-        result[np.ix_(v_in, u_in)] = patch[np.ix_(row, column)]
+        (rows, row), (columns, column) = (
+            self._within(start, length, patch.shape[0])
+            for start, length in zip((self.top, self.left), shape, strict=True)
+        )
+        result[rows, columns] = patch[row][:, column]
         return result
+
+    def _within(self, start: int, length: int, size: int) -> tuple[slice, NDArray[np.intp]]:
+        """The run of an image's rows or columns that the square covers, and the patch's for each of them."""
+        first, end = max(start, 0), max(0, start, min(start + self.side, length))
+        return slice(first, end), ((np.arange(first, end) - start) * size + size // 2) // self.side
+
+    def camera(self, camera: Intrinsics, size: int = SIZE) -> Intrinsics:
+        """The pinhole that sees what ``cut`` gives of an image of the undistorted ``camera``."""
+        scale = size / self.side
+        return Intrinsics(
+            size,
+            size,
+            camera.fx * scale,
+            camera.fy * scale,
+            (camera.cx - self.left + 0.5) * scale - 0.5,
+            (camera.cy - self.top + 0.5) * scale - 0.5,
+        )
 
 
 def crop_around(mask: NDArray[np.bool_]) -> Crop:
@@ -70,6 +88,14 @@ def crop_around(mask: NDArray[np.bool_]) -> Crop:
     height, width = rows[-1] - rows[0] + 1, columns[-1] - columns[0] + 1
     side = max(8, round(max(height, width) * (1 + 2 * MARGIN)))
     return Crop(int(rows[0] + height // 2 - side // 2), int(columns[0] + width // 2 - side // 2), side)
+
+
+def network_crop(mask: NDArray[np.bool_]) -> Crop:
+    """The square that a network sees of a person's mask (h, w): all of an image that is a crop already.
+
+    Raises CloudError on an empty mask.
+    """
+    return Crop(0, 0, SIZE) if mask.shape == (SIZE, SIZE) and mask.any() else crop_around(mask)
 
 
 def normalize(depth_mm: NDArray[np.uint16], mask: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -110,17 +110,13 @@ def by_color(lab: NDArray[np.uint8], odds: Image, candidates: Mask, among: Mask)
     lab: uint8 (h, w, 3) as ``lab_of`` gives it. candidates: what is off them is background for sure.
     among: bool (h, w), where to learn. 0 without colour.
     """
-    l_bits, a_bits, b_bits = LAB_BITS
     seen = lab[..., 0] > 0
-    bins = (lab[..., 0].astype(np.int32) >> l_bits) * 1024 + (lab[..., 1].astype(np.int32) >> a_bits) * 32
-    bins += lab[..., 2] >> b_bits
+    bins = color_bins(lab)
     person = bins[among & seen & candidates & (odds > SURE)]
     room = bins[among & seen & (~candidates | (odds < -SURE))]
     if min(person.size, room.size) < LEAST_TAUGHT:
         return np.zeros(odds.shape, np.float32)
-    table = np.clip(
-        np.log((_frequencies(person) + LEAST_SHARE) / (_frequencies(room) + LEAST_SHARE)), -BY_COLOR, BY_COLOR
-    )
+    table = np.clip(np.log(frequencies(person) / frequencies(room)), -BY_COLOR, BY_COLOR)
     return np.where(seen, table[bins], np.float32(0)).astype(np.float32)
 
 
@@ -132,11 +128,18 @@ def lab_of(color_rgb: NDArray[np.uint8], color_valid: Mask) -> NDArray[np.uint8]
     return lab
 
 
-def _frequencies(bins: NDArray[np.int32]) -> Image:
-    """Share (8192,) of each bin, smoothed over neighbouring hues."""
+def color_bins(lab: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Which of 8192 bins each colour (..., 3) of ``lab_of`` is in."""
+    l_bits, a_bits, b_bits = LAB_BITS
+    bins = (lab[..., 0].astype(np.int32) >> l_bits) * 1024 + (lab[..., 1].astype(np.int32) >> a_bits) * 32
+    return np.asarray(bins + (lab[..., 2] >> b_bits), np.int32)
+
+
+def frequencies(bins: NDArray[np.int32]) -> Image:
+    """Share (8192,) of each bin, smoothed over neighbouring hues, all a little more than zero."""
     count = np.bincount(bins, minlength=8 * 32 * 32).astype(np.float32).reshape(8, 32, 32)
     smooth = np.stack([cv2.GaussianBlur(plane, (0, 0), 0.8) for plane in count])
-    return np.asarray(smooth.ravel() / max(float(smooth.sum()), 1.0), np.float32)
+    return np.asarray(smooth.ravel() / max(float(smooth.sum()), 1.0) + LEAST_SHARE, np.float32)
 
 
 def _local_mean(values: Image, mask: Mask, size: int) -> Image:

@@ -14,6 +14,7 @@ from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND
 from annotate.person import PersonMask, extract_person
+from annotate.probabilities import Probabilities
 from annotate.segment import Segmentation, segment, unlabelled
 from annotate.store import LabelSet
 from annotate.suit import Suit, suit_to_toml
@@ -96,7 +97,7 @@ def run(
             before = check_same(labels, frame_id, fuser.fuse(frame.depth_mm).depth_mm)
         else:
             try:
-                labels.write(_labelled(frame_id, frame, fuser, one, before))
+                labels.write(*_labelled(frame_id, frame, fuser, one, before))
                 before = labels.read(frame_id)
             except CloudError as error:
                 failed.append((frame_id, str(error)))
@@ -128,7 +129,7 @@ def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
 
 def _labelled(
     frame_id: str, frame: RigFrame, fuser: Fuser, one: Labeller, before: FrameLabels | None
-) -> FrameLabels:
+) -> tuple[FrameLabels, Probabilities | None]:
     frame, left_out = _calibrated(frame, fuser.calibration)
     cloud = fuser.fuse_frame(frame)
     result, person = one(cloud, before)
@@ -137,13 +138,15 @@ def _labelled(
         "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
         "extraction": person.method,
         "notes": [*left_out, *person.notes, *result.notes],
+        **(result.probabilities.note() if result.probabilities else {}),
     }
     persons = np.where(
         person.mask, np.uint8(1), np.where(getattr(person, "others", False), np.uint8(2), np.uint8(0))
     )
-    return FrameLabels(
+    labelled = FrameLabels(
         frame_id, cloud.depth_mm, result.parts, result.confidence, notes=notes, persons=persons
     )
+    return labelled, result.probabilities
 
 
 def _calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame, list[str]]:

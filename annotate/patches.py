@@ -26,8 +26,10 @@ LEAST_POINTS, FULL_POINTS = 15, 40
 """Points of a patch that is labelled at all, and from which on its colour has its full weight."""
 MEAN_BLUR = 0.5
 """Noise of a patch's mean colour against its points', which is the camera's and the light's in part."""
+NARROW, SETTLED = 8, 8
+"""How many labellings are followed in every light at first, and for how many patches."""
 LIGHTS, BEAM = 12, 40
-"""How many lights are followed, and how many labellings of the patches in each."""
+"""How many of the lights are followed from there on, and how many labellings in each."""
 DISTANCE_WEIGHT, DISTANCE_WIDER = 6.0, 1.3
 """How many independent distances all those of a patch are worth; poses the rig has not seen are wider."""
 CONTACT_WEIGHT, FULL_CONTACT = 1.0, 3.0
@@ -115,16 +117,18 @@ def read_together(patches: Patches, palette: ColorModel, clues: _Array) -> tuple
         return np.full((len(patches.points), _N), 1 / _N), GAIN
     gains, unary = _lights(patches, palette, used)
     unary = unary + clues[used]
-    pairs = _pairs(patches, used)
+    pairs = pair_scores(patches, used)
     labels = np.zeros((len(gains), 1, len(used)), np.intp)
     score = (-((gains - GAIN) ** 2).sum(axis=1) / (2 * GAIN_SIGMA**2))[:, None]
-    light = np.arange(len(gains))[:, None]
     for n in range(len(used)):
+        if n == SETTLED:
+            likely = np.argsort(-score.max(axis=1), kind="stable")[:LIGHTS]
+            gains, unary, labels, score = gains[likely], unary[likely], labels[likely], score[likely]
         heard = sum((pairs[m, n][labels[..., m]] for m in range(n)), np.zeros((1, 1, _N)))
         grown = score[..., None] + unary[:, None, n] + heard
         flat = grown.reshape(len(gains), -1)
-        best = np.argsort(-flat, axis=1, kind="stable")[:, :BEAM]
-        labels = labels[light, best // _N].copy()
+        best = np.argsort(-flat, axis=1, kind="stable")[:, : BEAM if n >= SETTLED else NARROW]
+        labels = labels[np.arange(len(gains))[:, None], best // _N].copy()
         labels[..., n] = best % _N
         score = np.take_along_axis(flat, best, axis=1)
     weight = np.exp(score - score.max())
@@ -136,19 +140,17 @@ def read_together(patches: Patches, palette: ColorModel, clues: _Array) -> tuple
 
 
 def _lights(patches: Patches, palette: ColorModel, used: NDArray[np.intp]) -> tuple[_Array, _Array]:
-    """The likeliest gains (L, 2) and the log likelihood (L, R, 11) of the patches' parts in each."""
+    """The gains (L, 2) of all lights and the log likelihood (L, R, 11) of the patches' parts in each."""
     gains = GAIN + np.stack(np.meshgrid(GAIN_STEPS, GAIN_STEPS), axis=-1).reshape(-1, 2)
     weight = np.minimum(patches.points[used] / FULL_POINTS, 1)
     unary = np.empty((len(gains), len(used), _N))
     for light, gain in enumerate(gains):
         match = under(palette, gain).match(patches.chroma[used], MEAN_BLUR * patches.blur[used])
         unary[light] = np.logaddexp(palette.by_part(match), STRAY) * weight[:, None]
-    fit = unary.max(axis=2).sum(axis=1) - ((gains - GAIN) ** 2).sum(axis=1) / (2 * GAIN_SIGMA**2)
-    likely = np.argsort(-fit, kind="stable")[:LIGHTS]
-    return gains[likely], unary[likely]
+    return gains, unary
 
 
-def _pairs(patches: Patches, used: NDArray[np.intp]) -> _Array:
+def pair_scores(patches: Patches, used: NDArray[np.intp]) -> _Array:
     """Log score (R, R, 11, 11) of every pair of patches by their parts: how far apart, whether touching."""
     middle = patches.middle_m[used]
     away = np.linalg.norm(middle[:, None] - middle[None], axis=2)[..., None, None]

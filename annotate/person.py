@@ -248,7 +248,7 @@ def _persons(
     persons = ordered(silhouettes.persons())
     if suit is None or not persons:
         return persons
-    cloth = covers(cloud, persons[0].mask, silhouettes.surroundings)
+    cloth = covers(cloud, persons[0].mask, silhouettes.surroundings, suit)
     if cloth.sum() < MIN_COVER_SHARE * persons[0].mask.sum():
         return persons
     silhouettes.odds[cloth] = BY_COVER  # and heard again: its colours are learnt as the room's

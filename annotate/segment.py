@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.bare import bareness, grown_from, without_sides
 from annotate.cloud import ThermalCloud
 from annotate.color_model import CLIPPED, readable, refit_colors, under, unfitted
 from annotate.confidence import calibrated, features
@@ -13,6 +14,7 @@ from annotate.part_clues import means_of, pooled, warmth_of, with_earlier
 from annotate.part_tree import settle
 from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED
 from annotate.patches import patches_of, read_together
+from annotate.probabilities import Probabilities
 from annotate.refine import refine
 from annotate.suit import Suit
 from annotate.supervoxels import Supervoxels, supervoxels
@@ -39,12 +41,14 @@ _Array = NDArray[np.float64]
 class Segmentation:
     """Parts over the depth image. parts: uint8 (h, w); confidence: float32 (h, w), 0 off the person.
 
-    notes: what went wrong, for the person who reviews.
+    notes: what went wrong, for the person who reviews. probabilities: of all classes, where a network gave
+    them and they are to be kept.
     """
 
     parts: NDArray[np.uint8]
     confidence: NDArray[np.float32]
     notes: tuple[str, ...] = ()
+    probabilities: Probabilities | None = None
 
 
 def segment(
@@ -112,16 +116,20 @@ def _believed(
     """
     rgb, centroids_m = cloud.color_rgb[mask][usable], groups.centroids_m(cloud.points_m[mask])
     palette = unfitted(suit)
-    patches = patches_of(groups, *means_of(cloud.color_rgb[mask], usable, groups), centroids_m)
+    chroma, blur = means_of(cloud.color_rgb[mask], usable, groups)
+    patches = patches_of(groups, chroma, blur, centroids_m)
     warmth = warmth_of(cloud.temperature_c[mask], groups)
     by_patch, log_gain = read_together(patches, palette, patches.mean(warmth, groups.sizes))
     first = by_patch[patches.ids]
     model, belief = under(palette, log_gain), first
     for _ in range(ROUNDS):
         model = refit_colors(model, rgb, belief[groups.ids[usable]])
+        bare = bareness(model, chroma, blur)
+        second = PATCH_WEIGHT * np.log(without_sides(first, bare) + PATCH_DOUBT)
         evidence = np.zeros((len(usable), _N))
         evidence[usable] = model.evidence(rgb)
-        unary = pooled(evidence, usable, groups) + warmth + PATCH_WEIGHT * np.log(first + PATCH_DOUBT)
+        unary = pooled(evidence, usable, groups) + warmth + second
+        unary += grown_from(belief, bare, patches, groups, centroids_m)
         if before is not None:
             unary = with_earlier(unary, groups, before, cloud, centroids_m)
         belief = settle(unary, groups, centroids_m, belief)

@@ -23,6 +23,7 @@ from annotate.images import (
 from annotate.journal import Journal
 from annotate.labels import FrameLabels, Status
 from annotate.parts import PARTS
+from annotate.probabilities import Probabilities, decode_probabilities, encode_probabilities
 from sensors.atomic import write_bytes
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError, ExistsError, FormatError
@@ -30,6 +31,7 @@ from sensors.errors import CloudError, ExistsError, FormatError
 SCHEMA = 1
 MANIFEST = "labelset.json"
 FRAMES, ORIGINAL = "frames", "original"
+PROBABILITY = "probability.png"
 MAX_JSON_BYTES = 16_000_000
 _FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
@@ -139,8 +141,26 @@ class LabelSet:
             raise FormatError(f"{self._file(frame_id, 'json')} has an unknown status; restore it from a copy")
         return cast(Status, status)
 
-    def write(self, frame: FrameLabels) -> None:
-        """Add or replace one frame. Raises FormatError when its size is not the set's."""
+    def probabilities(self, frame_id: str) -> Probabilities | None:
+        """A frame's class probabilities; None where none were stored. Raises FormatError naming the file."""
+        file = self._file(frame_id, PROBABILITY)
+        if not file.is_file():
+            return None
+        try:
+            if file.stat().st_size > MAX_JSON_BYTES:
+                raise FormatError(f"it is larger than {MAX_JSON_BYTES} bytes; predict again")
+            return decode_probabilities(file.read_bytes(), self.notes(frame_id))
+        except OSError as error:
+            raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error
+        except FormatError as error:
+            raise FormatError(f"{file}: {error}") from error
+
+    def write(self, frame: FrameLabels, probabilities: Probabilities | None = None) -> None:
+        """Add or replace one frame, with a network's probabilities where they are to be kept.
+
+        The frame's notes must hold ``probabilities.note()`` then. Raises FormatError when its size is not
+        the set's.
+        """
         if frame.depth_mm.shape != self.intrinsics.shape:
             raise FormatError(
                 f"frame {frame.frame_id} is {frame.depth_mm.shape}, the label set {self.intrinsics.shape}; "
@@ -155,6 +175,10 @@ class LabelSet:
             self._put(frame.frame_id, "persons.png", encode_persons(frame.persons))
         else:
             self._file(frame.frame_id, "persons.png").unlink(missing_ok=True)
+        if probabilities is not None:
+            self._put(frame.frame_id, PROBABILITY, encode_probabilities(probabilities))
+        else:
+            self._file(frame.frame_id, PROBABILITY).unlink(missing_ok=True)
         self.write_labels(frame)
 
     def write_labels(self, frame: FrameLabels) -> None:

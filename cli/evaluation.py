@@ -1,5 +1,8 @@
-"""Verbs that measure labels and show what was measured: evaluate, report."""
+"""Verbs that measure labels and compare what was measured: evaluate, compare."""
 
+import shlex
+import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -7,29 +10,82 @@ import typer
 
 from annotate import store
 from annotate.store import LabelSet
-from cli.console import Json, Overwrite, finish
-from eval.compare import compare_sets
+from cli.console import Json, Overwrite, finish, progress, say
+from eval.compare import Comparison, compare_sets
+from eval.data import Frames, open_frames
+from eval.paired import difference
 from eval.report.build import write_report
-from eval.results import Result, load_result, save_result
+from eval.results import Result, check_free, load_result, save_result
+
+SHOWN = ("mean_recall", "miou", "person_iou", "boundary_f", "left_right_swap_rate")
+"""Scores that are printed; the rest is in the JSON."""
 
 
 def evaluate(
-    predicted: Annotated[Path, typer.Argument(metavar="PREDICTED", help="Label set.")],
-    truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Label set.")],
+    predicted: Annotated[Path, typer.Argument(metavar="PREDICTED", help="Label set or dataset.")],
+    truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Label set or dataset.")],
     out: Annotated[Path | None, typer.Option(help="Keep the result here for 'report' (JSON).")] = None,
     title: Annotated[str, typer.Option(help="Name of the result in the report.")] = "Network",
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Measure a label set against the truth, with confidence intervals and the confusion matrix."""
-    comparison = compare_sets(LabelSet.open(predicted), LabelSet.open(truth))
+    """Measure labels against the truth, with confidence intervals and the confusion matrix."""
     if out is not None:
-        facts = {"predicted": str(predicted), "truth": str(truth)}
+        check_free(out, overwrite)
+    guesses, targets = open_frames(predicted), open_frames(truth)
+    with progress("evaluate", len(targets)) as advance:
+        comparison = compare_sets(guesses, targets, advance)
+    if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
-        save_result(out, Result(title, comparison, facts), overwrite)
+        save_result(out, Result(title, comparison, _facts(guesses, targets, comparison)), overwrite)
     result = comparison.to_evaluation_json()
-    shown = {k: result[k] for k in ("frames", "mean_recall", "miou", "person_iou", "left_right_swap_rate")}
-    finish(result, json, "\n".join(f"{key}: {value}" for key, value in shown.items()))
+    if comparison.ci_note:
+        say(comparison.ci_note)
+    lines = [f"{result['frames']} frames of {result['subjects']} subjects"]
+    lines += [f"{name}: {_with_interval(comparison, name)}" for name in SHOWN]
+    finish(result, json, "\n".join(lines))
+
+
+def _facts(predicted: Frames, truth: Frames, comparison: Comparison) -> dict[str, str]:
+    """What a reader of the result needs to repeat it."""
+    steps = predicted.info.get("steps")
+    weights = steps.get("predict", {}).get("weights") if isinstance(steps, dict) else None
+    facts = {
+        "command": shlex.join(["annotate-cloud", *sys.argv[1:]]),
+        "version": version("annotate-cloud"),
+        "predicted": str(predicted.path),
+        "truth": str(truth.path),
+        "predicted hash": comparison.predicted_hash,
+        "truth hash": comparison.truth_hash,
+        "source": str(truth.info.get("source", "")),
+        "network": weights if isinstance(weights, str) else "",
+    }
+    return {name: fact for name, fact in facts.items() if fact}
+
+
+def _with_interval(comparison: Comparison, name: str) -> str:
+    low, high = comparison.ci95[name]
+    return f"{comparison.scores[name]:.4f} ({low:.4f} to {high:.4f})"
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A", help="Result that 'evaluate --out' kept.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Result to compare it with.")],
+    json: Json = False,
+) -> None:
+    """Say by how much result A is better than result B, and how certain that is."""
+    found = difference(load_result(a), load_result(b))
+    lines = [f"{found.a} minus {found.b}, {'on the same frames' if found.paired else 'on different frames'}"]
+    for name in SHOWN:
+        low, high = found.ci95[name]
+        p = found.wilcoxon_p.get(name)
+        lines.append(
+            f"{name}: {found.values[name]:+.4f} ({low:+.4f} to {high:+.4f})"
+            + (f", Wilcoxon p {p:.3f}" if p is not None else "")
+        )
+    if found.note:
+        say(found.note)
+    finish(found.to_json(), json, "\n".join(lines))
 
 
 def report(

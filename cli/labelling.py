@@ -14,6 +14,7 @@ from annotate.suit import load_suit, suit_to_toml
 from annotate.suit_learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from eval.compare import compare_sets
+from eval.data import open_frames
 from sensors.atomic import write_bytes
 from sensors.errors import ExistsError
 from sensors.importers import open_source
@@ -106,10 +107,10 @@ def learn(
 
 
 def diff(
-    a: Annotated[Path, typer.Argument(metavar="A", help="Label set.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="Label set taken as the truth.")],
+    a: Annotated[Path, typer.Argument(metavar="A", help="Label set or dataset.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Label set or dataset taken as the truth.")],
     json: Json = False,
 ) -> None:
     """Compare label set A with label set B."""
-    result = compare_sets(LabelSet.open(a), LabelSet.open(b)).to_json()
+    result = compare_sets(open_frames(a), open_frames(b)).to_json()
     finish(result, json, "\n".join(f"{key}: {value}" for key, value in result.items()))

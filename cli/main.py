@@ -46,6 +46,7 @@ app.command()(calibration.calibrate)
 app.command()(training.train)
 app.command()(prediction.predict)
 app.command()(evaluation.evaluate)
+app.command()(evaluation.compare)
 app.command()(evaluation.report)
 
 INTERRUPTED = "interrupted; give the same command again, without --overwrite, to go on"

@@ -10,38 +10,43 @@ from annotate import store
 from annotate.store import LabelSet
 from cli.console import Json, Overwrite, clear, finish_run, progress, say
 from cli.labelling import Labels, Window
-from eval.predict import SHIPPED_WEIGHTS, Network, predict_labels, predict_source
+from eval.data import open_frames
+from eval.network_file import SHIPPED_WEIGHTS, Network
+from eval.predict import predict_frames, predict_source
 from sensors.importers import open_source
+from synth import dataset
+from synth.dataset import Dataset
 
 
 def predict(
     source: Annotated[
-        Path, typer.Argument(metavar="SRC", help="Session, folder of depth PNGs, PCD, PLY or label set.")
+        Path,
+        typer.Argument(metavar="SRC", help="Session, folder of depth PNGs, PCD, PLY, label set or dataset."),
     ],
     out: Labels,
     weights: Annotated[
         Path, typer.Option(help="Network (.onnx).", show_default="the shipped one")
     ] = SHIPPED_WEIGHTS,
     window: Window = None,
+    probabilities: Annotated[
+        bool, typer.Option("--probabilities", help="Keep the probabilities of all classes, 12 kB a frame.")
+    ] = False,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Label by a network trained on synthetic depth; in a label set only within its persons' outlines."""
+    """Label by a network trained on synthetic depth; label sets and datasets within their own outlines."""
     network = Network(weights)
-    if (source / store.MANIFEST).is_file():
-        labels = LabelSet.open(source)
-        clear(out, store.MANIFEST, overwrite, source, weights)
-        started, total = time.monotonic(), len(labels)
-        with progress("predict", total) as advance:
-            run = predict_labels(labels, network, out, advance)
-    else:
-        frames = open_source(source)
-        for note in frames.notes:
-            say(note)
-        clear(out, store.MANIFEST, overwrite, source, weights)
-        started, total = time.monotonic(), len(frames)
-        with progress("predict", total) as advance:
-            run = predict_source(frames, network, out, advance, window)
+    outlined = any((source / manifest).is_file() for manifest in (store.MANIFEST, dataset.MANIFEST))
+    frames = open_frames(source) if outlined else open_source(source)
+    for note in () if isinstance(frames, LabelSet | Dataset) else frames.notes:
+        say(note)
+    clear(out, store.MANIFEST, overwrite, source, weights)
+    started, total = time.monotonic(), len(frames)
+    with progress("predict", total) as advance:
+        if isinstance(frames, LabelSet | Dataset):
+            run = predict_frames(frames, network, out, advance, probabilities=probabilities)
+        else:
+            run = predict_source(frames, network, out, advance, window, probabilities=probabilities)
     ms = 1000 * (time.monotonic() - started) / max(1, total)
     result = {"frames": len(run.labels), "ms_per_frame": round(ms, 2)}
     finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")

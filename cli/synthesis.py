@@ -78,7 +78,7 @@ def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Gen
 
 @app.command("generate")
 def generate_(
-    preset: Annotated[str, typer.Option(help="sitting-train, sitting-test or recumbent.")],
+    preset: Annotated[str, typer.Option(help="sitting-train, sitting-test, recumbent or upright.")],
     out: Annotated[Path, typer.Option(help="Folder for the shards; a broken run goes on there.")],
     count: Annotated[int | None, typer.Option(help="Images; default: the paper's number.")] = None,
     workers: Annotated[int, typer.Option(help="Processes of this machine.", min=1, max=256)] = 2,

@@ -5,22 +5,34 @@ background; the picture's edge and undefined pixels make no border. Both borders
 only where the truth is defined.
 """
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
-from annotate.parts import BACKGROUND, UNDEFINED
-from eval.metrics import Counts, Labels, Scores, named, ratio
+from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
+from eval.metrics import Counts, Labels, Scores, ratio
 
-TOLERANCE_PX = 2.0
-"""How far apart two borders may lie and still be one, in pixels of the depth image.
+TOLERANCES_PX = (1.0, 2.0, 3.0, 5.0)
+TOLERANCES_MM = (5.0, 10.0, 20.0, 40.0)
+"""How far apart two borders may lie and still be one, in pixels of the depth image and on the person.
 
-A convention: measure it from two corrections of the same frames where you have them, since a border
-cannot be met better than people agree on it (Metrics Reloaded, Nature Methods 2024).
+A convention: look at the one that two corrections of the same frames reach, since a border cannot
+be met better than people agree on it (Metrics Reloaded, Nature Methods 2024).
 """
+
+WIDTHS_PX = (2.0, 4.0, 8.0)
+WIDTHS_MM = (10.0, 20.0, 40.0)
+"""Widths of the bands along a part's outline that boundary IoU compares."""
 
 DISTANCE_EDGES_PX = (1.0, 2.0, 3.0, 5.0, 9.0, 17.0)
 """Upper edges, exclusive, of the distance bins; one more bin takes what is farther."""
+
+N_DISTANCES = len(DISTANCE_EDGES_PX) + 1
+
+Distances = NDArray[np.float32]
 
 
 def border_parts(labels: Labels) -> Labels:
@@ -37,38 +49,39 @@ def border_parts(labels: Labels) -> Labels:
     return np.where(border & (labels != UNDEFINED), labels, np.uint8(BACKGROUND))
 
 
-def boundary_counts(truth: Labels, predicted: Labels, tolerance_px: float = TOLERANCE_PX) -> Counts:
-    """Matched and all border pixels of the prediction, matched and all of the truth: int64 (4,).
+def distance_to(border: Labels) -> Distances:
+    """Distance of every pixel (h, w) to the nearest border pixel, Euclidean, pixels; inf without one."""
+    free = (border == BACKGROUND).astype(np.uint8)
+    if free.all():
+        return np.full(border.shape, np.inf, np.float32)
+    return np.asarray(cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
 
-    A border pixel is matched by one of the same part within `tolerance_px` (Euclidean) in the
-    other map. Counts of frames add up; `boundary_f` turns them into the score.
+
+def boundary_counts(of_truth: Labels, of_prediction: Labels, tolerances_px: Sequence[float]) -> Counts:
+    """Matched and all border pixels of the prediction, matched and all of the truth: int64 (T, 4).
+
+    A border pixel (of `border_parts`) is matched by one of the same part within the tolerance
+    (Euclidean) in the other map. Counts of frames add up; `boundary_f` turns them into the score.
     """
-    reach = int(tolerance_px)
-    masked = np.where(truth == UNDEFINED, truth, named(predicted))
-    of_truth = np.pad(border_parts(truth), reach)
-    of_prediction = np.pad(border_parts(masked), reach)
-    return np.array(
-        [
-            _matched(of_prediction, of_truth, tolerance_px),
-            np.count_nonzero(of_prediction),
-            _matched(of_truth, of_prediction, tolerance_px),
-            np.count_nonzero(of_truth),
-        ],
-        np.int64,
-    )
+    drawn, true = _points(of_prediction), _points(of_truth)
+    reach = max(tolerances_px)
+    apart = _apart(drawn, true, reach), _apart(true, drawn, reach)
+    within = [[np.count_nonzero(a <= tolerance) for a in apart] for tolerance in tolerances_px]
+    return np.array([[near, len(drawn), met, len(true)] for near, met in within], np.int64)
 
 
-def _matched(border: Labels, other: Labels, tolerance_px: float) -> int:
-    # Only border pixels are looked up, so the cost follows the outline, not the picture.
+def _points(border: Labels) -> NDArray[np.float64]:
+    # The part is a third coordinate that sets parts further apart than any picture is wide.
     rows, columns = np.nonzero(border)
-    part = border[rows, columns]
-    reach = int(tolerance_px)
-    met = np.zeros(part.shape, np.bool_)
-    for dy in range(-reach, reach + 1):
-        for dx in range(-reach, reach + 1):
-            if dy * dy + dx * dx <= tolerance_px**2:
-                met |= other[rows + dy, columns + dx] == part
-    return int(met.sum())
+    return np.stack([rows, columns, border[rows, columns] * 1e6], axis=-1).astype(np.float64)
+
+
+def _apart(points: NDArray[np.float64], others: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+    """Distance to the nearest of the others, inf beyond the reach."""
+    if not len(points) or not len(others):
+        return np.full(len(points), np.inf)
+    # KDTree's bound is exclusive.
+    return np.asarray(KDTree(others).query(points, distance_upper_bound=np.nextafter(reach, np.inf))[0])
 
 
 def boundary_f(counts: Counts) -> Scores:
@@ -82,20 +95,44 @@ def boundary_f(counts: Counts) -> Scores:
     return np.where(drawn + true > 0, score, np.nan)
 
 
-def errors_by_distance(truth: Labels, predicted: Labels) -> Counts:
-    """Wrong and all person pixels of the truth by distance to its nearest border: int64 (7, 2).
+def band_counts(
+    truth: Labels, predicted: Labels, away: tuple[Distances, Distances], widths_px: Sequence[float]
+) -> Counts:
+    """Intersection and union of the bands along each part's outline: int64 (W, 12, 2).
 
-    Distance is Euclidean in pixels, 0 on the border itself; bins end at `DISTANCE_EDGES_PX`.
+    A part's band holds its pixels closer than the width to a border of their own map. away: the
+    distances to the borders of truth and prediction, (h, w). Their ratio is the boundary IoU
+    (Cheng et al., Boundary IoU, CVPR 2021), here with Euclidean bands and without the picture's edge.
     """
-    border = border_parts(truth) != BACKGROUND
+    seen = [(labels > BACKGROUND) & (labels != UNDEFINED) for labels in (truth, predicted)]
+    counts = np.zeros((len(widths_px), N_CLASSES, 2), np.int64)
+    for i, width in enumerate(widths_px):
+        in_truth, in_prediction = seen[0] & (away[0] < width), seen[1] & (away[1] < width)
+        both = truth[in_truth & in_prediction & (truth == predicted)]
+        hit, true, drawn = (
+            np.bincount(parts, minlength=N_CLASSES)
+            for parts in (both, truth[in_truth], predicted[in_prediction])
+        )
+        counts[i] = np.stack([hit, true + drawn - hit], axis=-1)
+    return counts
+
+
+def errors_by_distance(truth: Labels, predicted: Labels, away: Distances) -> Counts:
+    """Wrong and all person pixels of the truth by part and distance to a border: int64 (12, 7, 2).
+
+    away: distance to the borders of the truth, 0 on the border itself; bins end at `DISTANCE_EDGES_PX`.
+    """
     person = (truth != UNDEFINED) & (truth != BACKGROUND)
-    away = cv2.distanceTransform((~border).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    bins = np.searchsorted(np.array(DISTANCE_EDGES_PX), np.asarray(away)[person], side="right")
+    bins = np.searchsorted(np.array(DISTANCE_EDGES_PX), away[person], side="right")
+    where = truth[person].astype(np.int64) * N_DISTANCES + bins
     wrong = (truth != predicted)[person]
-    size = len(DISTANCE_EDGES_PX) + 1
-    return np.stack([np.bincount(bins[wrong], minlength=size), np.bincount(bins, minlength=size)], axis=-1)
+    size = N_CLASSES * N_DISTANCES
+    counts = np.stack(
+        [np.bincount(where[wrong], minlength=size), np.bincount(where, minlength=size)], axis=-1
+    )
+    return counts.reshape(N_CLASSES, N_DISTANCES, 2).astype(np.int64)
 
 
-def error_rate(counts: Counts) -> NDArray[np.float64]:
-    """Share of wrong pixels in each bin: (..., 7, 2) -> (..., 7), NaN for an empty bin."""
+def error_rate(counts: Counts) -> Scores:
+    """Share of wrong pixels: wrong and all (..., 2) -> (...), NaN where there are none."""
     return ratio(counts[..., 0], counts[..., 1])

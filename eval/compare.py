@@ -1,80 +1,114 @@
-"""One label set against another: what was counted, frame by frame, and the scores it gives."""
+"""One set of labels against another: what was counted, frame by frame, and the scores it gives."""
 
-from dataclasses import asdict, dataclass
+import hashlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, BODY_PARTS, N_CLASSES, PARTS
-from annotate.store import LabelSet
-from eval import boundary, metrics
-from eval.bootstrap import interval, resampled_sums
-from eval.boundary import DISTANCE_EDGES_PX
+from annotate.parts import BACKGROUND, BODY_PARTS, PARTS
+from eval import bootstrap, metrics
+from eval.counts import FrameCounts, stack
+from eval.data import Frames
 from eval.metrics import Counts, Scores
+from eval.pairs import count_pairs, pair_up
+from eval.scores import PART_SCORES, scores_of
+from eval.summary import named, plain
+from eval.traits import Traits
 from sensors.errors import CloudError
 
 UNKNOWN_SUBJECT = "unknown"
 
-JsonScore: TypeAlias = "float | list[JsonScore] | None"
+SUMMARY = ("mean_recall", "recall", "miou", "iou", "boundary_f", "left_right_swap_rate", "person_iou")
+"""Scores of the short summary."""
 
 
 @dataclass(frozen=True)
 class Comparison:
     """Counts of F compared frames, from which every score is derived.
 
-    matrices: int64 (F, 12, 12), rows truth. borders: int64 (F, 4), see `boundary_counts`.
-    by_distance: int64 (F, 7, 2), see `errors_by_distance`. undefined: int64 (F, 3), see
-    `undefined_pixels`. subjects: who is seen in each frame. extra_frames: how many predicted frames
-    have no truth and were left out. Raises CloudError when nothing was compared, ValueError for
-    arrays that do not fit together.
+    subjects: who is seen in each frame. digests: of each frame's depth and truth; two results are of the
+    same frames where they agree. predicted_digests: of its depth and prediction. counts: with one leading
+    axis, (F,). joints_mm: float64 (F, J), error of each joint in millimetres, NaN where it is not scored
+    and inf where it was not found; None where the truth knows no joints. extra_frames: how many predicted
+    frames have no truth and were left out.
+    Raises CloudError when nothing was compared or an id stands twice, ValueError for arrays that do not
+    fit together.
     """
 
     frame_ids: tuple[str, ...]
     subjects: tuple[str, ...]
-    matrices: Counts
-    borders: Counts
-    by_distance: Counts
-    undefined: Counts
+    traits: tuple[Traits, ...]
+    digests: tuple[str, ...]
+    predicted_digests: tuple[str, ...]
+    counts: FrameCounts
+    joints_mm: NDArray[np.float64] | None = None
     extra_frames: int = 0
 
     def __post_init__(self) -> None:
         n = len(self.frame_ids)
         if not n:
             raise CloudError("no frame was compared; give label sets that hold frames")
-        expected = {
-            "matrices": (n, N_CLASSES, N_CLASSES),
-            "borders": (n, 4),
-            "by_distance": (n, len(DISTANCE_EDGES_PX) + 1, 2),
-            "undefined": (n, 3),
-        }
-        for name, shape in expected.items():
-            actual = getattr(self, name).shape
-            if actual != shape:
-                raise ValueError(f"{name} is {actual}, but {n} frames need {shape}")
-        if len(self.subjects) != n:
-            raise ValueError(f"{len(self.subjects)} subjects for {n} frames")
+        if len(set(self.frame_ids)) != n:
+            raise CloudError(f"{n} frames have {len(set(self.frame_ids))} different ids; give each its own")
+        for name in ("subjects", "traits", "digests", "predicted_digests", "joints_mm"):
+            value = getattr(self, name)
+            if value is not None and len(value) != n:
+                raise ValueError(f"{len(value)} {name} for {n} frames")
+        if self.counts.undefined.shape != (n, 3):
+            raise ValueError(f"counts of {self.counts.undefined.shape[:-1]} frames for {n} ids")
 
-    @cached_property
+    @property
+    def matrices(self) -> Counts:
+        """The frames' confusion matrices, int64 (F, 12, 12)."""
+        return self.counts.confusion
+
+    @property
     def confusion(self) -> Counts:
         """All frames' pixels in one matrix, int64 (12, 12)."""
-        return np.asarray(self.matrices.sum(0), np.int64)
+        return self.total.confusion
+
+    @cached_property
+    def total(self) -> FrameCounts:
+        """Counts of the whole set."""
+        return self.counts.total()
 
     @cached_property
     def scores(self) -> dict[str, Scores]:
-        """Scores of the whole set by name; parts' scores are (12,), all others are ()."""
-        return _scores(self.confusion, self.borders.sum(0))
+        """Scores of the whole set by name, see `scores_of`."""
+        return scores_of(self.total)
+
+    @cached_property
+    def by_cluster(self) -> Counts:
+        """Counts of what is drawn as one, side by side (C, K): of a subject, or of a lone subject's frame."""
+        return bootstrap.cluster_sums(self.counts.flat(), bootstrap.clusters_of(self.subjects))
+
+    @cached_property
+    def behind(self) -> dict[str, NDArray[np.int64]]:
+        """How many clusters each score rests on (...): those that show the part, or all."""
+        seen = scores_of(FrameCounts.of_flat(self.by_cluster))
+        return {name: (~np.isnan(score)).sum(0) for name, score in seen.items()}
+
+    @cached_property
+    def resampled(self) -> dict[str, Scores]:
+        """Scores of each bootstrap resample (R, ...)."""
+        return scores_of(FrameCounts.of_flat(bootstrap.resampled_sums(self.by_cluster)))
 
     @cached_property
     def ci95(self) -> dict[str, NDArray[np.float64]]:
-        """95 % bootstrap interval of each score, (2, ...): lower and upper."""
-        cells = N_CLASSES**2
-        counts = np.concatenate([self.matrices.reshape(-1, cells), self.borders], axis=1)
-        sums = resampled_sums(counts, self.subjects).astype(np.int64)
-        resampled = _scores(sums[:, :cells].reshape(-1, N_CLASSES, N_CLASSES), sums[:, cells:])
-        return {name: interval(values) for name, values in resampled.items()}
+        """95 % interval of each score, (2, ...): lower and upper; NaN where one subject alone has a say."""
+        return {
+            name: bootstrap.interval(self.scores[name], values, self.behind[name])
+            for name, values in self.resampled.items()
+        }
+
+    @property
+    def ci_note(self) -> str:
+        """Why the intervals cannot be relied on; "" where they can."""
+        return bootstrap.note_on(self.subjects, UNKNOWN_SUBJECT)
 
     @cached_property
     def frame_miou(self) -> Scores:
@@ -84,115 +118,99 @@ class Comparison:
     @property
     def undefined_shares(self) -> dict[str, float]:
         """Shares of all pixels undefined in the truth (ignored), and in the prediction only."""
-        ignored, unnamed, pixels = self.undefined.sum(0)
+        ignored, unnamed, pixels = self.total.undefined
         shares = metrics.ratio(np.array([ignored, unnamed]), np.array([pixels, pixels]))
         return {"truth": float(shares[0]), "predicted": float(shares[1])}
+
+    @property
+    def truth_hash(self) -> str:
+        """SHA-256 over the digests of all frames' depth and truth."""
+        return hashlib.sha256("".join(self.digests).encode()).hexdigest()
+
+    @property
+    def predicted_hash(self) -> str:
+        """The same of the prediction."""
+        return hashlib.sha256("".join(self.predicted_digests).encode()).hexdigest()
 
     @property
     def n_subjects(self) -> int:
         """How many different people are seen."""
         return len(set(self.subjects))
 
+    @property
+    def has_confidence(self) -> bool:
+        """Whether the prediction came with confidence, which calibration needs."""
+        return bool(self.total.reliability.any())
+
+    def only(self, frames: NDArray[np.bool_] | NDArray[np.int64]) -> Self:
+        """The same comparison over some of its frames: a mask (F,), or indices in the order wanted.
+
+        Raises CloudError where none is left.
+        """
+        index = np.arange(len(self.frame_ids))[frames]
+
+        def picked(values: tuple[Any, ...]) -> tuple[Any, ...]:
+            return tuple(values[i] for i in index)
+
+        return replace(
+            self,
+            frame_ids=picked(self.frame_ids),
+            subjects=picked(self.subjects),
+            traits=picked(self.traits),
+            digests=picked(self.digests),
+            predicted_digests=picked(self.predicted_digests),
+            counts=self.counts[index],
+            joints_mm=None if self.joints_mm is None else self.joints_mm[index],
+        )
+
     def to_json(self) -> dict[str, Any]:
         """The summary that `diff` prints; null stands for a part that no frame shows."""
-        return {
-            "frames": len(self.frame_ids),
-            "mean_recall": _plain(self.scores["mean_recall"]),
-            "recall": _by_name(self.scores["recall"]),
-            "miou": _plain(self.scores["miou"]),
-            "iou": _by_name(self.scores["iou"]),
-            "boundary_f": _plain(self.scores["boundary_f"]),
-            "left_right_swap_rate": _plain(self.scores["left_right_swap_rate"]),
-            "person_iou": _plain(self.scores["person_iou"]),
-        }
+        return {"frames": len(self.frame_ids), **{name: named(name, self.scores[name]) for name in SUMMARY}}
 
     def to_evaluation_json(self) -> dict[str, Any]:
-        """What `evaluate` prints: the summary with intervals, confusion and what was left out."""
-        per_part = {"recall", "precision", "iou", "dice"}
+        """What `evaluate` prints: all scores with intervals, the confusion, and what was left out."""
         return {
-            **self.to_json(),
+            "frames": len(self.frame_ids),
             "subjects": self.n_subjects,
-            "ci95": {
-                name: _by_name(ends) if name in per_part else _plain(ends) for name, ends in self.ci95.items()
-            },
+            **{name: named(name, score) for name, score in self.scores.items()},
+            "ci95": {name: named(name, ends) for name, ends in self.ci95.items()},
+            "ci_note": self.ci_note,
             "confusion": self.confusion.tolist(),
             "parts": [part.name for part in PARTS],
-            "background": {name: _plain(self.scores[name][BACKGROUND]) for name in sorted(per_part)},
+            "pixels": {part.name: int(self.confusion[part.id].sum()) for part in PARTS},
+            "frames_showing": {part.name: int(self.matrices[:, part.id].any(-1).sum()) for part in PARTS},
+            "background": {name: plain(self.scores[name][BACKGROUND]) for name in PART_SCORES[:-1]},
             "absent_parts": [p.name for p in BODY_PARTS if np.isnan(self.scores["iou"][p.id])],
-            "mious": {name: _plain(v) for name, v in asdict(metrics.mean_ious(self.matrices)).items()},
-            "undefined": {name: _plain(share) for name, share in self.undefined_shares.items()},
+            "mious": {name: plain(v) for name, v in asdict(metrics.mean_ious(self.matrices)).items()},
+            "error_kinds": {
+                name: int(pixels) for name, pixels in vars(metrics.error_kinds(self.confusion)).items()
+            },
+            "flipped_frames": int(metrics.flip_helps(self.matrices).sum()),
+            "undefined": {name: plain(share) for name, share in self.undefined_shares.items()},
             "extra_frames": self.extra_frames,
         }
 
 
-def compare_sets(predicted: LabelSet, truth: LabelSet) -> Comparison:
-    """Compare every frame of the truth with the prediction of the same id.
+def compare_sets(
+    predicted: Frames,
+    truth: Frames,
+    advance: Callable[[int], None] = lambda _: None,
+    workers: int | None = None,
+) -> Comparison:
+    """Compare every frame of the truth with the prediction of the same id, on all cores where it pays.
 
-    A truth frame without a prediction is an error, since leaving out what failed would flatter the
-    score. Predicted frames without a truth are common (few of a session's frames are corrected);
-    they are left out and counted. Raises CloudError naming the frame, or FormatError for a corrupt one.
+    Predicted frames without a truth are common (few of a session's frames are corrected); they are left
+    out and counted. advance: told how many more frames are done. Raises CloudError naming a frame that
+    the prediction lacks or shows otherwise than the truth, or FormatError for a corrupt one.
     """
-    frame_ids = truth.frame_ids
-    known = set(predicted.frame_ids)
-    missing = [frame_id for frame_id in frame_ids if frame_id not in known]
-    if missing:
-        raise CloudError(
-            f"{predicted.path} lacks {len(missing)} of the {len(frame_ids)} frames of {truth.path}, "
-            f"first {missing[0]}; predict or label them, or take them out of the truth"
-        )
-    pairs = ((predicted.read(frame_id), truth.read(frame_id)) for frame_id in frame_ids)
-    counted = [(truth_frame.subject, *_count(guess, truth_frame)) for guess, truth_frame in pairs]
-    if not counted:
-        raise CloudError(f"{truth.path} holds no frames; give a label set with frames")
-    subjects, matrices, borders, by_distance, undefined = zip(*counted, strict=True)
+    pairs, extra = pair_up(predicted, truth)
+    counted = count_pairs(predicted, truth, pairs, advance, workers)
     return Comparison(
-        frame_ids=tuple(frame_ids),
-        subjects=tuple(subject or UNKNOWN_SUBJECT for subject in subjects),
-        matrices=np.stack(matrices),
-        borders=np.stack(borders),
-        by_distance=np.stack(by_distance),
-        undefined=np.stack(undefined),
-        extra_frames=len(known) - len(frame_ids),
+        frame_ids=tuple(frame.frame_id for frame in counted),
+        subjects=tuple(frame.subject or UNKNOWN_SUBJECT for frame in counted),
+        traits=tuple(frame.traits for frame in counted),
+        digests=tuple(frame.digest for frame in counted),
+        predicted_digests=tuple(frame.predicted_digest for frame in counted),
+        counts=stack([frame.counts for frame in counted]),
+        extra_frames=extra,
     )
-
-
-def _count(predicted: FrameLabels, truth: FrameLabels) -> tuple[Counts, Counts, Counts, Counts]:
-    if predicted.parts.shape != truth.parts.shape:
-        raise CloudError(
-            f"frame {truth.frame_id} is {predicted.parts.shape} in the prediction but {truth.parts.shape} "
-            "in the truth; compare label sets over the same depth images"
-        )
-    pair = truth.parts, predicted.parts
-    return (
-        metrics.confusion_matrix(*pair),
-        boundary.boundary_counts(*pair),
-        boundary.errors_by_distance(*pair),
-        metrics.undefined_pixels(*pair),
-    )
-
-
-def _scores(matrix: Counts, borders: Counts) -> dict[str, Scores]:
-    return {
-        "recall": metrics.recall(matrix),
-        "precision": metrics.precision(matrix),
-        "iou": metrics.iou(matrix),
-        "dice": metrics.dice(matrix),
-        "mean_recall": metrics.mean_recall(matrix),
-        "miou": metrics.miou(matrix),
-        "person_iou": metrics.person_iou(matrix),
-        "left_right_swap_rate": metrics.left_right_swap_rate(matrix),
-        "boundary_f": boundary.boundary_f(borders),
-    }
-
-
-def _plain(values: Scores | float) -> JsonScore:
-    """Numbers as JSON has them: NaN, which it lacks, becomes null."""
-    array = np.asarray(values, np.float64)
-    if array.ndim:
-        return [_plain(value) for value in array]
-    return None if np.isnan(array) else float(array)
-
-
-def _by_name(scores: Scores) -> dict[str, JsonScore]:
-    """Body parts' scores (..., 12) by part name."""
-    return {part.name: _plain(scores[..., part.id]) for part in BODY_PARTS}

@@ -1,4 +1,4 @@
-"""Labelled frames as training tensors: normalised crops, flips, and extractions as bad as real ones."""
+"""Labelled frames as training tensors: the person's crop, depth normalised, many of them in memory."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,15 +7,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.crop import NEAREST, SIZE, crop_around, normalize, person_of
+from annotate.crop import SIZE, crop_around, normalize, person_of
 from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, UNDEFINED, swap_left_right
+from annotate.parts import BACKGROUND, UNDEFINED
 from annotate.store import LabelSet
-from sensors.errors import CloudError
+from sensors.errors import CloudError, FormatError
 from synth.dataset import MANIFEST, Dataset
 
 Frames = LabelSet | Dataset
 """Whatever holds labelled frames: one reader serves both."""
+
+DEPTH_STEPS = np.float32(65535)
+"""Crops are kept with depth in 1 / 65535 of its range: 0.03 mm."""
 
 
 def open_frames(path: Path) -> Frames:
@@ -38,95 +41,64 @@ def to_crop(frame: FrameLabels) -> tuple[NDArray[np.float32], NDArray[np.uint8]]
 
 @dataclass(frozen=True)
 class Crops:
-    """All crops of a training in memory, compact: depth uint16 (N, 212, 212) in 1/65535, parts uint8."""
+    """Crops in memory, compact: depth uint16 (N, 212, 212) in 1 / 65535, parts uint8; 135 kB each."""
 
     depth: NDArray[np.uint16]
     parts: NDArray[np.uint8]
 
+    def __post_init__(self) -> None:
+        if self.depth.shape != self.parts.shape or self.depth.ndim != 3 or not len(self.depth):
+            raise CloudError(f"crops are {self.depth.shape} and {self.parts.shape}; give at least one image")
+
     def __len__(self) -> int:
         return len(self.depth)
 
-    def first(self, n: int) -> "Crops":
-        """The first ``n`` of them."""
-        return Crops(self.depth[:n], self.parts[:n])
+    def image(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Crop ``index``: depth float32 (212, 212) in [0, 1], parts."""
+        return self.depth[index].astype(np.float32) / DEPTH_STEPS, self.parts[index]
+
+    def spread(self, n: int) -> "Crops":
+        """``n`` of them, evenly spread (neighbours show one person), or all when there are fewer."""
+        index = np.linspace(0, len(self) - 1, min(n, len(self))).astype(int)
+        return Crops(self.depth[index], self.parts[index])
 
 
-def load_crops(sources: list[Path]) -> Crops:
-    """Read the given label sets and datasets; frames without a named part teach nothing and are left out.
+def load_crops(
+    sources: list[Path], without: frozenset[str] = frozenset(), only: frozenset[str] | None = None
+) -> Crops:
+    """Read label sets and datasets, all subjects but ``without``, or ``only`` some.
 
-    Raises CloudError when none is left.
+    Frames without a named part teach nothing and are left out. Raises CloudError when none is left, or when
+    they do not fit into memory.
     """
-    depth, parts = [], []
-    for path in sources:
-        for frame in open_frames(path):
-            if not ((frame.parts < UNDEFINED) & (frame.parts > BACKGROUND) & (frame.depth_mm > 0)).any():
+    frames = [open_frames(path) for path in sources]
+    total, names = sum(map(len, frames)), ", ".join(map(str, sources))
+    try:
+        depth = np.zeros((total, SIZE, SIZE), np.uint16)
+        parts = np.zeros((total, SIZE, SIZE), np.uint8)
+    except (MemoryError, ValueError) as error:
+        raise CloudError(f"{names}: {total} images do not fit into memory; give fewer") from error
+    n = 0
+    for frame in _teaching(frames, without, only):
+        if n == total:
+            raise FormatError(
+                f"{names} hold more than the {total} images of their manifests; make them again"
+            )
+        x, parts[n] = to_crop(frame)
+        depth[n] = np.rint(x * DEPTH_STEPS)
+        n += 1
+    if not n:
+        whom = "" if only is None else f" of {', '.join(sorted(only))}"
+        raise CloudError(f"{names} hold no labelled part{whom}; generate or label some first")
+    return Crops(depth[:n], parts[:n])
+
+
+def _teaching(
+    frames: list[Frames], without: frozenset[str], only: frozenset[str] | None
+) -> Iterator[FrameLabels]:
+    for source in frames:
+        for frame in source:
+            if frame.subject in without or (only is not None and frame.subject not in only):
                 continue
-            x, y = to_crop(frame)
-            depth.append(np.rint(x * 65535).astype(np.uint16))
-            parts.append(y)
-    if not depth:
-        raise CloudError(
-            f"{', '.join(map(str, sources))} hold no labelled part; generate or label some first"
-        )
-    return Crops(np.stack(depth), np.stack(parts))
-
-
-def batches(
-    crops: Crops, size: int, rng: np.random.Generator, augmented: bool = True
-) -> Iterator[tuple[NDArray[np.float32], NDArray[np.uint8]]]:
-    """One epoch in random order: (B, 1, 212, 212) float32, (B, 212, 212) uint8; a short rest is dropped."""
-    order = rng.permutation(len(crops))
-    for start in range(0, len(order) - size + 1, size) if len(order) >= size else [0]:
-        index = order[start : start + size]
-        x = crops.depth[index].astype(np.float32) / np.float32(65535)
-        y = crops.parts[index].copy()
-        if augmented:
-            for i in range(len(index)):
-                x[i], y[i] = augment(x[i], y[i], rng)
-        yield x[:, None], y
-
-
-def augment(
-    depth: NDArray[np.float32], parts: NDArray[np.uint8], rng: np.random.Generator
-) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """A random mirror image, scale, shift, missing blobs, holes and ragged border of one crop (h, w)."""
-    if rng.random() < 0.5:
-        depth, parts = depth[:, ::-1], swap_left_right(parts[:, ::-1])
-    depth, parts = _zoom(depth, parts, rng)
-    lost = rng.random(depth.shape, dtype=np.float32) < rng.uniform(0, 0.03)
-    if rng.random() < 0.3:
-        lost |= _blobs(depth.shape, depth > 0, rng)
-    moved = np.clip(depth + np.float32(rng.normal(0, 0.02)), NEAREST, 1)
-    depth = np.where((depth > 0) & ~lost, moved, 0).astype(np.float32)
-    parts = parts.copy()
-    # What nobody sees cannot be learnt or held against the network.
-    parts[lost & (parts != BACKGROUND)] = UNDEFINED
-    return depth, parts
-
-
-def _zoom(
-    depth: NDArray[np.float32], parts: NDArray[np.uint8], rng: np.random.Generator
-) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Resample about the middle: the extraction's box is never quite the same."""
-    size = depth.shape[0]
-    scale, (dv, du) = rng.uniform(0.9, 1.15), rng.uniform(-0.06, 0.06, 2) * size
-    v = np.rint((np.arange(size) - size / 2) * scale + size / 2 + dv).astype(int)
-    u = np.rint((np.arange(size) - size / 2) * scale + size / 2 + du).astype(int)
-    inside = ((v >= 0) & (v < size))[:, None] & ((u >= 0) & (u < size))
-    grid = np.ix_(np.clip(v, 0, size - 1), np.clip(u, 0, size - 1))
-    return np.where(inside, depth[grid], 0).astype(np.float32), np.where(inside, parts[grid], 0).astype(
-        np.uint8
-    )
-
-
-def _blobs(shape: tuple[int, ...], person: NDArray[np.bool_], rng: np.random.Generator) -> NDArray[np.bool_]:
-    """One to three discs or half planes that an occluder or a failed extraction takes away."""
-    v, u = np.ogrid[: shape[0], : shape[1]]
-    lost = np.zeros(shape, bool)
-    where = np.argwhere(person)
-    for _ in range(int(rng.integers(1, 4)) if len(where) else 0):
-        centre = where[rng.integers(len(where))]
-        radius = rng.uniform(5, 24)
-        stretch = rng.uniform(0.5, 2)
-        lost |= (v - centre[0]) ** 2 * stretch + (u - centre[1]) ** 2 / stretch < radius**2
-    return lost
+            if ((frame.parts < UNDEFINED) & (frame.parts > BACKGROUND) & (frame.depth_mm > 0)).any():
+                yield frame

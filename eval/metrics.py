@@ -147,6 +147,12 @@ def person_iou(matrix: Counts) -> Scores:
     return ratio(hit, hit + missed + invented)
 
 
+def error_rate_on_person(matrix: Counts) -> Scores:
+    """Share of the true person's pixels that are predicted as anything else (...)."""
+    all_pixels = matrix[..., 1:, :].sum((-1, -2))
+    return ratio(all_pixels - _diagonal(matrix)[..., 1:].sum(-1), all_pixels)
+
+
 def without_background(matrix: Counts) -> Counts:
     """Only pixels that truth and prediction both call a person: wrong parts, no missed person."""
     inner = matrix.copy()

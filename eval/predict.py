@@ -1,79 +1,31 @@
 """A trained network at work: the person's crop in, part labels over the depth image out."""
 
-import hashlib
-from collections.abc import Callable
-from importlib.resources import files
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import islice
 from pathlib import Path
-
-import numpy as np
-import onnxruntime
-from numpy.typing import NDArray
+from typing import Any
 
 from annotate.cloud import ThermalCloud
-from annotate.crop import SIZE, crop_around, normalize, person_of
+from annotate.crop import SIZE, Crop, person_of
 from annotate.label import Run, check_same, finished, run
 from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.person import PersonMask, extract_person
-from annotate.segment import Segmentation
+from annotate.segment import Segmentation, unlabelled
 from annotate.store import LabelSet
-from sensors.errors import FormatError
+from eval.data import Frames
+from eval.network_file import SHIPPED_WEIGHTS as SHIPPED_WEIGHTS
+from eval.network_file import Network as Network
+from sensors.camera import Intrinsics
+from sensors.errors import CloudError, FormatError
 from sensors.source import FrameSource
+from synth.dataset import MANIFEST, sha256
+from synth.view import CAMERA
 
-SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
-MAX_WEIGHT_BYTES = 1_000_000_000
-
-
-class Network:
-    """An exported network, run by ONNX Runtime on the CPU. Loading executes no code from the file.
-
-    Raises FormatError when the file is no network of this kind: (B, 1, 212, 212) -> (B, 12, 212, 212).
-    """
-
-    def __init__(self, path: Path = SHIPPED_WEIGHTS) -> None:
-        try:
-            data = path.read_bytes() if path.stat().st_size <= MAX_WEIGHT_BYTES else b""
-        except OSError as error:
-            raise FormatError(
-                f"weights {path} cannot be read ({error.strerror}); give an .onnx file"
-            ) from error
-        if not data:
-            raise FormatError(
-                f"weights {path} are empty or larger than {MAX_WEIGHT_BYTES} bytes; give an exported network"
-            )
-        try:
-            self._session = onnxruntime.InferenceSession(data, providers=["CPUExecutionProvider"])
-            self._input = self._session.get_inputs()[0].name
-            # A trial run: what a file declares of its inputs and outputs need not be true.
-            shapes = [self.probabilities(np.zeros((n, SIZE, SIZE), np.float32)).shape for n in (1, 2)]
-        except Exception as error:  # ONNX Runtime's own errors share no public base
-            raise FormatError(
-                f"weights {path} are no network for (B, 1, {SIZE}, {SIZE}) ({type(error).__name__}); "
-                "export it again"
-            ) from error
-        if shapes != [(n, N_CLASSES, SIZE, SIZE) for n in (1, 2)]:
-            raise FormatError(
-                f"weights {path} give {shapes[0]}; give a network of {N_CLASSES} classes at {SIZE}x{SIZE}"
-            )
-        self.sha256 = hashlib.sha256(data).hexdigest()
-
-    def probabilities(self, crops: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Normalised crops (B, 212, 212) -> class probabilities (B, 12, 212, 212)."""
-        return np.asarray(self._session.run(None, {self._input: crops[:, None]})[0], np.float32)
-
-    def segment(self, depth_mm: NDArray[np.uint16], person: NDArray[np.bool_]) -> Segmentation:
-        """Label the person (bool (h, w)) of a depth image: every pixel of it gets a body part."""
-        mask = person & (depth_mm > 0)
-        if not mask.any():
-            parts = np.full(mask.shape, BACKGROUND, np.uint8)
-            return Segmentation(parts, np.zeros(mask.shape, np.float32), ("no person: nothing to label",))
-        crop = crop_around(mask)
-        depth = normalize(crop.cut(depth_mm, 0), crop.cut(mask, False))
-        # The extraction has decided what is person: background is no answer there.
-        body = self.probabilities(depth[None])[0, 1:]
-        best = crop.paste((body.argmax(axis=0) + 1).astype(np.uint8), mask.shape, BACKGROUND)
-        certain = crop.paste(body.max(axis=0), mask.shape, 0.0)
-        return Segmentation(np.where(mask, best, BACKGROUND).astype(np.uint8), np.where(mask, certain, 0))
+BATCH = 8
+"""Frames through the network at once. More are no faster on a CPU; the answers are the same bytes for any."""
+WRITERS = 4
+"""Frames written at once: each waits for the disk most of the time."""
 
 
 def predict_source(
@@ -82,44 +34,122 @@ def predict_source(
     out: Path,
     progress: Callable[[int], None],
     window_c: tuple[float, float] | None = None,
+    *,
+    probabilities: bool = False,
 ) -> Run:
-    """Extract the person of every frame of a source and label it by the network; resumes."""
+    """Extract the person of every frame of a source and label it by the network; resumes.
+
+    Each extraction starts from the frame before, so frames go one by one. Raises what ``label.run`` raises.
+    """
 
     def one(cloud: ThermalCloud, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
         person = extract_person(cloud, window_c, before)
-        return network.segment(cloud.depth_mm, person.mask), person
+        if not person.trusted:
+            return unlabelled(person.mask), person
+        return network.segment(cloud.depth_mm, person.mask, probabilities=probabilities), person
 
-    return run(
-        source,
-        {"predict": {"weights": network.sha256, "window_c": list(window_c) if window_c else None}},
-        out,
-        one,
-        progress,
-    )
+    step = _step(network, probabilities) | {"window_c": list(window_c) if window_c else None}
+    return run(source, {"predict": step}, out, one, progress)
 
 
-def predict_labels(labels: LabelSet, network: Network, out: Path, progress: Callable[[int], None]) -> Run:
-    """Label the persons of an existing label set again, by the network, within the same outlines; resumes."""
-    info = {"source": labels.info.get("source", ""), "steps": {"predict": {"weights": network.sha256}}}
-    predicted, failed = LabelSet.resume(out, labels.intrinsics, info), []
-    done = set(predicted.frame_ids)
-    for frame_id in labels.frame_ids:
-        try:
-            frame = labels.read(frame_id)
-        except FormatError as error:
-            failed.append((frame_id, str(error)))
-        else:
-            if frame_id in done:
-                check_same(predicted, frame_id, frame.depth_mm)
-            else:
-                predicted.write(_predicted(frame, network))
-        progress(1)
+def predict_frames(
+    frames: Frames,
+    network: Network,
+    out: Path,
+    progress: Callable[[int], None],
+    *,
+    probabilities: bool = False,
+    batch: int = BATCH,
+) -> Run:
+    """Label the persons of a label set or a dataset by the network, within the same outlines; resumes.
+
+    Frames that cannot be read are left out and listed. Raises ExistsError when ``out`` holds something else
+    than the beginning of this very run, CloudError when there is no frame, or none that can be done;
+    FormatError where a dataset breaks off.
+    """
+    if not len(frames):
+        raise CloudError(f"{frames.path} holds no frames; give a label set or dataset with frames")
+    step = _step(network, probabilities)
+    if isinstance(frames, LabelSet):
+        camera, source = frames.intrinsics, frames.info.get("source", "")
+    else:
+        camera, source = _camera_of_crops(), frames.path.resolve().name
+        step["dataset"] = sha256(frames.path / MANIFEST)
+    predicted = LabelSet.resume(out, camera, {"source": source, "steps": {"predict": step}})
+    failed: list[tuple[str, str]] = []
+    todo = _todo(frames, predicted, failed, progress)
+    with ThreadPoolExecutor(WRITERS) as writers:
+        writing: list[Future[None]] = []
+        while some := list(islice(todo, batch)):
+            results = network.segment_all(
+                [(frame.depth_mm, person_of(frame.parts)) for frame in some], probabilities=probabilities
+            )
+            _wait(writing, progress)
+            writing = [writers.submit(_write, predicted, *pair) for pair in zip(some, results, strict=True)]
+        _wait(writing, progress)
     return finished(predicted, failed)
 
 
-def _predicted(frame: FrameLabels, network: Network) -> FrameLabels:
-    result = network.segment(frame.depth_mm, person_of(frame.parts))
-    notes = {"notes": list(result.notes)}
-    return FrameLabels(
-        frame.frame_id, frame.depth_mm, result.parts, result.confidence, subject=frame.subject, notes=notes
+def _step(network: Network, probabilities: bool) -> dict[str, Any]:
+    return {"weights": network.sha256, "probabilities": probabilities}
+
+
+def _camera_of_crops() -> Intrinsics:
+    """The label set of a dataset's crops needs a camera: the middle of the image. Each crop's own place is
+    in its frame's notes."""
+    return Crop((CAMERA.height - SIZE) // 2, (CAMERA.width - SIZE) // 2, SIZE).camera(CAMERA)
+
+
+def _todo(
+    frames: Frames, predicted: LabelSet, failed: list[tuple[str, str]], progress: Callable[[int], None]
+) -> Iterator[FrameLabels]:
+    """Frames not done by an earlier run; notes those that cannot be read."""
+    done = set(predicted.frame_ids)
+    for frame in _readable(frames, failed, progress):
+        if frame.frame_id in done:
+            check_same(predicted, frame.frame_id, frame.depth_mm)
+            progress(1)
+        else:
+            yield frame
+
+
+def _readable(
+    frames: Frames, failed: list[tuple[str, str]], progress: Callable[[int], None]
+) -> Iterator[FrameLabels]:
+    if not isinstance(frames, LabelSet):
+        yield from frames
+        return
+    for frame_id in frames.frame_ids:
+        try:
+            frame = frames.read(frame_id)
+        except FormatError as error:
+            failed.append((frame_id, str(error)))
+            progress(1)
+        else:
+            yield frame
+
+
+def _wait(writing: Sequence[Future[None]], progress: Callable[[int], None]) -> None:
+    for written in writing:
+        written.result()
+        progress(1)
+
+
+def _write(predicted: LabelSet, frame: FrameLabels, result: Segmentation) -> None:
+    on_person = result.confidence[person_of(result.parts)]
+    notes: dict[str, Any] = {
+        "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
+        "notes": list(result.notes),
+        **{name: frame.notes[name] for name in ("crop",) if name in frame.notes},
+        **(result.probabilities.note() if result.probabilities else {}),
+    }
+    labelled = FrameLabels(
+        frame.frame_id,
+        frame.depth_mm,
+        result.parts,
+        result.confidence,
+        subject=frame.subject,
+        notes=notes,
+        persons=frame.persons,
     )
+    predicted.write(labelled, result.probabilities)

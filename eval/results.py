@@ -1,23 +1,30 @@
 """A comparison kept on disk as JSON, with what a reader needs to repeat it."""
 
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
+from annotate.labels import Status
 from eval.compare import Comparison
+from eval.counts import SHAPES, FrameCounts
 from eval.metrics import Counts
+from eval.traits import Traits
 from sensors.atomic import write_bytes
-from sensors.errors import ExistsError, FormatError
+from sensors.errors import CloudError, ExistsError, FormatError
 
-SCHEMA = 1
-MAX_BYTES = 256_000_000
-"""About ten times the JSON of the 4,984 frames of the paper's test set, all classes present."""
-
-_COUNTS = ("matrices", "borders", "by_distance", "undefined")
+SCHEMA = 2
+MAX_BYTES = 128_000_000
+"""About eight times the JSON of the 4,984 frames of the paper's test set, all classes present."""
+MAX_COUNT = 2**31
+"""More pixels than this no image has; sums of so many frames as fit in the file stay exact."""
+MISSED = "missed"
+"""Stands for a joint that was not found, null for one that is not scored."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +36,17 @@ class Result:
     facts: Mapping[str, str] = field(default_factory=dict)
 
 
-def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
-    """Write a result atomically. Raises ExistsError when the file is there and `overwrite` is not set."""
+def check_free(path: Path, overwrite: bool) -> None:
+    """Raise ExistsError when the file is there and `overwrite` is not set: before measuring, not after."""
     if path.exists() and not overwrite:
         raise ExistsError(f"{path} exists already; choose another file or pass --overwrite")
+
+
+def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
+    """Write a result atomically. Raises ExistsError when the file is there and `overwrite` is not set."""
+    check_free(path, overwrite)
     comparison = result.comparison
+    joints_mm = comparison.joints_mm
     value = {
         "schema": SCHEMA,
         "title": result.title,
@@ -41,10 +54,14 @@ def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
         "summary": comparison.to_evaluation_json(),
         "frame_ids": comparison.frame_ids,
         "subjects": comparison.subjects,
+        "traits": [_known(asdict(traits)) for traits in comparison.traits],
+        "digests": comparison.digests,
+        "predicted_digests": comparison.predicted_digests,
         "extra_frames": comparison.extra_frames,
-        **{name: getattr(comparison, name).tolist() for name in _COUNTS},
+        "counts": {name: getattr(comparison.counts, name).tolist() for name in SHAPES},
+        "joints_mm": None if joints_mm is None else [[_joint(v) for v in row] for row in joints_mm],
     }
-    write_bytes(path, (json.dumps(value, allow_nan=False) + "\n").encode())
+    write_bytes(path, (json.dumps(value, allow_nan=False, separators=(",", ":")) + "\n").encode())
 
 
 def load_result(path: Path) -> Result:
@@ -60,22 +77,78 @@ def load_result(path: Path) -> Result:
         raise FormatError(
             f"{path} cannot be read ({error.strerror}); give a file that evaluate wrote"
         ) from error
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+    except FormatError:
+        raise
+    except (
+        CloudError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+    ) as error:
         raise FormatError(f"{path} is no result ({error}); give a file that evaluate wrote") from error
 
 
 def _parse(value: dict[str, Any]) -> Result:
     comparison = Comparison(
-        frame_ids=tuple(str(v) for v in value["frame_ids"]),
-        subjects=tuple(str(v) for v in value["subjects"]),
+        frame_ids=_texts(value["frame_ids"]),
+        subjects=_texts(value["subjects"]),
+        traits=tuple(_traits(traits) for traits in value["traits"]),
+        digests=_texts(value["digests"]),
+        predicted_digests=_texts(value["predicted_digests"]),
+        counts=FrameCounts(**{name: _counts(name, value["counts"][name]) for name in SHAPES}),
+        joints_mm=None if value["joints_mm"] is None else _joints(value["joints_mm"]),
         extra_frames=int(value["extra_frames"]),
-        **{name: _counts(name, value[name]) for name in _COUNTS},
     )
     return Result(str(value["title"]), comparison, {str(k): str(v) for k, v in value["facts"].items()})
 
 
+def _texts(values: list[Any]) -> tuple[str, ...]:
+    return tuple(str(value) for value in values)
+
+
+def _known(traits: dict[str, Any]) -> dict[str, Any]:
+    """Traits without what is unknown, since JSON has no NaN."""
+    return {k: v for k, v in traits.items() if not isinstance(v, float) or math.isfinite(v)}
+
+
+def _traits(value: dict[str, Any]) -> Traits:
+    numbers = {
+        name: float(value.get(name, math.nan)) for name in ("distance_m", "invalid_share", "mm_per_px")
+    }
+    if not all(math.isnan(v) or 0 <= v < math.inf for v in numbers.values()):
+        raise ValueError(f"{numbers} are no traits of a frame")
+    for status in (value["status"], value["predicted_status"]):
+        if status not in get_args(Status):
+            raise ValueError(f"status {status!r} is unknown")
+    return Traits(
+        activity=str(value["activity"]),
+        view=str(value["view"]),
+        status=value["status"],
+        predicted_status=value["predicted_status"],
+        hard=_texts(value["hard"]),
+        **numbers,
+    )
+
+
+def _joint(error_mm: float) -> float | str | None:
+    if math.isnan(error_mm):
+        return None
+    return round(float(error_mm), 1) if math.isfinite(error_mm) else MISSED
+
+
+def _joints(rows: list[list[Any]]) -> NDArray[np.float64]:
+    special = {None: math.nan, MISSED: math.inf}
+    errors = np.array([[special[v] if v in special else float(v) for v in row] for row in rows], np.float64)
+    if errors.ndim != 2 or (errors < 0).any():
+        raise ValueError("joints_mm holds something else than errors")
+    return errors
+
+
 def _counts(name: str, value: list[Any]) -> Counts:
     counts = np.array(value)
-    if not np.issubdtype(counts.dtype, np.integer) or counts.min(initial=0) < 0:
+    if not np.issubdtype(counts.dtype, np.integer) or not ((counts >= 0) & (counts < MAX_COUNT)).all():
         raise ValueError(f"{name} holds something else than counts")
     return counts.astype(np.int64)

@@ -1,10 +1,9 @@
-"""Train a network on labelled frames: resumable, deterministic given a seed, watched while it runs."""
+"""Train a network on labelled crops: resumable from any moment, deterministic given a seed, watched."""
 
 import json
 import math
 import time
-import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from zlib import crc32
@@ -12,178 +11,242 @@ from zlib import crc32
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
-from annotate.parts import N_CLASSES, UNDEFINED
-from eval.data import Crops, batches
+from annotate.images import encode_depth, encode_parts
+from annotate.parts import BACKGROUND, N_CLASSES
+from eval.checkpoint import Epoch, Point, Progress, load_checkpoint, save_checkpoint, steps_done
+from eval.data import DEPTH_STEPS, Crops
+from eval.loader import Images, Order, batches
 from eval.metrics import confusion_matrix, mean_recall, miou
-from eval.networks import CompactUNet
-from sensors.atomic import replacing, write_bytes
-from sensors.errors import ExistsError, FormatError
+from eval.networks import build
+from eval.plan import Plan, class_weights, loss_of, optimizer_of, rate
+from eval.team import Team
+from sensors.atomic import write_bytes
+from sensors.errors import CloudError, ExistsError
 
-CLASS_WEIGHT_BACKGROUND = 0.3
-"""Background is easy and everywhere: it would drown the parts in the mean loss."""
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """AdamW with one cycle of the learning rate over all epochs."""
-
-    epochs: int = 12
-    batch: int = 16
-    peak_rate: float = 6e-3
-    weight_decay: float = 1e-4
-    seed: int = 0
+PLAN, CHECKPOINT, HISTORY = "plan.json", "checkpoint.safetensors", "history.json"
+POINT_STEPS = 50
+"""Steps whose mean loss is one point of the curve."""
+WEIGHING_IMAGES = 512
+"""Images that the classes' weights are counted on."""
 
 
 @dataclass(frozen=True)
-class Epoch:
-    """What an epoch came to: mean training loss, and on held-out frames mean recall and mIoU of the parts."""
+class Watch:
+    """How a training is followed: images done, epochs done, and how often the disk is told."""
 
-    number: int
-    loss: float
-    mean_recall: float
-    miou: float
-    seconds: float
+    advance: Callable[[int], None] = lambda images: None
+    told: Callable[[Epoch], None] = lambda epoch: None
+    checkpoint_s: float = 300.0
 
 
 def train(
-    crops: Crops, held_out: Crops, out: Path, schedule: Schedule, report: Callable[[Epoch], None]
-) -> tuple[CompactUNet, list[Epoch]]:
-    """Train the compact network; each epoch ends in a checkpoint in ``out`` from which the same call goes on.
+    crops: Crops,
+    measured: Crops | None,
+    out: Path,
+    plan: Plan,
+    watch: Watch = Watch(),
+    init: nn.Module | None = None,
+    workers: int = 0,
+) -> tuple[nn.Module, Progress]:
+    """Train ``plan.network``, from ``init`` or from nothing, and go on with what ``out`` holds of this training.
 
-    Raises ExistsError when ``out`` was started otherwise, FormatError on a broken checkpoint.
+    ``out`` gets plan, checkpoints, history.json, and frame/: the labelling of one frame, the first measured
+    one (else the first), before the training and as it goes. Under torchrun every process calls this; only
+    the first writes. Raises ExistsError when ``out`` was started otherwise, FormatError on a broken
+    checkpoint, CloudError when the loss is no longer finite.
     """
-    _claim(out, schedule, crops)
-    torch.manual_seed(schedule.seed)
-    model = CompactUNet().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    optimizer = torch.optim.AdamW(model.parameters(), schedule.peak_rate, weight_decay=schedule.weight_decay)
-    history = _resume(out, model, optimizer)
-    for number in range(len(history), schedule.epochs):
-        started = time.monotonic()
-        rng = np.random.default_rng((schedule.seed, number))
-        loss = _epoch(model, optimizer, crops, schedule, number, rng)
-        matrix = evaluate(model, held_out)
-        scores = float(mean_recall(matrix)), float(miou(matrix))
-        history.append(Epoch(number, loss, *scores, time.monotonic() - started))
-        _save(out, model, optimizer, history)
-        report(history[-1])
-    return model, history
+    team = Team.join()
+    if team.first:
+        _claim(out, plan, crops, init)
+    team.wait()
+    torch.manual_seed(plan.seed)
+    model = init if init is not None else build(plan.network)
+    model = model.to(team.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+    optimizer = optimizer_of(plan.recipe, model.parameters())
+    resumed = (out / CHECKPOINT).is_file()
+    progress = load_checkpoint(out / CHECKPOINT, model, optimizer) if resumed else Progress()
+    fixed = _Fixed(out / "frame", (measured or crops).spread(1), plan.epochs)
+    run = _Run(plan, crops, measured, out, watch, team, model, optimizer, progress, fixed)
+    if team.first and not resumed:
+        fixed.begin(model)
+    run.go(workers)
+    return model, progress
 
 
-def one_cycle(share: float) -> float:
-    """Learning rate at a share in [0, 1] of the training, as a factor of its peak.
+@dataclass(frozen=True)
+class _Run:
+    plan: Plan
+    crops: Crops
+    measured: Crops | None
+    out: Path
+    watch: Watch
+    team: Team
+    model: nn.Module
+    optimizer: torch.optim.Optimizer
+    progress: Progress
+    fixed: "_Fixed"
 
-    Source: Smith & Topin 2018: up by a cosine from 1/25 over the first 30 %, then down to almost nothing.
-    """
-    up = 0.3
-    if share < up:
-        return 0.04 + 0.96 * (1 - math.cos(math.pi * share / up)) / 2
-    return 1e-4 + (1 - 1e-4) * (1 + math.cos(math.pi * (share - up) / (1 - up))) / 2
-
-
-def _epoch(model: nn.Module, optimizer: torch.optim.Optimizer, crops: Crops, schedule: Schedule, number: int,
-           rng: np.random.Generator) -> float:  # fmt: skip
-    model.train()
-    steps = max(1, len(crops) // schedule.batch)
-    weight = torch.ones(N_CLASSES)
-    weight[0] = CLASS_WEIGHT_BACKGROUND
-    losses = []
-    for step, (x, y) in enumerate(batches(crops, schedule.batch, rng)):
-        for group in optimizer.param_groups:
-            group["lr"] = schedule.peak_rate * one_cycle((number + step / steps) / schedule.epochs)
-        scores = model(torch.from_numpy(x).contiguous(memory_format=torch.channels_last))
-        loss = nn.functional.cross_entropy(
-            scores, torch.from_numpy(y.astype(np.int64)), weight, ignore_index=UNDEFINED
+    def go(self, workers: int) -> None:
+        plan, progress = self.plan, self.progress
+        order = Order(
+            len(self.crops), plan.recipe.batch, plan.epochs, plan.seed, self.team.rank, self.team.world
         )
-        optimizer.zero_grad()
+        images = Images(self.crops, plan.augmentation, plan.seed)
+        weight = class_weights(plan.recipe, self.crops.spread(WEIGHING_IMAGES).parts).to(self.team.device)
+        network = self.team.together(self.model)
+        began, before = time.monotonic(), progress.seconds
+        saved = began
+        for depth, parts in batches(images, order, progress.step, workers):
+            share = progress.step / (order.epoch_steps * plan.epochs)
+            self._step(network, depth, parts, weight, share)
+            self._count(order)
+            now = time.monotonic()
+            progress.seconds = before + now - began
+            ended = progress.step % order.epoch_steps == 0
+            if ended:
+                self._end_epoch(order)
+            if ended or now - saved >= self.watch.checkpoint_s:
+                self._save()
+                saved = now
+            if ended:
+                self.watch.told(progress.epochs[-1])
+            self.watch.advance(order.step_images)
+
+    def _step(self, network: nn.Module, depth: Tensor, parts: Tensor, weight: Tensor, share: float) -> None:
+        """One step of the optimizer. Dropout is the step's own, so that a resumed training draws the same."""
+        torch.manual_seed(
+            (self.plan.seed * 1_000_003 + self.progress.step) * self.team.world + self.team.rank
+        )
+        network.train()
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate(self.plan.recipe, share)
+        depth = depth.to(self.team.device).contiguous(memory_format=torch.channels_last)
+        parts = parts.to(self.team.device)
+        with torch.autocast(self.team.device.type, torch.bfloat16, enabled=self.plan.precision == "bfloat16"):
+            scores = network(depth)
+        loss, told = loss_of(self.plan.recipe, scores.float(), depth, parts, weight)
+        if not math.isfinite(told):
+            raise CloudError(
+                f"the loss is no longer finite at step {self.progress.step}; lower the rate or use float32"
+            )
+        self.optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
-        optimizer.step()
-        losses.append(float(loss.detach()))
-    return float(np.mean(losses))
+        self.optimizer.step()
+        self.progress.since_point.append(told)
+
+    def _count(self, order: Order) -> None:
+        progress = self.progress
+        progress.step += 1
+        progress.epoch_loss += progress.since_point[-1]
+        if len(progress.since_point) == POINT_STEPS:
+            mean = float(np.mean(progress.since_point))
+            progress.points.append(Point(progress.step * order.step_images, mean))
+            progress.since_point.clear()
+
+    def _end_epoch(self, order: Order) -> None:
+        progress = self.progress
+        number = progress.step // order.epoch_steps
+        loss, progress.epoch_loss = progress.epoch_loss / order.epoch_steps, 0.0
+        scores: tuple[float | None, float | None] = (None, None)
+        if self.measured is not None and self.team.first:
+            matrix = evaluate(self.model, self.measured)
+            scores = float(mean_recall(matrix)), float(miou(matrix))
+        if self.team.first:
+            self.fixed.label(self.model, number)
+        progress.epochs.append(Epoch(number, loss, *scores, round(progress.seconds, 1)))
+
+    def _save(self) -> None:
+        if not self.team.first:
+            return
+        save_checkpoint(self.out / CHECKPOINT, self.model, self.optimizer, self.progress)
+        history = {
+            "plan": self.plan.described(),
+            "images": len(self.crops),
+            "parameters": sum(p.numel() for p in self.model.parameters()),
+            "processes": self.team.world,
+            "device": self.team.device.type,
+            "threads": torch.get_num_threads(),
+            "torch": torch.__version__,
+            "points": [asdict(point) for point in self.progress.points],
+            "epochs": [asdict(epoch) for epoch in self.progress.epochs],
+        }
+        write_bytes(self.out / HISTORY, (json.dumps(history, indent=1) + "\n").encode())
 
 
-@torch.no_grad()
+@dataclass(frozen=True)
+class _Fixed:
+    """One frame and how its labelling grows: depth.png, truth.parts.png, epoch-000.parts.png and on."""
+
+    folder: Path
+    crop: Crops
+    epochs: int
+
+    def begin(self, model: nn.Module) -> None:
+        self.folder.mkdir(exist_ok=True)
+        write_bytes(self.folder / "depth.png", encode_depth(self.crop.depth[0]))
+        write_bytes(self.folder / "truth.parts.png", encode_parts(self.crop.parts[0]))
+        self.label(model, 0)
+
+    def label(self, model: nn.Module, epoch: int) -> None:
+        """Each epoch up to 10, then ever more rarely (the paper's Fig. 7 shows 7 of 1,000), and the last."""
+        if epoch > 10 and epoch < self.epochs and epoch % 10 ** (len(str(epoch)) - 1):
+            return
+        labels = next(predicted(model, self.crop))
+        write_bytes(self.folder / f"epoch-{epoch:03d}.parts.png", encode_parts(labels[0]))
+
+
+def images_left(out: Path, plan: Plan, crops: Crops) -> int:
+    """How many images a training in ``out`` has yet to see, for the progress; all of them in a new folder."""
+    order = Order(len(crops), plan.recipe.batch, plan.epochs, plan.seed)
+    done = steps_done(out / CHECKPOINT) if (out / CHECKPOINT).is_file() else 0
+    return (order.epoch_steps * plan.epochs - done) * order.step_images
+
+
+def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[NDArray[np.uint8]]:
+    """Part ids (B, h, w) of a network on crops, as `predict` names them: a part wherever there is depth."""
+    model.eval()
+    device = next(model.parameters()).device
+    for start in range(0, len(crops), batch):
+        depth = crops.depth[start : start + batch, None].astype(np.float32) / DEPTH_STEPS
+        x = torch.from_numpy(depth).to(device).contiguous(memory_format=torch.channels_last)
+        with torch.no_grad():
+            parts = model(x)[:, 1:].argmax(1) + 1
+        yield np.where(depth[:, 0] > 0, parts.cpu().numpy(), BACKGROUND).astype(np.uint8)
+
+
 def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> NDArray[np.int64]:
     """Confusion matrix (12, 12) of a network on crops, rows are the truth."""
-    model.eval()
     total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
-    for start in range(0, len(crops), batch):
-        x = crops.depth[start : start + batch, None].astype(np.float32) / np.float32(65535)
-        predicted = model(torch.from_numpy(x).contiguous(memory_format=torch.channels_last)).argmax(1)
-        total += confusion_matrix(crops.parts[start : start + batch], predicted.numpy().astype(np.uint8))
+    for k, labels in enumerate(predicted(model, crops, batch)):
+        total += confusion_matrix(crops.parts[k * batch : (k + 1) * batch], labels)
     return total
 
 
-def export_onnx(model: nn.Module, path: Path) -> None:
-    """Write the network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, 12, 212, 212)."""
-    example = torch.rand(1, 1, 212, 212)
-    whole = nn.Sequential(model, nn.Softmax(dim=1)).eval()
-    with replacing(path) as temporary, warnings.catch_warnings():
-        # The newer exporter needs another package, onnxscript, and gains nothing here.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        torch.onnx.export(
-            whole,
-            (example,),
-            temporary,
-            input_names=["depth"],
-            output_names=["probability"],
-            dynamic_axes={"depth": {0: "batch"}, "probability": {0: "batch"}},
-            dynamo=False,
-        )
-
-
-def _claim(out: Path, schedule: Schedule, crops: Crops) -> None:
-    """Start or resume: schedule and data say whose half-finished training this is."""
-    data = {"images": len(crops), "crc32": crc32(crops.parts.tobytes(), crc32(crops.depth.tobytes()))}
-    order = (json.dumps({**asdict(schedule), "data": data}, sort_keys=True) + "\n").encode()
-    if (out / "schedule.json").is_file():
-        if (out / "schedule.json").read_bytes() != order:
+def _claim(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:
+    """Start or resume: plan, data and initial weights say whose half-finished training this is."""
+    parts, depth = np.ascontiguousarray(crops.parts), np.ascontiguousarray(crops.depth)
+    data = {"images": len(crops), "crc32": crc32(parts.data, crc32(depth.data))}
+    start = None if init is None else _crc32(init)
+    order = (
+        json.dumps({**plan.described(), "data": data, "init": start}, sort_keys=True, indent=1).encode()
+        + b"\n"
+    )
+    if (out / PLAN).is_file():
+        if (out / PLAN).read_bytes() != order:
             raise ExistsError(
-                f"{out} holds another training (schedule or data differ); take another folder or --overwrite"
+                f"{out} holds another training (plan or data differ); take another folder or --overwrite"
             )
         return
     if out.exists() and any(out.iterdir()):
         raise ExistsError(f"{out} exists and is no training; choose another folder or pass --overwrite")
     out.mkdir(parents=True, exist_ok=True)
-    write_bytes(out / "schedule.json", order)
+    write_bytes(out / PLAN, order)
 
 
-def _save(out: Path, model: nn.Module, optimizer: torch.optim.Optimizer, history: list[Epoch]) -> None:
-    tensors = {f"model.{k}": v.contiguous() for k, v in model.state_dict().items()}
-    state = optimizer.state_dict()
-    for index, entry in state["state"].items():
-        tensors |= {f"optimizer.{index}.{k}": v.contiguous() for k, v in entry.items()}
-    meta = {"history": json.dumps([asdict(e) for e in history])}
-    with replacing(out / "checkpoint.safetensors") as temporary:
-        save_file(tensors, temporary, meta)
-
-
-def _resume(out: Path, model: nn.Module, optimizer: torch.optim.Optimizer) -> list[Epoch]:
-    path = out / "checkpoint.safetensors"
-    if not path.is_file():
-        return []
-    try:
-        tensors = load_file(path)
-        with path.open("rb") as file:
-            header = json.loads(file.read(int.from_bytes(file.read(8), "little")))["__metadata__"]
-        model.load_state_dict({k[6:]: v for k, v in tensors.items() if k.startswith("model.")})
-        state = optimizer.state_dict()
-        state["state"] = _optimizer_state(tensors)
-        optimizer.load_state_dict(state)
-        return [Epoch(**e) for e in json.loads(header["history"])]
-    except (OSError, ValueError, KeyError, RuntimeError, TypeError, SafetensorError) as error:
-        raise FormatError(
-            f"checkpoint {path} cannot be resumed ({error}); remove it or start elsewhere"
-        ) from error
-
-
-def _optimizer_state(tensors: dict[str, Tensor]) -> dict[int, dict[str, Tensor]]:
-    state: dict[int, dict[str, Tensor]] = {}
-    for name, value in tensors.items():
-        if name.startswith("optimizer."):
-            _, index, key = name.split(".", 2)
-            state.setdefault(int(index), {})[key] = value
-    return state
+def _crc32(model: nn.Module) -> int:
+    value = 0
+    for tensor in model.state_dict().values():
+        value = crc32(tensor.contiguous().numpy().tobytes(), value)
+    return value

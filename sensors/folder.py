@@ -3,34 +3,40 @@
 Layout, everything but depth optional::
 
     depth/NAME.png      16-bit depth; or NAME.depth.png, or NAME.png, in the folder itself
-    color/NAME.jpg      JPEG or PNG of the same name
+    color/NAME.jpg      JPEG or PNG of the same name; or in rgb/
     thermal/NAME.png    16-bit temperatures in the scale of a session (``messages.THERMAL_OFFSET_C``)
+    associations.txt    which colour belongs to which depth image, and when they were taken, where names
+                        differ; or depth.txt and rgb.txt (see ``associations``)
     calibration.json    the rig's calibration as ``calibration.save_calibration`` writes it; or
-    intrinsics.json     {"fx", "fy", "cx", "cy", "width", "height"}, optionally "k1", "k2", "p1", "p2", "k3"
-                        and "depth_unit_mm", the millimetres of one depth step (default 1)
+    intrinsics.json     the depth camera's numbers (see ``intrinsics_file``); or intrinsic.json,
+                        camera_intrinsic.json, camera_intrinsics.json
 """
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.calibration import MAX_CALIBRATION_BYTES, RigCalibration, load_calibration
+from sensors.associations import (
+    ASSOCIATIONS,
+    TUM_UNIT_MM,
+    WINDOW_NS,
+    is_tum,
+    read_associations,
+    read_list,
+)
+from sensors.calibration import Pose, RigCalibration, load_calibration
 from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError, FormatError
-from sensors.frame import MAX_DEPTH_MM, RigFrame
+from sensors.frame import FRAME_PERIOD_NS, RigFrame, mm_from_units
+from sensors.intrinsics_file import read_intrinsics
 from sensors.messages import thermal_from_uint16
 from sensors.png import decode_grey, png_shape
-
-FRAME_PERIOD_NS = 33_333_333
-"""Stamps of images that carry none: 30 a second."""
+from sensors.replay import pair_stamps
 
 MAX_FILE_BYTES = 1 << 28
-_NUMBERS = frozenset({"fx", "fy", "cx", "cy", "width", "height"})
-_OPTIONAL = frozenset({"k1", "k2", "p1", "p2", "k3", "depth_unit_mm"})
+INTRINSICS = ("intrinsics.json", "intrinsic.json", "camera_intrinsic.json", "camera_intrinsics.json")
 
 
 class ImageFolder:
@@ -43,12 +49,12 @@ class ImageFolder:
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.resolve().name
         self._depth = _depth_files(path)
-        self._color = _matching(path / "color", (".jpg", ".jpeg", ".png"), self._depth)
+        self._stamps_ns, self._color, timing = _colors(path, self._depth)
         self._thermal = _matching(path / "thermal", (".png",), self._depth)
         self.calibration, self._unit_mm, origin = _calibration(path, next(iter(self._depth.values())))
         self.notes = (
-            origin,
-            "no time stamps: 30 frames a second assumed",
+            *origin,
+            timing,
             *_presence("colour", self._color, len(self._depth), self.calibration.color),
             *_presence("thermal", self._thermal, len(self._depth), self.calibration.thermal),
         )
@@ -64,8 +70,8 @@ class ImageFolder:
         thermal, color = self._thermal.get(stem), self._color.get(stem)
         return RigFrame(
             index=index,
-            stamp_ns=index * FRAME_PERIOD_NS,
-            depth_mm=_to_mm(depth, self._unit_mm),
+            stamp_ns=self._stamps_ns.get(stem, index * FRAME_PERIOD_NS),
+            depth_mm=mm_from_units(depth, self._unit_mm),
             color_encoded=_read(color) if color else None,
             thermal_c=thermal_from_uint16(_grey16(thermal, self.calibration.thermal)) if thermal else None,
         )
@@ -82,6 +88,50 @@ def _depth_files(path: Path) -> dict[str, Path]:
     if not files:
         raise FormatError(f"{path} holds no depth images; put 16-bit PNGs into {path / 'depth'}")
     return dict(sorted(files.items()))
+
+
+def _colors(path: Path, depth: dict[str, Path]) -> tuple[dict[str, int], dict[str, Path], str]:
+    """When each depth image was taken and the colour image of each, by its name; and a note on time.
+
+    Reorders ``depth`` by time, and drops what a list leaves out. Raises FormatError.
+    """
+    folder = path / "color" if (path / "color").is_dir() else path / "rgb"
+    suffixes = (".jpg", ".jpeg", ".png")
+    listed = [path / name for name in ASSOCIATIONS if (path / name).is_file()]
+    if listed:
+        pairs = read_associations(listed[0])
+        stamped, wanted = dict(_stemmed(d) for d, _ in pairs), {Path(d[1]).stem: c[1] for d, c in pairs}
+    elif (path / "depth.txt").is_file() and (path / "rgb.txt").is_file():
+        stamped, wanted = _nearest(read_list(path / "depth.txt"), read_list(path / "rgb.txt"))
+    else:
+        return {}, _matching(folder, suffixes, depth), "no time stamps: 30 frames a second assumed"
+    order = sorted((stem for stem in stamped if stem in depth), key=lambda stem: stamped[stem])
+    if not order:
+        raise FormatError(f"{path}: no depth image is named in its list; give the folder that the list is of")
+    left_out, kept = len(depth) - len(order), {stem: depth[stem] for stem in order}
+    depth.clear()
+    depth.update(kept)
+    there = {file.name: file for file in folder.glob("*") if file.suffix.lower() in suffixes}
+    color = {stem: there[name] for stem, name in wanted.items() if stem in depth and name in there}
+    rest = f"; {left_out} depth images that it does not name are left out" if left_out else ""
+    return stamped, color, f"times from {listed[0].name if listed else 'depth.txt'}{rest}"
+
+
+def _stemmed(image: tuple[int, str]) -> tuple[str, int]:
+    return Path(image[1]).stem, image[0]
+
+
+def _nearest(
+    depth: list[tuple[int, str]], color: list[tuple[int, str]]
+) -> tuple[dict[str, int], dict[str, str]]:
+    """Stamps of the depth images, and for each the colour image nearest in time, by name."""
+    depth, color = sorted(depth), sorted(color)
+    stamps = [np.array([stamp for stamp, _ in images], np.int64) for images in (depth, color)]
+    pairs = pair_stamps(stamps[0], stamps[1], WINDOW_NS)
+    names = [Path(name).stem for _, name in depth]
+    return dict(map(_stemmed, depth)), {
+        stem: color[at][1] for stem, at in zip(names, pairs.tolist(), strict=True) if at >= 0
+    }
 
 
 def _matching(folder: Path, suffixes: tuple[str, ...], depth: dict[str, Path]) -> dict[str, Path]:
@@ -104,37 +154,26 @@ def _presence(name: str, files: dict[str, Path], frames: int, camera: Intrinsics
     return notes if camera else (*notes, f"no calibration of the {name} camera: its images cannot be fused")
 
 
-def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, str]:
-    """Calibration, millimetres of a depth step, and a note that says where they are from."""
+def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, tuple[str, ...]]:
+    """Calibration, millimetres of a depth step, and notes that say where they are from."""
     if (path / "calibration.json").is_file():
-        return load_calibration(path / "calibration.json"), 1.0, "calibration from calibration.json"
-    file = path / "intrinsics.json"
-    if not file.is_file():
-        height, width = png_shape(_read(first_depth), str(first_depth))
+        return load_calibration(path / "calibration.json"), 1.0, ("calibration from calibration.json",)
+    shape = png_shape(_read(first_depth), str(first_depth))
+    file = next((path / name for name in INTRINSICS if (path / name).is_file()), None)
+    if file is None:
         raise CalibrationError(
-            f"{path} has no intrinsics; add {file} holding "
-            f'{{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": {width}, "height": {height}}} '
+            f"{path} has no intrinsics; add {path / INTRINSICS[0]} holding "
+            f'{{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": {shape[1]}, "height": {shape[0]}}} '
             "with the depth camera's four numbers in pixels"
         )
-    numbers = _numbers(file)
-    unit_mm = float(numbers.pop("depth_unit_mm", 1.0))
-    if not 0 < unit_mm <= 1000:
-        raise CalibrationError(f"{file} says depth_unit_mm is {unit_mm}; give a number above 0, up to 1000")
-    size = {side: int(numbers.pop(side)) for side in ("width", "height")}
-    return RigCalibration(Intrinsics(**size, **numbers)), unit_mm, "intrinsics from intrinsics.json"
-
-
-def _numbers(file: Path) -> dict[str, Any]:
-    try:
-        fields = json.loads(_read(file, MAX_CALIBRATION_BYTES))
-    except (ValueError, RecursionError) as error:
-        raise CalibrationError(f"{file} is no JSON ({error}); correct it") from error
-    if not isinstance(fields, dict) or not set(fields) >= _NUMBERS or set(fields) - _NUMBERS - _OPTIONAL:
-        raise CalibrationError(f"{file} must hold {sorted(_NUMBERS)}, optionally {sorted(_OPTIONAL)}")
-    for name, value in fields.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
-            raise CalibrationError(f"{file} says {name} is {str(value)[:40]!r}; give a finite number")
-    return fields
+    found = read_intrinsics(file, shape)
+    notes, unit_mm = [f"intrinsics from {file.name}"], found.unit_mm
+    if unit_mm == 1.0 and is_tum(path):
+        notes, unit_mm = [*notes, "depth in 1/5000 m, as in every TUM dataset"], TUM_UNIT_MM
+    if not found.aligned:
+        return RigCalibration(found.depth), unit_mm, tuple(notes)
+    notes.append("colour taken for aligned with depth, as Open3D's recorder leaves it")
+    return RigCalibration(found.depth, found.depth, Pose.identity()), unit_mm, tuple(notes)
 
 
 def _grey16(file: Path, camera: Intrinsics | None) -> NDArray[np.uint16]:
@@ -145,13 +184,6 @@ def _grey16(file: Path, camera: Intrinsics | None) -> NDArray[np.uint16]:
             f"{camera.width}x{camera.height}; give the calibration of this camera"
         )
     return image
-
-
-def _to_mm(depth: NDArray[np.uint16], unit_mm: float) -> NDArray[np.uint16]:
-    if unit_mm == 1.0:
-        return depth
-    millimetres = np.rint(depth.astype(np.float64) * unit_mm)
-    return np.where(millimetres <= MAX_DEPTH_MM, millimetres, 0).astype(np.uint16)
 
 
 def _read(file: Path, limit: int = MAX_FILE_BYTES) -> bytes:

@@ -2,6 +2,7 @@
 
 import io
 from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +13,8 @@ from sensors.camera import MAX_IMAGE_SIDE
 from sensors.errors import FormatError
 
 MAX_DEPTH_MM = 65535
+FRAME_PERIOD_NS = 33_333_333
+"""Stamps of images that carry none: 30 a second."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,24 @@ class RigFrame:
         return FormatError(
             f"colour image of frame {self.index} cannot be decoded ({why}); drop it or record again"
         )
+
+
+def mm_from_metres(depth_m: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
+    """Depth on disk: whole millimetres; 0 where there is no reading, or it does not fit into 16 bits."""
+    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs
+        return _whole_mm(np.asarray(depth_m, np.float64) * 1000)
+
+
+def mm_from_units(depth: NDArray[np.integer[Any]], unit_mm: float) -> NDArray[np.uint16]:
+    """Integers of ``unit_mm`` millimetres each as depth on disk."""
+    if unit_mm == 1.0 and depth.dtype == np.uint16:
+        return np.asarray(depth, np.uint16)
+    return _whole_mm(depth.astype(np.float64) * unit_mm)
+
+
+def _whole_mm(millimetres: NDArray[np.float64]) -> NDArray[np.uint16]:
+    whole = np.rint(millimetres)
+    return np.where((whole > 0) & (whole <= MAX_DEPTH_MM), whole, 0).astype(np.uint16)
 
 
 def _check(name: str, image: NDArray[np.generic], dtype: type[np.generic]) -> None:

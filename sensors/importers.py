@@ -1,26 +1,52 @@
-"""Opens whatever holds recorded frames: a session, a folder of PNGs, or a point cloud."""
+"""Opens whatever holds recorded frames, told by its content: see the table in ``open_source``."""
 
 from pathlib import Path
 
+from sensors.arrays import DepthArrays
+from sensors.azure_mkv import AzureRecording
+from sensors.bag import Bag, is_bag
 from sensors.errors import FormatError
 from sensors.folder import ImageFolder
+from sensors.mcap_records import MAGIC
 from sensors.pointcloud import CloudFile
 from sensors.replay import Session
 
+Source = Session | ImageFolder | CloudFile | AzureRecording | Bag | DepthArrays
+"""A ``FrameSource`` with ``len``, and ``notes`` on what is absent or assumed."""
 
-def open_source(path: Path) -> Session | ImageFolder | CloudFile:
-    """The ``FrameSource`` at ``path``, recognised by its name; with ``len``, and ``notes`` on what is absent.
+KINDS = (
+    "a session, a ROS 2 bag, an MCAP file with ROS 2 or Foxglove images, an Azure Kinect recording (.mkv), a "
+    "folder of depth PNGs, a cloud (.pcd, .ply, .las, .laz) or arrays (.npy, .npz)"
+)
+CLOUDS = (".pcd", ".ply", ".las", ".laz")
 
-    Sessions end in .mcap (or .mcap.partial while unfinished), clouds in .pcd or .ply; a folder holds PNGs.
+
+def open_source(path: Path) -> Source:
+    """The ``FrameSource`` at ``path``; files are told by their first bytes, clouds in text by their name.
+
     Raises FormatError for anything else, and what the sources themselves raise.
     """
-    name = path.name.lower()
     if path.is_dir():
-        return ImageFolder(path)
-    if not path.exists():
-        raise FormatError(f"{path} does not exist; give a session, a folder of depth PNGs, or a point cloud")
-    if name.endswith((".mcap", ".mcap.partial")):
-        return Session(path)
-    if name.endswith((".pcd", ".ply")):
+        return Bag(path) if is_bag(path) else ImageFolder(path)
+    head = _head(path)
+    if head.startswith(MAGIC) or path.name.lower().endswith((".mcap", ".mcap.partial")):
+        return Bag(path) if head.startswith(MAGIC) and is_bag(path) else Session(path)
+    if head.startswith(b"SQLite format 3\0"):
+        return Bag(path)
+    if head.startswith(b"\x1a\x45\xdf\xa3"):
+        return AzureRecording(path)
+    if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
+        return DepthArrays(path)
+    if path.suffix.lower() in CLOUDS:
         return CloudFile(path)
-    raise FormatError(f"{path} is of no known kind; give .mcap, .pcd, .ply or a folder of depth PNGs")
+    raise FormatError(f"{path} is of no known kind; give {KINDS}")
+
+
+def _head(path: Path) -> bytes:
+    if not path.exists():
+        raise FormatError(f"{path} does not exist; give {KINDS}")
+    try:
+        with path.open("rb") as file:
+            return file.read(16)
+    except OSError as error:
+        raise FormatError(f"{path} cannot be read ({error.strerror}); check its permissions") from error

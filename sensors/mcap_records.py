@@ -8,8 +8,10 @@ import io
 import os
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import BinaryIO
 
+import lz4.frame
 import zstandard
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -31,6 +33,8 @@ _BROKEN = (
     KeyError,
     OverflowError,
     MemoryError,
+    RuntimeError,
+    EOFError,
     zstandard.ZstdError,
 )
 
@@ -92,6 +96,8 @@ def records_at(file: BinaryIO, offset: int) -> list[McapRecord]:
 
 
 def _contents(chunk: Chunk) -> list[McapRecord]:
+    if chunk.compression == "lz4":
+        chunk = _without_lz4(chunk)
     if chunk.compression not in ("", "zstd"):
         raise ValueError(f"compression {chunk.compression[:20]!r} is not supported, convert it to zstd")
     size = chunk.uncompressed_size
@@ -100,3 +106,11 @@ def _contents(chunk: Chunk) -> list[McapRecord]:
     if size > MAX_RECORD_BYTES or claimed not in (size, -1):
         raise ValueError(f"chunk claims {claimed} and {size} bytes")
     return list(breakup_chunk(chunk, validate_crc=True)) if size else []
+
+
+def _without_lz4(chunk: Chunk) -> Chunk:
+    """Ours are never so compressed, but other people's MCAP files are."""
+    if chunk.uncompressed_size > MAX_RECORD_BYTES:
+        raise ValueError(f"chunk claims {chunk.uncompressed_size} bytes")
+    data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=chunk.uncompressed_size)
+    return replace(chunk, compression="", data=data)

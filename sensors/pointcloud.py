@@ -1,4 +1,4 @@
-"""A point cloud file (PCD, PLY) as a source of one depth image.
+"""A point cloud file (PCD, PLY, LAS, LAZ) as a source of one depth image.
 
 An organised cloud already is a depth image: its intrinsics are fitted to its points. Any other cloud is seen
 through the intrinsics of a Kinect v2, from where the whole of it is in view.
@@ -15,7 +15,8 @@ from sensors.calibration import RigCalibration
 from sensors.camera import Intrinsics
 from sensors.cloud_header import CloudHeader, read_header
 from sensors.errors import FormatError
-from sensors.frame import MAX_DEPTH_MM, RigFrame
+from sensors.frame import RigFrame, mm_from_metres
+from sensors.las import read_las
 
 KINECT_V2 = Intrinsics(512, 424, 365.15, 365.15, 253.98, 211.09)
 """Pinhole of a typical Kinect v2 depth camera; a projected cloud has no lens distortion."""
@@ -43,25 +44,28 @@ _CAMERA_FROM = {
 class CloudFile:
     """A point cloud file in metres as a ``FrameSource`` of one frame.
 
-    ``axes`` None: y up where most points have a negative z, which no camera sees; else the camera's own.
+    ``axes`` None: z up for LAS and LAZ, which are maps; y up where most points have a negative z, which no
+    camera sees; else the camera's own.
     notes: what is absent, how intrinsics and viewpoint were found. Raises FormatError.
     """
 
     def __init__(self, path: Path, axes: Axes | None = None) -> None:
         self.path, self.name = path, path.stem
-        header = read_header(path)
-        points = _read_points(path, header)
+        mapped = path.suffix.lower() in (".las", ".laz")
+        header = CloudHeader(0, None) if mapped else read_header(path)
+        points = read_las(path) if mapped else _read_points(path, header)
+        points[(np.abs(points) > MAX_COORDINATE_M).any(axis=-1)] = np.nan
         finite = points[np.isfinite(points).all(axis=-1)]
         if not len(finite):
             raise FormatError(f"{path} holds no finite point; give a cloud in metres")
-        known_axes: Axes = axes or ("y-up" if np.median(finite[:, 2]) < 0 else "camera")
+        known_axes: Axes = axes or _guess_axes(finite, mapped)
         if header.shape is not None and known_axes == "camera":
             camera, depth_m, how = _organised(path, points.reshape(*header.shape, 3))
         else:
             camera, depth_m, how = _unorganised(finite @ _CAMERA_FROM[known_axes].T, known_axes)
         self.calibration = RigCalibration(camera)
         self.notes = (how, "no colour images", "no thermal images", "one frame, without time stamp")
-        self._frame = RigFrame(0, 0, _to_mm(depth_m))
+        self._frame = RigFrame(0, 0, mm_from_metres(depth_m))
 
     def __len__(self) -> int:
         return 1
@@ -132,6 +136,12 @@ def shift_into_view(points_m: NDArray[np.float64], camera: Intrinsics) -> NDArra
     return shift
 
 
+def _guess_axes(points_m: NDArray[np.float64], mapped: bool) -> Axes:
+    if mapped:
+        return "z-up"
+    return "y-up" if np.median(points_m[:, 2]) < 0 else "camera"
+
+
 def _organised(path: Path, points_m: NDArray[np.float64]) -> tuple[Intrinsics, NDArray[np.float64], str]:
     camera, residual = fit_intrinsics(points_m)
     if residual > 2.0:
@@ -170,11 +180,6 @@ def _spacing(points_m: NDArray[np.float64]) -> float:
     sample = points_m[:: max(1, len(points_m) // 5000)]
     distances, _ = KDTree(points_m).query(sample, k=min(2, len(points_m)))
     return float(np.percentile(distances, 95))
-
-
-def _to_mm(depth_m: NDArray[np.float64]) -> NDArray[np.uint16]:
-    millimetres = np.rint(depth_m * 1000)
-    return np.where((millimetres > 0) & (millimetres <= MAX_DEPTH_MM), millimetres, 0).astype(np.uint16)
 
 
 def _read_points(path: Path, header: CloudHeader) -> NDArray[np.float64]:

@@ -64,6 +64,15 @@ def read_shard(path: Path) -> Iterator[FrameLabels]:
         raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
 
 
+def frame_ids_of(path: Path) -> list[str]:
+    """Ids of a shard's frames in order, without decoding them. Raises FormatError when it cannot be read."""
+    try:
+        with tarfile.open(path, mode="r:") as tar:
+            return [key for key, _, suffix in (m.name.partition(".") for m in tar) if suffix == "json"]
+    except (OSError, tarfile.TarError, EOFError) as error:
+        raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
+
+
 def _frame(path: Path, key: str, data: dict[str, bytes]) -> FrameLabels:
     try:
         fields = json.loads(data["json"])
@@ -95,6 +104,7 @@ class Dataset:
             if info.pop("schema") != SCHEMA:
                 raise FormatError(f"{manifest} is not of schema {SCHEMA}; generate the dataset again")
             shards = tuple((str(s["file"]), str(s["sha256"])) for s in info.pop("shards"))
+            info["images"] = int(info["images"])
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise FormatError(f"{manifest} is corrupt ({error!r}); generate the dataset again") from error
         for name, _ in shards:

@@ -19,8 +19,9 @@ from synth.noise import DepthNoise, kinect
 from synth.occlude import cut, occluder
 from synth.recumbent import FALLEN, IN_BED, RECUMBENT, lie
 from synth.render import Mesh, merge
-from synth.scene import Bed, Ground, Sofa, look_at, view_around
+from synth.scene import Bed, Chair, Ground, Sofa, look_at, view_around
 from synth.skeleton import Float64
+from synth.upright import UPRIGHT, rise
 from synth.view import View, hair_faces, inside_image, render_view, visibility
 
 MIN_PIXELS, MIN_VISIBLE, MIN_JOINTS = 400, 0.4, 0.9
@@ -195,6 +196,21 @@ def recumbent(rng: np.random.Generator, body: Body) -> Stage:
     return Stage(activity, vertices, joints, support.mesh(), eye, camera_from_world)
 
 
+def upright(rng: np.random.Generator, body: Body) -> Stage:
+    """Standing, crouching, kneeling, getting up, in front of a seat or in the open, seen from all around."""
+    seat = (None, Sofa, Chair)[int(rng.integers(3))]
+    before = None if seat is None else seat.sample(rng)
+    activity, moment = _random_moment(UPRIGHT, tuple(UPRIGHT.activities), rng)
+    vertices, joints = rise(body, before, moment)
+    centre = joints.mean(axis=0)
+    azimuth, distance = rng.uniform(-np.pi, np.pi), rng.uniform(1.4, 3.5)
+    eye = centre + distance * np.array([np.sin(azimuth), -np.cos(azimuth), 0])
+    eye[2] = rng.uniform(0.6, 1.8)
+    camera_from_world = look_at(eye, centre + rng.normal(0, (0.12, 0.12, 0.10)), np.radians(rng.normal(0, 2)))
+    around = (before or Ground()).mesh()
+    return Stage(activity, vertices, joints, around, eye, camera_from_world)
+
+
 def _random_moment(family: Family[M], activities: tuple[str, ...], rng: np.random.Generator) -> tuple[str, M]:
     """A moment of one activity, or on the way from it to another, and the first one's name."""
     first = str(rng.choice(activities))
@@ -208,9 +224,10 @@ PRESETS = {
         Preset("sitting-train", 10_076, 1, sitting),
         Preset("sitting-test", 4_984, 2, sitting),
         Preset("recumbent", 326_984, 3, recumbent),
+        Preset("upright", 20_000, 4, upright),
     )
 }
-"""The paper's sets (sections 3.2, 4.1 and 4.3); their streams never meet."""
+"""The paper's sets (sections 3.2, 4.1 and 4.3), and people on their own legs; their streams never meet."""
 
 
 def preset_named(name: str) -> Preset:

@@ -8,7 +8,7 @@ from annotate.crop import SIZE
 from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.store import LabelSet
 from eval.compare import compare_sets
-from eval.predict import Network, predict_labels, predict_source
+from eval.predict import Network, predict_frames, predict_source
 from sensors.errors import ExistsError, FormatError
 from sensors.replay import Session
 
@@ -107,11 +107,11 @@ def test_a_run_keeps_the_extraction_and_goes_on_to_the_same_bytes(tmp_path, rig_
     class Interrupted(Network):
         calls = 0
 
-        def segment(self, depth_mm, person):
+        def segment_all(self, images, *, probabilities=False):
             self.calls += 1
             if self.calls > 1:
                 raise KeyboardInterrupt
-            return super().segment(depth_mm, person)
+            return super().segment_all(images, probabilities=probabilities)
 
     out = tmp_path / "p"
     with pytest.raises(KeyboardInterrupt):
@@ -123,18 +123,18 @@ def test_a_run_keeps_the_extraction_and_goes_on_to_the_same_bytes(tmp_path, rig_
 
 def test_labels_of_another_recording_are_not_mixed_in(tmp_path, truth, network):
     out = tmp_path / "p"
-    predict_labels(truth, network, out, silent)
+    predict_frames(truth, network, out, silent)
     before = tree(out)
     other = LabelSet.create(tmp_path / "other", truth.intrinsics, truth.info)
     frame = truth.read("000000")
     other.write(type(frame)("000000", frame.depth_mm[::-1].copy(), frame.parts[::-1].copy()))
     with pytest.raises(ExistsError, match="another recording"):
-        predict_labels(other, network, out, silent)
+        predict_frames(other, network, out, silent)
     assert tree(out) == before
 
 
 def test_subjects_are_carried_along(tmp_path, truth, network):
-    run = predict_labels(truth, network, tmp_path / "p", silent)
+    run = predict_frames(truth, network, tmp_path / "p", silent)
     assert [f.subject for f in run.labels] == [f.subject for f in truth]
     assert {f.status for f in run.labels} == {"auto"}
 

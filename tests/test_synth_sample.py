@@ -68,11 +68,12 @@ def test_the_recumbent_are_seen_from_all_around_and_from_several_heights():
     assert np.ptp([c["height_m"] for c in cameras]) > 1
 
 
-def test_the_papers_counts():
+def test_the_papers_counts_and_ours():
     assert {name: preset.count for name, preset in PRESETS.items()} == {
         "sitting-train": 10_076,
         "sitting-test": 4_984,
         "recumbent": 326_984,
+        "upright": 20_000,
     }
 
 
@@ -90,7 +91,7 @@ def test_occluders_and_cuts_come_in_their_share_and_are_recorded():
 
 def test_bad_options_are_refused():
     with pytest.raises(CloudError, match="sitting-train"):
-        preset_named("standing")
+        preset_named("flying")
     with pytest.raises(CloudError, match=r"occluders 1\.5"):
         replace(PRESETS["recumbent"], occluders=1.5)
 

@@ -1,4 +1,4 @@
-"""Pictures for the report: depth, labels, errors and thermal clouds as uint8 RGB images."""
+"""Pictures for the report: depth, labels and errors as uint8 RGB images, cropped and embedded."""
 
 import base64
 
@@ -17,9 +17,6 @@ SIZE_PX = 212
 CANVAS = (24, 24, 28)
 """Colour of nothing, as in the palette of parts."""
 
-THERMAL_RANGE_C = (18.0, 36.0)
-"""Temperatures drawn from black to yellow: a room to warm skin (the paper extracts 25 to 35)."""
-
 ERROR_KINDS = {
     "missed_person": ("Missed person", (79, 151, 255)),
     "invented_person": ("Invented person", (247, 201, 72)),
@@ -29,8 +26,11 @@ ERROR_KINDS = {
 }
 """Title and colour of the fields of `eval.metrics.ErrorKinds`."""
 
-_RIGHT = (92, 99, 112)
-_IGNORED = (52, 52, 58)
+_OTHERS = {"Background": CANVAS, "Correct": (92, 99, 112), "Undefined": (52, 52, 58)}
+
+ERROR_NAMES = (*_OTHERS, *(title for title, _ in ERROR_KINDS.values()))
+ERROR_RGB = (*_OTHERS.values(), *(rgb for _, rgb in ERROR_KINDS.values()))
+"""Titles and colours of what an error picture shows; the background is first."""
 
 
 def colorize_depth(depth_mm: NDArray[np.uint16]) -> Image:
@@ -49,24 +49,39 @@ def colorize_parts(parts: Labels) -> Image:
     return palette_rgb()[parts]
 
 
+def colorize_share(values: NDArray[np.float32]) -> Image:
+    """Values (h, w) in [0, 1] from dark violet to yellow (h, w, 3); NaN is nothing."""
+    known = np.isfinite(values)
+    levels = np.where(known, np.clip(values, 0, 1) * 255, 0).astype(np.uint8)
+    image = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1], np.uint8).copy()
+    image[~known] = CANVAS
+    return image
+
+
 def colorize_error(truth: Labels, predicted: Labels) -> Image:
     """What went wrong where, (h, w, 3): grey where the part is right, else in `ERROR_KINDS` colours."""
+    return np.array(ERROR_RGB, np.uint8)[error_kind_ids(truth, predicted)]
+
+
+def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
+    """What went wrong where (h, w), as an index into `ERROR_NAMES` and `ERROR_RGB`."""
     guess = named(predicted)
     person, seen = truth != BACKGROUND, guess != BACKGROUND
     wrong = (truth != guess) & person & seen
     twin, neighbour = _pairs(LEFT_RIGHT), _pairs(tuple(tuple(pair) for pair in NEIGHBOURS))
-    image = np.full((*truth.shape, 3), CANVAS, np.uint8)
-    image[person & (truth == guess)] = _RIGHT
-    for kind, mask in (
-        ("other_part", wrong),
-        ("neighbour_part", wrong & neighbour[truth, guess]),
-        ("left_right_swap", wrong & twin[truth, guess]),
-        ("missed_person", person & ~seen),
-        ("invented_person", ~person & seen),
-    ):
-        image[mask] = ERROR_KINDS[kind][1]
-    image[truth == UNDEFINED] = _IGNORED
-    return image
+    masks = {
+        "Correct": person & (truth == guess),
+        "other_part": wrong,
+        "neighbour_part": wrong & neighbour[truth, guess],
+        "left_right_swap": wrong & twin[truth, guess],
+        "missed_person": person & ~seen,
+        "invented_person": ~person & seen,
+        "Undefined": truth == UNDEFINED,
+    }
+    kinds = np.zeros(truth.shape, np.uint8)
+    for name, mask in masks.items():
+        kinds[mask] = ERROR_NAMES.index(ERROR_KINDS[name][0] if name in ERROR_KINDS else name)
+    return kinds
 
 
 def _pairs(pairs: tuple[tuple[int, ...], ...]) -> NDArray[np.bool_]:
@@ -74,80 +89,6 @@ def _pairs(pairs: tuple[tuple[int, ...], ...]) -> NDArray[np.bool_]:
     for a, b in pairs:
         table[a, b] = table[b, a] = True
     return table
-
-
-def render_thermal_cloud(
-    points_m: NDArray[np.float32],
-    temperature_c: NDArray[np.float32],
-    yaw_deg: float = 22.0,
-    pitch_deg: float = 10.0,
-) -> Image:
-    """An organised cloud seen from slightly aside, coloured by temperature: (212, 212, 3).
-
-    points_m: (h, w, 3), depth-camera frame, NaN = no reading or not to be drawn. temperature_c:
-    (h, w), NaN is drawn grey. The viewer moves by yaw to its right and by pitch upwards around the
-    cloud's middle. Points are drawn far to near as squares that close the gaps between them.
-    """
-    drawn = np.asarray(np.isfinite(points_m).all(-1))
-    image = np.full((SIZE_PX, SIZE_PX, 3), CANVAS, np.uint8)
-    if not drawn.any():
-        return image
-    turned = _orbit(points_m, drawn, yaw_deg, pitch_deg)
-    color = (_thermal_colors(temperature_c) * _shade(turned)[..., None]).astype(np.uint8)[drawn]
-    flat = turned[..., :2] / turned[..., 2:]
-    low, high = np.percentile(flat[drawn], [0.5, 99.5], axis=0)
-    scale = 0.94 * SIZE_PX / max(float((high - low).max()), 1e-3)
-    flat = (flat - (low + high) / 2) * scale + SIZE_PX / 2
-    width = _splat_px(flat)
-    u, v = flat[drawn].T
-    z = turned[drawn][:, 2]
-    order = np.argsort(-z, kind="stable")
-    rows, columns, color = v[order].astype(int), u[order].astype(int), color[order]
-    # One splat is painted whole before the next nearer one: offsets vary fastest.
-    dy, dx = (offset.ravel() for offset in np.indices((width, width)) - width // 2)
-    rows, columns = (rows[:, None] + dy).ravel(), (columns[:, None] + dx).ravel()
-    inside = (rows >= 0) & (rows < SIZE_PX) & (columns >= 0) & (columns < SIZE_PX)
-    image[rows[inside], columns[inside]] = np.repeat(color, width * width, axis=0)[inside]
-    return image
-
-
-def _orbit(
-    points_m: NDArray[np.float32], drawn: NDArray[np.bool_], yaw_deg: float, pitch_deg: float
-) -> NDArray[np.float64]:
-    """Points (h, w, 3) in the frame of a viewer who moved around the cloud's middle."""
-    low, high = np.percentile(points_m[drawn], [2, 98], axis=0)
-    middle = (low + high) / 2
-    yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
-    about_y = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
-    about_x = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
-    distance_m = max(float(np.linalg.norm(middle)), 2.0 * float((high - low).max()))
-    turned: NDArray[np.float64] = (points_m - middle) @ (about_x @ about_y).T + [0.0, 0.0, distance_m]
-    turned[..., 2] = np.maximum(turned[..., 2], 0.1)
-    return turned
-
-
-def _thermal_colors(temperature_c: NDArray[np.float32]) -> NDArray[np.float64]:
-    low, high = THERMAL_RANGE_C
-    share = np.clip((np.nan_to_num(temperature_c, nan=low) - low) / (high - low), 0, 1)
-    inferno = cv2.applyColorMap((40 + 215 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)[..., ::-1]
-    return np.where(np.isnan(temperature_c)[..., None], 110.0, inferno)
-
-
-def _shade(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Light from the viewer (h, w): 1 facing it, 0.55 at a grazing angle or where no normal is known."""
-    across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
-    normal = np.cross(across, down)
-    length = np.linalg.norm(normal, axis=-1)
-    facing = np.divide(np.abs(normal[..., 2]), length, out=np.zeros_like(length), where=length > 0)
-    light: NDArray[np.float64] = 0.55 + 0.45 * facing
-    return light
-
-
-def _splat_px(flat: NDArray[np.float64]) -> int:
-    """Side of a point's square, from points in the picture (h, w, 2): their median gap, and a bit more."""
-    gap = np.linalg.norm(np.diff(flat, axis=1), axis=-1)
-    gap = gap[np.isfinite(gap)]
-    return int(np.clip(np.ceil(np.median(gap) * 1.3), 1, 8)) if gap.size else 3
 
 
 def person_box(person: NDArray[np.bool_], margin: float = 0.08) -> tuple[int, int, int]:

@@ -1,33 +1,45 @@
 """The frames a reader should see, laid out as the paper's Fig. 10, with the errors beside."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
 from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, UNDEFINED
-from annotate.store import LabelSet
+from annotate.parts import BACKGROUND, BODY_PARTS, UNDEFINED
+from eval import metrics
 from eval.compare import Comparison
+from eval.data import Frames
+from eval.pairs import Reader, pair_up
 from eval.report import figures
+from eval.report.cloud_picture import render_thermal_cloud
 from eval.report.figures import Image
 
 ROOM_M = 0.7
 """How far in front of and behind the person the thermal cloud shows the room."""
+EACH = 6
+"""Frames of each group: 18 a result fill a page or two, and half a megabyte."""
 
 
 @dataclass(frozen=True)
 class GalleryFrame:
-    """One row of a gallery: pictures uint8 (h, w, 3) RGB by column title, in order."""
+    """One row of a gallery: pictures uint8 (h, w, 3) RGB by column title, in order.
+
+    group: why it is shown. subject: who is seen. miou and part_iou: its scores against the truth, by part
+    id where the part is there; NaN and empty without a truth.
+    """
 
     frame_id: str
     columns: dict[str, NDArray[np.uint8]]
     group: str = ""
+    subject: str = ""
+    miou: float = np.nan
+    part_iou: Mapping[int, float] = field(default_factory=dict)
 
 
-def pick_frames(comparison: Comparison, each: int = 4, seed: int = 0) -> dict[str, list[str]]:
+def pick_frames(comparison: Comparison, each: int = EACH, seed: int = 0) -> dict[str, list[str]]:
     """Frame ids by group: the worst and best by mIoU, and random ones of the rest; `each` at most."""
     ranked = np.argsort(comparison.frame_miou, kind="stable")
     ranked = ranked[~np.isnan(comparison.frame_miou[ranked])]
@@ -38,22 +50,40 @@ def pick_frames(comparison: Comparison, each: int = 4, seed: int = 0) -> dict[st
     return {name: [comparison.frame_ids[i] for i in picked] for name, picked in groups.items()}
 
 
+def read_pairs(
+    predicted: Frames, truth: Frames, frame_ids: Collection[str]
+) -> dict[str, tuple[FrameLabels, FrameLabels]]:
+    """Prediction and truth of some frames by id, each shard of a dataset being read once.
+
+    Raises FormatError where a frame is corrupt, CloudError where one is missing.
+    """
+    chosen = [pair for pair in pair_up(predicted, truth)[0] if pair.frame_id in set(frame_ids)]
+    guesses, targets = Reader(predicted), Reader(truth)
+    return {
+        pair.frame_id: (
+            guesses.read(pair.frame_id, pair.predicted_shard),
+            targets.read(pair.frame_id, pair.truth_shard),
+        )
+        for pair in chosen
+    }
+
+
 def make_gallery(
     comparison: Comparison,
-    predicted: LabelSet,
-    truth: LabelSet,
+    predicted: Frames,
+    truth: Frames,
     cloud_of: Callable[[str], ThermalCloud | None] | None = None,
-    each: int = 4,
+    each: int = EACH,
 ) -> list[GalleryFrame]:
     """Pictures of the worst, random and best frames; `cloud_of` yields a frame's cloud by its id.
 
     Raises FormatError where a frame is corrupt.
     """
+    picked = pick_frames(comparison, each)
+    pairs = read_pairs(predicted, truth, {frame_id for ids in picked.values() for frame_id in ids})
     return [
-        make_frame(
-            truth.read(frame_id), predicted.read(frame_id), cloud_of(frame_id) if cloud_of else None, group
-        )
-        for group, frame_ids in pick_frames(comparison, each).items()
+        make_frame(pairs[frame_id][1], pairs[frame_id][0], cloud_of(frame_id) if cloud_of else None, group)
+        for group, frame_ids in picked.items()
         for frame_id in frame_ids
     ]
 
@@ -66,17 +96,45 @@ def make_frame(
     box = figures.person_box(person)
     target = np.asarray(figures.crop(truth.parts, box), np.uint8)
     guess = np.asarray(figures.crop(predicted.parts, box), np.uint8)
-    depth = np.where(person, truth.depth_mm, np.uint16(0))
-    extracted = figures.colorize_depth(np.asarray(figures.crop(depth, box), np.uint16))
     columns = {
-        "Extracted depth": figures.to_size(extracted),
+        **_input_columns(truth, person, box, cloud),
         "Target labels": figures.to_size(figures.colorize_parts(target)),
         "Predicted labels": figures.to_size(figures.colorize_parts(guess)),
         "Errors": figures.to_size(figures.colorize_error(target, guess)),
     }
+    matrix = metrics.confusion_matrix(truth.parts, predicted.parts)
+    scores = metrics.iou(matrix)
+    part_iou = {part.id: float(scores[part.id]) for part in BODY_PARTS if not np.isnan(scores[part.id])}
+    subject = truth.subject or predicted.subject
+    return GalleryFrame(truth.frame_id, columns, group, subject, float(metrics.miou(matrix)), part_iou)
+
+
+def make_shown_frame(labels: FrameLabels, cloud: ThermalCloud | None = None) -> GalleryFrame:
+    """One row without a truth: thermal cloud (where there is one), extracted depth, labels, confidence."""
+    person = _person(labels)
+    box = figures.person_box(person)
+    parts = np.asarray(figures.crop(labels.parts, box), np.uint8)
+    columns = {
+        **_input_columns(labels, person, box, cloud),
+        "Labels": figures.to_size(figures.colorize_parts(parts)),
+    }
+    if labels.confidence is not None:
+        shown = np.where(person, labels.confidence, np.float32(np.nan))
+        confidence = np.asarray(figures.crop(shown, box, np.nan), np.float32)
+        columns["Confidence"] = figures.to_size(figures.colorize_share(confidence))
+    return GalleryFrame(labels.frame_id, columns, subject=labels.subject)
+
+
+def _input_columns(
+    frame: FrameLabels, person: NDArray[np.bool_], box: tuple[int, int, int], cloud: ThermalCloud | None
+) -> dict[str, Image]:
+    """What the labelling had to go by: the thermal cloud, if any, and the person's depth."""
+    depth = np.where(person, frame.depth_mm, np.uint16(0))
+    extracted = figures.colorize_depth(np.asarray(figures.crop(depth, box), np.uint16))
+    columns = {"Extracted depth": figures.to_size(extracted)}
     if cloud is not None:
         columns = {"Thermal cloud": _cloud_picture(cloud, person, box), **columns}
-    return GalleryFrame(truth.frame_id, columns, group)
+    return columns
 
 
 def _person(frame: FrameLabels) -> NDArray[np.bool_]:
@@ -92,4 +150,4 @@ def _cloud_picture(cloud: ThermalCloud, person: NDArray[np.bool_], box: tuple[in
     temperature = np.asarray(figures.crop(cloud.temperature_c, box, np.nan), np.float32)
     # More points than the picture has pixels only cost time.
     step = max(1, box[2] // figures.SIZE_PX)
-    return figures.render_thermal_cloud(points[::step, ::step], temperature[::step, ::step])
+    return render_thermal_cloud(points[::step, ::step], temperature[::step, ::step])

@@ -1,0 +1,110 @@
+"""What no image format has room for, in one JSON file beside the images: camera, subjects, statuses, notes.
+
+Every exported folder has ``annotate-cloud.json``; other tools pass it by, and a folder of theirs without it is
+read too, given ``intrinsics.json``. Names of files in it are data, never paths.
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.labels import FrameLabels
+from sensors.camera import Intrinsics
+from sensors.errors import CalibrationError, FormatError
+from sensors.intrinsics_file import read_intrinsics
+
+COMPANION = "annotate-cloud.json"
+INTRINSICS = "intrinsics.json"
+SCHEMA = 1
+MAX_COMPANION_BYTES = 256_000_000
+MAX_IMAGE_BYTES = 1 << 28
+
+
+@dataclass
+class Companion:
+    """The camera of a folder, and by frame id what its images do not say, in the order of the frames."""
+
+    intrinsics: Intrinsics
+    frames: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def add(self, frame: FrameLabels) -> None:
+        """Note a frame's subject, status and notes."""
+        self.frames[frame.frame_id] = {
+            "subject": frame.subject,
+            "status": frame.status,
+            "notes": frame.notes,
+            "persons": frame.persons is not None,
+        }
+
+    def save(self, folder: Path) -> None:
+        """Write the file, and the intrinsics once more as ``import`` and people read them."""
+        content = {"schema": SCHEMA, "intrinsics": asdict(self.intrinsics), "frames": self.frames}
+        (folder / COMPANION).write_text(json.dumps(content, indent=1) + "\n", encoding="ascii")
+        (folder / INTRINSICS).write_text(json.dumps(asdict(self.intrinsics)) + "\n", encoding="ascii")
+
+    def labels(
+        self,
+        frame_id: str,
+        depth_mm: NDArray[np.uint16],
+        parts: NDArray[np.uint8],
+        persons: NDArray[np.uint8] | None = None,
+        confidence: NDArray[np.float32] | None = None,
+    ) -> FrameLabels:
+        """A frame of these images with what is known of it; ``auto`` where nothing is. Raises FormatError."""
+        fields = self.frames.get(frame_id, {})
+        # A map of nobody says "nobody" only where the label set did.
+        present = persons is not None and bool(fields.get("persons", persons.any()))
+        try:
+            frame = FrameLabels(frame_id, depth_mm, parts, confidence, persons=persons if present else None)
+            known = {name: fields[name] for name in ("subject", "status", "notes") if name in fields}
+            frame = replace(frame, **known)
+        except TypeError as error:
+            raise FormatError(f"{COMPANION}: frame {frame_id[:100]!r} is malformed ({error})") from error
+        if not isinstance(frame.subject, str) or not isinstance(frame.notes, dict):
+            raise FormatError(f"{COMPANION}: frame {frame_id[:100]!r} has a malformed subject or notes")
+        return frame
+
+
+def load_companion(folder: Path) -> Companion:
+    """Read a folder's companion, or its intrinsics alone. Raises FormatError, CalibrationError."""
+    file = folder / COMPANION
+    if not file.is_file():
+        if not (folder / INTRINSICS).is_file():
+            raise CalibrationError(
+                f"{folder} has neither {COMPANION} nor {INTRINSICS}; add {folder / INTRINSICS} holding "
+                '{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": W, "height": H} of the depth camera'
+            )
+        return Companion(read_intrinsics(folder / INTRINSICS).depth)
+    try:
+        content = json.loads(read_bounded(file, MAX_COMPANION_BYTES))
+        if content["schema"] != SCHEMA:
+            raise FormatError(f"{file} is not of schema {SCHEMA}; export it again")
+        frames = content["frames"]
+        if not isinstance(frames, dict) or not all(isinstance(entry, dict) for entry in frames.values()):
+            raise TypeError("frames")
+        return Companion(Intrinsics(**content["intrinsics"]), frames)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
+        raise FormatError(f"{file} is corrupt ({str(error)[:80]!r}); export it again") from error
+
+
+def read_bounded(file: Path, limit: int = MAX_IMAGE_BYTES) -> bytes:
+    """A file's bytes. Raises FormatError when it is missing or larger than ``limit``."""
+    try:
+        if file.stat().st_size > limit:
+            raise FormatError(f"{file} is larger than {limit} bytes; restore it from a copy")
+        return file.read_bytes()
+    except (OSError, ValueError) as error:
+        raise FormatError(f"{file} cannot be read ({error}); restore it from a copy") from error
+
+
+def frame_files(folder: Path, suffix: str) -> Iterator[tuple[str, Path]]:
+    """(frame id, file) of a folder's files that end so, sorted. Raises FormatError when there are none."""
+    files = sorted(file for file in folder.glob(f"*{suffix}") if file.is_file())
+    if not files:
+        raise FormatError(f"{folder} holds no *{suffix}; give the folder of an export")
+    return ((file.name.removesuffix(suffix), file) for file in files)

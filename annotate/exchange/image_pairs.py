@@ -1,0 +1,81 @@
+"""Pairs of depth and label images: the paper's layout, and MMSegmentation's, which differ in names only.
+
+    depth/ID.png      img_dir/ID.png     16-bit depth in millimetres
+    label/ID.png      ann_dir/ID.png     8-bit palette PNG of part ids, 255 = undefined (mmseg's ignore_index)
+
+MMSegmentation: docs, "Add new dataset by reorganising data to folders"; load 16-bit images with
+``LoadImageFromFile(color_type="unchanged")``. Its class names and palette are in ``metainfo.json``.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from annotate.exchange.companion import Companion, frame_files, load_companion, read_bounded
+from annotate.images import decode_depth, decode_parts, encode_depth, encode_parts
+from annotate.labels import FrameLabels
+from annotate.parts import PARTS
+from sensors.errors import FormatError
+
+PAPER, MMSEG = ("depth", "label"), ("img_dir", "ann_dir")
+METAINFO = "metainfo.json"
+
+
+def write_pairs(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+    """Write the paper's pairs into an empty folder."""
+    _write(frames, companion, out, PAPER)
+
+
+def write_mmseg(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+    """Write MMSegmentation's folders into an empty folder."""
+    _write(frames, companion, out, MMSEG)
+    metainfo = {"classes": [part.name for part in PARTS], "palette": [part.rgb for part in PARTS]}
+    (out / METAINFO).write_text(json.dumps(metainfo) + "\n", encoding="ascii")
+
+
+def is_pairs(source: Path) -> bool:
+    """Whether a folder holds the paper's pairs."""
+    return all((source / name).is_dir() for name in PAPER)
+
+
+def is_mmseg(source: Path) -> bool:
+    """Whether a folder holds MMSegmentation's folders."""
+    return all((source / name).is_dir() for name in MMSEG)
+
+
+def read_pairs(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
+    """The inverse of ``write_pairs``. Raises FormatError, CalibrationError."""
+    return _read(source, PAPER)
+
+
+def read_mmseg(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
+    """The inverse of ``write_mmseg``; splits (train, val, ...) within the folders are read as one set."""
+    return _read(source, MMSEG)
+
+
+def _write(frames: Iterator[FrameLabels], companion: Companion, out: Path, names: tuple[str, str]) -> None:
+    for name in names:
+        (out / name).mkdir()
+    for frame in frames:
+        (out / names[0] / f"{frame.frame_id}.png").write_bytes(encode_depth(frame.depth_mm))
+        (out / names[1] / f"{frame.frame_id}.png").write_bytes(encode_parts(frame.parts))
+        companion.add(frame)
+
+
+def _read(source: Path, names: tuple[str, str]) -> tuple[Companion, Iterator[FrameLabels]]:
+    companion = load_companion(source)
+    splits = sorted(folder.name for folder in (source / names[1]).iterdir() if folder.is_dir()) or [""]
+    return companion, _frames(source, names, splits, companion)
+
+
+def _frames(
+    source: Path, names: tuple[str, str], splits: list[str], companion: Companion
+) -> Iterator[FrameLabels]:
+    for split in splits:
+        for frame_id, file in frame_files(source / names[1] / split, ".png"):
+            depth = source / names[0] / split / file.name
+            try:
+                depth_mm, parts = decode_depth(read_bounded(depth)), decode_parts(read_bounded(file))
+            except FormatError as error:
+                raise FormatError(f"{file}: {error}") from error
+            yield companion.labels(frame_id, depth_mm, parts)

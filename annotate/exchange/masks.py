@@ -1,0 +1,73 @@
+"""A frame's label images as named masks, as tools for instances keep them, and back."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.labels import FrameLabels
+from annotate.parts import BODY_PARTS, UNDEFINED
+from sensors.errors import FormatError
+
+UNDEFINED_NAME, PERSON_NAME = "undefined", "person"
+MASK_IDS = {**{part.name: part.id for part in BODY_PARTS}, UNDEFINED_NAME: UNDEFINED}
+"""Part id of every mask of the parts image; the background is what no mask covers."""
+PERSON_CATEGORY = 100
+"""Category of the masks of the persons image, beside the part ids."""
+MAX_MASKS = 2000
+"""Most masks of one image."""
+
+
+@dataclass(frozen=True)
+class Mask:
+    """One mask: its category's name, the number of the person for PERSON_NAME, and its pixels (h, w)."""
+
+    name: str
+    person: int
+    pixels: NDArray[np.bool_]
+
+
+def masks_of(frame: FrameLabels) -> Iterator[Mask]:
+    """One mask a part that is there, undefined included, then one a person."""
+    for name, part in MASK_IDS.items():
+        pixels = frame.parts == part
+        if pixels.any():
+            yield Mask(name, 0, pixels)
+    if frame.persons is not None:
+        for person in np.unique(frame.persons[frame.persons > 0]):
+            yield Mask(PERSON_NAME, int(person), frame.persons == person)
+
+
+def images_from(
+    masks: list[Mask], shape: tuple[int, int]
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Parts and persons (h, w) of masks; where they overlap, the later one wins. Raises FormatError."""
+    parts, persons = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    for mask in masks:
+        if mask.pixels.shape != shape:
+            raise FormatError(f"a mask of {mask.name[:40]!r} is {mask.pixels.shape} on an image of {shape}")
+        if mask.name == PERSON_NAME:
+            if not 1 <= mask.person <= 255:
+                raise FormatError(f"person number {mask.person} is impossible; use 1 to 255")
+            persons[mask.pixels] = mask.person
+        elif mask.name in MASK_IDS:
+            parts[mask.pixels] = MASK_IDS[mask.name]
+        else:
+            raise FormatError(f"label {mask.name[:40]!r} is no body part; use {', '.join(MASK_IDS)}")
+    return parts, persons
+
+
+def runs_of(flat: NDArray[np.bool_]) -> list[int]:
+    """Lengths of the runs of a flat mask (n,), the first of them of zeros, perhaps empty."""
+    change = np.flatnonzero(np.diff(flat)) + 1
+    bounds = np.concatenate([[0] if len(flat) and flat[0] else [], [0], change, [len(flat)]]).astype(np.int64)
+    return [int(n) for n in np.diff(bounds)]
+
+
+def mask_from_runs(runs: list[int], size: int) -> NDArray[np.bool_]:
+    """Inverse of ``runs_of`` for a mask of ``size`` pixels. Raises FormatError."""
+    lengths = np.array(runs, np.int64) if len(runs) <= size + 2 else np.full(1, -1)
+    if (lengths < 0).any() or (lengths > size).any() or int(lengths.sum()) != size:
+        raise FormatError(f"a mask's runs do not add up to its {size} pixels; export it again")
+    return np.repeat(np.arange(len(lengths)) % 2 == 1, lengths)

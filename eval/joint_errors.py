@@ -1,0 +1,123 @@
+"""Joints found from labels against the truth's: errors frame by frame, PCK and MPJPE.
+
+The variant: of the fifteen joints of ``joints.JOINT_NAMES``, those whose true place lies inside the depth
+image are scored, hidden ones too. MPJPE is the mean distance over the scored joints that were found, without
+any alignment; PCK@d the share of all scored joints found within d, so that a joint not found is a miss. The
+"mAP@10 cm" of ITOP is in effect this PCK@10 cm.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.crop import Crop
+from annotate.labels import FrameLabels
+from eval.joints import IN_SKELETON, JOINT_NAMES, N_JOINTS, Float64, Measured, measure
+from eval.skeleton_fit import fit_skeletons
+from sensors.camera import MAX_IMAGE_SIDE, Intrinsics, project
+from sensors.errors import FormatError
+from synth import skeleton
+from synth.view import CAMERA as CAMERA
+
+WITHIN_MM = (50.0, 100.0, 150.0)
+"""Distances of the PCK."""
+MAX_MM = 100_000.0
+"""No joint is further from a camera than that."""
+
+
+@dataclass(frozen=True)
+class JointObservation:
+    """One frame with true joints. measured: what its labels show. person: who is seen, by the truth.
+
+    truth_mm: float64 (15, 3), depth camera's frame; inside: bool (15,), those inside the depth image.
+    """
+
+    measured: Measured
+    person: str
+    truth_mm: Float64
+    inside: NDArray[np.bool_]
+
+
+def observe(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> JointObservation | None:
+    """What a frame's predicted parts say of the joints, and where they truly are; None without true joints.
+
+    camera: undistorted, of the truth's label set; for a dataset's frame, which is a crop, the camera of the
+    whole image (``CAMERA``): the crop's place is in the frame's notes. Raises FormatError when the notes are
+    malformed.
+    """
+    if "joints_mm" not in truth.notes:
+        return None
+    joints = _joints(truth)
+    whole = camera.shape if "crop" in truth.notes else truth.depth_mm.shape
+    pixels = project(camera.undistorted(), joints)
+    inside = np.all((pixels >= -0.5) & (pixels < np.array(whole[::-1]) - 0.5), axis=-1)
+    seen_by = camera_of(truth, camera)
+    return JointObservation(
+        measure(predicted.parts, predicted.depth_mm, seen_by), truth.subject, joints, inside
+    )
+
+
+def camera_of(frame: FrameLabels, camera: Intrinsics) -> Intrinsics:
+    """The pinhole of a frame: ``camera`` itself, or its part that the frame's notes say it is a crop of."""
+    if "crop" not in frame.notes:
+        return camera
+    numbers = frame.notes["crop"]
+    if (
+        not isinstance(numbers, list)
+        or [type(number) for number in numbers] != [int] * 3
+        or not 0 < numbers[2] <= 2 * MAX_IMAGE_SIDE
+        or max(map(abs, numbers)) > 2 * MAX_IMAGE_SIDE
+    ):
+        raise FormatError(f"frame {frame.frame_id}: its note 'crop' is malformed; give [top, left, side]")
+    return Crop(*numbers).camera(camera, frame.depth_mm.shape[0])
+
+
+def _joints(truth: FrameLabels) -> Float64:
+    try:
+        joints = np.array(truth.notes["joints_mm"], np.float64)
+    except (TypeError, ValueError):
+        joints = np.empty(0)
+    if joints.shape != (skeleton.N_JOINTS, 3) or not (np.abs(joints) <= MAX_MM).all():
+        raise FormatError(
+            f"frame {truth.frame_id}: its note 'joints_mm' is malformed; give {skeleton.N_JOINTS} joints "
+            "(x, y, z) in millimetres"
+        )
+    return np.asarray(joints[IN_SKELETON])
+
+
+def joint_errors_mm(observations: Sequence[JointObservation | None]) -> Float64:
+    """Distances (F, 15) of the joints found from the true ones, millimetres.
+
+    NaN where a joint is not scored: outside the image, or a frame without true joints (None); infinite
+    where it is scored but was not found.
+    """
+    errors = np.full((len(observations), N_JOINTS), np.nan)
+    scored = [(i, seen) for i, seen in enumerate(observations) if seen is not None]
+    found = fit_skeletons([seen.measured for _, seen in scored], [seen.person for _, seen in scored])
+    for (i, seen), joints in zip(scored, found, strict=True):
+        distance = np.linalg.norm(joints - seen.truth_mm, axis=-1)
+        errors[i, seen.inside] = np.where(np.isnan(distance), np.inf, distance)[seen.inside]
+    return errors
+
+
+def summary(errors_mm: Float64) -> dict[str, Any]:
+    """Scores of joint errors (F, 15) as JSON has them; None where nothing was scored or found."""
+    return {
+        "frames": int((~np.isnan(errors_mm)).any(axis=1).sum()),
+        **_scores(errors_mm),
+        "by_joint": {name: _scores(errors_mm[:, i]) for i, name in enumerate(JOINT_NAMES)},
+    }
+
+
+def _scores(errors_mm: Float64) -> dict[str, Any]:
+    scored = errors_mm[~np.isnan(errors_mm)]
+    found = scored[np.isfinite(scored)]
+    return {
+        "scored": len(scored),
+        "found": len(found),
+        "mpjpe_mm": float(found.mean()) if len(found) else None,
+        **{f"pck_{d:.0f}mm": float((scored <= d).mean()) if len(scored) else None for d in WITHIN_MM},
+    }

@@ -1,0 +1,83 @@
+"""Batches of augmented crops: each image a pure function of (seed, epoch, index), so any step can come first."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
+
+from eval.augment import Augmentation, augment
+from eval.data import Crops
+from sensors.errors import CloudError
+
+At = tuple[int, int]
+"""An image's turn: (epoch, index of the crop)."""
+
+
+@dataclass(frozen=True)
+class Images(Dataset[tuple[Tensor, Tensor]]):
+    """Crops as tensors, augmented anew each epoch: depth float32 (1, h, w), parts uint8 (h, w)."""
+
+    crops: Crops
+    augmentation: Augmentation
+    seed: int
+
+    def __getitem__(self, at: At) -> tuple[Tensor, Tensor]:
+        epoch, index = at
+        rng = np.random.default_rng((self.seed, epoch, index))
+        depth, parts = augment(*self.crops.image(index), self.augmentation, rng)
+        return torch.from_numpy(depth[None]), torch.from_numpy(parts)
+
+
+@dataclass(frozen=True)
+class Order:
+    """Which crops each step sees. A short rest of an epoch is dropped; fewer crops than a batch are one.
+
+    rank, world: this process of how many; they share each batch.
+    """
+
+    images: int
+    batch: int
+    epochs: int
+    seed: int
+    rank: int = 0
+    world: int = 1
+
+    def __post_init__(self) -> None:
+        if min(self.images, self.batch) < self.world:
+            raise CloudError(
+                f"{self.images} images in batches of {self.batch} for {self.world} processes; start fewer"
+            )
+
+    @property
+    def step_images(self) -> int:
+        """Images of one step, all processes together."""
+        return min(self.batch, self.images)
+
+    @property
+    def epoch_steps(self) -> int:
+        """Steps of one epoch."""
+        return self.images // self.step_images
+
+    def after(self, step: int) -> Iterator[list[At]]:
+        """This process's share of each batch from a step on."""
+        for epoch in range(step // self.epoch_steps, self.epochs):
+            order = np.random.default_rng((self.seed, epoch)).permutation(self.images)
+            first = step % self.epoch_steps if epoch == step // self.epoch_steps else 0
+            for k in range(first, self.epoch_steps):
+                batch = order[k * self.step_images : (k + 1) * self.step_images]
+                yield [(epoch, int(i)) for i in batch[self.rank :: self.world]]
+
+
+def batches(images: Images, order: Order, step: int, workers: int = 0) -> Iterator[tuple[Tensor, Tensor]]:
+    """Depth (B, 1, h, w), parts (B, h, w) of every step from one on, made ahead by worker processes if any."""
+    loader: DataLoader[Any] = DataLoader(
+        images,
+        batch_sampler=list(order.after(step)),
+        num_workers=workers,
+        pin_memory=torch.cuda.is_available(),
+    )
+    yield from loader

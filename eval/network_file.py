@@ -1,0 +1,113 @@
+"""An exported network (ONNX): opened without trusting the file, and asked for the parts of a person."""
+
+import hashlib
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from annotate.crop import SIZE, Crop, network_crop, normalize
+from annotate.parts import BACKGROUND, N_CLASSES
+from annotate.probabilities import Probabilities
+from annotate.segment import Segmentation
+from sensors.errors import FormatError
+
+SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
+MAX_WEIGHT_BYTES = 1_000_000_000
+_NOWHERE = "/dev/null/no-external-data"
+"""Where ONNX Runtime is told to look for tensors outside the file: the file's hash would not cover them, and
+their paths are its author's choice."""
+
+Image = tuple[NDArray[np.uint16], NDArray[np.bool_]]
+"""Depth in millimetres (h, w) and the person's pixels (h, w)."""
+
+
+class Network:
+    """An exported network, run by ONNX Runtime on the CPU. Loading executes no code from the file.
+
+    sha256: hash of the file. Raises FormatError when the file is no network of this kind:
+    (B, 1, 212, 212) -> (B, 12, 212, 212), all within the file.
+    """
+
+    def __init__(self, path: Path = SHIPPED_WEIGHTS) -> None:
+        data = _read(path)
+        options = onnxruntime.SessionOptions()
+        options.add_session_config_entry("session.model_external_initializers_file_folder_path", _NOWHERE)
+        options.log_severity_level = 4  # what is wrong is said below, in one line
+        try:
+            self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+            self._input = self._session.get_inputs()[0].name
+            # A trial run: what a file declares of its inputs and outputs need not be true.
+            trials = [self.probabilities(np.full((n, SIZE, SIZE), 0.5, np.float32)) for n in (1, 2)]
+        except Exception as error:  # ONNX Runtime's own errors share no public base
+            why = "it keeps tensors in other files" if "xternal" in str(error) else type(error).__name__
+            raise FormatError(
+                f"weights {path} are no network for (B, 1, {SIZE}, {SIZE}) ({why}); export it again"
+            ) from error
+        shapes = [trial.shape for trial in trials]
+        if shapes != [(n, N_CLASSES, SIZE, SIZE) for n in (1, 2)]:
+            raise FormatError(
+                f"weights {path} give {shapes[0]}; give a network of {N_CLASSES} classes at {SIZE}x{SIZE}"
+            )
+        if not all((trial >= 0).all() and np.abs(trial.sum(axis=1) - 1).max() < 1e-3 for trial in trials):
+            raise FormatError(f"weights {path} give no probabilities; export the network with its softmax")
+        self.sha256 = hashlib.sha256(data).hexdigest()
+
+    def probabilities(self, crops: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Normalised crops (B, 212, 212) -> class probabilities (B, 12, 212, 212)."""
+        return np.asarray(self._session.run(None, {self._input: crops[:, None]})[0], np.float32)
+
+    def segment(
+        self, depth_mm: NDArray[np.uint16], person: NDArray[np.bool_], *, probabilities: bool = False
+    ) -> Segmentation:
+        """Label the person of a depth image; both (h, w), see ``segment_all``."""
+        return self.segment_all([(depth_mm, person)], probabilities=probabilities)[0]
+
+    def segment_all(self, images: Sequence[Image], *, probabilities: bool = False) -> list[Segmentation]:
+        """Label the persons of depth images of any sizes: every pixel of them with depth gets a body part.
+
+        An image of 212 x 212 is a crop already, as in training. probabilities: keep those of all classes.
+        The answer for an image does not depend on those beside it, to the bit.
+        """
+        masks = [person & (depth_mm > 0) for depth_mm, person in images]
+        there = [i for i, mask in enumerate(masks) if mask.any()]
+        crops = {i: network_crop(masks[i]) for i in there}
+        results = [_nobody(mask.shape) for mask in masks]
+        if there:
+            depths = [normalize(crops[i].cut(images[i][0], 0), crops[i].cut(masks[i], False)) for i in there]
+            for i, planes in zip(there, self.probabilities(np.stack(depths)), strict=True):
+                given = Probabilities(crops[i], planes) if probabilities else None
+                results[i] = _over(masks[i], crops[i], planes, given)
+        return results
+
+
+def _read(path: Path) -> bytes:
+    try:
+        data = path.read_bytes() if path.stat().st_size <= MAX_WEIGHT_BYTES else b""
+    except OSError as error:
+        raise FormatError(f"weights {path} cannot be read ({error.strerror}); give an .onnx file") from error
+    if not data:
+        raise FormatError(
+            f"weights {path} are empty or larger than {MAX_WEIGHT_BYTES} bytes; give an exported network"
+        )
+    return data
+
+
+def _nobody(shape: tuple[int, ...]) -> Segmentation:
+    nothing = np.full(shape, BACKGROUND, np.uint8)
+    return Segmentation(nothing, np.zeros(shape, np.float32), ("no person: nothing to label",))
+
+
+def _over(
+    mask: NDArray[np.bool_], crop: Crop, planes: NDArray[np.float32], given: Probabilities | None
+) -> Segmentation:
+    """A crop's answer (12, 212, 212) laid over the image."""
+    # The extraction has decided what is person: background is no answer there.
+    body = planes[1:]
+    best = crop.paste((body.argmax(axis=0) + 1).astype(np.uint8), mask.shape, BACKGROUND)
+    certain = crop.paste(body.max(axis=0), mask.shape, 0.0)
+    best[~mask], certain[~mask] = BACKGROUND, 0.0
+    return Segmentation(best, certain, probabilities=given)

@@ -1,0 +1,181 @@
+"""Frames of a prediction beside those of the truth, counted one after the other or on all cores."""
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from annotate.labels import FrameLabels
+from annotate.registration import KINECT2_DEPTH
+from annotate.store import LabelSet
+from eval.counts import FrameCounts, count
+from eval.data import Frames, open_frames
+from eval.traits import Traits, traits_of
+from sensors.camera import Intrinsics
+from sensors.errors import CloudError
+from synth.dataset import frame_ids_of, read_shard
+from synth.workers import processes
+
+CHUNK = 64
+"""Frames of a label set that a worker counts in one go; of a dataset it is a shard."""
+WORTH_WORKERS = 400
+"""Fewer frames are counted sooner than worker processes have started."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A frame's id, and the shards that hold its prediction and its truth: "" in a label set."""
+
+    frame_id: str
+    predicted_shard: str
+    truth_shard: str
+
+
+@dataclass(frozen=True)
+class Counted:
+    """One frame's counts, and what is known of it.
+
+    digest: of the truth's depth and parts, as hex; predicted_digest: of the prediction's.
+    """
+
+    frame_id: str
+    subject: str
+    traits: Traits
+    digest: str
+    predicted_digest: str
+    counts: FrameCounts
+
+
+class Reader:
+    """Frames of a label set or a dataset by id; of a dataset fast only in the order of its shards."""
+
+    def __init__(self, frames: Frames) -> None:
+        self._frames = frames
+        self._shard = ""
+        self._rest: Iterator[FrameLabels] = iter(())
+
+    def read(self, frame_id: str, shard: str) -> FrameLabels:
+        """The frame that lies in this shard. Raises FormatError where it cannot be read."""
+        if isinstance(self._frames, LabelSet):
+            return self._frames.read(frame_id)
+        found = self._next(frame_id) if shard == self._shard else None
+        if found is None:
+            self._shard, self._rest = shard, read_shard(self._frames.path / shard)
+            found = self._next(frame_id)
+        assert found is not None, "the shard was listed as holding the frame"
+        return found
+
+    def _next(self, frame_id: str) -> FrameLabels | None:
+        return next((frame for frame in self._rest if frame.frame_id == frame_id), None)
+
+
+def pair_up(predicted: Frames, truth: Frames) -> tuple[list[Pair], int]:
+    """Each frame of the truth with the prediction of the same id, and how many predictions are left over.
+
+    Raises CloudError where the truth has no frame, or the prediction lacks one: leaving out what failed
+    would flatter the score.
+    """
+    known, wanted = _shards_of(predicted), _shards_of(truth)
+    if not wanted:
+        raise CloudError(f"{truth.path} holds no frames; give a label set or dataset with frames")
+    missing = [frame_id for frame_id in wanted if frame_id not in known]
+    if missing:
+        raise CloudError(
+            f"{predicted.path} lacks {len(missing)} of the {len(wanted)} frames of {truth.path}, "
+            f"first {missing[0]}; predict or label them, or take them out of the truth"
+        )
+    return [Pair(i, known[i], shard) for i, shard in wanted.items()], len(known) - len(wanted)
+
+
+def _shards_of(frames: Frames) -> dict[str, str]:
+    if isinstance(frames, LabelSet):
+        return dict.fromkeys(frames.frame_ids, "")
+    return {i: name for name, _ in frames.shards for i in frame_ids_of(frames.path / name)}
+
+
+def count_pairs(
+    predicted: Frames,
+    truth: Frames,
+    pairs: Sequence[Pair],
+    advance: Callable[[int], None],
+    workers: int | None = None,
+) -> list[Counted]:
+    """Count every pair, in order. advance: told how many more are done. workers: processes to use.
+
+    Raises CloudError naming a frame whose two sides do not belong together, FormatError for a corrupt one.
+    """
+    if workers is None:
+        workers = len(os.sched_getaffinity(0)) if len(pairs) >= WORTH_WORKERS else 1
+    work, chunks = partial(_count_chunk, predicted.path, truth.path), _chunks(pairs)
+    counted: list[Counted] = []
+    if workers == 1:
+        for chunk in map(work, chunks):
+            advance(len(chunk))
+            counted += chunk
+        return counted
+    with processes(workers) as pool:
+        for chunk in pool.executor.map(work, chunks):
+            advance(len(chunk))
+            counted += chunk
+    return counted
+
+
+def _chunks(pairs: Sequence[Pair]) -> list[list[Pair]]:
+    chunks = []
+    for shard, group in groupby(pairs, key=lambda pair: pair.truth_shard):
+        own = list(group)
+        size = len(own) if shard else CHUNK
+        chunks += [own[i : i + size] for i in range(0, len(own), size)]
+    return chunks
+
+
+def _count_chunk(predicted_path: Path, truth_path: Path, pairs: list[Pair]) -> list[Counted]:
+    predicted, truth = open_frames(predicted_path), open_frames(truth_path)
+    # A dataset's crops say which square of the Kinect's depth image they are.
+    camera = truth.intrinsics if isinstance(truth, LabelSet) else KINECT2_DEPTH
+    guesses, targets = Reader(predicted), Reader(truth)
+    return [
+        count_frame(
+            guesses.read(pair.frame_id, pair.predicted_shard),
+            targets.read(pair.frame_id, pair.truth_shard),
+            camera,
+        )
+        for pair in pairs
+    ]
+
+
+def count_frame(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> Counted:
+    """Count one frame. Raises CloudError where the two are no labels of the same depth image."""
+    _check_same(predicted, truth)
+    traits = traits_of(truth, predicted, camera)
+    return Counted(
+        truth.frame_id,
+        truth.subject,
+        traits,
+        _digest(truth),
+        _digest(predicted),
+        count(truth, predicted, traits.mm_per_px),
+    )
+
+
+def _digest(frame: FrameLabels) -> str:
+    return hashlib.blake2b(frame.depth_mm.tobytes() + frame.parts.tobytes(), digest_size=8).hexdigest()
+
+
+def _check_same(predicted: FrameLabels, truth: FrameLabels) -> None:
+    if predicted.parts.shape != truth.parts.shape:
+        raise CloudError(
+            f"frame {truth.frame_id} is {predicted.parts.shape} in the prediction but {truth.parts.shape} "
+            "in the truth; compare labels over the same depth images"
+        )
+    differ = int(np.count_nonzero(predicted.depth_mm != truth.depth_mm))
+    if differ:
+        raise CloudError(
+            f"frame {truth.frame_id} has another depth image in the prediction than in the truth "
+            f"({differ} of {truth.depth_mm.size} pixels differ); compare labels of the same recording"
+        )

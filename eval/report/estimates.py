@@ -1,0 +1,116 @@
+"""Scores with their intervals, as the page and the tables beside it print them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import BACKGROUND, BODY_PARTS, PARTS, Part
+from eval import bootstrap, metrics, paper
+from eval.compare import Comparison
+
+SUMMARY = {
+    "mean_recall": "Mean recall",
+    "miou": "mIoU",
+    "person_iou": "Person IoU",
+    "boundary_f": "Boundary F, 2 px",
+    "left_right_swap_rate": "Left-right swaps",
+    "ece": "Calibration error",
+}
+"""Scores of a result that stand side by side, with their titles."""
+
+SHARES = frozenset(("left_right_swap_rate", "ece"))
+"""Scores printed as percentages, of which less is better."""
+
+SHOWN_ORDER = (*(part.id for part in BODY_PARTS), BACKGROUND)
+"""Part ids as the paper's tables list them: background last."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A score with its 95 % interval; the ends are NaN where none can be given."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def known(self) -> bool:
+        """False for the score of a part that no frame shows."""
+        return not np.isnan(self.value)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether there is an interval."""
+        return not (np.isnan(self.low) or np.isnan(self.high))
+
+
+def estimate(comparison: Comparison, name: str, *index: int) -> Estimate:
+    """A score by its name in `eval.scores.scores_of`; index: part id, tolerance or the like."""
+    low, high = comparison.ci95[name][(..., *index)]
+    return Estimate(float(comparison.scores[name][(..., *index)]), float(low), float(high))
+
+
+def summary_of(comparison: Comparison) -> dict[str, Estimate]:
+    """The scores of `SUMMARY`."""
+    return {name: estimate(comparison, name) for name in SUMMARY}
+
+
+def group_estimates(comparison: Comparison, mask: NDArray[np.bool_]) -> dict[str, Estimate]:
+    """Mean recall and mIoU of some frames (F,) with intervals, from their confusion matrices alone.
+
+    Quicker by far than `Comparison.only`, which resamples every count there is.
+    """
+    matrices = comparison.matrices[mask]
+    subjects = [subject for subject, kept in zip(comparison.subjects, mask, strict=True) if kept]
+    by_cluster = bootstrap.cluster_sums(
+        matrices.reshape(len(matrices), -1), bootstrap.clusters_of(subjects)
+    )
+    resampled = bootstrap.resampled_sums(by_cluster).reshape(-1, *matrices.shape[1:])
+    scores = {"mean_recall": metrics.mean_recall, "miou": metrics.miou}
+    estimates = {}
+    for name, score in scores.items():
+        value = score(matrices.sum(0))
+        low, high = bootstrap.interval(value, score(resampled), len(by_cluster))
+        estimates[name] = Estimate(float(value), float(low), float(high))
+    return estimates
+
+
+def shown(table: NDArray[np.float64]) -> list[list[float]]:
+    """A table (12, 12) by part id in the order it is shown."""
+    return [[float(v) for v in row] for row in table[np.ix_(SHOWN_ORDER, SHOWN_ORDER)]]
+
+
+def shown_parts() -> list[Part]:
+    """The classes in the order they are shown."""
+    return [PARTS[i] for i in SHOWN_ORDER]
+
+
+def verdict(mean_recall: Estimate) -> str:
+    """Where a mean recall stands between the paper's two, in words."""
+    if not mean_recall.known:
+        return "no body part in the truth"
+    real = paper.mean_recall_of(paper.TABLE3_REAL)
+    synthetic = paper.mean_recall_of(paper.TABLE2_SYNTHETIC)
+    low = mean_recall.low if mean_recall.bounded else mean_recall.value
+    high = mean_recall.high if mean_recall.bounded else mean_recall.value
+    for level, name in ((synthetic, "synthetic"), (real, "real")):
+        if low > level:
+            return f"above the paper's {name} {level:.3f}"
+        if low <= level <= high:
+            return f"about the paper's {name} {level:.3f}"
+    return f"below the paper's real {real:.3f}"
+
+
+def row_shares(confusion: NDArray[np.int64]) -> NDArray[np.float64]:
+    """A confusion matrix (12, 12) as shares of each true part's pixels, NaN for an absent part."""
+    return metrics.ratio(confusion, np.broadcast_to(confusion.sum(1, keepdims=True), confusion.shape))
+
+
+def quantiles(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...]:
+    """5th, 25th, 50th, 75th and 95th percentile of what is not NaN."""
+    known = np.asarray(values, np.float64)
+    known = known[~np.isnan(known)]
+    spread = np.quantile(known, [0.05, 0.25, 0.5, 0.75, 0.95]) if known.size else np.full(5, np.nan)
+    return tuple(spread.tolist())

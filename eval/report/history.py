@@ -1,0 +1,92 @@
+"""A training as the report shows it: its losses and scores, and how one frame's labelling grew."""
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.images import decode_depth, decode_parts
+from eval.report import figures
+from sensors.errors import FormatError
+
+HISTORY, FRAME = "history.json", "frame"
+"""What `train` writes into its folder (``eval.train``)."""
+MAX_BYTES = 64_000_000
+MAX_PICTURES = 8
+"""The paper's Fig. 7 shows the labelling at seven epochs."""
+
+_EPOCH = re.compile(r"epoch-(\d{1,9})\.parts\.png")
+
+
+@dataclass(frozen=True)
+class Training:
+    """One training. points: images seen, mean loss. epochs: number, loss, mean recall, mIoU, seconds so far.
+
+    Scores are NaN where nothing was measured. pictures: the fixed frame, RGB (h, w, 3) by title: its depth,
+    its labelling at chosen epochs, its truth. facts: the plan in words, shown as given.
+    """
+
+    title: str
+    points: NDArray[np.float64]
+    epochs: NDArray[np.float64]
+    pictures: Mapping[str, figures.Image]
+    facts: Mapping[str, str]
+
+
+def load_training(folder: Path) -> Training:
+    """Read the folder that `train` wrote. Raises FormatError when it is none, or is corrupt."""
+    path = folder / HISTORY
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise FormatError(f"{path} is larger than {MAX_BYTES} bytes; it is no history of a training")
+        value = json.loads(path.read_bytes())
+        points = _rows(value["points"], ("images", "loss"))
+        epochs = _rows(value["epochs"], ("number", "loss", "mean_recall", "miou", "seconds"))
+        return Training(folder.name, points, epochs, _pictures(folder / FRAME), _facts(value))
+    except OSError as error:
+        raise FormatError(f"{path} cannot be read ({error.strerror}); give a folder of 'train'") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise FormatError(f"{path} is no history of a training ({error}); give a folder of 'train'") from error
+
+
+def _rows(entries: list[dict[str, Any]], names: tuple[str, ...]) -> NDArray[np.float64]:
+    rows = [[math.nan if entry[name] is None else float(entry[name]) for name in names] for entry in entries]
+    return np.array(rows, np.float64).reshape(-1, len(names))
+
+
+def _pictures(folder: Path) -> dict[str, figures.Image]:
+    """Depth, labelling at up to `MAX_PICTURES` epochs spread over the training, truth."""
+    found = {int(m[1]): p for p in folder.glob("epoch-*.parts.png") if (m := _EPOCH.fullmatch(p.name))}
+    if not found:
+        return {}
+    numbers = sorted(found)
+    # Early epochs differ most: spread by logarithm, as the paper's choice of 0 to 1,000 nearly is.
+    spread = np.geomspace(1, len(numbers), min(MAX_PICTURES, len(numbers))).round().astype(int) - 1
+    chosen = [numbers[i] for i in sorted(set(spread.tolist()))]
+    pictures = {f"Epoch {n}": figures.colorize_parts(decode_parts(found[n].read_bytes())) for n in chosen}
+    depth, truth = folder / "depth.png", folder / "truth.parts.png"
+    if depth.is_file():
+        image = figures.colorize_depth(decode_depth(depth.read_bytes()))
+        pictures = {"Depth": image, **pictures}
+    if truth.is_file():
+        pictures["Truth"] = figures.colorize_parts(decode_parts(truth.read_bytes()))
+    return pictures
+
+
+def _facts(value: dict[str, Any]) -> dict[str, str]:
+    """What was trained, on what, flattened to lines."""
+    facts = {name: str(value[name]) for name in ("images", "parameters", "device", "torch") if name in value}
+    plan = value.get("plan", {})
+    return {**facts, **{str(key): _line(entry) for key, entry in plan.items()}}
+
+
+def _line(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_line(entry)}" for key, entry in value.items())
+    return str(value)

@@ -1,0 +1,197 @@
+"""Which figures a report has, by the id of the element that shows them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from eval import paper
+from eval.boundary import TOLERANCES_MM, TOLERANCES_PX
+from eval.calibration import reliability_curve
+from eval.paired import Difference
+from eval.report import charts
+from eval.report.charts import Figure
+from eval.report.estimates import Estimate, estimate
+from eval.report.gap import difference_of
+from eval.report.history import Training
+from eval.report.joints_view import THRESHOLDS_MM, JointsView
+from eval.report.material import Material
+from eval.report.views import View
+from eval.results import Result
+
+MAX_CURVE = 400
+"""Points of a loss curve."""
+
+
+def figures_of(
+    material: Material, views: Sequence[View], found: Sequence[Difference], joints: Sequence[JointsView]
+) -> dict[str, Figure]:
+    """Every figure by its id; those without data are left out."""
+    results = material.results
+    figures = {
+        "overview": _overview(views, material.ceiling),
+        "parts-recall": _by_part(views, "recall", "recall", material.ceiling),
+        "parts-iou": _by_part(views, "iou", "intersection over union", material.ceiling),
+        "error-kinds": charts.stacked_shares(
+            [(view.result.title, [(e.title, e.rgb, e.share) for e in view.errors]) for view in views]
+        ),
+        "error-distance": _error_distance(views),
+        "boundary": _boundary(results),
+        "people": _people(results),
+    }
+    if any(result.comparison.has_confidence for result in results):
+        figures["reliability"] = _reliability(results)
+    if found:
+        figures["differences"] = _differences(found)
+    if joints:
+        figures["pck"] = _pck(joints, results)
+    if material.trainings:
+        figures |= {"loss": _loss(material.trainings), "learning": _learning(material.trainings)}
+        if not any(np.isfinite(training.epochs[:, 2]).any() for training in material.trainings):
+            del figures["learning"]
+    return figures
+
+
+def _overview(views: Sequence[View], ceiling: Result | None) -> Figure:
+    rows = [(v.result.title, v.scores["mean_recall"], charts.series(i), "circle") for i, v in enumerate(views)]
+    for name, table, symbol in (
+        ("Paper, synthetic", paper.TABLE2_SYNTHETIC, "diamond-open"),
+        ("Paper, real", paper.TABLE3_REAL, "diamond"),
+    ):
+        printed = Estimate(paper.mean_recall_of(table), np.nan, np.nan)
+        rows.append((name, printed, "var(--paper)", symbol))
+    figure = charts.levels(rows, "mean recall of the eleven parts")
+    if ceiling is not None:
+        _line_at(figure, float(ceiling.comparison.scores["mean_recall"]), "two people's labels")
+    return figure
+
+
+def _line_at(figure: Figure, x: float, text: str) -> None:
+    """A dashed line across the rows, told what it is."""
+    line = {"color": "var(--soft)", "width": 1.5, "dash": "dash"}
+    figure["layout"]["shapes"] = [{"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": line}]
+    figure["layout"]["annotations"] = [
+        {"x": x, "y": 1, "yref": "paper", "text": text, "showarrow": False, "yanchor": "bottom", "xanchor": "right"}
+    ]
+    figure["layout"]["margin"]["t"] = 24
+
+
+def _by_part(views: Sequence[View], name: str, axis: str, ceiling: Result | None) -> Figure:
+    rows = [
+        (views[0].parts[i].part.title, [view.parts[i].scores[name] for view in views])
+        for i in range(len(views[0].parts))
+    ]
+    best = None if ceiling is None else ceiling.comparison.scores[name][1:].tolist()
+    references = charts.paper_recalls() if name == "recall" else None
+    return charts.forest(rows, [view.result.title for view in views], axis, references, best)
+
+
+def _error_distance(views: Sequence[View]) -> Figure:
+    traces = [
+        (v.result.title, [row.label for row in v.distances], [row.rate.value for row in v.distances], charts.series(i), "solid")
+        for i, v in enumerate(views)
+    ]
+    figure = charts.lines(
+        traces, "distance to the nearest border of the truth, px", "wrong pixels", yaxis={"tickformat": ".0%", "rangemode": "tozero"}
+    )
+    for trace, view in zip(figure["data"], views, strict=True):
+        trace["error_y"] = _error_bars([row.rate for row in view.distances], trace["line"]["color"])
+    figure["layout"]["xaxis"]["type"] = "category"
+    return figure
+
+
+def _error_bars(found: Sequence[Estimate], color: str) -> Figure:
+    above = [e.high - e.value if e.bounded else 0.0 for e in found]
+    below = [e.value - e.low if e.bounded else 0.0 for e in found]
+    return {"type": "data", "symmetric": False, "array": charts.numbers(above),
+            "arrayminus": charts.numbers(below), "thickness": 1.2, "width": 0, "color": color}  # fmt: skip
+
+
+def _boundary(results: Sequence[Result]) -> Figure:
+    traces = []
+    for i, result in enumerate(results):
+        for name, limits, dash, unit in (
+            ("boundary_f_px", TOLERANCES_PX, "solid", "px"),
+            ("boundary_f_mm", TOLERANCES_MM, "dot", "mm"),
+        ):
+            scores = result.comparison.scores[name]
+            if np.isfinite(scores).any():
+                labels = [f"{limit:g} {unit}" for limit in limits]
+                traces.append((f"{result.title}, {unit}", labels, scores.tolist(), charts.series(i), dash))
+    return charts.lines(traces, "tolerance", "boundary F", xaxis={"type": "category"})
+
+
+def _reliability(results: Sequence[Result]) -> Figure:
+    traces = []
+    for i, result in enumerate(results):
+        if result.comparison.has_confidence:
+            for half, where, dash in ((0, "inside", "solid"), (1, "near a border", "dot")):
+                curve = reliability_curve(result.comparison.total.reliability[half])
+                x, y = charts.numbers(curve.confidence), curve.accuracy.tolist()
+                traces.append((f"{result.title}, {where}", x, y, charts.series(i), dash))
+    figure = charts.lines(traces, "confidence", "share right", 380, xaxis={"range": [0, 1.01]}, yaxis={"range": [0, 1.01]})
+    diagonal = {"color": "var(--soft)", "width": 1.2, "dash": "dash"}
+    figure["layout"]["shapes"] = [{"type": "line", "x0": 0, "y0": 0, "x1": 1, "y1": 1, "line": diagonal}]
+    return figure
+
+
+def _differences(found: Sequence[Difference]) -> Figure:
+    titles = [f"{one.a} − {one.b}" for one in found]
+    rows = [("All parts", [difference_of(one, "mean_recall") for one in found])]
+    rows += [
+        (title, [difference_of(one, "recall", i + 1) for one in found])
+        for i, title in enumerate(charts.part_titles())
+    ]
+    return charts.forest(rows, titles, "difference of recall", first_series=1, zero=True)
+
+
+def _people(results: Sequence[Result]) -> Figure:
+    boxes = []
+    for i, result in enumerate(results):
+        c = result.comparison
+        text = [f"{frame}, {who}" for frame, who in zip(c.frame_ids, c.subjects, strict=True)]
+        boxes.append((result.title, c.subjects, c.frame_miou, text, charts.series(i)))
+    return charts.spreads(boxes, "mIoU of a frame")
+
+
+def _pck(joints: Sequence[JointsView], results: Sequence[Result]) -> Figure:
+    order = [result.title for result in results]
+    traces = [
+        (j.title, list(THRESHOLDS_MM), j.pck, charts.series(order.index(j.title)), "solid") for j in joints
+    ]
+    return charts.lines(traces, "distance to the true joint, mm", "share of the joints", yaxis={"tickformat": ".0%", "range": [0, 1.01]})
+
+
+def _loss(trainings: Sequence[Training]) -> Figure:
+    traces = []
+    for i, training in enumerate(trainings):
+        points = training.points if len(training.points) > 1 else _by_epoch(training)
+        points = points[:: max(1, len(points) // MAX_CURVE)]
+        traces.append((training.title, charts.numbers(points[:, 0]), points[:, 1].tolist(), charts.series(i), "solid"))
+    figure = charts.lines(traces, "images seen", "training loss per pixel", yaxis={"type": "log"})
+    for trace in figure["data"]:
+        trace["mode"] = "lines"
+    return figure
+
+
+def _by_epoch(training: Training) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    return training.epochs[:, :2]
+
+
+def _learning(trainings: Sequence[Training]) -> Figure:
+    traces = []
+    for i, training in enumerate(trainings):
+        for column, name, dash in ((2, "mean recall", "solid"), (3, "mIoU", "dot")):
+            scores = training.epochs[:, column]
+            if np.isfinite(scores).any():
+                x = charts.numbers(training.epochs[:, 0])
+                traces.append((f"{training.title}, {name}", x, scores.tolist(), charts.series(i), dash))
+    return charts.lines(traces, "epoch", "on frames held out")
+
+
+def calibration_rows(results: Sequence[Result]) -> list[tuple[str, Estimate, Estimate]]:
+    """Title, calibration error of all person pixels and of those near a border, of results that have one."""
+    return [
+        (r.title, estimate(r.comparison, "ece"), estimate(r.comparison, "ece_near"))
+        for r in results
+        if r.comparison.has_confidence
+    ]

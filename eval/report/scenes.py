@@ -1,0 +1,94 @@
+"""Frames to turn in three dimensions: points of the person and of what is around, small enough to embed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.cloud import ThermalCloud
+from annotate.crop import SIZE
+from annotate.labels import FrameLabels
+from annotate.parts import BACKGROUND, UNDEFINED
+from eval.report.figures import error_kind_ids
+from sensors.camera import Intrinsics
+
+MAX_POINTS = 14_000
+"""Points of a scene: turned smoothly by a laptop's own graphics, 0.2 MB in the page."""
+AROUND_SHARE = 0.25
+"""Share of the points that may show the surroundings."""
+ROOM_M = 0.5
+"""How far around the person the surroundings are shown."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Points of one frame. points_mm: int16 (n, 3), depth-camera frame less the person's middle.
+
+    colors: values (n,) by what they tell ("truth", "predicted": part ids; "error": index into
+    `figures.ERROR_NAMES`; "temperature_c": float, NaN unknown).
+    """
+
+    title: str
+    points_mm: NDArray[np.int16]
+    colors: Mapping[str, NDArray[np.generic]]
+
+
+def make_scene(
+    title: str,
+    predicted: FrameLabels,
+    camera: Intrinsics,
+    truth: FrameLabels | None = None,
+    cloud: ThermalCloud | None = None,
+) -> Scene | None:
+    """The scene of a frame; None where nobody is seen. camera: of the whole depth image."""
+    frame = predicted if truth is None else truth
+    points = points_of(frame, camera)
+    person = _person(predicted) | (_person(truth) if truth is not None else False)
+    at = _chosen(points, person & (frame.depth_mm > 0))
+    if not at.size:
+        return None
+    middle = np.median(points.reshape(-1, 3)[at][person.ravel()[at]], axis=0)
+    shown = (points.reshape(-1, 3)[at] - middle) * 1000
+    colors: dict[str, NDArray[np.generic]] = {"predicted": predicted.parts.ravel()[at]}
+    if truth is not None:
+        colors = {"truth": truth.parts.ravel()[at], **colors}
+        colors["error"] = error_kind_ids(truth.parts, predicted.parts).ravel()[at]
+    if cloud is not None and np.isfinite(cloud.temperature_c).any():
+        colors["temperature_c"] = cloud.temperature_c.ravel()[at]
+    return Scene(title, np.clip(shown, -32_000, 32_000).astype(np.int16), colors)
+
+
+def points_of(frame: FrameLabels, camera: Intrinsics) -> NDArray[np.float64]:
+    """Points (h, w, 3) in metres, NaN without a reading, of a depth image or of a crop of it (``crop`` note)."""
+    height, width = frame.depth_mm.shape
+    v, u = np.mgrid[:height, :width].astype(np.float64)
+    crop = frame.notes.get("crop")
+    if frame.depth_mm.shape == (SIZE, SIZE) and isinstance(crop, list) and len(crop) == 3:
+        top, left, side = (float(value) for value in crop)
+        v, u = top + (v + 0.5) * side / SIZE - 0.5, left + (u + 0.5) * side / SIZE - 0.5
+    z = np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)
+    return np.stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z], axis=-1)
+
+
+def _person(frame: FrameLabels) -> NDArray[np.bool_]:
+    return np.asarray((frame.parts != BACKGROUND) & (frame.parts != UNDEFINED))
+
+
+def _chosen(points: NDArray[np.float64], person: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Pixels to show, evenly thinned: the person, and what lies within `ROOM_M` of the person's box."""
+    body = np.flatnonzero(person)
+    if not body.size:
+        return body
+    flat = points.reshape(-1, 3)
+    low, high = np.percentile(flat[body], [2, 98], axis=0) + np.array([[-ROOM_M], [ROOM_M]])
+    with np.errstate(invalid="ignore"):
+        close = ((flat >= low) & (flat <= high)).all(-1)
+    around = np.flatnonzero(close & ~person.ravel())
+    around = _thinned(around, int(MAX_POINTS * AROUND_SHARE))
+    return np.concatenate([_thinned(body, MAX_POINTS - around.size), around])
+
+
+def _thinned(pixels: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+    keep = np.linspace(0, pixels.size - 1, min(most, pixels.size)).round().astype(np.intp)
+    return pixels[keep]

@@ -1,0 +1,129 @@
+"""Depth images in NumPy files (.npy, .npz) as a source of frames; nothing in them is ever executed.
+
+A .npy holds depth (h, w) or (n, h, w), integers in millimetres or floats in metres. A .npz holds it as
+``depth``, or as its only array; ``K``, the 3x3 camera matrix, may lie beside it. Otherwise intrinsics are in
+``NAME.json`` or ``intrinsics.json`` beside the file (see ``intrinsics_file``).
+"""
+
+import io
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.calibration import RigCalibration
+from sensors.camera import MAX_IMAGE_SIDE, Intrinsics
+from sensors.errors import CalibrationError, FormatError
+from sensors.frame import FRAME_PERIOD_NS, RigFrame, mm_from_metres, mm_from_units
+from sensors.intrinsics_file import read_intrinsics
+
+MAX_ARRAY_BYTES = 1 << 32
+MAX_ZIP_RATIO = 1100
+"""Deflate reaches 1032; what claims more is no array."""
+
+
+class DepthArrays:
+    """A NumPy file as a ``FrameSource``. Raises FormatError, or CalibrationError without intrinsics.
+
+    notes: what is absent, where the intrinsics are from.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.name = path, path.stem
+        arrays = _load(path)
+        self._depth = _depth(path, arrays)
+        camera, self._unit_mm, origin = _intrinsics(path, arrays.get("K"), self._depth.shape[1:])
+        self.calibration = RigCalibration(camera)
+        unread = sorted(set(arrays) - {"depth", "K"}) if len(arrays) > 1 else []
+        self.notes = (
+            origin,
+            *(f"array {name[:60]!r} is not read" for name in unread),
+            "no colour images",
+            "no thermal images",
+            "no time stamps: 30 frames a second assumed",
+        )
+
+    def __len__(self) -> int:
+        return len(self._depth)
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        for index, image in enumerate(self._depth):
+            whole = image.dtype.kind in "iu"
+            depth_mm = mm_from_units(image, self._unit_mm) if whole else mm_from_metres(image)
+            yield RigFrame(index, index * FRAME_PERIOD_NS, depth_mm)
+
+
+def _load(path: Path) -> dict[str, NDArray[Any]]:
+    """Every array of the file by name; a .npy's has the name ``depth`` and stays on disk."""
+    try:
+        if path.stat().st_size > MAX_ARRAY_BYTES:
+            raise FormatError(f"{path} is larger than {MAX_ARRAY_BYTES} bytes; split it")
+        if not zipfile.is_zipfile(path):
+            return {"depth": np.load(path, mmap_mode="r", allow_pickle=False)}
+        with zipfile.ZipFile(path) as archive:
+            return {info.filename.removesuffix(".npy"): _member(archive, info) for info in archive.infolist()}
+    except (OSError, EOFError) as error:
+        raise FormatError(f"{path} cannot be read ({error}); give a .npy or .npz file") from error
+    except (ValueError, TypeError, SyntaxError, KeyError, NotImplementedError, RuntimeError, OverflowError,
+            MemoryError, zipfile.BadZipFile, zipfile.zlib.error) as error:  # type: ignore[attr-defined]  # fmt: skip
+        raise FormatError(f"{path} holds no plain arrays ({error}); save it with numpy.savez") from error
+
+
+def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
+    if info.file_size > min(MAX_ARRAY_BYTES, MAX_ZIP_RATIO * info.compress_size + 1000):
+        raise ValueError(f"{info.filename[:60]!r} claims {info.file_size} bytes")
+    with archive.open(info) as member:
+        data = member.read(info.file_size)
+    stream = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    read_header = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }.get(version)
+    if read_header is None:
+        raise ValueError(f"array format {version}")
+    shape, fortran, dtype = read_header(stream)
+    if dtype.hasobject:
+        raise ValueError("it holds Python objects")
+    values = np.frombuffer(data, dtype, offset=stream.tell())
+    return values.reshape(shape, order="F" if fortran else "C")
+
+
+def _depth(path: Path, arrays: dict[str, NDArray[Any]]) -> NDArray[Any]:
+    """The depth array as (n, h, w)."""
+    depth = arrays.get("depth", next(iter(arrays.values())) if len(arrays) == 1 else None)
+    if depth is None:
+        names = ", ".join(name[:30] for name in sorted(arrays)[:8])
+        raise FormatError(f"{path} holds no array 'depth' but {names or 'nothing'}; name it so")
+    if depth.ndim not in (2, 3) or depth.dtype.kind not in "iuf" or 0 in depth.shape:
+        raise FormatError(
+            f"{path}: depth is {depth.dtype} {depth.shape}; give (h, w) or (n, h, w), integers in "
+            "millimetres or floats in metres"
+        )
+    images = depth.reshape(-1, *depth.shape[-2:])
+    if max(images.shape[1:]) > MAX_IMAGE_SIDE:
+        raise FormatError(f"{path}: depth is {depth.shape}; give at most {MAX_IMAGE_SIDE} pixels a side")
+    return images
+
+
+def _intrinsics(
+    path: Path, matrix: NDArray[Any] | None, shape: tuple[int, ...]
+) -> tuple[Intrinsics, float, str]:
+    height, width = shape
+    if matrix is not None:
+        if matrix.shape != (3, 3) or matrix.dtype.kind not in "iuf":
+            raise CalibrationError(f"{path}: K is {matrix.dtype} {matrix.shape}; give the 3x3 camera matrix")
+        fx, cx, fy, cy = (float(matrix[at]) for at in ((0, 0), (0, 2), (1, 1), (1, 2)))
+        return Intrinsics(width, height, fx, fy, cx, cy), 1.0, "intrinsics from the file's K"
+    for file in (path.with_suffix(".json"), path.with_name("intrinsics.json")):
+        if file.is_file():
+            found = read_intrinsics(file, (height, width))
+            return found.depth, found.unit_mm, f"intrinsics from {file.name}"
+    raise CalibrationError(
+        f"{path} has no intrinsics; add {path.with_suffix('.json')} holding "
+        f'{{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": {width}, "height": {height}}} '
+        "with the depth camera's four numbers in pixels"
+    )

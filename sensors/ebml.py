@@ -1,0 +1,102 @@
+"""The elements of an EBML file (Matroska's container, RFC 8794), each bounded by its parent and the file.
+
+Only what a reader of raw video needs: no codec, no index, no lacing.
+"""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+from sensors.errors import FormatError
+
+MAX_ELEMENT_BYTES = 1 << 26
+"""Largest element that is read: room for a 4096x3072 image of 16 bits."""
+MAX_ELEMENTS = 5_000_000
+"""Elements walked in one file: hours of recording."""
+
+
+@dataclass(frozen=True)
+class Element:
+    """One element: its id (marker bits included) and where its payload lies."""
+
+    id: int
+    start: int
+    size: int
+
+    @property
+    def end(self) -> int:
+        """Offset of the byte after it."""
+        return self.start + self.size
+
+
+class EbmlFile:
+    """A file open for reading as EBML. Raises FormatError for what is none or is cut off where it matters."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._size = os.fstat(file.fileno()).st_size
+        self._left = MAX_ELEMENTS
+
+    @property
+    def whole(self) -> Element:
+        """The file as if it were one element."""
+        return Element(0, 0, self._size)
+
+    def children(self, parent: Element) -> Iterator[Element]:
+        """Elements within ``parent``; one of unknown size, or cut off, reaches to its parent's end."""
+        offset = parent.start
+        while offset < parent.end:
+            element = self._element(offset, parent.end)
+            if element is None:
+                return
+            yield element
+            offset = element.end
+
+    def find(self, parent: Element, *path: int) -> Iterator[Element]:
+        """Every element on the way of ids below ``parent``."""
+        for child in self.children(parent):
+            if child.id == path[0]:
+                if len(path) == 1:
+                    yield child
+                else:
+                    yield from self.find(child, *path[1:])
+
+    def bytes(self, element: Element, limit: int = MAX_ELEMENT_BYTES) -> bytes:
+        """An element's payload."""
+        if element.size > limit:
+            raise FormatError(
+                f"{self._file.name} has an element of {element.size} bytes; at most {limit} are read"
+            )
+        self._file.seek(element.start)
+        return self._file.read(element.size)
+
+    def number(self, element: Element) -> int:
+        """An unsigned integer of at most 8 bytes."""
+        return int.from_bytes(self.bytes(element, 8), "big")
+
+    def text(self, element: Element) -> str:
+        """A short string, zero padding removed."""
+        return self.bytes(element, 10_000).rstrip(b"\0").decode("utf-8", "replace")
+
+    def _element(self, offset: int, end: int) -> Element | None:
+        self._left -= 1
+        if self._left < 0:
+            raise FormatError(f"{self._file.name} has more than {MAX_ELEMENTS} elements; split the recording")
+        self._file.seek(offset)
+        head = self._file.read(12)
+        id_length = _length(head, 4)
+        size_length = _length(head[id_length:], 8) if id_length else 0
+        start = offset + id_length + size_length
+        if not size_length or start > end:
+            return None
+        size = int.from_bytes(head[id_length : id_length + size_length], "big") & ((1 << 7 * size_length) - 1)
+        if size == (1 << 7 * size_length) - 1:  # unknown (RFC 8794, 6.2)
+            size = end - start
+        return Element(int.from_bytes(head[:id_length], "big"), start, min(size, end - start))
+
+
+def _length(head: bytes, longest: int) -> int:
+    """Length of the variable-size integer that begins here; 0 where there is none."""
+    length = 9 - head[0].bit_length() if head else 0
+    return length if 0 < length <= min(longest, len(head)) else 0

@@ -1,0 +1,372 @@
+"""ROS 2 bags and other people's MCAP, written by rosbags and mcap's own writer, become frames."""
+
+import sqlite3
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import register_schema
+
+from sensors.bag import Bag, path_between
+from sensors.bag_topics import choose_color, choose_depth, described_by
+from sensors.calibration import Pose
+from sensors.camera import Intrinsics
+from sensors.errors import CalibrationError, CloudError, FormatError
+from sensors.importers import open_source
+from sensors.messages import calibration_messages, color_message, depth_message
+from sensors.replay import Session
+from sensors.ros_images import color_encoded_from, depth_mm_from
+from sensors.ros_messages import Camera, PackedPicture, RawPicture, Stamped
+
+rosbag2 = pytest.importorskip("rosbags.rosbag2")
+typesys = pytest.importorskip("rosbags.typesys")
+
+STORE = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+H, W = 12, 16
+SECOND = 1_000_000_000
+STORAGES = [rosbag2.StoragePlugin.SQLITE3, rosbag2.StoragePlugin.MCAP]
+DEPTH, COLOR = "/camera/depth/image_rect_raw", "/camera/color/image_raw"
+
+
+def depth_image(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 5000, (H, W), np.uint16)
+
+
+def color_image(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (2 * H, 2 * W, 3), np.uint8)
+
+
+def ros(kind: str, **fields: object) -> object:
+    return STORE.types[kind](**fields)
+
+
+def header(stamp_ns: int, frame: str) -> object:
+    time = ros("builtin_interfaces/msg/Time", sec=stamp_ns // SECOND, nanosec=stamp_ns % SECOND)
+    return ros("std_msgs/msg/Header", stamp=time, frame_id=frame)
+
+
+def image(pixels: np.ndarray, encoding: str, stamp_ns: int, frame: str) -> object:
+    return ros(
+        "sensor_msgs/msg/Image", header=header(stamp_ns, frame), height=pixels.shape[0], width=pixels.shape[1],
+        encoding=encoding, is_bigendian=0, step=pixels.strides[0], data=pixels.view(np.uint8).ravel(),
+    )  # fmt: skip
+
+
+def camera_info(camera: Intrinsics, frame: str) -> object:
+    region = ros(
+        "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+    )
+    return ros(
+        "sensor_msgs/msg/CameraInfo", header=header(0, frame), height=camera.height, width=camera.width,
+        distortion_model="plumb_bob", d=np.array(camera.distortion), k=camera.matrix.ravel(), r=np.eye(3).ravel(),
+        p=np.hstack([camera.matrix, np.zeros((3, 1))]).ravel(), binning_x=0, binning_y=0, roi=region,
+    )  # fmt: skip
+
+
+def transform(parent: str, child: str, xyz: tuple[float, float, float]) -> object:
+    move = ros(
+        "geometry_msgs/msg/Transform",
+        translation=ros("geometry_msgs/msg/Vector3", x=xyz[0], y=xyz[1], z=xyz[2]),
+        rotation=ros("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+    )
+    stamped = ros(
+        "geometry_msgs/msg/TransformStamped", header=header(0, parent), child_frame_id=child, transform=move
+    )
+    return ros("tf2_msgs/msg/TFMessage", transforms=[stamped])
+
+
+CAMERA, COLOR_CAMERA = (
+    Intrinsics(W, H, 20.0, 21.0, 7.5, 5.5),
+    Intrinsics(2 * W, 2 * H, 40.0, 41.0, 15.5, 11.5, 0.1),
+)
+
+
+def write_bag(path: Path, storage: object, messages: list[tuple[str, object, int]]) -> Path:
+    """(topic, message, time logged) into a ROS 2 bag, by rosbags' own writer."""
+    with rosbag2.Writer(path, version=9, storage_plugin=storage) as writer:
+        connections: dict[str, object] = {}
+        for topic, message, logged_ns in messages:
+            kind = message.__msgtype__
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            writer.write(connections[topic], logged_ns, STORE.serialize_cdr(message, kind))
+    return path
+
+
+def realsense(frames: int = 3) -> list[tuple[str, object, int]]:
+    """What a RealSense's node publishes: colour 5 ms after depth, everything logged late and in disorder."""
+    depth_info = camera_info(CAMERA, "depth_optical"), camera_info(COLOR_CAMERA, "color_optical")
+    messages: list[tuple[str, object, int]] = [
+        ("/tf_static", transform("link", "depth_optical", (0.1, 0.0, 0.0)), 1),
+        ("/tf_static", transform("link", "color_optical", (0.25, 0.0, 0.0)), 1),
+        ("/camera/depth/camera_info", depth_info[0], 2),
+        ("/camera/color/camera_info", depth_info[1], 2),
+    ]
+    for i in reversed(range(frames)):
+        stamp = SECOND + i * 33_000_000
+        depth, color = depth_image(i), color_image(i)
+        messages.append((DEPTH, image(depth, "16UC1", stamp, "depth_optical"), 9 * SECOND - i))
+        messages.append((COLOR, image(color, "rgb8", stamp + 5_000_000, "color_optical"), 9 * SECOND - i))
+        infra = (depth % 256).astype(np.uint8)
+        messages.append(("/camera/infra1/image_rect_raw", image(infra, "mono8", stamp, "i"), 9 * SECOND))
+    return messages
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_bag_is_a_source(tmp_path, storage, alone):
+    path = write_bag(tmp_path / "bag", storage, realsense())
+    if alone:
+        path = next(f for f in path.iterdir() if f.suffix in (".db3", ".mcap"))
+    source = open_source(path)
+    assert isinstance(source, Bag)
+    assert (source.calibration.depth, source.calibration.color) == (CAMERA, COLOR_CAMERA)
+    np.testing.assert_allclose(source.calibration.color_from_depth.translation_m, [-0.15, 0, 0])
+    assert len(source) == 3
+    for i, frame in enumerate(source):
+        assert (frame.index, frame.stamp_ns) == (i, SECOND + i * 33_000_000)
+        np.testing.assert_array_equal(frame.depth_mm, depth_image(i))
+        np.testing.assert_array_equal(frame.decode_color(), color_image(i))
+    assert {f"depth from {DEPTH}", f"colour from {COLOR}", "not read: /camera/infra1/image_rect_raw"} <= set(
+        source.notes
+    )
+
+
+def test_a_bag_becomes_a_session(annotate_cloud, tmp_path):
+    bag = write_bag(tmp_path / "bag", STORAGES[0], realsense())
+    done = annotate_cloud("import", bag, tmp_path / "x.mcap", "--json")
+    assert (done.code, done.result["frames"], done.result["streams"]) == (0, 3, {"depth": 3, "color": 3})
+    for a, b in zip(open_source(bag), Session(tmp_path / "x.mcap"), strict=True):
+        np.testing.assert_array_equal(a.depth_mm, b.depth_mm)
+        assert (a.color_encoded, a.stamp_ns) == (b.color_encoded, b.stamp_ns)
+
+
+def test_what_is_absent_is_said(tmp_path):
+    def notes(name: str, *without: str) -> tuple[str, ...]:
+        rest = [m for m in realsense() if not m[0].startswith(without)]
+        return open_source(write_bag(tmp_path / name, STORAGES[1], rest)).notes
+
+    assert any("no transform" in note for note in notes("a", "/tf"))
+    assert any(
+        "no camera_info of the colour" in note for note in notes("b", "/camera/color/camera_info", "/tf")
+    )
+    assert "no colour images" in notes("c", "/camera/color")
+    with pytest.raises(CalibrationError, match="camera_info"):
+        notes("d", "/camera/depth/camera_info", "/camera/color/camera_info")
+    with pytest.raises(FormatError, match="no depth images"):
+        notes("e", "/camera/depth")
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_foxglove_mcap_of_others_is_read(tmp_path, compression):
+    path = tmp_path / "robot.mcap"
+    calibrations = dict(calibration_messages(open_calibration(), 0))
+    jpeg = bytes(cv2.imencode(".jpg", color_image(0))[1])
+    with path.open("wb") as file:
+        writer = Writer(file, compression=compression)
+        writer.start()
+        channels = {}
+        for topic, message in [
+            ("/robot/head/depth/calibration", calibrations["/depth/calibration"]),
+            ("/robot/head/rgb/calibration", calibrations["/color/calibration"]),
+            ("/tf", calibrations["/tf"]),
+            *[("/robot/head/depth/image", depth_message(depth_image(i), i * SECOND)) for i in range(2)],
+            *[("/robot/head/rgb/compressed", color_message(jpeg, i * SECOND)) for i in range(2)],
+        ]:
+            if topic not in channels:
+                schema = register_schema(writer, type(message))
+                channels[topic] = writer.register_channel(topic, "protobuf", schema)
+            writer.add_message(channels[topic], 5, message.SerializeToString(), 5)
+        writer.finish()
+    source = open_source(path)
+    assert isinstance(source, Bag)
+    assert source.calibration.color_from_depth is not None
+    assert [frame.stamp_ns for frame in source] == [5, SECOND]  # none said: when it was logged
+    for i, frame in enumerate(source):
+        np.testing.assert_array_equal(frame.depth_mm, depth_image(i))
+        assert frame.color_encoded == jpeg
+    path.write_bytes(path.read_bytes()[:-100])
+    assert any("truncated" in note for note in open_source(path).notes)
+
+
+def open_calibration() -> object:
+    from sensors.calibration import RigCalibration
+
+    return RigCalibration(CAMERA, COLOR_CAMERA, Pose.identity())
+
+
+def test_our_own_sessions_stay_sessions(rig_session):
+    assert isinstance(open_source(rig_session), Session)
+
+
+# Pictures
+
+
+def test_depth_in_every_encoding():
+    mm = depth_image(0)
+    metres = np.where(mm > 0, mm / 1000, np.nan).astype("<f4")
+    padded = np.pad(mm, ((0, 0), (0, 3)))
+    for encoding, pixels, big in (
+        ("16UC1", mm, False),
+        ("mono16", mm.astype(">u2"), True),
+        ("32FC1", metres, False),
+        ("32FC1", metres.astype(">f4"), True),
+        ("16UC1", padded, False),
+    ):
+        picture = RawPicture(H, W, encoding, pixels.strides[0], big, pixels.tobytes())
+        np.testing.assert_array_equal(depth_mm_from(picture), mm)
+
+
+def test_compressed_depth():
+    png = bytes(cv2.imencode(".png", depth_image(0))[1])
+    head = struct.pack("<iff", 0, 0.0, 0.0)
+    for data in (png, head + png):
+        got = depth_mm_from(PackedPicture("16UC1; compressedDepth png", data))
+        np.testing.assert_array_equal(got, depth_image(0))
+    # compressed_depth_image_transport's inverse depth: q = a / z + b
+    a, b = 100.0 * 101, -99.0
+    z = np.random.default_rng(0).uniform(0.5, 4, (H, W))
+    quantised = np.rint(a / z + b).astype(np.uint16)
+    data = struct.pack("<iff", 1, a, b) + bytes(cv2.imencode(".png", quantised)[1])
+    got = depth_mm_from(PackedPicture("32FC1; compressedDepth png", data))
+    np.testing.assert_allclose(got / 1000, z, atol=2e-3)
+    with pytest.raises(FormatError, match="RVL"):
+        depth_mm_from(PackedPicture("16UC1; compressedDepth rvl", b"\0" * 99))
+
+
+@pytest.mark.parametrize(("encoding", "order"), [("rgb8", (0, 1, 2)), ("bgr8", (2, 1, 0)), ("rgba8", (0, 1, 2, 0)),
+                                                 ("bgra8", (2, 1, 0, 0))])  # fmt: skip
+def test_colour_in_every_encoding(encoding, order):
+    rgb = color_image(0)
+    pixels = np.ascontiguousarray(rgb[..., list(order)])
+    encoded = color_encoded_from(
+        RawPicture(2 * H, 2 * W, encoding, pixels.strides[0], False, pixels.tobytes())
+    )
+    decoded = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    np.testing.assert_array_equal(decoded, rgb)
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [
+        RawPicture(0, 4, "16UC1", 8, False, b""),
+        RawPicture(4, 4, "16UC1", 7, False, bytes(32)),
+        RawPicture(4, 4, "16UC1", 8, False, bytes(31)),
+        RawPicture(4, 4, "16UC1", 1 << 31, False, bytes(32)),
+        RawPicture(1 << 31, 1 << 31, "16UC1", 1 << 32, False, bytes(32)),
+        RawPicture(1, 4, "16UC1", 1 << 31, False, bytes(32)),
+        RawPicture(4, 4, "bayer_rggb16", 8, False, bytes(32)),
+        PackedPicture("16UC1; compressedDepth", b""),
+        PackedPicture("32FC1; compressedDepth", struct.pack("<iff", 1, float("nan"), 0)
+                      + bytes(cv2.imencode(".png", np.ones((2, 2), np.uint16))[1])),
+    ],
+)  # fmt: skip
+def test_impossible_pictures_are_refused(picture):
+    with pytest.raises(FormatError):
+        depth_mm_from(picture)
+
+
+def test_topics_are_chosen_by_content_and_name():
+    def raw(encoding: str) -> Stamped:
+        return Stamped(0, "", RawPicture(1, 1, encoding, 8, False, bytes(8)))
+
+    jpeg, packed = (
+        Stamped(0, "", PackedPicture("jpeg", b"\xff\xd8\xff")),
+        Stamped(0, "", PackedPicture("16UC1; compressedDepth", b"")),
+    )
+    first = {
+        "/a/infra1/image": raw("mono16"),
+        "/a/aligned_depth_to_color/image_raw": raw("16UC1"),
+        "/a/depth/image_raw": raw("16UC1"),
+        "/a/depth/image_raw/compressedDepth": packed,
+        "/a/color/image_raw": raw("rgb8"),
+        "/a/color/image_raw/compressed": jpeg,
+    }
+    assert choose_depth(first) == "/a/depth/image_raw"
+    assert choose_color(first) == "/a/color/image_raw/compressed"
+    cameras = {"/a/depth/camera_info", "/a/color/camera_info"}
+    assert described_by("/a/depth/image_raw/compressedDepth", cameras) == "/a/depth/camera_info"
+    assert described_by("/b/image", cameras) is None
+    assert choose_depth({"/a/infra1/image": raw("mono16")}) is None
+
+
+def test_a_lens_that_is_unknown_is_refused_unless_the_image_is_rectified():
+    k = (20.0, 0, 7.5, 0, 21.0, 5.5, 0, 0, 1)
+    p = (30.0, 0, 7.5, 0, 0, 31.0, 5.5, 0, 0, 0, 1, 0)
+    fisheye = Camera(W, H, "equidistant", (0.1, 0.1, 0.1, 0.1), k, p)
+    with pytest.raises(CalibrationError, match="equidistant"):
+        fisheye.intrinsics(False, "x")
+    assert fisheye.intrinsics(True, "x") == Intrinsics(W, H, 30, 31, 7.5, 5.5)
+    with pytest.raises(CalibrationError):
+        Camera(W, H, "", (), (), ()).intrinsics(False, "x")
+
+
+def test_poses_go_up_and_down_the_tree():
+    def shift(x: float) -> Pose:
+        return Pose(np.eye(3), np.array([x, 0, 0]))
+
+    links = {
+        ("base", "a"): shift(1),
+        ("a", "depth"): shift(0.5),
+        ("base", "color"): shift(3),
+        ("x", "y"): shift(9),
+    }
+    pose = path_between(links, "depth", "color")
+    np.testing.assert_allclose(pose.apply(np.zeros(3)), [-1.5, 0, 0])
+    assert path_between(links, "depth", "y") is None
+    loop = {("a", "b"): shift(1), ("b", "a"): shift(1)}
+    assert path_between(loop, "a", "c") is None
+
+
+# Hostile
+
+
+def test_hostile_databases_end(tmp_path):
+    path = tmp_path / "x.db3"
+    endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i AS id FROM n"
+    with sqlite3.connect(path) as database:
+        database.execute(f"CREATE VIEW topics AS {endless}")
+        database.execute("CREATE TABLE messages (id, topic_id, timestamp, data)")
+    database.close()
+    with pytest.raises(FormatError, match="no tables"):
+        open_source(path)
+    path.write_bytes(b"SQLite format 3\0" + bytes(5000))
+    with pytest.raises(FormatError):
+        open_source(path)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_flipped_bag_is_an_error_or_frames(tmp_path, storage):
+    path = write_bag(tmp_path / "bag", storage, realsense(1))
+    file = next(f for f in path.iterdir() if f.suffix in (".db3", ".mcap"))
+    good, rng = file.read_bytes(), np.random.default_rng(0)
+    for _ in range(60):
+        content = bytearray(good)
+        for at in rng.integers(0, len(good), 4):
+            content[at] ^= 1 << rng.integers(8)
+        file.write_bytes(content)
+        try:
+            for frame in open_source(file):
+                assert frame.depth_mm.shape == (H, W)
+                frame.decode_color()
+        except CloudError as error:
+            assert "\n" not in str(error)
+
+
+def test_protobuf_of_the_wrong_kind_is_refused():
+    from sensors.ros_messages import picture_from
+
+    with pytest.raises(FormatError):
+        picture_from("RawImage", "protobuf", b"\xff" * 9)
+    assert picture_from("RawImage", "protobuf", RawImage(width=3).SerializeToString()).picture.width == 3
+    assert (
+        picture_from("CompressedImage", "protobuf", CompressedImage(format="x").SerializeToString()).stamp_ns
+        == 0
+    )
+    with pytest.raises(FormatError):
+        picture_from("Image", "cdr", b"\0\1\0\0" + b"\xff" * 40)
