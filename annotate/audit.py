@@ -32,13 +32,16 @@ class PartWork:
 class PersonWork:
     """One person's work on a label set.
 
-    frames: number they worked on; accepted: of those, accepted by them; accepted_untouched: share of the
-    accepted whose labels are as they were at first. seconds_median, seconds_p90: active seconds a frame.
+    first, last: when they worked, ISO 8601 UTC, "" where the journal does not say. frames: number they
+    worked on; accepted: of those, accepted by them; accepted_untouched: share of the accepted whose labels
+    are as they were at first. seconds_median, seconds_p90: active seconds a frame.
     seconds: active seconds by kind. strokes, undos, operations: how many. changed: share of the body's
     pixels in their frames that are another part in the end, by their hand. parts: by name.
     """
 
     who: str
+    first: str
+    last: str
     frames: int
     accepted: int
     accepted_untouched: float
@@ -115,8 +118,11 @@ def _person(who: str, visits: Sequence[_Visit]) -> PersonWork:
     for stroke in strokes:
         by_kind.update(stroke.seconds)
     operations = Counter(stroke.operation for stroke in strokes)
+    when = sorted(stroke.when for stroke in strokes if stroke.when)
     return PersonWork(
         who=who,
+        first=when[0] if when else "",
+        last=when[-1] if when else "",
         frames=len(visits),
         accepted=len(accepted),
         accepted_untouched=_share(sum(visit.untouched for visit in accepted), len(accepted)),

@@ -11,13 +11,16 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from annotate.color_model import ColorModel
-from annotate.parts import LEFT_RIGHT, PART_ID
+from annotate.parts import PART_ID
 from annotate.patches import Patches
 from annotate.supervoxels import Supervoxels
 
 HEAD = PART_ID["head"] - 1
-OWN = [HEAD, *(PART_ID[side + limb] - 1 for limb in ("forearm", "lower_leg") for side in ("left_", "right_"))]
-"""Parts whose cloth ends in something bare."""
+TWINS = tuple(
+    (PART_ID[f"left_{limb}"] - 1, PART_ID[f"right_{limb}"] - 1) for limb in ("forearm", "lower_leg")
+)
+OWN = [HEAD, *(part for twins in TWINS for part in twins)]
+"""Limbs whose cloth ends in something bare, and all that show something bare."""
 FAR_M = 0.3
 """A hand and a foot end less than that from their cuffs, along the skin (Drillis & Contini 1966: 0.108 and
 0.152 of the stature); what is farther belongs to nobody in particular."""
@@ -32,34 +35,36 @@ _Array = NDArray[np.float64]
 
 
 def bareness(model: ColorModel, chroma: _Array, blur: _Array) -> _Array:
-    """Log odds (G,) of chromaticities (G, 2) being bare, skin, hair, shoes or a head's colours, against cloth."""
+    """Log odds (G,) against cloth of colours (G, 2) being bare: skin, hair, shoes, whatever a head shows."""
     match = model.match(chroma, blur)
     bare = model.bare | model.wears[:, HEAD]
     return np.asarray(match[:, bare].max(axis=1) - match[:, ~bare].max(axis=1))
 
 
 def without_sides(belief: _Array, odds: _Array) -> _Array:
-    """Beliefs (G, 11) that do not tell left from right where supervoxels (G,) are bare."""
+    """Beliefs (G, 11) that do not tell left limbs from right ones where ``bareness`` (G,) is likely."""
     belief, bare = belief.copy(), odds > LIKELY
-    for left, right in LEFT_RIGHT:
-        both = belief[bare][:, [left - 1, right - 1]].mean(axis=1)
-        belief[bare, left - 1] = belief[bare, right - 1] = both
+    for left, right in TWINS:
+        belief[bare, left] = belief[bare, right] = belief[bare][:, [left, right]].mean(axis=1)
     return belief
 
 
 def grown_from(
     belief: _Array, odds: _Array, patches: Patches, groups: Supervoxels, centroids_m: _Array
 ) -> _Array:
-    """Log evidence (G, 11) of bare supervoxels (G,): how far each is from head and cuffs, through bare ones.
+    """Log evidence (G, 11) of what may be bare: how far each is from head and cuffs, on a way through such.
 
-    belief: (G, 11). Parts of which no cloth is seen are as good as the farthest.
+    belief: (G, 11). odds: (G,) as ``bareness`` gives them. A part of which no cloth is seen is as good as the
+    farthest.
     """
     bare = odds > LIKELY
     ways = _ways(bare, groups, centroids_m)
     part, sure = belief.argmax(axis=1), belief.max(axis=1) > SURE
     away_m = np.full(belief.shape, FAR_M)
     for own in OWN:
-        shows = sure & (part == own) & ((odds < 0) | (own == HEAD))
+        shows = sure & (part == own)
+        cloth = shows & (odds < 0)
+        shows = cloth if own != HEAD and cloth.any() else shows
         points = np.bincount(patches.ids, groups.sizes * shows)
         away_m[:, own] = _away(ways, shows & (patches.ids == points.argmax()))
     cost = np.zeros_like(belief)
@@ -83,5 +88,3 @@ def _away(ways: csr_array, start: NDArray[np.bool_]) -> _Array:
         return np.full(len(start), FAR_M)
     away_m = dijkstra(ways, indices=np.flatnonzero(start), min_only=True, limit=FAR_M)
     return np.minimum(away_m, FAR_M)
-
-

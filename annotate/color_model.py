@@ -9,6 +9,7 @@ expectation maximisation, held near the palette by priors.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from annotate.parts import BODY_PARTS
@@ -84,13 +85,10 @@ class ColorModel:
 
     def match(self, chroma: _Array, noise: _Array) -> _Array:
         """Log likelihood (n, K) of colours under each swatch, 0 at the middle of one as wide as SIGMA."""
-        middle = self.lit + self.shift
-        x, y = (chroma[:, i, None] - middle[:, i] for i in (0, 1))
-        own = noise[:, None] ** 2 + self.variance
-        xx, xy, yy = own + self.unknown[:, 0, 0], self.unknown[:, 0, 1], own + self.unknown[:, 1, 1]
-        area = xx * yy - xy**2
-        away = (yy * x**2 - 2 * xy * x * y + xx * y**2) / area
-        return np.asarray(-0.5 * away - 0.5 * np.log(area / SIGMA**4) - BARE_COST * self.bare)
+        cost = BARE_COST * self.bare
+        return np.asarray(
+            _match(chroma, noise, self.lit + self.shift, self.variance, self.unknown, cost), np.float64
+        )
 
     def evidence(self, rgb: NDArray[np.uint8]) -> _Array:
         """Log likelihood (n, 11) of every part for every colour (n, 3); flat where no swatch is near."""
@@ -100,6 +98,23 @@ class ColorModel:
     def by_part(self, match: _Array) -> _Array:
         """The best swatch's log likelihood (n, 11) of each part, from that of all (n, K)."""
         return np.stack([match[:, self.wears[:, part]].max(axis=1) for part in range(_N)], axis=1)
+
+
+@njit(cache=True, nogil=True)
+def _match(
+    chroma: _Array, noise: _Array, middle: _Array, variance: _Array, unknown: _Array, cost: _Array
+) -> _Array:
+    """Log density (n, K) of normal distributions less each one's cost, as ``ColorModel.match`` says."""
+    score = np.empty((len(chroma), len(middle)))
+    for i in range(len(chroma)):
+        for k in range(len(middle)):
+            x, y = chroma[i, 0] - middle[k, 0], chroma[i, 1] - middle[k, 1]
+            own = noise[i] ** 2 + variance[k]
+            xx, xy, yy = own + unknown[k, 0, 0], unknown[k, 0, 1], own + unknown[k, 1, 1]
+            area = xx * yy - xy**2
+            away = (yy * x**2 - 2 * xy * x * y + xx * y**2) / area
+            score[i, k] = -0.5 * away - 0.5 * np.log(area / SIGMA**4) - cost[k]
+    return score
 
 
 def readable(rgb: NDArray[np.uint8], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -1,91 +1,166 @@
-"""How sure a supervoxel's label is: the share of its pixels that will be right."""
+"""How sure every pixel's label is: the chance that it is right, the person's outline included.
+
+Labels go wrong in thin strips, along seams and silhouettes, and in small islands; a mean over a
+supervoxel would hide them. So each pixel has a confidence of its own, and a supervoxel is worth a look for
+all the wrong pixels that are to be expected in it.
+"""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.cloud import ThermalCloud
 from annotate.supervoxels import Supervoxels
 
 WEIGHTS = {
-    "odds": 0.24,
-    "own color": 1.32,
-    "stray color": 0.39,
-    "unread": -0.43,
-    "touches border": -5.83,
-    "border": 4.15,
-    "outline": -0.5,
-    "size": 0.04,
-    "cold": -0.1,
-    "no warmth": -0.02,
-    "frame": 0.83,
+    "odds": 0.14,
+    "margin": 0.53,
+    "unread": -0.04,
+    "same": 2.74,
+    "island": -0.61,
+    "island of part": 3.33,
+    "part": 0.38,
+    "outline": 0.22,
+    "alone": 0.56,
+    "jump": -0.09,
+    "unmeasured": 0.25,
+    "no warmth": -0.76,
+    "cold": -0.08,
+    "contact": -2.74,
+    "frame contact": -5.10,
+    "frame odds": 2.31,
 }
-INTERCEPT = 1.0
-"""Fitted by tests/fit_confidence.py on the virtual rig, `normal` and `hard`, 128 frames of seeds 100 to 199.
+INTERCEPT = -19.27
+"""Fitted by tests/fit_confidence.py.
 
-odds: log of the likeliest part's belief over the next one's, own color: how well the points' own colours
-fit their part, against the part they fit best. stray color: how well any. unread: share of points without
-a readable colour. touches border, border: square root and share of points beside another part. outline:
-share on the person's outline. size: log number of points. cold: degrees below the person's median. no
-warmth: share of points without a temperature. frame: own color over the frame."""
+odds: log of the likeliest part's belief over the next one's. margin: how much better the point's own colour
+fits its part than any other, log. unread: no readable colour. same: share of its part in 7 x 7. island: log
+pixels of the connected piece of its part; island of part: their share of the part. part: log share of the
+person. outline: log pixels to the person's outline. alone: share off the person in 5 x 5. jump: depth edge
+within the person. unmeasured: near the outline and no depth beside. no warmth: no temperature. cold: degrees
+below the person's median. contact: share of the supervoxel's points near the outline that go on in depth off
+the person. frame contact, frame odds: means over the frame."""
 
-LEAST_BELIEF, STRAYEST, COLDEST_C = 1e-4, -4.0, 6.0
+LEAST_BELIEF, MOST_MARGIN, COLDEST_C, FARTHEST_PX = 1e-4, 4.0, 6.0, 20
 """Beyond these a feature says no more."""
+SAME_PX, NEAR_PX, OUTLINE_PX = 7, 5, 2
+"""Sides of the windows, and how near the outline is near."""
+CONTACT_M, JUMP_M = 0.03, 0.06
+"""Depth differences within which a surface goes on, and from which on it does not."""
+MARGIN_PX = 8
 
 _Array = NDArray[np.float64]
+_Mask = NDArray[np.bool_]
 
 
 def features(
+    cloud: ThermalCloud,
+    mask: _Mask,
+    parts: NDArray[np.uint8],
     belief: _Array,
     evidence: _Array,
-    readable: NDArray[np.bool_],
-    temperature_c: NDArray[np.float32],
-    parts: NDArray[np.uint8],
-    mask: NDArray[np.bool_],
+    usable: _Mask,
     groups: Supervoxels,
 ) -> _Array:
-    """What tells a supervoxel's right labels from wrong ones (G, 11), in the order of WEIGHTS.
+    """What tells right labels from wrong ones (n, 16), in the order of WEIGHTS.
 
-    belief: (G, 11). evidence: (n, 11) of the points, readable, temperature_c: (n,), parts: uint8 (h, w) as
-    chosen, mask: (h, w) of the points, row-major.
+    mask: bool (h, w) of the n points, row-major. parts: uint8 (h, w) as chosen. belief: (G, 11). evidence:
+    (n, 11) of the points' colours, usable: (n,) which are readable.
     """
-    chosen = parts[mask].astype(np.intp) - 1
-    best = evidence.max(axis=1)
-    own = np.exp(np.where(readable, evidence[np.arange(len(chosen)), chosen] - best, 0))
-    border, outline = _edges(parts, mask)
-    felt = np.isfinite(temperature_c)
-    usual_c = np.median(temperature_c[felt]) if felt.any() else 0
-    cold = np.where(felt, np.clip(usual_c - temperature_c, 0, COLDEST_C), 0)
-    stray = np.where(readable, np.maximum(best, STRAYEST), 0)
-    of_points = groups.mean(np.stack([own, stray, ~readable, border, outline, cold, ~felt], axis=1))
+    box = _box(mask)
+    within, chosen = mask[box], parts[box]
+    depth_m = (cloud.depth_mm[box] / np.float32(1000)).astype(np.float32)
     second, first = np.sort(np.maximum(belief, LEAST_BELIEF), axis=1)[:, -2:].T
+    odds = np.log(first / second)[groups.ids]
+    celsius = cloud.temperature_c[mask]
+    felt = np.isfinite(celsius)
+    usual_c = np.median(celsius[felt]) if felt.any() else 0
+    outline_px = cv2.distanceTransform(within.astype(np.uint8), cv2.DIST_C, 3)
+    near = within & (outline_px <= OUTLINE_PX)
+    contact = (near & _goes_on(depth_m, within))[within]
     return np.column_stack(
         [
-            np.log(first / second),
-            of_points[:, :3],
-            np.sqrt(of_points[:, 3]),
-            of_points[:, 3:5],
-            np.log(groups.sizes),
-            of_points[:, 5:],
-            np.full(groups.count, own.mean()),
+            odds,
+            _margin(evidence, usable, parts[mask]),
+            ~usable,
+            _same(chosen, within),
+            *_islands(chosen, within),
+            np.log(np.minimum(outline_px[within], FARTHEST_PX)),
+            1 - cv2.blur(within.astype(np.float32), (NEAR_PX, NEAR_PX))[within],
+            _jumps(depth_m, within)[within],
+            (near & (cv2.erode(depth_m, np.ones((NEAR_PX, NEAR_PX))) == 0))[within],
+            ~felt,
+            np.where(felt, np.clip(usual_c - celsius, 0, COLDEST_C), 0),
+            groups.mean(contact)[groups.ids],
+            np.full(len(odds), contact.mean()),
+            np.full(len(odds), odds.mean()),
         ]
-    )
+    ).astype(np.float64)
 
 
 def calibrated(found: _Array) -> _Array:
-    """Expected share (G,) of right pixels from ``features`` (G, 11): a logistic curve."""
+    """Chance (n,) that a label is right from ``features`` (n, 16): a logistic curve."""
     return np.asarray(1 / (1 + np.exp(-(found @ np.array(list(WEIGHTS.values())) + INTERCEPT))))
 
 
-def worst_first(confidence: _Array, sizes: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Supervoxels in the order they are worth looking at: the most wrong pixels to be expected first."""
-    return np.argsort(-(1 - confidence) * sizes, kind="stable")
+def worst_first(confidence: _Array, groups: Supervoxels) -> NDArray[np.intp]:
+    """Supervoxels (G,) in the order they are worth looking at: the most wrong pixels to be expected first.
+
+    confidence: (n,) of the points.
+    """
+    return np.argsort(-(1 - groups.mean(confidence)) * groups.sizes, kind="stable")
 
 
-def _edges(parts: NDArray[np.uint8], mask: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which points touch another part, and which the person's outline: (n,) each."""
-    square = np.ones((3, 3), np.uint8)
-    highest = cv2.dilate(parts, square)
-    lowest = cv2.erode(np.where(mask, parts, np.uint8(255)), square)
-    return np.asarray(highest != lowest)[mask], np.asarray(cv2.erode(mask.astype(np.uint8), square) == 0)[
-        mask
-    ]
+def _box(mask: _Mask) -> tuple[slice, slice]:
+    """What of an image (h, w) holds the mask and its surroundings."""
+    v, u = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    low, high = (np.array([v[i], u[i]]) for i in (0, -1))
+    low = np.maximum(low - MARGIN_PX, 0)
+    return slice(low[0], high[0] + MARGIN_PX + 1), slice(low[1], high[1] + MARGIN_PX + 1)
+
+
+def _margin(evidence: _Array, usable: _Mask, part: NDArray[np.uint8]) -> _Array:
+    """By how much each point's colour speaks for its part (n,), against the best other."""
+    rows, own = np.arange(len(part)), part.astype(np.intp) - 1
+    others = evidence.copy()
+    others[rows, own] = -np.inf
+    margin = np.clip(evidence[rows, own] - others.max(axis=1), -MOST_MARGIN, MOST_MARGIN)
+    return np.where(usable, margin, 0)
+
+
+def _same(parts: NDArray[np.uint8], within: _Mask) -> _Array:
+    """Share (n,) of the person's pixels in a window around each that are of its part."""
+    window = (SAME_PX, SAME_PX)
+    same = np.zeros(parts.shape, np.float32)
+    for part in np.unique(parts[within]):
+        own = parts == part
+        same[own] = cv2.blur(own.astype(np.float32), window)[own]
+    return np.asarray((same / cv2.blur(within.astype(np.float32), window).clip(1e-3))[within], np.float64)
+
+
+def _islands(parts: NDArray[np.uint8], within: _Mask) -> tuple[_Array, _Array, _Array]:
+    """Of each pixel's connected piece: log pixels, and share of its part; and the part's log share; (n,)."""
+    piece, whole = np.ones(parts.shape), np.ones(parts.shape)
+    for part in np.unique(parts[within]):
+        own = parts == part
+        _, labels = cv2.connectedComponents(own.astype(np.uint8))
+        piece[own] = np.bincount(labels.ravel())[labels[own]]
+        whole[own] = own.sum()
+    piece, whole = piece[within], whole[within]
+    return np.log(piece), piece / whole, np.log(whole / len(whole))
+
+
+def _jumps(depth_m: NDArray[np.float32], within: _Mask) -> _Mask:
+    """Pixels (h, w) in whose window the person has a depth edge."""
+    window = np.ones((NEAR_PX, NEAR_PX))
+    farthest = cv2.dilate(np.where(within, depth_m, np.float32(0)), window)
+    nearest = cv2.erode(np.where(within, depth_m, np.float32(np.inf)), window)
+    return np.asarray(farthest - nearest > JUMP_M)
+
+
+def _goes_on(depth_m: NDArray[np.float32], within: _Mask) -> _Mask:
+    """Pixels (h, w) beside which, off the person, something is as far away as they are."""
+    off, window = ~within & (depth_m > 0), np.ones((NEAR_PX, NEAR_PX))
+    farthest = cv2.dilate(np.where(off, depth_m, np.float32(-np.inf)), window)
+    nearest = cv2.erode(np.where(off, depth_m, np.float32(np.inf)), window)
+    return np.asarray(np.minimum(np.abs(farthest - depth_m), np.abs(nearest - depth_m)) < CONTACT_M)

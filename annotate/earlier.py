@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from annotate.labels import FrameLabels
 from annotate.parts import BODY_PARTS
-from sensors.camera import Intrinsics, rays
+from sensors.camera import Intrinsics
 
 MOVE_M = 0.08
 """How far a limb moves between two frames at 2 Hz (spread)."""
@@ -22,7 +22,8 @@ _Array = NDArray[np.float64]
 
 
 def earlier_parts(before: FrameLabels, camera: Intrinsics, at_m: NDArray[np.float64]) -> _Array:
-    """Probabilities (G, 11) of the parts at places (G, 3) in metres, depth-camera frame, by the frame before.
+    """Probabilities (G, 11) of the parts at places (G, 3) in metres, undistorted depth camera's frame,
+    by the frame before.
 
     A mean over the nearest labelled points, less the farther they are; uniform far from all.
     """
@@ -31,7 +32,8 @@ def earlier_parts(before: FrameLabels, camera: Intrinsics, at_m: NDArray[np.floa
     v, u = (index[::STRIDE] for index in np.nonzero(labelled))
     if len(v) < NEAREST or before.parts.shape != camera.shape:
         return flat
-    points = rays(camera)[v, u] * (before.depth_mm[v, u, None] / 1000)
+    rays = np.column_stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(len(u))])
+    points = rays * (before.depth_mm[v, u, None] / 1000)
     away_m, nearest = cKDTree(points).query(at_m, k=NEAREST, distance_upper_bound=3 * MOVE_M)
     found = np.isfinite(away_m)
     weight = np.where(found, np.exp(-(away_m**2) / (2 * MOVE_M**2)), 0)

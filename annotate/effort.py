@@ -7,6 +7,7 @@ good enough or nothing helps.
 """
 
 import zlib
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -22,8 +23,19 @@ from annotate.hand import drawn
 from annotate.keystrokes import MENTAL_S, Tools, gesture, gesture_s, move_s, moves_s
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND
-from annotate.propagate import propagate
-from annotate.repairs import SCALE, Move, Patch, Repair, Sight, patches, repairs, repairs_of_frame
+from annotate.propagate import FRAMES, Worked, propagate
+from annotate.repairs import (
+    AT_ONCE,
+    SCALE,
+    Move,
+    Patch,
+    Repair,
+    Sight,
+    in_one_go,
+    patches,
+    repairs,
+    repairs_of_frame,
+)
 from annotate.select import View
 from annotate.store import LabelSet
 from annotate.stroke import KEY, Activity, Gesture, Stroke
@@ -42,7 +54,9 @@ the second nobody at all."""
 MOST_REPAIRS = 60
 """Then they give up."""
 CTRL_KEY = Gesture("key", keys=2)
-"""Ctrl and a letter: propagate, undo."""
+"""Ctrl and a letter: undo."""
+CARRIED = Gesture("key")
+"""What the window does by itself when accepting a frame opens the next, once that was switched on."""
 
 
 class Clock:
@@ -67,8 +81,21 @@ class Effort:
 
     @property
     def repairs(self) -> int:
-        """Operations beside looking and accepting."""
-        return sum(stroke.operation != "accept" for stroke in self.strokes)
+        """Operations beside looking and accepting, and what the window did by itself."""
+        return sum(stroke.operation != "accept" and stroke.how != CARRIED for stroke in self.strokes)
+
+
+@dataclass(frozen=True)
+class _Option:
+    """A repair, the pixels it puts right, and the seconds it takes."""
+
+    repair: Repair
+    gain: int
+    seconds: float
+
+    @property
+    def rate(self) -> float:
+        return self.gain / self.seconds
 
 
 class Annotator:
@@ -92,15 +119,14 @@ class Annotator:
         """Work on one frame until it is right enough or nothing helps, and accept it.
 
         editor: of that frame, with this annotator's clock. truth: uint8 (h, w). supervoxels: int32 (h, w).
-        propagated: parts (h, w) as the frame before gives them: that key is pressed first, by habit, and
-        the result taken back where it is worse.
+        propagated: parts (h, w) as the window carried corrections over on opening the frame.
         """
         agreement = Agreement(truth, editor.valid, self.tolerance_px)
         imagined, rng = np.random.default_rng(zlib.crc32(editor.frame_id.encode())).spawn(2)
         sight = Sight(editor, View.of_image(editor.depth_mm, SCALE), supervoxels, imagined)
         editor.time.mark("looking")
         if propagated is not None:
-            self._propagate(editor, agreement, propagated)
+            self._carry(editor, agreement, propagated)
         self._spend(editor, "looking", MENTAL_S)
         tried: set[tuple[object, ...]] = set()
         for _ in range(MOST_REPAIRS):
@@ -125,21 +151,38 @@ class Annotator:
         for least_px in LEAST_PX:
             worth = [patch for patch in found if patch.wrong >= least_px]
             for first in range(0, len(worth), SEEN):
-                options = self._priced(worth[first : first + SEEN], sight, agreement, tried)
-                enough = [option for option in options if option[1] >= least_px]
+                options = self._options(worth[first : first + SEEN], sight, agreement, tried)
+                enough = [option for option in options if option.gain >= least_px]
                 if enough:
-                    return max(enough, key=lambda option: min(option[1], needed) / option[2])[0]
+                    return max(enough, key=lambda option: min(option.gain, needed) / option.seconds).repair
         return None
 
-    def _priced(
+    def _options(
         self, found: list[Patch], sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]
-    ) -> Iterator[tuple[Repair, int, float]]:
-        """Every repair of these patches that was not tried, the pixels it puts right, and its seconds."""
-        frame_wide = repairs_of_frame(sight, {patch.part for patch in found})
-        for repair in chain(frame_wide, *(repairs(patch, sight, agreement) for patch in found)):
+    ) -> Iterator[_Option]:
+        """Every repair of these patches that was not tried, alone and with others of the same part."""
+        best: dict[int, list[_Option]] = defaultdict(list)
+        for patch in found:
+            options = [
+                self._priced(repair, sight, agreement)
+                for repair in repairs(patch, sight, agreement)
+                if repair.identity not in tried
+            ]
+            yield from options
+            if options:
+                best[patch.part].append(max(options, key=lambda option: option.rate))
+        together = (
+            in_one_go([option.repair for option in sorted(some, key=lambda o: -o.rate)[:count]])
+            for some in best.values()
+            for count in range(2, min(len(some), AT_ONCE) + 1)
+        )
+        for repair in chain(together, repairs_of_frame(sight, {patch.part for patch in found})):
             if repair.identity not in tried:
-                gain = int(agreement.gains(sight.editor.parts, repair.pixels, repair.parts).sum())
-                yield repair, gain, moves_s(repair.moves, self._tools)
+                yield self._priced(repair, sight, agreement)
+
+    def _priced(self, repair: Repair, sight: Sight, agreement: Agreement) -> _Option:
+        gain = int(agreement.gains(sight.editor.parts, repair.pixels, repair.parts).sum())
+        return _Option(repair, gain, moves_s(repair.moves, self._tools))
 
     def _carry_out(self, sight: Sight, repair: Repair, rng: np.random.Generator) -> int:
         """Number of strokes made."""
@@ -157,10 +200,10 @@ class Annotator:
             editor.only = None
         return strokes
 
-    def _propagate(self, editor: Editor, agreement: Agreement, propagated: NDArray[np.uint8]) -> None:
+    def _carry(self, editor: Editor, agreement: Agreement, propagated: NDArray[np.uint8]) -> None:
+        """See what was carried over, and take it back where it leaves more to do than there was."""
         before = agreement.of(editor.parts)
-        self._spend(editor, "painting", gesture_s(CTRL_KEY, 1.0))
-        if editor.propagate(propagated, CTRL_KEY) and agreement.of(editor.parts) < before:
+        if editor.propagate(propagated, CARRIED) and agreement.of(editor.parts) < min(before, self.goal):
             self._take_back(editor, 1)
 
     def _take_back(self, editor: Editor, strokes: int) -> None:
@@ -185,17 +228,19 @@ def correct_set(
     """Let a simulated annotator correct a label set, frame by frame in order.
 
     correction: with the annotator's clock. color_of: colours (h, w, 3) of a frame for the supervoxels, or
-    None. propagating: whether a frame that follows one of the same person which was not right begins with
-    its corrections.
+    None. propagating: whether a frame begins with the corrections of those before it of the same person.
     """
-    before: tuple[str, FrameLabels, FrameLabels] | None = None
+    worked: list[Worked] = []
+    person = None
     for frame_id in correction.frame_ids:
         automatic, true = correction.frame(frame_id), truth.read(frame_id)
         camera = correction.labels.intrinsics
         pieces = edit_supervoxels(automatic.depth_mm, automatic.parts, camera, color_of(frame_id))
+        if true.subject != person:
+            worked, person = [], true.subject
         propagated = None
-        if propagating and before is not None and before[0] == true.subject:
-            found = propagate(before[2], before[1], automatic, camera)
+        if propagating and any(w.changed for w in worked[:FRAMES]):
+            found = propagate(worked, automatic, camera)
             propagated = found.parts if found.changed.any() else None
         editor = correction.edit(frame_id)
         annotator.work(editor, true.parts, pieces, propagated)
@@ -204,8 +249,7 @@ def correct_set(
         seconds = sum(stroke.active_seconds for stroke in strokes)
         agreement = Agreement(true.parts, editor.valid, annotator.tolerance_px)
         yield Effort(corrected, strokes, seconds, agreement.of(corrected.parts))
-        needed = agreement.of(automatic.parts) < annotator.goal
-        before = (true.subject, automatic, corrected) if needed else None
+        worked.insert(0, Worked(automatic, corrected))
 
 
 def _apply(sight: Sight, move: Move, corners: NDArray[np.float64] | None, how: Gesture) -> Stroke | None:

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.cleanup import tidied
 from annotate.cloud import ThermalCloud
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
@@ -71,7 +72,7 @@ def label_source(
             return unlabelled(person.mask), person
         if suit is None:
             return unlabelled(person.mask, NO_SUIT), person
-        return segment(cloud, person.mask, suit, before), person
+        return _tidied(segment(cloud, person.mask, suit, before), person, cloud)
 
     return run(source, {"label": step}, out, one, progress)
 
@@ -104,6 +105,14 @@ def run(
                 before = None
         progress(1)
     return finished(labels, failed)
+
+
+def _tidied(found: Segmentation, person: PersonMask, cloud: ThermalCloud) -> tuple[Segmentation, PersonMask]:
+    """Both without the islands that a person's first key would take away."""
+    parts = tidied(found.parts, cloud.depth_mm)
+    loose = (parts == BACKGROUND) & (found.parts != BACKGROUND)
+    confidence = np.where(loose, np.float32(0), found.confidence)
+    return replace(found, parts=parts, confidence=confidence), replace(person, mask=person.mask & ~loose)
 
 
 def check_same(labels: LabelSet, frame_id: str, depth_mm: NDArray[np.uint16]) -> FrameLabels:
@@ -140,9 +149,7 @@ def _labelled(
         "notes": [*left_out, *person.notes, *result.notes],
         **(result.probabilities.note() if result.probabilities else {}),
     }
-    persons = np.where(
-        person.mask, np.uint8(1), np.where(getattr(person, "others", False), np.uint8(2), np.uint8(0))
-    )
+    persons = np.where(person.mask, np.uint8(1), np.where(person.others, np.uint8(2), np.uint8(0)))
     labelled = FrameLabels(
         frame_id, cloud.depth_mm, result.parts, result.confidence, notes=notes, persons=persons
     )

@@ -4,10 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.body_plan import WARMTH_C, WARMTH_SD_C
-from annotate.cloud import ThermalCloud
 from annotate.color_model import blur
-from annotate.earlier import LEAST_AGREEMENT, agreement, earlier_parts
-from annotate.labels import FrameLabels
+from annotate.earlier import LEAST_AGREEMENT, agreement
 from annotate.part_tree import softmax
 from annotate.parts import BODY_PARTS
 from annotate.suit import chromaticity
@@ -17,6 +15,8 @@ WARMTH_WEIGHT, WARMTH_FLOOR = 0.3, -4.0
 """Weight of a supervoxel's temperature; no temperature, of a mug held or a draught, excludes a part."""
 EARLIER_WEIGHT = 0.5
 """Weight of the frame before."""
+HINT = 0.8
+"""How likely it is to show somebody else or another pose, before anything has been compared."""
 FULL, HALF_POINTS = 3.0, 10.0
 """How many independent colours a supervoxel's are worth: they share their light. Half of it at ten points."""
 LEAST_BLUR = 0.02
@@ -56,11 +56,13 @@ def warmth_of(temperature_c: NDArray[np.float32], groups: Supervoxels) -> _Array
     return np.asarray(WARMTH_WEIGHT * np.maximum(score, WARMTH_FLOOR) * (count > 0)[:, None])
 
 
-def with_earlier(
-    unary: _Array, groups: Supervoxels, before: FrameLabels, cloud: ThermalCloud, centroids_m: _Array
-) -> _Array:
-    """Log evidence (G, 11) with what the frame before says, unless it shows somebody else."""
-    earlier = earlier_parts(before, cloud.camera, centroids_m)
+def hint(earlier: _Array) -> _Array:
+    """Log evidence (G, 11) of the frame before (G, 11), whomever it shows: for a part, hardly against one."""
+    return np.asarray(np.log(HINT + (1 - HINT) * earlier * _N))
+
+
+def with_earlier(unary: _Array, groups: Supervoxels, earlier: _Array) -> _Array:
+    """Log evidence (G, 11) with what the frame before says (G, 11), unless it shows somebody else."""
     if agreement(softmax(unary), earlier, groups.sizes) < LEAST_AGREEMENT:
         return unary
     return np.asarray(unary + EARLIER_WEIGHT * np.log(earlier * _N))

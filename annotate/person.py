@@ -6,7 +6,7 @@ the sofa's speaks for the sofa, and hair and cold cloth go with the surface that
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import cv2
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from annotate.alignment import thermal_alignment
 from annotate.carried import by_before, persons_before
 from annotate.cloud import ThermalCloud
-from annotate.covers import colors_worn, covers
 from annotate.evidence import by_color, by_planes, by_warmth, inherited, lab_of, warmth_share
 from annotate.labels import FrameLabels
 from annotate.persons import SPECK_M2, Person, persons_of
@@ -32,8 +31,10 @@ from annotate.planes import (
     panel_of,
 )
 from annotate.silhouette import settle
+from annotate.subject import claim, crowd, cut
 from annotate.suit import Suit
 from annotate.warm_window import WINDOW_C, find_window
+from annotate.worn import worn
 
 LOCAL_M = 0.3
 """Half side of the window in which person and background temperatures are compared."""
@@ -49,17 +50,10 @@ RIM_JUMP = 0.05
 """Depth difference there, as a share of the depth: 10 cm at 2 m."""
 EDGES_PX = 25
 """How far around what is warm silhouettes are compared with the temperatures: four degrees."""
-OFF_CENTRE = 0.3
-"""Tangent of the angle off the view's middle column over which a claim to be the subject fades to 1/e:
-people are aimed at, half of a Kinect v2's view is 0.7."""
-BEFORE_COUNTS = 4.0
-"""What a claim gains for standing where the subject was in the frame before."""
-CLEAR = 2.0
-"""Among three and more, the subject's claim must be that many times the next one's."""
-MIN_COVER_SHARE, BY_COVER = 0.02, -8.0
-"""A blanket on less of a person is left alone; log odds of being the person where one lies."""
-BORDER_PX, CUT_PX = 4, 12
-"""So many pixels that near to a border of the image mean that it cuts the person."""
+BESIDE_PX, LEAST_BESIDE = 45, -3.0
+"""How far around the person what is as cold as the room may yet be theirs: a lower leg; not on a plane."""
+MOST_BY_SUIT = 6.0
+"""The most that the suit's colours can be worth."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +102,8 @@ def extract_person(
 
     window_c: surface temperatures of a person, degrees Celsius; None = found from the frame itself.
     before: the labels of the previous frame of the same source. suit: what the person is known to wear; with
-    it a blanket over them is told by its colour. Where there is no person the mask is
-    empty and a note says so; that is no error.
+    it what lies on them is told by its colours. Where there is no person the mask is empty and a note says
+    so; that is no error.
     """
     planes = find_planes(cloud, cloud.valid)
     if np.isfinite(cloud.temperature_c).any():
@@ -125,7 +119,7 @@ def extract_person(
         return PersonMask(mask, field.method, others, (field.nobody, *field.warnings), not field.warnings)
     for person in persons[1:]:
         others |= person.mask
-    warnings = [*field.warnings, *_crowd(persons, before, cloud if suit else None), *_cut(persons[0].mask)]
+    warnings = [*field.warnings, *crowd(persons, before, cloud if suit else None), *cut(persons[0].mask)]
     return PersonMask(persons[0].mask, field.method, others, (*field.notes, *warnings), not warnings)
 
 
@@ -176,7 +170,7 @@ def _by_depth(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
         return PersonMask(none, "depth", none, (note,))
     chosen = labels == max(persons, key=_centrality).label
     note = "found by depth alone: things that touch the person are in the mask"
-    warnings = _cut(chosen)
+    warnings = cut(chosen)
     return PersonMask(chosen, "depth", none, (note, *warnings), not warnings)
 
 
@@ -227,6 +221,13 @@ class _Silhouettes:
         """Pixels (h, w) around what may be a person that surely are not."""
         return self._taught & ~self._candidates
 
+    def beside(self, persons: Sequence[Person]) -> NDArray[np.bool_]:
+        """Pixels (h, w) around the first of the persons that may be theirs too."""
+        beside = self._candidates & _around(persons[0].mask, BESIDE_PX) & (self.odds > LEAST_BESIDE)
+        for person in persons:
+            beside &= ~person.mask
+        return np.asarray(beside, np.bool_)
+
     def persons(self) -> list[Person]:
         """Everybody there."""
         if not self._candidates.any():
@@ -235,24 +236,37 @@ class _Silhouettes:
         depth_m = self._cloud.points_m[..., 2]
         return persons_of(self._cloud, settle(odds, self._candidates, depth_m, self._normals, self._lab) > 0)
 
+    def dressed(self, persons: Sequence[Person], told: NDArray[np.float32]) -> list[Person]:
+        """The persons again, since colours have told (log odds (h, w), 0 = nothing) what is the first one's.
+
+        What they wear is theirs, however far a blanket keeps it from the rest of them.
+        """
+        told = np.clip(told, -MOST_BY_SUIT, MOST_BY_SUIT)
+        odds = np.where(told != 0, told, self.odds)
+        odds = np.where(told != 0, told, odds + by_color(self._lab, odds, self._candidates, self._taught))
+        depth_m, first = self._cloud.points_m[..., 2], persons[0]
+        theirs = settle(odds, self._candidates, depth_m, self._normals, self._lab) > 0
+        near = theirs & ((told > 0) | _around(first.mask, RIM_PX))
+        for person in persons[1:]:
+            near &= ~person.mask
+        dressed = replace(first, mask=np.asarray(near, np.bool_))
+        return [dressed if near.any() else first, *persons[1:]]
+
 
 def _persons(
     cloud: ThermalCloud, field: _Field, suit: Suit | None, before: FrameLabels | None
 ) -> list[Person]:
-    """Everybody there, the subject first, without what covers them where it is known what they wear."""
+    """Everybody there, the subject first, by the colours of what they wear where these are known."""
 
     def ordered(persons: list[Person]) -> list[Person]:
-        return sorted(persons, key=lambda person: -_claim(person, before, cloud if suit else None))
+        return sorted(persons, key=lambda person: -claim(person, before, cloud if suit else None))
 
     silhouettes = _Silhouettes(cloud, field)
     persons = ordered(silhouettes.persons())
     if suit is None or not persons:
         return persons
-    cloth = covers(cloud, persons[0].mask, silhouettes.surroundings, suit)
-    if cloth.sum() < MIN_COVER_SHARE * persons[0].mask.sum():
-        return persons
-    silhouettes.odds[cloth] = BY_COVER  # and heard again: its colours are learnt as the room's
-    return ordered(silhouettes.persons()) or persons
+    told = worn(cloud, persons[0].mask, silhouettes.beside(persons), silhouettes.surroundings, suit)
+    return silhouettes.dressed(persons, told) if told.any() else persons
 
 
 def _rims(cloud: ThermalCloud) -> NDArray[np.bool_]:
@@ -261,47 +275,3 @@ def _rims(cloud: ThermalCloud) -> NDArray[np.bool_]:
     farthest = cv2.dilate(depth_mm, window)
     nearest = cv2.erode(np.where(cloud.valid, depth_mm, np.uint16(65535)), window)
     return np.asarray(farthest > nearest * (1 + RIM_JUMP), np.bool_)
-
-
-def _claim(person: Person, before: FrameLabels | None, wearing: ThermalCloud | None) -> float:
-    """How much speaks for a person being the one to label: surface, near the middle, there before.
-
-    wearing: the cloud where the subject is known to wear the suit: then its many colours count.
-    """
-    x, _, z = person.centre_m
-    claim = person.area_m2 * float(np.exp(-np.square(x / z / OFF_CENTRE)))
-    if before is not None and before.depth_mm.shape == person.mask.shape:
-        claim *= 1 + BEFORE_COUNTS * float((persons_before(before)[person.mask] == 1).mean())
-    if wearing is None or not wearing.color_valid.any():
-        return claim
-    return claim * (1 + colors_worn(wearing, person.mask, wearing.valid))
-
-
-def _crowd(persons: Sequence[Person], before: FrameLabels | None, wearing: ThermalCloud | None) -> list[str]:
-    """A warning where three or more are there and none is clearly the subject."""
-    if len(persons) < 3:
-        return []
-    first, second = (_claim(person, before, wearing) for person in persons[:2])
-    if first >= CLEAR * second:
-        return []
-    return [
-        f"{len(persons)} persons in the depth and thermal images, none clearly the subject: "
-        "let the others step aside or aim the cameras at one; parts are undefined"
-    ]
-
-
-def _cut(mask: NDArray[np.bool_]) -> list[str]:
-    """A warning where three borders of the image or all four cut the person."""
-    borders = {
-        "left": mask[:, :BORDER_PX],
-        "right": mask[:, -BORDER_PX:],
-        "top": mask[:BORDER_PX],
-        "bottom": mask[-BORDER_PX:],
-    }
-    cut = [name for name, border in borders.items() if border.sum() >= CUT_PX]
-    if len(cut) < 3:
-        return []
-    return [
-        f"the person is larger than the depth camera's view (cut at {', '.join(cut)}): "
-        "move the camera back; parts are undefined"
-    ]

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from annotate.cloud import ThermalCloud
@@ -23,6 +25,8 @@ LEAST_CORE_M2 = 0.015
 """Of a trunk; two knees side by side are as wide, but not for long."""
 PERSON_M2 = 0.15
 """A piece with more surface is no loose limb: two legs together have less."""
+CLOSE_M, CLOSE_EVERY = 0.2, 7
+"""So near to each other two pieces may be one body's, seen at every seventh pixel: shadows lie between."""
 ONE_PERSON_M = 0.7
 """Trunk and legs are nearer to each other than that, two people's trunks are not."""
 NEAR_M, NEAR_SIZES = 0.40, 3.0
@@ -85,13 +89,42 @@ def _trunks(
         core = cores == label
         if radius_m[core].max() >= TRUNK_M and surface_m2[core].sum() >= LEAST_CORE_M2:
             sure.append(core)
-    # A slender person from the side has no trunk of that width, but much surface in one piece.
-    large = [labels == p.label for p in pieces if p.area_m2 >= PERSON_M2 and p.thickness_m >= PANEL_M]
-    sure += [piece for piece in large if not any((piece & core).any() for core in sure)]
+    sure += _slender(cloud, labels, [p for p in pieces if p.thickness_m >= PANEL_M], sure)
     trunks = _apart(cloud, sure)
     if not trunks and solid.any():
         trunks = [labels == labels.ravel()[int(radius_m.argmax())]]
     return trunks
+
+
+def _slender(
+    cloud: ThermalCloud,
+    labels: NDArray[np.int32],
+    pieces: Sequence[Piece],
+    cores: Sequence[NDArray[np.bool_]],
+) -> list[NDArray[np.bool_]]:
+    """Who has no trunk of that width, from the side or lying: much surface in pieces close to each other."""
+    taken = np.unique(np.concatenate([labels[core] for core in cores])) if cores else np.zeros(0, np.int32)
+    loose = [piece for piece in pieces if piece.label not in taken]
+    large = [labels == piece.label for piece in loose if piece.area_m2 >= PERSON_M2]
+    loose = [piece for piece in loose if piece.area_m2 < PERSON_M2]
+    if sum(piece.area_m2 for piece in loose) < PERSON_M2:
+        return large
+    index = np.flatnonzero(np.isin(labels, [piece.label for piece in loose]))[::CLOSE_EVERY]
+    close = cKDTree(cloud.points_m.reshape(-1, 3)[index]).query_pairs(CLOSE_M, output_type="ndarray")
+    one, other = labels.ravel()[index][close].T
+    size = int(labels.max()) + 1
+    body = connected_components(coo_array((np.ones(len(one)), (one, other)), (size, size)), directed=False)[1]
+    area = np.bincount([body[p.label] for p in loose], [p.area_m2 for p in loose])
+    of_pixel = np.where(np.isin(labels, [piece.label for piece in loose]), body[labels], -1)
+    bodies = [of_pixel == number for number in np.flatnonzero(area >= PERSON_M2)]
+    known = [cloud.points_m[one][::CLOSE_EVERY] for one in (*cores, *large)]
+    return large + [body for body in bodies if not _near(known, cloud.points_m[body][::CLOSE_EVERY])]
+
+
+def _near(known_m: Sequence[NDArray[np.float32]], points_m: NDArray[np.float32]) -> bool:
+    """Whether points (n, 3) are so near to any of the known bodies' that they are its limbs."""
+    near = (cKDTree(body).query(points_m, distance_upper_bound=NEAR_M)[0].min() < NEAR_M for body in known_m)
+    return any(near)
 
 
 def _apart(cloud: ThermalCloud, cores: Sequence[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:

@@ -1,11 +1,12 @@
-"""One correction pays for many frames: what a person put right in one frame, put right in a neighbour.
+"""One correction pays for many frames: what people put right in some frames, put right in one near in time.
 
-The automatic labels make the same mistake in the same place of the body while the same cloth is seen in
-the same light. So it is the corrections that travel, not the labels: every corrected point is moved along
-with its part to the neighbouring frame, and a point there changes only where the corrected frame's points
-nearest to it carried the very same automatic label and were changed, or where none of them has its name.
+Every point of the corrected frames moves along with its part to the frame at hand and votes on the points
+beside it. What its vote counts follows from what people did there. Where they had nothing to correct, a
+point's automatic label stands: the same cloth in the same light was read rightly. Where they corrected, what
+lies there decides, most of all those points that the automatic labels called the same.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -15,35 +16,72 @@ from scipy.spatial import cKDTree
 
 from annotate.cleanup import without_islands
 from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, BODY_PARTS, N_CLASSES, UNDEFINED
+from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 from annotate.rigid import Tagged, part_motions
+from sensors.calibration import Pose
 from sensors.camera import Intrinsics, unproject
 from sensors.errors import FormatError
 
+FRAMES = 3
+"""Corrected frames that have a say: one alone has not seen what the pose hid (hard, 5 sequences: 0.93 right
+with three, 0.91 with one)."""
+FADING = 0.8
+"""How much less each further one of them counts."""
 VOTERS = 15
 """Corrected points that decide on one point."""
-REACH_M = 0.06
+REACH_M = 0.1
 """A correction farther off than this says nothing."""
-SPREAD_M = 0.02
-"""How much nearer voters count more: the depth noise and what a rigid motion leaves of a soft body."""
-MAJORITY = 0.6
-"""Share of the votes that changes a point."""
-LEAST_WEIGHT = 1.0
-"""Least sum of votes: one voter about 1.5 spreads away."""
+SPREAD_M = 0.015
+"""How much nearer voters count more than others: the depth noise and what a rigid motion leaves of cloth."""
+FAR_M = 0.04
+"""How much less voters count that are far altogether."""
+LEAST_WEIGHT = 0.5
+"""Least sum of votes: less leaves a point as it is."""
+OWN = 0.1
+"""Votes that the automatic label has, over the doubt about it."""
+OTHERWISE = 5.0
+"""What a voter called otherwise than the point counts, times the doubt; at most MOST_OTHERWISE."""
+MOST_OTHERWISE = 0.6
+LEAST_DOUBT = 0.01
+SEEN_PX, SEEN_DOUBT = 50.0, 0.05
+"""Pixels and doubt that every automatic label begins with, before any was seen corrected."""
+TAG_DOUBT = 0.5
+"""How much the doubt about a tag counts that was wrong anywhere; beside the point it counts in full."""
 STRANGE = 0.02
-"""Share of the votes up to which nothing near has a point's own name."""
-RENAMINGS = 2
-"""Times that the motions are found again with the names so far (of 27 hard pairs: 0.947 right without, 0.964
-after one, 0.967 after two)."""
+"""Share of the votes up to which nothing near has a point's own name: then the name is worth nothing, unless
+it was right wherever it was seen: that limb moved farther than was found out."""
 MARGIN_PX = 40
 """How far around the body the background has a say."""
 
 
 @dataclass(frozen=True)
-class Propagated:
-    """A frame's parts after the corrections of its neighbour.
+class Worked:
+    """A frame before and after a person worked on it, or held it for right as it was.
 
-    parts: uint8 (h, w). confidence: float32 (h, w): of the votes where a part changed, else as it was.
+    Raises FormatError unless both show the same depth image.
+    """
+
+    automatic: FrameLabels
+    corrected: FrameLabels
+
+    def __post_init__(self) -> None:
+        if not np.array_equal(self.corrected.depth_mm, self.automatic.depth_mm):
+            raise FormatError(
+                f"frames {self.corrected.frame_id} and {self.automatic.frame_id} show other depth images; "
+                "give one frame before and after its correction"
+            )
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything was put right."""
+        return not np.array_equal(self.corrected.parts, self.automatic.parts)
+
+
+@dataclass(frozen=True)
+class Propagated:
+    """A frame's parts after the corrections of others.
+
+    parts: uint8 (h, w). confidence: float32 (h, w): share of the votes where a part changed, else as it was.
     changed: bool (h, w).
     """
 
@@ -53,108 +91,133 @@ class Propagated:
 
 
 @dataclass(frozen=True)
-class _Voters:
-    """Points of the corrected frame at their place in the target frame, with tag and part (n,) each."""
+class _Points:
+    """Points (n, 3) of a corrected frame in metres, their automatic tags and their parts (n,), and how much
+    each counts."""
 
     points_m: NDArray[np.float64]
     tags: NDArray[np.uint8]
     parts: NDArray[np.uint8]
+    weight: NDArray[np.float64]
 
-    def of_body(self) -> "_Voters":
-        """Those that are a part of the person."""
-        own = (self.parts != BACKGROUND) & (self.parts != UNDEFINED)
-        return _Voters(self.points_m[own], self.tags[own], self.parts[own])
-
-    def near_corrections(self, tag: int) -> "_Voters":
-        """Those with one tag that were corrected, and those near enough to have a say beside them."""
-        own = np.flatnonzero(self.tags == tag)
-        corrected = self.points_m[own[self.parts[own] != tag]]
-        away_m, _ = cKDTree(corrected).query(self.points_m[own], distance_upper_bound=2 * REACH_M)
-        own = own[np.isfinite(away_m)]
-        return _Voters(self.points_m[own], self.tags[own], self.parts[own])
+    def moved(self, motions: list[Pose]) -> NDArray[np.float64]:
+        """Each point moved with its part."""
+        moved = self.points_m.copy()
+        for part in np.unique(self.parts).tolist():
+            own = self.parts == part
+            moved[own] = motions[part].apply(self.points_m[own])
+        return moved
 
 
-def propagate(
-    corrected: FrameLabels, automatic: FrameLabels, target: FrameLabels, camera: Intrinsics
-) -> Propagated:
-    """Carry the corrections of one frame over to another of the same person, near in time.
+def propagate(worked: Sequence[Worked], target: FrameLabels, camera: Intrinsics) -> Propagated:
+    """Carry the corrections of frames over to another of the same person, near in time.
 
-    corrected and automatic: the same frame after and before a person worked on it. target: the frame to
-    be changed, as labelled automatically. camera: the undistorted depth camera of all three.
-    Raises FormatError when corrected and automatic do not show the same depth image, or a frame is not
-    the camera's.
+    worked: the nearest first; what is beyond FRAMES has no say. target: the frame to be changed, as labelled
+    automatically. camera: the undistorted depth camera of all. Raises FormatError when a frame is not the
+    camera's.
     """
-    if not corrected.parts.shape == target.parts.shape == camera.shape:
-        raise FormatError(
-            f"frames {corrected.frame_id} and {target.frame_id} are {corrected.parts.shape} and "
-            f"{target.parts.shape}, the camera {camera.shape}; give frames of one camera"
-        )
-    if not np.array_equal(corrected.depth_mm, automatic.depth_mm):
-        raise FormatError(
-            f"frames {corrected.frame_id} and {automatic.frame_id} show other depth images; "
-            "give one frame before and after its correction"
-        )
-    near = _near_body(target.parts > 0) & (target.depth_mm > 0)
-    points, parts = _points(target, near, camera), target.parts.copy()
-    voters = _voters(corrected, automatic, Tagged(points, target.parts[near]), camera)
-    confidence = np.ones(parts.shape, np.float32) if target.confidence is None else target.confidence.copy()
-    for tag in np.unique(automatic.parts[corrected.parts != automatic.parts]).tolist():
-        asked = near & (target.parts == tag)
-        _ask(asked, points[asked[near]], voters.near_corrections(tag), parts, confidence)
-    # What has no label, or is an island by now, takes the label of what is nearest, whatever it was called.
-    asked = near & ((parts == UNDEFINED) | (without_islands(parts, target.depth_mm) != parts))
-    _ask(asked, points[asked[near]], voters, parts, confidence)
-    # A colour read wrongly names a limb differently in every frame, so that no correction has its name: what
-    # bears a name that nothing near it has is called what they are. With its true name it moves better.
-    for _ in range(RENAMINGS):
-        voters = _voters(corrected, corrected, Tagged(points, parts[near]), camera)
-        asked = near & np.isin(parts, [part.id for part in BODY_PARTS])
-        _ask(asked, points[asked[near]], voters.of_body(), parts, confidence, STRANGE)
+    for frame in (target, *(w.corrected for w in worked)):
+        if frame.parts.shape != camera.shape:
+            raise FormatError(
+                f"frame {frame.frame_id} is {frame.parts.shape}, not one camera's {camera.shape}"
+            )
+    unchanged = np.ones(target.parts.shape, np.float32) if target.confidence is None else target.confidence
+    parts, confidence = target.parts.copy(), unchanged.copy()
+    worked = worked[:FRAMES]
+    if any(w.changed for w in worked):
+        bodies = [target.parts, *(x.parts for w in worked for x in (w.automatic, w.corrected))]
+        near = _near_body(bodies) & (target.depth_mm > 0)
+        seen = [_seen(w, FADING**n, camera) for n, w in enumerate(worked)]
+        body = Tagged(_points_m(target, near, camera), target.parts[near])
+        parts[near], confidence[near] = _elected(seen, body, unchanged[near])
+        parts = _without_new_islands(parts, target)
     return Propagated(parts, confidence, parts != target.parts)
 
 
-def _voters(corrected: FrameLabels, automatic: FrameLabels, target: Tagged, camera: Intrinsics) -> _Voters:
-    """The corrected frame's points, each moved with its true part; what is nobody stays where it is."""
-    near = _near_body((automatic.parts > 0) | (corrected.parts > 0)) & (corrected.depth_mm > 0)
-    points, tags, parts = _points(corrected, near, camera), automatic.parts[near], corrected.parts[near]
-    moved = points.copy()
-    for part, motion in enumerate(part_motions(Tagged(points, tags), parts, target)):
-        moved[parts == part] = motion.apply(points[parts == part])
-    return _Voters(moved, tags, parts)
+def _elected(
+    seen: list[_Points], body: Tagged, confidence: NDArray[np.float32]
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Parts and confidence (n,) of the points of the frame at hand."""
+    motions = [part_motions(Tagged(p.points_m, p.tags), p.parts, body) for p in seen]
+    poll = _poll(_voters(seen, motions), body)
+    # Names told by the votes move the parts more exactly than the automatic ones did.
+    named = Tagged(body.points_m, _winners(poll, body.tags))
+    motions = [
+        part_motions(Tagged(p.points_m, p.parts), p.parts, named, nearly)
+        for p, nearly in zip(seen, motions, strict=True)
+    ]
+    poll = _poll(_voters(seen, motions), body)
+    names = _winners(poll, body.tags)
+    share = (poll.max(axis=1) / np.maximum(poll.sum(axis=1), LEAST_WEIGHT)).astype(np.float32)
+    return names, np.where(names == body.tags, confidence, share)
 
 
-def _ask(
-    asked: NDArray[np.bool_],
-    points_m: NDArray[np.float64],
-    voters: _Voters,
-    parts: NDArray[np.uint8],
-    confidence: NDArray[np.float32],
-    own_share: float = 1.0,
-) -> None:
-    """Give the asked pixels (h, w), at these points (n, 3), the part that the voters agree on, in place.
-
-    own_share: only those whose own part has no larger share of the votes.
-    """
-    if not len(points_m) or not len(voters.parts):
-        return
-    away_m, index = cKDTree(voters.points_m).query(points_m, k=VOTERS, distance_upper_bound=REACH_M)
-    weight = np.where(np.isfinite(away_m), np.exp(-0.5 * (away_m / SPREAD_M) ** 2), 0)
-    vote = np.r_[voters.parts, UNDEFINED][index]
-    poll = np.stack([(weight * (vote == part)).sum(axis=1) for part in range(N_CLASSES)], axis=1)
-    total, most = poll.sum(axis=1), poll.max(axis=1)
-    won = (total > LEAST_WEIGHT) & (most > MAJORITY * total) & (poll.argmax(axis=1) != parts[asked])
-    own = np.take_along_axis(poll, np.minimum(parts[asked], N_CLASSES - 1)[:, None].astype(np.intp), 1)[:, 0]
-    won &= own <= own_share * total
-    pixels = np.flatnonzero(asked)[won]
-    parts.ravel()[pixels] = poll.argmax(axis=1)[won]
-    confidence.ravel()[pixels] = (most / np.maximum(total, LEAST_WEIGHT))[won]
+def _winners(poll: NDArray[np.float64], tags: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The parts (n,) with most votes, the tags where hardly any vote was given."""
+    return np.where(poll.sum(axis=1) > LEAST_WEIGHT, poll.argmax(axis=1), tags).astype(np.uint8)
 
 
-def _near_body(body: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _voters(seen: list[_Points], motions: list[list[Pose]]) -> _Points:
+    """All points at their place in the frame at hand."""
+    return _Points(
+        np.concatenate([p.moved(m) for p, m in zip(seen, motions, strict=True)]),
+        np.concatenate([p.tags for p in seen]),
+        np.concatenate([p.parts for p in seen]),
+        np.concatenate([p.weight for p in seen]),
+    )
+
+
+def _poll(voters: _Points, body: Tagged) -> NDArray[np.float64]:
+    """Votes (n, classes) on the body's points, their own automatic label's among them."""
+    away_m, index = cKDTree(voters.points_m).query(body.points_m, k=VOTERS, distance_upper_bound=REACH_M)
+    there = np.isfinite(away_m)
+    index, nearest_m = np.where(there, index, 0), np.where(there[:, :1], away_m[:, :1], REACH_M)
+    weight = np.exp(-0.5 * (np.where(there, away_m, np.inf) ** 2 - nearest_m**2) / SPREAD_M**2)
+    weight *= np.exp(-0.5 * (nearest_m / FAR_M) ** 2) * voters.weight[index]
+    tags, parts, own = voters.tags[index], voters.parts[index], body.tags[:, None]
+    of_tag = _doubt_of_tags(voters)[body.tags]
+    beside = (weight * (tags != parts)).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-3)
+    doubt = np.clip(np.maximum(beside, TAG_DOUBT * of_tag), LEAST_DOUBT, 1)
+    akin = (weight * ((tags == own) | (parts == own))).sum(axis=1)
+    strange = (akin <= STRANGE * weight.sum(axis=1)) & (body.tags != BACKGROUND) & (of_tag >= SEEN_DOUBT)
+    doubt[strange | (body.tags == UNDEFINED)] = 1.0
+    # A limb may have come where the room was: what is strange is another part, if anything.
+    weight[strange[:, None] & (parts == BACKGROUND)] = 0.0
+    weight *= np.where(tags == own, 1.0, np.minimum(MOST_OTHERWISE, OTHERWISE * doubt)[:, None])
+    poll = np.stack([(weight * (parts == part)).sum(axis=1) for part in range(N_CLASSES)], axis=1)
+    named = np.flatnonzero(body.tags != UNDEFINED)
+    poll[named, body.tags[named]] += OWN / doubt[named]
+    return poll
+
+
+def _doubt_of_tags(voters: _Points) -> NDArray[np.float64]:
+    """How often each automatic tag (256,) was wrong."""
+    seen = np.bincount(voters.tags, minlength=256) + SEEN_PX
+    wrong = np.bincount(voters.tags, voters.tags != voters.parts, 256) + SEEN_DOUBT * SEEN_PX
+    return np.asarray(wrong / seen)
+
+
+def _seen(worked: Worked, weight: float, camera: Intrinsics) -> _Points:
+    """The points that have a say: of the body and its surroundings, as far as people said what they are."""
+    corrected = worked.corrected
+    near = _near_body([worked.automatic.parts, corrected.parts])
+    near &= (corrected.depth_mm > 0) & (corrected.parts != UNDEFINED)
+    tags, parts = worked.automatic.parts[near], corrected.parts[near]
+    return _Points(_points_m(corrected, near, camera), tags, parts, np.full(len(parts), weight))
+
+
+def _without_new_islands(parts: NDArray[np.uint8], target: FrameLabels) -> NDArray[np.uint8]:
+    """Parts (h, w) without the islands that were none before."""
+    before = without_islands(target.parts, target.depth_mm) != target.parts
+    return np.where(before & (parts == target.parts), parts, without_islands(parts, target.depth_mm))
+
+
+def _near_body(parts: Sequence[NDArray[np.uint8]]) -> NDArray[np.bool_]:
     size = 2 * MARGIN_PX + 1
-    return np.asarray(cv2.dilate(body.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
+    body = np.any([p != BACKGROUND for p in parts], axis=0).astype(np.uint8)
+    return np.asarray(cv2.dilate(body, np.ones((size, size), np.uint8)) > 0)
 
 
-def _points(frame: FrameLabels, mask: NDArray[np.bool_], camera: Intrinsics) -> NDArray[np.float64]:
+def _points_m(frame: FrameLabels, mask: NDArray[np.bool_], camera: Intrinsics) -> NDArray[np.float64]:
     """Points (n, 3) of the masked pixels, camera frame, metres."""
     return np.asarray(unproject(camera, frame.depth_mm.astype(np.float32) / 1000)[mask], np.float64)

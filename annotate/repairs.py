@@ -1,6 +1,6 @@
 """What could be done about a wrong patch: every way that the window offers, with its effect and its price."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -23,6 +23,10 @@ MOST_CLICKS = (1, 2, 4)
 """How many pieces a person clicks away before looking again."""
 MOST_GROWING = 4
 """Clicks in place that grow a piece."""
+AT_ONCE = 4
+"""Patches of one part that a person takes in with one look, and mends one after the other with the same key
+chosen: a chunk, within which no further preparation is charged (Card, Moran & Newell, rule 1). Four is what
+the eye holds at a time (Cowan 2001)."""
 NEAR_PX = 60
 """Patches no longer than this are worth bringing the image nearer."""
 
@@ -78,6 +82,13 @@ class Repair:
     def identity(self) -> tuple[object, ...]:
         """What tells one repair from another."""
         return tuple(move.identity for move in self.moves)
+
+
+def in_one_go(several: Sequence[Repair]) -> Repair:
+    """Repairs with the same part of different patches as one."""
+    pixels, first = np.unique(np.concatenate([repair.pixels for repair in several]), return_index=True)
+    parts = np.concatenate([repair.parts for repair in several])[first]
+    return Repair(tuple(move for repair in several for move in repair.moves), pixels, parts)
 
 
 @dataclass(frozen=True)

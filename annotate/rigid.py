@@ -13,6 +13,8 @@ PARENTS = ((2, 2), (1, 2), (3, 2), (4, 2), (5, 3), (6, 4), (7, 2), (8, 7), (9, 7
 """(part, the part it hangs on), parents first: the part tree with the torso as its root."""
 GATES_M = (0.25, 0.25, 0.15, 0.15, 0.1, 0.1, 0.06, 0.06, 0.04, 0.04, 0.04)
 """Largest distance of a pair in each step of a registration: a hand moves 0.3 m between frames at 2 Hz."""
+NEARLY = 6
+"""Steps left out where the motion is nearly known."""
 LEAST_POINTS = 25
 """A part seen in fewer points moves with the part it hangs on."""
 SAMPLE = 300
@@ -31,13 +33,16 @@ class Tagged:
     tags: NDArray[np.uint8]
 
 
-def part_motions(source: Tagged, parts: NDArray[np.uint8], target: Tagged) -> list[Pose]:
+def part_motions(
+    source: Tagged, parts: NDArray[np.uint8], target: Tagged, nearly: list[Pose] | None = None
+) -> list[Pose]:
     """Motion to_target_from_source of every class id; the background's is none.
 
     parts: uint8 (n,), the true part of every source point. Points are paired with the nearest ones that
     carry the same tag: the same cloth is mistaken for the same part in both frames.
     Each part is registered point to point (Besl & McKay 1992, trimmed by distance), starting from where
     its parent went, from no motion, and from the shift of its middle; the best fit counts.
+    nearly: the motions as known so far, which are then only made exact.
     """
     trees = {
         int(tag): cKDTree(target.points_m[target.tags == tag])
@@ -52,8 +57,11 @@ def part_motions(source: Tagged, parts: NDArray[np.uint8], target: Tagged) -> li
             continue
         own = own[:: max(1, own.size // SAMPLE)]
         body = Tagged(source.points_m[own], source.tags[own])
-        starts = [motions[parent], STILL, *_middle_shift(body, part, trees)]
-        fits = [_register(body, trees, start) for start in starts]
+        if nearly:
+            fits = [_register(body, trees, nearly[part], GATES_M[NEARLY:])]
+        else:
+            starts = [motions[parent], STILL, *_middle_shift(body, part, trees)]
+            fits = [_register(body, trees, start, GATES_M) for start in starts]
         motions[part] = min(fits, key=lambda fit: fit[0])[1]
     return motions
 
@@ -67,17 +75,19 @@ def _middle_shift(body: Tagged, part: int, trees: dict[int, cKDTree]) -> list[Po
     return [Pose(np.eye(3), shift)]
 
 
-def _register(body: Tagged, trees: dict[int, cKDTree], start: Pose) -> tuple[float, Pose]:
+def _register(
+    body: Tagged, trees: dict[int, cKDTree], start: Pose, gates_m: tuple[float, ...]
+) -> tuple[float, Pose]:
     """Mean distance in metres, cut at the last gate, and the motion."""
     pose = start
-    for gate_m in GATES_M:
+    for gate_m in gates_m:
         away_m, matched = _nearest(pose.apply(body.points_m), body.tags, trees)
         paired = away_m <= gate_m
         if paired.sum() < LEAST_POINTS:
             break
         pose = _align(body.points_m[paired], matched[paired])
     away_m, _ = _nearest(pose.apply(body.points_m), body.tags, trees)
-    return float(np.minimum(away_m, GATES_M[-1]).mean()), pose
+    return float(np.minimum(away_m, gates_m[-1]).mean()), pose
 
 
 def _nearest(

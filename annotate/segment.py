@@ -9,8 +9,9 @@ from annotate.bare import bareness, grown_from, without_sides
 from annotate.cloud import ThermalCloud
 from annotate.color_model import CLIPPED, readable, refit_colors, under, unfitted
 from annotate.confidence import calibrated, features
+from annotate.earlier import earlier_parts
 from annotate.labels import FrameLabels
-from annotate.part_clues import means_of, pooled, warmth_of, with_earlier
+from annotate.part_clues import hint, means_of, pooled, warmth_of, with_earlier
 from annotate.part_tree import settle
 from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED
 from annotate.patches import patches_of, read_together
@@ -72,8 +73,7 @@ def segment(
     chosen = refine(scores, scores.argmax(axis=1).astype(np.uint8), cloud.points_m[..., 2], mask)
     parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
     parts[mask] = chosen + 1
-    found = features(belief, evidence, usable, cloud.temperature_c[mask], parts, mask, groups)
-    confidence[mask] = calibrated(found)[groups.ids]
+    confidence[mask] = calibrated(features(cloud, mask, parts, belief, evidence, usable, groups))
     if (untold := _untold(belief, chosen, usable, groups, suit)).any():
         parts[mask] = np.where(untold, UNDEFINED, parts[mask])
         confidence[mask] = np.where(untold, 0, confidence[mask])
@@ -119,7 +119,9 @@ def _believed(
     chroma, blur = means_of(cloud.color_rgb[mask], usable, groups)
     patches = patches_of(groups, chroma, blur, centroids_m)
     warmth = warmth_of(cloud.temperature_c[mask], groups)
-    by_patch, log_gain = read_together(patches, palette, patches.mean(warmth, groups.sizes))
+    earlier = earlier_parts(before, cloud.camera, centroids_m) if before is not None else None
+    clues = warmth if earlier is None else warmth + hint(earlier)
+    by_patch, log_gain = read_together(patches, palette, patches.mean(clues, groups.sizes))
     first = by_patch[patches.ids]
     model, belief = under(palette, log_gain), first
     for _ in range(ROUNDS):
@@ -130,8 +132,8 @@ def _believed(
         evidence[usable] = model.evidence(rgb)
         unary = pooled(evidence, usable, groups) + warmth + second
         unary += grown_from(belief, bare, patches, groups, centroids_m)
-        if before is not None:
-            unary = with_earlier(unary, groups, before, cloud, centroids_m)
+        if earlier is not None:
+            unary = with_earlier(unary, groups, earlier)
         belief = settle(unary, groups, centroids_m, belief)
     return belief, evidence
 

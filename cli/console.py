@@ -20,9 +20,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from annotate.journal import JOURNAL
+from annotate.appearing import check_replaceable
 from annotate.label import Run
-from sensors.errors import ExistsError
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
@@ -101,16 +100,8 @@ def finish_run(result: dict[str, Any], run: Run, as_json: bool, text: str) -> No
 def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
     """Remove a folder that an earlier run made (it holds ``marker``), when asked to.
 
-    Raises ExistsError for a folder that no run of this command made, that holds one of its ``inputs``, or
-    people's corrections: none of these is ever removed.
+    Raises ExistsError for what must never be removed (``check_replaceable``).
     """
-    if not overwrite or not out.exists():
-        return
-    for path in inputs:
-        if path.resolve().is_relative_to(out.resolve()):
-            raise ExistsError(f"{out} holds the input {path}; choose another folder for the result")
-    if not (out / marker).is_file() and (not out.is_dir() or any(out.iterdir())):
-        raise ExistsError(f"{out} was not made by this command (it has no {marker}); remove it yourself")
-    if (out / JOURNAL).is_file():
-        raise ExistsError(f"{out} holds people's corrections; choose another folder, or remove it yourself")
-    shutil.rmtree(out)
+    if overwrite and out.exists():
+        check_replaceable(out, marker, *inputs)
+        shutil.rmtree(out)

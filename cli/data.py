@@ -1,4 +1,4 @@
-"""Verbs that make, bring in and look at recordings: simulate, import, info, validate."""
+"""Verbs that make and look at recordings: simulate, info, validate."""
 
 from collections import Counter
 from pathlib import Path
@@ -11,17 +11,16 @@ from annotate.fuse import Fuser
 from annotate.parts import PARTS
 from annotate.store import LabelSet
 from cli.audit import audit_of, audit_text
-from cli.console import Json, Overwrite, finish, progress, say
+from cli.console import Json, Overwrite, finish, progress
 from sensors.errors import CloudError
 from sensors.frame import RigFrame
 from sensors.importers import open_source
 from sensors.replay import Session
-from sensors.session import SessionWriter
 from synth import dataset
 from synth.dataset import Dataset
 
 Session_ = Annotated[Path, typer.Argument(metavar="OUT.mcap", help="Session to write.")]
-Any_ = Annotated[Path, typer.Argument(help="Session, label set, dataset, folder of depth PNGs, PCD or PLY.")]
+Any_ = Annotated[Path, typer.Argument(help="Session, label set, dataset, or anything that import takes.")]
 
 
 def simulate(
@@ -63,31 +62,6 @@ def _simulate_plate(out: Path, frames: int, seed: int, overwrite: bool, json: bo
     finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
 
 
-def import_(
-    source: Annotated[Path, typer.Argument(metavar="SRC", help="Folder of depth PNGs, PCD, PLY or session.")],
-    out: Session_,
-    overwrite: Overwrite = False,
-    json: Json = False,
-) -> None:
-    """Turn your own recording into a session."""
-    frames = open_source(source)
-    streams = Counter[str]()
-    with (
-        SessionWriter(
-            out, frames.calibration, frames.name, overwrite=overwrite, keep_partial=False
-        ) as writer,
-        progress("import", len(frames)) as advance,
-    ):
-        for frame in frames:
-            writer.write(frame)
-            streams.update(_streams_of(frame))
-            advance(1)
-    for note in frames.notes:
-        say(note)
-    result = {"frames": streams["depth"], "streams": dict(streams), "notes": list(frames.notes)}
-    finish(result, json, f"{streams['depth']} frames with {', '.join(sorted(streams))} in {out}")
-
-
 def info(path: Any_, json: Json = False) -> None:
     """Say what a path holds; of a label set, also the work people put into it."""
     result = audit = None
@@ -117,15 +91,6 @@ def validate(path: Any_, json: Json = False) -> None:
     finish({"ok": not problems, "problems": problems}, json, "\n".join(problems) or f"{path}: all is well")
     if problems:
         raise typer.Exit(1)
-
-
-def _streams_of(frame: RigFrame) -> list[str]:
-    present = {
-        "depth": True,
-        "color": frame.color_encoded is not None,
-        "thermal": frame.thermal_c is not None,
-    }
-    return [name for name, there in present.items() if there]
 
 
 def _label_info(labels: LabelSet) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from cli.console import Json, Overwrite, clear, finish, progress
 from eval.compare import Comparison, compare_sets
 from eval.predict import Network, predict_source
 from eval.report.build import write_report
-from eval.report.gallery import make_gallery
+from eval.report.gather import gather
 from eval.results import Result, save_result
 from sensors.atomic import write_bytes
 from sensors.errors import ExistsError
@@ -65,15 +65,13 @@ def demo(
     sets = {"Automatic": automatic, "Corrected": corrected, "Network": predicted}
     compared = {name: compare_sets(labels, truth) for name, labels in sets.items()}
     facts = {"command": f"annotate-cloud demo --frames {frames} --seed {seed}", "session": session.sha256}
-    results = [Result(name, comparison, facts) for name, comparison in compared.items()]
-    for result in results:
-        save_result(out / f"{result.title.lower()}.json", result)
-    galleries = {
-        name: make_gallery(compared[name], labels, truth, fused)
-        for name, labels in sets.items()
-        if name != "Corrected"
-    }
-    write_report(out / "report.html", results, galleries, facts, seconds)
+    results = []
+    for name, labels in sets.items():
+        lying = {"predicted": str(labels.path), "truth": str(truth.path)}
+        results.append(Result(name, compared[name], {**facts, **lying}))
+        save_result(out / f"{name.lower()}.json", results[-1])
+    material = gather(results, sessions=[session], audited=[corrected.path], facts=facts)
+    write_report(out / "report.html", material)
     summary = {name: _summary(comparison) for name, comparison in compared.items()}
     answer = {
         "frames": frames,

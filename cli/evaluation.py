@@ -8,13 +8,11 @@ from typing import Annotated
 
 import typer
 
-from annotate import store
-from annotate.store import LabelSet
 from cli.console import Json, Overwrite, finish, progress, say
 from eval.compare import Comparison, compare_sets
 from eval.data import Frames, open_frames
+from eval.details import details
 from eval.paired import difference
-from eval.report.build import write_report
 from eval.results import Result, check_free, load_result, save_result
 
 SHOWN = ("mean_recall", "miou", "person_iou", "boundary_f", "left_right_swap_rate")
@@ -38,7 +36,7 @@ def evaluate(
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         save_result(out, Result(title, comparison, _facts(guesses, targets, comparison)), overwrite)
-    result = comparison.to_evaluation_json()
+    result = {**comparison.to_evaluation_json(), **details(comparison)}
     if comparison.ci_note:
         say(comparison.ci_note)
     lines = [f"{result['frames']} frames of {result['subjects']} subjects"]
@@ -48,15 +46,15 @@ def evaluate(
 
 def _facts(predicted: Frames, truth: Frames, comparison: Comparison) -> dict[str, str]:
     """What a reader of the result needs to repeat it."""
-    steps = predicted.info.get("steps")
-    weights = steps.get("predict", {}).get("weights") if isinstance(steps, dict) else None
+    weights: object = predicted.info
+    for key in ("steps", "predict", "weights"):
+        weights = weights.get(key) if isinstance(weights, dict) else None
     facts = {
         "command": shlex.join(["annotate-cloud", *sys.argv[1:]]),
         "version": version("annotate-cloud"),
         "predicted": str(predicted.path),
         "truth": str(truth.path),
-        "predicted hash": comparison.predicted_hash,
-        "truth hash": comparison.truth_hash,
+        **{f"{name} hash": value for name, value in comparison.hashes.items()},
         "source": str(truth.info.get("source", "")),
         "network": weights if isinstance(weights, str) else "",
     }
@@ -86,23 +84,3 @@ def compare(
     if found.note:
         say(found.note)
     finish(found.to_json(), json, "\n".join(lines))
-
-
-def report(
-    results: Annotated[list[Path], typer.Argument(help="Results that 'evaluate --out' kept.")],
-    out: Annotated[Path, typer.Option("--file", "--out", help="HTML file to write.")],
-    overwrite: Overwrite = False,
-    json: Json = False,
-) -> None:
-    """Put results side by side, with the paper's, on one page that opens offline."""
-    from eval.report.gallery import make_gallery
-
-    loaded = [load_result(path) for path in results]
-    galleries = {}
-    for result in loaded:
-        sets = [Path(result.facts.get(k, "")) for k in ("predicted", "truth")]
-        if all((path / store.MANIFEST).is_file() for path in sets):
-            predicted, truth = (LabelSet.open(path) for path in sets)
-            galleries[result.title] = make_gallery(result.comparison, predicted, truth)
-    write_report(out, loaded, galleries, overwrite=overwrite)
-    finish({"path": str(out)}, json, str(out))

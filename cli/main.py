@@ -11,12 +11,15 @@ from cli import (
     data,
     demo,
     devices,
+    doctor,
     evaluation,
+    exchange,
     fix,
     labelling,
     motion,
     prediction,
     recording,
+    reporting,
     synthesis,
     training,
 )
@@ -31,9 +34,11 @@ app = typer.Typer(
 )
 app.command()(demo.demo)
 app.command()(data.simulate)
-app.command("import")(data.import_)
+app.command("import")(exchange.import_)
+app.command()(exchange.export)
 app.command()(data.info)
 app.command()(data.validate)
+app.command()(doctor.doctor)
 app.command()(devices.devices)
 app.command()(recording.record)
 app.command()(labelling.label)
@@ -47,7 +52,7 @@ app.command()(training.train)
 app.command()(prediction.predict)
 app.command()(evaluation.evaluate)
 app.command()(evaluation.compare)
-app.command()(evaluation.report)
+app.command()(reporting.report)
 
 INTERRUPTED = "interrupted; give the same command again, without --overwrite, to go on"
 

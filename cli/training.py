@@ -1,6 +1,8 @@
 """The verb that trains a network."""
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, fields
 from enum import StrEnum
 from pathlib import Path
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from torch import nn
 
     from eval.checkpoint import Epoch
+    from eval.networks import NetworkConfig
     from eval.plan import Plan, Recipe
 
 Without = StrEnum("Without", [field.name for field in fields(Augmentation)])  # type: ignore[misc]
@@ -24,9 +27,14 @@ Without = StrEnum("Without", [field.name for field in fields(Augmentation)])  # 
 
 
 class NetworkName(StrEnum):
-    """What can be trained."""
+    """What can be trained, and for how much computation."""
 
     COMPACT = "compact"
+    COMPACT_SMALL = "compact-small"
+    COMPACT_LARGE = "compact-large"
+    PAPER = "paper"
+    PAPER_QUARTER = "paper-quarter"
+    SMP = "smp"
 
 
 class RecipeName(StrEnum):
@@ -55,7 +63,12 @@ def train(
     hold_out: Annotated[
         list[str] | None, typer.Option(help="Subject to measure on, not to train on; repeatable.")
     ] = None,
-    network: Annotated[NetworkName, typer.Option(help="Architecture.")] = NetworkName.COMPACT,
+    network: Annotated[
+        NetworkName | None,
+        typer.Option(
+            help="Architecture; paper-quarter has a quarter of its channels.", show_default="compact"
+        ),
+    ] = None,
     recipe: Annotated[
         RecipeName, typer.Option(help="AdamW with one cycle, or the paper's SGD and summed loss.")
     ] = RecipeName.MODERN,
@@ -69,8 +82,12 @@ def train(
     batch: Annotated[int | None, typer.Option(min=1, max=1024, show_default="16, the paper's 12")] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     precision: Annotated[
-        PrecisionName, typer.Option(help="bfloat16 is faster where the processor computes in it.")
-    ] = PrecisionName.FLOAT32,
+        PrecisionName | None,
+        typer.Option(
+            help="bfloat16 is faster where the processor computes in it.",
+            show_default="bfloat16 on a GPU that has it, else float32",
+        ),
+    ] = None,
     workers: Annotated[int, typer.Option(min=0, max=64, help="Processes that make images ahead.")] = 0,
     checkpoint_minutes: Annotated[float, typer.Option(min=0)] = 5.0,
     overwrite: Overwrite = False,
@@ -79,42 +96,55 @@ def train(
     """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
     started, tests = time.monotonic(), test or []
     try:
+        from eval.checkpoint import save_weights
+        from eval.export import export_onnx
+        from eval.team import Team
         from eval.train import Watch, images_left
+        from eval.train import train as run
     except ImportError as error:
         raise CloudError(f"training needs torch ({error.name} is missing): pip install '.[train]'") from error
-    clear(out, "plan.json", overwrite, *data, *tests, *([init] if init else []))
-    plan, model = _plan(network, recipe, init, without or [], epochs, batch, seed, precision)
-    crops = load_crops(data, without=frozenset(hold_out or []))
-    measured = _measured(data, tests, hold_out or [], test_images)
-    with progress("train, images", images_left(out, plan, crops)) as advance:
-        watch = Watch(advance, lambda epoch: _tell(epoch, epochs), 60 * checkpoint_minutes)
-        history = _trained(crops, measured, out, plan, watch, model, workers)
+    with Team.join() as team:
+        if team.first:
+            clear(out, "plan.json", overwrite, *data, *tests, *([init] if init else []))
+        plan, start = _plan(network, recipe, init, without or [], epochs, batch, seed, precision)
+        crops = load_crops(data, without=frozenset(hold_out or []))
+        measured = _measured(data, tests, hold_out or [], test_images)
+        with _shown(team.first, images_left(out, plan, crops)) as advance:
+            watch = Watch(advance, lambda epoch: _tell(team.first, epoch, epochs), 60 * checkpoint_minutes)
+            model, done = run(crops, measured, out, plan, team, watch, start, workers)
+    if team.first:
+        save_weights(out / "weights.safetensors", model, plan.network)
+        export_onnx(model, out / "weights.onnx")
+        _finish(done.epochs, out / "weights.onnx", round(time.monotonic() - started, 1), json)
+
+
+def _finish(history: "list[Epoch]", weights: Path, seconds: float, json: bool) -> None:
     result = {
         "epochs": len(history),
         "loss": history[-1].loss,
-        "seconds": round(time.monotonic() - started, 1),
-        "weights": str(out / "weights.onnx"),
+        "seconds": seconds,
+        "weights": str(weights),
         "history": [asdict(epoch) for epoch in history],
     }
-    text = f"{len(history)} epochs, loss {history[-1].loss:.4f}, weights in {out / 'weights.onnx'}"
-    finish(result, json, text)
+    finish(result, json, f"{len(history)} epochs, loss {history[-1].loss:.4f}, weights in {weights}")
 
 
 def _plan(
-    network: NetworkName,
+    network: NetworkName | None,
     recipe: RecipeName,
     init: Path | None,
     without: list[Without],
     epochs: int,
     batch: int | None,
     seed: int,
-    precision: PrecisionName,
+    precision: PrecisionName | None,
 ) -> "tuple[Plan, nn.Module | None]":
     from eval.checkpoint import load_weights
-    from eval.compact import CompactConfig
-    from eval.plan import ModernRecipe, PaperRecipe, Plan
+    from eval.plan import ModernRecipe, PaperRecipe, Plan, best_precision
 
-    model, config = load_weights(init) if init else (None, CompactConfig())
+    if init and network:
+        raise CloudError(f"{init} names its network; leave out --network {network}")
+    model, config = load_weights(init) if init else (None, _config(network or NetworkName.COMPACT))
     how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
     chosen: Recipe
     match recipe:
@@ -122,7 +152,27 @@ def _plan(
             chosen = ModernRecipe() if batch is None else ModernRecipe(batch)
         case RecipeName.PAPER:
             chosen = PaperRecipe() if batch is None else PaperRecipe(batch)
-    return Plan(config, chosen, how, epochs, seed, precision.value), model
+    return Plan(config, chosen, how, epochs, seed, precision.value if precision else best_precision()), model
+
+
+def _config(network: NetworkName) -> "NetworkConfig":
+    from eval.compact import CompactConfig
+    from eval.paper_fcn import PaperConfig
+    from eval.smp_network import SmpConfig
+
+    match network:
+        case NetworkName.COMPACT:
+            return CompactConfig()
+        case NetworkName.COMPACT_SMALL:
+            return CompactConfig((16, 24, 32, 48, 64))
+        case NetworkName.COMPACT_LARGE:
+            return CompactConfig((32, 48, 64, 96, 144))
+        case NetworkName.PAPER:
+            return PaperConfig()
+        case NetworkName.PAPER_QUARTER:
+            return PaperConfig(16, 1024)
+        case NetworkName.SMP:
+            return SmpConfig()
 
 
 def _measured(data: list[Path], tests: list[Path], hold_out: list[str], images: int) -> Crops | None:
@@ -133,17 +183,17 @@ def _measured(data: list[Path], tests: list[Path], hold_out: list[str], images: 
     return load_crops(tests).spread(images) if tests else None
 
 
-def _trained(crops, measured, out, plan, watch, model, workers):
-    from eval.checkpoint import save_weights
-    from eval.export import export_onnx
-    from eval.train import train as run
+@contextmanager
+def _shown(first: bool, images: int) -> Iterator[Callable[[int], None]]:
+    """Progress, told by the first of several processes only."""
+    if not first:
+        yield lambda n: None
+        return
+    with progress("train, images", images) as advance:
+        yield advance
 
-    model, done = run(crops, measured, out, plan, watch, model, workers)
-    save_weights(out / "weights.safetensors", model, plan.network)
-    export_onnx(model, out / "weights.onnx")
-    return done.epochs
 
-
-def _tell(epoch: "Epoch", epochs: int) -> None:
+def _tell(first: bool, epoch: "Epoch", epochs: int) -> None:
     scores = "" if epoch.miou is None else f", mean recall {epoch.mean_recall:.4f}, mIoU {epoch.miou:.4f}"
-    say(f"epoch {epoch.number} of {epochs}: loss {epoch.loss:.4f}{scores}")
+    if first:
+        say(f"epoch {epoch.number} of {epochs}: loss {epoch.loss:.4f}{scores}")

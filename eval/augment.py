@@ -94,7 +94,7 @@ def _things(person: Mask, count: int, half_px: tuple[float, float], rng: np.rand
     v, u = np.nonzero(person)
     for _ in range(count):
         i = int(rng.integers(len(v)))
-        half = np.exp(rng.uniform(*np.log(half_px), 2))
+        half = np.exp(rng.uniform(np.log(half_px[0]), np.log(half_px[1]), 2))
         turn = float(rng.uniform(0, 180))
         centre = (float(u[i]), float(v[i]))
         if rng.random() < 0.5:
@@ -152,10 +152,11 @@ def _placed(depth: Depth, parts: Parts, how: Augmentation, rng: np.random.Genera
     linear = source_from_crop * side / size
     matrix = np.column_stack([linear, centre - linear @ np.full(2, (size - 1) / 2)])
     flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-    depth, parts = (
-        np.asarray(cv2.warpAffine(image, matrix, (size, size), flags=flags)) for image in (depth, parts)
+    placed = np.asarray(cv2.warpAffine(parts, matrix, (size, size), flags=flags), np.uint8)
+    return (
+        np.asarray(cv2.warpAffine(depth, matrix, (size, size), flags=flags), np.float32),
+        swap_left_right(placed) if mirror < 0 else placed,
     )
-    return depth, swap_left_right(parts) if mirror < 0 else parts
 
 
 def _noise(seen: Mask, rng: np.random.Generator) -> Depth:

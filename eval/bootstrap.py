@@ -93,6 +93,31 @@ def interval(
     return np.where(certain & ~np.isnan(error), value, ends)
 
 
+def paired_interval(
+    value: Scores, resampled: Scores, n: Index | int, level: float = LEVEL
+) -> NDArray[np.float64]:
+    """Interval of a difference on the same frames: (...), its resamples (R, ...), n clusters -> (2, ...)."""
+    half = standard_error(resampled, n) * quantile(np.asarray(n) - 1, level)
+    return np.clip(np.stack([value - half, value + half]), -1.0, 1.0)
+
+
+def unpaired_interval(
+    value: Scores,
+    resampled: tuple[Scores, Scores],
+    n: tuple[Index | int, Index | int],
+    level: float = LEVEL,
+) -> NDArray[np.float64]:
+    """Interval of a difference of two samples, each with its resamples (R, ...) and clusters -> (2, ...).
+
+    The errors add up, with Welch's degrees of freedom (Biometrika 34, 1947).
+    """
+    a, b = (standard_error(scores, k) ** 2 for scores, k in zip(resampled, n, strict=True))
+    spread = a**2 / np.maximum(np.asarray(n[0]) - 1, 1) + b**2 / np.maximum(np.asarray(n[1]) - 1, 1)
+    degrees = np.divide((a + b) ** 2, spread, out=np.ones_like(spread), where=spread > 0)
+    half = np.sqrt(a + b) * quantile(degrees, level)
+    return np.clip(np.stack([value - half, value + half]), -1.0, 1.0)
+
+
 def note_on(subjects: Sequence[str], unknown: str) -> str:
     """What to say of an interval over these frames' subjects; "" where nothing is to be said."""
     people = set(subjects)

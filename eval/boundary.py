@@ -32,6 +32,8 @@ DISTANCE_EDGES_PX = (1.0, 2.0, 3.0, 5.0, 9.0, 17.0)
 
 N_DISTANCES = len(DISTANCE_EDGES_PX) + 1
 
+_PART_APART = np.array([1.0, 1.0, 1e6])
+
 Distances = NDArray[np.float32]
 
 
@@ -64,24 +66,30 @@ def boundary_counts(of_truth: Labels, of_prediction: Labels, tolerances_px: Sequ
     (Euclidean) in the other map. Counts of frames add up; `boundary_f` turns them into the score.
     """
     drawn, true = _points(of_prediction), _points(of_truth)
+    met = of_truth == of_prediction
     reach = max(tolerances_px)
-    apart = _apart(drawn, true, reach), _apart(true, drawn, reach)
+    apart = _apart(drawn, true, met, reach), _apart(true, drawn, met, reach)
     within = [[np.count_nonzero(a <= tolerance) for a in apart] for tolerance in tolerances_px]
-    return np.array([[near, len(drawn), met, len(true)] for near, met in within], np.int64)
+    return np.array([[near, len(drawn), found, len(true)] for near, found in within], np.int64)
 
 
-def _points(border: Labels) -> NDArray[np.float64]:
-    # The part is a third coordinate that sets parts further apart than any picture is wide.
+def _points(border: Labels) -> NDArray[np.int64]:
+    """Row, column and part of the border pixels (n, 3)."""
     rows, columns = np.nonzero(border)
-    return np.stack([rows, columns, border[rows, columns] * 1e6], axis=-1).astype(np.float64)
+    return np.stack([rows, columns, border[rows, columns]], axis=-1).astype(np.int64)
 
 
-def _apart(points: NDArray[np.float64], others: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
-    """Distance to the nearest of the others, inf beyond the reach."""
-    if not len(points) or not len(others):
-        return np.full(len(points), np.inf)
-    # KDTree's bound is exclusive.
-    return np.asarray(KDTree(others).query(points, distance_upper_bound=np.nextafter(reach, np.inf))[0])
+def _apart(
+    points: NDArray[np.int64], others: NDArray[np.int64], met: NDArray[np.bool_], reach: float
+) -> NDArray[np.float64]:
+    """Distance to the nearest of the others of the same part, exact within the reach; met: where it is 0."""
+    apart = np.where(met[points[:, 0], points[:, 1]], 0.0, np.inf)
+    open_ = apart > 0
+    if open_.any() and len(others):
+        # The part is a third coordinate that sets parts further apart than any picture is wide.
+        tree = KDTree(others * _PART_APART)
+        apart[open_] = tree.query(points[open_] * _PART_APART, distance_upper_bound=reach + 1)[0]
+    return apart
 
 
 def boundary_f(counts: Counts) -> Scores:

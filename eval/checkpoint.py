@@ -1,4 +1,4 @@
-"""Weights and half-finished trainings as safetensors: reading them executes nothing, they know their network."""
+"""Weights and unfinished trainings as safetensors: they know their network, reading them executes nothing."""
 
 import json
 from dataclasses import asdict, dataclass, field

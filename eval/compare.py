@@ -13,8 +13,9 @@ from annotate.parts import BACKGROUND, BODY_PARTS, PARTS
 from eval import bootstrap, metrics
 from eval.counts import FrameCounts, stack
 from eval.data import Frames
+from eval.joint_errors import joint_errors_mm, summary
 from eval.metrics import Counts, Scores
-from eval.pairs import count_pairs, pair_up
+from eval.pairs import Digests, count_pairs, pair_up
 from eval.scores import PART_SCORES, scores_of
 from eval.summary import named, plain
 from eval.traits import Traits
@@ -30,11 +31,9 @@ SUMMARY = ("mean_recall", "recall", "miou", "iou", "boundary_f", "left_right_swa
 class Comparison:
     """Counts of F compared frames, from which every score is derived.
 
-    subjects: who is seen in each frame. digests: of each frame's depth and truth; two results are of the
-    same frames where they agree. predicted_digests: of its depth and prediction. counts: with one leading
-    axis, (F,). joints_mm: float64 (F, J), error of each joint in millimetres, NaN where it is not scored
-    and inf where it was not found; None where the truth knows no joints. extra_frames: how many predicted
-    frames have no truth and were left out.
+    subjects: who is seen in each frame. counts: with one leading axis, (F,). joints_mm: float64 (F, J),
+    error of each joint in millimetres, NaN where it is not scored and inf where it was not found; None
+    where the truth knows no joints. extra_frames: how many predicted frames have no truth and were left out.
     Raises CloudError when nothing was compared or an id stands twice, ValueError for arrays that do not
     fit together.
     """
@@ -42,8 +41,7 @@ class Comparison:
     frame_ids: tuple[str, ...]
     subjects: tuple[str, ...]
     traits: tuple[Traits, ...]
-    digests: tuple[str, ...]
-    predicted_digests: tuple[str, ...]
+    digests: tuple[Digests, ...]
     counts: FrameCounts
     joints_mm: NDArray[np.float64] | None = None
     extra_frames: int = 0
@@ -54,7 +52,7 @@ class Comparison:
             raise CloudError("no frame was compared; give label sets that hold frames")
         if len(set(self.frame_ids)) != n:
             raise CloudError(f"{n} frames have {len(set(self.frame_ids))} different ids; give each its own")
-        for name in ("subjects", "traits", "digests", "predicted_digests", "joints_mm"):
+        for name in ("subjects", "traits", "digests", "joints_mm"):
             value = getattr(self, name)
             if value is not None and len(value) != n:
                 raise ValueError(f"{len(value)} {name} for {n} frames")
@@ -123,14 +121,14 @@ class Comparison:
         return {"truth": float(shares[0]), "predicted": float(shares[1])}
 
     @property
-    def truth_hash(self) -> str:
-        """SHA-256 over the digests of all frames' depth and truth."""
-        return hashlib.sha256("".join(self.digests).encode()).hexdigest()
-
-    @property
-    def predicted_hash(self) -> str:
-        """The same of the prediction."""
-        return hashlib.sha256("".join(self.predicted_digests).encode()).hexdigest()
+    def hashes(self) -> dict[str, str]:
+        """SHA-256 over all frames' digests of depth, truth and prediction."""
+        return {
+            name: hashlib.sha256(
+                "".join(getattr(digests, name) for digests in self.digests).encode()
+            ).hexdigest()
+            for name in ("depth", "truth", "predicted")
+        }
 
     @property
     def n_subjects(self) -> int:
@@ -158,7 +156,6 @@ class Comparison:
             subjects=picked(self.subjects),
             traits=picked(self.traits),
             digests=picked(self.digests),
-            predicted_digests=picked(self.predicted_digests),
             counts=self.counts[index],
             joints_mm=None if self.joints_mm is None else self.joints_mm[index],
         )
@@ -187,6 +184,7 @@ class Comparison:
             },
             "flipped_frames": int(metrics.flip_helps(self.matrices).sum()),
             "undefined": {name: plain(share) for name, share in self.undefined_shares.items()},
+            "joints": None if self.joints_mm is None else summary(self.joints_mm),
             "extra_frames": self.extra_frames,
         }
 
@@ -205,12 +203,13 @@ def compare_sets(
     """
     pairs, extra = pair_up(predicted, truth)
     counted = count_pairs(predicted, truth, pairs, advance, workers)
+    observed = [frame.joints for frame in counted]
     return Comparison(
         frame_ids=tuple(frame.frame_id for frame in counted),
         subjects=tuple(frame.subject or UNKNOWN_SUBJECT for frame in counted),
         traits=tuple(frame.traits for frame in counted),
-        digests=tuple(frame.digest for frame in counted),
-        predicted_digests=tuple(frame.predicted_digest for frame in counted),
+        digests=tuple(frame.digests for frame in counted),
         counts=stack([frame.counts for frame in counted]),
+        joints_mm=joint_errors_mm(observed) if any(observed) else None,
         extra_frames=extra,
     )

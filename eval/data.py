@@ -72,12 +72,13 @@ def load_crops(
     they do not fit into memory.
     """
     frames = [open_frames(path) for path in sources]
-    total, names = sum(map(len, frames)), ", ".join(map(str, sources))
+    names = ", ".join(map(str, sources))
     try:
+        total = sum(map(len, frames))
         depth = np.zeros((total, SIZE, SIZE), np.uint16)
         parts = np.zeros((total, SIZE, SIZE), np.uint8)
-    except (MemoryError, ValueError) as error:
-        raise CloudError(f"{names}: {total} images do not fit into memory; give fewer") from error
+    except (MemoryError, ValueError, OverflowError) as error:
+        raise CloudError(f"{names}: so many images do not fit into memory; give fewer") from error
     n = 0
     for frame in _teaching(frames, without, only):
         if n == total:

@@ -14,6 +14,8 @@ from sensors.atomic import replacing
 class _Labeller(nn.Module):
     """Scores -> probabilities; what has no depth is background, which training leaves out."""
 
+    background: Tensor
+
     def __init__(self, network: nn.Module) -> None:
         super().__init__()
         self.network = network

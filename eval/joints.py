@@ -31,7 +31,7 @@ MAX_JUMP_MM = 60.0
 MIN_BORDER, MIN_PART = 6, 20
 """Pixels with less than which a border or a part says nothing."""
 MAX_POINTS = 500
-"""Points of a part that a mean shift looks at, evenly chosen."""
+"""Points of a part that are looked at, evenly chosen."""
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 """Neighbours (dv, du) compared: a line of pixels that nobody labelled may lie between."""
 _END = 0.05
@@ -122,7 +122,7 @@ def measure(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], camera: Intr
     window = slice(v[0], v[-1] + 1), slice(u[0], u[-1] + 1)
     labels = np.where(named[window], parts[window], np.uint8(0))
     points = _points(depth_mm[window], camera, int(v[0]), int(u[0]))
-    of_part = {limb.part: points[labels == PART_ID[limb.part]] for limb in LIMBS}
+    of_part = _by_part(labels, points)
     for i, limb in enumerate(LIMBS):
         if len(of_part[limb.part]) >= MIN_PART:
             middles[i] = np.median(of_part[limb.part], axis=0)
@@ -148,6 +148,20 @@ def _points(depth_mm: NDArray[np.uint16], camera: Intrinsics, top: int, left: in
     return points
 
 
+def _by_part(labels: NDArray[np.uint8], points_mm: Float64) -> dict[str, Float64]:
+    """Points (n, 3) of every part by name, at most MAX_POINTS, evenly chosen."""
+    index = np.flatnonzero(labels)
+    label = labels.ravel()[index]
+    index = index[np.argsort(label, kind="stable")]
+    ends = np.cumsum(np.bincount(label, minlength=N_CLASSES))
+    flat = points_mm.reshape(-1, 3)
+    of_part = {}
+    for limb in LIMBS:
+        first, end = ends[PART_ID[limb.part] - 1], ends[PART_ID[limb.part]]
+        of_part[limb.part] = flat[index[first : end : (end - first) // MAX_POINTS + 1]]
+    return of_part
+
+
 def _crossings(labels: NDArray[np.uint8], points_mm: Float64) -> dict[frozenset[int], Float64]:
     """Midpoints (n, 3) of neighbouring pixels of different parts that touch, by pair of part ids."""
     pairs, middles = [], []
@@ -169,11 +183,10 @@ def _crossings(labels: NDArray[np.uint8], points_mm: Float64) -> dict[frozenset[
 
 def _between(a_mm: Float64, b_mm: Float64) -> Float64:
     """Between the ends that two parts (n, 3), (m, 3) which do not touch turn to each other."""
-    a, b = (points[:: len(points) // MAX_POINTS + 1] for points in (a_mm, b_mm))
-    axis = np.median(b, axis=0) - np.median(a, axis=0)
-    along_a, along_b = a @ axis, b @ axis
-    end_a = a[along_a >= np.quantile(along_a, 1 - _END)].mean(axis=0)
-    end_b = b[along_b <= np.quantile(along_b, _END)].mean(axis=0)
+    axis = np.median(b_mm, axis=0) - np.median(a_mm, axis=0)
+    along_a, along_b = a_mm @ axis, b_mm @ axis
+    end_a = a_mm[along_a >= np.quantile(along_a, 1 - _END)].mean(axis=0)
+    end_b = b_mm[along_b <= np.quantile(along_b, _END)].mean(axis=0)
     return np.asarray((end_a + end_b) / 2, np.float64)
 
 
@@ -184,7 +197,9 @@ def _mode(points_mm: Float64, start_mm: Float64) -> Float64:
         weight = np.exp(-0.5 * np.square((points_mm - mode) / BANDWIDTH_MM).sum(axis=1))
         if not weight.sum() > 0:
             return start_mm
-        mode = weight @ points_mm / weight.sum()
+        before, mode = mode, weight @ points_mm / weight.sum()
+        if np.abs(mode - before).max() < 1:
+            break
     return mode
 
 

@@ -1,4 +1,4 @@
-"""Batches of augmented crops: each image a pure function of (seed, epoch, index), so any step can come first."""
+"""Batches of augmented crops: an image is a function of (seed, epoch, index), so any step can come first."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -73,7 +73,7 @@ class Order:
 
 
 def batches(images: Images, order: Order, step: int, workers: int = 0) -> Iterator[tuple[Tensor, Tensor]]:
-    """Depth (B, 1, h, w), parts (B, h, w) of every step from one on, made ahead by worker processes if any."""
+    """Depth (B, 1, h, w), parts (B, h, w) of every step from one on; worker processes make them ahead."""
     loader: DataLoader[Any] = DataLoader(
         images,
         batch_sampler=list(order.after(step)),

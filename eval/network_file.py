@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
+import cv2
 import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
@@ -77,10 +78,12 @@ class Network:
         crops = {i: network_crop(masks[i]) for i in there}
         results = [_nobody(mask.shape) for mask in masks]
         if there:
-            depths = [normalize(crops[i].cut(images[i][0], 0), crops[i].cut(masks[i], False)) for i in there]
-            for i, planes in zip(there, self.probabilities(np.stack(depths)), strict=True):
+            depths = np.stack(
+                [normalize(crops[i].cut(images[i][0], 0), crops[i].cut(masks[i], False)) for i in there]
+            )
+            for i, depth, planes in zip(there, depths, self.probabilities(depths), strict=True):
                 given = Probabilities(crops[i], planes) if probabilities else None
-                results[i] = _over(masks[i], crops[i], planes, given)
+                results[i] = _over(masks[i], crops[i], depth > 0, planes, given)
         return results
 
 
@@ -102,12 +105,31 @@ def _nobody(shape: tuple[int, ...]) -> Segmentation:
 
 
 def _over(
-    mask: NDArray[np.bool_], crop: Crop, planes: NDArray[np.float32], given: Probabilities | None
+    mask: NDArray[np.bool_],
+    crop: Crop,
+    seen: NDArray[np.bool_],
+    planes: NDArray[np.float32],
+    given: Probabilities | None,
 ) -> Segmentation:
-    """A crop's answer (12, 212, 212) laid over the image."""
+    """A crop's answer (12, 212, 212) laid over the image; seen: where the crop shows the person."""
     # The extraction has decided what is person: background is no answer there.
     body = planes[1:]
-    best = crop.paste((body.argmax(axis=0) + 1).astype(np.uint8), mask.shape, BACKGROUND)
-    certain = crop.paste(body.max(axis=0), mask.shape, 0.0)
+    best, certain = (body.argmax(axis=0) + 1).astype(np.uint8), body.max(axis=0)
+    # A smaller crop drops pixels: on a rim the one that stands for a pixel of the person may show the room.
+    nearest = _nearest(seen)
+    best = crop.paste(best.ravel()[nearest], mask.shape, BACKGROUND)
+    certain = crop.paste(certain.ravel()[nearest], mask.shape, 0.0)
     best[~mask], certain[~mask] = BACKGROUND, 0.0
     return Segmentation(best, certain, probabilities=given)
+
+
+def _nearest(seen: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Flat index (h, w) of the ``seen`` pixel nearest to each; its own where none is seen at all."""
+    if not seen.any():
+        return np.arange(seen.size).reshape(seen.shape)
+    _, label = cv2.distanceTransformWithLabels(
+        (~seen).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    index = np.zeros(int(label.max()) + 1, np.intp)
+    index[label[seen]] = np.flatnonzero(seen)
+    return np.asarray(index[label])

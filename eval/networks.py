@@ -6,9 +6,11 @@ from typing import Any
 from torch import nn
 
 from eval.compact import CompactConfig, CompactUNet
-from sensors.errors import FormatError
+from eval.paper_fcn import PaperConfig, PaperFcn
+from eval.smp_network import SmpConfig, SmpUnet
+from sensors.errors import CloudError, FormatError
 
-NetworkConfig = CompactConfig
+NetworkConfig = CompactConfig | PaperConfig | SmpConfig
 
 
 def build(config: NetworkConfig) -> nn.Module:
@@ -16,23 +18,43 @@ def build(config: NetworkConfig) -> nn.Module:
     match config:
         case CompactConfig():
             return CompactUNet(config)
+        case PaperConfig():
+            return PaperFcn(config)
+        case SmpConfig():
+            return SmpUnet(config)
 
 
 def described(config: NetworkConfig) -> dict[str, Any]:
     """A configuration as JSON values, with its kind."""
     match config:
         case CompactConfig():
-            return {"kind": "compact", **asdict(config), "widths": list(config.widths)}
+            return {"kind": "compact", "widths": list(config.widths)}
+        case PaperConfig():
+            return {"kind": "paper", **asdict(config)}
+        case SmpConfig():
+            return {"kind": "smp", "encoder": config.encoder, "decoder": list(config.decoder)}
 
 
 def config_from(description: dict[str, Any]) -> NetworkConfig:
     """Inverse of `described`. Raises FormatError when it describes no network."""
     try:
-        fields = dict(description)
-        match fields.pop("kind"):
-            case "compact":
-                return CompactConfig(tuple(int(w) for w in fields.pop("widths")))
-            case kind:
-                raise FormatError(f"network kind {kind!r} is unknown; use weights that 'train' wrote")
-    except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(f"the network's description is malformed ({error!r}); train it again") from error
+        match description:
+            case {"kind": "compact", "widths": widths, **rest} if not rest:
+                return CompactConfig(tuple(map(_width, widths)))
+            case {"kind": "paper", "base": base, "dense": dense, **rest} if not rest:
+                return PaperConfig(_width(base), _width(dense))
+            case {"kind": "smp", "encoder": str(encoder), "decoder": decoder, **rest} if not rest:
+                return SmpConfig(encoder, tuple(map(_width, decoder)))
+    except (TypeError, ValueError, CloudError) as error:
+        raise FormatError(f"the network's description is malformed ({error}); train it again") from error
+    raise FormatError(f"{str(description)[:200]!r} describes no network; use weights that 'train' wrote")
+
+
+MAX_WIDTH = 8192
+"""No layer is wider: what a hostile file asks for must fit into memory."""
+
+
+def _width(value: Any) -> int:  # noqa: ANN401 - it comes from a file
+    if type(value) is not int or not 1 <= value <= MAX_WIDTH:
+        raise ValueError(f"{value!r} channels; use 1 to {MAX_WIDTH}")
+    return value

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
 from eval import bootstrap
-from eval.bootstrap import standard_error
 from eval.compare import Comparison
 from eval.counts import FrameCounts
 from eval.metrics import Scores
@@ -25,10 +24,10 @@ MIN_SUBJECTS = 6
 class Difference:
     """Scores of A minus those of B, by name as `scores_of` has them.
 
-    paired: whether both were measured on the same frames against the same truth; then only these are
-    compared. frames, subjects: of A and of B. ci95: (2, ...), 95 % intervals by Student's t over
-    subjects. wilcoxon_p: two-sided, on the subjects' own mean recall and mIoU; None unpaired, or with
-    too few subjects. note: what to know before trusting it.
+    paired: whether both were measured on the same frames; then only these are compared. frames, subjects:
+    of A and of B. ci95: (2, ...), 95 % intervals by Student's t over subjects. wilcoxon_p: two-sided, on the
+    subjects' own mean recall and mIoU; None unpaired, or with too few subjects. note: what to know before
+    trusting it.
     """
 
     a: str
@@ -59,8 +58,8 @@ class Difference:
 def difference(a: Result, b: Result) -> Difference:
     """A minus B: over the frames that both were measured on, or of all frames where there are none.
 
-    Frames are the same where id, depth and truth are. Two networks on one test set share their frames;
-    real against synthetic, or automatic labels as the truth against corrected ones, share none.
+    Frames are the same where id and depth are. Two networks on one test set share their frames, and so
+    does one network measured against automatic and against corrected labels; real and synthetic do not.
     """
     at_b = {key: i for i, key in enumerate(_keys(b.comparison))}
     shared = [(i, at_b[key]) for i, key in enumerate(_keys(a.comparison)) if key in at_b]
@@ -71,7 +70,8 @@ def difference(a: Result, b: Result) -> Difference:
 
 
 def _keys(comparison: Comparison) -> list[tuple[str, str]]:
-    return list(zip(comparison.frame_ids, comparison.digests, strict=True))
+    depths = [digests.depth for digests in comparison.digests]
+    return list(zip(comparison.frame_ids, depths, strict=True))
 
 
 def _paired(a: Result, b: Result, ours: Comparison, theirs: Comparison) -> Difference:
@@ -81,11 +81,14 @@ def _paired(a: Result, b: Result, ours: Comparison, theirs: Comparison) -> Diffe
     for name, score in ours.scores.items():
         values[name] = score - theirs.scores[name]
         n = np.minimum(ours.behind[name], theirs.behind[name])
-        error = standard_error(ours.resampled[name] - theirs.resampled[name], n)
-        ci95[name] = _ends(values[name], error, n - 1)
+        apart = ours.resampled[name] - theirs.resampled[name]
+        ci95[name] = bootstrap.paired_interval(values[name], apart, n)
     count = len(ours.frame_ids)
     left_out = len(a.comparison.frame_ids) - count, len(b.comparison.frame_ids) - count
     notes = [ours.ci_note]
+    other = sum(x.truth != y.truth for x, y in zip(ours.digests, theirs.digests, strict=True))
+    if other:
+        notes.append(f"{other} of {count} frames have another truth in B than in A")
     if any(left_out):
         notes.append(f"{left_out[0]} frames of A and {left_out[1]} of B are not shared: left out")
     return Difference(
@@ -102,20 +105,15 @@ def _paired(a: Result, b: Result, ours: Comparison, theirs: Comparison) -> Diffe
 
 
 def _unpaired(a: Result, b: Result) -> Difference:
-    """Different frames: the two errors add up, with Welch's degrees of freedom (Biometrika 34, 1947)."""
+    """Each over all of its own frames."""
     ours, theirs = a.comparison, b.comparison
     values, ci95 = {}, {}
     for name, score in ours.scores.items():
         values[name] = score - theirs.scores[name]
+        resampled = ours.resampled[name], theirs.resampled[name]
         n = ours.behind[name], theirs.behind[name]
-        variances = [
-            standard_error(c.resampled[name], k) ** 2 for c, k in zip((ours, theirs), n, strict=True)
-        ]
-        total = variances[0] + variances[1]
-        spread = sum(v**2 / np.maximum(k - 1, 1) for v, k in zip(variances, n, strict=True))
-        degrees = np.divide(total**2, spread, out=np.ones_like(total), where=np.asarray(spread) > 0)
-        ci95[name] = _ends(values[name], np.sqrt(total), degrees)
-    notes = ["no frame in common (id, depth and truth): the two are compared as different samples"]
+        ci95[name] = bootstrap.unpaired_interval(values[name], resampled, n)
+    notes = ["no frame in common (id and depth): the two are compared as different samples"]
     notes += [
         f"{title}: {note}" for title, note in ((a.title, ours.ci_note), (b.title, theirs.ci_note)) if note
     ]
@@ -130,11 +128,6 @@ def _unpaired(a: Result, b: Result) -> Difference:
         wilcoxon_p=dict.fromkeys(TESTED),
         note="; ".join(notes),
     )
-
-
-def _ends(value: Scores, error: Scores, degrees: NDArray[np.float64] | NDArray[np.int64]) -> Scores:
-    half = error * bootstrap.quantile(degrees)
-    return np.clip(np.stack([value - half, value + half]), -1.0, 1.0)
 
 
 def _wilcoxon_p(ours: Comparison, theirs: Comparison, name: str) -> float | None:

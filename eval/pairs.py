@@ -9,15 +9,16 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from annotate.labels import FrameLabels
-from annotate.registration import KINECT2_DEPTH
 from annotate.store import LabelSet
 from eval.counts import FrameCounts, count
 from eval.data import Frames, open_frames
+from eval.joint_errors import CAMERA, JointObservation, camera_of, observe
 from eval.traits import Traits, traits_of
 from sensors.camera import Intrinsics
-from sensors.errors import CloudError
+from sensors.errors import CloudError, FormatError
 from synth.dataset import frame_ids_of, read_shard
 from synth.workers import processes
 
@@ -37,18 +38,27 @@ class Pair:
 
 
 @dataclass(frozen=True)
+class Digests:
+    """What tells whether two results are of the same frame: hashes (64 bit, hex) of its three images."""
+
+    depth: str
+    truth: str
+    predicted: str
+
+
+@dataclass(frozen=True)
 class Counted:
     """One frame's counts, and what is known of it.
 
-    digest: of the truth's depth and parts, as hex; predicted_digest: of the prediction's.
+    joints: what the labels show of them; None where the truth knows no joints.
     """
 
     frame_id: str
     subject: str
     traits: Traits
-    digest: str
-    predicted_digest: str
+    digests: Digests
     counts: FrameCounts
+    joints: JointObservation | None
 
 
 class Reader:
@@ -78,7 +88,7 @@ def pair_up(predicted: Frames, truth: Frames) -> tuple[list[Pair], int]:
     """Each frame of the truth with the prediction of the same id, and how many predictions are left over.
 
     Raises CloudError where the truth has no frame, or the prediction lacks one: leaving out what failed
-    would flatter the score.
+    would flatter the score. Raises FormatError where a dataset has a frame twice or cannot be read.
     """
     known, wanted = _shards_of(predicted), _shards_of(truth)
     if not wanted:
@@ -95,7 +105,13 @@ def pair_up(predicted: Frames, truth: Frames) -> tuple[list[Pair], int]:
 def _shards_of(frames: Frames) -> dict[str, str]:
     if isinstance(frames, LabelSet):
         return dict.fromkeys(frames.frame_ids, "")
-    return {i: name for name, _ in frames.shards for i in frame_ids_of(frames.path / name)}
+    shards: dict[str, str] = {}
+    for name, _ in frames.shards:
+        for frame_id in frame_ids_of(frames.path / name):
+            if frame_id in shards:
+                raise FormatError(f"{frames.path} holds frame {frame_id!r} twice; generate it again")
+            shards[frame_id] = name
+    return shards
 
 
 def count_pairs(
@@ -136,8 +152,7 @@ def _chunks(pairs: Sequence[Pair]) -> list[list[Pair]]:
 
 def _count_chunk(predicted_path: Path, truth_path: Path, pairs: list[Pair]) -> list[Counted]:
     predicted, truth = open_frames(predicted_path), open_frames(truth_path)
-    # A dataset's crops say which square of the Kinect's depth image they are.
-    camera = truth.intrinsics if isinstance(truth, LabelSet) else KINECT2_DEPTH
+    camera = truth.intrinsics if isinstance(truth, LabelSet) else CAMERA
     guesses, targets = Reader(predicted), Reader(truth)
     return [
         count_frame(
@@ -150,21 +165,25 @@ def _count_chunk(predicted_path: Path, truth_path: Path, pairs: list[Pair]) -> l
 
 
 def count_frame(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> Counted:
-    """Count one frame. Raises CloudError where the two are no labels of the same depth image."""
+    """Count one frame. camera: of its depth image; where the frame's notes say of which crop of the rig's
+    depth image it is, that is taken instead. Raises CloudError where the two are no labels of the same
+    depth image, or the notes are malformed.
+    """
     _check_same(predicted, truth)
-    traits = traits_of(truth, predicted, camera)
+    whole = CAMERA if "crop" in truth.notes else camera
+    traits = traits_of(truth, predicted, camera_of(truth, whole))
     return Counted(
         truth.frame_id,
         truth.subject,
         traits,
-        _digest(truth),
-        _digest(predicted),
+        Digests(_digest(truth.depth_mm), _digest(truth.parts), _digest(predicted.parts)),
         count(truth, predicted, traits.mm_per_px),
+        observe(predicted, truth, whole),
     )
 
 
-def _digest(frame: FrameLabels) -> str:
-    return hashlib.blake2b(frame.depth_mm.tobytes() + frame.parts.tobytes(), digest_size=8).hexdigest()
+def _digest(image: NDArray[np.generic]) -> str:
+    return hashlib.blake2b(image.tobytes(), digest_size=8).hexdigest()
 
 
 def _check_same(predicted: FrameLabels, truth: FrameLabels) -> None:

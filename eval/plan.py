@@ -1,4 +1,4 @@
-"""What a training is: network, recipe, augmentation, seed. With the data it decides every bit of the result."""
+"""What a training is: network, recipe, augmentation, seed. With the data it decides every bit of it."""
 
 import math
 from collections.abc import Iterable
@@ -12,7 +12,8 @@ from torch import Tensor, nn
 
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 from eval.augment import Augmentation
-from eval.networks import CompactConfig, NetworkConfig, described
+from eval.compact import CompactConfig
+from eval.networks import NetworkConfig, described
 from sensors.errors import CloudError
 
 Precision = Literal["float32", "bfloat16"]
@@ -52,8 +53,8 @@ Recipe = ModernRecipe | PaperRecipe
 class Plan:
     """A training but for its data. epochs: rounds over all images. precision: of the forward pass."""
 
-    network: NetworkConfig = CompactConfig()
-    recipe: Recipe = ModernRecipe()
+    network: NetworkConfig = field(default_factory=CompactConfig)
+    recipe: Recipe = field(default_factory=ModernRecipe)
     augmentation: Augmentation = field(default_factory=Augmentation)
     epochs: int = 12
     seed: int = 0
@@ -71,6 +72,11 @@ class Plan:
             "network": described(self.network),
             "recipe": {"kind": kind, **asdict(self.recipe)},
         }
+
+
+def best_precision() -> Precision:
+    """bfloat16 on a GPU that computes in it; on a processor only whoever asks for it gets it."""
+    return "bfloat16" if torch.cuda.is_available() and torch.cuda.is_bf16_supported() else "float32"
 
 
 def optimizer_of(recipe: Recipe, parameters: Iterable[nn.Parameter]) -> torch.optim.Optimizer:

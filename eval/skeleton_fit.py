@@ -28,17 +28,18 @@ BONES = (
     *(("neck", f"{side}_shoulder", 192) for side in ("left", "right")),
 )
 """Joints and usual length in millimetres: means over the paper's eight bodies (tests/fit_joints.py)."""
-FREE_MM, KNOWN_MM = 40.0, 12.0
+FREE_MM, KNOWN_MM = 40.0, 9.0
 """Standard deviation of a bone's length before and after this person's bones are known."""
-TRUST_FRAMES = 8.0
+TRUST_FRAMES = 30.0
 """Frames after which a person's own bone counts as much as their scale times the usual length."""
 HIDDEN = 2.8
 """Uncertainty of a border that is hidden, over that of one that is seen (tests/fit_joints.py)."""
 MIDDLE_MM = 13.0
 """Of the pelvis about the middle of the hips."""
-CAUCHY = 2.0
+CAUCHY = 3.0
 """Standard deviations at which a term loses half of its weight."""
 ROUNDS = 8
+"""Of Gauss-Newton: the last moves joints by less than a millimetre."""
 LOOSE = 1e-8
 """Weight, 1/mm2, that keeps what is not determined from flying off: a standard deviation of 10 m."""
 

@@ -1,6 +1,8 @@
 """The processes of one training: alone, or started by torchrun on one machine or several."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
@@ -17,8 +19,9 @@ class Team:
     device: torch.device
 
     @staticmethod
-    def join() -> "Team":
-        """Meet the others, when torchrun's environment names any; a GPU each where there are some."""
+    @contextmanager
+    def join() -> Iterator["Team"]:
+        """Meet the others when torchrun's environment names any, part at the end; a GPU each, if any."""
         gpu = torch.cuda.is_available()
         world = int(os.environ.get("WORLD_SIZE", "1"))
         local = int(os.environ.get("LOCAL_RANK", "0"))
@@ -26,9 +29,13 @@ class Team:
         if gpu:
             torch.cuda.set_device(device)
             torch.backends.cudnn.deterministic = True
-        if world > 1 and not distributed.is_initialized():
+        if world > 1:
             distributed.init_process_group("nccl" if gpu else "gloo")
-        return Team(int(os.environ.get("RANK", "0")), world, device)
+        try:
+            yield Team(int(os.environ.get("RANK", "0")), world, device)
+        finally:
+            if world > 1:
+                distributed.destroy_process_group()
 
     @property
     def first(self) -> bool:

@@ -3,22 +3,21 @@
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from zlib import crc32
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from annotate.images import encode_depth, encode_parts
-from annotate.parts import BACKGROUND, N_CLASSES
 from eval.checkpoint import Epoch, Point, Progress, load_checkpoint, save_checkpoint, steps_done
-from eval.data import DEPTH_STEPS, Crops
+from eval.data import Crops
+from eval.fixed_frame import FixedFrame
 from eval.loader import Images, Order, batches
-from eval.metrics import confusion_matrix, mean_recall, miou
+from eval.measure import evaluate
+from eval.metrics import mean_recall, miou
 from eval.networks import build
 from eval.plan import Plan, class_weights, loss_of, optimizer_of, rate
 from eval.team import Team
@@ -26,7 +25,7 @@ from sensors.atomic import write_bytes
 from sensors.errors import CloudError, ExistsError
 
 PLAN, CHECKPOINT, HISTORY = "plan.json", "checkpoint.safetensors", "history.json"
-POINT_STEPS = 50
+POINT_STEPS = 20
 """Steps whose mean loss is one point of the curve."""
 WEIGHING_IMAGES = 512
 """Images that the classes' weights are counted on."""
@@ -46,18 +45,18 @@ def train(
     measured: Crops | None,
     out: Path,
     plan: Plan,
+    team: Team,
     watch: Watch = Watch(),
     init: nn.Module | None = None,
     workers: int = 0,
 ) -> tuple[nn.Module, Progress]:
-    """Train ``plan.network``, from ``init`` or from nothing, and go on with what ``out`` holds of this training.
+    """Train ``plan.network``, from ``init`` or from nothing, and go on with what ``out`` holds of it.
 
     ``out`` gets plan, checkpoints, history.json, and frame/: the labelling of one frame, the first measured
-    one (else the first), before the training and as it goes. Under torchrun every process calls this; only
-    the first writes. Raises ExistsError when ``out`` was started otherwise, FormatError on a broken
-    checkpoint, CloudError when the loss is no longer finite.
+    one (else the first), before the training and as it goes. Every process of a team calls this; only the
+    first writes. Raises ExistsError when ``out`` was started otherwise, FormatError on a broken checkpoint,
+    CloudError when the loss is no longer finite.
     """
-    team = Team.join()
     if team.first:
         _claim(out, plan, crops, init)
     team.wait()
@@ -67,7 +66,7 @@ def train(
     optimizer = optimizer_of(plan.recipe, model.parameters())
     resumed = (out / CHECKPOINT).is_file()
     progress = load_checkpoint(out / CHECKPOINT, model, optimizer) if resumed else Progress()
-    fixed = _Fixed(out / "frame", (measured or crops).spread(1), plan.epochs)
+    fixed = FixedFrame(out / "frame", (measured or crops).spread(1), plan.epochs)
     run = _Run(plan, crops, measured, out, watch, team, model, optimizer, progress, fixed)
     if team.first and not resumed:
         fixed.begin(model)
@@ -86,7 +85,7 @@ class _Run:
     model: nn.Module
     optimizer: torch.optim.Optimizer
     progress: Progress
-    fixed: "_Fixed"
+    fixed: FixedFrame
 
     def go(self, workers: int) -> None:
         plan, progress = self.plan, self.progress
@@ -140,7 +139,7 @@ class _Run:
         progress = self.progress
         progress.step += 1
         progress.epoch_loss += progress.since_point[-1]
-        if len(progress.since_point) == POINT_STEPS:
+        if len(progress.since_point) >= POINT_STEPS:
             mean = float(np.mean(progress.since_point))
             progress.points.append(Point(progress.step * order.step_images, mean))
             progress.since_point.clear()
@@ -175,53 +174,11 @@ class _Run:
         write_bytes(self.out / HISTORY, (json.dumps(history, indent=1) + "\n").encode())
 
 
-@dataclass(frozen=True)
-class _Fixed:
-    """One frame and how its labelling grows: depth.png, truth.parts.png, epoch-000.parts.png and on."""
-
-    folder: Path
-    crop: Crops
-    epochs: int
-
-    def begin(self, model: nn.Module) -> None:
-        self.folder.mkdir(exist_ok=True)
-        write_bytes(self.folder / "depth.png", encode_depth(self.crop.depth[0]))
-        write_bytes(self.folder / "truth.parts.png", encode_parts(self.crop.parts[0]))
-        self.label(model, 0)
-
-    def label(self, model: nn.Module, epoch: int) -> None:
-        """Each epoch up to 10, then ever more rarely (the paper's Fig. 7 shows 7 of 1,000), and the last."""
-        if epoch > 10 and epoch < self.epochs and epoch % 10 ** (len(str(epoch)) - 1):
-            return
-        labels = next(predicted(model, self.crop))
-        write_bytes(self.folder / f"epoch-{epoch:03d}.parts.png", encode_parts(labels[0]))
-
-
 def images_left(out: Path, plan: Plan, crops: Crops) -> int:
     """How many images a training in ``out`` has yet to see, for the progress; all of them in a new folder."""
     order = Order(len(crops), plan.recipe.batch, plan.epochs, plan.seed)
     done = steps_done(out / CHECKPOINT) if (out / CHECKPOINT).is_file() else 0
     return (order.epoch_steps * plan.epochs - done) * order.step_images
-
-
-def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[NDArray[np.uint8]]:
-    """Part ids (B, h, w) of a network on crops, as `predict` names them: a part wherever there is depth."""
-    model.eval()
-    device = next(model.parameters()).device
-    for start in range(0, len(crops), batch):
-        depth = crops.depth[start : start + batch, None].astype(np.float32) / DEPTH_STEPS
-        x = torch.from_numpy(depth).to(device).contiguous(memory_format=torch.channels_last)
-        with torch.no_grad():
-            parts = model(x)[:, 1:].argmax(1) + 1
-        yield np.where(depth[:, 0] > 0, parts.cpu().numpy(), BACKGROUND).astype(np.uint8)
-
-
-def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> NDArray[np.int64]:
-    """Confusion matrix (12, 12) of a network on crops, rows are the truth."""
-    total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
-    for k, labels in enumerate(predicted(model, crops, batch)):
-        total += confusion_matrix(crops.parts[k * batch : (k + 1) * batch], labels)
-    return total
 
 
 def _claim(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:

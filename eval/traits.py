@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.crop import SIZE
 from annotate.labels import FrameLabels, Status
 from annotate.parts import BACKGROUND, UNDEFINED
 from sensors.camera import Intrinsics
@@ -44,8 +43,7 @@ class Traits:
 
 
 def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) -> Traits:
-    """Traits of a frame, from the truth's notes and depth. camera: of the whole depth image, whose
-    crop the frame may be."""
+    """Traits of a frame, from the truth's notes and depth. camera: of its depth image."""
     person = (truth.parts != BACKGROUND) & (truth.parts != UNDEFINED)
     readings = truth.depth_mm[person & (truth.depth_mm > 0)]
     distance_mm = float(np.median(readings)) if readings.size else math.nan
@@ -58,7 +56,7 @@ def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) ->
         status=truth.status,
         predicted_status=predicted.status,
         hard=_hard(truth.notes),
-        mm_per_px=distance_mm / _focal_px(camera, truth),
+        mm_per_px=distance_mm / camera.fx,
     )
 
 
@@ -108,15 +106,6 @@ def _invalid_share(depth_mm: NDArray[np.uint16], person: Mask) -> float:
     if around.size and not around.any():
         return math.nan
     return float(np.mean(depth_mm[box] == 0))
-
-
-def _focal_px(camera: Intrinsics, frame: FrameLabels) -> float:
-    """Focal length in pixels of the frame itself, which a crop's resampling has changed."""
-    crop = frame.notes.get("crop")
-    if frame.depth_mm.shape == (SIZE, SIZE) and isinstance(crop, list) and len(crop) == 3:
-        side = _number(crop[2])
-        return camera.fx * SIZE / side if side > 0 else math.nan
-    return camera.fx
 
 
 def _hard(notes: Mapping[str, Any]) -> tuple[str, ...]:

@@ -7,8 +7,10 @@ A .npy holds depth (h, w) or (n, h, w), integers in millimetres or floats in met
 
 import io
 import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,11 @@ from sensors.intrinsics_file import read_intrinsics
 MAX_ARRAY_BYTES = 1 << 32
 MAX_ZIP_RATIO = 1100
 """Deflate reaches 1032; what claims more is no array."""
+
+_UNREADABLE = (
+    *(ValueError, TypeError, SyntaxError, TokenError, KeyError, OverflowError, MemoryError),
+    *(NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error, EOFError),
+)
 
 
 class DepthArrays:
@@ -65,10 +72,9 @@ def _load(path: Path) -> dict[str, NDArray[Any]]:
             return {"depth": np.load(path, mmap_mode="r", allow_pickle=False)}
         with zipfile.ZipFile(path) as archive:
             return {info.filename.removesuffix(".npy"): _member(archive, info) for info in archive.infolist()}
-    except (OSError, EOFError) as error:
+    except OSError as error:
         raise FormatError(f"{path} cannot be read ({error}); give a .npy or .npz file") from error
-    except (ValueError, TypeError, SyntaxError, KeyError, NotImplementedError, RuntimeError, OverflowError,
-            MemoryError, zipfile.BadZipFile, zipfile.zlib.error) as error:  # type: ignore[attr-defined]  # fmt: skip
+    except _UNREADABLE as error:
         raise FormatError(f"{path} holds no plain arrays ({error}); save it with numpy.savez") from error
 
 
@@ -86,8 +92,8 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
     if read_header is None:
         raise ValueError(f"array format {version}")
     shape, fortran, dtype = read_header(stream)
-    if dtype.hasobject:
-        raise ValueError("it holds Python objects")
+    if dtype.hasobject or min(shape, default=0) < 0:
+        raise ValueError(f"it is {dtype} {shape}")
     values = np.frombuffer(data, dtype, offset=stream.tell())
     return values.reshape(shape, order="F" if fortran else "C")
 

@@ -2,15 +2,13 @@
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from mcap.records import Channel, Message, Metadata
 from numpy.typing import NDArray
 
-from sensors.bag_files import Entry, McapFile, SqliteFile
+from sensors.bag_files import McapFile
 from sensors.bag_topics import choose_color, choose_depth, described_by
 from sensors.calibration import Pose, RigCalibration
 from sensors.camera import Intrinsics
@@ -22,7 +20,6 @@ from sensors.replay import COLOR_WINDOW_NS, pair_stamps
 from sensors.ros_images import color_encoded_from, depth_mm_from
 from sensors.ros_messages import (
     CAMERAS,
-    ENCODINGS,
     PICTURES,
     TRANSFORMS,
     Camera,
@@ -30,47 +27,10 @@ from sensors.ros_messages import (
     Stamped,
     camera_from,
     links_from,
-    picture_from,
-    stamp_of,
 )
 
 MAX_TRANSFORMS = 1000
 """Messages with transforms that are looked at, from the first on: cameras do not move on a rig."""
-
-
-class BagFile(Protocol):
-    """One storage file: every message it has, and a message's bytes by its place."""
-
-    path: Path
-
-    def entries(self) -> Iterator[Entry]: ...
-
-    def read(self, place: tuple[int, int]) -> bytes: ...
-
-
-@dataclass
-class Topic:
-    """Where one topic's messages lie: (file, place), with their stamps; all of one kind and encoding."""
-
-    kind: str
-    encoding: str
-    stamps_ns: list[int] = field(default_factory=list)
-    places: list[tuple[BagFile, tuple[int, int]]] = field(default_factory=list)
-
-    def read(self, index: int) -> bytes:
-        """A message's bytes."""
-        file, place = self.places[index]
-        return file.read(place)
-
-    def picture(self, index: int) -> Stamped:
-        """A message as a picture."""
-        return picture_from(self.kind, self.encoding, self.read(index))
-
-    def sort(self) -> None:
-        """Order by stamp; as logged where they are the same."""
-        order = sorted(range(len(self.stamps_ns)), key=self.stamps_ns.__getitem__)
-        self.stamps_ns = [self.stamps_ns[i] for i in order]
-        self.places = [self.places[i] for i in order]
 
 
 class Bag:
@@ -82,8 +42,8 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.stem
-        files = _files(path)
-        self._topics = _index(files)
+        files = open_files(path)
+        self._topics = index_topics(files)
         pictures = {name: t.picture(0) for name, t in self._topics.items() if t.kind in PICTURES}
         depth = choose_depth(pictures)
         if depth is None:
@@ -194,7 +154,7 @@ def is_bag(path: Path) -> bool:
     A file without topics is left to ``Session``, which says what is wrong with it. Raises FormatError.
     """
     if path.is_dir():
-        return bool(_storage(path)) and not (path / "depth").is_dir()
+        return bool(storage_files(path)) and not (path / "depth").is_dir()
     seen = False
     with path.open("rb") as file:
         for offset in record_offsets(file):
@@ -224,37 +184,6 @@ def path_between(links: dict[tuple[str, str], Pose], depth: str, color: str) -> 
                 found[neighbour] = neighbour_from_frame @ found[frame]
                 waiting.append(neighbour)
     return found.get(color) if color else None
-
-
-def _storage(folder: Path) -> list[Path]:
-    return sorted(f for f in folder.iterdir() if f.suffix.lower() in (".mcap", ".db3") and f.is_file())
-
-
-def _files(path: Path) -> list[BagFile]:
-    paths = _storage(path) if path.is_dir() else [path]
-    return [McapFile(p) if p.suffix.lower() == ".mcap" else SqliteFile(p) for p in paths]
-
-
-def _index(files: list[BagFile]) -> dict[str, Topic]:
-    """Every topic of a kind that is read, its messages by stamp."""
-    topics: dict[str, Topic] = {}
-    for file in files:
-        for entry in file.entries():
-            if entry.kind not in PICTURES | CAMERAS | TRANSFORMS or entry.encoding not in ENCODINGS:
-                continue
-            topic = topics.setdefault(entry.topic, Topic(entry.kind, entry.encoding))
-            if (topic.kind, topic.encoding) != (entry.kind, entry.encoding):
-                raise FormatError(f"{file.path}: topic {entry.topic[:60]!r} holds messages of two kinds")
-            stamp_ns = entry.logged_ns
-            if entry.kind in PICTURES:
-                stamp_ns = stamp_of(entry.kind, entry.encoding, file.read(entry.place)) or stamp_ns
-            topic.stamps_ns.append(stamp_ns)
-            topic.places.append((file, entry.place))
-            if not 0 <= stamp_ns < 1 << 63:
-                raise FormatError(f"{file.path}: a message of {entry.topic[:60]!r} has an impossible time")
-    for topic in topics.values():
-        topic.sort()
-    return topics
 
 
 def _is_cut(file: BagFile) -> bool:

@@ -16,6 +16,7 @@ from sensors.errors import FormatError
 from sensors.mcap_records import MAX_RECORD_BYTES, record_offsets, records_at
 
 CACHED_CHUNKS = 8
+MAX_TEXT = 200
 MAX_SQLITE_STEPS = 1_000_000
 """Thousands of virtual instructions a query may take: a view can be written that never ends."""
 
@@ -55,8 +56,8 @@ class McapFile:
                     elif isinstance(record, Message) and record.channel_id in channels:
                         channel = channels[record.channel_id]
                         kind = schemas.get(channel.schema_id, "")
-                        encoding = channel.message_encoding
-                        yield Entry(channel.topic, _bare(kind), encoding, record.log_time, (offset, slot))
+                        topic, encoding = _plain(channel.topic), channel.message_encoding
+                        yield Entry(topic, _bare(kind), encoding, record.log_time, (offset, slot))
 
     def read(self, place: tuple[int, int]) -> bytes:
         """A message's bytes."""
@@ -88,7 +89,7 @@ class SqliteFile:
                     raise FormatError(f"{self.path} is no ROS 2 bag (it has no tables topics and messages)")
                 query = "SELECT id, name, type, serialization_format FROM topics LIMIT 10000"
                 topics = {
-                    i: (str(name), _bare(str(kind)), str(code))
+                    i: (_plain(str(name)), _bare(str(kind)), str(code))
                     for i, name, kind, code in database.execute(query)
                 }
                 query = "SELECT topic_id, timestamp, rowid FROM messages ORDER BY timestamp"
@@ -123,7 +124,12 @@ class SqliteFile:
         return database
 
     def _broken(self, error: Exception) -> FormatError:
-        return FormatError(f"{self.path} cannot be read ({error}); restore it from a copy")
+        return FormatError(f"{self.path} cannot be read ({_plain(str(error))}); restore it from a copy")
+
+
+def _plain(text: str) -> str:
+    """Printable text of bounded length: what a file says is shown to people."""
+    return "".join(c if c.isprintable() else " " for c in text[:MAX_TEXT])
 
 
 def _bare(kind: str) -> str:

@@ -85,11 +85,15 @@ def distort(camera: Intrinsics, xy: FloatArray) -> NDArray[np.float64]:
 
 
 def undistort(camera: Intrinsics, xy: FloatArray, iterations: int = 40) -> NDArray[np.float64]:
-    """Invert ``distort`` by fixed-point iteration; (..., 2) -> (..., 2) normalised coordinates."""
+    """Invert ``distort`` by fixed-point iteration; (..., 2) -> (..., 2) normalised coordinates.
+
+    Meaningless, perhaps not finite, where a lens model has no inverse: in corners beyond a round view.
+    """
     distorted = np.asarray(xy, np.float64)
     ideal = distorted.copy()
-    for _ in range(iterations):
-        ideal += distorted - distort(camera, ideal)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(iterations):
+            ideal += distorted - distort(camera, ideal)
     return ideal
 
 

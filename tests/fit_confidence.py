@@ -1,86 +1,126 @@
 """Fit the constants of annotate.confidence to the truth of simulated sessions (seeds 100 to 199).
 
 python -m tests.fit_confidence SESSION.mcap...
-Every session is labelled twice: within the person as extracted and within the true one, so that the curve
-knows both good outlines and bad ones. Prints the constants, and how well they are calibrated.
+Labels every session as ``label`` does, within the person as extracted. Prints the constants, and how well
+each session is calibrated by the others' fit.
 """
 
 import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
 
 from annotate import confidence, segment
+from annotate.cloud import ThermalCloud
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, UNDEFINED
+from annotate.parts import UNDEFINED
 from annotate.person import extract_person
 from annotate.store import LabelSet
-from annotate.suit import load_suit
+from annotate.suit import Suit, load_suit
+from annotate.supervoxels import Supervoxels
 from sensors.replay import Session
 from synth.simulate import suit_path, truth_path
 
-PIXELS_PER_WITNESS = 20.0
-"""Pixels of a supervoxel are right or wrong together: so many count as one."""
+EVERY, PIXELS_PER_WITNESS = 5, 20.0
+"""Every so manieth pixel is fitted to. Neighbours are right or wrong together: so many count as one."""
 RIDGE = 1.0
 STEPS = 40
+FIRST_SHARE, BINS = 0.3, 15
 
 
-def observed(path: Path, true_outline: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Features (n, 11), right and all pixels (n,) of every supervoxel of a session."""
+@dataclass(frozen=True)
+class Seen:
+    """One frame's points: features (n, k), which labels are right, which are counted at all (n,), pieces."""
+
+    found: np.ndarray
+    right: np.ndarray
+    counted: np.ndarray
+    groups: Supervoxels
+
+
+def clouds(path: Path) -> Iterator[tuple[ThermalCloud, np.ndarray]]:
+    """Every frame of a session with its true parts."""
     session, truth = Session(path), LabelSet.open(truth_path(path))
-    suit, fuser, before, rows, seen = load_suit(suit_path(path)), Fuser(session.calibration), None, [], []
+    fuser = Fuser(session.calibration)
+    for frame in session:
+        yield fuser.fuse_frame(frame), truth.read(f"{frame.index:06d}").parts
 
-    def keep(*given):
-        seen.append(given[-2:])
-        rows.append([confidence.features(*given)])
-        return rows[-1][0]
+
+def observed(frames: Iterator[tuple[ThermalCloud, np.ndarray]], suit: Suit) -> list[Seen]:
+    """What the features of a session's frames were, and what came of them."""
+    seen, before, given = [], None, []
+
+    def keep(*arguments):
+        given[:] = (arguments[1], arguments[-1], confidence.features(*arguments))
+        return given[-1]
 
     with patch.object(segment, "features", keep):
-        for frame in session:
-            cloud, known = fuser.fuse_frame(frame), truth.read(f"{frame.index:06d}").parts
-            person = extract_person(cloud, None, before, suit).mask
-            if true_outline:
-                person = (known != BACKGROUND) & (known != UNDEFINED)
-            done, labelled = len(rows), segment.segment(cloud, person, suit, before)
-            before = FrameLabels(str(frame.index), cloud.depth_mm, labelled.parts, labelled.confidence)
-            if len(rows) > done:
-                mask, groups = seen.pop()
-                counted = (known != UNDEFINED) & (labelled.parts != UNDEFINED)
-                right = counted & (known == labelled.parts)
-                rows[-1] += [np.bincount(groups.ids, x[mask], groups.count) for x in (right, counted)]
-    return tuple(np.concatenate(column) for column in zip(*rows, strict=True))
+        for cloud, known in frames:
+            person = extract_person(cloud, None, before, suit)
+            if not person.trusted:
+                before = None
+                continue
+            given.clear()
+            labels = segment.segment(cloud, person.mask, suit, before)
+            persons = person.mask.astype(np.uint8)
+            before = FrameLabels("x", cloud.depth_mm, labels.parts, labels.confidence, persons=persons)
+            if given:
+                mask, groups, found = given
+                counted = ((known != UNDEFINED) & (labels.parts != UNDEFINED))[mask]
+                seen.append(Seen(found.astype(np.float32), (known == labels.parts)[mask], counted, groups))
+    return seen
 
 
-def fitted(found: np.ndarray, right: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def fitted(seen: list[Seen]) -> np.ndarray:
     """Weights and, last, the intercept: logistic regression by Newton's method."""
-    columns = np.column_stack([found, np.ones(len(found))])
+    found = np.concatenate([s.found[s.counted][::EVERY] for s in seen])
+    right = np.concatenate([s.right[s.counted][::EVERY] for s in seen])
+    columns = np.column_stack([found, np.ones(len(found))]).astype(np.float64)
     ridge = RIDGE * np.diag([1.0] * found.shape[1] + [0.0])
     weights = np.zeros(columns.shape[1])
     for _ in range(STEPS):
         share = 1 / (1 + np.exp(-columns @ weights))
-        slope = columns.T @ (right - pixels * share) / PIXELS_PER_WITNESS - ridge @ weights
-        curve = (columns * (pixels * share * (1 - share))[:, None]).T @ columns / PIXELS_PER_WITNESS
-        weights += np.linalg.solve(curve + ridge, slope)
+        slope = columns.T @ (right - share) / PIXELS_PER_WITNESS - ridge @ weights
+        curve = (columns * (share * (1 - share))[:, None]).T @ columns / PIXELS_PER_WITNESS
+        step = np.linalg.solve(curve + ridge, slope)
+        weights += step
+        if np.abs(step).max() < 1e-6:
+            break
     return weights
 
 
-def report(name: str, share: np.ndarray, right: np.ndarray, pixels: np.ndarray) -> None:
-    bins = np.minimum((share * 15).astype(int), 14)
-    ece = np.abs(np.bincount(bins, share * pixels - right)).sum() / pixels.sum()
-    first = confidence.worst_first(share, pixels)[: int(0.3 * len(share))]
-    found = (pixels - right)[first].sum() / (pixels - right).sum()
-    rate = right.sum() / pixels.sum()
-    print(f"{name}: right {rate:.4f}, calibration error {ece:.4f}, first 30 %: {found:.3f}")
+def report(name: str, seen: list[Seen], weights: np.ndarray) -> None:
+    first, wrong_all, gaps, right, pixels = 0, 0, np.zeros(BINS), 0, 0
+    for s in seen:
+        share = 1 / (1 + np.exp(-(s.found @ weights[:-1] + weights[-1])))
+        wrong = np.bincount(s.groups.ids, s.counted & ~s.right, s.groups.count)
+        order = confidence.worst_first(share, s.groups)
+        first += wrong[order[: int(np.ceil(FIRST_SHARE * len(wrong)))]].sum()
+        wrong_all += wrong.sum()
+        bins = np.minimum((share * BINS).astype(int), BINS - 1)[s.counted]
+        gaps += np.bincount(bins, (share - s.right)[s.counted], BINS)
+        right, pixels = right + (s.right & s.counted).sum(), pixels + s.counted.sum()
+    ece = np.abs(gaps).sum() / pixels
+    figures = f"calibration error {ece:.4f}, first 30 %: {first / wrong_all:.3f}"
+    print(f"{name}: right {right / pixels:.4f}, {figures}")
+
+
+def main(sets: dict[str, list[Seen]]) -> None:
+    """Print the fit to all sessions, and each session's figures by the fit to the others and to all."""
+    weights = fitted([s for seen in sets.values() for s in seen])
+    for name, weight in zip(confidence.WEIGHTS, weights, strict=False):
+        print(f'    "{name}": {weight:.2f},')
+    print(f"INTERCEPT = {weights[-1]:.2f}")
+    for name, seen in sets.items():
+        if others := [s for other in sets if other != name for s in sets[other]]:
+            report(f"{name}, by the others", seen, fitted(others))
+        report(f"{name}, by all", seen, weights)
 
 
 if __name__ == "__main__":
-    given = [(Path(p), outline) for p in sys.argv[1:] for outline in (False, True)]
-    sets = [observed(*one) for one in given]
-    weights = fitted(*(np.concatenate(column) for column in zip(*sets, strict=True)))
-    print(dict(zip(confidence.WEIGHTS, np.round(weights[:-1], 2).tolist(), strict=True)))
-    print(f"INTERCEPT = {weights[-1]:.2f}")
-    for (path, outline), (found, right, pixels) in zip(given, sets, strict=True):
-        share = 1 / (1 + np.exp(-(found @ weights[:-1] + weights[-1])))
-        report(f"{path.stem}, {'true' if outline else 'extracted'} outline", share, right, pixels)
+    paths = [Path(p) for p in sys.argv[1:]]
+    main({path.stem: observed(clouds(path), load_suit(suit_path(path))) for path in paths})

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.crop import NEAREST, SIZE, Crop, crop_around, normalize
+from annotate.crop import NEAREST, SIZE, Crop, crop_around, network_crop, normalize
+from sensors.camera import Intrinsics, project, rays
 from sensors.errors import CloudError
 
 law = settings(deadline=None, max_examples=60)
@@ -104,3 +105,23 @@ def test_depth_is_in_range_and_nothing_is_zero_but_nothing(seed, nearer):
 
 def test_normalize_knows_an_empty_mask():
     assert not normalize(np.full((4, 4), 900, np.uint16), np.zeros((4, 4), bool)).any()
+
+
+@law
+@given(corners, sides, st.integers(8, 200))
+def test_a_crops_camera_sees_each_pixel_where_the_whole_camera_does(corner, side, size):
+    """Project the crop's rays with the whole camera: they fall on the input pixel that ``cut`` looks at."""
+    whole, crop = Intrinsics(W, H, 100.0, 105.0, 52.3, 46.1), Crop(*corner, side)
+    pixels = project(whole, rays(crop.camera(whole, size)))
+    at = np.floor((np.arange(size) + 0.5) * side / size)
+    u, v = np.meshgrid(corner[1] + at, corner[0] + at)
+    assert np.abs(pixels - np.stack([u, v], axis=-1)).max() <= 0.5 + 1e-9
+
+
+def test_an_image_of_the_networks_size_is_a_crop_already():
+    mask = np.zeros((SIZE, SIZE), bool)
+    mask[40:90, 60:80] = True
+    assert network_crop(mask) == Crop(0, 0, SIZE)
+    assert network_crop(mask[:-1]) == crop_around(mask[:-1])
+    with pytest.raises(CloudError, match="no person"):
+        network_crop(np.zeros((SIZE, SIZE), bool))

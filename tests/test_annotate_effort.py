@@ -143,10 +143,10 @@ def test_a_repair_that_fails_is_undone_and_leaves_nothing(monkeypatch):
 def test_propagated_labels_come_first_and_go_again_where_they_harm():
     _, strokes = worked(with_errors(4), person(), propagated=person())
     assert [stroke.operation for stroke in strokes] == ["propagate", "accept"]
-    assert seconds(strokes) == pytest.approx(2 * KEY_S + ACCEPT_S, abs=1e-3)
-    editor, strokes = worked(person(), person(), propagated=with_errors(4))
-    assert [stroke.operation for stroke in strokes] == ["propagate", "undo", "accept"]
-    np.testing.assert_array_equal(editor.parts, person())
+    assert seconds(strokes) == pytest.approx(ACCEPT_S, abs=1e-3)
+    editor, strokes = worked(with_errors(1), person(), propagated=with_errors(9))
+    assert [stroke.operation for stroke in strokes][:2] == ["propagate", "undo"]
+    assert Agreement(person(), EVERYWHERE).of(editor.parts) >= AGREEMENT
 
 
 def test_a_sequence_pays_once_for_a_mistake_that_stays(tmp_path):
@@ -160,7 +160,8 @@ def test_a_sequence_pays_once_for_a_mistake_that_stays(tmp_path):
         efforts = list(correct_set(correction, truth, annotator, lambda frame_id: None, propagating=True))
     assert all(effort.agreement >= AGREEMENT for effort in efforts)
     assert efforts[0].seconds > 10
-    assert efforts[1].seconds == pytest.approx(2 * KEY_S + ACCEPT_S, abs=1e-3)
+    assert efforts[1].seconds == pytest.approx(ACCEPT_S, abs=1e-3)
+    assert efforts[1].repairs == 0
     for effort in efforts[1:]:
         assert effort.strokes[0].operation == "propagate"
         assert effort.seconds < 0.5 * efforts[0].seconds

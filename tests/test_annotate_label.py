@@ -66,7 +66,9 @@ def test_without_a_suit_only_the_person_is_found(tmp_path, session, rig_labels):
     run = label_source(session, None, tmp_path / "l", silent)
     for bare, dressed in zip(run.labels, rig_labels, strict=True):
         assert set(np.unique(bare.parts)) == {0, UNDEFINED}
-        np.testing.assert_array_equal(bare.parts > 0, dressed.parts > 0)
+        # What the suit's colours leave loose in the room is dropped.
+        assert not dressed.parts[bare.parts == 0].any()
+        assert (dressed.parts > 0).sum() > 0.98 * (bare.parts > 0).sum()
 
 
 def test_progress_counts_every_frame_bad_ones_too(tmp_path, session):

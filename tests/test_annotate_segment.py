@@ -264,7 +264,7 @@ def test_wrong_pixels_are_where_confidence_is_low(seen):
     result = segment(cloud, person, DEFAULT_SUIT)
     wrong = result.parts[person] != truth[person]
     groups = supervoxels(cloud.points_m[person], cloud.color_rgb[person], seed_m=0.05)
-    order = worst_first(groups.mean(result.confidence[person]), groups.sizes)
+    order = worst_first(result.confidence[person], groups)
     counts = np.bincount(groups.ids, wrong, groups.count)[order]
     assert counts[: int(0.3 * len(counts))].sum() >= 0.8 * counts.sum()
     assert abs(result.confidence[person].mean() - (~wrong).mean()) < 0.05

@@ -94,7 +94,7 @@ def test_diff_evaluate_and_report(annotate_cloud, tmp_path, rig_session, rig_lab
     assert {"ci95", "confusion"} <= set(evaluated)
 
     page = tmp_path / "report.html"
-    assert annotate_cloud("report", result, "--out", page, "--json").result == {"path": str(page)}
+    assert annotate_cloud("report", result, "--out", page, "--json").result["path"] == str(page)
     html = page.read_text()
     assert "Auto" in html
     assert "data:image/" in html

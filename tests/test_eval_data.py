@@ -1,116 +1,33 @@
-"""Training tensors: mirrored bodies swap sides, no part is invented where depth is gone."""
+"""Training data: crops as networks see them, from shards and label sets, every one once an epoch."""
+
+import hashlib
+import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import eval.data as data
-from annotate.crop import NEAREST, SIZE
+from annotate.crop import SIZE
 from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
+from annotate.parts import BACKGROUND, UNDEFINED
 from annotate.store import LabelSet
-from eval.data import Crops, augment, batches, load_crops, to_crop
+from eval.data import Crops, load_crops, to_crop
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError
-
-law = settings(deadline=None, max_examples=40)
-seeds = st.integers(0, 9999)
+from synth.dataset import MANIFEST, encode_shard
 
 
-class Scripted:
-    """A generator that mirrors or not as told and changes nothing else."""
-
-    def __init__(self, mirrored: bool) -> None:
-        self._mirrored = mirrored
-
-    def random(self, shape=None, dtype=None):
-        if shape is not None:
-            return np.ones(shape, dtype)
-        answer = 0.0 if self._mirrored else 1.0
-        self._mirrored = False
-        return answer if answer == 0.0 else 1.0
-
-    def uniform(self, low, high, size=None):
-        middle = 1.0 if low > 0.5 else (low + high) / 2
-        return np.full(size, middle) if size else middle
-
-    def normal(self, mean, deviation):
-        return mean
+def test_spread_takes_from_first_to_last():
+    crops = Crops(np.arange(10, dtype=np.uint16).reshape(10, 1, 1), np.zeros((10, 1, 1), np.uint8))
+    assert crops.spread(4).depth.ravel().tolist() == [0, 3, 6, 9]
+    assert len(crops.spread(99)) == 10
+    assert len(crops.spread(1)) == 1
 
 
-def body(seed: int = 0, size: int = SIZE) -> tuple[np.ndarray, np.ndarray]:
-    """A crop in blocks: depth in (0, 1], parts where there is depth and nowhere else."""
-    rng = np.random.default_rng(seed)
-    blocks = rng.integers(0, N_CLASSES, (-(-size // 20), -(-size // 20))).astype(np.uint8)
-    parts = np.kron(blocks, np.ones((20, 20), np.uint8))[:size, :size]
-    parts[rng.random(parts.shape) < 0.02] = BACKGROUND
-    depth = np.where(parts > 0, rng.uniform(NEAREST, 1, parts.shape), 0).astype(np.float32)
-    return depth, parts
-
-
-def crops(n: int) -> Crops:
-    pairs = [body(i) for i in range(n)]
-    return Crops(
-        np.stack([np.rint(x * 65535).astype(np.uint16) for x, _ in pairs]), np.stack([y for _, y in pairs])
-    )
-
-
-@law
-@given(seeds, seeds)
-def test_no_part_is_invented_where_depth_is_gone(seed, chance):
-    depth, parts = body(seed)
-    x, y = augment(depth, parts, np.random.default_rng(chance))
-    assert (x.dtype, y.dtype, x.shape, y.shape) == (np.float32, np.uint8, depth.shape, parts.shape)
-    assert set(np.unique(y[x == 0])) <= {BACKGROUND, UNDEFINED}
-    # And none is lost where depth is left.
-    assert ((y[x > 0] >= 1) & (y[x > 0] < N_CLASSES)).all()
-    assert x.min() >= 0
-    assert x.max() <= 1
-
-
-@law
-@given(seeds, seeds)
-def test_augmenting_is_the_seeds_and_leaves_its_input(seed, chance):
-    depth, parts = body(seed)
-    kept = depth.copy(), parts.copy()
-    a, b = (augment(depth, parts, np.random.default_rng(chance)) for _ in range(2))
-    np.testing.assert_array_equal(a[0], b[0])
-    np.testing.assert_array_equal(a[1], b[1])
-    np.testing.assert_array_equal(depth, kept[0])
-    np.testing.assert_array_equal(parts, kept[1])
-
-
-@law
-@given(seeds)
-def test_a_mirrored_body_has_its_sides_swapped(seed):
-    """Label image of a mirror image = mirrored label image, left and right exchanged."""
-    depth, parts = body(seed)
-    x, y = augment(depth, parts, Scripted(mirrored=True))
-    np.testing.assert_allclose(x, depth[:, ::-1], atol=1e-6)
-    np.testing.assert_array_equal(y, swap_left_right(parts[:, ::-1]))
-    for left, right in LEFT_RIGHT:
-        np.testing.assert_array_equal(y == left, (parts == right)[:, ::-1])
-    x, y = augment(depth, parts, Scripted(mirrored=False))
-    np.testing.assert_allclose(x, depth, atol=1e-6)
-    np.testing.assert_array_equal(y, parts)
-
-
-def test_an_epoch_sees_every_crop_once_in_the_seeds_order():
-    some = crops(7)
-    seen = [x for x, _ in batches(some, 3, np.random.default_rng(1), augmented=False)]
-    assert [len(x) for x in seen] == [3, 3]
-    again = [x for x, _ in batches(some, 3, np.random.default_rng(1), augmented=False)]
-    np.testing.assert_array_equal(np.concatenate(seen), np.concatenate(again))
-    every = some.depth.astype(np.float32) / 65535
-    origin = [[i for i in range(7) if np.array_equal(x[0], every[i])] for x in np.concatenate(seen)]
-    assert sorted(i for (i,) in origin) == sorted({i for (i,) in origin})
-
-
-def test_fewer_crops_than_a_batch_are_one_batch():
-    (batch,) = batches(crops(2), 16, np.random.default_rng(0))
-    assert batch[0].shape == (2, 1, SIZE, SIZE)
-    assert batch[1].shape == (2, SIZE, SIZE)
+@pytest.mark.parametrize("shape", [(0, 4, 4), (4, 4)])
+def test_no_crops_are_refused(shape):
+    with pytest.raises(CloudError, match="at least one image"):
+        Crops(np.zeros(shape, np.uint16), np.zeros(shape, np.uint8))
 
 
 def test_a_frame_becomes_the_square_round_its_person():
@@ -130,7 +47,6 @@ def test_label_sets_are_read_and_frames_that_teach_nothing_left_out(tmp_path, ri
     loaded = load_crops([truth])
     assert len(loaded) == 3
     assert len(load_crops([truth, truth])) == 6
-    assert len(loaded.first(2)) == 2
     for frame, depth, parts in zip(LabelSet.open(truth), loaded.depth, loaded.parts, strict=True):
         x, y = to_crop(frame)
         np.testing.assert_allclose(depth / 65535, x, atol=1e-5)
@@ -145,6 +61,43 @@ def test_label_sets_are_read_and_frames_that_teach_nothing_left_out(tmp_path, ri
     with pytest.raises(CloudError, match="no labelled part"):
         load_crops([empty.path])
     assert len(load_crops([truth, empty.path])) == 3
+
+
+def test_subjects_are_held_out_and_measured_on(rig_session):
+    truth = rig_session.with_suffix(".truth")
+    subjects = [frame.subject for frame in LabelSet.open(truth)]
+    one = subjects[0]
+    held = load_crops([truth], only=frozenset({one}))
+    rest = load_crops([truth], without=frozenset({one}))
+    assert len(held) == subjects.count(one)
+    assert len(rest) == len(subjects) - len(held) > 0
+    with pytest.raises(CloudError, match="no labelled part of nobody"):
+        load_crops([truth], only=frozenset({"nobody"}))
+
+
+def dataset(path, images: int, said: int) -> None:
+    path.mkdir()
+    parts = np.zeros((SIZE, SIZE), np.uint8)
+    parts[50:150, 50:150] = 3
+    depth = np.where(parts > 0, np.uint16(1500), np.uint16(0))
+    shard = encode_shard(FrameLabels(f"{i}", depth, parts) for i in range(images))
+    (path / "s.tar").write_bytes(shard)
+    shards = [{"file": "s.tar", "sha256": hashlib.sha256(shard).hexdigest()}]
+    (path / MANIFEST).write_text(json.dumps({"schema": 1, "images": said, "shards": shards}))
+
+
+def test_shards_are_read_and_what_is_wrong_with_them_is_said(tmp_path):
+    dataset(tmp_path / "a", 3, 3)
+    assert len(load_crops([tmp_path / "a"])) == 3
+    dataset(tmp_path / "b", 3, 2)
+    with pytest.raises(CloudError, match="more than the 2 images"):
+        load_crops([tmp_path / "b"])
+    dataset(tmp_path / "c", 1, 10**14)
+    with pytest.raises(CloudError, match="do not fit into memory"):
+        load_crops([tmp_path / "c"])
+    (tmp_path / "a" / "s.tar").unlink()
+    with pytest.raises(CloudError, match=r"lacks shard 's\.tar'"):
+        load_crops([tmp_path / "a"])
 
 
 def test_what_is_neither_label_set_nor_dataset_is_refused(tmp_path):

@@ -1,16 +1,26 @@
 """The network at work: it labels the person and nothing else, wherever and however far away they are."""
 
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 from conftest import tree
 
-from annotate.crop import SIZE
-from annotate.parts import BACKGROUND, N_CLASSES
-from annotate.store import LabelSet
+from annotate.crop import SIZE, crop_around
+from annotate.labels import FrameLabels
+from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
+from annotate.store import LabelSet, validate
 from eval.compare import compare_sets
+from eval.data import to_crop
 from eval.predict import Network, predict_frames, predict_source
-from sensors.errors import ExistsError, FormatError
+from sensors.errors import CloudError, ExistsError, FormatError
 from sensors.replay import Session
+from synth import dataset
+from synth.dataset import Dataset, encode_shard
 
 
 def silent(n: int) -> None:
@@ -139,12 +149,207 @@ def test_subjects_are_carried_along(tmp_path, truth, network):
     assert {f.status for f in run.labels} == {"auto"}
 
 
-def test_absent_weights_are_named(tmp_path):
-    for path in (tmp_path / "absent.onnx", tmp_path):
-        with pytest.raises(FormatError, match="cannot be read"):
-            Network(path)
-
-
 def test_the_shipped_network_knows_the_parts(truth, predicted):
     """Needs the trained weights; a placeholder fails here."""
     assert float(compare_sets(predicted, truth).scores["mean_recall"]) >= 0.6
+
+
+def test_rims_that_a_small_crop_drops_get_the_part_beside_them():
+    """A network gives background where it sees nothing; a pixel of the person never takes that for a head."""
+
+    class Forearms(Network):
+        def probabilities(self, crops):
+            planes = np.zeros((len(crops), N_CLASSES, SIZE, SIZE), np.float32)
+            planes[:, PART_ID["left_forearm"]], planes[:, BACKGROUND] = (
+                0.9 * (crops > 0),
+                1 - 0.9 * (crops > 0),
+            )
+            return planes
+
+    person = np.random.default_rng(0).random((424, 512)) < 0.5
+    result = Forearms().segment(np.full(person.shape, 1500, np.uint16), person)
+    np.testing.assert_array_equal(result.parts, np.where(person, PART_ID["left_forearm"], 0))
+    np.testing.assert_allclose(result.confidence, np.where(person, 0.9, 0), atol=1e-6)
+
+
+# Label sets and datasets
+
+
+def crop_frame(truth: LabelSet, frame_id: str, name: str) -> FrameLabels:
+    """A frame as a dataset holds it: the person's crop."""
+    frame = truth.read(frame_id)
+    crop = crop_around(frame.parts > 0)
+    return FrameLabels(
+        name,
+        crop.cut(frame.depth_mm, 0),
+        crop.cut(frame.parts, 0),
+        subject=f"subject {frame_id}",
+        status="truth",
+        notes={"crop": [crop.top, crop.left, crop.side]},
+    )
+
+
+def write_dataset(path: Path, frames: list[FrameLabels]) -> Dataset:
+    path.mkdir()
+    shard = encode_shard(frames)
+    (path / "shard-000000.tar").write_bytes(shard)
+    listed = [{"file": "shard-000000.tar", "sha256": hashlib.sha256(shard).hexdigest()}]
+    (path / dataset.MANIFEST).write_text(
+        json.dumps({"schema": dataset.SCHEMA, "shards": listed, "images": len(frames)})
+    )
+    return Dataset.open(path)
+
+
+@pytest.fixture(scope="module")
+def crops(tmp_path_factory, truth) -> Dataset:
+    """Six crops: two of each of the rig's frames."""
+    frames = [crop_frame(truth, i, f"{n}{i}") for n in range(2) for i in truth.frame_ids]
+    return write_dataset(tmp_path_factory.mktemp("dataset") / "d", frames)
+
+
+def test_a_dataset_is_labelled_as_its_frames_are(tmp_path, crops, truth, network):
+    """Its frames are crops already: what training saw is what the network gets."""
+    run = predict_frames(crops, network, tmp_path / "p", silent)
+    assert run.labels.frame_ids == sorted(frame.frame_id for frame in crops)
+    for frame in crops:
+        predicted = run.labels.read(frame.frame_id)
+        depth, _ = to_crop(frame)
+        body = network.probabilities(depth[None])[0, 1:]
+        there = (frame.parts > 0) & (frame.depth_mm > 0)
+        np.testing.assert_array_equal(predicted.parts, np.where(there, body.argmax(axis=0) + 1, 0))
+        np.testing.assert_array_equal(predicted.depth_mm, frame.depth_mm)
+        assert (predicted.subject, predicted.notes["crop"]) == (frame.subject, frame.notes["crop"])
+
+
+def test_the_number_of_frames_at_once_changes_no_byte(tmp_path, crops, network):
+    for batch in (1, 4, 7):
+        predict_frames(crops, network, tmp_path / str(batch), silent, probabilities=True, batch=batch)
+    assert tree(tmp_path / "1") == tree(tmp_path / "4") == tree(tmp_path / "7")
+
+
+def test_an_interrupted_dataset_goes_on_to_the_same_bytes(tmp_path, crops, network):
+    whole = predict_frames(crops, network, tmp_path / "whole", silent, probabilities=True)
+
+    class Interrupted(Network):
+        calls = 0
+
+        def segment_all(self, images, *, probabilities=False):
+            self.calls += 1
+            if self.calls > 2:
+                raise KeyboardInterrupt
+            return super().segment_all(images, probabilities=probabilities)
+
+    out = tmp_path / "p"
+    with pytest.raises(KeyboardInterrupt):
+        predict_frames(crops, Interrupted(), out, silent, probabilities=True, batch=2)
+    assert 0 < len(LabelSet.open(out)) < 6
+    assert len(predict_frames(crops, network, out, silent, probabilities=True).labels) == 6
+    assert tree(out) == tree(whole.labels.path)
+
+
+def test_progress_counts_every_frame_once(tmp_path, crops, network):
+    done = []
+    predict_frames(crops, network, tmp_path / "p", done.append)
+    again = []
+    predict_frames(crops, network, tmp_path / "p", again.append)
+    assert sum(done) == sum(again) == 6
+
+
+def test_a_dataset_of_other_images_is_not_mixed_in(tmp_path, crops, truth, network):
+    out = tmp_path / "p"
+    predict_frames(crops, network, out, silent)
+    before = tree(out)
+    other = write_dataset(tmp_path / "d", [crop_frame(truth, "000000", "00")])
+    with pytest.raises(ExistsError, match="another source"):
+        predict_frames(other, network, out, silent)
+    with pytest.raises(ExistsError, match="other settings"):
+        predict_frames(crops, network, out, silent, probabilities=True)
+    assert tree(out) == before
+
+
+def test_one_frame_is_enough_and_none_is_said(tmp_path, truth, network):
+    one = write_dataset(tmp_path / "one", [crop_frame(truth, "000000", "0")])
+    assert len(predict_frames(one, network, tmp_path / "p", silent).labels) == 1
+    none = LabelSet.create(tmp_path / "none", truth.intrinsics, {})
+    with pytest.raises(CloudError, match="holds no frames"):
+        predict_frames(none, network, tmp_path / "q", silent)
+    assert not (tmp_path / "q").exists()
+
+
+def test_a_shard_that_breaks_off_keeps_what_was_done(tmp_path, crops, network):
+    path = Path(shutil.copytree(crops.path, tmp_path / "d"))
+    shard = path / "shard-000000.tar"
+    shard.write_bytes(shard.read_bytes()[: shard.stat().st_size * 2 // 3])
+    with pytest.raises(FormatError, match="shard"):
+        predict_frames(Dataset.open(path), network, tmp_path / "p", silent, batch=2)
+    kept = LabelSet.open(tmp_path / "p")
+    assert 0 < len(kept) < 6
+    assert validate(kept) == []
+
+
+# Probabilities
+
+
+def test_probabilities_come_back_and_give_the_labels(tmp_path, truth, network):
+    run = predict_frames(truth, network, tmp_path / "p", silent, probabilities=True)
+    for frame in run.labels:
+        stored = run.labels.probabilities(frame.frame_id)
+        assert stored is not None
+        exact = network.segment(frame.depth_mm, frame.parts > 0, probabilities=True).probabilities
+        assert stored.crop == exact.crop
+        np.testing.assert_allclose(stored.planes, exact.planes, atol=0.03)
+        np.testing.assert_allclose(stored.planes.sum(axis=0), 1, atol=1e-5)
+        image = stored.over_image(frame.parts.shape)
+        assert image.shape == (*frame.parts.shape, N_CLASSES)
+        person = frame.parts > 0
+        agree = image[..., 1:].argmax(axis=-1)[person] + 1 == frame.parts[person]
+        assert agree.mean() > 0.995
+        outside = np.ones(person.shape, bool)
+        outside[max(0, stored.crop.top) :, max(0, stored.crop.left) :] = False
+        assert (image[outside] == np.eye(N_CLASSES)[BACKGROUND]).all()
+
+
+def test_without_being_asked_none_are_kept(predicted):
+    assert all(predicted.probabilities(i) is None for i in predicted.frame_ids)
+
+
+def test_a_session_keeps_them_too(tmp_path, rig_session, network):
+    run = predict_source(Session(rig_session), network, tmp_path / "p", silent, probabilities=True)
+    assert all(run.labels.probabilities(i) is not None for i in run.labels.frame_ids)
+    labels = run.labels
+    labels.write(labels.read("000000"))
+    assert labels.probabilities("000000") is None
+
+
+def wrong_size() -> bytes:
+    return cv2.imencode(".png", np.zeros((SIZE, SIZE), np.uint8))[1].tobytes()
+
+
+def no_sum() -> bytes:
+    return cv2.imencode(".png", np.full((N_CLASSES * SIZE, SIZE), 9, np.uint8))[1].tobytes()
+
+
+def bomb() -> bytes:
+    """A header that claims more than memory holds."""
+    data = bytearray(no_sum())
+    data[16:24] = (2**31 - 1).to_bytes(4, "big") * 2
+    return bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda data: data[: len(data) // 2], "nothing readable|cut off|add up"),
+        (lambda data: b"\x80\x04K\x01." * 10, "no PNG"),
+        (lambda data: wrong_size(), "2544 x 212"),
+        (lambda data: no_sum(), "add up to one"),
+        (lambda data: bomb(), "claims"),
+    ],
+)
+def test_spoilt_probabilities_are_named(tmp_path, truth, network, spoil, says):
+    labels = predict_frames(truth, network, tmp_path / "p", silent, probabilities=True).labels
+    file = labels.path / "frames" / "000000.probability.png"
+    file.write_bytes(spoil(file.read_bytes()))
+    with pytest.raises(FormatError, match=says) as error:
+        labels.probabilities("000000")
+    assert str(file) in str(error.value)

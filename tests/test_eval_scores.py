@@ -24,7 +24,9 @@ def frames(draw: st.DrawFn) -> Frame:
     """Label maps of patches: where each pixel were its own, every one would be border."""
     shape = draw(hnp.array_shapes(min_dims=2, max_dims=2, max_side=4))
     patch = draw(st.tuples(st.integers(1, 5), st.integers(1, 4)))
-    maps = [np.kron(draw(hnp.arrays(np.uint8, shape, elements=PART_IDS)), np.ones(patch, np.uint8)) for _ in "tp"]
+    maps = [
+        np.kron(draw(hnp.arrays(np.uint8, shape, elements=PART_IDS)), np.ones(patch, np.uint8)) for _ in "tp"
+    ]
     levels = hnp.arrays(np.uint8, maps[0].shape, elements=st.integers(0, 255))
     confidence = draw(st.none() | levels.map(lambda level: level.astype(np.float32) / np.float32(255)))
     return Frame(maps[0], maps[1].astype(np.uint8), confidence, draw(st.sampled_from([math.nan, 3.3, 7.1])))

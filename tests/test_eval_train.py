@@ -1,8 +1,14 @@
-"""A training resumes bit for bit, refuses what is not its own, and its export is the network."""
+"""A training resumes bit for bit from any step, refuses what is not its own; the export is the network."""
 
 import json
-import math
+import os
 import pickle
+import signal
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,77 +16,192 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+import tiny_training  # noqa: E402
 from conftest import tree  # noqa: E402
+from tiny_training import CROPS, PLAN, small_crops  # noqa: E402
 
 from annotate.crop import SIZE  # noqa: E402
-from annotate.parts import N_CLASSES  # noqa: E402
-from eval.data import Crops, load_crops  # noqa: E402
-from eval.networks import CompactUNet  # noqa: E402
+from annotate.images import decode_parts  # noqa: E402
+from annotate.parts import N_CLASSES, UNDEFINED  # noqa: E402
+from eval.augment import Augmentation  # noqa: E402
+from eval.checkpoint import Progress, load_weights, save_weights  # noqa: E402
+from eval.compact import CompactConfig  # noqa: E402
+from eval.data import Crops  # noqa: E402
+from eval.export import export_onnx  # noqa: E402
+from eval.loader import Images, Order, batches  # noqa: E402
+from eval.measure import evaluate, predicted  # noqa: E402
+from eval.networks import build  # noqa: E402
+from eval.paper_fcn import PaperConfig  # noqa: E402
+from eval.plan import ModernRecipe, PaperRecipe, Plan, class_weights, loss_of, one_cycle, rate  # noqa: E402
 from eval.predict import Network  # noqa: E402
-from eval.train import Epoch, Schedule, evaluate, export_onnx, one_cycle, train  # noqa: E402
-from sensors.errors import ExistsError, FormatError  # noqa: E402
+from eval.team import Team  # noqa: E402
+from eval.train import Watch, images_left, train  # noqa: E402
+from sensors.errors import CloudError, ExistsError, FormatError  # noqa: E402
 
-SCHEDULE = Schedule(epochs=2, batch=2, seed=4)
-
-
-@pytest.fixture(scope="module")
-def crops(rig_session) -> Crops:
-    return load_crops([rig_session.with_suffix(".truth")])
-
-
-def quiet(epoch: Epoch) -> None:
-    assert math.isfinite(epoch.loss)
+ALONE = Team(0, 1, torch.device("cpu"))
+TINY = PLAN.network
+ALWAYS = 0.0
+"""Seconds between checkpoints: one after each step."""
 
 
-def weights(model: CompactUNet) -> dict[str, np.ndarray]:
+def weights(model: torch.nn.Module) -> dict[str, np.ndarray]:
     return {name: tensor.numpy().copy() for name, tensor in model.state_dict().items()}
 
 
+def assert_same(a: tuple[torch.nn.Module, Progress], b: tuple[torch.nn.Module, Progress]) -> None:
+    for name, expected in weights(b[0]).items():
+        np.testing.assert_array_equal(weights(a[0])[name], expected, err_msg=name)
+    assert [replace(e, seconds=0) for e in a[1].epochs] == [replace(e, seconds=0) for e in b[1].epochs]
+    assert a[1].points == b[1].points
+    assert a[1].step == b[1].step
+
+
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory, crops) -> tuple[Path, CompactUNet, list[Epoch]]:
+def whole(tmp_path_factory) -> tuple[Path, tuple[torch.nn.Module, Progress]]:
     """An uninterrupted training."""
     out = tmp_path_factory.mktemp("train") / "whole"
-    return out, *train(crops, crops, out, SCHEDULE, quiet)
+    return out, train(CROPS, CROPS, out, PLAN, ALONE)
 
 
-def assert_same(
-    trained: tuple[CompactUNet, list[Epoch]], whole: tuple[Path, CompactUNet, list[Epoch]]
-) -> None:
-    for name, expected in weights(whole[1]).items():
-        np.testing.assert_array_equal(weights(trained[0])[name], expected, err_msg=name)
-    told = [[(e.number, e.loss, e.mean_recall, e.miou) for e in h] for h in (trained[1], whole[2])]
-    assert told[0] == told[1]
+def interrupted_at(image: int) -> Watch:
+    """Watch that stops a training once it has seen so many images."""
+    left = [image]
+
+    def advance(n: int) -> None:
+        left[0] -= n
+        if left[0] <= 0:
+            raise KeyboardInterrupt
+
+    return Watch(advance, checkpoint_s=ALWAYS)
 
 
-def test_resumed_equals_uninterrupted_bit_for_bit(tmp_path, crops, whole):
-    def interrupt(epoch: Epoch) -> None:
-        raise KeyboardInterrupt
-
+@pytest.mark.parametrize("image", [2, 6, 8, 14])
+def test_resumed_anywhere_equals_uninterrupted_bit_for_bit(tmp_path, whole, image):
+    """Within an epoch (3 steps of 2 images) and at its end."""
     with pytest.raises(KeyboardInterrupt):
-        train(crops, crops, tmp_path / "t", SCHEDULE, interrupt)
-    told: list[Epoch] = []
-    assert_same(train(crops, crops, tmp_path / "t", SCHEDULE, told.append), whole)
-    assert [e.number for e in told] == [1]
+        train(CROPS, CROPS, tmp_path / "t", PLAN, ALONE, interrupted_at(image))
+    assert images_left(tmp_path / "t", PLAN, CROPS) == 18 - image
+    seen: list[int] = []
+    assert_same(train(CROPS, CROPS, tmp_path / "t", PLAN, ALONE, Watch(seen.append)), whole[1])
+    assert sum(seen) == 18 - image
 
 
-def test_a_finished_training_is_only_read(crops, whole):
+def test_dropout_and_momentum_resume_too(tmp_path):
+    """The paper's network and recipe: random numbers and velocities are part of the state."""
+    plan = Plan(PaperConfig(2, 4), PaperRecipe(batch=2, rate=1e-7), epochs=2, seed=1)
+    crops = small_crops(4)
+    expected = train(crops, None, tmp_path / "a", plan, ALONE)
+    with pytest.raises(KeyboardInterrupt):
+        train(crops, None, tmp_path / "b", plan, ALONE, interrupted_at(2))
+    assert_same(train(crops, None, tmp_path / "b", plan, ALONE), expected)
+    assert expected[1].epochs[-1].mean_recall is None
+
+
+def process(out: Path, **environment: str) -> subprocess.Popen:
+    command = [sys.executable, tiny_training.__file__, str(out)]
+    root = str(Path(tiny_training.__file__).parents[1])
+    environment = os.environ | {"PYTHONPATH": root} | environment
+    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE)
+
+
+def test_killed_without_warning_it_goes_on(tmp_path, whole):
+    """SIGKILL at whatever moment the checkpoint first appears."""
+    out = tmp_path / "t"
+    child = process(out)
+    deadline = time.monotonic() + 60
+    while not (out / "checkpoint.safetensors").is_file() and child.poll() is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.002)
+    child.send_signal(signal.SIGKILL)
+    child.communicate()
+    assert_same(train(CROPS, CROPS, out, PLAN, ALONE), whole[1])
+
+
+def test_two_processes_train_one_network(tmp_path):
+    """As torchrun starts them: both finish, the first one writes."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = str(taken.getsockname()[1])
+    team = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
+    children = [process(tmp_path / "t", RANK=str(r), LOCAL_RANK=str(r), **team) for r in (0, 1)]
+    ended = [(child.communicate(timeout=120)[1].decode(), child.returncode) for child in children]
+    assert [code for _, code in ended] == [0, 0], ended
+    history = json.loads((tmp_path / "t" / "history.json").read_text())
+    assert history["processes"] == 2
+    assert [epoch["number"] for epoch in history["epochs"]] == [1, 2, 3]
+    assert history["epochs"][-1]["loss"] < history["epochs"][0]["loss"]
+
+
+def test_an_epoch_sees_every_crop_once_in_the_seeds_order():
+    order = Order(images=7, batch=3, epochs=2, seed=1)
+    steps = list(order.after(0))
+    assert [len(batch) for batch in steps] == [3] * 4
+    for epoch in (0, 1):
+        seen = [i for batch in steps for e, i in batch if e == epoch]
+        assert len(set(seen)) == len(seen) == 6
+    assert steps == list(Order(7, 3, 2, 1).after(0))
+    assert steps != list(Order(7, 3, 2, 2).after(0))
+
+
+def test_fewer_crops_than_a_batch_are_one_batch():
+    assert [len(batch) for batch in Order(2, 16, 3, 0).after(0)] == [2, 2, 2]
+
+
+def test_processes_share_each_batch_and_miss_none():
+    alone = list(Order(11, 4, 2, 3).after(0))
+    shares = [list(Order(11, 4, 2, 3, rank, 2).after(0)) for rank in (0, 1)]
+    for batch, a, b in zip(alone, *shares, strict=True):
+        assert sorted(a + b) == sorted(batch)
+        assert not set(a) & set(b)
+    for step in range(5):
+        assert list(Order(11, 4, 2, 3).after(step)) == alone[step:]
+    with pytest.raises(CloudError, match="2 processes"):
+        Order(1, 4, 2, 3, 0, 2)
+
+
+def test_a_finished_training_is_only_read(whole):
     before = tree(whole[0])
-    assert_same(train(crops, crops, whole[0], SCHEDULE, lambda e: pytest.fail("trained again")), whole)
+    watch = Watch(lambda n: pytest.fail("trained again"))
+    assert_same(train(CROPS, CROPS, whole[0], PLAN, ALONE, watch), whole[1])
     assert tree(whole[0]) == before
 
 
-def test_it_learns(whole):
-    assert whole[2][-1].loss < whole[2][0].loss
+def test_it_learns_and_tells_how_far_it_is(whole):
+    told, seen = [], []
+    epochs = whole[1][1].epochs
+    assert epochs[-1].loss < epochs[0].loss
+    history = json.loads((whole[0] / "history.json").read_text())
+    assert history["plan"] == PLAN.described()
+    assert [e["number"] for e in history["epochs"]] == [1, 2, 3]
+    assert history["epochs"][-1]["mean_recall"] == epochs[-1].mean_recall
+    train(CROPS, None, whole[0].with_name("again"), PLAN, ALONE, Watch(seen.append, told.append))
+    assert seen == [2] * 9
+    assert [e.number for e in told] == [1, 2, 3]
+    assert all(e.miou is None for e in told)
 
 
-def test_another_schedule_or_folder_is_refused(tmp_path, crops, whole):
+def test_the_labelling_of_one_frame_is_kept(whole):
+    names = sorted(p.name for p in (whole[0] / "frame").iterdir())
+    assert names == ["depth.png", *(f"epoch-{n:03d}.parts.png" for n in range(4)), "truth.parts.png"]
+    last = decode_parts((whole[0] / "frame" / "epoch-003.parts.png").read_bytes())
+    np.testing.assert_array_equal(last, next(predicted(whole[1][0], CROPS))[0])
+
+
+def test_another_plan_data_start_or_folder_is_refused(tmp_path, whole):
     before = tree(whole[0])
-    with pytest.raises(ExistsError, match="another training"):
-        train(crops, crops, whole[0], Schedule(epochs=3, batch=2, seed=4), quiet)
+    others = Crops(CROPS.depth[::-1], CROPS.parts)
+    for plan, crops, start in (
+        (replace(PLAN, epochs=4), CROPS, None),
+        (replace(PLAN, network=CompactConfig((4, 6))), CROPS, None),
+        (PLAN, others, None),
+        (PLAN, CROPS, build(TINY)),
+    ):
+        with pytest.raises(ExistsError, match="another training"):
+            train(crops, CROPS, whole[0], plan, ALONE, init=start)
     assert tree(whole[0]) == before
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(ExistsError, match="is no training"):
-        train(crops, crops, tmp_path, SCHEDULE, quiet)
+        train(CROPS, CROPS, tmp_path, PLAN, ALONE)
     assert set(tree(tmp_path)) == {"mine.txt"}
 
 
@@ -92,46 +213,146 @@ def test_another_schedule_or_folder_is_refused(tmp_path, crops, whole):
         lambda data: pickle.dumps({"model": 1}),
         lambda data: (2**40).to_bytes(8, "little") + data[8:],
         lambda data: data[:8] + data[8:].replace(b"model.stem", b"model.stim", 1),
-        lambda data: data[:8] + data[8:].replace(b'\\"number\\"', b'\\"nunber\\"', 1),
+        lambda data: data[:8] + data[8:].replace(b'\\"step\\"', b'\\"stop\\"', 1),
     ],
 )
-def test_a_broken_checkpoint_is_named_and_kept(tmp_path, crops, whole, spoil):
+def test_a_broken_checkpoint_is_named_and_kept(tmp_path, whole, spoil):
     path = tmp_path / "checkpoint.safetensors"
-    (tmp_path / "schedule.json").write_bytes((whole[0] / "schedule.json").read_bytes())
+    (tmp_path / "plan.json").write_bytes((whole[0] / "plan.json").read_bytes())
     path.write_bytes(spoil((whole[0] / path.name).read_bytes()))
     before = tree(tmp_path)
-    with pytest.raises(FormatError, match=r"checkpoint\.safetensors cannot be resumed"):
-        train(crops, crops, tmp_path, SCHEDULE, quiet)
+    with pytest.raises(FormatError, match=r"checkpoint\.safetensors cannot be resumed") as error:
+        train(CROPS, CROPS, tmp_path, PLAN, ALONE)
+    assert "\n" not in str(error.value)
     assert tree(tmp_path) == before
 
 
-def test_the_schedule_on_disk_is_the_schedule(whole):
-    order = json.loads((whole[0] / "schedule.json").read_text())
-    assert order.pop("data")["images"] == 3
-    assert Schedule(**order) == SCHEDULE
+def test_weights_know_their_network(tmp_path, whole):
+    path = tmp_path / "w.safetensors"
+    save_weights(path, whole[1][0], TINY)
+    model, config = load_weights(path)
+    assert config == TINY
+    for name, value in weights(whole[1][0]).items():
+        np.testing.assert_array_equal(weights(model)[name], value)
+    save_weights(tmp_path / "again.safetensors", model, config)
+    assert (tmp_path / "again.safetensors").read_bytes() == path.read_bytes()
 
 
-def test_a_training_does_not_go_on_with_other_data(tmp_path, crops, whole):
-    (tmp_path / "schedule.json").write_bytes((whole[0] / "schedule.json").read_bytes())
-    with pytest.raises(ExistsError, match="data differ"):
-        train(Crops(crops.depth[::-1], crops.parts), crops, tmp_path, SCHEDULE, quiet)
+@pytest.mark.parametrize(
+    ("spoil", "why"),
+    [
+        (lambda data: data[: len(data) // 2], "cut off"),
+        (lambda data: pickle.dumps({"model": 1}), "cut off"),
+        (lambda data: data.replace(b'\\"classes\\": 12', b'\\"classes\\": 13'), "13 classes"),
+        (lambda data: data.replace(b"[4, 6, 6]", b"[4, 6, 7]"), "shape"),
+        (lambda data: data.replace(b"[4, 6, 6]", b"[4,1e9,6]"), "malformed"),
+        (lambda data: data.replace(b"compact", b"compost"), "describes no network"),
+        (lambda data: data.replace(b'"network"', b'"netwerk"'), "no network's weights"),
+    ],
+)
+def test_weights_of_another_kind_are_refused_in_one_line(tmp_path, whole, spoil, why):
+    path = tmp_path / "w.safetensors"
+    save_weights(path, whole[1][0], TINY)
+    path.write_bytes(spoil(path.read_bytes()))
+    with pytest.raises(FormatError, match=why) as error:
+        load_weights(path)
+    assert "\n" not in str(error.value)
 
 
-def test_the_export_is_the_network(tmp_path, crops, whole):
-    path = tmp_path / "w.onnx"
-    export_onnx(whole[1], path)
-    x = crops.depth.astype(np.float32) / np.float32(65535)
+def test_one_image_only_is_enough(tmp_path):
+    one = small_crops(1)
+    _, progress = train(one, one, tmp_path / "t", PLAN, ALONE)
+    assert progress.step == 3
+
+
+def test_a_start_is_gone_on_from(tmp_path, whole):
+    """Nothing is forgotten at a rate of almost nothing."""
+    plan = replace(PLAN, recipe=ModernRecipe(2, peak_rate=1e-12, weight_decay=0), epochs=1)
+    start = build(TINY)
+    start.load_state_dict(whole[1][0].state_dict())
+    model, _ = train(CROPS, None, tmp_path / "t", plan, ALONE, init=start)
+    learnt = {k: v for k, v in weights(whole[1][0]).items() if k.endswith("weight")}
+    for name, value in learnt.items():
+        np.testing.assert_allclose(weights(model)[name], value, atol=1e-9)
+
+
+def test_a_training_that_explodes_says_so(tmp_path):
+    plan = replace(PLAN, recipe=PaperRecipe(batch=2, rate=1e30))
+    with pytest.raises(CloudError, match="no longer finite"):
+        train(CROPS, None, tmp_path / "t", plan, ALONE)
+
+
+def test_the_modern_loss_is_over_pixels_with_depth_and_a_label():
+    rng = np.random.default_rng(0)
+    scores = torch.from_numpy(rng.normal(size=(2, N_CLASSES, 5, 5)).astype(np.float32))
+    depth = torch.from_numpy((rng.random((2, 1, 5, 5)) < 0.6).astype(np.float32))
+    parts = torch.from_numpy(rng.choice([0, 3, 7, UNDEFINED], (2, 5, 5)).astype(np.uint8))
+    weight = torch.linspace(0.5, 2, N_CLASSES)
+    chosen = torch.log_softmax(scores, 1)
+    naive = [
+        -weight[c] * chosen[b, c, v, u]
+        for b, v, u in np.ndindex(2, 5, 5)
+        if depth[b, 0, v, u] > 0 and (c := int(parts[b, v, u])) != UNDEFINED
+    ]
+    loss, told = loss_of(ModernRecipe(), scores, depth, parts, weight)
+    assert float(loss) == pytest.approx(float(sum(naive) / len(naive)), rel=1e-5)
+    assert told == pytest.approx(float(loss))
+    summed, told = loss_of(PaperRecipe(), scores, depth, parts, weight)
+    defined = [
+        -chosen[b, int(parts[b, v, u]), v, u]
+        for b, v, u in np.ndindex(2, 5, 5)
+        if parts[b, v, u] != UNDEFINED
+    ]
+    assert float(summed) == pytest.approx(float(sum(defined)), rel=1e-5)
+    assert told == pytest.approx(float(sum(defined)) / len(defined), rel=1e-5)
+
+
+def test_workers_make_the_same_batches():
+    images, order = Images(CROPS, Augmentation(), 5), Order(7, 2, 1, 5)
+    alone, ahead = (list(batches(images, order, 1, workers)) for workers in (0, 2))
+    assert len(alone) == 2
+    for a, b in zip(alone, ahead, strict=True):
+        assert torch.equal(a[0], b[0])
+        assert torch.equal(a[1], b[1])
+
+
+def test_rare_parts_weigh_more_and_the_mean_pixel_one():
+    parts = np.array([[1] * 75 + [2] * 20 + [3] * 5 + [0] * 40 + [UNDEFINED] * 9], np.uint8)
+    weight = class_weights(ModernRecipe(balance=0.5), parts).numpy()
+    assert weight[3] > weight[2] > weight[1]
+    assert weight[2] / weight[1] == pytest.approx((75 / 20) ** 0.5)
+    assert (weight[[1, 2, 3]] * [0.75, 0.2, 0.05]).sum() == pytest.approx(1)
+    assert weight[0] == weight[3]
+    np.testing.assert_array_equal(class_weights(PaperRecipe(), parts).numpy(), 1)
+    np.testing.assert_allclose(class_weights(ModernRecipe(balance=0), parts).numpy(), 1)
+
+
+def test_the_export_is_the_network(tmp_path):
+    torch.manual_seed(0)
+    model, path = build(TINY), tmp_path / "w.onnx"
+    export_onnx(model, path)
+    x = np.where(np.random.default_rng(0).random((2, SIZE, SIZE)) < 0.3, 0.5, 0).astype(np.float32)
     with torch.no_grad():
-        expected = torch.softmax(whole[1].eval()(torch.from_numpy(x[:, None])), 1).numpy()
-    np.testing.assert_allclose(Network(path).probabilities(x), expected, atol=1e-4)
+        expected = torch.softmax(model.eval()(torch.from_numpy(x[:, None])), 1).numpy()
+    found = Network(path).probabilities(x)
+    seen = np.broadcast_to(x[:, None] > 0, found.shape)
+    np.testing.assert_allclose(found[seen], expected[seen], atol=1e-4)
+    # Where there is no depth, nobody is.
+    np.testing.assert_array_equal(found[:, 0][x == 0], 1)
+    np.testing.assert_array_equal(found[:, 1:].max(axis=1)[x == 0], 0)
     assert [p.name for p in tmp_path.iterdir()] == ["w.onnx"]
 
 
-def test_evaluating_counts_every_defined_pixel_once(crops, whole):
-    total = evaluate(whole[1], crops, batch=2)
-    assert total.shape == (N_CLASSES, N_CLASSES)
-    np.testing.assert_array_equal(total.sum(axis=1), [(crops.parts == i).sum() for i in range(N_CLASSES)])
-    np.testing.assert_array_equal(total, evaluate(whole[1], crops, batch=3))
+def test_evaluating_counts_every_defined_pixel_once(whole):
+    parts = CROPS.parts.copy()
+    parts[:, :6, :6] = UNDEFINED
+    crops = Crops(CROPS.depth, parts)
+    total = evaluate(whole[1][0], crops, batch=2)
+    np.testing.assert_array_equal(total.sum(axis=1), [(parts == i).sum() for i in range(N_CLASSES)])
+    np.testing.assert_array_equal(total, evaluate(whole[1][0], crops, batch=3))
+    # A part is named wherever there is depth, and nowhere else.
+    for labels, depth in zip(next(predicted(whole[1][0], crops)), crops.depth, strict=True):
+        np.testing.assert_array_equal(labels > 0, depth > 0)
 
 
 def test_one_cycle_goes_up_then_down_within_bounds():
@@ -147,10 +368,10 @@ def test_one_cycle_goes_up_then_down_within_bounds():
     assert one_cycle(0) == pytest.approx(1 / 25)
     assert one_cycle(1) == pytest.approx(1e-4)
     assert one_cycle(0.3 - 1e-9) == pytest.approx(one_cycle(0.3), abs=1e-6)
+    assert rate(PaperRecipe(), 0.3) == rate(PaperRecipe(), 1.0) == 1e-10
 
 
-@pytest.mark.parametrize("side", [2, 30, SIZE])
-def test_the_network_keeps_the_images_size(side):
-    with torch.no_grad():
-        scores = CompactUNet().eval()(torch.zeros(2, 1, side, side))
-    assert scores.shape == (2, N_CLASSES, side, side)
+@pytest.mark.parametrize("wrong", [{"epochs": 0}, {"recipe": ModernRecipe(batch=0)}])
+def test_a_plan_of_nothing_is_refused(wrong):
+    with pytest.raises(CloudError, match="at least 1"):
+        Plan(**wrong)

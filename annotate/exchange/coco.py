@@ -106,7 +106,9 @@ def _frame(
             raise FormatError(f"image {name[:100]!r} has {len(annotations)} masks; at most {MAX_MASKS}")
         masks = [_mask(a, names, depth_mm.shape) for a in annotations]
     except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
-        raise FormatError(f"{source / ANNOTATIONS}: image {name[:100]!r} is malformed ({str(error)[:80]!r})") from error
+        raise FormatError(
+            f"{source / ANNOTATIONS}: image {name[:100]!r} is malformed ({str(error)[:80]!r})"
+        ) from error
     parts, persons = images_from(masks, depth_mm.shape)
     return companion.labels(name.removesuffix(".png"), depth_mm, parts, persons)
 

@@ -1,7 +1,7 @@
 """What no image format has room for, in one JSON file beside the images: camera, subjects, statuses, notes.
 
-Every exported folder has ``annotate-cloud.json``; other tools pass it by, and a folder of theirs without it is
-read too, given ``intrinsics.json``. Names of files in it are data, never paths.
+Every exported folder has ``annotate-cloud.json``; other tools pass it by. A folder of theirs without it is
+read too, given ``intrinsics.json``.
 """
 
 import json

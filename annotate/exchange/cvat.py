@@ -82,6 +82,7 @@ class _Target:
     def __init__(self) -> None:
         self.images: list[_Image] = []
         self._depth = 0
+        self._attribute = ""
 
     def start(self, tag: str, fields: dict[str, str]) -> None:
         self._depth += 1
@@ -105,22 +106,21 @@ class _Target:
     def doctype(self, *_: str | None) -> NoReturn:
         raise FormatError(f"{ANNOTATIONS} has a document type, which is not read; export it from CVAT again")
 
-    def close(self) -> list[_Image]:
-        return self.images
-
-    _attribute = ""
+    def close(self) -> None:
+        pass
 
 
 def _parse(file: Path) -> list[_Image]:
-    parser = XMLParser(target=_Target())
+    target = _Target()
+    parser = XMLParser(target=target)
     try:
         parser.feed(read_bounded(file, MAX_XML_BYTES))
-        images: list[_Image] = parser.close()
+        parser.close()
     except (ParseError, ValueError, LookupError) as error:
         raise FormatError(f"{file} is no XML ({str(error)[:80]}); export it from CVAT again") from error
-    if not images:
+    if not target.images:
         raise FormatError(f"{file} holds no image; give CVAT's 'CVAT for images 1.1'")
-    return images
+    return target.images
 
 
 def _labels() -> Iterator[str]:
@@ -141,10 +141,9 @@ def _mask_xml(mask: Mask) -> str:
     # Persons lie below the parts, or they would hide them.
     order = 0 if mask.name == PERSON_NAME else 1
     attribute = f'<attribute name="number">{mask.person}</attribute>' if mask.name == PERSON_NAME else ""
-    return (
-        f'  <mask label="{mask.name}" source="auto" occluded="0" rle="{rle}" left="{columns[0]}" '
-        f'top="{rows[0]}" width="{box.shape[1]}" height="{box.shape[0]}" z_order="{order}">{attribute}</mask>\n'
-    )
+    place = f'left="{columns[0]}" top="{rows[0]}" width="{box.shape[1]}" height="{box.shape[0]}"'
+    head = f'<mask label="{mask.name}" source="auto" occluded="0" rle="{rle}" {place} z_order="{order}">'
+    return f"  {head}{attribute}</mask>\n"
 
 
 def _frame(source: Path, image: _Image, companion: Companion) -> FrameLabels:

@@ -1,8 +1,8 @@
 """Labelled organised point clouds, one file a frame: PCD and PLY.
 
-Every pixel is a point, row by row, in the camera frame in metres, NaN where there is no depth; with ``label``
-(part id), ``rgb`` or ``red green blue`` (the part's colour), and where the label set has them ``confidence`` and
-``person``. PCL reads it as PointXYZRGBL, Open3D as a tensor cloud.
+Every pixel is a point, row by row, in the camera frame in metres, NaN where there is no depth; with
+``label`` (part id), ``rgb`` or ``red green blue`` (the part's colour), and where the label set has them
+``confidence`` and ``person``. PCL reads it as PointXYZRGBL, Open3D as a tensor cloud.
 Formats: PCL's "The PCD file format", 0.7; Turk's PLY, 1.0 (grid as ``obj_info num_cols``, ``num_rows``).
 """
 
@@ -27,7 +27,7 @@ MAX_CLOUD_BYTES = 1 << 31
 def write_clouds_pcd(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
     """Write one PCD a frame into an empty folder."""
     for frame in frames:
-        cloud = _records(frame, companion.intrinsics)
+        cloud = _records(frame, companion.intrinsics, "<u4")
         (out / f"{frame.frame_id}{PCD}").write_bytes(write_pcd(cloud, frame.parts.shape))
         companion.add(frame)
 
@@ -35,7 +35,7 @@ def write_clouds_pcd(frames: Iterator[FrameLabels], companion: Companion, out: P
 def write_clouds_ply(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
     """Write one PLY a frame into an empty folder."""
     for frame in frames:
-        cloud = _records(frame, companion.intrinsics)
+        cloud = _records(frame, companion.intrinsics, "u1")
         (out / f"{frame.frame_id}{PLY}").write_bytes(write_ply(cloud, frame.parts.shape))
         companion.add(frame)
 
@@ -54,7 +54,8 @@ def read_clouds_pcd(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
     """The inverse of ``write_clouds_pcd``. Raises FormatError, CalibrationError."""
     companion = load_companion(source)
     return companion, (
-        _frame(name, file, read_pcd(_bytes(file), str(file)), companion) for name, file in frame_files(source, PCD)
+        _frame(name, file, read_pcd(_bytes(file), str(file)), companion)
+        for name, file in frame_files(source, PCD)
     )
 
 
@@ -62,7 +63,8 @@ def read_clouds_ply(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
     """The inverse of ``write_clouds_ply``. Raises FormatError, CalibrationError."""
     companion = load_companion(source)
     return companion, (
-        _frame(name, file, read_ply(_bytes(file), str(file)), companion) for name, file in frame_files(source, PLY)
+        _frame(name, file, read_ply(_bytes(file), str(file)), companion)
+        for name, file in frame_files(source, PLY)
     )
 
 
@@ -70,12 +72,21 @@ def _bytes(file: Path) -> bytes:
     return read_bounded(file, MAX_CLOUD_BYTES)
 
 
-def _records(frame: FrameLabels, camera: Intrinsics) -> Records:
+def _records(frame: FrameLabels, camera: Intrinsics, label_type: str) -> Records:
+    """label_type: PCL's labels are 32 bits wide, of which Open3D's PLY reader knows none unsigned."""
     metres = np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)
     points = unproject(camera, metres).reshape(-1, 3)
-    kinds = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("label", "<u4")]
+    kinds = [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("red", "u1"),
+        ("green", "u1"),
+        ("blue", "u1"),
+        ("label", label_type),
+    ]
     kinds += [("confidence", "<f4")] if frame.confidence is not None else []
-    kinds += [("person", "<u4")] if frame.persons is not None else []
+    kinds += [("person", label_type)] if frame.persons is not None else []
     records = np.zeros(len(points), kinds)
     for axis, name in enumerate("xyz"):
         records[name] = points[:, axis]
@@ -89,7 +100,9 @@ def _records(frame: FrameLabels, camera: Intrinsics) -> Records:
     return records
 
 
-def _frame(frame_id: str, file: Path, cloud: tuple[Records, tuple[int, int]], companion: Companion) -> FrameLabels:
+def _frame(
+    frame_id: str, file: Path, cloud: tuple[Records, tuple[int, int]], companion: Companion
+) -> FrameLabels:
     records, shape = cloud
     names = set(records.dtype.names or ())
     if not {"z", "label"} <= names or shape != companion.intrinsics.shape:
@@ -103,7 +116,9 @@ def _frame(frame_id: str, file: Path, cloud: tuple[Records, tuple[int, int]], co
             return None
         values = records[name]
         if values.dtype.kind not in "iu" or values.min() < 0 or values.max() > np.iinfo(kind).max:
-            raise FormatError(f"{file}: {name} is {values.dtype} {values.min()} to {values.max()}; give 0 to 255")
+            raise FormatError(
+                f"{file}: {name} is {values.dtype} {values.min()} to {values.max()}; give 0 to 255"
+            )
         return values.astype(kind).reshape(shape)
 
     parts, persons = image("label", np.uint8), image("person", np.uint8)

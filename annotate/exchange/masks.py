@@ -39,9 +39,7 @@ def masks_of(frame: FrameLabels) -> Iterator[Mask]:
             yield Mask(PERSON_NAME, int(person), frame.persons == person)
 
 
-def images_from(
-    masks: list[Mask], shape: tuple[int, int]
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def images_from(masks: list[Mask], shape: tuple[int, int]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Parts and persons (h, w) of masks; where they overlap, the later one wins. Raises FormatError."""
     parts, persons = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     for mask in masks:

@@ -100,7 +100,7 @@ def _with_rgb(records: Records) -> Records:
     for name in packed.dtype.names or ():
         if name != "rgb":
             packed[name] = records[name]
-    if "rgb" in kinds[3]:
+    if "red" in names:
         red, green, blue = (records[name].astype(np.uint32) for name in ("red", "green", "blue"))
         packed["rgb"] = (red << 16 | green << 8 | blue).view(np.float32)
     return packed
@@ -133,4 +133,6 @@ def _records(body: bytes, layout: list[Any], shape: tuple[int, int], name: str) 
 
 
 def _malformed(name: str, error: Exception) -> FormatError:
-    return FormatError(f"{name} is malformed ({str(error)[:100]}); give an organised binary cloud with labels")
+    return FormatError(
+        f"{name} is malformed ({str(error)[:100]}); give an organised binary cloud with labels"
+    )

@@ -44,7 +44,8 @@ def commands(window: CorrectionWindow) -> dict[str, Command]:
         "remove_islands": lambda: window.desk.remove_islands(),
         "merge": lambda: window.desk.merge(point()),
         "copy_previous": lambda: window.desk.copy_previous(window.walk.before(window.frame_id)),
-        "propagate": lambda: window.desk.propagate(window.walk.before(window.frame_id)),
+        "propagate": lambda: window.desk.propagate(window.walk.worked_near(window.frame_id)),
+        "carry": lambda: window.desk.toggle_carrying(),
         "accept": partial(_accept, window),
         "reject": partial(_reject, window),
         "next": partial(_step, window, 1),
@@ -83,7 +84,8 @@ def _accept(window: CorrectionWindow) -> Done | None:
     left = window.frame_id
     window.strip.frames.refresh(left)
     if window.step(1):
-        return None
+        carrying = window.desk.carrying
+        return window.desk.carry(window.walk.worked_near(window.frame_id)) if carrying else None
     return Done(NOTHING, f"{done.says}: that was the last frame", "good")
 
 

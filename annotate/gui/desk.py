@@ -1,6 +1,7 @@
 """The frame on the desk and the tools beside it: what every key and stroke does. No window here."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -15,8 +16,9 @@ from annotate.gui.colors import Colouring, Visibility, colourings, point_colors
 from annotate.gui.drawing import Drawing
 from annotate.gui.scene import Scene
 from annotate.gui.sentences import title, told
+from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
-from annotate.propagate import propagate
+from annotate.propagate import Worked, propagate
 from annotate.stroke import VERDICTS, Gesture, Operation, Stroke
 from sensors.errors import CloudError
 
@@ -59,7 +61,8 @@ class Desk:
     """One frame under work.
 
     editor: None where the set is open read-only. part: the chosen one. visibility: parts that are faded or
-    hidden. alone: whether the chosen part is shown alone. keys: pressed since the last stroke.
+    hidden. alone: whether the chosen part is shown alone. carrying: whether corrections are carried over to
+    every frame that accepting opens. keys: pressed since the last stroke.
     """
 
     correction: Correction
@@ -70,6 +73,7 @@ class Desk:
     visibility: dict[int, Visibility] = field(default_factory=dict)
     locks: set[int] = field(default_factory=set)
     alone: bool = False
+    carrying: bool = False
     keys: int = 0
     preview: Preview | None = None
     _grown: _Grown | None = None
@@ -256,16 +260,26 @@ class Desk:
         stroke = self._editor().copy_previous(previous, how=self._key(None, 2))
         return self._did(stroke, "The frame before says the same")
 
-    def propagate(self, frame_id: str) -> Done:
-        """Carry the corrections of another frame over."""
-        labels = self.correction.labels
-        corrected = self.correction.frame(frame_id)
-        automatic = labels.read(frame_id, original=labels.has_original(frame_id))
-        now = self.scene.labels
-        target = type(now)(now.frame_id, now.depth_mm, self.parts.copy(), now.confidence)
-        parts = propagate(corrected, automatic, target, labels.intrinsics).parts
+    def toggle_carrying(self) -> Done:
+        """Carry corrections over to every frame that accepting opens, or leave it to the key."""
+        self.carrying = not self.carrying
+        now = "carried over to every next frame" if self.carrying else "carried over by the key alone"
+        return Done(NOTHING, f"Corrections are {now}")
+
+    def carry(self, frame_ids: Sequence[str]) -> Done:
+        """As ``propagate``, to a frame just opened on which nobody worked: no key is pressed for it."""
+        if self.correction.state(self.scene.labels.frame_id) != "auto":
+            return Done(NOTHING, "")
+        return self.propagate(frame_ids, keys=0)
+
+    def propagate(self, frame_ids: Sequence[str], keys: int = 2) -> Done:
+        """Carry the corrections of other frames over, the nearest first."""
+        labels, now = self.correction.labels, self.scene.labels
+        target = replace(now, parts=self.parts.copy())
+        worked = [Worked(self._automatic(i), self.correction.frame(i)) for i in frame_ids]
+        parts = propagate(worked, target, labels.intrinsics).parts
         return self._did(
-            self._editor().propagate(parts, self._key(None, 2)), "The frame before has no correction for here"
+            self._editor().propagate(parts, self._key(None, keys)), "No frame near has a correction for here"
         )
 
     # Back and forth, verdicts
@@ -318,6 +332,10 @@ class Desk:
         if stroke is None:
             return Done(NOTHING, nothing, "warn")
         return Done(np.union1d(stroke.pixels, self.cancel_preview()), told(stroke, what))
+
+    def _automatic(self, frame_id: str) -> FrameLabels:
+        labels = self.correction.labels
+        return labels.read(frame_id, original=labels.has_original(frame_id))
 
     def _patch(self, pixel: int | None) -> NDArray[np.int64]:
         if pixel is None or self.parts.flat[pixel] == BACKGROUND:

@@ -24,6 +24,7 @@ EDITS = {
     "fill_holes": "Holes",
     "copy_previous": "Copy",
     "propagate": "Carry on",
+    "carry": "Always carry",
 }
 """Commands shown with their keys; what works under the pointer, a key alone can do."""
 TITLES = {tool: tool.capitalize() for tool in TOOLS}

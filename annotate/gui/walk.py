@@ -6,6 +6,7 @@ from annotate.correction import Correction, RestorableError
 from annotate.edit import Editor
 from annotate.gui.prefetch import Prefetch
 from annotate.gui.scene import Scene, SceneReader
+from annotate.propagate import FRAMES
 from sensors.errors import CloudError
 
 Opened = tuple[Scene, Editor | None]
@@ -67,6 +68,19 @@ class Walk:
         if not at:
             raise CloudError("This is the first frame: there is none before it")
         return frame_ids[at - 1]
+
+    def worked_near(self, frame_id: str) -> list[str]:
+        """The frames nearest in time, before and after, that people worked on or held for right.
+
+        Raises CloudError where there are none.
+        """
+        frame_ids = self.correction.frame_ids
+        at = frame_ids.index(frame_id)
+        near = sorted(range(len(frame_ids)), key=lambda i: (abs(i - at), i))
+        done = [frame_ids[i] for i in near if self.correction.state(frame_ids[i]) not in ("auto", "rejected")]
+        if not (found := [i for i in done if i != frame_id][:FRAMES]):
+            raise CloudError("No frame was corrected yet: there is nothing to carry over")
+        return found
 
     def close(self) -> None:
         """Stop reading ahead."""

@@ -1,27 +1,69 @@
-"""Write the report: one HTML file that opens offline, light or dark, on a screen or on paper."""
+"""Write the report: one HTML file that opens offline, on a screen or on paper, and tables beside it."""
 
-from collections.abc import Mapping, Sequence
+import base64
+import hashlib
+from collections.abc import Mapping
 from datetime import UTC, datetime
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from numpy.typing import NDArray
+from markupsafe import Markup
 
+from annotate.parts import PARTS
 from eval import paper
-from eval.report import views
-from eval.report.figures import ERROR_KINDS, data_uri
-from eval.report.gallery import GalleryFrame
+from eval.report import plots, tables
+from eval.report.embed import embedded_json, scene_json
+from eval.report.estimates import MINUS, SHARES, SUMMARY, row_shares, shown, shown_parts
+from eval.report.figures import ERROR_NAMES, ERROR_RGB, data_uri
+from eval.report.gap import difference_of, differences, group_tables, part_gaps
+from eval.report.joints_view import joints_of
+from eval.report.material import Material
+from eval.report.views import PART_SCORES, view_of
 from eval.results import Result
+from eval.suspicious import suspicious
 from sensors.atomic import write_bytes
-from sensors.errors import CloudError, ExistsError
+from sensors.errors import ExistsError
 
 TITLE = "Body-part labels: comparison report"
+TEMPLATES = Path(str(files("eval.report").joinpath("templates")))
+SCRIPTS = ("theme", "figures", "tables", "gallery", "scenes")
+MAX_SUSPECTS = 30
 
-# Names, ids and subjects come from label files: everything is escaped, and the page's own content
-# policy forbids scripts and requests altogether.
+SECTIONS = {
+    "headline": "Headline",
+    "gap": "Domain gap",
+    "parts": "Parts",
+    "differences": "One against the other",
+    "confusion": "Confusion",
+    "errors": "Errors",
+    "calibration": "Calibration",
+    "joints": "Joints",
+    "people": "People",
+    "gallery": "Gallery",
+    "scenes": "3D",
+    "shown": "Without a truth",
+    "training": "Training",
+    "audit": "Corrections",
+    "method": "Method and sources",
+}
+"""Sections in the order of the page, with their names in its contents."""
+
+_ABSENT = {
+    "calibration": "calibration (the labels came without confidence)",
+    "joints": "joints (the truth knows none)",
+    "differences": "differences (one result only)",
+    "gallery": "frames to look at (their label sets were not found)",
+    "scenes": "a 3D view (the label sets were not found)",
+    "shown": "frames without a truth (--shown)",
+    "training": "training curves (--history)",
+    "audit": "corrections (--audit)",
+}
+
+# Names, ids and subjects come from label files: everything is escaped.
 _PAGE = Environment(
-    loader=FileSystemLoader(Path(__file__).parent / "templates"),
+    loader=FileSystemLoader(TEMPLATES),
     autoescape=True,
     undefined=StrictUndefined,
     trim_blocks=True,
@@ -30,60 +72,110 @@ _PAGE = Environment(
 _PAGE.filters["picture"] = data_uri
 
 
-def write_report(
-    path: Path,
-    results: Sequence[Result],
-    galleries: Mapping[str, Sequence[GalleryFrame]] | None = None,
-    facts: Mapping[str, str] | None = None,
-    effort_seconds: Sequence[float] = (),
-    overwrite: bool = False,
-) -> None:
-    """Write one self-contained page about `results`, the most important one last.
+def write_report(path: Path, material: Material, overwrite: bool = False) -> list[Path]:
+    """Write the page, and its numbers as .csv, .json and .tex beside it; returns all files, the page last.
 
-    galleries: frames by the title of the result they belong to. facts: what was compared and how
-    (command, seed, hashes), shown as given. effort_seconds: seconds of a person's work on each
-    corrected frame. Raises CloudError without results, ExistsError when `path` is there and
-    `overwrite` is not set.
+    Raises ExistsError when one of them is there and `overwrite` is not set: then none is written.
     """
-    if not results:
-        raise CloudError("the report got 0 results; give at least one that evaluate wrote")
-    if path.exists() and not overwrite:
-        raise ExistsError(f"{path} exists already; choose another file or pass --overwrite")
-    page = render(results, galleries or {}, facts or {}, effort_seconds)
+    texts = {path.with_suffix(suffix): text for suffix, text in tables.texts(material).items()}
+    texts[path] = render(material)
+    for file in texts:
+        if file.exists() and not overwrite:
+            raise ExistsError(f"{file} exists already; choose another file or pass --overwrite")
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, page.encode())
+    for file, text in texts.items():
+        write_bytes(file, text.encode())
+    return list(texts)
 
 
-def render(
-    results: Sequence[Result],
-    galleries: Mapping[str, Sequence[GalleryFrame]],
-    facts: Mapping[str, str],
-    effort_seconds: Sequence[float] = (),
-) -> str:
-    """The page as a string; arguments as for `write_report`."""
-    shown = [views.view_of(result) for result in results]
+def render(material: Material) -> str:
+    """The page as a string."""
+    numbers = _numbers(material)
+    contents = {name: title for name, title in SECTIONS.items() if numbers.get(name, True)}
+    script = "\n".join((TEMPLATES / "scripts" / f"{name}.js").read_text() for name in SCRIPTS)
+    plotly = files("plotly").joinpath("package_data", "plotly.min.js").read_text()
     return _PAGE.get_template("report.html.j2").render(
         title=TITLE,
         written=datetime.now(UTC).strftime("%d %B %Y, %H:%M UTC"),
-        views=shown,
-        ticks=views.axis_ticks(shown),
-        parts=views.shown_parts(),
-        paper=_paper_tables(),
-        citation=paper.CITATION,
-        frame_scores=_frame_scores(results),
-        galleries={title: frames for title, frames in galleries.items() if frames},
-        kinds=list(ERROR_KINDS.values()),
-        facts=facts,
-        effort=_effort(np.asarray(effort_seconds, np.float64)),
+        policy=policy(plotly, script),
+        plotly=Markup(plotly),
+        script=Markup(script),
+        data=Markup(embedded_json(_data(material, numbers["figures"]))),
+        contents=contents,
+        absent=[why for name, why in _ABSENT.items() if name not in contents],
+        **numbers,
     )
 
 
-def _paper_tables() -> dict[str, object]:
+def policy(*scripts: str) -> str:
+    """The page's content policy: these scripts and no other, pictures within the page, no request at all."""
+    hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
+    allowed = " ".join(f"'sha256-{value}'" for value in hashes)
+    # Plotly makes a style sheet of its own and draws its pictures from blobs of the page.
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _numbers(material: Material) -> dict[str, Any]:
+    """What the templates show; a section's own name says whether there is anything in it."""
+    results = material.results
+    views = [view_of(result) for result in results]
+    found = differences(results)
+    joints = [view for view in map(joints_of, results) if view is not None]
+    calibration = plots.calibration_rows(results)
+    galleries = {title: frames for title, frames in material.galleries.items() if frames}
+    frames = [frame for shown_frames in galleries.values() for frame in shown_frames]
+    scenes = list(material.scenes)
+    return {
+        "views": views,
+        "figures": plots.figures_of(material, views, found, joints),
+        "ceiling": view_of(material.ceiling) if material.ceiling else None,
+        "facts": material.facts,
+        "parts": shown_parts(),
+        "all_parts": PARTS,
+        "summary": SUMMARY,
+        "part_scores": PART_SCORES,
+        "shares": SHARES,
+        "paper": _paper_tables(),
+        "citation": paper.CITATION,
+        "confusion_gaps": _confusion_gaps(results),
+        "differences": found,
+        "difference_scores": {name: SUMMARY[name] for name in list(SUMMARY)[:-1]},
+        "difference_of": difference_of,
+        "part_gaps": part_gaps(results, found),
+        "group_tables": group_tables(results),
+        "gap": bool(found) or bool(group_tables),
+        "calibration": calibration,
+        "suspects": _suspects(results),
+        "joints": joints,
+        "galleries": galleries,
+        "gallery": bool(galleries),
+        "gallery_groups": list(dict.fromkeys(frame.group for frame in frames if frame.group)),
+        "gallery_subjects": sorted({frame.subject for frame in frames if frame.subject}),
+        "error_kinds": list(zip(ERROR_NAMES[1:], ERROR_RGB[1:], strict=True)),
+        "scenes": scenes,
+        "shown_sets": material.shown,
+        "shown": bool(material.shown),
+        "trainings": material.trainings,
+        "training": bool(material.trainings),
+        "audits": material.audits,
+        "audit": any(audit.people for audit in material.audits.values()),
+    }
+
+
+def _data(material: Material, figures: Mapping[str, Any]) -> dict[str, Any]:
+    """What the page's script reads."""
+    return {"figures": figures, **scene_json(material.scenes)}
+
+
+def _paper_tables() -> dict[str, Any]:
     """The paper's tables in the order they are shown, and what they sum up to."""
     return {
-        "synthetic": views.shown(paper.TABLE2_SYNTHETIC),
-        "real": views.shown(paper.TABLE3_REAL),
-        "gap": views.shown(paper.TABLE3_REAL - paper.TABLE2_SYNTHETIC),
+        "synthetic": shown(paper.TABLE2_SYNTHETIC),
+        "real": shown(paper.TABLE3_REAL),
+        "gap": shown(paper.TABLE3_REAL - paper.TABLE2_SYNTHETIC),
         "synthetic_recall": paper.mean_recall_of(paper.TABLE2_SYNTHETIC),
         "real_recall": paper.mean_recall_of(paper.TABLE3_REAL),
         "synthetic_frames": paper.SYNTHETIC_FRAMES,
@@ -93,17 +185,15 @@ def _paper_tables() -> dict[str, object]:
     }
 
 
-def _frame_scores(results: Sequence[Result]) -> dict[tuple[str, str], float]:
-    """mIoU by result title and frame id."""
+def _confusion_gaps(results: tuple[Result, ...]) -> dict[str, list[list[float]]]:
+    """Every result's matrix less the first one's, by title."""
+    first = row_shares(results[0].comparison.confusion)
     return {
-        (result.title, frame_id): float(score)
-        for result in results
-        for frame_id, score in zip(result.comparison.frame_ids, result.comparison.frame_miou, strict=True)
+        f"{result.title} {MINUS} {results[0].title}": shown(row_shares(result.comparison.confusion) - first)
+        for result in results[1:]
     }
 
 
-def _effort(seconds: NDArray[np.float64]) -> dict[str, float] | None:
-    if not seconds.size:
-        return None
-    median, p90 = np.quantile(seconds, [0.5, 0.9])
-    return {"frames": seconds.size, "median": float(median), "p90": float(p90), "total": float(seconds.sum())}
+def _suspects(results: tuple[Result, ...]) -> list[tuple[str, Any]]:
+    found = [(r.title, suspect) for r in results for suspect in suspicious(r.comparison, MAX_SUSPECTS)]
+    return sorted(found, key=lambda pair: pair[1].quality)[:MAX_SUSPECTS]

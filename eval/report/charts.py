@@ -38,16 +38,22 @@ def series(number: int) -> str:
     return f"var(--s{number % SERIES})"
 
 
+def pale(number: int) -> str:
+    """The same colour, nearly transparent."""
+    return f"var(--b{number % SERIES})"
+
+
 def numbers(values: NDArray[np.generic] | Sequence[float]) -> list[float | None]:
     """Values as JSON has them, to five digits: what is not finite becomes None."""
     return [float(f"{v:.5g}") if np.isfinite(v) else None for v in np.asarray(values, np.float64).ravel()]
 
 
-def figure(data: list[Figure], height: int, **layout: Any) -> Figure:
-    """A figure of this height in pixels, its legend above."""
-    margin = {"l": 56, "r": 14, "t": 8, "b": 42, **layout.pop("margin", {})}
-    legend = {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "xanchor": "left"}
-    return {"data": data, "layout": {"height": height, "margin": margin, "legend": legend, **layout}}
+def figure(data: list[Figure], height: int, layout: Figure) -> Figure:
+    """A figure of this height in pixels, its legend above if it has more than one entry."""
+    margin = {"l": 56, "r": 14, "t": 8, "b": 42, **layout.get("margin", {})}
+    legend = {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "traceorder": "normal"}
+    shared = {"height": height, "legend": legend, "showlegend": len(data) > 1}
+    return {"data": data, "layout": {**shared, **layout, "margin": margin}}
 
 
 def forest(
@@ -78,12 +84,10 @@ def forest(
     x: Figure = {"title": {"text": axis}, "zeroline": zero, "range": None if zero else _span(data)}
     y = {"tickvals": list(range(len(names))), "ticktext": names, "range": [len(names) - 0.5, -0.5],
          "zeroline": False}  # fmt: skip
-    return figure(data, height, xaxis=x, yaxis=y, margin={"l": 130}, showlegend=len(data) > 1)
+    return figure(data, height, {"xaxis": x, "yaxis": y, "margin": {"l": 130}})
 
 
-def _points(
-    title: str, found: Sequence[Estimate], offset: float, color: str, names: Sequence[str]
-) -> Figure:
+def _points(title: str, found: Sequence[Estimate], offset: float, color: str, names: Sequence[str]) -> Figure:
     value = np.array([e.value for e in found])
     above = np.array([e.high - e.value if e.bounded else 0.0 for e in found])
     below = np.array([e.value - e.low if e.bounded else 0.0 for e in found])
@@ -132,25 +136,39 @@ def levels(rows: Sequence[tuple[str, Estimate, str, str]], axis: str) -> Figure:
     y = {"tickvals": list(range(len(names))), "ticktext": names, "range": [len(names) - 0.5, -0.5],
          "zeroline": False}  # fmt: skip
     x = {"title": {"text": axis}, "range": _span(data), "zeroline": False}
-    return figure(data, FRAME_PX + 32 * len(rows), xaxis=x, yaxis=y, margin={"l": 150}, showlegend=False)
+    layout = {"xaxis": x, "yaxis": y, "margin": {"l": 150}, "showlegend": False}
+    return figure(data, FRAME_PX + 32 * len(rows), layout)
 
 
 def lines(
     traces: Sequence[tuple[str, Sequence[Any], Sequence[float], str, str]],
     x_title: str,
     y_title: str,
+    layout: Figure | None = None,
     height: int = 300,
-    **layout: Any,
 ) -> Figure:
-    """Curves: (name, x, y, colour, dash)."""
+    """Curves: (name, x, y, colour, dash). layout: what goes beyond the axes' titles."""
     data = [
         {"type": "scatter", "mode": "lines+markers", "name": short(name), "x": list(x), "y": numbers(y),
          "line": {"color": color, "width": 2, "dash": dash}, "marker": {"size": 5, "color": color}}
         for name, x, y, color, dash in traces
     ]  # fmt: skip
-    x_axis = {"title": {"text": x_title}, **layout.pop("xaxis", {})}
-    y_axis = {"title": {"text": y_title}, **layout.pop("yaxis", {})}
-    return figure(data, height, xaxis=x_axis, yaxis=y_axis, showlegend=len(data) > 1, **layout)
+    layout = layout or {}
+    x_axis = {"title": {"text": x_title}, **layout.get("xaxis", {})}
+    y_axis = {"title": {"text": y_title}, **layout.get("yaxis", {})}
+    return figure(data, height, {**layout, "xaxis": x_axis, "yaxis": y_axis})
+
+
+def band(x: Sequence[Any], found: Sequence[Estimate], color: str) -> list[Figure]:
+    """A curve's interval as a pale band, without an entry of its own in the legend."""
+    low = [e.low if e.bounded else e.value for e in found]
+    high = [e.high if e.bounded else e.value for e in found]
+    shared = {"type": "scatter", "mode": "lines", "x": list(x), "line": {"width": 0}, "hoverinfo": "skip",
+              "showlegend": False}  # fmt: skip
+    return [
+        {**shared, "y": numbers(low)},
+        {**shared, "y": numbers(high), "fill": "tonexty", "fillcolor": color},
+    ]
 
 
 def stacked_shares(
@@ -161,7 +179,8 @@ def stacked_shares(
     titles = [short(title) for title, _ in rows]
     data = [
         {"type": "bar", "orientation": "h", "name": name, "y": list(range(len(rows))),
-         "x": numbers([shares[k][2] for _, shares in rows]), "marker": {"color": "rgb({},{},{})".format(*rgb)},
+         "x": numbers([shares[k][2] for _, shares in rows]),
+         "marker": {"color": "rgb({},{},{})".format(*rgb)},
          "hovertext": [f"{title}: {name} {shares[k][2]:.1%} of the errors"
                        for title, (_, shares) in zip(titles, rows, strict=True)], "hoverinfo": "text"}
         for k, (name, rgb) in enumerate(kinds)
@@ -169,7 +188,8 @@ def stacked_shares(
     x = {"tickformat": ".0%", "range": [0, 1], "title": {"text": "share of the wrong pixels"}}
     y = {"tickvals": list(range(len(rows))), "ticktext": titles, "autorange": "reversed", "showgrid": False}
     height = FRAME_PX + 40 + 34 * len(rows)
-    return figure(data, height, barmode="stack", bargap=0.35, xaxis=x, yaxis=y, margin={"l": 150})
+    layout = {"barmode": "stack", "bargap": 0.35, "xaxis": x, "yaxis": y, "margin": {"l": 150}}
+    return figure(data, height, layout)
 
 
 def spreads(
@@ -184,7 +204,7 @@ def spreads(
         for name, group, values, text, color in boxes
     ]  # fmt: skip
     y = {"title": {"text": y_title}, "zeroline": False}
-    return figure(data, 340, boxmode="group", yaxis=y, xaxis={"showgrid": False}, showlegend=len(data) > 1)
+    return figure(data, 340, {"boxmode": "group", "yaxis": y, "xaxis": {"showgrid": False}})
 
 
 def part_titles() -> list[str]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ SUMMARY = {
     "ece": "Calibration error",
 }
 """Scores of a result that stand side by side, with their titles."""
+
+MINUS = "\N{MINUS SIGN}"
 
 SHARES = frozenset(("left_right_swap_rate", "ece"))
 """Scores printed as percentages, of which less is better."""
@@ -48,8 +51,14 @@ class Estimate:
 
 def estimate(comparison: Comparison, name: str, *index: int) -> Estimate:
     """A score by its name in `eval.scores.scores_of`; index: part id, tolerance or the like."""
-    low, high = comparison.ci95[name][(..., *index)]
-    return Estimate(float(comparison.scores[name][(..., *index)]), float(low), float(high))
+    return picked(comparison.scores[name], comparison.ci95[name], index)
+
+
+def picked(values: NDArray[np.float64], ends: NDArray[np.float64], index: tuple[int, ...] = ()) -> Estimate:
+    """One of many scores (...) with their intervals (2, ...)."""
+    at: tuple[Any, ...] = (..., *index)
+    low, high = ends[at]
+    return Estimate(float(values[at]), float(low), float(high))
 
 
 def summary_of(comparison: Comparison) -> dict[str, Estimate]:
@@ -64,16 +73,13 @@ def group_estimates(comparison: Comparison, mask: NDArray[np.bool_]) -> dict[str
     """
     matrices = comparison.matrices[mask]
     subjects = [subject for subject, kept in zip(comparison.subjects, mask, strict=True) if kept]
-    by_cluster = bootstrap.cluster_sums(
-        matrices.reshape(len(matrices), -1), bootstrap.clusters_of(subjects)
-    )
+    by_cluster = bootstrap.cluster_sums(matrices.reshape(len(matrices), -1), bootstrap.clusters_of(subjects))
     resampled = bootstrap.resampled_sums(by_cluster).reshape(-1, *matrices.shape[1:])
     scores = {"mean_recall": metrics.mean_recall, "miou": metrics.miou}
     estimates = {}
     for name, score in scores.items():
         value = score(matrices.sum(0))
-        low, high = bootstrap.interval(value, score(resampled), len(by_cluster))
-        estimates[name] = Estimate(float(value), float(low), float(high))
+        estimates[name] = picked(value, bootstrap.interval(value, score(resampled), len(by_cluster)))
     return estimates
 
 

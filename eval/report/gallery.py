@@ -1,6 +1,6 @@
 """The frames a reader should see, laid out as the paper's Fig. 10, with the errors beside."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -66,26 +66,6 @@ def read_pairs(
         )
         for pair in chosen
     }
-
-
-def make_gallery(
-    comparison: Comparison,
-    predicted: Frames,
-    truth: Frames,
-    cloud_of: Callable[[str], ThermalCloud | None] | None = None,
-    each: int = EACH,
-) -> list[GalleryFrame]:
-    """Pictures of the worst, random and best frames; `cloud_of` yields a frame's cloud by its id.
-
-    Raises FormatError where a frame is corrupt.
-    """
-    picked = pick_frames(comparison, each)
-    pairs = read_pairs(predicted, truth, {frame_id for ids in picked.values() for frame_id in ids})
-    return [
-        make_frame(pairs[frame_id][1], pairs[frame_id][0], cloud_of(frame_id) if cloud_of else None, group)
-        for group, frame_ids in picked.items()
-        for frame_id in frame_ids
-    ]
 
 
 def make_frame(

@@ -1,6 +1,8 @@
 """The domain gap: every result beside the first one, part by part and for each kind of frame."""
 
-from collections.abc import Sequence
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +10,9 @@ import numpy as np
 from annotate.parts import BODY_PARTS, Part
 from eval import paper
 from eval.paired import Difference, difference
-from eval.report.estimates import Estimate, group_estimates
+from eval.report.estimates import Estimate, group_estimates, picked
 from eval.results import Result
-from eval.traits import groups
+from eval.traits import Mask, groups
 
 MAX_VALUES = 24
 """Values of a trait listed at most, the most frequent ones: a thousand subjects make no table."""
@@ -83,33 +85,41 @@ def part_gaps(results: Sequence[Result], found: Sequence[Difference]) -> list[Ga
 
 def difference_of(found: Difference, name: str, *index: int) -> Estimate:
     """One score's difference with its interval."""
-    low, high = found.ci95[name][(..., *index)]
-    return Estimate(float(found.values[name][(..., *index)]), float(low), float(high))
+    return picked(found.values[name], found.ci95[name], index)
 
 
 def group_tables(results: Sequence[Result]) -> list[GroupTable]:
-    """One table a trait that tells frames apart in any of the results."""
+    """One table for each trait that tells frames apart, be it within a result or between two."""
     by_result = [groups(r.comparison.subjects, r.comparison.traits) for r in results]
-    kinds = [kind for kind in KIND_TITLES if any(len(found.get(kind, {})) > 1 for found in by_result)]
-    # Two results of one kind each (synthetic and real, say) still differ in it.
-    kinds += [k for k in KIND_TITLES if k not in kinds and len({v for f in by_result for v in f.get(k, {})}) > 1]
-    tables = []
-    for kind in sorted(kinds, key=list(KIND_TITLES).index):
-        counts: dict[str, int] = {}
-        for found in by_result:
-            for value, mask in found.get(kind, {}).items():
-                counts[value] = counts.get(value, 0) + int(mask.sum())
-        frequent = set(sorted(counts, key=lambda value: -counts[value])[:MAX_VALUES])
-        rows = [
-            GroupRow(value, [_cell(r, found.get(kind, {}).get(value)) for r, found in zip(results, by_result, strict=True)])
-            for value in counts
-            if value in frequent
-        ]
-        tables.append(GroupTable(KIND_TITLES[kind], rows, len(counts) - len(rows)))
-    return tables
+    tables = (
+        _group_table(title, results, [found.get(kind, {}) for found in by_result])
+        for kind, title in KIND_TITLES.items()
+    )
+    return [table for table in tables if len(table.rows) > 1]
 
 
-def _cell(result: Result, mask: np.ndarray[tuple[int], np.dtype[np.bool_]] | None) -> GroupCell:
+def _group_table(title: str, results: Sequence[Result], masks: Sequence[Mapping[str, Mask]]) -> GroupTable:
+    counts = Counter[str]()
+    for found in masks:
+        counts.update({value: int(mask.sum()) for value, mask in found.items()})
+    frequent = {value for value, _ in counts.most_common(MAX_VALUES)}
+    rows = [
+        GroupRow(
+            value, [_cell(result, found.get(value)) for result, found in zip(results, masks, strict=True)]
+        )
+        for value in sorted(counts, key=_place)
+        if value in frequent
+    ]
+    return GroupTable(title, rows, len(counts) - len(rows))
+
+
+def _place(value: str) -> tuple[bool, float]:
+    """Ranges ("under 1 m", "1 to 1.5 m") by their lower end; all else keeps its order."""
+    start = re.match(r"(under )?([0-9.]+) ?(to|m|%)", value)
+    return (False, float(start[2]) - bool(start[1]) * 1e-3) if start else (True, 0.0)
+
+
+def _cell(result: Result, mask: Mask | None) -> GroupCell:
     if mask is None or not mask.any():
         return GroupCell(0, {})
     return GroupCell(int(mask.sum()), group_estimates(result.comparison, mask))

@@ -48,11 +48,16 @@ def load_training(folder: Path) -> Training:
         value = json.loads(path.read_bytes())
         points = _rows(value["points"], ("images", "loss"))
         epochs = _rows(value["epochs"], ("number", "loss", "mean_recall", "miou", "seconds"))
+        if len(points) < 2:
+            # A short training has no more than its epochs.
+            points = np.stack([epochs[:, 0] * float(value["images"]), epochs[:, 1]], axis=-1)
         return Training(folder.name, points, epochs, _pictures(folder / FRAME), _facts(value))
     except OSError as error:
         raise FormatError(f"{path} cannot be read ({error.strerror}); give a folder of 'train'") from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise FormatError(f"{path} is no history of a training ({error}); give a folder of 'train'") from error
+        raise FormatError(
+            f"{path} is no history of a training ({error}); give a folder of 'train'"
+        ) from error
 
 
 def _rows(entries: list[dict[str, Any]], names: tuple[str, ...]) -> NDArray[np.float64]:
@@ -81,12 +86,13 @@ def _pictures(folder: Path) -> dict[str, figures.Image]:
 
 def _facts(value: dict[str, Any]) -> dict[str, str]:
     """What was trained, on what, flattened to lines."""
-    facts = {name: str(value[name]) for name in ("images", "parameters", "device", "torch") if name in value}
+    told = ("images", "parameters", "device", "torch")
+    facts: dict[str, str] = {name: str(value[name]) for name in told if name in value}
     plan = value.get("plan", {})
     return {**facts, **{str(key): _line(entry) for key, entry in plan.items()}}
 
 
-def _line(value: Any) -> str:
+def _line(value: object) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{key} {_line(entry)}" for key, entry in value.items())
     return str(value)

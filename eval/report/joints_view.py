@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eval.joints import JOINT_NAMES
 from eval.joint_errors import summary
+from eval.joints import JOINT_NAMES
 from eval.results import Result
 
 THRESHOLDS_MM = tuple(range(0, 301, 10))

@@ -10,7 +10,7 @@ from eval.calibration import reliability_curve
 from eval.paired import Difference
 from eval.report import charts
 from eval.report.charts import Figure
-from eval.report.estimates import Estimate, estimate
+from eval.report.estimates import MINUS, Estimate, estimate
 from eval.report.gap import difference_of
 from eval.report.history import Training
 from eval.report.joints_view import THRESHOLDS_MM, JointsView
@@ -20,6 +20,8 @@ from eval.results import Result
 
 MAX_CURVE = 400
 """Points of a loss curve."""
+RARE = 0.001
+"""A bin of confidence with a smaller share of the pixels is left out of the curve: chance rules it."""
 
 
 def figures_of(
@@ -52,14 +54,16 @@ def figures_of(
 
 
 def _overview(views: Sequence[View], ceiling: Result | None) -> Figure:
-    rows = [(v.result.title, v.scores["mean_recall"], charts.series(i), "circle") for i, v in enumerate(views)]
+    rows = [
+        (v.result.title, v.scores["mean_recall"], charts.series(i), "circle") for i, v in enumerate(views)
+    ]
     for name, table, symbol in (
         ("Paper, synthetic", paper.TABLE2_SYNTHETIC, "diamond-open"),
         ("Paper, real", paper.TABLE3_REAL, "diamond"),
     ):
         printed = Estimate(paper.mean_recall_of(table), np.nan, np.nan)
         rows.append((name, printed, "var(--paper)", symbol))
-    figure = charts.levels(rows, "mean recall of the eleven parts")
+    figure = charts.levels(rows, "mean recall")
     if ceiling is not None:
         _line_at(figure, float(ceiling.comparison.scores["mean_recall"]), "two people's labels")
     return figure
@@ -68,9 +72,19 @@ def _overview(views: Sequence[View], ceiling: Result | None) -> Figure:
 def _line_at(figure: Figure, x: float, text: str) -> None:
     """A dashed line across the rows, told what it is."""
     line = {"color": "var(--soft)", "width": 1.5, "dash": "dash"}
-    figure["layout"]["shapes"] = [{"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": line}]
+    figure["layout"]["shapes"] = [
+        {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": line}
+    ]
     figure["layout"]["annotations"] = [
-        {"x": x, "y": 1, "yref": "paper", "text": text, "showarrow": False, "yanchor": "bottom", "xanchor": "right"}
+        {
+            "x": x,
+            "y": 1,
+            "yref": "paper",
+            "text": text,
+            "showarrow": False,
+            "yanchor": "bottom",
+            "xanchor": "right",
+        }
     ]
     figure["layout"]["margin"]["t"] = 24
 
@@ -86,24 +100,15 @@ def _by_part(views: Sequence[View], name: str, axis: str, ceiling: Result | None
 
 
 def _error_distance(views: Sequence[View]) -> Figure:
-    traces = [
-        (v.result.title, [row.label for row in v.distances], [row.rate.value for row in v.distances], charts.series(i), "solid")
-        for i, v in enumerate(views)
-    ]
-    figure = charts.lines(
-        traces, "distance to the nearest border of the truth, px", "wrong pixels", yaxis={"tickformat": ".0%", "rangemode": "tozero"}
-    )
-    for trace, view in zip(figure["data"], views, strict=True):
-        trace["error_y"] = _error_bars([row.rate for row in view.distances], trace["line"]["color"])
-    figure["layout"]["xaxis"]["type"] = "category"
+    traces, bands = [], []
+    for i, view in enumerate(views):
+        labels, rates = [row.label for row in view.distances], [row.rate for row in view.distances]
+        traces.append((view.result.title, labels, [e.value for e in rates], charts.series(i), "solid"))
+        bands += charts.band(labels, rates, charts.pale(i))
+    layout = {"yaxis": {"tickformat": ".0%", "rangemode": "tozero"}, "xaxis": {"type": "category"}}
+    figure = charts.lines(traces, "distance to the nearest border of the truth, px", "wrong pixels", layout)
+    figure["data"] = [*bands, *figure["data"]]
     return figure
-
-
-def _error_bars(found: Sequence[Estimate], color: str) -> Figure:
-    above = [e.high - e.value if e.bounded else 0.0 for e in found]
-    below = [e.value - e.low if e.bounded else 0.0 for e in found]
-    return {"type": "data", "symmetric": False, "array": charts.numbers(above),
-            "arrayminus": charts.numbers(below), "thickness": 1.2, "width": 0, "color": color}  # fmt: skip
 
 
 def _boundary(results: Sequence[Result]) -> Figure:
@@ -117,25 +122,28 @@ def _boundary(results: Sequence[Result]) -> Figure:
             if np.isfinite(scores).any():
                 labels = [f"{limit:g} {unit}" for limit in limits]
                 traces.append((f"{result.title}, {unit}", labels, scores.tolist(), charts.series(i), dash))
-    return charts.lines(traces, "tolerance", "boundary F", xaxis={"type": "category"})
+    return charts.lines(traces, "tolerance", "boundary F", {"xaxis": {"type": "category"}})
 
 
 def _reliability(results: Sequence[Result]) -> Figure:
     traces = []
     for i, result in enumerate(results):
         if result.comparison.has_confidence:
-            for half, where, dash in ((0, "inside", "solid"), (1, "near a border", "dot")):
+            for half, where, dash in ((0, "inside", "solid"), (1, "border", "dot")):
                 curve = reliability_curve(result.comparison.total.reliability[half])
-                x, y = charts.numbers(curve.confidence), curve.accuracy.tolist()
-                traces.append((f"{result.title}, {where}", x, y, charts.series(i), dash))
-    figure = charts.lines(traces, "confidence", "share right", 380, xaxis={"range": [0, 1.01]}, yaxis={"range": [0, 1.01]})
+                told = curve.pixels >= RARE * curve.pixels.sum()
+                x, y = np.where(told, curve.confidence, np.nan), np.where(told, curve.accuracy, np.nan)
+                title = f"{result.title[:18]}, {where}"
+                traces.append((title, charts.numbers(x), y.tolist(), charts.series(i), dash))
+    unit = {"range": [0, 1.01]}
+    figure = charts.lines(traces, "confidence", "share right", {"xaxis": unit, "yaxis": unit}, 380)
     diagonal = {"color": "var(--soft)", "width": 1.2, "dash": "dash"}
     figure["layout"]["shapes"] = [{"type": "line", "x0": 0, "y0": 0, "x1": 1, "y1": 1, "line": diagonal}]
     return figure
 
 
 def _differences(found: Sequence[Difference]) -> Figure:
-    titles = [f"{one.a} − {one.b}" for one in found]
+    titles = [f"{one.a} {MINUS} {one.b}" for one in found]
     rows = [("All parts", [difference_of(one, "mean_recall") for one in found])]
     rows += [
         (title, [difference_of(one, "recall", i + 1) for one in found])
@@ -158,23 +166,25 @@ def _pck(joints: Sequence[JointsView], results: Sequence[Result]) -> Figure:
     traces = [
         (j.title, list(THRESHOLDS_MM), j.pck, charts.series(order.index(j.title)), "solid") for j in joints
     ]
-    return charts.lines(traces, "distance to the true joint, mm", "share of the joints", yaxis={"tickformat": ".0%", "range": [0, 1.01]})
+    return charts.lines(
+        traces,
+        "distance to the true joint, mm",
+        "share of the joints",
+        {"yaxis": {"tickformat": ".0%", "range": [0, 1.01]}},
+    )
 
 
 def _loss(trainings: Sequence[Training]) -> Figure:
     traces = []
     for i, training in enumerate(trainings):
-        points = training.points if len(training.points) > 1 else _by_epoch(training)
-        points = points[:: max(1, len(points) // MAX_CURVE)]
-        traces.append((training.title, charts.numbers(points[:, 0]), points[:, 1].tolist(), charts.series(i), "solid"))
-    figure = charts.lines(traces, "images seen", "training loss per pixel", yaxis={"type": "log"})
+        points = training.points[:: max(1, len(training.points) // MAX_CURVE)]
+        traces.append(
+            (training.title, charts.numbers(points[:, 0]), points[:, 1].tolist(), charts.series(i), "solid")
+        )
+    figure = charts.lines(traces, "images seen", "training loss per pixel", {"yaxis": {"type": "log"}})
     for trace in figure["data"]:
         trace["mode"] = "lines"
     return figure
-
-
-def _by_epoch(training: Training) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    return training.epochs[:, :2]
 
 
 def _learning(trainings: Sequence[Training]) -> Figure:

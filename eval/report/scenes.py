@@ -17,7 +17,7 @@ MAX_POINTS = 14_000
 """Points of a scene: turned smoothly by a laptop's own graphics, 0.2 MB in the page."""
 AROUND_SHARE = 0.25
 """Share of the points that may show the surroundings."""
-ROOM_M = 0.5
+ROOM_M = 0.3
 """How far around the person the surroundings are shown."""
 
 
@@ -60,7 +60,7 @@ def make_scene(
 
 
 def points_of(frame: FrameLabels, camera: Intrinsics) -> NDArray[np.float64]:
-    """Points (h, w, 3) in metres, NaN without a reading, of a depth image or of a crop of it (``crop`` note)."""
+    """Points (h, w, 3) in metres, NaN without a reading, of a depth image or of a crop of it."""
     height, width = frame.depth_mm.shape
     v, u = np.mgrid[:height, :width].astype(np.float64)
     crop = frame.notes.get("crop")

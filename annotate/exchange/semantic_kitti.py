@@ -1,0 +1,125 @@
+"""SemanticKITTI: ``sequences/00/velodyne/NNNNNN.bin`` and ``labels/NNNNNN.label``.
+
+A point is x, y, z, remission (float32; x forward, y left, z up, metres; remission 0), its label a uint32:
+part id below, person above. ``index/NNNNNN.index`` (uint32) holds each point's pixel, row by row, so that
+the depth image comes back; pixels with a label but no depth are points at the origin, as SemanticKITTI marks
+no return.
+``semantic-kitti.yaml`` names classes and colours for the dataset's own tools.
+Format: semantic-kitti.org, "Dataset"; PRBonn/semantic-kitti-api.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.exchange.companion import Companion, frame_files, load_companion, read_bounded
+from annotate.labels import FrameLabels
+from annotate.parts import PARTS, UNDEFINED
+from sensors.camera import Intrinsics, unproject
+from sensors.errors import FormatError
+from sensors.frame import mm_from_metres
+
+SEQUENCE = Path("sequences") / "00"
+POINTS, LABELS, INDEX, CONFIG = "velodyne", "labels", "index", "semantic-kitti.yaml"
+
+
+def write_kitti(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+    """Write into an empty folder."""
+    for name in (POINTS, LABELS, INDEX):
+        (out / SEQUENCE / name).mkdir(parents=True)
+    for number, frame in enumerate(frames):
+        persons = np.zeros_like(frame.parts) if frame.persons is None else frame.persons
+        pixels = np.flatnonzero((frame.depth_mm > 0) | (frame.parts > 0) | (persons > 0))
+        labels = (
+            frame.parts.ravel()[pixels].astype(np.uint32) | persons.ravel()[pixels].astype(np.uint32) << 16
+        )
+        for folder, suffix, values in (
+            (POINTS, "bin", _points(frame, companion.intrinsics)[pixels].astype("<f4")),
+            (LABELS, "label", labels.astype("<u4")),
+            (INDEX, "index", pixels.astype("<u4")),
+        ):
+            (out / SEQUENCE / folder / f"{number:06d}.{suffix}").write_bytes(values.tobytes())
+        companion.add(frame)
+    (out / CONFIG).write_text(_config(), encoding="ascii")
+
+
+def is_kitti(source: Path) -> bool:
+    """Whether a folder holds a sequence of SemanticKITTI."""
+    return (source / SEQUENCE / LABELS).is_dir()
+
+
+def read_kitti(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
+    """The inverse of ``write_kitti``; a lidar's scans have no index. Raises FormatError, CalibrationError."""
+    companion = load_companion(source)
+    if not (source / SEQUENCE / INDEX).is_dir():
+        raise FormatError(
+            f"{source / SEQUENCE} has no {INDEX}: its points are no depth image; give a "
+            "folder that export wrote"
+        )
+    return companion, _frames(source / SEQUENCE, companion)
+
+
+def _points(frame: FrameLabels, camera: Intrinsics) -> NDArray[np.float64]:
+    """(h * w, 4): the camera's right, down, forward as forward, left, up; zero where there is no depth."""
+    right, down, forward = np.moveaxis(unproject(camera, frame.depth_mm / 1000.0), -1, 0)
+    return np.stack([forward, -right, -down, np.zeros_like(forward)], axis=-1).reshape(-1, 4)
+
+
+def _frames(folder: Path, companion: Companion) -> Iterator[FrameLabels]:
+    names = list(companion.frames)
+    for number, file in frame_files(folder / LABELS, ".label"):
+        at = int(number) if number.isdecimal() and len(number) <= 9 else len(names)
+        frame_id = names[at] if at < len(names) else number
+        yield _frame(folder, number, frame_id, file, companion)
+
+
+def _frame(folder: Path, number: str, frame_id: str, file: Path, companion: Companion) -> FrameLabels:
+    labels = np.frombuffer(_words(file), "<u4")
+    points = np.frombuffer(_words(folder / POINTS / f"{number}.bin"), "<f4")
+    pixels = np.frombuffer(_words(folder / INDEX / f"{number}.index"), "<u4").astype(np.int64)
+    height, width = companion.intrinsics.shape
+    if not len(points) == 4 * len(labels) == 4 * len(pixels) or (pixels >= height * width).any():
+        raise FormatError(
+            f"{file}: {len(labels)} labels, {len(points) // 4} points, {len(pixels)} pixels of "
+            f"{width}x{height}; restore them from a copy"
+        )
+    if ((labels & 0xFFFF) > 255).any() or ((labels >> 16) > 255).any():
+        raise FormatError(f"{file} holds labels beyond 255; give part ids")
+    images = np.zeros((3, height * width), np.uint16)
+    images[:, pixels] = mm_from_metres(points[::4]), labels & 0xFFFF, labels >> 16
+    depth_mm, parts, persons = images.reshape(3, height, width)
+    return companion.labels(frame_id, depth_mm, parts.astype(np.uint8), persons.astype(np.uint8))
+
+
+def _words(file: Path) -> bytes:
+    data = read_bounded(file)
+    if len(data) % 4:
+        raise FormatError(f"{file} is cut off; restore it from a copy")
+    return data
+
+
+def _config() -> str:
+    ids = {**{part.id: (part.name, part.rgb) for part in PARTS}, UNDEFINED: ("undefined", (128, 128, 128))}
+    learning = {number: (0 if number == UNDEFINED else number + 1) for number in ids}
+    back = {learned: number for number, learned in learning.items()}
+    return "\n".join(
+        [
+            "labels:",
+            *(f"  {number}: {name}" for number, (name, _) in ids.items()),
+            "color_map: # blue, green, red",
+            *(f"  {number}: [{rgb[2]}, {rgb[1]}, {rgb[0]}]" for number, (_, rgb) in ids.items()),
+            "learning_map:",
+            *(f"  {number}: {learned}" for number, learned in learning.items()),
+            "learning_map_inv:",
+            *(f"  {learned}: {number}" for learned, number in sorted(back.items())),
+            "learning_ignore:",
+            *(f"  {learned}: {'true' if learned == 0 else 'false'}" for learned in sorted(back)),
+            "split:",
+            "  train: [0]",
+            "  valid: [0]",
+            "  test: [0]",
+            "",
+        ]
+    )

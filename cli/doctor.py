@@ -1,0 +1,126 @@
+"""The verb ``doctor``: what this installation can do, what it cannot, and what would mend it."""
+
+import os
+import platform
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
+
+from packaging.requirements import Requirement
+
+from cli.console import Json, finish
+from sensors.errors import CloudError
+
+EXTRAS = {
+    "": "nothing works",
+    "gui": "no correction window (fix)",
+    "synth": "no bodies of your own (synth bodies), no C3D files; the shipped bodies and TRC, BVH work",
+    "train": "no training (train); predict works",
+    "exchange": "no ROS 2 bags, LAS, LAZ or Parquet",
+    "cluster": "no generating on several machines (synth generate --scheduler)",
+    "kinect": "no Azure Kinect as a device; its recordings can be imported",
+    "orbbec": "no Orbbec cameras as devices",
+    "v4l2": "an Optris camera without the kernel's frame numbers",
+}
+"""Extras of the package, and what is lost where one is missing."""
+
+NEEDED = ("packages", "PCL")
+"""Findings without which the main job cannot be done."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at. remedy: what to do where it is not ok; cost: what does not work until then."""
+
+    name: str
+    ok: bool
+    found: str
+    cost: str = ""
+    remedy: str = ""
+
+
+def doctor(json: Json = False) -> None:
+    """Say what is installed, what is missing, what that costs and how to mend it."""
+    findings = [_python(), *_extras(), _pcl(), _kinect2(), _screen()]
+    width = max(len(one.name) for one in findings)
+    lines = []
+    for one in findings:
+        lines.append(f"{'ok     ' if one.ok else 'missing'}  {one.name:<{width}}  {one.found}")
+        if not one.ok:
+            lines.append(f"{'':9}{'':{width}}  {one.cost}; {one.remedy}")
+    answer = {
+        "ok": all(one.ok for one in findings if one.name in NEEDED),
+        "findings": [asdict(one) for one in findings],
+    }
+    finish(answer, json, "\n".join(lines))
+
+
+def _python() -> Finding:
+    return Finding("machine", True, f"Python {platform.python_version()}, {platform.machine()}, "
+                   f"{os.cpu_count()} processors")  # fmt: skip
+
+
+def _extras() -> list[Finding]:
+    needed: dict[str, list[Requirement]] = {extra: [] for extra in EXTRAS}
+    for requirement in map(Requirement, requires("annotate-cloud") or ()):
+        for extra, of_it in needed.items():
+            wanted = requirement.marker is None or requirement.marker.evaluate({"extra": extra})
+            if wanted and (requirement.marker is None) == (extra == ""):
+                of_it.append(requirement)
+    return [_extra(extra, of_it) for extra, of_it in needed.items()]
+
+
+def _extra(extra: str, needed: list[Requirement]) -> Finding:
+    wrong = [problem for problem in map(_problem, needed) if problem]
+    name = f"extra {extra}" if extra else "packages"
+    target = f"annotate-cloud[{extra}]" if extra else "annotate-cloud"
+    found = ", ".join(wrong) or f"{len(needed)} packages" if needed else "not known to this installation"
+    remedy = f"pip install '{target}'"
+    return Finding(name, bool(needed) and not wrong, found, EXTRAS[extra], remedy)
+
+
+def _problem(requirement: Requirement) -> str:
+    """What is wrong with a package, "" where nothing is."""
+    try:
+        found = version(requirement.name)
+    except PackageNotFoundError:
+        return f"no {requirement.name}"
+    return "" if requirement.specifier.contains(found, prereleases=True) else f"{requirement.name}{requirement.specifier} but {found}"
+
+
+def _pcl() -> Finding:
+    try:
+        from annotate.supervoxels import supervoxels  # noqa: F401
+    except ImportError as error:
+        return Finding(
+            "PCL", False, str(error), "no labels from a suit (label)",
+            "apt install libpcl-dev, then pip install --force-reinstall --no-deps annotate-cloud",
+        )  # fmt: skip
+    return Finding("PCL", True, "the extension loads")
+
+
+def _kinect2() -> Finding:
+    from sensors.kinect2_shim import load_shim
+
+    try:
+        load_shim()
+    except CloudError as error:
+        why, remedy = str(error).split("; ", 1)
+        return Finding("Kinect v2", False, why, "no Kinect v2 as a device", remedy)
+    return Finding("Kinect v2", True, "libfreenect2 answers")
+
+
+def _screen() -> Finding:
+    cost = "no correction window (fix)"
+    if find_spec("PySide6") is None:
+        return Finding(
+            "screen", False, "not tried without extra gui", cost, "pip install 'annotate-cloud[gui]'"
+        )
+    from annotate.gui.probe import check_screen
+
+    try:
+        check_screen()
+    except CloudError as error:
+        why, remedy = str(error).split("; ", 1)
+        return Finding("screen", False, why, cost, remedy)
+    return Finding("screen", True, "a window can be shown")

@@ -1,0 +1,93 @@
+"""Verbs that bring in what others made, and take labels to other tools: import, export."""
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from annotate.exchange.formats import FORMATS, export_labels, import_labels
+from annotate.store import LabelSet
+from cli.console import Json, Overwrite, finish, progress, say
+from sensors.frame import RigFrame
+from sensors.importers import KINDS, open_source
+from sensors.session import SessionWriter
+
+SESSION_SUFFIX = ".mcap"
+
+
+def import_(
+    source: Annotated[
+        Path, typer.Argument(metavar="SRC", help=f"For images: {KINDS}. For labels: what export writes.")
+    ],
+    out: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", help="OUT.mcap: a session of the images. A folder: a label set."),
+    ],
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Bring in your own recording (OUT.mcap) or another tool's labels (OUT, a folder)."""
+    if out.suffix.lower() == SESSION_SUFFIX:
+        _import_images(source, out, overwrite, json)
+    else:
+        _import_labels(source, out, overwrite, json)
+
+
+def export(
+    labels: Annotated[Path, typer.Argument(metavar="LABELS", help="Label set.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder to write.")],
+    format_: Annotated[str, typer.Option("--format", metavar="NAME", help=f"{', '.join(FORMATS)}.")],
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Write a label set in another tool's format; import reads it back."""
+    label_set = LabelSet.open(labels)
+    with progress("export", len(label_set)) as advance:
+        lost = export_labels(label_set, out, format_, advance, overwrite=overwrite)
+    if lost:
+        say(f"{format_} cannot carry {' and '.join(lost)}: left out")
+    result = {"frames": len(label_set), "format": format_, "path": str(out), "left_out": list(lost)}
+    finish(result, json, f"{len(label_set)} frames as {format_} in {out}")
+
+
+def _import_images(source: Path, out: Path, overwrite: bool, json: bool) -> None:
+    frames = open_source(source)
+    streams = Counter[str]()
+    with (
+        SessionWriter(
+            out, frames.calibration, frames.name, overwrite=overwrite, keep_partial=False
+        ) as writer,
+        progress("import", len(frames)) as advance,
+    ):
+        for frame in frames:
+            writer.write(frame)
+            streams.update(_streams_of(frame))
+            advance(1)
+    for note in frames.notes:
+        say(note)
+    result = {"frames": streams["depth"], "streams": dict(streams), "notes": list(frames.notes)}
+    finish(result, json, f"{streams['depth']} frames with {', '.join(sorted(streams))} in {out}")
+
+
+def _import_labels(source: Path, out: Path, overwrite: bool, json: bool) -> None:
+    with progress("import", 0) as advance:
+        labels, name = import_labels(source, out, advance, overwrite=overwrite)
+    frames = len(labels)
+    result = {
+        "frames": frames,
+        "streams": {"depth": frames, "parts": frames},
+        "format": name,
+        "path": str(out),
+    }
+    finish(result, json, f"{frames} labelled frames of {name} in {out}")
+
+
+def _streams_of(frame: RigFrame) -> list[str]:
+    present = {
+        "depth": True,
+        "color": frame.color_encoded is not None,
+        "thermal": frame.thermal_c is not None,
+        "infrared": frame.infrared is not None,
+    }
+    return [name for name, there in present.items() if there]

@@ -1,0 +1,64 @@
+"""The verb that puts results on one page."""
+
+import shlex
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cli.console import Json, Overwrite, finish
+from eval.results import check_free, load_result
+from sensors.replay import Session
+
+
+def report(
+    results: Annotated[
+        list[Path], typer.Argument(help="Results that 'evaluate --out' kept; the first is the baseline.")
+    ],
+    out: Annotated[
+        Path, typer.Option("--file", "--out", help="HTML file to write; .csv, .json and .tex go beside it.")
+    ],
+    ceiling: Annotated[
+        Path | None, typer.Option(help="Result of two corrections of the same frames against each other.")
+    ] = None,
+    session: Annotated[
+        list[Path] | None, typer.Option(help="Recording the labels were made from: its thermal clouds.")
+    ] = None,
+    history: Annotated[
+        list[Path] | None, typer.Option(help="Folder of 'train': loss and scores by epoch.")
+    ] = None,
+    audit: Annotated[list[Path] | None, typer.Option(help="Corrected label set: who did what to it.")] = None,
+    shown: Annotated[
+        list[Path] | None, typer.Option(help="Label set without a truth, to be looked at.")
+    ] = None,
+    note: Annotated[
+        list[str] | None, typer.Option(help="What to say of it; one for each --shown, in their order.")
+    ] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Put results side by side, with the paper's, on one page that opens offline."""
+    # Fusion's and the page's libraries take a second to import, which the other verbs need not spend.
+    from eval.report.build import write_report
+    from eval.report.gather import gather
+
+    if len(note or []) > len(shown or []):
+        raise typer.BadParameter(
+            f"{len(note or [])} notes for {len(shown or [])} label sets; give --shown for each"
+        )
+    check_free(out, overwrite)
+    notes = [*(note or []), *[""] * len(shown or [])]
+    facts = {"command": shlex.join(["annotate-cloud", *sys.argv[1:]]), "version": version("annotate-cloud")}
+    material = gather(
+        [load_result(path) for path in results],
+        load_result(ceiling) if ceiling else None,
+        [Session(path) for path in session or []],
+        history or [],
+        audit or [],
+        dict(zip(shown or [], notes, strict=False)),
+        facts,
+    )
+    written = write_report(out, material, overwrite)
+    finish({"path": str(out), "files": [str(path) for path in written]}, json, str(out))

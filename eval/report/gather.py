@@ -1,0 +1,134 @@
+"""From files to what the report shows: frames of the sets that were compared, their clouds, people's work."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from annotate import audit, store
+from annotate.cloud import ThermalCloud
+from annotate.fuse import Fuser
+from annotate.journal import Journal
+from annotate.labels import FrameLabels
+from annotate.registration import KINECT2_DEPTH
+from annotate.store import LabelSet
+from eval.data import Frames, open_frames
+from eval.report.gallery import EACH, GalleryFrame, make_frame, make_shown_frame, pick_frames, read_pairs
+from eval.report.history import load_training
+from eval.report.material import Material, ShownSet
+from eval.report.scenes import Scene, make_scene
+from eval.results import Result
+from sensors.camera import Intrinsics
+from sensors.errors import CloudError
+from sensors.replay import Session
+from synth import dataset
+
+MAX_SHOWN = 12
+"""Frames shown of a label set without a truth, evenly spread."""
+MAX_SCENES = 12
+"""Scenes of all results together: 0.2 MB each."""
+
+
+class Clouds:
+    """The fused clouds of recorded sessions, by their name and a frame's id."""
+
+    def __init__(self, sessions: Sequence[Session]) -> None:
+        self._fusers = {session.name: (session, Fuser(session.calibration)) for session in sessions}
+
+    def of(self, source: str, frame: FrameLabels) -> ThermalCloud | None:
+        """The cloud of a frame labelled from ``source``; None where no session has this very depth image."""
+        if source not in self._fusers or not frame.frame_id.isascii() or not frame.frame_id.isdigit():
+            return None
+        session, fuser = self._fusers[source]
+        if int(frame.frame_id) >= len(session):
+            return None
+        cloud = fuser.fuse_frame(session.frame(int(frame.frame_id)))
+        return cloud if np.array_equal(cloud.depth_mm, frame.depth_mm) else None
+
+
+def gather(
+    results: Sequence[Result],
+    ceiling: Result | None = None,
+    sessions: Sequence[Session] = (),
+    trainings: Sequence[Path] = (),
+    audited: Sequence[Path] = (),
+    shown: Mapping[Path, str] | None = None,
+    facts: Mapping[str, str] | None = None,
+    each: int = EACH,
+) -> Material:
+    """Everything for the report. shown: label sets without truth, with what is to be said of each.
+
+    A result whose label sets are no longer where it says is shown without pictures. Raises FormatError
+    for a corrupt file, CloudError where labels were changed after they were evaluated.
+    """
+    clouds = Clouds(sessions)
+    galleries: dict[str, list[GalleryFrame]] = {}
+    scenes: list[Scene] = []
+    for result in results:
+        galleries[result.title], own = pictures_of(result, clouds, each)
+        scenes += own[: max(1, MAX_SCENES // len(results))]
+    shown_sets = [shown_set(LabelSet.open(path), note, clouds) for path, note in (shown or {}).items()]
+    scenes += [scene for one in shown_sets for scene in one.scenes]
+    return Material(
+        results=tuple(results),
+        ceiling=ceiling,
+        galleries=galleries,
+        scenes=scenes,
+        trainings=[load_training(folder) for folder in trainings],
+        audits={path.name: audit.audit(LabelSet.open(path), Journal.of(path)) for path in audited},
+        shown=shown_sets,
+        facts=facts or {},
+    )
+
+
+def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[GalleryFrame], list[Scene]]:
+    """A result's gallery, and the first frame of each of its groups as a scene; none without its sets."""
+    sets = [Path(result.facts[name]) for name in ("predicted", "truth") if name in result.facts]
+    if len(sets) < 2 or not all(_is_set(path) for path in sets):
+        return [], []
+    predicted, truth = (open_frames(path) for path in sets)
+    picked = pick_frames(result.comparison, each)
+    pairs = read_pairs(predicted, truth, {frame_id for ids in picked.values() for frame_id in ids})
+    scores = dict(zip(result.comparison.frame_ids, result.comparison.frame_miou, strict=True))
+    frames, scenes = [], []
+    for group, frame_ids in picked.items():
+        for place, frame_id in enumerate(frame_ids):
+            guess, target = pairs[frame_id]
+            cloud = clouds.of(str(truth.info.get("source", "")), target)
+            frame = make_frame(target, guess, cloud, group)
+            if not np.isclose(frame.miou, scores[frame_id], rtol=0, atol=1e-9):
+                raise CloudError(
+                    f"frame {frame_id} of {predicted.path} or {truth.path} is not what {result.title!r} was "
+                    "measured on; evaluate again"
+                )
+            frames.append(frame)
+            if not place:
+                title = f"{result.title} · {group.lower()} · {frame_id}"
+                scenes.append(make_scene(title, guess, camera_of(truth), target, cloud))
+    return frames, [scene for scene in scenes if scene is not None]
+
+
+def shown_set(labels: LabelSet, note: str, clouds: Clouds) -> ShownSet:
+    """Frames of a label set to look at, evenly spread over it, and its first as a scene."""
+    ids = labels.frame_ids
+    chosen = sorted({ids[i] for i in np.linspace(0, len(ids) - 1, min(MAX_SHOWN, len(ids))).astype(int)})
+    source = str(labels.info.get("source", ""))
+    title = source or labels.path.name
+    frames: list[GalleryFrame] = []
+    scenes: list[Scene | None] = []
+    for frame_id in chosen:
+        frame = labels.read(frame_id)
+        cloud = clouds.of(source, frame)
+        frames.append(make_shown_frame(frame, cloud))
+        if not scenes:
+            scenes.append(make_scene(f"{title} · {frame_id}", frame, labels.intrinsics, None, cloud))
+    return ShownSet(title, frames, [scene for scene in scenes if scene is not None], note)
+
+
+def camera_of(frames: Frames) -> Intrinsics:
+    """The depth camera whose image, or crops of whose image, the frames are."""
+    return frames.intrinsics if isinstance(frames, LabelSet) else KINECT2_DEPTH
+
+
+def _is_set(path: Path) -> bool:
+    return (path / store.MANIFEST).is_file() or (path / dataset.MANIFEST).is_file()

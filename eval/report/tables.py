@@ -1,0 +1,164 @@
+"""The report's numbers for other programs: a long CSV, one JSON object, and tables for LaTeX."""
+
+import csv
+import io
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from annotate.parts import BODY_PARTS, PARTS
+from eval import paper
+from eval.report.estimates import SHARES, SUMMARY, Estimate, row_shares, shown, shown_parts
+from eval.report.gap import differences
+from eval.report.material import Material
+from eval.report.views import View, view_of
+
+COLUMNS = ("result", "score", "part", "value", "low95", "high95", "frames", "people")
+
+_TEX = {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    **{letter: "\\" + letter for letter in "&%$#_{}"},
+}  # fmt: skip
+
+
+def texts(material: Material) -> dict[str, str]:
+    """The files beside the page by suffix."""
+    views = [view_of(result) for result in material.results]
+    return {".csv": to_csv(views), ".json": to_json(material), ".tex": to_latex(views)}
+
+
+def to_csv(views: Sequence[View]) -> str:
+    """One score a line, with its interval; empty where there is none. The paper's recalls come last."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for view in views:
+        comparison = view.result.comparison
+        size = len(comparison.frame_ids), comparison.n_subjects
+        for name, of_part, found in _scores(view):
+            ends = (_cell(e) for e in (found.value, found.low, found.high))
+            writer.writerow((_safe(view.result.title), name, of_part, *ends, *size))
+    sources = (
+        ("Paper, synthetic", paper.TABLE2_SYNTHETIC, paper.SYNTHETIC_FRAMES, ""),
+        ("Paper, real", paper.TABLE3_REAL, paper.REAL_FRAMES, paper.REAL_SUBJECTS),
+    )
+    for title, table, frames, people in sources:
+        writer.writerow(
+            (title, "mean_recall", "", _cell(paper.mean_recall_of(table)), "", "", frames, people)
+        )
+        for part in BODY_PARTS:
+            writer.writerow((title, "recall", part.name, table[part.id, part.id], "", "", frames, people))
+    return out.getvalue()
+
+
+def _scores(view: View) -> Iterator[tuple[str, str, Estimate]]:
+    for name, found in {**view.scores, **view.inside, "miou_merged": view.left_right.merged_miou}.items():
+        yield name, "", found
+    for row in view.parts:
+        for name, found in row.scores.items():
+            yield name, row.part.name, found
+
+
+def _cell(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.6f}"
+
+
+def _safe(text: str) -> str:
+    """Text that no spreadsheet takes for a formula."""
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
+
+
+def to_json(material: Material) -> str:
+    """Everything `evaluate` and `compare` say of the results, the audits and the facts."""
+    value: dict[str, Any] = {
+        "facts": dict(material.facts),
+        "results": [
+            {"title": r.title, "facts": dict(r.facts), **r.comparison.to_evaluation_json()}
+            for r in material.results
+        ],
+        "ceiling": material.ceiling.comparison.to_evaluation_json() if material.ceiling else None,
+        "differences": [found.to_json() for found in differences(material.results)],
+        "audits": {title: audit.to_json() for title, audit in material.audits.items()},
+        "paper": {
+            "citation": paper.CITATION,
+            "parts": [part.name for part in PARTS],
+            "synthetic": paper.TABLE2_SYNTHETIC.tolist(),
+            "real": paper.TABLE3_REAL.tolist(),
+        },
+    }
+    return json.dumps(value, allow_nan=False, indent=1) + "\n"
+
+
+def to_latex(views: Sequence[View]) -> str:
+    r"""Tables for \input: summary, recall by part with the paper's, one confusion matrix a result."""
+    blocks = [_summary_table(views), _part_table(views), *(_confusion_table(view) for view in views)]
+    return "% Needs \\usepackage{booktabs}.\n\n" + "\n".join(blocks)
+
+
+def _summary_table(views: Sequence[View]) -> str:
+    rows = [
+        [tex(view.result.title), *(_tex_cell(name, view.scores[name]) for name in SUMMARY),
+         str(len(view.result.comparison.frame_ids)), str(view.result.comparison.n_subjects)]
+        for view in views
+    ]  # fmt: skip
+    blank = ["--"] * (len(SUMMARY) - 1)
+    for title, table, frames, people in (
+        ("Paper, synthetic", paper.TABLE2_SYNTHETIC, paper.SYNTHETIC_FRAMES, "--"),
+        ("Paper, real", paper.TABLE3_REAL, paper.REAL_FRAMES, str(paper.REAL_SUBJECTS)),
+    ):
+        rows.append([title, f"{paper.mean_recall_of(table):.3f}", *blank, str(frames), people])
+    return _tabular(["Result", *(tex(title) for title in SUMMARY.values()), "Frames", "People"], rows)
+
+
+def _part_table(views: Sequence[View]) -> str:
+    heading = ["Recall", *(tex(view.result.title) for view in views), "Paper, synthetic", "Paper, real"]
+    rows = [
+        [row.part.title, *(_tex_cell("recall", view.parts[i].scores["recall"]) for view in views),
+         f"{row.paper_synthetic:.2f}", f"{row.paper_real:.2f}"]
+        for i, row in enumerate(views[0].parts)
+    ]  # fmt: skip
+    return _tabular(heading, rows)
+
+
+def _confusion_table(view: View) -> str:
+    heading = [tex(view.result.title), *(_short(part.title) for part in shown_parts())]
+    table = shown(row_shares(view.result.comparison.confusion))
+    rows = [
+        [part.title, *("--" if np.isnan(v) else f"{v:.2f}" for v in row)]
+        for part, row in zip(shown_parts(), table, strict=True)
+    ]
+    return _tabular(heading, rows)
+
+
+def _tabular(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [
+        rf"\begin{{tabular}}{{l{'r' * (len(heading) - 1)}}}",
+        r"\toprule",
+        " & ".join(heading) + r" \\",
+        r"\midrule",
+        *(" & ".join(row) + r" \\" for row in rows),
+        r"\bottomrule",
+        r"\end{tabular}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _tex_cell(name: str, found: Estimate) -> str:
+    if not found.known:
+        return "--"
+    scale, digits = (100, 1) if name in SHARES else (1, 3)
+    value, low, high = (f"{e * scale:.{digits}f}" for e in (found.value, found.low, found.high))
+    unit = r"\,\%" if name in SHARES else ""
+    return f"{value}{unit} [{low}, {high}]" if found.bounded else value + unit
+
+
+def _short(title: str) -> str:
+    sides = title.replace("Left ", "L ").replace("Right ", "R ").replace("Background", "BG")
+    return sides.replace("upper ", "u.~").replace("lower ", "l.~")
+
+
+def tex(text: str) -> str:
+    """Text with LaTeX's own characters escaped and control characters dropped."""
+    return "".join(_TEX.get(letter, letter) for letter in text if letter.isprintable())

@@ -1,0 +1,85 @@
+"""Blankets are told from parts by size, warmth, colour and place; a suit from clothes by its colours."""
+
+import numpy as np
+import pytest
+
+from annotate.cloud import ThermalCloud
+from annotate.subject import colors_worn
+from annotate.suit import DEFAULT_SUIT
+from annotate.worn import worn
+from sensors.camera import Intrinsics, rays
+
+CAMERA = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)
+HEAD = (slice(40, 78), slice(222, 258))
+TRUNK = (slice(80, 170), slice(205, 275))
+HIPS = (slice(170, 190), slice(205, 275))
+LEGS = ((slice(192, 250), slice(205, 237)), (slice(192, 250), slice(243, 275)))
+SHINS = ((slice(252, 330), slice(208, 232)), (slice(252, 330), slice(248, 272)))
+LAP = (slice(180, 300), slice(165, 315))
+BLANKET_RGB, WHITE_RGB = (150, 120, 100), (180, 180, 180)
+SIZED = ((HEAD, 1, 32.0), (TRUNK, 2, 30.0), (HIPS, 7, 30.0), (LEGS[0], 8, 29.0), (LEGS[1], 9, 29.0))
+
+
+def cloud_of(lap_c=None, lap_rgb=BLANKET_RGB, shins_c=27.0):
+    """Somebody in the suit 2 m away before a white wall of 20 degrees, with or without a cloth on the lap."""
+    depth_mm = np.full(CAMERA.shape, 2600, np.uint16)
+    rgb = np.full((*CAMERA.shape, 3), WHITE_RGB, np.uint8)
+    celsius = np.full(CAMERA.shape, 20, np.float32)
+    person = np.zeros(CAMERA.shape, np.bool_)
+    for place, part, warm in (*SIZED, (SHINS[0], 10, shins_c), (SHINS[1], 11, shins_c)):
+        color = DEFAULT_SUIT.colors_rgb[DEFAULT_SUIT.parts == part][-1]
+        depth_mm[place], rgb[place], celsius[place], person[place] = 2000, color, warm, True
+    if lap_c is not None:
+        depth_mm[LAP], rgb[LAP], celsius[LAP], person[LAP] = 1980, lap_rgb, lap_c, True
+    points = (rays(CAMERA) * (depth_mm[..., None] / 1000)).astype(np.float32)
+    seen = np.ones(CAMERA.shape, np.bool_)
+    return ThermalCloud(CAMERA, depth_mm, points, rgb, seen, celsius), person
+
+
+def told(cloud, person):
+    return worn(cloud, person, np.zeros_like(person), ~person, DEFAULT_SUIT)
+
+
+@pytest.mark.parametrize("shins_c", [22.0, 27.0])
+def test_a_body_is_all_worn_however_cold_its_legs(shins_c):
+    cloud, person = cloud_of(shins_c=shins_c)
+    assert (told(cloud, person)[person] > 0).mean() > 0.97
+
+
+@pytest.mark.parametrize("lap_c", [25.0, 29.5])
+@pytest.mark.parametrize("lap_rgb", [BLANKET_RGB, tuple(DEFAULT_SUIT.colors_rgb[-1])])
+def test_a_large_cloth_is_none_of_theirs_however_warm_and_of_whatever_colour(lap_c, lap_rgb):
+    cloud, person = cloud_of(lap_c, lap_rgb)
+    odds = told(cloud, person)
+    assert (odds[LAP] < 0).mean() > 0.95
+    assert (odds[TRUNK][:-4] > 0).mean() > 0.95 and (odds[HEAD] > 0).mean() > 0.95
+
+
+def test_what_lies_beside_and_looks_like_a_leg_is_a_leg_and_the_wall_is_not():
+    cloud, person = cloud_of(shins_c=21.0)
+    seen = person.copy()
+    seen[SHINS[0]] = False
+    beside = seen.copy()
+    beside[180:340, 160:320] = True
+    beside &= ~seen
+    odds = worn(cloud, seen, beside, ~person, DEFAULT_SUIT)
+    assert odds[SHINS[0]].mean() > odds[200:320, 165:195].mean() + 3
+    assert (odds[200:320, 165:195] < 0).all()
+
+
+@pytest.mark.parametrize("lost", ["temperature_c", "color_valid"])
+def test_without_temperature_or_colour_nothing_is_told(lost):
+    cloud, person = cloud_of(lap_c=25.0)
+    getattr(cloud, lost)[:] = np.nan if lost == "temperature_c" else False
+    assert not told(cloud, person).any()
+
+
+def test_a_suit_shows_more_colours_than_clothes_and_things_show_none():
+    cloud, person = cloud_of(lap_c=25.0)
+    clothes = colors_worn(cloud, person, ~person)
+    strips = np.array_split(np.flatnonzero(person), len(DEFAULT_SUIT.colors_rgb))
+    for strip, rgb in zip(strips, DEFAULT_SUIT.colors_rgb, strict=True):
+        cloud.color_rgb.reshape(-1, 3)[strip] = rgb
+    assert colors_worn(cloud, person, ~person) > 1.5 * clothes
+    cloud.color_rgb[:] = WHITE_RGB
+    assert colors_worn(cloud, person, ~person) == 0

@@ -1,0 +1,77 @@
+"""`train` on the command line: it resumes, starts from weights, and says in one line what is wrong."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from conftest import assert_refused
+
+from annotate.labels import FrameLabels
+from annotate.store import LabelSet
+from sensors.camera import Intrinsics
+
+
+@pytest.fixture(scope="module")
+def labels(tmp_path_factory) -> LabelSet:
+    """Four small frames of two people."""
+    path = tmp_path_factory.mktemp("labels") / "labels"
+    found = LabelSet.create(path, Intrinsics(60, 50, 60.0, 60.0, 29.5, 24.5), {})
+    for i in range(4):
+        parts = np.zeros((50, 60), np.uint8)
+        parts[5:25, 10 + i : 40] = 1
+        parts[25:45, 10 + i : 40] = 2
+        depth = np.where(parts > 0, np.uint16(1800) + 10 * parts, np.uint16(0)).astype(np.uint16)
+        found.write(FrameLabels(f"f{i}", depth, parts, subject="ab"[i % 2]))
+    return found
+
+
+def small(labels: LabelSet, out: object, *more: object) -> tuple[object, ...]:
+    return ("train", labels.path, "--out", out, "--batch", 2, "--network", "compact-small", *more)
+
+
+def test_a_run_goes_on_and_another_starts_from_its_weights(annotate_cloud, tmp_path, labels):
+    command = small(labels, tmp_path / "t", "--epochs", 2, "--hold-out", "a", "--without", "cuts", "--json")
+    done = annotate_cloud(*command)
+    assert done.code == 0, done.err
+    assert done.result["epochs"] == 2
+    assert 0 <= done.result["history"][-1]["mean_recall"] <= 1
+    plan = json.loads((tmp_path / "t" / "plan.json").read_text())
+    assert plan["data"]["images"] == 2
+    assert plan["augmentation"]["cuts"] is False
+    assert plan["augmentation"]["noise"] is True
+    assert plan["precision"] == "float32"
+    made = {name: (tmp_path / "t" / name).read_bytes() for name in ("weights.safetensors", "weights.onnx")}
+    assert annotate_cloud(*command).result["history"] == done.result["history"]
+    for name, data in made.items():
+        assert (tmp_path / "t" / name).read_bytes() == data
+
+    start = tmp_path / "t" / "weights.safetensors"
+    more = annotate_cloud("train", labels.path, "--init", start, "--epochs", 1, "--out", tmp_path / "u")
+    assert more.code == 0, more.err
+    plan = json.loads((tmp_path / "u" / "plan.json").read_text())
+    assert plan["network"] == {"kind": "compact", "widths": [16, 24, 32, 48, 64]}
+
+
+def test_what_is_wrong_is_one_line(annotate_cloud, tmp_path, labels):
+    weights, out = tmp_path / "w.safetensors", tmp_path / "t"
+    weights.write_bytes(b"\x80\x04nonsense")
+    for more, said in (
+        (("--hold-out", "nobody"), "no labelled part of nobody"),
+        (("--hold-out", "a", "--hold-out", "b"), "no labelled part"),
+        (("--hold-out", "a", "--test", labels.path), "give one of them"),
+        (("--init", tmp_path / "w.safetensors"), "leave out --network"),
+        (("--test", tmp_path / "absent"), "absent"),
+    ):
+        assert_refused(annotate_cloud(*small(labels, out, *more)), said)
+        assert not out.exists()
+    for path in (weights, tmp_path / "absent.safetensors"):
+        refused = annotate_cloud("train", labels.path, "--init", path, "--out", out)
+        assert_refused(refused, path.name, "safetensors")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("mine")
+    for more in ((), ("--overwrite",)):
+        assert annotate_cloud(*small(labels, tmp_path / "mine", *more)).code == 1
+        assert (tmp_path / "mine" / "thesis.txt").read_text() == "mine"

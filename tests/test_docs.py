@@ -1,0 +1,82 @@
+"""Every command that the documentation shows is run, page by page, on small sizes."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = ["README.md", *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md")))]
+COMMAND = Path(sys.executable).with_name("annotate-cloud")
+
+ELSEWHERE = {
+    "make": "the set-up itself: run by whoever runs these tests",
+    "export": "the set-up itself",
+    "annotate-cloud fix": "a window: driven by the tests of the window",
+    "annotate-cloud record take.mcap --rig": "asks for devices; docs/camera.md records from their twins",
+    "annotate-cloud demo": "run by the tests of the command",
+    "dask": "scheduler and workers: run by the tests of generating",
+}
+"""Lines that these tests leave to others, and to whom."""
+
+SMALLER = (
+    (r"--count \d+", "--count 24"),
+    (r"--epochs \d+", "--epochs 1"),
+    (r"--frames \d+", "--frames 8"),
+    (r"--seconds \d+", "--seconds 1"),
+    (r" --scheduler \S+", ""),
+)
+"""What makes a command small: what it is asked to do is the same, only less of it."""
+
+
+def commands_of(page: str) -> list[str]:
+    """The lines of a page's shell blocks, without comments and empty ones."""
+    blocks = re.findall(r"^```sh\n(.*?)^```", (ROOT / page).read_text(), re.M | re.S)
+    lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
+    return [line.split(" #")[0].replace(".venv/bin/", "").strip() for line in lines if line.strip()]
+
+
+def left_out(command: str) -> bool:
+    return any(command.startswith(start) for start in ELSEWHERE)
+
+
+def test_pages_hold_commands_and_every_exception_is_met():
+    shown = [command for page in PAGES for command in commands_of(page)]
+    assert len(shown) > 40
+    assert all(command.startswith("annotate-cloud ") or left_out(command) for command in shown)
+    for start in ELSEWHERE:
+        assert any(command.startswith(start) for command in shown), start
+
+
+def prepare(page: str, folder: Path) -> None:
+    """What a page takes for granted: the user's own files."""
+    text = (ROOT / page).read_text()
+    if "my-folder" in text:
+        from tests.docs_material import write_image_folder
+
+        write_image_folder(folder / "my-folder")
+    if "walk.c3d" in text:
+        from tests.docs_material import write_trials
+
+        write_trials(folder)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if any(not left_out(c) for c in commands_of(page))])
+def test_the_commands_of_a_page_run_in_its_order(page, tmp_path):
+    prepare(page, tmp_path)
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "2"}
+    for command in commands_of(page):
+        if left_out(command):
+            continue
+        small = command
+        for pattern, less in SMALLER:
+            small = re.sub(pattern, less, small)
+        arguments = [str(COMMAND), *shlex.split(small)[1:]]
+        done = subprocess.run(
+            arguments, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False
+        )
+        assert done.returncode == 0, f"{small}: {done.stderr}"

@@ -1,0 +1,142 @@
+"""Harder images stay true: mirrored bodies swap sides, no part is invented, what is left out stays out."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from annotate.crop import NEAREST, SIZE
+from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
+from eval.augment import MIN_LEFT, Augmentation, augment
+
+law = settings(deadline=None, max_examples=30)
+seeds = st.integers(0, 9999)
+NOTHING = Augmentation(**{field.name: False for field in fields(Augmentation)})
+
+
+def body(seed: int = 0, size: int = SIZE) -> tuple[np.ndarray, np.ndarray]:
+    """A crop of coloured blocks in a disc that fills it but for the margin; depth where there are parts."""
+    rng = np.random.default_rng(seed)
+    blocks = rng.integers(1, N_CLASSES, (-(-size // 20), -(-size // 20))).astype(np.uint8)
+    parts = np.kron(blocks, np.ones((20, 20), np.uint8))[:size, :size]
+    v, u = np.ogrid[:size, :size]
+    parts[np.hypot(v - (size - 1) / 2, u - (size - 1) / 2) > size / 2 / 1.08] = BACKGROUND
+    depth = np.where(parts > 0, rng.uniform(0.3, 0.7, parts.shape), 0).astype(np.float32)
+    return depth, parts
+
+
+@law
+@given(seeds, seeds)
+def test_no_part_is_invented_where_depth_is_gone(seed, chance):
+    depth, parts = body(seed)
+    parts[100:110] = np.where(parts[100:110] > 0, UNDEFINED, 0)
+    x, y = augment(depth, parts, Augmentation(), np.random.default_rng(chance))
+    assert (x.dtype, y.dtype, x.shape, y.shape) == (np.float32, np.uint8, depth.shape, parts.shape)
+    assert (y[x == 0] == BACKGROUND).all()
+    assert set(np.unique(y)) <= set(range(N_CLASSES)) | {UNDEFINED}
+    assert x[x > 0].min() >= np.float32(NEAREST)
+    assert x.max() <= 1
+
+
+@law
+@given(seeds, seeds)
+def test_only_extras_are_background_with_depth(seed, chance):
+    how = replace(Augmentation(), extras=False)
+    x, y = augment(*body(seed), how, np.random.default_rng(chance))
+    np.testing.assert_array_equal(y > 0, x > 0)
+
+
+def test_extras_lie_beside_the_person_and_take_nothing():
+    depth, parts = body()
+    added = 0
+    for chance in range(20):
+        how = replace(NOTHING, extras=True)
+        x, y = augment(depth, parts, how, np.random.default_rng(chance))
+        added += int(((x > 0) & (y == BACKGROUND)).any())
+    assert 1 <= added <= 15
+
+
+@law
+@given(seeds, seeds)
+def test_augmenting_is_the_seeds_and_leaves_its_input(seed, chance):
+    depth, parts = body(seed)
+    kept = depth.copy(), parts.copy()
+    a, b = (augment(depth, parts, Augmentation(), np.random.default_rng(chance)) for _ in range(2))
+    np.testing.assert_array_equal(a[0], b[0])
+    np.testing.assert_array_equal(a[1], b[1])
+    np.testing.assert_array_equal(depth, kept[0])
+    np.testing.assert_array_equal(parts, kept[1])
+
+
+@law
+@given(seeds)
+def test_without_anything_a_crop_stays_but_for_its_mean_depth(seed):
+    """To within a pixel of the box, which is fitted anew."""
+    depth, parts = body(seed)
+    x, y = augment(depth, parts, NOTHING, np.random.default_rng(0))
+    np.testing.assert_array_equal(y, parts)
+    np.testing.assert_allclose(
+        x[x > 0], (depth - np.median(depth[depth > 0]) + 0.5)[depth > 0].clip(NEAREST, 1), atol=1e-6
+    )
+
+
+def test_a_mirrored_body_has_its_sides_swapped():
+    """Label image of a mirror image = mirrored label image, left and right exchanged; about every second."""
+    depth, parts = body()
+    mirrored = 0
+    for chance in range(20):
+        x, y = augment(depth, parts, replace(NOTHING, mirror=True), np.random.default_rng(chance))
+        if np.array_equal(y, parts):
+            continue
+        mirrored += 1
+        np.testing.assert_array_equal(y, swap_left_right(parts[:, ::-1]))
+        np.testing.assert_array_equal(x > 0, depth[:, ::-1] > 0)
+        for left, right in LEFT_RIGHT:
+            np.testing.assert_array_equal(y == left, (parts == right)[:, ::-1])
+    assert 4 <= mirrored <= 16
+
+
+@pytest.mark.parametrize("what", ["occluders", "cuts"])
+def test_what_is_taken_away_leaves_enough_and_the_rest_is_refitted(what):
+    depth, parts = body()
+    shares = []
+    for chance in range(40):
+        x, y = augment(depth, parts, replace(NOTHING, **{what: True}), np.random.default_rng(chance))
+        rows = np.flatnonzero((x > 0).any(axis=1))
+        columns = np.flatnonzero((x > 0).any(axis=0))
+        # The longer side fills the crop again, but for the margin.
+        assert max(np.ptp(rows), np.ptp(columns)) + 1 == pytest.approx(SIZE / 1.08, abs=3)
+        magnified = (max(np.ptp(rows), np.ptp(columns)) + 1) ** 2
+        shares.append(np.count_nonzero(y) / magnified)
+    assert min(shares) < 0.95 * np.pi / 4
+    assert min(shares) >= MIN_LEFT * np.pi / 4 * 0.9
+
+
+@pytest.mark.parametrize("what", ["noise", "holes", "turn", "place"])
+def test_each_way_does_something_and_can_be_left_out(what):
+    depth, parts = body()
+    plain = augment(depth, parts, NOTHING, np.random.default_rng(0))
+    changed = [
+        not np.array_equal(augment(depth, parts, replace(NOTHING, **{what: True}), rng)[0], plain[0])
+        for rng in map(np.random.default_rng, range(12))
+    ]
+    assert any(changed)
+
+
+def test_an_empty_crop_stays_empty():
+    nothing = np.zeros((20, 20), np.float32)
+    x, y = augment(nothing, nothing.astype(np.uint8), Augmentation(), np.random.default_rng(0))
+    assert not x.any()
+    assert not y.any()
+
+
+@law
+@given(seeds)
+def test_a_single_pixel_survives_everything(chance):
+    depth, parts = np.zeros((20, 20), np.float32), np.zeros((20, 20), np.uint8)
+    depth[3, 16], parts[3, 16] = 0.5, 3
+    x, y = augment(depth, parts, Augmentation(), np.random.default_rng(chance))
+    assert set(np.unique(y)) <= {BACKGROUND, 3, 4}
+    assert np.isfinite(x).all()

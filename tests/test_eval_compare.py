@@ -1,0 +1,333 @@
+"""Comparing sets, keeping results, telling frames apart: whatever holds the labels, and whatever is wrong."""
+
+import hashlib
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from annotate.labels import FrameLabels
+from annotate.parts import PART_ID, UNDEFINED
+from annotate.store import LabelSet
+from eval import results
+from eval.compare import Comparison, compare_sets
+from eval.counts import SHAPES
+from eval.data import Frames, open_frames
+from eval.details import details
+from eval.results import Result, load_result, save_result
+from eval.scores import PART_SCORES
+from eval.suspicious import suspicious
+from eval.traits import groups, traits_of
+from sensors.camera import Intrinsics
+from sensors.errors import CloudError, ExistsError, FormatError
+from synth.dataset import MANIFEST, encode_shard
+
+CAMERA = Intrinsics(width=30, height=24, fx=300.0, fy=300.0, cx=14.5, cy=11.5)
+PEOPLE = ("anna", "ben", "cem")
+
+
+def truth_frame(i: int) -> FrameLabels:
+    """A block of 2 x 3 parts before a wall with a hole, 1.5 m away and more."""
+    parts = np.zeros(CAMERA.shape, np.uint8)
+    parts[4:16, 6 : 24 - i % 3] = np.kron([[1, 2, 3], [4, 5, 9]], np.ones((6, 6)))[:, : 18 - i % 3]
+    parts[14:16, 6:8] = 0
+    parts[0, :4] = UNDEFINED
+    depth = np.where(parts > 0, 1500 + 100 * i, 3000).astype(np.uint16)
+    depth[10, 6:8] = 0
+    notes = {"activity": ("reading", "resting")[i % 2], "hard": ["dim light"] if i == 1 else []}
+    return FrameLabels(f"{i:06d}", depth, parts, None, "truth", PEOPLE[i % 3], notes)
+
+
+def guess_frame(i: int, better: bool = False) -> FrameLabels:
+    """The truth with a frame's own strip of errors, doubted where it is wrong."""
+    truth = truth_frame(i)
+    parts = truth.parts.copy()
+    parts[4 : 6 + i % 2 + (not better), 6:20] = 7
+    confidence = np.where(parts == 7, 0.4, 1.0).astype(np.float32) * (parts > 0)
+    return replace(truth, parts=parts, confidence=confidence, status="auto")
+
+
+def label_set(path: Path, frames: list[FrameLabels]) -> LabelSet:
+    labels = LabelSet.create(path, CAMERA, {})
+    for frame in frames:
+        labels.write(frame)
+    return labels
+
+
+def dataset(path: Path, frames: list[FrameLabels], per_shard: int) -> Frames:
+    path.mkdir()
+    shards = []
+    for start in range(0, len(frames), per_shard):
+        data = encode_shard(frames[start : start + per_shard])
+        name = f"shard-{start:06d}.tar"
+        (path / name).write_bytes(data)
+        shards.append({"file": name, "sha256": hashlib.sha256(data).hexdigest()})
+    (path / MANIFEST).write_text(json.dumps({"schema": 1, "images": len(frames), "shards": shards}))
+    return open_frames(path)
+
+
+@pytest.fixture(scope="module")
+def sets(tmp_path_factory: pytest.TempPathFactory) -> tuple[LabelSet, LabelSet]:
+    folder = tmp_path_factory.mktemp("sets")
+    guesses = label_set(folder / "guess", [guess_frame(i) for i in range(6)])
+    return guesses, label_set(folder / "truth", [truth_frame(i) for i in range(6)])
+
+
+@pytest.fixture(scope="module")
+def compared(sets: tuple[LabelSet, LabelSet]) -> Comparison:
+    return compare_sets(*sets)
+
+
+def same_counts(a: Comparison, b: Comparison) -> bool:
+    return a.frame_ids == b.frame_ids and all(
+        np.array_equal(getattr(a.counts, name), getattr(b.counts, name)) for name in SHAPES
+    )
+
+
+def test_label_sets_and_datasets_serve_on_either_side(
+    tmp_path: Path, sets: tuple[LabelSet, LabelSet], compared: Comparison
+) -> None:
+    """Even where the shards hold the frames in another order."""
+    frames = [truth_frame(i) for i in range(6)]
+    ordered = dataset(tmp_path / "ordered", frames, 4)
+    turned = dataset(tmp_path / "turned", frames[::-1], 2)
+    assert compare_sets(turned, ordered).scores["miou"] == 1.0
+    mixed = compare_sets(sets[0], ordered)
+    assert mixed.hashes == compared.hashes
+    np.testing.assert_array_equal(mixed.counts.confusion, compared.counts.confusion)
+    assert compare_sets(turned, sets[1]).scores["mean_recall"] == 1.0
+
+
+def test_worker_processes_count_the_same(tmp_path: Path, compared: Comparison) -> None:
+    frames = [guess_frame(i) for i in range(6)]
+    guesses = dataset(tmp_path / "guess", frames, 6)
+    truth = dataset(tmp_path / "truth", [truth_frame(i) for i in range(6)], 2)
+    alone, done = compare_sets(guesses, truth, workers=1), []
+    both = compare_sets(guesses, truth, done.append, workers=2)
+    assert same_counts(alone, both) and alone.traits == both.traits and done == [2, 2, 2]
+    np.testing.assert_array_equal(both.matrices, compared.matrices)
+
+
+def test_what_does_not_belong_together_is_named(tmp_path: Path, sets: tuple[LabelSet, LabelSet]) -> None:
+    guesses, truth = sets
+    moved = [replace(guess_frame(i), depth_mm=guess_frame(i).depth_mm + np.uint16(i)) for i in range(6)]
+    with pytest.raises(CloudError, match=r"frame 000001 has another depth image .*\(720 of 720 pixels"):
+        compare_sets(label_set(tmp_path / "session", moved), truth)
+    with pytest.raises(CloudError, match=r"lacks 1 of the 6 frames .* first 000005; predict"):
+        compare_sets(label_set(tmp_path / "few", [guess_frame(i) for i in range(5)]), truth)
+    assert compare_sets(guesses, label_set(tmp_path / "one", [truth_frame(0)])).extra_frames == 5
+    with pytest.raises(CloudError, match="holds no frames"):
+        compare_sets(guesses, LabelSet.create(tmp_path / "none", CAMERA, {}))
+    small = LabelSet.create(tmp_path / "small", Intrinsics(10, 8, 100, 100, 4.5, 3.5), {})
+    for i in range(6):
+        small.write(FrameLabels(f"{i:06d}", np.ones((8, 10), np.uint16), np.ones((8, 10), np.uint8)))
+    with pytest.raises(CloudError, match=r"frame 000000 is \(8, 10\) in the prediction but \(24, 30\)"):
+        compare_sets(small, truth)
+
+
+def test_a_broken_shard_and_a_repeated_frame_are_refused(
+    tmp_path: Path, sets: tuple[LabelSet, LabelSet]
+) -> None:
+    frames = [truth_frame(i) for i in range(6)]
+    broken = dataset(tmp_path / "broken", frames, 3)
+    shard = tmp_path / "broken" / "shard-000003.tar"
+    whole = shard.read_bytes()
+    for kept in (700, 3000, 5000):
+        shard.write_bytes(whole[:kept])
+        with pytest.raises(CloudError, match=r"shard-000003|lacks"):
+            compare_sets(broken, sets[1])
+    with pytest.raises(FormatError, match="holds frame '000000' twice"):
+        compare_sets(sets[0], dataset(tmp_path / "twice", [*frames, frames[0]], 4))
+
+
+def test_one_frame_or_one_person_says_what_it_cannot_say(tmp_path: Path) -> None:
+    one = label_set(tmp_path / "one", [truth_frame(0)]), label_set(tmp_path / "guess", [guess_frame(0)])
+    comparison = compare_sets(one[1], one[0])
+    assert "one subject" in comparison.ci_note and np.isnan(comparison.ci95["mean_recall"]).all()
+    json.dumps(comparison.to_evaluation_json(), allow_nan=False)
+    nobody = [replace(truth_frame(i), subject="") for i in range(3)]
+    unknown = label_set(tmp_path / "nobody", nobody)
+    assert "subjects unknown" in compare_sets(unknown, unknown).ci_note
+
+
+def test_a_part_that_one_person_shows_has_no_interval(compared: Comparison) -> None:
+    """It is there for one of three people: nothing says how it varies among people."""
+    matrices = compared.matrices.copy()
+    matrices[np.array(compared.subjects) != "anna", 1] = 0
+    matrices[np.array(compared.subjects) != "anna", :, 1] = 0
+    alone = replace(compared, counts=replace(compared.counts, confusion=matrices))
+    assert not np.isnan(alone.scores["recall"][1]) and np.isnan(alone.ci95["recall"][:, 1]).all()
+    assert not np.isnan(alone.ci95["recall"][:, 2]).any() and alone.behind["recall"][1] == 1
+
+
+def test_the_evaluation_holds_every_score_with_its_interval(compared: Comparison) -> None:
+    full = json.loads(json.dumps(compared.to_evaluation_json(), allow_nan=False))
+    assert set(full["ci95"]) == set(compared.scores) <= set(full)
+    for name in PART_SCORES:
+        assert set(full[name]) == set(PART_ID) - {"background"}
+    for name in ("mean_recall", "miou", "boundary_iou"):
+        low, high = full["ci95"][name]
+        assert low <= full[name] <= high
+    assert full["joints"] is None and full["frames_showing"]["head"] == 6
+    assert full["pixels"]["head"] == compared.confusion[1].sum()
+    assert full["error_by_distance"]["0 px"] == pytest.approx(compared.scores["error_by_distance"][0])
+
+
+def test_groups_split_the_frames_and_their_counts_add_up(compared: Comparison) -> None:
+    kinds = groups(compared.subjects, compared.traits)
+    assert set(kinds) == {"subject", "activity", "distance", "invalid depth", "status", "hard"}
+    assert set(kinds["subject"]) == set(PEOPLE) and set(kinds["activity"]) == {"reading", "resting"}
+    assert list(kinds["distance"]) == ["1.5 to 2 m", "2 to 2.5 m"]
+    assert {k: v.sum() for k, v in kinds["hard"].items()} == {"dim light": 1, "nothing named": 5}
+    for masks in kinds.values():
+        np.testing.assert_array_equal(sum(mask.astype(int) for mask in masks.values()), 1)
+        parts = [compared.only(mask) for mask in masks.values()]
+        np.testing.assert_array_equal(sum(part.confusion for part in parts), compared.confusion)
+    with pytest.raises(CloudError, match="no frame"):
+        compared.only(np.zeros(6, np.bool_))
+    assert details(compared)["by"]["subject"]["anna"]["frames"] == 2
+
+
+def test_traits_are_measured_on_the_person(compared: Comparison) -> None:
+    traits = compared.traits[3]
+    assert traits.distance_m == pytest.approx(1.8) and traits.mm_per_px == pytest.approx(1800 / 300)
+    assert traits.invalid_share == pytest.approx(2 / (12 * 18)) and traits.predicted_status == "auto"
+    alone = replace(truth_frame(0), depth_mm=np.where(truth_frame(0).parts > 0, 1500, 0).astype(np.uint16))
+    assert math.isnan(traits_of(alone, alone, CAMERA).invalid_share)
+    nobody = replace(alone, parts=np.zeros_like(alone.parts))
+    assert math.isnan(traits_of(nobody, nobody, CAMERA).distance_m)
+
+
+@pytest.mark.parametrize(
+    "notes",
+    [
+        {"activity": 5, "hard": "everything", "camera": [1], "occluders": "many", "cut": None},
+        {"activity": "x" * 10_000, "hard": [1, None, {}], "camera": {"azimuth_deg": float("inf")}},
+        {"occluders": True, "cut": float("nan"), "camera": {"azimuth_deg": 10**400}},
+    ],
+)
+def test_strange_notes_tell_nothing_and_break_nothing(notes: dict) -> None:
+    frame = replace(truth_frame(0), notes=notes)
+    traits = traits_of(frame, frame, CAMERA)
+    assert traits.hard == () and traits.view == "" and len(traits.activity) <= 100
+
+
+def test_a_dataset_s_notes_tell_view_and_hardness() -> None:
+    notes = {"camera": {"azimuth_deg": -170.0}, "occluders": 1, "cut": 0.2}
+    frame = replace(truth_frame(0), notes=notes)
+    traits = traits_of(frame, frame, CAMERA)
+    assert traits.view == "back or head" and traits.hard == ("things in front", "incomplete extraction")
+
+
+def test_a_wrong_label_is_the_first_suspect(tmp_path: Path) -> None:
+    """A network is sure of the right label everywhere; one segment of the truth was painted wrong."""
+    painted = truth_frame(2)
+    wrong = painted.parts.copy()
+    wrong[4:10, 6:12] = 11
+    sure = [
+        replace(truth_frame(i), confidence=np.full(CAMERA.shape, 0.9, np.float32), status="auto")
+        for i in range(4)
+    ]
+    truth = [replace(painted, parts=wrong) if i == 2 else truth_frame(i) for i in range(4)]
+    comparison = compare_sets(label_set(tmp_path / "sure", sure), label_set(tmp_path / "truth", truth))
+    first, second = suspicious(comparison, worst=2)
+    assert (first.frame_id, first.part_id, first.pixels) == ("000002", 11, 36)
+    assert first.quality == pytest.approx(0.1, abs=0.01) and second.quality > 0.85
+    assert not suspicious(compare_sets(*[label_set(tmp_path / n, truth) for n in "ab"]))
+
+
+# Results on disk
+
+
+def with_joints(comparison: Comparison) -> Comparison:
+    joints = np.full((6, 15), 25.0)
+    joints[0, 0], joints[0, 1] = np.nan, np.inf
+    return replace(comparison, joints_mm=joints)
+
+
+def test_a_result_comes_back_as_it_was(compared: Comparison, tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    result = Result("Network", with_joints(compared), {"command": "<b>"})
+    save_result(path, result)
+    loaded = load_result(path)
+    assert loaded.title == "Network" and loaded.facts == {"command": "<b>"}
+    assert same_counts(loaded.comparison, compared)
+    assert loaded.comparison.to_evaluation_json() == result.comparison.to_evaluation_json()
+    np.testing.assert_array_equal(loaded.comparison.joints_mm, result.comparison.joints_mm)
+    assert loaded.comparison.hashes == compared.hashes
+    assert [t.activity for t in loaded.comparison.traits] == [t.activity for t in compared.traits]
+    np.testing.assert_allclose(loaded.comparison.traits[0].mm_per_px, compared.traits[0].mm_per_px)
+    with pytest.raises(ExistsError):
+        save_result(path, loaded)
+
+
+def set_in(value: object, *keys: object) -> None:
+    """set_in(v, "a", 0, new): v["a"][0] = new."""
+    *way, last, new = keys
+    for key in way:
+        value = value[key]
+    value[last] = new
+
+
+DAMAGES = {
+    "no counts": lambda v: v.pop("counts"),
+    "one array missing": lambda v: v["counts"].pop("near"),
+    "another schema": lambda v: v.update(schema=1),
+    "schema of another type": lambda v: v.update(schema=[2]),
+    "too few numbers": lambda v: v["counts"]["confusion"].pop(),
+    "negative": lambda v: set_in(v, "counts", "borders_px", 0, -1),
+    "a fraction": lambda v: set_in(v, "counts", "borders_px", 0, 0.5),
+    "NaN": lambda v: set_in(v, "counts", "confusion", 0, math.nan),
+    "infinite": lambda v: set_in(v, "counts", "confusion", 0, math.inf),
+    "more pixels than any image": lambda v: set_in(v, "counts", "confusion", 0, 2**40),
+    "beyond 64 bits": lambda v: set_in(v, "counts", "confusion", 0, 10**30),
+    "text": lambda v: set_in(v, "counts", "confusion", 0, "1"),
+    "nested": lambda v: set_in(v, "counts", "confusion", 0, [1]),
+    "counts are a list": lambda v: v.update(counts=[]),
+    "no frame": lambda v: v.update(frame_ids=[]),
+    "an id twice": lambda v: set_in(v, "frame_ids", 1, v["frame_ids"][0]),
+    "a subject too few": lambda v: v["subjects"].pop(),
+    "subjects are a number": lambda v: v.update(subjects=7),
+    "a strange status": lambda v: set_in(v, "traits", 0, "status", "perfect"),
+    "a negative distance": lambda v: set_in(v, "traits", 0, "distance_m", -1.0),
+    "a distance of text": lambda v: set_in(v, "traits", 0, "distance_m", "far"),
+    "traits of another type": lambda v: set_in(v, "traits", 0, 5),
+    "a digest missing": lambda v: v["digests"][0].pop("truth"),
+    "a negative error": lambda v: set_in(v, "joints_mm", 0, 2, -1.0),
+    "joints of uneven rows": lambda v: v["joints_mm"][0].pop(),
+    "joints of another number": lambda v: [row.pop() for row in v["joints_mm"]],
+    "facts are a list": lambda v: v.update(facts=[1]),
+    "frames left over": lambda v: v.update(extra_frames=-1),
+}
+
+
+@pytest.mark.parametrize("damage", list(DAMAGES))
+def test_a_damaged_result_is_refused_in_one_line(compared: Comparison, tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "result.json"
+    save_result(path, Result("Network", with_joints(compared)))
+    value = json.loads(path.read_text())
+    DAMAGES[damage](value)
+    path.write_text(json.dumps(value))
+    with pytest.raises(FormatError, match=r"result\.json") as caught:
+        load_result(path)
+    assert len(str(caught.value)) < 400
+
+
+def test_no_result_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, text in {
+        "deep": "[" * 100_000,
+        "list": "[]",
+        "null": "null",
+        "empty": "",
+        "cut": '{"schema": 2,',
+    }.items():
+        (tmp_path / name).write_text(text)
+    for path in (*sorted(tmp_path.iterdir()), tmp_path / "missing", tmp_path):
+        with pytest.raises(FormatError, match=path.name):
+            load_result(path)
+    monkeypatch.setattr(results, "MAX_BYTES", 1)
+    with pytest.raises(FormatError, match="larger than 1 bytes"):
+        load_result(tmp_path / "list")
