@@ -5,13 +5,13 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test check bench clean
+.PHONY: help setup system demo test check bench docs clean
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-EXTRAS := synth,train,gui,cluster,dev
+EXTRAS := synth,train,gui,cluster,exchange,docs,dev
 
 # PCL and a compiler for the extension; Mesa for rendering without a screen; what Qt asks of X.
 PACKAGES := python3-venv python3-dev g++ cmake ninja-build pkg-config libpcl-dev libgl1 libegl1 libgomp1 \
@@ -26,6 +26,7 @@ help:
 	echo "make test    set up, then run the tests"
 	echo "make check   set up, then run the linters, the types and the import contracts"
 	echo "make bench   set up, then run the benchmarks"
+	echo "make docs    set up, then build the documentation into docs/_build"
 	echo "make setup   system packages, .venv, pinned Python packages, the native extension"
 	echo "make clean   remove what was built and cached, but not .venv"
 
@@ -77,10 +78,14 @@ check: $(READY)
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(MAKE) --no-print-directory docs
+
+docs: $(READY)
+	$(BIN)/sphinx-build --quiet --fail-on-warning --jobs auto docs docs/_build
 
 bench: $(READY)
 	$(BIN)/python -m tests.bench
 
 clean:
-	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf build dist docs/_build docs/api docs/command.md .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +

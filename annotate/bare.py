@@ -87,4 +87,4 @@ def _away(ways: csr_array, start: NDArray[np.bool_]) -> _Array:
     if not start.any():
         return np.full(len(start), FAR_M)
     away_m = dijkstra(ways, indices=np.flatnonzero(start), min_only=True, limit=FAR_M)
-    return np.minimum(away_m, FAR_M)
+    return np.asarray(np.minimum(away_m, FAR_M))

@@ -85,10 +85,8 @@ class ColorModel:
 
     def match(self, chroma: _Array, noise: _Array) -> _Array:
         """Log likelihood (n, K) of colours under each swatch, 0 at the middle of one as wide as SIGMA."""
-        cost = BARE_COST * self.bare
-        return np.asarray(
-            _match(chroma, noise, self.lit + self.shift, self.variance, self.unknown, cost), np.float64
-        )
+        cost = np.where(self.bare, BARE_COST, 0.0)
+        return np.asarray(_match(chroma, noise, self.lit + self.shift, self.variance, self.unknown, cost))
 
     def evidence(self, rgb: NDArray[np.uint8]) -> _Array:
         """Log likelihood (n, 11) of every part for every colour (n, 3); flat where no swatch is near."""

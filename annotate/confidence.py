@@ -10,28 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
+from annotate.evidence import SURE, by_color, lab_of
 from annotate.supervoxels import Supervoxels
 
 WEIGHTS = {
-    "odds": 0.14,
-    "margin": 0.53,
-    "unread": -0.04,
-    "same": 2.74,
-    "island": -0.61,
-    "island of part": 3.33,
-    "part": 0.38,
-    "outline": 0.22,
-    "alone": 0.56,
-    "jump": -0.09,
-    "unmeasured": 0.25,
-    "no warmth": -0.76,
-    "cold": -0.08,
-    "contact": -2.74,
-    "frame contact": -5.10,
-    "frame odds": 2.31,
+    "odds": 0.17,
+    "margin": 0.41,
+    "unread": -0.01,
+    "same": 3.14,
+    "island": -0.44,
+    "island of part": 3.4,
+    "part": 0.05,
+    "outline": 0.41,
+    "alone": 0.91,
+    "jump": -0.23,
+    "unmeasured": 0.53,
+    "no warmth": -0.24,
+    "cold": -0.09,
+    "contact": -2.62,
+    "room color": 0.23,
+    "contrast": 0.04,
+    "frame contact": -0.83,
+    "frame odds": 0.84,
 }
-INTERCEPT = -19.27
-"""Fitted by tests/fit_confidence.py.
+INTERCEPT = -9.68
+"""Fitted by tests/fit_confidence.py on the virtual rig within extracted outlines, `normal` and
+`hard`, sofas and beds, seeds 101, 110, 111 and 140, 94 frames.
 
 odds: log of the likeliest part's belief over the next one's. margin: how much better the point's own colour
 fits its part than any other, log. unread: no readable colour. same: share of its part in 7 x 7. island: log
@@ -39,7 +43,8 @@ pixels of the connected piece of its part; island of part: their share of the pa
 person. outline: log pixels to the person's outline. alone: share off the person in 5 x 5. jump: depth edge
 within the person. unmeasured: near the outline and no depth beside. no warmth: no temperature. cold: degrees
 below the person's median. contact: share of the supervoxel's points near the outline that go on in depth off
-the person. frame contact, frame odds: means over the frame."""
+the person. room color: log odds of its colour being the person's and not the surroundings'. contrast: degrees
+above what lies around. frame contact, frame odds: means over the frame."""
 
 LEAST_BELIEF, MOST_MARGIN, COLDEST_C, FARTHEST_PX = 1e-4, 4.0, 6.0, 20
 """Beyond these a feature says no more."""
@@ -47,7 +52,9 @@ SAME_PX, NEAR_PX, OUTLINE_PX = 7, 5, 2
 """Sides of the windows, and how near the outline is near."""
 CONTACT_M, JUMP_M = 0.03, 0.06
 """Depth differences within which a surface goes on, and from which on it does not."""
-MARGIN_PX = 8
+AROUND_PX, LEAST_ROOM = 31, 0.05
+"""Side of the window that is a place's surroundings, and the share of it that must be off the person."""
+MARGIN_PX = 16
 
 _Array = NDArray[np.float64]
 _Mask = NDArray[np.bool_]
@@ -62,7 +69,7 @@ def features(
     usable: _Mask,
     groups: Supervoxels,
 ) -> _Array:
-    """What tells right labels from wrong ones (n, 16), in the order of WEIGHTS.
+    """What tells right labels from wrong ones (n, 18), in the order of WEIGHTS.
 
     mask: bool (h, w) of the n points, row-major. parts: uint8 (h, w) as chosen. belief: (G, 11). evidence:
     (n, 11) of the points' colours, usable: (n,) which are readable.
@@ -92,6 +99,8 @@ def features(
             ~felt,
             np.where(felt, np.clip(usual_c - celsius, 0, COLDEST_C), 0),
             groups.mean(contact)[groups.ids],
+            _room_color(cloud, mask),
+            _contrast_c(cloud.temperature_c[box], within),
             np.full(len(odds), contact.mean()),
             np.full(len(odds), odds.mean()),
         ]
@@ -99,7 +108,7 @@ def features(
 
 
 def calibrated(found: _Array) -> _Array:
-    """Chance (n,) that a label is right from ``features`` (n, 16): a logistic curve."""
+    """Chance (n,) that a label is right from ``features`` (n, 18): a logistic curve."""
     return np.asarray(1 / (1 + np.exp(-(found @ np.array(list(WEIGHTS.values())) + INTERCEPT))))
 
 
@@ -156,6 +165,26 @@ def _jumps(depth_m: NDArray[np.float32], within: _Mask) -> _Mask:
     farthest = cv2.dilate(np.where(within, depth_m, np.float32(0)), window)
     nearest = cv2.erode(np.where(within, depth_m, np.float32(np.inf)), window)
     return np.asarray(farthest - nearest > JUMP_M)
+
+
+def _room_color(cloud: ThermalCloud, mask: _Mask) -> NDArray[np.float32]:
+    """Log odds (n,) of each point's colour being the person's and not its surroundings'."""
+    around = cv2.dilate(mask.astype(np.uint8), np.ones((AROUND_PX, AROUND_PX))) > 0
+    lab = lab_of(cloud.color_rgb, cloud.color_valid & around)
+    odds = np.where(mask, np.float32(2 * SURE), np.float32(-2 * SURE))
+    return by_color(lab, odds, mask, cloud.valid & around)[mask]
+
+
+def _contrast_c(celsius: NDArray[np.float32], within: _Mask) -> _Array:
+    """How much warmer each point (n,) is than what lies around the person; 0 where not known."""
+    room = ~within & np.isfinite(celsius)
+    window = (AROUND_PX, AROUND_PX)
+    share = cv2.blur(room.astype(np.float32), window)
+    mean_c = cv2.blur(np.where(room, celsius, np.float32(0)), window) / share.clip(1e-3)
+    known = within & np.isfinite(celsius) & (share > LEAST_ROOM)
+    return np.asarray(
+        np.where(known, np.clip(celsius - mean_c, -COLDEST_C, 2 * COLDEST_C), 0)[within], np.float64
+    )
 
 
 def _goes_on(depth_m: NDArray[np.float32], within: _Mask) -> _Mask:

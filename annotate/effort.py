@@ -239,7 +239,7 @@ def correct_set(
         if true.subject != person:
             worked, person = [], true.subject
         propagated = None
-        if propagating and any(w.changed for w in worked[:FRAMES]):
+        if propagating and any(w.changed for w in worked):
             found = propagate(worked, automatic, camera)
             propagated = found.parts if found.changed.any() else None
         editor = correction.edit(frame_id)
@@ -249,7 +249,7 @@ def correct_set(
         seconds = sum(stroke.active_seconds for stroke in strokes)
         agreement = Agreement(true.parts, editor.valid, annotator.tolerance_px)
         yield Effort(corrected, strokes, seconds, agreement.of(corrected.parts))
-        worked.insert(0, Worked(automatic, corrected))
+        worked = [Worked(automatic, corrected), *worked][:FRAMES]
 
 
 def _apply(sight: Sight, move: Move, corners: NDArray[np.float64] | None, how: Gesture) -> Stroke | None:

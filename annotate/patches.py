@@ -20,6 +20,8 @@ MERGE = 0.15
 (k of Felzenszwalb & Huttenlocher 2004, in supervoxels)."""
 LEAST_BLUR = 0.01
 """No supervoxel's chromaticity is known better than that."""
+UNREAD = 0.9
+"""Uncertainty of a chromaticity from which on it says nothing: such patches are not read at all."""
 MOST = 32
 """The largest patches are labelled together; the others wait for their surroundings."""
 LEAST_POINTS, FULL_POINTS = 15, 40
@@ -116,7 +118,7 @@ def read_together(patches: Patches, palette: ColorModel, clues: _Array) -> tuple
     the lights of a grid side by side, from the middle on in the likeliest only; the belief is a mean over
     what is left in the beam.
     """
-    used = np.flatnonzero(patches.points >= LEAST_POINTS)[:MOST]
+    used = np.flatnonzero((patches.points >= LEAST_POINTS) & (patches.blur < UNREAD))[:MOST]
     if not len(used):
         return np.full((len(patches.points), _N), 1 / _N), GAIN
     gains, unary = _lights(patches, palette, used)

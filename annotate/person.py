@@ -52,8 +52,11 @@ EDGES_PX = 25
 """How far around what is warm silhouettes are compared with the temperatures: four degrees."""
 BESIDE_PX, LEAST_BESIDE = 45, -3.0
 """How far around the person what is as cold as the room may yet be theirs: a lower leg; not on a plane."""
-MOST_BY_SUIT = 6.0
-"""The most that the suit's colours can be worth."""
+DOUBT = -2.0
+"""Above these log odds what was found by warmth stays: most rooms have no blanket."""
+BY_OWN_ODDS, MOST_BY_SUIT, BETWEEN_PX = 0.52, 6.0, 13
+"""What a pixel's own warmth and planes are worth beside the suit's colours, from the same regression; the
+most that either can be; how wide gaps in a blanket are that is told by its colours."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +140,10 @@ def _by_temperature(
         panel |= panel_of(plane, cloud, hot)
     loose &= ~panel
     warm = loose & (celsius >= low) & (celsius <= high)
-    nobody = f"no person: nothing of human size is {low:.1f} to {high:.1f} degrees warm"
+    nobody = (
+        f"no person in the thermal and depth images: nothing of human size is {low:.1f} to {high:.1f} "
+        "degrees warm; let somebody step into the view, or give the window of temperatures"
+    )
     if not warm.any():
         zero = np.zeros(loose.shape, np.float32)
         return _Field("thermal", zero, warm, warm, planes, nobody)
@@ -166,7 +172,10 @@ def _by_depth(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
     persons = [piece for piece in pieces if piece.is_human_sized]
     none = np.zeros(labels.shape, np.bool_)
     if not persons:
-        note = "no person: no connected surface of human size; record temperature to tell people from things"
+        note = (
+            "no person in the depth image: no connected surface of human size; let somebody step into the "
+            "view, and record temperature to tell people from things"
+        )
         return PersonMask(none, "depth", none, (note,))
     chosen = labels == max(persons, key=_centrality).label
     note = "found by depth alone: things that touch the person are in the mask"
@@ -189,7 +198,10 @@ def _by_before(cloud: ThermalCloud, before: FrameLabels | None, planes: tuple[Pl
     was = (persons_before(before) > 0) & (before.depth_mm > 0)
     pixels_per_m = cloud.camera.fx * 1000 / float(np.median(before.depth_mm[was]))
     candidates = cloud.valid & _around(was, SURROUNDINGS_M * pixels_per_m) & (loose | ~still)
-    nobody = "no person: no temperature in this frame, and whoever was in the frame before is gone"
+    nobody = (
+        "no person: no thermal image in this frame, and whoever was in the depth image before is gone; "
+        "label again from a frame with both"
+    )
     note = "no temperature in this frame: the person is carried over from the frame before"
     return _Field("before", odds, candidates, still, planes, nobody, (note,))
 
@@ -241,8 +253,10 @@ class _Silhouettes:
 
         What they wear is theirs, however far a blanket keeps it from the rest of them.
         """
-        told = np.clip(told, -MOST_BY_SUIT, MOST_BY_SUIT)
-        odds = np.where(told != 0, told, self.odds)
+        told = np.where(persons[0].mask & (told < 0) & (told > DOUBT), np.float32(0), told)
+        own = BY_OWN_ODDS * np.clip(self.odds, -MOST_BY_SUIT, MOST_BY_SUIT)
+        told = np.where(told != 0, np.clip(told, -MOST_BY_SUIT, MOST_BY_SUIT) + own, 0).astype(np.float32)
+        odds = np.where(told != 0, told, self.odds + np.minimum(_between(told), 0))
         odds = np.where(told != 0, told, odds + by_color(self._lab, odds, self._candidates, self._taught))
         depth_m, first = self._cloud.points_m[..., 2], persons[0]
         theirs = settle(odds, self._candidates, depth_m, self._normals, self._lab) > 0
@@ -251,6 +265,12 @@ class _Silhouettes:
             near &= ~person.mask
         dressed = replace(first, mask=np.asarray(near, np.bool_))
         return [dressed if near.any() else first, *persons[1:]]
+
+
+def _between(told: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Mean (h, w) of the odds (h, w) told about what is around, 0 where nothing is."""
+    total, count = (cv2.blur(one, (BETWEEN_PX,) * 2) for one in (told, (told != 0).astype(np.float32)))
+    return np.asarray(np.where(count > 0.1, total / np.maximum(count, 0.1), 0), np.float32)
 
 
 def _persons(

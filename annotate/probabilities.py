@@ -17,6 +17,8 @@ NOTE = "probability_crop"
 """Name of the note that says where the crop lies in the frame: [top, left, side], pixels."""
 STEP = 1 / 255
 """Resolution of what is stored."""
+MAX_PNG_BYTES = 2 * N_CLASSES * SIZE * SIZE
+"""Of a file no more is read: it is never larger than its pixels and their checks."""
 _PNG = [
     *(cv2.IMWRITE_PNG_COMPRESSION, 1),
     *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE),

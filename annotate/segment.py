@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from annotate.bare import bareness, grown_from, without_sides
 from annotate.cloud import ThermalCloud
@@ -30,6 +31,8 @@ BAD_SHARE = 0.3
 """From this share of colours lost to darkness or glare on the user is told."""
 UNKNOWN, UNTOLD_BELOW = 0.35, 0.8
 """Beliefs below which a supervoxel stays undefined: without any colour; with a rival that looks alike."""
+TELLING_M = 0.08
+"""How far surroundings tell the part of places without a colour: a forearm is that thick."""
 UNTOLD = "some parts stay undefined: their colours cannot be read, or look alike in the suit"
 OWN_COLOR, OWN_GROUP = 1.0, 0.25
 """Weights of a point's own colour and of its supervoxel's belief where the border runs within supervoxels."""
@@ -74,7 +77,7 @@ def segment(
     parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
     parts[mask] = chosen + 1
     confidence[mask] = calibrated(features(cloud, mask, parts, belief, evidence, usable, groups))
-    if (untold := _untold(belief, chosen, usable, groups, suit)).any():
+    if (untold := _untold(belief, chosen, usable, groups, suit, cloud.points_m[mask])).any():
         parts[mask] = np.where(untold, UNDEFINED, parts[mask])
         confidence[mask] = np.where(untold, 0, confidence[mask])
         notes = (*notes, UNTOLD)
@@ -139,11 +142,17 @@ def _believed(
 
 
 def _untold(
-    belief: _Array, chosen: NDArray[np.uint8], usable: NDArray[np.bool_], groups: Supervoxels, suit: Suit
+    belief: _Array,
+    chosen: NDArray[np.uint8],
+    usable: NDArray[np.bool_],
+    groups: Supervoxels,
+    suit: Suit,
+    points_m: NDArray[np.float32],
 ) -> NDArray[np.bool_]:
     """Points (n,) of which too little is known; chosen: (n,) part indices, usable: (n,) readable colours.
 
     Between neighbours of one colour no border can be seen; elsewhere what they join may tell look-alikes.
+    Surroundings tell the part of a place without a colour only near by.
     """
     rival, part = np.argsort(belief, axis=1)[:, -2:].T
     best = belief.max(axis=1)
@@ -152,7 +161,10 @@ def _untold(
         alike[a - 1, b - 1] = alike[b - 1, a - 1] = True
         borderless[[a - 1, b - 1]] |= frozenset((a, b)) in NEIGHBOURS
     unread = np.bincount(groups.ids, usable, groups.count) == 0
-    in_group = (best < UNKNOWN) & unread | (best < UNTOLD_BELOW) & alike[part, rival]
+    middle_m = groups.centroids_m(points_m)
+    away_m = cKDTree(middle_m[~unread]).query(middle_m)[0] if not unread.all() else np.inf
+    guessed = unread & ((best < UNKNOWN) | (away_m > TELLING_M))
+    in_group = guessed | (best < UNTOLD_BELOW) & alike[part, rival]
     return np.asarray(in_group[groups.ids] | borderless[chosen])
 
 

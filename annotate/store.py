@@ -23,7 +23,12 @@ from annotate.images import (
 from annotate.journal import Journal
 from annotate.labels import FrameLabels, Status
 from annotate.parts import PARTS
-from annotate.probabilities import Probabilities, decode_probabilities, encode_probabilities
+from annotate.probabilities import (
+    MAX_PNG_BYTES,
+    Probabilities,
+    decode_probabilities,
+    encode_probabilities,
+)
 from sensors.atomic import write_bytes
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError, ExistsError, FormatError
@@ -147,9 +152,8 @@ class LabelSet:
         if not file.is_file():
             return None
         try:
-            if file.stat().st_size > MAX_JSON_BYTES:
-                raise FormatError(f"it is larger than {MAX_JSON_BYTES} bytes; predict again")
-            return decode_probabilities(file.read_bytes(), self.notes(frame_id))
+            with file.open("rb") as png:
+                return decode_probabilities(png.read(MAX_PNG_BYTES), self.notes(frame_id))
         except OSError as error:
             raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error
         except FormatError as error:
@@ -230,6 +234,7 @@ def validate(labels: LabelSet) -> list[str]:
     for frame_id in labels.frame_ids:
         try:
             frame = labels.read(frame_id)
+            labels.probabilities(frame_id)
         except CloudError as error:
             problems.append(str(error))
             continue

@@ -22,6 +22,8 @@ from annotate.supervoxels import Supervoxels, supervoxels
 STRIDE = 2
 """Colours are compared on every second pixel of every second row."""
 SEED_M = 0.05
+LEAST_LIKELY = 1e-4
+"""No place is less likely than that for what one other part of the body tells of it."""
 ROUNDS, SURELY_NOT = 2, -2.0
 """The body is read again without what surely lay on it: log odds below these."""
 LEAST_SEEN = 100
@@ -32,10 +34,10 @@ UNFELT = 0.8
 """What a surface without a temperature counts for: a share of that contrast."""
 ALIKE, ALIKE_BLURS, ALIKE_SHADE = 0.045, 0.5, 0.6
 """Chromaticity (and share of its uncertainty), and log brightness, by which one cloth's places differ."""
-REACH_M = 0.5
+REACH_M = 0.7
 MOST_M2 = np.array([0.035, 0.13, 0.033, 0.033, 0.028, 0.028, 0.045, 0.06, 0.06, 0.056, 0.056])
 """Surface of each part (11,) that can be seen at once: the most of 107 frames of 36 people of the rig."""
-LARGER = 8.0
+LARGER = 14.0
 """Log cost of being e times larger, times the square of the logarithm."""
 WARMTH = np.array([1.13, 0.97, 0.84, 0.84, 0.77, 0.77, 0.94, 0.86, 0.86, 0.58, 0.58])
 WARMTH_SD = np.array([0.25, 0.08, 0.13, 0.13, 0.22, 0.22, 0.12, 0.13, 0.13, 0.22, 0.22])
@@ -46,7 +48,7 @@ ANY_COLOR = np.where([part.id in (1, 5, 6, 10, 11) for part in BODY_PARTS], -3.0
 """Log score (11,) of the oddest colour: skin, hair and shoes differ more, and shine more, than cloth does."""
 PLACE, PLACE_COST = 0.6, 10.0
 """Weight of where a patch lies, and the most that a place can cost before."""
-ODDS, BY_PART, BY_MASK = 0.3, 0.92, 6.7
+ODDS, BY_PART, BY_MASK = 0.3, 0.75, 4.75
 """Log odds of being a part, and what a unit of the best part's score, and lying in the mask found without
 the suit's colours, add. Logistic regression over 3,665 patches in 77 frames of 54 people of the rig (seeds
 101, 110, 111, 130 to 133); left out by recording, 4 pixels are told wrong for 100 of a person."""
@@ -113,11 +115,10 @@ def _by_place(patches: Patches, body: Patches, belief: _Array) -> _Array:
     """Log score (R, 11) of every part of a patch, the body's being what they are believed to be (R, 11)."""
     told = np.flatnonzero(patches.points >= LEAST_POINTS)
     known = np.flatnonzero(body.points[told] >= LEAST_POINTS)[:MOST]
-    part = belief[told[known]].argmax(axis=1)
     pairs = pair_scores(patches, told)
     score = np.zeros((len(patches.points), len(MOST_M2)))
-    for other, its in zip(known, part, strict=True):
-        heard = pairs[other, :, its]
+    for other in known:
+        heard = np.log(np.exp(pairs[other].transpose(0, 2, 1)) @ belief[told[other]] + LEAST_LIKELY)
         heard[other] = 0
         score[told] += heard
     return PLACE * np.maximum(score, -PLACE_COST)

@@ -17,9 +17,11 @@ EXTRAS = {
     "synth": "no bodies of your own (synth bodies), no C3D files; the shipped bodies and TRC, BVH work",
     "train": "no training (train); predict works",
     "exchange": "no ROS 2 bags, LAS, LAZ or Parquet",
+    "smp": "no training of other people's architectures (train --network smp)",
     "cluster": "no generating on several machines (synth generate --scheduler)",
     "kinect": "no Azure Kinect as a device; its recordings can be imported",
     "orbbec": "no Orbbec cameras as devices",
+    "docs": "no building of these pages (make docs)",
     "v4l2": "an Optris camera without the kernel's frame numbers",
 }
 """Extras of the package, and what is lost where one is missing."""

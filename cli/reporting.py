@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from cli.console import Json, Overwrite, finish
-from eval.results import check_free, load_result
+from eval.results import load_result
 from sensors.replay import Session
 
 
@@ -41,14 +41,14 @@ def report(
 ) -> None:
     """Put results side by side, with the paper's, on one page that opens offline."""
     # Fusion's and the page's libraries take a second to import, which the other verbs need not spend.
-    from eval.report.build import write_report
+    from eval.report.build import free_outputs, write_report
     from eval.report.gather import gather
 
     if len(note or []) > len(shown or []):
         raise typer.BadParameter(
             f"{len(note or [])} notes for {len(shown or [])} label sets; give --shown for each"
         )
-    check_free(out, overwrite)
+    free_outputs(out, overwrite)
     notes = [*(note or []), *[""] * len(shown or [])]
     facts = {"command": shlex.join(["annotate-cloud", *sys.argv[1:]]), "version": version("annotate-cloud")}
     material = gather(

@@ -22,7 +22,7 @@ from sensors.errors import CloudError, ExistsError, FormatError
 
 SCHEMA = 2
 MAX_BYTES = 128_000_000
-"""About eight times the JSON of the 4,984 frames of the paper's test set, all classes present."""
+"""Ten times the JSON of the 4,984 frames of the paper's test set, all classes present."""
 MAX_COUNT = 2**31
 """More pixels than this no image has; sums of so many frames as fit in the file stay exact."""
 MISSED = "missed"
@@ -45,7 +45,11 @@ def check_free(path: Path, overwrite: bool) -> None:
 
 
 def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
-    """Write a result atomically. Raises ExistsError when the file is there and `overwrite` is not set."""
+    """Write a result atomically.
+
+    Raises ExistsError when the file is there and `overwrite` is not set, CloudError for more frames than
+    `load_result` would read.
+    """
     check_free(path, overwrite)
     comparison = result.comparison
     joints_mm = comparison.joints_mm
@@ -62,7 +66,13 @@ def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
         "counts": {name: getattr(comparison.counts, name).ravel().tolist() for name in SHAPES},
         "joints_mm": None if joints_mm is None else [[_joint(v) for v in row] for row in joints_mm],
     }
-    write_bytes(path, (json.dumps(value, allow_nan=False, separators=(",", ":")) + "\n").encode())
+    data = (json.dumps(value, allow_nan=False, separators=(",", ":")) + "\n").encode()
+    if len(data) > MAX_BYTES:
+        raise CloudError(
+            f"a result of {len(comparison.frame_ids)} frames is {len(data)} bytes, more than {MAX_BYTES}; "
+            "evaluate fewer frames at a time"
+        )
+    write_bytes(path, data)
 
 
 def load_result(path: Path) -> Result:

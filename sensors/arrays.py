@@ -22,6 +22,7 @@ from sensors.errors import CalibrationError, FormatError
 from sensors.frame import FRAME_PERIOD_NS, RigFrame, mm_from_metres, mm_from_units
 from sensors.intrinsics_file import read_intrinsics
 
+NPY_MAGIC, ZIP_MAGIC = b"\x93NUMPY", b"PK\x03\x04"
 MAX_ARRAY_BYTES = 1 << 32
 MAX_ZIP_RATIO = 1100
 """Deflate reaches 1032; what claims more is no array."""
@@ -68,7 +69,9 @@ def _load(path: Path) -> dict[str, NDArray[Any]]:
     try:
         if path.stat().st_size > MAX_ARRAY_BYTES:
             raise FormatError(f"{path} is larger than {MAX_ARRAY_BYTES} bytes; split it")
-        if not zipfile.is_zipfile(path):
+        with path.open("rb") as file:
+            single = file.read(len(NPY_MAGIC)) == NPY_MAGIC
+        if single:
             return {"depth": np.load(path, mmap_mode="r", allow_pickle=False)}
         with zipfile.ZipFile(path) as archive:
             return {info.filename.removesuffix(".npy"): _member(archive, info) for info in archive.infolist()}

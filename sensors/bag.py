@@ -9,6 +9,7 @@ from mcap.records import Channel, Message, Metadata
 from numpy.typing import NDArray
 
 from sensors.bag_files import McapFile
+from sensors.bag_index import BagFile, index_topics, open_files, storage_files
 from sensors.bag_topics import choose_color, choose_depth, described_by
 from sensors.calibration import Pose, RigCalibration
 from sensors.camera import Intrinsics

@@ -88,7 +88,10 @@ def _lens(folder: Path, name: str) -> Intrinsics | None:
     matrix = _matrix(path, ("cameraMatrix", "camera_matrix"), (9,))
     lens = _matrix(path, ("distortionCoefficients", "distortion_coefficients"), (4, 5))
     storage = _open(path)
-    width, height = (int(storage.getNode(f"image_{side}").real()) for side in ("width", "height"))
+    try:
+        width, height = (int(storage.getNode(f"image_{side}").real()) for side in ("width", "height"))
+    except (ValueError, OverflowError) as error:
+        raise CalibrationError(f"{path}: the image's size is no number; restore it") from error
     if not (width and height):
         width, height = SIZES[name]
     k1, k2, p1, p2, k3 = np.append(lens, 0.0)[:5].tolist()

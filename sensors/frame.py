@@ -11,6 +11,7 @@ from PIL import Image
 
 from sensors.camera import MAX_IMAGE_SIDE
 from sensors.errors import FormatError
+from sensors.png import PNG_MAGIC, check_chunks
 
 MAX_DEPTH_MM = 65535
 FRAME_PERIOD_NS = 33_333_333
@@ -56,6 +57,8 @@ class RigFrame:
             raise self._broken_color(str(error)) from error
         if max(size) > MAX_IMAGE_SIDE:
             raise self._broken_color(f"it claims {size[0]}x{size[1]} pixels")
+        if self.color_encoded.startswith(PNG_MAGIC):
+            check_chunks(self.color_encoded, f"colour image of frame {self.index}:")
         image = cv2.imdecode(np.frombuffer(self.color_encoded, np.uint8), cv2.IMREAD_COLOR)
         if image is None:
             raise self._broken_color("it is cut off or corrupt")

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sensors.arrays import DepthArrays
+from sensors.arrays import NPY_MAGIC, ZIP_MAGIC, DepthArrays
 from sensors.azure_mkv import AzureRecording
 from sensors.bag import Bag, is_bag
 from sensors.errors import FormatError
@@ -35,7 +35,7 @@ def open_source(path: Path) -> Source:
         return Bag(path)
     if head.startswith(b"\x1a\x45\xdf\xa3"):
         return AzureRecording(path)
-    if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
+    if head.startswith((NPY_MAGIC, ZIP_MAGIC)):
         return DepthArrays(path)
     if path.suffix.lower() in CLOUDS:
         return CloudFile(path)

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from sensors.camera import MAX_IMAGE_SIDE
 from sensors.errors import FormatError
 
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+
 
 def png_shape(data: bytes, name: str) -> tuple[int, int]:
     """(height, width) from a PNG's header, before anything is allocated. Raises FormatError."""
-    if len(data) < 33 or data[:8] != b"\x89PNG\r\n\x1a\n":
+    if len(data) < 33 or data[:8] != PNG_MAGIC:
         raise FormatError(f"{name} image is no PNG or is cut off; restore it from a copy")
     width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     if not (0 < width <= MAX_IMAGE_SIDE and 0 < height <= MAX_IMAGE_SIDE):
@@ -22,9 +24,25 @@ def png_shape(data: bytes, name: str) -> tuple[int, int]:
     return height, width
 
 
+def check_chunks(data: bytes, name: str) -> None:
+    """Whether every chunk of a PNG lies within it: OpenCV allocates, and clears, what a chunk claims to hold.
+
+    Raises FormatError.
+    """
+    offset, last = 8, b""
+    while offset + 12 <= len(data) and last != b"IEND":
+        last = data[offset + 4 : offset + 8]
+        offset += 12 + int.from_bytes(data[offset : offset + 4], "big")
+    if last != b"IEND" or offset > len(data):
+        raise FormatError(
+            f"{name} PNG is cut off or corrupt: it holds nothing readable; restore it from a copy"
+        )
+
+
 def decode_grey(data: bytes, dtype: type[Any], name: str) -> NDArray[Any]:
     """Greyscale PNG of exactly ``dtype`` (uint8 or uint16) -> (h, w). Raises FormatError."""
     png_shape(data, name)
+    check_chunks(data, name)
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.ndim != 2 or image.dtype != dtype:
         found = "nothing readable" if image is None else f"{image.dtype} {image.shape}"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sensors.camera import MAX_IMAGE_SIDE
 from sensors.errors import FormatError
 from sensors.frame import mm_from_metres
-from sensors.png import decode_grey, png_shape
+from sensors.png import PNG_MAGIC, decode_grey
 from sensors.ros_messages import PackedPicture, RawPicture
 
 DEPTHS = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
@@ -21,7 +21,6 @@ COLORS = {"rgb8": cv2.COLOR_RGB2BGR, "bgr8": None, "rgba8": cv2.COLOR_RGBA2BGR, 
           "8UC3": None, "mono8": cv2.COLOR_GRAY2BGR, "8UC1": cv2.COLOR_GRAY2BGR}  # fmt: skip
 """Encodings that are read; of colours, OpenCV's way to its own order."""
 _CHANNELS = {"rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
-_PNG = b"\x89PNG\r\n\x1a\n"
 _CONFIG = struct.Struct("<iff")
 """What stands before the PNG of a compressed depth image: format (1 = inverse depth), and its two numbers."""
 
@@ -42,7 +41,7 @@ def depth_mm_from(picture: RawPicture | PackedPicture) -> NDArray[np.uint16]:
 def color_encoded_from(picture: RawPicture | PackedPicture) -> bytes:
     """JPEG or PNG bytes: the sender's own, or a raw image as PNG, which loses nothing. Raises FormatError."""
     if isinstance(picture, PackedPicture):
-        if not picture.data.startswith((b"\xff\xd8\xff", _PNG)):
+        if not picture.data.startswith((b"\xff\xd8\xff", PNG_MAGIC)):
             raise FormatError(f"colour image has format {picture.format[:40]!r}; only JPEG and PNG are read")
         return picture.data
     if picture.encoding not in COLORS:
@@ -78,13 +77,12 @@ def _values(picture: RawPicture, dtype: np.dtype[Any], channels: int) -> NDArray
 
 
 def _unpacked_depth(picture: PackedPicture) -> NDArray[np.uint16]:
-    start = picture.data[:64].find(_PNG)
+    start = picture.data[:64].find(PNG_MAGIC)
     if start < 0:
         raise FormatError(
             f"compressed depth has format {picture.format[:60]!r}; only PNG is read, not RVL: record it raw"
         )
     png = picture.data[start:]
-    png_shape(png, "compressed depth")
     values: NDArray[np.uint16] = decode_grey(png, np.uint16, "compressed depth")
     if start != _CONFIG.size or "32FC1" not in picture.format:
         return values

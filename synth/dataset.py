@@ -105,7 +105,9 @@ class Dataset:
                 raise FormatError(f"{manifest} is not of schema {SCHEMA}; generate the dataset again")
             shards = tuple((str(s["file"]), str(s["sha256"])) for s in info.pop("shards"))
             info["images"] = int(info["images"])
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        except (
+            OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError,
+        ) as error:  # fmt: skip
             raise FormatError(f"{manifest} is corrupt ({error!r}); generate the dataset again") from error
         for name, _ in shards:
             if Path(name).name != name or not (path / name).is_file():

@@ -69,8 +69,7 @@ class Browser:
 
     def close(self) -> None:
         """End the browser."""
-        self._session = ""
-        self.ask("Browser.close")
+        self._process.terminate()
         self._process.wait(60)
         os.close(self._down)
         os.close(self._up)

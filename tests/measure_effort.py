@@ -1,8 +1,9 @@
 """Measure the work left: ``python -m tests.measure_effort LABELS TRUTH [--session S] [--frames N]``.
 
 A simulated annotator corrects a copy of the label set to 99 % agreement with the truth; printed are the
-seconds and operations a frame, with a strict border and one of 2 px, each frame alone and with propagation
-from the frame before it. With the session, supervoxels follow colour; else the labels.
+seconds and operations a frame, the share accepted with one key and what is left wrong, with a strict border
+and one of 2 px, each frame alone and with the window carrying corrections over from the frames before
+("always carry": its strokes need no key). With the session, supervoxels follow colour; else the labels.
 """
 
 import argparse
@@ -25,7 +26,7 @@ from sensors.replay import Session
 def measure(labels, truth, color_of, tolerance_px, propagating, trace=False):
     """Print one way of working over a label set."""
     annotator = Annotator(tolerance_px=tolerance_px)
-    efforts, before, left, operations = [], [], Counter(), Counter()
+    efforts, before, left, operations, spent = [], [], Counter(), Counter(), Counter()
     started = time.process_time()
     with Correction.open(labels.path, WHO, clock=annotator.clock) as correction:
         for effort in correct_set(correction, truth, annotator, color_of, propagating):
@@ -36,17 +37,20 @@ def measure(labels, truth, color_of, tolerance_px, propagating, trace=False):
             before.append(agreement.of(labels.read(frame_id, original=True).parts))
             wrong = agreement.wrong(effort.corrected.parts)
             left.update(zip(effort.corrected.parts[wrong].tolist(), true[wrong].tolist(), strict=True))
-            operations.update((s.operation, s.how.kind) for s in effort.strokes if s.operation != "accept")
+            for stroke in effort.strokes:
+                operations[stroke.operation, stroke.how.kind] += 1
+                spent[stroke.operation, stroke.how.kind] += stroke.active_seconds
             if trace:
                 done = [f"{s.operation}/{s.how.kind} {s.active_seconds:.1f}" for s in effort.strokes]
                 print(
                     f"  {frame_id} {before[-1]:.4f} -> {effort.agreement:.4f} {effort.seconds:.1f} s", *done
                 )
-    print_summary(efforts, before, left, operations)
+    print_summary(efforts, before, left)
+    print_operations(operations, spent)
     print(f"  simulated in {(time.process_time() - started) / len(efforts):.2f} s a frame")
 
 
-def print_summary(efforts, before, left, operations):
+def print_summary(efforts, before, left):
     seconds = np.array([e.seconds for e in efforts])
     repairs = np.array([e.repairs for e in efforts])
     missed = [e for e in efforts if e.agreement < AGREEMENT]
@@ -63,7 +67,12 @@ def print_summary(efforts, before, left, operations):
     of_all = sum(left.values()) or 1
     said = (f"{n / of_all:.0%} {name(was)} for {name(true)}" for (was, true), n in left.most_common(5))
     print("  left wrong:", ", ".join(said) or "nothing")
-    print("  operations:", ", ".join(f"{n} {o}/{how}" for (o, how), n in operations.most_common()))
+
+
+def print_operations(operations, spent):
+    """How often each was done and the seconds it took, the looking before it included."""
+    said = (f"{operations[key]} {key[0]}/{key[1]} {s:.0f} s" for key, s in spent.most_common())
+    print("  operations:", ", ".join(said))
 
 
 def name(part):
@@ -86,7 +95,8 @@ def main():
         color_of = lambda frame_id: fuser.fuse_frame(session.frame(int(frame_id))).color_rgb  # noqa: E731
     for tolerance_px in options.tolerance:
         for propagating in (False, True):
-            print(f"border {tolerance_px} px, {'with propagation' if propagating else 'each frame alone'}:")
+            mode = "corrections carried over" if propagating else "each frame alone"
+            print(f"border {tolerance_px} px, {mode}:")
             with tempfile.TemporaryDirectory() as folder:
                 labels = copy_of(LabelSet.open(options.labels), Path(folder) / "labels", options.frames)
                 measure(labels, truth, color_of, tolerance_px, propagating, options.trace)

@@ -14,9 +14,20 @@ from annotate.edit import Editor
 from annotate.edit_supervoxels import edit_supervoxels
 from annotate.effort import AGREEMENT, WHO, Annotator, correct_set
 from annotate.hand import CAREFUL, QUICK, along, length_px, loop, outline
-from annotate.keystrokes import ACCEPT_S, CLICK_S, KEY_S, MENTAL_S, POINT_S, STEER_S, gesture_s
+from annotate.keystrokes import (
+    ACCEPT_S,
+    CLICK_S,
+    KEY_S,
+    MENTAL_S,
+    POINT_S,
+    STEER_S,
+    Tools,
+    gesture_s,
+    moves_s,
+)
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND, UNDEFINED, swap_left_right
+from annotate.repairs import Move, Repair, in_one_go
 from annotate.store import LabelSet
 from annotate.stroke import KEY, Gesture
 from sensors.camera import Intrinsics
@@ -94,6 +105,18 @@ def test_swapped_arms_are_one_key_under_the_pointer():
     _, strokes = worked(swap_left_right(person()), person())
     assert [stroke.operation for stroke in strokes] == ["swap_left_right", "accept"]
     assert seconds(strokes) == pytest.approx(2 * MENTAL_S + POINT_S + 2 * KEY_S, abs=1e-3)
+
+
+def test_repairs_of_one_part_are_made_with_one_look():
+    left, right = np.array([3, 4]), np.array([4, 9])
+    one = Repair((Move("paint", "supervoxel", 2, pixel=3),), left, np.array([2, 2], np.uint8))
+    other = Repair((Move("paint", "supervoxel", 2, pixel=9),), right, np.array([2, 2], np.uint8))
+    both = in_one_go([one, other])
+    np.testing.assert_array_equal(both.pixels, [3, 4, 9])
+    np.testing.assert_array_equal(both.parts, [2, 2, 2])
+    tools = Tools(2, "piece")
+    apart = moves_s(one.moves, tools) + moves_s(other.moves, tools)
+    assert moves_s(both.moves, tools) == pytest.approx(apart - MENTAL_S)
 
 
 def test_a_missing_foot_is_drawn_where_no_piece_fits():

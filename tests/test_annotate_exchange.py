@@ -442,3 +442,11 @@ def test_an_export_may_not_replace_what_it_did_not_make(labels, tmp_path):
     with pytest.raises(ExistsError, match="not made"):
         export_labels(labels, tmp_path / "mine", "pairs", nothing, overwrite=True)
     assert (tmp_path / "mine" / "thesis.txt").is_file()
+
+
+@pytest.mark.parametrize("head", ["<!DOCTYPE x>", EVIL_XML["external dtd"], BOMB + "]>"])
+def test_xml_with_a_document_type_is_refused_before_it_is_used(export, tmp_path, head):
+    out = export("cvat")
+    (out / XML).write_text(head.partition("<annotations")[0] + xml(""))
+    with pytest.raises(FormatError, match="document type"):
+        import_labels(out, tmp_path / "back", nothing)

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from conftest import tree
@@ -66,9 +67,9 @@ def test_without_a_suit_only_the_person_is_found(tmp_path, session, rig_labels):
     run = label_source(session, None, tmp_path / "l", silent)
     for bare, dressed in zip(run.labels, rig_labels, strict=True):
         assert set(np.unique(bare.parts)) == {0, UNDEFINED}
-        # What the suit's colours leave loose in the room is dropped.
-        assert not dressed.parts[bare.parts == 0].any()
-        assert (dressed.parts > 0).sum() > 0.98 * (bare.parts > 0).sum()
+        # The suit's colours find a little of the body that its warmth does not, and drop what lies loose.
+        found, worn = bare.parts > 0, dressed.parts > 0
+        assert (found & worn).sum() > 0.95 * (found | worn).sum()
 
 
 def test_progress_counts_every_frame_bad_ones_too(tmp_path, session):
@@ -185,6 +186,22 @@ def test_a_frame_that_cannot_be_relied_on_is_not_labelled(tmp_path, session, mon
         np.testing.assert_array_equal(frame.parts == UNDEFINED, frame.persons == 1)
         assert not frame.confidence.any()
         assert frame.notes["notes"] == ["thermal: off"]
+
+
+@pytest.mark.parametrize(
+    ("value", "says"), [(255, "lower the colour camera"), (4, "raise the colour camera")]
+)
+def test_a_spoilt_colour_image_is_named_with_its_frame_and_a_remedy(tmp_path, session, value, says):
+    camera = session.calibration.color
+    spoilt = cv2.imencode(".png", np.full((*camera.shape, 3), value, np.uint8))[1].tobytes()
+    one = Altered(session, lambda f: replace(f, color_encoded=spoilt) if f.index == 1 else f)
+    run = label_source(one, DEFAULT_SUIT, tmp_path / "l", silent)
+    told = {note: frames for note, frames in run.remarks().items() if note.startswith("colour is")}
+    assert list(told.values()) == [["000001"]]
+    assert says in next(iter(told))
+    frame = run.labels.read("000001")
+    assert set(np.unique(frame.parts)) == {0, UNDEFINED}
+    assert not frame.confidence.any()
 
 
 def test_remarks_name_the_frames(tmp_path, session):

@@ -2,19 +2,23 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
+from annotate.bare import LIKELY, bareness, grown_from, without_sides
 from annotate.cloud import ThermalCloud
+from annotate.color_model import BARE, under, unfitted
 from annotate.confidence import worst_first
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND, LEFT_RIGHT, PART_ID, UNDEFINED, swap_left_right
+from annotate.patches import patches_of
 from annotate.refine import NEIGHBOUR, refine
 from annotate.segment import UNTOLD, segment
 from annotate.store import LabelSet
-from annotate.suit import DEFAULT_SUIT, Suit
-from annotate.supervoxels import supervoxels
+from annotate.suit import DEFAULT_SUIT, Suit, chromaticity
+from annotate.supervoxels import Supervoxels, supervoxels
 from eval.metrics import confusion_matrix, recall
 from sensors.camera import Intrinsics, rays
 from sensors.replay import Session
@@ -268,6 +272,70 @@ def test_wrong_pixels_are_where_confidence_is_low(seen):
     counts = np.bincount(groups.ids, wrong, groups.count)[order]
     assert counts[: int(0.3 * len(counts))].sum() >= 0.8 * counts.sum()
     assert abs(result.confidence[person].mean() - (~wrong).mean()) < 0.05
+
+
+def test_confidence_is_lower_along_seams_and_silhouettes(seen):
+    """Averaged over the person: at the outline and beside another part labels are less sure than within."""
+    cloud, truth = seen[1]
+    person = person_of(truth) & cloud.valid
+    result = segment(cloud, person, DEFAULT_SUIT)
+    square = np.ones((3, 3), np.uint8)
+    inner = cv2.erode(result.parts, square) == cv2.dilate(result.parts, square)
+    deep = cv2.erode(person.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    within = result.confidence[deep & inner].mean()
+    assert result.confidence[person & ~deep].mean() < within
+    assert result.confidence[deep & ~inner].mean() < within
+
+
+def test_worst_first_counts_the_wrong_pixels_to_be_expected():
+    groups = Supervoxels(np.repeat([0, 1, 2], [10, 100, 5]).astype(np.int32), 3, np.zeros((0, 2), np.int32))
+    confidence = np.repeat([0.5, 0.9, 0.1], [10, 100, 5])  # 5, 10 and 4.5 wrong ones
+    assert worst_first(confidence, groups).tolist() == [1, 0, 2]
+
+
+def chain(colors: list[np.ndarray]) -> tuple[Supervoxels, np.ndarray]:
+    """Supervoxels of fifty points in a row, 5 cm apart, each touching the next; their chromaticities."""
+    ids = np.repeat(np.arange(len(colors)), 50).astype(np.int32)
+    edges = np.column_stack([np.arange(len(colors) - 1), np.arange(1, len(colors))]).astype(np.int32)
+    return Supervoxels(ids, len(colors), edges), chromaticity(np.stack(colors))
+
+
+def test_a_hand_belongs_to_the_sleeve_it_grows_out_of():
+    """Left sleeve, hand, chest, right sleeve in a row: skin alone leads to the left one."""
+    left, right = PART_ID["left_forearm"] - 1, PART_ID["right_forearm"] - 1
+    skin = np.array(BARE[0][0])
+    colors = [color_of(left + 1), skin, skin, color_of(TORSO), color_of(right + 1)]
+    groups, chroma = chain(colors)
+    middle_m = np.column_stack([0.05 * np.arange(5), np.zeros(5), np.full(5, 2.0)])
+    odds = bareness(under(unfitted(DEFAULT_SUIT), np.zeros(2)), chroma, np.full(5, 0.02))
+    np.testing.assert_array_equal(odds > LIKELY, [False, True, True, False, odds[4] > LIKELY])
+    belief = np.full((5, 11), 0.001)
+    belief[[0, 1, 2, 3, 4], [left, right, right, TORSO - 1, right]] = 0.9  # the hand was taken for the other
+    patches = patches_of(groups, chroma, np.full(5, 0.02), middle_m)
+    clue = grown_from(belief, odds, patches, groups, middle_m)
+    assert (clue[1:3, left] == 0).all()
+    assert (clue[1:3, right] < -2).all()
+    assert not clue[[0, 3]].any()
+    even = without_sides(belief, odds)
+    np.testing.assert_allclose(even[1:3, left], even[1:3, right])
+    np.testing.assert_array_equal(even[3], belief[3])
+
+
+@pytest.mark.parametrize("value", [255, 6], ids=["over-exposed", "dark"])
+@pytest.mark.parametrize("share", [0.35, 0.6])
+def test_what_a_spoilt_part_of_a_person_shows_is_not_guessed(seen, value, share):
+    """The spoilt rows are told where surroundings tell them, right, and else stay undefined."""
+    cloud, truth = seen[0]
+    person = person_of(truth) & cloud.valid
+    rows = np.sort(np.nonzero(person)[0])
+    spoilt = person & (np.arange(person.shape[0])[:, None] <= rows[int(share * len(rows))])
+    rgb = np.where(spoilt[..., None], np.uint8(value), cloud.color_rgb)
+    result = segment(replace(cloud, color_rgb=rgb), person, DEFAULT_SUIT)
+    assert any("colour is" in note and "exposure" in note for note in result.notes)
+    named = result.parts != UNDEFINED
+    assert (result.parts == truth)[person & ~spoilt].mean() > 0.85
+    assert (named & (result.parts != truth))[spoilt].mean() < 0.2
+    assert (~named)[spoilt].mean() > 0.3
 
 
 def test_refining_settles_on_the_best_of_score_and_neighbours():

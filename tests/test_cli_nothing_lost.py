@@ -257,7 +257,7 @@ def test_a_full_disk_keeps_the_frames_that_are_done(annotate_cloud, tiny_disk, r
 def test_a_write_that_fails_leaves_no_half_file(annotate_cloud, tmp_path, rig_session, rig_labels, verb):
     command = {
         "simulate": ("simulate", tmp_path / "out", "--frames", 1),
-        "import": ("import", rig_session, tmp_path / "out"),
+        "import": ("import", rig_session, tmp_path / "out.mcap"),
         "label": ("label", rig_session, "--out", tmp_path / "out"),
         "predict": ("predict", rig_session, "--out", tmp_path / "out"),
         "evaluate": ("evaluate", rig_labels.path, rig_labels.path, "--out", tmp_path / "out"),

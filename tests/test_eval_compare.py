@@ -316,6 +316,15 @@ def test_a_damaged_result_is_refused_in_one_line(compared: Comparison, tmp_path:
     assert len(str(caught.value)) < 400
 
 
+def test_what_could_not_be_read_back_is_not_written(
+    compared: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(results, "MAX_BYTES", 1000)
+    with pytest.raises(CloudError, match=r"a result of 6 frames .* more than 1000"):
+        save_result(tmp_path / "r.json", Result("Network", compared))
+    assert not list(tmp_path.iterdir())
+
+
 def test_no_result_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, text in {
         "deep": "[" * 100_000,

@@ -8,9 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import tree
+from conftest import assert_refused, tree
 
 from annotate.crop import SIZE, crop_around
+from annotate.images import encode_depth
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
 from annotate.store import LabelSet, validate
@@ -18,6 +19,7 @@ from eval.compare import compare_sets
 from eval.data import to_crop
 from eval.predict import Network, predict_frames, predict_source
 from sensors.errors import CloudError, ExistsError, FormatError
+from sensors.importers import open_source
 from sensors.replay import Session
 from synth import dataset
 from synth.dataset import Dataset, encode_shard
@@ -353,3 +355,52 @@ def test_spoilt_probabilities_are_named(tmp_path, truth, network, spoil, says):
     with pytest.raises(FormatError, match=says) as error:
         labels.probabilities("000000")
     assert str(file) in str(error.value)
+    assert [str(error.value)] == validate(labels)
+
+
+# As a command
+
+
+def test_predict_takes_a_dataset_and_a_folder_of_depth_images(annotate_cloud, tmp_path, crops, truth):
+    done = annotate_cloud("predict", crops.path, "--out", tmp_path / "a", "--probabilities", "--json")
+    assert (done.code, done.result["frames"]) == (0, 6)
+    assert LabelSet.open(tmp_path / "a").probabilities("0000000") is not None
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (folder / "0.png").write_bytes(encode_depth(truth.read("000000").depth_mm))
+    camera = truth.intrinsics
+    numbers = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
+    (folder / "intrinsics.json").write_text(json.dumps(numbers))
+    done = annotate_cloud("predict", folder, "--out", tmp_path / "b", "--json")
+    assert (done.code, done.result["frames"]) == (0, 1)
+    assert "no thermal images" in done.err
+    labels = LabelSet.open(tmp_path / "b")
+    assert labels.notes("000000")["extraction"] == "depth"
+
+
+def test_a_source_that_holds_nothing_to_label_is_refused(annotate_cloud, tmp_path, crops):
+    out = ("--out", tmp_path / "p")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert_refused(annotate_cloud("predict", empty, *out), "holds no depth images", empty)
+    broken = Path(shutil.copytree(crops.path, tmp_path / "d"))
+    (broken / "shard-000000.tar").unlink()
+    assert_refused(annotate_cloud("predict", broken, *out), "lacks shard")
+    assert_refused(
+        annotate_cloud("predict", crops.path, *out, "--weights", broken / dataset.MANIFEST), "weights"
+    )
+    assert not (tmp_path / "p").exists()
+
+
+@pytest.mark.parametrize("scan", ["20190823_020756", "20190823_030127"])
+def test_a_real_standing_person_comes_out_upright(shared_data, tmp_path, network, scan):
+    """Parts from head to feet downwards; the two scans are seen from in front and behind."""
+    source = open_source(shared_data / "kinect2_standing" / f"{scan}.pcd")
+    labels = predict_source(source, network, tmp_path / "p", silent).labels
+    frame = labels.read("000000")
+    assert (frame.parts > 0).sum() > 0.9 * (frame.depth_mm > 0).sum()
+    rows = [
+        np.median(np.nonzero(np.isin(frame.parts, [PART_ID[name] for name in names]))[0])
+        for names in (["head"], ["torso"], ["left_lower_leg", "right_lower_leg"])
+    ]
+    assert rows == sorted(rows)

@@ -23,7 +23,7 @@ from eval.report.history import load_training
 from eval.report.material import Material
 from eval.report.scenes import MAX_POINTS, make_scene, points_of
 from eval.report.views import view_of
-from eval.results import Result
+from eval.results import Result, save_result
 from sensors.errors import CloudError, ExistsError, FormatError
 from tests.report_doll import CAMERA, HOSTILE, cloud, guessed, hostile_material, label_sets, person, trained
 
@@ -188,7 +188,26 @@ def test_a_report_is_not_overwritten_unasked(compared: Comparison, tmp_path: Pat
     assert not path.exists() and "Network" in path.with_suffix(".csv").read_text()
     write_report(path, Material((Result("Other", compared),)), overwrite=True)
     assert "Other" in path.read_text() and len(list(path.parent.iterdir())) == 4
+    with pytest.raises(CloudError, match="give a name that ends in"):
+        write_report(tmp_path / "a.json", Material((Result("Other", compared),)))
     with pytest.raises(CloudError, match="0 results"):
         Material(())
     with pytest.raises(CloudError, match="two results have the title"):
         Material((Result("Same", compared), Result("Same", compared)))
+
+
+def test_the_verb_takes_everything_there_is_to_show(
+    annotate_cloud, sets: tuple[LabelSet, LabelSet], compared: Comparison, run: Path, tmp_path: Path
+) -> None:
+    result, page = tmp_path / "a.json", tmp_path / "report.html"
+    save_result(result, Result("Network", compared))
+    shown = ("--shown", sets[0].path, "--note", "A remark on real scans", "--audit", sets[0].path)
+    given = ("report", result, "--out", page, "--ceiling", result, "--history", run, *shown)
+    assert annotate_cloud(*given).code == 0
+    text = page.read_text()
+    assert "A remark on real scans" in text and "corrections (--audit)" in text and "Epoch 12" in text
+    again = annotate_cloud(*given)
+    assert again.code == 1 and "report.csv exists already" in again.err
+    assert annotate_cloud("report", result, "--out", page, "--note", "of nothing", "--overwrite").code == 2
+    nowhere = annotate_cloud("report", result, "--out", page, "--history", tmp_path, "--overwrite")
+    assert nowhere.code == 1 and "history.json cannot be read" in nowhere.err and nowhere.err.count("\n") == 1

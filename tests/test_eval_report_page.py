@@ -185,7 +185,8 @@ def test_the_controls_work(browser: Browser) -> None:
 
 def waiting_for(condition: str) -> str:
     """A script that ends, with True, once the condition holds."""
-    return f"new Promise(done => {{ const look = () => {condition} ? done(true) : setTimeout(look, 50); look(); }})"
+    look = f"const look = () => {condition} ? done(true) : setTimeout(look, 50)"
+    return f"new Promise(done => {{ {look}; look(); }})"
 
 
 def test_the_cloud_turns_and_changes_colour(browser: Browser) -> None:

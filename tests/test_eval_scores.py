@@ -87,6 +87,10 @@ def test_a_person_in_the_corner_and_nobody_at_all() -> None:
     guess[-2:, -2:] = 2
     found = scores_of(count(labelled(truth), labelled(guess), 5.0))
     assert found["mean_recall"] == found["boundary_f"] == 0.0 and found["error_rate_near"] == 1.0
+    one = np.zeros((9, 9), np.uint8)
+    one[4, 4] = 1
+    alone = count(labelled(one), labelled(one), 5.0)
+    assert alone.near.sum() == sum(math.hypot(v, u) < 3 for v in range(-4, 5) for u in range(-4, 5)) == 25
     nobody = count(labelled(np.zeros_like(truth)), labelled(np.zeros_like(truth)), math.nan)
     assert nobody.confusion[0, 0] == truth.size and np.isnan(scores_of(nobody)["mean_recall"])
     assert all(getattr(nobody, name).shape == shape for name, shape in SHAPES.items())

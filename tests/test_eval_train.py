@@ -180,6 +180,14 @@ def test_it_learns_and_tells_how_far_it_is(whole):
     assert all(e.miou is None for e in told)
 
 
+def test_an_epochs_loss_is_the_mean_of_its_steps(tmp_path, monkeypatch):
+    monkeypatch.setattr("eval.train.POINT_STEPS", 1)
+    _, progress = train(CROPS, None, tmp_path / "t", PLAN, ALONE)
+    assert [point.images for point in progress.points] == [2 * (i + 1) for i in range(9)]
+    losses = np.reshape([point.loss for point in progress.points], (3, 3))
+    np.testing.assert_allclose([epoch.loss for epoch in progress.epochs], losses.mean(axis=1))
+
+
 def test_the_labelling_of_one_frame_is_kept(whole):
     names = sorted(p.name for p in (whole[0] / "frame").iterdir())
     assert names == ["depth.png", *(f"epoch-{n:03d}.parts.png" for n in range(4)), "truth.parts.png"]

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -177,6 +178,30 @@ def test_locked_parts_stay_and_hidden_ones_cannot_be_hit(at_window):
     assert found is None or at_window.parts.flat[found] != TORSO
     at_window.key("solo")
     assert set(np.unique(at_window.parts.ravel()[at_window.window.desk.shown()])) == {HEAD}
+
+
+def test_corrections_are_carried_over_to_the_frame_that_accepting_opens(qapp, folder):
+    labels = LabelSet.open(folder)
+    true = {frame_id: labels.read(frame_id) for frame_id in labels.frame_ids}
+    for frame in true.values():
+        mistaken = np.where(frame.parts == HEAD, np.uint8(PART_ID["left_lower_leg"]), frame.parts)
+        labels.write_labels(replace(frame, parts=mistaken))
+    driver = Driver(folder)
+    driver.key("carry")
+    first = driver.window.frame_id
+    driver.window.desk.editor.paint(true[first].parts == HEAD, HEAD)
+    driver.key("accept")
+    opened = driver.window.frame_id
+    (stroke,) = driver.correction.journal.strokes(opened)
+    assert opened != first and stroke.operation == "propagate" and stroke.how.keys == 0
+    found, wanted = driver.parts == HEAD, true[opened].parts == HEAD
+    assert (found & wanted).sum() > 0.9 * (found | wanted).sum()
+    driver.key("undo")
+    assert not (driver.parts == HEAD).any()
+    driver.key("carry")
+    driver.key("accept")
+    assert not driver.correction.journal.strokes(driver.window.frame_id)
+    driver.close()
 
 
 def test_space_accepts_and_a_reviewer_agrees(qapp, folder):

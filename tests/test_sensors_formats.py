@@ -1,4 +1,4 @@
-"""Azure Kinect recordings, arrays, LAS clouds and other people's folders become frames, or are refused in one line."""
+"""Azure Kinect recordings, arrays, LAS clouds and others' folders become frames, or one line of refusal."""
 
 import io
 import json
@@ -14,8 +14,10 @@ from sensors.associations import read_associations, read_list
 from sensors.azure_mkv import AzureRecording
 from sensors.camera import Intrinsics, project, unproject
 from sensors.errors import CalibrationError, CloudError, FormatError
+from sensors.frame import RigFrame
 from sensors.importers import open_source
 from sensors.intrinsics_file import read_intrinsics
+from sensors.png import decode_grey
 from sensors.pointcloud import KINECT_V2
 
 NUMBERS = {"fx": 30, "fy": 31.0, "cx": 15.5, "cy": 11.5, "width": 32, "height": 24}
@@ -299,3 +301,28 @@ def test_lists_name_images_and_never_paths(tum):
         with pytest.raises(FormatError):
             read_list(write(list_file, line))
     assert_refused(tum)
+
+
+def test_a_package_that_is_missing_is_named(tmp_path, monkeypatch):
+    from sensors import las as las_reader
+    from sensors import ros_messages
+
+    cloud = write(tmp_path / "x.las", las(np.ones((3, 3)), 0, False))
+    for module in (las_reader, ros_messages):
+        monkeypatch.setattr(module, "find_spec", lambda name: None)
+    assert_refused(cloud, r"annotate-cloud\[exchange\]")
+    ros_messages._rosbags.cache_clear()
+    with pytest.raises(FormatError, match=r"annotate-cloud\[exchange\]"):
+        ros_messages.picture_from("Image", "cdr", bytes(20))
+
+
+def test_a_png_that_claims_much_is_not_decoded():
+    """OpenCV would allocate, and clear, the two gigabytes that this one's data claims to have."""
+    image = png(depth_image())
+    at = image.find(b"IDAT") - 4
+    liar = image[:at] + (1 << 31).to_bytes(4, "big") + image[at + 4 :]
+    for broken in (liar, image[:-1], image[:40]):
+        with pytest.raises(FormatError, match="cut off"):
+            decode_grey(broken, np.uint16, "depth")
+        with pytest.raises(FormatError, match=r"cut off|cannot be decoded"):
+            RigFrame(0, 0, depth_image(), color_encoded=broken).decode_color()

@@ -408,12 +408,6 @@ def test_a_foreign_session_opens(tmp_path):
         ([(DEPTH, IMAGE)], {}, CalibrationError, "no /depth/calibration"),
         ([*CALIBRATION, (DEPTH, IMAGE)], {"encoding": "cdr"}, FormatError, "only protobuf"),
         ([*CALIBRATION, (COLOR, IMAGE)], {}, FormatError, "CompressedImage"),
-        (
-            [*CALIBRATION, (DEPTH, IMAGE)],
-            {"compression": CompressionType.LZ4},
-            FormatError,
-            "'lz4' is not supported",
-        ),
         ([*CALIBRATION, (DEPTH, altered(encoding="32FC1"))], {}, FormatError, "32FC1"),
         ([*CALIBRATION, (DEPTH, altered(width=2**31))], {}, FormatError, "bytes a row"),
         ([*CALIBRATION, (DEPTH, altered(height=2**31, step=0))], {}, FormatError, "bytes a row"),

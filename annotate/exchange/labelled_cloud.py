@@ -2,7 +2,8 @@
 
 Every pixel is a point, row by row, in the camera frame in metres, NaN where there is no depth; with
 ``label`` (part id), ``rgb`` or ``red green blue`` (the part's colour), and where the label set has them
-``confidence`` and ``person``. PCL reads it as PointXYZRGBL, Open3D as a tensor cloud.
+``confidence`` and ``person``. PCL reads the PCD as PointXYZRGBL, Open3D
+both as tensor clouds (PCL asks a PLY for 32-bit labels, which Open3D does not read: there they have 8).
 Formats: PCL's "The PCD file format", 0.7; Turk's PLY, 1.0 (grid as ``obj_info num_cols``, ``num_rows``).
 """
 

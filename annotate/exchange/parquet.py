@@ -172,4 +172,5 @@ def _frame(row: dict[str, Any]) -> FrameLabels:
 
 
 def _broken(file: Path, error: Exception) -> FormatError:
-    return FormatError(f"{file} cannot be read ({str(error)[:120]}); give a Parquet file that export wrote")
+    why = " ".join(str(error).split())[:120]
+    return FormatError(f"{file} cannot be read ({why}); give a Parquet file that export wrote")

@@ -17,14 +17,14 @@ from eval.report import plots, tables
 from eval.report.embed import embedded_json, scene_json
 from eval.report.estimates import MINUS, SHARES, SUMMARY, row_shares, shown, shown_parts
 from eval.report.figures import ERROR_NAMES, ERROR_RGB, data_uri
-from eval.report.gap import difference_of, differences, group_tables, part_gaps
+from eval.report.gap import difference_of, group_tables, part_gaps
 from eval.report.joints_view import joints_of
 from eval.report.material import Material
 from eval.report.views import PART_SCORES, view_of
-from eval.results import Result
+from eval.results import Result, check_free
 from eval.suspicious import suspicious
 from sensors.atomic import write_bytes
-from sensors.errors import ExistsError
+from sensors.errors import CloudError
 
 TITLE = "Body-part labels: comparison report"
 TEMPLATES = Path(str(files("eval.report").joinpath("templates")))
@@ -77,15 +77,25 @@ def write_report(path: Path, material: Material, overwrite: bool = False) -> lis
 
     Raises ExistsError when one of them is there and `overwrite` is not set: then none is written.
     """
-    texts = {path.with_suffix(suffix): text for suffix, text in tables.texts(material).items()}
-    texts[path] = render(material)
-    for file in texts:
-        if file.exists() and not overwrite:
-            raise ExistsError(f"{file} exists already; choose another file or pass --overwrite")
+    outputs = free_outputs(path, overwrite)
+    texts = [*tables.texts(material).values(), render(material)]
     path.parent.mkdir(parents=True, exist_ok=True)
-    for file, text in texts.items():
+    for file, text in zip(outputs, texts, strict=True):
         write_bytes(file, text.encode())
-    return list(texts)
+    return outputs
+
+
+def free_outputs(path: Path, overwrite: bool) -> list[Path]:
+    """The files that `write_report` makes of a page's path, the page last: to be checked before long work.
+
+    Raises ExistsError when one is there and `overwrite` is not set, CloudError for a name that is a table's.
+    """
+    if path.suffix in tables.SUFFIXES:
+        raise CloudError(f"{path} would be a table beside the page; give a name that ends in .html")
+    outputs = [*(path.with_suffix(suffix) for suffix in tables.SUFFIXES), path]
+    for file in outputs:
+        check_free(file, overwrite)
+    return outputs
 
 
 def render(material: Material) -> str:
@@ -121,16 +131,15 @@ def policy(*scripts: str) -> str:
 def _numbers(material: Material) -> dict[str, Any]:
     """What the templates show; a section's own name says whether there is anything in it."""
     results = material.results
-    views = [view_of(result) for result in results]
-    found = differences(results)
+    views, found = material.views, material.differences
     joints = [view for view in map(joints_of, results) if view is not None]
     calibration = plots.calibration_rows(results)
     galleries = {title: frames for title, frames in material.galleries.items() if frames}
     frames = [frame for shown_frames in galleries.values() for frame in shown_frames]
-    scenes = list(material.scenes)
+    tables_of_groups = group_tables(results)
     return {
         "views": views,
-        "figures": plots.figures_of(material, views, found, joints),
+        "figures": plots.figures_of(material, joints),
         "ceiling": view_of(material.ceiling) if material.ceiling else None,
         "facts": material.facts,
         "parts": shown_parts(),
@@ -145,8 +154,8 @@ def _numbers(material: Material) -> dict[str, Any]:
         "difference_scores": {name: SUMMARY[name] for name in list(SUMMARY)[:-1]},
         "difference_of": difference_of,
         "part_gaps": part_gaps(results, found),
-        "group_tables": group_tables(results),
-        "gap": bool(found) or bool(group_tables),
+        "group_tables": tables_of_groups,
+        "gap": bool(found or tables_of_groups),
         "calibration": calibration,
         "suspects": _suspects(results),
         "joints": joints,
@@ -155,7 +164,7 @@ def _numbers(material: Material) -> dict[str, Any]:
         "gallery_groups": list(dict.fromkeys(frame.group for frame in frames if frame.group)),
         "gallery_subjects": sorted({frame.subject for frame in frames if frame.subject}),
         "error_kinds": list(zip(ERROR_NAMES[1:], ERROR_RGB[1:], strict=True)),
-        "scenes": scenes,
+        "scenes": material.scenes,
         "shown_sets": material.shown,
         "shown": bool(material.shown),
         "trainings": material.trainings,

@@ -22,6 +22,9 @@ SERIES = 5
 
 ROW_PX, FRAME_PX = 17, 64
 
+MAX_POINTS = 1000
+"""Values that a distribution shows one by one; beyond that only the outliers."""
+
 
 def plain(text: str) -> str:
     """Text as plotly shows it letter by letter: its markup, links among it, escaped."""
@@ -187,8 +190,8 @@ def stacked_shares(
     ]  # fmt: skip
     x = {"tickformat": ".0%", "range": [0, 1], "title": {"text": "share of the wrong pixels"}}
     y = {"tickvals": list(range(len(rows))), "ticktext": titles, "autorange": "reversed", "showgrid": False}
-    height = FRAME_PX + 40 + 34 * len(rows)
-    layout = {"barmode": "stack", "bargap": 0.35, "xaxis": x, "yaxis": y, "margin": {"l": 150}}
+    height = FRAME_PX + 70 + 34 * len(rows)
+    layout = {"barmode": "stack", "bargap": 0.35, "xaxis": x, "yaxis": y, "margin": {"l": 150, "t": 60}}
     return figure(data, height, layout)
 
 
@@ -198,13 +201,19 @@ def spreads(
     """Distributions by group, every value a point: (name, group of each, values, text of each, colour)."""
     data = [
         {"type": "box", "name": short(name), "x": [short(g, 16) for g in group], "y": numbers(values),
-         "text": [plain(t) for t in text], "hoverinfo": "text+y", "boxpoints": "all", "jitter": 0.5,
-         "pointpos": 0, "marker": {"size": 4, "color": color, "opacity": 0.75}, "line": {"width": 1.2},
+         "text": [plain(t) for t in text], "hoverinfo": "text+y",
+         "boxpoints": boxpoints(values), "jitter": 0.5, "pointpos": 0,
+         "marker": {"size": 4, "color": color, "opacity": 0.75}, "line": {"width": 1.2},
          "fillcolor": "rgba(128,128,128,0.12)"}
         for name, group, values, text, color in boxes
     ]  # fmt: skip
     y = {"title": {"text": y_title}, "zeroline": False}
     return figure(data, 340, {"boxmode": "group", "yaxis": y, "xaxis": {"showgrid": False}})
+
+
+def boxpoints(values: NDArray[np.float64]) -> str:
+    """Which values are shown as points."""
+    return "all" if len(values) <= MAX_POINTS else "outliers"
 
 
 def part_titles() -> list[str]:

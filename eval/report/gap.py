@@ -9,7 +9,7 @@ import numpy as np
 
 from annotate.parts import BODY_PARTS, Part
 from eval import paper
-from eval.paired import Difference, difference
+from eval.paired import Difference
 from eval.report.estimates import Estimate, group_estimates, picked
 from eval.results import Result
 from eval.traits import Mask, groups
@@ -61,11 +61,6 @@ class GroupTable:
     title: str
     rows: list[GroupRow]
     left_out: int
-
-
-def differences(results: Sequence[Result]) -> list[Difference]:
-    """Every result but the first, less the first."""
-    return [difference(result, results[0]) for result in results[1:]]
 
 
 def part_gaps(results: Sequence[Result], found: Sequence[Difference]) -> list[GapRow]:

@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from annotate.audit import Audit
+from eval.paired import Difference, difference
 from eval.report.gallery import GalleryFrame
 from eval.report.history import Training
 from eval.report.scenes import Scene
+from eval.report.views import View, view_of
 from eval.results import Result
 from sensors.errors import CloudError
 
@@ -48,3 +51,13 @@ class Material:
         twice = next((title for title in titles if titles.count(title) > 1), None)
         if twice is not None:
             raise CloudError(f"two results have the title {twice!r}; evaluate one again with another --title")
+
+    @cached_property
+    def views(self) -> list[View]:
+        """What is to be said of each result."""
+        return [view_of(result) for result in self.results]
+
+    @cached_property
+    def differences(self) -> list[Difference]:
+        """Every result but the first, less the first."""
+        return [difference(result, self.results[0]) for result in self.results[1:]]

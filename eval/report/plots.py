@@ -10,7 +10,7 @@ from eval.calibration import reliability_curve
 from eval.paired import Difference
 from eval.report import charts
 from eval.report.charts import Figure
-from eval.report.estimates import MINUS, Estimate, estimate
+from eval.report.estimates import Estimate, estimate
 from eval.report.gap import difference_of
 from eval.report.history import Training
 from eval.report.joints_view import THRESHOLDS_MM, JointsView
@@ -24,11 +24,9 @@ RARE = 0.001
 """A bin of confidence with a smaller share of the pixels is left out of the curve: chance rules it."""
 
 
-def figures_of(
-    material: Material, views: Sequence[View], found: Sequence[Difference], joints: Sequence[JointsView]
-) -> dict[str, Figure]:
+def figures_of(material: Material, joints: Sequence[JointsView]) -> dict[str, Figure]:
     """Every figure by its id; those without data are left out."""
-    results = material.results
+    results, views, found = material.results, material.views, material.differences
     figures = {
         "overview": _overview(views, material.ceiling),
         "parts-recall": _by_part(views, "recall", "recall", material.ceiling),
@@ -143,13 +141,14 @@ def _reliability(results: Sequence[Result]) -> Figure:
 
 
 def _differences(found: Sequence[Difference]) -> Figure:
-    titles = [f"{one.a} {MINUS} {one.b}" for one in found]
+    titles = [one.a for one in found]
     rows = [("All parts", [difference_of(one, "mean_recall") for one in found])]
     rows += [
         (title, [difference_of(one, "recall", i + 1) for one in found])
         for i, title in enumerate(charts.part_titles())
     ]
-    return charts.forest(rows, titles, "difference of recall", first_series=1, zero=True)
+    axis = f"recall less that of {charts.short(found[0].b)}"
+    return charts.forest(rows, titles, axis, first_series=1, zero=True)
 
 
 def _people(results: Sequence[Result]) -> Figure:

@@ -11,9 +11,11 @@ import numpy as np
 from annotate.parts import BODY_PARTS, PARTS
 from eval import paper
 from eval.report.estimates import SHARES, SUMMARY, Estimate, row_shares, shown, shown_parts
-from eval.report.gap import differences
 from eval.report.material import Material
-from eval.report.views import View, view_of
+from eval.report.views import View
+
+SUFFIXES = (".csv", ".json", ".tex")
+"""Of the files beside the page, in the order of `texts`."""
 
 COLUMNS = ("result", "score", "part", "value", "low95", "high95", "frames", "people")
 
@@ -25,8 +27,8 @@ _TEX = {
 
 def texts(material: Material) -> dict[str, str]:
     """The files beside the page by suffix."""
-    views = [view_of(result) for result in material.results]
-    return {".csv": to_csv(views), ".json": to_json(material), ".tex": to_latex(views)}
+    views = material.views
+    return dict(zip(SUFFIXES, (to_csv(views), to_json(material), to_latex(views)), strict=True))
 
 
 def to_csv(views: Sequence[View]) -> str:
@@ -79,7 +81,7 @@ def to_json(material: Material) -> str:
             for r in material.results
         ],
         "ceiling": material.ceiling.comparison.to_evaluation_json() if material.ceiling else None,
-        "differences": [found.to_json() for found in differences(material.results)],
+        "differences": [found.to_json() for found in material.differences],
         "audits": {title: audit.to_json() for title, audit in material.audits.items()},
         "paper": {
             "citation": paper.CITATION,

@@ -38,10 +38,11 @@ drawnAgain.push(drawAll);
 // Paper is narrower than the screen, and always light.
 const opened = [];
 addEventListener('beforeprint', () => {
-  for (const details of document.querySelectorAll('details:not([open])')) { details.open = true; opened.push(details); }
-  figures.forEach(element => drawFigure(element, PRINTED_PX));
+  for (const details of document.querySelectorAll('details:not([open]):not(.screen)')) { details.open = true; opened.push(details); }
+  // Drawn anew: a legend that was laid out for another width would overlap.
+  figures.forEach(element => { Plotly.purge(element); drawFigure(element, PRINTED_PX); });
 });
 addEventListener('afterprint', () => {
   while (opened.length) opened.pop().open = false;
-  drawAll();
+  figures.forEach(element => { Plotly.purge(element); drawFigure(element); });
 });

@@ -1,7 +1,7 @@
 // Point clouds: drawn when they come into view, since a 3D context is dear.
 const stage = document.getElementById('stage');
 const COLOR_NAMES = {truth: 'Target labels', predicted: 'Predicted labels', error: 'Errors', temperature_c: 'Temperature'};
-const FRONT = {eye: {x: 0, y: -1.25, z: 0.05}, up: {x: 0, y: 0, z: 1}, center: {x: 0, y: 0, z: 0}};
+const FRONT = {eye: {x: 0, y: -1.7, z: 0.05}, up: {x: 0, y: 0, z: 1}, center: {x: 0, y: 0, z: 0}};
 const ARRAYS = {i2: Int16Array, u1: Uint8Array, f4: Float32Array};
 
 function unpacked({dtype, bdata}) {
@@ -68,7 +68,7 @@ function turn() {
   const pressed = document.getElementById('scene-turn').getAttribute('aria-pressed') === 'true';
   if (!pressed) return;
   angle += 0.012;
-  const eye = {x: 1.25 * Math.sin(angle), y: -1.25 * Math.cos(angle), z: 0.2};
+  const eye = {x: 1.7 * Math.sin(angle), y: -1.7 * Math.cos(angle), z: 0.2};
   Plotly.relayout(stage, {'scene.camera': {...FRONT, eye}}).then(() => requestAnimationFrame(turn));
 }
 
