@@ -6,6 +6,7 @@ among the others. A blanket of a sleeve's colour is too large for a sleeve; a co
 """
 
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -34,7 +35,7 @@ UNFELT = 0.8
 """What a surface without a temperature counts for: a share of that contrast."""
 ALIKE, ALIKE_BLURS, ALIKE_SHADE = 0.045, 0.5, 0.6
 """Chromaticity (and share of its uncertainty), and log brightness, by which one cloth's places differ."""
-REACH_M = 0.7
+REACH_M, NOT_ALIKE = 0.7, -1.0
 MOST_M2 = np.array([0.035, 0.13, 0.033, 0.033, 0.028, 0.028, 0.045, 0.06, 0.06, 0.056, 0.056])
 """Surface of each part (11,) that can be seen at once: the most of 107 frames of 36 people of the rig."""
 LARGER = 14.0
@@ -50,8 +51,8 @@ PLACE, PLACE_COST = 0.6, 10.0
 """Weight of where a patch lies, and the most that a place can cost before."""
 ODDS, BY_PART, BY_MASK = 0.3, 0.75, 4.75
 """Log odds of being a part, and what a unit of the best part's score, and lying in the mask found without
-the suit's colours, add. Logistic regression over 3,665 patches in 77 frames of 54 people of the rig (seeds
-101, 110, 111, 130 to 133); left out by recording, 4 pixels are told wrong for 100 of a person."""
+the suit's colours, add. Logistic regression over 2,848 patches in 77 frames of 54 people of the rig (seeds
+101, 110, 111, 130 to 133), rounded; left out by recording, 5 pixels are told wrong for 100 of a person."""
 
 _Array = NDArray[np.float64]
 _Mask = NDArray[np.bool_]
@@ -74,7 +75,9 @@ def worn(cloud: ThermalCloud, person: _Mask, beside: _Mask, room: _Mask, suit: S
     patch = patches.ids[groups.ids]
     inside = _mean(patch, person[own])
     warmth = patches.mean(warmth_of(celsius, groups), groups.sizes)
-    alone = _by_size(_alike_m2(cloud, own, groups, patches, chroma, blur))
+    alone = _by_size(
+        _alike_m2(cloud, own, groups, patches, chroma, np.where(inside[patches.ids] > 0.5, blur, NOT_ALIKE))
+    )
     alone += _by_warmth(_mean(patch, _share(celsius, cloud.temperature_c[room], cloud.temperature_c[person])))
     odds = np.full(len(inside), -np.inf)
     mine = inside > 0.5
@@ -89,7 +92,7 @@ def worn(cloud: ThermalCloud, person: _Mask, beside: _Mask, room: _Mask, suit: S
     return _filled(np.where(patches.points >= LEAST_POINTS, odds, 0)[patch], own)
 
 
-def _mean(patch: NDArray[np.intp], values: NDArray[np.generic]) -> _Array:
+def _mean(patch: NDArray[np.integer[Any]], values: NDArray[np.generic]) -> _Array:
     return np.asarray(np.bincount(patch, values) / np.maximum(np.bincount(patch), 1))
 
 
@@ -127,7 +130,10 @@ def _by_place(patches: Patches, body: Patches, belief: _Array) -> _Array:
 def _alike_m2(
     cloud: ThermalCloud, own: _Mask, groups: Supervoxels, patches: Patches, chroma: _Array, blur: _Array
 ) -> _Array:
-    """Surface (R,) that has a patch's colour and is near it; chroma (G, 2), blur (G,): the supervoxels'."""
+    """Surface (R,) that has a patch's colour and is near it; chroma (G, 2), blur (G,): the supervoxels'.
+
+    A blur of ``NOT_ALIKE`` keeps a supervoxel out: the room may have a sleeve's colour.
+    """
     rgb, points_m = cloud.color_rgb[own], cloud.points_m[own]
     pixel_m2 = STRIDE**2 * points_m[:, 2].astype(np.float64) ** 2 / (cloud.camera.fx * cloud.camera.fy)
     surface_m2 = np.bincount(groups.ids, pixel_m2)

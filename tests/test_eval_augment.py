@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from annotate.crop import NEAREST, SIZE
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
-from eval.augment import MIN_LEFT, Augmentation, augment
+from eval.augment import MIN_LEFT, Augmentation, _taken_away, augment
 
 law = settings(deadline=None, max_examples=30)
 seeds = st.integers(0, 9999)
@@ -140,3 +140,10 @@ def test_a_single_pixel_survives_everything(chance):
     x, y = augment(depth, parts, Augmentation(), np.random.default_rng(chance))
     assert set(np.unique(y)) <= {BACKGROUND, 3, 4}
     assert np.isfinite(x).all()
+
+
+def test_enough_of_a_person_is_left():
+    person = body()[0] > 0
+    left = [_taken_away(person, Augmentation(), np.random.default_rng(k)).sum() for k in range(150)]
+    assert min(left) >= MIN_LEFT * person.sum()
+    assert min(left) < 0.75 * person.sum()
