@@ -73,29 +73,57 @@ class ColorModel:
     @property
     def lit(self) -> _Array:
         """Chromaticities (K, 2) of the palette in the frame's light."""
-        rgb = np.column_stack([self.palette, 1 - self.palette.sum(axis=1)])
-        rgb = rgb * np.exp([self.log_gain[0], 0, self.log_gain[1]])
-        return np.asarray(rgb[:, :2] / rgb.sum(axis=1, keepdims=True))
+        return _lit(self.palette, self.log_gain)[0]
 
     @property
     def fading(self) -> _Array:
         """The way (K, 2) from the lit palette to the light's own chromaticity."""
-        light = np.exp([self.log_gain[0], 0, self.log_gain[1]])
-        return np.asarray(light[:2] / light.sum() - self.lit)
+        lit, light = _lit(self.palette, self.log_gain)
+        return np.asarray(light - lit)
 
     def match(self, chroma: _Array, noise: _Array) -> _Array:
         """Log likelihood (n, K) of colours under each swatch, 0 at the middle of one as wide as SIGMA."""
         cost = np.where(self.bare, BARE_COST, 0.0)
         return np.asarray(_match(chroma, noise, self.lit + self.shift, self.variance, self.unknown, cost))
 
+    def match_under(self, log_gains: _Array, chroma: _Array, noise: _Array) -> _Array:
+        """What ``under`` each of the log gains (L, 2) would ``match``, one after the other: (L * n, K)."""
+        lit, light = _lit(self.palette, log_gains)
+        fading = light - lit
+        middle, unknown = (lit + FADE * fading).reshape(-1, 2), _strays(self, fading).reshape(-1, 2, 2)
+        lights = len(log_gains)
+        cost = np.tile(np.where(self.bare, BARE_COST, 0.0), lights)
+        match = _match(chroma, noise, middle, np.tile(self.variance, lights), unknown, cost)
+        return np.asarray(match.reshape(len(chroma), lights, -1).swapaxes(0, 1).reshape(-1, len(self.bare)))
+
     def evidence(self, rgb: NDArray[np.uint8]) -> _Array:
         """Log likelihood (n, 11) of every part for every colour (n, 3); flat where no swatch is near."""
         match = self.match(chromaticity(rgb), blur(rgb))
-        return np.asarray(np.logaddexp(self.by_part(match), np.log(STRAY)))
+        return np.asarray(np.log(np.exp(self.by_part(match)) + STRAY))
 
     def by_part(self, match: _Array) -> _Array:
         """The best swatch's log likelihood (n, 11) of each part, from that of all (n, K)."""
-        return np.stack([match[:, self.wears[:, part]].max(axis=1) for part in range(_N)], axis=1)
+        return np.asarray(_best_of(match, *np.nonzero(self.wears)))
+
+
+def _lit(palette: _Array, log_gain: _Array) -> tuple[_Array, _Array]:
+    """Chromaticities (..., K, 2) of a palette (K, 2), and of the lights themselves (..., 1, 2).
+
+    log_gain: (..., 2) of the lights.
+    """
+    light = np.exp(log_gain[..., [0, 0, 1]] * (1, 0, 1))[..., None, :]
+    rgb = np.column_stack([palette, 1 - palette.sum(axis=1)]) * light
+    return rgb[..., :2] / rgb.sum(axis=-1, keepdims=True), light[..., :2] / light.sum(axis=-1, keepdims=True)
+
+
+@njit(cache=True, nogil=True)
+def _best_of(match: _Array, swatch: NDArray[np.intp], part: NDArray[np.intp]) -> _Array:
+    """The highest match (n, 11) of each part's swatches; match: (n, K). swatch[j] is part[j]'s."""
+    best = np.full((len(match), _N), -np.inf)
+    for i in range(len(match)):
+        for j in range(len(swatch)):
+            best[i, part[j]] = max(best[i, part[j]], match[i, swatch[j]])
+    return best
 
 
 @njit(cache=True, nogil=True)
@@ -191,10 +219,13 @@ def _fitted_swatches(model: ColorModel, chroma: _Array, share: _Array) -> ColorM
 
 
 def _strays(model: ColorModel, fading: _Array) -> _Array:
-    """Covariance (K, 2, 2) of the swatches' shifts before any colour has been seen."""
+    """Covariance (..., K, 2, 2) of the swatches' shifts before any colour has been seen.
+
+    fading: (..., K, 2).
+    """
     hue = np.where(model.bare, BARE_HUE_SIGMA, HUE_SIGMA)
     return np.asarray(
-        FADE_SIGMA**2 * fading[:, :, None] * fading[:, None, :] + hue[:, None, None] ** 2 * np.eye(2)
+        FADE_SIGMA**2 * fading[..., :, None] * fading[..., None, :] + hue[:, None, None] ** 2 * np.eye(2)
     )
 
 

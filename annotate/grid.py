@@ -19,6 +19,11 @@ SMOOTH = 0.004
 """Depth steps, as a share of the depth, that count as equally smooth: 8 mm at 2 m, the sensor's noise."""
 STEPS = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) < (0, 0)])
 """(v, u) to the neighbours that come earlier in the image; the others are their opposites."""
+AROUND = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) != (0, 0)])
+"""(v, u) to all neighbours, in the order of the image."""
+STEP_BIT, PATH_BIT, PIXEL_BIT = 55, 30, 5
+"""What a flood's queue is ordered by, in one 64-bit integer: depth step, path, source, neighbour. Images of
+up to 2 ** 25 pixels."""
 NO_PIXEL = 255
 """The mark of pixels that take no part in a flood."""
 
@@ -91,18 +96,20 @@ def _components(
 def _flood(
     marks: NDArray[np.uint8], depth: NDArray[np.float32], reach_px: float, jump: np.float32
 ) -> NDArray[np.uint8]:
-    width = marks.shape[1]
     marks = marks.copy()
+    width, flat = marks.shape[1], marks.reshape(-1)
     path = np.zeros(marks.size, np.int64)
     least = np.full(marks.size, np.int64(1) << 62)
-    queue = [(0, 0, 0) for _ in range(0)]
+    queue = [np.int64(0) for _ in range(0)]
     for start in range(marks.size):
-        if 0 < marks[start // width, start % width] < NO_PIXEL:
+        if 0 < flat[start] < NO_PIXEL:
             _queue_neighbours(queue, marks, depth, path, least, jump, start)
     while queue:
-        _, source, target = heapq.heappop(queue)
-        if marks[target // width, target % width] == 0:
-            marks[target // width, target % width] = marks[source // width, source % width]
+        entry = heapq.heappop(queue)
+        source, k = (entry >> PIXEL_BIT) & ((1 << (PATH_BIT - PIXEL_BIT)) - 1), entry & ((1 << PIXEL_BIT) - 1)
+        target = source + AROUND[k, 0] * width + AROUND[k, 1]
+        if flat[target] == 0:
+            flat[target] = flat[source]
             path[target] = path[source] + 1
             if path[target] < reach_px:
                 _queue_neighbours(queue, marks, depth, path, least, jump, target)
@@ -111,7 +118,7 @@ def _flood(
 
 @njit(cache=True, nogil=True)
 def _queue_neighbours(
-    queue: list[tuple[int, int, int]],
+    queue: list[np.int64],
     marks: NDArray[np.uint8],
     depth: NDArray[np.float32],
     path: NDArray[np.int64],
@@ -125,13 +132,14 @@ def _queue_neighbours(
     """
     height, width = marks.shape
     v, u = source // width, source % width
-    for k in range(2 * STEPS.shape[0]):
-        sign = 1 if k % 2 else -1
-        r, c = v + sign * STEPS[k // 2, 0], u + sign * STEPS[k // 2, 1]
+    for k in range(AROUND.shape[0]):
+        r, c = v + AROUND[k, 0], u + AROUND[k, 1]
         if 0 <= r < height and 0 <= c < width and marks[r, c] == 0:
             target = r * width + c
             step = abs(depth[r, c] - depth[v, u]) / min(depth[r, c], depth[v, u])
-            rank = (np.int64(step / SMOOTH) << 32) + path[source]
-            if step <= jump and rank < least[target]:
+            if not step <= jump:
+                continue
+            rank = (np.int64(step / SMOOTH) << STEP_BIT) + (path[source] << PATH_BIT)
+            if rank < least[target]:
                 least[target] = rank
-                heapq.heappush(queue, (rank, source, target))
+                heapq.heappush(queue, rank + (np.int64(source) << PIXEL_BIT) + k)

@@ -1,10 +1,11 @@
 """The labelling run: every frame of a source fused, its person extracted, its suit read, and kept."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from annotate.cloud import ThermalCloud
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND
-from annotate.person import PersonMask, extract_person
+from annotate.person import PersonMask, Survey
 from annotate.probabilities import Probabilities
 from annotate.segment import Segmentation, segment, unlabelled
 from annotate.store import LabelSet
@@ -47,8 +48,8 @@ class Run:
         return remarks
 
 
-Labeller: TypeAlias = Callable[[ThermalCloud, FrameLabels | None], tuple[Segmentation, PersonMask]]
-"""What makes labels of a cloud and the labels of the frame before it."""
+Labeller: TypeAlias = Callable[[Any, FrameLabels | None], tuple[Segmentation, PersonMask]]
+"""What makes labels of a cloud, or what was seen in it ahead, and the labels of the frame before it."""
 
 
 def label_source(
@@ -66,25 +67,31 @@ def label_source(
     """
     step = {"suit": suit_to_toml(suit) if suit else None, "window_c": list(window_c) if window_c else None}
 
-    def one(cloud: ThermalCloud, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
-        person = extract_person(cloud, window_c, before, suit)
+    def one(survey: Survey, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
+        person, cloud = survey.person(before), survey.cloud
         if not person.trusted:
             return unlabelled(person.mask), person
         if suit is None:
             return unlabelled(person.mask, NO_SUIT), person
         return _tidied(segment(cloud, person.mask, suit, before), person, cloud)
 
-    return run(source, {"label": step}, out, one, progress)
+    return run(source, {"label": step}, out, one, progress, lambda cloud: Survey(cloud, window_c, suit))
 
 
 def run(
-    source: FrameSource, steps: dict[str, Any], out: Path, one: Labeller, progress: Callable[[int], None]
+    source: FrameSource,
+    steps: dict[str, Any],
+    out: Path,
+    one: Labeller,
+    progress: Callable[[int], None],
+    look: Callable[[ThermalCloud], Any] = lambda cloud: cloud,
 ) -> Run:
     """Fuse every frame of a source and keep what ``one`` makes of it; resumes, and outlives bad frames.
 
     ``one`` is given the labels of the frame before exactly as they are stored, None at first and after a
-    frame that failed: so a run that broke off goes on to the same bytes. Raises ExistsError when ``out``
-    holds something else than the beginning of this very run, CloudError when every frame is bad: then
+    frame that failed: so a run that broke off goes on to the same bytes. ``look`` makes of a cloud what
+    ``one`` is given, beside the work on the frame before and without its labels. Raises ExistsError when
+    ``out`` holds something else than the beginning of this very run, CloudError when every frame is bad: then
     nothing is left behind.
     """
     fuser = Fuser(source.calibration)
@@ -92,19 +99,60 @@ def run(
     labels = LabelSet.resume(out, fuser.camera, info)
     done, failed = set(labels.frame_ids), []
     before: FrameLabels | None = None
-    for frame in source:
-        frame_id = f"{frame.index:06d}"
+
+    def fuse(frame: RigFrame) -> _Seen:
+        if _id(frame) in done:
+            return _Seen(fuser.fuse(frame.depth_mm).depth_mm, None, [])
+        frame, left_out = _calibrated(frame, fuser.calibration)
+        cloud = fuser.fuse_frame(frame)
+        return _Seen(cloud.depth_mm, look(cloud), left_out)
+
+    for frame, seen in _ahead(source, fuse):
+        frame_id = _id(frame)
         if frame_id in done:
-            before = check_same(labels, frame_id, fuser.fuse(frame.depth_mm).depth_mm)
+            before = check_same(labels, frame_id, seen.result().depth_mm)
         else:
             try:
-                labels.write(*_labelled(frame_id, frame, fuser, one, before))
+                labels.write(*_labelled(frame_id, seen.result(), one, before))
                 before = labels.read(frame_id)
             except CloudError as error:
                 failed.append((frame_id, str(error)))
                 before = None
         progress(1)
     return finished(labels, failed)
+
+
+def _id(frame: RigFrame) -> str:
+    return f"{frame.index:06d}"
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A fused frame. depth_mm: (h, w), undistorted. content: what the labeller is given; left_out: notes."""
+
+    depth_mm: NDArray[np.uint16]
+    content: Any
+    left_out: list[str]
+
+
+def _ahead(
+    source: FrameSource, fuse: Callable[[RigFrame], _Seen]
+) -> Iterator[tuple[RigFrame, Future[_Seen]]]:
+    """The frames of a source, each read, fused and looked at beside the work on the one before it.
+
+    What the source raises is raised in the frame's turn, what ``fuse`` raises by the future.
+    """
+    frames = iter(source)
+
+    def start(pool: ThreadPoolExecutor) -> tuple[Future[RigFrame | None], Future[_Seen]]:
+        read = pool.submit(next, frames, None)
+        return read, pool.submit(lambda: fuse(cast(RigFrame, read.result())))
+
+    with ThreadPoolExecutor(1, "fuse") as pool:
+        coming = start(pool)
+        while (frame := coming[0].result()) is not None:
+            now, coming = coming[1], start(pool)
+            yield frame, now
 
 
 def _tidied(found: Segmentation, person: PersonMask, cloud: ThermalCloud) -> tuple[Segmentation, PersonMask]:
@@ -137,21 +185,19 @@ def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
 
 
 def _labelled(
-    frame_id: str, frame: RigFrame, fuser: Fuser, one: Labeller, before: FrameLabels | None
+    frame_id: str, seen: _Seen, one: Labeller, before: FrameLabels | None
 ) -> tuple[FrameLabels, Probabilities | None]:
-    frame, left_out = _calibrated(frame, fuser.calibration)
-    cloud = fuser.fuse_frame(frame)
-    result, person = one(cloud, before)
+    result, person = one(seen.content, before)
     on_person = result.confidence[result.parts != BACKGROUND]
     notes: dict[str, Any] = {
         "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
         "extraction": person.method,
-        "notes": [*left_out, *person.notes, *result.notes],
+        "notes": [*seen.left_out, *person.notes, *result.notes],
         **(result.probabilities.note() if result.probabilities else {}),
     }
     persons = np.where(person.mask, np.uint8(1), np.where(person.others, np.uint8(2), np.uint8(0)))
     labelled = FrameLabels(
-        frame_id, cloud.depth_mm, result.parts, result.confidence, notes=notes, persons=persons
+        frame_id, seen.depth_mm, result.parts, result.confidence, notes=notes, persons=persons
     )
     return labelled, result.probabilities
 

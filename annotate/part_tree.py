@@ -63,12 +63,11 @@ def _near_its_part(belief: _Array, groups: Supervoxels, centroids_m: _Array) -> 
     mass = (belief * (belief > 0.5)) * groups.sizes[:, None]
     for part in np.flatnonzero(mass.sum(axis=0) >= LEAST_POINTS):
         weight = mass[:, part]
-        middle = np.average(centroids_m, axis=0, weights=weight)
+        middle = weight @ centroids_m / weight.sum()
         for _ in range(3):  # mean shift: a stray island does not pull the middle away
             away_m = np.linalg.norm(centroids_m - middle, axis=1)
-            middle = np.average(
-                centroids_m, axis=0, weights=weight * np.exp(-((away_m / REACH_M[part]) ** 2)) + 1e-9
-            )
+            near = weight * np.exp(-((away_m / REACH_M[part]) ** 2)) + 1e-9
+            middle = near @ centroids_m / near.sum()
         away_m = np.linalg.norm(centroids_m - middle, axis=1)
         cost[:, part] = -STRAYING * np.maximum(away_m / REACH_M[part] - 1, 0) ** 2
     return cost

@@ -8,10 +8,11 @@ where it lies among the others rarely is.
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from annotate.body_plan import CONTACT, DISTANCE_M, DISTANCE_SD_M
-from annotate.color_model import GAIN, GAIN_SIGMA, GAIN_STEPS, ColorModel, under
+from annotate.color_model import GAIN, GAIN_SIGMA, GAIN_STEPS, ColorModel
 from annotate.parts import BODY_PARTS, PART_ID
 from annotate.supervoxels import Supervoxels
 
@@ -146,20 +147,47 @@ def _beam(gains: _Array, unary: _Array, pairs: _Array) -> tuple[_Array, NDArray[
         if n == settled:
             likely = np.argsort(-score.max(axis=1), kind="stable")[:LIGHTS]
             gains, unary, labels, score = gains[likely], unary[likely], labels[likely], score[likely]
-        heard = sum((pairs[m, n][labels[..., m]] for m in range(n)), np.zeros((1, 1, _N)))
-        flat = (score[..., None] + unary[:, None, n] + heard).reshape(len(gains), -1)
-        best = np.argsort(-flat, axis=1, kind="stable")[:, : BEAM if n >= settled else NARROW]
-        labels = labels[np.arange(len(gains))[:, None], best // _N].copy()
-        labels[..., n] = best % _N
-        score = np.take_along_axis(flat, best, axis=1)
+        labels, score = _grown(labels, score, unary, pairs, n, BEAM if n >= settled else NARROW)
     return gains, labels, score
+
+
+@njit(cache=True, nogil=True)
+def _grown(
+    labels: NDArray[np.intp], score: _Array, unary: _Array, pairs: _Array, n: int, most: int
+) -> tuple[NDArray[np.intp], _Array]:
+    """Labellings (L, B', R) by one patch more, the n-th: the ``most`` best first; their scores (L, B')."""
+    lights, beam, count = labels.shape
+    parts = unary.shape[2]
+    most = min(most, beam * parts)
+    grown, best = np.zeros((lights, most, count), np.intp), np.zeros((lights, most))
+    heard, at = np.zeros(parts), np.zeros(most, np.intp)
+    for light in range(lights):
+        found = 0
+        for b in range(beam):
+            heard[:] = 0
+            for m in range(n):
+                heard += pairs[m, n, labels[light, b, m]]
+            for part in range(parts):
+                value = score[light, b] + unary[light, n, part] + heard[part]
+                if found == most and value <= best[light, most - 1]:
+                    continue
+                found = min(found + 1, most)
+                i = found - 1
+                while i > 0 and best[light, i - 1] < value:  # of equals the first stays before
+                    best[light, i], at[i] = best[light, i - 1], at[i - 1]
+                    i -= 1
+                best[light, i], at[i] = value, b * parts + part
+        for i in range(most):
+            grown[light, i, :n] = labels[light, at[i] // parts, :n]
+            grown[light, i, n] = at[i] % parts
+    return grown, best
 
 
 def _lights(patches: Patches, palette: ColorModel, used: NDArray[np.intp]) -> tuple[_Array, _Array]:
     """The gains (L, 2) of all lights and the log likelihood (L, R, 11) of the patches' parts in each."""
     gains = GAIN + np.stack(np.meshgrid(GAIN_STEPS, GAIN_STEPS), axis=-1).reshape(-1, 2)
     chroma, blur = patches.chroma[used], MEAN_BLUR * patches.blur[used]
-    match = np.concatenate([under(palette, gain).match(chroma, blur) for gain in gains])
+    match = palette.match_under(gains, chroma, blur)
     by_part = np.logaddexp(palette.by_part(match), STRAY).reshape(len(gains), len(used), _N)
     return gains, by_part * np.minimum(patches.points[used] / FULL_POINTS, 1)[:, None]
 

@@ -18,7 +18,7 @@ from annotate.carried import by_before, persons_before
 from annotate.cloud import ThermalCloud
 from annotate.evidence import by_color, by_planes, by_warmth, inherited, lab_of, warmth_share
 from annotate.labels import FrameLabels
-from annotate.persons import SPECK_M2, Person, persons_of
+from annotate.persons import ONE_PERSON_M, SPECK_M2, Person, persons_of
 from annotate.pieces import Piece, pieces_of
 from annotate.planes import (
     MIN_COLD_PLANE_M2,
@@ -30,7 +30,7 @@ from annotate.planes import (
     normals_at,
     panel_of,
 )
-from annotate.silhouette import settle
+from annotate.silhouette import Links
 from annotate.subject import claim, crowd, cut
 from annotate.suit import Suit
 from annotate.warm_window import WINDOW_C, find_window
@@ -52,7 +52,9 @@ EDGES_PX = 25
 """How far around what is warm silhouettes are compared with the temperatures: four degrees."""
 BESIDE_PX, LEAST_BESIDE = 45, -3.0
 """How far around the person what is as cold as the room may yet be theirs: a lower leg; not on a plane."""
-DOUBT = -2.0
+BODY_M = 1.1
+"""So far from their middle a person's warm feet may be, seen apart below a blanket."""
+DOUBT = -0.5
 """Above these log odds what was found by warmth stays: most rooms have no blanket."""
 BY_OWN_ODDS, MOST_BY_SUIT, BETWEEN_PX = 0.52, 6.0, 13
 """What a pixel's own warmth and planes are worth beside the suit's colours, from the same regression; the
@@ -108,26 +110,45 @@ def extract_person(
     it what lies on them is told by its colours. Where there is no person the mask is empty and a note says
     so; that is no error.
     """
-    planes = find_planes(cloud, cloud.valid)
-    if np.isfinite(cloud.temperature_c).any():
-        field = _by_temperature(cloud, window_c, planes)
-    else:
-        carried = _by_before(cloud, before, planes)
-        if carried is None:
-            return _by_depth(cloud, planes)
-        field = carried
-    persons = _persons(cloud, field, suit, before)
-    mask, others = np.zeros((2, *cloud.valid.shape), np.bool_)
-    if not persons:
-        return PersonMask(mask, field.method, others, (field.nobody, *field.warnings), not field.warnings)
-    for person in persons[1:]:
-        others |= person.mask
-    warnings = [*field.warnings, *crowd(persons, before, cloud if suit else None), *cut(persons[0].mask)]
-    return PersonMask(persons[0].mask, field.method, others, (*field.notes, *warnings), not warnings)
+    return Survey(cloud, window_c, suit).person(before)
+
+
+class Survey:
+    """Who a cloud shows as far as it tells alone, which can be worked out before the frame's turn comes.
+
+    cloud: what was looked at. Arguments as of ``extract_person``.
+    """
+
+    def __init__(
+        self, cloud: ThermalCloud, window_c: tuple[float, float] | None = None, suit: Suit | None = None
+    ) -> None:
+        self.cloud, self._suit = cloud, suit
+        self._planes = find_planes(cloud, cloud.valid)
+        self._warm: _Silhouettes | None = None
+        if np.isfinite(cloud.temperature_c).any():
+            self._warm = _Silhouettes(cloud, _by_temperature(cloud, window_c, self._planes, suit))
+
+    def person(self, before: FrameLabels | None) -> PersonMask:
+        """The person, given the labels of the frame before; as ``extract_person``."""
+        cloud, silhouettes = self.cloud, self._warm
+        if silhouettes is None:
+            carried = _by_before(cloud, before, self._planes)
+            if carried is None:
+                return _by_depth(cloud, self._planes)
+            silhouettes = _Silhouettes(cloud, carried)
+        field, persons = silhouettes.field, _persons(cloud, silhouettes, self._suit, before)
+        mask, others = np.zeros((2, *cloud.valid.shape), np.bool_)
+        if not persons:
+            return PersonMask(mask, field.method, others, (field.nobody, *field.warnings), not field.warnings)
+        for person in persons[1:]:
+            others |= person.mask
+        crowded = crowd(persons, before, cloud if self._suit else None)
+        warnings = [*field.warnings, *crowded, *cut(persons[0].mask)]
+        return PersonMask(persons[0].mask, field.method, others, (*field.notes, *warnings), not warnings)
 
 
 def _by_temperature(
-    cloud: ThermalCloud, window_c: tuple[float, float] | None, planes: tuple[Plane, ...]
+    cloud: ThermalCloud, window_c: tuple[float, float] | None, planes: tuple[Plane, ...], suit: Suit | None
 ) -> _Field:
     loose = cloud.valid & ~close_to(planes, cloud.points_m)
     low, high = window_c or find_window(cloud, loose) or WINDOW_C
@@ -136,7 +157,8 @@ def _by_temperature(
     loose &= ~close_to(planes, cloud.points_m)
     hot = loose & (celsius >= low)
     panel = np.zeros_like(hot)
-    for plane in find_planes(cloud, hot, MIN_PANEL_M2):
+    # A chest can be as flat: where a suit is known its colours tell a screen from one.
+    for plane in find_planes(cloud, hot, MIN_PANEL_M2) if suit is None else ():
         panel |= panel_of(plane, cloud, hot)
     loose &= ~panel
     warm = loose & (celsius >= low) & (celsius <= high)
@@ -213,20 +235,27 @@ def _around(mask: NDArray[np.bool_], reach_px: float) -> NDArray[np.bool_]:
 
 
 class _Silhouettes:
-    """Planes, colour and neighbours heard: who in a field is a person, as often as something new is known."""
+    """Planes, colour and neighbours heard: who in a field is a person, as often as something new is known.
+
+    field: what was heard before. odds: log odds (h, w) now. persons: everybody there, in no order.
+    """
 
     def __init__(self, cloud: ThermalCloud, field: _Field) -> None:
-        self._cloud = cloud
+        self._cloud, self.field = cloud, field
         self._candidates = cloud.valid & _around(field.candidates, RIM_PX)
-        near = close_to(field.planes, cloud.points_m)
-        self._normals = np.full((*near.shape, 3), np.float32(np.nan))
-        self._normals[self._candidates] = normals_at(cloud, *np.nonzero(self._candidates))
-        on = near & (field.cold | lies_on(field.planes, cloud.points_m, self._normals))
+        normals = np.full_like(cloud.points_m, np.nan)
+        own = normals_at(cloud, *np.nonzero(self._candidates))
+        normals[self._candidates] = own
+        near, on = close_to(field.planes, cloud.points_m), field.cold.copy()
+        on[self._candidates] |= lies_on(field.planes, cloud.points_m[self._candidates], own)
+        on &= near
         surface_m2 = cloud.points_m[..., 2] ** 2 / np.float32(cloud.camera.fx * cloud.camera.fy)
-        shaped = np.isfinite(self._normals[..., 0])
+        shaped = np.isfinite(normals[..., 0])
         self.odds = field.odds + by_planes(on, near, shaped, field.cold, surface_m2)
         self._lab = lab_of(cloud.color_rgb, cloud.color_valid & ~_rims(cloud))
         self._taught = cloud.valid & _around(field.candidates, TAUGHT_PX)
+        self._links = Links(self._candidates, cloud.points_m[..., 2], normals, self._lab)
+        self.persons = self._persons()
 
     @property
     def surroundings(self) -> NDArray[np.bool_]:
@@ -234,19 +263,26 @@ class _Silhouettes:
         return self._taught & ~self._candidates
 
     def beside(self, persons: Sequence[Person]) -> NDArray[np.bool_]:
-        """Pixels (h, w) around the first of the persons that may be theirs too."""
-        beside = self._candidates & _around(persons[0].mask, BESIDE_PX) & (self.odds > LEAST_BESIDE)
-        for person in persons:
-            beside &= ~person.mask
+        """Pixels (h, w) around the first of the persons that may be theirs too.
+
+        What was taken for somebody too near to be another person is asked again: feet and a blanket.
+        """
+        first = persons[0]
+        away_m = np.linalg.norm(self._cloud.points_m - first.centre_m.astype(np.float32), axis=-1)
+        beside = _around(first.mask, BESIDE_PX) & (self.odds > LEAST_BESIDE)
+        beside |= (away_m < BODY_M) & (self.odds > 0)
+        beside &= self._candidates & ~first.mask
+        for person in persons[1:]:
+            if np.linalg.norm(person.centre_m - first.centre_m) > ONE_PERSON_M:
+                beside &= ~person.mask
         return np.asarray(beside, np.bool_)
 
-    def persons(self) -> list[Person]:
+    def _persons(self) -> list[Person]:
         """Everybody there."""
         if not self._candidates.any():
             return []
         odds = self.odds + by_color(self._lab, self.odds, self._candidates, self._taught)
-        depth_m = self._cloud.points_m[..., 2]
-        return persons_of(self._cloud, settle(odds, self._candidates, depth_m, self._normals, self._lab) > 0)
+        return persons_of(self._cloud, self._links.settle(odds) > 0)
 
     def dressed(self, persons: Sequence[Person], told: NDArray[np.float32]) -> list[Person]:
         """The persons again, since colours have told (log odds (h, w), 0 = nothing) what is the first one's.
@@ -258,13 +294,14 @@ class _Silhouettes:
         told = np.where(told != 0, np.clip(told, -MOST_BY_SUIT, MOST_BY_SUIT) + own, 0).astype(np.float32)
         odds = np.where(told != 0, told, self.odds + np.minimum(_between(told), 0))
         odds = np.where(told != 0, told, odds + by_color(self._lab, odds, self._candidates, self._taught))
-        depth_m, first = self._cloud.points_m[..., 2], persons[0]
-        theirs = settle(odds, self._candidates, depth_m, self._normals, self._lab) > 0
+        first, theirs = persons[0], self._links.settle(odds) > 0
         near = theirs & ((told > 0) | _around(first.mask, RIM_PX))
         for person in persons[1:]:
-            near &= ~person.mask
-        dressed = replace(first, mask=np.asarray(near, np.bool_))
-        return [dressed if near.any() else first, *persons[1:]]
+            near &= ~person.mask | (told > 0)
+        if not near.any():
+            return list(persons)
+        others = [replace(person, mask=person.mask & ~near) for person in persons[1:]]
+        return [replace(first, mask=np.asarray(near, np.bool_)), *(one for one in others if one.mask.any())]
 
 
 def _between(told: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -274,15 +311,14 @@ def _between(told: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _persons(
-    cloud: ThermalCloud, field: _Field, suit: Suit | None, before: FrameLabels | None
+    cloud: ThermalCloud, silhouettes: _Silhouettes, suit: Suit | None, before: FrameLabels | None
 ) -> list[Person]:
     """Everybody there, the subject first, by the colours of what they wear where these are known."""
 
     def ordered(persons: list[Person]) -> list[Person]:
         return sorted(persons, key=lambda person: -claim(person, before, cloud if suit else None))
 
-    silhouettes = _Silhouettes(cloud, field)
-    persons = ordered(silhouettes.persons())
+    persons = ordered(silhouettes.persons)
     if suit is None or not persons:
         return persons
     told = worn(cloud, persons[0].mask, silhouettes.beside(persons), silhouettes.surroundings, suit)

@@ -126,8 +126,14 @@ def lies_on(
     """Which points (..., 3) with unit normals (..., 3) lie on any of the planes."""
     on = np.zeros(points_m.shape[:-1], np.bool_)
     for plane in planes:
-        on |= plane.close(points_m) & plane.parallel(normals)
+        on |= _on(plane, points_m, normals)
     return on
+
+
+def _on(plane: Plane, points_m: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which points (..., 3) are close to a plane and parallel to it, with unit normals (..., 3)."""
+    points, turned = (np.ascontiguousarray(one, np.float32).reshape(-1, 3) for one in (points_m, normals))
+    return _lie_on(points, turned, plane.normal, np.float32(plane.offset_m)).reshape(points_m.shape[:-1])
 
 
 def normals_at(cloud: ThermalCloud, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.float32]:
@@ -144,16 +150,15 @@ def _fitted(
 ) -> tuple[Plane, NDArray[np.bool_]]:
     """The plane around one point by least squares, and which points (n,) it was fitted to."""
     plane = Plane(normals[start], float(normals[start] @ points[start]), 0.0)
-    on = plane.close(points) & plane.parallel(normals)
+    on = _on(plane, points, normals)
     for _ in range(3):
         if on.sum() < LEAST_POINTS:
             break
-        chosen = points[on].astype(np.float64)
-        centre = chosen.mean(axis=0)
-        normal = np.linalg.eigh((chosen - centre).T @ (chosen - centre))[1][:, 0]
+        centre, scatter = _moments(points, on)
+        normal = np.linalg.eigh(scatter)[1][:, 0]
         normal *= np.sign(normal @ plane.normal)
         plane = Plane(normal.astype(np.float32), float(normal @ centre), float(pixel_m2[on].sum()))
-        fitted, on = on, plane.close(points) & plane.parallel(normals)
+        fitted, on = on, _on(plane, points, normals)
         on |= fitted  # else a bad fit would be found again and again
     return plane, on
 
@@ -169,6 +174,39 @@ def _close(points: Image, normals: Image, offsets: Image) -> NDArray[np.bool_]:
                 close[i] = True
                 break
     return close
+
+
+@njit(cache=True, nogil=True)
+def _lie_on(points: Image, normals: Image, normal: Image, offset: np.float32) -> NDArray[np.bool_]:
+    on = np.empty(len(points), np.bool_)
+    a, b, c = normal
+    for i in range(len(points)):
+        distance = abs(points[i, 0] * a + points[i, 1] * b + points[i, 2] * c - offset)
+        cosine = normals[i, 0] * a + normals[i, 1] * b + normals[i, 2] * c
+        on[i] = (distance <= np.float32(TOLERANCE) * points[i, 2]) & (cosine >= np.float32(LEAST_COSINE))
+    return on
+
+
+@njit(cache=True, nogil=True)
+def _moments(points: Image, on: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean (3,) of the chosen points, and the sum (3, 3) of the outer products of what they are off it."""
+    centre, scatter, count = np.zeros(3), np.zeros((3, 3)), 0
+    for i in range(len(points)):
+        if on[i]:
+            count += 1
+            for k in range(3):
+                centre[k] += points[i, k]
+    centre /= count
+    for i in range(len(points)):
+        if on[i]:
+            x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+            scatter[0, 0] += x * x
+            scatter[1, 0] += x * y
+            scatter[1, 1] += y * y
+            scatter[2, 0] += x * z
+            scatter[2, 1] += y * z
+            scatter[2, 2] += z * z
+    return centre, scatter  # the lower triangle, which is what eigh reads
 
 
 @njit(cache=True, nogil=True)

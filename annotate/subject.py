@@ -32,8 +32,9 @@ def colors_worn(cloud: ThermalCloud, person: _Mask, room: _Mask) -> float:
 
     A suit has many, clothes one or two, things none. room: bool (h, w), what shows the light's own colour.
     """
-    rgb = cloud.color_rgb[person & cloud.color_valid][::4]
-    white = np.median(chromaticity(cloud.color_rgb[room & cloud.color_valid][::29]), axis=0)
+    own, around = (np.flatnonzero(mask & cloud.color_valid) for mask in (person, room))
+    rgb, every = cloud.color_rgb.reshape(-1, 3)[own[::4]], cloud.color_rgb.reshape(-1, 3)[around[::29]]
+    white = np.median(chromaticity(every), axis=0)
     chroma = chromaticity(rgb[(rgb >= DARK).any(axis=1)])
     strong = chroma[np.linalg.norm(chroma - white, axis=1) > GREYISH]
     if not len(strong):

@@ -71,8 +71,16 @@ def chromaticity(rgb: NDArray[np.generic]) -> NDArray[np.float64]:
 
     Shares of red and green in linear light: x = R / (R + G + B). Gamma: IEC 61966-2-1, taken as 2.2.
     """
-    linear = np.power(np.asarray(rgb, np.float64) / 255, 2.2) + 1e-6
+    linear = _LINEAR[rgb] if rgb.dtype == np.uint8 else _linear(rgb)
     return np.asarray(linear[..., :2] / linear.sum(axis=-1, keepdims=True))
+
+
+def _linear(rgb: NDArray[np.generic]) -> NDArray[np.float64]:
+    return np.asarray(np.power(np.asarray(rgb, np.float64) / 255, 2.2) + 1e-6)
+
+
+_LINEAR = _linear(np.arange(256))
+"""Of every 8-bit value."""
 
 
 def load_suit(path: Path) -> Suit:

@@ -56,8 +56,9 @@ def find_window(cloud: ThermalCloud, loose: NDArray[np.bool_]) -> tuple[float, f
 def _mode(celsius: NDArray[np.float32], weight: NDArray[np.float32], spread_c: float) -> float:
     """Where the smoothed histogram is highest."""
     # Bins around the median: a common offset of all temperatures moves them along.
-    middle = np.median(celsius)
-    edges = np.arange(-REACH_C, REACH_C + BIN_C, BIN_C)
-    count, _ = np.histogram(celsius - middle, edges, weights=weight)
+    middle, bins = np.median(celsius), round(2 * REACH_C / BIN_C)
+    place = ((celsius - middle).astype(np.float64) + REACH_C) / BIN_C
+    within = (place >= 0) & (place < bins)
+    count = np.bincount(place[within].astype(np.intp), weight[within], bins)
     smooth = cv2.GaussianBlur(count.astype(np.float32)[None], (0, 0), spread_c / BIN_C)[0]
-    return float(middle) + float(edges[int(smooth.argmax())]) + BIN_C / 2
+    return float(middle) + (int(smooth.argmax()) + 0.5) * BIN_C - REACH_C

@@ -10,6 +10,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
@@ -47,12 +48,17 @@ WARMTH_WEIGHT, WARMTH_COST = 0.5, 8.0
 """The most that an odd temperature can cost: a hand may have held a glass."""
 ANY_COLOR = np.where([part.id in (1, 5, 6, 10, 11) for part in BODY_PARTS], -3.0, -12.0)
 """Log score (11,) of the oddest colour: skin, hair and shoes differ more, and shine more, than cloth does."""
+ODD_M2 = np.minimum(MOST_M2, [0.035, 1, 1, 1, 0.02, 0.02, 1, 1, 1, 0.03, 0.03])
+"""Surface (11,) of what may have an odd colour: a head, a hand, a shoe and half of the other one."""
 PLACE, PLACE_COST = 0.6, 10.0
 """Weight of where a patch lies, and the most that a place can cost before."""
 ODDS, BY_PART, BY_MASK = 0.3, 0.75, 4.75
 """Log odds of being a part, and what a unit of the best part's score, and lying in the mask found without
 the suit's colours, add. Logistic regression over 2,848 patches in 77 frames of 54 people of the rig (seeds
 101, 110, 111, 130 to 133), rounded; left out by recording, 5 pixels are told wrong for 100 of a person."""
+LOOSE, GAP_PX = 0.5, 5
+"""What the mask counts for in pieces apart from its largest, by gaps wider than half of that: what is warm
+near a person is a laptop as often as a leg."""
 
 _Array = NDArray[np.float64]
 _Mask = NDArray[np.bool_]
@@ -73,12 +79,15 @@ def worn(cloud: ThermalCloud, person: _Mask, beside: _Mask, room: _Mask, suit: S
     chroma, blur = means_of(rgb, readable(rgb, np.ones(len(rgb), np.bool_)), groups)
     patches = patches_of(groups, chroma, blur, groups.centroids_m(cloud.points_m[own]))
     patch = patches.ids[groups.ids]
-    inside = _mean(patch, person[own])
+    inside, held = _mean(patch, person[own]), _mean(patch, _held(person)[own])
     warmth = patches.mean(warmth_of(celsius, groups), groups.sizes)
-    alone = _by_size(
-        _alike_m2(cloud, own, groups, patches, chroma, np.where(inside[patches.ids] > 0.5, blur, NOT_ALIKE))
+    alike_m2 = _alike_m2(
+        cloud, own, groups, patches, chroma, np.where(inside[patches.ids] > 0.5, blur, NOT_ALIKE)
     )
-    alone += _by_warmth(_mean(patch, _share(celsius, cloud.temperature_c[room], cloud.temperature_c[person])))
+    odd = ANY_COLOR + _by_size(alike_m2, ODD_M2)
+    felt_as = _by_warmth(
+        _mean(patch, _share(celsius, cloud.temperature_c[room], cloud.temperature_c[person]))
+    )
     odds = np.full(len(inside), -np.inf)
     mine = inside > 0.5
     for _ in range(ROUNDS):
@@ -86,14 +95,23 @@ def worn(cloud: ThermalCloud, person: _Mask, beside: _Mask, room: _Mask, suit: S
         belief, log_gain = read_together(body, unfitted(suit), warmth)
         palette = under(unfitted(suit), log_gain)
         by_part = palette.by_part(palette.match(patches.chroma, MEAN_BLUR * patches.blur))
-        by_part = np.maximum(by_part, ANY_COLOR) + alone + _by_place(patches, body, belief)
-        odds = np.maximum(odds, ODDS + BY_PART * by_part.max(axis=1) + BY_MASK * inside)
+        by_part = np.maximum(by_part + _by_size(alike_m2, MOST_M2), odd)
+        by_part += felt_as + _by_place(patches, body, belief)
+        odds = np.maximum(odds, ODDS + BY_PART * by_part.max(axis=1) + BY_MASK * held)
         mine &= odds > SURELY_NOT
     return _filled(np.where(patches.points >= LEAST_POINTS, odds, 0)[patch], own)
 
 
 def _mean(patch: NDArray[np.integer[Any]], values: NDArray[np.generic]) -> _Array:
     return np.asarray(np.bincount(patch, values) / np.maximum(np.bincount(patch), 1))
+
+
+def _held(person: _Mask) -> NDArray[np.float32]:
+    """What a mask (h, w) counts for (h, w): 1 in its largest piece, less in the others, 0 off it."""
+    closed = cv2.dilate(person.astype(np.uint8), np.ones((GAP_PX, GAP_PX), np.uint8))
+    pieces = cv2.connectedComponents(closed)[1]
+    largest = np.bincount(pieces[person]).argmax()
+    return np.where(person, np.where(pieces == largest, 1, LOOSE), 0).astype(np.float32)
 
 
 def _share(celsius: NDArray[np.float32], room: NDArray[np.float32], person: NDArray[np.float32]) -> _Array:
@@ -109,9 +127,9 @@ def _by_warmth(share: _Array) -> _Array:
     return np.asarray(-WARMTH_WEIGHT * np.minimum(0.5 * away, WARMTH_COST))
 
 
-def _by_size(alike_m2: _Array) -> _Array:
-    """Log score (R, 11) of patches' surfaces (R,) for every part."""
-    return np.asarray(-LARGER * np.maximum(np.log(alike_m2[:, None] / MOST_M2), 0) ** 2)
+def _by_size(alike_m2: _Array, most_m2: _Array) -> _Array:
+    """Log score (R, 11) of patches' surfaces (R,) for every part, which has at most so much (11,)."""
+    return np.asarray(-LARGER * np.maximum(np.log(alike_m2[:, None] / most_m2), 0) ** 2)
 
 
 def _by_place(patches: Patches, body: Patches, belief: _Array) -> _Array:
@@ -136,15 +154,33 @@ def _alike_m2(
     """
     rgb, points_m = cloud.color_rgb[own], cloud.points_m[own]
     pixel_m2 = STRIDE**2 * points_m[:, 2].astype(np.float64) ** 2 / (cloud.camera.fx * cloud.camera.fy)
-    surface_m2 = np.bincount(groups.ids, pixel_m2)
+    surface_m2 = np.asarray(np.bincount(groups.ids, pixel_m2), np.float64)
     bright = rgb.max(axis=1).astype(np.float64)
     shade, shades = (
         np.log(np.maximum(_mean(ids, bright), 1)) for ids in (groups.ids, patches.ids[groups.ids])
     )
-    alike = np.linalg.norm(chroma - patches.chroma[:, None], axis=2) < ALIKE + ALIKE_BLURS * blur
-    alike &= np.abs(shade - shades[:, None]) < ALIKE_SHADE
-    alike &= np.linalg.norm(groups.centroids_m(points_m) - patches.middle_m[:, None], axis=2) < REACH_M
-    return np.asarray((alike | (patches.ids == np.arange(len(patches.points))[:, None])) @ surface_m2)
+    here = np.column_stack([chroma, shade, groups.centroids_m(points_m)])
+    there = np.column_stack([patches.chroma, shades, patches.middle_m])
+    return np.asarray(_alike(here, ALIKE + ALIKE_BLURS * blur, surface_m2, patches.ids, there))
+
+
+@njit(cache=True, nogil=True)
+def _alike(here: _Array, within: _Array, surface_m2: _Array, ids: NDArray[np.intp], there: _Array) -> _Array:
+    """Surface (R,) of the supervoxels (G,) that are a patch's, or like it and near.
+
+    here (G, 6), there (R, 6): chromaticity, log brightness and place of both. within: (G,) how alike.
+    """
+    total = np.zeros(len(there))
+    for r in range(len(there)):
+        for g in range(len(here)):
+            x, y, shade = here[g, 0] - there[r, 0], here[g, 1] - there[r, 1], here[g, 2] - there[r, 2]
+            alike = np.sqrt(x * x + y * y) < within[g] and abs(shade) < ALIKE_SHADE
+            if alike and ids[g] != r:
+                a, b, c = here[g, 3] - there[r, 3], here[g, 4] - there[r, 4], here[g, 5] - there[r, 5]
+                alike = np.sqrt(a * a + b * b + c * c) < REACH_M
+            if alike or ids[g] == r:
+                total[r] += surface_m2[g]
+    return total
 
 
 def _filled(values: NDArray[np.floating], own: _Mask) -> NDArray[np.float32]:

@@ -181,7 +181,9 @@ def test_every_frame_is_given_the_one_before_as_it_is_stored(tmp_path, session):
 
 
 def test_a_frame_that_cannot_be_relied_on_is_not_labelled(tmp_path, session, monkeypatch):
-    monkeypatch.setattr("annotate.label.extract_person", lambda cloud, *_: stripes(cloud.valid.shape, False))
+    monkeypatch.setattr(
+        "annotate.label.Survey.person", lambda survey, before: stripes(survey.cloud.valid.shape, False)
+    )
     for frame in label_source(session, DEFAULT_SUIT, tmp_path / "l", silent).labels:
         np.testing.assert_array_equal(frame.parts == UNDEFINED, frame.persons == 1)
         assert not frame.confidence.any()
