@@ -87,7 +87,11 @@ def _problem(requirement: Requirement) -> str:
         found = version(requirement.name)
     except PackageNotFoundError:
         return f"no {requirement.name}"
-    return "" if requirement.specifier.contains(found, prereleases=True) else f"{requirement.name}{requirement.specifier} but {found}"
+    return (
+        ""
+        if requirement.specifier.contains(found, prereleases=True)
+        else f"{requirement.name}{requirement.specifier} but {found}"
+    )
 
 
 def _pcl() -> Finding:

@@ -104,11 +104,11 @@ def train(
     except ImportError as error:
         raise CloudError(f"training needs torch ({error.name} is missing): pip install '.[train]'") from error
     with Team.join() as team:
-        if team.first:
-            clear(out, "plan.json", overwrite, *data, *tests, *([init] if init else []))
         plan, start = _plan(network, recipe, init, without or [], epochs, batch, seed, precision)
         crops = load_crops(data, without=frozenset(hold_out or []))
         measured = _measured(data, tests, hold_out or [], test_images)
+        if team.first:
+            clear(out, "plan.json", overwrite, *data, *tests, *([init] if init else []))
         with _shown(team.first, images_left(out, plan, crops)) as advance:
             watch = Watch(advance, lambda epoch: _tell(team.first, epoch, epochs), 60 * checkpoint_minutes)
             model, done = run(crops, measured, out, plan, team, watch, start, workers)

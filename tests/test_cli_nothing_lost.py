@@ -63,7 +63,7 @@ def test_a_folder_that_no_command_made_is_never_touched(
     (out / "frames" / "beach.jpg").write_bytes(b"irreplaceable")
     before = tree(tmp_path)
     done = annotate_cloud(*outputs(rig_session, rig_labels.path)[verb], out, *overwrite)
-    assert_refused(done, out, remarks=done.err.count("no --suit"))
+    assert_refused(done, out, remarks=done.err.count("no --suit") + done.err.count("evaluate: "))
     assert tree(tmp_path) == before
 
 
@@ -109,7 +109,7 @@ def test_overwrite_never_removes_its_own_input(annotate_cloud, labels, rig_sessi
 def test_bad_data_leaves_the_training_that_it_was_to_replace(annotate_cloud, tmp_path):
     pytest.importorskip("torch")
     (tmp_path / "t").mkdir()
-    (tmp_path / "t" / "schedule.json").write_text("{}")
+    (tmp_path / "t" / "plan.json").write_text("{}")
     before = tree(tmp_path)
     done = annotate_cloud("train", tmp_path / "typo", "--out", tmp_path / "t", "--overwrite")
     assert_refused(done, "typo", "no label set")
@@ -264,7 +264,7 @@ def test_a_write_that_fails_leaves_no_half_file(annotate_cloud, tmp_path, rig_se
     }[verb]
     with largest_file(3_000):
         done = annotate_cloud(*command)
-    assert_refused(done, "File too large", remarks=done.err.count("no --suit"))
+    assert_refused(done, "File too large", remarks=done.err.count("no --suit") + done.err.count("evaluate: "))
     left = tree(tmp_path)
     assert not [name for name in left if name.endswith((".partial", ".json")) and "labelset" not in name]
     if verb in ("simulate", "import", "evaluate"):
@@ -306,7 +306,11 @@ def test_a_read_only_folder_is_named(annotate_cloud, rig_session, rig_labels, ve
         with ordinary_user():
             done = annotate_cloud(*command)
         assert_refused(
-            done, "Permission denied", locked, "check the permissions", remarks=done.err.count("no --suit")
+            done,
+            "Permission denied",
+            locked,
+            "check the permissions",
+            remarks=done.err.count("no --suit") + done.err.count("evaluate: "),
         )
         assert not list(locked.iterdir())
         folder.chmod(0o755)

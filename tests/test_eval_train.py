@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,6 +55,15 @@ def assert_same(a: tuple[torch.nn.Module, Progress], b: tuple[torch.nn.Module, P
     assert [replace(e, seconds=0) for e in a[1].epochs] == [replace(e, seconds=0) for e in b[1].epochs]
     assert a[1].points == b[1].points
     assert a[1].step == b[1].step
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    """Bits are the same for one number of threads: that of the other processes here."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="module")
