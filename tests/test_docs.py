@@ -18,7 +18,6 @@ ELSEWHERE = {
     "export": "the set-up itself",
     "annotate-cloud fix": "a window: driven by the tests of the window",
     "annotate-cloud record take.mcap --rig": "asks for devices; docs/camera.md records from their twins",
-    "annotate-cloud demo": "run by the tests of the command",
     "dask": "scheduler and workers: run by the tests of generating",
 }
 """Lines that these tests leave to others, and to whom."""
@@ -26,7 +25,7 @@ ELSEWHERE = {
 SMALLER = (
     (r"--count \d+", "--count 24"),
     (r"--epochs \d+", "--epochs 1"),
-    (r"--frames \d+", "--frames 8"),
+    (r"--frames \d+", "--frames 12"),
     (r"--seconds \d+", "--seconds 1"),
     (r" --scheduler \S+", ""),
 )
