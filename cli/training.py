@@ -63,12 +63,7 @@ def train(
     hold_out: Annotated[
         list[str] | None, typer.Option(help="Subject to measure on, not to train on; repeatable.")
     ] = None,
-    network: Annotated[
-        NetworkName | None,
-        typer.Option(
-            help="Architecture; paper-quarter has a quarter of its channels.", show_default="compact"
-        ),
-    ] = None,
+    network: Annotated[NetworkName | None, typer.Option(help="Architecture.", show_default="compact")] = None,
     recipe: Annotated[
         RecipeName, typer.Option(help="AdamW with one cycle, or the paper's SGD and summed loss.")
     ] = RecipeName.MODERN,
@@ -96,8 +91,6 @@ def train(
     """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
     started, tests = time.monotonic(), test or []
     try:
-        from eval.checkpoint import save_weights
-        from eval.export import export_onnx
         from eval.team import Team
         from eval.train import Watch, images_left
         from eval.train import train as run
@@ -113,9 +106,16 @@ def train(
             watch = Watch(advance, lambda epoch: _tell(team.first, epoch, epochs), 60 * checkpoint_minutes)
             model, done = run(crops, measured, out, plan, team, watch, start, workers)
     if team.first:
-        save_weights(out / "weights.safetensors", model, plan.network)
-        export_onnx(model, out / "weights.onnx")
+        _save(model, plan, out)
         _finish(done.epochs, out / "weights.onnx", round(time.monotonic() - started, 1), json)
+
+
+def _save(model: "nn.Module", plan: "Plan", out: Path) -> None:
+    from eval.checkpoint import save_weights
+    from eval.export import export_onnx
+
+    save_weights(out / "weights.safetensors", model, plan.network)
+    export_onnx(model, out / "weights.onnx")
 
 
 def _finish(history: "list[Epoch]", weights: Path, seconds: float, json: bool) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.crop import SIZE, crop_around, normalize, person_of
+from annotate.crop import SIZE, network_crop, normalize, person_of
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND, UNDEFINED
 from annotate.store import LabelSet
@@ -32,9 +32,7 @@ def to_crop(frame: FrameLabels) -> tuple[NDArray[np.float32], NDArray[np.uint8]]
     Raises CloudError when the frame shows no person.
     """
     mask = person_of(frame.parts)
-    if frame.depth_mm.shape == (SIZE, SIZE):
-        return normalize(frame.depth_mm, mask), frame.parts
-    crop = crop_around(mask & (frame.depth_mm > 0))
+    crop = network_crop(mask & (frame.depth_mm > 0))
     depth = normalize(crop.cut(frame.depth_mm, 0), crop.cut(mask, False))
     return depth, crop.cut(frame.parts, BACKGROUND)
 

@@ -29,7 +29,7 @@ MAX_ZIP_RATIO = 1100
 
 _UNREADABLE = (
     *(ValueError, TypeError, SyntaxError, TokenError, KeyError, OverflowError, MemoryError),
-    *(NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error, EOFError),
+    *(RuntimeError, zipfile.BadZipFile, zlib.error, EOFError),
 )
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from synth.attitude import Attitude, both, mirrored, posture_of, pulls_of
 from synth.body import Body, pose
-from synth.contact import height_to_rest, lift_needed
+from synth.contact import height_to_rest
 from synth.flesh import flesh_of
 from synth.moment import Family, Spread
 from synth.scene import FLOOR, Chair, Sofa
@@ -174,7 +174,7 @@ def _placed(
         solids += seat.solids()
     settled = settle(flesh, Posture(posture.angles_rad, place), solids, pulls_of(moment))
     vertices, joints = pose(body, settled)
-    shift = np.array([0.0, 0.0, lift_needed(vertices, [FLOOR])])
+    shift = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
     if seat is not None:
         shift[1] = min(0.0, -_behind(vertices, shift[2], seat))
     return settled, vertices, joints, shift
