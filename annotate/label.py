@@ -14,12 +14,12 @@ from annotate.cleanup import tidied
 from annotate.cloud import ThermalCloud
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
+from annotate.labelset.probabilities import Probabilities
+from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND
-from annotate.person import PersonMask, Survey
-from annotate.probabilities import Probabilities
-from annotate.segment import Segmentation, segment, unlabelled
-from annotate.store import LabelSet
-from annotate.suit import Suit, suit_to_toml
+from annotate.person.extract import PersonMask, Survey
+from annotate.segmentation.segment import Segmentation, segment, unlabelled
+from annotate.suit.palette import Suit, suit_to_toml
 from sensors.calibration import RigCalibration, calibration_to_json
 from sensors.errors import CloudError, ExistsError
 from sensors.frame import RigFrame

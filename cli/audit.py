@@ -4,9 +4,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from annotate.audit import Audit, PersonWork, audit
-from annotate.journal import Journal
-from annotate.store import LabelSet
+from annotate.correction.audit import Audit, PersonWork, audit
+from annotate.labelset.journal import Journal
+from annotate.labelset.store import LabelSet
 
 
 def audit_of(labels: LabelSet) -> Audit | None:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from annotate.thermal_drift import measure_drift
+from annotate.person.thermal_drift import measure_drift
 from cli.calibration_plot import plot_residuals
 from cli.console import Json, Overwrite, finish, progress, say
 from sensors.atomic import replacing

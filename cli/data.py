@@ -6,10 +6,10 @@ from typing import Annotated, Any
 
 import typer
 
-from annotate import store
 from annotate.fuse import Fuser
+from annotate.labelset import store
+from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
-from annotate.store import LabelSet
 from cli.audit import audit_of, audit_text
 from cli.console import Json, Overwrite, finish, progress
 from sensors.errors import CloudError

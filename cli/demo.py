@@ -11,11 +11,11 @@ import typer
 from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
-from annotate.correction import Correction
-from annotate.effort import WHO, Annotator, correct_set
+from annotate.correction.correction import Correction
+from annotate.effort.annotator import WHO, Annotator, correct_set
 from annotate.fuse import Fuser
 from annotate.label import label_source
-from annotate.store import LabelSet
+from annotate.labelset.store import LabelSet
 from cli.console import Json, Overwrite, clear, finish, progress
 from eval.compare import Comparison, compare_sets
 from eval.predict import Network, predict_source

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from annotate.exchange.formats import FORMATS, export_labels, import_labels
-from annotate.store import LabelSet
+from annotate.labelset.store import LabelSet
 from cli.console import Json, Overwrite, finish, progress, say
 from sensors.frame import RigFrame
 from sensors.importers import KINDS, open_source

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from annotate import store
 from annotate.label import label_source
-from annotate.store import LabelSet
-from annotate.suit import load_suit, suit_to_toml
-from annotate.suit_learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
+from annotate.labelset import store
+from annotate.labelset.store import LabelSet
+from annotate.suit.learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
+from annotate.suit.palette import load_suit, suit_to_toml
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from eval.compare import compare_sets
 from eval.data import open_frames

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from annotate import store
-from annotate.store import LabelSet
+from annotate.labelset import store
+from annotate.labelset.store import LabelSet
 from cli.console import Json, Overwrite, clear, finish_run, progress, say
 from cli.labelling import Labels, Window
 from eval.data import open_frames

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
 from annotate.parts import palette_rgb
-from annotate.person import extract_person
-from annotate.segment import segment
+from annotate.person.extract import extract_person
+from annotate.segmentation.segment import segment
 from eval.predict import Network
 from eval.report.gallery import make_frame
 from synth.body import shipped_bodies

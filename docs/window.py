@@ -17,12 +17,12 @@ from PySide6.QtGui import QKeySequence
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from annotate.correction import Correction
+from annotate.correction.correction import Correction
 from annotate.gui.keys import Settings
 from annotate.gui.scene import SceneReader
 from annotate.gui.window import CorrectionWindow
+from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID
-from annotate.store import LabelSet
 
 IMAGES = Path(__file__).resolve().parent / "images"
 SIZE = (1440, 900)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from annotate.crop import SIZE, network_crop, normalize, person_of
 from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
-from annotate.store import LabelSet
 from sensors.errors import CloudError, FormatError
 from synth.dataset import MANIFEST, Dataset
 

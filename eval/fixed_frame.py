@@ -5,7 +5,7 @@ from pathlib import Path
 
 from torch import nn
 
-from annotate.images import encode_depth, encode_parts
+from annotate.labelset.images import encode_depth, encode_parts
 from eval.data import Crops
 from eval.measure import predicted
 from sensors.atomic import write_bytes

@@ -11,9 +11,9 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from annotate.crop import SIZE, Crop, network_crop, normalize
+from annotate.labelset.probabilities import Probabilities
 from annotate.parts import BACKGROUND, N_CLASSES
-from annotate.probabilities import Probabilities
-from annotate.segment import Segmentation
+from annotate.segmentation.segment import Segmentation
 from sensors.errors import FormatError
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))

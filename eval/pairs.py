@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.labels import FrameLabels
-from annotate.store import LabelSet
+from annotate.labelset.store import LabelSet
 from eval.counts import FrameCounts, count
 from eval.data import Frames, open_frames
 from eval.joint_errors import CAMERA, JointObservation, camera_of, observe

@@ -10,9 +10,9 @@ from annotate.cloud import ThermalCloud
 from annotate.crop import SIZE, Crop, person_of
 from annotate.label import Run, check_same, finished, run
 from annotate.labels import FrameLabels
-from annotate.person import PersonMask, extract_person
-from annotate.segment import Segmentation, unlabelled
-from annotate.store import LabelSet
+from annotate.labelset.store import LabelSet
+from annotate.person.extract import PersonMask, extract_person
+from annotate.segmentation.segment import Segmentation, unlabelled
 from eval.data import Frames
 from eval.network_file import SHIPPED_WEIGHTS as SHIPPED_WEIGHTS
 from eval.network_file import Network as Network

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from annotate.images import decode_depth, decode_parts, encode_depth, encode_parts
 from annotate.labels import FrameLabels
+from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
 from sensors.errors import FormatError
 
 MANIFEST = "dataset.json"

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from annotate.parts import N_CLASSES
 from annotate.registration import KINECT2_DEPTH
-from annotate.suit import MIN_CHROMA_DISTANCE, chromaticity
+from annotate.suit.palette import MIN_CHROMA_DISTANCE, chromaticity
 from sensors.camera import project
 from synth.color_camera import CameraState
 from synth.outfit import GAMMA, Outfit

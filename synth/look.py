@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.suit import Suit
+from annotate.suit.palette import Suit
 from sensors.calibration import Pose
 from sensors.camera import Intrinsics
 from synth.color_camera import (

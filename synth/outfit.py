@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from skimage.color import lab2rgb, rgb2lab
 
 from annotate.parts import N_CLASSES, NEIGHBOURS, PART_ID
-from annotate.suit import Suit
+from annotate.suit.palette import Suit
 from synth.body import Body
 from synth.skeleton import JOINT_ID, Float64
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from annotate.parts import N_CLASSES
 from annotate.registration import KINECT2_DEPTH
-from annotate.suit import DEFAULT_SUIT, Suit
+from annotate.suit.palette import DEFAULT_SUIT, Suit
 from sensors.errors import CloudError
 from sensors.frame import RigFrame
 from synth.color_camera import RESTING

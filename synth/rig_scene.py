@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.suit import Suit
+from annotate.suit.palette import Suit
 from sensors.calibration import Pose
 from synth.body import Body, shipped_bodies
 from synth.difficulty import Difficulty

@@ -4,8 +4,8 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from annotate.store import MANIFEST, LabelSet
-from annotate.suit import suit_to_toml
+from annotate.labelset.store import MANIFEST, LabelSet
+from annotate.suit.palette import suit_to_toml
 from sensors.atomic import replacing
 from sensors.errors import ExistsError
 from sensors.session import SessionWriter

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from annotate import select
-from annotate.correction import Correction
-from annotate.edit import Editor
-from annotate.edit_supervoxels import edit_supervoxels
+from annotate.correction import select
+from annotate.correction.correction import Correction
+from annotate.correction.edit import Editor
+from annotate.correction.edit_supervoxels import edit_supervoxels
 from annotate.fuse import Fuser
-from annotate.store import LabelSet
-from annotate.stroke import Gesture
+from annotate.labelset.store import LabelSet
+from annotate.labelset.stroke import Gesture
 from synth.rig import VirtualRig, truth_labels
 
 ROUNDS = 25

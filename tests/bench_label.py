@@ -9,9 +9,9 @@ from scipy import ndimage
 
 from annotate.fuse import Fuser
 from annotate.parts import N_CLASSES, UNDEFINED
-from annotate.person import extract_person
-from annotate.segment import segment
-from annotate.suit import chromaticity
+from annotate.person.extract import extract_person
+from annotate.segmentation.segment import segment
+from annotate.suit.palette import chromaticity
 from eval.metrics import confusion_matrix, mean_recall
 from synth.rig import VirtualRig, truth_labels
 from tests.bench_fuse import fuse_naive

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.labels import FrameLabels
-from annotate.store import LabelSet
+from annotate.labelset.store import LabelSet
 from sensors.camera import Intrinsics
 
 STROKE_S, NEXT_S, MOVE_S = 0.1, 0.3, 0.1

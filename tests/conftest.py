@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 from annotate.label import label_source
-from annotate.store import LabelSet
-from annotate.suit import DEFAULT_SUIT
+from annotate.labelset.store import LabelSet
+from annotate.suit.palette import DEFAULT_SUIT
 from cli.main import main
 from sensors.frame import RigFrame
 from sensors.replay import Session

@@ -1,4 +1,4 @@
-"""Fit the constants of annotate.confidence to the truth of simulated sessions (seeds 100 to 199).
+"""Fit the constants of annotate.segmentation.confidence to the truth of simulated sessions, seeds 100 to 199.
 
 python -m tests.fit_confidence SESSION.mcap...
 Labels every session as ``label`` does, within the person as extracted. Prints the constants, and how well
@@ -13,14 +13,14 @@ from unittest.mock import patch
 
 import numpy as np
 
-from annotate import confidence, segment
 from annotate.cloud import ThermalCloud
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
-from annotate.person import extract_person
-from annotate.store import LabelSet
-from annotate.suit import Suit, load_suit
+from annotate.person.extract import extract_person
+from annotate.segmentation import confidence, segment
+from annotate.suit.palette import Suit, load_suit
 from annotate.supervoxels import Supervoxels
 from sensors.replay import Session
 from synth.simulate import suit_path, truth_path

@@ -1,9 +1,9 @@
 """Corrects frames through the window by mouse and keys alone, as the simulated annotator decides:
 python -m tests.fix_by_hand [--frames 50] [--seed 150]
 
-Decisions are ``annotate.effort``'s. What it would do to an editor becomes events, sent to the window as the
-system sends them. Seconds come from the events that were sent, by the keystroke-level model, and stand
-beside the seconds that ``effort`` reckons for the same frames without a window.
+Decisions are ``annotate.effort.annotator``'s. What it would do to an editor becomes events, sent to the
+window as the system sends them. Seconds come from the events that were sent, by the keystroke-level model,
+and stand beside the seconds that ``annotate.effort`` reckons for the same frames without a window.
 """
 
 import argparse
@@ -23,16 +23,16 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QCursor, QWheelEvent
 from PySide6.QtWidgets import QApplication
 
-from annotate.agreement import Agreement
-from annotate.correction import Correction
-from annotate.effort import Annotator, correct_set
+from annotate.correction.correction import Correction
+from annotate.effort.agreement import Agreement
+from annotate.effort.annotator import Annotator, correct_set
+from annotate.effort.hand import drawn
+from annotate.effort.keystrokes import BUTTON_S, EFFECTIVE_WIDTH, KEY_S, MENTAL_S, POINT_S, STEER_S
+from annotate.effort.repairs import SCALE
 from annotate.gui.commands import BRUSHES_PX
 from annotate.gui.scene import SceneReader
-from annotate.hand import drawn
-from annotate.keystrokes import BUTTON_S, EFFECTIVE_WIDTH, KEY_S, MENTAL_S, POINT_S, STEER_S
+from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, PARTS
-from annotate.repairs import SCALE
-from annotate.store import LabelSet
 from tests.gui_driver import NO_MODIFIER, SHIFT, Driver
 
 TOLERANCE_PX = 2

@@ -13,9 +13,9 @@ import numpy as np
 from annotate.exchange.companion import Companion
 from annotate.exchange.formats import FORMATS, import_labels
 from annotate.labels import FrameLabels
-from annotate.store import LabelSet
-from annotate.store import validate as validate_labels
-from annotate.suit import DEFAULT_SUIT, load_suit, suit_to_toml
+from annotate.labelset.store import LabelSet
+from annotate.labelset.store import validate as validate_labels
+from annotate.suit.palette import DEFAULT_SUIT, load_suit, suit_to_toml
 from sensors.calibration import Pose, RigCalibration, load_calibration, save_calibration
 from sensors.calibration_yaml import read_yaml, write_yaml
 from sensors.camera import Intrinsics

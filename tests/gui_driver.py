@@ -10,7 +10,7 @@ from PySide6.QtGui import QCursor, QKeySequence
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 
-from annotate.correction import Correction
+from annotate.correction.correction import Correction
 from annotate.gui.cloud_view import CloudView
 from annotate.gui.keys import Settings
 from annotate.gui.scene import SceneReader

@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from annotate.cleanup import without_islands
-from annotate.correction import Correction
-from annotate.edit import ARMS, Editor
-from annotate.journal import Journal
+from annotate.correction.correction import Correction
+from annotate.correction.edit import ARMS, Editor
+from annotate.correction.replay import replay
 from annotate.labels import FrameLabels
-from annotate.replay import replay
-from annotate.store import LabelSet, validate
-from annotate.stroke import Gesture
+from annotate.labelset.journal import Journal
+from annotate.labelset.store import LabelSet, validate
+from annotate.labelset.stroke import Gesture
 from sensors.camera import Intrinsics
 
 FRAMES, STEPS_A_VISIT = 3, 27

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from annotate.agreement import Agreement
-from annotate.correction import Correction
-from annotate.effort import AGREEMENT, WHO, Annotator, correct_set
+from annotate.correction.correction import Correction
+from annotate.effort.agreement import Agreement
+from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
 from annotate.fuse import Fuser
+from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
-from annotate.store import LabelSet
 from sensors.replay import Session
 
 

@@ -18,21 +18,21 @@ from unittest.mock import patch
 
 import numpy as np
 
-from annotate.agreement import Agreement
 from annotate.cloud import ThermalCloud
-from annotate.color_model import ColorModel, under
-from annotate.confidence import worst_first
+from annotate.effort.agreement import Agreement
 from annotate.fuse import Fuser
 from annotate.label import label_source
-from annotate.part_tree import softmax
+from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
-from annotate.patches import Patches, read_together
-from annotate.person import PersonMask, extract_person
-from annotate.segment import tile
-from annotate.store import LabelSet
-from annotate.suit import load_suit
+from annotate.person.extract import PersonMask, extract_person
+from annotate.person.warm_window import WINDOW_C
+from annotate.segmentation.confidence import worst_first
+from annotate.segmentation.part_tree import softmax
+from annotate.segmentation.patches import Patches, read_together
+from annotate.segmentation.segment import tile
+from annotate.suit.color_model import ColorModel, under
+from annotate.suit.palette import load_suit
 from annotate.supervoxels import Supervoxels
-from annotate.warm_window import WINDOW_C
 from eval.compare import compare_sets
 from sensors.replay import Session
 from synth.simulate import suit_path, truth_path
@@ -167,7 +167,7 @@ WITHOUT: dict[str, dict[str, Callable[..., Any]]] = {
     },
     "refined borders": {"refine": lambda scores, start, depth_m, mask: start},
 }
-"""What is taken out, and what stands in its place in annotate.segment."""
+"""What is taken out, and what stands in its place in annotate.segmentation.segment."""
 
 
 class Extracted:
@@ -190,7 +190,7 @@ def ablation(paths: list[Path]) -> Iterator[tuple[str, list[dict[str, float]]]]:
         with ExitStack() as stack:
             stack.enter_context(patch("annotate.label.extract_person", persons))
             for function, stand_in in instead.items():
-                stack.enter_context(patch(f"annotate.segment.{function}", stand_in))
+                stack.enter_context(patch(f"annotate.segmentation.segment.{function}", stand_in))
             yield name, [_accuracy_of(path, None) for path in paths]
     yield "the window found by itself (25 to 35 °C)", [_accuracy_of(path, WINDOW_C) for path in paths]
 

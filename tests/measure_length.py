@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from annotate.label import label_source
-from annotate.suit import load_suit
+from annotate.suit.palette import load_suit
 from sensors.frame import FRAME_PERIOD_NS
 from sensors.replay import Session
 from sensors.session import SessionWriter

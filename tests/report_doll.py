@@ -7,12 +7,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from annotate.audit import Audit, PersonWork
 from annotate.cloud import ThermalCloud
-from annotate.images import encode_depth, encode_parts
+from annotate.correction.audit import Audit, PersonWork
 from annotate.labels import FrameLabels
+from annotate.labelset.images import encode_depth, encode_parts
+from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED, swap_left_right
-from annotate.store import LabelSet
 from eval.compare import Comparison
 from eval.report.gather import Clouds, pictures_of, shown_set
 from eval.report.history import load_training

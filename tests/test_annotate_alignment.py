@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from annotate.alignment import STEP_PX, thermal_alignment
 from annotate.cloud import ThermalCloud
+from annotate.person.alignment import STEP_PX, thermal_alignment
 from sensors.camera import Intrinsics, rays
 
 CAMERA = Intrinsics(200, 160, 150.0, 150.0, 99.5, 79.5)

@@ -9,7 +9,7 @@ import pytest
 
 from annotate.label import label_source
 from annotate.parts import UNDEFINED
-from annotate.suit import DEFAULT_SUIT
+from annotate.suit.palette import DEFAULT_SUIT
 from sensors.calibration import Pose, RigCalibration
 from sensors.frame import RigFrame
 from sensors.replay import Session

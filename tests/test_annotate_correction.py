@@ -12,16 +12,16 @@ from conftest import largest_file
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from annotate.audit import audit
-from annotate.claim import ClaimedError
-from annotate.correction import Correction, RestorableError
-from annotate.journal import JOURNAL, Journal, NotSavedError
+from annotate.correction.audit import audit
+from annotate.correction.correction import Correction, RestorableError
+from annotate.correction.replay import replay
+from annotate.correction.review import disagreement, disagreements
 from annotate.labels import FrameLabels
+from annotate.labelset.claim import ClaimedError
+from annotate.labelset.journal import JOURNAL, Journal, NotSavedError
+from annotate.labelset.store import LabelSet, validate
+from annotate.labelset.stroke import Gesture, Stroke, to_line
 from annotate.parts import UNDEFINED, swap_left_right
-from annotate.replay import replay
-from annotate.review import disagreement, disagreements
-from annotate.store import LabelSet, validate
-from annotate.stroke import Gesture, Stroke, to_line
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError, FormatError
 

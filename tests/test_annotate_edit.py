@@ -6,15 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from annotate import cleanup, select
-from annotate.activity import IDLE_S, ActiveTime
-from annotate.edit import ARMS, LEGS, Editor
-from annotate.edit_supervoxels import edit_supervoxels
-from annotate.history import History
+from annotate import cleanup
+from annotate.correction import select
+from annotate.correction.activity import IDLE_S, ActiveTime
+from annotate.correction.edit import ARMS, LEGS, Editor
+from annotate.correction.edit_supervoxels import edit_supervoxels
+from annotate.correction.history import History
+from annotate.correction.replay import after
 from annotate.labels import FrameLabels
+from annotate.labelset.stroke import Gesture, Stroke, difference, from_line, to_line
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, PART_ID, UNDEFINED, swap_left_right
-from annotate.replay import after
-from annotate.stroke import Gesture, Stroke, difference, from_line, to_line
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError, FormatError
 

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.activity import ActiveTime
-from annotate.agreement import Agreement
-from annotate.correction import Correction
-from annotate.edit import Editor
-from annotate.edit_supervoxels import edit_supervoxels
-from annotate.effort import AGREEMENT, WHO, Annotator, correct_set
-from annotate.hand import CAREFUL, QUICK, along, length_px, loop, outline
-from annotate.keystrokes import (
+from annotate.correction.activity import ActiveTime
+from annotate.correction.correction import Correction
+from annotate.correction.edit import Editor
+from annotate.correction.edit_supervoxels import edit_supervoxels
+from annotate.effort.agreement import Agreement
+from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
+from annotate.effort.hand import CAREFUL, QUICK, along, length_px, loop, outline
+from annotate.effort.keystrokes import (
     ACCEPT_S,
     CLICK_S,
     KEY_S,
@@ -25,11 +25,11 @@ from annotate.keystrokes import (
     gesture_s,
     moves_s,
 )
+from annotate.effort.repairs import Move, Repair, in_one_go
 from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
+from annotate.labelset.stroke import KEY, Gesture
 from annotate.parts import BACKGROUND, UNDEFINED, swap_left_right
-from annotate.repairs import Move, Repair, in_one_go
-from annotate.store import LabelSet
-from annotate.stroke import KEY, Gesture
 from sensors.camera import Intrinsics
 
 law = settings(deadline=None, max_examples=25)
@@ -149,7 +149,7 @@ def test_work_never_makes_it_worse_and_its_journal_replays(seed, goal, tolerance
 def test_a_repair_that_fails_is_undone_and_leaves_nothing(monkeypatch):
     truth = person()
     truth[90:116, 60:100] = 10
-    monkeypatch.setattr("annotate.effort.drawn", lambda corners, hand, rng: corners - 45.0)
+    monkeypatch.setattr("annotate.effort.annotator.drawn", lambda corners, hand, rng: corners - 45.0)
     editor, strokes = worked(person(), truth, goal=0.995)
     undone = [stroke for stroke in strokes if stroke.operation == "undo"]
     assert undone and all(stroke.active_seconds >= MENTAL_S + 2 * KEY_S - 1e-3 for stroke in undone)

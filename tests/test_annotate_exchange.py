@@ -18,10 +18,10 @@ from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.cvat import ANNOTATIONS as XML
 from annotate.exchange.formats import FORMATS, export_labels, import_labels, recognise
 from annotate.exchange.masks import mask_from_runs, runs_of
-from annotate.journal import JOURNAL
 from annotate.labels import FrameLabels
+from annotate.labelset.journal import JOURNAL
+from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
-from annotate.store import LabelSet
 from sensors.camera import Intrinsics, unproject
 from sensors.errors import CloudError, ExistsError, FormatError
 from sensors.importers import open_source

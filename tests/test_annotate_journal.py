@@ -10,10 +10,10 @@ from conftest import largest_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.claim import Claim, ClaimedError
-from annotate.journal import Journal, NotSavedError
+from annotate.labelset.claim import Claim, ClaimedError
+from annotate.labelset.journal import Journal, NotSavedError
+from annotate.labelset.stroke import Gesture, Stroke, from_line, to_line
 from annotate.parts import N_CLASSES, UNDEFINED
-from annotate.stroke import Gesture, Stroke, from_line, to_line
 from sensors.errors import CloudError, FormatError
 
 law = settings(deadline=None, max_examples=50)
@@ -162,12 +162,12 @@ def test_a_line_that_is_no_stroke_is_named(tmp_path, line):
 
 
 def test_a_line_without_end_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("annotate.journal.MAX_LINE_BYTES", 1000)
+    monkeypatch.setattr("annotate.labelset.journal.MAX_LINE_BYTES", 1000)
     journal = Journal.of(tmp_path)
     journal.path.write_bytes(b"x" * 1001)
     with pytest.raises(FormatError, match="longer than 1000"):
         Journal.of(tmp_path)
-    monkeypatch.setattr("annotate.journal.MAX_BYTES", 500)
+    monkeypatch.setattr("annotate.labelset.journal.MAX_BYTES", 500)
     with pytest.raises(FormatError, match="larger than 500"):
         Journal.of(tmp_path)
 
@@ -216,7 +216,7 @@ def test_a_second_writer_is_told_the_first_ones_name(tmp_path):
 HOLD = """
 import sys
 from pathlib import Path
-from annotate.claim import Claim
+from annotate.labelset.claim import Claim
 claim = Claim.take(Path(sys.argv[1]), "ann")
 print("held", flush=True)
 sys.stdin.read()

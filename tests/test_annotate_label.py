@@ -12,11 +12,11 @@ from conftest import tree
 from annotate.cloud import ThermalCloud
 from annotate.label import label_source, run
 from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
-from annotate.person import PersonMask
-from annotate.segment import Segmentation, unlabelled
-from annotate.store import LabelSet
-from annotate.suit import DEFAULT_SUIT
+from annotate.person.extract import PersonMask
+from annotate.segmentation.segment import Segmentation, unlabelled
+from annotate.suit.palette import DEFAULT_SUIT
 from sensors.calibration import RigCalibration
 from sensors.errors import CloudError, ExistsError
 from sensors.frame import RigFrame

@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.color_model import GAIN, under, unfitted
-from annotate.patches import _grown
-from annotate.suit import DEFAULT_SUIT
+from annotate.segmentation.patches import _grown
+from annotate.suit.color_model import GAIN, under, unfitted
+from annotate.suit.palette import DEFAULT_SUIT
 
 
 def grown_naive(labels, score, unary, pairs, n, most):

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from annotate.cloud import ThermalCloud
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
-from annotate.person import extract_person
-from annotate.warm_window import fixed_window_mask as fixed
+from annotate.person.extract import extract_person
+from annotate.person.warm_window import fixed_window_mask as fixed
 from sensors.camera import Intrinsics, rays
 from sensors.pointcloud import CloudFile
 from synth.rig import VirtualRig, truth_labels

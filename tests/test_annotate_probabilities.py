@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from annotate.crop import SIZE, Crop
+from annotate.labelset.probabilities import Probabilities, decode_probabilities, encode_probabilities
 from annotate.parts import BACKGROUND, N_CLASSES
-from annotate.probabilities import Probabilities, decode_probabilities, encode_probabilities
 from sensors.errors import FormatError
 
 law = settings(deadline=None, max_examples=10)

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from annotate.correction.propagate import Worked, propagate
+from annotate.correction.rigid import Tagged, part_motions
 from annotate.labels import FrameLabels
 from annotate.parts import UNDEFINED
-from annotate.propagate import Worked, propagate
-from annotate.rigid import Tagged, part_motions
 from sensors.camera import Intrinsics, rays
 from sensors.errors import FormatError
 

@@ -6,18 +6,18 @@ import cv2
 import numpy as np
 import pytest
 
-from annotate.bare import LIKELY, bareness, grown_from, without_sides
 from annotate.cloud import ThermalCloud
-from annotate.color_model import BARE, under, unfitted
-from annotate.confidence import worst_first
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, LEFT_RIGHT, PART_ID, UNDEFINED, swap_left_right
-from annotate.patches import patches_of
-from annotate.refine import NEIGHBOUR, refine
-from annotate.segment import UNTOLD, segment
-from annotate.store import LabelSet
-from annotate.suit import DEFAULT_SUIT, Suit, chromaticity
+from annotate.segmentation.bare import LIKELY, bareness, grown_from, without_sides
+from annotate.segmentation.confidence import worst_first
+from annotate.segmentation.patches import patches_of
+from annotate.segmentation.refine import NEIGHBOUR, refine
+from annotate.segmentation.segment import UNTOLD, segment
+from annotate.suit.color_model import BARE, under, unfitted
+from annotate.suit.palette import DEFAULT_SUIT, Suit, chromaticity
 from annotate.supervoxels import Supervoxels, supervoxels
 from eval.metrics import confusion_matrix, recall
 from sensors.camera import Intrinsics, rays

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from PIL import Image
 
-import annotate.store
-from annotate.images import (
+import annotate.labelset.store
+from annotate.labels import FrameLabels
+from annotate.labelset.images import (
     decode_confidence,
     decode_depth,
     decode_parts,
@@ -20,7 +21,7 @@ from annotate.images import (
     encode_depth,
     encode_parts,
 )
-from annotate.labels import FrameLabels
+from annotate.labelset.store import MANIFEST, LabelSet, validate
 from annotate.parts import (
     BACKGROUND,
     BODY_PARTS,
@@ -33,7 +34,6 @@ from annotate.parts import (
     palette_rgb,
     swap_left_right,
 )
-from annotate.store import MANIFEST, LabelSet, validate
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError, ExistsError, FormatError
 
@@ -258,8 +258,8 @@ def test_a_write_that_fails_leaves_no_new_frame_and_no_litter(label_set, monkeyp
         written.append(path)
         real(path, data)
 
-    real = annotate.store.write_bytes
-    monkeypatch.setattr(annotate.store, "write_bytes", failing)
+    real = annotate.labelset.store.write_bytes
+    monkeypatch.setattr(annotate.labelset.store, "write_bytes", failing)
     new = labels("new", confidence=np.zeros((6, 8), np.float32))
     with pytest.raises(OSError, match="No space"):
         label_set.write(new)

@@ -10,10 +10,17 @@ from conftest import assert_refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS
-from annotate.store import LabelSet
-from annotate.suit import DEFAULT_SUIT, MIN_CHROMA_DISTANCE, Suit, chromaticity, load_suit, suit_to_toml
-from annotate.suit_learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
+from annotate.suit.learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
+from annotate.suit.palette import (
+    DEFAULT_SUIT,
+    MIN_CHROMA_DISTANCE,
+    Suit,
+    chromaticity,
+    load_suit,
+    suit_to_toml,
+)
 from sensors.errors import CloudError
 from sensors.replay import Session
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from annotate.thermal_drift import measure_drift
+from annotate.person.thermal_drift import measure_drift
 from sensors.calibration import Pose
 from sensors.errors import CalibrationError
 from synth.rig import VirtualRig

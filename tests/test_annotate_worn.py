@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from annotate.cloud import ThermalCloud
-from annotate.subject import colors_worn
-from annotate.suit import DEFAULT_SUIT
-from annotate.worn import worn
+from annotate.person.subject import colors_worn
+from annotate.person.worn import worn
+from annotate.suit.palette import DEFAULT_SUIT
 from sensors.camera import Intrinsics, rays
 
 CAMERA = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)

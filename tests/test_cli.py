@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from conftest import tree
 
+from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS
-from annotate.store import LabelSet
 from sensors.replay import Session
 from sensors.session import SessionWriter
 from synth.simulate import suit_path, truth_path

@@ -15,9 +15,9 @@ from conftest import assert_refused, record, tree
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
+from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS, PART_ID, UNDEFINED
-from annotate.store import LabelSet
-from annotate.suit import DEFAULT_SUIT, suit_to_toml
+from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
 from eval.predict import SHIPPED_WEIGHTS
 from sensors.messages import DEPTH, depth_message
 from sensors.replay import Session

@@ -18,8 +18,8 @@ from conftest import assert_refused, largest_file, record, tree
 
 import synth.simulate
 from annotate.label import label_source
-from annotate.store import LabelSet
-from annotate.suit import DEFAULT_SUIT, suit_to_toml
+from annotate.labelset.store import LabelSet
+from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
 from sensors.replay import Session
 from sensors.session import SessionWriter
 from synth.simulate import suit_path, truth_path

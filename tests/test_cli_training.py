@@ -10,7 +10,7 @@ pytest.importorskip("torch")
 from conftest import assert_refused
 
 from annotate.labels import FrameLabels
-from annotate.store import LabelSet
+from annotate.labelset.store import LabelSet
 from sensors.camera import Intrinsics
 
 

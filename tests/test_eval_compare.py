@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID, UNDEFINED
-from annotate.store import LabelSet
 from eval import results
 from eval.compare import Comparison, compare_sets
 from eval.counts import SHAPES

@@ -9,8 +9,8 @@ import pytest
 import eval.data as data
 from annotate.crop import SIZE
 from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
-from annotate.store import LabelSet
 from eval.data import Crops, load_crops, to_crop
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError

@@ -7,8 +7,8 @@ import pytest
 
 from annotate.crop import network_crop
 from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID, swap_left_right
-from annotate.store import LabelSet
 from eval.joint_errors import joint_errors_mm, observe, summary
 from eval.joints import HINGES, IN_SKELETON, JOINT, JOINT_NAMES, N_JOINTS, measure
 from eval.skeleton_fit import BONES, fit_skeletons

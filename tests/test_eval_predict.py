@@ -11,10 +11,10 @@ import pytest
 from conftest import assert_refused, tree
 
 from annotate.crop import SIZE, crop_around
-from annotate.images import encode_depth
 from annotate.labels import FrameLabels
+from annotate.labelset.images import encode_depth
+from annotate.labelset.store import LabelSet, validate
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
-from annotate.store import LabelSet, validate
 from eval.compare import compare_sets
 from eval.data import to_crop
 from eval.predict import Network, predict_frames, predict_source

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS, PARTS, UNDEFINED, palette_rgb
-from annotate.store import LabelSet
 from eval.compare import Comparison, compare_sets
 from eval.report import charts, figures, tables
 from eval.report.build import write_report

@@ -22,7 +22,7 @@ from conftest import tree  # noqa: E402
 from tiny_training import CROPS, PLAN, small_crops  # noqa: E402
 
 from annotate.crop import SIZE  # noqa: E402
-from annotate.images import decode_parts  # noqa: E402
+from annotate.labelset.images import decode_parts  # noqa: E402
 from annotate.parts import N_CLASSES, UNDEFINED  # noqa: E402
 from eval.augment import Augmentation  # noqa: E402
 from eval.checkpoint import Progress, load_weights, save_weights  # noqa: E402

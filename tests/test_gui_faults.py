@@ -13,12 +13,12 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from annotate.correction import Correction
+from annotate.correction.correction import Correction
 from annotate.gui.probe import check_opengl, check_screen
 from annotate.gui.review import REASONS
-from annotate.journal import Journal
+from annotate.labelset.journal import Journal
+from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID
-from annotate.store import LabelSet
 from sensors.errors import CloudError
 from tests.conftest import assert_refused, tree
 from tests.gui_driver import Driver, answering

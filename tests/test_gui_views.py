@@ -6,7 +6,8 @@ import pyvista as pv
 from hypothesis import given
 from hypothesis import strategies as st
 
-from annotate.correction import Correction
+from annotate.correction.correction import Correction
+from annotate.correction.select import View, polygon
 from annotate.fuse import Fuser
 from annotate.gui.colors import SAME_RGB, colourings, point_colors
 from annotate.gui.drawing import Drawing
@@ -14,9 +15,8 @@ from annotate.gui.orbit import Orbit, front_view
 from annotate.gui.projection import project
 from annotate.gui.scene import ROOM_POINTS, SceneReader, find_session
 from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
-from annotate.select import View, polygon
-from annotate.store import LabelSet
 from sensors.calibration import RigCalibration
 from sensors.camera import Intrinsics
 from sensors.errors import FormatError

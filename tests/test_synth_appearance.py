@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from annotate.suit import DEFAULT_SUIT
+from annotate.suit.palette import DEFAULT_SUIT
 from sensors.calibration import Pose
 from sensors.camera import Intrinsics
 from synth.body import Body, shipped_bodies

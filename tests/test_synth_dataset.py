@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.images import decode_parts, encode_depth, encode_parts
 from annotate.labels import FrameLabels
+from annotate.labelset.images import decode_parts, encode_depth, encode_parts
 from sensors.atomic import write_bytes
 from sensors.errors import FormatError
 from synth.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, read_shard, sha256, validate

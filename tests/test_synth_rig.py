@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from annotate.fuse import Fuser
+from annotate.labelset.store import LabelSet, validate
 from annotate.parts import N_CLASSES, UNDEFINED
 from annotate.registration import KINECT2_DEPTH
-from annotate.store import LabelSet, validate
-from annotate.suit import DEFAULT_SUIT, chromaticity
+from annotate.suit.palette import DEFAULT_SUIT, chromaticity
 from sensors.camera import project
 from sensors.errors import CloudError
 from sensors.frame import RigFrame

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from annotate.parts import N_CLASSES, PART_ID
-from annotate.suit import DEFAULT_SUIT
+from annotate.suit.palette import DEFAULT_SUIT
 from sensors.errors import CloudError
 from synth.body import shipped_bodies
 from synth.difficulty import CLEAN, HARD, NORMAL, Clutter

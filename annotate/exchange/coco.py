@@ -24,8 +24,8 @@ from annotate.exchange.masks import (
     masks_of,
     runs_of,
 )
-from annotate.images import decode_depth, encode_depth
 from annotate.labels import FrameLabels
+from annotate.labelset.images import decode_depth, encode_depth
 from sensors.errors import FormatError
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from annotate.appearing import appearing
 from annotate.exchange.coco import is_coco, read_coco, write_coco
 from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.cvat import is_cvat, read_cvat, write_cvat
@@ -27,7 +26,8 @@ from annotate.exchange.labelled_cloud import (
 from annotate.exchange.parquet import is_parquet, read_parquet, write_parquet
 from annotate.exchange.semantic_kitti import is_kitti, read_kitti, write_kitti
 from annotate.labels import FrameLabels
-from annotate.store import MANIFEST, LabelSet
+from annotate.labelset.appearing import appearing
+from annotate.labelset.store import MANIFEST, LabelSet
 from sensors.errors import FormatError
 
 Writer = Callable[[Iterator[FrameLabels], Companion, Path], None]

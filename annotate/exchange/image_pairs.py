@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from annotate.exchange.companion import Companion, frame_files, load_companion, read_bounded
-from annotate.images import decode_depth, decode_parts, encode_depth, encode_parts
 from annotate.labels import FrameLabels
+from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
 from annotate.parts import PARTS
 from sensors.errors import FormatError
 

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from annotate.exchange.companion import Companion, load_companion
-from annotate.images import (
+from annotate.labels import FrameLabels
+from annotate.labelset.images import (
     decode_confidence,
     decode_depth,
     decode_parts,
@@ -25,7 +26,6 @@ from annotate.images import (
     encode_parts,
     encode_persons,
 )
-from annotate.labels import FrameLabels
 from sensors.camera import Intrinsics
 from sensors.errors import FormatError
 

@@ -7,12 +7,12 @@ from pathlib import Path
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QApplication
 
-from annotate.correction import Correction
+from annotate.correction.correction import Correction
 from annotate.gui.keys import load_settings, settings_path
 from annotate.gui.probe import check_screen
 from annotate.gui.scene import SceneReader, find_session
 from annotate.gui.window import CorrectionWindow
-from annotate.store import LabelSet
+from annotate.labelset.store import LabelSet
 
 LISTEN_MS = 300
 """Python sees a signal only between two of its own steps, which Qt's loop takes none of by itself."""

@@ -12,13 +12,13 @@ from PySide6.QtGui import QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from pyvistaqt import QtInteractor
 
-from annotate import select
+from annotate.correction import select
+from annotate.correction.select import View
 from annotate.gui.drawing import Drawing
 from annotate.gui.orbit import Orbit, front_view
 from annotate.gui.pointing import Pointing
 from annotate.gui.projection import project
 from annotate.gui.scene import Scene
-from annotate.select import View
 
 MOVING_POINTS = 16_000
 """As many points are drawn while the view moves: a frame every 20 ms without a graphics card."""

@@ -6,12 +6,12 @@ from PySide6.QtCore import QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import QWidget
 
-from annotate import select
+from annotate.correction import select
+from annotate.correction.select import View
 from annotate.gui.cloud_view import Colors
 from annotate.gui.drawing import Drawing
 from annotate.gui.pointing import Pointing
 from annotate.gui.scene import Scene
-from annotate.select import View
 
 MIN_SCALE, MAX_SCALE = 0.2, 40.0
 REACH_PX = 6.0

@@ -7,19 +7,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate import select
 from annotate.cleanup import filled, without_islands
-from annotate.correction import Correction
-from annotate.edit import ARMS, LEGS, Editor
+from annotate.correction import select
+from annotate.correction.correction import Correction
+from annotate.correction.edit import ARMS, LEGS, Editor
+from annotate.correction.propagate import Worked, propagate
 from annotate.grid import components
 from annotate.gui.colors import Colouring, Visibility, colourings, point_colors
 from annotate.gui.drawing import Drawing
 from annotate.gui.scene import Scene
 from annotate.gui.sentences import title, told
 from annotate.labels import FrameLabels
+from annotate.labelset.stroke import VERDICTS, Gesture, Operation, Stroke
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
-from annotate.propagate import Worked, propagate
-from annotate.stroke import VERDICTS, Gesture, Operation, Stroke
 from sensors.errors import CloudError
 
 Tone = Literal["plain", "good", "warn", "bad"]

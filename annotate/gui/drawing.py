@@ -6,9 +6,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate import select
-from annotate.select import View
-from annotate.stroke import Gesture, GestureKind
+from annotate.correction import select
+from annotate.correction.select import View
+from annotate.labelset.stroke import Gesture, GestureKind
 
 Tool = Literal["piece", "lasso", "polygon", "rectangle", "brush"]
 TOOLS: tuple[Tool, ...] = ("piece", "lasso", "polygon", "rectangle", "brush")

@@ -19,10 +19,10 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen
 from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem
 
+from annotate.correction.work import State
 from annotate.gui.theme import DARK, Theme
 from annotate.labels import FrameLabels
 from annotate.parts import palette_rgb
-from annotate.work import State
 from sensors.errors import CloudError
 
 THUMBNAIL = QSize(78, 66)

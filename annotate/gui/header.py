@@ -5,13 +5,13 @@ from functools import partial
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QButtonGroup, QHBoxLayout, QLabel, QSizePolicy, QToolButton, QWidget
 
+from annotate.correction.work import rejection
 from annotate.gui.colors import Colouring, colourings
 from annotate.gui.desk import Desk
 from annotate.gui.frame_strip import SAYS, state_color
 from annotate.gui.keys import Settings
 from annotate.gui.theme import Theme, named
 from annotate.gui.walk import Walk
-from annotate.work import rejection
 
 TITLES: dict[Colouring, str] = {
     "part": "Parts",

@@ -7,7 +7,7 @@ the screen's pixel ratio: so a selection never lies beside the pointer on a fine
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.select import CELL_PX, View
+from annotate.correction.select import CELL_PX, View
 
 CELL_SPACINGS = 2.2
 """Size of a view's cell in distances of neighbouring points: leaves no gap for what lies behind."""

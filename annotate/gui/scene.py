@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
-from annotate.correction import Correction
-from annotate.edit_supervoxels import edit_supervoxels
+from annotate.correction.correction import Correction
+from annotate.correction.edit_supervoxels import edit_supervoxels
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
-from annotate.store import LabelSet
+from annotate.labelset.store import LabelSet
 from sensors.calibration import RigCalibration
 from sensors.errors import CloudError, FormatError
 from sensors.frame import RigFrame

@@ -4,8 +4,8 @@ from collections import Counter
 
 import numpy as np
 
+from annotate.labelset.stroke import Stroke
 from annotate.parts import PARTS, UNDEFINED
-from annotate.stroke import Stroke
 
 
 def title(part: int) -> str:

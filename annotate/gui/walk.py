@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from annotate.correction import Correction, RestorableError
-from annotate.edit import Editor
+from annotate.correction.correction import Correction, RestorableError
+from annotate.correction.edit import Editor
+from annotate.correction.propagate import FRAMES
 from annotate.gui.prefetch import Prefetch
 from annotate.gui.scene import Scene, SceneReader
-from annotate.propagate import FRAMES
 from sensors.errors import CloudError
 
 Opened = tuple[Scene, Editor | None]

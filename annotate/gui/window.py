@@ -9,7 +9,7 @@ from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QCloseEvent, QColor, QKeySequence, QResizeEvent, QShortcut
 from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QMainWindow, QSplitter, QVBoxLayout, QWidget
 
-from annotate.correction import Correction
+from annotate.correction.correction import Correction
 from annotate.gui import review
 from annotate.gui.cloud_view import CloudView
 from annotate.gui.colors import Colouring
@@ -26,7 +26,7 @@ from annotate.gui.scene import SceneReader
 from annotate.gui.theme import DARK, LIGHT, named, part_color, qt_palette, style_sheet, theme_of
 from annotate.gui.tools import ToolColumn
 from annotate.gui.walk import Walk
-from annotate.journal import NotSavedError
+from annotate.labelset.journal import NotSavedError
 from annotate.parts import PARTS
 from sensors.errors import CloudError
 

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from annotate import audit, store
 from annotate.cloud import ThermalCloud
+from annotate.correction import audit
 from annotate.fuse import Fuser
-from annotate.journal import Journal
 from annotate.labels import FrameLabels
+from annotate.labelset import store
+from annotate.labelset.journal import Journal
+from annotate.labelset.store import LabelSet
 from annotate.registration import KINECT2_DEPTH
-from annotate.store import LabelSet
 from eval.data import Frames, open_frames
 from eval.report.gallery import EACH, GalleryFrame, make_frame, make_shown_frame, pick_frames, read_pairs
 from eval.report.history import load_training

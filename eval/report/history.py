@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.images import decode_depth, decode_parts
+from annotate.labelset.images import decode_depth, decode_parts
 from eval.report import figures
 from sensors.errors import FormatError
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from annotate.audit import Audit
+from annotate.correction.audit import Audit
 from eval.paired import Difference, difference
 from eval.report.gallery import GalleryFrame
 from eval.report.history import Training

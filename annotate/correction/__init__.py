@@ -1,0 +1,1 @@
+"""A person's work on labels: selecting, painting, undoing, propagating, replaying."""

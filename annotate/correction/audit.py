@@ -1,0 +1,154 @@
+"""The audit of a label set: what each person did to it, read from its journal."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.correction.replay import replayed
+from annotate.correction.work import is_stroke, rejection
+from annotate.labelset.journal import Journal
+from annotate.labelset.store import LabelSet
+from annotate.labelset.stroke import Stroke
+from annotate.parts import BACKGROUND, PARTS, UNDEFINED
+
+_NAMES = {**{part.id: part.name for part in PARTS}, UNDEFINED: "undefined"}
+
+
+@dataclass(frozen=True)
+class PartWork:
+    """Work on one part: strokes that gave it, their active seconds, pixels it gained and lost in the end."""
+
+    strokes: int
+    seconds: float
+    gained_px: int
+    lost_px: int
+
+
+@dataclass(frozen=True)
+class PersonWork:
+    """One person's work on a label set.
+
+    first, last: when they worked, ISO 8601 UTC, "" where the journal does not say. frames: number they
+    worked on; accepted: of those, accepted by them; accepted_untouched: share of the accepted whose labels
+    are as they were at first. seconds_median, seconds_p90: active seconds a frame.
+    seconds: active seconds by kind. strokes, undos, operations: how many. changed: share of the body's
+    pixels in their frames that are another part in the end, by their hand. parts: by name.
+    """
+
+    who: str
+    first: str
+    last: str
+    frames: int
+    accepted: int
+    accepted_untouched: float
+    seconds_median: float
+    seconds_p90: float
+    seconds: dict[str, float]
+    strokes: int
+    undos: int
+    operations: dict[str, int]
+    changed: float
+    parts: dict[str, PartWork]
+
+
+@dataclass(frozen=True)
+class Audit:
+    """people: who worked most first. rejected: frame id -> why it stands rejected."""
+
+    people: tuple[PersonWork, ...]
+    rejected: dict[str, str]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {"people": [asdict(person) for person in self.people], "rejected": self.rejected}
+
+
+@dataclass(frozen=True)
+class _Visit:
+    """One person's entries on one frame, and what stands of them: pixels before and after, body's size."""
+
+    strokes: tuple[Stroke, ...]
+    before: NDArray[np.uint8]
+    after: NDArray[np.uint8]
+    body_px: int
+    untouched: bool
+
+
+def audit(labels: LabelSet, journal: Journal) -> Audit:
+    """What was done to a label set. Raises FormatError when its journal or a frame is corrupt."""
+    visits: defaultdict[str, list[_Visit]] = defaultdict(list)
+    rejected = {}
+    for frame_id in sorted(set(labels.frame_ids) & set(journal.frame_ids)):
+        strokes, after = journal.strokes(frame_id), replayed(labels, journal, frame_id)
+        before = labels.read(frame_id, original=labels.has_original(frame_id))
+        for who, visit in _visits(strokes, before.parts, after.parts):
+            visits[who].append(visit)
+        if (reason := rejection(strokes)) is not None:
+            rejected[frame_id] = reason
+    people = [_person(who, theirs) for who, theirs in visits.items()]
+    people.sort(key=lambda person: (-person.frames, person.who))
+    return Audit(tuple(people), rejected)
+
+
+def _visits(
+    strokes: Sequence[Stroke], before: NDArray[np.uint8], after: NDArray[np.uint8]
+) -> Iterator[tuple[str, _Visit]]:
+    """Every person of a frame, a changed pixel going to who changed it last."""
+    names = list(dict.fromkeys(stroke.who for stroke in strokes))
+    last = np.zeros(before.size, np.intp)
+    for stroke in strokes:
+        last[stroke.pixels] = names.index(stroke.who)
+    changed = (before != after).ravel()
+    body_px = int(((before != BACKGROUND) | (after != BACKGROUND)).sum())
+    for number, who in enumerate(names):
+        theirs = tuple(stroke for stroke in strokes if stroke.who == who)
+        at = np.flatnonzero(changed & (last == number))
+        yield who, _Visit(theirs, before.ravel()[at], after.ravel()[at], body_px, not changed.any())
+
+
+def _person(who: str, visits: Sequence[_Visit]) -> PersonWork:
+    strokes = [stroke for visit in visits for stroke in visit.strokes]
+    seconds = [sum(stroke.active_seconds for stroke in visit.strokes) for visit in visits]
+    accepted = [v for v in visits if any(stroke.operation == "accept" for stroke in v.strokes)]
+    by_kind = Counter[str]()
+    for stroke in strokes:
+        by_kind.update(stroke.seconds)
+    operations = Counter(stroke.operation for stroke in strokes)
+    when = sorted(stroke.when for stroke in strokes if stroke.when)
+    return PersonWork(
+        who=who,
+        first=when[0] if when else "",
+        last=when[-1] if when else "",
+        frames=len(visits),
+        accepted=len(accepted),
+        accepted_untouched=_share(sum(visit.untouched for visit in accepted), len(accepted)),
+        seconds_median=round(float(np.median(seconds)), 3),
+        seconds_p90=round(float(np.quantile(seconds, 0.9)), 3),
+        seconds={kind: round(total, 3) for kind, total in sorted(by_kind.items())},
+        strokes=sum(map(is_stroke, strokes)),
+        undos=operations["undo"],
+        operations=dict(sorted(operations.items())),
+        changed=_share(sum(len(v.after) for v in visits), sum(v.body_px for v in visits)),
+        parts=_by_part(strokes, visits),
+    )
+
+
+def _by_part(strokes: Sequence[Stroke], visits: Sequence[_Visit]) -> dict[str, PartWork]:
+    gained = sum((np.bincount(v.after, minlength=256) for v in visits), np.zeros(256, np.int64))
+    lost = sum((np.bincount(v.before, minlength=256) for v in visits), np.zeros(256, np.int64))
+    given = [stroke for stroke in strokes if is_stroke(stroke)]
+    work = {}
+    for part, name in _NAMES.items():
+        ours = [stroke for stroke in given if stroke.part == part]
+        seconds = round(sum(stroke.active_seconds for stroke in ours), 3)
+        if ours or gained[part] or lost[part]:
+            work[name] = PartWork(len(ours), seconds, int(gained[part]), int(lost[part]))
+    return work
+
+
+def _share(some: int, of: int) -> float:
+    return round(some / of, 6) if of else 0.0

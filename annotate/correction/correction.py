@@ -1,0 +1,254 @@
+"""A correction session over a label set: open, correct frame by frame, be killed, and go on.
+
+On disk: ``frames/`` holds the labels as last saved, ``journal.jsonl`` every stroke, ``original/`` each
+corrected frame's labels before its first one. A frame's notes say how many entries of the journal its saved
+labels include ("journal"); the later ones are applied when it is read. That is safe at every moment, since
+the journal is written first and applying an entry twice, in order, is applying it once. Frames are saved on
+a verdict, on leaving them, and when a killed session is opened again: a stroke waits for one write only.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from annotate.correction.activity import ActiveTime
+from annotate.correction.edit import Editor
+from annotate.correction.history import History
+from annotate.correction.replay import after, noted, replayed
+from annotate.correction.work import State, state_of
+from annotate.labels import FrameLabels
+from annotate.labelset.claim import Claim, login
+from annotate.labelset.journal import REMEDY, Journal, NotSavedError
+from annotate.labelset.store import LabelSet
+from annotate.labelset.stroke import VERDICTS, Stroke
+from sensors.errors import CloudError, FormatError
+
+
+class RestorableError(FormatError):
+    """A frame's labels are corrupt, but ``Correction.restore`` can rebuild them."""
+
+
+class Correction:
+    """One person correcting one label set; a context manager that saves and gives the set up.
+
+    labels, journal: what is on the disk. who: the person. read_only: whether strokes are refused.
+    Strokes are on the disk when an editor's operation returns. When the disk refuses them, the operation
+    raises NotSavedError after it took effect; they are kept in memory and tried again at every stroke.
+    """
+
+    def __init__(
+        self, labels: LabelSet, who: str, claim: Claim | None, clock: Callable[[], float] = time.time
+    ) -> None:
+        """Prefer ``open``."""
+        self.labels, self.who, self.journal = labels, who, Journal.of(labels.path)
+        self._claim, self._clock = claim, clock
+        self._opened: dict[str, tuple[FrameLabels, Editor]] = {}
+        self._unsaved: set[str] = set()
+
+    @classmethod
+    def open(
+        cls, path: Path, who: str = "", *, read_only: bool = False, clock: Callable[[], float] = time.time
+    ) -> Self:
+        """Open the label set at ``path`` where it was left. who: "" for the system's user.
+
+        Raises FormatError when the set or its journal is corrupt, ClaimedError naming the owner when
+        somebody else is correcting it, CloudError when it cannot be written to.
+        """
+        labels, who = LabelSet.open(path), who or login()
+        claim = None if read_only else Claim.take(path, who)
+        try:
+            correction = cls(labels, who, claim, clock)
+            if claim:
+                correction._recover()
+            return correction
+        except BaseException:
+            if claim:
+                claim.release()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def read_only(self) -> bool:
+        """Whether strokes are refused."""
+        return self._claim is None
+
+    @property
+    def frame_ids(self) -> list[str]:
+        """Ids of the frames, sorted."""
+        return self.labels.frame_ids
+
+    @property
+    def unsaved(self) -> int:
+        """Number of entries that are only in memory because the disk refused them."""
+        return len(self.journal.pending)
+
+    def frame(self, frame_id: str) -> FrameLabels:
+        """A frame as it stands, after its last stroke. Other threads may call it, to prefetch.
+
+        Raises RestorableError when its labels are corrupt but can be rebuilt, FormatError when not.
+        """
+        try:
+            saved = self.labels.read(frame_id)
+        except FormatError as error:
+            if self.can_restore(frame_id):
+                raise RestorableError(
+                    f"{error}, or have it rebuilt from its original and the journal"
+                ) from error
+            raise
+        return after(saved, self._later(frame_id, saved.notes))
+
+    def edit(self, frame_id: str) -> Editor:
+        """An editor on a frame, its history as it was left; every stroke goes to the journal.
+
+        Frames edited before are saved. Raises what ``frame`` raises, and CloudError when read-only.
+        """
+        self._refuse_read_only()
+        if frame_id in self._opened:
+            return self._opened[frame_id][1]
+        frame, history = self._begun(frame_id), History.of(self.journal.strokes(frame_id))
+        for other in list(self._opened):
+            try:
+                self.leave(other)
+            except NotSavedError:
+                continue
+        editor = Editor(frame, self.who, self._record, ActiveTime(self._clock), history)
+        editor.time.mark("looking")
+        self._opened[frame_id] = frame, editor
+        return editor
+
+    def save(self, frame_id: str) -> None:
+        """Save a frame's labels as they stand. Raises NotSavedError; the strokes are in the journal."""
+        frame, editor = self._opened[frame_id]
+        if not self.journal.strokes(frame_id):
+            return
+        with _saving(self.labels.path):
+            self.flush()
+            self._write(replace(frame, parts=editor.parts.copy()))
+        self._unsaved.discard(frame_id)
+
+    def leave(self, frame_id: str) -> None:
+        """Save a frame that was edited, if anything was done to it, and let it go."""
+        editor = self._opened[frame_id][1]
+        editor.leave()
+        if frame_id in self._unsaved:
+            self.save(frame_id)
+        del self._opened[frame_id]
+
+    def flush(self) -> None:
+        """Bring to the disk what it refused before. Raises NotSavedError."""
+        with _saving(self.labels.path):
+            for frame_id in sorted({stroke.frame_id for stroke in self.journal.pending}):
+                self.labels.keep_original(frame_id)
+            self.journal.flush()
+
+    def state(self, frame_id: str) -> State:
+        """How far a frame is."""
+        strokes = self.journal.strokes(frame_id)
+        told = any(stroke.operation != "leave" for stroke in strokes)
+        return state_of(strokes, "auto" if told else self.labels.status(frame_id))
+
+    def can_restore(self, frame_id: str) -> bool:
+        """Whether a frame's labels from before its first correction were kept, and can be read."""
+        try:
+            self.labels.read(frame_id, original=True)
+        except CloudError:
+            return False
+        return True
+
+    def restore(self, frame_id: str) -> FrameLabels:
+        """Rebuild a frame's labels and notes from ``original/`` and the journal, and save them.
+
+        Raises FormatError when the original is corrupt too, or the journal is incomplete or another set's.
+        """
+        self._refuse_read_only()
+        try:
+            notes = self.labels.notes(frame_id)
+        except FormatError:
+            notes = {}
+        self._later(frame_id, notes)
+        frame = replayed(self.labels, self.journal, frame_id)
+        with _saving(self.labels.path):
+            self.labels.write_labels(frame)
+        return frame
+
+    def close(self) -> None:
+        """Save what is open and give the set up. Raises NotSavedError, the set still claimed, when the disk
+        refuses strokes: call it again, or ``abandon``."""
+        for frame_id in list(self._opened):
+            self.leave(frame_id)
+        self.flush()
+        self.abandon()
+
+    def abandon(self) -> None:
+        """Give the set up as it is on the disk."""
+        if self._claim:
+            self._claim.release()
+
+    def _later(self, frame_id: str, notes: dict[str, Any]) -> Sequence[Stroke]:
+        """Entries that a saved frame with these notes does not include yet.
+
+        A copy of a set without its journal and originals has labels without a history: all of them count.
+        """
+        strokes, included = self.journal.strokes(frame_id), notes.get("journal", 0)
+        if not strokes and not self.labels.has_original(frame_id):
+            return ()
+        if type(included) is not int or not 0 <= included <= len(strokes):
+            raise FormatError(
+                f"{self.journal.path} holds {len(strokes)} entries of frame {frame_id}, whose labels include "
+                f"{str(included)[:20]}; {REMEDY}"
+            )
+        return strokes[included:]
+
+    def _begun(self, frame_id: str) -> FrameLabels:
+        """The frame; if it comes from a copy of a set without its journal, its history begins anew."""
+        frame = self.frame(frame_id)
+        if frame.notes.get("journal") and not self.journal.strokes(frame_id):
+            frame = replace(frame, notes={k: v for k, v in frame.notes.items() if k != "journal"})
+            with _saving(self.labels.path):
+                self.labels.write_labels(frame)
+        return frame
+
+    def _recover(self) -> None:
+        """Save the frames whose last strokes a killed session left in the journal alone."""
+        for frame_id in sorted(set(self.journal.frame_ids) & set(self.labels.frame_ids)):
+            # What is corrupt blocks that frame once it is wanted; what cannot be saved is in the journal.
+            with suppress(CloudError, OSError):
+                if self._later(frame_id, self.labels.notes(frame_id)):
+                    self._write(self.frame(frame_id))
+
+    def _write(self, frame: FrameLabels) -> None:
+        before = self.labels.status(frame.frame_id, self.labels.has_original(frame.frame_id))
+        self.labels.write_labels(noted(frame, self.journal, before))
+
+    def _record(self, stroke: Stroke) -> None:
+        self.journal.add(stroke)
+        self._unsaved.add(stroke.frame_id)
+        self.flush()
+        if stroke.operation in VERDICTS:
+            self.save(stroke.frame_id)
+
+    def _refuse_read_only(self) -> None:
+        if self.read_only:
+            raise CloudError(f"{self.labels.path} is open read-only; open it again to correct it")
+
+
+@contextmanager
+def _saving(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise NotSavedError(
+            f"{error.filename or path} cannot be written ({error.strerror}); the strokes are kept: free some "
+            "space or mend the disk, and go on"
+        ) from error

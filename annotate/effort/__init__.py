@@ -1,0 +1,1 @@
+"""The simulated annotator: what it would do with the window, and how long that would take."""

@@ -1,0 +1,272 @@
+"""The simulated annotator: how long a person would need to put a frame's labels right.
+
+It works through the very operations the window offers (``edit``), as strokes of the one journal. It knows
+the truth only to see, as a person would, what is wrong; it then does whatever mends most per second
+(``keystrokes``), with a hand that errs (``hand``), takes back what went wrong, and stops when the frame is
+good enough or nothing helps.
+"""
+
+import zlib
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.correction.correction import Correction
+from annotate.correction.edit import Editor
+from annotate.correction.edit_supervoxels import edit_supervoxels
+from annotate.correction.propagate import FRAMES, Worked, propagate
+from annotate.correction.select import View
+from annotate.effort.agreement import Agreement
+from annotate.effort.hand import drawn
+from annotate.effort.keystrokes import MENTAL_S, Tools, gesture, gesture_s, move_s, moves_s
+from annotate.effort.repairs import (
+    AT_ONCE,
+    SCALE,
+    Move,
+    Patch,
+    Repair,
+    Sight,
+    in_one_go,
+    patches,
+    repairs,
+    repairs_of_frame,
+)
+from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
+from annotate.labelset.stroke import KEY, Activity, Gesture, Stroke
+from annotate.parts import BACKGROUND
+
+WHO = "simulated"
+AGREEMENT = 0.99
+"""Share of the person's pixels that has to be right before the frame is accepted."""
+TOLERANCE_PX = 2
+"""How far beside the true border a border may lie before a person minds: no hand draws more exactly than
+to a pixel or two, and the depth itself is no surer there."""
+SEEN = 5
+"""The worst patches, among which a person chooses what to do next; if nothing helps, the next worst."""
+LEAST_PX = (9, 3)
+"""Fewer pixels, three by three or 1 cm at 2 m, nobody mends while there is anything else to do; fewer than
+the second nobody at all."""
+MOST_REPAIRS = 60
+"""Then they give up."""
+CTRL_KEY = Gesture("key", keys=2)
+"""Ctrl and a letter: undo."""
+CARRIED = Gesture("key")
+"""What the window does by itself when accepting a frame opens the next, once that was switched on."""
+
+
+class Clock:
+    """The simulated annotator's own time, in seconds since they began."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def __call__(self) -> float:
+        return self.seconds
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What a frame took. corrected: its labels afterwards; strokes: what was done, as the journal has it;
+    seconds: of a person's work; agreement: share right afterwards."""
+
+    corrected: FrameLabels
+    strokes: tuple[Stroke, ...]
+    seconds: float
+    agreement: float
+
+    @property
+    def repairs(self) -> int:
+        """Operations beside looking and accepting, and what the window did by itself."""
+        return sum(stroke.operation != "accept" and stroke.how != CARRIED for stroke in self.strokes)
+
+
+@dataclass(frozen=True)
+class _Option:
+    """A repair, the pixels it puts right, and the seconds it takes."""
+
+    repair: Repair
+    gain: int
+    seconds: float
+
+    @property
+    def rate(self) -> float:
+        return self.gain / self.seconds
+
+
+class Annotator:
+    """A simulated person at the window. clock: their time, for the editors and corrections they work in.
+
+    goal: the agreement they work to. tolerance_px: how far beside the true border a border may lie before
+    they mind.
+    """
+
+    def __init__(self, goal: float = AGREEMENT, tolerance_px: int = TOLERANCE_PX) -> None:
+        self.clock, self.goal, self.tolerance_px = Clock(), goal, tolerance_px
+        self._tools = Tools()
+
+    def work(
+        self,
+        editor: Editor,
+        truth: NDArray[np.uint8],
+        supervoxels: NDArray[np.int32],
+        propagated: NDArray[np.uint8] | None = None,
+    ) -> None:
+        """Work on one frame until it is right enough or nothing helps, and accept it.
+
+        editor: of that frame, with this annotator's clock. truth: uint8 (h, w). supervoxels: int32 (h, w).
+        propagated: parts (h, w) as the window carried corrections over on opening the frame.
+        """
+        agreement = Agreement(truth, editor.valid, self.tolerance_px)
+        imagined, rng = np.random.default_rng(zlib.crc32(editor.frame_id.encode())).spawn(2)
+        sight = Sight(editor, View.of_image(editor.depth_mm, SCALE), supervoxels, imagined)
+        editor.time.mark("looking")
+        if propagated is not None:
+            self._carry(editor, agreement, propagated)
+        self._spend(editor, "looking", MENTAL_S)
+        tried: set[tuple[object, ...]] = set()
+        for _ in range(MOST_REPAIRS):
+            repair = self._choose(sight, agreement, tried)
+            if repair is None:
+                break
+            before = agreement.of(editor.parts)
+            strokes = self._carry_out(sight, repair, rng)
+            if agreement.of(editor.parts) <= before:
+                self._take_back(editor, strokes)
+                tried.add(repair.identity)
+        self._spend(editor, "painting", gesture_s(KEY, 1.0))
+        editor.accept()
+
+    def _choose(self, sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]) -> Repair | None:
+        """The repair that puts most pixels right per second; more than the goal needs counts nothing."""
+        parts = sight.editor.parts
+        needed = int(agreement.wrong(parts).sum()) - (1 - self.goal) * agreement.counted(parts)
+        if needed <= 0:
+            return None
+        found = patches(parts, agreement)
+        for least_px in LEAST_PX:
+            worth = [patch for patch in found if patch.wrong >= least_px]
+            for first in range(0, len(worth), SEEN):
+                options = self._options(worth[first : first + SEEN], sight, agreement, tried)
+                enough = [option for option in options if option.gain >= least_px]
+                if enough:
+                    return max(enough, key=lambda option: min(option.gain, needed) / option.seconds).repair
+        return None
+
+    def _options(
+        self, found: list[Patch], sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]
+    ) -> Iterator[_Option]:
+        """Every repair of these patches that was not tried, alone and with others of the same part."""
+        best: dict[int, list[_Option]] = defaultdict(list)
+        for patch in found:
+            options = [
+                self._priced(repair, sight, agreement)
+                for repair in repairs(patch, sight, agreement)
+                if repair.identity not in tried
+            ]
+            yield from options
+            if options:
+                best[patch.part].append(max(options, key=lambda option: option.rate))
+        together = (
+            in_one_go([option.repair for option in sorted(some, key=lambda o: -o.rate)[:count]])
+            for some in best.values()
+            for count in range(2, min(len(some), AT_ONCE) + 1)
+        )
+        for repair in chain(together, repairs_of_frame(sight, {patch.part for patch in found})):
+            if repair.identity not in tried:
+                yield self._priced(repair, sight, agreement)
+
+    def _priced(self, repair: Repair, sight: Sight, agreement: Agreement) -> _Option:
+        gain = int(agreement.gains(sight.editor.parts, repair.pixels, repair.parts).sum())
+        return _Option(repair, gain, moves_s(repair.moves, self._tools))
+
+    def _carry_out(self, sight: Sight, repair: Repair, rng: np.random.Generator) -> int:
+        """Number of strokes made."""
+        editor, strokes = sight.editor, 0
+        self._spend(editor, "looking", MENTAL_S)
+        for move in repair.moves:
+            corners = None if move.corners is None else drawn(move.corners, move.hand, rng)
+            tools = self._tools.set_for(move)
+            how = gesture(move, corners, tools.keys(self._tools))
+            self._spend(editor, "painting", move_s(move, how))
+            self._tools = tools
+            editor.only = move.only
+            editor.locks = {BACKGROUND} if move.keep_outline else set()
+            strokes += _apply(sight, move, corners, how) is not None
+            editor.only = None
+        return strokes
+
+    def _carry(self, editor: Editor, agreement: Agreement, propagated: NDArray[np.uint8]) -> None:
+        """See what was carried over, and take it back where it leaves more to do than there was."""
+        before = agreement.of(editor.parts)
+        if editor.propagate(propagated, CARRIED) and agreement.of(editor.parts) < min(before, self.goal):
+            self._take_back(editor, 1)
+
+    def _take_back(self, editor: Editor, strokes: int) -> None:
+        """See that it went wrong, and undo it."""
+        self._spend(editor, "looking", MENTAL_S)
+        for _ in range(strokes):
+            self._spend(editor, "painting", gesture_s(CTRL_KEY, 1.0))
+            editor.undo(CTRL_KEY)
+
+    def _spend(self, editor: Editor, activity: Activity, seconds: float) -> None:
+        self.clock.seconds += seconds
+        editor.time.mark(activity)
+
+
+def correct_set(
+    correction: Correction,
+    truth: LabelSet,
+    annotator: Annotator,
+    color_of: Callable[[str], NDArray[np.uint8] | None],
+    propagating: bool = False,
+) -> Iterator[Effort]:
+    """Let a simulated annotator correct a label set, frame by frame in order.
+
+    correction: with the annotator's clock. color_of: colours (h, w, 3) of a frame for the supervoxels, or
+    None. propagating: whether a frame begins with the corrections of those before it of the same person.
+    """
+    worked: list[Worked] = []
+    person = None
+    for frame_id in correction.frame_ids:
+        automatic, true = correction.frame(frame_id), truth.read(frame_id)
+        camera = correction.labels.intrinsics
+        pieces = edit_supervoxels(automatic.depth_mm, automatic.parts, camera, color_of(frame_id))
+        if true.subject != person:
+            worked, person = [], true.subject
+        propagated = None
+        if propagating and any(w.changed for w in worked):
+            found = propagate(worked, automatic, camera)
+            propagated = found.parts if found.changed.any() else None
+        editor = correction.edit(frame_id)
+        annotator.work(editor, true.parts, pieces, propagated)
+        corrected = replace(automatic, parts=editor.parts.copy(), status="corrected")
+        strokes = tuple(correction.journal.strokes(frame_id))
+        seconds = sum(stroke.active_seconds for stroke in strokes)
+        agreement = Agreement(true.parts, editor.valid, annotator.tolerance_px)
+        yield Effort(corrected, strokes, seconds, agreement.of(corrected.parts))
+        worked = [Worked(automatic, corrected), *worked][:FRAMES]
+
+
+def _apply(sight: Sight, move: Move, corners: NDArray[np.float64] | None, how: Gesture) -> Stroke | None:
+    """Make a move through the editor."""
+    editor = sight.editor
+    if move.operation == "swap_left_right":
+        return editor.swap_left_right(move.pairs, how=how)
+    if move.operation == "remove_islands":
+        return editor.remove_islands(how=how)
+    if move.operation == "fill_holes":
+        assert move.part is not None
+        return editor.fill_holes(move.part, how)
+    if move.operation == "merge":
+        assert move.part is not None and move.pixel is not None
+        return editor.merge(int(editor.parts.flat[move.pixel]), move.part, how=how)
+    pixels = sight.chosen(move, corners)
+    if move.operation == "to_neighbour":
+        return editor.to_neighbour(pixels, how=how)
+    assert move.part is not None
+    return editor.paint(pixels, move.part, how)

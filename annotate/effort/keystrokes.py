@@ -1,0 +1,109 @@
+"""What a person's work costs in seconds: the keystroke-level model, with a law for drawing.
+
+Operators and times: Card, Moran & Newell, The Psychology of Human-Computer Interaction, 1983, chapter 8.
+Keys lie under the left hand while the right one holds the mouse (``gui.keys``): no homing is charged.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.effort.hand import length_px
+from annotate.effort.repairs import SCALE, Move
+from annotate.labelset.stroke import Gesture
+from annotate.parts import BACKGROUND
+
+KEY_S = 0.2
+"""A key struck (an average skilled typist); Ctrl or Shift is a key of its own."""
+POINT_S = 1.1
+"""Pointing with the mouse."""
+BUTTON_S = 0.1
+"""A mouse button pressed, or released."""
+CLICK_S = 2 * BUTTON_S
+NOTCH_S = KEY_S
+"""The mouse wheel turned by one notch."""
+MENTAL_S = 1.35
+"""Mental preparation: looking at the frame, seeing what is wrong next and deciding what to do about it."""
+STEER_S = 0.1
+"""Seconds for a drawn path as long as it is wide: slope of the steering law T = b * length / width
+(Accot & Zhai, Beyond Fitts' law, CHI 1997). Our assumption: the slope depends on device and person."""
+EFFECTIVE_WIDTH = 4.133
+"""Width of the path that a hand keeps to, in standard deviations of its error: it leaves it 4 % of the
+time (MacKenzie, Fitts' law as a research and design tool, 1992). So drawing carefully takes longer."""
+ACCEPT_S = MENTAL_S + KEY_S
+"""Looking at a frame that is right, and accepting it with one key."""
+PREVIEWED = ("fill_holes", "remove_islands")
+"""What shows first what it would do: one more look."""
+
+
+@dataclass(frozen=True)
+class Tools:
+    """What is set in the window and stays set: the part to paint, the tool, the brush's radius on the
+    screen, and whether strokes take the room too."""
+
+    part: int | None = None
+    tool: str = ""
+    radius_px: float = 0.0
+    room: bool = False
+
+    def set_for(self, move: Move) -> "Tools":
+        """The settings that a move needs."""
+        tool = "piece" if move.kind in ("supervoxel", "grow") else move.kind
+        minds_room = move.corners is not None and move.only is None and move.part != BACKGROUND
+        return Tools(
+            self.part if move.part is None else move.part,
+            self.tool if tool == "key" else tool,
+            move.radius_px * move.hand.zoom or self.radius_px,
+            not move.keep_outline if minds_room else self.room,
+        )
+
+    def keys(self, before: "Tools") -> int:
+        """Keys to press for these settings: one for each, but Ctrl and one for the radius."""
+        changed = (self.part != before.part) + (self.tool != before.tool) + (self.room != before.room)
+        return changed + 2 * (self.radius_px != before.radius_px)
+
+
+def gesture(move: Move, corners: NDArray[np.float64] | None, keys: int) -> Gesture:
+    """The gesture of a move: ``keys`` for the settings, then drawn along corners (k, 2), or clicked."""
+    keys += move.keys + (move.only is not None)
+    if corners is not None:
+        path_px = length_px(corners, closed=move.kind == "lasso") * SCALE * move.hand.zoom
+        return Gesture(move.kind, points=len(corners), path_px=path_px, keys=keys)
+    pointed = int(move.pixel is not None and move.kind != "supervoxel")
+    return Gesture(move.kind, clicks=move.clicks, points=pointed, keys=keys)
+
+
+def move_s(move: Move, how: Gesture) -> float:
+    """Seconds that a move takes by this gesture: the image brought nearer for it and back, its preview
+    looked at."""
+    wheel_s = 2 * move.hand.notches * NOTCH_S
+    preview_s = MENTAL_S if move.operation in PREVIEWED else 0.0
+    return gesture_s(how, move.hand.sd_px * SCALE * move.hand.zoom) + wheel_s + preview_s
+
+
+def moves_s(moves: tuple[Move, ...], tools: Tools) -> float:
+    """Seconds for seeing what is wrong and mending it by these moves, drawn exactly."""
+    seconds = MENTAL_S
+    for move in moves:
+        needed = tools.set_for(move)
+        seconds += move_s(move, gesture(move, move.corners, needed.keys(tools)))
+        tools = needed
+    return seconds
+
+
+def gesture_s(how: Gesture, hand_sd_px: float) -> float:
+    """Seconds that a gesture takes, without the mental preparation for it.
+
+    hand_sd_px: standard deviation of the hand's error while drawing, in the pixels of ``how.path_px``.
+    A key's single point is the place it works on: what lies under the pointer. A click that grows a
+    piece is made where the pointer is already.
+    """
+    seconds = how.keys * KEY_S + how.clicks * CLICK_S
+    if how.kind in ("lasso", "brush"):
+        return seconds + POINT_S + CLICK_S + STEER_S * how.path_px / (EFFECTIVE_WIDTH * hand_sd_px)
+    if how.kind == "rectangle":
+        return seconds + 2 * POINT_S
+    if how.kind in ("supervoxel", "polygon"):
+        return seconds + how.clicks * POINT_S
+    return seconds + (POINT_S if how.points else 0.0)

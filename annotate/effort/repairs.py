@@ -1,0 +1,250 @@
+"""What could be done about a wrong patch: every way that the window offers, with its effect and its price."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.cleanup import filled, neighbours, without_islands
+from annotate.correction.edit import ARMS, LEGS, Editor
+from annotate.correction.select import View, brush, grow, polygon, supervoxel
+from annotate.effort import hand
+from annotate.effort.agreement import Agreement
+from annotate.effort.hand import CAREFUL, FINE, QUICK, Hand
+from annotate.grid import components
+from annotate.labelset.stroke import GestureKind, Operation
+from annotate.parts import BACKGROUND, BODY_PARTS, swap_left_right
+
+SCALE = 3.0
+"""Screen pixels to one of the depth image: a person 250 pixels high fills the window's height."""
+MOST_CLICKS = (1, 2, 4)
+"""How many pieces a person clicks away before looking again."""
+MOST_GROWING = 4
+"""Clicks in place that grow a piece."""
+AT_ONCE = 4
+"""Patches of one part that a person takes in with one look, and mends one after the other with the same key
+chosen: a chunk, within which no further preparation is charged (Card, Moran & Newell, rule 1). Four is what
+the eye holds at a time (Cowan 2001)."""
+NEAR_PX = 60
+"""Patches no longer than this are worth bringing the image nearer."""
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Connected pixels that should be one part. mask: bool (h, w); part: what they are; was: what most of
+    them are called; wrong: how many of them a person would mind."""
+
+    mask: NDArray[np.bool_]
+    part: int
+    was: int
+    wrong: int
+
+
+@dataclass(frozen=True)
+class Move:
+    """One thing the hand does. part: given, or None. corners: (k, 2) as (u, v) of what is drawn, with the
+    hand that draws it. pixel: flat index of what is pointed at. clicks: mouse clicks made there.
+    only: replace this part alone. keep_outline: leave person and background as they are. pairs: to swap.
+    keys: pressed for the operation itself."""
+
+    operation: Operation
+    kind: GestureKind
+    part: int | None = None
+    corners: NDArray[np.float64] | None = None
+    hand: Hand = CAREFUL
+    radius_px: float = 0.0
+    pixel: int | None = None
+    clicks: int = 0
+    only: int | None = None
+    keep_outline: bool = False
+    pairs: tuple[tuple[int, int], ...] = ()
+    keys: int = 0
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """What tells one move from another."""
+        drawn = b"" if self.corners is None else self.corners.tobytes()
+        settings = (self.part, self.radius_px, self.only, self.keep_outline, self.pairs)
+        return (self.operation, self.kind, *settings, self.pixel, self.clicks, drawn)
+
+
+@dataclass(frozen=True)
+class Repair:
+    """Moves to make in turn, and what they should come to: the flat pixels (n,) and their parts then."""
+
+    moves: tuple[Move, ...]
+    pixels: NDArray[np.int64]
+    parts: NDArray[np.uint8]
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """What tells one repair from another."""
+        return tuple(move.identity for move in self.moves)
+
+
+def in_one_go(several: Sequence[Repair]) -> Repair:
+    """Repairs with the same part of different patches as one."""
+    pixels, first = np.unique(np.concatenate([repair.pixels for repair in several]), return_index=True)
+    parts = np.concatenate([repair.parts for repair in several])[first]
+    return Repair(tuple(move for repair in several for move in repair.moves), pixels, parts)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What the annotator has before the eyes. supervoxels: int32 (h, w), -1 = none. imagined: chance by
+    which they imagine how exactly the hand will draw."""
+
+    editor: Editor
+    view: View
+    supervoxels: NDArray[np.int32]
+    imagined: np.random.Generator
+
+    def chosen(self, move: Move, corners: NDArray[np.float64] | None) -> NDArray[np.int64]:
+        """Flat pixels that a move takes, drawn along ``corners``."""
+        parts = self.editor.parts
+        if corners is not None:
+            on_screen = (corners + 0.5) * SCALE
+            if move.kind == "brush":
+                return brush(self.view, on_screen, move.radius_px * SCALE)
+            return polygon(self.view, on_screen)
+        if move.pixel is None:
+            return np.arange(parts.size)
+        if move.kind == "key":
+            return piece(parts, self.editor.depth_mm, move.pixel)
+        pixels = supervoxel(self.supervoxels, parts, move.pixel)
+        for _ in range(move.clicks - 1):
+            pixels = grow(self.supervoxels, parts, self.editor.depth_mm, pixels)
+        return pixels
+
+
+def patches(parts: NDArray[np.uint8], agreement: Agreement) -> list[Patch]:
+    """The wrong patches of labels (h, w), the worst first. Dropouts do not cut a patch."""
+    wrong, truth = agreement.wrong(parts), agreement.truth
+    found = []
+    for part in np.unique(truth[wrong]).tolist():
+        mask = (truth == part) & (parts != part)
+        joined = cv2.dilate(mask.astype(np.uint8), hand.AROUND)
+        _, labels = cv2.connectedComponents(joined, connectivity=8, ltype=cv2.CV_32S)
+        number = np.bincount(labels[mask & wrong])
+        for label in np.flatnonzero(number):
+            own = mask & (labels == label)
+            was = int(np.bincount(parts[own]).argmax())
+            found.append(Patch(own, part, was, int(number[label])))
+    return sorted(found, key=lambda patch: -patch.wrong)
+
+
+def repairs(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Repair]:
+    """Every way to mend one patch."""
+    for move in (*_drawings(patch, sight, agreement), *_growings(patch, sight, agreement)):
+        yield _painting(sight, (move,))
+    clicks = tuple(_clicks(patch, sight, agreement))
+    for count in MOST_CLICKS:
+        if count <= len(clicks):
+            yield _painting(sight, clicks[:count])
+    yield from _of_piece(patch, sight)
+
+
+def repairs_of_frame(sight: Sight, wanted: set[int]) -> Iterator[Repair]:
+    """Every way to mend the frame as a whole. wanted: parts that lack pixels."""
+    parts, depth_mm = sight.editor.parts, sight.editor.depth_mm
+    twins = swap_left_right(parts)
+    for pairs in (ARMS, LEGS):
+        limbs = np.isin(parts, np.ravel(pairs))
+        if limbs.any():
+            move = Move("swap_left_right", "key", pixel=int(np.flatnonzero(limbs)[0]), pairs=pairs, keys=1)
+            yield _difference(sight, move, np.where(limbs, twins, parts))
+    # Once to see the preview, once to apply, with Ctrl.
+    yield _difference(sight, Move("remove_islands", "key", keys=4), without_islands(parts, depth_mm))
+    for part in wanted - {BACKGROUND}:
+        yield _difference(sight, Move("fill_holes", "key", part, keys=4), filled(parts, depth_mm, part))
+
+
+def piece(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], pixel: int) -> NDArray[np.int64]:
+    """Flat pixels of the connected surface of one part under a pixel."""
+    depth_m = depth_mm.astype(np.float32) / np.float32(1000)
+    labels, _ = components((parts == parts.flat[pixel]) & (depth_mm > 0), depth_m)
+    return np.flatnonzero(labels == labels.flat[pixel]) if labels.flat[pixel] else np.empty(0, np.int64)
+
+
+def _drawings(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:
+    """Lassos along the patch and right round it, and the brush."""
+    parts, part = sight.editor.parts, patch.part
+    free = ~sight.editor.valid | ((parts == part) & (agreement.truth == part)) | patch.mask
+    careful = hand.outline(patch.mask, free, CAREFUL)
+    quick = hand.loop(patch.mask, QUICK)
+    small = max(np.ptp(axis) for axis in np.nonzero(patch.mask)) < NEAR_PX
+    kept = part != BACKGROUND and patch.was != BACKGROUND
+    lassos = [(CAREFUL, careful), (QUICK, quick)]
+    if small:
+        lassos.append((FINE, hand.outline(patch.mask, free, FINE)))
+    for drawing, corners in lassos:
+        yield Move("paint", "lasso", part, corners, drawing)
+        yield Move("paint", "lasso", part, corners, drawing, only=patch.was)
+        if kept:
+            yield Move("paint", "lasso", part, corners, drawing, keep_outline=True)
+    for radius_px in hand.BRUSHES_PX:
+        for drawing in (CAREFUL, FINE) if small else (CAREFUL,):
+            path = hand.along(patch.mask, radius_px / drawing.zoom)
+            for only in (None, patch.was):
+                yield Move("paint", "brush", part, path, drawing, radius_px / drawing.zoom, only=only)
+
+
+def _clicks(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:
+    """Clicks on supervoxels, the most useful first."""
+    parts, ids = sight.editor.parts, sight.supervoxels
+    key = np.where(ids >= 0, ids * 256 + parts.astype(np.int32), -1).ravel()
+    inside = np.flatnonzero(patch.mask & (ids >= 0))
+    touched, first = np.unique(key[inside], return_index=True)
+    pixels = np.flatnonzero(np.isin(key, touched))
+    gains = agreement.gains(parts, pixels, np.full(len(pixels), patch.part, np.uint8))
+    total = np.bincount(np.searchsorted(touched, key[pixels]), gains.ravel()[pixels], len(touched))
+    for best in np.argsort(-total, kind="stable")[: MOST_CLICKS[-1]]:
+        if total[best] > 0:
+            yield Move("paint", "supervoxel", patch.part, pixel=int(inside[first[best]]), clicks=1)
+
+
+def _growings(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:
+    """One click on a supervoxel, and more in place that grow it."""
+    for start in list(_clicks(patch, sight, agreement))[:1]:
+        for clicks in range(2, 2 + MOST_GROWING):
+            yield Move("paint", "grow", patch.part, pixel=start.pixel, clicks=clicks)
+
+
+def _of_piece(patch: Patch, sight: Sight) -> Iterator[Repair]:
+    """The whole piece under the pointer to its neighbour, or the whole part into another."""
+    parts, at = sight.editor.parts, int(np.flatnonzero(patch.mask & (sight.editor.parts == patch.was))[0])
+    if patch.was not in {p.id for p in BODY_PARTS}:
+        return
+    pixels = piece(parts, sight.editor.depth_mm, at)
+    if patch.part in neighbours(parts, pixels)[:1]:
+        move = Move("to_neighbour", "key", pixel=at, keys=1)
+        yield Repair((move,), pixels, np.full(len(pixels), patch.part, np.uint8))
+    if patch.part != BACKGROUND:
+        move = Move("merge", "key", patch.part, pixel=at, keys=2)
+        yield _difference(sight, move, np.where(parts == patch.was, np.uint8(patch.part), parts))
+
+
+def _painting(sight: Sight, moves: tuple[Move, ...]) -> Repair:
+    """What painting would come to, drawn as people know their hand."""
+    pixels = np.unique(np.concatenate([sight.chosen(move, _imagined(sight, move)) for move in moves]))
+    editor, move = sight.editor, moves[0]
+    assert move.part is not None
+    old = editor.parts.ravel()[pixels]
+    allowed = editor.valid.ravel()[pixels]
+    if move.only is not None:
+        allowed = allowed & (old == move.only)
+    if move.keep_outline:
+        allowed = allowed & (old != BACKGROUND)
+    pixels = pixels[allowed]
+    return Repair(moves, pixels, np.full(len(pixels), move.part, np.uint8))
+
+
+def _imagined(sight: Sight, move: Move) -> NDArray[np.float64] | None:
+    return None if move.corners is None else hand.drawn(move.corners, move.hand, sight.imagined)
+
+
+def _difference(sight: Sight, move: Move, parts: NDArray[np.uint8]) -> Repair:
+    pixels = sight.editor.preview(parts)
+    return Repair((move,), pixels, parts.ravel()[pixels])

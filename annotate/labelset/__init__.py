@@ -1,0 +1,1 @@
+"""Labels on disk: the folder, its images, its journal, its one writer."""

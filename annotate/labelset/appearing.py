@@ -1,0 +1,47 @@
+"""Folders that appear when they are whole, and what may never be replaced by them."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from annotate.labelset.journal import JOURNAL
+from sensors.errors import ExistsError
+
+
+def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
+    """Whether ``out`` may be removed for a new result: it holds ``marker``, or nothing.
+
+    Raises ExistsError for a folder that no run of this command made, that holds one of its ``inputs``, or
+    people's corrections.
+    """
+    for path in inputs:
+        if path.resolve().is_relative_to(out.resolve()):
+            raise ExistsError(f"{out} holds the input {path}; choose another folder for the result")
+    if not (out / marker).is_file() and (not out.is_dir() or any(out.iterdir())):
+        raise ExistsError(f"{out} was not made by this command (it has no {marker}); remove it yourself")
+    if (out / JOURNAL).is_file():
+        raise ExistsError(f"{out} holds people's corrections; choose another folder, or remove it yourself")
+
+
+@contextmanager
+def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterator[Path]:
+    """A temporary folder beside ``out`` that takes its name on success and is removed on any error.
+
+    Raises ExistsError when ``out`` is there and is not to be replaced, or must not be.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        if not overwrite:
+            raise ExistsError(f"{out} exists already; choose another folder or pass --overwrite")
+        check_replaceable(out, marker, *inputs)
+    folder = out.with_name(f".{out.name}.{os.getpid()}.partial")
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    try:
+        yield folder
+        if out.exists():
+            shutil.rmtree(out)
+        folder.replace(out)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,139 @@
+"""The journal of a label set: every stroke, one line each, on the disk before the next one begins."""
+
+import os
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Self
+
+from annotate.labelset.stroke import Stroke, from_line, to_line
+from sensors.errors import CloudError, FormatError
+
+JOURNAL = "journal.jsonl"
+MAX_LINE_BYTES = 64_000_000
+"""Longest line: every pixel of a megapixel image a run of its own takes 25 MB."""
+MAX_BYTES = 4_000_000_000
+REMEDY = "restore it from a copy, or move it and original/ away to go on from the labels as last saved"
+"""What to do about a journal that is corrupt or incomplete."""
+
+
+class NotSavedError(CloudError):
+    """The disk refused what was to be saved. Nothing is lost: it is kept in memory and tried again."""
+
+
+class Journal:
+    """An append-only file of strokes. Only one process may append (``claim``); any may read.
+
+    A line is whole once its newline is written. What stands after the last newline was cut off by a crash:
+    it is ignored, and removed by the next append.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read the journal at ``path``; an absent file is an empty one.
+
+        Raises FormatError naming the first line that is no stroke.
+        """
+        self.path = path
+        self._strokes: list[Stroke] = []
+        self._by_frame: defaultdict[str, list[Stroke]] = defaultdict(list)
+        self._pending: list[Stroke] = []
+        self._end = 0
+        for number, line in enumerate(self._lines(), 1):
+            try:
+                self._keep(from_line(line))
+            except FormatError as error:
+                raise FormatError(f"{path} line {number}: {error}; {REMEDY}") from error
+            self._end += len(line)
+
+    @classmethod
+    def of(cls, folder: Path) -> Self:
+        """The journal of the label set in ``folder``."""
+        return cls(folder / JOURNAL)
+
+    def __iter__(self) -> Iterator[Stroke]:
+        return iter(self._strokes)
+
+    def __len__(self) -> int:
+        return len(self._strokes)
+
+    def strokes(self, frame_id: str) -> Sequence[Stroke]:
+        """A frame's entries, the oldest first; those not yet on the disk included."""
+        return self._by_frame.get(frame_id, ())
+
+    @property
+    def frame_ids(self) -> list[str]:
+        """Ids of the frames that have entries, sorted."""
+        return sorted(self._by_frame)
+
+    @property
+    def pending(self) -> Sequence[Stroke]:
+        """Entries that are not on the disk yet."""
+        return self._pending
+
+    def add(self, stroke: Stroke) -> None:
+        """Take one more entry; ``flush`` brings it to the disk."""
+        self._keep(stroke)
+        self._pending.append(stroke)
+
+    def flush(self) -> None:
+        """Append what is pending and wait for the disk. Raises NotSavedError: then it stays pending.
+
+        Whatever happens, the file ends with a whole line: half-written ones are cut off again.
+        """
+        if not self._pending:
+            return
+        lines = b"".join(to_line(stroke) for stroke in self._pending)
+        try:
+            self._append(lines)
+        except OSError as error:
+            raise NotSavedError(
+                f"{self.path} cannot be written ({error.strerror}); {len(self._pending)} strokes are kept in "
+                "memory: free some space or mend the disk, and go on"
+            ) from error
+        self._end += len(lines)
+        self._pending.clear()
+
+    def _append(self, lines: bytes) -> None:
+        file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            size = os.fstat(file).st_size
+            if size < self._end:
+                raise OSError(0, "something else has shortened it")
+            if size > self._end:
+                os.ftruncate(file, self._end)
+            _write(file, lines, self._end)
+            os.fdatasync(file)
+        except OSError:
+            with suppress(OSError):
+                if os.fstat(file).st_size > self._end:
+                    os.ftruncate(file, self._end)
+            raise
+        finally:
+            os.close(file)
+
+    def _lines(self) -> Iterator[bytes]:
+        """Whole lines, bounded in length."""
+        try:
+            with self.path.open("rb") as file:
+                if os.fstat(file.fileno()).st_size > MAX_BYTES:
+                    raise FormatError(f"{self.path} is larger than {MAX_BYTES} bytes; {REMEDY}")
+                while (line := file.readline(MAX_LINE_BYTES + 1)).endswith(b"\n"):
+                    yield line
+                if len(line) > MAX_LINE_BYTES:
+                    raise FormatError(f"{self.path} has a line longer than {MAX_LINE_BYTES} bytes; {REMEDY}")
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise FormatError(f"{self.path} cannot be read ({error.strerror}); check it") from error
+
+    def _keep(self, stroke: Stroke) -> None:
+        self._strokes.append(stroke)
+        self._by_frame[stroke.frame_id].append(stroke)
+
+
+def _write(file: int, data: bytes, offset: int) -> None:
+    view = memoryview(data)
+    while len(view):
+        written = os.pwrite(file, view, offset)
+        view, offset = view[written:], offset + written

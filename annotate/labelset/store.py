@@ -1,0 +1,278 @@
+"""A label set: a folder of labelled depth images that any viewer opens and no crash can break."""
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Self, TypeVar, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.labels import FrameLabels, Status
+from annotate.labelset.images import (
+    decode_confidence,
+    decode_depth,
+    decode_parts,
+    decode_persons,
+    encode_confidence,
+    encode_depth,
+    encode_parts,
+    encode_persons,
+)
+from annotate.labelset.journal import Journal
+from annotate.labelset.probabilities import (
+    MAX_PNG_BYTES,
+    Probabilities,
+    decode_probabilities,
+    encode_probabilities,
+)
+from annotate.parts import PARTS
+from sensors.atomic import write_bytes
+from sensors.camera import Intrinsics
+from sensors.errors import CloudError, ExistsError, FormatError
+
+SCHEMA = 1
+MANIFEST = "labelset.json"
+FRAMES, ORIGINAL = "frames", "original"
+PROBABILITY = "probability.png"
+MAX_JSON_BYTES = 16_000_000
+_FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+
+
+T = TypeVar("T", bound=np.generic)
+
+
+class LabelSet:
+    """A label set on disk. Every write is whole or absent; a frame exists once its JSON does.
+
+    intrinsics: the undistorted depth camera that all frames share.
+    info: what the manifest says beside that (source, steps, tool versions).
+    """
+
+    def __init__(self, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> None:
+        self.path, self.intrinsics, self.info = path, intrinsics, info
+
+    @classmethod
+    def create(cls, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> Self:
+        """Start an empty label set in a new or empty folder. Raises ExistsError otherwise."""
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise ExistsError(f"{path} exists already; choose another folder or pass --overwrite")
+        (path / FRAMES).mkdir(parents=True, exist_ok=True)
+        manifest = {
+            "schema": SCHEMA,
+            "parts": {part.name: part.id for part in PARTS},
+            "intrinsics": asdict(intrinsics),
+            **info,
+        }
+        write_bytes(path / MANIFEST, _dump(manifest))
+        return cls(path, intrinsics, info)
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Open an existing label set. Raises FormatError when it is none, or is corrupt."""
+        if not (path / MANIFEST).is_file():
+            raise FormatError(
+                f"{path} is no label set (it has no {MANIFEST}); give the folder that label wrote"
+            )
+        manifest = _load(path / MANIFEST)
+        if manifest.pop("schema", None) != SCHEMA:
+            raise FormatError(f"{path / MANIFEST} is not of schema {SCHEMA}; use the version that wrote it")
+        if manifest.pop("parts", None) != {part.name: part.id for part in PARTS}:
+            raise FormatError(f"{path / MANIFEST} names other parts; only the twelve classes are supported")
+        try:
+            intrinsics = Intrinsics(**manifest.pop("intrinsics"))
+        except (TypeError, KeyError) as error:
+            raise FormatError(f"{path / MANIFEST} has malformed intrinsics ({error}); restore it") from error
+        return cls(path, intrinsics, manifest)
+
+    @classmethod
+    def resume(cls, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> Self:
+        """Go on with a label set begun with the same ``info``, or start it. Raises ExistsError otherwise."""
+        if not (path / MANIFEST).is_file():
+            return cls.create(path, intrinsics, info)
+        begun = cls.open(path)
+        if begun.info != json.loads(json.dumps(info)) or begun.intrinsics != intrinsics:
+            raise ExistsError(
+                f"{path} was made from another source or with other settings; choose another folder "
+                "or pass --overwrite"
+            )
+        return begun
+
+    @property
+    def frame_ids(self) -> list[str]:
+        """Ids of the finished frames, sorted."""
+        return sorted(p.stem for p in (self.path / FRAMES).glob("*.json") if _FRAME_ID.fullmatch(p.stem))
+
+    def __len__(self) -> int:
+        return len(self.frame_ids)
+
+    def __contains__(self, frame_id: str) -> bool:
+        return self._file(frame_id, "json").is_file()
+
+    def __iter__(self) -> Iterator[FrameLabels]:
+        return (self.read(frame_id) for frame_id in self.frame_ids)
+
+    def read(self, frame_id: str, original: bool = False) -> FrameLabels:
+        """Read one frame, or its labels as they were before the first correction (``keep_original``).
+
+        Raises FormatError naming the file that is missing or corrupt.
+        """
+        folder = ORIGINAL if original else FRAMES
+        fields = _load(self._file(frame_id, "json", folder))
+        depth = self._image(frame_id, "depth.png", decode_depth)
+        parts = self._image(frame_id, "parts.png", decode_parts, folder)
+        has_confidence = self._file(frame_id, "confidence.png").is_file()
+        confidence = self._image(frame_id, "confidence.png", decode_confidence) if has_confidence else None
+        has_persons = self._file(frame_id, "persons.png").is_file()
+        persons = self._image(frame_id, "persons.png", decode_persons) if has_persons else None
+        try:
+            return FrameLabels(frame_id, depth, parts, confidence, persons=persons, **fields)
+        except TypeError as error:
+            raise FormatError(
+                f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it"
+            ) from error
+
+    def notes(self, frame_id: str) -> dict[str, Any]:
+        """A frame's notes alone, without its images."""
+        notes = _load(self._file(frame_id, "json")).get("notes", {})
+        return notes if isinstance(notes, dict) else {}
+
+    def status(self, frame_id: str, original: bool = False) -> Status:
+        """A frame's status alone, or what it was before the first correction. Raises FormatError."""
+        status = _load(self._file(frame_id, "json", ORIGINAL if original else FRAMES)).get("status")
+        if status not in get_args(Status):
+            raise FormatError(f"{self._file(frame_id, 'json')} has an unknown status; restore it from a copy")
+        return cast(Status, status)
+
+    def probabilities(self, frame_id: str) -> Probabilities | None:
+        """A frame's class probabilities; None where none were stored. Raises FormatError naming the file."""
+        file = self._file(frame_id, PROBABILITY)
+        if not file.is_file():
+            return None
+        try:
+            with file.open("rb") as png:
+                return decode_probabilities(png.read(MAX_PNG_BYTES), self.notes(frame_id))
+        except OSError as error:
+            raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error
+        except FormatError as error:
+            raise FormatError(f"{file}: {error}") from error
+
+    def write(self, frame: FrameLabels, probabilities: Probabilities | None = None) -> None:
+        """Add or replace one frame, with a network's probabilities where they are to be kept.
+
+        The frame's notes must hold ``probabilities.note()`` then. Raises FormatError when its size is not
+        the set's.
+        """
+        if frame.depth_mm.shape != self.intrinsics.shape:
+            raise FormatError(
+                f"frame {frame.frame_id} is {frame.depth_mm.shape}, the label set {self.intrinsics.shape}; "
+                "one set holds one camera"
+            )
+        self._put(frame.frame_id, "depth.png", encode_depth(frame.depth_mm))
+        if frame.confidence is not None:
+            self._put(frame.frame_id, "confidence.png", encode_confidence(frame.confidence))
+        else:
+            self._file(frame.frame_id, "confidence.png").unlink(missing_ok=True)
+        if frame.persons is not None:
+            self._put(frame.frame_id, "persons.png", encode_persons(frame.persons))
+        else:
+            self._file(frame.frame_id, "persons.png").unlink(missing_ok=True)
+        if probabilities is not None:
+            self._put(frame.frame_id, PROBABILITY, encode_probabilities(probabilities))
+        else:
+            self._file(frame.frame_id, PROBABILITY).unlink(missing_ok=True)
+        self.write_labels(frame)
+
+    def write_labels(self, frame: FrameLabels) -> None:
+        """Replace a frame's parts, status, subject and notes; its other images stay as they are."""
+        self._put(frame.frame_id, "parts.png", encode_parts(frame.parts))
+        fields = {"status": frame.status, "subject": frame.subject, "notes": frame.notes}
+        self._put(frame.frame_id, "json", _dump(fields))
+
+    def keep_original(self, frame_id: str) -> None:
+        """Copy a frame's parts and JSON to ``original/``, once: what a correction starts from."""
+        if not self.has_original(frame_id):
+            (self.path / ORIGINAL).mkdir(exist_ok=True)
+            for suffix in ("json", "parts.png"):
+                data = self._file(frame_id, suffix).read_bytes()
+                write_bytes(self._file(frame_id, suffix, ORIGINAL), data)
+
+    def has_original(self, frame_id: str) -> bool:
+        """Whether a frame's labels before its first correction were kept."""
+        return self._file(frame_id, "parts.png", ORIGINAL).is_file()
+
+    def _file(self, frame_id: str, suffix: str, folder: str = FRAMES) -> Path:
+        if not _FRAME_ID.fullmatch(frame_id):
+            raise FormatError(f"frame id {frame_id!r} is unsafe; use letters, digits, '_', '-' and '.'")
+        return self.path / folder / f"{frame_id}.{suffix}"
+
+    def _put(self, frame_id: str, suffix: str, data: bytes) -> None:
+        write_bytes(self._file(frame_id, suffix), data)
+
+    def _image(
+        self, frame_id: str, suffix: str, decode: Callable[[bytes], NDArray[T]], folder: str = FRAMES
+    ) -> NDArray[T]:
+        file = self._file(frame_id, suffix, folder)
+        try:
+            image = decode(file.read_bytes())
+        except OSError as error:
+            raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error
+        except FormatError as error:
+            raise FormatError(f"{file}: {error}") from error
+        if image.shape != self.intrinsics.shape:
+            raise FormatError(
+                f"{file} is {image.shape}, the label set {self.intrinsics.shape}; restore it from a copy"
+            )
+        return image
+
+
+def validate(labels: LabelSet) -> list[str]:
+    """Every problem of a label set, one line each; empty when all frames read back well."""
+    problems = []
+    for frame_id in labels.frame_ids:
+        try:
+            frame = labels.read(frame_id)
+            labels.probabilities(frame_id)
+        except CloudError as error:
+            problems.append(str(error))
+            continue
+        on_nothing = int(((frame.parts > 0) & (frame.parts < 255) & (frame.depth_mm == 0)).sum())
+        if on_nothing:
+            problems.append(f"frame {frame_id}: {on_nothing} pixels carry a part where there is no depth")
+    if not labels.frame_ids:
+        problems.append(f"{labels.path} holds no frames")
+    return problems + _journal_problems(labels)
+
+
+def _journal_problems(labels: LabelSet) -> list[str]:
+    """A journal that cannot be read, and strokes that a killed correction left out of the labels."""
+    try:
+        journal = Journal.of(labels.path)
+        behind = [
+            i
+            for i in journal.frame_ids
+            if i in labels and labels.notes(i).get("journal", 0) != len(journal.strokes(i))
+        ]
+    except CloudError as error:
+        return [str(error)]
+    return [
+        f"frame {i}: its labels lack strokes of {journal.path}; open the set once with fix" for i in behind
+    ]
+
+
+def _dump(value: dict[str, Any]) -> bytes:
+    return (json.dumps(value, indent=1, sort_keys=True) + "\n").encode()
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > MAX_JSON_BYTES:
+            raise FormatError(f"{path} is larger than {MAX_JSON_BYTES} bytes; restore it from a copy")
+        value = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        raise FormatError(f"{path} is corrupt ({error}); restore it from a copy") from error
+    if not isinstance(value, dict):
+        raise FormatError(f"{path} holds no JSON object; restore it from a copy")
+    return value

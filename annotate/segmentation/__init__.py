@@ -1,0 +1,1 @@
+"""Person points to body parts, with a confidence for every pixel."""

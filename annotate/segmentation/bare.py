@@ -1,0 +1,90 @@
+"""Hands, feet and face show no cloth of the suit: they belong to the sleeve they grow out of.
+
+Skin and shoes look the same on the left and on the right, so their colour says nothing of the side, and
+hands lie in laps, on the other arm and under chins. What tells is the way along the surface, through bare
+skin alone, from the cloth of each limb.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from annotate.parts import PART_ID
+from annotate.segmentation.patches import Patches
+from annotate.suit.color_model import ColorModel
+from annotate.supervoxels import Supervoxels
+
+HEAD = PART_ID["head"] - 1
+TWINS = tuple(
+    (PART_ID[f"left_{limb}"] - 1, PART_ID[f"right_{limb}"] - 1) for limb in ("forearm", "lower_leg")
+)
+OWN = [HEAD, *(part for twins in TWINS for part in twins)]
+"""Limbs whose cloth ends in something bare, and all that show something bare."""
+FAR_M = 0.3
+"""A hand and a foot end less than that from their cuffs, along the skin (Drillis & Contini 1966: 0.108 and
+0.152 of the stature); what is farther belongs to nobody in particular."""
+WEIGHT = 4.0
+"""Log odds of growing out of one cuff against being that far from another."""
+LIKELY = -2.0
+"""Log odds against cloth from which on a colour may be bare: a sleeve can be orange as skin is."""
+SURE = 0.5
+"""Belief from which on a patch is a part's."""
+
+_Array = NDArray[np.float64]
+
+
+def bareness(model: ColorModel, chroma: _Array, blur: _Array) -> _Array:
+    """Log odds (G,) against cloth of colours (G, 2) being bare: skin, hair, shoes, whatever a head shows."""
+    match = model.match(chroma, blur)
+    bare = model.bare | model.wears[:, HEAD]
+    return np.asarray(match[:, bare].max(axis=1) - match[:, ~bare].max(axis=1))
+
+
+def without_sides(belief: _Array, odds: _Array) -> _Array:
+    """Beliefs (G, 11) that do not tell left limbs from right ones where ``bareness`` (G,) is likely."""
+    belief, bare = belief.copy(), odds > LIKELY
+    for left, right in TWINS:
+        belief[bare, left] = belief[bare, right] = belief[bare][:, [left, right]].mean(axis=1)
+    return belief
+
+
+def grown_from(
+    belief: _Array, odds: _Array, patches: Patches, groups: Supervoxels, centroids_m: _Array
+) -> _Array:
+    """Log evidence (G, 11) of what may be bare: how far each is from head and cuffs, on a way through such.
+
+    belief: (G, 11). odds: (G,) as ``bareness`` gives them. A part of which no cloth is seen is as good as the
+    farthest.
+    """
+    bare = odds > LIKELY
+    ways = _ways(bare, groups, centroids_m)
+    part, sure = belief.argmax(axis=1), belief.max(axis=1) > SURE
+    away_m = np.full(belief.shape, FAR_M)
+    for own in OWN:
+        shows = sure & (part == own)
+        cloth = shows & (odds < 0)
+        shows = cloth if own != HEAD and cloth.any() else shows
+        points = np.bincount(patches.ids, groups.sizes * shows)
+        away_m[:, own] = _away(ways, shows & (patches.ids == points.argmax()))
+    cost = np.zeros_like(belief)
+    nearest_m = away_m.min(axis=1, keepdims=True)
+    cost[:, OWN] = -WEIGHT / FAR_M * (away_m[:, OWN] - nearest_m)
+    cost[~bare] = 0
+    return cost
+
+
+def _ways(bare: NDArray[np.bool_], groups: Supervoxels, centroids_m: _Array) -> csr_array:
+    """Lengths in metres of the steps that lead into bare supervoxels: sparse (G, G)."""
+    a, b = np.concatenate([groups.edges, groups.edges[:, ::-1]]).T
+    into = bare[b]
+    length_m = np.linalg.norm(centroids_m[a] - centroids_m[b], axis=1)
+    return csr_array((length_m[into], (a[into], b[into])), shape=(groups.count, groups.count))
+
+
+def _away(ways: csr_array, start: NDArray[np.bool_]) -> _Array:
+    """Way (G,) in metres from the nearest of some supervoxels (G,), at most FAR_M."""
+    if not start.any():
+        return np.full(len(start), FAR_M)
+    away_m = dijkstra(ways, indices=np.flatnonzero(start), min_only=True, limit=FAR_M)
+    return np.asarray(np.minimum(away_m, FAR_M))

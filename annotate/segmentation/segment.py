@@ -1,0 +1,186 @@
+"""Person points -> body parts: suit colour pooled over supervoxels, joined over time and the part tree."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from annotate.cloud import ThermalCloud
+from annotate.labels import FrameLabels
+from annotate.labelset.probabilities import Probabilities
+from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED
+from annotate.segmentation.bare import bareness, grown_from, without_sides
+from annotate.segmentation.confidence import calibrated, features
+from annotate.segmentation.earlier import earlier_parts
+from annotate.segmentation.part_clues import hint, means_of, pooled, warmth_of, with_earlier
+from annotate.segmentation.part_tree import settle
+from annotate.segmentation.patches import patches_of, read_together
+from annotate.segmentation.refine import refine
+from annotate.suit.color_model import CLIPPED, readable, refit_colors, under, unfitted
+from annotate.suit.palette import Suit
+from annotate.supervoxels import Supervoxels, supervoxels
+
+SEED_M = 0.05
+"""Distance of supervoxel seeds: a forearm is about 7 cm thick."""
+MIN_READABLE_SHARE = 0.05
+"""Below this share of person points with a readable colour there is nothing to go by."""
+ROUNDS = 3
+PATCH_WEIGHT, PATCH_DOUBT = 1.0, 0.02
+BAD_SHARE = 0.3
+"""From this share of colours lost to darkness or glare on the user is told."""
+UNKNOWN, UNTOLD_BELOW = 0.35, 0.8
+"""Beliefs below which a supervoxel stays undefined: without any colour; with a rival that looks alike."""
+TELLING_M = 0.08
+"""How far surroundings tell the part of places without a colour: a forearm is that thick."""
+UNTOLD = "some parts stay undefined: their colours cannot be read, or look alike in the suit"
+OWN_COLOR, OWN_GROUP = 1.0, 0.25
+"""Weights of a point's own colour and of its supervoxel's belief where the border runs within supervoxels."""
+
+_N = len(BODY_PARTS)
+_Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """Parts over the depth image. parts: uint8 (h, w); confidence: float32 (h, w), 0 off the person.
+
+    notes: what went wrong, for the person who reviews. probabilities: of all classes, where a network gave
+    them and they are to be kept.
+    """
+
+    parts: NDArray[np.uint8]
+    confidence: NDArray[np.float32]
+    notes: tuple[str, ...] = ()
+    probabilities: Probabilities | None = None
+
+
+def segment(
+    cloud: ThermalCloud, person: NDArray[np.bool_], suit: Suit, before: FrameLabels | None = None
+) -> Segmentation:
+    """Label a person's points by the suit they wear.
+
+    person: bool (h, w). before: the labels of the frame before. What cannot be told stays undefined: all of
+    a frame whose colours say nothing, neighbours of one colour, and places where other parts that look
+    alike are not told apart by what they join; a note says why.
+    """
+    mask = person & cloud.valid
+    rgb = cloud.color_rgb[mask]
+    usable = readable(rgb, cloud.color_valid[mask])
+    notes = _diagnosis(rgb, cloud.color_valid[mask], usable)
+    if usable.sum() <= MIN_READABLE_SHARE * len(usable):
+        return unlabelled(mask, *notes)
+    groups = tile(cloud, mask)
+    belief, evidence = _believed(cloud, mask, usable, suit, groups, before)
+    scores = point_scores(belief, evidence, groups)
+    chosen = refine(scores, scores.argmax(axis=1).astype(np.uint8), cloud.points_m[..., 2], mask)
+    parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
+    parts[mask] = chosen + 1
+    confidence[mask] = calibrated(features(cloud, mask, parts, belief, evidence, usable, groups))
+    if (untold := _untold(belief, chosen, usable, groups, suit, cloud.points_m[mask])).any():
+        parts[mask] = np.where(untold, UNDEFINED, parts[mask])
+        confidence[mask] = np.where(untold, 0, confidence[mask])
+        notes = (*notes, UNTOLD)
+    return Segmentation(parts, confidence, notes)
+
+
+def unlabelled(mask: NDArray[np.bool_], *notes: str) -> Segmentation:
+    """A person (bool (h, w)) whose parts stay undefined, and why."""
+    parts = np.where(mask, UNDEFINED, BACKGROUND).astype(np.uint8)
+    return Segmentation(parts, np.zeros(mask.shape, np.float32), notes)
+
+
+def _diagnosis(rgb: NDArray[np.uint8], seen: NDArray[np.bool_], usable: NDArray[np.bool_]) -> tuple[str, ...]:
+    """What is wrong with a person's colours (n, 3), and what to do about it."""
+    if not len(rgb):
+        return ("no person: nothing to label",)
+    if seen.mean() < MIN_READABLE_SHARE:
+        return ("no colour on the person: point the colour camera at them and check its calibration",)
+    lost = rgb[seen & ~usable].max(axis=1) < CLIPPED
+    if lost.sum() > BAD_SHARE * seen.sum():
+        return ("colour is too dark on the person: light the room or raise the colour camera's exposure",)
+    if (~lost).sum() > BAD_SHARE * seen.sum():
+        return ("colour is over-exposed on the person: lower the colour camera's exposure or the light",)
+    return ()
+
+
+def _believed(
+    cloud: ThermalCloud,
+    mask: NDArray[np.bool_],
+    usable: NDArray[np.bool_],
+    suit: Suit,
+    groups: Supervoxels,
+    before: FrameLabels | None,
+) -> tuple[_Array, _Array]:
+    """Belief (G, 11) of the supervoxels and colour evidence (n, 11) of the masked points.
+
+    The second round knows from the first what parts the colours are on: so it learns this person's skin
+    and how far the cloth has faded.
+    """
+    rgb, centroids_m = cloud.color_rgb[mask][usable], groups.centroids_m(cloud.points_m[mask])
+    palette = unfitted(suit)
+    chroma, blur = means_of(cloud.color_rgb[mask], usable, groups)
+    patches = patches_of(groups, chroma, blur, centroids_m)
+    warmth = warmth_of(cloud.temperature_c[mask], groups)
+    earlier = earlier_parts(before, cloud.camera, centroids_m) if before is not None else None
+    clues = warmth if earlier is None else warmth + hint(earlier)
+    by_patch, log_gain = read_together(patches, palette, patches.mean(clues, groups.sizes))
+    first = by_patch[patches.ids]
+    model, belief = under(palette, log_gain), first
+    for _ in range(ROUNDS):
+        model = refit_colors(model, rgb, belief[groups.ids[usable]])
+        bare = bareness(model, chroma, blur)
+        second = PATCH_WEIGHT * np.log(without_sides(first, bare) + PATCH_DOUBT)
+        evidence = np.zeros((len(usable), _N))
+        evidence[usable] = model.evidence(rgb)
+        unary = pooled(evidence, usable, groups) + warmth + second
+        unary += grown_from(belief, bare, patches, groups, centroids_m)
+        if earlier is not None:
+            unary = with_earlier(unary, groups, earlier)
+        belief = settle(unary, groups, centroids_m, belief)
+    return belief, evidence
+
+
+def _untold(
+    belief: _Array,
+    chosen: NDArray[np.uint8],
+    usable: NDArray[np.bool_],
+    groups: Supervoxels,
+    suit: Suit,
+    points_m: NDArray[np.float32],
+) -> NDArray[np.bool_]:
+    """Points (n,) of which too little is known; chosen: (n,) part indices, usable: (n,) readable colours.
+
+    Between neighbours of one colour no border can be seen; elsewhere what they join may tell look-alikes.
+    Surroundings tell the part of a place without a colour only near by.
+    """
+    rival, part = np.argsort(belief, axis=1)[:, -2:].T
+    best = belief.max(axis=1)
+    alike, borderless = np.zeros((_N, _N), bool), np.zeros(_N, bool)
+    for a, b in suit.look_alikes:
+        alike[a - 1, b - 1] = alike[b - 1, a - 1] = True
+        borderless[[a - 1, b - 1]] |= frozenset((a, b)) in NEIGHBOURS
+    unread = np.bincount(groups.ids, usable, groups.count) == 0
+    middle_m = groups.centroids_m(points_m)
+    away_m = cKDTree(middle_m[~unread]).query(middle_m)[0] if not unread.all() else np.inf
+    guessed = unread & ((best < UNKNOWN) | (away_m > TELLING_M))
+    in_group = guessed | (best < UNTOLD_BELOW) & alike[part, rival]
+    return np.asarray(in_group[groups.ids] | borderless[chosen])
+
+
+def tile(cloud: ThermalCloud, mask: NDArray[np.bool_]) -> Supervoxels:
+    """The supervoxels of the masked points, row-major: what ``segment`` works with."""
+    return supervoxels(cloud.points_m[mask], cloud.color_rgb[mask], seed_m=SEED_M)
+
+
+def point_scores(belief: _Array, evidence: _Array, groups: Supervoxels) -> _Array:
+    """Log score (n, 11) of the parts a point may take: those of its supervoxel and the touching ones."""
+    chosen = belief.argmax(axis=1)
+    allowed = np.zeros((groups.count, _N), bool)
+    allowed[np.arange(groups.count), chosen] = True
+    a, b = groups.edges.T
+    allowed[a, chosen[b]] = True
+    allowed[b, chosen[a]] = True
+    score = OWN_GROUP * np.log(belief + 1e-6)[groups.ids] + OWN_COLOR * evidence
+    score[~allowed[groups.ids]] = -np.inf
+    return np.asarray(score)

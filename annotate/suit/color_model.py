@@ -1,0 +1,236 @@
+"""The suit's colours in the light of one frame, and how well each part explains a colour.
+
+The light of a frame (lamp, white balance) multiplies red, green and blue each by a gain, von Kries' model;
+exposure multiplies all three and leaves the chromaticity alone. The two gains, each swatch's remaining
+shift (worn cloth, colour thrown by its neighbours) and its spread are fitted to the person's points by
+expectation maximisation, held near the palette by priors.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from annotate.parts import BODY_PARTS
+from annotate.suit.palette import Suit, chromaticity
+
+CLIPPED, DARK = 250, 20
+"""8-bit values from which on a channel has lost its upper end, and below which a colour is only noise."""
+CLIP_SIGMA = 0.08
+"""How far off the chromaticity of a colour with one clipped channel may be."""
+NOISE_RGB = 4.0
+"""Noise of an 8-bit colour channel, which blurs the chromaticity of dark pixels."""
+SIGMA, LEAST_SIGMA, SIGMA_POINTS = 0.05, 0.02, 60.0
+"""Spread of a swatch's chromaticity on folds and under several lamps; how many points that guess is worth."""
+FADE, FADE_SIGMA = 0.1, 0.2
+"""How far washing and sun have moved a cloth's chromaticity towards the light's: a share of the way."""
+HUE_SIGMA = 0.03
+"""How far its chromaticity strays beside that."""
+BARE = (((176, 135, 105), ("head", "left_forearm", "right_forearm")),
+        ((70, 62, 58), ("head", "left_lower_leg", "right_lower_leg")))  # fmt: skip
+"""What is no cloth of the suit: skin of face and hands (the middle of the Monk Skin Tone scale), dark hair
+and shoes."""
+BARE_HUE_SIGMA = 0.05
+"""People differ more than cloths do."""
+BARE_COST = 0.7
+"""Log cost of explaining a colour by something bare instead of the suit."""
+GAIN, GAIN_SIGMA = np.array([0.0, 0.25]), 0.3
+"""The log gains to be expected between a palette and any light."""
+GAIN_STEPS = np.linspace(-0.7, 0.7, 11)
+"""Offsets from them that are tried at first; incandescent lamp to blue sky is about -0.6 to 0.6."""
+POINT_WORTH = 0.2
+"""How much a point tells of its swatch, its neighbours being under the same light and on the same fold."""
+GAIN_POINTS = 100.0
+"""How many points a frame's colours are worth against the gains' prior: they are no independent witnesses."""
+STRAY = 0.02
+"""Likelihood of any colour on any part, against a swatch's best: reflections, toys, a mended sleeve."""
+ROUNDS = 3
+MAX_POINTS = 2000
+
+_N = len(BODY_PARTS)
+_Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ColorModel:
+    """Swatches as one frame shows them.
+
+    palette: (K, 2) chromaticities in white light. shift: (K, 2) from where the gains take them; unknown:
+    (K, 2, 2) covariance of what is not known of it. variance: (K,) of a swatch's colours. wears: bool
+    (K, 11), which parts show a swatch. bare: bool (K,), no cloth of the suit. log_gain: (2,) of red and blue
+    against green, natural logarithm.
+    """
+
+    palette: _Array
+    shift: _Array
+    unknown: _Array
+    variance: _Array
+    wears: NDArray[np.bool_]
+    bare: NDArray[np.bool_]
+    log_gain: _Array
+
+    @property
+    def lit(self) -> _Array:
+        """Chromaticities (K, 2) of the palette in the frame's light."""
+        return _lit(self.palette, self.log_gain)[0]
+
+    @property
+    def fading(self) -> _Array:
+        """The way (K, 2) from the lit palette to the light's own chromaticity."""
+        lit, light = _lit(self.palette, self.log_gain)
+        return np.asarray(light - lit)
+
+    def match(self, chroma: _Array, noise: _Array) -> _Array:
+        """Log likelihood (n, K) of colours under each swatch, 0 at the middle of one as wide as SIGMA."""
+        cost = np.where(self.bare, BARE_COST, 0.0)
+        return np.asarray(_match(chroma, noise, self.lit + self.shift, self.variance, self.unknown, cost))
+
+    def match_under(self, log_gains: _Array, chroma: _Array, noise: _Array) -> _Array:
+        """What ``under`` each of the log gains (L, 2) would ``match``, one after the other: (L * n, K)."""
+        lit, light = _lit(self.palette, log_gains)
+        fading = light - lit
+        middle, unknown = (lit + FADE * fading).reshape(-1, 2), _strays(self, fading).reshape(-1, 2, 2)
+        lights = len(log_gains)
+        cost = np.tile(np.where(self.bare, BARE_COST, 0.0), lights)
+        match = _match(chroma, noise, middle, np.tile(self.variance, lights), unknown, cost)
+        return np.asarray(match.reshape(len(chroma), lights, -1).swapaxes(0, 1).reshape(-1, len(self.bare)))
+
+    def evidence(self, rgb: NDArray[np.uint8]) -> _Array:
+        """Log likelihood (n, 11) of every part for every colour (n, 3); flat where no swatch is near."""
+        match = self.match(chromaticity(rgb), blur(rgb))
+        return np.asarray(np.log(np.exp(self.by_part(match)) + STRAY))
+
+    def by_part(self, match: _Array) -> _Array:
+        """The best swatch's log likelihood (n, 11) of each part, from that of all (n, K)."""
+        return np.asarray(_best_of(match, *np.nonzero(self.wears)))
+
+
+def _lit(palette: _Array, log_gain: _Array) -> tuple[_Array, _Array]:
+    """Chromaticities (..., K, 2) of a palette (K, 2), and of the lights themselves (..., 1, 2).
+
+    log_gain: (..., 2) of the lights.
+    """
+    light = np.exp(log_gain[..., [0, 0, 1]] * (1, 0, 1))[..., None, :]
+    rgb = np.column_stack([palette, 1 - palette.sum(axis=1)]) * light
+    return rgb[..., :2] / rgb.sum(axis=-1, keepdims=True), light[..., :2] / light.sum(axis=-1, keepdims=True)
+
+
+@njit(cache=True, nogil=True)
+def _best_of(match: _Array, swatch: NDArray[np.intp], part: NDArray[np.intp]) -> _Array:
+    """The highest match (n, 11) of each part's swatches; match: (n, K). swatch[j] is part[j]'s."""
+    best = np.full((len(match), _N), -np.inf)
+    for i in range(len(match)):
+        for j in range(len(swatch)):
+            best[i, part[j]] = max(best[i, part[j]], match[i, swatch[j]])
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _match(
+    chroma: _Array, noise: _Array, middle: _Array, variance: _Array, unknown: _Array, cost: _Array
+) -> _Array:
+    """Log density (n, K) of normal distributions less each one's cost, as ``ColorModel.match`` says."""
+    score = np.empty((len(chroma), len(middle)))
+    for i in range(len(chroma)):
+        for k in range(len(middle)):
+            x, y = chroma[i, 0] - middle[k, 0], chroma[i, 1] - middle[k, 1]
+            own = noise[i] ** 2 + variance[k]
+            xx, xy, yy = own + unknown[k, 0, 0], unknown[k, 0, 1], own + unknown[k, 1, 1]
+            area = xx * yy - xy**2
+            away = (yy * x**2 - 2 * xy * x * y + xx * y**2) / area
+            score[i, k] = -0.5 * away - 0.5 * np.log(area / SIGMA**4) - cost[k]
+    return score
+
+
+def readable(rgb: NDArray[np.uint8], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which colours (n, 3) say anything (n,): seen, neither black nor white for want of range."""
+    return np.asarray(seen & (rgb.max(axis=1) >= DARK) & ((rgb >= CLIPPED).sum(axis=1) < 2))
+
+
+def unfitted(suit: Suit) -> ColorModel:
+    """The palette as it is to be expected."""
+    names = [part.name for part in BODY_PARTS]
+    wears = [part - 1 == np.arange(_N) for part in suit.parts] + [np.isin(names, worn) for _, worn in BARE]
+    palette = chromaticity(np.concatenate([suit.colors_rgb, np.array([rgb for rgb, _ in BARE])]))
+    bare = np.arange(len(palette)) >= len(suit.parts)
+    variance = np.full(len(palette), SIGMA**2)
+    model = ColorModel(
+        palette, palette, np.zeros((len(palette), 2, 2)), variance, np.array(wears), bare, GAIN
+    )
+    return under(model, GAIN)
+
+
+def under(model: ColorModel, log_gain: _Array) -> ColorModel:
+    """A palette as it is to be expected in a light, before any colour has been seen."""
+    model = replace(model, log_gain=log_gain)
+    fading = model.fading
+    return replace(model, shift=FADE * fading, unknown=_strays(model, fading))
+
+
+def refit_colors(model: ColorModel, rgb: NDArray[np.uint8], belief: _Array) -> ColorModel:
+    """Fit all by expectation maximisation, knowing what parts the colours (n, 3) are likely on: (n, 11)."""
+    every = slice(None, None, -(-len(rgb) // MAX_POINTS))
+    rgb, prior = rgb[every], belief[every] @ model.wears.T
+    chroma, noise = chromaticity(rgb), blur(rgb)
+    for _ in range(ROUNDS):
+        match = np.exp(model.match(chroma, noise)) * prior
+        share = match / (match.sum(axis=1, keepdims=True) + STRAY)
+        weight = share / (noise[:, None] ** 2 + model.variance)
+        model = replace(model, log_gain=_fitted_gain(model, chroma, weight))
+        model = _fitted_swatches(model, chroma, share)
+    return model
+
+
+def blur(rgb: NDArray[np.uint8]) -> _Array:
+    """Uncertainty (n,) of each colour's chromaticity: noise of the dark, the loss of the clipped."""
+    brightest = np.maximum(rgb.max(axis=1), 1.0)
+    return np.asarray(np.hypot(NOISE_RGB / brightest, CLIP_SIGMA * (rgb >= CLIPPED).sum(axis=1)))
+
+
+def _fitted_gain(model: ColorModel, chroma: _Array, weight: _Array) -> _Array:
+    """One Gauss-Newton step of the log gains; weight (n, K): responsibility over variance."""
+    x, y = model.lit.T
+    z = 1 - x - y
+    jacobian = np.stack([np.stack([x * (1 - x), -x * z], 1), np.stack([-x * y, -y * z], 1)], 1)
+    mass = weight.sum(axis=0)
+    residual = weight.T @ chroma - mass[:, None] * (model.lit + model.shift)
+    worth = GAIN_POINTS / len(chroma)
+    normal = worth * np.einsum("k,kij,kil->jl", mass, jacobian, jacobian) + np.eye(2) / GAIN_SIGMA**2
+    slope = worth * np.einsum("kij,ki->j", jacobian, residual) - (model.log_gain - GAIN) / GAIN_SIGMA**2
+    return np.asarray(model.log_gain + np.linalg.solve(normal, slope))
+
+
+def _fitted_swatches(model: ColorModel, chroma: _Array, share: _Array) -> ColorModel:
+    """The model with each swatch's shift and spread fitted to its share (n, K) of the colours (n, 2).
+
+    A shift's prior is a normal distribution drawn out towards the light's chromaticity, for cloth fades.
+    """
+    prior = np.linalg.inv(_strays(model, model.fading))
+    mass = share.sum(axis=0)
+    gaps = _variance(model, chroma, share, mass)
+    own = (gaps * mass + SIGMA_POINTS * SIGMA**2) / (mass + SIGMA_POINTS)
+    precision = POINT_WORTH * mass / own
+    pull = np.einsum("kij,kj->ki", prior, FADE * model.fading)
+    pull += (POINT_WORTH / own)[:, None] * (share.T @ chroma - mass[:, None] * model.lit)
+    unknown = np.linalg.inv(prior + precision[:, None, None] * np.eye(2))
+    shift = np.einsum("kij,kj->ki", unknown, pull)
+    return replace(model, shift=shift, unknown=unknown, variance=np.maximum(own, LEAST_SIGMA**2))
+
+
+def _strays(model: ColorModel, fading: _Array) -> _Array:
+    """Covariance (..., K, 2, 2) of the swatches' shifts before any colour has been seen.
+
+    fading: (..., K, 2).
+    """
+    hue = np.where(model.bare, BARE_HUE_SIGMA, HUE_SIGMA)
+    return np.asarray(
+        FADE_SIGMA**2 * fading[..., :, None] * fading[..., None, :] + hue[:, None, None] ** 2 * np.eye(2)
+    )
+
+
+def _variance(model: ColorModel, chroma: _Array, share: _Array, mass: _Array) -> _Array:
+    """Variance (K,) of the colours a swatch explains about their own mean, along one axis."""
+    mean = share.T @ chroma / np.maximum(mass, 1e-9)[:, None]
+    gaps = (chroma[:, :1] - mean[:, 0]) ** 2 + (chroma[:, 1:] - mean[:, 1]) ** 2
+    return np.asarray((share * gaps).sum(axis=0) / np.maximum(mass, 1e-9) / 2)

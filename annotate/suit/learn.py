@@ -1,0 +1,188 @@
+"""A palette learnt from what was seen: corrected frames of a session, or a photograph of the cloths."""
+
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from skimage.color import rgb2lab
+
+from annotate.cloud import ThermalCloud
+from annotate.fuse import Fuser
+from annotate.labels import FrameLabels
+from annotate.labelset.store import LabelSet
+from annotate.parts import BODY_PARTS
+from annotate.suit.color_model import readable
+from annotate.suit.palette import MIN_CHROMA_DISTANCE, Suit, chromaticity
+from sensors.errors import CloudError
+from sensors.source import FrameSource
+
+BORDER_PX = 2
+"""Nearer than this to another part a colour may be its neighbour's."""
+LEAST_POINTS, MAX_POINTS = 30, 4000
+"""Readable points of a part that a swatch needs, and that are looked at."""
+LEAST_SHARE = 0.15
+"""A second colour of a part, its skin, covers at least this share of it."""
+MAX_IMAGE_BYTES, MAX_SIDE = 50_000_000, 10_000
+CONTRAST = 12.0
+"""A patch differs from the paper by this much in CIELAB; 2.3 is just noticeable (Sharma 2003)."""
+LEAST_PATCH = 0.002
+"""Share of the photograph below which a spot is no patch."""
+
+_Array = NDArray[np.float64]
+
+
+def corrected_frames(labels: LabelSet) -> list[str]:
+    """Ids of the frames that are known to be right. Raises CloudError where there is none."""
+    ids = [i for i in labels.frame_ids if labels.read(i).status != "auto"]
+    if not ids:
+        raise CloudError(
+            f"{labels.path} holds no corrected frame; correct one, or name right ones by --frame"
+        )
+    return ids
+
+
+def clouds_with(
+    labels: LabelSet, frame_ids: list[str], source: FrameSource
+) -> Iterator[tuple[ThermalCloud, FrameLabels]]:
+    """The clouds of a source's frames with their labels. Raises CloudError when either lacks one."""
+    wanted = set(frame_ids)
+    if missing := sorted(wanted - set(labels.frame_ids)):
+        raise CloudError(f"{labels.path} has no frame {missing[0]!r}; give one of its ids")
+    fuser = Fuser(source.calibration)
+    for frame in source:
+        if (frame_id := f"{frame.index:06d}") in wanted:
+            wanted.remove(frame_id)
+            yield fuser.fuse_frame(frame), labels.read(frame_id)
+            if not wanted:
+                return
+    raise CloudError(f"{source.name} has no frame {min(wanted)}; give the session the labels were made from")
+
+
+def suit_from_labels(frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: str) -> Suit:
+    """Learn the palette from clouds and the right labels of their depth images.
+
+    Every part takes its one or two main colours. Raises CloudError when labels are of another depth image,
+    or no frame shows enough of a part.
+    """
+    seen: dict[int, list[NDArray[np.uint8]]] = {part.id: [] for part in BODY_PARTS}
+    for cloud, labels in frames:
+        if not np.array_equal(cloud.depth_mm, labels.depth_mm):
+            raise CloudError(
+                f"frame {labels.frame_id} of the labels shows another depth image than the session's; "
+                "give the session they were made from"
+            )
+        inner = _inner(labels.parts)
+        for part in BODY_PARTS:
+            here = labels.parts == part.id
+            here = here & inner if (here & inner).sum() >= LEAST_POINTS else here
+            rgb = cloud.color_rgb[here]
+            seen[part.id].append(rgb[readable(rgb, cloud.color_valid[here])])
+    return _suit({part: np.concatenate(colors) for part, colors in seen.items() if colors}, name)
+
+
+def suit_from_photo(path: Path, name: str) -> Suit:
+    """Learn the palette from a photograph (PNG or JPEG) of eleven patches of cloth on plain paper.
+
+    The patches lie apart, row by row in the order of the parts: head, torso, left upper arm and so on.
+    Raises CloudError when the picture cannot be read or shows another number of patches.
+    """
+    rgb = _read(path)
+    border = np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]])
+    paper = np.median(border, axis=0).astype(np.uint8)
+    away = np.linalg.norm(rgb2lab(rgb) - rgb2lab(paper[None, None]), axis=2)
+    spots = cv2.morphologyEx((away > CONTRAST).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(spots)
+    patches = [i for i in range(1, len(stats)) if stats[i, cv2.CC_STAT_AREA] >= LEAST_PATCH * spots.size]
+    if len(patches) != len(BODY_PARTS):
+        raise CloudError(
+            f"swatches {path} show {len(patches)} patches; lay {len(BODY_PARTS)} apart on plain paper, "
+            f"row by row in this order: {', '.join(part.name for part in BODY_PARTS)}"
+        )
+    inner = cv2.erode(spots, np.ones((5, 5), np.uint8), borderValue=0) > 0
+    ordered = _row_by_row(stats[patches])
+    found = {
+        part.id: rgb[inner & (labels == patches[i])] for part, i in zip(BODY_PARTS, ordered, strict=True)
+    }
+    return _suit(
+        {part: colors[readable(colors, np.ones(len(colors), np.bool_))] for part, colors in found.items()},
+        name,
+        1,
+    )
+
+
+def _suit(colors: dict[int, NDArray[np.uint8]], name: str, most: int = 2) -> Suit:
+    swatches = []
+    for part in BODY_PARTS:
+        own = colors.get(part.id, np.zeros((0, 3), np.uint8))
+        if len(own) < LEAST_POINTS:
+            raise CloudError(
+                f"{part.name} shows {len(own)} readable colours, {LEAST_POINTS} are needed; "
+                "add a frame that shows it in even light"
+            )
+        swatches += [(rgb, part.id) for rgb in _main_colors(own, most)]
+    return Suit(
+        name,
+        np.array([rgb for rgb, _ in swatches], np.uint8),
+        np.array([part for _, part in swatches], np.uint8),
+    )
+
+
+def _main_colors(rgb: NDArray[np.uint8], most: int) -> list[tuple[int, ...]]:
+    """The mean colour of a part, or two where its chromaticities (n, 3) fall apart; the larger first."""
+    rgb = rgb[:: -(-len(rgb) // MAX_POINTS)]
+    chroma = chromaticity(rgb)
+    # Starts from the median and the point farthest from it: the same points give the same swatches.
+    middle = np.median(chroma, axis=0)
+    far = chroma[np.linalg.norm(chroma - middle, axis=1).argmax()]
+    centres = np.stack([middle, far])
+    for _ in range(20):
+        side = np.linalg.norm(chroma[:, None] - centres, axis=2).argmin(axis=1)
+        if most == 1 or min((side == 0).mean(), (side == 1).mean()) < LEAST_SHARE:
+            return [_typical(rgb)]
+        centres = np.stack([np.median(chroma[side == i], axis=0) for i in (0, 1)])
+    if np.linalg.norm(centres[0] - centres[1]) < MIN_CHROMA_DISTANCE:
+        return [_typical(rgb)]
+    order = (0, 1) if (side == 0).mean() >= 0.5 else (1, 0)
+    return [_typical(rgb[side == i]) for i in order]
+
+
+def _typical(rgb: NDArray[np.uint8]) -> tuple[int, ...]:
+    """The median chromaticity of colours (n, 3) at their upper brightness, as sRGB."""
+    x, y = np.median(chromaticity(rgb), axis=0)
+    shares = np.maximum([x, y, 1 - x - y], 0)
+    level = np.quantile(rgb.max(axis=1), 0.9)
+    return tuple(int(c) for c in np.rint(level * (shares / shares.max()) ** (1 / 2.2)))
+
+
+def _inner(parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    square = np.ones((2 * BORDER_PX + 1,) * 2, np.uint8)
+    return np.asarray(cv2.dilate(parts, square) == cv2.erode(parts, square))
+
+
+def _row_by_row(stats: NDArray[Any]) -> list[int]:
+    """Indices of patches in reading order; a row ends where the next patch starts below its middle."""
+    top, height = stats[:, cv2.CC_STAT_TOP], stats[:, cv2.CC_STAT_HEIGHT]
+    middle = top + height / 2
+    row = np.zeros(len(stats), int)
+    order = np.argsort(middle)
+    for last, this in pairwise(order.tolist()):
+        row[this] = row[last] + (middle[this] - middle[last] > np.median(height) / 2)
+    return [int(i) for i in np.lexsort((stats[:, cv2.CC_STAT_LEFT], row))]
+
+
+def _read(path: Path) -> NDArray[np.uint8]:
+    try:
+        if path.stat().st_size > MAX_IMAGE_BYTES:
+            raise CloudError(f"swatches {path} are larger than {MAX_IMAGE_BYTES} bytes; give a photograph")
+        with Image.open(path, formats=("JPEG", "PNG")) as image:
+            if max(image.size) > MAX_SIDE or min(image.size) < 2 * BORDER_PX + 1:
+                raise CloudError(f"swatches {path} have {image.size} pixels; give 100 to {MAX_SIDE} a side")
+            image.thumbnail((1000, 1000))
+            return np.array(image.convert("RGB"))
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise CloudError(f"swatches {path} cannot be read ({error}); give a PNG or JPEG") from error
