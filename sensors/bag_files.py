@@ -7,15 +7,13 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
-from mcap.records import Channel, McapRecord, Message, Schema
+from mcap.records import Channel, Message, Schema
 
 from sensors.errors import FormatError
-from sensors.mcap_records import MAX_RECORD_BYTES, record_offsets, records_at
+from sensors.mcap_records import MAX_RECORD_BYTES, MessageReader, record_offsets, records_at
 
-CACHED_CHUNKS = 8
 MAX_TEXT = 200
 MAX_SQLITE_STEPS = 1_000_000
 """Thousands of virtual instructions a query may take: a view can be written that never ends."""
@@ -40,7 +38,7 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._chunk = lru_cache(CACHED_CHUNKS)(self._read_chunk)
+        self._messages = MessageReader(path)
 
     def entries(self) -> Iterator[Entry]:
         """Every message of the file, in the file's order."""
@@ -61,15 +59,7 @@ class McapFile:
 
     def read(self, place: tuple[int, int]) -> bytes:
         """A message's bytes."""
-        records, slot = self._chunk(place[0]), place[1]
-        record = records[slot] if slot < len(records) else None
-        if not isinstance(record, Message):
-            raise FormatError(f"{self.path} was changed while it was read; open it again")
-        return record.data
-
-    def _read_chunk(self, offset: int) -> list[McapRecord]:
-        with self.path.open("rb") as file:
-            return records_at(file, offset)
+        return self._messages.read(*place)
 
 
 class SqliteFile:

@@ -9,13 +9,15 @@ import os
 import struct
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
 from typing import BinaryIO
 
 import lz4.frame
 import zstandard
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk, McapRecord
+from mcap.records import Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from sensors.errors import FormatError
@@ -23,6 +25,7 @@ from sensors.errors import FormatError
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 1 << 28
 """Largest record or chunk accepted: room for the largest image that a camera may have."""
+CACHED_CHUNKS = 8
 
 _HEAD = struct.Struct("<BQ")  # opcode, length (MCAP specification, "Records")
 _WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.STATISTICS}
@@ -93,6 +96,26 @@ def records_at(file: BinaryIO, offset: int) -> list[McapRecord]:
         raise FormatError(
             f"{file.name} is damaged at byte {offset} ({reason}); repair it, or restore it from a copy"
         ) from error
+
+
+class MessageReader:
+    """Messages by their places in an MCAP file, at random; the last few chunks stay unpacked."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._chunk = lru_cache(CACHED_CHUNKS)(self._read_chunk)
+
+    def read(self, offset: int, slot: int) -> bytes:
+        """The bytes of message ``slot`` of the chunk at ``offset``. Raises FormatError where none is."""
+        records = self._chunk(offset)
+        record = records[slot] if slot < len(records) else None
+        if not isinstance(record, Message):
+            raise FormatError(f"{self._path} was changed while it was read; open it again")
+        return record.data
+
+    def _read_chunk(self, offset: int) -> list[McapRecord]:
+        with self._path.open("rb") as file:
+            return records_at(file, offset)
 
 
 def _contents(chunk: Chunk) -> list[McapRecord]:

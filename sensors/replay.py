@@ -3,21 +3,20 @@
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.records import McapRecord, Message
 from numpy.typing import NDArray
 
 from sensors.calibration import RigCalibration
 from sensors.camera import Intrinsics
 from sensors.clock import fit_clock
 from sensors.contents import Messages, read_contents
-from sensors.errors import CalibrationError, FormatError
+from sensors.errors import CalibrationError
 from sensors.frame import RigFrame
-from sensors.mcap_records import records_at
+from sensors.mcap_records import MessageReader
 from sensors.messages import (
     COLOR,
     COUNTS,
@@ -43,8 +42,6 @@ CLOCK = "clock "
 LATENCY = "latency "
 """Metadata keys that say how many milliseconds after its exposure a topic's image arrives begin with it."""
 MAX_LATENCY_MS = 1000.0
-
-CACHED_CHUNKS = 4
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ class Session:
         # One exposure gives both.
         self._infrared = pair_stamps(self._messages[DEPTH].stamps_ns, self._messages[INFRARED].stamps_ns, 0)
         self._host = host
-        self._chunk = lru_cache(CACHED_CHUNKS)(self._read_chunk)
+        self._reader = MessageReader(path)
 
     def __len__(self) -> int:
         return len(self._messages[DEPTH].stamps_ns)
@@ -147,15 +144,7 @@ class Session:
 
     def _message(self, topic: str, index: int) -> bytes:
         messages = self._messages[topic]
-        records, slot = self._chunk(int(messages.offsets[index])), int(messages.slots[index])
-        record = records[slot] if slot < len(records) else None
-        if not isinstance(record, Message):
-            raise FormatError(f"{self.path} was changed while it was read; open it again")
-        return record.data
-
-    def _read_chunk(self, offset: int) -> list[McapRecord]:
-        with self.path.open("rb") as file:
-            return records_at(file, offset)
+        return self._reader.read(int(messages.offsets[index]), int(messages.slots[index]))
 
 
 def host_times(messages: dict[str, Messages], metadata: dict[str, str]) -> dict[str, NDArray[np.int64]]:

@@ -28,8 +28,8 @@ from fuzz_samples import READERS, Reader  # noqa: E402
 
 from sensors.errors import CloudError  # noqa: E402
 
-HANG_S = 30.0
-"""A sample of a few kB that takes longer, on a busy machine, hangs."""
+HANG_S, HANG_WALL_S = 30.0, 600.0
+"""A sample of a few kB that takes longer, of the processor or by the clock of a busy machine, hangs."""
 MEMORY_BYTES = 2 << 30
 """What a reader may take beyond what its process has when it starts."""
 NUMBERS = (
@@ -115,35 +115,42 @@ class Fuzzer:
 
 
 def fuzz(name: str, seconds: float, seed: int, corpus: Path) -> list[Path]:
-    """Fuzz one reader; returns the folders of its findings."""
+    """Fuzz one reader for so many seconds of the processor; returns the folders of its findings."""
     findings: list[Path] = []
     with tempfile.TemporaryDirectory() as folder:
         count = multiprocessing.Value("q", 0)
-        deadline, runs = time.monotonic() + seconds, 0
-        while time.monotonic() < deadline:
+        before_s, runs = _workers_s(), 0
+        while (left_s := seconds - (_workers_s() - before_s)) > 0:
             root = Path(folder) / str(runs)
             root.mkdir()
             runs += 1
-            worker = multiprocessing.Process(target=_work, args=(name, root, seed, count, deadline))
+            worker = multiprocessing.Process(target=_work, args=(name, root, seed, count, left_s))
             worker.start()
             why = _watch(worker, count)
             if why:
                 findings.append(_keep(name, seed, count.value, root, why, corpus))
                 count.value += 1
             shutil.rmtree(root)
-        print(f"{name}: {count.value} samples, {len(findings)} findings", flush=True)
+        spent_s = _workers_s() - before_s
+        print(f"{name}: {spent_s:.0f} CPU s, {count.value} samples, {len(findings)} findings", flush=True)
     return findings
 
 
+def _workers_s() -> float:
+    """Seconds of the processor that workers have taken so far, those that ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def _work(
-    name: str, root: Path, seed: int, count: "multiprocessing.sharedctypes.Synchronized[int]", deadline: float
+    name: str, root: Path, seed: int, count: "multiprocessing.sharedctypes.Synchronized[int]", seconds: float
 ) -> None:
     faulthandler.enable((root / "trace").open("w"))
     fuzzer = Fuzzer(READERS[name], root)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY_BYTES, used + MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    while time.monotonic() < deadline:
+    while time.process_time() < seconds:
         fuzzer.spoil((seed, count.value))
         why = fuzzer.finding()
         if why:
@@ -155,16 +162,25 @@ def _work(
 
 def _watch(worker: multiprocessing.Process, count: "multiprocessing.sharedctypes.Synchronized[int]") -> str:
     """Wait for the worker; why it ended before its time, or ""."""
-    seen, since = -1, time.monotonic()
+    seen, since, since_s = -1, time.monotonic(), 0.0
     while worker.is_alive():
         worker.join(0.2)
         if count.value != seen:
-            seen, since = count.value, time.monotonic()
-        elif time.monotonic() - since > HANG_S:
+            seen, since, since_s = count.value, time.monotonic(), _processor_s(worker)
+        elif _processor_s(worker) - since_s > HANG_S or time.monotonic() - since > HANG_WALL_S:
             worker.kill()
             worker.join()
-            return f"no answer for {HANG_S:.0f} s"
+            return f"no answer for {HANG_S:.0f} s of the processor or {HANG_WALL_S:.0f} s"
     return "" if worker.exitcode == 0 else f"exit {worker.exitcode}"
+
+
+def _processor_s(worker: multiprocessing.Process) -> float:
+    """Seconds of the processor that a worker has taken; 0 once it has ended."""
+    try:
+        fields = Path(f"/proc/{worker.pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _keep(name: str, seed: int, number: int, root: Path, why: str, corpus: Path) -> Path:
@@ -185,7 +201,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seconds", type=float, default=60.0, help="time for each reader")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of the processor, for each reader")
     parser.add_argument("--reader", choices=sorted(READERS), action="append", help="which; all without it")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--corpus", type=Path, default=Path("fuzz-findings"))
