@@ -14,6 +14,7 @@ from annotate.cleanup import tidied
 from annotate.cloud import ThermalCloud
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
+from annotate.labelset.claim import Claim, login
 from annotate.labelset.probabilities import Probabilities
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND
@@ -91,13 +92,27 @@ def run(
     ``one`` is given the labels of the frame before exactly as they are stored, None at first and after a
     frame that failed: so a run that broke off goes on to the same bytes. ``look`` makes of a cloud what
     ``one`` is given, beside the work on the frame before and without its labels. Raises ExistsError when
-    ``out`` holds something else than the beginning of this very run, CloudError when every frame is bad: then
-    nothing is left behind.
+    ``out`` holds something else than the beginning of this very run, ClaimedError while somebody else writes
+    it, CloudError when every frame is bad: then nothing is left behind.
     """
     fuser = Fuser(source.calibration)
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}
     labels = LabelSet.resume(out, fuser.camera, info)
-    done, failed = set(labels.frame_ids), []
+    with Claim.take(out, login()):
+        return finished(labels, _run(source, fuser, labels, one, progress, look))
+
+
+def _run(
+    source: FrameSource,
+    fuser: Fuser,
+    labels: LabelSet,
+    one: Labeller,
+    progress: Callable[[int], None],
+    look: Callable[[ThermalCloud], Any],
+) -> list[tuple[str, str]]:
+    """Label the frames that are not done yet; (frame id, why) of those that failed."""
+    done = set(labels.frame_ids)
+    failed: list[tuple[str, str]] = []
     before: FrameLabels | None = None
 
     def fuse(frame: RigFrame) -> _Seen:
@@ -119,7 +134,7 @@ def run(
                 failed.append((frame_id, str(error)))
                 before = None
         progress(1)
-    return finished(labels, failed)
+    return failed
 
 
 def _id(frame: RigFrame) -> str:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -28,15 +28,20 @@ VIRTUAL_FRAMES = 30
 """A second of the virtual rig at 30 a second, which the virtual cameras show round and round."""
 
 
-@dataclass(frozen=True)
 class Shown:
-    """What virtual cameras see."""
+    """What virtual cameras see: a second of the virtual rig, rendered when the first of them looks."""
 
-    frames: tuple[RigFrame, ...]
-    calibration: RigCalibration
+    def __init__(self) -> None:
+        self._rig = VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
+        self.calibration = self._rig.calibration
 
     def __iter__(self) -> Iterator[RigFrame]:
-        return iter(self.frames)
+        return iter(self._frames)
+
+    @cached_property
+    def _frames(self) -> tuple[RigFrame, ...]:
+        say(f"rendering {VIRTUAL_FRAMES} frames for the virtual cameras")
+        return tuple(self._rig)
 
 
 def record(
@@ -55,7 +60,7 @@ def record(
         raise DeviceError("nothing says what to record; give either --rig or one or more --device")
     wanted = load_rig(rig) if rig is not None else Rig("rig", tuple(device or ()))
     with ExitStack() as stack:
-        shown = shown_to_virtual() if any(a.startswith("virtual:") for a in wanted.devices) else None
+        shown = Shown() if any(a.startswith("virtual:") for a in wanted.devices) else None
         devices = [stack.enter_context(closing(open_device(a, shown))) for a in wanted.devices]
         calibration = _calibration(wanted, devices, shown)
         metadata = clock_metadata(devices, wanted.latency_ms)
@@ -64,13 +69,6 @@ def record(
         with writer, _preview() as show:
             done = recorder.run(_until(seconds), show)
     _report(out, done, json)
-
-
-def shown_to_virtual() -> Shown:
-    """A second of the virtual rig, rendered beforehand."""
-    say(f"rendering {VIRTUAL_FRAMES} frames for the virtual cameras")
-    rig = VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
-    return Shown(tuple(rig), rig.calibration)
 
 
 def _calibration(rig: Rig, devices: list[Device], shown: Shown | None) -> RigCalibration:

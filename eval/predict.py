@@ -10,6 +10,7 @@ from annotate.cloud import ThermalCloud
 from annotate.crop import SIZE, Crop, person_of
 from annotate.label import Run, check_same, finished, run
 from annotate.labels import FrameLabels
+from annotate.labelset.claim import Claim, login
 from annotate.labelset.store import LabelSet
 from annotate.person.extract import PersonMask, extract_person
 from annotate.segmentation.segment import Segmentation, unlabelled
@@ -64,8 +65,8 @@ def predict_frames(
     """Label the persons of a label set or a dataset by the network, within the same outlines; resumes.
 
     Frames that cannot be read are left out and listed. Raises ExistsError when ``out`` holds something else
-    than the beginning of this very run, CloudError when there is no frame, or none that can be done;
-    FormatError where a dataset breaks off.
+    than the beginning of this very run, ClaimedError while somebody else writes it, CloudError when there is
+    no frame, or none that can be done; FormatError where a dataset breaks off.
     """
     if not len(frames):
         raise CloudError(f"{frames.path} holds no frames; give a label set or dataset with frames")
@@ -76,6 +77,19 @@ def predict_frames(
         camera, source = _camera_of_crops(), frames.path.resolve().name
         step["dataset"] = sha256(frames.path / MANIFEST)
     predicted = LabelSet.resume(out, camera, {"source": source, "steps": {"predict": step}})
+    with Claim.take(out, login()):
+        return finished(predicted, _predict(frames, network, predicted, progress, probabilities, batch))
+
+
+def _predict(
+    frames: Frames,
+    network: Network,
+    predicted: LabelSet,
+    progress: Callable[[int], None],
+    probabilities: bool,
+    batch: int,
+) -> list[tuple[str, str]]:
+    """Label the frames that are not done yet; (frame id, why) of those that failed."""
     failed: list[tuple[str, str]] = []
     todo = _todo(frames, predicted, failed, progress)
     with ThreadPoolExecutor(WRITERS) as writers:
@@ -87,7 +101,7 @@ def predict_frames(
             _wait(writing, progress)
             writing = [writers.submit(_write, predicted, *pair) for pair in zip(some, results, strict=True)]
         _wait(writing, progress)
-    return finished(predicted, failed)
+    return failed
 
 
 def _step(network: Network, probabilities: bool) -> dict[str, Any]:

@@ -1,8 +1,9 @@
 """Files that are either there in full or not at all."""
 
 import os
+import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -13,7 +14,7 @@ def replacing(path: Path) -> Iterator[Path]:
     The bytes are flushed to the disk before the rename, so a power cut leaves the old or the new file.
     Raises OSError, e.g. when the disk is full.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    temporary = temporary_of(path)
     try:
         yield temporary
         with temporary.open("rb") as file:
@@ -27,3 +28,17 @@ def write_bytes(path: Path, data: bytes) -> None:
     """Write ``data`` to ``path`` atomically."""
     with replacing(path) as temporary:
         temporary.write_bytes(data)
+
+
+def temporary_of(path: Path) -> Path:
+    """What ``path`` is called while this process makes it: hidden, beside it."""
+    return path.with_name(f".{path.name}.{os.getpid()}.partial")
+
+
+def sweep(folder: Path, pattern: str = "**/.*.partial") -> None:
+    """Remove the files and folders below ``folder`` that killed processes were making (``temporary_of``)."""
+    for path in list(folder.glob(pattern)):
+        pid = path.name.split(".")[-2]
+        if pid.isdigit() and not Path("/proc", pid).exists():
+            with suppress(OSError):
+                shutil.rmtree(path) if path.is_dir() else path.unlink()

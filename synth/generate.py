@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from annotate.labelset.claim import Claim, login
 from sensors.atomic import write_bytes
 from sensors.errors import CloudError, ExistsError
 from synth.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
@@ -88,12 +89,22 @@ def make_shard(order: Order, shard: int) -> bytes:
 def generate(order: Order, out: Path, workers: Workers, progress: Callable[[int], None]) -> Made:
     """Write the missing shards, then manifest and page, into ``out``; ``progress`` gets images done.
 
-    Raises ExistsError when ``out`` holds something else than the beginning of this very order.
+    Raises ExistsError when ``out`` holds something else than the beginning of this very order, ClaimedError
+    while another process makes it.
     """
-    _claim(order, out)
-    missing = [i for i in range(order.shards) if not (out / _file(i)).is_file()]
-    made = sum(len(order.frames(i)) for i in missing)
-    progress(order.count - made)
+    _begin(order, out)
+    with Claim.take(out, login()):
+        missing = [i for i in range(order.shards) if not (out / _file(i)).is_file()]
+        made = sum(len(order.frames(i)) for i in missing)
+        progress(order.count - made)
+        hashes = _make(order, out, missing, workers, progress)
+        return Made(_finish(order, out, hashes), made)
+
+
+def _make(
+    order: Order, out: Path, missing: list[int], workers: Workers, progress: Callable[[int], None]
+) -> dict[int, str]:
+    """Make and write these shards; SHA-256 by shard."""
     hashes: dict[int, str] = {}
     futures: dict[Future[bytes], int] = {}
     queue = iter(missing)
@@ -103,8 +114,10 @@ def generate(order: Order, out: Path, workers: Workers, progress: Callable[[int]
             while len(futures) < 2 * workers.parallel and (shard := next(queue, None)) is not None:
                 futures[workers.executor.submit(make_shard, order, shard)] = shard
             if not futures:
-                break
-            for done in wait(futures, return_when=FIRST_COMPLETED).done:
+                return hashes
+            finished = wait(futures, return_when=FIRST_COMPLETED).done
+            # What is whole first: a worker that was lost must not take another's shard along.
+            for done in sorted(finished, key=lambda future: future.exception() is not None):
                 shard, data = futures.pop(done), done.result()
                 write_bytes(out / _file(shard), data)
                 hashes[shard] = hashlib.sha256(data).hexdigest()
@@ -112,10 +125,9 @@ def generate(order: Order, out: Path, workers: Workers, progress: Callable[[int]
     finally:
         for future in futures:
             future.cancel()
-    return Made(_finish(order, out, hashes), made)
 
 
-def _claim(order: Order, out: Path) -> None:
+def _begin(order: Order, out: Path) -> None:
     """Start or resume: the order file says whose half-finished folder this is."""
     started = out / ORDER
     text = (json.dumps(order.manifest(), sort_keys=True) + "\n").encode()

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cli.recording import shown_to_virtual
+from cli.recording import Shown
 from sensors.devices import open_device
 from sensors.recorder import Recorder, clock_metadata
 from sensors.replay import Session
@@ -33,7 +33,7 @@ def resident_mb() -> float:
 
 
 def measure(path: Path, seconds: float) -> None:
-    shown = shown_to_virtual()
+    shown = Shown()
     devices = [open_device(address, shown) for address in DEVICES]
     memory: list[float] = []
     with SessionWriter(path, shown.calibration, "x", metadata=clock_metadata(devices, {})) as writer:

@@ -22,9 +22,8 @@ from annotate.correction.propagate import FRAMES, Worked, propagate
 from annotate.correction.select import View
 from annotate.effort.agreement import Agreement
 from annotate.effort.hand import drawn
-from annotate.effort.keystrokes import MENTAL_S, Tools, gesture, gesture_s, move_s, moves_s
+from annotate.effort.keystrokes import MENTAL_S, ONE_BY_ONE, Tools, gesture, gesture_s, move_s, moves_s
 from annotate.effort.repairs import (
-    AT_ONCE,
     SCALE,
     Move,
     Patch,
@@ -102,11 +101,13 @@ class Annotator:
     """A simulated person at the window. clock: their time, for the editors and corrections they work in.
 
     goal: the agreement they work to. tolerance_px: how far beside the true border a border may lie before
-    they mind.
+    they mind. at_once: patches of one part that they take in with one look (``keystrokes``).
     """
 
-    def __init__(self, goal: float = AGREEMENT, tolerance_px: int = TOLERANCE_PX) -> None:
-        self.clock, self.goal, self.tolerance_px = Clock(), goal, tolerance_px
+    def __init__(
+        self, goal: float = AGREEMENT, tolerance_px: int = TOLERANCE_PX, at_once: int = ONE_BY_ONE
+    ) -> None:
+        self.clock, self.goal, self.tolerance_px, self.at_once = Clock(), goal, tolerance_px, at_once
         self._tools = Tools()
 
     def work(
@@ -174,7 +175,7 @@ class Annotator:
         together = (
             in_one_go([option.repair for option in sorted(some, key=lambda o: -o.rate)[:count]])
             for some in best.values()
-            for count in range(2, min(len(some), AT_ONCE) + 1)
+            for count in range(2, min(len(some), self.at_once) + 1)
         )
         for repair in chain(together, repairs_of_frame(sight, {patch.part for patch in found})):
             if repair.identity not in tried:

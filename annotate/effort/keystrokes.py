@@ -2,6 +2,15 @@
 
 Operators and times: Card, Moran & Newell, The Psychology of Human-Computer Interaction, 1983, chapter 8.
 Keys lie under the left hand while the right one holds the mouse (``gui.keys``): no homing is charged.
+
+Mental preparation is charged once for every look: one before each patch that is mended, to find it and to
+choose what to do about it, and one that finds nothing wrong any more. Their rules charge less: a patch is
+an argument, and pointing at one takes no preparation (rule 0), nor does the button that was anticipated
+while pointing (rule 1); finding it would belong to acquiring the task, which their model leaves out. We
+follow Kieras (Using the keystroke-level model to estimate execution times, 1993, revised 2001), who charges
+it for finding something on the display and for a decision about strategy, since both are the work here.
+The looser reading, in which one look takes in up to AT_A_GLANCE patches of one part as a chunk (rules 1 and
+2), is ``Annotator(at_once=AT_A_GLANCE)``; figures of both: docs/adr/0009.
 """
 
 from dataclasses import dataclass
@@ -25,6 +34,9 @@ NOTCH_S = KEY_S
 """The mouse wheel turned by one notch."""
 MENTAL_S = 1.35
 """Mental preparation: looking at the frame, seeing what is wrong next and deciding what to do about it."""
+ONE_BY_ONE, AT_A_GLANCE = 1, 4
+"""Patches that one look takes in, and are mended one after the other with the same key chosen: strictly, and
+as many as people hold in mind at a time (Cowan, The magical number 4 in short-term memory, 2001)."""
 STEER_S = 0.1
 """Seconds for a drawn path as long as it is wide: slope of the steering law T = b * length / width
 (Accot & Zhai, Beyond Fitts' law, CHI 1997). Our assumption: the slope depends on device and person."""

@@ -23,10 +23,6 @@ MOST_CLICKS = (1, 2, 4)
 """How many pieces a person clicks away before looking again."""
 MOST_GROWING = 4
 """Clicks in place that grow a piece."""
-AT_ONCE = 4
-"""Patches of one part that a person takes in with one look, and mends one after the other with the same key
-chosen: a chunk, within which no further preparation is charged (Card, Moran & Newell, rule 1). Four is what
-the eye holds at a time (Cowan 2001)."""
 NEAR_PX = 60
 """Patches no longer than this are worth bringing the image nearer."""
 

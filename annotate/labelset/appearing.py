@@ -1,12 +1,14 @@
 """Folders that appear when they are whole, and what may never be replaced by them."""
 
-import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from glob import escape
 from pathlib import Path
 
+from annotate.labelset.claim import CLAIM, Claim, login
 from annotate.labelset.journal import JOURNAL
+from sensors.atomic import sweep, temporary_of
 from sensors.errors import ExistsError
 
 
@@ -14,7 +16,7 @@ def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
     """Whether ``out`` may be removed for a new result: it holds ``marker``, or nothing.
 
     Raises ExistsError for a folder that no run of this command made, that holds one of its ``inputs``, or
-    people's corrections.
+    people's corrections; ClaimedError while somebody writes it.
     """
     for path in inputs:
         if path.resolve().is_relative_to(out.resolve()):
@@ -23,6 +25,8 @@ def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
         raise ExistsError(f"{out} was not made by this command (it has no {marker}); remove it yourself")
     if (out / JOURNAL).is_file():
         raise ExistsError(f"{out} holds people's corrections; choose another folder, or remove it yourself")
+    if (out / CLAIM).is_file():
+        Claim.take(out, login()).release()
 
 
 @contextmanager
@@ -35,7 +39,8 @@ def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterato
         if not overwrite:
             raise ExistsError(f"{out} exists already; choose another folder or pass --overwrite")
         check_replaceable(out, marker, *inputs)
-    folder = out.with_name(f".{out.name}.{os.getpid()}.partial")
+    folder = temporary_of(out)
+    sweep(out.parent, f".{escape(out.name)}.*.partial")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     try:

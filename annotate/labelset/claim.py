@@ -1,4 +1,4 @@
-"""One writer for each label set: who has it, so that a second one can be told."""
+"""One writer for each folder of results: who has it, so that a second one can be told."""
 
 import fcntl
 import getpass
@@ -8,8 +8,10 @@ import socket
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from types import TracebackType
 from typing import Self
 
+from sensors.atomic import sweep
 from sensors.errors import CloudError
 
 CLAIM = "claim.json"
@@ -17,11 +19,11 @@ MAX_BYTES = 4096
 
 
 class ClaimedError(CloudError):
-    """Somebody else is correcting the label set."""
+    """Somebody else is writing the folder."""
 
 
 class Claim:
-    """The right to write a label set, held while its process lives.
+    """The right to write a label set, a dataset or a training, held while its process lives.
 
     The kernel's lock on ``claim.json`` (flock) is the claim, so a killed process leaves none behind;
     the file's content only says whose it is.
@@ -32,7 +34,7 @@ class Claim:
 
     @classmethod
     def take(cls, folder: Path, who: str) -> Self:
-        """Claim the label set in ``folder`` for ``who``, and sweep up what killed processes left there.
+        """Claim ``folder`` for ``who``, and sweep up what killed processes left in it.
 
         Raises ClaimedError naming the owner when it is taken, CloudError when the folder cannot be written.
         """
@@ -44,7 +46,7 @@ class Claim:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     if _is_at(file, path):
                         _say(file, who)
-                        _sweep(folder)
+                        sweep(folder)
                         return cls(path, file)
                 except OSError:
                     os.close(file)
@@ -53,15 +55,24 @@ class Claim:
                 os.close(file)
         except BlockingIOError as error:
             raise ClaimedError(
-                f"{folder} is being corrected by {_owner(path)}; close that window, or open the set read-only"
+                f"{folder} is being written by {_owner(path)}; let it end or close its window, or open the "
+                "set read-only"
             ) from error
         except OSError as error:
             raise CloudError(
                 f"{folder} cannot be written to ({error.strerror}); open it read-only, or work on a copy"
             ) from error
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
     def release(self) -> None:
-        """Give the label set up; again does nothing."""
+        """Give the folder up; again does nothing."""
         if self._file >= 0:
             with suppress(OSError):
                 self.path.unlink()
@@ -96,15 +107,6 @@ def _say(file: int, who: str) -> None:
     # A full disk must not keep anybody from reading on; the lock itself needs no space.
     with suppress(OSError):
         os.pwrite(file, json.dumps(owner).encode()[:MAX_BYTES], 0)
-
-
-def _sweep(folder: Path) -> None:
-    """Remove the temporary files of processes that were killed while they saved (``sensors.atomic``)."""
-    for path in folder.glob("**/.*.partial"):
-        pid = path.name.split(".")[-2]
-        if pid.isdigit() and not Path("/proc", pid).exists():
-            with suppress(OSError):
-                path.unlink()
 
 
 def _owner(path: Path) -> str:
