@@ -5,13 +5,13 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test check bench docs clean
+.PHONY: help setup system demo test check bench docs wheel clean
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-EXTRAS := synth,train,gui,cluster,exchange,docs,dev
+EXTRAS := synth,bodies,network,report,rig,clouds,train,gui,cluster,exchange,docs,dev
 
 # PCL and a compiler for the extension; Mesa for rendering without a screen; what Qt asks of X.
 PACKAGES := python3-venv python3-dev g++ cmake ninja-build pkg-config libpcl-dev libgl1 libegl1 libgomp1 \
@@ -27,6 +27,7 @@ help:
 	echo "make check   set up, then run the linters, the types and the import contracts"
 	echo "make bench   set up, then run the benchmarks"
 	echo "make docs    set up, then build the documentation into docs/_build"
+	echo "make wheel   set up, then build a wheel that carries its libraries, into dist/"
 	echo "make setup   system packages, .venv, pinned Python packages, the native extension"
 	echo "make clean   remove what was built and cached, but not .venv"
 
@@ -85,6 +86,12 @@ docs: $(READY)
 
 bench: $(READY)
 	$(BIN)/python -m tests.bench
+
+wheel: $(READY)
+	rm -rf build/wheel
+	$(BIN)/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir build/wheel .
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/auditwheel repair --wheel-dir dist \
+		--exclude 'libfreenect2.so*' build/wheel/*.whl
 
 clean:
 	rm -rf build dist docs/_build docs/api docs/command.md .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -11,15 +11,6 @@ def supervoxels(
     normal_weight: float,
     color_weight: float,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]: ...
-def region_growing_rgb(
-    points_m: NDArray[np.float32],
-    colors_rgb: NDArray[np.uint8],
-    *,
-    min_size: int,
-    distance_m: float,
-    point_color: float,
-    region_color: float,
-) -> NDArray[np.int32]: ...
 def euclidean_clusters(
     points_m: NDArray[np.float32], *, tolerance_m: float, min_size: int
 ) -> NDArray[np.int32]: ...

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.parts import BACKGROUND
-from sensors.camera import Intrinsics
-from sensors.errors import CloudError
+from sensors.camera import MAX_IMAGE_SIDE, Intrinsics
+from sensors.errors import CloudError, FormatError
 
 SIZE = 212
 """Side of the network's input (Nishi & Miura 2017, section 3.1)."""
@@ -30,10 +30,13 @@ class Crop:
     side: int
 
     def cut(self, image: NDArray[Any], fill: int | float, size: int = SIZE) -> NDArray[Any]:
-        """The square resampled to (size, size) by nearest neighbour; ``fill`` outside the image."""
+        """The square of an image (h, w, ...) resampled to (size, size, ...); ``fill`` outside the image.
+
+        By nearest neighbour.
+        """
         v, u = self._source(self.top, size), self._source(self.left, size)
         v_in, u_in = (v >= 0) & (v < image.shape[0]), (u >= 0) & (u < image.shape[1])
-        result = np.full((size, size), fill, image.dtype)
+        result = np.full((size, size, *image.shape[2:]), fill, image.dtype)
         # Indices grow evenly, so those inside are one run.
         rows, columns = (
             slice(*np.flatnonzero(k)[[0, -1]] + (0, 1)) if k.any() else slice(0) for k in (v_in, u_in)
@@ -80,14 +83,46 @@ class Crop:
         )
 
 
-def crop_around(mask: NDArray[np.bool_]) -> Crop:
-    """The square around a person's mask (h, w), with a margin. Raises CloudError on an empty mask."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if rows.size == 0:
+def crop_from_note(note: object, name: str) -> Crop:
+    """The square that a frame's note ``name`` gives as [top, left, side], whole pixels.
+
+    Raises FormatError for anything else, and for a square far beyond every image.
+    """
+    if (
+        not isinstance(note, list)
+        or [type(number) for number in note] != [int] * 3
+        or not 0 < note[2] <= 2 * MAX_IMAGE_SIDE
+        or max(map(abs, note)) > 2 * MAX_IMAGE_SIDE
+    ):
+        raise FormatError(
+            f"note {name!r} is malformed ({str(note)[:60]}); give [top, left, side], or make the frame anew"
+        )
+    return Crop(*note)
+
+
+def window_of(mask: NDArray[np.bool_], margin_px: int = 0) -> tuple[slice, slice]:
+    """The rows and columns of a mask (h, w) that hold its pixels, and so many more; none of an empty mask.
+
+    A margin ends at the top and left of the image; slices may pass its bottom and right.
+    """
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        return slice(0, 0), slice(0, 0)
+    top, left = (max(0, int(run[0]) - margin_px) for run in (rows, columns))
+    return np.s_[top : int(rows[-1]) + margin_px + 1, left : int(columns[-1]) + margin_px + 1]
+
+
+def crop_around(mask: NDArray[np.bool_], margin: float = MARGIN) -> Crop:
+    """The square around a person's mask (h, w), with a free border on each side, a share of its extent.
+
+    Raises CloudError on an empty mask.
+    """
+    rows, columns = window_of(mask)
+    height, width = rows.stop - rows.start, columns.stop - columns.start
+    if not height:
         raise CloudError("no person in the mask; check the temperature window or the depth range")
-    height, width = rows[-1] - rows[0] + 1, columns[-1] - columns[0] + 1
-    side = max(8, round(max(height, width) * (1 + 2 * MARGIN)))
-    return Crop(int(rows[0] + height // 2 - side // 2), int(columns[0] + width // 2 - side // 2), side)
+    side = max(8, round(max(height, width) * (1 + 2 * margin)))
+    return Crop(rows.start + height // 2 - side // 2, columns.start + width // 2 - side // 2, side)
 
 
 def network_crop(mask: NDArray[np.bool_]) -> Crop:

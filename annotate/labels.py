@@ -60,6 +60,11 @@ class FrameLabels:
                 f"frame {self.frame_id}: part id {int(unknown[0])} is unknown; "
                 "use 0 to 11, or 255 for undefined"
             )
+        if not isinstance(self.subject, str) or not isinstance(self.notes, dict):
+            raise FormatError(
+                f"frame {self.frame_id}: subject is a {type(self.subject).__name__}, notes are a "
+                f"{type(self.notes).__name__}; give a text and an object"
+            )
         if self.status not in get_args(Status):
             raise FormatError(
                 f"frame {self.frame_id}: status {self.status!r} is unknown; use {get_args(Status)}"

@@ -64,6 +64,11 @@ def swap_left_right(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return table[labels]
 
 
+def on_body(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Where a body part is named: neither the background nor undefined; any shape."""
+    return np.asarray((labels != BACKGROUND) & (labels != UNDEFINED))
+
+
 def palette_rgb() -> NDArray[np.uint8]:
     """Colours (256, 3) by id, for palette PNGs and pictures; undefined is grey, unused ids black."""
     palette = np.zeros((256, 3), np.uint8)

@@ -1,4 +1,4 @@
-"""Supervoxels, colour regions and clusters of a cloud: PCL behind plain numpy arrays.
+"""Supervoxels and clusters of a cloud: PCL behind plain numpy arrays.
 
 Points are (n, 3) in metres in any one frame. A point that is not finite (no reading) gets id -1.
 The same input always gives the same ids.
@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from annotate import _pcl
 from sensors.errors import CloudError
+from sensors.nearest import Nearest
 
 
 @dataclass(frozen=True)
@@ -100,36 +100,6 @@ def supervoxels(
     return Supervoxels(_spread(found, finite), count, edges)
 
 
-def regions(
-    points_m: NDArray[np.float32],
-    colors_rgb: NDArray[np.uint8],
-    *,
-    min_size: int = 100,
-    distance_m: float = 0.03,
-    point_color: float = 6.0,
-    region_color: float = 20.0,
-) -> NDArray[np.int32]:
-    """Grow regions of even colour (Zhan et al. 2009, PCL's RegionGrowingRGB).
-
-    points_m (n, 3); colors_rgb uint8 (n, 3). point_color and region_color are the largest
-    differences, Euclidean in 8-bit RGB, between neighbouring points of one region and between the
-    mean colours of regions that are merged, if no farther apart than distance_m. Regions under
-    min_size points join a neighbour. Returns int32 (n,): 0 is the largest region, -1 is in none.
-    Raises CloudError as `supervoxels` does.
-    """
-    finite, points, colors = _finite(points_m, colors_rgb)
-    with _one_line_errors():
-        found = _pcl.region_growing_rgb(
-            points,
-            colors,
-            min_size=min_size,
-            distance_m=distance_m,
-            point_color=point_color,
-            region_color=region_color,
-        )
-    return _spread(found, finite)
-
-
 def clusters(points_m: NDArray[np.float32], *, tolerance_m: float, min_size: int = 1) -> NDArray[np.int32]:
     """Connected components of the points (n, 3) that lie within tolerance_m of one another.
 
@@ -173,7 +143,7 @@ def _assign_rest(
     assigned, count = ids >= 0, int(ids.max(initial=-1)) + 1
     rest = np.flatnonzero(~assigned)
     if rest.size and count:
-        away_m, nearest = cKDTree(points[assigned]).query(points[rest], distance_upper_bound=seed_m)
+        away_m, nearest = Nearest(points[assigned]).query(points[rest], within=seed_m)
         near = np.isfinite(away_m)
         ids[rest[near]] = ids[assigned][nearest[near]]
         rest = rest[~near]

@@ -1,35 +1,39 @@
 """The verb on calibration: calibrate."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from annotate.person.thermal_drift import measure_drift
-from cli.calibration_plot import plot_residuals
 from cli.console import Json, Overwrite, finish, progress, say
-from sensors.atomic import replacing
-from sensors.bundle import Adjusted, adjust
+from cli.extras import needing
+from sensors.atomic import check_free, replacing
 from sensors.calibration import save_calibration
-from sensors.calibration_verdict import judge
 from sensors.calibration_yaml import write_yaml
-from sensors.errors import CalibrationError, ExistsError
+from sensors.errors import CalibrationError
 from sensors.hole_plate import HolePlate
-from sensors.plate_view import view_plate
 from sensors.replay import Session
+
+if TYPE_CHECKING:
+    from sensors.bundle import Adjusted
 
 
 def calibrate(
-    board: Annotated[Path, typer.Argument(help="Session of the hole plate held before the cameras.")],
+    board: Annotated[
+        Path, typer.Argument(metavar="BOARD", help="Session of the hole plate held before the cameras.")
+    ],
     out: Annotated[
         Path | None, typer.Option(help="Calibration to write (JSON); a plot goes beside it.")
     ] = None,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Measure instead how far an ordinary session's calibration is off."),
+        typer.Option(
+            "--check", help="Measure instead how far the calibration of BOARD, any session, is off."
+        ),
     ] = False,
     yaml: Annotated[
-        Path | None, typer.Option(help="Folder for the same as OpenCV and iai_kinect2 YAML.")
+        Path | None, typer.Option(help="Folder to write the same to as YAML, for OpenCV and iai_kinect2.")
     ] = None,
     columns: Annotated[int, typer.Option(help="Holes in a row.")] = 4,
     rows: Annotated[int, typer.Option(help="Rows of holes.")] = 11,
@@ -46,8 +50,11 @@ def calibrate(
         raise typer.BadParameter("name a file for the calibration, or pass --check", param_hint="--out")
     plot = out.with_suffix(".png")
     for path in (out, plot, *([yaml] if yaml else [])):
-        if path.exists() and not overwrite:
-            raise ExistsError(f"{path} exists already; choose another name or pass --overwrite")
+        check_free(path, overwrite)
+    with needing("rig"):
+        from cli.calibration_plot import plot_residuals
+        from sensors.calibration_verdict import judge
+
     plate = HolePlate(columns, rows, pitch_mm / 1000, hole_mm / 1000)
     found = _solve(Session(board), plate)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -81,7 +88,10 @@ def _check(session: Session, json: bool) -> None:
     finish(result, json, text)
 
 
-def _solve(session: Session, plate: HolePlate) -> Adjusted:
+def _solve(session: Session, plate: HolePlate) -> "Adjusted":
+    from sensors.bundle import adjust
+    from sensors.plate_view import view_plate
+
     if "/infrared/image" not in session.streams:
         raise CalibrationError(
             f"{session.path} has no infrared images; record with --infrared, or calibrate --check a session"
@@ -95,7 +105,7 @@ def _solve(session: Session, plate: HolePlate) -> Adjusted:
     return adjust(views, plate, session.calibration)
 
 
-def _result(found: Adjusted, good: bool) -> dict[str, Any]:
+def _result(found: "Adjusted", good: bool) -> dict[str, Any]:
     shift_mm, shift_sd = found.depth_shift_mm
     return {
         "reprojection_px": {name: round(seen.rms_px, 4) for name, seen in found.residuals.items()},

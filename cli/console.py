@@ -85,9 +85,9 @@ def say(line: str) -> None:
 
 def finish_run(result: dict[str, Any], run: Run, as_json: bool, text: str) -> None:
     """Print the result of a run over frames, and what it left out; exits with 3 when some frames failed."""
-    result["remarks"] = run.remarks()
-    for remark, frames in run.remarks().items():
-        say(f"{len(frames)} of {len(run.labels)} frames, first {frames[0]}: {remark}")
+    result["remarks"], total = run.remarks(), len(run.labels)
+    for remark, frames in result["remarks"].items():
+        say(f"{len(frames)} of {total} frames, first {frames[0]}: {remark}")
     if run.failed:
         result["failed"] = [{"frame": frame, "why": why} for frame, why in run.failed]
         for frame, why in run.failed:

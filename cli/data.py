@@ -10,8 +10,10 @@ from annotate.fuse import Fuser
 from annotate.labelset import store
 from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
+from cli import names
 from cli.audit import audit_of, audit_text
 from cli.console import Json, Overwrite, finish, progress
+from cli.extras import needing
 from sensors.errors import CloudError
 from sensors.frame import RigFrame
 from sensors.importers import open_source
@@ -20,7 +22,9 @@ from synth import dataset
 from synth.dataset import Dataset
 
 Session_ = Annotated[Path, typer.Argument(metavar="OUT.mcap", help="Session to write.")]
-Any_ = Annotated[Path, typer.Argument(help="Session, label set, dataset, or anything that import takes.")]
+Any_ = Annotated[
+    Path, typer.Argument(metavar="PATH", help="Session, label set, dataset, or anything that import takes.")
+]
 
 
 def simulate(
@@ -31,20 +35,26 @@ def simulate(
         typer.Option(help="People, one after another.", min=1, show_default="4, but at most one a frame"),
     ] = None,
     scene: Annotated[
-        str, typer.Option(help="Where they are: sofa, chair or bed; or plate, to try calibrate.")
+        str,
+        typer.Option(
+            help="Where they are: sofa, chair or bed; or plate, to try calibrate.",
+            autocompletion=names.scenes,
+        ),
     ] = "sofa",
-    difficulty: Annotated[str, typer.Option(help="clean, normal or hard.")] = "normal",
+    difficulty: Annotated[
+        str, typer.Option(help="clean, normal or hard.", autocompletion=names.difficulties)
+    ] = "normal",
     seed: Annotated[int, typer.Option(help="Same seed, same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Let the virtual rig record people in a colour-coded suit; the truth goes to OUT.truth/."""
-    from synth.rig import VirtualRig
-    from synth.simulate import simulate, suit_path, truth_path
-
     if scene == "plate":
         _simulate_plate(out, frames, seed, overwrite, json)
         return
+    with needing("synth"):
+        from synth.rig import VirtualRig
+        from synth.simulate import simulate, suit_path, truth_path
     rig = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, scene)
     with progress("simulate", frames) as advance:
         simulate(rig, out, advance, overwrite=overwrite)
@@ -53,8 +63,9 @@ def simulate(
 
 
 def _simulate_plate(out: Path, frames: int, seed: int, overwrite: bool, json: bool) -> None:
-    from synth.plate_views import PlateViews, record_plate
-    from synth.rig import RIG_CALIBRATION
+    with needing("synth"):
+        from synth.plate_views import PlateViews, record_plate
+        from synth.rig import RIG_CALIBRATION
 
     with progress("simulate", frames) as advance:
         truth = record_plate(PlateViews(RIG_CALIBRATION, frames, seed), out, advance, overwrite=overwrite)

@@ -1,101 +1,37 @@
-"""The whole path as one readable recipe: simulate, label, correct, predict, evaluate, report."""
+"""The verb demo: the whole path on the virtual rig."""
 
-import shutil
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
-from annotate.correction.correction import Correction
-from annotate.effort.annotator import WHO, Annotator, correct_set
-from annotate.fuse import Fuser
-from annotate.label import label_source
-from annotate.labelset.store import LabelSet
-from cli.console import Json, Overwrite, clear, finish, progress
-from eval.compare import Comparison, compare_sets
-from eval.predict import Network, predict_source
-from eval.report.build import write_report
-from eval.report.gather import gather
-from eval.results import Result, save_result
-from sensors.atomic import write_bytes
-from sensors.errors import ExistsError
-from sensors.replay import Session
-from synth.rig import VirtualRig
-from synth.simulate import simulate, truth_path
+from cli.console import Json, Overwrite, clear, finish
+from cli.extras import needing
+from sensors.atomic import check_free, write_bytes
 
 MARKER = ".annotate-cloud-demo"
 
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")],
-    frames: Annotated[int, typer.Option(min=1)] = 12,
-    seed: Annotated[int, typer.Option(min=0)] = 1,
+    frames: Annotated[int, typer.Option(min=1, help="Frames to record, of up to four people.")] = 12,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same people and motions.")] = 1,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Run the whole path on the virtual rig and end with a report."""
+    with needing("synth", "network", "report"):
+        import onnxruntime  # noqa: F401, before anything is recorded in vain
+
+        from cli.recipe import whole_path
+
     started = time.monotonic()
     clear(out, MARKER, overwrite)
-    if out.exists():
-        raise ExistsError(f"{out} exists already; choose another folder or pass --overwrite")
+    check_free(out, overwrite=False)
     out.mkdir(parents=True)
     write_bytes(out / MARKER, b"")
 
-    rig = VirtualRig(frames, min(4, frames), "normal", seed)
-    session_path = out / "session.mcap"
-    with progress("simulate", frames) as advance:
-        simulate(rig, session_path, advance)
-    session, truth = Session(session_path), LabelSet.open(truth_path(session_path))
-    with progress("label", frames) as advance:
-        automatic = label_source(session, rig.suit, out / "automatic", advance).labels
-    fuser = Fuser(session.calibration)
-
-    def fused(frame_id: str) -> ThermalCloud:
-        return fuser.fuse_frame(session.frame(int(frame_id)))
-
-    corrected, seconds = _correct_all(automatic, truth, lambda i: fused(i).color_rgb, out / "corrected")
-    with progress("predict", frames) as advance:
-        predicted = predict_source(session, Network(), out / "network", advance).labels
-
-    sets = {"Automatic": automatic, "Corrected": corrected, "Network": predicted}
-    compared = {name: compare_sets(labels, truth) for name, labels in sets.items()}
-    facts = {"command": f"annotate-cloud demo --frames {frames} --seed {seed}", "session": session.sha256}
-    results = []
-    for name, labels in sets.items():
-        lying = {"predicted": str(labels.path), "truth": str(truth.path)}
-        results.append(Result(name, compared[name], {**facts, **lying}))
-        save_result(out / f"{name.lower()}.json", results[-1])
-    material = gather(results, sessions=[session], audited=[corrected.path], facts=facts)
-    write_report(out / "report.html", material)
-    summary = {name: _summary(comparison) for name, comparison in compared.items()}
-    answer = {
-        "frames": frames,
-        "auto": summary["Automatic"],
-        "corrected": summary["Corrected"],
-        "fcn": summary["Network"],
-        "person_iou": float(compared["Automatic"].scores["person_iou"]),
-        "effort_seconds_median": float(np.median(seconds)),
-        "report": str(out / "report.html"),
-        "seconds": round(time.monotonic() - started, 1),
-    }
-    finish(answer, json, f"report: {out / 'report.html'}")
-
-
-def _correct_all(
-    automatic: LabelSet, truth: LabelSet, color_of: Callable[[str], NDArray[np.uint8]], out: Path
-) -> tuple[LabelSet, list[float]]:
-    """A copy of the labels, corrected by the simulated annotator, and the seconds each frame took."""
-    shutil.copytree(automatic.path, out)
-    annotator = Annotator()
-    with Correction.open(out, WHO, clock=annotator.clock) as correction:
-        efforts = correct_set(correction, truth, annotator, color_of)
-        return correction.labels, [effort.seconds for effort in efforts]
-
-
-def _summary(comparison: Comparison) -> dict[str, float]:
-    return {name: float(comparison.scores[name]) for name in ("mean_recall", "miou")}
+    answer = whole_path(out, frames, seed)
+    answer["seconds"] = round(time.monotonic() - started, 1)
+    finish(answer, json, f"report: {answer['report']}")

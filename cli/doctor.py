@@ -9,22 +9,8 @@ from importlib.util import find_spec
 from packaging.requirements import Requirement
 
 from cli.console import Json, finish
+from cli.extras import COSTS
 from sensors.errors import CloudError
-
-EXTRAS = {
-    "": "nothing works",
-    "gui": "no correction window (fix)",
-    "synth": "no bodies of your own (synth bodies), no C3D files; the shipped bodies and TRC, BVH work",
-    "train": "no training (train); predict works",
-    "exchange": "no ROS 2 bags, LAS, LAZ or Parquet",
-    "smp": "no training of other people's architectures (train --network smp)",
-    "cluster": "no generating on several machines (synth generate --scheduler)",
-    "kinect": "no Azure Kinect as a device; its recordings can be imported",
-    "orbbec": "no Orbbec cameras as devices",
-    "docs": "no building of these pages (make docs)",
-    "v4l2": "an Optris camera without the kernel's frame numbers",
-}
-"""Extras of the package, and what is lost where one is missing."""
 
 NEEDED = ("packages", "PCL")
 """Findings without which the main job cannot be done."""
@@ -63,22 +49,25 @@ def _python() -> Finding:
 
 
 def _extras() -> list[Finding]:
-    needed: dict[str, list[Requirement]] = {extra: [] for extra in EXTRAS}
-    for requirement in map(Requirement, requires("annotate-cloud") or ()):
-        for extra, of_it in needed.items():
-            wanted = requirement.marker is None or requirement.marker.evaluate({"extra": extra})
-            if wanted and (requirement.marker is None) == (extra == ""):
-                of_it.append(requirement)
-    return [_extra(extra, of_it) for extra, of_it in needed.items()]
+    wanted = [Requirement(line) for line in requires("annotate-cloud") or ()]
+    findings = [_extra("", [one for one in wanted if one.marker is None])]
+    for extra in COSTS:
+        of_it = [one for one in wanted if one.marker and one.marker.evaluate({"extra": extra})]
+        findings.append(_extra(extra, of_it))
+    return findings
 
 
 def _extra(extra: str, needed: list[Requirement]) -> Finding:
     wrong = [problem for problem in map(_problem, needed) if problem]
-    name = f"extra {extra}" if extra else "packages"
     target = f"annotate-cloud[{extra}]" if extra else "annotate-cloud"
     found = ", ".join(wrong) or f"{len(needed)} packages" if needed else "not known to this installation"
-    remedy = f"pip install '{target}'"
-    return Finding(name, bool(needed) and not wrong, found, EXTRAS[extra], remedy)
+    return Finding(
+        f"extra {extra}" if extra else "packages",
+        bool(needed) and not wrong,
+        found,
+        COSTS.get(extra, "nothing works"),
+        f"pip install '{target}'",
+    )
 
 
 def _problem(requirement: Requirement) -> str:

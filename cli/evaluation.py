@@ -9,11 +9,13 @@ from typing import Annotated
 import typer
 
 from cli.console import Json, Overwrite, finish, progress, say
+from cli.extras import needing
 from eval.compare import Comparison, compare_sets
 from eval.data import Frames, open_frames
 from eval.details import details
 from eval.paired import difference
-from eval.results import Result, check_free, load_result, save_result
+from eval.results import Result, check_size, load_result, save_result
+from sensors.atomic import check_free
 
 SHOWN = ("mean_recall", "miou", "person_iou", "boundary_f", "left_right_swap_rate")
 """Scores that are printed; the rest is in the JSON."""
@@ -28,9 +30,14 @@ def evaluate(
     json: Json = False,
 ) -> None:
     """Measure labels against the truth, with confidence intervals and the confusion matrix."""
+    with needing("report"):
+        import scipy.stats  # noqa: F401, which the intervals ask for at the end
+
     if out is not None:
         check_free(out, overwrite)
     guesses, targets = open_frames(predicted), open_frames(truth)
+    if out is not None:
+        check_size(len(targets))
     with progress("evaluate", len(targets)) as advance:
         comparison = compare_sets(guesses, targets, advance)
     if out is not None:
@@ -72,6 +79,9 @@ def compare(
     json: Json = False,
 ) -> None:
     """Say by how much result A is better than result B, and how certain that is."""
+    with needing("report"):
+        import scipy.stats  # noqa: F401
+
     found = difference(load_result(a), load_result(b))
     lines = [f"{found.a} minus {found.b}, {'on the same frames' if found.paired else 'on different frames'}"]
     for name in SHOWN:

@@ -8,6 +8,7 @@ import typer
 
 from annotate.exchange.formats import FORMATS, export_labels, import_labels
 from annotate.labelset.store import LabelSet
+from cli import names
 from cli.console import Json, Overwrite, finish, progress, say
 from sensors.frame import RigFrame
 from sensors.importers import KINDS, open_source
@@ -37,7 +38,10 @@ def import_(
 def export(
     labels: Annotated[Path, typer.Argument(metavar="LABELS", help="Label set.")],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder to write.")],
-    format_: Annotated[str, typer.Option("--format", metavar="NAME", help=f"{', '.join(FORMATS)}.")],
+    format_: Annotated[
+        str,
+        typer.Option("--format", metavar="NAME", help=f"{', '.join(FORMATS)}.", autocompletion=names.formats),
+    ],
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:

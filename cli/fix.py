@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from sensors.errors import CloudError
+from cli.extras import needing
 
 
 def fix(
-    labels: Annotated[Path, typer.Argument(help="Label set to correct, of any origin.")],
+    labels: Annotated[Path, typer.Argument(metavar="LABELS", help="Label set to correct, of any origin.")],
     session: Annotated[
         Path | None,
         typer.Option(help="Its recording, for colour and temperature; found if it lies beside."),
@@ -19,11 +19,7 @@ def fix(
     read_only: Annotated[bool, typer.Option("--read-only", help="Look, and change nothing.")] = False,
 ) -> None:
     """Correct part labels in a window: F1 shows its keys. Every stroke is saved as it is made."""
-    try:
+    with needing("gui"):
         from annotate.gui.app import run_window
-    except ImportError as error:
-        raise CloudError(
-            f"the window is not installed ({error}); install it: pip install 'annotate-cloud[gui]'"
-        ) from error
     states = run_window(labels, session, compare, who, read_only)
     print(f"{labels}: " + ", ".join(f"{count} {state}" for state, count in states.items()))

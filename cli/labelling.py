@@ -10,13 +10,12 @@ import typer
 from annotate.label import label_source
 from annotate.labelset import store
 from annotate.labelset.store import LabelSet
-from annotate.suit.learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
 from annotate.suit.palette import load_suit, suit_to_toml
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
+from cli.extras import needing
 from eval.compare import compare_sets
 from eval.data import open_frames
-from sensors.atomic import write_bytes
-from sensors.errors import ExistsError
+from sensors.atomic import check_free, write_bytes
 from sensors.importers import open_source
 
 suit_app = typer.Typer(help="Palettes of the colour-coded suit.", no_args_is_help=True)
@@ -42,7 +41,9 @@ Labels = Annotated[Path, typer.Option(help="Label set to write; a broken run goe
 
 
 def label(
-    session: Annotated[Path, typer.Argument(help="Session, folder of depth PNGs, PCD or PLY.")],
+    session: Annotated[
+        Path, typer.Argument(metavar="SESSION", help="Session, or anything else that import takes.")
+    ],
     out: Labels,
     suit: Annotated[Path | None, typer.Option(help="Palette of the colour-coded suit (TOML).")] = None,
     window: Window = None,
@@ -74,7 +75,9 @@ def label(
 @suit_app.command()
 def learn(
     out: Annotated[Path, typer.Option(help="Palette (TOML) to write.")],
-    labels: Annotated[Path | None, typer.Argument(help="Label set with corrected frames.")] = None,
+    labels: Annotated[
+        Path | None, typer.Argument(metavar="LABELS", help="Label set with corrected frames.")
+    ] = None,
     session: Annotated[Path | None, typer.Option(help="What the labels were made from.")] = None,
     frame: Annotated[
         list[str] | None, typer.Option(help="Id of a right frame; default: all that a person corrected.")
@@ -89,8 +92,10 @@ def learn(
     json: Json = False,
 ) -> None:
     """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
-    if out.exists() and not overwrite:
-        raise ExistsError(f"{out} exists already; choose another name or pass --overwrite")
+    with needing("rig"):
+        from annotate.suit.learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
+
+    check_free(out, overwrite)
     if swatches is not None and labels is None and session is None and not frame:
         palette = suit_from_photo(swatches, out.stem)
     elif swatches is None and labels is not None and session is not None:
@@ -111,6 +116,8 @@ def diff(
     b: Annotated[Path, typer.Argument(metavar="B", help="Label set or dataset taken as the truth.")],
     json: Json = False,
 ) -> None:
-    """Compare label set A with label set B."""
-    result = compare_sets(open_frames(a), open_frames(b)).to_json()
+    """Compare label set A with label set B, in short; 'evaluate' says more."""
+    sets = open_frames(a), open_frames(b)
+    with progress("compare", len(sets[1])) as advance:
+        result = compare_sets(*sets, advance).to_json()
     finish(result, json, "\n".join(f"{key}: {value}" for key, value in result.items()))

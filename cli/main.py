@@ -32,27 +32,31 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command()(demo.demo)
-app.command()(data.simulate)
-app.command("import")(exchange.import_)
-app.command()(exchange.export)
-app.command()(data.info)
-app.command()(data.validate)
-app.command()(doctor.doctor)
-app.command()(devices.devices)
-app.command()(recording.record)
-app.command()(labelling.label)
-app.add_typer(labelling.suit_app, name="suit")
-app.command()(labelling.diff)
-app.command()(fix.fix)
-app.add_typer(synthesis.app, name="synth")
-app.command()(motion.solve)
-app.command()(calibration.calibrate)
-app.command()(training.train)
-app.command()(prediction.predict)
-app.command()(evaluation.evaluate)
-app.command()(evaluation.compare)
-app.command()(reporting.report)
+FIRST, RECORDINGS, LABELS = "To begin with", "Recordings", "Labels"
+PEOPLE, NETWORKS = "Synthetic people", "Networks and results"
+"""Headings under which ``--help`` lists the verbs, in the order of a newcomer's way."""
+
+app.command(rich_help_panel=FIRST)(demo.demo)
+app.command(rich_help_panel=FIRST)(doctor.doctor)
+app.command(rich_help_panel=RECORDINGS)(data.simulate)
+app.command(rich_help_panel=RECORDINGS)(devices.devices)
+app.command(rich_help_panel=RECORDINGS)(recording.record)
+app.command(rich_help_panel=RECORDINGS)(calibration.calibrate)
+app.command("import", rich_help_panel=RECORDINGS)(exchange.import_)
+app.command(rich_help_panel=RECORDINGS)(data.info)
+app.command(rich_help_panel=RECORDINGS)(data.validate)
+app.command(rich_help_panel=LABELS)(labelling.label)
+app.add_typer(labelling.suit_app, name="suit", rich_help_panel=LABELS)
+app.command(rich_help_panel=LABELS)(fix.fix)
+app.command(rich_help_panel=LABELS)(labelling.diff)
+app.command(rich_help_panel=LABELS)(exchange.export)
+app.add_typer(synthesis.app, name="synth", rich_help_panel=PEOPLE)
+app.command(rich_help_panel=PEOPLE)(motion.solve)
+app.command(rich_help_panel=NETWORKS)(training.train)
+app.command(rich_help_panel=NETWORKS)(prediction.predict)
+app.command(rich_help_panel=NETWORKS)(evaluation.evaluate)
+app.command(rich_help_panel=NETWORKS)(evaluation.compare)
+app.command(rich_help_panel=NETWORKS)(reporting.report)
 
 INTERRUPTED = "interrupted; give the same command again, without --overwrite, to go on"
 

@@ -8,16 +8,14 @@ import numpy as np
 import typer
 
 from cli.console import Json, Overwrite, finish, progress, say
-from sensors.errors import CloudError, ExistsError
-from synth.bvh import read_bvh
-from synth.markers import read_markers
-from synth.markerset import load_marker_set
+from cli.extras import needing
+from sensors.atomic import check_free
+from sensors.errors import CloudError
 from synth.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, MarkerReport, save_motion
-from synth.solve import solve as solve_markers
 
 
 def solve(
-    markers: Annotated[Path, typer.Argument(help="Recording: C3D, TRC or BVH.")],
+    markers: Annotated[Path, typer.Argument(metavar="MARKERS", help="Recording: C3D, TRC or BVH.")],
     out: Annotated[Path, typer.Option(help="File for the motion (.npz).")],
     static: Annotated[Path | None, typer.Option(help="Static trial of the same person: C3D or TRC.")] = None,
     markerset: Annotated[
@@ -27,8 +25,13 @@ def solve(
     json: Json = False,
 ) -> None:
     """Turn recorded markers into joint angles that move any body."""
-    if out.exists() and not overwrite:
-        raise ExistsError(f"{out} exists already; choose another name or pass --overwrite")
+    with needing("synth"):
+        from synth.bvh import read_bvh
+        from synth.markers import read_markers
+        from synth.markerset import load_marker_set
+        from synth.solve import solve as solve_markers
+
+    check_free(out, overwrite)
     places = None if markerset is None else load_marker_set(markerset)
     if markers.suffix.lower() == ".bvh":
         if static is not None or places is not None:

@@ -21,7 +21,7 @@ from synth.dataset import Dataset
 def predict(
     source: Annotated[
         Path,
-        typer.Argument(metavar="SRC", help="Session, folder of depth PNGs, PCD, PLY, label set or dataset."),
+        typer.Argument(metavar="SRC", help="Session or what else import takes, label set or dataset."),
     ],
     out: Labels,
     weights: Annotated[

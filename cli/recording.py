@@ -13,6 +13,7 @@ from rich.live import Live
 from rich.table import Table
 
 from cli.console import LINE_SECONDS, Json, Overwrite, finish, say
+from cli.extras import needing
 from sensors.calibration import RigCalibration
 from sensors.device import Device
 from sensors.devices import open_device
@@ -21,7 +22,6 @@ from sensors.frame import RigFrame
 from sensors.recorder import Recorded, Recorder, clock_metadata
 from sensors.rig_file import Rig, load_rig
 from sensors.session import SessionWriter
-from synth.rig import VirtualRig
 
 VIRTUAL_SEED = 7
 VIRTUAL_FRAMES = 30
@@ -32,6 +32,8 @@ class Shown:
     """What virtual cameras see: a second of the virtual rig, rendered when the first of them looks."""
 
     def __init__(self) -> None:
+        with needing("synth"):
+            from synth.rig import VirtualRig
         self._rig = VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
         self.calibration = self._rig.calibration
 
@@ -45,13 +47,15 @@ class Shown:
 
 
 def record(
-    out: Annotated[Path, typer.Argument(help="Session to write (.mcap).")],
+    out: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="Session to write.")],
     rig: Annotated[Path | None, typer.Option(help="Rig file (TOML): devices and calibration.")] = None,
     device: Annotated[
         list[str] | None, typer.Option(help="Device, as `devices` lists them; may be given again.")
     ] = None,
     seconds: Annotated[float | None, typer.Option(min=0.1, help="How long; else until Ctrl-C.")] = None,
-    infrared: Annotated[bool, typer.Option(help="Keep infrared images: for calibrate.")] = False,
+    infrared: Annotated[
+        bool, typer.Option("--infrared", help="Keep infrared images, for calibrate.")
+    ] = False,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:

@@ -9,17 +9,19 @@ from typing import Annotated
 import typer
 
 from cli.console import Json, Overwrite, finish
+from cli.extras import needing
 from eval.results import load_result
 from sensors.replay import Session
 
 
 def report(
     results: Annotated[
-        list[Path], typer.Argument(help="Results that 'evaluate --out' kept; the first is the baseline.")
+        list[Path],
+        typer.Argument(
+            metavar="RESULTS", help="Results that 'evaluate --out' kept; the first is the baseline."
+        ),
     ],
-    out: Annotated[
-        Path, typer.Option("--file", "--out", help="HTML file to write; .csv, .json and .tex go beside it.")
-    ],
+    out: Annotated[Path, typer.Option(help="HTML file to write; .csv, .json and .tex go beside it.")],
     ceiling: Annotated[
         Path | None, typer.Option(help="Result of two corrections of the same frames against each other.")
     ] = None,
@@ -41,8 +43,9 @@ def report(
 ) -> None:
     """Put results side by side, with the paper's, on one page that opens offline."""
     # Fusion's and the page's libraries take a second to import, which the other verbs need not spend.
-    from eval.report.build import free_outputs, write_report
-    from eval.report.gather import gather
+    with needing("report"):
+        from eval.report.build import free_outputs, write_report
+        from eval.report.gather import gather
 
     if len(note or []) > len(shown or []):
         raise typer.BadParameter(

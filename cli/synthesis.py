@@ -11,13 +11,13 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from cli import names
 from cli.console import Json, Overwrite, clear, finish, progress
-from sensors.errors import CloudError, ExistsError
+from cli.extras import needing
+from sensors.atomic import check_free
+from sensors.errors import CloudError
 from synth.body import Body, save_body
-from synth.body_picture import save_picture
 from synth.body_table import PAPER_BODIES, BodySize, as_text, describe, read_sizes
-from synth.generate import ORDER, Order, generate
-from synth.sample import preset_named
 from synth.workers import cluster, processes
 
 PICTURE = "bodies.png"
@@ -41,17 +41,18 @@ def bodies(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Fit the parametric body to height, weight and waist breadth, and bake it. Needs the extra 'synth'."""
+    """Fit the parametric body to height, weight and waist breadth, and bake it. Needs the extra 'bodies'."""
     if table is not None and sample is not None:
         raise CloudError("--table and --sample both say which bodies; give one of them")
     asked = PAPER_BODIES if table is None else read_sizes(table)
     sizes: Sequence[BodySize | None] = asked if sample is None else [None] * sample
     names = [f"sample_{i:03}" if size is None else size.name for i, size in enumerate(sizes)]
     for path in (out / PICTURE, *(out / f"{name}.npz" for name in names)):
-        if path.exists() and not overwrite:
-            raise ExistsError(f"{path} exists already; choose another folder or pass --overwrite")
+        check_free(path, overwrite)
     # All bodies are found before the first is written.
     made = _bake(names, sizes, np.random.default_rng(seed))
+    from synth.body_picture import save_picture
+
     out.mkdir(parents=True, exist_ok=True)
     for body in made:
         save_body(out / f"{body.name}.npz", body)
@@ -62,7 +63,8 @@ def bodies(
 
 def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Generator) -> list[Body]:
     """Fitted where a size is asked, random where not."""
-    from synth.fit import BodyModel, fit, random_adult
+    with needing("bodies"):
+        from synth.fit import BodyModel, fit, random_adult
 
     # Libraries under anny greet on stdout, which is the result's.
     with redirect_stdout(sys.stderr):
@@ -78,9 +80,12 @@ def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Gen
 
 @app.command("generate")
 def generate_(
-    preset: Annotated[str, typer.Option(help="sitting-train, sitting-test, recumbent or upright.")],
+    preset: Annotated[
+        str,
+        typer.Option(help="sitting-train, sitting-test, recumbent or upright.", autocompletion=names.presets),
+    ],
     out: Annotated[Path, typer.Option(help="Folder for the shards; a broken run goes on there.")],
-    count: Annotated[int | None, typer.Option(help="Images; default: the paper's number.")] = None,
+    count: Annotated[int | None, typer.Option(help="Images. Default: the preset's own number.")] = None,
     workers: Annotated[int, typer.Option(help="Processes of this machine.", min=1, max=256)] = 2,
     scheduler: Annotated[
         str | None, typer.Option(help="Use a dask cluster instead: its scheduler's address, tcp://HOST:8786.")
@@ -92,6 +97,10 @@ def generate_(
     json: Json = False,
 ) -> None:
     """Generate labelled depth images of people as tar shards, with a page of pictures and statistics."""
+    with needing("synth"):
+        from synth.generate import ORDER, Order, generate
+        from synth.sample import preset_named
+
     chosen = replace(preset_named(preset), occluders=occluders, cut=cut)
     order = Order(chosen, chosen.count if count is None else count, seed)
     started = time.monotonic()

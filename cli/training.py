@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cli.console import Json, Overwrite, clear, finish, progress, say
+from cli.extras import needing
 from eval.augment import Augmentation
 from eval.data import Crops, load_crops
 from sensors.errors import CloudError
@@ -52,7 +53,7 @@ class PrecisionName(StrEnum):
 
 
 def train(
-    data: Annotated[list[Path], typer.Argument(help="Datasets and label sets.")],
+    data: Annotated[list[Path], typer.Argument(metavar="DATA", help="Datasets and label sets.")],
     out: Annotated[
         Path, typer.Option(help="Folder for checkpoints and weights; a broken run goes on there.")
     ],
@@ -73,9 +74,12 @@ def train(
     without: Annotated[
         list[Without] | None, typer.Option(help="Augmentation to leave out; repeatable.")
     ] = None,
-    epochs: Annotated[int, typer.Option(min=1, max=10_000)] = 12,
-    batch: Annotated[int | None, typer.Option(min=1, max=1024, show_default="16, the paper's 12")] = None,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
+    epochs: Annotated[int, typer.Option(min=1, max=10_000, help="Rounds over all images.")] = 12,
+    batch: Annotated[
+        int | None,
+        typer.Option(min=1, max=1024, help="Images of a step.", show_default="16, the paper's 12"),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed and data, same network.")] = 0,
     precision: Annotated[
         PrecisionName | None,
         typer.Option(
@@ -84,18 +88,18 @@ def train(
         ),
     ] = None,
     workers: Annotated[int, typer.Option(min=0, max=64, help="Processes that make images ahead.")] = 0,
-    checkpoint_minutes: Annotated[float, typer.Option(min=0)] = 5.0,
+    checkpoint_minutes: Annotated[
+        float, typer.Option(min=0, help="How often an unfinished epoch is put on the disk.")
+    ] = 5.0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
     started, tests = time.monotonic(), test or []
-    try:
+    with needing("train"):
         from eval.team import Team
         from eval.train import Watch, images_left
         from eval.train import train as run
-    except ImportError as error:
-        raise CloudError(f"training needs torch ({error.name} is missing): pip install '.[train]'") from error
     with Team.join() as team:
         plan, start = _plan(network, recipe, init, without or [], epochs, batch, seed, precision)
         crops = load_crops(data, without=frozenset(hold_out or []))

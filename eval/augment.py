@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from annotate.crop import MARGIN, NEAREST
 from annotate.parts import BACKGROUND, swap_left_right
-from synth.occlude import cut
 
 Depth = NDArray[np.float32]
 Parts = NDArray[np.uint8]
@@ -69,6 +68,8 @@ def augment(depth: Depth, parts: Parts, how: Augmentation, rng: np.random.Genera
 
 
 def _taken_away(person: Mask, how: Augmentation, rng: np.random.Generator) -> Mask:
+    from synth.occlude import cut
+
     kept = person
     if how.occluders and rng.random() < 0.25:
         kept = kept & ~_things(person, int(rng.integers(1, 3)), (3.0, 45.0), rng)

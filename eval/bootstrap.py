@@ -19,12 +19,12 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, logit
-from scipy.stats import t as student
 
 from eval.metrics import Scores
 
 RESAMPLES = 2000
+AT_ONCE = 100
+"""Resamples drawn at a time: 160 MB for 100,000 clusters, where all at once would take 3.2 GB."""
 SEED = 20170606
 LEVEL = 0.95
 FEW = 4
@@ -50,10 +50,15 @@ def resampled_sums(
     by_cluster: NDArray[np.int64], resamples: int = RESAMPLES, seed: int = SEED
 ) -> NDArray[np.int64]:
     """Sums over each resample of as many clusters as there are: (C, K) -> int64 (resamples, K)."""
-    n = len(by_cluster)
-    drawn = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=resamples)
+    n, rng = len(by_cluster), np.random.default_rng(seed)
     # Products of float64 are fast and, below 2**53, exact.
-    return (drawn.astype(np.float64) @ by_cluster.astype(np.float64)).astype(np.int64)
+    counts = by_cluster.astype(np.float64)
+    sums = np.empty((resamples, counts.shape[1]), np.int64)
+    for first in range(0, resamples, AT_ONCE):
+        block = sums[first : first + AT_ONCE]
+        drawn = rng.multinomial(n, np.full(n, 1 / n), size=len(block))
+        block[:] = drawn.astype(np.float64) @ counts
+    return sums
 
 
 def standard_error(resampled: Scores, n: Index | int) -> Scores:
@@ -73,6 +78,8 @@ def standard_error(resampled: Scores, n: Index | int) -> Scores:
 
 def quantile(degrees: NDArray[np.float64] | Index | int, level: float = LEVEL) -> NDArray[np.float64]:
     """Half width of a t interval in standard errors."""
+    from scipy.stats import t as student
+
     return np.asarray(student.ppf((1 + level) / 2, np.maximum(degrees, 1)), np.float64)
 
 
@@ -83,6 +90,8 @@ def interval(
 
     NaN where the estimate is NaN or rests on one cluster; the estimate itself where no resample differs.
     """
+    from scipy.special import expit, logit
+
     error = standard_error(resampled, n) * quantile(np.asarray(n) - 1, level)
     value = np.asarray(estimate, np.float64)
     spread = value * (1 - value)

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
-from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
+from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED, on_body
 from eval.metrics import Counts, Labels, Scores, ratio
+from sensors.nearest import Nearest
 
 TOLERANCES_PX = (1.0, 2.0, 3.0, 5.0)
 TOLERANCES_MM = (5.0, 10.0, 20.0, 40.0)
@@ -87,8 +87,8 @@ def _apart(
     open_ = apart > 0
     if open_.any() and len(others):
         # The part is a third coordinate that sets parts further apart than any picture is wide.
-        tree = KDTree(others * _PART_APART)
-        apart[open_] = tree.query(points[open_] * _PART_APART, distance_upper_bound=reach + 1)[0]
+        tree = Nearest(others * _PART_APART)
+        apart[open_] = tree.query(points[open_] * _PART_APART, within=reach + 1)[0]
     return apart
 
 
@@ -112,7 +112,7 @@ def band_counts(
     distances to the borders of truth and prediction, (h, w). Their ratio is the boundary IoU
     (Cheng et al., Boundary IoU, CVPR 2021), here with Euclidean bands and without the picture's edge.
     """
-    seen = [(labels > BACKGROUND) & (labels != UNDEFINED) for labels in (truth, predicted)]
+    seen = on_body(truth), on_body(predicted)
     counts = np.zeros((len(widths_px), N_CLASSES, 2), np.int64)
     for i, width in enumerate(widths_px):
         in_truth, in_prediction = seen[0] & (away[0] < width), seen[1] & (away[1] < width)
@@ -130,7 +130,7 @@ def errors_by_distance(truth: Labels, predicted: Labels, away: Distances) -> Cou
 
     away: distance to the borders of the truth, 0 on the border itself; bins end at `DISTANCE_EDGES_PX`.
     """
-    person = (truth != UNDEFINED) & (truth != BACKGROUND)
+    person = on_body(truth)
     bins = np.searchsorted(np.array(DISTANCE_EDGES_PX), away[person], side="right")
     where = truth[person].astype(np.int64) * N_DISTANCES + bins
     wrong = (truth != predicted)[person]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
+from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED, on_body
 from eval.metrics import Counts, Labels, Scores, ratio
 
 N_BINS = 15
@@ -49,7 +49,7 @@ def label_quality(truth: Labels, predicted: Labels, confidence: NDArray[np.float
 
 
 def _told(truth: Labels, predicted: Labels) -> NDArray[np.bool_]:
-    return np.asarray((truth != UNDEFINED) & (predicted != UNDEFINED) & (predicted != BACKGROUND))
+    return np.asarray((truth != UNDEFINED) & on_body(predicted))
 
 
 def _level(confidence: NDArray[np.float32]) -> NDArray[np.int64]:

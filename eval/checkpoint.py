@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from annotate.parts import N_CLASSES
 from eval.networks import NetworkConfig, build, config_from, described
 from sensors.atomic import replacing
-from sensors.errors import FormatError
+from sensors.errors import CloudError, FormatError
 
 
 @dataclass(frozen=True)
@@ -53,12 +53,11 @@ class Progress:
 def save_checkpoint(
     path: Path, model: nn.Module, optimizer: torch.optim.Optimizer, progress: Progress
 ) -> None:
-    """Write all that a training needs to go on, atomically."""
+    """Write all that a training needs to go on, atomically. Raises CloudError where the disk refuses it."""
     tensors = {f"model.{name}": value.contiguous() for name, value in model.state_dict().items()}
     for index, entry in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer.{index}.{name}": value.contiguous() for name, value in entry.items()}
-    with replacing(path) as temporary:
-        save_file(tensors, temporary, {"progress": json.dumps(asdict(progress))})
+    _write(path, tensors, {"progress": json.dumps(asdict(progress))})
 
 
 def load_checkpoint(path: Path, model: nn.Module, optimizer: torch.optim.Optimizer) -> Progress:
@@ -92,12 +91,11 @@ def steps_done(path: Path) -> int:
 
 
 def save_weights(path: Path, model: nn.Module, config: NetworkConfig) -> None:
-    """Write a network's weights with its description, atomically."""
+    """Write a network's weights with its description, atomically. Raises CloudError as a checkpoint does."""
     tensors = {name: value.contiguous() for name, value in model.state_dict().items()}
     # One entry: safetensors writes several in an order that changes from run to run.
     meta = {"network": json.dumps({**described(config), "classes": N_CLASSES})}
-    with replacing(path) as temporary:
-        save_file(tensors, temporary, meta)
+    _write(path, tensors, meta)
 
 
 def load_weights(path: Path) -> tuple[nn.Module, NetworkConfig]:
@@ -129,6 +127,17 @@ def check_fits(path: Path, model: nn.Module, tensors: dict[str, Tensor]) -> None
         theirs, ours = (tuple(t[name].shape) if name in t else None for t in (tensors, expected))
         if theirs != ours:
             raise FormatError(f"{path} has {name} of shape {theirs}, the network {ours}; train it again")
+
+
+def _write(path: Path, tensors: dict[str, Tensor], meta: dict[str, str]) -> None:
+    """Raises CloudError where the disk refuses it: safetensors' own error is none of the system's."""
+    try:
+        with replacing(path) as temporary:
+            save_file(tensors, temporary, meta)
+    except SafetensorError as error:
+        raise CloudError(
+            f"{path} cannot be written ({error}); free some space and run the same command again"
+        ) from error
 
 
 def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:

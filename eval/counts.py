@@ -7,8 +7,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.crop import window_of
 from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
+from annotate.parts import N_CLASSES, UNDEFINED, on_body
 from eval import boundary, calibration, metrics
 from eval.boundary import N_DISTANCES, TOLERANCES_MM, TOLERANCES_PX, WIDTHS_MM, WIDTHS_PX
 from eval.metrics import Counts, Labels
@@ -132,14 +133,4 @@ def _box(truth: Labels, predicted: Labels) -> tuple[slice, slice]:
     """Where anybody sees a person, and a little more: all borders, and whatever is near one, lie in it."""
     if truth.shape != predicted.shape:
         raise ValueError(f"truth is {truth.shape} but the prediction is {predicted.shape}")
-    seen = _person(truth) | _person(predicted)
-    margin = int(NEAR_PX) + 1
-    rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
-    if not rows.size:
-        return np.s_[:0, :0]
-    top, left = max(0, int(rows[0]) - margin), max(0, int(columns[0]) - margin)
-    return np.s_[top : int(rows[-1]) + margin + 1, left : int(columns[-1]) + margin + 1]
-
-
-def _person(parts: Labels) -> NDArray[np.bool_]:
-    return np.asarray((parts != BACKGROUND) & (parts != UNDEFINED))
+    return window_of(on_body(truth) | on_body(predicted), int(NEAR_PX) + 1)

@@ -1,18 +1,30 @@
-"""Labelled frames as training tensors: the person's crop, depth normalised, many of them in memory."""
+"""Labelled frames of any origin: who saw them, and as training tensors: the person's crop, many in memory."""
 
+import math
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryFile, gettempdir
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.crop import SIZE, network_crop, normalize, person_of
+from annotate.crop import SIZE, crop_from_note, network_crop, normalize, person_of
 from annotate.labels import FrameLabels
 from annotate.labelset.store import LabelSet
-from annotate.parts import BACKGROUND, UNDEFINED
+from annotate.parts import BACKGROUND, on_body
+from sensors.camera import Intrinsics
 from sensors.errors import CloudError, FormatError
 from synth.dataset import MANIFEST, Dataset
+from synth.view import CAMERA
+
+MAX_IN_MEMORY = 2_000_000_000
+"""Bytes of depth, or of parts, that are held in memory: 22,000 images. What the system reads from a file, it
+can give back when memory is short."""
+
+K = TypeVar("K", bound=np.generic)
 
 Frames = LabelSet | Dataset
 """Whatever holds labelled frames: one reader serves both."""
@@ -24,6 +36,23 @@ DEPTH_STEPS = np.float32(65535)
 def open_frames(path: Path) -> Frames:
     """Open a label set or a dataset. Raises FormatError when the folder is neither."""
     return Dataset.open(path) if (path / MANIFEST).is_file() else LabelSet.open(path)
+
+
+def camera_of(frames: Frames, frame: FrameLabels) -> Intrinsics:
+    """The undistorted depth camera of the whole image that a set's frame is, or by its notes is a crop of."""
+    if isinstance(frames, LabelSet) and "crop" not in frame.notes:
+        return frames.intrinsics.undistorted()
+    return CAMERA
+
+
+def pinhole_of(frame: FrameLabels, camera: Intrinsics) -> Intrinsics:
+    """The pinhole of a frame's own pixels: ``camera``, or the part of it that the frame is a crop of.
+
+    Raises FormatError when the note on the crop is malformed.
+    """
+    if "crop" not in frame.notes:
+        return camera
+    return crop_from_note(frame.notes["crop"], "crop").camera(camera, frame.depth_mm.shape[0])
 
 
 def to_crop(frame: FrameLabels) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
@@ -39,7 +68,7 @@ def to_crop(frame: FrameLabels) -> tuple[NDArray[np.float32], NDArray[np.uint8]]
 
 @dataclass(frozen=True)
 class Crops:
-    """Crops in memory, compact: depth uint16 (N, 212, 212) in 1 / 65535, parts uint8; 135 kB each."""
+    """Crops at hand, compact: depth uint16 (N, 212, 212) in 1 / 65535, parts uint8; 135 kB each."""
 
     depth: NDArray[np.uint16]
     parts: NDArray[np.uint8]
@@ -67,16 +96,18 @@ def load_crops(
     """Read label sets and datasets, all subjects but ``without``, or ``only`` some.
 
     Frames without a named part teach nothing and are left out. Raises CloudError when none is left, or when
-    they do not fit into memory.
+    they do not fit into memory and the disk.
     """
     frames = [open_frames(path) for path in sources]
     names = ", ".join(map(str, sources))
     try:
         total = sum(map(len, frames))
-        depth = np.zeros((total, SIZE, SIZE), np.uint16)
-        parts = np.zeros((total, SIZE, SIZE), np.uint8)
-    except (MemoryError, ValueError, OverflowError) as error:
-        raise CloudError(f"{names}: so many images do not fit into memory; give fewer") from error
+        depth: NDArray[np.uint16] = _room(total, np.uint16)
+        parts: NDArray[np.uint8] = _room(total, np.uint8)
+    except (MemoryError, ValueError, OverflowError, OSError) as error:
+        raise CloudError(
+            f"{names}: so many images do not fit into memory and {gettempdir()}; give fewer, or set TMPDIR"
+        ) from error
     n = 0
     for frame in _teaching(frames, without, only):
         if n == total:
@@ -92,6 +123,21 @@ def load_crops(
     return Crops(depth[:n], parts[:n])
 
 
+def _room(images: int, kind: type[K]) -> NDArray[K]:
+    """Zeros for so many crops: in memory, or of many in a nameless file that goes with the process.
+
+    Raises OSError where the disk has no room.
+    """
+    shape = (images, SIZE, SIZE)
+    size = math.prod(shape) * np.dtype(kind).itemsize
+    if size <= MAX_IN_MEMORY:
+        return np.zeros(shape, kind)
+    with TemporaryFile() as file:
+        # Or a full disk would end the process in the middle of a training.
+        os.posix_fallocate(file.fileno(), 0, size)
+        return np.memmap(file, kind, "r+", shape=shape)
+
+
 def _teaching(
     frames: list[Frames], without: frozenset[str], only: frozenset[str] | None
 ) -> Iterator[FrameLabels]:
@@ -99,5 +145,5 @@ def _teaching(
         for frame in source:
             if frame.subject in without or (only is not None and frame.subject not in only):
                 continue
-            if ((frame.parts < UNDEFINED) & (frame.parts > BACKGROUND) & (frame.depth_mm > 0)).any():
+            if (on_body(frame.parts) & (frame.depth_mm > 0)).any():
                 yield frame

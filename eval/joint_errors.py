@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.crop import Crop
 from annotate.labels import FrameLabels
+from eval.data import pinhole_of
 from eval.joints import IN_SKELETON, JOINT_NAMES, N_JOINTS, Float64, Measured, measure
 from eval.skeleton_fit import fit_skeletons
-from sensors.camera import MAX_IMAGE_SIDE, Intrinsics, project
+from sensors.camera import Intrinsics, project
 from sensors.errors import FormatError
 from synth import skeleton
-from synth.view import CAMERA as CAMERA
 
 WITHIN_MM = (50.0, 100.0, 150.0)
 """Distances of the PCK."""
@@ -44,35 +43,15 @@ class JointObservation:
 def observe(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> JointObservation | None:
     """What a frame's predicted parts say of the joints, and where they truly are; None without true joints.
 
-    camera: undistorted, of the truth's label set; for a dataset's frame, which is a crop, the camera of the
-    whole image (``CAMERA``): the crop's place is in the frame's notes. Raises FormatError when the notes are
-    malformed.
+    camera: undistorted, of the whole image (``eval.data.camera_of``). Raises FormatError for malformed notes.
     """
     if "joints_mm" not in truth.notes:
         return None
     joints = _joints(truth)
-    whole = camera.shape if "crop" in truth.notes else truth.depth_mm.shape
-    pixels = project(camera.undistorted(), joints)
-    inside = np.all((pixels >= -0.5) & (pixels < np.array(whole[::-1]) - 0.5), axis=-1)
-    seen_by = camera_of(truth, camera)
-    return JointObservation(
-        measure(predicted.parts, predicted.depth_mm, seen_by), truth.subject, joints, inside
-    )
-
-
-def camera_of(frame: FrameLabels, camera: Intrinsics) -> Intrinsics:
-    """The pinhole of a frame: ``camera`` itself, or its part that the frame's notes say it is a crop of."""
-    if "crop" not in frame.notes:
-        return camera
-    numbers = frame.notes["crop"]
-    if (
-        not isinstance(numbers, list)
-        or [type(number) for number in numbers] != [int] * 3
-        or not 0 < numbers[2] <= 2 * MAX_IMAGE_SIDE
-        or max(map(abs, numbers)) > 2 * MAX_IMAGE_SIDE
-    ):
-        raise FormatError(f"frame {frame.frame_id}: its note 'crop' is malformed; give [top, left, side]")
-    return Crop(*numbers).camera(camera, frame.depth_mm.shape[0])
+    pixels = project(camera, joints)
+    inside = np.all((pixels >= -0.5) & (pixels < np.array(camera.shape[::-1]) - 0.5), axis=-1)
+    measured = measure(predicted.parts, predicted.depth_mm, pinhole_of(truth, camera))
+    return JointObservation(measured, truth.subject, joints, inside)
 
 
 def _joints(truth: FrameLabels) -> Float64:

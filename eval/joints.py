@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.parts import N_CLASSES, PART_ID
+from annotate.crop import window_of
+from annotate.parts import N_CLASSES, PART_ID, on_body
 from sensors.camera import Intrinsics
 from synth.skeleton import JOINT_ID
 
@@ -112,16 +113,15 @@ class Measured:
 
 def measure(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], camera: Intrinsics) -> Measured:
     """Borders and middles of the parts (h, w) over a depth image (h, w) of an undistorted camera."""
-    named = (parts > 0) & (parts < N_CLASSES) & (depth_mm > 0)
+    named = on_body(parts) & (depth_mm > 0)
     borders = np.full((len(HINGES), 3), np.nan)
     middles = np.full((len(LIMBS), 3), np.nan)
     direct = np.zeros(len(HINGES), np.bool_)
     if not named.any():
         return Measured(borders, middles, direct)
-    v, u = (np.flatnonzero(named.any(axis=axis)) for axis in (1, 0))
-    window = slice(v[0], v[-1] + 1), slice(u[0], u[-1] + 1)
+    window = window_of(named)
     labels = np.where(named[window], parts[window], np.uint8(0))
-    points = _points(depth_mm[window], camera, int(v[0]), int(u[0]))
+    points = _points(depth_mm[window], camera, window[0].start, window[1].start)
     of_part = _by_part(labels, points)
     for i, limb in enumerate(LIMBS):
         if len(of_part[limb.part]) >= MIN_PART:

@@ -72,12 +72,34 @@ class Order:
                 yield [(epoch, int(i)) for i in batch[self.rank :: self.world]]
 
 
+@dataclass(frozen=True)
+class _After:
+    """``Order.after`` as torch wants it, begun anew by each reader; never as a list of all epochs."""
+
+    order: Order
+    step: int
+
+    def __iter__(self) -> Iterator[list[At]]:
+        return self.order.after(self.step)
+
+
 def batches(images: Images, order: Order, step: int, workers: int = 0) -> Iterator[tuple[Tensor, Tensor]]:
-    """Depth (B, 1, h, w), parts (B, h, w) of every step from one on; worker processes make them ahead."""
+    """Depth (B, 1, h, w), parts (B, h, w) of every step from one on; worker processes make them ahead.
+
+    Raises CloudError when one of these is killed.
+    """
     loader: DataLoader[Any] = DataLoader(
         images,
-        batch_sampler=list(order.after(step)),
+        batch_sampler=_After(order, step),
         num_workers=workers,
         pin_memory=torch.cuda.is_available(),
     )
-    yield from loader
+    try:
+        yield from loader
+    except RuntimeError as error:
+        if "DataLoader worker" not in str(error):
+            raise
+        raise CloudError(
+            "a worker process was killed, perhaps for want of memory; give the same command to go on, with "
+            "fewer --workers"
+        ) from error

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, NEIGHBOURS, UNDEFINED
+from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, NEIGHBOURS, UNDEFINED, swap_left_right
 
 Labels = NDArray[np.uint8]
 Counts = NDArray[np.int64]
@@ -24,10 +24,7 @@ Scores = NDArray[np.float64]
 WORST_SHARE = 0.05
 """Share of the frames, the worst by mIoU, whose mean is the worst case (Wang et al. 2023, q = 5)."""
 
-_TWIN = np.arange(N_CLASSES)
-for _left, _right in LEFT_RIGHT:
-    _TWIN[_left], _TWIN[_right] = _right, _left
-
+_TWIN = swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))
 _MERGED_ID = np.unique(np.minimum(np.arange(N_CLASSES), _TWIN), return_inverse=True)[1]
 _NEIGHBOUR = np.array([[frozenset((a, b)) in NEIGHBOURS for b in range(N_CLASSES)] for a in range(N_CLASSES)])
 

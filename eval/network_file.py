@@ -7,14 +7,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from annotate.crop import SIZE, Crop, network_crop, normalize
 from annotate.labelset.probabilities import Probabilities
 from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.segmentation.segment import Segmentation
-from sensors.errors import FormatError
+from sensors.errors import CloudError, FormatError
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
 MAX_WEIGHT_BYTES = 1_000_000_000
@@ -34,6 +33,12 @@ class Network:
     """
 
     def __init__(self, path: Path = SHIPPED_WEIGHTS) -> None:
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise CloudError(
+                f"{error.name} is not installed; pip install 'annotate-cloud[network]'"
+            ) from error
         data = _read(path)
         options = onnxruntime.SessionOptions()
         options.add_session_config_entry("session.model_external_initializers_file_folder_path", _NOWHERE)

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import wilcoxon
 
 from eval import bootstrap
 from eval.compare import Comparison
@@ -131,6 +130,8 @@ def _unpaired(a: Result, b: Result) -> Difference:
 
 
 def _wilcoxon_p(ours: Comparison, theirs: Comparison, name: str) -> float | None:
+    from scipy.stats import wilcoxon
+
     if ours.n_subjects < MIN_SUBJECTS:
         return None
     means = [scores_of(FrameCounts.of_flat(c.by_cluster))[name] for c in (ours, theirs)]

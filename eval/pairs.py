@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from annotate.labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from eval.counts import FrameCounts, count
-from eval.data import Frames, open_frames
-from eval.joint_errors import CAMERA, JointObservation, camera_of, observe
+from eval.data import Frames, camera_of, open_frames, pinhole_of
+from eval.joint_errors import JointObservation, observe
 from eval.traits import Traits, traits_of
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError, FormatError
@@ -152,33 +152,29 @@ def _chunks(pairs: Sequence[Pair]) -> list[list[Pair]]:
 
 def _count_chunk(predicted_path: Path, truth_path: Path, pairs: list[Pair]) -> list[Counted]:
     predicted, truth = open_frames(predicted_path), open_frames(truth_path)
-    camera = truth.intrinsics if isinstance(truth, LabelSet) else CAMERA
     guesses, targets = Reader(predicted), Reader(truth)
-    return [
-        count_frame(
-            guesses.read(pair.frame_id, pair.predicted_shard),
-            targets.read(pair.frame_id, pair.truth_shard),
-            camera,
-        )
-        for pair in pairs
-    ]
+    counted = []
+    for pair in pairs:
+        guess = guesses.read(pair.frame_id, pair.predicted_shard)
+        target = targets.read(pair.frame_id, pair.truth_shard)
+        counted.append(count_frame(guess, target, camera_of(truth, target)))
+    return counted
 
 
 def count_frame(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> Counted:
-    """Count one frame. camera: of its depth image; where the frame's notes say of which crop of the rig's
-    depth image it is, that is taken instead. Raises CloudError where the two are no labels of the same
-    depth image, or the notes are malformed.
+    """Count one frame. camera: undistorted, of the whole image (``eval.data.camera_of``).
+
+    Raises CloudError where the two are no labels of the same depth image, FormatError for malformed notes.
     """
     _check_same(predicted, truth)
-    whole = CAMERA if "crop" in truth.notes else camera
-    traits = traits_of(truth, predicted, camera_of(truth, whole))
+    traits = traits_of(truth, predicted, pinhole_of(truth, camera))
     return Counted(
         truth.frame_id,
         truth.subject,
         traits,
         Digests(_digest(truth.depth_mm), _digest(truth.parts), _digest(predicted.parts)),
         count(truth, predicted, traits.mm_per_px),
-        observe(predicted, truth, whole),
+        observe(predicted, truth, camera),
     )
 
 

@@ -1,7 +1,9 @@
 """A comparison kept on disk as JSON, with what a reader needs to repeat it."""
 
+import base64
 import json
 import math
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -17,14 +19,16 @@ from eval.joints import N_JOINTS
 from eval.metrics import Counts
 from eval.pairs import Digests
 from eval.traits import Traits
-from sensors.atomic import write_bytes
-from sensors.errors import CloudError, ExistsError, FormatError
+from sensors.atomic import check_free, write_bytes
+from sensors.errors import CloudError, FormatError
 
-SCHEMA = 2
-MAX_BYTES = 128_000_000
-"""Ten times the JSON of the 4,984 frames of the paper's test set, all classes present."""
-MAX_COUNT = 2**31
-"""More pixels than this no image has; sums of so many frames as fit in the file stay exact."""
+SCHEMA = 3
+MAX_FRAMES = 200_000
+"""Their counts are 600 MB in memory."""
+MAX_BYTES = 512_000_000
+"""MAX_FRAMES with their ids, traits, digests, joints and packed counts."""
+PACKED = np.dtype("<i4")
+"""More pixels than this can count no image has; sums of MAX_FRAMES stay exact."""
 MISSED = "missed"
 """Stands for a joint that was not found, null for one that is not scored."""
 
@@ -38,10 +42,13 @@ class Result:
     facts: Mapping[str, str] = field(default_factory=dict)
 
 
-def check_free(path: Path, overwrite: bool) -> None:
-    """Raise ExistsError when the file is there and `overwrite` is not set: before measuring, not after."""
-    if path.exists() and not overwrite:
-        raise ExistsError(f"{path} exists already; choose another file or pass --overwrite")
+def check_size(frames: int) -> None:
+    """Raise CloudError for more frames than a result keeps: before measuring, not after."""
+    if frames > MAX_FRAMES:
+        raise CloudError(
+            f"a result keeps at most {MAX_FRAMES} frames, not {frames}; evaluate fewer at a time, or leave "
+            "--out away"
+        )
 
 
 def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
@@ -52,6 +59,7 @@ def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
     """
     check_free(path, overwrite)
     comparison = result.comparison
+    check_size(len(comparison.frame_ids))
     joints_mm = comparison.joints_mm
     value = {
         "schema": SCHEMA,
@@ -63,7 +71,7 @@ def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
         "traits": [_known(asdict(traits)) for traits in comparison.traits],
         "digests": [asdict(digests) for digests in comparison.digests],
         "extra_frames": comparison.extra_frames,
-        "counts": {name: getattr(comparison.counts, name).ravel().tolist() for name in SHAPES},
+        "counts": {name: _packed(getattr(comparison.counts, name)) for name in SHAPES},
         "joints_mm": None if joints_mm is None else [[_joint(v) for v in row] for row in joints_mm],
     }
     data = (json.dumps(value, allow_nan=False, separators=(",", ":")) + "\n").encode()
@@ -98,11 +106,14 @@ def load_result(path: Path) -> Result:
         AttributeError,
         OverflowError,
         RecursionError,
+        zlib.error,
     ) as error:
         raise FormatError(f"{path} is no result ({error}); give a file that evaluate wrote") from error
 
 
 def _parse(value: dict[str, Any]) -> Result:
+    if len(value["frame_ids"]) > MAX_FRAMES:
+        raise ValueError(f"more than {MAX_FRAMES} frames")
     comparison = Comparison(
         frame_ids=_texts(value["frame_ids"]),
         subjects=_texts(value["subjects"]),
@@ -165,9 +176,20 @@ def _joints(rows: list[list[Any]]) -> NDArray[np.float64]:
     return errors
 
 
-def _counts(name: str, value: list[Any], frames: int) -> Counts:
-    """Counts are kept as one row of numbers, which is read ten times as fast as nested ones."""
-    counts = np.array(value)
-    if not np.issubdtype(counts.dtype, np.integer) or not ((counts >= 0) & (counts < MAX_COUNT)).all():
-        raise ValueError(f"{name} holds something else than counts")
-    return counts.astype(np.int64).reshape(frames, *SHAPES[name])
+def _packed(counts: Counts) -> str:
+    """Counts as text: base64 of zlib's PACKED integers."""
+    return base64.b64encode(zlib.compress(counts.astype(PACKED).tobytes(), 1)).decode()
+
+
+def _counts(name: str, value: str, frames: int) -> Counts:
+    """Inverse of `_packed`, never larger than the frames need."""
+    shape = (frames, *SHAPES[name])
+    size = math.prod(shape) * PACKED.itemsize
+    inflate = zlib.decompressobj()
+    data = inflate.decompress(base64.b64decode(value, validate=True), size + 1)
+    if len(data) != size or not inflate.eof:
+        raise ValueError(f"{name} holds something else than counts of {frames} frames")
+    counts = np.frombuffer(data, PACKED).reshape(shape).astype(np.int64)
+    if (counts < 0).any():
+        raise ValueError(f"{name} holds negative counts")
+    return counts

@@ -1,4 +1,4 @@
-"""Networks of segmentation-models-pytorch, for whoever wants more than the compact one (extra 'train')."""
+"""Networks of segmentation-models-pytorch, for whoever wants more than the compact one (extra 'smp')."""
 
 from dataclasses import dataclass
 

@@ -4,6 +4,7 @@ import json
 import math
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from zlib import crc32
@@ -12,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from annotate.labelset.claim import Claim, login
 from eval.checkpoint import Epoch, Point, Progress, load_checkpoint, save_checkpoint, steps_done
 from eval.data import Crops
 from eval.fixed_frame import FixedFrame
@@ -21,7 +23,7 @@ from eval.metrics import mean_recall, miou
 from eval.networks import build
 from eval.plan import Plan, class_weights, loss_of, optimizer_of, rate
 from eval.team import Team
-from sensors.atomic import write_bytes
+from sensors.atomic import is_taken, write_bytes
 from sensors.errors import CloudError, ExistsError
 
 PLAN, CHECKPOINT, HISTORY = "plan.json", "checkpoint.safetensors", "history.json"
@@ -54,12 +56,26 @@ def train(
 
     ``out`` gets plan, checkpoints, history.json, and frame/: the labelling of one frame, the first measured
     one (else the first), before the training and as it goes. Every process of a team calls this; only the
-    first writes. Raises ExistsError when ``out`` was started otherwise, FormatError on a broken checkpoint,
-    CloudError when the loss is no longer finite.
+    first writes. Raises ExistsError when ``out`` was started otherwise, ClaimedError while another training
+    writes it, FormatError on a broken checkpoint, CloudError when the loss is no longer finite.
     """
     if team.first:
-        _claim(out, plan, crops, init)
+        _begin(out, plan, crops, init)
     team.wait()
+    with Claim.take(out, login()) if team.first else nullcontext():
+        return _train(crops, measured, out, plan, team, watch, init, workers)
+
+
+def _train(
+    crops: Crops,
+    measured: Crops | None,
+    out: Path,
+    plan: Plan,
+    team: Team,
+    watch: Watch,
+    init: nn.Module | None,
+    workers: int,
+) -> tuple[nn.Module, Progress]:
     torch.manual_seed(plan.seed)
     model = init if init is not None else build(plan.network)
     model = model.to(team.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -181,7 +197,7 @@ def images_left(out: Path, plan: Plan, crops: Crops) -> int:
     return (order.epoch_steps * plan.epochs - done) * order.step_images
 
 
-def _claim(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:
+def _begin(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:
     """Start or resume: plan, data and initial weights say whose half-finished training this is."""
     parts, depth = np.ascontiguousarray(crops.parts), np.ascontiguousarray(crops.depth)
     data = {"images": len(crops), "crc32": crc32(parts.data, crc32(depth.data))}
@@ -196,7 +212,7 @@ def _claim(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:
                 f"{out} holds another training (plan or data differ); take another folder or --overwrite"
             )
         return
-    if out.exists() and any(out.iterdir()):
+    if is_taken(out):
         raise ExistsError(f"{out} exists and is no training; choose another folder or pass --overwrite")
     out.mkdir(parents=True, exist_ok=True)
     write_bytes(out / PLAN, order)

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.crop import window_of
 from annotate.labels import FrameLabels, Status
-from annotate.parts import BACKGROUND, UNDEFINED
+from annotate.parts import on_body
 from sensors.camera import Intrinsics
 
 DISTANCE_EDGES_M = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
@@ -44,7 +45,7 @@ class Traits:
 
 def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) -> Traits:
     """Traits of a frame, from the truth's notes and depth. camera: of its depth image."""
-    person = (truth.parts != BACKGROUND) & (truth.parts != UNDEFINED)
+    person = on_body(truth.parts)
     readings = truth.depth_mm[person & (truth.depth_mm > 0)]
     distance_mm = float(np.median(readings)) if readings.size else math.nan
     view = truth.notes.get("camera")
@@ -98,10 +99,9 @@ def _binned(values: Sequence[float], edges: tuple[float, ...], scale: float, uni
 
 
 def _invalid_share(depth_mm: NDArray[np.uint16], person: Mask) -> float:
-    rows, columns = (np.flatnonzero(person.any(axis=axis)) for axis in (1, 0))
-    if not rows.size:
+    box = window_of(person)
+    if not depth_mm[box].size:
         return math.nan
-    box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     around = depth_mm[box][~person[box]]
     if around.size and not around.any():
         return math.nan

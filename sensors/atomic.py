@@ -6,6 +6,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from sensors.errors import ExistsError
+
+
+def check_free(path: Path, overwrite: bool) -> None:
+    """Raise ExistsError when something is there and may not be replaced: before long work, not after it."""
+    if path.exists() and not overwrite:
+        raise ExistsError(f"{path} exists already; choose another name or pass --overwrite")
+
+
+def is_taken(folder: Path) -> bool:
+    """Whether a new folder has no room there: something lies in it already, or it is a file."""
+    return folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:

@@ -28,7 +28,7 @@ def read_las(path: Path) -> NDArray[np.float64]:
     Raises FormatError.
     """
     if find_spec("laspy") is None:
-        raise FormatError(f"{path} needs laspy; install annotate-cloud[exchange]")
+        raise FormatError(f"{path} needs laspy; pip install 'annotate-cloud[exchange]'")
     import laspy
 
     _check_counts(path)

@@ -18,11 +18,11 @@ from google.protobuf.message import DecodeError
 from google.protobuf.message import Message as ProtoMessage
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from sensors.calibration import Pose, RigCalibration
 from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError, FormatError
+from sensors.quaternion import quaternion_of, rotation_of
 
 CAMERAS = ("depth", "color", "thermal")
 DEPTH, COLOR, THERMAL = (f"/{camera}/image" for camera in CAMERAS)
@@ -254,7 +254,7 @@ def _transform(child: str, child_from_depth: Pose, stamp_ns: int) -> FrameTransf
     message = FrameTransform(timestamp=_time(stamp_ns), parent_frame_id="depth", child_frame_id=child)
     x, y, z = depth_from_child.translation_m
     message.translation.x, message.translation.y, message.translation.z = x, y, z
-    q = Rotation.from_matrix(depth_from_child.rotation).as_quat()
+    q = quaternion_of(depth_from_child.rotation)
     message.rotation.x, message.rotation.y, message.rotation.z, message.rotation.w = q
     return message
 
@@ -262,7 +262,7 @@ def _transform(child: str, child_from_depth: Pose, stamp_ns: int) -> FrameTransf
 def _pose_from(message: FrameTransform) -> Pose:
     q, t = message.rotation, message.translation
     try:
-        rotation = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+        rotation = rotation_of(np.array([q.x, q.y, q.z, q.w]))
     except ValueError as error:
         raise CalibrationError(
             f"/tf of {message.child_frame_id} has no rotation ({error}); record it again"

@@ -1,6 +1,7 @@
 """One-channel PNG images as bytes, bounded and checked on the way in."""
 
 from typing import Any
+from zlib import crc32
 
 import cv2
 import numpy as np
@@ -25,15 +26,18 @@ def png_shape(data: bytes, name: str) -> tuple[int, int]:
 
 
 def check_chunks(data: bytes, name: str) -> None:
-    """Whether every chunk of a PNG lies within it: OpenCV allocates, and clears, what a chunk claims to hold.
+    """Whether every chunk of a PNG lies within it and has the sum of its bytes that stands behind it.
 
+    OpenCV allocates, and clears, what a chunk claims to hold, and libpng tells stderr of a wrong CRC.
     Raises FormatError.
     """
-    offset, last = 8, b""
-    while offset + 12 <= len(data) and last != b"IEND":
+    view, offset, last, whole = memoryview(data), 8, b"", True
+    while offset + 12 <= len(data) and last != b"IEND" and whole:
+        end = offset + 12 + int.from_bytes(view[offset : offset + 4], "big")
         last = data[offset + 4 : offset + 8]
-        offset += 12 + int.from_bytes(data[offset : offset + 4], "big")
-    if last != b"IEND" or offset > len(data):
+        whole = end <= len(data) and crc32(view[offset + 4 : end - 4]) == int.from_bytes(view[end - 4 : end])
+        offset = end
+    if last != b"IEND" or not whole:
         raise FormatError(
             f"{name} PNG is cut off or corrupt: it holds nothing readable; restore it from a copy"
         )

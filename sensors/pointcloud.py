@@ -17,6 +17,7 @@ from sensors.cloud_header import CloudHeader, read_header
 from sensors.errors import FormatError
 from sensors.frame import RigFrame, mm_from_metres
 from sensors.las import read_las
+from sensors.nearest import Nearest
 
 KINECT_V2 = Intrinsics(512, 424, 365.15, 365.15, 253.98, 211.09)
 """Pinhole of a typical Kinect v2 depth camera; a projected cloud has no lens distortion."""
@@ -175,16 +176,17 @@ def _line(ratio: NDArray[np.float64], pixel: NDArray[np.intp]) -> tuple[float, f
 
 def _spacing(points_m: NDArray[np.float64]) -> float:
     """Distance that separates neighbouring points of a surface: nearest neighbours' 95th percentile."""
-    from scipy.spatial import KDTree
-
     sample = points_m[:: max(1, len(points_m) // 5000)]
-    distances, _ = KDTree(points_m).query(sample, k=min(2, len(points_m)))
+    distances, _ = Nearest(points_m).query(sample, k=2)
     return float(np.percentile(distances, 95))
 
 
 def _read_points(path: Path, header: CloudHeader) -> NDArray[np.float64]:
     """All points (n, 3) in the file's order, NaN where not finite or farther than MAX_COORDINATE_M."""
-    import open3d as o3d
+    try:
+        import open3d as o3d
+    except ImportError as error:
+        raise FormatError(f"{path} needs open3d; pip install 'annotate-cloud[clouds]'") from error
 
     try:
         with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):

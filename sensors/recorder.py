@@ -184,7 +184,7 @@ class Recorder:
                 looked = time.monotonic()
                 show(self)
                 if shutil.disk_usage(self._writer.path.parent).free < RESERVE_BYTES:
-                    self._note(time.time_ns(), "disk nearly full: recording ended")
+                    self._note(self._now_ns(), "disk nearly full: recording ended")
                     return "disk"
         return "asked"
 
@@ -200,7 +200,7 @@ class Recorder:
                         continue
                     if not isinstance(item, DeviceError):
                         raise item
-                    self._note(time.time_ns(), str(item))
+                    self._note(self._now_ns(), str(item))
                     gone = not isinstance(item, DeviceFaultError)
                     alive = alive and not (gone and "depth" in self._devices[address].rates_hz)
         return alive
@@ -256,6 +256,10 @@ class Recorder:
             self._note(stamp, FLAG_OPEN if flag is Flag.OPEN else FLAG_CLOSED, arrival)
         self._flag = flag
         return flag is Flag.OPEN
+
+    def _now_ns(self) -> int:
+        """The host's clock as it stood at the start, whatever has been set since."""
+        return time.monotonic_ns() + self._unix_from_monotonic
 
     def _note(self, stamp: int, text: str, arrival: int | None = None) -> None:
         self.events[text] += 1

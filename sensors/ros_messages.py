@@ -18,12 +18,12 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
 from google.protobuf.message import Message as ProtoMessage
-from scipy.spatial.transform import Rotation
 
 from sensors.calibration import Pose
 from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError, FormatError
 from sensors.lens import intrinsics_from_rational
+from sensors.quaternion import rotation_of
 
 Fields = Any
 """A decoded message of classes that rosbags and protobuf make at run time."""
@@ -182,7 +182,7 @@ def _link(parent: str, child: str, t: Fields, q: Fields) -> Link:
     length = float(np.linalg.norm(numbers))
     if not 0.5 < length < 2:
         raise CalibrationError(f"the transform to {child[:60]!r} has no rotation; record it again")
-    rotation = Rotation.from_quat(numbers / length).as_matrix()
+    rotation = rotation_of(numbers)
     # ROS writes some names with a slash before them.
     return Link(
         str(parent).lstrip("/"), str(child).lstrip("/"), Pose(rotation, np.array([t.x, t.y, t.z], float))
@@ -203,7 +203,7 @@ def _ros(kind: str, data: bytes) -> Fields:
 def _rosbags() -> tuple[Callable[[bytes, str], Any], type[Exception]]:
     """rosbags' CDR reader for ROS 2's own message definitions, and the error it raises."""
     if find_spec("rosbags") is None:
-        raise FormatError("ROS 2 messages need rosbags; install annotate-cloud[exchange]")
+        raise FormatError("ROS 2 messages need rosbags; pip install 'annotate-cloud[exchange]'")
     from rosbags.serde import SerdeError
     from rosbags.typesys import Stores, get_typestore
 

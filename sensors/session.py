@@ -20,9 +20,9 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 from numpy.typing import NDArray
 
-from sensors.atomic import replacing
+from sensors.atomic import check_free, replacing
 from sensors.calibration import RigCalibration
-from sensors.errors import CalibrationError, ExistsError, FormatError
+from sensors.errors import CalibrationError, FormatError
 from sensors.frame import RigFrame
 from sensors.mcap_records import is_complete, record_offsets, records_at
 from sensors.messages import (
@@ -76,10 +76,8 @@ class SessionWriter:
         self._calibrated = False
 
     def __enter__(self) -> Self:
-        if not self._overwrite:
-            for existing in (self.path, self.partial):
-                if existing.exists():
-                    raise ExistsError(f"{existing} exists already; choose another name or pass --overwrite")
+        for path in (self.path, self.partial):
+            check_free(path, self._overwrite)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._file = self.partial.open("wb" if self._overwrite else "xb")
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
@@ -197,8 +195,7 @@ def repair(path: Path, out: Path, *, overwrite: bool = False) -> Repair:
     """
     if not path.is_file():
         raise FormatError(f"{path} does not exist; give a recorded session")
-    if out.exists() and not overwrite:
-        raise ExistsError(f"{out} exists already; choose another name or pass --overwrite")
+    check_free(out, overwrite)
     kept = dropped = 0
     with path.open("rb") as source, replacing(out) as temporary, temporary.open("wb") as sink:
         writer = Writer(sink, chunk_size=CHUNK_BYTES)

@@ -58,8 +58,21 @@ class Body:
             or self.faces.min() < 0
             or self.faces.max() >= v
             or self.bones.max() >= N_JOINTS
+            or ((self.waist < 0) | (self.waist >= v)).any()
         ):
             raise FormatError(f"body {self.name}: indices point outside; bake it again")
+
+    @property
+    def vertex_parts(self) -> NDArray[np.uint8]:
+        """Part id of each vertex (V,); where parts meet, that of its last face."""
+        parts = np.zeros(len(self.vertices_m), np.uint8)
+        parts[self.faces.ravel()] = np.repeat(self.face_parts, 3)
+        return parts
+
+    @property
+    def strongest_joints(self) -> NDArray[np.uint8]:
+        """The joint that moves each vertex (V,) most."""
+        return np.asarray(self.bones[np.arange(len(self.bones)), self.weights.argmax(axis=1)])
 
     @property
     def height_cm(self) -> float:

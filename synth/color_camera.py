@@ -8,11 +8,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.crop import window_of
 from sensors.camera import Intrinsics
 from sensors.errors import FormatError
 from synth.outfit import GAMMA
+from synth.render import EXACT
 from synth.skeleton import Float64
-from synth.texture import EXACT
 
 Float32 = NDArray[np.float32]
 JPEG_QUALITY = 90
@@ -134,12 +135,9 @@ def smear(light: Float32, face: NDArray[np.int32], flow_by_face: Float32) -> Flo
     if top < VISIBLE_PX:
         return light
     moves = np.abs(flow_by_face).max(axis=1)[face] > 0
-    rows, columns = np.flatnonzero(moves.any(axis=1)), np.flatnonzero(moves.any(axis=0))
-    if not len(rows):
+    if not moves.any():
         return light
-    pad = int(top) + 2
-    top_left = max(rows[0] - pad, 0), max(columns[0] - pad, 0)
-    window = slice(top_left[0], rows[-1] + pad + 1), slice(top_left[1], columns[-1] + pad + 1)
+    window = window_of(moves, int(top) + 2)
     moving, flow = moves[window].astype(np.float32), flow_by_face[face[window]]
     reach = (2 * int(top) + 3,) * 2
     nearby = cv2.blur(moving, reach)[..., None]

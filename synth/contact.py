@@ -1,4 +1,4 @@
-"""A posed skin on what carries it: where a body comes to rest, and how deep it is in furniture."""
+"""A posed skin on what carries it: where a body comes to rest, and how far it has to be lifted."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +38,3 @@ def _over(vertices_m: Vertices, solid: Solid) -> NDArray[np.bool_]:
     x, y = vertices_m[:, 0], vertices_m[:, 1]
     (x0, y0, _), (x1, y1, _) = solid.low, solid.high
     return (x > x0) & (x < x1) & (y > y0) & (y < y1)
-
-
-def furniture_penetration_m(vertices_m: Vertices, solids: list[Solid]) -> float:
-    """Depth of the deepest vertex (V, 3) in any solid beyond the give of that solid, 0 when there is none."""
-    return max([0.0, *(float(s.depth_m(vertices_m).max()) - s.give_m for s in solids)])

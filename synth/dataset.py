@@ -16,6 +16,8 @@ from sensors.errors import FormatError
 MANIFEST = "dataset.json"
 SCHEMA = 1
 MAX_SHARD_BYTES = 2_000_000_000
+MAX_MANIFEST_BYTES = 256_000_000
+"""A million shards."""
 MAX_MEMBER_BYTES = 64_000_000
 
 
@@ -100,6 +102,10 @@ class Dataset:
                 f"{path} is no finished dataset (it has no {MANIFEST}); run 'synth generate' again"
             )
         try:
+            if manifest.stat().st_size > MAX_MANIFEST_BYTES:
+                raise FormatError(
+                    f"{manifest} is larger than {MAX_MANIFEST_BYTES} bytes; restore it from a copy"
+                )
             info = json.loads(manifest.read_bytes())
             if info.pop("schema") != SCHEMA:
                 raise FormatError(f"{manifest} is not of schema {SCHEMA}; generate the dataset again")

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from synth.texture import EXACT
+from synth.render import EXACT
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]

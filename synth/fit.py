@@ -31,9 +31,7 @@ class BodyModel:
             import anny
             import torch
         except ImportError as error:
-            raise CloudError(
-                "fitting bodies needs anny; install the extra: pip install '.[synth]'"
-            ) from error
+            raise CloudError("fitting bodies needs anny; pip install 'annotate-cloud[bodies]'") from error
         self._torch: Any = torch
         self._model: Any = anny.Anny()
         self.faces = self._model.faces.numpy().astype(np.int32)

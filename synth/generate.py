@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from annotate.labelset.claim import Claim, login
-from sensors.atomic import write_bytes
+from sensors.atomic import is_taken, write_bytes
 from sensors.errors import CloudError, ExistsError
 from synth.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
 from synth.dataset_page import write_page
@@ -131,7 +131,7 @@ def _begin(order: Order, out: Path) -> None:
     """Start or resume: the order file says whose half-finished folder this is."""
     started = out / ORDER
     text = (json.dumps(order.manifest(), sort_keys=True) + "\n").encode()
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if is_taken(out):
         if not started.is_file() or started.read_bytes() != text:
             raise ExistsError(
                 f"{out} holds something else already; choose another folder or pass --overwrite"

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from sensors.camera import Intrinsics
 from synth.paint import Surfaces
-from synth.render import Mesh, rasterize
+from synth.render import EXACT, Mesh, rasterize
 from synth.scene import Surface, look_at
 from synth.skeleton import Float64
-from synth.texture import EXACT
 
 Float32 = NDArray[np.float32]
 STRIDE = 4

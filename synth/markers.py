@@ -70,7 +70,7 @@ def _read_c3d(path: Path) -> Markers:
     try:
         import c3d
     except ImportError as error:
-        raise CloudError("reading C3D needs the extra 'synth': pip install '.[synth]'") from error
+        raise CloudError("reading C3D needs c3d; pip install 'annotate-cloud[synth]'") from error
     # The library answers damaged bytes with whatever exception they run into, and with warnings.
     try:
         with path.open("rb") as file, warnings.catch_warnings():

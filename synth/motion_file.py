@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.atomic import replacing
-from sensors.errors import ExistsError, FormatError
+from sensors.atomic import check_free, replacing
+from sensors.errors import FormatError
 from synth.body import Body
 from synth.skeleton import N_JOINTS, Float64, Posture
 from synth.subject import leg_length_m, zero_bones
@@ -94,8 +94,7 @@ class Motion:
 
 def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
     """Write a motion as npz without pickles, in full or not at all. Raises ExistsError."""
-    if path.exists() and not overwrite:
-        raise ExistsError(f"{path} exists already; choose another name or pass --overwrite")
+    check_free(path, overwrite)
     report = motion.report
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(

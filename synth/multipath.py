@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.camera import Intrinsics
+from synth.render import EXACT
 
 Float32 = NDArray[np.float32]
 
@@ -14,8 +15,6 @@ STRIDE = 12
 MODULATION_HZ = 80e6
 """The middle one of the Kinect v2's three frequencies (libfreenect2's phase unwrapping: 16, 80, 120 MHz)."""
 _RAD_PER_M = 4 * np.pi * MODULATION_HZ / 299_792_458
-EXACT = {"nsz", "nnan"}
-"""No fused or reassociated arithmetic in the kernel: the same bytes on every processor."""
 
 
 def multipath_m(camera: Intrinsics, depth_m: Float32, reflectance: float) -> Float32:

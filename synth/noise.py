@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from sensors.camera import Intrinsics
+from synth.render import EXACT
 
 Float32 = NDArray[np.float32]
 Number = np.float32
@@ -56,8 +57,6 @@ FAR_M = 8.0
 """Where nothing is hit, there is a background this far away: out of range, but edges and slopes need it."""
 MIXED_M = 0.6
 """A flying pixel floats at most this far behind its foreground."""
-EXACT = {"nsz", "nnan"}
-"""No fused or reassociated arithmetic in the kernel: the same bytes on every processor."""
 
 _NORMALS = ndtri((np.arange(4096) + 0.5) / 4096)
 _NORMALS = (_NORMALS / _NORMALS.std()).astype(np.float32)

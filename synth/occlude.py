@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from synth.render import Mesh
 from synth.scene import Surface, box
@@ -18,11 +17,13 @@ def occluder(eye_m: Float64, seen_m: Float64, rng: np.random.Generator) -> Mesh:
     It stands at 50 to 85 % of the way. Random occluders help occluded and unoccluded tests alike
     (Sarandi et al. 2018).
     """
+    from scipy.spatial.transform import Rotation
+
     half = np.exp(rng.uniform(np.log(THING_M[0]), np.log(THING_M[1]), 3)) / 2
     mesh = box(tuple(-half), tuple(half), Surface.TABLE)
     rotation = Rotation.random(rng=rng).as_matrix()
     centre = eye_m + rng.uniform(0.5, 0.85) * (seen_m - eye_m)
-    return Mesh((mesh.vertices_m @ rotation.T + centre).astype(np.float32), mesh.faces, mesh.tags)
+    return mesh.placed(rotation, centre)
 
 
 def cut(person: NDArray[np.bool_], rng: np.random.Generator) -> NDArray[np.bool_]:

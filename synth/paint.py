@@ -12,10 +12,10 @@ from sensors.calibration import Pose
 from sensors.camera import Intrinsics
 from synth.facets import Triple, cross, dot, edge, mix, mix_column, shares, unit
 from synth.outfit import FACE, FOOT, HAIR, HAIRLINE, HAND, N_FIELDS, N_ZONES, SEAMS, SHOE, SKIN, Outfit
-from synth.render import Mesh, ZBuffer
+from synth.render import EXACT, Mesh, ZBuffer
 from synth.room_colors import RoomColors
 from synth.skeleton import Float64
-from synth.texture import EXACT, noise_tile, smooth_noise, wavelength_cells
+from synth.texture import noise_tile, smooth_noise, wavelength_cells
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]

@@ -13,7 +13,7 @@ from synth.body import Body
 from synth.cushion import Cushion, Side
 from synth.motion import SITTING, sit
 from synth.recumbent import IN_BED, RECUMBENT, lie
-from synth.scene import Bed, Chair, Sofa, Solid, look_at
+from synth.scene import Bed, Chair, Sofa, Solid, beside, look_at
 from synth.skeleton import Float64
 
 SCENES = ("sofa", "chair", "bed")
@@ -101,8 +101,7 @@ class Place:
             azimuth, distance = np.radians(rng.uniform(-40, 40)), rng.uniform(1.9, 2.5)
             height = rng.uniform(1.0, 1.35)
             target = np.array([0.0, 0.0, 0.68]) + stray * rng.normal(0, 0.06, 3)
-        eye = np.array([distance * np.sin(azimuth), -distance * np.cos(azimuth), height])
-        return look_at(eye, target, roll)
+        return look_at(beside(np.zeros(3), azimuth, distance, height), target, roll)
 
     def _soft(self) -> tuple[Side, ...]:
         """The soft side of each of the first solids."""

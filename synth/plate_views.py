@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from sensors.atomic import replacing
+from sensors.atomic import check_free, replacing
 from sensors.calibration import Pose, RigCalibration, save_calibration
 from sensors.camera import Intrinsics, distort, rays
-from sensors.errors import ExistsError, FormatError
+from sensors.errors import FormatError
 from sensors.frame import RigFrame
 from sensors.hole_plate import HolePlate
 from sensors.session import SessionWriter
@@ -148,8 +148,7 @@ def record_plate(
     Raises ExistsError when one of the two files exists and ``overwrite`` is False.
     """
     truth = out.with_suffix(".calibration.json")
-    if truth.exists() and not overwrite:
-        raise ExistsError(f"{truth} exists already; choose another name or pass --overwrite")
+    check_free(truth, overwrite)
     rough = _roughly(views.calibration)
     with (
         replacing(truth) as temporary,

@@ -46,8 +46,7 @@ class Thing:
 
 def moved(mesh: Mesh, translation_m: Float64, turn_rad: float = 0.0) -> Mesh:
     """Turned about the vertical, then moved."""
-    rotation = Rotation.from_euler("z", turn_rad).as_matrix()
-    return Mesh((mesh.vertices_m @ rotation.T + translation_m).astype(np.float32), mesh.faces, mesh.tags)
+    return mesh.placed(Rotation.from_euler("z", turn_rad).as_matrix(), translation_m)
 
 
 def table(centre_m: Float64, size_m: tuple[float, float]) -> Thing:
@@ -97,14 +96,10 @@ def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:
     keys = box((-w / 2 + 0.02, -d / 2 + 0.09, h - 0.002), (w / 2 - 0.02, d / 2 - 0.01, h), Surface.KEYBOARD)
     lid = box((-w / 2, 0, 0), (w / 2, 0.006, d), Surface.LAPTOP)
     panel = box((-w / 2 + 0.01, 0.006, 0.01), (w / 2 - 0.01, 0.008, d - 0.01), Surface.SCREEN)
-    upright = merge([lid, panel])
     tilt = Rotation.from_euler("x", LID_RAD - np.pi / 2).as_matrix()
-    opened = upright.vertices_m @ tilt.T + (0, -d / 2, h)
-    mesh = merge([base, keys, Mesh(opened.astype(np.float32), upright.faces, upright.tags)])
+    mesh = merge([base, keys, merge([lid, panel]).placed(tilt, np.array([0, -d / 2, h]))])
     still = moved(mesh, aside_m)
-    part = np.zeros(len(body.vertices_m), np.uint8)
-    part[body.faces.ravel()] = np.repeat(body.face_parts, 3)
-    legs = np.isin(part, [PART_ID[f"{s}_{limb}"] for s in ("left", "right") for limb in _LEG])
+    legs = np.isin(body.vertex_parts, [PART_ID[f"{s}_{limb}"] for s in ("left", "right") for limb in _LEG])
 
     def where(person_m: Vertices, joints_m: Float64) -> Vertices:
         hips, knees = (
@@ -151,7 +146,7 @@ _LEG = ("upper_leg", "lower_leg")
 
 
 def _hands(body: Body) -> dict[str, NDArray[np.int64]]:
-    strongest = body.bones[np.arange(len(body.bones)), body.weights.argmax(axis=1)]
+    strongest = body.strongest_joints
     return {
         side: np.flatnonzero(strongest == JOINT_ID[f"{side}_wrist"]).astype(np.int64)
         for side in ("left", "right")

@@ -15,7 +15,8 @@ Int32 = NDArray[np.int32]
 NEAR_M = 0.05
 """Triangles reaching nearer than this to the camera plane are dropped: nothing useful is that close."""
 EXACT = {"nnan", "nsz"}
-"""Compiler liberties that change no bit: reassociation or fused steps would depend on the processor."""
+"""Compiler liberties of all kernels that change no bit: reassociation or fused steps would depend on the
+processor."""
 WIDE_PX = 8
 """A triangle wider than this is filled from span to span, a smaller one over its bounding box."""
 
@@ -27,6 +28,11 @@ class Mesh:
     vertices_m: NDArray[np.float32]
     faces: NDArray[np.int32]
     tags: NDArray[np.int32]
+
+    def placed(self, rotation: NDArray[np.float64], translation_m: NDArray[np.float64]) -> "Mesh":
+        """Turned by a rotation (3, 3), then moved by (3,)."""
+        vertices = self.vertices_m @ rotation.T + translation_m
+        return Mesh(vertices.astype(np.float32), self.faces, self.tags)
 
 
 def merge(meshes: list[Mesh]) -> Mesh:

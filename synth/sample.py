@@ -19,7 +19,7 @@ from synth.noise import DepthNoise, kinect
 from synth.occlude import cut, occluder
 from synth.recumbent import FALLEN, IN_BED, RECUMBENT, lie
 from synth.render import Mesh, merge
-from synth.scene import Bed, Chair, Ground, Sofa, look_at, view_around
+from synth.scene import Bed, Chair, Ground, Sofa, beside, look_at, view_around
 from synth.skeleton import Float64
 from synth.upright import UPRIGHT, rise
 from synth.view import View, hair_faces, inside_image, render_view, visibility
@@ -177,9 +177,8 @@ def sitting(rng: np.random.Generator, body: Body) -> Stage:
     activity, moment = _random_moment(SITTING, tuple(SITTING.activities), rng)
     vertices, joints = sit(body, sofa, moment)
     centre = joints.mean(axis=0)
-    azimuth, distance = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0)
-    eye = centre + distance * np.array([np.sin(azimuth), -np.cos(azimuth), 0])
-    eye[2] = rng.uniform(0.6, 1.7)
+    azimuth, distance, height = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0), rng.uniform(0.6, 1.7)
+    eye = beside(centre, azimuth, distance, height)
     target = centre + rng.normal(0, (0.12, 0.12, 0.10))
     camera_from_world = look_at(eye, target, np.radians(rng.normal(0, 2)))
     return Stage(activity, vertices, joints, sofa.mesh(), eye, camera_from_world)
@@ -203,9 +202,8 @@ def upright(rng: np.random.Generator, body: Body) -> Stage:
     activity, moment = _random_moment(UPRIGHT, tuple(UPRIGHT.activities), rng)
     vertices, joints = rise(body, before, moment)
     centre = joints.mean(axis=0)
-    azimuth, distance = rng.uniform(-np.pi, np.pi), rng.uniform(1.4, 3.5)
-    eye = centre + distance * np.array([np.sin(azimuth), -np.cos(azimuth), 0])
-    eye[2] = rng.uniform(0.6, 1.8)
+    azimuth, distance, height = rng.uniform(-np.pi, np.pi), rng.uniform(1.4, 3.5), rng.uniform(0.6, 1.8)
+    eye = beside(centre, azimuth, distance, height)
     camera_from_world = look_at(eye, centre + rng.normal(0, (0.12, 0.12, 0.10)), np.radians(rng.normal(0, 2)))
     around = (before or Ground()).mesh()
     return Stage(activity, vertices, joints, around, eye, camera_from_world)

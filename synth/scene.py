@@ -51,12 +51,7 @@ class Solid:
 
     def mesh(self) -> Mesh:
         """Its twelve triangles in the world."""
-        upright = box(self.low, self.high, self.tag)
-        return Mesh(
-            (upright.vertices_m @ self.rotation.T + self.translation).astype(np.float32),
-            upright.faces,
-            upright.tags,
-        )
+        return box(self.low, self.high, self.tag).placed(self.rotation, self.translation)
 
     def packed(self) -> NDArray[np.float64]:
         """(17,) for compiled code: centre, half sizes, give, bias to the top, rotation row by row."""
@@ -295,6 +290,15 @@ def look_at(eye_m: NDArray[np.float64], target_m: NDArray[np.float64], roll_rad:
     return Pose(rotation, -rotation @ eye_m)
 
 
+def beside(
+    centre_m: NDArray[np.float64], azimuth_rad: float, distance_m: float, height_m: float
+) -> NDArray[np.float64]:
+    """A place (3,) so far from a centre (3,) on the level, at a height; azimuth 0 is before the person."""
+    place = centre_m + distance_m * np.array([np.sin(azimuth_rad), -np.cos(azimuth_rad), 0.0])
+    place[2] = height_m
+    return place
+
+
 def view_around(
     rng: np.random.Generator, centre_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -305,6 +309,5 @@ def view_around(
     azimuth = rng.uniform(-np.pi, np.pi)
     level = rng.choice((0.7, 1.1, 1.5, 2.1)) + rng.uniform(-0.2, 0.2)
     distance = rng.uniform(1.2, 2.6)
-    eye = centre_m + distance * np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
-    eye[2] = max(centre_m[2] + 0.3, level)
+    eye = beside(centre_m, azimuth, distance, max(centre_m[2] + 0.3, level))
     return eye, centre_m + rng.normal(0, (0.12, 0.12, 0.05))

@@ -2,11 +2,12 @@
 
 import shutil
 from collections.abc import Callable
+from glob import escape
 from pathlib import Path
 
 from annotate.labelset.store import MANIFEST, LabelSet
 from annotate.suit.palette import suit_to_toml
-from sensors.atomic import replacing
+from sensors.atomic import check_free, replacing, sweep, temporary_of
 from sensors.errors import ExistsError
 from sensors.session import SessionWriter
 from synth.rig import FLAG_CLOSED, VirtualRig, truth_labels
@@ -29,9 +30,10 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
     Raises ExistsError when one of them exists and ``overwrite`` is False.
     """
     truth_folder = truth_path(out)
-    unfinished = truth_folder.with_name(truth_folder.name + ".partial")
-    for path in (suit_path(out), truth_folder, unfinished):
-        _check_free(path, overwrite)
+    unfinished = temporary_of(truth_folder)
+    for path in (suit_path(out), truth_folder):
+        check_free(path, overwrite)
+        _check_own(path)
     metadata = {
         "difficulty": rig.difficulty.name,
         "seed": str(rig.seed),
@@ -45,7 +47,8 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
     try:
         with replacing(suit_path(out)) as suit, writer:
             suit.write_text(suit_to_toml(rig.suit), encoding="utf-8")
-            shutil.rmtree(unfinished, ignore_errors=True)
+            for made in (truth_folder, suit_path(out)):
+                sweep(out.parent, f".{escape(made.name)}.*.partial")
             truth = LabelSet.create(
                 unfinished, rig.calibration.depth.undistorted(), {"source": rig.name, "made_by": "simulate"}
             )
@@ -61,8 +64,6 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
         shutil.rmtree(unfinished, ignore_errors=True)
 
 
-def _check_free(path: Path, overwrite: bool) -> None:
-    if path.exists() and not overwrite:
-        raise ExistsError(f"{path} exists already; choose another name or pass --overwrite")
+def _check_own(path: Path) -> None:
     if path.is_dir() and not (path / MANIFEST).is_file():
         raise ExistsError(f"{path} was not made by simulate (it has no {MANIFEST}); remove it yourself")

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 Float64 = NDArray[np.float64]
 
@@ -111,6 +110,8 @@ class Posture:
 
 def rotations(angles_rad: Float64) -> Float64:
     """Joint rotations (J, 3, 3) of angle triples (J, 3)."""
+    from scipy.spatial.transform import Rotation
+
     return np.asarray(Rotation.from_euler("XYZ", angles_rad * _SIGNS).as_matrix())
 
 

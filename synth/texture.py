@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from synth.render import EXACT
+
 Float32 = NDArray[np.float32]
-EXACT = {"nsz", "nnan"}
-"""No fused or reassociated arithmetic in the kernels: the same bytes on every processor."""
 TILE_CELLS = 64
 CORRELATION_CELLS = 2.0
 """Sigma of the filter that makes the noise smooth: wide enough that interpolation takes no variance away."""
@@ -43,12 +43,3 @@ def smooth_noise(tile: Float32, x: float, y: float, z: float) -> float:  # pragm
     high += b * ((1 - c) * tile[i1, j1, k0] + c * tile[i1, j1, k1])
     value: float = (1 - a) * low + a * high
     return value
-
-
-@numba.njit(cache=True)
-def noise_at(tile: Float32, cells: NDArray[np.float64]) -> NDArray[np.float64]:  # pragma: no cover
-    """Noise (n,) at places (n, 3) given in cells."""
-    result = np.empty(len(cells))
-    for n in range(len(cells)):
-        result[n] = smooth_noise(tile, cells[n, 0], cells[n, 1], cells[n, 2])
-    return result

@@ -135,7 +135,7 @@ def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generat
         by_part[part] = celsius + (0 if name == "head" else clothing.offset_c)
         by_part[part] -= SLEEVE_DROP_C * (part in clothing.cold_sleeves)
     temperature = by_part[body.face_parts]
-    joint = _strongest_joint(body)
+    joint = body.strongest_joints
     for ends, warm, cold, share in (
         ("wrist", HAND_C, COLD_HAND_C, clothing.cold_hands),
         ("ankle", SOCK_C, COLD_FOOT_C, clothing.cold_feet),
@@ -150,14 +150,9 @@ def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generat
     return np.asarray(temperature, np.float64)
 
 
-def _strongest_joint(body: Body) -> NDArray[np.uint8]:
-    return np.asarray(body.bones[np.arange(len(body.bones)), body.weights.argmax(axis=1)])
-
-
 def _limb_vertices(body: Body) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
     """Pairs of vertex sets that can touch though they are no neighbours: arm and trunk, arm and leg, legs."""
-    part = np.zeros(len(body.vertices_m), np.uint8)
-    part[body.faces.ravel()] = np.repeat(body.face_parts, 3)
+    part = body.vertex_parts
     sides: dict[str, dict[str, NDArray[np.int64]]] = {}
     for side in ("left", "right"):
         ids = {limb: PART_ID[f"{side}_{limb}"] for limb in ("upper_arm", "forearm", "upper_leg", "lower_leg")}

@@ -1,11 +1,14 @@
 """Who makes the shards: processes of this machine, or a dask.distributed cluster."""
 
 import logging
+import os
+import threading
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 import cv2
@@ -27,12 +30,25 @@ class Workers:
 def processes(count: int) -> Iterator[Workers]:
     """``count`` processes of this machine, each on one core. Raises CloudError when one is killed."""
     try:
-        with ProcessPoolExecutor(count, get_context("spawn"), cv2.setNumThreads, (1,)) as pool:
+        with ProcessPoolExecutor(count, get_context("spawn"), _begin) as pool:
             yield Workers(pool, count)
     except BrokenExecutor as error:
         raise CloudError(
-            "a worker process was killed, perhaps for want of memory; go on with fewer --workers"
+            "a worker process was killed, perhaps for want of memory; give the same command to go on, with "
+            "fewer --workers where it has them"
         ) from error
+
+
+def _begin() -> None:
+    """In a worker: one core, and no life after its parent's. A pool's workers do not notice that one dies."""
+    cv2.setNumThreads(1)
+    if (parent := parent_process()) is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
 
 
 @contextmanager
@@ -44,7 +60,7 @@ def cluster(address: str) -> Iterator[Workers]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise CloudError("--scheduler needs dask; install the extra: pip install '.[cluster]'") from error
+        raise CloudError("--scheduler needs dask; pip install 'annotate-cloud[cluster]'") from error
     # What distributed logs about a lost connection is said in one line by the error below.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:

@@ -3,13 +3,15 @@
 A simulated annotator corrects a copy of the label set to 99 % agreement with the truth; printed are the
 seconds and operations a frame, the share accepted with one key and what is left wrong, with a strict border
 and one of 2 px, each frame alone and with the window carrying corrections over from the frames before
-("always carry": its strokes need no key). With the session, supervoxels follow colour; else the labels.
+("always carry": its strokes need no key), each with a look for every patch, the headline, and a look for up
+to four of one part (docs/adr/0009). With the session, supervoxels follow colour; else the labels.
 """
 
 import argparse
 import tempfile
 import time
 from collections import Counter
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -17,22 +19,22 @@ import numpy as np
 from annotate.correction.correction import Correction
 from annotate.effort.agreement import Agreement
 from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
+from annotate.effort.keystrokes import AT_A_GLANCE, ONE_BY_ONE
 from annotate.fuse import Fuser
 from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
 from sensors.replay import Session
 
 
-def measure(labels, truth, color_of, tolerance_px, propagating, trace=False):
+def measure(labels, truth, color_of, annotator, propagating, trace=False):
     """Print one way of working over a label set."""
-    annotator = Annotator(tolerance_px=tolerance_px)
     efforts, before, left, operations, spent = [], [], Counter(), Counter(), Counter()
     started = time.process_time()
     with Correction.open(labels.path, WHO, clock=annotator.clock) as correction:
         for effort in correct_set(correction, truth, annotator, color_of, propagating):
             frame_id = effort.corrected.frame_id
             true = truth.read(frame_id).parts
-            agreement = Agreement(true, effort.corrected.depth_mm > 0, tolerance_px)
+            agreement = Agreement(true, effort.corrected.depth_mm > 0, annotator.tolerance_px)
             efforts.append(effort)
             before.append(agreement.of(labels.read(frame_id, original=True).parts))
             wrong = agreement.wrong(effort.corrected.parts)
@@ -61,6 +63,7 @@ def print_summary(efforts, before, left):
     )
     print(
         f"  agreement before: median {np.median(before):.4f}, 10 % under {np.quantile(before, 0.1):.4f}; "
+        f"left wrong: mean {1 - np.mean([e.agreement for e in efforts]):.2%}; "
         f"given up under {AGREEMENT:.0%}: {len(missed)}"
         + (f", at {np.median([e.agreement for e in missed]):.4f}" if missed else "")
     )
@@ -93,13 +96,15 @@ def main():
         session = Session(options.session)
         fuser = Fuser(session.calibration)
         color_of = lambda frame_id: fuser.fuse_frame(session.frame(int(frame_id))).color_rgb  # noqa: E731
-    for tolerance_px in options.tolerance:
-        for propagating in (False, True):
-            mode = "corrections carried over" if propagating else "each frame alone"
-            print(f"border {tolerance_px} px, {mode}:")
-            with tempfile.TemporaryDirectory() as folder:
-                labels = copy_of(LabelSet.open(options.labels), Path(folder) / "labels", options.frames)
-                measure(labels, truth, color_of, tolerance_px, propagating, options.trace)
+    for tolerance_px, propagating, at_once in product(
+        options.tolerance, (False, True), (ONE_BY_ONE, AT_A_GLANCE)
+    ):
+        mode = "corrections carried over" if propagating else "each frame alone"
+        print(f"border {tolerance_px} px, {mode}, up to {at_once} patches a look:")
+        annotator = Annotator(tolerance_px=tolerance_px, at_once=at_once)
+        with tempfile.TemporaryDirectory() as folder:
+            labels = copy_of(LabelSet.open(options.labels), Path(folder) / "labels", options.frames)
+            measure(labels, truth, color_of, annotator, propagating, options.trace)
 
 
 def copy_of(labels, path, frames):

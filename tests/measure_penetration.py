@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from annotate.parts import PARTS
 from synth.body import Body, shipped_bodies
-from synth.contact import furniture_penetration_m
 from synth.motion import SITTING, sit
-from synth.penetration import penetrations_m
 from synth.recumbent import FALLEN, IN_BED, RECUMBENT, lie
 from synth.scene import FLOOR, Bed, Chair, Ground, Sofa, Solid
 from synth.upright import UPRIGHT, rise
+from tests.penetration import furniture_penetration_m, penetrations_m
 
 Posed = tuple[str, list[Solid], NDArray[np.float32], NDArray[np.float64]]
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.crop import NEAREST, SIZE, Crop, crop_around, network_crop, normalize
+from annotate.crop import NEAREST, SIZE, Crop, crop_around, network_crop, normalize, window_of
 from sensors.camera import Intrinsics, project, rays
 from sensors.errors import CloudError
 
@@ -41,6 +41,22 @@ def test_what_is_cut_out_smaller_comes_back_shrunk_the_same(corner, side, seed):
     small = crop.cut(whole, 0, 16)
     back = crop.paste(small, whole.shape, 0)
     np.testing.assert_array_equal(crop.cut(back, 0, 16), small)
+
+
+@law
+@given(st.integers(0, 30), st.integers(0, 12), st.integers(0, 99))
+def test_a_window_is_the_least_that_holds_all_pixels_and_its_margin(pixels, margin, seed):
+    rng = np.random.default_rng(seed)
+    mask = np.zeros((20, 30), np.bool_)
+    mask[rng.integers(5, 12, pixels), rng.integers(8, 15, pixels)] = True
+    window = window_of(mask, margin)
+    assert mask[window].sum() == mask.sum()
+    if not mask.any():
+        assert not mask[window].size
+        return
+    v, u = np.nonzero(mask)
+    assert window[0] == slice(max(0, v.min() - margin), v.max() + 1 + margin)
+    assert window[1] == slice(max(0, u.min() - margin), u.max() + 1 + margin)
 
 
 @law

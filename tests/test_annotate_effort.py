@@ -16,9 +16,11 @@ from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
 from annotate.effort.hand import CAREFUL, QUICK, along, length_px, loop, outline
 from annotate.effort.keystrokes import (
     ACCEPT_S,
+    AT_A_GLANCE,
     CLICK_S,
     KEY_S,
     MENTAL_S,
+    ONE_BY_ONE,
     POINT_S,
     STEER_S,
     Tools,
@@ -62,9 +64,16 @@ def with_errors(n: int) -> np.ndarray:
     return parts
 
 
-def worked(start: np.ndarray, truth: np.ndarray, goal: float = AGREEMENT, tolerance_px: int = 0, **more):
+def worked(
+    start: np.ndarray,
+    truth: np.ndarray,
+    goal: float = AGREEMENT,
+    tolerance_px: int = 0,
+    at_once: int = 1,
+    **more,
+):
     """The editor and the strokes after the annotator has worked on a frame."""
-    strokes, annotator = [], Annotator(goal, tolerance_px)
+    strokes, annotator = [], Annotator(goal, tolerance_px, at_once)
     editor = Editor(frame(start), WHO, strokes.append, ActiveTime(annotator.clock))
     pieces = edit_supervoxels(editor.depth_mm, start, CAMERA)
     annotator.work(editor, truth, pieces, **more)
@@ -117,6 +126,17 @@ def test_repairs_of_one_part_are_made_with_one_look():
     tools = Tools(2, "piece")
     apart = moves_s(one.moves, tools) + moves_s(other.moves, tools)
     assert moves_s(both.moves, tools) == pytest.approx(apart - MENTAL_S)
+
+
+def test_one_look_for_many_patches_is_the_cheaper_reading():
+    readings, start = [], person()
+    for wrong, (v, u) in zip((1, 6, 9, 10), (ROOMY[1], ROOMY[2], ROOMY[5], ROOMY[6]), strict=True):
+        start[v - 8 : v + 8, u - 8 : u + 8] = wrong
+    for at_once in (ONE_BY_ONE, AT_A_GLANCE):
+        editor, strokes = worked(start, person(), at_once=at_once)
+        assert Agreement(person(), EVERYWHERE).of(editor.parts) >= AGREEMENT
+        readings.append(seconds(strokes))
+    assert readings[0] > readings[1] + MENTAL_S / 2
 
 
 def test_a_missing_foot_is_drawn_where_no_piece_fits():

@@ -239,7 +239,7 @@ def test_a_killed_writer_leaves_no_claim(tmp_path):
 def test_a_claim_that_says_nonsense_still_holds(tmp_path, says):
     claim = Claim.take(tmp_path, "ann")
     (tmp_path / "claim.json").write_bytes(says)
-    with pytest.raises(ClaimedError, match="corrected by another process"):
+    with pytest.raises(ClaimedError, match="written by another process"):
         Claim.take(tmp_path, "bob")
     claim.release()
 

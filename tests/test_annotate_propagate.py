@@ -107,6 +107,37 @@ def test_an_undefined_frame_takes_the_labels_over():
     np.testing.assert_array_equal(done.parts[~on_body], 0)
 
 
+def test_a_mistake_that_comes_back_is_put_right_as_it_was_then():
+    old, news, after = (
+        seen((0.02, 0, 0)),
+        [seen((0.02, 0, 0), f"{i}") for i in range(5)],
+        seen((0.03, 0.01, 0), "z"),
+    )
+    right = [Worked(frame, frame) for frame in news]
+    done = propagate([*right, Worked(face_mistaken(old), old)], face_mistaken(after), CAMERA)
+    assert wrong(after, done.parts) <= 0.1 * wrong(after, face_mistaken(after).parts)
+
+
+def test_a_hand_that_was_missed_is_found_where_it_went():
+    before, after = seen(), seen((0.03, 0.02, 0), "b")
+    below = np.arange(CAMERA.height)[:, None] > 85
+    missed = replace(after, parts=np.where((after.parts == 4) & below, np.uint8(0), after.parts))
+    done = propagate([Worked(face_mistaken(before), before)], missed, CAMERA)
+    assert wrong(after, missed.parts) > 100
+    assert wrong(after, done.parts) <= 0.2 * wrong(after, missed.parts)
+
+
+def test_what_the_labels_doubt_the_corrections_decide():
+    before, after = seen(), seen((0.03, 0.02, 0), "b")
+    near = np.hypot(*(np.indices(CAMERA.shape) - [[[80]], [[100]]])) < 6
+    stained = np.where(near, np.uint8(3), after.parts)
+    for sure, corrected in ((1.0, False), (0.1, True)):
+        confidence = np.full(CAMERA.shape, sure, np.float32)
+        unsure = replace(after, parts=stained, confidence=confidence)
+        done = propagate([Worked(face_mistaken(before), before)], unsure, CAMERA)
+        assert (wrong(after, done.parts) < 0.3 * wrong(after, stained)) == corrected
+
+
 def test_frames_that_are_not_one_are_refused():
     with pytest.raises(FormatError, match="before and after its correction"):
         Worked(seen((0.1, 0, 0)), seen())

@@ -164,6 +164,8 @@ def test_an_impossible_size_is_refused_before_it_is_allocated():
         ({"confidence": np.zeros((1, 1), np.float32)}, "confidence"),
         ({"persons": np.zeros((6, 8), np.int64)}, "int64"),
         ({"status": "guessed"}, "guessed"),
+        ({"subject": 7}, "int"),
+        ({"notes": ["dim light"]}, "list"),
     ],
 )
 def test_impossible_labels_are_refused(changes, says):

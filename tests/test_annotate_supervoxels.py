@@ -1,4 +1,4 @@
-"""Laws of supervoxels, regions and clusters, and naive twins of them."""
+"""Laws of supervoxels and clusters, and naive twins of them."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from annotate import _pcl
-from annotate.supervoxels import Supervoxels, clusters, regions, supervoxels
+from annotate.supervoxels import Supervoxels, clusters, supervoxels
 from sensors.errors import CloudError
 
 RED, GREEN, BLUE = (220, 30, 40), (30, 200, 60), (40, 60, 220)
@@ -136,7 +136,6 @@ def test_points_without_a_reading_get_no_id():
     np.testing.assert_array_equal(np.delete(found.ids, holes), supervoxels(*whole).ids)
     assert np.isfinite(found.centroids_m(points)).all()
     assert (clusters(points, tolerance_m=0.05)[holes] == -1).all()
-    assert (regions(points, colors)[holes] == -1).all()
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([(), (3,), (2, 2)]))
@@ -171,15 +170,6 @@ def test_clusters_are_components_of_the_radius_graph(cloud, tolerance_m, min_siz
     assert (np.diff(sizes) <= 0).all()
 
 
-def test_regions_are_the_coloured_patches():
-    points, colors = patch((0, 0, 2), RED, n=4000)
-    colors[points[:, 0] > 0.05] = GREEN
-    colors[points[:, 1] > 0.1] = BLUE
-    found = regions(points, colors)
-    assert same_partition(found, np.unique(colors, axis=0, return_inverse=True)[1])
-    assert (np.diff(np.bincount(found)) <= 0).all()
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -207,22 +197,19 @@ def test_sizes_must_make_sense(change, words):
         (np.zeros((4, 3), np.float32), np.zeros((4, 3), np.float32), "colours are"),
     ],
 )
-@pytest.mark.parametrize("function", [supervoxels, regions])
-def test_shapes_must_match(function, points, colors, words):
+def test_shapes_must_match(points, colors, words):
     with pytest.raises(CloudError, match=words):
-        function(points, colors)
+        supervoxels(points, colors)
 
 
-def test_clusters_and_regions_refuse_sizes_that_are_not_positive():
-    points, colors = two_patches()
+def test_clusters_refuse_sizes_that_are_not_positive():
+    points, _ = two_patches()
     with pytest.raises(CloudError, match="tolerance_m"):
         clusters(points, tolerance_m=0.0)
     with pytest.raises(CloudError, match="min_size"):
         clusters(points, tolerance_m=0.1, min_size=0)
     with pytest.raises(CloudError, match="points are"):
         clusters(points[:, :2], tolerance_m=0.1)
-    with pytest.raises(CloudError, match="region_color"):
-        regions(points, colors, region_color=-1.0)
 
 
 def test_the_binding_itself_refuses_bad_arrays():

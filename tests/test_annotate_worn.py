@@ -36,8 +36,10 @@ def cloud_of(lap_c=None, lap_rgb=BLANKET_RGB, shins_c=27.0):
     return ThermalCloud(CAMERA, depth_mm, points, rgb, seen, celsius), person
 
 
-def told(cloud, person):
-    return worn(cloud, person, np.zeros_like(person), ~person, DEFAULT_SUIT)
+def told(cloud, person, beside=None):
+    odds = np.clip(cloud.temperature_c - 22, -3, 3).astype(np.float32)
+    beside = np.zeros_like(person) if beside is None else beside
+    return worn(cloud, person, beside, ~(person | beside), DEFAULT_SUIT, odds)
 
 
 @pytest.mark.parametrize("shins_c", [22.0, 27.0])
@@ -62,7 +64,7 @@ def test_what_lies_beside_and_looks_like_a_leg_is_a_leg_and_the_wall_is_not():
     beside = seen.copy()
     beside[180:340, 160:320] = True
     beside &= ~seen
-    odds = worn(cloud, seen, beside, ~person, DEFAULT_SUIT)
+    odds = told(cloud, seen, beside)
     assert odds[SHINS[0]].mean() > odds[200:320, 165:195].mean() + 1
     assert (odds[200:320, 165:195] < 0).all()
 

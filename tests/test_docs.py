@@ -16,6 +16,8 @@ COMMAND = Path(sys.executable).with_name("annotate-cloud")
 ELSEWHERE = {
     "make": "the set-up itself: run by whoever runs these tests",
     "export": "the set-up itself",
+    "pip install": "the set-up itself: what it brings is tested in test_packaging.py",
+    "annotate-cloud --install-completion": "writes to the user's own files: test_cli_completion.py",
     "annotate-cloud fix": "a window: driven by the tests of the window",
     "annotate-cloud record take.mcap --rig": "asks for devices; docs/camera.md records from their twins",
     "dask": "scheduler and workers: run by the tests of generating",

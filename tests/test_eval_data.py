@@ -11,10 +11,11 @@ from annotate.crop import SIZE
 from annotate.labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
-from eval.data import Crops, load_crops, to_crop
+from eval.data import Crops, camera_of, load_crops, pinhole_of, to_crop
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError
 from synth.dataset import MANIFEST, encode_shard
+from synth.view import CAMERA
 
 
 def test_spread_takes_from_first_to_last():
@@ -100,7 +101,28 @@ def test_shards_are_read_and_what_is_wrong_with_them_is_said(tmp_path):
         load_crops([tmp_path / "a"])
 
 
+def test_many_crops_lie_in_a_file_and_are_the_same(tmp_path, rig_session, monkeypatch):
+    truth = rig_session.with_suffix(".truth")
+    few = load_crops([truth])
+    monkeypatch.setattr(data, "MAX_IN_MEMORY", 0)
+    many = load_crops([truth])
+    assert isinstance(many.depth.base, np.memmap) and isinstance(many.parts.base, np.memmap)
+    np.testing.assert_array_equal(many.depth, few.depth)
+    np.testing.assert_array_equal(many.parts, few.parts)
+
+
 def test_what_is_neither_label_set_nor_dataset_is_refused(tmp_path):
     for path in (tmp_path, tmp_path / "absent"):
         with pytest.raises(CloudError, match="label set"):
             data.open_frames(path)
+
+
+def test_a_crop_in_a_label_set_is_seen_by_the_camera_it_was_cut_from(tmp_path):
+    """A prediction of a dataset is a label set whose own camera stands for none of its crops."""
+    blank = np.zeros((SIZE, SIZE), np.uint8)
+    frame = FrameLabels("a", blank.astype(np.uint16), blank, notes={"crop": [10, 20, 106]})
+    predicted = LabelSet.create(tmp_path / "set", Intrinsics(SIZE, SIZE, 9.0, 9.0, 1.0, 1.0), {})
+    assert camera_of(predicted, frame) == CAMERA
+    assert pinhole_of(frame, CAMERA).fx == pytest.approx(2 * CAMERA.fx)
+    whole = FrameLabels("b", frame.depth_mm, frame.parts)
+    assert camera_of(predicted, whole) == predicted.intrinsics == pinhole_of(whole, predicted.intrinsics)

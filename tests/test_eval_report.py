@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from annotate.crop import SIZE
 from annotate.labels import FrameLabels
 from annotate.labelset.store import LabelSet
-from annotate.parts import BODY_PARTS, PARTS, UNDEFINED, palette_rgb
+from annotate.parts import BACKGROUND, BODY_PARTS, PARTS, UNDEFINED, palette_rgb
 from eval.compare import Comparison, compare_sets
 from eval.report import charts, figures, tables
 from eval.report.build import write_report
 from eval.report.cloud_picture import render_thermal_cloud
 from eval.report.embed import embedded_json
-from eval.report.gallery import pick_frames
+from eval.report.gallery import make_frame, make_shown_frame, pick_frames
 from eval.report.gather import gather
 from eval.report.history import load_training
 from eval.report.material import Material
@@ -70,22 +71,23 @@ def test_error_colours_follow_the_error_kinds() -> None:
 def test_pictures_hold_what_they_show() -> None:
     truth = person(0)
     assert (figures.colorize_parts(truth.parts)[truth.parts == 1] == PARTS[1].rgb).all()
-    uri = figures.data_uri(figures.to_size(figures.colorize_parts(truth.parts)))
+    uri = figures.data_uri(figures.colorize_parts(truth.parts))
     assert uri.startswith("data:image/png;base64,")
     depth = figures.colorize_depth(np.array([[0, 800, 1600]], np.uint16))[0]
     assert tuple(depth[0]) == figures.CANVAS and depth[1, 0] > depth[2, 0]
     assert (figures.colorize_depth(np.zeros((2, 2), np.uint16)) == figures.CANVAS).all()
-    known = {tuple(c) for c in palette_rgb()}
-    enlarged = figures.to_size(figures.colorize_parts(truth.parts))
-    assert {tuple(c) for c in enlarged.reshape(-1, 3)} <= known
 
 
-def test_a_crop_passes_the_edges_and_keeps_the_person() -> None:
-    mask = np.zeros((20, 50), np.bool_)
-    mask[2:20, 40:50] = True
-    box = figures.person_box(mask, margin=0.3)
-    cropped = figures.crop(mask, box)
-    assert cropped.shape == (box[2], box[2]) and cropped.sum() == mask.sum()
+def test_a_row_of_pictures_shows_the_person_large_and_whole() -> None:
+    truth = person(0)
+    row = make_frame(truth, guessed(truth, 0), cloud(truth))
+    assert {image.shape for image in row.columns.values()} == {(SIZE, SIZE, 3)}
+    shown = row.columns["Target labels"].reshape(-1, 3)
+    assert {tuple(c) for c in shown} == {tuple(palette_rgb()[part]) for part in np.unique(truth.parts)}
+    share = (shown != palette_rgb()[BACKGROUND]).any(axis=1).mean()
+    assert share > np.mean(truth.parts > 0)
+    nobody = replace(truth, parts=np.zeros_like(truth.parts))
+    assert (make_shown_frame(nobody).columns["Labels"] == palette_rgb()[BACKGROUND]).all()
 
 
 def test_a_nearer_point_hides_a_farther_one() -> None:
@@ -118,6 +120,8 @@ def test_a_scene_holds_the_points_it_shows() -> None:
     assert points_of(truth, CAMERA)[v, u] == pytest.approx([(u - 47.5) / 90 * z, (v - 39.5) / 90 * z, z])
     whole = FrameLabels("a", np.full((212, 212), 2000, np.uint16), np.zeros((212, 212), np.uint8))
     crop = replace(whole, notes={"crop": [10, 20, 106]})
+    with pytest.raises(FormatError, match="malformed"):
+        points_of(replace(whole, notes={"crop": [10, 20, 0]}), CAMERA)
     assert points_of(crop, CAMERA)[100, 60] == pytest.approx([(49.75 - 47.5) / 45, (59.75 - 39.5) / 45, 2.0])
     nobody = replace(truth, parts=np.zeros_like(truth.parts))
     assert make_scene("nobody", nobody, CAMERA) is None

@@ -193,6 +193,7 @@ def test_a_frame_is_rejected_with_a_reason(qapp, folder):
     assert driver.correction.state(frame_id) == "rejected" and driver.window.frame_id != frame_id
     driver.key("back")
     assert REASONS[1] in driver.window.header.facts.text()
+    assert driver.window.header.facts.textFormat() == Qt.TextFormat.PlainText
     QTimer.singleShot(300, lambda: QTest.keyClick(QApplication.activeModalWidget(), Qt.Key.Key_Escape))
     driver.key("reject")
     assert driver.window.frame_id == frame_id

@@ -10,13 +10,24 @@ IDLE_S = 120.0
 """A gap between two events that is longer counts nothing: the person was elsewhere (inception #5909)."""
 
 
+_EPOCH_S = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+def steady_time() -> float:
+    """Seconds since the epoch, by the host's clock as it stood when this process began and without its jumps.
+
+    A clock that is set, by a person or by NTP, must neither give nor take anybody's time.
+    """
+    return _EPOCH_S + time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
 class ActiveTime:
     """Adds up the gaps between a person's events, by what each event was.
 
-    clock: seconds since the epoch; ``time.time``, or the simulated annotator's own.
+    clock: seconds since the epoch; ``steady_time``, or the simulated annotator's own.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.time) -> None:
+    def __init__(self, clock: Callable[[], float] = steady_time) -> None:
         self.clock = clock
         self._last: float | None = None
         self._seconds: dict[Activity, float] = {}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.correction.replay import replayed
+from annotate.correction.replay import after
 from annotate.correction.work import is_stroke, rejection
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
@@ -83,9 +83,8 @@ def audit(labels: LabelSet, journal: Journal) -> Audit:
     visits: defaultdict[str, list[_Visit]] = defaultdict(list)
     rejected = {}
     for frame_id in sorted(set(labels.frame_ids) & set(journal.frame_ids)):
-        strokes, after = journal.strokes(frame_id), replayed(labels, journal, frame_id)
-        before = labels.read(frame_id, original=labels.has_original(frame_id))
-        for who, visit in _visits(strokes, before.parts, after.parts):
+        strokes, before = journal.strokes(frame_id), labels.read(frame_id, labels.has_original(frame_id))
+        for who, visit in _visits(strokes, before.parts, after(before, strokes, exact=True).parts):
             visits[who].append(visit)
         if (reason := rejection(strokes)) is not None:
             rejected[frame_id] = reason

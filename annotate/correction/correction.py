@@ -7,7 +7,6 @@ the journal is written first and applying an entry twice, in order, is applying 
 a verdict, on leaving them, and when a killed session is opened again: a stroke waits for one write only.
 """
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -15,12 +14,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from annotate.correction.activity import ActiveTime
+from annotate.correction.activity import ActiveTime, steady_time
 from annotate.correction.edit import Editor
 from annotate.correction.history import History
 from annotate.correction.replay import after, noted, replayed
 from annotate.correction.work import State, state_of
-from annotate.labels import FrameLabels
+from annotate.labels import FrameLabels, Status
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.journal import REMEDY, Journal, NotSavedError
 from annotate.labelset.store import LabelSet
@@ -41,17 +40,18 @@ class Correction:
     """
 
     def __init__(
-        self, labels: LabelSet, who: str, claim: Claim | None, clock: Callable[[], float] = time.time
+        self, labels: LabelSet, who: str, claim: Claim | None, clock: Callable[[], float] = steady_time
     ) -> None:
         """Prefer ``open``."""
         self.labels, self.who, self.journal = labels, who, Journal.of(labels.path)
         self._claim, self._clock = claim, clock
         self._opened: dict[str, tuple[FrameLabels, Editor]] = {}
         self._unsaved: set[str] = set()
+        self._statuses: dict[str, Status] = {}
 
     @classmethod
     def open(
-        cls, path: Path, who: str = "", *, read_only: bool = False, clock: Callable[[], float] = time.time
+        cls, path: Path, who: str = "", *, read_only: bool = False, clock: Callable[[], float] = steady_time
     ) -> Self:
         """Open the label set at ``path`` where it was left. who: "" for the system's user.
 
@@ -155,8 +155,12 @@ class Correction:
     def state(self, frame_id: str) -> State:
         """How far a frame is."""
         strokes = self.journal.strokes(frame_id)
-        told = any(stroke.operation != "leave" for stroke in strokes)
-        return state_of(strokes, "auto" if told else self.labels.status(frame_id))
+        if any(stroke.operation != "leave" for stroke in strokes):
+            return state_of(strokes)
+        # Asked of every frame again and again, and nobody else writes the set.
+        if frame_id not in self._statuses:
+            self._statuses[frame_id] = self.labels.status(frame_id)
+        return state_of(strokes, self._statuses[frame_id])
 
     def can_restore(self, frame_id: str) -> bool:
         """Whether a frame's labels from before its first correction were kept, and can be read."""

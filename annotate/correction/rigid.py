@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 from sensors.calibration import Pose
+from sensors.nearest import Nearest
 
 PARENTS = ((2, 2), (1, 2), (3, 2), (4, 2), (5, 3), (6, 4), (7, 2), (8, 7), (9, 7), (10, 8), (11, 9))
 """(part, the part it hangs on), parents first: the part tree with the torso as its root."""
@@ -45,7 +45,7 @@ def part_motions(
     nearly: the motions as known so far, which are then only made exact.
     """
     trees = {
-        int(tag): cKDTree(target.points_m[target.tags == tag])
+        int(tag): Nearest(target.points_m[target.tags == tag])
         for tag in np.unique(target.tags)
         if tag not in (BACKGROUND, UNDEFINED)
     }
@@ -66,17 +66,17 @@ def part_motions(
     return motions
 
 
-def _middle_shift(body: Tagged, part: int, trees: dict[int, cKDTree]) -> list[Pose]:
+def _middle_shift(body: Tagged, part: int, trees: dict[int, Nearest]) -> list[Pose]:
     """The shift of the middle of the points tagged as this part, where both frames have enough."""
     own = body.tags == part
-    if part not in trees or trees[part].n < LEAST_POINTS or own.sum() < LEAST_POINTS:
+    if part not in trees or len(trees[part].points) < LEAST_POINTS or own.sum() < LEAST_POINTS:
         return []
-    shift = np.median(trees[part].data, axis=0) - np.median(body.points_m[own], axis=0)
+    shift = np.median(trees[part].points, axis=0) - np.median(body.points_m[own], axis=0)
     return [Pose(np.eye(3), shift)]
 
 
 def _register(
-    body: Tagged, trees: dict[int, cKDTree], start: Pose, gates_m: tuple[float, ...]
+    body: Tagged, trees: dict[int, Nearest], start: Pose, gates_m: tuple[float, ...]
 ) -> tuple[float, Pose]:
     """Mean distance in metres, cut at the last gate, and the motion."""
     pose = start
@@ -91,14 +91,14 @@ def _register(
 
 
 def _nearest(
-    points_m: NDArray[np.float64], tags: NDArray[np.uint8], trees: dict[int, cKDTree]
+    points_m: NDArray[np.float64], tags: NDArray[np.uint8], trees: dict[int, Nearest]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Distance (n,) to, and place (n, 3) of, the nearest point of the same tag."""
     away_m, matched = np.empty(len(points_m)), np.empty_like(points_m)
     for tag in np.unique(tags):
         own, tree = tags == tag, trees[int(tag)]
         away_m[own], index = tree.query(points_m[own])
-        matched[own] = tree.data[index]
+        matched[own] = tree.points[index]
     return away_m, matched
 
 

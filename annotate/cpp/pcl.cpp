@@ -1,4 +1,4 @@
-// PCL behind numpy: supervoxels (VCCS), colour region growing, Euclidean clusters.
+// PCL behind numpy: supervoxels (VCCS), Euclidean clusters.
 //
 // Only numpy arrays cross. Every function checks its input (nb::value_error, a ValueError in Python), releases the
 // GIL while PCL works, and is deterministic. Ids are contiguous from 0; -1 marks a point without one.
@@ -9,7 +9,6 @@
 #include <pcl/point_types.h>
 #include <pcl/search/kdtree.h>
 #include <pcl/segmentation/extract_clusters.h>
-#include <pcl/segmentation/region_growing_rgb.h>
 #include <pcl/segmentation/supervoxel_clustering.h>
 
 #include <algorithm>
@@ -23,6 +22,34 @@
 
 namespace nb = nanobind;
 using namespace nb::literals;
+
+// PCL_NO_PRECOMPILE: what is used of PCL's templates is compiled here, and its libraries, 150 MB with all their
+// instantiations, need not be carried. Only how a voxel averages its coloured points lies in them beside templates.
+namespace pcl {
+
+using ColoredVoxel = SupervoxelClustering<PointXYZRGBA>::VoxelData;
+using ColoredLeaf = octree::OctreePointCloudAdjacencyContainer<PointXYZRGBA, ColoredVoxel>;
+
+template <>
+void ColoredLeaf::addPoint(const PointXYZRGBA& point) {
+  ++num_points_;
+  data_.xyz_ += point.getVector3fMap();
+  data_.rgb_ += Eigen::Vector3f(point.r, point.g, point.b);
+}
+
+template <>
+void ColoredLeaf::computeData() {
+  data_.xyz_ /= static_cast<float>(num_points_);
+  data_.rgb_ /= static_cast<float>(num_points_);
+}
+
+template <>
+void ColoredVoxel::getPoint(PointXYZRGBA& point) const {
+  const Eigen::Matrix<std::uint8_t, 3, 1> rgb = rgb_.cast<std::uint8_t>();
+  point = PointXYZRGBA(xyz_[0], xyz_[1], xyz_[2], rgb[0], rgb[1], rgb[2], 0);
+}
+
+}  // namespace pcl
 
 using Points = nb::ndarray<const float, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 using Colors = nb::ndarray<const std::uint8_t, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
@@ -171,34 +198,6 @@ std::pair<Ids, Edges> supervoxels(const Points& points_m, const Colors& colors_r
   return {to_numpy(std::move(ids)), to_numpy(std::move(edges))};
 }
 
-Ids region_growing_rgb(const Points& points_m, const Colors& colors_rgb, int min_size, float distance_m,
-                       float point_color, float region_color) {
-  require_positive("min_size", static_cast<float>(min_size));
-  require_positive("distance_m", distance_m);
-  require_positive("point_color", point_color);
-  require_positive("region_color", region_color);
-  require_same_length(points_m, colors_rgb);
-  require_points(points_m);
-
-  std::vector<std::int32_t> ids;
-  {
-    nb::gil_scoped_release released;
-    std::vector<pcl::PointIndices> regions;
-    if (points_m.shape(0) > 0) {
-      pcl::RegionGrowingRGB<pcl::PointXYZRGB> growing;
-      growing.setInputCloud(cloud_of<pcl::PointXYZRGB>(points_m, colors_rgb, Eigen::Vector3f::Zero()));
-      growing.setSearchMethod(std::make_shared<pcl::search::KdTree<pcl::PointXYZRGB>>());
-      growing.setMinClusterSize(min_size);
-      growing.setDistanceThreshold(distance_m);
-      growing.setPointColorThreshold(point_color);
-      growing.setRegionColorThreshold(region_color);
-      growing.extract(regions);
-    }
-    ids = ids_of(regions, points_m.shape(0));
-  }
-  return to_numpy(std::move(ids));
-}
-
 Ids euclidean_clusters(const Points& points_m, float tolerance_m, int min_size) {
   require_positive("tolerance_m", tolerance_m);
   require_positive("min_size", static_cast<float>(min_size));
@@ -224,13 +223,10 @@ Ids euclidean_clusters(const Points& points_m, float tolerance_m, int min_size) 
 }  // namespace
 
 NB_MODULE(_pcl, m) {
-  m.doc() = "PCL's supervoxels, region growing and clusters over numpy arrays; use annotate.supervoxels instead.";
+  m.doc() = "PCL's supervoxels and clusters over numpy arrays; use annotate.supervoxels instead.";
   m.def("supervoxels", &supervoxels, "points_m"_a, "colors_rgb"_a, nb::kw_only(), "voxel_m"_a, "seed_m"_a,
         "spatial_weight"_a, "normal_weight"_a, "color_weight"_a,
         "Voxel cloud connectivity segmentation: ids (n,), -1 unassigned; edges (e, 2), each pair once, low id first.");
-  m.def("region_growing_rgb", &region_growing_rgb, "points_m"_a, "colors_rgb"_a, nb::kw_only(), "min_size"_a,
-        "distance_m"_a, "point_color"_a, "region_color"_a,
-        "Colour-based region growing: ids (n,), the largest region first, -1 in none.");
   m.def("euclidean_clusters", &euclidean_clusters, "points_m"_a, nb::kw_only(), "tolerance_m"_a, "min_size"_a,
         "Connected components of points within tolerance_m: ids (n,), the largest first, -1 in none.");
 }

@@ -10,6 +10,7 @@ import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from itertools import chain
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
 from annotate.correction.edit_supervoxels import edit_supervoxels
-from annotate.correction.propagate import FRAMES, Worked, propagate
+from annotate.correction.propagate import REMEMBERED, Worked, propagate
 from annotate.correction.select import View
 from annotate.effort.agreement import Agreement
 from annotate.effort.hand import drawn
@@ -40,6 +41,8 @@ from annotate.labelset.stroke import KEY, Activity, Gesture, Stroke
 from annotate.parts import BACKGROUND
 
 WHO = "simulated"
+BEGAN_S = datetime(2026, 1, 5, 9, tzinfo=UTC).timestamp()
+"""When they sit down to work: always then, so that the same work leaves the same journal."""
 AGREEMENT = 0.99
 """Share of the person's pixels that has to be right before the frame is accepted."""
 TOLERANCE_PX = 2
@@ -59,10 +62,10 @@ CARRIED = Gesture("key")
 
 
 class Clock:
-    """The simulated annotator's own time, in seconds since they began."""
+    """The simulated annotator's own time, in seconds since the epoch."""
 
     def __init__(self) -> None:
-        self.seconds = 0.0
+        self.seconds = BEGAN_S
 
     def __call__(self) -> float:
         return self.seconds
@@ -250,7 +253,7 @@ def correct_set(
         seconds = sum(stroke.active_seconds for stroke in strokes)
         agreement = Agreement(true.parts, editor.valid, annotator.tolerance_px)
         yield Effort(corrected, strokes, seconds, agreement.of(corrected.parts))
-        worked = [Worked(automatic, corrected), *worked][:FRAMES]
+        worked = [Worked(automatic, corrected), *worked][:REMEMBERED]
 
 
 def _apply(sight: Sight, move: Move, corners: NDArray[np.float64] | None, how: Gesture) -> Stroke | None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.crop import window_of
 from annotate.exchange.companion import Companion, load_companion, read_bounded
 from annotate.exchange.masks import (
     MASK_IDS,
@@ -76,8 +77,7 @@ def read_coco(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
 
 def _annotation(mask: Mask, number: int, image: int) -> dict[str, Any]:
     height, width = mask.pixels.shape
-    rows, columns = np.flatnonzero(mask.pixels.any(axis=1)), np.flatnonzero(mask.pixels.any(axis=0))
-    left, top, right, bottom = int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+    rows, columns = window_of(mask.pixels)
     counts = rle_to_string(runs_of(mask.pixels.ravel(order="F")))
     extra = {"person": mask.person} if mask.name == PERSON_NAME else {}
     return {
@@ -86,7 +86,7 @@ def _annotation(mask: Mask, number: int, image: int) -> dict[str, Any]:
         "category_id": CATEGORIES[mask.name],
         "segmentation": {"size": [height, width], "counts": counts},
         "area": int(mask.pixels.sum()),
-        "bbox": [left, top, right - left, bottom - top],
+        "bbox": [columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start],
         "iscrowd": 0,
         **extra,
     }

@@ -62,12 +62,9 @@ class Companion:
         try:
             frame = FrameLabels(frame_id, depth_mm, parts, confidence, persons=persons if present else None)
             known = {name: fields[name] for name in ("subject", "status", "notes") if name in fields}
-            frame = replace(frame, **known)
+            return replace(frame, **known)
         except TypeError as error:
             raise FormatError(f"{COMPANION}: frame {frame_id[:100]!r} is malformed ({error})") from error
-        if not isinstance(frame.subject, str) or not isinstance(frame.notes, dict):
-            raise FormatError(f"{COMPANION}: frame {frame_id[:100]!r} has a malformed subject or notes")
-        return frame
 
 
 def load_companion(folder: Path) -> Companion:

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.crop import window_of
 from annotate.exchange.companion import Companion, load_companion, read_bounded
 from annotate.exchange.masks import (
     MASK_IDS,
@@ -135,13 +136,13 @@ def _labels() -> Iterator[str]:
 
 
 def _mask_xml(mask: Mask) -> str:
-    rows, columns = np.flatnonzero(mask.pixels.any(axis=1)), np.flatnonzero(mask.pixels.any(axis=0))
-    box = mask.pixels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    rows, columns = window_of(mask.pixels)
+    box = mask.pixels[rows, columns]
     rle = ", ".join(map(str, runs_of(box.ravel())))
     # Persons lie below the parts, or they would hide them.
     order = 0 if mask.name == PERSON_NAME else 1
     attribute = f'<attribute name="number">{mask.person}</attribute>' if mask.name == PERSON_NAME else ""
-    place = f'left="{columns[0]}" top="{rows[0]}" width="{box.shape[1]}" height="{box.shape[0]}"'
+    place = f'left="{columns.start}" top="{rows.start}" width="{box.shape[1]}" height="{box.shape[0]}"'
     head = f'<mask label="{mask.name}" source="auto" occluded="0" rle="{rle}" {place} z_order="{order}">'
     return f"  {head}{attribute}</mask>\n"
 

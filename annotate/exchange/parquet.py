@@ -79,7 +79,7 @@ def read_parquet(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
 
 def _require() -> None:
     if find_spec("pyarrow") is None:
-        raise FormatError("Parquet needs pyarrow; install annotate-cloud[exchange]")
+        raise FormatError("Parquet needs pyarrow; pip install 'annotate-cloud[exchange]'")
 
 
 def _files(source: Path) -> list[Path]:

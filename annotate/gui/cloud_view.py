@@ -181,10 +181,7 @@ class CloudView(QWidget):
     def mark(self, pixel: int | None) -> None:
         """Ring the point of a pixel, or none."""
         xy = self.view().xy_px[pixel] if pixel is not None and self.scene else np.array([np.nan])
-        marker = QPointF(float(xy[0]), float(xy[1])) if np.isfinite(xy).all() else None
-        if marker != self.pointing.overlay.marker:
-            self.pointing.overlay.marker = marker
-            self.pointing.overlay.update()
+        self.pointing.overlay.ring(QPointF(float(xy[0]), float(xy[1])) if np.isfinite(xy).all() else None)
 
     # Moving the view
 

@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QWidget
 
 from annotate.correction import select
 from annotate.correction.select import View
+from annotate.crop import window_of
 from annotate.gui.cloud_view import Colors
 from annotate.gui.drawing import Drawing
 from annotate.gui.pointing import Pointing
@@ -77,11 +78,11 @@ class DepthPane(QWidget):
         if self.scene is None or not self.width():
             return
         there = self.scene.labels.parts > 0
-        rows, columns = np.nonzero(there if there.any() else np.ones_like(there))
-        left, right, top, bottom = columns.min(), columns.max() + 1, rows.min(), rows.max() + 1
-        scale = 0.86 * min(self.width() / (right - left), self.height() / (bottom - top))
+        rows, columns = window_of(there if there.any() else np.ones_like(there))
+        across, down = columns.stop - columns.start, rows.stop - rows.start
+        scale = 0.86 * min(self.width() / across, self.height() / down)
         self._scale = float(np.clip(scale, MIN_SCALE, MAX_SCALE))
-        middle = QPointF((left + right) / 2, (top + bottom) / 2) * self._scale
+        middle = QPointF(columns.start + across / 2, rows.start + down / 2) * self._scale
         self._corner = QPointF(self.width() / 2, self.height() / 2) - middle
         self._fitted = True
         self._moved()
@@ -127,10 +128,7 @@ class DepthPane(QWidget):
     def mark(self, pixel: int | None) -> None:
         """Ring a pixel, or none."""
         self._marked = pixel
-        marker = self.place_of(pixel) if pixel is not None and self.scene else None
-        if marker != self.pointing.overlay.marker:
-            self.pointing.overlay.marker = marker
-            self.pointing.overlay.update()
+        self.pointing.overlay.ring(self.place_of(pixel) if pixel is not None and self.scene else None)
 
     # Moving the view
 

@@ -20,6 +20,7 @@ from PySide6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen
 from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem
 
 from annotate.correction.work import State
+from annotate.crop import window_of
 from annotate.gui.theme import DARK, Theme
 from annotate.labels import FrameLabels
 from annotate.parts import palette_rgb
@@ -59,10 +60,11 @@ def thumbnail(labels: FrameLabels) -> QImage:
 def _window(parts: NDArray[np.uint8]) -> tuple[slice, slice]:
     """The person with a margin, at the picture's proportions as far as the image goes."""
     there = parts > 0
-    rows, columns = np.nonzero(there if there.any() else np.ones_like(there))
-    height = max(np.ptp(rows), np.ptp(columns) * THUMBNAIL.height() / THUMBNAIL.width()) * 1.12 + 2
-    width = height * THUMBNAIL.width() / THUMBNAIL.height()
-    top, left = ((x.min() + x.max() - size) / 2 for x, size in ((rows, height), (columns, width)))
+    rows, columns = window_of(there if there.any() else np.ones_like(there))
+    slope = THUMBNAIL.height() / THUMBNAIL.width()
+    height = max(rows.stop - rows.start, (columns.stop - columns.start) * slope) * 1.12 + 2
+    width = height / slope
+    top, left = ((x.start + x.stop - size) / 2 for x, size in ((rows, height), (columns, width)))
     return slice(max(0, int(top)), int(top + height)), slice(max(0, int(left)), int(left + width))
 
 

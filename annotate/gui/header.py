@@ -42,7 +42,8 @@ class Header(QWidget):
         row.setContentsMargins(14, 0, 12, 0)
         row.setSpacing(8)
         self.frame, self.badge = named(QLabel(), "title"), named(QLabel(), "badge")
-        self.facts = named(QLabel(), "quiet")
+        # Plain: a reason or a name is no markup.
+        self.facts = named(QLabel(textFormat=Qt.TextFormat.PlainText), "quiet")
         self.facts.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         for widget in (self.frame, self.badge):
             row.addWidget(widget, 0, Qt.AlignmentFlag.AlignVCenter)
@@ -79,8 +80,7 @@ class Header(QWidget):
         color = state_color(state, theme).name()
         self.badge.setStyleSheet(f"color: {color}; border: 1px solid {color}")
         why = rejection(desk.correction.journal.strokes(frame_id))
-        done = sum(desk.correction.state(i) not in ("auto", "touched") for i in walk.frame_ids)
-        facts = [place + (", worst first" if walk.worst_first else ""), f"{done} done"]
+        facts = [place + (", worst first" if walk.worst_first else ""), f"{walk.done(frame_id)} done"]
         facts.append(f"because: {why}" if why else "")
         facts.append("READ-ONLY" if desk.correction.read_only else f"{desk.correction.who}")
         self.facts.setText("   ·   ".join(filter(None, facts)))

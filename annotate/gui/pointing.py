@@ -28,6 +28,12 @@ class Overlay(QWidget):
         self.marker: QPointF | None = None
         self.color = QColor("white")
 
+    def ring(self, place: QPointF | None) -> None:
+        """Ring a place of the view, or none."""
+        if place != self.marker:
+            self.marker = place
+            self.update()
+
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
         """Qt's hook."""
         painter = QPainter(self)

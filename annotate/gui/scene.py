@@ -99,16 +99,16 @@ class SceneReader:
         return Scene(labels, cloud, other, near, room, step, _shade(cloud), pieces, remark)
 
     def _fused(self, labels: FrameLabels) -> tuple[ThermalCloud, str]:
-        plain = self._bare.fuse(labels.depth_mm)
-        if self._source is None:
-            return plain, ""
-        try:
-            fused = self._fuser.fuse_frame(_rig_frame(self._source, int(labels.frame_id)))
-        except (CloudError, ValueError, IndexError, OSError) as error:
-            return plain, f"no colour or temperature: {error}"
-        if not np.array_equal(fused.depth_mm, labels.depth_mm):
-            return plain, "no colour or temperature: the session shows another depth image"
-        return fused, ""
+        why = ""
+        if self._source is not None:
+            try:
+                fused = self._fuser.fuse_frame(_rig_frame(self._source, int(labels.frame_id)))
+                if np.array_equal(fused.depth_mm, labels.depth_mm):
+                    return fused, ""
+                why = "no colour or temperature: the session shows another depth image"
+            except (CloudError, ValueError, IndexError, OSError) as error:
+                why = f"no colour or temperature: {error}"
+        return self._bare.fuse(labels.depth_mm), why
 
     def _compared(self, labels: FrameLabels) -> tuple[NDArray[np.uint8] | None, str]:
         if self.other is None:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from annotate.correction.correction import Correction, RestorableError
 from annotate.correction.edit import Editor
-from annotate.correction.propagate import FRAMES
+from annotate.correction.propagate import REMEMBERED
 from annotate.gui.prefetch import Prefetch
 from annotate.gui.scene import Scene, SceneReader
 from sensors.errors import CloudError
@@ -26,6 +26,7 @@ class Walk:
         self._prefetch = Prefetch(reader.read)
         self.worst_first = False
         self.frame_ids = correction.frame_ids
+        self._others_done = 0
 
     def reorder(self) -> None:
         """The other order."""
@@ -39,9 +40,8 @@ class Walk:
 
         Raises what reading the first one raised when none can, CloudError for an empty set.
         """
-        states = {frame_id: self.correction.state(frame_id) for frame_id in self.frame_ids}
         error: CloudError | None = None
-        for frame_id in sorted(self.frame_ids, key=lambda i: states[i] not in ("auto", "touched")):
+        for frame_id in sorted(self.frame_ids, key=self._is_done):
             try:
                 return self.open(frame_id)
             except CloudError as reason:
@@ -54,7 +54,12 @@ class Walk:
         editor = None if self.correction.read_only else self.correction.edit(frame_id)
         at = self.frame_ids.index(frame_id)
         self._prefetch.want([*self.frame_ids[max(0, at - 1) : at + 3], frame_id])
+        self._others_done = sum(self._is_done(i) for i in self.frame_ids if i != frame_id)
         return scene, editor
+
+    def done(self, frame_id: str) -> int:
+        """How many frames somebody is done with, while this one is open: only its own state can change."""
+        return self._others_done + self._is_done(frame_id)
 
     def beside(self, frame_id: str, by: int) -> str | None:
         """The frame ``by`` places on in the order, or None."""
@@ -78,7 +83,7 @@ class Walk:
         at = frame_ids.index(frame_id)
         near = sorted(range(len(frame_ids)), key=lambda i: (abs(i - at), i))
         done = [frame_ids[i] for i in near if self.correction.state(frame_ids[i]) not in ("auto", "rejected")]
-        if not (found := [i for i in done if i != frame_id][:FRAMES]):
+        if not (found := [i for i in done if i != frame_id][:REMEMBERED]):
             raise CloudError("No frame was corrected yet: there is nothing to carry over")
         return found
 
@@ -94,6 +99,9 @@ class Walk:
                 raise
             self.correction.restore(frame_id)
             return self._prefetch.take(frame_id)
+
+    def _is_done(self, frame_id: str) -> bool:
+        return self.correction.state(frame_id) not in ("auto", "touched")
 
     def _confidence(self, frame_id: str) -> float:
         """As the labelling noted it; frames without come last."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from annotate.labelset.claim import CLAIM, Claim, login
 from annotate.labelset.journal import JOURNAL
-from sensors.atomic import sweep, temporary_of
+from sensors.atomic import is_taken, sweep, temporary_of
 from sensors.errors import ExistsError
 
 
@@ -35,7 +35,7 @@ def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterato
 
     Raises ExistsError when ``out`` is there and is not to be replaced, or must not be.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if is_taken(out):
         if not overwrite:
             raise ExistsError(f"{out} exists already; choose another folder or pass --overwrite")
         check_replaceable(out, marker, *inputs)

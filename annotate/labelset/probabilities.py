@@ -7,9 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.crop import SIZE, Crop
+from annotate.crop import SIZE, Crop, crop_from_note
 from annotate.parts import BACKGROUND, N_CLASSES
-from sensors.camera import MAX_IMAGE_SIDE
 from sensors.errors import FormatError
 from sensors.png import decode_grey, png_shape
 
@@ -76,18 +75,4 @@ def decode_probabilities(data: bytes, notes: dict[str, Any]) -> Probabilities:
     # Each of the twelve was rounded by half a step at most.
     if np.abs(total - 255).max() > N_CLASSES / 2:
         raise FormatError("probabilities do not add up to one; restore the PNG or predict again")
-    return Probabilities(_crop(notes), (stored / total).astype(np.float32))
-
-
-def _crop(notes: dict[str, Any]) -> Crop:
-    numbers = notes.get(NOTE)
-    if (
-        not isinstance(numbers, list)
-        or [type(number) for number in numbers] != [int] * 3
-        or not 0 < numbers[2] <= 2 * MAX_IMAGE_SIDE
-        or max(abs(number) for number in numbers) > 2 * MAX_IMAGE_SIDE
-    ):
-        raise FormatError(
-            f"note {NOTE!r} is {str(numbers)[:60]}; it must be [top, left, side] of the crop: predict again"
-        )
-    return Crop(*numbers)
+    return Probabilities(crop_from_note(notes.get(NOTE), NOTE), (stored / total).astype(np.float32))

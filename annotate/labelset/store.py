@@ -28,8 +28,8 @@ from annotate.labelset.probabilities import (
     decode_probabilities,
     encode_probabilities,
 )
-from annotate.parts import PARTS
-from sensors.atomic import write_bytes
+from annotate.parts import PARTS, on_body
+from sensors.atomic import is_taken, write_bytes
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError, ExistsError, FormatError
 
@@ -37,7 +37,7 @@ SCHEMA = 1
 MANIFEST = "labelset.json"
 FRAMES, ORIGINAL = "frames", "original"
 PROBABILITY = "probability.png"
-MAX_JSON_BYTES = 16_000_000
+MAX_JSON_BYTES, MAX_IMAGE_BYTES = 16_000_000, 1 << 28
 _FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
 
@@ -57,7 +57,7 @@ class LabelSet:
     @classmethod
     def create(cls, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> Self:
         """Start an empty label set in a new or empty folder. Raises ExistsError otherwise."""
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        if is_taken(path):
             raise ExistsError(f"{path} exists already; choose another folder or pass --overwrite")
         (path / FRAMES).mkdir(parents=True, exist_ok=True)
         manifest = {
@@ -216,6 +216,8 @@ class LabelSet:
     ) -> NDArray[T]:
         file = self._file(frame_id, suffix, folder)
         try:
+            if file.stat().st_size > MAX_IMAGE_BYTES:
+                raise FormatError(f"it is larger than {MAX_IMAGE_BYTES} bytes; restore it from a copy")
             image = decode(file.read_bytes())
         except OSError as error:
             raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error
@@ -238,7 +240,7 @@ def validate(labels: LabelSet) -> list[str]:
         except CloudError as error:
             problems.append(str(error))
             continue
-        on_nothing = int(((frame.parts > 0) & (frame.parts < 255) & (frame.depth_mm == 0)).sum())
+        on_nothing = int((on_body(frame.parts) & (frame.depth_mm == 0)).sum())
         if on_nothing:
             problems.append(f"frame {frame_id}: {on_nothing} pixels carry a part where there is no depth")
     if not labels.frame_ids:

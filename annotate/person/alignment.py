@@ -25,7 +25,7 @@ LEAST_EDGES = 80
 """With fewer points on silhouettes nothing can be said."""
 FILL_PX = 15
 """Points without a temperature take the mean of a window of this size."""
-OFF_PX, GAIN, LEAST_CONTRAST = 8.0, 1.8, 0.12
+OFF_PX, GAIN, LEAST_CONTRAST = 8.0, 2.1, 0.12
 """A camera is off when a shift of at least this much raises the contrast by this factor, to at least this
 share of a person's warmth."""
 

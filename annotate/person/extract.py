@@ -53,13 +53,10 @@ EDGES_PX = 25
 """How far around what is warm silhouettes are compared with the temperatures: four degrees."""
 BESIDE_PX, LEAST_BESIDE = 45, -3.0
 """How far around the person what is as cold as the room may yet be theirs: a lower leg; not on a plane."""
-BODY_M = 1.1
+BODY_M = 1.3
 """So far from their middle a person's warm feet may be, seen apart below a blanket."""
-DOUBT = -0.5
-"""Above these log odds what was found by warmth stays: most rooms have no blanket."""
-BY_OWN_ODDS, MOST_BY_SUIT, BETWEEN_PX = 0.52, 6.0, 13
-"""What a pixel's own warmth and planes are worth beside the suit's colours, from the same regression; the
-most that either can be; how wide gaps in a blanket are that is told by its colours."""
+BETWEEN_PX = 13
+"""How wide gaps in a blanket are that is told by its colours."""
 
 
 @dataclass(frozen=True)
@@ -290,9 +287,6 @@ class _Silhouettes:
 
         What they wear is theirs, however far a blanket keeps it from the rest of them.
         """
-        told = np.where(persons[0].mask & (told < 0) & (told > DOUBT), np.float32(0), told)
-        own = BY_OWN_ODDS * np.clip(self.odds, -MOST_BY_SUIT, MOST_BY_SUIT)
-        told = np.where(told != 0, np.clip(told, -MOST_BY_SUIT, MOST_BY_SUIT) + own, 0).astype(np.float32)
         odds = np.where(told != 0, told, self.odds + np.minimum(_between(told), 0))
         odds = np.where(told != 0, told, odds + by_color(self._lab, odds, self._candidates, self._taught))
         first, theirs = persons[0], self._links.settle(odds) > 0
@@ -322,7 +316,8 @@ def _persons(
     persons = ordered(silhouettes.persons)
     if suit is None or not persons:
         return persons
-    told = worn(cloud, persons[0].mask, silhouettes.beside(persons), silhouettes.surroundings, suit)
+    beside, room = silhouettes.beside(persons), silhouettes.surroundings
+    told = worn(cloud, persons[0].mask, beside, room, suit, silhouettes.odds)
     return silhouettes.dressed(persons, told) if told.any() else persons
 
 

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from annotate.cloud import ThermalCloud
 from annotate.grid import NO_PIXEL, components, flood
 from annotate.person.pieces import MAX_PERSON_M2, MIN_PERSON_M2, Piece, pieces_of
+from annotate.supervoxels import clusters
+from sensors.nearest import Nearest
 
 SPECK_M2 = 0.001
 """Visible surface of what is too small to be anything."""
@@ -110,10 +109,8 @@ def _slender(
     if sum(piece.area_m2 for piece in loose) < PERSON_M2:
         return large
     index = np.flatnonzero(np.isin(labels, [piece.label for piece in loose]))[::CLOSE_EVERY]
-    close = cKDTree(cloud.points_m.reshape(-1, 3)[index]).query_pairs(CLOSE_M, output_type="ndarray")
-    one, other = labels.ravel()[index][close].T
-    size = int(labels.max()) + 1
-    body = connected_components(coo_array((np.ones(len(one)), (one, other)), (size, size)), directed=False)[1]
+    close = clusters(cloud.points_m.reshape(-1, 3)[index], tolerance_m=CLOSE_M)
+    body = _joined(labels.ravel()[index], close, int(labels.max()) + 1)
     area = np.bincount([body[p.label] for p in loose], [p.area_m2 for p in loose])
     of_pixel = np.where(np.isin(labels, [piece.label for piece in loose]), body[labels], -1)
     bodies = [of_pixel == number for number in np.flatnonzero(area >= PERSON_M2)]
@@ -121,9 +118,23 @@ def _slender(
     return large + [body for body in bodies if not _near(known, cloud.points_m[body][::CLOSE_EVERY])]
 
 
+def _joined(labels: NDArray[np.int32], close: NDArray[np.int32], count: int) -> NDArray[np.int32]:
+    """The lowest label (count,) that each of them is joined with, over others or not.
+
+    labels, close: piece and cluster (n,) of some points; pieces that share a cluster are joined.
+    """
+    body = np.arange(count, dtype=np.int32)
+    while True:
+        lowest = np.full(close.max() + 1, len(body), np.int32)
+        np.minimum.at(lowest, close, body[labels])
+        if (lowest[close] == body[labels]).all():
+            return body
+        np.minimum.at(body, labels, lowest[close])
+
+
 def _near(known_m: Sequence[NDArray[np.float32]], points_m: NDArray[np.float32]) -> bool:
     """Whether points (n, 3) are so near to any of the known bodies' that they are its limbs."""
-    near = (cKDTree(body).query(points_m, distance_upper_bound=NEAR_M)[0].min() < NEAR_M for body in known_m)
+    near = (Nearest(body).query(points_m)[0].min() < NEAR_M for body in known_m)
     return any(near)
 
 
@@ -169,7 +180,7 @@ class _Limbs:
         self._points, self._depth_m = cloud.points_m.reshape(-1, 3), cloud.points_m[..., 2]
         self._pixel_rad = 1 / cloud.camera.fx
         self._seeds = seeds
-        self._trees = [cKDTree(self._points[seed]) for seed in seeds]
+        self._trees = [Nearest(self._points[seed]) for seed in seeds]
 
     def owner(self, piece: NDArray[np.bool_], near_m: float, owner: NDArray[np.uint8]) -> int:
         """Number of the person within ``near_m`` that a piece (h, w) belongs to, 0 for nobody.
@@ -177,7 +188,7 @@ class _Limbs:
         Beside the person in the image it does, and where what joins them can be hidden.
         """
         own = np.flatnonzero(piece)[::3]
-        found = [tree.query(self._points[own], distance_upper_bound=near_m) for tree in self._trees]
+        found = [tree.query(self._points[own], within=near_m) for tree in self._trees]
         whose = int(np.argmin([gap.min() for gap, _ in found]))
         gap, nearest = found[whose]
         order = np.argsort(gap)[: np.count_nonzero(gap <= min(near_m, 2 * gap.min() + TOUCH_M))]

@@ -5,7 +5,7 @@ light that explains the whole body, how much surface has that colour, how warm i
 among the others. A blanket of a sleeve's colour is too large for a sleeve; a cold lower leg is a leg.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -14,17 +14,18 @@ from numba import njit
 from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
+from annotate.color_odds import color_bins, frequencies, lab_of
 from annotate.parts import BODY_PARTS
 from annotate.segmentation.part_clues import means_of, warmth_of
 from annotate.segmentation.patches import (
     LEAST_POINTS,
     MEAN_BLUR,
-    MOST,
     Patches,
     pair_scores,
     patches_of,
     read_together,
 )
+from annotate.segmentation.patches import MOST as MOST_PATCHES
 from annotate.suit.color_model import readable, under, unfitted
 from annotate.suit.palette import Suit
 from annotate.supervoxels import Supervoxels, supervoxels
@@ -60,10 +61,16 @@ ODD_M2 = np.minimum(MOST_M2, [0.035, 1, 1, 1, 0.02, 0.02, 1, 1, 1, 0.03, 0.03])
 """Surface (11,) of what may have an odd colour: a head, a hand, a shoe and half of the other one."""
 PLACE, PLACE_COST = 0.6, 10.0
 """Weight of where a patch lies, and the most that a place can cost before."""
-ODDS, BY_PART, BY_MASK = 0.3, 0.75, 4.75
-"""Log odds of being a part, and what a unit of the best part's score, and lying in the mask found without
-the suit's colours, add. Logistic regression over 2,848 patches in 77 frames of 54 people of the rig (seeds
-101, 110, 111, 130 to 133), rounded; left out by recording, 5 pixels are told wrong for 100 of a person."""
+WEIGHTS = np.array(
+    [[0.56, 4.53, 0.69, 2.39, -0.34, -1.25, -6.77], [0.43, 7.02, 0.58, 0.48, -0.46, -0.47, -5.37]]
+)
+"""What adds to the log odds of a patch being a person's, in and off the mask found without the suit's
+colours: the best part's score; the share in that mask; its odds; log brightness above the room's; log
+frequency of its colours in the room; log surface of its colour; 1. Logistic regression."""
+BEST, OWN = 0, 2
+"""Columns of the first and the third."""
+KEPT, BY_TOUCH, MOST = 0.92, 0.42, 6.0
+"""Weights of a patch's own odds and of those of what it touches: things are whole; the most of either."""
 LOOSE, GAP_PX = 0.5, 5
 """What the mask counts for in pieces apart from its largest, by gaps wider than half of that: what is warm
 near a person is a laptop as often as a leg."""
@@ -72,42 +79,119 @@ _Array = NDArray[np.float64]
 _Mask = NDArray[np.bool_]
 
 
-def worn(cloud: ThermalCloud, person: _Mask, beside: _Mask, room: _Mask, suit: Suit) -> NDArray[np.float32]:
+@dataclass(frozen=True)
+class Clues:
+    """What is known of the patches (R,) of what may be somebody's.
+
+    own: bool (h, w), the pixels compared; patch: (n,) which patch each is of. odds: (n,) of each by itself.
+    inside: bool (R,), which lie in the mask found without the suit. told: (R, 7), in the order of WEIGHTS.
+    """
+
+    own: _Mask
+    patch: NDArray[np.intp]
+    odds: NDArray[np.float32]
+    patches: Patches
+    inside: NDArray[np.bool_]
+    told: _Array
+
+
+def worn(
+    cloud: ThermalCloud, person: _Mask, beside: _Mask, room: _Mask, suit: Suit, odds: NDArray[np.float32]
+) -> NDArray[np.float32]:
     """Log odds (h, w) of being the person's, 0 where nothing is told.
 
     person, beside: bool (h, w), the mask found without the suit's colours, and what else may be theirs.
-    room: bool (h, w), background around both. All 0 without temperatures or colours.
+    room: bool (h, w), background around both. odds: (h, w) of being a person, the suit's colours apart.
+    All 0 without temperatures or colours.
     """
+    known = clues(cloud, person, beside, room, suit, odds)
+    if known is None:
+        return np.zeros(person.shape, np.float32)
+    patch, weights = known.patch, WEIGHTS[np.where(known.inside, 0, 1)]
+    by_own = weights[:, OWN] * KEPT
+    by_patch = heard(known.patches, (known.told * weights).sum(axis=1)) - by_own * known.told[:, OWN]
+    return _filled(np.clip(by_patch[patch] + by_own[patch] * known.odds, -MOST, MOST), known.own)
+
+
+def clues(
+    cloud: ThermalCloud, person: _Mask, beside: _Mask, room: _Mask, suit: Suit, odds: NDArray[np.float32]
+) -> Clues | None:
+    """What ``worn`` goes by, given the same; None where it has nothing to go by."""
     felt, own = np.isfinite(cloud.temperature_c), np.zeros_like(person)
     own[::STRIDE, ::STRIDE] = ((person | beside) & cloud.valid & cloud.color_valid)[::STRIDE, ::STRIDE]
     if (own & person).sum() < LEAST_SEEN or not (person & felt).any() or not (room & felt).any():
-        return np.zeros(person.shape, np.float32)
+        return None
     rgb, celsius = cloud.color_rgb[own], cloud.temperature_c[own]
     groups = supervoxels(cloud.points_m[own], rgb, seed_m=SEED_M)
     chroma, blur = means_of(rgb, readable(rgb, np.ones(len(rgb), np.bool_)), groups)
     patches = patches_of(groups, chroma, blur, groups.centroids_m(cloud.points_m[own]))
     patch = patches.ids[groups.ids]
-    inside, held = _mean(patch, person[own]), _mean(patch, _held(person)[own])
-    warmth = patches.mean(warmth_of(celsius, groups), groups.sizes)
-    alike_m2 = _alike_m2(
-        cloud, own, groups, patches, chroma, np.where(inside[patches.ids] > 0.5, blur, NOT_ALIKE)
+    inside = _mean(patch, person[own]) > 0.5
+    own_m2, all_m2 = (
+        _alike_m2(cloud, own, groups, patches, chroma, np.where(told, blur, NOT_ALIKE))
+        for told in (inside[patches.ids], True)
     )
-    odd = ANY_COLOR + _by_size(alike_m2, ODD_M2)
     felt_as = _by_warmth(
         _mean(patch, _share(celsius, cloud.temperature_c[room], cloud.temperature_c[person]))
     )
-    odds = np.full(len(inside), -np.inf)
-    mine = inside > 0.5
+    by_pixel = np.clip(odds[own], -MOST, MOST)
+    others = (_held(person)[own], by_pixel, *_by_room(cloud, own, room))
+    told = np.column_stack([np.zeros(len(inside)), *(_mean(patch, one) for one in others), np.log(all_m2)])
+    told = np.column_stack([told, np.ones(len(inside))])
+    warmth = patches.mean(warmth_of(celsius, groups), groups.sizes)
+    told[:, BEST] = _best(patches, inside, suit, warmth, felt_as, own_m2, told)
+    return Clues(own, patch, by_pixel, patches, inside, told)
+
+
+def _best(
+    patches: Patches,
+    inside: NDArray[np.bool_],
+    suit: Suit,
+    warmth: _Array,
+    felt_as: _Array,
+    own_m2: _Array,
+    told: _Array,
+) -> _Array:
+    """Score (R,) of the part that each patch is likeliest to be, the body being what surely is of it.
+
+    warmth, felt_as: (R, 11) what temperatures say of parts, against the body's and the room's. own_m2: (R,).
+    told: (R, 7) all other clues.
+    """
+    odd = ANY_COLOR + _by_size(own_m2, ODD_M2)
+    weights = WEIGHTS[np.where(inside, 0, 1)]
+    best, mine = np.full(len(inside), -np.inf), inside
     for _ in range(ROUNDS):
         body = replace(patches, points=np.where(mine, patches.points, 0))
         belief, log_gain = read_together(body, unfitted(suit), warmth)
         palette = under(unfitted(suit), log_gain)
         by_part = palette.by_part(palette.match(patches.chroma, MEAN_BLUR * patches.blur))
-        by_part = np.maximum(by_part + _by_size(alike_m2, MOST_M2), odd)
-        by_part += felt_as + _by_place(patches, body, belief)
-        odds = np.maximum(odds, ODDS + BY_PART * by_part.max(axis=1) + BY_MASK * held)
-        mine &= odds > SURELY_NOT
-    return _filled(np.where(patches.points >= LEAST_POINTS, odds, 0)[patch], own)
+        by_part = np.maximum(by_part + _by_size(own_m2, MOST_M2), odd) + felt_as
+        best = np.maximum(best, (by_part + _by_place(patches, body, belief)).max(axis=1))
+        mine = mine & ((told * weights).sum(axis=1) + weights[:, BEST] * best > SURELY_NOT)
+    return best
+
+
+def _by_room(cloud: ThermalCloud, own: _Mask, room: _Mask) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Of pixels (h, w), (n,): log brightness above the room's (h, w), log frequency of the colour there."""
+    seen = room & cloud.color_valid
+    common = np.log(frequencies(_bins(cloud, seen)))
+    usual = max(float(np.median(cloud.color_rgb[seen].max(axis=1))), 1.0)
+    shade = np.log(np.maximum(cloud.color_rgb[own].max(axis=1), 1) / np.float32(usual))
+    return shade, common[_bins(cloud, own)]
+
+
+def _bins(cloud: ThermalCloud, among: _Mask) -> NDArray[np.int32]:
+    """Bins (n,) of the colours of pixels (h, w)."""
+    return color_bins(
+        lab_of(cloud.color_rgb[among][None], np.ones((1, np.count_nonzero(among)), np.bool_))[0]
+    )
+
+
+def heard(patches: Patches, odds: _Array) -> _Array:
+    """Log odds (R,) of patches, those of what they touch heard."""
+    heed = patches.contacts * (patches.points >= LEAST_POINTS)
+    around = heed @ np.clip(odds, -MOST, MOST) / np.maximum(heed.sum(axis=1), 1e-9)
+    return np.asarray(KEPT * odds + BY_TOUCH * around)
 
 
 def _mean(patch: NDArray[np.integer[Any]], values: NDArray[np.generic]) -> _Array:
@@ -143,7 +227,7 @@ def _by_size(alike_m2: _Array, most_m2: _Array) -> _Array:
 def _by_place(patches: Patches, body: Patches, belief: _Array) -> _Array:
     """Log score (R, 11) of every part of a patch, the body's being what they are believed to be (R, 11)."""
     told = np.flatnonzero(patches.points >= LEAST_POINTS)
-    known = np.flatnonzero(body.points[told] >= LEAST_POINTS)[:MOST]
+    known = np.flatnonzero(body.points[told] >= LEAST_POINTS)[:MOST_PATCHES]
     pairs = pair_scores(patches, told)
     score = np.zeros((len(patches.points), len(MOST_M2)))
     for other in known:

@@ -7,8 +7,6 @@ skin alone, from the cloth of each limb.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from annotate.parts import PART_ID
 from annotate.segmentation.patches import Patches
@@ -32,6 +30,8 @@ SURE = 0.5
 """Belief from which on a patch is a part's."""
 
 _Array = NDArray[np.float64]
+_Ways = tuple[NDArray[np.int32], NDArray[np.int32], _Array]
+"""Steps between supervoxels: from, to, length in metres."""
 
 
 def bareness(model: ColorModel, chroma: _Array, blur: _Array) -> _Array:
@@ -74,17 +74,21 @@ def grown_from(
     return cost
 
 
-def _ways(bare: NDArray[np.bool_], groups: Supervoxels, centroids_m: _Array) -> csr_array:
-    """Lengths in metres of the steps that lead into bare supervoxels: sparse (G, G)."""
+def _ways(bare: NDArray[np.bool_], groups: Supervoxels, centroids_m: _Array) -> _Ways:
+    """The steps that lead into bare supervoxels."""
     a, b = np.concatenate([groups.edges, groups.edges[:, ::-1]]).T
     into = bare[b]
-    length_m = np.linalg.norm(centroids_m[a] - centroids_m[b], axis=1)
-    return csr_array((length_m[into], (a[into], b[into])), shape=(groups.count, groups.count))
+    return a[into], b[into], np.linalg.norm(centroids_m[a] - centroids_m[b], axis=1)[into]
 
 
-def _away(ways: csr_array, start: NDArray[np.bool_]) -> _Array:
+def _away(ways: _Ways, start: NDArray[np.bool_]) -> _Array:
     """Way (G,) in metres from the nearest of some supervoxels (G,), at most FAR_M."""
-    if not start.any():
-        return np.full(len(start), FAR_M)
-    away_m = dijkstra(ways, indices=np.flatnonzero(start), min_only=True, limit=FAR_M)
-    return np.asarray(np.minimum(away_m, FAR_M))
+    a, b, length_m = ways
+    away_m = np.where(start, 0.0, FAR_M)
+    # Bellman and Ford's rounds: few, since nothing is followed farther than FAR_M.
+    while True:
+        nearer_m = away_m.copy()
+        np.minimum.at(nearer_m, b, away_m[a] + length_m)
+        if np.array_equal(nearer_m, away_m):
+            return away_m
+        away_m = nearer_m

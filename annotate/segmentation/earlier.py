@@ -2,11 +2,11 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from annotate.labels import FrameLabels
 from annotate.parts import BODY_PARTS
 from sensors.camera import Intrinsics
+from sensors.nearest import Nearest
 
 MOVE_M = 0.08
 """How far a limb moves between two frames at 2 Hz (spread)."""
@@ -34,7 +34,7 @@ def earlier_parts(before: FrameLabels, camera: Intrinsics, at_m: NDArray[np.floa
         return flat
     rays = np.column_stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(len(u))])
     points = rays * (before.depth_mm[v, u, None] / 1000)
-    away_m, nearest = cKDTree(points).query(at_m, k=NEAREST, distance_upper_bound=3 * MOVE_M)
+    away_m, nearest = Nearest(points).query(at_m, NEAREST, within=3 * MOVE_M)
     found = np.isfinite(away_m)
     weight = np.where(found, np.exp(-(away_m**2) / (2 * MOVE_M**2)), 0)
     part = before.parts[v, u][np.where(found, nearest, 0)].astype(np.intp) - 1

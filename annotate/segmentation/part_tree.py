@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from annotate.parts import BODY_PARTS, NEIGHBOURS
 from annotate.supervoxels import Supervoxels
@@ -21,6 +20,8 @@ LEAST_POINTS = 40
 
 _N = len(BODY_PARTS)
 _Array = NDArray[np.float64]
+_Links = tuple[NDArray[np.int32], NDArray[np.int32], _Array]
+"""Pairs of touching supervoxels, sorted: who heeds, whom, how much."""
 
 
 def settle(
@@ -37,7 +38,7 @@ def settle(
         belief, unary = start, unary + _near_its_part(start, groups, centroids_m)
     links = _links(groups)
     for _ in range(rounds):
-        belief = 0.5 * belief + 0.5 * softmax(unary + links @ (belief @ _COMPATIBILITY))
+        belief = 0.5 * belief + 0.5 * softmax(unary + _heeded(links, belief @ _COMPATIBILITY))
     return belief
 
 
@@ -47,14 +48,25 @@ def softmax(x: _Array) -> _Array:
     return np.asarray(e / e.sum(axis=1, keepdims=True))
 
 
-def _links(groups: Supervoxels) -> csr_array:
-    """How much each supervoxel heeds each touching one: sparse (G, G)."""
+def _links(groups: Supervoxels) -> _Links:
+    """How much each supervoxel heeds each touching one."""
     a, b = groups.edges.T
     degree = np.bincount(np.r_[a, b], minlength=groups.count)
     # More neighbours do not mean more knowledge: their sum is tempered.
     weight = SMOOTHING * 4 / np.maximum(degree, 4)
     rows, columns = np.r_[a, b], np.r_[b, a]
-    return csr_array((weight[rows], (rows, columns)), shape=(groups.count, groups.count))
+    order = np.lexsort((columns, rows))
+    return rows[order], columns[order], weight[rows[order]]
+
+
+def _heeded(links: _Links, said: _Array) -> _Array:
+    """What those that touch it say (G, n) to each supervoxel, by how much it heeds them: (G, n)."""
+    rows, columns, weight = links
+    heard = np.zeros_like(said)
+    first = np.flatnonzero(np.diff(rows, prepend=-1))
+    if first.size:
+        heard[rows[first]] = np.add.reduceat(weight[:, None] * said[columns], first, axis=0)
+    return heard
 
 
 def _near_its_part(belief: _Array, groups: Supervoxels, centroids_m: _Array) -> _Array:

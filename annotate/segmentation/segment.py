@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from annotate.cloud import ThermalCloud
 from annotate.labels import FrameLabels
@@ -20,6 +19,7 @@ from annotate.segmentation.refine import refine
 from annotate.suit.color_model import CLIPPED, readable, refit_colors, under, unfitted
 from annotate.suit.palette import Suit
 from annotate.supervoxels import Supervoxels, supervoxels
+from sensors.nearest import Nearest
 
 SEED_M = 0.05
 """Distance of supervoxel seeds: a forearm is about 7 cm thick."""
@@ -33,6 +33,8 @@ UNKNOWN, UNTOLD_BELOW = 0.35, 0.8
 """Beliefs below which a supervoxel stays undefined: without any colour; with a rival that looks alike."""
 TELLING_M = 0.08
 """How far surroundings tell the part of places without a colour: a forearm is that thick."""
+UNTOLD_SHARE = 0.05
+"""From this share of a person left undefined on the user is told: less are specks that lost their colour."""
 UNTOLD = "some parts stay undefined: their colours cannot be read, or look alike in the suit"
 OWN_COLOR, OWN_GROUP = 1.0, 0.25
 """Weights of a point's own colour and of its supervoxel's belief where the border runs within supervoxels."""
@@ -80,7 +82,7 @@ def segment(
     if (untold := _untold(belief, chosen, usable, groups, suit, cloud.points_m[mask])).any():
         parts[mask] = np.where(untold, UNDEFINED, parts[mask])
         confidence[mask] = np.where(untold, 0, confidence[mask])
-        notes = (*notes, UNTOLD)
+        notes = (*notes, UNTOLD) if untold.mean() > UNTOLD_SHARE else notes
     return Segmentation(parts, confidence, notes)
 
 
@@ -162,7 +164,7 @@ def _untold(
         borderless[[a - 1, b - 1]] |= frozenset((a, b)) in NEIGHBOURS
     unread = np.bincount(groups.ids, usable, groups.count) == 0
     middle_m = groups.centroids_m(points_m)
-    away_m = cKDTree(middle_m[~unread]).query(middle_m)[0] if not unread.all() else np.inf
+    away_m = Nearest(middle_m[~unread]).query(middle_m)[0]
     guessed = unread & ((best < UNKNOWN) | (away_m > TELLING_M))
     in_group = guessed | (best < UNTOLD_BELOW) & alike[part, rival]
     return np.asarray(in_group[groups.ids] | borderless[chosen])

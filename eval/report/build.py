@@ -21,12 +21,13 @@ from eval.report.gap import difference_of, group_tables, part_gaps
 from eval.report.joints_view import joints_of
 from eval.report.material import Material
 from eval.report.views import PART_SCORES, view_of
-from eval.results import Result, check_free
+from eval.results import Result
 from eval.suspicious import suspicious
-from sensors.atomic import write_bytes
+from sensors.atomic import check_free, write_bytes
 from sensors.errors import CloudError
 
 TITLE = "Body-part labels: comparison report"
+PLOTLY = files("plotly").joinpath("package_data", "plotly.min.js")
 TEMPLATES = Path(str(files("eval.report").joinpath("templates")))
 SCRIPTS = ("theme", "figures", "tables", "gallery", "scenes")
 MAX_SUSPECTS = 30
@@ -103,7 +104,7 @@ def render(material: Material) -> str:
     numbers = _numbers(material)
     contents = {name: title for name, title in SECTIONS.items() if numbers.get(name, True)}
     script = "\n".join((TEMPLATES / "scripts" / f"{name}.js").read_text() for name in SCRIPTS)
-    plotly = files("plotly").joinpath("package_data", "plotly.min.js").read_text()
+    plotly = PLOTLY.read_text()
     return _PAGE.get_template("report.html.j2").render(
         title=TITLE,
         written=datetime.now(UTC).strftime("%d %B %Y, %H:%M UTC"),

@@ -85,9 +85,17 @@ def forest(
         data.append(_marks("Two people's labels", ceiling, "line-ns-open", names))
     height = FRAME_PX + 30 + len(rows) * max(26, ROW_PX * len(titles))
     x: Figure = {"title": {"text": axis}, "zeroline": zero, "range": None if zero else _span(data)}
-    y = {"tickvals": list(range(len(names))), "ticktext": names, "range": [len(names) - 0.5, -0.5],
-         "zeroline": False}  # fmt: skip
-    return figure(data, height, {"xaxis": x, "yaxis": y, "margin": {"l": 130}})
+    return figure(data, height, {"xaxis": x, "yaxis": _row_axis(names), "margin": {"l": 130}})
+
+
+def _row_axis(names: Sequence[str]) -> Figure:
+    """The axis of one line a name, the first on top."""
+    return {
+        "tickvals": list(range(len(names))),
+        "ticktext": list(names),
+        "range": [len(names) - 0.5, -0.5],
+        "zeroline": False,
+    }
 
 
 def _points(title: str, found: Sequence[Estimate], offset: float, color: str, names: Sequence[str]) -> Figure:
@@ -136,10 +144,8 @@ def levels(rows: Sequence[tuple[str, Estimate, str, str]], axis: str) -> Figure:
         trace = _points(names[i], [found], i, color, [names[i]])
         trace["marker"] |= {"symbol": symbol, "size": 10}
         data.append(trace)
-    y = {"tickvals": list(range(len(names))), "ticktext": names, "range": [len(names) - 0.5, -0.5],
-         "zeroline": False}  # fmt: skip
     x = {"title": {"text": axis}, "range": _span(data), "zeroline": False}
-    layout = {"xaxis": x, "yaxis": y, "margin": {"l": 150}, "showlegend": False}
+    layout = {"xaxis": x, "yaxis": _row_axis(names), "margin": {"l": 150}, "showlegend": False}
     return figure(data, FRAME_PX + 32 * len(rows), layout)
 
 

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.report.figures import CANVAS, SIZE_PX, Image
+from annotate.crop import SIZE
+from eval.report.figures import CANVAS, Image
 
 THERMAL_RANGE_C = (18.0, 36.0)
 """Temperatures drawn from black to yellow: a room to warm skin (the paper extracts 25 to 35)."""
@@ -23,15 +24,15 @@ def render_thermal_cloud(
     cloud's middle. Points are drawn far to near as squares that close the gaps between them.
     """
     drawn = np.asarray(np.isfinite(points_m).all(-1))
-    image = np.full((SIZE_PX, SIZE_PX, 3), CANVAS, np.uint8)
+    image = np.full((SIZE, SIZE, 3), CANVAS, np.uint8)
     if not drawn.any():
         return image
     turned = _orbit(points_m, drawn, yaw_deg, pitch_deg)
     color = (_thermal_colors(temperature_c) * _shade(turned)[..., None]).astype(np.uint8)[drawn]
     flat = turned[..., :2] / turned[..., 2:]
     low, high = np.percentile(flat[drawn], [0.5, 99.5], axis=0)
-    scale = 0.94 * SIZE_PX / max(float((high - low).max()), 1e-3)
-    flat = (flat - (low + high) / 2) * scale + SIZE_PX / 2
+    scale = 0.94 * SIZE / max(float((high - low).max()), 1e-3)
+    flat = (flat - (low + high) / 2) * scale + SIZE / 2
     width = _splat_px(flat)
     u, v = flat[drawn].T
     z = turned[drawn][:, 2]
@@ -40,7 +41,7 @@ def render_thermal_cloud(
     # One splat is painted whole before the next nearer one: offsets vary fastest.
     dy, dx = (offset.ravel() for offset in np.indices((width, width)) - width // 2)
     rows, columns = (rows[:, None] + dy).ravel(), (columns[:, None] + dx).ravel()
-    inside = (rows >= 0) & (rows < SIZE_PX) & (columns >= 0) & (columns < SIZE_PX)
+    inside = (rows >= 0) & (rows < SIZE) & (columns >= 0) & (columns < SIZE)
     image[rows[inside], columns[inside]] = np.repeat(color, width * width, axis=0)[inside]
     return image
 

@@ -11,9 +11,6 @@ from eval.metrics import Labels, named
 
 Image = NDArray[np.uint8]
 
-SIZE_PX = 212
-"""Side of a gallery picture: the network's input (section 3.1)."""
-
 CANVAS = (24, 24, 28)
 """Colour of nothing, as in the palette of parts."""
 
@@ -89,32 +86,6 @@ def _pairs(pairs: tuple[tuple[int, ...], ...]) -> NDArray[np.bool_]:
     for a, b in pairs:
         table[a, b] = table[b, a] = True
     return table
-
-
-def person_box(person: NDArray[np.bool_], margin: float = 0.08) -> tuple[int, int, int]:
-    """Square around the True pixels of (h, w): top, left, side in pixels; it may pass the edges."""
-    rows, columns = np.flatnonzero(person.any(1)), np.flatnonzero(person.any(0))
-    if not rows.size:
-        return 0, 0, max(person.shape)
-    height, width = rows[-1] - rows[0] + 1, columns[-1] - columns[0] + 1
-    side = int(np.ceil(max(height, width) * (1 + 2 * margin)))
-    return int(rows[0] + (height - side) // 2), int(columns[0] + (width - side) // 2), side
-
-
-def crop(image: NDArray[np.generic], box: tuple[int, int, int], fill: float = 0) -> NDArray[np.generic]:
-    """The square `box` of an image (h, w, ...), with `fill` where it passes the edges."""
-    top, left, side = box
-    out = np.full((side, side, *image.shape[2:]), fill, image.dtype)
-    rows = slice(max(top, 0), min(top + side, image.shape[0]))
-    columns = slice(max(left, 0), min(left + side, image.shape[1]))
-    out[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = image[rows, columns]
-    return out
-
-
-def to_size(image: Image, smooth: bool = False) -> Image:
-    """Resample an RGB image to 212 x 212; labels keep their exact colours unless `smooth`."""
-    method = cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST_EXACT
-    return np.asarray(cv2.resize(image, (SIZE_PX, SIZE_PX), interpolation=method), np.uint8)
 
 
 def data_uri(image: Image) -> str:

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
+from annotate.crop import SIZE, Crop, crop_around
 from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, BODY_PARTS, UNDEFINED
+from annotate.parts import BACKGROUND, BODY_PARTS, on_body
 from eval import metrics
 from eval.compare import Comparison
 from eval.data import Frames
@@ -19,6 +20,8 @@ from eval.report.figures import Image
 
 ROOM_M = 0.7
 """How far in front of and behind the person the thermal cloud shows the room."""
+MARGIN = 0.08
+"""Free border of a picture on each side, as a share of the person's larger extent."""
 EACH = 6
 """Frames of each group: 18 a result fill a page or two, and half a megabyte."""
 
@@ -72,15 +75,14 @@ def make_frame(
     truth: FrameLabels, predicted: FrameLabels, cloud: ThermalCloud | None = None, group: str = ""
 ) -> GalleryFrame:
     """One row: thermal cloud (where there is one), extracted depth, target, prediction, errors."""
-    person = _person(truth) if _person(truth).any() else _person(predicted)
-    box = figures.person_box(person)
-    target = np.asarray(figures.crop(truth.parts, box), np.uint8)
-    guess = np.asarray(figures.crop(predicted.parts, box), np.uint8)
+    person = on_body(truth.parts) if on_body(truth.parts).any() else on_body(predicted.parts)
+    crop = _square(person)
+    target, guess = crop.cut(truth.parts, BACKGROUND), crop.cut(predicted.parts, BACKGROUND)
     columns = {
-        **_input_columns(truth, person, box, cloud),
-        "Target labels": figures.to_size(figures.colorize_parts(target)),
-        "Predicted labels": figures.to_size(figures.colorize_parts(guess)),
-        "Errors": figures.to_size(figures.colorize_error(target, guess)),
+        **_input_columns(truth, person, crop, cloud),
+        "Target labels": figures.colorize_parts(target),
+        "Predicted labels": figures.colorize_parts(guess),
+        "Errors": figures.colorize_error(target, guess),
     }
     matrix = metrics.confusion_matrix(truth.parts, predicted.parts)
     scores = metrics.iou(matrix)
@@ -91,43 +93,41 @@ def make_frame(
 
 def make_shown_frame(labels: FrameLabels, cloud: ThermalCloud | None = None) -> GalleryFrame:
     """One row without a truth: thermal cloud (where there is one), extracted depth, labels, confidence."""
-    person = _person(labels)
-    box = figures.person_box(person)
-    parts = np.asarray(figures.crop(labels.parts, box), np.uint8)
+    person = on_body(labels.parts)
+    crop = _square(person)
     columns = {
-        **_input_columns(labels, person, box, cloud),
-        "Labels": figures.to_size(figures.colorize_parts(parts)),
+        **_input_columns(labels, person, crop, cloud),
+        "Labels": figures.colorize_parts(crop.cut(labels.parts, BACKGROUND)),
     }
     if labels.confidence is not None:
         shown = np.where(person, labels.confidence, np.float32(np.nan))
-        confidence = np.asarray(figures.crop(shown, box, np.nan), np.float32)
-        columns["Confidence"] = figures.to_size(figures.colorize_share(confidence))
+        columns["Confidence"] = figures.colorize_share(crop.cut(shown, np.nan))
     return GalleryFrame(labels.frame_id, columns, subject=labels.subject)
 
 
 def _input_columns(
-    frame: FrameLabels, person: NDArray[np.bool_], box: tuple[int, int, int], cloud: ThermalCloud | None
+    frame: FrameLabels, person: NDArray[np.bool_], crop: Crop, cloud: ThermalCloud | None
 ) -> dict[str, Image]:
     """What the labelling had to go by: the thermal cloud, if any, and the person's depth."""
-    depth = np.where(person, frame.depth_mm, np.uint16(0))
-    extracted = figures.colorize_depth(np.asarray(figures.crop(depth, box), np.uint16))
-    columns = {"Extracted depth": figures.to_size(extracted)}
+    depth = crop.cut(np.where(person, frame.depth_mm, np.uint16(0)), 0)
+    columns = {"Extracted depth": figures.colorize_depth(depth)}
     if cloud is not None:
-        columns = {"Thermal cloud": _cloud_picture(cloud, person, box), **columns}
+        columns = {"Thermal cloud": _cloud_picture(cloud, person, crop), **columns}
     return columns
 
 
-def _person(frame: FrameLabels) -> NDArray[np.bool_]:
-    return np.asarray((frame.parts != BACKGROUND) & (frame.parts != UNDEFINED))
+def _square(person: NDArray[np.bool_]) -> Crop:
+    """What the pictures show of a mask (h, w): the person, or all where nobody is."""
+    return crop_around(person, MARGIN) if person.any() else Crop(0, 0, max(person.shape))
 
 
-def _cloud_picture(cloud: ThermalCloud, person: NDArray[np.bool_], box: tuple[int, int, int]) -> Image:
-    points = np.asarray(figures.crop(cloud.points_m, box, np.nan), np.float32)
-    shown = np.asarray(figures.crop(person & cloud.valid, box), np.bool_)
+def _cloud_picture(cloud: ThermalCloud, person: NDArray[np.bool_], crop: Crop) -> Image:
+    side = crop.side
+    points, temperature = crop.cut(cloud.points_m, np.nan, side), crop.cut(cloud.temperature_c, np.nan, side)
+    shown = crop.cut(person & cloud.valid, False, side)
     if shown.any():
         away = np.abs(points[..., 2] - np.median(points[shown][:, 2])) > ROOM_M
         points[away] = np.nan
-    temperature = np.asarray(figures.crop(cloud.temperature_c, box, np.nan), np.float32)
     # More points than the picture has pixels only cost time.
-    step = max(1, box[2] // figures.SIZE_PX)
+    step = max(1, side // SIZE)
     return render_thermal_cloud(points[::step, ::step], temperature[::step, ::step])

@@ -12,14 +12,12 @@ from annotate.labels import FrameLabels
 from annotate.labelset import store
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
-from annotate.registration import KINECT2_DEPTH
-from eval.data import Frames, open_frames
+from eval.data import camera_of, open_frames
 from eval.report.gallery import EACH, GalleryFrame, make_frame, make_shown_frame, pick_frames, read_pairs
 from eval.report.history import load_training
 from eval.report.material import Material, ShownSet
 from eval.report.scenes import Scene, make_scene
 from eval.results import Result
-from sensors.camera import Intrinsics
 from sensors.errors import CloudError
 from sensors.replay import Session
 from synth import dataset
@@ -105,7 +103,7 @@ def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[Gallery
             frames.append(frame)
             if not place:
                 title = f"{result.title} · {group.lower()} · {frame_id}"
-                scenes.append(make_scene(title, guess, camera_of(truth), target, cloud))
+                scenes.append(make_scene(title, guess, camera_of(truth, target), target, cloud))
     return frames, [scene for scene in scenes if scene is not None]
 
 
@@ -122,13 +120,8 @@ def shown_set(labels: LabelSet, note: str, clouds: Clouds) -> ShownSet:
         cloud = clouds.of(source, frame)
         frames.append(make_shown_frame(frame, cloud))
         if not scenes:
-            scenes.append(make_scene(f"{title} · {frame_id}", frame, labels.intrinsics, None, cloud))
+            scenes.append(make_scene(f"{title} · {frame_id}", frame, camera_of(labels, frame), None, cloud))
     return ShownSet(title, frames, [scene for scene in scenes if scene is not None], note)
-
-
-def camera_of(frames: Frames) -> Intrinsics:
-    """The depth camera whose image, or crops of whose image, the frames are."""
-    return frames.intrinsics if isinstance(frames, LabelSet) else KINECT2_DEPTH
 
 
 def _is_set(path: Path) -> bool:

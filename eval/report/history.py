@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.exchange.companion import read_bounded
 from annotate.labelset.images import decode_depth, decode_parts
 from eval.report import figures
 from sensors.errors import FormatError
@@ -74,13 +75,13 @@ def _pictures(folder: Path) -> dict[str, figures.Image]:
     # Early epochs differ most: spread by logarithm, as the paper's choice of 0 to 1,000 nearly is.
     spread = np.geomspace(1, len(numbers), min(MAX_PICTURES, len(numbers))).round().astype(int) - 1
     chosen = [numbers[i] for i in sorted(set(spread.tolist()))]
-    pictures = {f"Epoch {n}": figures.colorize_parts(decode_parts(found[n].read_bytes())) for n in chosen}
+    pictures = {f"Epoch {n}": figures.colorize_parts(decode_parts(read_bounded(found[n]))) for n in chosen}
     depth, truth = folder / "depth.png", folder / "truth.parts.png"
     if depth.is_file():
-        image = figures.colorize_depth(decode_depth(depth.read_bytes()))
+        image = figures.colorize_depth(decode_depth(read_bounded(depth)))
         pictures = {"Depth": image, **pictures}
     if truth.is_file():
-        pictures["Truth"] = figures.colorize_parts(decode_parts(truth.read_bytes()))
+        pictures["Truth"] = figures.colorize_parts(decode_parts(read_bounded(truth)))
     return pictures
 
 

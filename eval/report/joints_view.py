@@ -1,11 +1,11 @@
 """Joints found from parts, as the page shows them: PCK by threshold, error by joint."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from eval.joint_errors import summary
-from eval.joints import JOINT_NAMES
 from eval.results import Result
 
 THRESHOLDS_MM = tuple(range(0, 301, 10))
@@ -43,19 +43,25 @@ def joints_of(result: Result) -> JointsView | None:
         return None
     total = summary(errors)
     scored = errors[~np.isnan(errors)]
-    rows = []
-    for name, own in zip(JOINT_NAMES, errors.T, strict=True):
-        own = own[~np.isnan(own)]
-        met = own[np.isfinite(own)]
-        mean = float(met.mean()) if met.size else np.nan
-        within = float((own <= 100).mean()) if own.size else np.nan
-        rows.append(JointRow(name.replace("_", " ").capitalize(), own.size, met.size, mean, within))
     return JointsView(
         result.title,
-        frames=int((~np.isnan(errors)).any(1).sum()),
-        scored=scored.size,
-        found=int(np.isfinite(scored).sum()),
-        mpjpe_mm=float(total["mpjpe_mm"]) if isinstance(total["mpjpe_mm"], int | float) else np.nan,
+        frames=total["frames"],
+        scored=total["scored"],
+        found=total["found"],
+        mpjpe_mm=_number(total["mpjpe_mm"]),
         pck=[float((scored <= limit).mean()) for limit in THRESHOLDS_MM],
-        rows=rows,
+        rows=[
+            JointRow(
+                name.replace("_", " ").capitalize(),
+                own["scored"],
+                own["found"],
+                _number(own["mpjpe_mm"]),
+                _number(own["pck_100mm"]),
+            )
+            for name, own in total["by_joint"].items()
+        ],
     )
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

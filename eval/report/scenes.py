@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
-from annotate.crop import SIZE
 from annotate.labels import FrameLabels
-from annotate.parts import BACKGROUND, UNDEFINED
+from annotate.parts import on_body
+from eval.data import pinhole_of
 from eval.report.figures import error_kind_ids
-from sensors.camera import Intrinsics
+from sensors.camera import Intrinsics, unproject
 
 MAX_POINTS = 14_000
 """Points of a scene: turned smoothly by a laptop's own graphics, 0.2 MB in the page."""
@@ -41,10 +41,10 @@ def make_scene(
     truth: FrameLabels | None = None,
     cloud: ThermalCloud | None = None,
 ) -> Scene | None:
-    """The scene of a frame; None where nobody is seen. camera: of the whole depth image."""
+    """The scene of a frame; None where nobody is seen. camera: undistorted, of the whole image."""
     frame = predicted if truth is None else truth
     points = points_of(frame, camera)
-    person = _person(predicted) | (_person(truth) if truth is not None else False)
+    person = on_body(predicted.parts) | (on_body(truth.parts) if truth is not None else False)
     at = _chosen(points, person & (frame.depth_mm > 0))
     if not at.size:
         return None
@@ -59,23 +59,16 @@ def make_scene(
     return Scene(title, np.clip(shown, -32_000, 32_000).astype(np.int16), colors)
 
 
-def points_of(frame: FrameLabels, camera: Intrinsics) -> NDArray[np.float64]:
-    """Points (h, w, 3) in metres, NaN without a reading, of a depth image or of a crop of it."""
-    height, width = frame.depth_mm.shape
-    v, u = np.mgrid[:height, :width].astype(np.float64)
-    crop = frame.notes.get("crop")
-    if frame.depth_mm.shape == (SIZE, SIZE) and isinstance(crop, list) and len(crop) == 3:
-        top, left, side = (float(value) for value in crop)
-        v, u = top + (v + 0.5) * side / SIZE - 0.5, left + (u + 0.5) * side / SIZE - 0.5
-    z = np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)
-    return np.stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z], axis=-1)
+def points_of(frame: FrameLabels, camera: Intrinsics) -> NDArray[np.float32]:
+    """Points (h, w, 3) in metres, NaN without a reading, of a depth image or of a crop of one.
+
+    Raises FormatError when the frame's notes are malformed, CalibrationError when they are another image's.
+    """
+    metres = np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)
+    return unproject(pinhole_of(frame, camera), metres)
 
 
-def _person(frame: FrameLabels) -> NDArray[np.bool_]:
-    return np.asarray((frame.parts != BACKGROUND) & (frame.parts != UNDEFINED))
-
-
-def _chosen(points: NDArray[np.float64], person: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _chosen(points: NDArray[np.float32], person: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Pixels to show, evenly thinned: the person, and what lies within `ROOM_M` of the person's box."""
     body = np.flatnonzero(person)
     if not body.size:

@@ -1,13 +1,11 @@
 """What the page shows of a result, as plain numbers in the order they are read."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from annotate.parts import BODY_PARTS, Part
 from eval import metrics, paper
-from eval.boundary import DISTANCE_EDGES_PX
 from eval.compare import Comparison
 from eval.metrics import MeanIou
 from eval.report.estimates import (
@@ -21,6 +19,7 @@ from eval.report.estimates import (
 )
 from eval.report.figures import ERROR_KINDS
 from eval.results import Result
+from eval.summary import DISTANCES
 
 MAX_ROWS = 200
 """Frames or subjects listed at most; the rest is counted."""
@@ -152,18 +151,15 @@ def _error_rows(comparison: Comparison) -> list[ErrorRow]:
 def _distance_rows(comparison: Comparison) -> list[DistanceRow]:
     pixels = comparison.total.by_distance.sum(0)[:, 1]
     by_part = comparison.scores["error_by_distance_by_part"]
-    starts = (0, *(int(edge) for edge in DISTANCE_EDGES_PX))
-    labels = [f"{a}" if b - a == 1 else f"{a} to {b - 1}" for a, b in pairwise(starts)]
-    labels.append(f"{starts[-1]} and more")
     shares = pixels / max(int(pixels.sum()), 1)
     return [
         DistanceRow(
-            label,
+            distance.replace(" px", ""),
             estimate(comparison, "error_by_distance", i),
             float(shares[i]),
             {part.title: float(by_part[part.id, i]) for part in BODY_PARTS},
         )
-        for i, label in enumerate(labels)
+        for i, distance in enumerate(DISTANCES)
     ]
 
 

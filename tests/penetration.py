@@ -1,4 +1,4 @@
-"""How deep a posed body is in itself, measured on its skin (slow: for tests and figures, not for generating).
+"""How deep a posed body is in itself, measured on its skin, and in furniture: what generating is judged by.
 
 The skin is cut into the eleven parts, each closed by a fan over its open borders. A vertex of one part
 inside another is as deep as its distance to that other part's skin (fans do not count); the deepest of all
@@ -16,6 +16,8 @@ from scipy.sparse.csgraph import connected_components
 
 from annotate.parts import BODY_PARTS, PART_ID
 from synth.body import Body
+from synth.contact import Vertices
+from synth.scene import Solid
 from synth.skeleton import JOINT_ID, Float64
 
 
@@ -48,6 +50,11 @@ def self_penetration_m(body: Body, vertices_m: NDArray[np.float32], joints_m: Fl
     vertices_m: (V, 3) posed skin; joints_m: (J, 3) its joints, the same frame.
     """
     return max(penetrations_m(body, vertices_m, joints_m).values(), default=0.0)
+
+
+def furniture_penetration_m(vertices_m: Vertices, solids: list[Solid]) -> float:
+    """Depth of the deepest vertex (V, 3) in any solid beyond the give of that solid, 0 when there is none."""
+    return max([0.0, *(float(s.depth_m(vertices_m).max()) - s.give_m for s in solids)])
 
 
 def penetrations_m(

@@ -1,0 +1,79 @@
+"""The whole path as one readable recipe: simulate, label, correct, predict, evaluate, report."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.cloud import ThermalCloud
+from annotate.correction.correction import Correction
+from annotate.effort.annotator import WHO, Annotator, correct_set
+from annotate.fuse import Fuser
+from annotate.label import label_source
+from annotate.labelset.store import LabelSet
+from cli.console import progress
+from eval.compare import Comparison, compare_sets
+from eval.predict import Network, predict_source
+from eval.report.build import write_report
+from eval.report.gather import gather
+from eval.results import Result, save_result
+from sensors.replay import Session
+from synth.rig import VirtualRig
+from synth.simulate import simulate, truth_path
+
+
+def whole_path(out: Path, frames: int, seed: int) -> dict[str, object]:
+    """Everything that can be done with frames of the virtual rig, into a folder; how well it went."""
+    rig = VirtualRig(frames, min(4, frames), "normal", seed)
+    session_path = out / "session.mcap"
+    with progress("simulate", frames) as advance:
+        simulate(rig, session_path, advance)
+    session, truth = Session(session_path), LabelSet.open(truth_path(session_path))
+    with progress("label", frames) as advance:
+        automatic = label_source(session, rig.suit, out / "automatic", advance).labels
+    fuser = Fuser(session.calibration)
+
+    def fused(frame_id: str) -> ThermalCloud:
+        return fuser.fuse_frame(session.frame(int(frame_id)))
+
+    corrected, seconds = _correct_all(automatic, truth, lambda i: fused(i).color_rgb, out / "corrected")
+    with progress("predict", frames) as advance:
+        predicted = predict_source(session, Network(), out / "network", advance).labels
+
+    sets = {"Automatic": automatic, "Corrected": corrected, "Network": predicted}
+    compared = {name: compare_sets(labels, truth) for name, labels in sets.items()}
+    facts = {"command": f"annotate-cloud demo --frames {frames} --seed {seed}", "session": session.sha256}
+    results = []
+    for name, labels in sets.items():
+        lying = {"predicted": str(labels.path), "truth": str(truth.path)}
+        results.append(Result(name, compared[name], {**facts, **lying}))
+        save_result(out / f"{name.lower()}.json", results[-1])
+    material = gather(results, sessions=[session], audited=[corrected.path], facts=facts)
+    write_report(out / "report.html", material)
+    summary = {name: _summary(comparison) for name, comparison in compared.items()}
+    return {
+        "frames": frames,
+        "auto": summary["Automatic"],
+        "corrected": summary["Corrected"],
+        "fcn": summary["Network"],
+        "person_iou": float(compared["Automatic"].scores["person_iou"]),
+        "effort_seconds_median": float(np.median(seconds)),
+        "report": str(out / "report.html"),
+    }
+
+
+def _correct_all(
+    automatic: LabelSet, truth: LabelSet, color_of: Callable[[str], NDArray[np.uint8]], out: Path
+) -> tuple[LabelSet, list[float]]:
+    """A copy of the labels, corrected by the simulated annotator, and the seconds each frame took."""
+    shutil.copytree(automatic.path, out)
+    annotator = Annotator()
+    with Correction.open(out, WHO, clock=annotator.clock) as correction:
+        efforts = correct_set(correction, truth, annotator, color_of)
+        return correction.labels, [effort.seconds for effort in efforts]
+
+
+def _summary(comparison: Comparison) -> dict[str, float]:
+    return {name: float(comparison.scores[name]) for name in ("mean_recall", "miou")}

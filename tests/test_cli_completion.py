@@ -1,0 +1,96 @@
+"""What the shell offers at TAB, asked as bash, zsh and fish ask."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from annotate.exchange.formats import FORMATS
+from cli import names
+from cli.main import app
+from synth.difficulty import DIFFICULTIES
+from synth.sample import PRESETS
+
+COMMAND = Path(sys.executable).with_name("annotate-cloud")
+SHELLS = ("bash", "zsh", "fish")
+
+
+def asked(shell: str, line: str) -> dict[str, str]:
+    """The environment in which a shell asks how to go on after ``line``."""
+    words = line.split(" ")
+    return {
+        "_ANNOTATE_CLOUD_COMPLETE": f"complete_{shell}",
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(words) - 1),
+        "_TYPER_COMPLETE_ARGS": line,
+        "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+    }
+
+
+def offered(shell: str, line: str) -> str:
+    return CliRunner().invoke(app, prog_name="annotate-cloud", env=asked(shell, line)).output
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+@pytest.mark.parametrize(
+    ("line", "wanted"),
+    [
+        ("annotate-cloud sim", ["simulate"]),
+        ("annotate-cloud simulate a.mcap --difficulty ", list(DIFFICULTIES)),
+        ("annotate-cloud simulate a.mcap --difficulty h", ["hard"]),
+        ("annotate-cloud simulate a.mcap --scene ", ["sofa", "chair", "bed", "plate"]),
+        ("annotate-cloud export labels out --format ", list(FORMATS)),
+        ("annotate-cloud synth generate --preset ", list(PRESETS)),
+        ("annotate-cloud train data --network ", ["compact", "paper", "smp"]),
+        ("annotate-cloud label a.mcap --su", ["--suit"]),
+    ],
+)
+def test_verbs_options_and_names_are_offered(shell, line, wanted):
+    shown = offered(shell, line)
+    assert all(word in shown for word in wanted), shown
+    if line.endswith(" h"):
+        assert "normal" not in shown
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_each_shell_gets_its_script_installed(shell, tmp_path):
+    """As the command does it: shells are told apart by the process that started it."""
+    environment = {
+        **os.environ,
+        "HOME": str(tmp_path),
+        "ZDOTDIR": str(tmp_path),
+        "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1",
+    }
+    for option in ("--show-completion", "--install-completion"):
+        done = subprocess.run(
+            [COMMAND, option, shell], env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert shell in done.stdout.lower()
+    scripts = [path.read_text() for path in tmp_path.rglob("*") if path.is_file()]
+    assert any(f"complete_{shell}" in script for script in scripts)
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
+def test_in_a_real_bash_a_name_is_completed(tmp_path):
+    script = """
+        eval "$(_ANNOTATE_CLOUD_COMPLETE=source_bash annotate-cloud)"
+        COMP_WORDS=(annotate-cloud simulate a.mcap --difficulty h) COMP_CWORD=4
+        _annotate_cloud_completion annotate-cloud
+        echo "${COMPREPLY[*]}"
+    """
+    environment = {**os.environ, "PATH": f"{COMMAND.parent}:{os.environ['PATH']}"}
+    done = subprocess.run(
+        ["bash", "-c", script], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.strip() == "hard", done.stderr
+
+
+def test_names_of_what_is_not_installed_are_not_offered(monkeypatch):
+    for module in ("synth.place", "synth.difficulty", "synth.sample"):
+        monkeypatch.setitem(sys.modules, module, None)
+    assert names.scenes() == names.difficulties() == names.presets() == []

@@ -1,0 +1,370 @@
+"""Killed, full disk, clocks that jump, two at once, a worker lost: what is done stays, the rest resumes."""
+
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from conftest import assert_refused, largest_file, tree
+
+import sensors.recorder
+from annotate.correction import activity
+from annotate.correction.activity import ActiveTime, steady_time
+from annotate.correction.correction import Correction
+from annotate.label import label_source
+from annotate.labelset.claim import CLAIM, Claim, ClaimedError
+from annotate.labelset.store import LabelSet, validate
+from annotate.registration import KINECT2_DEPTH
+from annotate.suit.palette import DEFAULT_SUIT
+from sensors.atomic import sweep
+from sensors.calibration import RigCalibration
+from sensors.devices import open_device
+from sensors.errors import CloudError
+from sensors.recorder import Recorder
+from sensors.replay import Session
+from sensors.session import SessionWriter
+from synth.generate import Order, generate
+from synth.sample import PRESETS
+from synth.simulate import suit_path
+from synth.workers import Workers, processes
+
+ORDER = Order(PRESETS["sitting-test"], 12, 3, shard_frames=4)
+
+
+def made(out: Path) -> None:
+    """The dataset of ORDER, made or gone on with."""
+    with ThreadPoolExecutor(1) as pool:
+        generate(ORDER, out, Workers(pool, 1), lambda n: None)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> dict[str, str]:
+    """What an uninterrupted run makes of ORDER."""
+    out = tmp_path_factory.mktemp("whole") / "d"
+    made(out)
+    return tree(out)
+
+
+def partial_of(folder: Path) -> list[str]:
+    return [name for name in tree(folder) if name.endswith(".partial")]
+
+
+# Killed: each verb dies at the worst moment, with a file written and not yet named
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from cli.main import main
+from test_faults import made
+
+def dies(event, number, run):
+    child = os.fork()
+    if child:
+        return os.waitpid(child, 0)[1]
+    left = number
+    def look(name, arguments):
+        nonlocal left
+        if name == event and folder in str(arguments):
+            left -= 1
+            if not left:
+                os.kill(os.getpid(), signal.SIGKILL)
+    sys.addaudithook(look)
+    try:
+        run()
+    finally:
+        os._exit(99)
+
+def command(*arguments):
+    sys.argv = ["annotate-cloud", *arguments]
+    main()
+
+folder, session, suit, labels = sys.argv[1:]
+for event, number, run in (
+    ("os.rename", 9, lambda: command("label", session, "--suit", suit, "--out", f"{folder}/labels")),
+    ("os.rename", 9, lambda: command("predict", labels, "--out", f"{folder}/predicted")),
+    ("open", 5, lambda: command("export", labels, f"{folder}/pairs", "--format", "pairs")),
+    ("os.rename", 3, lambda: made(Path(f"{folder}/dataset"))),
+    ("os.rename", 1, lambda: command("simulate", f"{folder}/s.mcap", "--frames", "1")),
+):
+    print(dies(event, number, run), flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory, rig_session, rig_labels) -> Path:
+    """What verbs left that were killed with -9."""
+    folder = tmp_path_factory.mktemp("killed")
+    command = [sys.executable, "-c", KILLED, folder, rig_session, suit_path(rig_session), rig_labels.path]
+    here = Path(__file__).parent
+    environment = {**os.environ, "PYTHONPATH": f"{here.parent}:{here}"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True, timeout=300)
+    assert done.stdout.split() == ["9"] * 5, done
+    assert partial_of(folder), "killed while it wrote"
+    return folder
+
+
+def test_a_killed_label_goes_on_to_the_same_bytes(annotate_cloud, killed, rig_session, rig_labels):
+    out = killed / "labels"
+    begun = LabelSet.open(out)
+    assert begun.frame_ids == ["000000"] and not validate(begun)
+    assert partial_of(out)
+    assert annotate_cloud("label", rig_session, "--suit", suit_path(rig_session), "--out", out).code == 0
+    assert tree(out) == tree(rig_labels.path)
+
+
+def test_a_killed_predict_goes_on_to_the_same_bytes(annotate_cloud, killed, tmp_path, rig_labels):
+    out = killed / "predicted"
+    assert not [problem for problem in validate(LabelSet.open(out)) if "holds no frames" not in problem]
+    assert annotate_cloud("predict", rig_labels.path, "--out", out).code == 0
+    assert annotate_cloud("predict", rig_labels.path, "--out", tmp_path / "whole").code == 0
+    assert tree(out) == tree(tmp_path / "whole")
+
+
+def test_a_killed_export_leaves_nothing_of_that_name(annotate_cloud, killed, tmp_path, rig_labels):
+    assert not (killed / "pairs").exists()
+    assert list(killed.glob(".pairs.*.partial"))
+    for out in (killed / "pairs", tmp_path / "whole"):
+        assert annotate_cloud("export", rig_labels.path, out, "--format", "pairs").code == 0
+    assert not list(killed.glob(".pairs.*.partial"))
+    assert tree(killed / "pairs") == tree(tmp_path / "whole")
+
+
+def test_a_killed_generate_goes_on_to_the_same_bytes(killed, whole):
+    out = killed / "dataset"
+    assert partial_of(out)
+    assert {name: hash_ for name, hash_ in tree(out).items() if name in whole}.items() <= whole.items()
+    made(out)
+    assert tree(out) == whole
+
+
+def test_a_killed_simulate_is_told_and_made_anew(annotate_cloud, killed):
+    command = ("simulate", killed / "s.mcap", "--frames", 1)
+    assert not (killed / "s.mcap").exists()
+    assert_refused(annotate_cloud(*command), "--overwrite")
+    assert annotate_cloud(*command, "--overwrite").code == 0
+    assert not list(killed.glob("s.*partial"))
+
+
+def test_the_living_keep_what_they_are_making(tmp_path):
+    mine, theirs = (tmp_path / f".x.{pid}.partial" for pid in (os.getpid(), 2**22 + 1))
+    for path in (mine, theirs):
+        path.mkdir()
+    sweep(tmp_path)
+    assert list(tmp_path.iterdir()) == [mine]
+
+
+# Full disk
+
+
+def test_a_full_disk_leaves_whole_shards_and_generate_goes_on(tmp_path, whole):
+    out = tmp_path / "d"
+    with largest_file(5_000), pytest.raises(OSError, match="File too large"):
+        made(out)
+    assert list(tree(out)) == ["order.json"]
+    made(out)
+    assert tree(out) == whole
+
+
+def test_a_full_disk_is_one_line_of_train_and_it_goes_on(tmp_path):
+    tiny = pytest.importorskip("tests.tiny_training", reason="training needs torch")
+    from eval.team import Team
+    from eval.train import Watch, train
+
+    def trained(out: Path) -> None:
+        with Team.join() as team:
+            train(tiny.CROPS, None, out, tiny.PLAN, team, Watch(checkpoint_s=0.0))
+
+    with largest_file(4_000), pytest.raises(CloudError, match=r"cannot be written .*free some space"):
+        trained(tmp_path / "t")
+    assert not [name for name in tree(tmp_path) if "checkpoint" in name or "partial" in name]
+    trained(tmp_path / "t")
+    assert (tmp_path / "t" / "history.json").is_file()
+    with Claim.take(tmp_path / "t", "ann"), pytest.raises(ClaimedError, match="written by ann"):
+        trained(tmp_path / "t")
+
+
+@pytest.mark.parametrize(
+    "format_", ["pairs", "mmseg", "coco", "cvat", "pcd", "ply", "semantic-kitti", "parquet"]
+)
+def test_a_full_disk_leaves_no_export(annotate_cloud, tmp_path, rig_labels, format_):
+    if format_ == "parquet":
+        pytest.importorskip("pyarrow", reason="the extra 'exchange' is not installed")
+    with largest_file(1_000):
+        done = annotate_cloud("export", rig_labels.path, tmp_path / "x", "--format", format_)
+    assert_refused(done, remarks=done.err.count("export: "))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_leaves_no_report(annotate_cloud, tmp_path, rig_labels):
+    result = tmp_path / "r.json"
+    assert annotate_cloud("evaluate", rig_labels.path, rig_labels.path, "--out", result).code == 0
+    with largest_file(100_000):
+        assert_refused(annotate_cloud("report", result, "--out", tmp_path / "page.html"), "File too large")
+    assert not (tmp_path / "page.html").exists() and not partial_of(tmp_path)
+
+
+# Clocks
+
+
+def test_a_clock_that_is_set_costs_nobody_any_time(monkeypatch):
+    spent = ActiveTime()
+    spent.mark("looking")
+    real = time.time
+    monkeypatch.setattr(time, "time", lambda: real() + 60)
+    time.sleep(0.01)
+    spent.mark("looking")
+    monkeypatch.setattr(time, "time", lambda: real() - 3600)
+    time.sleep(0.01)
+    spent.mark("looking")
+    assert 0.02 <= spent.take()["looking"] < 30
+    assert abs(steady_time() - real()) < 60
+    assert activity.IDLE_S > 60, "a jump of a minute would have counted"
+
+
+def test_a_clock_that_is_set_while_recording_moves_no_event(tmp_path, monkeypatch):
+    jumped = SimpleNamespace(monotonic=time.monotonic, monotonic_ns=time.monotonic_ns, time_ns=time.time_ns)
+    monkeypatch.setattr(sensors.recorder, "time", jumped)
+    devices = [open_device(a) for a in ("virtual:kinect2", "virtual:optris?mode=128hz&unplug_after=0.3")]
+    end = time.monotonic() + 1.0
+    with SessionWriter(tmp_path / "s.mcap", RigCalibration(KINECT2_DEPTH), "rig") as writer:
+        recorder = Recorder(devices, writer)
+        jumped.time_ns = lambda: time.time_ns() - 86_400 * 10**9
+        recorder.run(lambda: time.monotonic() >= end, lambda _: None)
+    session = Session(tmp_path / "s.mcap")
+    stamps = [frame.stamp_ns for frame in session]
+    assert [stamp for stamp, text in session.events if "optris" in text]
+    assert all(stamps[0] - 5e9 < stamp < stamps[-1] + 5e9 for stamp, _ in session.events)
+
+
+# Two at once
+
+
+def test_two_labels_of_one_set_take_turns(annotate_cloud, tmp_path, rig_session, rig_labels):
+    out, seen = tmp_path / "l", []
+
+    def meanwhile(n: int) -> None:
+        for overwrite in ([], ["--overwrite"]):
+            second = annotate_cloud(
+                "label", rig_session, "--suit", suit_path(rig_session), "--out", out, *overwrite
+            )
+            assert_refused(second, f"{out} is being written by", f"process {os.getpid()}")
+        with pytest.raises(ClaimedError, match="being written"):
+            Correction.open(out)
+        seen.append(len(Correction.open(out, read_only=True).labels))
+
+    label_source(Session(rig_session), DEFAULT_SUIT, out, meanwhile)
+    assert seen == [1, 2, 3]
+    assert tree(out) == tree(rig_labels.path)
+
+
+def test_nothing_is_written_to_a_set_that_is_being_corrected(
+    annotate_cloud, tmp_path, rig_session, rig_labels
+):
+    labels = Path(shutil.copytree(rig_labels.path, tmp_path / "labels"))
+    with Correction.open(labels, "ann"):
+        before = tree(labels)
+        for command in (
+            ("label", rig_session, "--suit", suit_path(rig_session), "--out", labels),
+            ("predict", rig_session, "--overwrite", "--out", labels),
+            ("import", tmp_path / "pairs", labels, "--overwrite"),
+        ):
+            if command[0] == "import":
+                assert annotate_cloud("export", labels, tmp_path / "pairs", "--format", "pairs").code == 0
+            assert_refused(annotate_cloud(*command), f"{labels} is being written by ann@")
+        assert tree(labels) == before
+
+
+def test_a_claim_of_the_dead_hinders_nobody(annotate_cloud, tmp_path, rig_session, rig_labels):
+    labels = Path(shutil.copytree(rig_labels.path, tmp_path / "labels"))
+    (labels / CLAIM).write_text('{"who": "ann"}')
+    command = ("label", rig_session, "--suit", suit_path(rig_session), "--out", labels)
+    assert annotate_cloud(*command).code == 0
+    assert tree(labels) == tree(rig_labels.path)
+
+
+def test_two_generates_of_one_dataset_take_turns(tmp_path, whole):
+    out, refused = tmp_path / "d", []
+
+    def meanwhile(n: int) -> None:
+        with pytest.raises(ClaimedError) as error:
+            made(out)
+        refused.append(error)
+
+    with ThreadPoolExecutor(1) as pool:
+        generate(ORDER, out, Workers(pool, 1), meanwhile)
+    assert refused and tree(out) == whole
+
+
+# A worker lost
+
+
+def test_a_lost_worker_costs_nothing_that_is_done(tmp_path, whole):
+    out = tmp_path / "d"
+    with pytest.raises(CloudError, match=r"was killed.*same command"), processes(1) as workers:
+
+        def lose(n: int) -> None:
+            if n:
+                for process in workers.executor._processes.values():
+                    process.kill()
+
+        generate(ORDER, out, workers, lose)
+    done = tree(out)
+    assert "shard-000000.tar" in done and done.items() <= whole.items()
+    made(out)
+    assert tree(out) == whole
+
+
+def test_a_lost_worker_of_a_training_is_one_line():
+    tiny = pytest.importorskip("tests.tiny_training", reason="training needs torch")
+    from eval.augment import Augmentation
+    from eval.loader import Images, batches
+    from eval.loader import Order as Turns
+
+    images = Images(tiny.CROPS, Augmentation(), 0)
+    steps = batches(images, Turns(len(tiny.CROPS), 2, 1000, 0), 0, workers=1)
+    next(steps)
+    for child in multiprocessing.active_children():
+        child.kill()
+    with pytest.raises(CloudError, match=r"was killed.*fewer --workers"):
+        list(steps)
+
+
+HOLD = """
+import os, time
+from synth.workers import processes
+if __name__ == "__main__":
+    with processes(1) as workers:
+        print(workers.executor.submit(os.getpid).result(), flush=True)
+        time.sleep(600)
+"""
+
+
+def test_workers_do_not_outlive_a_killed_parent(tmp_path):
+    (tmp_path / "hold.py").write_text(HOLD)
+    parent = subprocess.Popen([sys.executable, tmp_path / "hold.py"], stdout=subprocess.PIPE)
+    with parent:
+        assert parent.stdout is not None
+        worker = int(parent.stdout.readline())
+        parent.send_signal(signal.SIGKILL)
+    deadline = time.monotonic() + 60
+    while Path("/proc", str(worker)).exists():
+        assert time.monotonic() < deadline, "the worker lives on"
+        time.sleep(0.05)
+
+
+def test_a_claim_is_given_back_when_a_run_fails(tmp_path, rig_session):
+    out = tmp_path / "l"
+
+    def fails(n: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space"):
+        label_source(Session(rig_session), DEFAULT_SUIT, out, fails)
+    Claim.take(out, "bob").release()

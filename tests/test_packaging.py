@@ -1,0 +1,125 @@
+"""What is installed when: the base labels alone, every extra names itself, a wheel names what it carries."""
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from annotate import _pcl
+from synth.simulate import suit_path, truth_path
+
+ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+ALIAS = {"pyorbbecsdk2": "pyorbbecsdk", "segmentation-models-pytorch": "segmentation_models_pytorch"}
+"""Modules of packages that need not be installed here."""
+
+BASE_ONLY = """
+import contextlib, io, json, sys
+commands, absent = json.load(sys.stdin)
+sys.modules.update(dict.fromkeys(absent))
+from cli.main import main
+said = []
+for command in commands:
+    sys.argv, err, code = ["annotate-cloud", *command], io.StringIO(), 0
+    with contextlib.redirect_stderr(err), contextlib.redirect_stdout(io.StringIO()):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    said.append((code, err.getvalue()))
+print(json.dumps(said))
+"""
+"""Runs commands in one process in which the packages of the extras cannot be imported."""
+
+
+def names_of(requirements: list[str]) -> set[str]:
+    return {canonicalize_name(Requirement(line).name) for line in requirements} - {"annotate-cloud"}
+
+
+def modules_of_extras() -> list[str]:
+    """Top-level modules that only extras bring."""
+    base = names_of(PROJECT["dependencies"])
+    brought = set().union(*map(names_of, PROJECT["optional-dependencies"].values())) - base
+    assert {"scipy", "open3d-cpu", "pyvista", "torch", "scikit-image"} <= brought
+    found = {
+        module
+        for module, packages in packages_distributions().items()
+        if {canonicalize_name(package) for package in packages} & brought
+    }
+    return sorted(found | {ALIAS.get(name, name) for name in brought} - {"packaging"})
+
+
+def run_with_base_only(commands: list[list[object]]) -> list[tuple[int, str]]:
+    text = json.dumps(([[str(word) for word in command] for command in commands], modules_of_extras()))
+    python = [sys.executable, "-c", BASE_ONLY]
+    done = subprocess.run(python, input=text, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    return [(code, said) for code, said in json.loads(done.stdout)]
+
+
+def test_labelling_needs_no_extra(rig_session, tmp_path):
+    suit, truth = suit_path(rig_session), truth_path(rig_session)
+    session, labels, coco, back = rig_session, tmp_path / "labels", tmp_path / "coco", tmp_path / "back"
+    commands = [
+        ["label", session, "--suit", suit, "--out", labels],
+        ["info", labels],
+        ["validate", labels],
+        ["diff", labels, truth],
+        ["export", labels, coco, "--format", "coco"],
+        ["import", coco, back],
+        ["diff", back, labels],
+        ["devices"],
+        ["doctor"],
+    ]
+    for command, (code, said) in zip(commands, run_with_base_only(commands), strict=True):
+        assert code == 0, f"{command}: {said}"
+
+
+def test_what_an_extra_is_missing_for_is_said_in_one_line(rig_session, tmp_path):
+    (tmp_path / "cloud.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        "end_header\n0 0 1\n"
+    )
+    out = tmp_path / "out"
+    wanted = {
+        "synth": [["simulate", out], ["simulate", out, "--scene", "plate"], ["solve", "a.trc", "--out", out],
+                  ["synth", "generate", "--preset", "upright", "--out", out]],
+        "bodies": [["synth", "bodies", "--out", out]],
+        "network": [["predict", rig_session, "--out", out]],
+        "report": [["evaluate", "a", "b"], ["compare", "a", "b"], ["report", "a", "--out", out]],
+        "rig": [["calibrate", rig_session, "--out", out], ["suit", "learn", "a", "--out", out]],
+        "gui": [["fix", "a"]],
+        "train": [["train", "a", "--out", out]],
+        "clouds": [["import", tmp_path / "cloud.ply", tmp_path / "out.mcap"]],
+        "synth,network,report": [["demo", "--out", out]],
+    }  # fmt: skip
+    pairs = [(extra, command) for extra, commands in wanted.items() for command in commands]
+    said = run_with_base_only([command for _, command in pairs])
+    for (extra, command), (code, line) in zip(pairs, said, strict=True):
+        assert code == 1 and line.count("\n") == 1, (command, line)
+        assert f"pip install 'annotate-cloud[{extra}]'" in line, (command, line)
+        assert not out.exists()
+
+
+def test_every_library_that_a_wheel_carries_is_named_with_its_licence():
+    named = (ROOT / "THIRD-PARTY.txt").read_text()
+    shown = subprocess.run(["ldd", _pcl.__file__], capture_output=True, text=True, check=True).stdout
+    libraries = set(re.findall(r"^\s*(lib\w+)", shown, re.M))
+    assert "libpcl_common" in libraries
+    # The rest is of every Linux that manylinux means.
+    carried = libraries - {"libc", "libm", "libstdc", "libgcc_s", "libpthread", "libdl", "librt"}
+    assert all(f"  {name} " in named for name in carried), carried
+    assert len(carried) <= 3, "a wheel would carry more than what is used of PCL"
+    assert "THIRD-PARTY.txt" in PROJECT["license-files"]
+
+
+@pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"]))
+def test_no_extra_repeats_the_base(extra):
+    assert not names_of(PROJECT["optional-dependencies"][extra]) & names_of(PROJECT["dependencies"])
