@@ -24,6 +24,7 @@ from annotate.suit.palette import Suit, suit_to_toml
 from sensors.calibration import RigCalibration, calibration_to_json
 from sensors.errors import CloudError, ExistsError
 from sensors.frame import RigFrame
+from sensors.replay import Session
 from sensors.source import FrameSource
 
 NO_SUIT = "no --suit: only the person is extracted, its parts stay undefined"
@@ -97,6 +98,8 @@ def run(
     """
     fuser = Fuser(source.calibration)
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}
+    if isinstance(source, Session):
+        info["sha256"] = source.sha256
     labels = LabelSet.resume(out, fuser.camera, info)
     with Claim.take(out, login()):
         return finished(labels, _run(source, fuser, labels, one, progress, look))

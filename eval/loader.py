@@ -1,6 +1,7 @@
 """Batches of augmented crops: an image is a function of (seed, epoch, index), so any step can come first."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,18 +85,24 @@ class _After:
 
 
 def batches(images: Images, order: Order, step: int, workers: int = 0) -> Iterator[tuple[Tensor, Tensor]]:
-    """Depth (B, 1, h, w), parts (B, h, w) of every step from one on; worker processes make them ahead.
-
-    Raises CloudError when one of these is killed.
-    """
+    """Depth (B, 1, h, w), parts (B, h, w) of every step from one on; worker processes make them ahead."""
     loader: DataLoader[Any] = DataLoader(
         images,
         batch_sampler=_After(order, step),
         num_workers=workers,
         pin_memory=torch.cuda.is_available(),
     )
+    yield from loader
+
+
+@contextmanager
+def workers_watched() -> Iterator[None]:
+    """Where worker processes make batches: CloudError when one is killed, instead of torch's error.
+
+    torch raises it from a signal's handler, at any moment of the training and not only at the next batch.
+    """
     try:
-        yield from loader
+        yield
     except RuntimeError as error:
         if "DataLoader worker" not in str(error):
             raise

@@ -17,7 +17,7 @@ from annotate.labelset.claim import Claim, login
 from eval.checkpoint import Epoch, Point, Progress, load_checkpoint, save_checkpoint, steps_done
 from eval.data import Crops
 from eval.fixed_frame import FixedFrame
-from eval.loader import Images, Order, batches
+from eval.loader import Images, Order, batches, workers_watched
 from eval.measure import evaluate
 from eval.metrics import mean_recall, miou
 from eval.networks import build
@@ -86,7 +86,8 @@ def _train(
     run = _Run(plan, crops, measured, out, watch, team, model, optimizer, progress, fixed)
     if team.first and not resumed:
         fixed.begin(model)
-    run.go(workers)
+    with workers_watched():
+        run.go(workers)
     return model, progress
 
 

@@ -26,6 +26,8 @@ from sensors.session import SessionWriter
 from synth.simulate import suit_path, truth_path
 
 MAIN = [sys.executable, "-c", "from cli.main import main; main()"]
+READ = [sys.executable, "-c", "import sys; from tests.measure_load import data_path; data_path(sys.argv[1])"]
+DATA = "training's data"
 SAMPLE_S = 0.5
 TICKS = os.sysconf("SC_CLK_TCK")
 AUGMENTED = 100
@@ -153,19 +155,20 @@ def dataset_commands(folder: Path, size: int) -> dict[str, list[object]]:
         "info of a dataset": ["info", images],
         "validate a dataset": ["validate", images],
         "evaluate a dataset": ["evaluate", images, images, "--out", result],
-        "report of a dataset": ["report", result, "--out", folder / f"{size}-images.html"],
-        "training's data": [images],
+        "report of a dataset": ["report", result, "--out", folder / f"{size}-images-report.html"],
+        DATA: [images],
         "predict a dataset": ["predict", images, "--out", folder / f"{size}-images-predicted"],
     }
 
 
-def prepare(folder: Path, short: Path, labels: Path, size: int) -> None:
-    """The long session, its labels and its truth."""
-    if not (folder / f"{size}.mcap").exists():
-        long_session(short, folder / f"{size}.mcap", size)
+def prepare(arguments: list[object], folder: Path, short: Path, labels: Path, size: int) -> None:
+    """What a command reads: the long session, its labels, its truth."""
+    session = folder / f"{size}.mcap"
+    if session in arguments and not session.exists():
+        long_session(short, session, size)
     for kind, source in (("labels", labels), ("truth", truth_path(short))):
-        if not (folder / f"{size}-{kind}").exists():
-            long_labels(source, folder / f"{size}-{kind}", size)
+        if (out := folder / f"{size}-{kind}") in arguments and not out.exists():
+            long_labels(source, out, size)
 
 
 def table(costs: list[Cost]) -> str:
@@ -183,7 +186,8 @@ def table(costs: list[Cost]) -> str:
                 each = 1000 * (cost.cpu_s - before.cpu_s) / (cost.size - before.size)
                 more, ratio = f"{each:.2f} ms", f"{each / first:.2f}" if first else ""
                 first = first or each
-            held = [sample.resident_mb for sample in cost.samples] or [0.0]
+            # The last sample may be of a process that has just ended and holds nothing.
+            held = [sample.resident_mb for sample in cost.samples if sample.resident_mb] or [0.0]
             lines.append(
                 f"| {verb} | {cost.size:,} | {cost.cpu_s:.1f} s | {more} | {ratio} | {cost.peak_mb:.0f} MB "
                 f"| {held[len(held) // 10]:.0f}, {held[-1]:.0f} MB |"
@@ -211,20 +215,12 @@ def main() -> None:
     kept = asked.folder / "load.jsonl"
     known = {(cost.verb, cost.size) for cost in read_costs(kept)}
     for size in asked.sizes:
-        commands = {**session_commands(asked.folder, asked.session, size)}
-        commands |= dataset_commands(asked.folder, size)
+        commands = session_commands(asked.folder, asked.session, size) | dataset_commands(asked.folder, size)
         for verb, arguments in commands.items():
             if (verb, size) in known or (asked.verbs is not None and verb not in asked.verbs):
                 continue
-            if verb in session_commands(asked.folder, asked.session, size):
-                prepare(asked.folder, asked.session, asked.labels or truth_path(asked.session), size)
-            command = [*MAIN, *map(str, arguments)]
-            if verb == "training's data":
-                command = [
-                    sys.executable,
-                    "-c",
-                    f"import tests.measure_load as m; m.data_path({str(arguments[0])!r})",
-                ]
+            prepare(arguments, asked.folder, asked.session, asked.labels or truth_path(asked.session), size)
+            command = [*(READ if verb == DATA else MAIN), *map(str, arguments)]
             cost = run(verb, size, command, asked.folder / "log")
             with kept.open("a") as file:
                 file.write(json.dumps(asdict(cost)) + "\n")

@@ -81,15 +81,18 @@ def test_progress_counts_every_frame_bad_ones_too(tmp_path, session):
 
 
 @pytest.mark.parametrize("stops_at", [0, 1, 2])
-def test_a_run_that_broke_off_goes_on_to_the_same_bytes(tmp_path, session, rig_labels, stops_at):
-    def stop(frame: RigFrame) -> RigFrame:
-        if frame.index == stops_at:
+def test_a_run_that_broke_off_goes_on_to_the_same_bytes(
+    tmp_path, session, rig_labels, stops_at, monkeypatch
+):
+    def stop(self: Session, index: int) -> RigFrame:
+        if index == stops_at:
             raise KeyboardInterrupt
-        return frame
+        return whole(self, index)
 
-    out = tmp_path / "l"
-    with pytest.raises(KeyboardInterrupt):
-        label_source(Altered(session, stop), DEFAULT_SUIT, out, silent)
+    out, whole = tmp_path / "l", Session.frame
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(Session, "frame", stop)
+        label_source(session, DEFAULT_SUIT, out, silent)
     assert len(LabelSet.open(out)) == stops_at
     label_source(session, DEFAULT_SUIT, out, silent)
     assert tree(out) == tree(rig_labels.path)

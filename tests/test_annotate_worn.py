@@ -57,6 +57,19 @@ def test_a_large_cloth_is_none_of_theirs_however_warm_and_of_whatever_colour(lap
     assert (odds[TRUNK][:-4] > 0).mean() > 0.95 and (odds[HEAD] > 0).mean() > 0.95
 
 
+def test_the_darker_a_thing_on_the_lap_the_less_it_is_theirs_and_legs_stay():
+    lid, by_shade = (slice(165, 205), slice(212, 268)), []
+    for shade in (0.5, 0.3):
+        cloud, person = cloud_of()
+        cloud.depth_mm[lid], cloud.temperature_c[lid] = 1850, 31
+        cloud.color_rgb[lid] = np.array([160, 165, 172]) * shade
+        cloud.points_m[lid] *= 1.85 / cloud.points_m[lid][..., 2:]
+        odds = told(cloud, person)
+        by_shade.append(odds[lid].mean())
+        assert (odds[LEGS[0]][14:] > 0).mean() > 0.9
+    assert by_shade[0] > by_shade[1] + 0.5
+
+
 def test_what_lies_beside_and_looks_like_a_leg_is_a_leg_and_the_wall_is_not():
     cloud, person = cloud_of(shins_c=21.0)
     seen = person.copy()

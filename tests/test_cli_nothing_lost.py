@@ -284,7 +284,7 @@ def ordinary_user() -> Iterator[None]:
             os.seteuid(0)
 
 
-@pytest.mark.parametrize("verb", ["simulate", "import", "label", "evaluate", "report"])
+@pytest.mark.parametrize("verb", ["simulate", "import", "label", "predict", "evaluate", "report", "export"])
 def test_a_read_only_folder_is_named(annotate_cloud, rig_session, rig_labels, verb):
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -301,6 +301,8 @@ def test_a_read_only_folder_is_named(annotate_cloud, rig_session, rig_labels, ve
             "import": ("import", source, locked / "s.mcap"),
             "label": ("label", source, "--out", locked / "l"),
             "evaluate": ("evaluate", labels, labels, "--out", locked / "r.json"),
+            "predict": ("predict", labels, "--out", locked / "p"),
+            "export": ("export", labels, locked / "x", "--format", "pairs"),
             "report": ("report", result, "--out", locked / "r.html"),
         }[verb]
         with ordinary_user():

@@ -1,11 +1,11 @@
 """Killed, full disk, clocks that jump, two at once, a worker lost: what is done stays, the rest resumes."""
 
-import multiprocessing
 import os
 import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import pytest
 from conftest import assert_refused, largest_file, tree
+from test_cli_nothing_lost import ordinary_user
 
 import sensors.recorder
 from annotate.correction import activity
@@ -172,6 +173,14 @@ def test_a_full_disk_leaves_whole_shards_and_generate_goes_on(tmp_path, whole):
     assert tree(out) == whole
 
 
+def test_a_read_only_place_is_left_as_it_is():
+    with tempfile.TemporaryDirectory() as name:
+        Path(name).chmod(0o555)
+        with ordinary_user(), pytest.raises(PermissionError):
+            made(Path(name) / "d")
+        assert not list(Path(name).iterdir())
+
+
 def test_a_full_disk_is_one_line_of_train_and_it_goes_on(tmp_path):
     tiny = pytest.importorskip("tests.tiny_training", reason="training needs torch")
     from eval.team import Team
@@ -321,19 +330,33 @@ def test_a_lost_worker_costs_nothing_that_is_done(tmp_path, whole):
     assert tree(out) == whole
 
 
-def test_a_lost_worker_of_a_training_is_one_line():
-    tiny = pytest.importorskip("tests.tiny_training", reason="training needs torch")
-    from eval.augment import Augmentation
-    from eval.loader import Images, batches
-    from eval.loader import Order as Turns
+LOSE = """
+import multiprocessing, os, sys
+from pathlib import Path
+from tests.tiny_training import CROPS, PLAN
+from eval.team import Team
+from eval.train import Watch, train
+from sensors.errors import CloudError
 
-    images = Images(tiny.CROPS, Augmentation(), 0)
-    steps = batches(images, Turns(len(tiny.CROPS), 2, 1000, 0), 0, workers=1)
-    next(steps)
+def lose(n):
     for child in multiprocessing.active_children():
         child.kill()
-    with pytest.raises(CloudError, match=r"was killed.*fewer --workers"):
-        list(steps)
+
+try:
+    with Team.join() as team:
+        train(CROPS, None, Path(sys.argv[1]), PLAN, team, Watch(lose), workers=1)
+except CloudError as error:
+    print(error, flush=True)
+os._exit(0)
+"""
+
+
+def test_a_lost_worker_of_a_training_is_one_line(tmp_path):
+    pytest.importorskip("torch", reason="training needs torch")
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    command = [sys.executable, "-c", LOSE, tmp_path / "t"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120, check=True)
+    assert "was killed" in done.stdout and "fewer --workers" in done.stdout, done
 
 
 HOLD = """

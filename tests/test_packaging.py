@@ -5,11 +5,12 @@ import re
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import packages_distributions
+from importlib.metadata import distributions, packages_distributions
 from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
 from annotate import _pcl
@@ -123,3 +124,19 @@ def test_every_library_that_a_wheel_carries_is_named_with_its_licence():
 @pytest.mark.parametrize("extra", sorted(PROJECT["optional-dependencies"]))
 def test_no_extra_repeats_the_base(extra):
     assert not names_of(PROJECT["optional-dependencies"][extra]) & names_of(PROJECT["dependencies"])
+
+
+def test_what_is_pinned_runs_on_the_oldest_python_there_is_in_debian_12():
+    pinned = {
+        canonicalize_name(line.split("==")[0])
+        for line in (ROOT / "constraints.txt").read_text().splitlines()
+        if "==" in line
+    }
+    refusing = [
+        f"{found.name} {found.version} wants Python {wanted}"
+        for found in distributions()
+        if canonicalize_name(found.name) in pinned
+        and (wanted := found.metadata["Requires-Python"])
+        and "3.11.2" not in SpecifierSet(wanted)
+    ]
+    assert not refusing

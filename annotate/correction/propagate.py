@@ -2,8 +2,9 @@
 
 Every point of the corrected frames moves along with its part to the frame at hand and votes on the points
 beside it. What its vote counts follows from what people did there. Where they had nothing to correct, a
-point's automatic label stands: the same cloth in the same light was read rightly. Where they corrected, what
-lies there decides, most of all those points that the automatic labels called the same.
+point's automatic label stands, unless it doubted itself: the same cloth in the same light was read rightly.
+Where they corrected, what lies there decides, most of all those points that the automatic labels called the
+same. Where a part comes to lie on what is called the room, and no room was near, it is the part.
 """
 
 from collections.abc import Sequence

@@ -144,9 +144,11 @@ def _frames(file: Path) -> Iterator[FrameLabels]:
             groups = [parquet.metadata.row_group(i) for i in range(parquet.metadata.num_row_groups)]
             if any(group.total_byte_size > MAX_GROUP_BYTES for group in groups):
                 raise FormatError(f"{file} has a row group of more than {MAX_GROUP_BYTES} bytes; split it")
-            for batch in parquet.iter_batches(ROWS_A_GROUP, columns=["id", *IMAGES, "annotation"]):
-                for row in batch.to_pylist():
-                    yield _frame(row)
+            columns = ["id", *IMAGES, "annotation"]
+            for group in range(len(groups)):
+                # Group by group: one pass over the file would keep all that it has read.
+                for batch in parquet.iter_batches(ROWS_A_GROUP, row_groups=[group], columns=columns):
+                    yield from map(_frame, batch.to_pylist())
     except (OSError, pa.ArrowException, ValueError, TypeError, KeyError, AttributeError, RecursionError,
             MemoryError, OverflowError) as error:  # fmt: skip
         raise _broken(file, error) from error

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self, TypeVar, cast, get_args
 
@@ -35,6 +36,7 @@ from sensors.errors import CloudError, ExistsError, FormatError
 
 SCHEMA = 1
 MANIFEST = "labelset.json"
+TOOLS = ("annotate-cloud", "numpy", "opencv-contrib-python-headless")
 FRAMES, ORIGINAL = "frames", "original"
 PROBABILITY = "probability.png"
 MAX_JSON_BYTES, MAX_IMAGE_BYTES = 16_000_000, 1 << 28
@@ -48,7 +50,8 @@ class LabelSet:
     """A label set on disk. Every write is whole or absent; a frame exists once its JSON does.
 
     intrinsics: the undistorted depth camera that all frames share.
-    info: what the manifest says beside that (source, steps, tool versions).
+    info: what the manifest says of its making (source, steps). The versions of the tools that began it
+    stand beside it, for a reader: another version may go on with the set.
     """
 
     def __init__(self, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> None:
@@ -62,6 +65,7 @@ class LabelSet:
         (path / FRAMES).mkdir(parents=True, exist_ok=True)
         manifest = {
             "schema": SCHEMA,
+            "versions": {tool: version(tool) for tool in TOOLS},
             "parts": {part.name: part.id for part in PARTS},
             "intrinsics": asdict(intrinsics),
             **info,
@@ -85,6 +89,7 @@ class LabelSet:
             intrinsics = Intrinsics(**manifest.pop("intrinsics"))
         except (TypeError, KeyError) as error:
             raise FormatError(f"{path / MANIFEST} has malformed intrinsics ({error}); restore it") from error
+        manifest.pop("versions", None)
         return cls(path, intrinsics, manifest)
 
     @classmethod

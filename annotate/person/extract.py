@@ -55,6 +55,8 @@ BESIDE_PX, LEAST_BESIDE = 45, -3.0
 """How far around the person what is as cold as the room may yet be theirs: a lower leg; not on a plane."""
 BODY_M = 1.3
 """So far from their middle a person's warm feet may be, seen apart below a blanket."""
+DOUBT = -0.5
+"""Above these log odds what was found by warmth stays: most rooms have no blanket."""
 BETWEEN_PX = 13
 """How wide gaps in a blanket are that is told by its colours."""
 
@@ -287,6 +289,7 @@ class _Silhouettes:
 
         What they wear is theirs, however far a blanket keeps it from the rest of them.
         """
+        told = np.where(persons[0].mask & (told < 0) & (told > DOUBT), np.float32(0), told)
         odds = np.where(told != 0, told, self.odds + np.minimum(_between(told), 0))
         odds = np.where(told != 0, told, odds + by_color(self._lab, odds, self._candidates, self._taught))
         first, theirs = persons[0], self._links.settle(odds) > 0
