@@ -81,9 +81,7 @@ def test_progress_counts_every_frame_bad_ones_too(tmp_path, session):
 
 
 @pytest.mark.parametrize("stops_at", [0, 1, 2])
-def test_a_run_that_broke_off_goes_on_to_the_same_bytes(
-    tmp_path, session, rig_labels, stops_at, monkeypatch
-):
+def test_a_run_that_broke_off_goes_on_to_the_same_bytes(tmp_path, session, rig_labels, stops_at, monkeypatch):
     def stop(self: Session, index: int) -> RigFrame:
         if index == stops_at:
             raise KeyboardInterrupt

@@ -243,6 +243,32 @@ def test_a_second_person_is_kept_apart():
     assert iou(found.others, aside) > 0.9 and not (found.others & found.mask).any()
 
 
+def sitting_upright():
+    """A chest high above two legs, so that trunk and legs are two trunks' distance apart."""
+    scene = room()
+    scene.ellipsoid((0, -0.35, 2.36), (0.2, 0.2, 0.12), 30.5)
+    scene.ellipsoid((0, -0.75, 2.32), (0.09, 0.13, 0.1), 33.5)
+    for side in (-1, 1):
+        scene.ellipsoid((side * 0.1, 0.5, 2.2), (0.11, 0.35, 0.1), 29.5)
+    return scene
+
+
+def test_halves_above_and_below_a_thing_held_before_the_body_are_one_person():
+    scene = sitting_upright()
+    scene.ellipsoid((0, -0.05, 2.36), (0.18, 0.3, 0.12), 30.5)
+    scene.plane(
+        (0, 0, 1), 1.9, 21.5, lambda p: (abs(p[..., 0]) < 0.5) & (p[..., 1] > -0.15) & (p[..., 1] < 0.1)
+    )
+    cloud = scene.cloud()
+    found = extract_person(cloud)
+    assert not found.others.any() and iou(found.mask, truth_of(scene, cloud)) > 0.95
+
+
+def test_persons_between_whom_the_room_is_seen_are_two():
+    cloud = sitting_upright().cloud()
+    assert extract_person(cloud).others.any()
+
+
 def test_three_persons_alike_are_not_trusted_unless_one_was_the_subject_before():
     scene = room()
     for x in (-0.75, 0.0, 0.75):
@@ -287,6 +313,9 @@ def test_without_temperature_the_frame_before_is_carried_over():
     assert iou(found.mask, truth_of(scene, cloud)) > 0.95
     turned = replace(before, depth_mm=(before.depth_mm * 0.8).astype(np.uint16))
     assert extract_person(cloud, before=turned).method == "depth"
+    felt = replace(turned, notes={"extraction": "thermal"})
+    lost = extract_person(cloud, before=felt)
+    assert not lost.trusted and "rig has moved" in lost.notes[0]
 
 
 def depth_only(path):

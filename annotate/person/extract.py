@@ -19,6 +19,7 @@ from annotate.labels import FrameLabels
 from annotate.person.alignment import thermal_alignment
 from annotate.person.carried import by_before, persons_before
 from annotate.person.evidence import by_planes, by_warmth, inherited, warmth_share
+from annotate.person.halves import whole
 from annotate.person.persons import ONE_PERSON_M, SPECK_M2, Person, persons_of
 from annotate.person.pieces import Piece, pieces_of
 from annotate.person.planes import (
@@ -57,6 +58,10 @@ BODY_M = 1.3
 """So far from their middle a person's warm feet may be, seen apart below a blanket."""
 DOUBT = -0.5
 """Above these log odds what was found by warmth stays: most rooms have no blanket."""
+LOST = (
+    "no temperature in this frame, and the rig has moved since the one before: depth alone would take "
+    "furniture for the person, parts are undefined; label it by hand, or hold still while the flag is closed"
+)
 BETWEEN_PX = 13
 """How wide gaps in a blanket are that is told by its colours."""
 
@@ -134,7 +139,8 @@ class Survey:
         if silhouettes is None:
             carried = _by_before(cloud, before, self._planes)
             if carried is None:
-                return _by_depth(cloud, self._planes)
+                found = _by_depth(cloud, self._planes)
+                return replace(found, notes=(LOST,), trusted=False) if _was_felt(before) else found
             silhouettes = _Silhouettes(cloud, carried)
         field, persons = silhouettes.field, _persons(cloud, silhouettes, self._suit, before)
         mask, others = np.zeros((2, *cloud.valid.shape), np.bool_)
@@ -203,6 +209,11 @@ def _by_depth(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
     note = "found by depth alone: things that touch the person are in the mask"
     warnings = cut(chosen)
     return PersonMask(chosen, "depth", none, (note, *warnings), not warnings)
+
+
+def _was_felt(before: FrameLabels | None) -> bool:
+    """Whether the frame before had a person found by temperature."""
+    return before is not None and before.notes.get("extraction") == "thermal"
 
 
 def _centrality(piece: Piece) -> float:
@@ -282,7 +293,7 @@ class _Silhouettes:
         if not self._candidates.any():
             return []
         odds = self.odds + by_color(self._lab, self.odds, self._candidates, self._taught)
-        return persons_of(self._cloud, self._links.settle(odds) > 0)
+        return whole(self._cloud, persons_of(self._cloud, self._links.settle(odds) > 0))
 
     def dressed(self, persons: Sequence[Person], told: NDArray[np.float32]) -> list[Person]:
         """The persons again, since colours have told (log odds (h, w), 0 = nothing) what is the first one's.

@@ -205,9 +205,16 @@ class _Limbs:
 
 def _hidden_between(depth_m: NDArray[np.float32], one: int, other: int, pixel_rad: float) -> bool:
     """Whether what joins two pixels can be out of sight: a limb is never behind what is seen there."""
-    (v0, u0), (v1, u1) = (divmod(pixel, depth_m.shape[1]) for pixel in (one, other))
-    steps = max(abs(v1 - v0), abs(u1 - u0)) + 1
-    v, u = (np.rint(np.linspace(a, b, steps)).astype(np.intp) for a, b in ((v0, v1), (u0, u1)))
+    v, u = line(depth_m.shape, one, other)
+    steps, v0, u0, v1, u1 = len(v), v[0], u[0], v[-1], u[-1]
     farther = depth_m[v, u] > np.linspace(depth_m[v0, u0], depth_m[v1, u1], steps) + BEHIND_M
     open_m = np.count_nonzero(farther) * depth_m[v0, u0] * pixel_rad
     return bool(open_m <= OPEN_M or farther.mean() <= OPEN_SHARE)
+
+
+def line(shape: tuple[int, ...], one: int, other: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns (n,) of the straight line from one pixel to another, flat indices, ends included."""
+    (v0, u0), (v1, u1) = divmod(one, shape[1]), divmod(other, shape[1])
+    steps = max(abs(v1 - v0), abs(u1 - u0)) + 1
+    v, u = (np.rint(np.linspace(a, b, steps)).astype(np.intp) for a, b in ((v0, v1), (u0, u1)))
+    return v, u
