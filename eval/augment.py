@@ -17,8 +17,11 @@ Depth = NDArray[np.float32]
 Parts = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
-MIN_LEFT = 0.6
-"""Share of a person's pixels that occluders and cuts leave together; a worse draw is not used."""
+MIN_LEFT, MIN_UNCOVERED = 0.6, 0.3
+"""Share of a person's pixels that occluders and cuts leave together, and a blanket with them; a worse draw is
+not used."""
+BLANKETS = 0.2
+"""Share of the images with a blanket: feet apart from a trunk are exchanged by who has never seen any."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,8 @@ class Augmentation:
 
     mirror: left and right exchanged. place: zoom, shift, depth moved and stretched. turn: in the image plane.
     noise: of the sensor, flying pixels at rims. holes: pixels and patches without depth. occluders: things in
-    front of the person. cuts: what a failing extraction takes away. extras: what it takes too much.
+    front of the person, blankets over them. cuts: what a failing extraction takes away. extras: what it takes
+    too much.
     """
 
     mirror: bool = True
@@ -48,7 +52,7 @@ def augment(depth: Depth, parts: Parts, how: Augmentation, rng: np.random.Genera
     person = depth > 0
     if not person.any():
         return depth.copy(), parts.copy()
-    kept = _taken_away(person, how, rng)
+    kept = _taken_away(person, parts, how, rng)
     depth, parts = np.where(kept, depth, np.float32(0)), np.where(kept, parts, np.uint8(BACKGROUND))
     if how.extras and rng.random() < 0.25:
         depth = _with_extras(depth, rng)
@@ -67,12 +71,14 @@ def augment(depth: Depth, parts: Parts, how: Augmentation, rng: np.random.Genera
     )
 
 
-def _taken_away(person: Mask, how: Augmentation, rng: np.random.Generator) -> Mask:
+def _taken_away(person: Mask, parts: Parts, how: Augmentation, rng: np.random.Generator) -> Mask:
     from synth.occlude import cut
 
-    kept = person
+    kept, least = person, MIN_LEFT
     if how.occluders and rng.random() < 0.25:
         kept = kept & ~_things(person, int(rng.integers(1, 3)), (3.0, 45.0), rng)
+    if how.occluders and rng.random() < BLANKETS:
+        kept, least = kept & ~_covered(parts, rng), MIN_UNCOVERED
     if how.cuts:
         if rng.random() < 0.3 and kept.any():
             kept = cut(kept, rng)
@@ -80,7 +86,7 @@ def _taken_away(person: Mask, how: Augmentation, rng: np.random.Generator) -> Ma
             kept = kept & _warm_enough(person, rng)
         if rng.random() < 0.4:
             kept = kept & _ragged(person, rng)
-    return kept if np.count_nonzero(kept) >= MIN_LEFT * np.count_nonzero(person) else person
+    return kept if np.count_nonzero(kept) >= least * np.count_nonzero(person) else person
 
 
 def _field(shape: tuple[int, ...], cells: int, rng: np.random.Generator) -> Depth:
@@ -103,6 +109,19 @@ def _things(person: Mask, count: int, half_px: tuple[float, float], rng: np.rand
         else:
             cv2.fillPoly(canvas, [cv2.boxPoints((centre, tuple(2 * half), turn)).astype(np.int32)], 1)
     return canvas > 0
+
+
+def _covered(parts: Parts, rng: np.random.Generator) -> Mask:
+    """A band (h, w) across the body from about the hip to the shins or beyond the feet; none without legs."""
+    trunk, legs = (np.argwhere(np.isin(parts, ids)) for ids in ((2,), (10, 11)))
+    if not len(trunk) or not len(legs):
+        return np.zeros(parts.shape, np.bool_)
+    start, axis = trunk.mean(axis=0), legs.mean(axis=0) - trunk.mean(axis=0)
+    rows, columns = np.ogrid[: parts.shape[0], : parts.shape[1]]
+    along = ((rows - start[0]) * axis[0] + (columns - start[1]) * axis[1]) / max(float(axis @ axis), 1.0)
+    along += 0.06 * _field(parts.shape, int(rng.integers(3, 10)), rng)
+    begin = rng.uniform(0.2, 0.7)
+    return np.asarray((along > begin) & (along < begin + rng.uniform(0.3, 0.9)), np.bool_)
 
 
 def _warm_enough(person: Mask, rng: np.random.Generator) -> Mask:
