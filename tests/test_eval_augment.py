@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from annotate.crop import NEAREST, SIZE
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
-from eval.augment import MIN_LEFT, Augmentation, _taken_away, augment
+from eval.augment import MIN_LEFT, MIN_UNCOVERED, Augmentation, _covered, _taken_away, augment
 
 law = settings(deadline=None, max_examples=30)
 seeds = st.integers(0, 9999)
@@ -111,7 +111,7 @@ def test_what_is_taken_away_leaves_enough_and_the_rest_is_refitted(what):
         magnified = (max(np.ptp(rows), np.ptp(columns)) + 1) ** 2
         shares.append(np.count_nonzero(y) / magnified)
     assert min(shares) < 0.95 * np.pi / 4
-    assert min(shares) >= MIN_LEFT * np.pi / 4 * 0.9
+    assert min(shares) >= MIN_UNCOVERED * np.pi / 4 * 0.9
 
 
 @pytest.mark.parametrize("what", ["noise", "holes", "turn", "place"])
@@ -142,8 +142,20 @@ def test_a_single_pixel_survives_everything(chance):
     assert np.isfinite(x).all()
 
 
-def test_enough_of_a_person_is_left():
-    person = body()[0] > 0
-    left = [_taken_away(person, Augmentation(), np.random.default_rng(k)).sum() for k in range(150)]
-    assert min(left) >= MIN_LEFT * person.sum()
-    assert min(left) < 0.75 * person.sum()
+@pytest.mark.parametrize(("legs", "least"), [(False, MIN_LEFT), (True, MIN_UNCOVERED)])
+def test_enough_of_a_person_is_left(legs, least):
+    depth, parts = body()
+    if not legs:
+        parts[parts > 9] = 1
+    person = depth > 0
+    left = [_taken_away(person, parts, Augmentation(), np.random.default_rng(k)).sum() for k in range(150)]
+    assert least * person.sum() <= min(left) < 0.75 * person.sum()
+
+
+def test_a_blanket_lies_across_the_legs():
+    parts = np.zeros((SIZE, SIZE), np.uint8)
+    for part, rows in ((1, (0, 40)), (2, (40, 100)), (7, (100, 110)), (8, (110, 160)), (10, (160, 212))):
+        parts[slice(*rows), 80:130] = part
+    hidden = [_covered(parts, np.random.default_rng(k)) & (parts > 0) for k in range(50)]
+    assert not any(one[:55].any() for one in hidden)
+    assert 10 < sum(one[130:150, 80:130].all() and not one[205:].all() for one in hidden) < 50
