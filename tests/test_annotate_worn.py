@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from annotate.cloud import ThermalCloud
+from annotate.person.extract import extract_person
 from annotate.person.subject import colors_worn
 from annotate.person.worn import worn
 from annotate.suit.palette import DEFAULT_SUIT
@@ -80,6 +81,17 @@ def test_what_lies_beside_and_looks_like_a_leg_is_a_leg_and_the_wall_is_not():
     odds = told(cloud, seen, beside)
     assert odds[SHINS[0]].mean() > odds[200:320, 165:195].mean() + 1
     assert (odds[200:320, 165:195] < 0).all()
+
+
+def test_a_foot_far_below_a_cold_blanket_is_looked_at_and_found():
+    cloud, person = cloud_of(lap_c=20.0, shins_c=27.5)
+    v, u = np.indices(CAMERA.shape)
+    rounded_m = 0.18 * np.cos((u - 240) / 28) + 0.1 * np.cos(v / 25) + 0.3
+    depth_m = cloud.depth_mm / 1000 - np.where(person, rounded_m, 0)
+    cloud.depth_mm[:], cloud.points_m[:] = depth_m * 1000, rays(CAMERA) * depth_m[..., None]
+    found = extract_person(cloud, (28.0, 34.0), None, DEFAULT_SUIT).mask
+    assert found[TRUNK].mean() > 0.95 and not found[LAP][:110].any()
+    assert found[304:328, SHINS[0][1]].mean() > 0.5
 
 
 @pytest.mark.parametrize("lost", ["temperature_c", "color_valid"])

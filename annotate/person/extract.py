@@ -20,7 +20,7 @@ from annotate.person.alignment import thermal_alignment
 from annotate.person.carried import by_before, persons_before
 from annotate.person.evidence import by_planes, by_warmth, inherited, warmth_share
 from annotate.person.halves import whole
-from annotate.person.persons import ONE_PERSON_M, SPECK_M2, Person, persons_of
+from annotate.person.persons import SPECK_M2, Person, persons_of
 from annotate.person.pieces import Piece, pieces_of
 from annotate.person.planes import (
     MIN_COLD_PLANE_M2,
@@ -44,6 +44,9 @@ REACH_M = 0.3
 """How far a temperature speaks for the surface it lies on, where the thermal camera does not see it."""
 SURROUNDINGS_M = 0.4
 """How far around what is warm a cold sleeve or a foot behind an arm rest may reach."""
+LEGS_M, FAINT = 0.9, 0.25
+"""How far from what is warm a foot may be seen below a blanket, off all planes, and the least share of a
+person's warmth that it has then."""
 SURELY_COLD = 0.12
 """What lies close to a plane and is no warmer than this share of a person needs no further look."""
 RIM_PX, TAUGHT_PX = 2, 10
@@ -54,8 +57,9 @@ EDGES_PX = 25
 """How far around what is warm silhouettes are compared with the temperatures: four degrees."""
 BESIDE_PX, LEAST_BESIDE = 45, -3.0
 """How far around the person what is as cold as the room may yet be theirs: a lower leg; not on a plane."""
-BODY_M = 1.3
-"""So far from their middle a person's warm feet may be, seen apart below a blanket."""
+BODY_M, NEIGHBOUR_M = 1.3, 1.0
+"""So far from their middle a person's warm feet may be, seen apart below a blanket; no other person is nearer
+to it than the second."""
 DOUBT = -0.5
 """Above these log odds what was found by warmth stays: most rooms have no blanket."""
 LOST = (
@@ -180,7 +184,8 @@ def _by_temperature(
     share = warmth_share(celsius, warm, (low, high), 2 * round(LOCAL_M * pixels_per_m) + 1)
     cold = share < SURELY_COLD
     near_warm = _around(warm, SURROUNDINGS_M * pixels_per_m)
-    candidates = cloud.valid & near_warm & (loose | ~cold) & ~panel
+    legs = loose & (share > FAINT) & _around(warm, LEGS_M * pixels_per_m)
+    candidates = cloud.valid & (near_warm & (loose | ~cold) | legs) & ~panel
     warnings: tuple[str, ...] = ()
     if alignment.is_off:
         right, down = alignment.shift_px
@@ -284,7 +289,7 @@ class _Silhouettes:
         beside |= (away_m < BODY_M) & (self.odds > 0)
         beside &= self._candidates & ~first.mask
         for person in persons[1:]:
-            if np.linalg.norm(person.centre_m - first.centre_m) > ONE_PERSON_M:
+            if np.linalg.norm(person.centre_m - first.centre_m) > NEIGHBOUR_M:
                 beside &= ~person.mask
         return np.asarray(beside, np.bool_)
 
