@@ -62,7 +62,7 @@ def train(
     if team.first:
         _begin(out, plan, crops, init)
     team.wait()
-    with Claim.take(out, login()) if team.first else nullcontext():
+    with workers_watched(), Claim.take(out, login()) if team.first else nullcontext():
         return _train(crops, measured, out, plan, team, watch, init, workers)
 
 
@@ -86,8 +86,7 @@ def _train(
     run = _Run(plan, crops, measured, out, watch, team, model, optimizer, progress, fixed)
     if team.first and not resumed:
         fixed.begin(model)
-    with workers_watched():
-        run.go(workers)
+    run.go(workers)
     return model, progress
 
 
