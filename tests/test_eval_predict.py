@@ -305,9 +305,10 @@ def test_probabilities_come_back_and_give_the_labels(tmp_path, truth, network):
         assert image.shape == (*frame.parts.shape, N_CLASSES)
         person = frame.parts > 0
         scores = np.sort(image[..., 1:][person], axis=-1)
-        clear = scores[:, -1] - scores[:, -2] > 2 * 0.03
+        # Rounding keeps the order: only a tie between the first two may be another label.
+        untied = scores[:, -1] > scores[:, -2]
         agree = image[..., 1:].argmax(axis=-1)[person] + 1 == frame.parts[person]
-        assert agree[clear].all() and clear.mean() > 0.9
+        assert agree[untied].all() and untied.mean() > 0.98
         outside = np.ones(person.shape, bool)
         outside[max(0, stored.crop.top) :, max(0, stored.crop.left) :] = False
         assert (image[outside] == np.eye(N_CLASSES)[BACKGROUND]).all()
