@@ -1,7 +1,7 @@
 """The labelling run: every frame of a source fused, its person extracted, its suit read, and kept."""
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +19,7 @@ from annotate.labelset.probabilities import Probabilities
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask, Survey
+from annotate.second_look.look import look_again
 from annotate.segmentation.segment import Segmentation, segment, unlabelled
 from annotate.suit.palette import Suit, suit_to_toml
 from sensors.calibration import RigCalibration, calibration_to_json
@@ -75,7 +76,8 @@ def label_source(
             return unlabelled(person.mask), person
         if suit is None:
             return unlabelled(person.mask, NO_SUIT), person
-        return _tidied(segment(cloud, person.mask, suit, before), person, cloud)
+        first = segment(cloud, person.mask, suit, before)
+        return without_islands(*look_again(cloud, person, first, before), cloud)
 
     return run(source, {"label": step}, out, one, progress, lambda cloud: Survey(cloud, window_c, suit))
 
@@ -173,7 +175,9 @@ def _ahead(
             yield frame, now
 
 
-def _tidied(found: Segmentation, person: PersonMask, cloud: ThermalCloud) -> tuple[Segmentation, PersonMask]:
+def without_islands(
+    found: Segmentation, person: PersonMask, cloud: ThermalCloud
+) -> tuple[Segmentation, PersonMask]:
     """Both without the islands that a person's first key would take away."""
     parts = tidied(found.parts, cloud.depth_mm)
     loose = (parts == BACKGROUND) & (found.parts != BACKGROUND)
@@ -202,17 +206,21 @@ def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
     return Run(labels, tuple(failed))
 
 
+def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any]:
+    """What a frame's notes say of its labels: confidence on the person, remarks, stored probabilities."""
+    on_person = result.confidence[result.parts != BACKGROUND]
+    return {
+        "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
+        "notes": [*remarks, *result.notes],
+        **(result.probabilities.note() if result.probabilities else {}),
+    }
+
+
 def _labelled(
     frame_id: str, seen: _Seen, one: Labeller, before: FrameLabels | None
 ) -> tuple[FrameLabels, Probabilities | None]:
     result, person = one(seen.content, before)
-    on_person = result.confidence[result.parts != BACKGROUND]
-    notes: dict[str, Any] = {
-        "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
-        "extraction": person.method,
-        "notes": [*seen.left_out, *person.notes, *result.notes],
-        **(result.probabilities.note() if result.probabilities else {}),
-    }
+    notes = notes_of(result, [*seen.left_out, *person.notes]) | {"extraction": person.method}
     persons = np.where(person.mask, np.uint8(1), np.where(person.others, np.uint8(2), np.uint8(0)))
     labelled = FrameLabels(
         frame_id, seen.depth_mm, result.parts, result.confidence, notes=notes, persons=persons

@@ -19,6 +19,7 @@ from annotate.labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
 from annotate.person.extract import extract_person
+from annotate.second_look.look import look_again
 from annotate.segmentation import confidence, segment
 from annotate.suit.palette import Suit, load_suit
 from annotate.supervoxels import Supervoxels
@@ -54,8 +55,8 @@ def observed(frames: Iterator[tuple[ThermalCloud, np.ndarray]], suit: Suit) -> l
     """What the features of a session's frames were, and what came of them."""
     seen, before, given = [], None, []
 
-    def keep(*arguments):
-        given[:] = (arguments[1], arguments[-1], confidence.features(*arguments))
+    def keep(cloud, parts, reading):
+        given[:] = (reading, confidence.features(cloud, parts, reading))
         return given[-1]
 
     with patch.object(segment, "features", keep):
@@ -65,13 +66,15 @@ def observed(frames: Iterator[tuple[ThermalCloud, np.ndarray]], suit: Suit) -> l
                 before = None
                 continue
             given.clear()
-            labels = segment.segment(cloud, person.mask, suit, before)
+            labels, person = look_again(
+                cloud, person, segment.segment(cloud, person.mask, suit, before), before
+            )
             persons = person.mask.astype(np.uint8)
             before = FrameLabels("x", cloud.depth_mm, labels.parts, labels.confidence, persons=persons)
             if given:
-                mask, groups, found = given
-                counted = ((known != UNDEFINED) & (labels.parts != UNDEFINED))[mask]
-                seen.append(Seen(found.astype(np.float32), (known == labels.parts)[mask], counted, groups))
+                (reading, found), right = given, (known == labels.parts)[given[0].mask]
+                counted = ((known != UNDEFINED) & (labels.parts != UNDEFINED))[reading.mask]
+                seen.append(Seen(found.astype(np.float32), right, counted, reading.groups))
     return seen
 
 

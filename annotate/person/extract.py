@@ -5,7 +5,7 @@ first of several witnesses: what lies on a plane of the room is no person howeve
 the sofa's speaks for the sofa, and hair and cold cloth go with the surface that they continue.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -35,7 +35,7 @@ from annotate.person.planes import (
 from annotate.person.silhouette import Links
 from annotate.person.subject import claim, crowd, cut
 from annotate.person.warm_window import WINDOW_C, find_window
-from annotate.person.worn import worn
+from annotate.person.worn import Clues, clues, worn
 from annotate.suit.palette import Suit
 
 LOCAL_M = 0.3
@@ -71,13 +71,27 @@ BETWEEN_PX = 13
 
 
 @dataclass(frozen=True)
+class Undecided:
+    """What was known of everything that may be the person's, for who knows more later.
+
+    clues: of patches of one colour; told: log odds (h, w) by them. room: bool (h, w), what surely is nobody.
+    decided: the mask (h, w) by other log odds (h, w), 0 = nothing told.
+    """
+
+    clues: Clues
+    told: NDArray[np.float32]
+    room: NDArray[np.bool_]
+    decided: Callable[[NDArray[np.float32]], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
 class PersonMask:
     """Which pixels (h, w) of the undistorted depth image are the person; a subset of the valid ones.
 
     method: "thermal"; "before" where the cloud has no temperature but the frame before had a person;
     "depth" where there is neither. others: bool (h, w), pixels of other persons. notes: what the user
     should know, e.g. why the mask is empty. trusted: False where the frame can't be relied on; a note
-    says which stream is to blame and what to do.
+    says which stream is to blame and what to do. undecided: where a suit was asked.
     """
 
     mask: NDArray[np.bool_]
@@ -85,6 +99,7 @@ class PersonMask:
     others: NDArray[np.bool_]
     notes: tuple[str, ...] = ()
     trusted: bool = True
+    undecided: Undecided | None = None
 
 
 @dataclass(frozen=True)
@@ -146,7 +161,8 @@ class Survey:
                 found = _by_depth(cloud, self._planes)
                 return replace(found, notes=(LOST,), trusted=False) if _was_felt(before) else found
             silhouettes = _Silhouettes(cloud, carried)
-        field, persons = silhouettes.field, _persons(cloud, silhouettes, self._suit, before)
+        field = silhouettes.field
+        persons, undecided = _persons(cloud, silhouettes, self._suit, before)
         mask, others = np.zeros((2, *cloud.valid.shape), np.bool_)
         if not persons:
             return PersonMask(mask, field.method, others, (field.nobody, *field.warnings), not field.warnings)
@@ -154,7 +170,8 @@ class Survey:
             others |= person.mask
         crowded = crowd(persons, before, cloud if self._suit else None)
         warnings = [*field.warnings, *crowded, *cut(persons[0].mask)]
-        return PersonMask(persons[0].mask, field.method, others, (*field.notes, *warnings), not warnings)
+        notes = (*field.notes, *warnings)
+        return PersonMask(persons[0].mask, field.method, others, notes, not warnings, undecided)
 
 
 def _by_temperature(
@@ -326,7 +343,7 @@ def _between(told: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def _persons(
     cloud: ThermalCloud, silhouettes: _Silhouettes, suit: Suit | None, before: FrameLabels | None
-) -> list[Person]:
+) -> tuple[list[Person], Undecided | None]:
     """Everybody there, the subject first, by the colours of what they wear where these are known."""
 
     def ordered(persons: list[Person]) -> list[Person]:
@@ -334,10 +351,18 @@ def _persons(
 
     persons = ordered(silhouettes.persons)
     if suit is None or not persons:
-        return persons
+        return persons, None
     beside, room = silhouettes.beside(persons), silhouettes.surroundings
-    told = worn(cloud, persons[0].mask, beside, room, suit, silhouettes.odds)
-    return silhouettes.dressed(persons, told) if told.any() else persons
+    known = clues(cloud, persons[0].mask, beside, room, suit, silhouettes.odds)
+    if known is None:
+        return persons, None
+    told = worn(known)
+    dressed = silhouettes.dressed(persons, told) if told.any() else persons
+
+    def decided(told: NDArray[np.float32]) -> NDArray[np.bool_]:
+        return silhouettes.dressed(persons, told)[0].mask
+
+    return dressed, Undecided(known, told, room, decided)
 
 
 def _rims(cloud: ThermalCloud) -> NDArray[np.bool_]:

@@ -36,7 +36,7 @@ from annotate.segmentation.patches import (
 )
 from annotate.suit.color_model import readable, under, unfitted
 from annotate.suit.palette import Suit
-from annotate.supervoxels import supervoxels
+from annotate.supervoxels import Supervoxels, supervoxels
 
 SEED_M = 0.05
 ROUNDS, SURELY_NOT = 2, -2.0
@@ -67,41 +67,45 @@ _Mask = NDArray[np.bool_]
 class Clues:
     """What is known of the patches (R,) of what may be somebody's.
 
-    own: bool (h, w), the pixels compared; patch: (n,) which patch each is of. odds: (n,) of each by itself.
-    inside: bool (R,), which lie in the mask found without the suit. told: (R, 7), in the order of WEIGHTS.
+    own: bool (h, w), the n pixels compared. odds: (n,) of each by itself. groups: their supervoxels; chroma
+    (G, 2), blur (G,): mean chromaticity of each and its uncertainty. inside: bool (R,), which patches lie in
+    the mask found without the suit. alike_m2: (R,) surface of a patch's colour. told: (R, 7), in the order
+    of WEIGHTS.
     """
 
     own: _Mask
-    patch: NDArray[np.intp]
     odds: NDArray[np.float32]
+    groups: Supervoxels
+    chroma: _Array
+    blur: _Array
     patches: Patches
     inside: NDArray[np.bool_]
+    alike_m2: _Array
     told: _Array
 
+    @property
+    def patch(self) -> NDArray[np.intp]:
+        """The patch (n,) of each pixel compared."""
+        return self.patches.ids[self.groups.ids]
 
-def worn(
-    cloud: ThermalCloud, person: _Mask, beside: _Mask, room: _Mask, suit: Suit, odds: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Log odds (h, w) of being the person's, 0 where nothing is told.
 
-    person, beside: bool (h, w), the mask found without the suit's colours, and what else may be theirs.
-    room: bool (h, w), background around both. odds: (h, w) of being a person, the suit's colours apart.
-    All 0 without temperatures or colours.
-    """
-    known = clues(cloud, person, beside, room, suit, odds)
-    if known is None:
-        return np.zeros(person.shape, np.float32)
+def worn(known: Clues) -> NDArray[np.float32]:
+    """Log odds (h, w) of being the person's, 0 where nothing is told."""
     patch, weights = known.patch, WEIGHTS[np.where(known.inside, 0, 1)]
     by_own = weights[:, OWN] * KEPT
     by_patch = heard(known.patches, (known.told * weights).sum(axis=1)) - by_own * known.told[:, OWN]
     told = np.clip(by_patch[patch] + by_own[patch] * known.odds, -MOST, MOST)
-    return _filled(np.where(known.patches.points[patch] >= LEAST_POINTS, told, 0), known.own)
+    return filled(np.where(known.patches.points[patch] >= LEAST_POINTS, told, 0), known.own)
 
 
 def clues(
     cloud: ThermalCloud, person: _Mask, beside: _Mask, room: _Mask, suit: Suit, odds: NDArray[np.float32]
 ) -> Clues | None:
-    """What ``worn`` goes by, given the same; None where it has nothing to go by."""
+    """What ``worn`` goes by; None without temperatures or colours.
+
+    person, beside: bool (h, w), the mask found without the suit's colours, and what else may be theirs.
+    room: bool (h, w), background around both. odds: (h, w) of being a person, the suit's colours apart.
+    """
     felt, own = np.isfinite(cloud.temperature_c), np.zeros_like(person)
     own[::STRIDE, ::STRIDE] = ((person | beside) & cloud.valid & cloud.color_valid)[::STRIDE, ::STRIDE]
     if (own & person).sum() < LEAST_SEEN or not (person & felt).any() or not (room & felt).any():
@@ -120,12 +124,12 @@ def clues(
         mean_by(patch, share(celsius, cloud.temperature_c[room], cloud.temperature_c[person]))
     )
     by_pixel = np.clip(odds[own], -MOST, MOST)
-    seen = (_held(person)[own], by_pixel, *_by_room(cloud, own, room))
+    seen = (_held(person)[own], by_pixel, *by_room(cloud, own, room))
     best, one = np.zeros(len(inside)), np.ones(len(inside))
     told = np.column_stack([best, *(mean_by(patch, values) for values in seen), np.log(all_m2), one])
     warmth = patches.mean(warmth_of(celsius, groups), groups.sizes)
     told[:, BEST] = _best(patches, inside, suit, warmth, felt_as, own_m2, told)
-    return Clues(own, patch, by_pixel, patches, inside, told)
+    return Clues(own, by_pixel, groups, chroma, blur, patches, inside, all_m2, told)
 
 
 def _best(
@@ -156,7 +160,7 @@ def _best(
     return best
 
 
-def _by_room(cloud: ThermalCloud, own: _Mask, room: _Mask) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def by_room(cloud: ThermalCloud, own: _Mask, room: _Mask) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Of pixels (h, w), (n,): log brightness above the room's (h, w), log frequency of the colour there."""
     seen = room & cloud.color_valid
     common = np.log(frequencies(_bins(cloud, seen)))
@@ -187,7 +191,7 @@ def _held(person: _Mask) -> NDArray[np.float32]:
     return np.where(person, np.where(pieces == largest, 1, LOOSE), 0).astype(np.float32)
 
 
-def _filled(values: NDArray[np.floating], own: _Mask) -> NDArray[np.float32]:
+def filled(values: NDArray[np.floating], own: _Mask) -> NDArray[np.float32]:
     """Values (n,) of the pixels looked at (h, w) for those between them (h, w): the mean of those beside."""
     image, block = np.zeros(own.shape, np.float32), (2 * STRIDE - 1, 2 * STRIDE - 1)
     image[own] = values

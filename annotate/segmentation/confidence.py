@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
 from annotate.color_odds import SURE, by_color, lab_of
+from annotate.segmentation.reading import Reading
 from annotate.supervoxels import Supervoxels
 
 WEIGHTS = {
@@ -32,6 +33,7 @@ WEIGHTS = {
     "contrast": 0.04,
     "frame contact": -0.83,
     "frame odds": 0.84,
+    "theirs": 0.5,
 }
 INTERCEPT = -9.68
 """Fitted by tests/fit_confidence.py on the virtual rig within extracted outlines, `normal` and
@@ -60,20 +62,12 @@ _Array = NDArray[np.float64]
 _Mask = NDArray[np.bool_]
 
 
-def features(
-    cloud: ThermalCloud,
-    mask: _Mask,
-    parts: NDArray[np.uint8],
-    belief: _Array,
-    evidence: _Array,
-    usable: _Mask,
-    groups: Supervoxels,
-) -> _Array:
-    """What tells right labels from wrong ones (n, 18), in the order of WEIGHTS.
+def features(cloud: ThermalCloud, parts: NDArray[np.uint8], reading: Reading) -> _Array:
+    """What tells right labels from wrong ones (n, 19), in the order of WEIGHTS, of the points read.
 
-    mask: bool (h, w) of the n points, row-major. parts: uint8 (h, w) as chosen. belief: (G, 11). evidence:
-    (n, 11) of the points' colours, usable: (n,) which are readable.
+    parts: uint8 (h, w) as chosen.
     """
+    mask, groups, belief = reading.mask, reading.groups, reading.belief
     box = _box(mask)
     within, chosen = mask[box], parts[box]
     depth_m = (cloud.depth_mm[box] / np.float32(1000)).astype(np.float32)
@@ -88,8 +82,8 @@ def features(
     return np.column_stack(
         [
             odds,
-            _margin(evidence, usable, parts[mask]),
-            ~usable,
+            _margin(reading.evidence, reading.usable, parts[mask]),
+            ~reading.usable,
             _same(chosen, within),
             *_islands(chosen, within),
             np.log(np.minimum(outline_px[within], FARTHEST_PX)),
@@ -103,12 +97,13 @@ def features(
             _contrast_c(cloud.temperature_c[box], within),
             np.full(len(odds), contact.mean()),
             np.full(len(odds), odds.mean()),
+            reading.theirs[groups.ids],
         ]
     ).astype(np.float64)
 
 
 def calibrated(found: _Array) -> _Array:
-    """Chance (n,) that a label is right from ``features`` (n, 18): a logistic curve."""
+    """Chance (n,) that a label is right from ``features`` (n, 19): a logistic curve."""
     return np.asarray(1 / (1 + np.exp(-(found @ np.array(list(WEIGHTS.values())) + INTERCEPT))))
 
 

@@ -74,15 +74,20 @@ def _near_its_part(belief: _Array, groups: Supervoxels, centroids_m: _Array) -> 
     cost = np.zeros_like(belief)
     mass = (belief * (belief > 0.5)) * groups.sizes[:, None]
     for part in np.flatnonzero(mass.sum(axis=0) >= LEAST_POINTS):
-        weight = mass[:, part]
-        middle = weight @ centroids_m / weight.sum()
-        for _ in range(3):  # mean shift: a stray island does not pull the middle away
-            away_m = np.linalg.norm(centroids_m - middle, axis=1)
-            near = weight * np.exp(-((away_m / REACH_M[part]) ** 2)) + 1e-9
-            middle = near @ centroids_m / near.sum()
-        away_m = np.linalg.norm(centroids_m - middle, axis=1)
+        middle_m = middle_of(mass[:, part], centroids_m, REACH_M[part])
+        away_m = np.linalg.norm(centroids_m - middle_m, axis=1)
         cost[:, part] = -STRAYING * np.maximum(away_m / REACH_M[part] - 1, 0) ** 2
     return cost
+
+
+def middle_of(weight: _Array, centroids_m: _Array, reach_m: float) -> _Array:
+    """Middle (3,) of what has the weights (G,), by mean shift: a stray island does not pull it away."""
+    middle_m = weight @ centroids_m / weight.sum()
+    for _ in range(3):
+        away_m = np.linalg.norm(centroids_m - middle_m, axis=1)
+        near = weight * np.exp(-((away_m / reach_m) ** 2)) + 1e-9 * weight.max()
+        middle_m = near @ centroids_m / near.sum()
+    return np.asarray(middle_m)
 
 
 def _compatibility() -> _Array:

@@ -15,6 +15,7 @@ from annotate.segmentation.earlier import earlier_parts
 from annotate.segmentation.part_clues import hint, means_of, pooled, warmth_of, with_earlier
 from annotate.segmentation.part_tree import settle
 from annotate.segmentation.patches import patches_of, read_together
+from annotate.segmentation.reading import Reading
 from annotate.segmentation.refine import refine
 from annotate.suit.color_model import CLIPPED, readable, refit_colors, under, unfitted
 from annotate.suit.palette import Suit
@@ -48,13 +49,14 @@ class Segmentation:
     """Parts over the depth image. parts: uint8 (h, w); confidence: float32 (h, w), 0 off the person.
 
     notes: what went wrong, for the person who reviews. probabilities: of all classes, where a network gave
-    them and they are to be kept.
+    them and they are to be kept. reading: how a suit was read, where one was.
     """
 
     parts: NDArray[np.uint8]
     confidence: NDArray[np.float32]
     notes: tuple[str, ...] = ()
     probabilities: Probabilities | None = None
+    reading: Reading | None = None
 
 
 def segment(
@@ -72,18 +74,22 @@ def segment(
     notes = _diagnosis(rgb, cloud.color_valid[mask], usable)
     if usable.sum() <= MIN_READABLE_SHARE * len(usable):
         return unlabelled(mask, *notes)
-    groups = tile(cloud, mask)
-    belief, evidence = _believed(cloud, mask, usable, suit, groups, before)
-    scores = point_scores(belief, evidence, groups)
+    return labelled(cloud, _read(cloud, mask, usable, suit, tile(cloud, mask), before), notes)
+
+
+def labelled(cloud: ThermalCloud, reading: Reading, notes: tuple[str, ...] = ()) -> Segmentation:
+    """Every point's label, with the borders where its own colour and its neighbours see them."""
+    mask, groups, belief = reading.mask, reading.groups, reading.belief
+    scores = point_scores(belief, reading.evidence, groups)
     chosen = refine(scores, scores.argmax(axis=1).astype(np.uint8), cloud.points_m[..., 2], mask)
     parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
     parts[mask] = chosen + 1
-    confidence[mask] = calibrated(features(cloud, mask, parts, belief, evidence, usable, groups))
-    if (untold := _untold(belief, chosen, usable, groups, suit, cloud.points_m[mask])).any():
+    confidence[mask] = calibrated(features(cloud, parts, reading))
+    if (untold := _untold(reading, chosen, cloud.points_m[mask])).any():
         parts[mask] = np.where(untold, UNDEFINED, parts[mask])
         confidence[mask] = np.where(untold, 0, confidence[mask])
         notes = (*notes, UNTOLD) if untold.mean() > UNTOLD_SHARE else notes
-    return Segmentation(parts, confidence, notes)
+    return Segmentation(parts, confidence, notes, reading=reading)
 
 
 def unlabelled(mask: NDArray[np.bool_], *notes: str) -> Segmentation:
@@ -106,15 +112,15 @@ def _diagnosis(rgb: NDArray[np.uint8], seen: NDArray[np.bool_], usable: NDArray[
     return ()
 
 
-def _believed(
+def _read(
     cloud: ThermalCloud,
     mask: NDArray[np.bool_],
     usable: NDArray[np.bool_],
     suit: Suit,
     groups: Supervoxels,
     before: FrameLabels | None,
-) -> tuple[_Array, _Array]:
-    """Belief (G, 11) of the supervoxels and colour evidence (n, 11) of the masked points.
+) -> Reading:
+    """What the suit's colours, warmth and the frame before make of the masked points.
 
     The second round knows from the first what parts the colours are on: so it learns this person's skin
     and how far the cloth has faded.
@@ -140,29 +146,23 @@ def _believed(
         if earlier is not None:
             unary = with_earlier(unary, groups, earlier)
         belief = settle(unary, groups, centroids_m, belief)
-    return belief, evidence
+    return Reading(suit, mask, groups, belief, np.zeros(groups.count), usable, evidence, model)
 
 
-def _untold(
-    belief: _Array,
-    chosen: NDArray[np.uint8],
-    usable: NDArray[np.bool_],
-    groups: Supervoxels,
-    suit: Suit,
-    points_m: NDArray[np.float32],
-) -> NDArray[np.bool_]:
-    """Points (n,) of which too little is known; chosen: (n,) part indices, usable: (n,) readable colours.
+def _untold(reading: Reading, chosen: NDArray[np.uint8], points_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Points (n,) of which too little is known; chosen: (n,) part indices, points_m: (n, 3).
 
     Between neighbours of one colour no border can be seen; elsewhere what they join may tell look-alikes.
     Surroundings tell the part of a place without a colour only near by.
     """
+    groups, belief = reading.groups, reading.belief
     rival, part = np.argsort(belief, axis=1)[:, -2:].T
     best = belief.max(axis=1)
     alike, borderless = np.zeros((_N, _N), bool), np.zeros(_N, bool)
-    for a, b in suit.look_alikes:
+    for a, b in reading.suit.look_alikes:
         alike[a - 1, b - 1] = alike[b - 1, a - 1] = True
         borderless[[a - 1, b - 1]] |= frozenset((a, b)) in NEIGHBOURS
-    unread = np.bincount(groups.ids, usable, groups.count) == 0
+    unread = np.bincount(groups.ids, reading.usable, groups.count) == 0
     middle_m = groups.centroids_m(points_m)
     away_m = Nearest(middle_m[~unread]).query(middle_m)[0]
     guessed = unread & ((best < UNKNOWN) | (away_m > TELLING_M))

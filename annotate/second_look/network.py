@@ -1,0 +1,87 @@
+"""A small network on a graph of supervoxels: each hears its neighbours, its patch and the whole person.
+
+Messages are means, as in GraphSAGE (Hamilton et al. 2017); the forward pass is a few matrix products, so that
+labelling needs no framework. Trained by tests/fit_second_look.py.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST = 5.0
+"""Standard deviations beyond which a descriptor is no odder."""
+
+_Weights = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Network:
+    """Weights, float32. middle, spread (F,): of the descriptors. enter (F + 1, H), rounds (R, 4 H + 1, H) and
+    leave (H + F + 1, C): matrices, the last row of each added to all."""
+
+    middle: _Weights
+    spread: _Weights
+    enter: _Weights
+    rounds: _Weights
+    leave: _Weights
+
+    def __call__(
+        self,
+        described: NDArray[np.float64],
+        edges: NDArray[np.int32],
+        patch: NDArray[np.intp],
+        sizes: NDArray[np.int64],
+    ) -> NDArray[np.float64]:
+        """Chances (G, C) of the classes of supervoxels: descriptors (G, F), pairs of neighbours (e, 2), the
+        patch (G,) and the number of points (G,) of each."""
+        x = np.clip((described - self.middle) / self.spread, -MOST, MOST).astype(np.float32)
+        hidden = np.maximum(_dense(self.enter, x), 0)
+        a, b = np.concatenate([edges, edges[:, ::-1]]).T
+        near = _Means(a, np.ones(len(a), np.float32), len(x), b)
+        patches = _Means(patch, sizes.astype(np.float32), int(patch.max(initial=-1)) + 1)
+        whole = _Means(np.zeros_like(patch), sizes.astype(np.float32), 1)
+        for matrix in self.rounds:
+            heard = np.column_stack(
+                [hidden, near(hidden), patches(hidden)[patch], np.repeat(whole(hidden), len(x), axis=0)]
+            )
+            hidden = hidden + np.maximum(_dense(matrix, heard), 0)
+        score = _dense(self.leave, np.column_stack([hidden, x])).astype(np.float64)
+        chance = np.exp(score - score.max(axis=1, keepdims=True))
+        return np.asarray(chance / chance.sum(axis=1, keepdims=True))
+
+
+class _Means:
+    """Weighted means over groups of rows: row ``of[i]`` counts ``weight[i]`` in group ``into[i]``."""
+
+    def __init__(
+        self, into: NDArray[np.integer], weight: _Weights, count: int, of: NDArray[np.integer] | None = None
+    ) -> None:
+        order = np.argsort(into, kind="stable")
+        self._of = order if of is None else of[order]
+        self._weight = weight[order, None]
+        self._into, self._start = np.unique(into[order], return_index=True)
+        self._count = count
+        self._total = np.bincount(into, weight, count).astype(np.float32)[self._into, None]
+
+    def __call__(self, rows: _Weights) -> _Weights:
+        """Means (count, k) of rows (n, k); 0 for a group of none."""
+        mean = np.zeros((self._count, rows.shape[1]), np.float32)
+        if len(self._start):
+            total = np.add.reduceat(self._weight * rows[self._of], self._start, axis=0)
+            mean[self._into] = total / self._total
+        return mean
+
+
+def _dense(matrix: _Weights, rows: _Weights) -> _Weights:
+    return np.asarray(rows @ matrix[:-1] + matrix[-1])
+
+
+@cache
+def shipped() -> Network:
+    """The network that comes with the package."""
+    with files("annotate.second_look").joinpath("weights.npz").open("rb") as file:
+        stored = np.load(file, allow_pickle=False)
+        return Network(*(stored[name] for name in ("middle", "spread", "enter", "rounds", "leave")))
