@@ -234,8 +234,8 @@ def _by_depth(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
 
 
 def _was_felt(before: FrameLabels | None) -> bool:
-    """Whether the frame before had a person found by temperature."""
-    return before is not None and before.notes.get("extraction") == "thermal"
+    """Whether the frame before had a person found by temperature, or carried over from one that had."""
+    return before is not None and before.notes.get("extraction") in ("thermal", "before")
 
 
 def _centrality(piece: Piece) -> float:
