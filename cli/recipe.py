@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from annotate.cloud import ThermalCloud
 from annotate.correction.correction import Correction
@@ -38,7 +37,7 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, object]:
     def fused(frame_id: str) -> ThermalCloud:
         return fuser.fuse_frame(session.frame(int(frame_id)))
 
-    corrected, seconds = _correct_all(automatic, truth, lambda i: fused(i).color_rgb, out / "corrected")
+    corrected, seconds = _correct_all(automatic, truth, fused, out / "corrected")
     with progress("predict", frames) as advance:
         predicted = predict_source(session, Network(), out / "network", advance).labels
 
@@ -65,13 +64,13 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, object]:
 
 
 def _correct_all(
-    automatic: LabelSet, truth: LabelSet, color_of: Callable[[str], NDArray[np.uint8]], out: Path
+    automatic: LabelSet, truth: LabelSet, cloud_of: Callable[[str], ThermalCloud], out: Path
 ) -> tuple[LabelSet, list[float]]:
     """A copy of the labels, corrected by the simulated annotator, and the seconds each frame took."""
     shutil.copytree(automatic.path, out)
     annotator = Annotator()
     with Correction.open(out, WHO, clock=annotator.clock) as correction:
-        efforts = correct_set(correction, truth, annotator, color_of)
+        efforts = correct_set(correction, truth, annotator, cloud_of)
         return correction.labels, [effort.seconds for effort in efforts]
 
 

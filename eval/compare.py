@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from annotate.parts import BACKGROUND, BODY_PARTS, PARTS
 from eval import bootstrap, metrics
-from eval.counts import FrameCounts, stack
+from eval.counts import FrameCounts
 from eval.data import Frames
 from eval.joint_errors import joint_errors_mm, summary
 from eval.metrics import Counts, Scores
 from eval.pairs import Digests, count_pairs, pair_up
+from eval.room import blocks
 from eval.scores import PART_SCORES, scores_of
 from eval.summary import named, plain
 from eval.traits import Traits
@@ -82,18 +83,21 @@ class Comparison:
     @cached_property
     def by_cluster(self) -> Counts:
         """Counts of what is drawn as one, side by side (C, K): of a subject, or of a lone subject's frame."""
-        return bootstrap.cluster_sums(self.counts.flat(), bootstrap.clusters_of(self.subjects))
+        return bootstrap.cluster_sums(self.counts.flat, bootstrap.clusters_of(self.subjects))
 
     @cached_property
     def behind(self) -> dict[str, NDArray[np.int64]]:
         """How many clusters each score rests on (...): those that show the part, or all."""
-        seen = scores_of(FrameCounts.of_flat(self.by_cluster))
-        return {name: (~np.isnan(score)).sum(0) for name, score in seen.items()}
+        behind: dict[str, NDArray[np.int64]] = {}
+        for rows in blocks(len(self.by_cluster)):
+            for name, score in scores_of(FrameCounts(self.by_cluster[rows])).items():
+                behind[name] = behind.get(name, np.int64(0)) + (~np.isnan(score)).sum(0)
+        return behind
 
     @cached_property
     def resampled(self) -> dict[str, Scores]:
         """Scores of each bootstrap resample (R, ...)."""
-        return scores_of(FrameCounts.of_flat(bootstrap.resampled_sums(self.by_cluster)))
+        return scores_of(FrameCounts(bootstrap.resampled_sums(self.by_cluster)))
 
     @cached_property
     def ci95(self) -> dict[str, NDArray[np.float64]]:
@@ -111,7 +115,7 @@ class Comparison:
     @cached_property
     def frame_miou(self) -> Scores:
         """Mean IoU of each frame (F,); NaN where neither map shows a person."""
-        return metrics.miou(self.matrices)
+        return metrics.by_frame(metrics.miou, self.matrices)
 
     @property
     def undefined_shares(self) -> dict[str, float]:
@@ -182,7 +186,7 @@ class Comparison:
             "error_kinds": {
                 name: int(pixels) for name, pixels in vars(metrics.error_kinds(self.confusion)).items()
             },
-            "flipped_frames": int(metrics.flip_helps(self.matrices).sum()),
+            "flipped_frames": int(metrics.by_frame(metrics.flip_helps, self.matrices).sum()),
             "undefined": {name: plain(share) for name, share in self.undefined_shares.items()},
             "joints": None if self.joints_mm is None else summary(self.joints_mm),
             "extra_frames": self.extra_frames,
@@ -203,13 +207,13 @@ def compare_sets(
     """
     pairs, extra = pair_up(predicted, truth)
     counted = count_pairs(predicted, truth, pairs, advance, workers)
-    observed = [frame.joints for frame in counted]
+    joints_mm = joint_errors_mm(counted.joints, counted.subjects) if counted.joints["known"].any() else None
     return Comparison(
-        frame_ids=tuple(frame.frame_id for frame in counted),
-        subjects=tuple(frame.subject or UNKNOWN_SUBJECT for frame in counted),
-        traits=tuple(frame.traits for frame in counted),
-        digests=tuple(frame.digests for frame in counted),
-        counts=stack([frame.counts for frame in counted]),
-        joints_mm=joint_errors_mm(observed) if any(observed) else None,
+        frame_ids=tuple(counted.frame_ids),
+        subjects=tuple(subject or UNKNOWN_SUBJECT for subject in counted.subjects),
+        traits=tuple(counted.traits),
+        digests=tuple(counted.digests),
+        counts=FrameCounts(counted.counts),
+        joints_mm=joints_mm,
         extra_frames=extra,
     )

@@ -1,8 +1,8 @@
 """What is counted of one frame against its truth; every score of any set of frames is derived from it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Self
+import math
+from dataclasses import dataclass, field
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from annotate.parts import N_CLASSES, UNDEFINED, on_body
 from eval import boundary, calibration, metrics
 from eval.boundary import N_DISTANCES, TOLERANCES_MM, TOLERANCES_PX, WIDTHS_MM, WIDTHS_PX
 from eval.metrics import Counts, Labels
+from eval.room import blocks
 
 NEAR_PX = 3.0
 """A pixel closer than this to a border of the truth is near it: half a limb's width at 4 m is farther."""
@@ -32,61 +33,70 @@ SHAPES = {
 """Shape of each array for one frame."""
 
 
-@dataclass(frozen=True)
-class FrameCounts:
-    """Counts, int64, with any leading axes: none for a frame or a sum, (F,) for frames, (R,) for resamples.
+WIDTH = sum(math.prod(shape) for shape in SHAPES.values())
+"""Numbers counted of one frame."""
 
-    confusion (..., 12, 12): rows truth. near: the same, of the pixels closer than `NEAR_PX` to a border
-    of the truth. borders_px, borders_mm (..., 4, 4): by tolerance, see `boundary_counts`. bands_px,
-    bands_mm (..., 3, 12, 2): by width and part, see `band_counts`. by_distance (..., 12, 7, 2), see
-    `errors_by_distance`. reliability (..., 2, 15, 3), label_quality (..., 12, 2): see `eval.calibration`;
-    0 without confidence. undefined (..., 3): see `undefined_pixels`. What is counted in millimetres is 0
-    where the scale is unknown. Raises ValueError for arrays that do not fit together.
+
+@dataclass(frozen=True, eq=False)
+class FrameCounts:
+    """Counts with any leading axes: none for a frame or a sum, (F,) for frames, (R,) for resamples.
+
+    flat: int32 of frames, int64 of sums, (..., WIDTH): all counts side by side, what a bootstrap sums. The
+    others are views of it by SHAPES. confusion (..., 12, 12): rows truth. near: the same, of the pixels
+    closer than `NEAR_PX` to a border of the truth. borders_px, borders_mm (..., 4, 4): by tolerance, see
+    `boundary_counts`. bands_px, bands_mm (..., 3, 12, 2): by width and part, see `band_counts`. by_distance
+    (..., 12, 7, 2), see `errors_by_distance`. reliability (..., 2, 15, 3), label_quality (..., 12, 2): see
+    `eval.calibration`; 0 without confidence. undefined (..., 3): see `undefined_pixels`. What is counted in
+    millimetres is 0 where the scale is unknown. Raises ValueError for another number of counts.
     """
 
-    confusion: Counts
-    near: Counts
-    borders_px: Counts
-    borders_mm: Counts
-    bands_px: Counts
-    bands_mm: Counts
-    by_distance: Counts
-    reliability: Counts
-    label_quality: Counts
-    undefined: Counts
+    flat: NDArray[Any]
+    confusion: Counts = field(init=False, repr=False)
+    near: Counts = field(init=False, repr=False)
+    borders_px: Counts = field(init=False, repr=False)
+    borders_mm: Counts = field(init=False, repr=False)
+    bands_px: Counts = field(init=False, repr=False)
+    bands_mm: Counts = field(init=False, repr=False)
+    by_distance: Counts = field(init=False, repr=False)
+    reliability: Counts = field(init=False, repr=False)
+    label_quality: Counts = field(init=False, repr=False)
+    undefined: Counts = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        leading = self.undefined.shape[:-1]
+        if self.flat.shape[-1] != WIDTH:
+            raise ValueError(f"{self.flat.shape[-1]} counts of a frame instead of {WIDTH}")
+        start = 0
         for name, shape in SHAPES.items():
-            actual = getattr(self, name).shape
-            if actual != (*leading, *shape):
-                raise ValueError(f"{name} is {actual} instead of {(*leading, *shape)}")
-
-    def __getitem__(self, index: NDArray[np.int64] | slice | int) -> Self:
-        """The counts at an index or mask of the leading axes."""
-        return type(self)(*(getattr(self, field.name)[index] for field in fields(self)))
-
-    def total(self) -> Self:
-        """The sum over the first axis."""
-        return type(self)(*(getattr(self, field.name).sum(axis=0) for field in fields(self)))
-
-    def flat(self) -> Counts:
-        """All counts side by side (..., K): what a bootstrap sums."""
-        leading = self.undefined.shape[:-1]
-        return np.concatenate([getattr(self, name).reshape(*leading, -1) for name in SHAPES], axis=-1)
+            end = start + math.prod(shape)
+            view = self.flat[..., start:end].reshape(*self.flat.shape[:-1], *shape)
+            object.__setattr__(self, name, view)
+            start = end
 
     @classmethod
-    def of_flat(cls, flat: Counts) -> Self:
-        """Inverse of `flat`."""
-        ends = np.cumsum([int(np.prod(shape)) for shape in SHAPES.values()])[:-1]
-        pieces = np.split(flat, ends, axis=-1)
-        leading = flat.shape[:-1]
-        return cls(*(p.reshape(*leading, *s) for p, s in zip(pieces, SHAPES.values(), strict=True)))
+    def of(cls, **counts: Counts) -> Self:
+        """From the arrays by name. Raises ValueError for arrays that do not fit together."""
+        leading = counts["undefined"].shape[:-1]
+        for name, shape in SHAPES.items():
+            if counts[name].shape != (*leading, *shape):
+                raise ValueError(f"{name} is {counts[name].shape} instead of {(*leading, *shape)}")
+        return cls(np.concatenate([counts[name].reshape(*leading, -1) for name in SHAPES], axis=-1))
 
+    @property
+    def by_name(self) -> dict[str, Counts]:
+        """The arrays by name."""
+        return {name: getattr(self, name) for name in SHAPES}
 
-def stack(frames: Sequence[FrameCounts]) -> FrameCounts:
-    """Single frames' counts on one leading axis."""
-    return FrameCounts(*(np.stack([getattr(frame, name) for frame in frames]) for name in SHAPES))
+    def __getitem__(self, index: NDArray[np.int64] | slice | int) -> Self:
+        """The counts at an index of the leading axes."""
+        return type(self)(self.flat[index])
+
+    def total(self, frames: NDArray[np.bool_] | None = None) -> Self:
+        """The sum over the first axis, or over some of it: a mask (F,)."""
+        total = np.zeros(self.flat.shape[1:], np.int64)
+        for rows in blocks(len(self.flat)):
+            block = self.flat[rows] if frames is None else self.flat[rows][frames[rows]]
+            total += block.sum(axis=0)
+        return type(self)(total)
 
 
 def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> FrameCounts:
@@ -107,7 +117,7 @@ def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> Frame
     near = away[0] < NEAR_PX
     told = np.where(near, target, np.uint8(UNDEFINED))
     confidence = None if predicted.confidence is None else predicted.confidence[box]
-    return FrameCounts(
+    return FrameCounts.of(
         confusion=metrics.confusion_matrix(truth.parts, predicted.parts),
         near=metrics.confusion_matrix(told, guess),
         borders_px=matched[: len(TOLERANCES_PX)],

@@ -1,9 +1,10 @@
-"""Labelled frames of any origin: who saw them, and as training tensors: the person's crop, many in memory."""
+"""Labelled frames of any origin: who saw them, and for a training: the person's crop, deflated in a file."""
 
-import math
-import os
-from collections.abc import Iterator
+import zlib
+from array import array
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryFile, gettempdir
 from typing import TypeVar
@@ -11,18 +12,14 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.crop import SIZE, crop_from_note, network_crop, normalize, person_of
+from annotate.crop import crop_from_note, network_crop, normalize, person_of
 from annotate.labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, on_body
 from sensors.camera import Intrinsics
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError
 from synth.dataset import MANIFEST, Dataset
 from synth.view import CAMERA
-
-MAX_IN_MEMORY = 2_000_000_000
-"""Bytes of depth, or of parts, that are held in memory: 22,000 images. What the system reads from a file, it
-can give back when memory is short."""
 
 K = TypeVar("K", bound=np.generic)
 
@@ -68,26 +65,69 @@ def to_crop(frame: FrameLabels) -> tuple[NDArray[np.float32], NDArray[np.uint8]]
 
 @dataclass(frozen=True)
 class Crops:
-    """Crops at hand, compact: depth uint16 (N, 212, 212) in 1 / 65535, parts uint8; 135 kB each."""
+    """Crops at hand, deflated: 14 kB each instead of 135.
 
-    depth: NDArray[np.uint16]
-    parts: NDArray[np.uint8]
+    packed: their bytes, in a nameless file that goes with the process; what the system reads of it, it can
+    give back when memory is short. ends: int64 (N, 2), where each crop's depth and parts end. shape: (h, w).
+    crc32: of all images, tells these crops from others.
+    """
 
-    def __post_init__(self) -> None:
-        if self.depth.shape != self.parts.shape or self.depth.ndim != 3 or not len(self.depth):
-            raise CloudError(f"crops are {self.depth.shape} and {self.parts.shape}; give at least one image")
+    packed: NDArray[np.uint8]
+    ends: NDArray[np.int64]
+    shape: tuple[int, int]
+    crc32: int
+
+    @classmethod
+    def of(cls, crops: Iterable[tuple[NDArray[np.uint16], NDArray[np.uint8]]]) -> "Crops":
+        """Keep crops of one shape: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w).
+
+        Raises CloudError where there is none, OSError where the disk has no room.
+        """
+        ends, shape, told = array("q"), (0, 0), 0
+        with TemporaryFile() as file:
+            for depth, parts in crops:
+                shape = depth.shape[0], depth.shape[1]
+                for data in (depth.tobytes(), parts.tobytes()):
+                    told = zlib.crc32(data, told)
+                    file.write(zlib.compress(data, 1))
+                    ends.append(file.tell())
+            file.flush()
+            if not ends:
+                raise CloudError("there are no crops; give at least one image")
+            packed = np.asarray(np.memmap(file, np.uint8, "r"))
+        return cls(packed, np.array(ends).reshape(-1, 2), shape, told)
 
     def __len__(self) -> int:
-        return len(self.depth)
+        return len(self.ends)
+
+    def depth(self, index: int) -> NDArray[np.uint16]:
+        """Depth of crop ``index``, (h, w) in 1 / 65535 of its range."""
+        start = int(self.ends[index - 1, 1]) if index else 0
+        return self._image(start, int(self.ends[index, 0]), np.uint16)
+
+    def parts(self, index: int) -> NDArray[np.uint8]:
+        """Part ids of crop ``index``, (h, w)."""
+        start, end = self.ends[index].tolist()
+        return self._image(start, end, np.uint8)
+
+    def _image(self, start: int, end: int, kind: type[K]) -> NDArray[K]:
+        image = bytearray(zlib.decompress(self.packed[start:end].data))
+        return np.frombuffer(image, kind).reshape(self.shape)
 
     def image(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """Crop ``index``: depth float32 (212, 212) in [0, 1], parts."""
-        return self.depth[index].astype(np.float32) / DEPTH_STEPS, self.parts[index]
+        """Crop ``index``: depth float32 (h, w) in [0, 1], parts."""
+        return self.depth(index).astype(np.float32) / DEPTH_STEPS, self.parts(index)
+
+    def batches(self, size: int) -> Iterator[tuple[NDArray[np.float32], NDArray[np.uint8]]]:
+        """Depth (B, h, w) and parts of so many crops after the other, in order."""
+        for start in range(0, len(self), size):
+            images = [self.image(i) for i in range(start, min(start + size, len(self)))]
+            yield np.stack([depth for depth, _ in images]), np.stack([parts for _, parts in images])
 
     def spread(self, n: int) -> "Crops":
         """``n`` of them, evenly spread (neighbours show one person), or all when there are fewer."""
         index = np.linspace(0, len(self) - 1, min(n, len(self))).astype(int)
-        return Crops(self.depth[index], self.parts[index])
+        return Crops.of((self.depth(i), self.parts(i)) for i in index)
 
 
 def load_crops(
@@ -96,46 +136,26 @@ def load_crops(
     """Read label sets and datasets, all subjects but ``without``, or ``only`` some.
 
     Frames without a named part teach nothing and are left out. Raises CloudError when none is left, or when
-    they do not fit into memory and the disk.
+    they do not fit on the disk.
     """
     frames = [open_frames(path) for path in sources]
     names = ", ".join(map(str, sources))
-    try:
-        total = sum(map(len, frames))
-        depth: NDArray[np.uint16] = _room(total, np.uint16)
-        parts: NDArray[np.uint8] = _room(total, np.uint8)
-    except (MemoryError, ValueError, OverflowError, OSError) as error:
-        raise CloudError(
-            f"{names}: so many images do not fit into memory and {gettempdir()}; give fewer, or set TMPDIR"
-        ) from error
-    n = 0
-    for frame in _teaching(frames, without, only):
-        if n == total:
-            raise FormatError(
-                f"{names} hold more than the {total} images of their manifests; make them again"
-            )
-        x, parts[n] = to_crop(frame)
-        depth[n] = np.rint(x * DEPTH_STEPS)
-        n += 1
-    if not n:
+    taught = _teaching(frames, without, only)
+    if (first := next(taught, None)) is None:
         whom = "" if only is None else f" of {', '.join(sorted(only))}"
         raise CloudError(f"{names} hold no labelled part{whom}; generate or label some first")
-    return Crops(depth[:n], parts[:n])
+    try:
+        return Crops.of(_kept(frame) for frame in chain([first], taught))
+    except OSError as error:
+        raise CloudError(
+            f"{names}: so many images do not fit into {gettempdir()} ({error.strerror}); give fewer, or set "
+            "TMPDIR"
+        ) from error
 
 
-def _room(images: int, kind: type[K]) -> NDArray[K]:
-    """Zeros for so many crops: in memory, or of many in a nameless file that goes with the process.
-
-    Raises OSError where the disk has no room.
-    """
-    shape = (images, SIZE, SIZE)
-    size = math.prod(shape) * np.dtype(kind).itemsize
-    if size <= MAX_IN_MEMORY:
-        return np.zeros(shape, kind)
-    with TemporaryFile() as file:
-        # Or a full disk would end the process in the middle of a training.
-        os.posix_fallocate(file.fileno(), 0, size)
-        return np.memmap(file, kind, "r+", shape=shape)
+def _kept(frame: FrameLabels) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+    depth, parts = to_crop(frame)
+    return np.rint(depth * DEPTH_STEPS).astype(np.uint16), parts
 
 
 def _teaching(

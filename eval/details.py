@@ -1,6 +1,7 @@
 """What stands behind a comparison's scores, as JSON: by kind of frame, by confidence, and doubtful labels."""
 
 from dataclasses import asdict
+from itertools import compress
 from typing import Any
 
 from annotate.parts import PARTS
@@ -41,11 +42,10 @@ def details(comparison: Comparison) -> dict[str, Any]:
 
 
 def _group(comparison: Comparison, mask: Mask) -> dict[str, Any]:
-    own = comparison.only(mask)
-    scores = scores_of(own.total)
+    scores = scores_of(comparison.counts.total(mask))
     return {
-        "frames": len(own.frame_ids),
-        "subjects": own.n_subjects,
+        "frames": int(mask.sum()),
+        "subjects": len(set(compress(comparison.subjects, mask))),
         **{name: plain(scores[name]) for name in ("mean_recall", "miou", "left_right_swap_rate")},
     }
 

@@ -22,8 +22,8 @@ class FixedFrame:
     def begin(self, model: nn.Module) -> None:
         """Write the frame itself and what the untrained network makes of it."""
         self.folder.mkdir(exist_ok=True)
-        write_bytes(self.folder / "depth.png", encode_depth(self.crop.depth[0]))
-        write_bytes(self.folder / "truth.parts.png", encode_parts(self.crop.parts[0]))
+        write_bytes(self.folder / "depth.png", encode_depth(self.crop.depth(0)))
+        write_bytes(self.folder / "truth.parts.png", encode_parts(self.crop.parts(0)))
         self.label(model, 0)
 
     def label(self, model: nn.Module, epoch: int) -> None:

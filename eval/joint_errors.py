@@ -7,7 +7,7 @@ any alignment; PCK@d the share of all scored joints found within d, so that a jo
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from annotate.labels import FrameLabels
 from eval.data import pinhole_of
-from eval.joints import IN_SKELETON, JOINT_NAMES, N_JOINTS, Float64, Measured, measure
+from eval.joints import HINGES, IN_SKELETON, JOINT_NAMES, LIMBS, N_JOINTS, Float64, Measured, measure
 from eval.skeleton_fit import fit_skeletons
 from sensors.camera import Intrinsics, project
 from sensors.errors import FormatError
@@ -27,31 +27,42 @@ MAX_MM = 100_000.0
 """No joint is further from a camera than that."""
 
 
-@dataclass(frozen=True)
-class JointObservation:
-    """One frame with true joints. measured: what its labels show. person: who is seen, by the truth.
+OBSERVED = np.dtype(
+    [
+        ("known", np.bool_),
+        ("borders", np.float64, (len(HINGES), 3)),
+        ("middles", np.float64, (len(LIMBS), 3)),
+        ("direct", np.bool_, len(HINGES)),
+        ("truth_mm", np.float64, (N_JOINTS, 3)),
+        ("inside", np.bool_, N_JOINTS),
+    ]
+)
+"""A frame beside its true joints: whether these are known, what its labels show (``joints.Measured``), where
+they are in the depth camera's frame, and which of them inside the depth image."""
 
-    truth_mm: float64 (15, 3), depth camera's frame; inside: bool (15,), those inside the depth image.
-    """
-
-    measured: Measured
-    person: str
-    truth_mm: Float64
-    inside: NDArray[np.bool_]
+Observed = NDArray[np.void]
 
 
-def observe(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> JointObservation | None:
-    """What a frame's predicted parts say of the joints, and where they truly are; None without true joints.
+def observe(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> Observed:
+    """What a frame's predicted parts say of the joints, and where they truly are: one OBSERVED, ().
 
     camera: undistorted, of the whole image (``eval.data.camera_of``). Raises FormatError for malformed notes.
     """
-    if "joints_mm" not in truth.notes:
-        return None
-    joints = _joints(truth)
-    pixels = project(camera, joints)
-    inside = np.all((pixels >= -0.5) & (pixels < np.array(camera.shape[::-1]) - 0.5), axis=-1)
-    measured = measure(predicted.parts, predicted.depth_mm, pinhole_of(truth, camera))
-    return JointObservation(measured, truth.subject, joints, inside)
+    seen = np.zeros((), OBSERVED)
+    if "joints_mm" in truth.notes:
+        joints = _joints(truth)
+        pixels = project(camera, joints)
+        measured = measure(predicted.parts, predicted.depth_mm, pinhole_of(truth, camera))
+        seen["known"], seen["truth_mm"] = True, joints
+        seen["inside"] = np.all((pixels >= -0.5) & (pixels < np.array(camera.shape[::-1]) - 0.5), axis=-1)
+        for name, value in vars(measured).items():
+            seen[name] = value
+    return seen
+
+
+def measured_of(observed: Observed) -> Measured:
+    """What the labels of several frames (F,) show."""
+    return Measured(observed["borders"], observed["middles"], observed["direct"])
 
 
 def _joints(truth: FrameLabels) -> Float64:
@@ -67,18 +78,21 @@ def _joints(truth: FrameLabels) -> Float64:
     return np.asarray(joints[IN_SKELETON])
 
 
-def joint_errors_mm(observations: Sequence[JointObservation | None]) -> Float64:
-    """Distances (F, 15) of the joints found from the true ones, millimetres.
+def joint_errors_mm(observed: Observed, persons: Sequence[str]) -> Float64:
+    """Distances (F, 15) of the joints found from the true ones, millimetres. observed: (F,).
 
-    NaN where a joint is not scored: outside the image, or a frame without true joints (None); infinite
-    where it is scored but was not found.
+    persons: who is seen in each frame. NaN where a joint is not scored: outside the image, or a frame without
+    true joints; infinite where it is scored but was not found.
     """
-    errors = np.full((len(observations), N_JOINTS), np.nan)
-    scored = [(i, seen) for i, seen in enumerate(observations) if seen is not None]
-    found = fit_skeletons([seen.measured for _, seen in scored], [seen.person for _, seen in scored])
-    for (i, seen), joints in zip(scored, found, strict=True):
-        distance = np.linalg.norm(joints - seen.truth_mm, axis=-1)
-        errors[i, seen.inside] = np.where(np.isnan(distance), np.inf, distance)[seen.inside]
+    errors = np.full((len(observed), N_JOINTS), np.nan)
+    scored = np.flatnonzero(observed["known"])
+    if len(scored) < len(observed):
+        persons = list(compress(persons, observed["known"]))
+        observed = observed[scored]
+    found = fit_skeletons(measured_of(observed), persons)
+    for i, seen, joints in zip(scored, observed, found, strict=True):
+        distance = np.linalg.norm(joints - seen["truth_mm"], axis=-1)
+        errors[i, seen["inside"]] = np.where(np.isnan(distance), np.inf, distance)[seen["inside"]]
     return errors
 
 

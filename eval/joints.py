@@ -100,7 +100,7 @@ LIMBS = (
 
 @dataclass(frozen=True)
 class Measured:
-    """What one frame shows, depth camera's frame, millimetres, NaN where it shows nothing.
+    """What a frame shows, or several (F, ...), depth camera's frame, millimetres, NaN where it shows nothing.
 
     borders: float64 (9, 3), surface points by HINGES. middles: float64 (11, 3) of parts by LIMBS.
     direct: bool (9,), False where the border is hidden and the parts' ends stand in for it.
@@ -109,6 +109,10 @@ class Measured:
     borders: Float64
     middles: Float64
     direct: NDArray[np.bool_]
+
+    def __getitem__(self, frames: slice | NDArray[np.int64]) -> "Measured":
+        """Some of several frames."""
+        return Measured(self.borders[frames], self.middles[frames], self.direct[frames])
 
 
 def measure(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], camera: Intrinsics) -> Measured:

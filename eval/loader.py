@@ -13,6 +13,7 @@ from torch.utils.data import DataLoader, Dataset
 from eval.augment import Augmentation, augment
 from eval.data import Crops
 from sensors.errors import CloudError
+from synth.workers import check_semaphores
 
 At = tuple[int, int]
 """An image's turn: (epoch, index of the crop)."""
@@ -86,6 +87,8 @@ class _After:
 
 def batches(images: Images, order: Order, step: int, workers: int = 0) -> Iterator[tuple[Tensor, Tensor]]:
     """Depth (B, 1, h, w), parts (B, h, w) of every step from one on; worker processes make them ahead."""
+    if workers:
+        check_semaphores()
     loader: DataLoader[Any] = DataLoader(
         images,
         batch_sampler=_After(order, step),

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from annotate.parts import BACKGROUND, N_CLASSES
-from eval.data import DEPTH_STEPS, Crops
+from eval.data import Crops
 from eval.metrics import confusion_matrix
 
 
@@ -16,17 +16,16 @@ def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[NDArr
     """Part ids (B, h, w) of a network on crops, as `predict` names them: a part wherever there is depth."""
     model.eval()
     device = next(model.parameters()).device
-    for start in range(0, len(crops), batch):
-        depth = crops.depth[start : start + batch, None].astype(np.float32) / DEPTH_STEPS
-        x = torch.from_numpy(depth).to(device).contiguous(memory_format=torch.channels_last)
+    for depth, _ in crops.batches(batch):
+        x = torch.from_numpy(depth[:, None]).to(device).contiguous(memory_format=torch.channels_last)
         with torch.no_grad():
             parts = model(x)[:, 1:].argmax(1) + 1
-        yield np.where(depth[:, 0] > 0, parts.cpu().numpy(), BACKGROUND).astype(np.uint8)
+        yield np.where(depth > 0, parts.cpu().numpy(), BACKGROUND).astype(np.uint8)
 
 
 def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> NDArray[np.int64]:
     """Confusion matrix (12, 12) of a network on crops, rows are the truth."""
     total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
-    for k, labels in enumerate(predicted(model, crops, batch)):
-        total += confusion_matrix(crops.parts[k * batch : (k + 1) * batch], labels)
+    for (_, parts), labels in zip(crops.batches(batch), predicted(model, crops, batch), strict=True):
+        total += confusion_matrix(parts, labels)
     return total

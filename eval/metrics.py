@@ -10,12 +10,17 @@ Three rules hold throughout:
 - A class without pixels has the score NaN, which means leave it out, so it is never scored 0 or 1.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, NEIGHBOURS, UNDEFINED, swap_left_right
+from eval.room import blocks
+
+K = TypeVar("K", bound=np.generic)
 
 Labels = NDArray[np.uint8]
 Counts = NDArray[np.int64]
@@ -107,6 +112,11 @@ def miou(matrix: Counts) -> Scores:
     return over_parts(iou(matrix))
 
 
+def by_frame(score: Callable[[Counts], NDArray[K]], matrices: Counts) -> NDArray[K]:
+    """A score of each frame, (F, 12, 12) -> (F, ...): of few at a time, since many leave little memory."""
+    return np.concatenate([score(matrices[rows]) for rows in blocks(len(matrices))])
+
+
 @dataclass(frozen=True)
 class MeanIou:
     """Mean IoU of the body parts, averaged in the ways that answer different questions.
@@ -125,13 +135,13 @@ class MeanIou:
 
 def mean_ious(matrices: Counts) -> MeanIou:
     """The four mean IoUs of a set: (frames, 12, 12)."""
-    by_frame = np.sort(miou(matrices))
-    by_frame = by_frame[~np.isnan(by_frame)]
-    worst = by_frame[: max(1, int(np.ceil(WORST_SHARE * by_frame.size)))]
+    mious = np.sort(by_frame(miou, matrices))
+    mious = mious[~np.isnan(mious)]
+    worst = mious[: max(1, int(np.ceil(WORST_SHARE * mious.size)))]
     return MeanIou(
         over_set=float(miou(matrices.sum(0))),
-        over_images=float(present_mean(by_frame, axis=0)),
-        over_parts=float(over_parts(present_mean(iou(matrices), axis=0))),
+        over_images=float(present_mean(mious, axis=0)),
+        over_parts=float(over_parts(present_mean(by_frame(iou, matrices), axis=0))),
         worst=float(present_mean(worst, axis=0)),
     )
 

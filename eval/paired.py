@@ -134,7 +134,7 @@ def _wilcoxon_p(ours: Comparison, theirs: Comparison, name: str) -> float | None
 
     if ours.n_subjects < MIN_SUBJECTS:
         return None
-    means = [scores_of(FrameCounts.of_flat(c.by_cluster))[name] for c in (ours, theirs)]
+    means = [scores_of(FrameCounts(c.by_cluster))[name] for c in (ours, theirs)]
     gaps = means[0] - means[1]
     gaps = gaps[~np.isnan(gaps) & (gaps != 0)]
     return float(wilcoxon(gaps).pvalue) if gaps.size else 1.0

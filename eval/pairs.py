@@ -3,19 +3,22 @@
 import hashlib
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from pathlib import Path
+from sys import intern
 
 import numpy as np
 from numpy.typing import NDArray
 
 from annotate.labels import FrameLabels
 from annotate.labelset.store import LabelSet
-from eval.counts import FrameCounts, count
+from eval.counts import WIDTH, count
 from eval.data import Frames, camera_of, open_frames, pinhole_of
-from eval.joint_errors import JointObservation, observe
+from eval.joint_errors import OBSERVED, Observed, observe
+from eval.room import room
 from eval.traits import Traits, traits_of
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError, FormatError
@@ -28,7 +31,7 @@ WORTH_WORKERS = 400
 """Fewer frames are counted sooner than worker processes have started."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Pair:
     """A frame's id, and the shards that hold its prediction and its truth: "" in a label set."""
 
@@ -37,7 +40,7 @@ class Pair:
     truth_shard: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Digests:
     """What tells whether two results are of the same frame: hashes (64 bit, hex) of its three images."""
 
@@ -48,17 +51,29 @@ class Digests:
 
 @dataclass(frozen=True)
 class Counted:
-    """One frame's counts, and what is known of it.
+    """Frames and what is known of each: who is seen, traits, digests, counts and joints.
 
-    joints: what the labels show of them; None where the truth knows no joints.
+    counts: int32 (F, WIDTH), see ``FrameCounts.flat``. joints: OBSERVED (F,), what the labels show of them.
     """
 
-    frame_id: str
-    subject: str
-    traits: Traits
-    digests: Digests
-    counts: FrameCounts
-    joints: JointObservation | None
+    frame_ids: list[str]
+    subjects: list[str]
+    traits: list[Traits]
+    digests: list[Digests]
+    counts: NDArray[np.int32]
+    joints: Observed
+
+    @staticmethod
+    def room(frames: int) -> "Counted":
+        """Of no frame yet, with room for the arrays of so many. Raises CloudError where there is none."""
+        return Counted([], [], [], [], room((frames, WIDTH), np.int32), room((frames,), OBSERVED))
+
+    def put(self, some: "Counted") -> None:
+        """Add frames behind those that are there."""
+        rows = slice(len(self.frame_ids), len(self.frame_ids) + len(some.frame_ids))
+        self.counts[rows], self.joints[rows] = some.counts, some.joints
+        for name in ("frame_ids", "subjects", "traits", "digests"):
+            getattr(self, name).extend(getattr(some, name))
 
 
 class Reader:
@@ -120,7 +135,7 @@ def count_pairs(
     pairs: Sequence[Pair],
     advance: Callable[[int], None],
     workers: int | None = None,
-) -> list[Counted]:
+) -> Counted:
     """Count every pair, in order. advance: told how many more are done. workers: processes to use.
 
     Raises CloudError naming a frame whose two sides do not belong together, FormatError for a corrupt one.
@@ -128,16 +143,11 @@ def count_pairs(
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if len(pairs) >= WORTH_WORKERS else 1
     work, chunks = partial(_count_chunk, predicted.path, truth.path), _chunks(pairs)
-    counted: list[Counted] = []
-    if workers == 1:
-        for chunk in map(work, chunks):
-            advance(len(chunk))
-            counted += chunk
-        return counted
-    with processes(workers) as pool:
-        for chunk in pool.executor.map(work, chunks):
-            advance(len(chunk))
-            counted += chunk
+    with processes(workers) if workers > 1 else nullcontext() as pool:
+        counted = Counted.room(len(pairs))
+        for chunk in pool.executor.map(work, chunks) if pool else map(work, chunks):
+            counted.put(chunk)
+            advance(len(chunk.frame_ids))
     return counted
 
 
@@ -150,14 +160,14 @@ def _chunks(pairs: Sequence[Pair]) -> list[list[Pair]]:
     return chunks
 
 
-def _count_chunk(predicted_path: Path, truth_path: Path, pairs: list[Pair]) -> list[Counted]:
+def _count_chunk(predicted_path: Path, truth_path: Path, pairs: list[Pair]) -> Counted:
     predicted, truth = open_frames(predicted_path), open_frames(truth_path)
     guesses, targets = Reader(predicted), Reader(truth)
-    counted = []
+    counted = Counted.room(len(pairs))
     for pair in pairs:
         guess = guesses.read(pair.frame_id, pair.predicted_shard)
         target = targets.read(pair.frame_id, pair.truth_shard)
-        counted.append(count_frame(guess, target, camera_of(truth, target)))
+        counted.put(count_frame(guess, target, camera_of(truth, target)))
     return counted
 
 
@@ -168,13 +178,17 @@ def count_frame(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) 
     """
     _check_same(predicted, truth)
     traits = traits_of(truth, predicted, pinhole_of(truth, camera))
+    counts = count(truth, predicted, traits.mm_per_px).flat
+    if counts.max(initial=0) > np.iinfo(np.int32).max:
+        raise CloudError(f"frame {truth.frame_id} is too large to be counted; compare smaller images")
     return Counted(
-        truth.frame_id,
-        truth.subject,
-        traits,
-        Digests(_digest(truth.depth_mm), _digest(truth.parts), _digest(predicted.parts)),
-        count(truth, predicted, traits.mm_per_px),
-        observe(predicted, truth, camera),
+        [truth.frame_id],
+        # One text for all frames of a person.
+        [intern(truth.subject)],
+        [traits],
+        [Digests(_digest(truth.depth_mm), _digest(truth.parts), _digest(predicted.parts))],
+        counts[None].astype(np.int32),
+        observe(predicted, truth, camera)[None],
     )
 
 

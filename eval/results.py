@@ -4,7 +4,7 @@ import base64
 import json
 import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, get_args
@@ -14,17 +14,19 @@ from numpy.typing import NDArray
 
 from annotate.labels import Status
 from eval.compare import Comparison
-from eval.counts import SHAPES, FrameCounts
+from eval.counts import WIDTH, FrameCounts
 from eval.joints import N_JOINTS
 from eval.metrics import Counts
 from eval.pairs import Digests
+from eval.room import blocks, room
 from eval.traits import Traits
-from sensors.atomic import check_free, write_bytes
+from sensors.atomic import check_free, replacing
+from sensors.bounded import read_bounded
 from sensors.errors import CloudError, FormatError
 
 SCHEMA = 3
 MAX_FRAMES = 200_000
-"""Their counts are 600 MB in memory."""
+"""Their counts are 600 MB in a file."""
 MAX_BYTES = 512_000_000
 """MAX_FRAMES with their ids, traits, digests, joints and packed counts."""
 PACKED = np.dtype("<i4")
@@ -58,44 +60,64 @@ def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
     `load_result` would read.
     """
     check_free(path, overwrite)
-    comparison = result.comparison
-    check_size(len(comparison.frame_ids))
-    joints_mm = comparison.joints_mm
-    value = {
-        "schema": SCHEMA,
-        "title": result.title,
-        "facts": dict(result.facts),
-        "summary": comparison.to_evaluation_json(),
-        "frame_ids": comparison.frame_ids,
-        "subjects": comparison.subjects,
-        "traits": [_known(asdict(traits)) for traits in comparison.traits],
-        "digests": [asdict(digests) for digests in comparison.digests],
-        "extra_frames": comparison.extra_frames,
-        "counts": {name: _packed(getattr(comparison.counts, name)) for name in SHAPES},
-        "joints_mm": None if joints_mm is None else [[_joint(v) for v in row] for row in joints_mm],
-    }
-    data = (json.dumps(value, allow_nan=False, separators=(",", ":")) + "\n").encode()
-    if len(data) > MAX_BYTES:
-        raise CloudError(
-            f"a result of {len(comparison.frame_ids)} frames is {len(data)} bytes, more than {MAX_BYTES}; "
-            "evaluate fewer frames at a time"
-        )
-    write_bytes(path, data)
+    check_size(len(result.comparison.frame_ids))
+    written = 0
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        for piece in _pieces(result):
+            written += file.write(piece)
+            if written > MAX_BYTES:
+                raise CloudError(
+                    f"a result of {len(result.comparison.frame_ids)} frames is more than {MAX_BYTES} bytes; "
+                    "evaluate fewer frames at a time"
+                )
+
+
+def _pieces(result: Result) -> Iterator[bytes]:
+    """The file bit by bit: as one text it would be larger than all that it holds."""
+    comparison, joints_mm = result.comparison, result.comparison.joints_mm
+    yield b"{" + _entry("schema", SCHEMA) + b"," + _entry("title", result.title)
+    yield b"," + _entry("facts", dict(result.facts))
+    yield b"," + _entry("summary", comparison.to_evaluation_json())
+    yield from _listed("frame_ids", comparison.frame_ids)
+    yield from _listed("subjects", comparison.subjects)
+    yield from _listed("traits", (_known(asdict(traits)) for traits in comparison.traits))
+    yield from _listed("digests", (asdict(digests) for digests in comparison.digests))
+    yield b"," + _entry("extra_frames", comparison.extra_frames) + b',"counts":{'
+    for i, (name, counts) in enumerate(comparison.counts.by_name.items()):
+        yield b"," * (i > 0) + json.dumps(name).encode() + b':"'
+        yield from _packed(counts)
+        yield b'"'
+    yield b"}"
+    if joints_mm is None:
+        yield b"," + _entry("joints_mm", None)
+    else:
+        yield from _listed("joints_mm", ([_joint(v) for v in row] for row in joints_mm))
+    yield b"}\n"
+
+
+def _json(value: object) -> bytes:
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
+
+
+def _entry(name: str, value: object) -> bytes:
+    return _json(name) + b":" + _json(value)
+
+
+def _listed(name: str, values: Iterable[object]) -> Iterator[bytes]:
+    yield b"," + _json(name) + b":["
+    for i, value in enumerate(values):
+        yield b"," * (i > 0) + _json(value)
+    yield b"]"
 
 
 def load_result(path: Path) -> Result:
     """Read a result back; scores are derived anew from its counts. Raises FormatError if it is none."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise FormatError(f"{path} is larger than {MAX_BYTES} bytes; it is no result of evaluate")
-        value = json.loads(path.read_bytes())
+        # Decoded here, or its bytes would be held beside its text.
+        value = json.loads(read_bounded(path, MAX_BYTES, "give a file that evaluate wrote").decode())
         if value["schema"] != SCHEMA:
             raise FormatError(f"{path} is not of schema {SCHEMA}; evaluate again with this version")
         return _parse(value)
-    except OSError as error:
-        raise FormatError(
-            f"{path} cannot be read ({error.strerror}); give a file that evaluate wrote"
-        ) from error
     except FormatError:
         raise
     except (
@@ -112,16 +134,16 @@ def load_result(path: Path) -> Result:
 
 
 def _parse(value: dict[str, Any]) -> Result:
+    """Each list is let go once it is read: together they are many times what they hold."""
     if len(value["frame_ids"]) > MAX_FRAMES:
         raise ValueError(f"more than {MAX_FRAMES} frames")
+    counts = _counts(value.pop("counts"), len(value["frame_ids"]))
     comparison = Comparison(
         frame_ids=_texts(value["frame_ids"]),
         subjects=_texts(value["subjects"]),
-        traits=tuple(_traits(traits) for traits in value["traits"]),
-        digests=tuple(_digests(digests) for digests in value["digests"]),
-        counts=FrameCounts(
-            **{name: _counts(name, value["counts"][name], len(value["frame_ids"])) for name in SHAPES}
-        ),
+        traits=tuple(_traits(traits) for traits in value.pop("traits")),
+        digests=tuple(_digests(digests) for digests in value.pop("digests")),
+        counts=counts,
         joints_mm=None if value["joints_mm"] is None else _joints(value["joints_mm"]),
         extra_frames=int(value["extra_frames"]),
     )
@@ -176,20 +198,27 @@ def _joints(rows: list[list[Any]]) -> NDArray[np.float64]:
     return errors
 
 
-def _packed(counts: Counts) -> str:
+def _packed(counts: Counts) -> Iterator[bytes]:
     """Counts as text: base64 of zlib's PACKED integers."""
-    return base64.b64encode(zlib.compress(counts.astype(PACKED).tobytes(), 1)).decode()
+    deflate, rest = zlib.compressobj(1), b""
+    for rows in blocks(len(counts)):
+        rest += deflate.compress(counts[rows].astype(PACKED).tobytes())
+        whole = len(rest) // 3 * 3
+        yield base64.b64encode(rest[:whole])
+        rest = rest[whole:]
+    yield base64.b64encode(rest + deflate.flush())
 
 
-def _counts(name: str, value: str, frames: int) -> Counts:
+def _counts(values: dict[str, str], frames: int) -> FrameCounts:
     """Inverse of `_packed`, never larger than the frames need."""
-    shape = (frames, *SHAPES[name])
-    size = math.prod(shape) * PACKED.itemsize
-    inflate = zlib.decompressobj()
-    data = inflate.decompress(base64.b64decode(value, validate=True), size + 1)
-    if len(data) != size or not inflate.eof:
-        raise ValueError(f"{name} holds something else than counts of {frames} frames")
-    counts = np.frombuffer(data, PACKED).reshape(shape).astype(np.int64)
-    if (counts < 0).any():
-        raise ValueError(f"{name} holds negative counts")
+    counts = FrameCounts(room((frames, WIDTH), np.int32))
+    for name, view in counts.by_name.items():
+        size = view.size * PACKED.itemsize
+        inflate = zlib.decompressobj()
+        data = inflate.decompress(base64.b64decode(values.pop(name), validate=True), size + 1)
+        if len(data) != size or not inflate.eof:
+            raise ValueError(f"{name} holds something else than counts of {frames} frames")
+        view[:] = np.frombuffer(data, PACKED).reshape(view.shape)
+        if (view < 0).any():
+            raise ValueError(f"{name} holds negative counts")
     return counts

@@ -2,7 +2,7 @@
 
 Unknown are the joints' places; known, each with its uncertainty, where parts border on each other, where
 their middles lie, and how long bones are. Least squares by Gauss-Newton with Cauchy weights, so that a part
-in the wrong place does not drag the rest along; all frames at once.
+in the wrong place does not drag the rest along; many frames at once.
 """
 
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eval.joints import HINGES, JOINT, LIMBS, N_JOINTS, Float64, Measured, pushed
+from eval.room import blocks, room
 
 _LIMB_BONES = (
     ("shoulder", "elbow", 260),
@@ -82,41 +83,43 @@ class _Terms:
     weights: Float64
 
 
-def fit_skeletons(measured: Sequence[Measured], persons: Sequence[str]) -> Float64:
+def fit_skeletons(measured: Measured, persons: Sequence[str]) -> Float64:
     """Joints (F, 15, 3) of F frames, depth camera's frame, millimetres, by JOINT_NAMES.
 
     persons: who is seen in each frame; frames of one person share the lengths of bones, left and right
     alike. NaN where the parts do not tell where a joint is.
     """
-    if not measured:
-        return np.empty((0, N_JOINTS, 3))
-    terms, known = _terms(measured), _known(measured)
-    joints = _solve(terms, np.broadcast_to(_USUAL_MM, (len(measured), len(BONES))), FREE_MM)
-    lengths = np.empty((len(measured), len(BONES)))
-    of_person = np.array(persons)
-    for person in np.unique(of_person):
-        here = of_person == person
-        lengths[here] = _lengths(joints[here], known[here])
-    joints = _solve(terms, lengths, KNOWN_MM, joints)
-    return np.where(known[..., None], joints, np.nan)
+    joints: Float64 = room((len(persons), N_JOINTS, 3), np.float64)
+    ratio = np.empty((len(persons), len(BONES)))
+    for rows in blocks(len(persons)):
+        frames = measured[rows]
+        joints[rows] = _solve(_terms(frames), _USUAL_MM, FREE_MM)
+        ratio[rows] = _ratio(joints[rows], _known(frames))
+    people, person = np.unique(np.array(persons), return_inverse=True)
+    lengths = np.array([_lengths(ratio[person == i]) for i in range(len(people))])
+    for rows in blocks(len(persons)):
+        frames = measured[rows]
+        fitted = _solve(_terms(frames), lengths[person[rows]], KNOWN_MM, joints[rows])
+        joints[rows] = np.where(_known(frames)[..., None], fitted, np.nan)
+    return joints
 
 
-def _terms(measured: Sequence[Measured]) -> _Terms:
-    surface = np.stack([np.concatenate([frame.borders, frame.middles]) for frame in measured])
+def _terms(measured: Measured) -> _Terms:
+    surface = np.concatenate([measured.borders, measured.middles], axis=1)
     middle = np.zeros((len(surface), 1, 3))
     values = np.concatenate([pushed(surface, _PUSH_MM), middle], axis=1)
     sigma = np.tile(_SIGMA_MM, (len(surface), 1))
-    sigma[:, : len(HINGES)] *= np.where([frame.direct for frame in measured], 1, HIDDEN)
+    sigma[:, : len(HINGES)] *= np.where(measured.direct, 1, HIDDEN)
     there = np.isfinite(values).all(axis=-1)
     return _Terms(np.where(there[..., None], values, 0), there / sigma**2)
 
 
-def _known(measured: Sequence[Measured]) -> NDArray[np.bool_]:
+def _known(measured: Measured) -> NDArray[np.bool_]:
     """Joints (F, 15) that are determined: by a border, or along a limb from a known end, or by the hips."""
-    known = np.zeros((len(measured), N_JOINTS), np.bool_)
+    known = np.zeros((len(measured.borders), N_JOINTS), np.bool_)
     for i, hinge in enumerate(HINGES):
-        known[:, JOINT[hinge.joint]] = [np.isfinite(frame.borders[i, 0]) for frame in measured]
-    seen = np.array([np.isfinite(frame.middles[:, 0]) for frame in measured])
+        known[:, JOINT[hinge.joint]] = np.isfinite(measured.borders[:, i, 0])
+    seen = np.isfinite(measured.middles[..., 0])
     left, right, pelvis = (JOINT[name] for name in ("left_hip", "right_hip", "pelvis"))
     for _ in range(3):
         known[:, pelvis] |= known[:, left] & known[:, right]
@@ -129,11 +132,16 @@ def _known(measured: Sequence[Measured]) -> NDArray[np.bool_]:
     return known
 
 
-def _lengths(joints_mm: Float64, known: NDArray[np.bool_]) -> Float64:
-    """Lengths (bones,) of a person's bones from a loose fit of their frames (n, 15, 3)."""
+def _ratio(joints_mm: Float64, known: NDArray[np.bool_]) -> Float64:
+    """Lengths of bones over the usual ones (F, bones), by joints (F, 15, 3); NaN where an end is unknown."""
     a, b = _ENDS.T
-    ratio = np.linalg.norm(joints_mm[:, a] - joints_mm[:, b], axis=-1) / _USUAL_MM
+    ratio: Float64 = np.linalg.norm(joints_mm[:, a] - joints_mm[:, b], axis=-1) / _USUAL_MM
     ratio[~(known[:, a] & known[:, b])] = np.nan
+    return ratio
+
+
+def _lengths(ratio: Float64) -> Float64:
+    """Lengths (bones,) of a person's bones from what a loose fit of their frames says (n, bones)."""
     both = np.concatenate([ratio, ratio[:, _TWIN]])
     frames = np.isfinite(both).sum(axis=0) / 2
     scale = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else 1.0
@@ -144,7 +152,7 @@ def _lengths(joints_mm: Float64, known: NDArray[np.bool_]) -> Float64:
 
 
 def _solve(terms: _Terms, lengths_mm: Float64, sigma_mm: float, start: Float64 | None = None) -> Float64:
-    """Joints (F, 15, 3) that fit linear terms and bone lengths (F, bones) best."""
+    """Joints (F, 15, 3) that fit linear terms and bone lengths (F, bones) or (bones,) best."""
     joints = start if start is not None else _linear(terms)
     size = N_JOINTS * 3
     for _ in range(ROUNDS):

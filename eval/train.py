@@ -109,7 +109,8 @@ class _Run:
             len(self.crops), plan.recipe.batch, plan.epochs, plan.seed, self.team.rank, self.team.world
         )
         images = Images(self.crops, plan.augmentation, plan.seed)
-        weight = class_weights(plan.recipe, self.crops.spread(WEIGHING_IMAGES).parts).to(self.team.device)
+        _, weighed = next(self.crops.spread(WEIGHING_IMAGES).batches(WEIGHING_IMAGES))
+        weight = class_weights(plan.recipe, weighed).to(self.team.device)
         network = self.team.together(self.model)
         began, before = time.monotonic(), progress.seconds
         saved = began
@@ -199,8 +200,7 @@ def images_left(out: Path, plan: Plan, crops: Crops) -> int:
 
 def _begin(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:
     """Start or resume: plan, data and initial weights say whose half-finished training this is."""
-    parts, depth = np.ascontiguousarray(crops.parts), np.ascontiguousarray(crops.depth)
-    data = {"images": len(crops), "crc32": crc32(parts.data, crc32(depth.data))}
+    data = {"images": len(crops), "crc32": crops.crc32}
     start = None if init is None else _crc32(init)
     order = (
         json.dumps({**plan.described(), "data": data, "init": start}, sort_keys=True, indent=1).encode()

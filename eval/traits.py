@@ -4,7 +4,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from sys import intern
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ NOTHING_HARD = "nothing named"
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Traits:
     """Traits of one frame; "" and NaN where unknown.
 
@@ -54,8 +55,8 @@ def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) ->
         view=_side(view.get("azimuth_deg") if isinstance(view, Mapping) else None),
         distance_m=distance_mm / 1000,
         invalid_share=_invalid_share(truth.depth_mm, person),
-        status=truth.status,
-        predicted_status=predicted.status,
+        status=cast(Status, intern(truth.status)),
+        predicted_status=cast(Status, intern(predicted.status)),
         hard=_hard(truth.notes),
         mm_per_px=distance_mm / camera.fx,
     )
@@ -129,7 +130,8 @@ def _side(azimuth_deg: object) -> str:
 
 
 def _text(value: object) -> str:
-    return value[:MAX_CHARS] if isinstance(value, str) else ""
+    # One text for all frames that say the same.
+    return intern(value[:MAX_CHARS]) if isinstance(value, str) else ""
 
 
 def _number(value: object) -> float:

@@ -7,6 +7,7 @@ Source: TUM RGB-D dataset, "File Formats" and its ``associate.py``.
 import re
 from pathlib import Path, PurePosixPath
 
+from sensors.bounded import read_bounded
 from sensors.errors import FormatError
 
 ASSOCIATIONS = ("associations.txt", "associate.txt", "assoc.txt", "association.txt")
@@ -63,9 +64,4 @@ def _name(path: str, file: Path) -> str:
 
 
 def _text(file: Path) -> str:
-    try:
-        if file.stat().st_size > MAX_BYTES:
-            raise FormatError(f"{file} is larger than {MAX_BYTES} bytes; split it")
-        return file.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error
+    return read_bounded(file, MAX_BYTES, "split it").decode(errors="replace")

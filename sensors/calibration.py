@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.bounded import read_bounded
 from sensors.camera import FloatArray, Intrinsics
 from sensors.errors import CalibrationError
 
@@ -113,11 +114,10 @@ def calibration_from_json(fields: object) -> RigCalibration:
 
 def load_calibration(path: Path) -> RigCalibration:
     """Read a calibration from a JSON file. Raises CalibrationError."""
+    data = read_bounded(path, MAX_CALIBRATION_BYTES, "give a rig calibration file", CalibrationError)
     try:
-        if path.stat().st_size > MAX_CALIBRATION_BYTES:
-            raise CalibrationError(f"calibration {path} is larger than 1 MB; give a rig calibration file")
-        return calibration_from_json(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, RecursionError) as error:
+        return calibration_from_json(json.loads(data))
+    except (ValueError, RecursionError) as error:
         raise CalibrationError(f"calibration {path} cannot be read ({error}); give a JSON file") from error
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.atomic import replacing
+from sensors.bounded import read_bounded
 from sensors.calibration import MAX_CALIBRATION_BYTES, Pose, RigCalibration, load_calibration
 from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError
@@ -121,10 +122,8 @@ def _matrix(path: Path, keys: tuple[str, ...], sizes: tuple[int, ...]) -> NDArra
 
 
 def _open(path: Path) -> cv2.FileStorage:
+    data = read_bounded(path, MAX_CALIBRATION_BYTES, "give a calibration file", CalibrationError)
     try:
-        if path.stat().st_size > MAX_CALIBRATION_BYTES:
-            raise CalibrationError(f"calibration {path} is larger than 1 MB; give a calibration file")
-        text = path.read_text(encoding="utf-8")
-        return cv2.FileStorage(text, cv2.FileStorage_READ | cv2.FileStorage_MEMORY)
-    except (OSError, ValueError, cv2.error, SystemError) as error:
+        return cv2.FileStorage(data.decode(), cv2.FileStorage_READ | cv2.FileStorage_MEMORY)
+    except (ValueError, cv2.error, SystemError) as error:
         raise CalibrationError(f"calibration {path} cannot be read ({error}); restore it") from error

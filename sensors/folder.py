@@ -26,6 +26,7 @@ from sensors.associations import (
     read_associations,
     read_list,
 )
+from sensors.bounded import read_bounded
 from sensors.calibration import Pose, RigCalibration, load_calibration
 from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError, FormatError
@@ -35,7 +36,6 @@ from sensors.messages import thermal_from_uint16
 from sensors.png import decode_grey, png_shape
 from sensors.replay import pair_stamps
 
-MAX_FILE_BYTES = 1 << 28
 INTRINSICS = ("intrinsics.json", "intrinsic.json", "camera_intrinsic.json", "camera_intrinsics.json")
 
 
@@ -72,7 +72,7 @@ class ImageFolder:
             index=index,
             stamp_ns=self._stamps_ns.get(stem, index * FRAME_PERIOD_NS),
             depth_mm=mm_from_units(depth, self._unit_mm),
-            color_encoded=_read(color) if color else None,
+            color_encoded=read_bounded(color) if color else None,
             thermal_c=thermal_from_uint16(_grey16(thermal, self.calibration.thermal)) if thermal else None,
         )
 
@@ -158,7 +158,7 @@ def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, 
     """Calibration, millimetres of a depth step, and notes that say where they are from."""
     if (path / "calibration.json").is_file():
         return load_calibration(path / "calibration.json"), 1.0, ("calibration from calibration.json",)
-    shape = png_shape(_read(first_depth), str(first_depth))
+    shape = png_shape(read_bounded(first_depth), str(first_depth))
     file = next((path / name for name in INTRINSICS if (path / name).is_file()), None)
     if file is None:
         raise CalibrationError(
@@ -177,19 +177,10 @@ def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, 
 
 
 def _grey16(file: Path, camera: Intrinsics | None) -> NDArray[np.uint16]:
-    image: NDArray[np.uint16] = decode_grey(_read(file), np.uint16, str(file))
+    image: NDArray[np.uint16] = decode_grey(read_bounded(file), np.uint16, str(file))
     if camera is not None and image.shape != camera.shape:
         raise CalibrationError(
             f"{file} is {image.shape[1]}x{image.shape[0]} but its calibration says "
             f"{camera.width}x{camera.height}; give the calibration of this camera"
         )
     return image
-
-
-def _read(file: Path, limit: int = MAX_FILE_BYTES) -> bytes:
-    try:
-        if file.stat().st_size > limit:
-            raise FormatError(f"{file} is larger than {limit} bytes; restore it from a copy")
-        return file.read_bytes()
-    except OSError as error:
-        raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error

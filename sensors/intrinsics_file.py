@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from sensors.bounded import read_bounded
 from sensors.calibration import MAX_CALIBRATION_BYTES
 from sensors.camera import Intrinsics
-from sensors.errors import CalibrationError, FormatError
+from sensors.errors import CalibrationError
 
 _OURS = frozenset({"fx", "fy", "cx", "cy", "width", "height"})
 _OURS_OPTIONAL = frozenset({"k1", "k2", "p1", "p2", "k3", "depth_unit_mm"})
@@ -96,12 +97,9 @@ def _unit(unit_mm: float, file: Path) -> float:
 
 
 def _fields(file: Path) -> dict[str, Any]:
+    data = read_bounded(file, MAX_CALIBRATION_BYTES, "give intrinsics")
     try:
-        if file.stat().st_size > MAX_CALIBRATION_BYTES:
-            raise FormatError(f"{file} is larger than {MAX_CALIBRATION_BYTES} bytes; give intrinsics")
-        fields = json.loads(file.read_bytes())
-    except OSError as error:
-        raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error
+        fields = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise CalibrationError(f"{file} is no JSON ({error}); correct it") from error
     if not isinstance(fields, dict):

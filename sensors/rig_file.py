@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sensors.address import Address
+from sensors.bounded import read_bounded
 from sensors.calibration import RigCalibration
 from sensors.calibration_yaml import open_calibration
 from sensors.errors import DeviceError
@@ -49,11 +50,10 @@ class Rig:
 
 def load_rig(path: Path) -> Rig:
     """Read a rig file; a calibration's path is relative to it. Raises DeviceError, CalibrationError."""
+    data = read_bounded(path, MAX_BYTES, "give a rig file", DeviceError)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise DeviceError(f"rig file {path} is larger than {MAX_BYTES} bytes; give a rig file")
-        fields = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        fields = tomllib.loads(data.decode())
+    except (ValueError, RecursionError) as error:
         raise DeviceError(f"rig file {path} cannot be read ({error}); give a TOML file") from error
     if unknown := sorted(set(fields) - set(KEYS)):
         raise DeviceError(f"rig file {path} has unknown key {unknown[0]!r}; known are {', '.join(KEYS)}")

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from sensors.bounded import read_bounded
 from sensors.errors import CloudError, FormatError
 from synth.markers import MAX_FRAMES, Markers
 from synth.markerset import MIN_MARKERS, MarkerSet
@@ -53,11 +54,10 @@ def read_bvh(path: Path) -> tuple[Markers, MarkerSet]:
 
     Raises FormatError when the file is damaged or of impossible size, CloudError when its joints are unknown.
     """
+    data = read_bounded(path, MAX_FILE_BYTES, "cut the motion")
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise FormatError(f"{path} is larger than {MAX_FILE_BYTES} bytes; cut the motion")
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
         raise FormatError(f"{path} cannot be read ({error}); give a BVH file") from error
     try:
         hierarchy, _, motion = text.partition("MOTION")

@@ -11,6 +11,7 @@ from typing import Any
 
 from annotate.labels import FrameLabels
 from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
+from sensors.bounded import read_bounded
 from sensors.errors import FormatError
 
 MANIFEST = "dataset.json"
@@ -101,18 +102,15 @@ class Dataset:
             raise FormatError(
                 f"{path} is no finished dataset (it has no {MANIFEST}); run 'synth generate' again"
             )
+        data = read_bounded(manifest, MAX_MANIFEST_BYTES)
         try:
-            if manifest.stat().st_size > MAX_MANIFEST_BYTES:
-                raise FormatError(
-                    f"{manifest} is larger than {MAX_MANIFEST_BYTES} bytes; restore it from a copy"
-                )
-            info = json.loads(manifest.read_bytes())
+            info = json.loads(data)
             if info.pop("schema") != SCHEMA:
                 raise FormatError(f"{manifest} is not of schema {SCHEMA}; generate the dataset again")
             shards = tuple((str(s["file"]), str(s["sha256"])) for s in info.pop("shards"))
             info["images"] = int(info["images"])
         except (
-            OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError,
+            ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError,
         ) as error:  # fmt: skip
             raise FormatError(f"{manifest} is corrupt ({error!r}); generate the dataset again") from error
         for name, _ in shards:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.bounded import read_bounded
 from sensors.errors import CloudError, FormatError
 from synth.skeleton import JOINT_ID, Float64
 
@@ -43,13 +44,10 @@ def key_of(label: str) -> str:
 
 def load_marker_set(path: Path) -> MarkerSet:
     """Read a marker-set file (TOML). Raises FormatError naming the entry that is wrong."""
+    data = read_bounded(path, MAX_FILE_BYTES, "give a marker-set file")
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise FormatError(
-                f"marker set {path} is larger than {MAX_FILE_BYTES} bytes; give a marker-set file"
-            )
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        content = tomllib.loads(data.decode())
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise FormatError(f"marker set {path} cannot be read ({error}); give a TOML file") from error
     markers = content.get("markers")
     if not isinstance(markers, dict) or not 1 <= len(markers) <= MAX_MARKERS:

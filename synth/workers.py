@@ -29,6 +29,7 @@ class Workers:
 @contextmanager
 def processes(count: int) -> Iterator[Workers]:
     """``count`` processes of this machine, each on one core. Raises CloudError when one is killed."""
+    check_semaphores()
     try:
         with ProcessPoolExecutor(count, get_context("spawn"), _begin) as pool:
             yield Workers(pool, count)
@@ -36,6 +37,17 @@ def processes(count: int) -> Iterator[Workers]:
         raise CloudError(
             "a worker process was killed, perhaps for want of memory; give the same command to go on, with "
             "fewer --workers where it has them"
+        ) from error
+
+
+def check_semaphores() -> None:
+    """Raise CloudError where processes cannot wait for each other: a container without /dev/shm."""
+    try:
+        get_context("spawn").Lock()
+    except (OSError, ImportError) as error:
+        raise CloudError(
+            f"worker processes need semaphores, which this machine refuses ({error}); mount /dev/shm, e.g. "
+            "docker run --shm-size 1g"
         ) from error
 
 

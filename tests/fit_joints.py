@@ -49,11 +49,7 @@ def main(paths, every):
         for frame in islice(Dataset.open(path), 0, None, every)
     ]
     borders, middles, direct, joints = (
-        np.array(values)
-        for values in zip(
-            *((s.measured.borders, s.measured.middles, s.measured.direct, s.truth_mm) for s in seen),
-            strict=True,
-        )
+        np.array(seen)[name] for name in ("borders", "middles", "direct", "truth_mm")
     )
     print(f"{len(seen)} frames")
     for i, hinge in enumerate(HINGES):

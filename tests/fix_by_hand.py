@@ -250,12 +250,8 @@ def without_window(path: Path) -> dict[str, float]:
     annotator = Annotator(tolerance_px=TOLERANCE_PX)
     with Correction.open(path / "labels2", "simulated", clock=annotator.clock) as correction:
         reader = SceneReader(correction, path / "r.mcap")
-
-        def color_of(frame_id: str):
-            cloud = reader.read(frame_id).cloud
-            return cloud.color_rgb if cloud.color_valid.any() else None
-
-        efforts = correct_set(correction, LabelSet.open(path / "r.truth"), annotator, color_of)
+        truth = LabelSet.open(path / "r.truth")
+        efforts = correct_set(correction, truth, annotator, lambda frame_id: reader.read(frame_id).cloud)
         return {effort.corrected.frame_id: effort.seconds for effort in efforts}
 
 

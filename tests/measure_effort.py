@@ -4,7 +4,8 @@ A simulated annotator corrects a copy of the label set to 99 % agreement with th
 seconds and operations a frame, the share accepted with one key and what is left wrong, with a strict border
 and one of 2 px, each frame alone and with the window carrying corrections over from the frames before
 ("always carry": its strokes need no key), each with a look for every patch, the headline, and a look for up
-to four of one part (docs/adr/0009). With the session, supervoxels follow colour; else the labels.
+to four of one part (docs/adr/0009). With the session, supervoxels and what is carried over follow colour;
+else the labels.
 """
 
 import argparse
@@ -26,12 +27,12 @@ from annotate.parts import PARTS
 from sensors.replay import Session
 
 
-def measure(labels, truth, color_of, annotator, propagating, trace=False):
+def measure(labels, truth, cloud_of, annotator, propagating, trace=False):
     """Print one way of working over a label set."""
     efforts, before, left, operations, spent = [], [], Counter(), Counter(), Counter()
     started = time.process_time()
     with Correction.open(labels.path, WHO, clock=annotator.clock) as correction:
-        for effort in correct_set(correction, truth, annotator, color_of, propagating):
+        for effort in correct_set(correction, truth, annotator, cloud_of, propagating):
             frame_id = effort.corrected.frame_id
             true = truth.read(frame_id).parts
             agreement = Agreement(true, effort.corrected.depth_mm > 0, annotator.tolerance_px)
@@ -91,11 +92,11 @@ def main():
     parser.add_argument("--tolerance", type=int, nargs="+", default=(2, 0), help="pixels at borders")
     parser.add_argument("--trace", action="store_true", help="every frame and what was done")
     options = parser.parse_args()
-    truth, color_of = LabelSet.open(options.truth), lambda frame_id: None
+    truth, cloud_of = LabelSet.open(options.truth), lambda frame_id: None
     if options.session:
         session = Session(options.session)
         fuser = Fuser(session.calibration)
-        color_of = lambda frame_id: fuser.fuse_frame(session.frame(int(frame_id))).color_rgb  # noqa: E731
+        cloud_of = lambda frame_id: fuser.fuse_frame(session.frame(int(frame_id)))  # noqa: E731
     for tolerance_px, propagating, at_once in product(
         options.tolerance, (False, True), (ONE_BY_ONE, AT_A_GLANCE)
     ):
@@ -104,7 +105,7 @@ def main():
         annotator = Annotator(tolerance_px=tolerance_px, at_once=at_once)
         with tempfile.TemporaryDirectory() as folder:
             labels = copy_of(LabelSet.open(options.labels), Path(folder) / "labels", options.frames)
-            measure(labels, truth, color_of, annotator, propagating, options.trace)
+            measure(labels, truth, cloud_of, annotator, propagating, options.trace)
 
 
 def copy_of(labels, path, frames):

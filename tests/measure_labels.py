@@ -24,7 +24,7 @@ from annotate.fuse import Fuser
 from annotate.label import label_source
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
-from annotate.person.extract import PersonMask, extract_person
+from annotate.person.extract import Survey
 from annotate.person.warm_window import WINDOW_C
 from annotate.segmentation.confidence import worst_first
 from annotate.segmentation.part_tree import softmax
@@ -146,53 +146,65 @@ def patches_alone(patches: Patches, palette: ColorModel, clues: np.ndarray) -> t
     return np.full_like(belief, 1 / 11), log_gain
 
 
-WITHOUT: dict[str, dict[str, Callable[..., Any]]] = {
-    "nothing (all steps)": {},
-    "fitting colours to the light": {
-        "read_together": by_color_alone,
-        "refit_colors": lambda model, rgb, belief: model,
+SHOWN = {"person IoU": 3, "mean recall": 3, "boundary F, 2 px": 3, "swap rate, %": 2}
+"""Figures of the ablation, and their digits."""
+READING, PERSON = "annotate.segmentation.segment.", "annotate.person.extract."
+Instead = dict[str, Callable[..., Any]]
+WITHOUT: dict[str, Instead] = {
+    "nothing: all steps": {},
+    "the second look": {"annotate.label.look_again": lambda cloud, person, first, before: (first, person)},
+    "islands given away": {"annotate.label.tidied": lambda parts, depth_mm: parts},
+    "colours fitted to the light": {
+        READING + "read_together": by_color_alone,
+        READING + "refit_colors": lambda model, rgb, belief: model,
     },
-    "reading the patches as one body": {"read_together": by_color_alone},
-    "the patches' second opinion": {"read_together": patches_alone},
-    "supervoxels": {"tile": points_alone},
-    "the part tree": {"settle": lambda unary, groups, centroids_m, start: softmax(unary)},
-    "warmth": {"warmth_of": lambda celsius, groups: np.zeros((groups.count, 11))},
-    "the sleeve that bare skin grows out of": {
-        "grown_from": lambda belief, odds, patches, groups, centroids_m: 0,
-        "without_sides": lambda belief, odds: belief,
+    "patches read as one body": {READING + "read_together": by_color_alone},
+    "patches' second opinion": {READING + "read_together": patches_alone},
+    "supervoxels": {READING + "tile": points_alone},
+    "the part tree": {READING + "settle": lambda unary, groups, centroids_m, start: softmax(unary)},
+    "warmth of bare skin": {READING + "warmth_of": lambda celsius, groups: np.zeros((groups.count, 11))},
+    "the sleeve that skin grows out of": {
+        READING + "grown_from": lambda belief, odds, patches, groups, centroids_m: 0,
+        READING + "without_sides": lambda belief, odds: belief,
     },
-    "the frame before": {
-        "with_earlier": lambda unary, groups, earlier: unary,
-        "hint": lambda earlier: 0,
+    "parts of the frame before": {
+        READING + "with_earlier": lambda unary, groups, earlier: unary,
+        READING + "hint": lambda earlier: 0,
     },
-    "refined borders": {"refine": lambda scores, start, depth_m, mask: start},
+    "refined borders": {READING + "refine": lambda scores, start, depth_m, mask: start},
+    "the suit in finding the person": {PERSON + "worn": lambda known: np.zeros(known.own.shape, np.float32)},
+    "halves joined": {PERSON + "whole": lambda cloud, persons: persons},
+    "planes of the room": {PERSON + "find_planes": lambda *given: ()},
+    "colours of the room": {PERSON + "by_color": lambda lab, odds, *given: np.zeros_like(odds)},
 }
-"""What is taken out, and what stands in its place in annotate.segmentation.segment."""
+"""What is taken out, and what stands in its place, by its full name."""
+WINDOW = "the window found by itself (25 to 35 °C)"
 
 
-class Extracted:
-    """Persons as ``label`` extracts them, once a frame: so every step works within the same outlines."""
+class Surveys:
+    """What ``label`` sees in a frame ahead of its turn, worked out once: parts are read after it."""
 
     def __init__(self) -> None:
-        self._known: dict[bytes, PersonMask] = {}
+        self._known: dict[bytes, Survey] = {}
 
-    def __call__(self, cloud: ThermalCloud, *given: Any) -> PersonMask:
+    def __call__(self, cloud: ThermalCloud, *given: Any) -> Survey:
         key = hashlib.blake2b(cloud.depth_mm.tobytes()).digest()
         if key not in self._known:
-            self._known[key] = extract_person(cloud, *given)
+            self._known[key] = Survey(cloud, *given)
         return self._known[key]
 
 
 def ablation(paths: list[Path]) -> Iterator[tuple[str, list[dict[str, float]]]]:
     """For each step: its name and the figures of the sessions without it."""
-    persons = Extracted()
+    surveys = Surveys()
     for name, instead in WITHOUT.items():
         with ExitStack() as stack:
-            stack.enter_context(patch("annotate.label.extract_person", persons))
+            if not any(function.startswith(PERSON) for function in instead):
+                stack.enter_context(patch("annotate.label.Survey", surveys))
             for function, stand_in in instead.items():
-                stack.enter_context(patch(f"annotate.segmentation.segment.{function}", stand_in))
+                stack.enter_context(patch(function, stand_in))
             yield name, [_accuracy_of(path, None) for path in paths]
-    yield "the window found by itself (25 to 35 °C)", [_accuracy_of(path, WINDOW_C) for path in paths]
+    yield WINDOW, [_accuracy_of(path, WINDOW_C) for path in paths]
 
 
 def _accuracy_of(path: Path, window_c: tuple[float, float] | None) -> dict[str, float]:
@@ -210,11 +222,14 @@ def print_figures(paths: list[Path]) -> None:
 
 
 def print_ablation(paths: list[Path]) -> None:
-    shown = ("person IoU", "mean recall", "mIoU", "boundary F, 2 px", "swap rate, %")
-    print("| without | " + " | ".join(f"{path.stem}: {name}" for path in paths for name in shown) + " |")
-    print("|---|" + "---:|" * len(paths) * len(shown))
+    for path in paths:
+        print(f"{path.stem}: {len(Session(path))} frames")
+    print("| without | " + " | ".join(f"{path.stem}: {name}" for path in paths for name in SHOWN) + " |")
+    print("|---|" + "---:|" * len(paths) * len(SHOWN))
     for step, columns in ablation(paths):
-        cells = " | ".join(f"{column[name]:.4f}" for column in columns for name in shown)
+        cells = " | ".join(
+            f"{column[name]:.{digits}f}" for column in columns for name, digits in SHOWN.items()
+        )
         print(f"| {step} | {cells} |", flush=True)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eval.joints import JOINT, JOINT_NAMES, measure
+from eval.joints import JOINT, JOINT_NAMES, Measured, measure
 from eval.predict import SHIPPED_WEIGHTS, Network, predict_source
 from eval.skeleton_fit import fit_skeletons
 from sensors.importers import open_source
@@ -41,7 +41,8 @@ def main(weights):
             labels = predict_source(source, network, Path(folder) / "p", lambda n: None).labels
             frame = labels.read("000000")
             seen = measure(frame.parts, frame.depth_mm, labels.intrinsics)
-        joints = fit_skeletons([seen], [""])[0]
+        one = Measured(seen.borders[None], seen.middles[None], seen.direct[None])
+        joints = fit_skeletons(one, [""])[0]
         off = np.linalg.norm(joints - microsofts_mm(path.with_suffix(".csv"), source.notes[0]), axis=1)
         told = ", ".join(f"{name} {off[JOINT[name]]:.0f}" for name in JOINT_NAMES)
         print(f"{path.stem}: mean {np.nanmean(off):.0f} mm; {told}")

@@ -1,9 +1,11 @@
 """Comparing sets, keeping results, telling frames apart: whatever holds the labels, and whatever is wrong."""
 
 import base64
+import errno
 import hashlib
 import json
 import math
+import os
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -15,9 +17,9 @@ import pytest
 from annotate.labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID, UNDEFINED
-from eval import results
+from eval import bootstrap, results, room
 from eval.compare import Comparison, compare_sets
-from eval.counts import SHAPES
+from eval.counts import SHAPES, FrameCounts
 from eval.data import Frames, open_frames
 from eval.details import details
 from eval.results import Result, load_result, save_result
@@ -114,6 +116,40 @@ def test_worker_processes_count_the_same(tmp_path: Path, compared: Comparison) -
     np.testing.assert_array_equal(both.matrices, compared.matrices)
 
 
+def test_many_frames_lie_in_a_file_and_count_the_same(
+    tmp_path: Path, sets: tuple[LabelSet, LabelSet], compared: Comparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Counts in a file, block by block, of one person too: the same JSON and the same file to the byte."""
+    one = replace(compared, subjects=("anna",) * 6)
+    for name, comparison in (("few", compared), ("few-one", one)):
+        save_result(tmp_path / name, Result("N", comparison))
+    told = compared.to_evaluation_json(), details(compared)
+    monkeypatch.setattr(room, "IN_MEMORY", 0)
+    monkeypatch.setattr(room, "BLOCK", 2)
+    monkeypatch.setattr(bootstrap, "AT_ONCE", 20)
+    many = compare_sets(*sets)
+    assert isinstance(many.counts.flat.base, np.memmap) and many.counts.flat.dtype == np.int32
+    assert (many.to_evaluation_json(), details(many)) == told
+    for name, comparison in (("few", many), ("few-one", replace(many, subjects=one.subjects))):
+        save_result(tmp_path / "again", Result("N", comparison), overwrite=True)
+        assert load_result(tmp_path / "again").comparison.to_evaluation_json() == (
+            load_result(tmp_path / name).comparison.to_evaluation_json()
+        )
+    assert same_counts(load_result(tmp_path / "few").comparison, compared)
+
+
+def test_counts_that_the_disk_has_no_room_for_are_one_line(
+    sets: tuple[LabelSet, LabelSet], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(room, "IN_MEMORY", 0)
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(CloudError, match="set TMPDIR"):
+        compare_sets(*sets)
+
+
 def test_what_does_not_belong_together_is_named(tmp_path: Path, sets: tuple[LabelSet, LabelSet]) -> None:
     guesses, truth = sets
     moved = [replace(guess_frame(i), depth_mm=guess_frame(i).depth_mm + np.uint16(i)) for i in range(6)]
@@ -161,7 +197,7 @@ def test_a_part_that_one_person_shows_has_no_interval(compared: Comparison) -> N
     matrices = compared.matrices.copy()
     matrices[np.array(compared.subjects) != "anna", 1] = 0
     matrices[np.array(compared.subjects) != "anna", :, 1] = 0
-    alone = replace(compared, counts=replace(compared.counts, confusion=matrices))
+    alone = replace(compared, counts=FrameCounts.of(**compared.counts.by_name | {"confusion": matrices}))
     assert not np.isnan(alone.scores["recall"][1]) and np.isnan(alone.ci95["recall"][:, 1]).all()
     assert not np.isnan(alone.ci95["recall"][:, 2]).any() and alone.behind["recall"][1] == 1
 

@@ -9,8 +9,8 @@ from annotate.crop import network_crop
 from annotate.labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID, swap_left_right
-from eval.joint_errors import joint_errors_mm, observe, summary
-from eval.joints import HINGES, IN_SKELETON, JOINT, JOINT_NAMES, N_JOINTS, measure
+from eval.joint_errors import OBSERVED, joint_errors_mm, measured_of, observe, summary
+from eval.joints import HINGES, IN_SKELETON, JOINT, JOINT_NAMES, N_JOINTS, Measured, measure
 from eval.skeleton_fit import BONES, fit_skeletons
 from sensors.camera import Intrinsics, rays
 from sensors.errors import FormatError
@@ -74,7 +74,11 @@ def frame(joints: np.ndarray, **kwargs) -> FrameLabels:
 
 def found(*frames: FrameLabels, persons=None) -> np.ndarray:
     measured = [measure(f.parts, f.depth_mm, SMALL) for f in frames]
-    return fit_skeletons(measured, persons or ["s"] * len(frames))
+    return fit_skeletons(together(*measured), persons or ["s"] * len(frames))
+
+
+def together(*measured: Measured) -> Measured:
+    return Measured(*(np.stack([vars(m)[name] for m in measured]) for name in vars(measured[0])))
 
 
 @pytest.mark.parametrize("turn_deg", [-40, 0, 25])
@@ -125,15 +129,25 @@ def test_a_limb_cut_by_an_occluder_keeps_its_joint():
     measured = measure(hidden.parts, hidden.depth_mm, SMALL)
     knees = [i for i, hinge in enumerate(HINGES) if hinge.joint.endswith("knee")]
     assert not measured.direct[knees].any()
-    off = np.linalg.norm(fit_skeletons([measured], ["s"])[0] - joints, axis=1)
+    off = np.linalg.norm(fit_skeletons(together(measured), ["s"])[0] - joints, axis=1)
     assert off[[JOINT["left_knee"], JOINT["right_knee"]]].max() < 60
+
+
+def test_many_frames_are_fitted_as_few_are(monkeypatch):
+    """Block by block, to the bit."""
+    frames = [frame(figure((30 * i, 20, 2500 + 40 * i))) for i in range(5)]
+    persons = ["a", "b", "a", "a", "b"]
+    whole = found(*frames, persons=persons)
+    monkeypatch.setattr("eval.room.BLOCK", 2)
+    np.testing.assert_array_equal(found(*frames, persons=persons), whole)
 
 
 def test_nobody_has_no_joints():
     nothing = FrameLabels("f", np.full(SMALL.shape, 2000, np.uint16), np.zeros(SMALL.shape, np.uint8))
     undefined = FrameLabels("g", nothing.depth_mm, np.full(SMALL.shape, 255, np.uint8))
     assert np.isnan(found(nothing, undefined)).all()
-    assert fit_skeletons([], []).shape == (0, N_JOINTS, 3)
+    none = measured_of(np.zeros(0, OBSERVED))
+    assert fit_skeletons(none, []).shape == (0, N_JOINTS, 3)
 
 
 def test_frames_of_a_person_share_their_bones():
@@ -169,11 +183,9 @@ def test_a_crop_gives_the_joints_of_the_whole_image():
         "f", crop.cut(whole.depth_mm, 0), crop.cut(whole.parts, 0),
         notes=whole.notes | {"crop": [crop.top, crop.left, crop.side]},
     )  # fmt: skip
-    a, b = (observe(f, f, SMALL) for f in (whole, small))
-    assert a is not None
-    assert b is not None
-    np.testing.assert_array_equal(a.inside, b.inside)
-    joints = fit_skeletons([a.measured, b.measured], ["a", "b"])
+    both = np.array([observe(f, f, SMALL) for f in (whole, small)])
+    np.testing.assert_array_equal(*both["inside"])
+    joints = fit_skeletons(measured_of(both), ["a", "b"])
     assert np.linalg.norm(joints[0] - joints[1], axis=1).max() < 12
 
 
@@ -192,7 +204,7 @@ def test_errors_are_distances_and_what_is_not_scored_is_told_from_what_is_missed
         observe(nobody, truth, SMALL),
         observe(there, without, SMALL),
     ]
-    errors = joint_errors_mm(observations)
+    errors = joint_errors_mm(np.array(observations), ["s"] * 3)
     head = np.arange(N_JOINTS) == JOINT["head"]
     assert errors.shape == (3, N_JOINTS)
     assert np.isnan(errors[:, head]).all()
@@ -232,6 +244,7 @@ def test_malformed_notes_are_refused(notes):
 
 def test_on_the_rig_true_parts_give_the_true_joints(rig_session):
     truth = LabelSet.open(rig_session.with_suffix(".truth"))
-    errors = joint_errors_mm([observe(f, f, truth.intrinsics) for f in truth])
+    observed = np.array([observe(f, f, truth.intrinsics) for f in truth])
+    errors = joint_errors_mm(observed, [f.subject for f in truth])
     assert summary(errors)["pck_100mm"] > 0.85
     assert summary(errors)["mpjpe_mm"] < 60

@@ -35,7 +35,7 @@ def result(title: str, rates: np.ndarray, seed: int = 0, session: str = "a") -> 
         subjects=tuple(f"s{i // FRAMES}" for i in range(n)),
         traits=(Traits(),) * n,
         digests=tuple(Digests(f"{session}{i}", f"t{i}", f"p{title}{i}") for i in frame_ids),
-        counts=FrameCounts(**counts),
+        counts=FrameCounts.of(**counts),
     )
     return Result(title, comparison)
 
@@ -111,7 +111,10 @@ def test_a_part_that_one_side_lacks_is_null_in_the_json() -> None:
     a, b = result("A", LEVELS), result("B", LEVELS, session="b")
     matrices = b.comparison.matrices.copy()
     matrices[:, 1] = matrices[:, :, 1] = 0
-    b = Result("B", replace(b.comparison, counts=replace(b.comparison.counts, confusion=matrices)))
+    b = Result(
+        "B",
+        replace(b.comparison, counts=FrameCounts.of(**b.comparison.counts.by_name | {"confusion": matrices})),
+    )
     shown = json.loads(json.dumps(difference(a, b).to_json(), allow_nan=False))
     assert shown["difference"]["recall"]["head"] is None and shown["ci95"]["recall"]["head"] == [None, None]
     assert isinstance(shown["difference"]["recall"]["torso"], float)

@@ -119,7 +119,7 @@ def test_every_figure_is_one_that_plotly_knows(page: str) -> None:
 def test_what_is_absent_is_left_out_and_said(compared: Comparison) -> None:
     """Nothing but background, no confidence: every score is absent, none is 0 or 1."""
     counts = compared.counts
-    blank = type(counts)(**{name: np.zeros_like(getattr(counts, name)) for name in vars(counts)})
+    blank = type(counts)(np.zeros_like(counts.flat))
     blank.confusion[:, 0, 0] = 50
     page = render(Material((Result("Empty", replace(compared, counts=blank)),)))
     ids = [attributes.get("id") for tag, attributes in Page(page).tags if tag == "section"]

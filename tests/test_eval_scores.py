@@ -13,7 +13,7 @@ from annotate.labels import FrameLabels
 from annotate.parts import LEFT_RIGHT, UNDEFINED, swap_left_right
 from eval import metrics
 from eval.calibration import reliability_curve
-from eval.counts import SHAPES, FrameCounts, count, stack
+from eval.counts import SHAPES, FrameCounts, count
 from eval.scores import PART_SCORES, scores_of
 
 PART_IDS = st.sampled_from([0, 0, 1, 2, 3, 4, 9, UNDEFINED])  # most classes absent, as in real frames
@@ -40,6 +40,10 @@ def counted(frame: Frame) -> FrameCounts:
     return count(labelled(frame.truth), labelled(frame.predicted, frame.confidence), frame.mm_per_px)
 
 
+def stack(frames: list[FrameCounts]) -> FrameCounts:
+    return FrameCounts(np.stack([frame.flat for frame in frames]))
+
+
 @settings(deadline=None)
 @given(st.lists(frames(), min_size=1, max_size=3))
 def test_every_score_agrees_with_a_slow_reference(drawn: list[Frame]) -> None:
@@ -55,7 +59,7 @@ def test_every_score_agrees_with_a_slow_reference(drawn: list[Frame]) -> None:
 def test_many_sums_at_once_score_as_one_by_one(drawn: list[Frame]) -> None:
     """Resamples go through the same code with a leading axis; and flat counts come back."""
     counts = stack([counted(frame) for frame in drawn])
-    together = scores_of(FrameCounts.of_flat(counts.flat()))
+    together = scores_of(counts)
     for i in range(len(drawn)):
         for name, value in scores_of(counts[i]).items():
             np.testing.assert_array_equal(together[name][i], value, err_msg=name)
@@ -115,7 +119,7 @@ def test_maps_of_two_sizes_and_counts_that_do_not_fit_are_refused() -> None:
         count(labelled(np.ones((4, 4), np.uint8)), labelled(np.ones((4, 5), np.uint8)), 1.0)
     counts = counted(Frame(np.ones((4, 4), np.uint8), np.ones((4, 4), np.uint8), None, 1.0))
     with pytest.raises(ValueError, match="near is"):
-        FrameCounts(**{**vars(counts), "near": counts.near[:3]})
+        FrameCounts.of(**counts.by_name | {"near": counts.near[:3]})
 
 
 def test_the_worst_frames_count_for_themselves() -> None:

@@ -207,7 +207,8 @@ def test_the_labelling_of_one_frame_is_kept(whole):
 
 def test_another_plan_data_start_or_folder_is_refused(tmp_path, whole):
     before = tree(whole[0])
-    others = Crops(CROPS.depth[::-1], CROPS.parts)
+    mixed = zip(map(CROPS.depth, reversed(range(7))), map(CROPS.parts, range(7)), strict=True)
+    others = Crops.of(mixed)
     for plan, crops, start in (
         (replace(PLAN, epochs=4), CROPS, None),
         (replace(PLAN, network=CompactConfig((4, 6))), CROPS, None),
@@ -362,15 +363,14 @@ def test_the_export_is_the_network(tmp_path):
 
 
 def test_evaluating_counts_every_defined_pixel_once(whole):
-    parts = CROPS.parts.copy()
+    depth, parts = next(CROPS.batches(len(CROPS)))
     parts[:, :6, :6] = UNDEFINED
-    crops = Crops(CROPS.depth, parts)
+    crops = Crops.of(zip(map(CROPS.depth, range(7)), parts, strict=True))
     total = evaluate(whole[1][0], crops, batch=2)
     np.testing.assert_array_equal(total.sum(axis=1), [(parts == i).sum() for i in range(N_CLASSES)])
     np.testing.assert_array_equal(total, evaluate(whole[1][0], crops, batch=3))
     # A part is named wherever there is depth, and nowhere else.
-    for labels, depth in zip(next(predicted(whole[1][0], crops)), crops.depth, strict=True):
-        np.testing.assert_array_equal(labels > 0, depth > 0)
+    np.testing.assert_array_equal(next(predicted(whole[1][0], crops)) > 0, depth > 0)
 
 
 def test_one_cycle_goes_up_then_down_within_bounds():
@@ -409,4 +409,5 @@ class Nobody(torch.nn.Module):
 def test_within_the_outline_background_is_no_answer():
     """As `predict` reads it: the extraction has decided what is person."""
     labels = np.concatenate(list(predicted(Nobody(), CROPS, batch=3)))
-    np.testing.assert_array_equal(labels, np.where(CROPS.depth > 0, 5, 0))
+    depth, _ = next(CROPS.batches(len(CROPS)))
+    np.testing.assert_array_equal(labels, np.where(depth > 0, 5, 0))

@@ -1,5 +1,7 @@
 """Killed, full disk, clocks that jump, two at once, a worker lost: what is done stays, the rest resumes."""
 
+import errno
+import multiprocessing.synchronize
 import os
 import shutil
 import signal
@@ -357,6 +359,24 @@ def test_a_lost_worker_of_a_training_is_one_line(tmp_path):
     command = [sys.executable, "-c", LOSE, tmp_path / "t"]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120, check=True)
     assert "was killed" in done.stdout and "fewer --workers" in done.stdout, done
+
+
+def test_workers_without_shared_memory_are_one_line(tmp_path, monkeypatch):
+    """A container without /dev/shm: the system's own call for a semaphore fails."""
+
+    def refused(*_):
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+
+    monkeypatch.setattr(multiprocessing.synchronize._multiprocessing, "SemLock", refused)
+    with pytest.raises(CloudError, match=r"No such file .*mount /dev/shm"), processes(1):
+        pass
+    pytest.importorskip("torch", reason="training needs torch")
+    from eval.augment import Augmentation
+    from eval.loader import Images, Order, batches
+    from tests.tiny_training import CROPS
+
+    with pytest.raises(CloudError, match="mount /dev/shm"):
+        next(batches(Images(CROPS, Augmentation(), 0), Order(len(CROPS), 2, 1, 0), 0, workers=1))
 
 
 HOLD = """

@@ -23,7 +23,7 @@ def small_crops(n: int = 7, side: int = 32) -> Crops:
         parts[i, 4:28, 4 + i % 3 : 28] = 2
         parts[i, 4:14, 4 + i % 3 : 28] = 1
     depth[parts == 1], depth[parts == 2] = 20_000, 45_000
-    return Crops(depth, parts)
+    return Crops.of(zip(depth, parts, strict=True))
 
 
 CROPS = small_crops()

@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.cleanup import without_islands
+from annotate.cloud import ThermalCloud
+from annotate.correction.looks import Looks
 from annotate.correction.rigid import Tagged, part_motions
+from annotate.correction.votes import LEAST_WEIGHT, Asked, Voters, gathered, poll, winners
 from annotate.labels import FrameLabels
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
-from sensors.calibration import Pose
 from sensors.camera import Intrinsics, unproject
 from sensors.errors import FormatError
-from sensors.nearest import Nearest
 
 FRAMES = 3
 """Corrected frames that have a say: one alone has not seen what the pose hid (virtual rig, hard, seed 150, 10
@@ -32,47 +33,28 @@ that was taken for the body comes back after frames without it (virtual rig, nor
 at 99 % by likeness, 20 by nearness alone)."""
 FADING = 0.8
 """How much less each further one of them counts."""
-VOTERS = 15
-"""Corrected points that decide on one point."""
-REACH_M = 0.1
-"""A correction farther off than this says nothing."""
-SPREAD_M = 0.015
-"""How much nearer voters count more than others: the depth noise and what a rigid motion leaves of cloth."""
-FAR_M = 0.04
-"""How much less voters count that are far altogether."""
-LEAST_WEIGHT = 0.5
-"""Least sum of votes: less leaves a point as it is."""
-OWN = 0.1
-"""Votes that the automatic label has, over the doubt about it."""
-OTHERWISE = 5.0
-"""What a voter called otherwise than the point counts, times the doubt; at most MOST_OTHERWISE."""
-MOST_OTHERWISE = 0.6
-LEAST_DOUBT = 0.01
-SEEN_PX, SEEN_DOUBT = 50.0, 0.05
-"""Pixels and doubt that every automatic label begins with, before any was seen corrected."""
-TAG_DOUBT = 0.5
-"""How much the doubt about a tag counts that was wrong anywhere; beside the point it counts in full."""
-OWN_DOUBT = 0.5
-"""How much what the automatic label doubted itself counts (virtual rig, hard, seed 150, 15 frames: 7 at 99 %
-with it, 5 without; normal, seed 152, 29 frames: 19 and 18)."""
-STRANGE = 0.02
-"""Share of the votes up to which nothing near has a point's own name: then the name is worth nothing, unless
-it was right wherever it was seen: that limb moved farther than was found out."""
-COVERED_M = 0.02
-"""Background that a part has come to lie on, nearer than this, and no background near: a hand was missed."""
 MARGIN_PX = 40
 """How far around the body the background has a say."""
+ELSEWHERE, ELSEWHERE_M = 0.1, 0.08
+"""Share of the votes that every part has on what lies beside it, fading so fast: a hand goes where no vote
+came from, or was never found."""
+BY_LOOKS = 0.6
+"""What looks count against votes: neighbouring pixels of one cloth are no independent witnesses."""
+LEAST_PX, LEAST_SHARE = 20, 1e-4
+"""Pixels of a part from which something can lie beside it, and the least share of any part."""
 
 
 @dataclass(frozen=True)
 class Worked:
-    """A frame before and after a person worked on it, or held it for right as it was.
+    """A frame before and after a person worked on it, or held it for right as it was. cloud: its colours and
+    temperatures, if they are to be had.
 
     Raises FormatError unless both show the same depth image.
     """
 
     automatic: FrameLabels
     corrected: FrameLabels
+    cloud: ThermalCloud | None = None
 
     def __post_init__(self) -> None:
         if not np.array_equal(self.corrected.depth_mm, self.automatic.depth_mm):
@@ -100,31 +82,14 @@ class Propagated:
     changed: NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class _Points:
-    """Points (n, 3) of a corrected frame in metres, their automatic tags and their parts (n,), and how much
-    each counts."""
-
-    points_m: NDArray[np.float64]
-    tags: NDArray[np.uint8]
-    parts: NDArray[np.uint8]
-    weight: NDArray[np.float64]
-
-    def moved(self, motions: list[Pose]) -> NDArray[np.float64]:
-        """Each point moved with its part."""
-        moved = self.points_m.copy()
-        for part in np.unique(self.parts).tolist():
-            own = self.parts == part
-            moved[own] = motions[part].apply(self.points_m[own])
-        return moved
-
-
-def propagate(worked: Sequence[Worked], target: FrameLabels, camera: Intrinsics) -> Propagated:
+def propagate(
+    worked: Sequence[Worked], target: FrameLabels, camera: Intrinsics, cloud: ThermalCloud | None = None
+) -> Propagated:
     """Carry the corrections of frames over to another of the same person, near in time.
 
     worked: the nearest first; of REMEMBERED, the FRAMES most like the target have a say. target: the frame
-    to be changed, as labelled automatically. camera: the undistorted depth camera of all. Raises FormatError
-    when a frame is not the camera's.
+    to be changed, as labelled automatically. camera: the undistorted depth camera of all. cloud: colours and
+    temperatures of the target. Raises FormatError when a frame is not the camera's.
     """
     for frame in (target, *(w.corrected for w in worked)):
         if frame.parts.shape != camera.shape:
@@ -139,7 +104,11 @@ def propagate(worked: Sequence[Worked], target: FrameLabels, camera: Intrinsics)
         near = _near_body(bodies) & (target.depth_mm > 0)
         seen = [_seen(w, FADING**n, camera) for n, w in enumerate(worked)]
         body = Tagged(_points_m(target, near, camera), target.parts[near])
-        parts[near], confidence[near] = _elected(seen, body, unchanged[near])
+        asked = Asked(body, unchanged[near], Looks.of(cloud, near))
+        votes, voters = _elected(seen, asked)
+        if asked.looks.colored.any():
+            votes = _by_looks(votes, voters, asked, near, target.depth_mm / (1000 * camera.fx))
+        parts[near], confidence[near] = _told(votes, asked)
         parts = _without_new_islands(parts, target)
     return Propagated(parts, confidence, parts != target.parts)
 
@@ -156,86 +125,63 @@ def _most_alike(worked: Sequence[Worked], target: FrameLabels) -> list[Worked]:
     return sorted(worked, key=unlike)[:FRAMES]
 
 
-def _elected(
-    seen: list[_Points], body: Tagged, confidence: NDArray[np.float32]
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Parts and confidence (n,) of the points of the frame at hand."""
+def _elected(seen: list[Voters], asked: Asked) -> tuple[NDArray[np.float64], Voters]:
+    """Votes (n, classes) on the points of the frame at hand, and those who gave them."""
+    body = asked.body
     motions = [part_motions(Tagged(p.points_m, p.tags), p.parts, body) for p in seen]
-    poll = _poll(_voters(seen, motions), body, confidence)
+    votes = poll(gathered(seen, motions), asked)
     # Names told by the votes move the parts more exactly than the automatic ones did.
-    named = Tagged(body.points_m, _winners(poll, body.tags))
+    named = Tagged(body.points_m, winners(votes, body.tags))
     motions = [
         part_motions(Tagged(p.points_m, p.parts), p.parts, named, nearly)
         for p, nearly in zip(seen, motions, strict=True)
     ]
-    poll = _poll(_voters(seen, motions), body, confidence)
-    names = _winners(poll, body.tags)
-    share = (poll.max(axis=1) / np.maximum(poll.sum(axis=1), LEAST_WEIGHT)).astype(np.float32)
-    return names, np.where(names == body.tags, confidence, share)
+    voters = gathered(seen, motions)
+    return poll(voters, asked), voters
 
 
-def _winners(poll: NDArray[np.float64], tags: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The parts (n,) with most votes, the tags where hardly any vote was given."""
-    return np.where(poll.sum(axis=1) > LEAST_WEIGHT, poll.argmax(axis=1), tags).astype(np.uint8)
+def _by_looks(
+    votes: NDArray[np.float64],
+    voters: Voters,
+    asked: Asked,
+    near: NDArray[np.bool_],
+    pixel_m: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Votes (n, classes) again, since looks tell what has come where no vote was given for it.
+
+    near: bool (h, w), where the points lie. pixel_m: float64 (h, w), size of a pixel there.
+    """
+    total = votes.sum(axis=1)
+    named = np.full(near.shape, UNDEFINED, np.uint8)
+    named[near] = winners(votes, asked.body.tags)
+    share = votes / np.maximum(total, LEAST_WEIGHT)[:, None] + LEAST_SHARE
+    for part in range(N_CLASSES):
+        own = named == part
+        if own.sum() >= LEAST_PX:
+            away_px = cv2.distanceTransform((~own).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_3)
+            share[:, part] += ELSEWHERE * np.exp(-0.5 * ((away_px * pixel_m)[near] / ELSEWHERE_M) ** 2)
+    score = np.log(share) + BY_LOOKS * asked.looks.likelihood(voters.looks, voters.parts)
+    again = np.exp(score - score.max(axis=1, keepdims=True))
+    # Where no vote came from, looks alone decide, but for what is undefined.
+    heard = np.where(asked.body.tags == UNDEFINED, total, np.maximum(total, 2 * LEAST_WEIGHT))
+    return np.asarray(again * (heard / again.sum(axis=1))[:, None])
 
 
-def _voters(seen: list[_Points], motions: list[list[Pose]]) -> _Points:
-    """All points at their place in the frame at hand."""
-    return _Points(
-        np.concatenate([p.moved(m) for p, m in zip(seen, motions, strict=True)]),
-        np.concatenate([p.tags for p in seen]),
-        np.concatenate([p.parts for p in seen]),
-        np.concatenate([p.weight for p in seen]),
-    )
+def _told(votes: NDArray[np.float64], asked: Asked) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Parts and confidence (n,) of the points of the frame at hand."""
+    names = winners(votes, asked.body.tags)
+    share = (votes.max(axis=1) / np.maximum(votes.sum(axis=1), LEAST_WEIGHT)).astype(np.float32)
+    return names, np.where(names == asked.body.tags, asked.confidence, share)
 
 
-def _poll(voters: _Points, body: Tagged, confidence: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Votes (n, classes) on the body's points, their own automatic label's among them."""
-    weight, index, nearest_m = _beside(voters, body)
-    tags, parts, own = voters.tags[index], voters.parts[index], body.tags[:, None]
-    of_tag = _doubt_of_tags(voters)[body.tags]
-    total, empty = weight.sum(axis=1), body.tags == BACKGROUND
-    doubt = np.maximum((weight * (tags != parts)).sum(axis=1) / np.maximum(total, 1e-3), TAG_DOUBT * of_tag)
-    # How sure the room is of itself nobody says.
-    doubt = np.clip(np.maximum(doubt, np.where(empty, 0, OWN_DOUBT * (1 - confidence))), LEAST_DOUBT, 1)
-    alone = (weight * ((tags == own) | (parts == own))).sum(axis=1) <= STRANGE * total
-    strange = alone & ~empty & (of_tag >= SEEN_DOUBT)
-    doubt[strange | (alone & empty & (nearest_m < COVERED_M)) | (body.tags == UNDEFINED)] = 1.0
-    # A limb may have come where the room was: what is strange is another part, if anything.
-    weight[strange[:, None] & (parts == BACKGROUND)] = 0.0
-    weight *= np.where(tags == own, 1.0, np.minimum(MOST_OTHERWISE, OTHERWISE * doubt)[:, None])
-    poll = np.stack([(weight * (parts == part)).sum(axis=1) for part in range(N_CLASSES)], axis=1)
-    named = np.flatnonzero(body.tags != UNDEFINED)
-    poll[named, body.tags[named]] += OWN / doubt[named]
-    return poll
-
-
-def _beside(
-    voters: _Points, body: Tagged
-) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
-    """What the voters beside every point count (n, VOTERS), which they are, how far the nearest is (n,)."""
-    away_m, index = Nearest(voters.points_m).query(body.points_m, VOTERS, within=REACH_M)
-    there = np.isfinite(away_m)
-    index, nearest_m = np.where(there, index, 0), np.where(there[:, :1], away_m[:, :1], REACH_M)
-    weight = np.exp(-0.5 * (np.where(there, away_m, np.inf) ** 2 - nearest_m**2) / SPREAD_M**2)
-    weight *= np.exp(-0.5 * (nearest_m / FAR_M) ** 2) * voters.weight[index]
-    return weight, index, nearest_m[:, 0]
-
-
-def _doubt_of_tags(voters: _Points) -> NDArray[np.float64]:
-    """How often each automatic tag (256,) was wrong."""
-    seen = np.bincount(voters.tags, minlength=256) + SEEN_PX
-    wrong = np.bincount(voters.tags, voters.tags != voters.parts, 256) + SEEN_DOUBT * SEEN_PX
-    return np.asarray(wrong / seen)
-
-
-def _seen(worked: Worked, weight: float, camera: Intrinsics) -> _Points:
+def _seen(worked: Worked, weight: float, camera: Intrinsics) -> Voters:
     """The points that have a say: of the body and its surroundings, as far as people said what they are."""
     corrected = worked.corrected
     near = _near_body([worked.automatic.parts, corrected.parts])
     near &= (corrected.depth_mm > 0) & (corrected.parts != UNDEFINED) & ~_thin(worked)
     tags, parts = worked.automatic.parts[near], corrected.parts[near]
-    return _Points(_points_m(corrected, near, camera), tags, parts, np.full(len(parts), weight))
+    looks = Looks.of(worked.cloud, near)
+    return Voters(_points_m(corrected, near, camera), tags, parts, np.full(len(parts), weight), looks)
 
 
 def _thin(worked: Worked) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.cloud import ThermalCloud
 from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
 from annotate.correction.edit_supervoxels import edit_supervoxels
@@ -57,6 +58,8 @@ MOST_REPAIRS = 60
 """Then they give up."""
 CTRL_KEY = Gesture("key", keys=2)
 """Ctrl and a letter: undo."""
+TAKE_BACK_S = MENTAL_S + gesture_s(CTRL_KEY, 1.0)
+"""Seeing that a stroke went wrong, and undoing it."""
 CARRIED = Gesture("key")
 """What the window does by itself when accepting a frame opens the next, once that was switched on."""
 
@@ -129,26 +132,30 @@ class Annotator:
         imagined, rng = np.random.default_rng(zlib.crc32(editor.frame_id.encode())).spawn(2)
         sight = Sight(editor, View.of_image(editor.depth_mm, SCALE), supervoxels, imagined)
         editor.time.mark("looking")
-        if propagated is not None:
-            self._carry(editor, agreement, propagated)
+        automatic = editor.parts.copy()
+        carried = propagated is not None and editor.propagate(propagated, CARRIED) is not None
         self._spend(editor, "looking", MENTAL_S)
         tried: set[tuple[object, ...]] = set()
         for _ in range(MOST_REPAIRS):
-            repair = self._choose(sight, agreement, tried)
-            if repair is None:
+            best = self._choose(sight, agreement, tried)
+            if carried and self._harmed(editor.parts, automatic, best, agreement):
+                self._take_back(editor, 1)
+                best = self._choose(sight, agreement, tried)
+            carried = False
+            if best is None:
                 break
             before = agreement.of(editor.parts)
-            strokes = self._carry_out(sight, repair, rng)
+            strokes = self._carry_out(sight, best.repair, rng)
             if agreement.of(editor.parts) <= before:
                 self._take_back(editor, strokes)
-                tried.add(repair.identity)
+                tried.add(best.repair.identity)
         self._spend(editor, "painting", gesture_s(KEY, 1.0))
         editor.accept()
 
-    def _choose(self, sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]) -> Repair | None:
+    def _choose(self, sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]) -> _Option | None:
         """The repair that puts most pixels right per second; more than the goal needs counts nothing."""
         parts = sight.editor.parts
-        needed = int(agreement.wrong(parts).sum()) - (1 - self.goal) * agreement.counted(parts)
+        needed = self._needed(parts, agreement)
         if needed <= 0:
             return None
         found = patches(parts, agreement)
@@ -158,8 +165,12 @@ class Annotator:
                 options = self._options(worth[first : first + SEEN], sight, agreement, tried)
                 enough = [option for option in options if option.gain >= least_px]
                 if enough:
-                    return max(enough, key=lambda option: min(option.gain, needed) / option.seconds).repair
+                    return max(enough, key=lambda option: min(option.gain, needed) / option.seconds)
         return None
+
+    def _needed(self, parts: NDArray[np.uint8], agreement: Agreement) -> float:
+        """Pixels of labels (h, w) to put right yet."""
+        return int(agreement.wrong(parts).sum()) - (1 - self.goal) * agreement.counted(parts)
 
     def _options(
         self, found: list[Patch], sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]
@@ -204,11 +215,20 @@ class Annotator:
             editor.only = None
         return strokes
 
-    def _carry(self, editor: Editor, agreement: Agreement, propagated: NDArray[np.uint8]) -> None:
-        """See what was carried over, and take it back where it leaves more to do than there was."""
-        before = agreement.of(editor.parts)
-        if editor.propagate(propagated, CARRIED) and agreement.of(editor.parts) < min(before, self.goal):
-            self._take_back(editor, 1)
+    def _harmed(
+        self,
+        carried: NDArray[np.uint8],
+        automatic: NDArray[np.uint8],
+        best: _Option | None,
+        agreement: Agreement,
+    ) -> bool:
+        """Whether taking back what was carried over puts more right per second than the best repair."""
+        needed = self._needed(carried, agreement)
+        gain = int(agreement.wrong(carried).sum()) - int(agreement.wrong(automatic).sum())
+        if needed <= 0 or gain <= 0:
+            return False
+        undoing = min(gain, needed) / TAKE_BACK_S
+        return best is None or undoing > min(best.gain, needed) / best.seconds
 
     def _take_back(self, editor: Editor, strokes: int) -> None:
         """See that it went wrong, and undo it."""
@@ -226,25 +246,27 @@ def correct_set(
     correction: Correction,
     truth: LabelSet,
     annotator: Annotator,
-    color_of: Callable[[str], NDArray[np.uint8] | None],
+    cloud_of: Callable[[str], ThermalCloud | None],
     propagating: bool = False,
 ) -> Iterator[Effort]:
     """Let a simulated annotator correct a label set, frame by frame in order.
 
-    correction: with the annotator's clock. color_of: colours (h, w, 3) of a frame for the supervoxels, or
-    None. propagating: whether a frame begins with the corrections of those before it of the same person.
+    correction: with the annotator's clock. cloud_of: colours and temperatures of a frame, if they are to be
+    had. propagating: whether a frame begins with the corrections of those before it of the same person.
     """
     worked: list[Worked] = []
     person = None
     for frame_id in correction.frame_ids:
         automatic, true = correction.frame(frame_id), truth.read(frame_id)
         camera = correction.labels.intrinsics
-        pieces = edit_supervoxels(automatic.depth_mm, automatic.parts, camera, color_of(frame_id))
+        cloud = cloud_of(frame_id)
+        color_rgb = cloud.color_rgb if cloud is not None and cloud.color_valid.any() else None
+        pieces = edit_supervoxels(automatic.depth_mm, automatic.parts, camera, color_rgb)
         if true.subject != person:
             worked, person = [], true.subject
         propagated = None
         if propagating and any(w.changed for w in worked):
-            found = propagate(worked, automatic, camera)
+            found = propagate(worked, automatic, camera, cloud)
             propagated = found.parts if found.changed.any() else None
         editor = correction.edit(frame_id)
         annotator.work(editor, true.parts, pieces, propagated)
@@ -253,7 +275,7 @@ def correct_set(
         seconds = sum(stroke.active_seconds for stroke in strokes)
         agreement = Agreement(true.parts, editor.valid, annotator.tolerance_px)
         yield Effort(corrected, strokes, seconds, agreement.of(corrected.parts))
-        worked = [Worked(automatic, corrected), *worked][:REMEMBERED]
+        worked = [Worked(automatic, corrected, cloud), *worked][:REMEMBERED]
 
 
 def _apply(sight: Sight, move: Move, corners: NDArray[np.float64] | None, how: Gesture) -> Stroke | None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.labels import FrameLabels
+from sensors.bounded import read_bounded
 from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError, FormatError
 from sensors.intrinsics_file import read_intrinsics
@@ -22,7 +23,6 @@ COMPANION = "annotate-cloud.json"
 INTRINSICS = "intrinsics.json"
 SCHEMA = 1
 MAX_COMPANION_BYTES = 256_000_000
-MAX_IMAGE_BYTES = 1 << 28
 
 
 @dataclass
@@ -87,16 +87,6 @@ def load_companion(folder: Path) -> Companion:
         return Companion(Intrinsics(**content["intrinsics"]), frames)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise FormatError(f"{file} is corrupt ({str(error)[:80]!r}); export it again") from error
-
-
-def read_bounded(file: Path, limit: int = MAX_IMAGE_BYTES) -> bytes:
-    """A file's bytes. Raises FormatError when it is missing or larger than ``limit``."""
-    try:
-        if file.stat().st_size > limit:
-            raise FormatError(f"{file} is larger than {limit} bytes; restore it from a copy")
-        return file.read_bytes()
-    except (OSError, ValueError) as error:
-        raise FormatError(f"{file} cannot be read ({error}); restore it from a copy") from error
 
 
 def frame_files(folder: Path, suffix: str) -> Iterator[tuple[str, Path]]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.crop import window_of
-from annotate.exchange.companion import Companion, load_companion, read_bounded
+from annotate.exchange.companion import Companion, load_companion
 from annotate.exchange.masks import (
     MASK_IDS,
     MAX_MASKS,
@@ -30,6 +30,7 @@ from annotate.exchange.masks import (
 from annotate.labels import FrameLabels
 from annotate.labelset.images import decode_depth, encode_depth
 from annotate.parts import PARTS, UNDEFINED, palette_rgb
+from sensors.bounded import read_bounded
 from sensors.errors import FormatError
 
 ANNOTATIONS, IMAGES = "annotations.xml", "images"

@@ -11,10 +11,11 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from annotate.exchange.companion import Companion, frame_files, load_companion, read_bounded
+from annotate.exchange.companion import Companion, frame_files, load_companion
 from annotate.labels import FrameLabels
 from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
 from annotate.parts import PARTS
+from sensors.bounded import read_bounded
 from sensors.errors import FormatError
 
 PAPER, MMSEG = ("depth", "label"), ("img_dir", "ann_dir")

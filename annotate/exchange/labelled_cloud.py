@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.exchange.companion import Companion, frame_files, load_companion, read_bounded
+from annotate.exchange.companion import Companion, frame_files, load_companion
 from annotate.exchange.record_file import Records, read_pcd, read_ply, write_pcd, write_ply
 from annotate.labels import FrameLabels
 from annotate.parts import palette_rgb
+from sensors.bounded import read_bounded
 from sensors.camera import Intrinsics, unproject
 from sensors.errors import FormatError
 from sensors.frame import mm_from_metres

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.exchange.companion import Companion, frame_files, load_companion, read_bounded
+from annotate.exchange.companion import Companion, frame_files, load_companion
 from annotate.labels import FrameLabels
 from annotate.parts import PARTS, UNDEFINED
+from sensors.bounded import read_bounded
 from sensors.camera import Intrinsics, unproject
 from sensors.errors import FormatError
 from sensors.frame import mm_from_metres

@@ -44,9 +44,12 @@ def run_window(
 
 
 def _close_on_signals(window: CorrectionWindow) -> None:
-    """Ctrl-C and a polite kill close the window as its own button does: everything saved."""
+    """Ctrl-C and a polite kill close the window as its own button does: everything saved.
+
+    Within Qt's loop: a window that closes before the loop runs would never end it.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: window.close())
+        signal.signal(number, lambda *_: QTimer.singleShot(0, window.close))
     timer = QTimer(window, interval=LISTEN_MS)
     timer.timeout.connect(lambda: None)
     timer.start()

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.cleanup import filled, without_islands
+from annotate.cloud import ThermalCloud
 from annotate.correction import select
 from annotate.correction.correction import Correction
 from annotate.correction.edit import ARMS, LEGS, Editor
-from annotate.correction.propagate import Worked, propagate
+from annotate.correction.propagate import REMEMBERED, Worked, propagate
 from annotate.grid import components
 from annotate.gui.colors import Colouring, Visibility, colourings, point_colors
 from annotate.gui.drawing import Drawing
@@ -77,6 +78,7 @@ class Desk:
     keys: int = 0
     preview: Preview | None = None
     _grown: _Grown | None = None
+    _clouds: dict[str, ThermalCloud] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.put(self.scene, self.editor)
@@ -84,10 +86,18 @@ class Desk:
     def put(self, scene: Scene, editor: Editor | None) -> None:
         """Lay another frame on the desk; the tools stay as they are."""
         self.scene, self.editor, self.preview, self._grown, self.keys = scene, editor, None, None, 0
+        self._remember(scene)
         if editor:
             editor.locks = self.locks
         if self.colouring not in colourings(scene):
             self.colouring = "part"
+
+    def _remember(self, scene: Scene) -> None:
+        """Keep the looks of the frames laid here last: corrections that are carried over follow them."""
+        self._clouds.pop(scene.labels.frame_id, None)
+        self._clouds[scene.labels.frame_id] = scene.cloud
+        while len(self._clouds) > REMEMBERED + 1:
+            del self._clouds[next(iter(self._clouds))]
 
     @property
     def parts(self) -> NDArray[np.uint8]:
@@ -276,8 +286,10 @@ class Desk:
         """Carry the corrections of other frames over, the nearest first."""
         labels, now = self.correction.labels, self.scene.labels
         target = replace(now, parts=self.parts.copy())
-        worked = [Worked(self._automatic(i), self.correction.frame(i)) for i in frame_ids]
-        parts = propagate(worked, target, labels.intrinsics).parts
+        worked = [
+            Worked(self._automatic(i), self.correction.frame(i), self._clouds.get(i)) for i in frame_ids
+        ]
+        parts = propagate(worked, target, labels.intrinsics, self.scene.cloud).parts
         return self._did(
             self._editor().propagate(parts, self._key(None, keys)), "No frame near has a correction for here"
         )

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from annotate.parts import PARTS
+from sensors.bounded import read_bounded
 from sensors.errors import CloudError
 
 MAX_TOML_BYTES = 100_000
@@ -115,11 +116,10 @@ def load_settings(path: Path) -> Settings:
     """
     if not path.exists():
         return Settings()
+    data = read_bounded(path, MAX_TOML_BYTES, "mend or remove it", CloudError)
     try:
-        if path.stat().st_size > MAX_TOML_BYTES:
-            raise CloudError(f"{path} is larger than {MAX_TOML_BYTES} bytes; give a table of keys")
-        fields = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        fields = tomllib.loads(data.decode())
+    except (ValueError, RecursionError) as error:
         raise CloudError(f"{path} cannot be read ({error}); mend or remove it") from error
     theme, keys = fields.pop("theme", "system"), fields.pop("keys", {})
     if fields:

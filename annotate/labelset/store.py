@@ -1,6 +1,7 @@
 """A label set: a folder of labelled depth images that any viewer opens and no crash can break."""
 
 import json
+import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
@@ -31,6 +32,7 @@ from annotate.labelset.probabilities import (
 )
 from annotate.parts import PARTS, on_body
 from sensors.atomic import is_taken, write_bytes
+from sensors.bounded import read_bounded
 from sensors.camera import Intrinsics
 from sensors.errors import CloudError, ExistsError, FormatError
 
@@ -39,7 +41,7 @@ MANIFEST = "labelset.json"
 TOOLS = ("annotate-cloud", "numpy", "opencv-contrib-python-headless")
 FRAMES, ORIGINAL = "frames", "original"
 PROBABILITY = "probability.png"
-MAX_JSON_BYTES, MAX_IMAGE_BYTES = 16_000_000, 1 << 28
+MAX_JSON_BYTES = 16_000_000
 _FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
 
@@ -108,7 +110,13 @@ class LabelSet:
     @property
     def frame_ids(self) -> list[str]:
         """Ids of the finished frames, sorted."""
-        return sorted(p.stem for p in (self.path / FRAMES).glob("*.json") if _FRAME_ID.fullmatch(p.stem))
+        try:
+            # One by one: a glob holds every file of the folder at once.
+            with os.scandir(self.path / FRAMES) as files:
+                ids = [file.name[:-5] for file in files if file.name.endswith(".json")]
+        except FileNotFoundError:
+            return []
+        return sorted(i for i in ids if _FRAME_ID.fullmatch(i))
 
     def __len__(self) -> int:
         return len(self.frame_ids)
@@ -220,12 +228,9 @@ class LabelSet:
         self, frame_id: str, suffix: str, decode: Callable[[bytes], NDArray[T]], folder: str = FRAMES
     ) -> NDArray[T]:
         file = self._file(frame_id, suffix, folder)
+        data = read_bounded(file)
         try:
-            if file.stat().st_size > MAX_IMAGE_BYTES:
-                raise FormatError(f"it is larger than {MAX_IMAGE_BYTES} bytes; restore it from a copy")
-            image = decode(file.read_bytes())
-        except OSError as error:
-            raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error
+            image = decode(data)
         except FormatError as error:
             raise FormatError(f"{file}: {error}") from error
         if image.shape != self.intrinsics.shape:
@@ -274,11 +279,10 @@ def _dump(value: dict[str, Any]) -> bytes:
 
 
 def _load(path: Path) -> dict[str, Any]:
+    data = read_bounded(path, MAX_JSON_BYTES)
     try:
-        if path.stat().st_size > MAX_JSON_BYTES:
-            raise FormatError(f"{path} is larger than {MAX_JSON_BYTES} bytes; restore it from a copy")
-        value = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError) as error:
+        value = json.loads(data)
+    except (ValueError, RecursionError) as error:
         raise FormatError(f"{path} is corrupt ({error}); restore it from a copy") from error
     if not isinstance(value, dict):
         raise FormatError(f"{path} holds no JSON object; restore it from a copy")

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.parts import BODY_PARTS, PART_ID, PARTS
+from sensors.bounded import read_bounded
 from sensors.errors import CloudError
 
 MAX_TOML_BYTES = 100_000
@@ -85,11 +86,10 @@ _LINEAR = _linear(np.arange(256))
 
 def load_suit(path: Path) -> Suit:
     """Read a palette. Raises CloudError naming the part or value that is wrong."""
+    data = read_bounded(path, MAX_TOML_BYTES, "give a palette file", CloudError)
     try:
-        if path.stat().st_size > MAX_TOML_BYTES:
-            raise CloudError(f"suit {path} is larger than {MAX_TOML_BYTES} bytes; give a palette file")
-        fields = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        fields = tomllib.loads(data.decode())
+    except (ValueError, RecursionError) as error:
         # A part named twice is a doubled TOML key: tomllib says which line.
         raise CloudError(f"suit {path} cannot be read ({error}); give a TOML palette") from error
     colors = fields.get("colors")

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.exchange.companion import read_bounded
 from annotate.labelset.images import decode_depth, decode_parts
 from eval.report import figures
+from sensors.bounded import read_bounded
 from sensors.errors import FormatError
 
 HISTORY, FRAME = "history.json", "frame"
@@ -43,18 +43,15 @@ class Training:
 def load_training(folder: Path) -> Training:
     """Read the folder that `train` wrote. Raises FormatError when it is none, or is corrupt."""
     path = folder / HISTORY
+    data = read_bounded(path, MAX_BYTES, "give a folder of 'train'")
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise FormatError(f"{path} is larger than {MAX_BYTES} bytes; it is no history of a training")
-        value = json.loads(path.read_bytes())
+        value = json.loads(data)
         points = _rows(value["points"], ("images", "loss"))
         epochs = _rows(value["epochs"], ("number", "loss", "mean_recall", "miou", "seconds"))
         if len(points) < 2:
             # A short training has no more than its epochs.
             points = np.stack([epochs[:, 0] * float(value["images"]), epochs[:, 1]], axis=-1)
         return Training(folder.name, points, epochs, _pictures(folder / FRAME), _facts(value))
-    except OSError as error:
-        raise FormatError(f"{path} cannot be read ({error.strerror}); give a folder of 'train'") from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise FormatError(
             f"{path} is no history of a training ({error}); give a folder of 'train'"

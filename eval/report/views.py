@@ -169,7 +169,7 @@ def _left_right(comparison: Comparison, errors: list[ErrorRow]) -> LeftRight:
         swap_rate=estimate(comparison, "left_right_swap_rate"),
         share_of_errors=swapped.share,
         merged_miou=estimate(comparison, "miou_merged"),
-        flipped_frames=int(metrics.flip_helps(comparison.matrices).sum()),
+        flipped_frames=int(metrics.by_frame(metrics.flip_helps, comparison.matrices).sum()),
     )
 
 
