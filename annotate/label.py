@@ -77,7 +77,7 @@ def label_source(
         if suit is None:
             return unlabelled(person.mask, NO_SUIT), person
         first = segment(cloud, person.mask, suit, before)
-        return without_islands(*look_again(cloud, person, first, before), cloud)
+        return cleaned(*look_again(cloud, person, first, before), cloud)
 
     return run(source, {"label": step}, out, one, progress, lambda cloud: Survey(cloud, window_c, suit))
 
@@ -175,9 +175,7 @@ def _ahead(
             yield frame, now
 
 
-def without_islands(
-    found: Segmentation, person: PersonMask, cloud: ThermalCloud
-) -> tuple[Segmentation, PersonMask]:
+def cleaned(found: Segmentation, person: PersonMask, cloud: ThermalCloud) -> tuple[Segmentation, PersonMask]:
     """Both without the islands that a person's first key would take away."""
     parts = tidied(found.parts, cloud.depth_mm)
     loose = (parts == BACKGROUND) & (found.parts != BACKGROUND)

@@ -14,7 +14,7 @@ import torch
 from torch import nn
 from torch.nn.functional import dropout, log_softmax, relu
 
-from annotate.label import without_islands
+from annotate.label import cleaned
 from annotate.labels import FrameLabels
 from annotate.parts import BODY_PARTS, UNDEFINED, swap_left_right
 from annotate.person.extract import Survey
@@ -62,7 +62,7 @@ def observed(path: Path) -> list[Rows]:
             pixels = pixels.reshape(groups.count, -1).astype(np.int32)
             pairs = neighbours(groups.centroids_m(cloud.points_m[own]))
             rows.append(Rows(found, pairs, seen.clues.patches.ids.astype(np.int32), pixels))
-        labels, person = without_islands(first, person, cloud)
+        labels, person = cleaned(first, person, cloud)
         persons = np.where(person.mask, 1, np.where(person.others, 2, 0)).astype(np.uint8)
         before = FrameLabels("x", cloud.depth_mm, labels.parts, labels.confidence, persons=persons)
     return rows
@@ -88,7 +88,7 @@ def mirrored(rows: Rows) -> Rows:
     """The frame as a mirror shows it: left and right exchanged, x the other way."""
     parts = swap_left_right(np.arange(CLASSES, dtype=np.uint8)).astype(np.intp)
     columns, signs, at = [], [], 0
-    for _, kind in LAYOUT:
+    for kind in LAYOUT.values():
         order = {"parts": parts[1:] - 1, "classes": parts}.get(kind, np.arange(WIDTHS[kind]))
         columns.append(at + order)
         signs.append(np.array([-1, 1, 1]) if kind == "xyz" else np.ones(len(order)))

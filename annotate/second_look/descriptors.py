@@ -14,7 +14,7 @@ from annotate.parts import BODY_PARTS, UNDEFINED
 from annotate.person.extract import Undecided
 from annotate.person.likeness import STRIDE, share
 from annotate.person.planes import normals_at
-from annotate.person.worn import by_room
+from annotate.person.worn import Clues, by_room
 from annotate.segmentation.bare import bareness
 from annotate.segmentation.earlier import earlier_parts
 from annotate.segmentation.part_tree import REACH_M, middle_of
@@ -25,41 +25,51 @@ from annotate.supervoxels import Supervoxels
 from sensors.nearest import Nearest
 
 _N = len(BODY_PARTS)
-LAYOUT = (
-    ("belief", "parts"),
-    ("label", "classes"),
-    ("colour", "parts"),
-    ("distance to each part's middle", "parts"),
-    ("visible surface of each part", "parts"),
-    ("labels of the frame before", "parts"),
-    ("place", "xyz"),
-    ("normal", "xyz"),
-    ("CIE Lab", "three"),
-    ("in the mask", "one"),
-    ("confidence", "one"),
-    ("bare", "one"),
-    ("readable", "one"),
-    ("odds", "one"),
-    ("odds told by the suit", "one"),
-    ("warmth", "one"),
-    ("felt", "one"),
-    ("points", "one"),
-    ("surface", "one"),
-    ("neighbours' depth", "three"),
-    ("colour's frequency in the room", "one"),
-    ("brightness above the room's", "one"),
-    ("on somebody before", "one"),
-    ("a frame before", "one"),
-    ("patch: surface", "one"),
-    ("patch: in the mask", "one"),
-    ("patch: surface of its colour", "one"),
-    ("blur", "one"),
-    ("patch: clues", "clues"),
-)
-"""What the columns are, in order, and of what kind; by the kind it is known what a mirror does to them."""
+LAYOUT = {
+    "belief": "parts",
+    "label": "classes",
+    "colour": "parts",
+    "distance": "parts",
+    "shown": "parts",
+    "earlier": "parts",
+    "place": "xyz",
+    "normal": "xyz",
+    "lab": "three",
+    "inside": "one",
+    "confidence": "one",
+    "bare": "one",
+    "readable": "one",
+    "odds": "one",
+    "told": "one",
+    "warmth": "one",
+    "felt": "one",
+    "points": "one",
+    "surface": "one",
+    "steps": "three",
+    "frequency": "one",
+    "brightness": "one",
+    "still": "one",
+    "has before": "one",
+    "patch surface": "one",
+    "patch inside": "one",
+    "alike": "one",
+    "blur": "one",
+    "clues": "clues",
+}
+"""What the columns are, in order, and of what kind; by the kind it is known what a mirror does to them.
+
+belief, label: of the first look. colour: log likelihood by the suit's colours. distance: to each part's
+middle, in its reaches. shown: root of each part's visible surface. earlier: parts of the frame before.
+place: metres from the person's median. lab: CIE, about -1 to 1. inside: share in the mask. bare: log
+odds of skin or shoe. odds, told: log odds of the person without and with the suit. warmth: share of the
+way from the room to the person. points, surface, patch surface, alike (of the patch's colour):
+logarithms. steps: depth of what touches it, the mean, farthest, nearest. frequency, brightness: of the
+colour in the room, logarithms. still: share that was on somebody before and has not moved. clues: of
+``annotate.person.worn``."""
 WIDTHS = {"parts": _N, "classes": _N + 1, "xyz": 3, "three": 3, "one": 1, "clues": 7}
-COLUMNS = sum(WIDTHS[kind] for _, kind in LAYOUT)
-MOST_ODDS, MOST_CLUE, MOST_STEP_M = 6.0, 8.0, 0.3
+COLUMNS = sum(WIDTHS[kind] for kind in LAYOUT.values())
+MOST_ODDS, MOST_CLUE, MOST_BARE, MOST_STEP_M, LEAST_FELT = 6.0, 8.0, 8.0, 0.3, 0.05
+LEAST_BLUR, SPECK_M2 = 0.02, 1e-5
 STILL_MM = 80
 """Where the depth has changed by less since the frame before, the same thing may be there."""
 SURE, LEAST_M2 = 0.5, 0.002
@@ -71,6 +81,7 @@ NEIGHBOURS, NEAR_M = 6, 0.15
 touch each other."""
 
 _Array = NDArray[np.float64]
+_Columns = dict[str, _Array]
 
 
 def described(
@@ -84,42 +95,103 @@ def described(
 
     person: bool (h, w). first: labels as read from a suit. before: the labels of the frame before.
     """
-    clues, reading = seen.clues, first.reading
+    if before is not None and before.parts.shape != person.shape:
+        before = None
+    pixels = _of_pixels(cloud, person, seen, first, before)
+    known: _Columns = {name: seen.clues.groups.mean(values) for name, values in pixels.items()}
+    known["warmth"] = known["warmth"] / np.maximum(known["felt"], LEAST_FELT)
+    known |= _of_patches(cloud, seen, known["inside"])
+    known |= _of_supervoxels(cloud, person, seen, first, before, known)
+    return np.column_stack([known[name] for name in LAYOUT])
+
+
+def _of_pixels(
+    cloud: ThermalCloud,
+    person: NDArray[np.bool_],
+    seen: Undecided,
+    first: Segmentation,
+    before: FrameLabels | None,
+) -> dict[str, NDArray[np.generic]]:
+    """What is known of each pixel compared (n, ...)."""
+    own, reading = seen.clues.own, first.reading
     assert reading is not None
-    own, groups = clues.own, clues.groups
     belief = np.zeros((*person.shape, _N), np.float32)
     belief[reading.mask] = reading.belief[reading.groups.ids]
-    pixels = np.column_stack([belief[own], *_of_pixels(cloud, person, seen, first)])
-    mean = groups.mean(pixels)
-    belief, labels, rest = mean[:, :_N], mean[:, _N : 2 * _N + 1], mean[:, 2 * _N + 1 :]
-    surface_m2 = _surface_m2(cloud, own, groups)
-    centroids_m = groups.centroids_m(cloud.points_m[own])
-    inside, felt = rest[:, 6], rest[:, 11]
-    on_person = cloud.points_m[person]
-    middle_m = np.median(on_person if len(on_person) else cloud.points_m[own], axis=0)
-    colour, usable = _colour(cloud.color_rgb[own], reading, groups)
-    shown_m2, away = _parts(belief, surface_m2 * inside, centroids_m)
-    bare = np.clip(bareness(reading.model, clues.chroma, np.maximum(clues.blur, 0.02)), -8, 8)
-    earlier = np.full((groups.count, _N), 1 / _N)
-    if has_before := before is not None and before.parts.shape == person.shape:
-        assert before is not None
-        earlier = earlier_parts(before, cloud.camera, centroids_m)
-    patch = clues.patches.ids
+    celsius, rgb = cloud.temperature_c[own], cloud.color_rgb[own]
+    warmth = share(celsius, cloud.temperature_c[seen.room], cloud.temperature_c[person])
+    brightness, frequency = by_room(cloud, own, seen.room)
+    return {
+        "belief": belief[own],
+        "label": np.eye(_N + 1)[np.where(first.parts == UNDEFINED, 0, first.parts)[own]],
+        "normal": np.nan_to_num(normals_at(cloud, *np.nonzero(own))),
+        "lab": np.asarray(cv2.cvtColor(rgb[None], cv2.COLOR_RGB2LAB))[0] / 128 - 1,
+        "inside": person[own],
+        "confidence": first.confidence[own],
+        "odds": seen.clues.odds,
+        "told": np.clip(seen.told[own], -MOST_ODDS, MOST_ODDS),
+        "warmth": np.where(np.isfinite(celsius), warmth, 0),
+        "felt": np.isfinite(celsius),
+        "frequency": frequency,
+        "brightness": brightness,
+        "still": _still(cloud, own, before),
+    }
+
+
+def _still(cloud: ThermalCloud, own: NDArray[np.bool_], before: FrameLabels | None) -> NDArray[np.bool_]:
+    """Which of the pixels (n,) were on somebody before and are as far away as then."""
+    if before is None:
+        return np.zeros(np.count_nonzero(own), np.bool_)
+    still = np.abs(before.depth_mm.astype(np.int32) - cloud.depth_mm) < STILL_MM
+    return np.asarray((still & (before.parts > 0) & (before.parts < UNDEFINED))[own])
+
+
+def _of_patches(cloud: ThermalCloud, seen: Undecided, inside: _Array) -> _Columns:
+    """What is known of the patch that each supervoxel is of (G, ...), and its own surface."""
+    clues = seen.clues
+    patch, surface_m2 = clues.patches.ids, _surface_m2(cloud, clues)
     patch_m2 = np.bincount(patch, surface_m2)
-    return np.column_stack(
-        [
-            *(belief, labels, colour, away, np.tile(3 * np.sqrt(shown_m2), (groups.count, 1)), earlier),
-            *(centroids_m - middle_m, rest[:, :6], inside, rest[:, 7], bare / 4, usable),
-            *(rest[:, 8] / 3, rest[:, 9] / 3, rest[:, 10] / np.maximum(felt, 0.05), felt),
-            *(np.log(groups.sizes) / 4, np.log(surface_m2 + 1e-5) / 4, _steps(groups, centroids_m[:, 2])),
-            *(rest[:, 12] / 3, rest[:, 13], _still(cloud, own, groups, before if has_before else None)),
-            np.full(groups.count, float(has_before)),
-            np.log(patch_m2 + 1e-5)[patch] / 3,
-            (np.bincount(patch, surface_m2 * inside) / patch_m2)[patch],
-            np.log(clues.alike_m2[patch] + 1e-5) / 3,
-            *(3 * clues.blur, np.clip(clues.told[patch], -MOST_CLUE, MOST_CLUE) / 4),
-        ]
-    )
+    return {
+        "surface": np.log(surface_m2 + SPECK_M2),
+        "patch surface": np.log(patch_m2 + SPECK_M2)[patch],
+        "patch inside": (np.bincount(patch, surface_m2 * inside) / patch_m2)[patch],
+        "alike": np.log(clues.alike_m2 + SPECK_M2)[patch],
+        "clues": np.clip(clues.told, -MOST_CLUE, MOST_CLUE)[patch],
+    }
+
+
+def _of_supervoxels(
+    cloud: ThermalCloud,
+    person: NDArray[np.bool_],
+    seen: Undecided,
+    first: Segmentation,
+    before: FrameLabels | None,
+    means: _Columns,
+) -> _Columns:
+    """What is known of each supervoxel as a whole (G, ...); means: of its pixels."""
+    clues, groups, reading = seen.clues, seen.clues.groups, first.reading
+    assert reading is not None
+    centroids_m = groups.centroids_m(cloud.points_m[clues.own])
+    on_person_m = cloud.points_m[person if person.any() else clues.own]
+    colour, usable = _colour(cloud.color_rgb[clues.own], reading, groups)
+    shown_m2, distance = _parts(means["belief"], _surface_m2(cloud, clues) * means["inside"], centroids_m)
+    bare = bareness(reading.model, clues.chroma, np.maximum(clues.blur, LEAST_BLUR))
+    if before is None:
+        earlier = np.full((groups.count, _N), 1 / _N)
+    else:
+        earlier = earlier_parts(before, cloud.camera, centroids_m)
+    return {
+        "colour": colour,
+        "distance": distance,
+        "shown": np.tile(np.sqrt(shown_m2), (groups.count, 1)),
+        "earlier": earlier,
+        "place": centroids_m - np.median(on_person_m, axis=0),
+        "bare": np.clip(bare, -MOST_BARE, MOST_BARE),
+        "readable": usable,
+        "points": np.log(groups.sizes),
+        "steps": _steps(groups, centroids_m[:, 2]),
+        "has before": np.full(groups.count, before is not None),
+        "blur": clues.blur,
+    }
 
 
 def neighbours(centroids_m: _Array) -> NDArray[np.int32]:
@@ -132,36 +204,11 @@ def neighbours(centroids_m: _Array) -> NDArray[np.int32]:
     return np.unique(pairs, axis=0).astype(np.int32)
 
 
-def _of_pixels(
-    cloud: ThermalCloud, person: NDArray[np.bool_], seen: Undecided, first: Segmentation
-) -> tuple[NDArray[np.generic], ...]:
-    """Per pixel compared (n, ...): label, normal, Lab, in the mask, confidence, odds, told, warmth, felt,
-    frequency of the colour, brightness."""
-    own = seen.clues.own
-    part = np.where(first.parts == UNDEFINED, 0, first.parts)[own]
-    celsius = cloud.temperature_c[own]
-    felt = np.isfinite(celsius)
-    warmth = share(celsius, cloud.temperature_c[seen.room], cloud.temperature_c[person])
-    rgb = cloud.color_rgb[own][None]
-    shade, common = by_room(cloud, own, seen.room)
-    return (
-        np.eye(_N + 1)[part],
-        np.nan_to_num(normals_at(cloud, *np.nonzero(own))),
-        np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB))[0] / 128 - 1,
-        person[own],
-        first.confidence[own],
-        seen.clues.odds,
-        np.clip(seen.told[own], -MOST_ODDS, MOST_ODDS),
-        np.where(felt, warmth, 0),
-        felt,
-        common,
-        shade,
-    )
-
-
-def _surface_m2(cloud: ThermalCloud, own: NDArray[np.bool_], groups: Supervoxels) -> _Array:
-    pixel_m2 = STRIDE**2 * cloud.points_m[own][:, 2].astype(np.float64) ** 2
-    return np.asarray(np.bincount(groups.ids, pixel_m2 / (cloud.camera.fx * cloud.camera.fy)))
+def _surface_m2(cloud: ThermalCloud, clues: Clues) -> _Array:
+    """Visible surface (G,) of each supervoxel."""
+    z_m = cloud.points_m[clues.own][:, 2].astype(np.float64)
+    pixels_m2 = (STRIDE * z_m) ** 2 / (cloud.camera.fx * cloud.camera.fy)
+    return np.asarray(np.bincount(clues.groups.ids, pixels_m2))
 
 
 def _colour(rgb: NDArray[np.uint8], reading: Reading, groups: Supervoxels) -> tuple[_Array, _Array]:
@@ -192,14 +239,4 @@ def _steps(groups: Supervoxels, z_m: _Array) -> _Array:
     np.maximum.at(farthest, a, step)
     np.minimum.at(nearest, a, step)
     mean = np.bincount(a, step, groups.count) / np.maximum(np.bincount(a, minlength=groups.count), 1)
-    return np.column_stack([10 * mean, 5 * farthest, 5 * nearest])
-
-
-def _still(
-    cloud: ThermalCloud, own: NDArray[np.bool_], groups: Supervoxels, before: FrameLabels | None
-) -> _Array:
-    """Share (G,) of the pixels that were on somebody before and are as far away as then."""
-    if before is None:
-        return np.zeros(groups.count)
-    still = np.abs(before.depth_mm.astype(np.int32) - cloud.depth_mm) < STILL_MM
-    return groups.mean((still & (before.parts > 0) & (before.parts < UNDEFINED))[own])
+    return np.column_stack([mean, farthest, nearest])
