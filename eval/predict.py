@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from annotate.cloud import ThermalCloud
 from annotate.crop import SIZE, Crop, person_of
-from annotate.label import Run, check_same, finished, run
+from annotate.label import Run, check_same, finished, notes_of, run
 from annotate.labels import FrameLabels
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.store import LabelSet
@@ -40,6 +41,8 @@ def predict_source(
 ) -> Run:
     """Extract the person of every frame of a source and label it by the network; resumes.
 
+    What lies on the person and was extracted with them by its warmth, a blanket or a laptop, the network
+    takes off again.
     Each extraction starts from the frame before, so frames go one by one. Raises what ``label.run`` raises.
     """
 
@@ -47,6 +50,10 @@ def predict_source(
         person = extract_person(cloud, window_c, before)
         if not person.trusted:
             return unlabelled(person.mask), person
+        # A first look finds the things that were taken along, a second one labels who is left without them.
+        # Where depth alone found the person nothing is: there real trousers were taken for a blanket.
+        if person.method != "depth":
+            person = replace(person, mask=network.without_things(cloud.depth_mm, person.mask))
         return network.segment(cloud.depth_mm, person.mask, probabilities=probabilities), person
 
     step = _step(network, probabilities) | {"window_c": list(window_c) if window_c else None}
@@ -150,13 +157,9 @@ def _wait(writing: Sequence[Future[None]], progress: Callable[[int], None]) -> N
 
 
 def _write(predicted: LabelSet, frame: FrameLabels, result: Segmentation) -> None:
-    on_person = result.confidence[person_of(result.parts)]
-    notes: dict[str, Any] = {
-        "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
-        "notes": list(result.notes),
-        **{name: frame.notes[name] for name in ("crop",) if name in frame.notes},
-        **(result.probabilities.note() if result.probabilities else {}),
-    }
+    notes = notes_of(result)
+    if "crop" in frame.notes:
+        notes["crop"] = frame.notes["crop"]
     labelled = FrameLabels(
         frame.frame_id,
         frame.depth_mm,

@@ -174,6 +174,78 @@ def test_rims_that_a_small_crop_drops_get_the_part_beside_them():
     np.testing.assert_allclose(result.confidence, np.where(person, 0.9, 0), atol=1e-6)
 
 
+class Thumbs(Network):
+    """Calls what lies in a crop's left part background, the rest a head."""
+
+    share = 0.5
+
+    def probabilities(self, crops):
+        planes = np.zeros((len(crops), N_CLASSES, SIZE, SIZE), np.float32)
+        planes[:, PART_ID["head"]] = 0.4
+        planes[:, BACKGROUND] = np.arange(SIZE) < self.share * SIZE
+        planes /= planes.sum(axis=1, keepdims=True)
+        return planes
+
+
+def test_what_the_network_calls_no_person_is_left_out():
+    person = np.zeros((424, 512), bool)
+    person[100:200, 100:300] = True
+    depth_mm = np.full(person.shape, 1500, np.uint16)
+    left = Thumbs().without_things(depth_mm, person)
+    assert not (left & ~person).any()
+    np.testing.assert_array_equal(np.flatnonzero(left.any(axis=0))[[0, -1]], [200, 299])
+    nobody = np.zeros_like(person)
+    np.testing.assert_array_equal(Thumbs().without_things(depth_mm, nobody), nobody)
+
+
+def test_a_network_that_sees_nobody_at_all_is_not_believed():
+    class Lost(Thumbs):
+        share = 0.95
+
+    person = np.zeros((424, 512), bool)
+    person[100:200, 100:300] = True
+    np.testing.assert_array_equal(
+        Lost().without_things(np.full(person.shape, 1500, np.uint16), person), person
+    )
+
+
+def test_a_board_on_the_lap_is_no_part_and_the_body_stays(network, truth):
+    """Needs the trained weights. The board is a screen's size, a hand's breadth before the belly.
+
+    The rig's clean frames have no noise at all, which no training image has: so the bound on the body is low.
+    """
+    for frame in truth:
+        body = (frame.parts > 0) & (frame.parts < N_CLASSES) & (frame.depth_mm > 0)
+        belly = frame.parts == PART_ID["torso"]
+        rows, columns = (np.flatnonzero(belly.any(axis=axis)) for axis in (1, 0))
+        board = np.zeros(body.shape, bool)
+        board[int(np.quantile(rows, 0.7)) : rows[-1] + 15, columns[0] : columns[-1]] = True
+        near_mm = frame.depth_mm[body & board].min() - 100
+        depth_mm = np.where(board, near_mm, frame.depth_mm).astype(np.uint16)
+        left = network.without_things(depth_mm, body | board)
+        assert np.mean(left[board]) < 0.5
+        assert np.mean(left[body & ~board]) > 0.55
+
+
+def test_a_session_is_predicted_without_the_things(tmp_path, rig_session, predicted):
+    """Everything of the frames is kept but who is in them: the second look is at what the first one left."""
+
+    class Halves(Network):
+        def without_things(self, depth_mm, person):
+            left = person.copy()
+            left[: person.shape[0] // 2] = False
+            return left
+
+    less = predict_source(Session(rig_session), Halves(), tmp_path / "less", silent).labels
+    for frame_id in less.frame_ids:
+        a, b = less.read(frame_id), predicted.read(frame_id)
+        half = len(a.parts) // 2
+        assert not (a.parts[:half] > 0).any()
+        assert a.persons is not None
+        np.testing.assert_array_equal(a.parts > 0, (a.persons == 1) & (a.depth_mm > 0))
+        assert (b.parts[:half] > 0).any()
+
+
 # Label sets and datasets
 
 
