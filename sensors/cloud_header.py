@@ -4,6 +4,7 @@ open3d reads the points but drops an organised cloud's width and height, and tru
 """
 
 import os
+import re
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -97,11 +98,22 @@ def _check_room(data: list[str], points: int, stride: int, values: int, file: Bi
         raise ValueError(f"{left} bytes of {' '.join(data)[:40]!r} data cannot be {points} points")
 
 
+_TYPE = "(?:char|uchar|short|ushort|int|uint|float|double|u?int(?:8|16|32)|float(?:32|64))"
+_PLY_WORDS = {
+    "element": re.compile(r"\S+ \d{1,10}"),
+    "property": re.compile(rf"(?:{_TYPE}|list {_TYPE} {_TYPE}) \S+"),
+}
+"""What follows the words that say how the bytes behind the header are laid out."""
+
+
 def _ply_fields(file: BinaryIO) -> dict[str, list[str]]:
-    """Vertex count, grid and format; further elements and their properties are open3d's to read."""
+    """Vertex count, grid and format. Whatever else it declares is open3d's to read, which trusts it."""
     lines = _lines(file)
     if lines[0] != ["ply"]:
         raise ValueError("it does not start with 'ply'")
+    for words in lines:
+        if words[0] in _PLY_WORDS and not _PLY_WORDS[words[0]].fullmatch(" ".join(words[1:])):
+            raise ValueError(f"{' '.join(words)[:40]!r} declares nothing")
     fields = {" ".join(words[:2]): words[2:] for words in lines if len(words) > 2}
     return {**fields, "format": lines[1][1:2]}
 

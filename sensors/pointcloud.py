@@ -57,8 +57,10 @@ class CloudFile:
         points = read_las(path) if mapped else _read_points(path, header)
         points[(np.abs(points) > MAX_COORDINATE_M).any(axis=-1)] = np.nan
         finite = points[np.isfinite(points).all(axis=-1)]
-        if not len(finite):
-            raise FormatError(f"{path} holds no finite point; give a cloud in metres")
+        if len(finite) < 2:
+            raise FormatError(
+                f"{path} holds {len(finite)} finite points; give a surface in metres"
+            )
         known_axes: Axes = axes or _guess_axes(finite, mapped)
         if header.shape is not None and known_axes == "camera":
             camera, depth_m, how = _organised(path, points.reshape(*header.shape, 3))
