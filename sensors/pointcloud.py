@@ -58,9 +58,7 @@ class CloudFile:
         points[(np.abs(points) > MAX_COORDINATE_M).any(axis=-1)] = np.nan
         finite = points[np.isfinite(points).all(axis=-1)]
         if len(finite) < 2:
-            raise FormatError(
-                f"{path} holds {len(finite)} finite points; give a surface in metres"
-            )
+            raise FormatError(f"{path} holds {len(finite)} finite points; give a surface in metres")
         known_axes: Axes = axes or _guess_axes(finite, mapped)
         if header.shape is not None and known_axes == "camera":
             camera, depth_m, how = _organised(path, points.reshape(*header.shape, 3))

@@ -7,7 +7,6 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.fit_second_look import Graph, Joined, Rows, matrices, mirrored
 
 from annotate.fuse import Fuser
 from annotate.labels import FrameLabels
@@ -21,6 +20,7 @@ from annotate.segmentation.segment import segment
 from annotate.suit.palette import load_suit
 from sensors.replay import Session
 from synth.simulate import suit_path, truth_path
+from tests.fit_second_look import Graph, Joined, Rows, matrices, mirrored
 
 
 def drawn(seed: int, count: int) -> Rows:
