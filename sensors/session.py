@@ -200,7 +200,7 @@ def repair(path: Path, out: Path, *, overwrite: bool = False) -> Repair:
     with path.open("rb") as source, replacing(out) as temporary, temporary.open("wb") as sink:
         writer = Writer(sink, chunk_size=CHUNK_BYTES)
         writer.start(profile="", library=METADATA)
-        add = _copier(writer)
+        add = copier(writer)
         for offset in record_offsets(source):
             try:
                 kept += sum(add(record) for record in records_at(source, offset))
@@ -210,7 +210,7 @@ def repair(path: Path, out: Path, *, overwrite: bool = False) -> Repair:
         return Repair(kept, dropped, truncated=not is_complete(source))
 
 
-def _copier(writer: Writer) -> Callable[[McapRecord], int]:
+def copier(writer: Writer) -> Callable[[McapRecord], int]:
     """A function that copies one record and returns the number of messages copied (0 or 1)."""
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}

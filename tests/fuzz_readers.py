@@ -1,15 +1,19 @@
 """Fuzzes the readers of bytes from outside: only the project's errors, no crash, no hang, bounded memory.
 
-    python tests/fuzz_readers.py --seconds 1800 --reader session --seed 1 --corpus findings
+    pip install -e '.[fuzz]'
+    python tests/fuzz_readers.py --seconds 1800 --reader session --seed 1 --findings fuzz/findings
 
-Without ``--reader`` every reader gets ``--seconds``. A reader works in a process of its own, so that a crash
-of native code is a finding too; each finding is the mutated sample, kept under ``--corpus`` as READER-SEED-N.
-Files are flushed to the disk at every turn: with TMPDIR in memory (/dev/shm) it goes many times faster.
-``tests/corpus`` holds those that were mended; ``tests/test_fuzz.py`` reads them all.
+Without ``--reader`` every reader gets ``--seconds``. Atheris (libFuzzer) leads by what the readers' Python
+reaches: inputs that reach something new are kept under ``--inputs`` and spoilt further, also by the next
+run. A reader works in a process of its own, so that a crash of native code is a finding too; each finding is
+the spoilt sample, kept under ``--findings`` as READER-SEED-N. Files are flushed to the disk at every turn:
+with TMPDIR in memory (/dev/shm) it goes many times faster. ``tests/corpus`` holds those that were mended;
+``tests/test_fuzz.py`` reads them all.
 """
 
 import argparse
 import faulthandler
+import hashlib
 import multiprocessing
 import os
 import random
@@ -18,122 +22,60 @@ import shutil
 import sys
 import tempfile
 import time
-import traceback
-import warnings
+from collections.abc import Callable
+from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 
+import atheris
+
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+# An editable install's own finder hands out code that Atheris has no hold of: it comes last.
+sys.meta_path.sort(key=lambda finder: "ScikitBuild" in type(finder).__name__)
+LED_BY = [
+    "sensors", "annotate", "synth", "eval",
+    "mcap", "rosbags", "google", "ezc3d", "laspy", "tifffile", "safetensors", "json", "tarfile",
+]  # fmt: skip
+"""Packages whose branches lead the search: ours, and the pure Python that stands between the bytes and us."""
 
-from fuzz_samples import READERS, Reader  # noqa: E402
-
-from sensors.errors import CloudError  # noqa: E402
+with atheris.instrument_imports(include=LED_BY):
+    from fuzz_samples import READERS
+    from fuzz_spoil import Fuzzer, mutate, seal
 
 HANG_S, HANG_WALL_S = 30.0, 600.0
 """A sample of a few kB that takes longer, of the processor or by the clock of a busy machine, hangs."""
 MEMORY_BYTES = 2 << 30
 """What a reader may take beyond what its process has when it starts."""
-NUMBERS = (
-    b"0",
-    b"-1",
-    b"1e309",
-    b"nan",
-    b"4294967296",
-    b"99999999999999999999",
-    b"null",
-    b"[]",
-    b'"../../x"',
-)
+MOST_FINDINGS = 20
+"""Of a reader in one run: what is so broken is mended first."""
+_NO_SIGNALS = [f"-handle_{name}=0" for name in ("segv", "bus", "abrt", "ill", "fpe", "int", "term", "xfsz")]
 
 
-def mutate(data: bytes, rng: random.Random) -> bytes:
-    """A few random changes: bits, bytes, numbers in text, pieces cut out, doubled, moved; the end cut off."""
-    content = bytearray(data)
-    for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
-        at, length = rng.randrange(len(content) + 1), rng.choice((1, 2, 4, 8, rng.randrange(1, 200)))
-        match rng.randrange(8):
-            case 0 | 1 if content:
-                content[at % len(content)] ^= 1 << rng.randrange(8)
-            case 2 if content:
-                content[at % len(content)] = rng.choice((0, 1, 0x7F, 0x80, 0xFF))
-            case 3:
-                content[at : at + length] = rng.choice((b"\xff", b"\0", b"\x7f")) * length
-            case 4:
-                del content[at:]
-            case 5:
-                del content[at : at + length]
-            case 6:
-                begin = rng.randrange(len(content) + 1)
-                content[at:at] = content[begin : begin + length]
-            case _:
-                _renumber(content, rng)
-    return bytes(content)
-
-
-def _renumber(content: bytearray, rng: random.Random) -> None:
-    """Replace a run of digits, from a random place on, by a number nobody expects."""
-    begin = rng.randrange(len(content) + 1)
-    digits = next((i for i in range(begin, min(len(content), begin + 2000)) if 48 <= content[i] <= 57), None)
-    if digits is not None:
-        end = digits
-        while end < len(content) and 48 <= content[end] <= 57:
-            end += 1
-        content[digits:end] = rng.choice(NUMBERS)
-
-
-class Fuzzer:
-    """One reader's samples in a folder: the good one, and a copy of it that is spoilt anew every time."""
-
-    def __init__(self, reader: Reader, root: Path) -> None:
-        self._read = reader.read
-        good, self.spoilt = root / "good", root / "spoilt"
-        good.mkdir()
-        made = reader.make(good)
-        reader.read(made)
-        self._target = self.spoilt / made.relative_to(good)
-        files = (file for file in sorted(good.rglob("*")) if file.is_file())
-        self._files = {file.relative_to(good): file.read_bytes() for file in files}
-        shutil.copytree(good, self.spoilt)
-
-    def spoil(self, seed: object) -> None:
-        """Spoil one file, now and then two or none at all; the others are whole again."""
-        rng = random.Random(str(seed))
-        chosen = rng.sample(sorted(self._files), k=min(len(self._files), rng.choice((1, 1, 1, 2))))
-        for name, data in self._files.items():
-            (self.spoilt / name).write_bytes(mutate(data, rng) if name in chosen else data)
-
-    def finding(self) -> str:
-        """Read what is spoilt; "" when it goes well or is refused in one line, else what happened."""
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                self._read(self._target)
-        except CloudError as error:
-            return f"message of several lines: {error}" if "\n" in str(error) else ""
-        except BaseException:
-            return traceback.format_exc()
-        return ""
-
-
-def fuzz(name: str, seconds: float, seed: int, corpus: Path) -> list[Path]:
+def fuzz(name: str, seconds: float, seed: int, inputs: Path, findings: Path) -> list[Path]:
     """Fuzz one reader for so many seconds of the processor; returns the folders of its findings."""
-    findings: list[Path] = []
+    found: list[Path] = []
+    inputs.mkdir(parents=True, exist_ok=True)
+    fork = multiprocessing.get_context("fork")
     with tempfile.TemporaryDirectory() as folder:
-        count = multiprocessing.Value("q", 0)
+        count = fork.Value("q", 0)
         before_s, runs = _workers_s(), 0
-        while (left_s := seconds - (_workers_s() - before_s)) > 0:
+        while (left_s := seconds - (_workers_s() - before_s)) > 0 and len(found) < MOST_FINDINGS:
             root = Path(folder) / str(runs)
             root.mkdir()
             runs += 1
-            worker = multiprocessing.Process(target=_work, args=(name, root, seed, count, left_s))
+            worker = fork.Process(target=_work, args=(name, root, f"{seed}-{runs}", inputs, count, left_s))
             worker.start()
             why = _watch(worker, count)
             if why:
-                findings.append(_keep(name, seed, count.value, root, why, corpus))
+                found.append(_keep(name, seed, count.value, root, why, findings))
                 count.value += 1
             shutil.rmtree(root)
         spent_s = _workers_s() - before_s
-        print(f"{name}: {spent_s:.0f} CPU s, {count.value} samples, {len(findings)} findings", flush=True)
-    return findings
+    kept = sum(1 for _ in inputs.iterdir())
+    print(
+        f"{name}: {spent_s:.0f} CPU s, {count.value} samples, {kept} inputs, {len(found)} findings",
+        flush=True,
+    )
+    return found
 
 
 def _workers_s() -> float:
@@ -142,54 +84,82 @@ def _workers_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def _work(
-    name: str, root: Path, seed: int, count: "multiprocessing.sharedctypes.Synchronized[int]", seconds: float
-) -> None:
-    faulthandler.enable((root / "trace").open("w"))
-    fuzzer = Fuzzer(READERS[name], root)
+def _work(name: str, root: Path, seed: str, inputs: Path, count: "Synchronized[int]", seconds: float) -> None:
+    """Spoil and read until the time is over (exit 0) or something is found (exit 1, or a signal's)."""
+    trace, log = (root / "trace").open("w"), (root / "log").open("w")
+    os.dup2(log.fileno(), 2)  # libFuzzer's progress, libraries' complaints
+    faulthandler.enable(trace)
+    with atheris.instrument_imports(include=LED_BY):  # what is imported only when it is needed
+        fuzzer = Fuzzer(READERS[name], root)
+    names = sorted(fuzzer.files)
+    for i, data in enumerate(fuzzer.files[name] for name in names):
+        (inputs / f"good-{i}").write_bytes(bytes([i]) + data)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY_BYTES, used + MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    while time.process_time() < seconds:
-        fuzzer.spoil((seed, count.value))
+
+    def read(data: bytes) -> None:
+        """data: the number of a file, then what to put there."""
+        fuzzer.put({names[data[0] % len(names)]: data[1:]} if data else {})
         why = fuzzer.finding()
         if why:
             (root / "trace").write_text(why)
-            os._exit(1)
         count.value += 1
-    os._exit(0)
+        if why or time.process_time() > seconds:
+            os._exit(bool(why))
+
+    largest = 2 * max(map(len, fuzzer.files.values()))
+    number = int.from_bytes(hashlib.sha256(seed.encode()).digest()[:4]) or 1
+    options = [f"-seed={number}", f"-max_len={largest}", "-timeout=0", "-rss_limit_mb=0", *_NO_SIGNALS]
+    atheris.Setup(["fuzz", *options, str(inputs)], read, custom_mutator=_mutator(len(names)))
+    atheris.Fuzz()
 
 
-def _watch(worker: multiprocessing.Process, count: "multiprocessing.sharedctypes.Synchronized[int]") -> str:
+def _mutator(files: int) -> Callable[[bytes, int, int], bytes]:
+    """libFuzzer's mutations and ours in turn, with right sums behind every other one."""
+
+    def spoil(data: bytes, most: int, seed: int) -> bytes:
+        rng = random.Random(seed)
+        which, content = data[:1] or b"\0", data[1:]
+        if files > 1 and rng.random() < 0.02:
+            which = bytes([rng.randrange(files)])
+        spoilt = atheris.Mutate(content, most - 1) if rng.random() < 0.6 else mutate(content, rng)
+        return (which + (seal(spoilt) if rng.random() < 0.5 else spoilt))[:most]
+
+    return spoil
+
+
+def _watch(worker: "multiprocessing.context.ForkProcess", count: "Synchronized[int]") -> str:
     """Wait for the worker; why it ended before its time, or ""."""
     seen, since, since_s = -1, time.monotonic(), 0.0
     while worker.is_alive():
         worker.join(0.2)
         if count.value != seen:
-            seen, since, since_s = count.value, time.monotonic(), _processor_s(worker)
-        elif _processor_s(worker) - since_s > HANG_S or time.monotonic() - since > HANG_WALL_S:
+            seen, since, since_s = count.value, time.monotonic(), _processor_s(worker.pid)
+        elif _processor_s(worker.pid) - since_s > HANG_S or time.monotonic() - since > HANG_WALL_S:
             worker.kill()
             worker.join()
             return f"no answer for {HANG_S:.0f} s of the processor or {HANG_WALL_S:.0f} s"
     return "" if worker.exitcode == 0 else f"exit {worker.exitcode}"
 
 
-def _processor_s(worker: multiprocessing.Process) -> float:
+def _processor_s(pid: int | None) -> float:
     """Seconds of the processor that a worker has taken; 0 once it has ended."""
     try:
-        fields = Path(f"/proc/{worker.pid}/stat").read_text().rpartition(")")[2].split()
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
         return 0.0
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _keep(name: str, seed: int, number: int, root: Path, why: str, corpus: Path) -> Path:
-    kept = corpus / f"{name}-{seed}-{number}"
+def _keep(name: str, seed: int, number: int, root: Path, why: str, findings: Path) -> Path:
+    kept = findings / f"{name}-{seed}-{number}"
     shutil.rmtree(kept, ignore_errors=True)
     if (root / "spoilt").is_dir():
         shutil.copytree(root / "spoilt", kept / "sample")
     kept.mkdir(parents=True, exist_ok=True)
-    trace = (root / "trace").read_text() if (root / "trace").is_file() else ""
+    said = [path.read_text(errors="replace") for path in (root / "log", root / "trace") if path.is_file()]
+    trace = next((text for text in reversed(said) if text), "")[-10_000:]
     (kept / "why.txt").write_text(f"{why}\n{trace}")
     lines = trace.strip().splitlines() or [""]
     print(f"{name}: {kept}: {why}: {lines[-1][:200]}", flush=True)
@@ -204,12 +174,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="of the processor, for each reader")
     parser.add_argument("--reader", choices=sorted(READERS), action="append", help="which; all without it")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--corpus", type=Path, default=Path("fuzz-findings"))
+    parser.add_argument("--inputs", type=Path, default=Path("fuzz/inputs"), help="grown, a folder a reader")
+    parser.add_argument("--findings", type=Path, default=Path("fuzz/findings"))
     given = parser.parse_args()
     found = [
         path
         for name in given.reader or READERS
-        for path in fuzz(name, given.seconds, given.seed, given.corpus)
+        for path in fuzz(name, given.seconds, given.seed, given.inputs / name, given.findings)
     ]
     sys.exit(bool(found))
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from mcap.writer import CompressionType, Writer
 
 from annotate.exchange.companion import Companion
 from annotate.exchange.formats import FORMATS, import_labels
@@ -21,8 +22,9 @@ from sensors.calibration_yaml import read_yaml, write_yaml
 from sensors.camera import Intrinsics
 from sensors.frame import RigFrame
 from sensors.importers import open_source
+from sensors.mcap_records import record_offsets, records_at
 from sensors.rig_file import load_rig
-from sensors.session import SessionWriter, repair
+from sensors.session import SessionWriter, copier, repair
 from synth.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
 from synth.dataset import validate as validate_dataset
 
@@ -69,6 +71,22 @@ def _session(folder: Path) -> Path:
             writer.write_spot(30.0, 20.0, 21.0, i * 10**8)
             writer.event(i * 10**8, "flag closed")
     return folder / "x.mcap"
+
+
+def _bare_session(folder: Path) -> Path:
+    """A session whose chunks are neither compressed nor summed: what is spoilt in it reaches the messages."""
+    whole = _session(folder)
+    bare = folder / "bare.mcap"
+    with whole.open("rb") as source, bare.open("wb") as sink:
+        writer = Writer(sink, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start(profile="", library="")
+        add = copier(writer)
+        for offset in record_offsets(source):
+            for record in records_at(source, offset):
+                add(record)
+        writer.finish()
+    whole.unlink()
+    return bare
 
 
 def _read_session(path: Path) -> None:
@@ -235,9 +253,12 @@ def _read_result(path: Path) -> None:
 
 
 def _onnx(folder: Path) -> Path:
-    from eval.network_file import SHIPPED_WEIGHTS
+    from eval.compact import CompactConfig
+    from eval.export import export_onnx
+    from eval.networks import build
 
-    return Path(shutil.copy(SHIPPED_WEIGHTS, folder / "w.onnx"))
+    export_onnx(build(CompactConfig((4, 4, 4, 4, 4))), folder / "w.onnx")
+    return folder / "w.onnx"
 
 
 def _read_onnx(path: Path) -> None:
@@ -288,6 +309,7 @@ def _read_frames(path: Path) -> None:
 
 READERS = {
     "session": Reader(_session, _read_session),
+    "session-bare": Reader(_bare_session, _read_session),
     "bag-sqlite": Reader(_bag("SQLITE3"), _read_frames),
     "bag-mcap": Reader(_bag("MCAP"), _read_frames),
     "mkv": Reader(_mkv, _read_frames),
