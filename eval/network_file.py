@@ -49,7 +49,12 @@ class Network:
         options.add_session_config_entry("session.model_external_initializers_file_folder_path", _NOWHERE)
         options.log_severity_level = 4  # what is wrong is said below, in one line
         try:
-            self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+            self._session = onnxruntime.InferenceSession(
+                data,
+                options,
+                providers=["CPUExecutionProvider"],
+                enable_fallback=0,  # or it prints, and tries again
+            )
             self._input = self._session.get_inputs()[0].name
             # A trial run: what a file declares of its inputs and outputs need not be true.
             trials = [self.probabilities(np.full((n, SIZE, SIZE), 0.5, np.float32)) for n in (1, 2)]

@@ -1,13 +1,14 @@
-"""A comparison kept on disk as JSON, with what a reader needs to repeat it."""
+"""A comparison kept on disk as JSON, a line for every few hundred frames, with what it takes to repeat it."""
 
 import base64
 import json
 import math
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from sys import intern
+from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +19,16 @@ from eval.counts import WIDTH, FrameCounts
 from eval.joints import N_JOINTS
 from eval.metrics import Counts
 from eval.pairs import Digests
-from eval.room import blocks, room
+from eval.room import room
 from eval.traits import Traits
 from sensors.atomic import check_free, replacing
-from sensors.bounded import read_bounded
 from sensors.errors import CloudError, FormatError
 
-SCHEMA = 3
+SCHEMA = 4
 MAX_FRAMES = 200_000
 """Their counts are 600 MB in a file."""
+FRAMES_A_LINE = 512
+"""A reader holds one line at a time."""
 MAX_BYTES = 512_000_000
 """MAX_FRAMES with their ids, traits, digests, joints and packed counts."""
 PACKED = np.dtype("<i4")
@@ -63,8 +65,8 @@ def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
     check_size(len(result.comparison.frame_ids))
     written = 0
     with replacing(path) as temporary, temporary.open("wb") as file:
-        for piece in _pieces(result):
-            written += file.write(piece)
+        for line in _lines(result):
+            written += file.write(line)
             if written > MAX_BYTES:
                 raise CloudError(
                     f"a result of {len(result.comparison.frame_ids)} frames is more than {MAX_BYTES} bytes; "
@@ -72,56 +74,55 @@ def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
                 )
 
 
-def _pieces(result: Result) -> Iterator[bytes]:
-    """The file bit by bit: as one text it would be larger than all that it holds."""
-    comparison, joints_mm = result.comparison, result.comparison.joints_mm
-    yield b"{" + _entry("schema", SCHEMA) + b"," + _entry("title", result.title)
-    yield b"," + _entry("facts", dict(result.facts))
-    yield b"," + _entry("summary", comparison.to_evaluation_json())
-    yield from _listed("frame_ids", comparison.frame_ids)
-    yield from _listed("subjects", comparison.subjects)
-    yield from _listed("traits", (_known(asdict(traits)) for traits in comparison.traits))
-    yield from _listed("digests", (asdict(digests) for digests in comparison.digests))
-    yield b"," + _entry("extra_frames", comparison.extra_frames) + b',"counts":{'
-    for i, (name, counts) in enumerate(comparison.counts.by_name.items()):
-        yield b"," * (i > 0) + json.dumps(name).encode() + b':"'
-        yield from _packed(counts)
-        yield b'"'
-    yield b"}"
-    if joints_mm is None:
-        yield b"," + _entry("joints_mm", None)
-    else:
-        yield from _listed("joints_mm", ([_joint(v) for v in row] for row in joints_mm))
-    yield b"}\n"
+def _lines(result: Result) -> Iterator[bytes]:
+    """The file line by line: a head, then frames, FRAMES_A_LINE in each."""
+    comparison = result.comparison
+    frames = len(comparison.frame_ids)
+    yield _line(
+        schema=SCHEMA,
+        title=result.title,
+        facts=dict(result.facts),
+        summary=comparison.to_evaluation_json(),
+        frames=frames,
+        extra_frames=comparison.extra_frames,
+        joints=comparison.joints_mm is not None,
+    )
+    for start in range(0, frames, FRAMES_A_LINE):
+        yield _frames_line(comparison, slice(start, start + FRAMES_A_LINE))
 
 
-def _json(value: object) -> bytes:
-    return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
+def _frames_line(comparison: Comparison, rows: slice) -> bytes:
+    joints_mm = comparison.joints_mm
+    return _line(
+        frame_ids=comparison.frame_ids[rows],
+        subjects=comparison.subjects[rows],
+        traits=[_known(asdict(traits)) for traits in comparison.traits[rows]],
+        digests=[asdict(digests) for digests in comparison.digests[rows]],
+        counts={name: _packed(counts[rows]) for name, counts in comparison.counts.by_name.items()},
+        joints_mm=None if joints_mm is None else [[_joint(v) for v in row] for row in joints_mm[rows]],
+    )
 
 
-def _entry(name: str, value: object) -> bytes:
-    return _json(name) + b":" + _json(value)
-
-
-def _listed(name: str, values: Iterable[object]) -> Iterator[bytes]:
-    yield b"," + _json(name) + b":["
-    for i, value in enumerate(values):
-        yield b"," * (i > 0) + _json(value)
-    yield b"]"
+def _line(**values: object) -> bytes:
+    return json.dumps(values, allow_nan=False, separators=(",", ":")).encode() + b"\n"
 
 
 def load_result(path: Path) -> Result:
     """Read a result back; scores are derived anew from its counts. Raises FormatError if it is none."""
     try:
-        # Decoded here, or its bytes would be held beside its text.
-        value = json.loads(read_bounded(path, MAX_BYTES, "give a file that evaluate wrote").decode())
-        if value["schema"] != SCHEMA:
-            raise FormatError(f"{path} is not of schema {SCHEMA}; evaluate again with this version")
-        return _parse(value)
+        with path.open("rb") as file:
+            if path.stat().st_size > MAX_BYTES:
+                raise FormatError(f"{path} is larger than {MAX_BYTES} bytes; give a file that evaluate wrote")
+            return _parse(path, (json.loads(line.decode()) for line in file))
     except FormatError:
         raise
+    except OSError as error:
+        raise FormatError(
+            f"{path} cannot be read ({error.strerror}); give a file that evaluate wrote"
+        ) from error
     except (
         CloudError,
+        StopIteration,
         ValueError,
         KeyError,
         TypeError,
@@ -133,23 +134,32 @@ def load_result(path: Path) -> Result:
         raise FormatError(f"{path} is no result ({error}); give a file that evaluate wrote") from error
 
 
-def _parse(value: dict[str, Any]) -> Result:
-    """Each list is let go once it is read: together they are many times what they hold."""
-    if len(value["frame_ids"]) > MAX_FRAMES:
-        raise ValueError(f"more than {MAX_FRAMES} frames")
-    counts = _counts(value.pop("counts"), len(value["frame_ids"]))
+def _parse(path: Path, lines: Iterator[Any]) -> Result:
+    head = next(lines)
+    if head["schema"] != SCHEMA:
+        raise FormatError(f"{path} is not of schema {SCHEMA}; evaluate again with this version")
+    frames, extra = int(head["frames"]), int(head["extra_frames"])
+    if not 0 <= frames <= MAX_FRAMES or extra < 0:
+        raise ValueError(f"{frames} frames, {extra} left over")
+    counts = FrameCounts(room((frames, WIDTH), np.int32))
+    joints_mm = np.empty((frames, N_JOINTS)) if head["joints"] else None
+    names: dict[str, list[Any]] = {"frame_ids": [], "subjects": [], "traits": [], "digests": []}
+    for line in lines:
+        rows = slice(len(names["frame_ids"]), len(names["frame_ids"]) + len(line["frame_ids"]))
+        names["frame_ids"] += _texts(line["frame_ids"])
+        names["subjects"] += map(intern, _texts(line["subjects"]))
+        names["traits"] += map(_traits, line["traits"])
+        names["digests"] += map(_digests, line["digests"])
+        _unpack(line["counts"], counts[rows])
+        if joints_mm is not None:
+            joints_mm[rows] = _joints(line["joints_mm"])
     comparison = Comparison(
-        frame_ids=_texts(value["frame_ids"]),
-        subjects=_texts(value["subjects"]),
-        traits=tuple(_traits(traits) for traits in value.pop("traits")),
-        digests=tuple(_digests(digests) for digests in value.pop("digests")),
+        **{name: tuple(values) for name, values in names.items()},
         counts=counts,
-        joints_mm=None if value["joints_mm"] is None else _joints(value["joints_mm"]),
-        extra_frames=int(value["extra_frames"]),
+        joints_mm=joints_mm,
+        extra_frames=extra,
     )
-    if comparison.extra_frames < 0:
-        raise ValueError(f"{comparison.extra_frames} frames are left over")
-    return Result(str(value["title"]), comparison, {str(k): str(v) for k, v in value["facts"].items()})
+    return Result(str(head["title"]), comparison, {str(k): str(v) for k, v in head["facts"].items()})
 
 
 def _texts(values: list[Any]) -> tuple[str, ...]:
@@ -171,17 +181,20 @@ def _traits(value: dict[str, Any]) -> Traits:
     }
     if not all(math.isnan(v) or 0 <= v < math.inf for v in numbers.values()):
         raise ValueError(f"{numbers} are no traits of a frame")
-    for status in (value["status"], value["predicted_status"]):
-        if status not in get_args(Status):
-            raise ValueError(f"status {status!r} is unknown")
     return Traits(
-        activity=str(value["activity"]),
-        view=str(value["view"]),
-        status=value["status"],
-        predicted_status=value["predicted_status"],
-        hard=_texts(value["hard"]),
+        activity=intern(str(value["activity"])),
+        view=intern(str(value["view"])),
+        status=_status(value["status"]),
+        predicted_status=_status(value["predicted_status"]),
+        hard=tuple(map(intern, _texts(value["hard"]))),
         **numbers,
     )
+
+
+def _status(value: object) -> Status:
+    if value not in get_args(Status):
+        raise ValueError(f"status {value!r} is unknown")
+    return cast(Status, intern(str(value)))
 
 
 def _joint(error_mm: float) -> float | str | None:
@@ -198,27 +211,19 @@ def _joints(rows: list[list[Any]]) -> NDArray[np.float64]:
     return errors
 
 
-def _packed(counts: Counts) -> Iterator[bytes]:
+def _packed(counts: Counts) -> str:
     """Counts as text: base64 of zlib's PACKED integers."""
-    deflate, rest = zlib.compressobj(1), b""
-    for rows in blocks(len(counts)):
-        rest += deflate.compress(counts[rows].astype(PACKED).tobytes())
-        whole = len(rest) // 3 * 3
-        yield base64.b64encode(rest[:whole])
-        rest = rest[whole:]
-    yield base64.b64encode(rest + deflate.flush())
+    return base64.b64encode(zlib.compress(counts.astype(PACKED).tobytes(), 1)).decode()
 
 
-def _counts(values: dict[str, str], frames: int) -> FrameCounts:
-    """Inverse of `_packed`, never larger than the frames need."""
-    counts = FrameCounts(room((frames, WIDTH), np.int32))
+def _unpack(values: dict[str, str], counts: FrameCounts) -> None:
+    """Inverse of `_packed`, into place and never larger than it."""
     for name, view in counts.by_name.items():
         size = view.size * PACKED.itemsize
         inflate = zlib.decompressobj()
-        data = inflate.decompress(base64.b64decode(values.pop(name), validate=True), size + 1)
+        data = inflate.decompress(base64.b64decode(values[name], validate=True), size + 1)
         if len(data) != size or not inflate.eof:
-            raise ValueError(f"{name} holds something else than counts of {frames} frames")
+            raise ValueError(f"{name} holds something else than counts of {len(view)} frames")
         view[:] = np.frombuffer(data, PACKED).reshape(view.shape)
         if (view < 0).any():
             raise ValueError(f"{name} holds negative counts")
-    return counts

@@ -57,7 +57,7 @@ def fuzz(name: str, seconds: float, seed: int, inputs: Path, findings: Path) -> 
     fork = multiprocessing.get_context("fork")
     with tempfile.TemporaryDirectory() as folder:
         count = fork.Value("q", 0)
-        before_s, runs = _workers_s(), 0
+        before_s, runs, deaths = _workers_s(), 0, 0
         while (left_s := seconds - (_workers_s() - before_s)) > 0 and len(found) < MOST_FINDINGS:
             root = Path(folder) / str(runs)
             root.mkdir()
@@ -66,7 +66,12 @@ def fuzz(name: str, seconds: float, seed: int, inputs: Path, findings: Path) -> 
             worker.start()
             why = _watch(worker, count)
             if why:
-                found.append(_keep(name, seed, count.value, root, why, findings))
+                again = fork.Process(target=_again, args=(name, root))
+                again.start()
+                if _watch(again, count):
+                    found.append(_keep(name, seed, count.value, root, why, findings))
+                else:
+                    deaths += 1
                 count.value += 1
             shutil.rmtree(root)
         spent_s = _workers_s() - before_s
@@ -87,16 +92,15 @@ def _workers_s() -> float:
 def _work(name: str, root: Path, seed: str, inputs: Path, count: "Synchronized[int]", seconds: float) -> None:
     """Spoil and read until the time is over (exit 0) or something is found (exit 1, or a signal's)."""
     trace, log = (root / "trace").open("w"), (root / "log").open("w")
-    os.dup2(log.fileno(), 2)  # libFuzzer's progress, libraries' complaints
+    for stream in (1, 2):
+        os.dup2(log.fileno(), stream)  # libFuzzer's progress, libraries' complaints
     faulthandler.enable(trace)
     with atheris.instrument_imports(include=LED_BY):  # what is imported only when it is needed
         fuzzer = Fuzzer(READERS[name], root)
     names = sorted(fuzzer.files)
     for i, data in enumerate(fuzzer.files[name] for name in names):
         (inputs / f"good-{i}").write_bytes(bytes([i]) + data)
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-    resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY_BYTES, used + MEMORY_BYTES))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    _limit()
 
     def read(data: bytes) -> None:
         """data: the number of a file, then what to put there."""
@@ -113,6 +117,22 @@ def _work(name: str, root: Path, seed: str, inputs: Path, count: "Synchronized[i
     options = [f"-seed={number}", f"-max_len={largest}", "-timeout=0", "-rss_limit_mb=0", *_NO_SIGNALS]
     atheris.Setup(["fuzz", *options, str(inputs)], read, custom_mutator=_mutator(len(names)))
     atheris.Fuzz()
+
+
+def _again(name: str, root: Path) -> None:
+    """Read what was found once more, in a fresh process: Atheris keeps what it compares, and dies of it."""
+    (root / "again").mkdir()
+    fuzzer = Fuzzer(READERS[name], root / "again")
+    shutil.rmtree(fuzzer.spoilt)
+    shutil.copytree(root / "spoilt", fuzzer.spoilt)
+    _limit()
+    os._exit(bool(fuzzer.finding()))
+
+
+def _limit() -> None:
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY_BYTES, used + MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 def _mutator(files: int) -> Callable[[bytes, int, int], bytes]:

@@ -303,6 +303,22 @@ def test_a_result_comes_back_as_it_was(compared: Comparison, tmp_path: Path) -> 
         save_result(path, loaded)
 
 
+def test_a_result_of_several_lines_comes_back_as_it_was(
+    compared: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, lined = tmp_path / "whole", tmp_path / "lined"
+    save_result(whole, Result("Network", with_joints(compared)))
+    monkeypatch.setattr(results, "FRAMES_A_LINE", 4)
+    save_result(lined, Result("Network", with_joints(compared)))
+    assert [len(path.read_text().splitlines()) for path in (whole, lined)] == [2, 3]
+    a, b = (load_result(path).comparison for path in (whole, lined))
+    assert same_counts(a, b) and a.traits == b.traits and a.digests == b.digests and a.subjects == b.subjects
+    np.testing.assert_array_equal(a.joints_mm, b.joints_mm)
+    lined.write_text(lined.read_text().rpartition('{"frame_ids')[0])
+    with pytest.raises(FormatError, match="6 joints_mm for 4 frames"):
+        load_result(lined)
+
+
 def set_in(value: object, *keys: object) -> None:
     """set_in(v, "a", 0, new): v["a"][0] = new."""
     *way, last, new = keys
@@ -329,6 +345,9 @@ DAMAGES = {
     "no base64": lambda v: set_in(v, "counts", "confusion", "\u00e4"),
     "no zlib": lambda v: set_in(v, "counts", "confusion", "QUJD"),
     "counts are a list": lambda v: v.update(counts=[]),
+    "fewer frames": lambda v: v.update(frames=7),
+    "more frames": lambda v: v.update(frames=5),
+    "too many frames": lambda v: v.update(frames=10**9),
     "no frame": lambda v: v.update(frame_ids=[]),
     "an id twice": lambda v: set_in(v, "frame_ids", 1, v["frame_ids"][0]),
     "a subject too few": lambda v: v["subjects"].pop(),
@@ -350,9 +369,11 @@ DAMAGES = {
 def test_a_damaged_result_is_refused_in_one_line(compared: Comparison, tmp_path: Path, damage: str) -> None:
     path = tmp_path / "result.json"
     save_result(path, Result("Network", with_joints(compared)))
-    value = json.loads(path.read_text())
+    head, frames = map(json.loads, path.read_text().splitlines())
+    value = head | frames
     DAMAGES[damage](value)
-    path.write_text(json.dumps(value))
+    lines = ({key: value[key] for key in keys if key in value} for keys in (head, frames))
+    path.write_text("\n".join(map(json.dumps, lines)))
     with pytest.raises(FormatError, match=r"result\.json") as caught:
         load_result(path)
     assert len(str(caught.value)) < 400
