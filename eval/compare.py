@@ -149,7 +149,10 @@ class Comparison:
 
         Raises CloudError where none is left.
         """
-        index = np.arange(len(self.frame_ids))[frames]
+        everything = np.arange(len(self.frame_ids))
+        index = everything[frames]
+        if np.array_equal(index, everything):
+            return self
 
         def picked(values: tuple[Any, ...]) -> tuple[Any, ...]:
             return tuple(values[i] for i in index)
@@ -160,7 +163,7 @@ class Comparison:
             subjects=picked(self.subjects),
             traits=picked(self.traits),
             digests=picked(self.digests),
-            counts=self.counts[index],
+            counts=self.counts.taken(index),
             joints_mm=None if self.joints_mm is None else self.joints_mm[index],
         )
 

@@ -13,7 +13,7 @@ from annotate.parts import N_CLASSES, UNDEFINED, on_body
 from eval import boundary, calibration, metrics
 from eval.boundary import N_DISTANCES, TOLERANCES_MM, TOLERANCES_PX, WIDTHS_MM, WIDTHS_PX
 from eval.metrics import Counts, Labels
-from eval.room import blocks
+from eval.room import blocks, room
 
 NEAR_PX = 3.0
 """A pixel closer than this to a border of the truth is near it: half a limb's width at 4 m is farther."""
@@ -86,9 +86,16 @@ class FrameCounts:
         """The arrays by name."""
         return {name: getattr(self, name) for name in SHAPES}
 
-    def __getitem__(self, index: NDArray[np.int64] | slice | int) -> Self:
+    def __getitem__(self, index: slice | int) -> Self:
         """The counts at an index of the leading axes."""
         return type(self)(self.flat[index])
+
+    def taken(self, frames: NDArray[np.int64]) -> Self:
+        """The counts of some frames (F,), in this order."""
+        flat: NDArray[Any] = room((len(frames), WIDTH), self.flat.dtype)
+        for rows in blocks(len(frames)):
+            flat[rows] = self.flat[frames[rows]]
+        return type(self)(flat)
 
     def total(self, frames: NDArray[np.bool_] | None = None) -> Self:
         """The sum over the first axis, or over some of it: a mask (F,)."""

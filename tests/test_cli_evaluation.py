@@ -30,7 +30,7 @@ def test_evaluate_keeps_a_result_and_compare_tells_two_apart(annotate_cloud, fol
         assert done.code == 0 and "3 subjects: the interval is wide" in done.err
         assert {"ci95", "confusion", "mious", "by", "reliability", "suspicious"} <= set(done.result)
         assert done.result["frames"] == 6 and done.result["reliability"]["all"]["pixels"]
-    facts = json.loads(results["good"].read_text())["facts"]
+    facts = json.loads(results["good"].read_text().splitlines()[0])["facts"]
     assert facts["truth"] == str(folder / "truth") and len(facts["predicted hash"]) == 64
     assert facts["command"].startswith("annotate-cloud ")
 

@@ -140,6 +140,9 @@ def test_pictures_come_from_the_sets_that_were_measured(
     moved = Result("Changed", compared, {**lying, "predicted": str(changed.path)})
     with pytest.raises(CloudError, match=f"frame {worst} .* evaluate again"):
         gather([moved], each=1)
+    other = replace(compared, frame_ids=tuple(f"{frame_id}9" for frame_id in compared.frame_ids))
+    with pytest.raises(CloudError, match=r"frame \d+9 .* evaluate again"):
+        gather([Result("Other frames", other, lying)], each=1)
 
 
 def test_a_training_is_read_back(run: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -92,19 +93,23 @@ def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[Gallery
     frames, scenes = [], []
     for group, frame_ids in picked.items():
         for place, frame_id in enumerate(frame_ids):
-            guess, target = pairs[frame_id]
+            guess, target = pairs.get(frame_id) or _changed(result, frame_id, sets)
             cloud = clouds.of(str(truth.info.get("source", "")), target)
             frame = make_frame(target, guess, cloud, group)
             if not np.isclose(frame.miou, scores[frame_id], rtol=0, atol=1e-9):
-                raise CloudError(
-                    f"frame {frame_id} of {predicted.path} or {truth.path} is not what {result.title!r} was "
-                    "measured on; evaluate again"
-                )
+                _changed(result, frame_id, sets)
             frames.append(frame)
             if not place:
                 title = f"{result.title} · {group.lower()} · {frame_id}"
                 scenes.append(make_scene(title, guess, camera_of(truth, target), target, cloud))
     return frames, [scene for scene in scenes if scene is not None]
+
+
+def _changed(result: Result, frame_id: str, sets: Sequence[Path]) -> NoReturn:
+    raise CloudError(
+        f"frame {frame_id} of {sets[0]} or {sets[1]} is not what {result.title!r} was measured on; "
+        "evaluate again"
+    )
 
 
 def shown_set(labels: LabelSet, note: str, clouds: Clouds) -> ShownSet:
