@@ -24,7 +24,9 @@ SHOWN = ("mean_recall", "miou", "person_iou", "boundary_f", "left_right_swap_rat
 def evaluate(
     predicted: Annotated[Path, typer.Argument(metavar="PREDICTED", help="Label set or dataset.")],
     truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Label set or dataset.")],
-    out: Annotated[Path | None, typer.Option(help="Keep the result here for 'report' (lines of JSON).")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Keep the result here for 'report' (lines of JSON).")
+    ] = None,
     title: Annotated[str, typer.Option(help="Name of the result in the report.")] = "Network",
     overwrite: Overwrite = False,
     json: Json = False,
