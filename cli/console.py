@@ -22,6 +22,7 @@ from rich.progress import (
 
 from annotate.label import Run
 from annotate.labelset.appearing import check_replaceable
+from sensors.errors import one_line
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
@@ -80,7 +81,7 @@ def finish(result: dict[str, Any], as_json: bool, text: str) -> None:
 
 def say(line: str) -> None:
     """A remark beside the result, on stderr."""
-    print(line, file=sys.stderr, flush=True)
+    print(one_line(line), file=sys.stderr, flush=True)
 
 
 def finish_run(result: dict[str, Any], run: Run, as_json: bool, text: str) -> None:

@@ -23,7 +23,7 @@ from cli import (
     synthesis,
     training,
 )
-from sensors.errors import CloudError
+from sensors.errors import CloudError, one_line
 
 app = typer.Typer(
     name="annotate-cloud",
@@ -89,7 +89,7 @@ def main() -> None:
 
 
 def _fail(message: str, code: int = 1) -> None:
-    print(f"annotate-cloud: {' '.join(message.split())}", file=sys.stderr)
+    print(f"annotate-cloud: {' '.join(one_line(message).split())}", file=sys.stderr)
     sys.exit(code)
 
 

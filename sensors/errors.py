@@ -1,11 +1,21 @@
 """The one tree of errors that a user can cause or meet."""
 
 
+def one_line(text: str) -> str:
+    """Text that may quote data from outside, for a terminal: line ends as spaces, what steers it escaped."""
+    return "".join(
+        c if c.isprintable() else " " if c.isspace() else c.encode("unicode_escape").decode() for c in text
+    )
+
+
 class CloudError(Exception):
     """Root of all expected errors.
 
     The message is one line: what is wrong, the value, and the remedy. Only ``cli`` prints it.
     """
+
+    def __str__(self) -> str:
+        return one_line(super().__str__())
 
 
 class FormatError(CloudError):

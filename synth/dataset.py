@@ -20,6 +20,8 @@ MAX_SHARD_BYTES = 2_000_000_000
 MAX_MANIFEST_BYTES = 256_000_000
 """A million shards."""
 MAX_MEMBER_BYTES = 64_000_000
+# ValueError: a member's size may be a number of a hundred digits.
+_BROKEN = (OSError, tarfile.TarError, EOFError, ValueError)
 
 
 def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
@@ -63,7 +65,7 @@ def read_shard(path: Path) -> Iterator[FrameLabels]:
                     pending = {}
         if pending:
             raise FormatError(f"shard {path} ends in the middle of a frame; delete it and generate again")
-    except (OSError, tarfile.TarError, EOFError) as error:
+    except _BROKEN as error:
         raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
 
 
@@ -72,7 +74,7 @@ def frame_ids_of(path: Path) -> list[str]:
     try:
         with tarfile.open(path, mode="r:") as tar:
             return [key for key, _, suffix in (m.name.partition(".") for m in tar) if suffix == "json"]
-    except (OSError, tarfile.TarError, EOFError) as error:
+    except _BROKEN as error:
         raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
 
 
