@@ -75,8 +75,8 @@ def _lines(what: str, total: int) -> Callable[[int], None]:
 
 
 def finish(result: dict[str, Any], as_json: bool, text: str) -> None:
-    """Print a command's result: its JSON object or its sentence."""
-    print(json.dumps(result, allow_nan=False) if as_json else text)
+    """Print a command's result: its JSON object or its lines."""
+    print(json.dumps(result, allow_nan=False) if as_json else "\n".join(map(one_line, text.split("\n"))))
 
 
 def say(line: str) -> None:

@@ -1,5 +1,6 @@
 """Bad input gets one clear line and exit 1; nothing is lost, nothing is left half-written."""
 
+import json
 import os
 import pickle
 import shutil
@@ -15,7 +16,7 @@ from conftest import assert_refused, record, tree
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from annotate.labelset.store import LabelSet
+from annotate.labelset.store import MANIFEST, LabelSet
 from annotate.parts import BODY_PARTS, PART_ID, UNDEFINED
 from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
 from eval.predict import SHIPPED_WEIGHTS
@@ -318,3 +319,12 @@ def test_absent_inputs_are_named(annotate_cloud, tmp_path):
         with suppress(FileNotFoundError):
             pytest.fail(f"{command} left {list(out.iterdir())}")
     assert not list(tmp_path.iterdir())
+
+
+def test_what_a_file_says_does_not_steer_the_terminal(annotate_cloud, labels):
+    manifest = labels / MANIFEST
+    info = json.loads(manifest.read_text())
+    manifest.write_text(json.dumps({**info, "source": "a\x1b[2J\x07\u202eb"}))
+    shown = annotate_cloud("info", labels)
+    assert shown.code == 0 and "a\\x1b[2J\\x07\\u202eb" in shown.out
+    assert all(line.isprintable() for line in shown.out.split("\n"))
