@@ -28,7 +28,7 @@ def test_every_extra_is_known_to_doctor():
     from pathlib import Path
 
     project = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text())["project"]
-    assert set(project["optional-dependencies"]) - {"dev"} == set(COSTS)
+    assert set(project["optional-dependencies"]) - {"dev", "fuzz"} == set(COSTS)
 
 
 def test_a_missing_and_an_old_package_are_named_with_what_they_cost(monkeypatch):
