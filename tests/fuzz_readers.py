@@ -120,7 +120,7 @@ def _work(name: str, root: Path, seed: str, inputs: Path, count: "Synchronized[i
 
 
 def _again(name: str, root: Path) -> None:
-    """Read what was found once more, in a fresh process: Atheris keeps what it compares, and dies of it."""
+    """Read what was found once more, in a fresh process: under Atheris one grows, and dies of it."""
     (root / "again").mkdir()
     fuzzer = Fuzzer(READERS[name], root / "again")
     shutil.rmtree(fuzzer.spoilt)
