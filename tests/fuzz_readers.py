@@ -76,10 +76,8 @@ def fuzz(name: str, seconds: float, seed: int, inputs: Path, findings: Path) -> 
             shutil.rmtree(root)
         spent_s = _workers_s() - before_s
     kept = sum(1 for _ in inputs.iterdir())
-    print(
-        f"{name}: {spent_s:.0f} CPU s, {count.value} samples, {kept} inputs, {len(found)} findings",
-        flush=True,
-    )
+    said = f"{spent_s:.0f} CPU s, {count.value} samples, {kept} inputs, {deaths} deaths not repeated"
+    print(f"{name}: {said}, {len(found)} findings", flush=True)
     return found
 
 
@@ -114,7 +112,8 @@ def _work(name: str, root: Path, seed: str, inputs: Path, count: "Synchronized[i
 
     largest = 2 * max(map(len, fuzzer.files.values()))
     number = int.from_bytes(hashlib.sha256(seed.encode()).digest()[:4]) or 1
-    options = [f"-seed={number}", f"-max_len={largest}", "-timeout=0", "-rss_limit_mb=0", *_NO_SIGNALS]
+    options = [f"-seed={number}", f"-max_len={largest}", f"-artifact_prefix={root}/"]
+    options += ["-timeout=0", "-rss_limit_mb=0", *_NO_SIGNALS]
     atheris.Setup(["fuzz", *options, str(inputs)], read, custom_mutator=_mutator(len(names)))
     atheris.Fuzz()
 
