@@ -6,6 +6,7 @@ import math
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from sys import intern
 from typing import Any, cast, get_args
@@ -28,7 +29,8 @@ SCHEMA = 4
 MAX_FRAMES = 200_000
 """Their counts are 600 MB in a file."""
 FRAMES_A_LINE = 512
-"""A reader holds one line at a time."""
+"""A reader holds one line at a time: 1 MB."""
+MAX_LINE_BYTES = 16_000_000
 MAX_BYTES = 512_000_000
 """MAX_FRAMES with their ids, traits, digests, joints and packed counts."""
 PACKED = np.dtype("<i4")
@@ -67,7 +69,7 @@ def save_result(path: Path, result: Result, overwrite: bool = False) -> None:
     with replacing(path) as temporary, temporary.open("wb") as file:
         for line in _lines(result):
             written += file.write(line)
-            if written > MAX_BYTES:
+            if written > MAX_BYTES or len(line) >= MAX_LINE_BYTES:
                 raise CloudError(
                     f"a result of {len(result.comparison.frame_ids)} frames is more than {MAX_BYTES} bytes; "
                     "evaluate fewer frames at a time"
@@ -111,9 +113,11 @@ def load_result(path: Path) -> Result:
     """Read a result back; scores are derived anew from its counts. Raises FormatError if it is none."""
     try:
         with path.open("rb") as file:
-            if path.stat().st_size > MAX_BYTES:
+            size = path.stat().st_size
+            if size > MAX_BYTES:
                 raise FormatError(f"{path} is larger than {MAX_BYTES} bytes; give a file that evaluate wrote")
-            return _parse(path, (json.loads(line.decode()) for line in file))
+            lines = iter(partial(file.readline, MAX_LINE_BYTES), b"")
+            return _parse(path, size, (json.loads(line.decode()) for line in lines))
     except FormatError:
         raise
     except OSError as error:
@@ -122,7 +126,6 @@ def load_result(path: Path) -> Result:
         ) from error
     except (
         CloudError,
-        StopIteration,
         ValueError,
         KeyError,
         TypeError,
@@ -134,40 +137,57 @@ def load_result(path: Path) -> Result:
         raise FormatError(f"{path} is no result ({error}); give a file that evaluate wrote") from error
 
 
-def _parse(path: Path, lines: Iterator[Any]) -> Result:
-    head = next(lines)
+def _parse(path: Path, size: int, lines: Iterator[Any]) -> Result:
+    head = next(lines, None)
+    if head is None:
+        raise ValueError("it is empty")
     if head["schema"] != SCHEMA:
         raise FormatError(f"{path} is not of schema {SCHEMA}; evaluate again with this version")
     frames, extra = int(head["frames"]), int(head["extra_frames"])
-    if not 0 <= frames <= MAX_FRAMES or extra < 0:
-        raise ValueError(f"{frames} frames, {extra} left over")
+    # A frame takes more than a hundred bytes.
+    if not 0 <= frames <= min(MAX_FRAMES, size // 100) or extra < 0:
+        raise ValueError(f"{frames} frames and {extra} left over, in {size} bytes")
     counts = FrameCounts(room((frames, WIDTH), np.int32))
     joints_mm = np.empty((frames, N_JOINTS)) if head["joints"] else None
-    names: dict[str, list[Any]] = {"frame_ids": [], "subjects": [], "traits": [], "digests": []}
+    listed: dict[str, list[Any]] = {name: [] for name in _LISTED}
+    done = 0
     for line in lines:
-        rows = slice(len(names["frame_ids"]), len(names["frame_ids"]) + len(line["frame_ids"]))
-        names["frame_ids"] += _texts(line["frame_ids"])
-        names["subjects"] += map(intern, _texts(line["subjects"]))
-        names["traits"] += map(_traits, line["traits"])
-        names["digests"] += map(_digests, line["digests"])
+        rows = slice(done, done + len(line["frame_ids"]))
+        if not done < rows.stop <= frames:
+            raise ValueError(f"it holds other frames than the {frames} it claims")
+        done = rows.stop
+        for name, read in _LISTED.items():
+            listed[name] += map(read, line[name])
+            if len(listed[name]) != done:
+                raise ValueError(f"{len(listed[name])} {name} for {done} frames")
         _unpack(line["counts"], counts[rows])
         if joints_mm is not None:
-            joints_mm[rows] = _joints(line["joints_mm"])
+            joints_mm[rows] = _joints(line["joints_mm"], rows.stop - rows.start)
+    if done != frames:
+        raise ValueError(f"it ends after {done} of {frames} frames")
     comparison = Comparison(
-        **{name: tuple(values) for name, values in names.items()},
+        **{name: tuple(values) for name, values in listed.items()},
         counts=counts,
         joints_mm=joints_mm,
         extra_frames=extra,
     )
-    return Result(str(head["title"]), comparison, {str(k): str(v) for k, v in head["facts"].items()})
+    return Result(_text(head["title"]), comparison, {_text(k): _text(v) for k, v in head["facts"].items()})
 
 
-def _texts(values: list[Any]) -> tuple[str, ...]:
-    return tuple(str(value) for value in values)
+def _text(value: object) -> str:
+    """Text that can be written down again: half a surrogate pair cannot."""
+    text = str(value)
+    text.encode()
+    return text
+
+
+def _shared(value: object) -> str:
+    """Text that many frames have in common, kept once."""
+    return intern(_text(value))
 
 
 def _digests(value: dict[str, Any]) -> Digests:
-    return Digests(str(value["depth"]), str(value["truth"]), str(value["predicted"]))
+    return Digests(_text(value["depth"]), _text(value["truth"]), _text(value["predicted"]))
 
 
 def _known(traits: dict[str, Any]) -> dict[str, Any]:
@@ -182,19 +202,23 @@ def _traits(value: dict[str, Any]) -> Traits:
     if not all(math.isnan(v) or 0 <= v < math.inf for v in numbers.values()):
         raise ValueError(f"{numbers} are no traits of a frame")
     return Traits(
-        activity=intern(str(value["activity"])),
-        view=intern(str(value["view"])),
+        activity=_shared(value["activity"]),
+        view=_shared(value["view"]),
         status=_status(value["status"]),
         predicted_status=_status(value["predicted_status"]),
-        hard=tuple(map(intern, _texts(value["hard"]))),
+        hard=tuple(map(_shared, value["hard"])),
         **numbers,
     )
 
 
 def _status(value: object) -> Status:
     if value not in get_args(Status):
-        raise ValueError(f"status {value!r} is unknown")
-    return cast(Status, intern(str(value)))
+        raise ValueError(f"status {str(value)[:40]!r} is unknown")
+    return cast(Status, _shared(value))
+
+
+_LISTED = {"frame_ids": _text, "subjects": _shared, "traits": _traits, "digests": _digests}
+"""What a line lists of its frames, and how each is read."""
 
 
 def _joint(error_mm: float) -> float | str | None:
@@ -203,10 +227,10 @@ def _joint(error_mm: float) -> float | str | None:
     return round(float(error_mm), 1) if math.isfinite(error_mm) else MISSED
 
 
-def _joints(rows: list[list[Any]]) -> NDArray[np.float64]:
+def _joints(rows: list[list[Any]], frames: int) -> NDArray[np.float64]:
     special = {None: math.nan, MISSED: math.inf}
     errors = np.array([[special[v] if v in special else float(v) for v in row] for row in rows], np.float64)
-    if errors.shape[1:] != (N_JOINTS,) or (errors < 0).any():
+    if errors.shape != (frames, N_JOINTS) or (errors < 0).any():
         raise ValueError(f"joints_mm holds something else than errors of {N_JOINTS} joints")
     return errors
 

@@ -1,5 +1,8 @@
 """The one tree of errors that a user can cause or meet."""
 
+LONGEST = 1000
+"""Characters of a message: what it quotes may have millions."""
+
 
 def one_line(text: str) -> str:
     """Text that may quote data from outside, for a terminal: line ends as spaces, what steers it escaped."""
@@ -15,7 +18,11 @@ class CloudError(Exception):
     """
 
     def __str__(self) -> str:
-        return one_line(super().__str__())
+        text = super().__str__()
+        # What is wrong stands at the beginning, the remedy at the end.
+        return one_line(
+            text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
+        )
 
 
 class FormatError(CloudError):

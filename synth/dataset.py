@@ -20,8 +20,12 @@ MAX_SHARD_BYTES = 2_000_000_000
 MAX_MANIFEST_BYTES = 256_000_000
 """A million shards."""
 MAX_MEMBER_BYTES = 64_000_000
-# ValueError: a member's size may be a number of a hundred digits.
-_BROKEN = (OSError, tarfile.TarError, EOFError, ValueError)
+SUFFIXES = ("depth.png", "parts.png", "json")
+"""The files of a frame, in their order; others are passed over."""
+MAX_MEMBERS = 300_000
+"""``tarfile`` remembers each: 1 kB."""
+# ValueError: a member's size may have a hundred digits. RecursionError: headers of headers of headers.
+_BROKEN = (OSError, tarfile.TarError, EOFError, ValueError, RecursionError)
 
 
 def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
@@ -51,14 +55,11 @@ def read_shard(path: Path) -> Iterator[FrameLabels]:
             raise FormatError(f"shard {path} is larger than {MAX_SHARD_BYTES} bytes; split it")
         with tarfile.open(path, mode="r:") as tar:
             pending: dict[str, bytes] = {}
-            for member in tar:
-                if not member.isfile() or member.size > MAX_MEMBER_BYTES:
-                    raise FormatError(
-                        f"shard {path} holds {member.name!r}, no image or too large; delete it and "
-                        "generate again"
-                    )
-                file = tar.extractfile(member)
+            for member in _members(path, tar):
                 key, _, suffix = member.name.partition(".")
+                if suffix not in SUFFIXES:
+                    continue
+                file = tar.extractfile(member)
                 pending[suffix] = file.read() if file else b""
                 if suffix == "json":
                     yield _frame(path, key, pending)
@@ -73,9 +74,22 @@ def frame_ids_of(path: Path) -> list[str]:
     """Ids of a shard's frames in order, without decoding them. Raises FormatError when it cannot be read."""
     try:
         with tarfile.open(path, mode="r:") as tar:
-            return [key for key, _, suffix in (m.name.partition(".") for m in tar) if suffix == "json"]
+            names = (member.name.partition(".") for member in _members(path, tar))
+            return [key for key, _, suffix in names if suffix == "json"]
     except _BROKEN as error:
         raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
+
+
+def _members(path: Path, tar: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
+    """A shard's files, each checked before the next is looked for: a negative size would lead in circles."""
+    for number, member in enumerate(tar):
+        if number >= MAX_MEMBERS:
+            raise FormatError(f"shard {path} holds more than {MAX_MEMBERS} files; split it")
+        if not member.isfile() or not 0 <= member.size <= MAX_MEMBER_BYTES:
+            raise FormatError(
+                f"shard {path} holds {member.name!r}, no image or too large; delete it and generate again"
+            )
+        yield member
 
 
 def _frame(path: Path, key: str, data: dict[str, bytes]) -> FrameLabels:

@@ -6,7 +6,8 @@
 Without ``--reader`` every reader gets ``--seconds``. Atheris (libFuzzer) leads by what the readers' Python
 reaches: inputs that reach something new are kept under ``--inputs`` and spoilt further, also by the next
 run. A reader works in a process of its own, so that a crash of native code is a finding too; each finding is
-the spoilt sample, kept under ``--findings`` as READER-SEED-N. Files are flushed to the disk at every turn:
+the spoilt sample, kept under ``--findings`` as READER-SEED-N; of what a fresh process reads without fault the
+last is kept, as unrepeated-READER. Files are flushed to the disk at every turn:
 with TMPDIR in memory (/dev/shm) it goes many times faster. ``tests/corpus`` holds those that were mended;
 ``tests/test_fuzz.py`` reads them all.
 """
@@ -69,15 +70,18 @@ def fuzz(name: str, seconds: float, seed: int, inputs: Path, findings: Path) -> 
                 again = fork.Process(target=_again, args=(name, root))
                 again.start()
                 if _watch(again, count):
-                    found.append(_keep(name, seed, count.value, root, why, findings))
+                    found.append(_keep(f"{name}-{seed}-{count.value}", root, why, findings))
                 else:
                     deaths += 1
+                    _keep(f"unrepeated-{name}", root, why, findings)
                 count.value += 1
             shutil.rmtree(root)
         spent_s = _workers_s() - before_s
     kept = sum(1 for _ in inputs.iterdir())
     said = f"{spent_s:.0f} CPU s, {count.value} samples, {kept} inputs, {deaths} deaths not repeated"
     print(f"{name}: {said}, {len(found)} findings", flush=True)
+    if count.value <= deaths:
+        sys.exit(f"{name}: nothing was read, the fuzzer itself fails; see {findings}/unrepeated-{name}")
     return found
 
 
@@ -171,8 +175,8 @@ def _processor_s(pid: int | None) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _keep(name: str, seed: int, number: int, root: Path, why: str, findings: Path) -> Path:
-    kept = findings / f"{name}-{seed}-{number}"
+def _keep(name: str, root: Path, why: str, findings: Path) -> Path:
+    kept = findings / name
     shutil.rmtree(kept, ignore_errors=True)
     if (root / "spoilt").is_dir():
         shutil.copytree(root / "spoilt", kept / "sample")

@@ -133,7 +133,7 @@ class Fuzzer:
                 warnings.simplefilter("ignore")
                 self._read(self._target)
         except CloudError as error:
-            return f"message of several lines: {error}" if "\n" in str(error) else ""
+            return "" if str(error).isprintable() else f"message of several lines: {error!r}"
         except BaseException:
             return traceback.format_exc()
         return ""

@@ -315,8 +315,21 @@ def test_a_result_of_several_lines_comes_back_as_it_was(
     assert same_counts(a, b) and a.traits == b.traits and a.digests == b.digests and a.subjects == b.subjects
     np.testing.assert_array_equal(a.joints_mm, b.joints_mm)
     lined.write_text(lined.read_text().rpartition('{"frame_ids')[0])
-    with pytest.raises(FormatError, match="6 joints_mm for 4 frames"):
+    with pytest.raises(FormatError, match="ends after 4 of 6 frames"):
         load_result(lined)
+
+
+def test_a_line_without_end_is_not_read_whole(
+    compared: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "r.json"
+    save_result(path, Result("Network", compared))
+    monkeypatch.setattr(results, "MAX_LINE_BYTES", max(map(len, path.read_bytes().splitlines(True))))
+    with pytest.raises(CloudError, match="evaluate fewer"):
+        save_result(tmp_path / "again.json", Result("Network", compared))
+    path.write_bytes(path.read_bytes() + b"[" + b"{}," * 10_000)
+    with pytest.raises(FormatError, match="no result"):
+        load_result(path)
 
 
 def set_in(value: object, *keys: object) -> None:
@@ -360,6 +373,10 @@ DAMAGES = {
     "a negative error": lambda v: set_in(v, "joints_mm", 0, 2, -1.0),
     "joints of uneven rows": lambda v: v["joints_mm"][0].pop(),
     "joints of another number": lambda v: [row.pop() for row in v["joints_mm"]],
+    "joints of one frame": lambda v: v.update(joints_mm=v["joints_mm"][:1]),
+    "half a letter": lambda v: set_in(v, "digests", 0, "depth", "\ud800"),
+    "half a letter in the title": lambda v: v.update(title="\ud800"),
+    "a status without end": lambda v: set_in(v, "traits", 0, "status", "x" * 10**6),
     "facts are a list": lambda v: v.update(facts=[1]),
     "frames left over": lambda v: v.update(extra_frames=-1),
 }

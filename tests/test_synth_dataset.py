@@ -16,7 +16,7 @@ from annotate.labels import FrameLabels
 from annotate.labelset.images import decode_parts, encode_depth, encode_parts
 from sensors.atomic import write_bytes
 from sensors.errors import FormatError
-from synth.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, read_shard, sha256, validate
+from synth.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, frame_ids_of, read_shard, sha256, validate
 from synth.dataset_page import contact_sheet, render, write_page
 from synth.sample import PRESETS, sample
 from synth.statistics import count
@@ -109,6 +109,50 @@ def test_shards_from_outside_are_bounded(tmp_path):
             tar.addfile(member, io.BytesIO(fields))
         with pytest.raises(FormatError, match="malformed"):
             list(read_shard(path))
+
+
+def tar_header(name: str, size: bytes = b"00000000000\0", kind: bytes = b"0") -> bytes:
+    """One block of a tar, with a right sum."""
+    block = bytearray(512)
+    block[: len(name)], block[124:136], block[156:157], block[257:265] = (
+        name.encode(),
+        size,
+        kind,
+        b"ustar\x0000",
+    )
+    block[148:156] = b" " * 8
+    block[148:156] = b"%06o\0 " % sum(block)
+    return bytes(block)
+
+
+HOSTILE = {
+    "a negative size": tar_header("a.depth.png")
+    + tar_header("b.png", b"\xff" * 10 + b"\xfe\x00")
+    + bytes(1024),
+    "an endless size": tar_header("a.json", b"\x80" + b"\xff" * 11) + bytes(1024),
+    "headers of headers": tar_header("x", kind=b"x") * 1500 + tar_header("a.json") + bytes(1024),
+    "a great many files": b"".join(tar_header(f"{i}.x") for i in range(40)) + bytes(1024),
+}
+
+
+@pytest.mark.parametrize("hostile", HOSTILE)
+def test_what_leads_tarfile_astray_is_refused(tmp_path, monkeypatch, hostile):
+    monkeypatch.setattr("synth.dataset.MAX_MEMBERS", 39)
+    (tmp_path / "s.tar").write_bytes(HOSTILE[hostile])
+    for read in (frame_ids_of, read_shard):
+        with pytest.raises(FormatError, match=r"s\.tar"):
+            list(read(tmp_path / "s.tar"))
+
+
+def test_files_that_are_no_frame_s_are_passed_over(tmp_path):
+    path = tmp_path / "s.tar"
+    path.write_bytes(encode_shard(FRAMES[:1]))
+    with tarfile.open(path, "a") as tar:
+        for name in ("readme.txt", f"{FRAMES[0].frame_id}.rgb.jpg"):
+            member = tarfile.TarInfo(name)
+            member.size = 3
+            tar.addfile(member, io.BytesIO(b"abc"))
+    assert [frame.frame_id for frame in read_shard(path)] == [FRAMES[0].frame_id]
 
 
 @pytest.mark.parametrize(
