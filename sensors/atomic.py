@@ -5,8 +5,12 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from secrets import token_hex
 
 from sensors.errors import ExistsError
+
+# Nobody can put a link to another file where this process will write.
+_TOKEN = token_hex(4)
 
 
 def check_free(path: Path, overwrite: bool) -> None:
@@ -28,6 +32,7 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises OSError, e.g. when the disk is full.
     """
     temporary = temporary_of(path)
+    temporary.unlink(missing_ok=True)
     try:
         yield temporary
         with temporary.open("rb") as file:
@@ -44,14 +49,26 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def temporary_of(path: Path) -> Path:
-    """What ``path`` is called while this process makes it: hidden, beside it."""
-    return path.with_name(f".{path.name}.{os.getpid()}.partial")
+    """What ``path`` is called while this process makes it: hidden, beside it, not to be guessed."""
+    return path.with_name(f".{path.name}{_ending()}")
 
 
 def sweep(folder: Path, pattern: str = "**/.*.partial") -> None:
     """Remove the files and folders below ``folder`` that killed processes were making (``temporary_of``)."""
     for path in list(folder.glob(pattern)):
-        pid = path.name.split(".")[-2]
-        if pid.isdigit() and not Path("/proc", pid).exists():
+        if _is_left_over(path.name):
             with suppress(OSError):
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _ending() -> str:
+    # A forked process has the token of the one it came from.
+    return f".{_TOKEN}.{os.getpid()}.partial"
+
+
+def _is_left_over(name: str) -> bool:
+    pid = name.split(".")[-2]
+    if pid == str(os.getpid()):
+        # In a container the next process often has the number of the killed one.
+        return not name.endswith(_ending())
+    return pid.isdigit() and not Path("/proc", pid).exists()

@@ -26,7 +26,7 @@ from annotate.labelset.claim import CLAIM, Claim, ClaimedError
 from annotate.labelset.store import LabelSet, validate
 from annotate.registration import KINECT2_DEPTH
 from annotate.suit.palette import DEFAULT_SUIT
-from sensors.atomic import sweep
+from sensors.atomic import sweep, temporary_of
 from sensors.calibration import RigCalibration
 from sensors.devices import open_device
 from sensors.errors import CloudError
@@ -156,11 +156,13 @@ def test_a_killed_simulate_is_told_and_made_anew(annotate_cloud, killed):
 
 
 def test_the_living_keep_what_they_are_making(tmp_path):
-    mine, theirs = (tmp_path / f".x.{pid}.partial" for pid in (os.getpid(), 2**22 + 1))
-    for path in (mine, theirs):
+    mine, parent_s = temporary_of(tmp_path / "x"), tmp_path / f".x.0a1b2c3d.{os.getppid()}.partial"
+    # The last one's process is dead, and had the number that this one has now.
+    dead = [tmp_path / f".x.{ending}.partial" for ending in (2**22 + 1, f"0a1b2c3d.{os.getpid()}")]
+    for path in (mine, parent_s, *dead):
         path.mkdir()
     sweep(tmp_path)
-    assert list(tmp_path.iterdir()) == [mine]
+    assert sorted(tmp_path.iterdir()) == sorted([mine, parent_s])
 
 
 # Full disk

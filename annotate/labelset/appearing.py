@@ -1,5 +1,6 @@
 """Folders that appear when they are whole, and what may never be replaced by them."""
 
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,9 +24,10 @@ def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
             raise ExistsError(f"{out} holds the input {path}; choose another folder for the result")
     if not (out / marker).is_file() and (not out.is_dir() or any(out.iterdir())):
         raise ExistsError(f"{out} was not made by this command (it has no {marker}); remove it yourself")
-    if (out / JOURNAL).is_file():
+    # Links too, wherever they lead: both say that somebody works there.
+    if os.path.lexists(out / JOURNAL):
         raise ExistsError(f"{out} holds people's corrections; choose another folder, or remove it yourself")
-    if (out / CLAIM).is_file():
+    if os.path.lexists(out / CLAIM):
         Claim.take(out, login()).release()
 
 

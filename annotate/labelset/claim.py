@@ -16,6 +16,8 @@ from sensors.errors import CloudError
 
 CLAIM = "claim.json"
 MAX_BYTES = 4096
+# A set from outside may have a link to another file in the claim's place: that file is not ours to clear.
+FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
 class ClaimedError(CloudError):
@@ -41,7 +43,7 @@ class Claim:
         path = folder / CLAIM
         try:
             while True:
-                file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+                file = os.open(path, FLAGS, 0o644)
                 try:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     if _is_at(file, path):
@@ -90,7 +92,7 @@ def login() -> str:
 
 def _is_at(file: int, path: Path) -> bool:
     try:
-        there, here = path.stat(), os.fstat(file)
+        there, here = path.lstat(), os.fstat(file)
     except FileNotFoundError:
         return False
     return (there.st_dev, there.st_ino) == (here.st_dev, here.st_ino)

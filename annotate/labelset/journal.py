@@ -1,6 +1,7 @@
 """The journal of a label set: every stroke, one line each, on the disk before the next one begins."""
 
 import os
+import stat
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -14,6 +15,9 @@ JOURNAL = "journal.jsonl"
 MAX_LINE_BYTES = 64_000_000
 """Longest line: every pixel of a megapixel image a run of its own takes 25 MB."""
 MAX_BYTES = 4_000_000_000
+# A set from outside may have a link to another file in the journal's place (not ours to write), or a pipe
+# that nobody writes to.
+FLAGS = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 REMEDY = "restore it from a copy, or move it and original/ away to go on from the labels as last saved"
 """What to do about a journal that is corrupt or incomplete."""
 
@@ -95,7 +99,7 @@ class Journal:
         self._pending.clear()
 
     def _append(self, lines: bytes) -> None:
-        file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        file = os.open(self.path, os.O_WRONLY | os.O_CREAT | FLAGS, 0o644)
         try:
             size = os.fstat(file).st_size
             if size < self._end:
@@ -115,8 +119,11 @@ class Journal:
     def _lines(self) -> Iterator[bytes]:
         """Whole lines, bounded in length."""
         try:
-            with self.path.open("rb") as file:
-                if os.fstat(file.fileno()).st_size > MAX_BYTES:
+            with open(self.path, "rb", opener=lambda name, flags: os.open(name, flags | FLAGS)) as file:
+                found = os.fstat(file.fileno())
+                if not stat.S_ISREG(found.st_mode):
+                    raise FormatError(f"{self.path} is no file; {REMEDY}")
+                if found.st_size > MAX_BYTES:
                     raise FormatError(f"{self.path} is larger than {MAX_BYTES} bytes; {REMEDY}")
                 while (line := file.readline(MAX_LINE_BYTES + 1)).endswith(b"\n"):
                     yield line

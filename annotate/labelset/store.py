@@ -82,6 +82,12 @@ class LabelSet:
             raise FormatError(
                 f"{path} is no label set (it has no {MANIFEST}); give the folder that label wrote"
             )
+        for name in (FRAMES, ORIGINAL):
+            if (path / name).is_symlink():
+                # What is written there would be written elsewhere.
+                raise FormatError(
+                    f"{path / name} is a link out of the label set; copy the folder in its place"
+                )
         manifest = _load(path / MANIFEST)
         if manifest.pop("schema", None) != SCHEMA:
             raise FormatError(f"{path / MANIFEST} is not of schema {SCHEMA}; use the version that wrote it")
