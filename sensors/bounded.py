@@ -1,5 +1,7 @@
 """Files from outside are read whole only up to a bound: what is larger is not what it claims to be."""
 
+import os
+import stat
 from pathlib import Path
 
 from sensors.errors import CloudError, FormatError
@@ -13,11 +15,28 @@ def read_bounded(
     remedy: str = "restore it from a copy",
     error: type[CloudError] = FormatError,
 ) -> bytes:
-    """A file's bytes. Raises ``error`` when it cannot be read or is larger than ``limit``."""
+    """A file's bytes. Raises ``error`` when it cannot be read, is no file, or is larger than ``limit``."""
     try:
-        if path.stat().st_size <= limit:
-            return path.read_bytes()
+        data = _read(path, limit)
     except (OSError, ValueError) as cause:
         why = getattr(cause, "strerror", None) or cause
         raise error(f"{path} cannot be read ({why}); {remedy}") from cause
-    raise error(f"{path} is larger than {limit} bytes; {remedy}")
+    if data is None:
+        raise error(f"{path} is no file; {remedy}")
+    if len(data) > limit:
+        raise error(f"{path} is larger than {limit} bytes; {remedy}")
+    return data
+
+
+def _read(path: Path, limit: int) -> bytes | None:
+    """At most ``limit`` + 1 bytes; None of what is no file: pipes may block and devices never end."""
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+        found = os.fstat(file.fileno())
+        if not stat.S_ISREG(found.st_mode):
+            return None
+        # As much memory as the file needs, not as it may need.
+        data = file.read(min(found.st_size, limit) + 1)
+        if len(data) > found.st_size:
+            # It has grown since, or is one of /proc, whose sizes are 0.
+            data += file.read(limit + 1 - len(data))
+        return data
