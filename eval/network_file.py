@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,10 +14,16 @@ from annotate.crop import SIZE, Crop, network_crop, normalize
 from annotate.labelset.probabilities import Probabilities
 from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.segmentation.segment import Segmentation
+from eval.bounded_run import memory_bounded, time_bounded
+from eval.onnx_operators import check_operators
 from sensors.errors import CloudError, FormatError
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
 MAX_WEIGHT_BYTES = 1_000_000_000
+TRIAL_BYTES = 2_000_000_000
+"""Memory for opening a file and its first runs, beside four times its size: the paper's network at its
+published widths takes 0.9 GB beside its weights."""
+TRIAL_SECONDS = 120.0
 SURE = 2.0
 """How many times as likely as the likeliest part background must be to leave the person: training weighs it
 as the rarest part, and what leaves gets no part at all."""
@@ -45,23 +52,20 @@ class Network:
                 f"{error.name} is not installed; pip install 'annotate-cloud[network]'"
             ) from error
         data = _read(path)
-        options = onnxruntime.SessionOptions()
-        options.add_session_config_entry("session.model_external_initializers_file_folder_path", _NOWHERE)
-        options.log_severity_level = 4  # what is wrong is said below, in one line
         try:
-            self._session = onnxruntime.InferenceSession(
-                data,
-                options,
-                providers=["CPUExecutionProvider"],
-                enable_fallback=0,  # or it prints, and tries again
-            )
-            self._input = self._session.get_inputs()[0].name
-            # A trial run: what a file declares of its inputs and outputs need not be true.
-            trials = [self.probabilities(np.full((n, SIZE, SIZE), 0.5, np.float32)) for n in (1, 2)]
+            check_operators(data)
+            with memory_bounded(TRIAL_BYTES + 4 * len(data)):
+                self._open(onnxruntime, data, ["ConstantFolding"])
+                # What this run computes, folding would compute while opening, and cannot be stopped.
+                with time_bounded(TRIAL_SECONDS) as limits:
+                    self.probabilities(_trial(1), limits)
+                self._open(onnxruntime, data)
+                # A trial run: what a file declares of its inputs and outputs need not be true.
+                with time_bounded(TRIAL_SECONDS) as limits:
+                    trials = [self.probabilities(_trial(n), limits) for n in (1, 2)]
         except Exception as error:  # ONNX Runtime's own errors share no public base
-            why = "it keeps tensors in other files" if "xternal" in str(error) else type(error).__name__
             raise FormatError(
-                f"weights {path} are no network for (B, 1, {SIZE}, {SIZE}) ({why}); export it again"
+                f"weights {path} are no network for (B, 1, {SIZE}, {SIZE}) ({_why(error)}); export it again"
             ) from error
         shapes = [trial.shape for trial in trials]
         if shapes != [(n, N_CLASSES, SIZE, SIZE) for n in (1, 2)]:
@@ -72,9 +76,29 @@ class Network:
             raise FormatError(f"weights {path} give no probabilities; export the network with its softmax")
         self.sha256 = hashlib.sha256(data).hexdigest()
 
-    def probabilities(self, crops: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _open(self, onnxruntime: Any, data: bytes, without: Sequence[str] = ()) -> None:  # noqa: ANN401
+        """Have ONNX Runtime open the file's bytes, without the optimizers named."""
+        options = onnxruntime.SessionOptions()
+        options.add_session_config_entry("session.model_external_initializers_file_folder_path", _NOWHERE)
+        options.add_session_config_entry("session.load_model_format", "ONNX")  # it reads others unchecked
+        options.log_severity_level = 4  # what is wrong is said in one line
+        self._session: Any = None  # one opened before gives its memory back first
+        self._session = onnxruntime.InferenceSession(
+            data,
+            options,
+            providers=["CPUExecutionProvider"],
+            enable_fallback=0,  # or it prints, and tries again
+            disabled_optimizers=list(without),
+        )
+        self._input = self._session.get_inputs()[0].name
+
+    def probabilities(
+        self,
+        crops: NDArray[np.float32],
+        run_options: Any = None,  # noqa: ANN401 - ONNX Runtime has no types
+    ) -> NDArray[np.float32]:
         """Normalised crops (B, 212, 212) -> class probabilities (B, 12, 212, 212)."""
-        return np.asarray(self._session.run(None, {self._input: crops[:, None]})[0], np.float32)
+        return np.asarray(self._session.run(None, {self._input: crops[:, None]}, run_options)[0], np.float32)
 
     def segment(
         self, depth_mm: NDArray[np.uint16], person: NDArray[np.bool_], *, probabilities: bool = False
@@ -119,6 +143,16 @@ def _input(depth_mm: NDArray[np.uint16], mask: NDArray[np.bool_]) -> tuple[Crop,
     """The square around a person's pixels (h, w), and what the network is shown of it."""
     crop = network_crop(mask)
     return crop, normalize(crop.cut(depth_mm, 0), crop.cut(mask, False))
+
+
+def _trial(n: int) -> NDArray[np.float32]:
+    return np.full((n, SIZE, SIZE), 0.5, np.float32)
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, FormatError):
+        return str(error)
+    return "it keeps tensors in other files" if "xternal" in str(error) else type(error).__name__
 
 
 def _read(path: Path) -> bytes:

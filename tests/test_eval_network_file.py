@@ -1,6 +1,8 @@
 """Weights from anywhere: a network of the right kind is opened, anything else refused in one line."""
 
 import pickle
+import resource
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from annotate.crop import SIZE
 from annotate.parts import N_CLASSES
 from eval.network_file import SHIPPED_WEIGHTS, Network
+from eval.onnx_operators import OPERATORS, check_operators
 from sensors.errors import FormatError
 
 
@@ -16,6 +19,84 @@ def test_absent_weights_are_named(tmp_path):
     for path in (tmp_path / "absent.onnx", tmp_path):
         with pytest.raises(FormatError, match="cannot be read"):
             Network(path)
+
+
+def written(path: Path, nodes: list, weights: dict[str, np.ndarray], **more: list) -> Path:
+    """A network of these nodes from ``depth`` to ``p``; more: what else the model holds."""
+    onnx = pytest.importorskip("onnx")
+    helper = onnx.helper
+    ends = [("depth", ["n", 1, SIZE, SIZE]), ("p", ["n", N_CLASSES, SIZE, SIZE])]
+    inputs, outputs = (
+        [helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape)] for name, shape in ends
+    )
+    tensors = [onnx.numpy_helper.from_array(value, name) for name, value in weights.items()]
+    graph = helper.make_graph(nodes, "g", inputs, outputs, tensors)
+    opsets = [helper.make_opsetid(domain, 17) for domain in ("", "mine")]
+    model = helper.make_model(graph, opset_imports=opsets, ir_version=8, **more)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+def test_a_loop_is_refused_before_it_runs(tmp_path):
+    helper = pytest.importorskip("onnx").helper
+    body = helper.make_graph([helper.make_node("Identity", ["c"], ["d"])], "b", [], [])
+    loop = helper.make_node("Loop", ["n", "go", "depth"], ["p"], body=body)
+    path = written(tmp_path / "n.onnx", [loop], {"n": np.array(2**62), "go": np.array(True)})
+    with pytest.raises(FormatError, match="operator 'Loop' is none"):
+        Network(path)
+    hidden = helper.make_node("Relu", ["depth"], ["p"], body=body)
+    with pytest.raises(FormatError, match="holds a graph"):
+        Network(written(path, [hidden], {}))
+
+
+def test_operators_of_the_files_own_are_refused(tmp_path):
+    onnx = pytest.importorskip("onnx")
+    relu = onnx.helper.make_node("Relu", ["depth"], ["p"])
+    own = onnx.helper.make_function("mine", "Relu", ["x"], ["y"], [], [])
+    with pytest.raises(FormatError, match="functions of its own"):
+        Network(written(tmp_path / "n.onnx", [relu], {}, functions=[own]))
+    theirs = onnx.helper.make_node("Relu", ["depth"], ["p"], domain="mine")
+    with pytest.raises(FormatError, match="operator of 'mine'"):
+        Network(written(tmp_path / "n.onnx", [theirs], {}))
+
+
+@pytest.mark.parametrize("operator", ["Expand", "Conv"])
+def test_no_operator_gets_any_amount_of_memory(tmp_path, operator):
+    node = pytest.importorskip("onnx").helper.make_node(operator, ["depth", "w"], ["p"])
+    weights = np.array([1, 110_000, SIZE, SIZE]) if operator == "Expand" else np.ones((110_000, 1, 1, 1))
+    path = written(tmp_path / "n.onnx", [node], {"w": weights.astype("i8" if weights.ndim == 1 else "f4")})
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    with pytest.raises(FormatError, match="no network"):
+        Network(path)
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 8_000_000  # kB; it asks for 20 GB
+
+
+def test_a_run_that_takes_too_long_is_stopped(tmp_path, monkeypatch):
+    """Before the file is opened with its constants computed: that knows no end."""
+    helper = pytest.importorskip("onnx").helper
+    names = ["w", *map(str, range(500))]
+    nodes = [helper.make_node("MatMul", [a, "w"], [b]) for a, b in pairwise(names)]
+    nodes += [helper.make_node("Add", ["depth", names[-1]], ["p"])]
+    path = written(tmp_path / "n.onnx", nodes, {"w": np.eye(1000, dtype=np.float32)[None, None]})
+    opened = []
+    real = Network._open
+    monkeypatch.setattr(Network, "_open", lambda *given: (opened.append(given[3:]), real(*given)))
+    monkeypatch.setattr("eval.network_file.TRIAL_SECONDS", 0.05)
+    with pytest.raises(FormatError, match="no network"):
+        Network(path)
+    assert opened == [(["ConstantFolding"],)]
+
+
+def test_what_an_export_writes_is_allowed(tmp_path):
+    """Every kind of node in the shipped weights, by the package's own reader, and cut files are refused."""
+    onnx = pytest.importorskip("onnx")
+    data = SHIPPED_WEIGHTS.read_bytes()
+    assert {node.op_type for node in onnx.load_from_string(data).graph.node} <= OPERATORS
+    check_operators(data)
+    for end in (10, 1000, len(data) - 1):
+        with pytest.raises(FormatError, match="cut short"):
+            check_operators(data[:end])
 
 
 def onnx_network(path: Path, classes: int, outside: str | None = None, softmax: bool = True) -> Path:
