@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from annotate.parts import N_CLASSES
 from eval.networks import NetworkConfig, build, config_from, described
+from eval.smp_network import SmpConfig
 from sensors.atomic import replacing
 from sensors.errors import CloudError, FormatError
 
@@ -110,14 +111,30 @@ def load_weights(path: Path) -> tuple[nn.Module, NetworkConfig]:
         description = json.loads(meta["network"])
         classes = description.pop("classes")
         config = config_from(description)
-    except (ValueError, RecursionError, AttributeError, KeyError) as error:
+    except (ValueError, RecursionError, AttributeError, KeyError, TypeError, IndexError) as error:
         raise FormatError(f"{path} describes no network ({error!r}); train it again") from error
     if classes != N_CLASSES:
         raise FormatError(f"{path} is for {classes!r} classes, not {N_CLASSES}; train it anew")
+    _check_size(path, config, tensors)
     model = build(config)
     check_fits(path, model, tensors)
     model.load_state_dict(tensors)
     return model, config
+
+
+def _check_size(path: Path, config: NetworkConfig, tensors: dict[str, Tensor]) -> None:
+    """Raise FormatError where a network needs weights that the file has not, before they get memory."""
+    if isinstance(config, SmpConfig):
+        # Not all of its encoders can be outlined. Each stage of its decoder has a 3x3 of its own width.
+        if sum(9 * width**2 for width in config.decoder) > sum(t.numel() for t in tensors.values()):
+            raise FormatError(f"{path} lacks the weights of its decoder {config.decoder}; train it again")
+        return
+    try:
+        with torch.device("meta"):
+            outline = build(config)
+    except RuntimeError as error:
+        raise FormatError(f"{path} describes a network of impossible size; train it again") from error
+    check_fits(path, outline, tensors)
 
 
 def check_fits(path: Path, model: nn.Module, tensors: dict[str, Tensor]) -> None:

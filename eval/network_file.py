@@ -58,11 +58,11 @@ class Network:
                 self._open(onnxruntime, data, ["ConstantFolding"])
                 # What this run computes, folding would compute while opening, and cannot be stopped.
                 with time_bounded(TRIAL_SECONDS) as limits:
-                    self.probabilities(_trial(1), limits)
+                    self._run(_trial(1), limits)
                 self._open(onnxruntime, data)
                 # A trial run: what a file declares of its inputs and outputs need not be true.
                 with time_bounded(TRIAL_SECONDS) as limits:
-                    trials = [self.probabilities(_trial(n), limits) for n in (1, 2)]
+                    trials = [self._run(_trial(n), limits) for n in (1, 2)]
         except Exception as error:  # ONNX Runtime's own errors share no public base
             raise FormatError(
                 f"weights {path} are no network for (B, 1, {SIZE}, {SIZE}) ({_why(error)}); export it again"
@@ -92,13 +92,12 @@ class Network:
         )
         self._input = self._session.get_inputs()[0].name
 
-    def probabilities(
-        self,
-        crops: NDArray[np.float32],
-        run_options: Any = None,  # noqa: ANN401 - ONNX Runtime has no types
-    ) -> NDArray[np.float32]:
+    def probabilities(self, crops: NDArray[np.float32]) -> NDArray[np.float32]:
         """Normalised crops (B, 212, 212) -> class probabilities (B, 12, 212, 212)."""
-        return np.asarray(self._session.run(None, {self._input: crops[:, None]}, run_options)[0], np.float32)
+        return self._run(crops)
+
+    def _run(self, crops: NDArray[np.float32], options: Any = None) -> NDArray[np.float32]:  # noqa: ANN401
+        return np.asarray(self._session.run(None, {self._input: crops[:, None]}, options)[0], np.float32)
 
     def segment(
         self, depth_mm: NDArray[np.uint16], person: NDArray[np.bool_], *, probabilities: bool = False

@@ -40,6 +40,12 @@ def test_a_configuration_survives_as_json(config):
         {"kind": "paper", "base": 0, "dense": 4},
         {"kind": "paper", "base": 2.5, "dense": 4},
         {"kind": "smp", "encoder": 1, "decoder": [4]},
+        {"kind": "smp", "encoder": "tu-hf_hub:somebody/theirs", "decoder": [4]},
+        {"kind": "smp", "encoder": "hf-hub/theirs", "decoder": [4]},
+        {"kind": "smp", "encoder": "resnet18", "decoder": []},
+        {"kind": "compact", "widths": []},
+        {"kind": "compact", "widths": {"4": 4}},
+        {"kind": "compact", "widths": [4] * 17},
     ],
 )
 def test_what_describes_no_network_is_refused(description):

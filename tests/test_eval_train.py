@@ -16,14 +16,15 @@ import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
-
 import tiny_training  # noqa: E402
 from conftest import tree  # noqa: E402
+from safetensors.torch import save_file  # noqa: E402
 from tiny_training import CROPS, PLAN, small_crops  # noqa: E402
 
 from annotate.crop import SIZE  # noqa: E402
 from annotate.labelset.images import decode_parts  # noqa: E402
 from annotate.parts import N_CLASSES, UNDEFINED  # noqa: E402
+from eval import checkpoint  # noqa: E402
 from eval.augment import Augmentation  # noqa: E402
 from eval.checkpoint import Progress, load_weights, save_weights  # noqa: E402
 from eval.compact import CompactConfig  # noqa: E402
@@ -276,6 +277,30 @@ def test_weights_of_another_kind_are_refused_in_one_line(tmp_path, whole, spoil,
     with pytest.raises(FormatError, match=why) as error:
         load_weights(path)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "network",
+    [
+        {"kind": "compact", "widths": [8192] * 5, "classes": 12},
+        {"kind": "paper", "base": 8192, "dense": 1, "classes": 12},
+        {"kind": "smp", "encoder": "resnet18", "decoder": [8192] * 5, "classes": 12},
+        [],
+        [1, 2],
+        None,
+    ],
+)
+def test_what_weights_claim_gets_no_memory(tmp_path, monkeypatch, network):
+    """The first three would take gigabytes; a file has what it claims, or nothing is built."""
+    built = []
+    real = checkpoint.build
+    monkeypatch.setattr(checkpoint, "build", lambda config: built.append(real(config)) or built[-1])
+    path = tmp_path / "w.safetensors"
+    save_file({}, path, {"network": json.dumps(network)})
+    with pytest.raises(FormatError) as error:
+        load_weights(path)
+    assert "\n" not in str(error.value)
+    assert all(p.is_meta for model in built for p in model.parameters())
 
 
 def test_one_image_only_is_enough(tmp_path):
