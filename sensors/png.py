@@ -29,13 +29,18 @@ def check_chunks(data: bytes, name: str) -> None:
     """Whether every chunk of a PNG lies within it and has the sum of its bytes that stands behind it.
 
     OpenCV allocates, and clears, what a chunk claims to hold, and libpng tells stderr of a wrong CRC.
+    Only the first chunk may say the size (``png_shape``): Pillow obeys the last one that does.
     Raises FormatError.
     """
     view, offset, last, whole = memoryview(data), 8, b"", True
     while offset + 12 <= len(data) and last != b"IEND" and whole:
         end = offset + 12 + int.from_bytes(view[offset : offset + 4], "big")
         last = data[offset + 4 : offset + 8]
-        whole = end <= len(data) and crc32(view[offset + 4 : end - 4]) == int.from_bytes(view[end - 4 : end])
+        whole = (
+            end <= len(data)
+            and (last == b"IHDR") == (offset == 8)
+            and crc32(view[offset + 4 : end - 4]) == int.from_bytes(view[end - 4 : end])
+        )
         offset = end
     if last != b"IEND" or not whole:
         raise FormatError(

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,28 @@ def test_an_impossible_size_is_refused_before_it_is_allocated():
     for decode in (decode_depth, decode_parts, decode_confidence):
         with pytest.raises(FormatError, match="1073741824x6"):
             decode(bytes(data))
+
+
+def chunk(kind: bytes, content: bytes) -> bytes:
+    return len(content).to_bytes(4, "big") + kind + content + zlib.crc32(kind + content).to_bytes(4, "big")
+
+
+@pytest.mark.parametrize("side", [20_000, 12_000, 6])
+@pytest.mark.parametrize("decode", [decode_depth, decode_parts])
+def test_an_image_that_says_its_size_twice_is_refused(decode, side):
+    encode = encode_depth if decode is decode_depth else encode_parts
+    data = encode(np.zeros((6, 6), np.uint16 if decode is decode_depth else np.uint8))
+    decode(data)
+    size = side.to_bytes(4, "big")
+    again = data[:33] + chunk(b"IHDR", size + size + data[24:29]) + data[33:]
+    with pytest.raises(FormatError, match="corrupt"):
+        decode(again)
+
+
+def test_an_odd_chunk_that_pillow_stumbles_over_is_refused():
+    data = encode_parts(np.zeros((6, 6), np.uint8))
+    with pytest.raises(FormatError, match="cannot be decoded"):
+        decode_parts(data[:-12] + chunk(b"iCCP", b"") + data[-12:])
 
 
 # Labels
