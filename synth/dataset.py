@@ -7,7 +7,7 @@ import tarfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from annotate.labels import FrameLabels
 from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
@@ -23,9 +23,14 @@ MAX_MEMBER_BYTES = 64_000_000
 SUFFIXES = ("depth.png", "parts.png", "json")
 """The files of a frame, in their order; others are passed over."""
 MAX_MEMBERS = 300_000
-"""``tarfile`` remembers each: 1 kB."""
+"""The ids of all are held at once."""
+MAX_HEADER_BYTES = 8192
+"""Of what stands before a file's own header: a long name."""
+_HEADERS = (tarfile.XHDTYPE, tarfile.SOLARIS_XHDTYPE, tarfile.GNUTYPE_LONGNAME, tarfile.GNUTYPE_LONGLINK)
+FIELDS = {"subject", "status", "notes"}
+"""What a frame's JSON may say."""
 # ValueError: a member's size may have a hundred digits. RecursionError: headers of headers of headers.
-_BROKEN = (OSError, tarfile.TarError, EOFError, ValueError, RecursionError)
+_BROKEN = (OSError, tarfile.TarError, EOFError, ValueError, LookupError, RecursionError)
 
 
 def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
@@ -53,7 +58,7 @@ def read_shard(path: Path) -> Iterator[FrameLabels]:
     try:
         if path.stat().st_size > MAX_SHARD_BYTES:
             raise FormatError(f"shard {path} is larger than {MAX_SHARD_BYTES} bytes; split it")
-        with tarfile.open(path, mode="r:") as tar:
+        with tarfile.open(path, mode="r:", tarinfo=_Member) as tar:
             pending: dict[str, bytes] = {}
             for member in _members(path, tar):
                 key, _, suffix = member.name.partition(".")
@@ -73,28 +78,48 @@ def read_shard(path: Path) -> Iterator[FrameLabels]:
 def frame_ids_of(path: Path) -> list[str]:
     """Ids of a shard's frames in order, without decoding them. Raises FormatError when it cannot be read."""
     try:
-        with tarfile.open(path, mode="r:") as tar:
+        with tarfile.open(path, mode="r:", tarinfo=_Member) as tar:
             names = (member.name.partition(".") for member in _members(path, tar))
             return [key for key, _, suffix in names if suffix == "json"]
     except _BROKEN as error:
         raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
 
 
+class _Member(tarfile.TarInfo):
+    """A header of a shard, refused before ``tarfile`` reads what it announces."""
+
+    @classmethod
+    def frombuf(cls, buf: bytes | bytearray, encoding: str, errors: str) -> Self:
+        """A block of 512 bytes. Raises ReadError for what ``tarfile`` copies to all members, or is long."""
+        member = super().frombuf(buf, encoding, errors)
+        if member.type == tarfile.XGLTYPE:
+            raise tarfile.ReadError("it has a header for all files")
+        if member.type == tarfile.GNUTYPE_SPARSE:
+            raise tarfile.ReadError("it holds a sparse file")
+        if member.type in _HEADERS and not 0 <= member.size <= MAX_HEADER_BYTES:
+            raise tarfile.ReadError(f"a header has {member.size} bytes")
+        return member
+
+
 def _members(path: Path, tar: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
     """A shard's files, each checked before the next is looked for: a negative size would lead in circles."""
-    for number, member in enumerate(tar):
+    for number, member in enumerate(iter(tar.next, None)):
         if number >= MAX_MEMBERS:
             raise FormatError(f"shard {path} holds more than {MAX_MEMBERS} files; split it")
-        if not member.isfile() or not 0 <= member.size <= MAX_MEMBER_BYTES:
+        if not member.isfile() or member.issparse() or not 0 <= member.size <= MAX_MEMBER_BYTES:
             raise FormatError(
                 f"shard {path} holds {member.name!r}, no image or too large; delete it and generate again"
             )
         yield member
+        # It remembers each, with its headers.
+        tar.members.clear()
 
 
 def _frame(path: Path, key: str, data: dict[str, bytes]) -> FrameLabels:
     try:
         fields = json.loads(data["json"])
+        if not isinstance(fields, dict) or not fields.keys() <= FIELDS:
+            raise ValueError(f"its JSON may hold {sorted(FIELDS)} only")
         return FrameLabels(key, decode_depth(data["depth.png"]), decode_parts(data["parts.png"]), **fields)
     except (FormatError, KeyError, ValueError, TypeError, RecursionError) as error:
         raise FormatError(

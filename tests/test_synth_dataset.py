@@ -16,7 +16,17 @@ from annotate.labels import FrameLabels
 from annotate.labelset.images import decode_parts, encode_depth, encode_parts
 from sensors.atomic import write_bytes
 from sensors.errors import FormatError
-from synth.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, frame_ids_of, read_shard, sha256, validate
+from synth.dataset import (
+    MANIFEST,
+    SCHEMA,
+    Dataset,
+    _members,
+    encode_shard,
+    frame_ids_of,
+    read_shard,
+    sha256,
+    validate,
+)
 from synth.dataset_page import contact_sheet, render, write_page
 from synth.sample import PRESETS, sample
 from synth.statistics import count
@@ -111,6 +121,46 @@ def test_shards_from_outside_are_bounded(tmp_path):
             list(read_shard(path))
 
 
+@pytest.mark.parametrize("fields", [{"confidence": 1}, {"persons": "x"}, [], "subject"])
+def test_a_frame_says_no_more_than_is_written(tmp_path, fields):
+    path = tmp_path / "s.tar"
+    with tarfile.open(path, "w") as tar:
+        for name, data in (
+            ("k.depth.png", encode_depth(FRAMES[0].depth_mm)),
+            ("k.parts.png", encode_parts(FRAMES[0].parts)),
+            ("k.json", json.dumps(fields).encode()),
+        ):
+            member = tarfile.TarInfo(name)
+            member.size = len(data)
+            tar.addfile(member, io.BytesIO(data))
+    with pytest.raises(FormatError, match="malformed"):
+        list(read_shard(path))
+
+
+@pytest.mark.parametrize("form", [tarfile.PAX_FORMAT, tarfile.GNU_FORMAT])
+def test_long_names_of_other_writers_are_read(tmp_path, form):
+    path, folder = tmp_path / "s.tar", "ordner-mit-umlaut-ä/" * 9
+    with (
+        tarfile.open(path, "w", format=form) as tar,
+        tarfile.open(fileobj=io.BytesIO(encode_shard(FRAMES[:3]))) as plain,
+    ):
+        for member in plain.getmembers():
+            data = plain.extractfile(member)
+            member.name = folder + member.name
+            tar.addfile(member, data)
+    assert [frame.notes for frame in read_shard(path)] == [frame.notes for frame in FRAMES[:3]]
+    assert frame_ids_of(path) == [folder + frame.frame_id for frame in FRAMES[:3]]
+
+
+def test_members_are_not_remembered(tmp_path):
+    path = tmp_path / "s.tar"
+    path.write_bytes(b"".join(tar_header(f"{i}.json") for i in range(9)) + bytes(1024))
+    with tarfile.open(path, "r:") as tar:
+        assert [(m.name, len(tar.members)) for m in _members(path, tar)] == [
+            (f"{i}.json", 1) for i in range(9)
+        ]
+
+
 def tar_header(name: str, size: bytes = b"00000000000\0", kind: bytes = b"0") -> bytes:
     """One block of a tar, with a right sum."""
     block = bytearray(512)
@@ -131,6 +181,19 @@ HOSTILE = {
     + bytes(1024),
     "an endless size": tar_header("a.json", b"\x80" + b"\xff" * 11) + bytes(1024),
     "headers of headers": tar_header("x", kind=b"x") * 1500 + tar_header("a.json") + bytes(1024),
+    "a header for all files": tar_header("x", b"%011o\0" % 9, b"g")
+    + b"9 a=bcde\n".ljust(512, b"\0")
+    + tar_header("a.json")
+    + bytes(1024),
+    "a long header": tar_header("x", b"%011o\0" % 16384, b"x")
+    + b"16 abcdefgh=ijk\n" * 1024
+    + tar_header("a.json")
+    + bytes(1024),
+    "a sparse file": tar_header("a.json", kind=b"S") + bytes(1024),
+    "a sparse file of another kind": tar_header("x", b"%011o\0" % 44, b"x")
+    + b"22 GNU.sparse.size=99\n22 GNU.sparse.map=0,0\n".ljust(512, b"\0")
+    + tar_header("a.x")
+    + bytes(1024),
     "a great many files": b"".join(tar_header(f"{i}.x") for i in range(40)) + bytes(1024),
 }
 
