@@ -3,7 +3,9 @@
 Camera frame: x right, y down, z forward, metres. Pixel centres sit on integer coordinates.
 """
 
+import math
 from dataclasses import dataclass, replace
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -38,13 +40,14 @@ class Intrinsics:
     k3: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (0 < self.width <= MAX_IMAGE_SIDE and 0 < self.height <= MAX_IMAGE_SIDE):
+        # From a file they may be of any type.
+        if not all(isinstance(n, Integral) and 0 < n <= MAX_IMAGE_SIDE for n in (self.width, self.height)):
             raise CalibrationError(
                 f"image size {self.width}x{self.height} is impossible; "
                 f"give 1 to {MAX_IMAGE_SIDE} pixels a side"
             )
         numbers = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
-        if not all(np.isfinite(numbers)) or self.fx <= 0 or self.fy <= 0:
+        if not all(map(_is_finite, numbers)) or self.fx <= 0 or self.fy <= 0:
             raise CalibrationError(
                 f"intrinsics fx={self.fx}, fy={self.fy}, cx={self.cx}, cy={self.cy} are not a camera's; "
                 "give positive finite focal lengths in pixels"
@@ -68,6 +71,13 @@ class Intrinsics:
     def undistorted(self) -> "Intrinsics":
         """The same pinhole without distortion."""
         return replace(self, k1=0.0, k2=0.0, p1=0.0, p2=0.0, k3=0.0)
+
+
+def _is_finite(number: object) -> bool:
+    try:
+        return isinstance(number, Real) and math.isfinite(number)
+    except OverflowError:
+        return False
 
 
 def distort(camera: Intrinsics, xy: FloatArray) -> NDArray[np.float64]:

@@ -311,6 +311,15 @@ def test_a_file_that_fails_in_the_middle_keeps_the_old_one(label_set, monkeypatc
     assert not list(label_set.path.rglob("*.partial"))
 
 
+@pytest.mark.parametrize("changes", [{"width": 8.0}, {"fx": [1, 2]}, {"fx": -1}, {"zoom": 1}])
+def test_a_manifest_with_an_impossible_camera_is_named(label_set, changes):
+    manifest = json.loads((label_set.path / MANIFEST).read_text())
+    manifest["intrinsics"] |= changes
+    (label_set.path / MANIFEST).write_text(json.dumps(manifest))
+    with pytest.raises(FormatError, match=f"{MANIFEST} has malformed intrinsics"):
+        LabelSet.open(label_set.path)
+
+
 @pytest.mark.parametrize(
     "content", [b"", b"{", b"[]", b"null", b"\xff\xfe", b"[" * 100_000, b'{"schema": 2}']
 )

@@ -93,12 +93,26 @@ def test_undistorted_keeps_the_pinhole():
         {"fy": -1.0},
         {"cx": float("nan")},
         {"k3": float("inf")},
+        {"width": 16.0},
+        {"height": "16"},
+        {"width": None},
+        {"fx": [1, 2]},
+        {"fy": "365"},
+        {"k1": 10**400},
+        {"cx": None},
+        {"p2": 1j},
     ],
 )
 def test_impossible_cameras_are_refused(changes):
     values = {"width": 512, "height": 424, "fx": 365.0, "fy": 365.0, "cx": 256.0, "cy": 212.0}
     with pytest.raises(CalibrationError, match="give"):
         Intrinsics(**{**values, **changes})
+
+
+@pytest.mark.parametrize("number", [np.int64, np.uint16])
+def test_numpy_s_numbers_are_numbers(number):
+    camera = Intrinsics(number(512), number(424), np.float32(365), np.float64(365), np.int32(256), 212)
+    assert camera == Intrinsics(512, 424, 365.0, 365.0, 256.0, 212.0)
 
 
 def test_unproject_refuses_an_image_of_another_camera():

@@ -34,7 +34,7 @@ from annotate.parts import PARTS, on_body
 from sensors.atomic import is_taken, write_bytes
 from sensors.bounded import read_bounded
 from sensors.camera import Intrinsics
-from sensors.errors import CloudError, ExistsError, FormatError
+from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
 
 SCHEMA = 1
 MANIFEST = "labelset.json"
@@ -95,7 +95,7 @@ class LabelSet:
             raise FormatError(f"{path / MANIFEST} names other parts; only the twelve classes are supported")
         try:
             intrinsics = Intrinsics(**manifest.pop("intrinsics"))
-        except (TypeError, KeyError) as error:
+        except (TypeError, KeyError, CalibrationError) as error:
             raise FormatError(f"{path / MANIFEST} has malformed intrinsics ({error}); restore it") from error
         manifest.pop("versions", None)
         return cls(path, intrinsics, manifest)
