@@ -203,6 +203,19 @@ def test_a_report_is_not_overwritten_unasked(compared: Comparison, tmp_path: Pat
         Material((Result("Same", compared), Result("Same", compared)))
 
 
+def test_text_that_cannot_be_written_becomes_a_question_mark(compared: Comparison, tmp_path: Path) -> None:
+    half = "a\ud800b"
+    odd = replace(
+        compared,
+        frame_ids=(half, *compared.frame_ids[1:]),
+        subjects=(half,) * len(compared.subjects),
+        traits=tuple(replace(traits, hard=(half,), activity=half) for traits in compared.traits),
+    )
+    written = write_report(tmp_path / "r.html", Material((Result(half, odd, {half: half}),)))
+    texts = {path.suffix: path.read_text() for path in written}
+    assert len(texts) == 4 and "a?b" in texts[".html"]
+
+
 def test_the_verb_takes_everything_there_is_to_show(
     annotate_cloud, sets: tuple[LabelSet, LabelSet], compared: Comparison, run: Path, tmp_path: Path
 ) -> None:

@@ -82,7 +82,8 @@ def write_report(path: Path, material: Material, overwrite: bool = False) -> lis
     texts = [*tables.texts(material).values(), render(material)]
     path.parent.mkdir(parents=True, exist_ok=True)
     for file, text in zip(outputs, texts, strict=True):
-        write_bytes(file, text.encode())
+        # Names, subjects and notes may hold half a surrogate pair, which no file of text can.
+        write_bytes(file, text.encode(errors="replace"))
     return outputs
 
 
