@@ -6,6 +6,7 @@ A folder holds ``calib_ir.yaml``, ``calib_color.yaml``, ``calib_pose.yaml`` (ir 
 are read as well.
 """
 
+import re
 from pathlib import Path
 
 import cv2
@@ -23,6 +24,10 @@ POSES = {"color": "calib_pose.yaml", "thermal": "calib_pose_thermal.yaml"}
 SHIFT = "calib_depth.yaml"
 SIZES = {"depth": (512, 424), "color": (1920, 1080), "thermal": (160, 120)}
 """iai_kinect2 names no sizes: they are the Kinect v2's, and the Optris PI200's."""
+
+MAX_COLUMNS, MAX_BRACKETS = 1000, 200
+"""OpenCV's parser calls itself for every bracket and every column that a value stands further right; it
+writes lines of 80 columns and one bracket a matrix."""
 
 
 def open_calibration(path: Path) -> RigCalibration:
@@ -124,6 +129,19 @@ def _matrix(path: Path, keys: tuple[str, ...], sizes: tuple[int, ...]) -> NDArra
 def _open(path: Path) -> cv2.FileStorage:
     data = read_bounded(path, MAX_CALIBRATION_BYTES, "give a calibration file", CalibrationError)
     try:
-        return cv2.FileStorage(data.decode(), cv2.FileStorage_READ | cv2.FileStorage_MEMORY)
+        return cv2.FileStorage(_flat(data.decode()), cv2.FileStorage_READ | cv2.FileStorage_MEMORY)
     except (ValueError, cv2.error, SystemError) as error:
         raise CalibrationError(f"calibration {path} cannot be read ({error}); restore it") from error
+
+
+def _flat(text: str) -> str:
+    """The text, where its depth cannot exhaust the stack of OpenCV's parser. Raises ValueError."""
+    # OpenCV tells JSON and XML by their first characters, and their parsers recurse as well.
+    if not text.startswith("%YAML"):
+        raise ValueError("it does not start with %YAML")
+    # Brackets that close are not counted: one in a comment or a string closes nothing.
+    if text.count("[") + text.count("{") > MAX_BRACKETS:
+        raise ValueError(f"more than {MAX_BRACKETS} lists")
+    if max(map(len, re.split(r"[\r\n]", text))) > MAX_COLUMNS:
+        raise ValueError(f"a line of more than {MAX_COLUMNS} columns")
+    return text

@@ -7,16 +7,15 @@ devices = ["kinect2:", "optris:/dev/video0?mode=128hz", "pyrometer:/dev/ttyUSB0?
 "kinect2:" = 25
 """
 
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from sensors.address import Address
-from sensors.bounded import read_bounded
 from sensors.calibration import RigCalibration
 from sensors.calibration_yaml import open_calibration
 from sensors.errors import DeviceError
 from sensors.replay import MAX_LATENCY_MS
+from sensors.toml_file import read_toml
 
 MAX_BYTES = 100_000
 MAX_DEVICES = 16
@@ -50,11 +49,7 @@ class Rig:
 
 def load_rig(path: Path) -> Rig:
     """Read a rig file; a calibration's path is relative to it. Raises DeviceError, CalibrationError."""
-    data = read_bounded(path, MAX_BYTES, "give a rig file", DeviceError)
-    try:
-        fields = tomllib.loads(data.decode())
-    except (ValueError, RecursionError) as error:
-        raise DeviceError(f"rig file {path} cannot be read ({error}); give a TOML file") from error
+    fields = read_toml(path, MAX_BYTES, "give a rig file (TOML)", DeviceError)
     if unknown := sorted(set(fields) - set(KEYS)):
         raise DeviceError(f"rig file {path} has unknown key {unknown[0]!r}; known are {', '.join(KEYS)}")
     devices, latency = fields.get("devices", []), fields.get("latency_ms", {})

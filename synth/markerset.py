@@ -1,7 +1,6 @@
 """Marker sets: which place on the body a marker's name stands for."""
 
 import re
-import tomllib
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -10,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.bounded import read_bounded
 from sensors.errors import CloudError, FormatError
+from sensors.toml_file import read_toml
 from synth.skeleton import JOINT_ID, Float64
 
 MIN_MARKERS = 8
@@ -44,11 +43,7 @@ def key_of(label: str) -> str:
 
 def load_marker_set(path: Path) -> MarkerSet:
     """Read a marker-set file (TOML). Raises FormatError naming the entry that is wrong."""
-    data = read_bounded(path, MAX_FILE_BYTES, "give a marker-set file")
-    try:
-        content = tomllib.loads(data.decode())
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FormatError(f"marker set {path} cannot be read ({error}); give a TOML file") from error
+    content = read_toml(path, MAX_FILE_BYTES, "give a marker-set file (TOML)")
     markers = content.get("markers")
     if not isinstance(markers, dict) or not 1 <= len(markers) <= MAX_MARKERS:
         raise FormatError(f"marker set {path} has no table [markers] of 1 to {MAX_MARKERS} entries; add it")
@@ -73,8 +68,8 @@ def _place(path: Path, name: str, entry: object) -> tuple[int, list[float], floa
         assert isinstance(entry, dict)
         joint, at = JOINT_ID[entry["joint"]], [float(v) for v in entry["at_m"]]
         spread, weight = float(entry.get("spread_mm", DEFAULT_SPREAD_MM)), float(entry.get("weight", 1.0))
-        assert len(at) == 3 and max(map(abs, at)) <= 1 and 0 < spread <= 1000 and 0 < weight <= 100
-    except (AssertionError, KeyError, TypeError, ValueError) as error:
+        assert len(at) == 3 and all(abs(v) <= 1 for v in at) and 0 < spread <= 1000 and 0 < weight <= 100
+    except (AssertionError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise FormatError(
             f"marker set {path}: {name} is no place; give "
             '{ joint = "left_knee", at_m = [0.05, 0, 0], spread_mm = 30, weight = 1 }'

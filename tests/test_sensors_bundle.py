@@ -174,6 +174,24 @@ def test_a_corrupt_yaml_is_a_calibration_error(tmp_path_factory, garbage, cut):
         assert "\n" not in str(error)[:-1] or len(str(error)) < 600
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('{"a": ' + "[" * 9999, "does not start with %YAML"),
+        ("<?xml version='1.0'?>" + "<a>" * 9999, "does not start with %YAML"),
+        ("%YAML:1.0\n---\na: " + "[" * 201 + "]" * 201, "more than 200 lists"),
+        ("%YAML:1.0\n---\na: [ # ]\n" + "{b: # }\n" * 200, "more than 200 lists"),
+        ("%YAML:1.0\n---\na:\n " + "- " * 501, "more than 1000 columns"),
+        ("%YAML:1.0\r---\ra:\r" + "b: " * 334, "more than 1000 columns"),
+    ],
+)
+def test_a_yaml_that_would_exhaust_the_stack_never_reaches_its_parser(tmp_path, monkeypatch, text, says):
+    (tmp_path / FILES["depth"]).write_text(text)
+    monkeypatch.delattr(cv2, "FileStorage")
+    with pytest.raises(CalibrationError, match=says):
+        read_yaml(tmp_path)
+
+
 # The command
 
 

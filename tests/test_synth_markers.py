@@ -164,6 +164,10 @@ def test_any_marker_set_from_a_file(tmp_path):
         '[markers]\na = { joint = "tail", at_m = [0, 0, 0] }',
         "[markers]\na = 3",
         "][",
+        "a = " + "[" * 9999,
+        "markers." + "a." * 99 + "a = 1",
+        '[markers]\na = { joint = "left_knee", at_m = [0, 0, 0], weight = 1' + "0" * 400 + " }",
+        '[markers]\na = { joint = "left_knee", at_m = [0, nan, 0] }',
     ):
         path.write_text(bad)
         with pytest.raises(FormatError, match="mine"):

@@ -10,7 +10,6 @@ A palette file names every part once, with every colour it shows; bare hands go 
 """
 
 import re
-import tomllib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.parts import BODY_PARTS, PART_ID, PARTS
-from sensors.bounded import read_bounded
 from sensors.errors import CloudError
+from sensors.toml_file import read_toml
 
 MAX_TOML_BYTES = 100_000
 MAX_SWATCHES = 200
@@ -86,12 +85,7 @@ _LINEAR = _linear(np.arange(256))
 
 def load_suit(path: Path) -> Suit:
     """Read a palette. Raises CloudError naming the part or value that is wrong."""
-    data = read_bounded(path, MAX_TOML_BYTES, "give a palette file", CloudError)
-    try:
-        fields = tomllib.loads(data.decode())
-    except (ValueError, RecursionError) as error:
-        # A part named twice is a doubled TOML key: tomllib says which line.
-        raise CloudError(f"suit {path} cannot be read ({error}); give a TOML palette") from error
+    fields = read_toml(path, MAX_TOML_BYTES, "give a palette file (TOML)", CloudError)
     colors = fields.get("colors")
     if not isinstance(colors, dict):
         raise CloudError(f"suit {path} has no [colors] table; list the eleven parts there")
