@@ -3,6 +3,7 @@
 import json
 import shutil
 import tempfile
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,9 @@ from conftest import assert_refused, tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from annotate.exchange import bounded_json, masks
+from annotate.exchange import coco as coco_format
+from annotate.exchange import cvat as cvat_format
 from annotate.exchange.coco import ANNOTATIONS, rle_from_string, rle_to_string
 from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.cvat import ANNOTATIONS as XML
@@ -449,4 +453,75 @@ def test_xml_with_a_document_type_is_refused_before_it_is_used(export, tmp_path,
     out = export("cvat")
     (out / XML).write_text(head.partition("<annotations")[0] + xml(""))
     with pytest.raises(FormatError, match="document type"):
+        import_labels(out, tmp_path / "back", nothing)
+
+
+# What a small file could ask for
+
+
+def test_one_mask_is_alive_at_a_time_and_their_pixels_are_bounded(export, tmp_path, monkeypatch):
+    out = export("coco")
+    made, most = [], []
+    real = coco_format._mask
+
+    def counted(*given):
+        mask = real(*given)
+        made.append(weakref.ref(mask))
+        most.append(sum(ref() is not None for ref in made))
+        return mask
+
+    monkeypatch.setattr(coco_format, "_mask", counted)
+    import_labels(out, tmp_path / "back", nothing)
+    assert len(most) > 10 and max(most) <= 2
+    monkeypatch.setattr(masks, "MAX_PAINTED", 5 * 24 * 32)
+    for name in ("coco", "cvat"):
+        with pytest.raises(FormatError, match="at most 5"):
+            import_labels(out if name == "coco" else export(name), tmp_path / "more", nothing)
+
+
+@pytest.mark.parametrize(
+    ("bound", "most"), [("MAX_POINTS", 5), ("MAX_CROSSINGS", 5 * 24), ("MAX_CROSSINGS_AN_IMAGE", 9 * 24)]
+)
+def test_polygons_of_more_corners_than_are_drawn_in_time_are_refused(
+    export, tmp_path, monkeypatch, bound, most
+):
+    out = export("cvat")
+    triangle = '<polygon label="torso" points="4,3;9,3;9,9"/>'
+    (out / XML).write_text(xml(triangle * 3))
+    monkeypatch.setattr(cvat_format, bound, most)
+    assert len(import_labels(out, tmp_path / "back", nothing)[0]) == 1
+    (out / XML).write_text(xml(triangle + triangle.replace("9,9", "9,9;8,9;7,9;6,9")))
+    if bound == "MAX_CROSSINGS_AN_IMAGE":
+        (out / XML).write_text(xml(triangle * 4))
+    with pytest.raises(FormatError, match="corners on 24 rows"):
+        import_labels(out, tmp_path / "more", nothing)
+
+
+@pytest.mark.parametrize("name", [COMPANION, ANNOTATIONS])
+def test_json_of_too_many_values_is_not_parsed(export, tmp_path, monkeypatch, name):
+    out = export("coco")
+    monkeypatch.setattr(bounded_json, "MAX_VALUES", 1000)
+    (out / name).write_text("[" + "[]," * 999 + "[]]")
+    with pytest.raises(FormatError, match="more than 1000 values"):
+        import_labels(out, tmp_path / "back", nothing)
+
+
+def test_text_that_widens_is_bounded_lower(tmp_path):
+    (tmp_path / "a.json").write_bytes(b'"' + bytes([97]) * 50 + b'"')
+    assert bounded_json.load_bounded(tmp_path / "a.json", 100) == "a" * 50
+    (tmp_path / "a.json").write_text('"' + "\N{OWL}" * 10 + '"', encoding="utf-8")
+    with pytest.raises(FormatError, match="no ASCII"):
+        bounded_json.load_bounded(tmp_path / "a.json", 100)
+
+
+def test_xml_of_too_many_attributes_is_not_parsed(export, tmp_path, monkeypatch):
+    """In an encoding in which the signs that are counted are other bytes, it is not read at all."""
+    out = export("cvat")
+    monkeypatch.setattr(cvat_format, "MAX_ATTRIBUTES", 100)
+    text = mask("head", "0,1", 0, 1).replace("<mask", "<mask " + " ".join(f'a{i}=""' for i in range(99)))
+    (out / XML).write_text(text)
+    with pytest.raises(FormatError, match="more than 100 attributes"):
+        import_labels(out, tmp_path / "back", nothing)
+    (out / XML).write_bytes(b'<?xml version="1.0" encoding="cp037"?>' + text.encode("cp037"))
+    with pytest.raises(FormatError, match="is no XML"):
         import_labels(out, tmp_path / "back", nothing)

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.crop import window_of
+from annotate.exchange.bounded_json import load_bounded
 from annotate.exchange.companion import Companion, load_companion
 from annotate.exchange.masks import (
     MASK_IDS,
-    MAX_MASKS,
     PERSON_CATEGORY,
     PERSON_NAME,
     Mask,
+    check_masks,
     images_from,
     mask_from_runs,
     masks_of,
@@ -31,7 +32,8 @@ from sensors.bounded import read_bounded
 from sensors.errors import FormatError
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
-MAX_JSON_BYTES = 1_000_000_000
+MAX_JSON_BYTES = 512_000_000
+"""A frame of a depth camera takes 3 to 4 kB: a hundred thousand of them 0.4 GB."""
 CATEGORIES = {**MASK_IDS, PERSON_NAME: PERSON_CATEGORY}
 _NAMES = {number: name for name, number in CATEGORIES.items()}
 
@@ -65,7 +67,7 @@ def read_coco(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
     """The inverse of ``write_coco``; masks as run lengths, compressed or not. Raises FormatError."""
     companion = load_companion(source)
     try:
-        content = json.loads(read_bounded(source / ANNOTATIONS, MAX_JSON_BYTES))
+        content = load_bounded(source / ANNOTATIONS, MAX_JSON_BYTES)
         names = {int(c["id"]): str(c["name"]) for c in content["categories"]}
         images = {int(image["id"]): image for image in content["images"]}
         by_image: dict[int, list[dict[str, Any]]] = {number: [] for number in images}
@@ -103,14 +105,13 @@ def _frame(
     name = Path(str(image.get("file_name", ""))).name
     try:
         depth_mm = decode_depth(read_bounded(source / IMAGES / name))
-        if len(annotations) > MAX_MASKS:
-            raise FormatError(f"image {name[:100]!r} has {len(annotations)} masks; at most {MAX_MASKS}")
-        masks = [_mask(a, names, depth_mm.shape) for a in annotations]
+        check_masks(len(annotations), depth_mm.shape)
+        masks = (_mask(a, names, depth_mm.shape) for a in annotations)
+        parts, persons = images_from(masks, depth_mm.shape)
     except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
         raise FormatError(
             f"{source / ANNOTATIONS}: image {name[:100]!r} is malformed ({str(error)[:80]!r})"
         ) from error
-    parts, persons = images_from(masks, depth_mm.shape)
     return companion.labels(name.removesuffix(".png"), depth_mm, parts, persons)
 
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.exchange.bounded_json import load_bounded
 from annotate.labels import FrameLabels
-from sensors.bounded import read_bounded
 from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError, FormatError
 from sensors.intrinsics_file import read_intrinsics
@@ -22,7 +22,8 @@ from sensors.intrinsics_file import read_intrinsics
 COMPANION = "annotate-cloud.json"
 INTRINSICS = "intrinsics.json"
 SCHEMA = 1
-MAX_COMPANION_BYTES = 256_000_000
+MAX_COMPANION_BYTES = 128_000_000
+"""A frame takes 100 bytes and its notes, which have some hundreds."""
 
 
 @dataclass
@@ -78,7 +79,7 @@ def load_companion(folder: Path) -> Companion:
             )
         return Companion(read_intrinsics(folder / INTRINSICS).depth)
     try:
-        content = json.loads(read_bounded(file, MAX_COMPANION_BYTES))
+        content = load_bounded(file, MAX_COMPANION_BYTES)
         if content["schema"] != SCHEMA:
             raise FormatError(f"{file} is not of schema {SCHEMA}; export it again")
         frames = content["frames"]

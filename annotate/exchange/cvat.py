@@ -5,6 +5,7 @@ Polygons are read as well (a pixel belongs to one when its centre lies in it); m
 XML with a document type, which is what entities and external references need, is refused.
 """
 
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -19,9 +20,9 @@ from annotate.crop import window_of
 from annotate.exchange.companion import Companion, load_companion
 from annotate.exchange.masks import (
     MASK_IDS,
-    MAX_MASKS,
     PERSON_NAME,
     Mask,
+    check_masks,
     images_from,
     mask_from_runs,
     masks_of,
@@ -35,9 +36,15 @@ from sensors.errors import FormatError
 
 ANNOTATIONS, IMAGES = "annotations.xml", "images"
 MAX_XML_BYTES = 1_000_000_000
+"""A frame of a depth camera takes 10 kB: a hundred thousand of them as much."""
+MAX_ATTRIBUTES = 15_000_000
+"""Of elements, and elements: some 130 bytes of memory each. A frame of eleven parts and a person has 117."""
 MAX_DEPTH = 10
 """Elements within each other; CVAT's own have six."""
-MAX_POINTS = 100_000
+MAX_POINTS = 10_000
+"""Corners of a polygon; a person's outline has some hundreds."""
+MAX_CROSSINGS, MAX_CROSSINGS_AN_IMAGE = 1 << 24, 1 << 27
+"""Corners times rows: OpenCV looks at each edge on each row, and takes a second for those of one polygon."""
 SHAPES = ("mask", "polygon")
 
 
@@ -114,9 +121,14 @@ class _Target:
 
 def _parse(file: Path) -> list[_Image]:
     target = _Target()
-    parser = XMLParser(target=target)
+    data = read_bounded(file, MAX_XML_BYTES)
+    if data.count(b"<") > MAX_ATTRIBUTES or data.count(b"=") > MAX_ATTRIBUTES:
+        raise FormatError(f"{file} holds more than {MAX_ATTRIBUTES} attributes; export it in parts")
+    # Not the encoding that the file names: in some of them these signs are other bytes.
+    encoding = "utf-16" if data[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) else "utf-8"
+    parser = XMLParser(target=target, encoding=encoding)
     try:
-        parser.feed(read_bounded(file, MAX_XML_BYTES))
+        parser.feed(data)
         parser.close()
     except (ParseError, ValueError, LookupError) as error:
         raise FormatError(f"{file} is no XML ({str(error)[:80]}); export it from CVAT again") from error
@@ -152,10 +164,13 @@ def _frame(source: Path, image: _Image, companion: Companion) -> FrameLabels:
     name = PurePosixPath(image.fields.get("name", "").replace("\\", "/")).name
     try:
         depth_mm = decode_depth(read_bounded(source / IMAGES / name))
-        if len(image.shapes) > MAX_MASKS:
-            raise FormatError(f"{len(image.shapes)} shapes; at most {MAX_MASKS}")
+        check_masks(len(image.shapes), depth_mm.shape)
+        corners = [_corners(fields["points"]) for kind, fields in image.shapes if kind == "polygon"]
+        if max(corners, default=0) > MAX_POINTS or not _drawable(corners, depth_mm.shape[0]):
+            raise FormatError(f"polygons of {max(corners)} corners on {depth_mm.shape[0]} rows; export masks")
         ordered = sorted(image.shapes, key=lambda shape: int(shape[1].get("z_order", 0)))
-        parts, persons = images_from([_mask(*shape, depth_mm.shape) for shape in ordered], depth_mm.shape)
+        masks = (_mask(*shape, depth_mm.shape) for shape in ordered)
+        parts, persons = images_from(masks, depth_mm.shape)
     except (ValueError, KeyError, OverflowError, FormatError) as error:
         raise FormatError(f"{source / ANNOTATIONS}, image {name[:100]!r}: {str(error)[:200]}") from error
     return companion.labels(name.removesuffix(".png"), depth_mm, parts, persons)
@@ -176,9 +191,18 @@ def _mask(kind: str, fields: dict[str, str], shape: tuple[int, int]) -> Mask:
     return Mask(fields["label"], int(fields.get("person", 1)), pixels)
 
 
+def _corners(text: str) -> int:
+    return text.count(";") + 1
+
+
+def _drawable(corners: list[int], rows: int) -> bool:
+    """Whether polygons of so many corners are drawn on so many rows within seconds."""
+    return max(corners, default=0) * rows <= MAX_CROSSINGS and sum(corners) * rows <= MAX_CROSSINGS_AN_IMAGE
+
+
 def _polygon(text: str, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """CVAT's pixel centres lie at halves, OpenCV's at whole numbers."""
-    points = [[float(x) for x in point.split(",")] for point in text.split(";")[:MAX_POINTS]]
+    points = [[float(x) for x in point.split(",")] for point in text.split(";")]
     corners = np.array(points, np.float64) - 0.5
     if corners.shape[1:] != (2,) or len(corners) < 3 or not (np.abs(corners) < 1e5).all():
         raise FormatError("a polygon has no three corners on the image; export it again")

@@ -1,6 +1,6 @@
 """A frame's label images as named masks, as tools for instances keep them, and back."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,8 @@ PERSON_CATEGORY = 100
 """Category of the masks of the persons image, beside the part ids."""
 MAX_MASKS = 2000
 """Most masks of one image."""
+MAX_PAINTED = 1 << 30
+"""Most masks times pixels of one image: 60 masks at 4096 x 4096, and a second or two of painting."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +41,18 @@ def masks_of(frame: FrameLabels) -> Iterator[Mask]:
             yield Mask(PERSON_NAME, int(person), frame.persons == person)
 
 
-def images_from(masks: list[Mask], shape: tuple[int, int]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Parts and persons (h, w) of masks; where they overlap, the later one wins. Raises FormatError."""
+def check_masks(count: int, shape: tuple[int, int]) -> None:
+    """Raise FormatError where an image has more masks than one of its size can be given."""
+    most = min(MAX_MASKS, MAX_PAINTED // (shape[0] * shape[1]))
+    if count > most:
+        raise FormatError(f"{count} masks on an image of {shape}; at most {most}")
+
+
+def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Parts and persons (h, w) of masks; where they overlap, the later one wins. Raises FormatError.
+
+    One mask is alive at a time, if they are made so.
+    """
     parts, persons = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     for mask in masks:
         if mask.pixels.shape != shape:
