@@ -112,7 +112,7 @@ def _members(path: Path, tar: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
             )
         yield member
         # It remembers each, with its headers.
-        tar.members.clear()
+        tar.members.clear()  # type: ignore[attr-defined]
 
 
 def _frame(path: Path, key: str, data: dict[str, bytes]) -> FrameLabels:
