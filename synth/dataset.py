@@ -7,7 +7,7 @@ import tarfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from annotate.labels import FrameLabels
 from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
@@ -88,16 +88,16 @@ def frame_ids_of(path: Path) -> list[str]:
 class _Member(tarfile.TarInfo):
     """A header of a shard, refused before ``tarfile`` reads what it announces."""
 
-    @classmethod
-    def frombuf(cls, buf: bytes | bytearray, encoding: str, errors: str) -> Self:
-        """A block of 512 bytes. Raises ReadError for what ``tarfile`` copies to all members, or is long."""
-        member = super().frombuf(buf, encoding, errors)
-        if member.type == tarfile.XGLTYPE:
+    # Every header passes here in every Python; in newer ones not through the public ``frombuf`` any more.
+    def _proc_member(self, tar: tarfile.TarFile) -> tarfile.TarInfo:
+        """Raises ReadError for what ``tarfile`` copies to all members, reads on and on, or is long."""
+        if self.type == tarfile.XGLTYPE:
             raise tarfile.ReadError("it has a header for all files")
-        if member.type == tarfile.GNUTYPE_SPARSE:
+        if self.type == tarfile.GNUTYPE_SPARSE:
             raise tarfile.ReadError("it holds a sparse file")
-        if member.type in _HEADERS and not 0 <= member.size <= MAX_HEADER_BYTES:
-            raise tarfile.ReadError(f"a header has {member.size} bytes")
+        if self.type in _HEADERS and not 0 <= self.size <= MAX_HEADER_BYTES:
+            raise tarfile.ReadError(f"a header has {self.size} bytes")
+        member: tarfile.TarInfo = super()._proc_member(tar)  # type: ignore[misc]
         return member
 
 
