@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from annotate.exchange import bounded_json, masks
 from annotate.exchange import coco as coco_format
 from annotate.exchange import cvat as cvat_format
+from annotate.exchange import parquet as parquet_format
 from annotate.exchange.coco import ANNOTATIONS, rle_from_string, rle_to_string
 from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.cvat import ANNOTATIONS as XML
@@ -525,3 +526,39 @@ def test_xml_of_too_many_attributes_is_not_parsed(export, tmp_path, monkeypatch)
     (out / XML).write_bytes(b'<?xml version="1.0" encoding="cp037"?>' + text.encode("cp037"))
     with pytest.raises(FormatError, match="is no XML"):
         import_labels(out, tmp_path / "back", nothing)
+
+
+def test_rows_that_share_a_value_share_its_memory(tmp_path):
+    """Fifty annotations of 4 MB take 2 kB in the file: expanded together they would take 200 MB."""
+    pa = pytest.importorskip("pyarrow")
+    row = parquet_format._row(blocks(0))
+    table = parquet_format._table([], parquet_format._schema(CAMERA))
+    rest = json.dumps({**json.loads(row["annotation"]), "notes": {"x": "y" * 4_000_000}})
+    rows = [{**row, "id": f"{i:06d}", "annotation": rest} for i in range(50)]
+    (tmp_path / "data").mkdir()
+    table = pa.Table.from_pylist(rows, table.schema)
+    pa.parquet.write_table(table, tmp_path / "data" / "train-0.parquet", compression="zstd")
+    del table, rows
+    _, frames = FORMATS["parquet"].read(tmp_path)
+    before = pa.total_allocated_bytes()
+    found = [(frame.frame_id, len(frame.notes["x"]), pa.total_allocated_bytes()) for frame in frames]
+    assert [(name, size) for name, size, _ in found] == [(f"{i:06d}", 4_000_000) for i in range(50)]
+    assert max(allocated for *_, allocated in found) - before < 50_000_000
+
+
+def test_a_row_of_an_annotation_too_long_is_refused(export, tmp_path, monkeypatch):
+    out = export("parquet")
+    monkeypatch.setattr(parquet_format, "MAX_ANNOTATION_BYTES", 10)
+    with pytest.raises(FormatError, match="an annotation of"):
+        import_labels(out, tmp_path / "back", nothing)
+
+
+def test_parquet_of_others_needs_no_paths_and_may_number_its_rows(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    row = parquet_format._row(blocks(0))
+    pictures = {n: None if row[n] is None else {"bytes": row[n]["bytes"]} for n in parquet_format.IMAGES}
+    schema = parquet_format._schema(CAMERA)
+    table = pa.Table.from_pylist([{**row, **pictures, "id": 7}]).replace_schema_metadata(schema.metadata)
+    pa.parquet.write_table(table, tmp_path / "train.parquet")
+    _, frames = FORMATS["parquet"].read(tmp_path)
+    assert_same(next(frames), replace(blocks(0), frame_id="7"))

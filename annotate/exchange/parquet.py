@@ -32,7 +32,11 @@ from sensors.errors import FormatError
 DATA = "data"
 ROWS_A_FILE, ROWS_A_GROUP = 5000, 50
 MAX_GROUP_BYTES = 1 << 31
+MAX_ANNOTATION_BYTES = 16_000_000
+"""As much as a label set's own file of it."""
 IMAGES = ("image", "label", "confidence", "persons")
+LEAVES = ["id", "annotation", *(f"{name}.{part}" for name in IMAGES for part in ("bytes", "path"))]
+"""Columns kept as they are stored, each value once: rows of a file of 12 kB can share one of 40 MB."""
 CAMERA = b"annotate-cloud intrinsics"
 
 Pyarrow = Any
@@ -140,7 +144,10 @@ def _frames(file: Path) -> Iterator[FrameLabels]:
     import pyarrow.parquet as pq
 
     try:
-        with pq.ParquetFile(file) as parquet:
+        metadata = pq.read_metadata(file)
+        there = {metadata.schema.column(i).path for i in range(metadata.num_columns)}
+        leaves = [name for name in LEAVES if name in there]
+        with pq.ParquetFile(file, metadata=metadata, read_dictionary=leaves) as parquet:
             groups = [parquet.metadata.row_group(i) for i in range(parquet.metadata.num_row_groups)]
             if any(group.total_byte_size > MAX_GROUP_BYTES for group in groups):
                 raise FormatError(f"{file} has a row group of more than {MAX_GROUP_BYTES} bytes; split it")
@@ -148,7 +155,8 @@ def _frames(file: Path) -> Iterator[FrameLabels]:
             for group in range(len(groups)):
                 # Group by group: one pass over the file would keep all that it has read.
                 for batch in parquet.iter_batches(ROWS_A_GROUP, row_groups=[group], columns=columns):
-                    yield from map(_frame, batch.to_pylist())
+                    for row in range(len(batch)):
+                        yield _frame(batch.slice(row, 1).to_pylist()[0])
     except (OSError, pa.ArrowException, ValueError, TypeError, KeyError, AttributeError, RecursionError,
             MemoryError, OverflowError) as error:  # fmt: skip
         raise _broken(file, error) from error
@@ -157,6 +165,8 @@ def _frames(file: Path) -> Iterator[FrameLabels]:
 def _frame(row: dict[str, Any]) -> FrameLabels:
     """A row as a frame; the errors of what it lacks are the caller's."""
     data = {name: None if row[name] is None else row[name]["bytes"] for name in IMAGES}
+    if len(row["annotation"]) > MAX_ANNOTATION_BYTES:
+        raise ValueError(f"an annotation of {len(row['annotation'])} characters")
     rest = json.loads(row["annotation"])
     if data["image"] is None or data["label"] is None or not isinstance(rest, dict):
         raise ValueError(f"row {str(row['id'])[:100]!r} lacks its images or its annotation")
