@@ -12,7 +12,7 @@ from pathlib import Path
 from mcap.records import Channel, Message, Schema
 
 from sensors.errors import FormatError
-from sensors.mcap_records import MAX_RECORD_BYTES, MessageReader, record_offsets, records_at
+from sensors.mcap_records import MAX_CHANNELS, MAX_RECORD_BYTES, MessageReader, record_offsets, records_at
 
 MAX_TEXT = 200
 MAX_SQLITE_STEPS = 1_000_000
@@ -43,19 +43,23 @@ class McapFile:
     def entries(self) -> Iterator[Entry]:
         """Every message of the file, in the file's order."""
         schemas: dict[int, str] = {}
-        channels: dict[int, Channel] = {}
+        channels: dict[int, tuple[str, int, str]] = {}  # topic, schema, encoding
         with self.path.open("rb") as file:
             for offset in record_offsets(file):
                 for slot, record in enumerate(records_at(file, offset)):
                     if isinstance(record, Schema):
-                        schemas.setdefault(record.id, record.name)
+                        schemas.setdefault(record.id, record.name[:MAX_TEXT])
                     elif isinstance(record, Channel):
-                        channels.setdefault(record.id, record)
+                        encoding = record.message_encoding[:MAX_TEXT]
+                        channels.setdefault(record.id, (_plain(record.topic), record.schema_id, encoding))
                     elif isinstance(record, Message) and record.channel_id in channels:
-                        channel = channels[record.channel_id]
-                        kind = schemas.get(channel.schema_id, "")
-                        topic, encoding = _plain(channel.topic), channel.message_encoding
-                        yield Entry(topic, _bare(kind), encoding, record.log_time, (offset, slot))
+                        topic, schema, encoding = channels[record.channel_id]
+                        kind = _bare(schemas.get(schema, ""))
+                        yield Entry(topic, kind, encoding, record.log_time, (offset, slot))
+                    if max(len(schemas), len(channels)) > MAX_CHANNELS:
+                        raise FormatError(
+                            f"{self.path} names more than {MAX_CHANNELS} channels or schemas; split it"
+                        )
 
     def read(self, place: tuple[int, int]) -> bytes:
         """A message's bytes."""
@@ -72,14 +76,10 @@ class SqliteFile:
         """Every message of the file, in the order of their log times."""
         with closing(self._connect()) as database:
             try:
-                real = {
-                    name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type='table'")
-                }
-                if not {"topics", "messages"} <= real:
-                    raise FormatError(f"{self.path} is no ROS 2 bag (it has no tables topics and messages)")
+                self._check_tables(database)
                 query = "SELECT id, name, type, serialization_format FROM topics LIMIT 10000"
                 topics = {
-                    i: (_plain(str(name)), _bare(str(kind)), str(code))
+                    i: (_plain(str(name)), _bare(str(kind)[:MAX_TEXT]), str(code)[:MAX_TEXT])
                     for i, name, kind, code in database.execute(query)
                 }
                 query = "SELECT topic_id, timestamp, rowid FROM messages ORDER BY timestamp"
@@ -100,6 +100,18 @@ class SqliteFile:
         if row is None or not isinstance(row[0], bytes):
             raise FormatError(f"{self.path}: message {place[0]} holds no bytes; restore it from a copy")
         return row[0]
+
+    def _check_tables(self, database: sqlite3.Connection) -> None:
+        """Whether both tables hold what was written: no view, and no column that is computed when read."""
+        kinds = {name: kind for _, name, kind, *_ in database.execute("PRAGMA main.table_list")}
+        for table in ("topics", "messages"):
+            if kinds.get(table) != "table":
+                raise FormatError(f"{self.path} is no ROS 2 bag (it has no tables topics and messages)")
+            for _, column, *_, hidden in database.execute(f"PRAGMA main.table_xinfo({table})"):
+                if hidden:
+                    raise FormatError(
+                        f"{self.path} is no ROS 2 bag ({_plain(column)} of {table} is computed)"
+                    )
 
     def _connect(self) -> sqlite3.Connection:
         try:

@@ -8,9 +8,9 @@ import numpy as np
 from mcap.records import Channel, McapRecord, Message, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
-from sensors.calibration import RigCalibration
+from sensors.calibration import MAX_CALIBRATION_BYTES, RigCalibration
 from sensors.errors import FormatError
-from sensors.mcap_records import is_complete, record_offsets, records_at
+from sensors.mcap_records import MAX_CHANNELS, is_complete, record_offsets, records_at
 from sensors.messages import (
     CALIBRATIONS,
     COLOR,
@@ -94,7 +94,7 @@ class _Scan:
     calibrations: dict[str, bytes] = field(default_factory=dict)
     events: list[tuple[int, str]] = field(default_factory=list)
     metadata: dict[str, str] = field(default_factory=dict)
-    schemas: dict[int, Schema] = field(default_factory=dict)
+    schemas: dict[int, str] = field(default_factory=dict)
     topics: dict[int, str] = field(default_factory=dict)
     count: int = 0
     expected: int | None = None
@@ -104,7 +104,7 @@ class _Scan:
             self.count += 1
             self._add_message(offset, slot, record)
         elif isinstance(record, Schema):
-            self.schemas.setdefault(record.id, record)
+            self._add_schema(record)
         elif isinstance(record, Channel):
             self._add_channel(record)
         elif isinstance(record, Statistics):
@@ -112,12 +112,16 @@ class _Scan:
         elif isinstance(record, Metadata) and record.name == METADATA:
             self.metadata = {_plain(key): _plain(value) for key, value in record.metadata.items()}
 
+    def _add_schema(self, schema: Schema) -> None:
+        self.schemas.setdefault(schema.id, schema.name[:MAX_TEXT])
+        if len(self.schemas) > MAX_CHANNELS:
+            raise FormatError(f"{self.path} names more than {MAX_CHANNELS} schemas; give a recorded session")
+
     def _add_channel(self, channel: Channel) -> None:
         expected = SCHEMAS.get(channel.topic)
         if expected is None or channel.id in self.topics:
             return
-        schema = self.schemas.get(channel.schema_id)
-        name = schema.name if schema else "none"
+        name = self.schemas.get(channel.schema_id, "none")
         if channel.message_encoding != "protobuf" or name != expected.DESCRIPTOR.full_name:
             raise FormatError(
                 f"{self.path}: topic {channel.topic} is {_plain(channel.message_encoding)} {_plain(name)}; "
@@ -132,7 +136,8 @@ class _Scan:
                 raise FormatError(f"{self.path}: a message of {topic} has an impossible time; repair it")
             self.places[topic].extend((message.publish_time, message.log_time, offset, slot))
         elif topic is not None and (topic in CALIBRATIONS or topic == TF):
-            self.calibrations.setdefault(topic, message.data)
+            # One too large is kept as far as calibration_from needs to refuse it.
+            self.calibrations.setdefault(topic, message.data[: MAX_CALIBRATION_BYTES + 1])
         elif topic == EVENTS and len(self.events) < MAX_EVENTS:
             self.events.append((message.publish_time, _plain(event_from(message.data))))
 

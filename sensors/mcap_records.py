@@ -17,14 +17,21 @@ import lz4.frame
 import zstandard
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk, McapRecord, Message
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 from sensors.errors import FormatError
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 1 << 28
 """Largest record or chunk accepted: room for the largest image that a camera may have."""
+MAX_RECORDS, FREE_RECORDS = 200_000, 100
+"""Records of a chunk: never more than the first, nor than the second and one for every byte on disk. Time
+stamps and sequence numbers alone need more than that."""
+COUNTED_BYTES = 256
+"""So much of a channel's description counts as one record more: it is a table, read entry by entry."""
+MAX_CHANNELS = 1000
+"""Channels, and schemas, of a file; few have a hundred."""
 CACHED_CHUNKS = 8
 
 _HEAD = struct.Struct("<BQ")  # opcode, length (MCAP specification, "Records")
@@ -119,6 +126,7 @@ class MessageReader:
 
 
 def _contents(chunk: Chunk) -> list[McapRecord]:
+    most = min(MAX_RECORDS, FREE_RECORDS + len(chunk.data))
     if chunk.compression == "lz4":
         chunk = _without_lz4(chunk)
     if chunk.compression not in ("", "zstd"):
@@ -128,7 +136,31 @@ def _contents(chunk: Chunk) -> list[McapRecord]:
     claimed = zstandard.frame_content_size(chunk.data) if chunk.compression else len(chunk.data)
     if size > MAX_RECORD_BYTES or claimed not in (size, -1):
         raise ValueError(f"chunk claims {claimed} and {size} bytes")
-    return list(breakup_chunk(chunk, validate_crc=True)) if size else []
+    return _records(chunk, most) if size else []
+
+
+def _records(chunk: Chunk, most: int) -> list[McapRecord]:
+    """What an unpacked chunk holds. Raises ValueError where it is damaged, or more than ``most`` records."""
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    records: list[McapRecord] = []
+    count = 0
+    while stream.count < size:
+        opcode, length = _HEAD.unpack(stream.read(_HEAD.size))
+        end = stream.count + length
+        count += 1 + (length // COUNTED_BYTES if opcode == Opcode.CHANNEL else 0)
+        if count > most:
+            raise ValueError(f"more than {most} records in a chunk")
+        if opcode == Opcode.MESSAGE:
+            records.append(Message.read(stream, length))
+        elif opcode == Opcode.CHANNEL:
+            records.append(Channel.read(stream))
+        elif opcode == Opcode.SCHEMA:
+            records.append(Schema.read(stream))
+        # mcap reads what is inside a channel or schema, whatever length the record has.
+        if not stream.count <= end <= size:
+            raise ValueError("a record reaches beyond its end")
+        stream.read(end - stream.count)
+    return records
 
 
 def _without_lz4(chunk: Chunk) -> Chunk:

@@ -19,7 +19,7 @@ from google.protobuf.message import Message as ProtoMessage
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
-from sensors.calibration import Pose, RigCalibration
+from sensors.calibration import MAX_CALIBRATION_BYTES, Pose, RigCalibration
 from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError, FormatError
 from sensors.quaternion import quaternion_of, rotation_of
@@ -162,6 +162,12 @@ def calibration_messages(calibration: RigCalibration, stamp_ns: int) -> Iterator
 
 def calibration_from(messages: dict[str, bytes]) -> RigCalibration:
     """Inverse of ``calibration_messages``; the first message of each topic. Raises CalibrationError."""
+    for topic, data in messages.items():
+        # A protobuf list of empty messages unpacks to fifty times its size.
+        if len(data) > MAX_CALIBRATION_BYTES:
+            raise CalibrationError(
+                f"{topic} is larger than {MAX_CALIBRATION_BYTES} bytes; record it with its calibration"
+            )
     cameras = {
         name: _camera_from(messages[topic], name) for topic, name in CALIBRATIONS.items() if topic in messages
     }

@@ -19,7 +19,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
 from google.protobuf.message import Message as ProtoMessage
 
-from sensors.calibration import Pose
+from sensors.calibration import MAX_CALIBRATION_BYTES, Pose
 from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError, FormatError
 from sensors.lens import intrinsics_from_rational
@@ -153,6 +153,7 @@ def picture_from(kind: str, encoding: str, data: bytes) -> Stamped:
 
 def camera_from(kind: str, encoding: str, data: bytes) -> Camera:
     """A CameraInfo or CameraCalibration. Raises FormatError."""
+    _check_size(kind, data)
     if encoding == "cdr":
         m = _ros(kind, data)
         return Camera(
@@ -167,6 +168,7 @@ def camera_from(kind: str, encoding: str, data: bytes) -> Camera:
 
 def links_from(kind: str, encoding: str, data: bytes) -> list[Link]:
     """Transforms of a TFMessage, FrameTransforms or FrameTransform. Raises FormatError, CalibrationError."""
+    _check_size(kind, data)
     if encoding == "cdr":
         return [
             _link(t.header.frame_id, t.child_frame_id, t.transform.translation, t.transform.rotation)
@@ -175,6 +177,12 @@ def links_from(kind: str, encoding: str, data: bytes) -> list[Link]:
     message = _proto(TRANSFORMS[kind], data)
     transforms = [message] if kind == "FrameTransform" else message.transforms
     return [_link(t.parent_frame_id, t.child_frame_id, t.translation, t.rotation) for t in transforms]
+
+
+def _check_size(kind: str, data: bytes) -> None:
+    # Lists of empty messages unpack to fifty times their size.
+    if len(data) > MAX_CALIBRATION_BYTES:
+        raise FormatError(f"a {kind} message is larger than {MAX_CALIBRATION_BYTES} bytes; repair the bag")
 
 
 def _link(parent: str, child: str, t: Fields, q: Fields) -> Link:

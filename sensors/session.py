@@ -24,7 +24,7 @@ from sensors.atomic import check_free, replacing
 from sensors.calibration import RigCalibration
 from sensors.errors import CalibrationError, FormatError
 from sensors.frame import RigFrame
-from sensors.mcap_records import is_complete, record_offsets, records_at
+from sensors.mcap_records import MAX_CHANNELS, is_complete, record_offsets, records_at
 from sensors.messages import (
     COLOR,
     COUNTS,
@@ -46,6 +46,9 @@ from sensors.messages import (
 )
 
 CHUNK_BYTES = 1 << 20
+MAX_DESCRIBED_BYTES, ENTRY_BYTES = 1 << 26, 100
+"""Of schemas, channels and metadata of a file that is repaired: the writer keeps them to its end.
+Python needs about the second for every text, however short."""
 
 
 class SessionWriter:
@@ -191,7 +194,8 @@ class Repair:
 def repair(path: Path, out: Path, *, overwrite: bool = False) -> Repair:
     """Rewrite a truncated or damaged session as a whole one with all that can still be read.
 
-    Raises FormatError when ``path`` is no MCAP file, ExistsError when ``out`` exists.
+    Raises FormatError when ``path`` is no MCAP file or has too many channels, ExistsError
+    when ``out`` exists.
     """
     if not path.is_file():
         raise FormatError(f"{path} does not exist; give a recorded session")
@@ -203,27 +207,45 @@ def repair(path: Path, out: Path, *, overwrite: bool = False) -> Repair:
         add = copier(writer)
         for offset in record_offsets(source):
             try:
-                kept += sum(add(record) for record in records_at(source, offset))
+                records = records_at(source, offset)
             except FormatError:
                 dropped += 1
+                continue
+            kept += sum(map(add, records))
         writer.finish()
         return Repair(kept, dropped, truncated=not is_complete(source))
 
 
 def copier(writer: Writer) -> Callable[[McapRecord], int]:
-    """A function that copies one record and returns the number of messages copied (0 or 1)."""
+    """A function that copies one record and returns the number of messages copied (0 or 1).
+
+    It raises FormatError for more channels, or longer descriptions of them, than any session has.
+    """
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
+    described = 0
+
+    def describe(*parts: str | bytes) -> None:
+        nonlocal described
+        described += sum(ENTRY_BYTES + len(part) for part in parts)
+        if max(len(schemas), len(channels)) > MAX_CHANNELS or described > MAX_DESCRIBED_BYTES:
+            raise FormatError(
+                f"the file names more than {MAX_CHANNELS} channels or schemas, or takes more than "
+                f"{MAX_DESCRIBED_BYTES} bytes to describe them; give a recorded session"
+            )
 
     def add(record: McapRecord) -> int:
         if isinstance(record, Schema) and record.id not in schemas:
+            describe(record.name, record.encoding, record.data)
             schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
         elif isinstance(record, Channel) and record.id not in channels and record.schema_id in schemas:
+            describe(record.topic, *record.metadata.keys(), *record.metadata.values())
             schema = schemas[record.schema_id]
             channels[record.id] = writer.register_channel(
                 record.topic, record.message_encoding, schema, record.metadata
             )
         elif isinstance(record, Metadata):
+            describe(record.name)
             writer.add_metadata(record.name, record.metadata)
         elif isinstance(record, Message) and record.channel_id in channels:
             writer.add_message(

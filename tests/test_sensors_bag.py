@@ -12,6 +12,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
+from sensors import ros_messages
 from sensors.bag import Bag, path_between
 from sensors.bag_topics import choose_color, choose_depth, described_by
 from sensors.calibration import Pose
@@ -339,6 +340,17 @@ def test_hostile_databases_end(tmp_path):
     database.close()
     with pytest.raises(FormatError, match="no tables"):
         open_source(path)
+    blob = "cast(replace(hex(zeroblob(60000000)), '0', '0') as blob)"
+    for column, stored in (("data", ""), ("topic_id", "stored"), ("timestamp", "virtual")):
+        others = ", ".join({"data", "topic_id", "timestamp"} - {column})
+        path.unlink()
+        with sqlite3.connect(path) as database:
+            database.execute("CREATE TABLE topics (id, name, type, serialization_format)")
+            computed = f"{column} blob generated always as ({blob}) {stored}"
+            database.execute(f"CREATE TABLE messages (id integer primary key, {others}, {computed})")
+        database.close()
+        with pytest.raises(FormatError, match=f"{column} of messages is computed"):
+            open_source(path)
     path.write_bytes(b"SQLite format 3\0" + bytes(5000))
     with pytest.raises(FormatError):
         open_source(path)
@@ -360,6 +372,17 @@ def test_a_flipped_bag_is_an_error_or_frames(tmp_path, storage):
                 frame.decode_color()
         except CloudError as error:
             assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("encoding", ["protobuf", "cdr"])
+def test_transforms_and_cameras_that_would_unpack_to_much_are_never_decoded(monkeypatch, encoding):
+    monkeypatch.setattr(ros_messages, "MAX_CALIBRATION_BYTES", 1000)
+    for read, kind in (
+        (ros_messages.links_from, "FrameTransforms"),
+        (ros_messages.camera_from, "CameraInfo"),
+    ):
+        with pytest.raises(FormatError, match=f"a {kind} message is larger than 1000 bytes"):
+            read(kind, encoding, b"\x0a\x00" * 501)
 
 
 def test_protobuf_of_the_wrong_kind_is_refused():

@@ -2,13 +2,16 @@
 
 import os
 import signal
+import struct
 import subprocess
 import sys
 from pathlib import Path
 
 import cv2
+import lz4.frame
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -18,6 +21,9 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.schema import register_schema
 
+from sensors import bag_files, contents, mcap_records
+from sensors import messages as messages_module
+from sensors import session as session_module
 from sensors.calibration import Pose, RigCalibration
 from sensors.camera import Intrinsics
 from sensors.contents import MAX_TEXT
@@ -429,6 +435,110 @@ def test_a_decompression_bomb_is_refused(tmp_path):
     path.write_bytes(data)
     with pytest.raises(FormatError, match="chunk claims"):
         Session(path)
+
+
+def packed(path: Path, data: bytes, compression=CompressionType.ZSTD) -> Path:
+    """An MCAP file of one chunk with these bytes."""
+    pack = {CompressionType.ZSTD: zstandard.compress, CompressionType.LZ4: lz4.frame.compress}
+    stored = pack[compression](data) if compression in pack else data
+    name = {CompressionType.ZSTD: b"zstd", CompressionType.LZ4: b"lz4"}.get(compression, b"")
+    head = struct.pack("<QQQII", 0, 0, len(data), 0, len(name)) + name + struct.pack("<Q", len(stored))
+    chunk = struct.pack("<BQ", Opcode.CHUNK, len(head + stored)) + head + stored
+    path.write_bytes(b"\x89MCAP0\r\n" + chunk)
+    return path
+
+
+EMPTY = struct.pack("<BQ22x", Opcode.MESSAGE, 22)
+CHANNEL = struct.pack("<HHIII", 1, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("data", "compression", "says"),
+    [
+        (EMPTY * 5000, CompressionType.ZSTD, "more than [0-9]+ records"),
+        (EMPTY * 5000, CompressionType.LZ4, "more than [0-9]+ records"),
+        (EMPTY * 301, CompressionType.NONE, "more than 300 records"),
+        (struct.pack("<BQ", Opcode.CHANNEL, 99_000) + CHANNEL[:-4] + bytes(98_984), CompressionType.ZSTD, ""),
+        # A channel that says it is longer than it is: what follows it is no part of it.
+        (struct.pack("<BQ", Opcode.CHANNEL, 9999) + CHANNEL + EMPTY * 9, CompressionType.NONE, "beyond"),
+        (struct.pack("<BQ", Opcode.CHANNEL, 15) + CHANNEL, CompressionType.NONE, "beyond"),
+    ],
+)
+def test_a_chunk_of_too_many_records_is_refused(tmp_path, monkeypatch, data, compression, says):
+    monkeypatch.setattr(mcap_records, "MAX_RECORDS", 300)
+    with pytest.raises(FormatError, match=f"damaged at byte 8 .*{says}"):
+        Session(packed(tmp_path / "x.mcap", data, compression))
+
+
+def test_a_record_may_be_longer_than_is_known(tmp_path):
+    data = struct.pack("<BQ", Opcode.CHANNEL, len(CHANNEL) + 3) + CHANNEL + b"new" + EMPTY
+    with packed(tmp_path / "x.mcap", data).open("rb") as file:
+        assert [type(record).__name__ for record in mcap_records.records_at(file, 8)] == [
+            "Channel",
+            "Message",
+        ]
+
+
+def described(path: Path, schemas: int, channels: int, size: int = 1) -> Path:
+    """A session and these schemas and channels, whose names are as long as that."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for i in range(schemas):
+            writer.register_schema(f"{i}".ljust(size, "x"), "", bytes(size))
+        for i in range(channels):
+            writer.register_channel(f"{i}", "protobuf", 0)
+        for i, (topic, message) in enumerate([(DEPTH, IMAGE), *CALIBRATION]):
+            channel = writer.register_channel(topic, "protobuf", register_schema(writer, type(message)))
+            writer.add_message(channel, i, message.SerializeToString(), i)
+        writer.finish()
+    return path
+
+
+def test_too_many_schemas_and_channels_are_refused(tmp_path, monkeypatch):
+    for module in (session_module, contents, mcap_records, bag_files):
+        monkeypatch.setattr(module, "MAX_CHANNELS", 9)
+    good = described(tmp_path / "good.mcap", 5, 5)
+    assert (
+        repair(good, tmp_path / "copy.mcap").messages
+        == len(CALIBRATION) + 1
+        == len(list(bag_files.McapFile(good).entries()))
+    )
+    assert len(Session(good)) == 1
+    for name, counts in (("schemas", (12, 0)), ("channels", (0, 12))):
+        path = described(tmp_path / f"{name}.mcap", *counts)
+        with pytest.raises(FormatError, match="more than 9 channels or schemas"):
+            repair(path, tmp_path / "never.mcap")
+        with pytest.raises(FormatError, match="more than 9 channels or schemas"):
+            list(bag_files.McapFile(path).entries())
+    with pytest.raises(FormatError, match="more than 9 schemas"):
+        Session(tmp_path / "schemas.mcap")
+    monkeypatch.setattr(session_module, "MAX_DESCRIBED_BYTES", 2000)
+    with pytest.raises(FormatError, match="more than 2000 bytes"):
+        repair(good, tmp_path / "never.mcap")
+    assert not list(tmp_path.glob("*never*"))
+
+
+def test_of_a_schema_only_its_name_is_kept(tmp_path):
+    path = described(tmp_path / "x.mcap", 3, 0, 100_000)
+    scan = contents._Scan(path)
+    with path.open("rb") as file:
+        for offset in record_offsets(file):
+            for slot, record in enumerate(mcap_records.records_at(file, offset)):
+                scan.add(offset, slot, record)
+    assert {len(name) for name in scan.schemas.values()} >= {MAX_TEXT}
+    assert all(isinstance(name, str) and len(name) <= MAX_TEXT for name in scan.schemas.values())
+
+
+@pytest.mark.parametrize("topic", ["/tf", "/depth/calibration"])
+def test_a_calibration_that_would_unpack_to_much_is_never_decoded(tmp_path, monkeypatch, topic):
+    for module in (contents, messages_module):
+        monkeypatch.setattr(module, "MAX_CALIBRATION_BYTES", 1000)
+    with pytest.raises(CalibrationError, match=f"{topic} is larger than 1000 bytes"):
+        calibration_from({topic: b"\x0a\x00" * 501})
+    large = SCHEMAS[topic](**({"transforms": [{}] * 501} if topic == "/tf" else {"D": [0.0] * 126}))
+    with pytest.raises(CalibrationError, match=f"{topic} is larger than 1000 bytes"):
+        Session(foreign(tmp_path / "x.mcap", [(DEPTH, IMAGE), (topic, large), *CALIBRATION]))
 
 
 def test_the_writer_refuses_what_it_could_not_read_back(tmp_path):
