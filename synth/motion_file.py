@@ -1,6 +1,5 @@
 """A solved motion: joint angles over time that drive any body, and how well the markers bore them out."""
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,13 +9,20 @@ from numpy.typing import NDArray
 from sensors.atomic import check_free, replacing
 from sensors.errors import FormatError
 from synth.body import Body
+from synth.plain_arrays import UNREADABLE, load_arrays
 from synth.skeleton import N_JOINTS, Float64, Posture
 from synth.subject import leg_length_m, zero_bones
 
 SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
 """Status of a marker in a frame: as it is; bridged over a short gap; missing; thrown out; relabelled."""
-MAX_FILE_BYTES = 1_000_000_000
 VERSION = 1
+_KINDS = {
+    "version": "iu",
+    **dict.fromkeys(("angles_rad", "pelvis_m", "frames_per_second", "leg_m", "error_m"), "fiu"),
+    "status": "iu",
+    **dict.fromkeys(("names", "unknown"), "U"),
+}
+"""Kinds of numbers (``numpy.dtype.kind``) of each array of the file."""
 
 
 @dataclass(frozen=True)
@@ -114,28 +120,24 @@ def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
 def load_motion(path: Path) -> Motion:
     """Read a motion. Raises FormatError when the file is none, damaged or too large."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            if sum(member.file_size for member in archive.infolist()) > MAX_FILE_BYTES:
-                raise FormatError(
-                    f"motion {path} unpacks to more than {MAX_FILE_BYTES} bytes; cut the recording"
-                )
-        with np.load(path, allow_pickle=False) as arrays:
-            if int(arrays["version"]) != VERSION:
-                raise FormatError(f"motion {path} is of version {int(arrays['version'])}; solve it again")
-            report = MarkerReport(
-                tuple(str(n) for n in arrays["names"]),
-                arrays["error_m"].astype(np.float32),
-                arrays["status"].astype(np.uint8),
-                tuple(str(n) for n in arrays["unknown"]),
-            )
-            return Motion(
-                arrays["angles_rad"].astype(np.float64),
-                arrays["pelvis_m"].astype(np.float64),
-                float(arrays["frames_per_second"]),
-                float(arrays["leg_m"]),
-                report,
-            )
+        arrays = load_arrays(path, _KINDS)
+        if int(arrays["version"]) != VERSION:
+            raise FormatError(f"motion {path} is of version {int(arrays['version'])}; solve it again")
+        report = MarkerReport(
+            tuple(str(n) for n in arrays["names"]),
+            arrays["error_m"].astype(np.float32),
+            arrays["status"].astype(np.uint8),
+            tuple(str(n) for n in arrays["unknown"]),
+        )
+        return Motion(
+            arrays["angles_rad"].astype(np.float64),
+            arrays["pelvis_m"].astype(np.float64),
+            float(arrays["frames_per_second"]),
+            float(arrays["leg_m"]),
+            report,
+        )
     except FormatError:
         raise
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise FormatError(f"motion {path} cannot be read ({error}); write it with 'solve'") from error
+    except UNREADABLE as error:
+        why = " ".join(str(error).split())[:120] or type(error).__name__
+        raise FormatError(f"motion {path} cannot be read ({why}); write it with 'solve'") from error

@@ -307,6 +307,34 @@ def _read_frames(path: Path) -> None:
     exhaust(open_source(path))
 
 
+def _motion(folder: Path) -> Path:
+    from synth.motion_file import MarkerReport, Motion, save_motion
+    from synth.skeleton import N_JOINTS
+
+    report = MarkerReport(("LASI", "RASI"), np.zeros((3, 2), np.float32), np.zeros((3, 2), np.uint8), ("x",))
+    motion = Motion(np.zeros((3, N_JOINTS, 3)), np.zeros((3, 3)), 100.0, 0.8, report)
+    save_motion(folder / "m.npz", motion)
+    return folder / "m.npz"
+
+
+def _read_motion(path: Path) -> None:
+    from synth.motion_file import load_motion
+
+    load_motion(path)
+
+
+def _marker_set(folder: Path) -> Path:
+    place = '{ joint = "left_knee", at_m = [0.05, 0, 0], spread_mm = 30, weight = 1 }'
+    (folder / "m.toml").write_text(f'name = "mine"\n[markers]\nLKNE = {place}\nRKNE = {place}\n')
+    return folder / "m.toml"
+
+
+def _read_marker_set(path: Path) -> None:
+    from synth.markerset import load_marker_set
+
+    load_marker_set(path)
+
+
 READERS = {
     "session": Reader(_session, _read_session),
     "session-bare": Reader(_bare_session, _read_session),
@@ -325,6 +353,8 @@ READERS = {
     "c3d": Reader(_markers("c3d"), _read_markers),
     "trc": Reader(_markers("trc"), _read_markers),
     "bvh": Reader(_markers("bvh"), _read_bvh),
+    "motion": Reader(_motion, _read_motion),
+    "marker-set": Reader(_marker_set, _read_marker_set),
     "suit": Reader(_suit, load_suit),
     "rig": Reader(_rig, load_rig),
     "calibration": Reader(_calibration, load_calibration),
