@@ -24,9 +24,12 @@ from sensors.intrinsics_file import read_intrinsics
 
 NPY_MAGIC, ZIP_MAGIC = b"\x93NUMPY", b"PK\x03\x04"
 MAX_ARRAY_BYTES = 1 << 32
+MAX_UNPACKED_BYTES = 1 << 30
+"""Of a .npz, which is read into memory as a whole."""
 MAX_ZIP_RATIO = 1100
 """Deflate reaches 1032; what claims more is no array."""
 
+_READ = ("depth", "K")
 _UNREADABLE = (
     *(ValueError, TypeError, SyntaxError, TokenError, KeyError, OverflowError, MemoryError),
     *(RuntimeError, zipfile.BadZipFile, zlib.error, EOFError),
@@ -41,11 +44,11 @@ class DepthArrays:
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.stem
-        arrays = _load(path)
-        self._depth = _depth(path, arrays)
+        arrays, names = _load(path)
+        self._depth = _depth(path, arrays, names)
         camera, self._unit_mm, origin = _intrinsics(path, arrays.get("K"), self._depth.shape[1:])
         self.calibration = RigCalibration(camera)
-        unread = sorted(set(arrays) - {"depth", "K"}) if len(arrays) > 1 else []
+        unread = sorted(set(names) - set(arrays))
         self.notes = (
             origin,
             *(f"array {name[:60]!r} is not read" for name in unread),
@@ -64,26 +67,37 @@ class DepthArrays:
             yield RigFrame(index, index * FRAME_PERIOD_NS, depth_mm)
 
 
-def _load(path: Path) -> dict[str, NDArray[Any]]:
-    """Every array of the file by name; a .npy's has the name ``depth`` and stays on disk."""
+def _load(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
+    """``depth`` and ``K``, or the only array, by name, and the names of all; a .npy stays on disk."""
     try:
         if path.stat().st_size > MAX_ARRAY_BYTES:
             raise FormatError(f"{path} is larger than {MAX_ARRAY_BYTES} bytes; split it")
         with path.open("rb") as file:
             single = file.read(len(NPY_MAGIC)) == NPY_MAGIC
         if single:
-            return {"depth": np.load(path, mmap_mode="r", allow_pickle=False)}
+            return {"depth": np.load(path, mmap_mode="r", allow_pickle=False)}, ["depth"]
         with zipfile.ZipFile(path) as archive:
-            return {info.filename.removesuffix(".npy"): _member(archive, info) for info in archive.infolist()}
+            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            wanted = members if len(members) == 1 else {n: i for n, i in members.items() if n in _READ}
+            for info in wanted.values():
+                _check_member(info)
+            if (size := sum(info.file_size for info in wanted.values())) > MAX_UNPACKED_BYTES:
+                raise FormatError(f"{path} unpacks to {size} bytes; save depth as a .npy file, or split it")
+            return {name: _member(archive, info) for name, info in wanted.items()}, list(members)
     except OSError as error:
         raise FormatError(f"{path} cannot be read ({error}); give a .npy or .npz file") from error
     except _UNREADABLE as error:
         raise FormatError(f"{path} holds no plain arrays ({error}); save it with numpy.savez") from error
 
 
-def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
+def _check_member(info: zipfile.ZipInfo) -> None:
     if info.file_size > min(MAX_ARRAY_BYTES, MAX_ZIP_RATIO * info.compress_size + 1000):
         raise ValueError(f"{info.filename[:60]!r} claims {info.file_size} bytes")
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"{info.filename[:60]!r} is compressed by method {info.compress_type}")
+
+
+def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
     with archive.open(info) as member:
         data = member.read(info.file_size)
     stream = io.BytesIO(data)
@@ -101,12 +115,12 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
     return values.reshape(shape, order="F" if fortran else "C")
 
 
-def _depth(path: Path, arrays: dict[str, NDArray[Any]]) -> NDArray[Any]:
+def _depth(path: Path, arrays: dict[str, NDArray[Any]], names: list[str]) -> NDArray[Any]:
     """The depth array as (n, h, w)."""
-    depth = arrays.get("depth", next(iter(arrays.values())) if len(arrays) == 1 else None)
+    depth = arrays.get("depth", next(iter(arrays.values())) if len(names) == 1 else None)
     if depth is None:
-        names = ", ".join(name[:30] for name in sorted(arrays)[:8])
-        raise FormatError(f"{path} holds no array 'depth' but {names or 'nothing'}; name it so")
+        others = ", ".join(name[:30] for name in sorted(names)[:8])
+        raise FormatError(f"{path} holds no array 'depth' but {others or 'nothing'}; name it so")
     if depth.ndim not in (2, 3) or depth.dtype.kind not in "iuf" or 0 in depth.shape:
         raise FormatError(
             f"{path}: depth is {depth.dtype} {depth.shape}; give (h, w) or (n, h, w), integers in "

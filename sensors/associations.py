@@ -40,10 +40,17 @@ def read_associations(file: Path) -> list[tuple[tuple[int, str], tuple[int, str]
 
 
 def _lines(file: Path, words: int) -> list[list[str]]:
-    lines = [line.split() for line in _text(file).splitlines() if line.strip() and not line.startswith("#")]
-    for line in lines:
+    lines = []
+    # Line by line: all of a hostile file's at once need fifty times its size.
+    for count, match in enumerate(re.finditer(r"[^\r\n]+", _text(file)), 1):
+        if count > MAX_LINES:
+            raise FormatError(f"{file} has more than {MAX_LINES} lines; split it")
+        line = match[0].split(maxsplit=words)
+        if not line or match[0].startswith("#"):
+            continue
         if len(line) < words:
             raise FormatError(f"{file}: line {' '.join(line)[:60]!r} has no {words} words; correct it")
+        lines.append(line[:words])
     return lines
 
 

@@ -14,6 +14,8 @@ from sensors.camera import MAX_IMAGE_SIDE
 from sensors.errors import FormatError
 
 MAX_POINTS = 50_000_000
+MAX_UNPACKED_BYTES = 1 << 30
+"""Of a compressed PCD, which is unpacked as a whole."""
 MAX_HEADER_LINES = 200
 MAX_LINE_BYTES = 1000
 _MAX_LZF_RATIO = 300  # the format's longest back reference makes 264 bytes of 3
@@ -89,7 +91,8 @@ def _check_room(data: list[str], points: int, stride: int, values: int, file: Bi
     """Raise ValueError when what follows the header cannot hold the points."""
     if data == ["binary_compressed"]:
         compressed, size = struct.unpack("<II", file.read(8))
-        if compressed > left - 8 or size != points * stride or size > _MAX_LZF_RATIO * compressed:
+        most = min(_MAX_LZF_RATIO * compressed, MAX_UNPACKED_BYTES)
+        if compressed > left - 8 or size != points * stride or size > most:
             raise ValueError(f"{compressed} bytes for {size}, with {left - 8} in the file")
     elif data == ["binary"]:
         if points * stride > left:
@@ -107,7 +110,7 @@ _PLY_WORDS = {
 
 
 def _ply_fields(file: BinaryIO) -> dict[str, list[str]]:
-    """Vertex count, grid and format. Whatever else it declares is open3d's to read, which trusts it."""
+    """Vertex count, grid, format, and how many ``values`` all elements have, which open3d trusts."""
     lines = _lines(file)
     if lines[0] != ["ply"]:
         raise ValueError("it does not start with 'ply'")
@@ -115,7 +118,20 @@ def _ply_fields(file: BinaryIO) -> dict[str, list[str]]:
         if words[0] in _PLY_WORDS and not _PLY_WORDS[words[0]].fullmatch(" ".join(words[1:])):
             raise ValueError(f"{' '.join(words)[:40]!r} declares nothing")
     fields = {" ".join(words[:2]): words[2:] for words in lines if len(words) > 2}
-    return {**fields, "format": lines[1][1:2]}
+    return {**fields, "format": lines[1][1:2], "values": [str(_ply_values(lines))]}
+
+
+def _ply_values(lines: list[list[str]]) -> int:
+    """Values that all elements have together; an element without properties counts as one."""
+    elements: list[list[int]] = []  # count, properties
+    for words in lines:
+        if words[0] == "element":
+            elements.append([int(words[2]), 0])
+            if elements[-1][0] > MAX_POINTS:
+                raise ValueError(f"{words[2]} of {words[1][:40]!r}; give at most {MAX_POINTS}")
+        elif words[0] == "property" and elements:
+            elements[-1][1] += 1
+    return sum(count * max(1, properties) for count, properties in elements)
 
 
 def _ply(fields: dict[str, list[str]], left: int) -> CloudHeader:
@@ -124,5 +140,9 @@ def _ply(fields: dict[str, list[str]], left: int) -> CloudHeader:
     least = 6 if fields["format"] == ["ascii"] else 12
     if points * least > left:
         raise ValueError(f"{points} points cannot be in {left} bytes")
+    # A byte each, in a text file with a space; the last line may lack its end.
+    values = int(fields["values"][0]) * (2 if fields["format"] == ["ascii"] else 1)
+    if values > left + 1:
+        raise ValueError(f"{values} bytes of elements cannot be in {left} bytes")
     organised = columns * rows == points and 1 < rows <= MAX_IMAGE_SIDE and 1 < columns <= MAX_IMAGE_SIDE
     return CloudHeader(points, (rows, columns) if organised else None)

@@ -16,6 +16,9 @@ from sensors.png import PNG_MAGIC, check_chunks
 MAX_DEPTH_MM = 65535
 FRAME_PERIOD_NS = 33_333_333
 """Stamps of images that carry none: 30 a second."""
+MAX_SCANS = 100
+"""Of a JPEG: a progressive one has ten. Each goes over all pixels, however few bytes it has."""
+_SCAN = b"\xff\xda"  # SOS (ITU-T T.81, table B.1), which never occurs within a scan's data
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,8 @@ class RigFrame:
             raise self._broken_color(f"it claims {size[0]}x{size[1]} pixels")
         if self.color_encoded.startswith(PNG_MAGIC):
             check_chunks(self.color_encoded, f"colour image of frame {self.index}:")
+        elif (scans := self.color_encoded.count(_SCAN)) > MAX_SCANS:
+            raise self._broken_color(f"it has {scans} scans")
         image = cv2.imdecode(np.frombuffer(self.color_encoded, np.uint8), cv2.IMREAD_COLOR)
         if image is None:
             raise self._broken_color("it is cut off or corrupt")

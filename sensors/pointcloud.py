@@ -176,9 +176,22 @@ def _line(ratio: NDArray[np.float64], pixel: NDArray[np.intp]) -> tuple[float, f
 
 def _spacing(points_m: NDArray[np.float64]) -> float:
     """Distance that separates neighbouring points of a surface: nearest neighbours' 95th percentile."""
-    sample = points_m[:: max(1, len(points_m) // 5000)]
-    distances, _ = Nearest(points_m).query(sample, k=2)
+    points = _distinct(points_m)
+    if len(points) < 2:
+        return 0.0
+    sample = points[:: max(1, len(points) // 5000)]
+    distances, _ = Nearest(points).query(sample, k=2)
     return float(np.percentile(distances, 95))
+
+
+def _distinct(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The points without those that an earlier one equals in float32, in their order."""
+    # The search compares in float32, and looks at all of many equal points each time.
+    rows = points_m.astype(np.float32)
+    order = np.lexsort(rows.T)
+    first = np.ones(len(rows), bool)
+    first[order[1:]] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    return points_m[first]
 
 
 def _read_points(path: Path, header: CloudHeader) -> NDArray[np.float64]:

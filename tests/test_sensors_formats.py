@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from samples import COLOR_SIZE, DEPTH_SIZE, azure_calibration, azure_depth, azure_jpeg, azure_mkv, element
 
+from sensors import arrays, associations
 from sensors.associations import read_associations, read_list
 from sensors.azure_mkv import AzureRecording
 from sensors.camera import Intrinsics, project, unproject
@@ -165,6 +166,27 @@ def test_no_array_is_executed_or_believed(tmp_path):
     assert_refused(tmp_path / "two.npz", "no array 'depth' but a, b")
 
 
+def test_of_an_archive_only_what_is_needed_is_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setattr(arrays, "MAX_UNPACKED_BYTES", 3 * depth_image().nbytes)
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, depth=depth_image(), K=CAMERA.matrix, rest=np.zeros(1 << 20, np.uint8))
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("other.npy", b"no array")
+    source = open_source(path)
+    assert {"array 'rest' is not read", "array 'other' is not read"} <= set(source.notes)
+    np.testing.assert_array_equal(next(iter(source)).depth_mm, depth_image())
+    np.savez_compressed(path, depth=np.stack([depth_image()] * 3), K=CAMERA.matrix)
+    assert_refused(path, "unpacks to .*save depth as a .npy")
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_other_compressions_of_arrays_are_refused(tmp_path, method):
+    np.save(tmp_path / "depth.npy", depth_image())
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", method) as archive:
+        archive.write(tmp_path / "depth.npy", "depth.npy")
+    assert_refused(tmp_path / "a.npz", f"compressed by method {method}")
+
+
 # LAS
 
 
@@ -303,6 +325,21 @@ def test_lists_name_images_and_never_paths(tum):
     assert_refused(tum)
 
 
+def test_a_list_is_bounded_while_it_is_read(tum, monkeypatch):
+    monkeypatch.setattr(associations, "MAX_LINES", 9)
+    list_file = tum / "depth.txt"
+    assert len(read_list(write(list_file, b"1 a.png " + b"x " * 99 + b"\r\n" + b"2 b.png\n\n" * 8))) == 9
+    for content in (b"1 a.png\n" * 10, b"#\n" * 10, b"a\n" * 10):
+        with pytest.raises(FormatError, match=r"more than 9 lines|has no 2 words"):
+            read_list(write(list_file, content))
+    with pytest.raises(FormatError, match="more than 9 lines"):
+        read_list(write(list_file, b" \n" * 10))
+    assert [len(words) for words in associations._lines(write(list_file, b"1 2 3 4 5 6"), 2)] == [2]
+    monkeypatch.setattr(associations, "MAX_BYTES", 9)
+    with pytest.raises(FormatError, match="larger than 9 bytes"):
+        read_list(list_file)
+
+
 def test_a_package_that_is_missing_is_named(tmp_path, monkeypatch):
     from sensors import las as las_reader
     from sensors import ros_messages
@@ -326,3 +363,19 @@ def test_a_png_that_claims_much_is_not_decoded():
             decode_grey(broken, np.uint16, "depth")
         with pytest.raises(FormatError, match=r"cut off|cannot be decoded"):
             RigFrame(0, 0, depth_image(), color_encoded=broken).decode_color()
+
+
+def test_a_photograph_of_endless_scans_is_not_decoded():
+    """A scan goes over all of an image's pixels, however few bytes it has."""
+    photograph = bytes(
+        cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1]
+    )
+    last = photograph.rindex(b"\xff\xda")
+    for more, fits in ((50, True), (101, False)):
+        scans = photograph[:-2] + photograph[last:-2] * more + photograph[-2:]
+        frame = RigFrame(0, 0, depth_image(), color_encoded=scans)
+        if fits:
+            assert frame.decode_color().shape == (8, 8, 3)
+        else:
+            with pytest.raises(FormatError, match=r"it has 1\d\d scans"):
+                frame.decode_color()

@@ -1,6 +1,7 @@
 """Folders and point clouds become frames, say what they lack, and are refused in one line when broken."""
 
 import json
+import struct
 from pathlib import Path
 
 import cv2
@@ -10,8 +11,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from sensors import cloud_header, pointcloud
 from sensors.calibration import Pose, RigCalibration, save_calibration
 from sensors.camera import Intrinsics, project, unproject
+from sensors.cloud_header import read_header
 from sensors.errors import CalibrationError, CloudError, FormatError
 from sensors.importers import open_source
 from sensors.messages import thermal_from_uint16
@@ -294,6 +297,42 @@ def test_ply_is_read(tmp_path, kind):
     frame = next(iter(open_source(path)))
     assert frame.depth_mm.shape == KINECT_V2.shape
     assert frame.depth_mm[frame.depth_mm > 0].min() == pytest.approx(1700, abs=20)
+
+
+@pytest.mark.parametrize(
+    ("kind", "elements", "says"),
+    [
+        ("binary_little_endian", "element x 9999999999", "9999999999 of 'x'"),
+        ("ascii", "element x 50000000", "elements cannot be in"),
+        ("ascii", "element face 9\nproperty list uchar int i\nproperty uchar a", "elements cannot be in"),
+        ("binary_big_endian", "element face 99\nproperty list uchar int i", "elements cannot be in"),
+    ],
+)
+def test_a_ply_whose_elements_are_not_there_is_refused(tmp_path, kind, elements, says):
+    head = f"ply\nformat {kind} 1.0\nelement vertex 2\n" + "".join(f"property float {a}\n" for a in "xyz")
+    path = tmp_path / "x.ply"
+    path.write_bytes(f"{head}{elements}\nend_header\n".encode() + b"1 2 3\n" * 4)
+    with pytest.raises(FormatError, match=says):
+        read_header(path)
+
+
+def test_a_compressed_cloud_unpacks_to_no_more_than_its_bound(tmp_path, monkeypatch):
+    path, head = tmp_path / "x.pcd", pcd(GRID[:0], 32, 24, DATA="binary_compressed")
+    path.write_bytes(head + struct.pack("<II", 100, 32 * 24 * 12) + bytes(100))
+    assert read_header(path).points == 32 * 24
+    monkeypatch.setattr(cloud_header, "MAX_UNPACKED_BYTES", 32 * 24 * 12 - 1)
+    with pytest.raises(FormatError, match="malformed header"):
+        read_header(path)
+
+
+def test_equal_points_change_no_spacing(monkeypatch):
+    """A tree looks at all of many equal points, for every point."""
+    points = ball(500)
+    spacing = pointcloud._spacing(points)
+    assert pointcloud._spacing(np.repeat(points, 7, axis=0)) == spacing
+    np.testing.assert_array_equal(pointcloud._distinct(np.concatenate([points, points[::-1]])), points)
+    monkeypatch.setattr(pointcloud, "Nearest", lambda _: pytest.fail("nothing to look for"))
+    assert pointcloud._spacing(np.ones((9, 3)) + 1e-12 * np.arange(9)[:, None]) == 0
 
 
 GRID = organised()[1]
