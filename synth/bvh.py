@@ -19,7 +19,13 @@ from synth.markers import MAX_FRAMES, Markers
 from synth.markerset import MIN_MARKERS, MarkerSet
 from synth.skeleton import JOINT_ID, Float64
 
-MAX_FILE_BYTES = 500_000_000
+MAX_FILE_BYTES = 300_000_000
+MAX_HEAD = 1_000_000
+"""Characters of the hierarchy, of which a joint takes some two hundred."""
+MAX_TURNS, MAX_NUMBERS = 5_000_000, 25_000_000
+"""Frames times joints, which take 2 us each (23 minutes of 30 joints at 120 frames/s), and times channels."""
+_BREAKS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
+"""What ``str.splitlines`` takes for the end of a line."""
 MAX_JOINTS = 500
 MAX_DEPTH = 100
 LEG_M = 0.82
@@ -61,8 +67,10 @@ def read_bvh(path: Path) -> tuple[Markers, MarkerSet]:
         raise FormatError(f"{path} cannot be read ({error}); give a BVH file") from error
     try:
         hierarchy, _, motion = text.partition("MOTION")
+        if len(hierarchy) > MAX_HEAD:
+            raise FormatError(f"a hierarchy of {len(hierarchy)} characters; give a BVH file")
         bones = _hierarchy(hierarchy.split())
-        rows, seconds = _motion(motion, sum(len(b.channels) for b in bones))
+        rows, seconds = _motion(motion, len(bones), sum(len(b.channels) for b in bones))
     except (ValueError, IndexError) as error:
         raise FormatError(f"{path}: damaged BVH ({error}); export it again") from error
     except FormatError as error:
@@ -110,7 +118,9 @@ def _hierarchy(tokens: list[str]) -> list[Bone]:
     return bones
 
 
-def _motion(text: str, columns: int) -> tuple[Float64, float]:
+def _motion(text: str, joints: int, columns: int) -> tuple[Float64, float]:
+    if sum(map(text.count, _BREAKS)) > 3 * MAX_FRAMES:
+        raise FormatError(f"holds more than {MAX_FRAMES} frames; cut the motion")
     lines = [line for line in text.splitlines() if line.strip()]
     frames = int(lines[0].split(":")[1]) if lines and lines[0].strip().startswith("Frames") else 0
     if not 1 <= frames <= MAX_FRAMES or len(lines) - 2 != frames:
@@ -118,10 +128,20 @@ def _motion(text: str, columns: int) -> tuple[Float64, float]:
     seconds = float(lines[1].split(":")[1])
     if not 1e-4 <= seconds <= 1:
         raise FormatError(f"frame time {seconds}; give seconds from 0.0001 to 1")
-    rows = np.array([[float(v) for v in line.split()] for line in lines[2:]])
+    if frames * joints > MAX_TURNS or frames * columns > MAX_NUMBERS:
+        raise FormatError(f"{frames} frames of {joints} joints and {columns} channels; cut the motion")
+    rows = np.array([_numbers(line, columns) for line in lines[2:]])
     if rows.shape != (frames, columns) or not np.isfinite(rows).all():
         raise FormatError(f"frames do not hold {columns} finite numbers each; copy it again")
     return rows, seconds
+
+
+def _numbers(line: str, columns: int) -> list[float]:
+    """A frame's numbers, split no further than one too many: a line may have hundreds of millions."""
+    words = line.split(None, columns)
+    if len(words) != columns:
+        raise FormatError(f"frames do not hold {columns} finite numbers each; copy it again")
+    return [float(word) for word in words]
 
 
 def _centres(bones: list[Bone], rows: Float64) -> Float64:

@@ -16,6 +16,8 @@ MAX_FRAMES = 1_000_000
 MAX_MARKERS = 1_000
 MAX_SAMPLES = 100_000_000
 """Frames times markers."""
+MAX_TEXTS = 10_000
+"""Of one parameter of a C3D."""
 UNITS_M = {"m": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "mm": 0.001, "millimeters": 0.001}
 
 
@@ -100,7 +102,7 @@ def _c3d_points(reader: Any, size: int) -> Markers:  # noqa: ANN401 - c3d has no
     if read < frames:
         raise FormatError(f"the C3D ends after {read} of {frames} frames; copy it again")
     positions[~np.isfinite(positions).all(axis=2)] = np.nan
-    labels = tuple(str(label).strip() for label in reader.point_labels)[:points]
+    labels = tuple(str(label).strip() for label in _texts(reader, "POINT:LABELS"))[:points]
     vertical = _parameter(reader, "POINT:Y_SCREEN").upper().lstrip("+-")
     up = "XYZ".find(vertical) if len(vertical) == 1 else -1
     unit = _parameter(reader, "POINT:UNITS").lower()
@@ -108,11 +110,18 @@ def _c3d_points(reader: Any, size: int) -> Markers:  # noqa: ANN401 - c3d has no
 
 
 def _parameter(reader: Any, name: str) -> str:  # noqa: ANN401 - c3d has no types
-    parameter = reader.get(name)
-    values = (
-        () if parameter is None else np.atleast_1d(parameter.string_array if parameter.dimensions else "")
-    )
+    values = _texts(reader, name)
     return str(np.ravel(values)[0]).strip() if len(values) else ""
+
+
+def _texts(reader: Any, name: str) -> NDArray[Any]:  # noqa: ANN401 - c3d has no types
+    """A parameter's texts, none where it is absent; the library walks over all that its four bytes claim."""
+    parameter = reader.get(name)
+    if parameter is None or not parameter.dimensions:
+        return np.array([])
+    if math.prod(max(1, d) for d in parameter.dimensions[1:]) > MAX_TEXTS:
+        raise FormatError(f"{name} claims {parameter.dimensions} letters; export it again")
+    return np.atleast_1d(parameter.string_array)
 
 
 def _read_trc(path: Path) -> Markers:

@@ -151,7 +151,14 @@ def test_a_training_is_read_back(run: Path, tmp_path: Path) -> None:
     assert np.isnan(training.epochs[:, 3]).all() and training.epochs[-1, 2] == 0.8
     names = list(training.pictures)
     assert names[0] == "Depth" and names[-1] == "Truth" and {"Epoch 0", "Epoch 12"} <= set(names)
-    for content in ("{}", "[", '{"points": [{"images": "x", "loss": 1}], "epochs": []}'):
+    huge = 10**400
+    for content in (
+        "{}",
+        "[",
+        '{"points": [{"images": "x", "loss": 1}], "epochs": []}',
+        f'{{"points": [{{"images": {huge}, "loss": 1}}], "epochs": []}}',
+        f'{{"points": [], "epochs": [], "images": {huge}}}',
+    ):
         (tmp_path / "history.json").write_text(content)
         with pytest.raises(FormatError, match="no history"):
             load_training(tmp_path)

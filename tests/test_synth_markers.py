@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sensors.errors import CloudError, FormatError
+from synth import bvh
 from synth.bvh import read_bvh
 from synth.markers import Markers, read_markers
 from synth.markerset import choose_marker_set, key_of, load_marker_set, shipped_marker_sets
@@ -202,6 +203,48 @@ def test_hostile_sizes_are_refused_at_once(tmp_path):
     (tmp_path / "a.c3d").write_bytes(data)
     with pytest.raises(CloudError):
         read_markers(tmp_path / "a.c3d")
+
+
+@pytest.mark.parametrize("name", ["UNITS", "LABELS"])
+def test_a_parameter_of_more_texts_than_markers_have_is_refused(tmp_path, monkeypatch, name):
+    """Four bytes claim 16 million texts of no letter; the library makes an object of each."""
+    write_c3d(tmp_path / "a.c3d", positions())
+    real = c3d.Reader.get
+
+    def get(self, asked, *default):
+        found = real(self, asked, *default)
+        if asked == f"POINT:{name}":
+            found.dimensions = [0, 255, 255, 255]
+            monkeypatch.setattr(type(found), "string_array", property(lambda _: pytest.fail("it was read")))
+        return found
+
+    monkeypatch.setattr(c3d.Reader, "get", get)
+    with pytest.raises(FormatError, match=f"POINT:{name} claims"):
+        read_markers(tmp_path / "a.c3d")
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "why"),
+    [
+        ("MAX_TURNS", 2 * 12 - 1, "2 frames of 12 joints"),
+        ("MAX_NUMBERS", 2 * 30 - 1, "30 channels"),
+        ("MAX_HEAD", 100, "characters"),
+        ("MAX_FRAMES", 1, "more than 1 frames"),
+    ],
+)
+def test_a_bvh_of_more_than_is_solved_is_refused(tmp_path, monkeypatch, bound, value, why):
+    path = tmp_path / "a.bvh"
+    path.write_text(bvh_text())
+    monkeypatch.setattr(bvh, bound, value)
+    monkeypatch.setattr(bvh, "_centres", None)
+    with pytest.raises(FormatError, match=why):
+        read_bvh(path)
+
+
+def test_a_line_of_more_numbers_is_refused(tmp_path):
+    (tmp_path / "a.bvh").write_text(bvh_text().rstrip() + " 0" * 1000)
+    with pytest.raises(FormatError, match="do not hold 30 finite numbers"):
+        read_bvh(tmp_path / "a.bvh")
 
 
 @pytest.mark.parametrize("suffix", [".c3d", ".trc", ".bvh"])

@@ -52,7 +52,7 @@ def load_training(folder: Path) -> Training:
             # A short training has no more than its epochs.
             points = np.stack([epochs[:, 0] * float(value["images"]), epochs[:, 1]], axis=-1)
         return Training(folder.name, points, epochs, _pictures(folder / FRAME), _facts(value))
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise FormatError(
             f"{path} is no history of a training ({error}); give a folder of 'train'"
         ) from error
