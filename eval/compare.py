@@ -19,7 +19,7 @@ from eval.pairs import Digests, count_pairs, pair_up
 from eval.room import blocks
 from eval.scores import PART_SCORES, scores_of
 from eval.summary import named, plain
-from eval.traits import Traits
+from eval.traits import Traits, writable
 from sensors.errors import CloudError
 
 UNKNOWN_SUBJECT = "unknown"
@@ -213,7 +213,7 @@ def compare_sets(
     joints_mm = joint_errors_mm(counted.joints, counted.subjects) if counted.joints["known"].any() else None
     return Comparison(
         frame_ids=tuple(counted.frame_ids),
-        subjects=tuple(subject or UNKNOWN_SUBJECT for subject in counted.subjects),
+        subjects=tuple(writable(subject) or UNKNOWN_SUBJECT for subject in counted.subjects),
         traits=tuple(counted.traits),
         digests=tuple(counted.digests),
         counts=FrameCounts(counted.counts),

@@ -102,12 +102,13 @@ def batches(images: Images, order: Order, step: int, workers: int = 0) -> Iterat
 def workers_watched() -> Iterator[None]:
     """Where worker processes make batches: CloudError when one is killed, instead of torch's error.
 
-    torch raises it from a signal's handler, at any moment of the training and not only at the next batch.
+    torch raises it from a signal's handler, at any moment of the training and not only at the next batch;
+    where it was just taking over a batch, what it meets is the other end of a pipe that has gone.
     """
     try:
         yield
-    except RuntimeError as error:
-        if "DataLoader worker" not in str(error):
+    except (RuntimeError, ConnectionError, EOFError) as error:
+        if isinstance(error, RuntimeError) and "DataLoader worker" not in str(error):
             raise
         raise CloudError(
             "a worker process was killed, perhaps for want of memory; give the same command to go on, with "

@@ -129,9 +129,14 @@ def _side(azimuth_deg: object) -> str:
     return ("front or foot", "left", "back or head", "right")[round((angle % 360) / 90) % 4]
 
 
+def writable(text: str) -> str:
+    """Text that a file can hold: labels may name somebody by half a surrogate pair."""
+    return text.encode(errors="replace").decode()
+
+
 def _text(value: object) -> str:
     # One text for all frames that say the same.
-    return intern(value[:MAX_CHARS]) if isinstance(value, str) else ""
+    return intern(writable(value[:MAX_CHARS])) if isinstance(value, str) else ""
 
 
 def _number(value: object) -> float:

@@ -319,6 +319,15 @@ def test_a_result_of_several_lines_comes_back_as_it_was(
         load_result(lined)
 
 
+def test_a_result_of_people_with_half_a_letter_comes_back(tmp_path: Path) -> None:
+    truth = LabelSet.create(tmp_path / "t", CAMERA, {})
+    notes = {"activity": "\ud800", "hard": ["\udfff"]}
+    truth.write(replace(truth_frame(0), subject="anna\ud800", notes=notes))
+    save_result(tmp_path / "r.json", Result("Network", compare_sets(truth, truth, workers=1)))
+    back = load_result(tmp_path / "r.json").comparison
+    assert back.subjects == ("anna?",) and back.traits[0].hard == ("?",)
+
+
 def test_a_line_without_end_is_not_read_whole(
     compared: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
