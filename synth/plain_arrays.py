@@ -9,7 +9,7 @@ import zipfile
 import zlib
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,5 +80,7 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, kinds: str) -> NDA
         raise ValueError(f"{name!r} is {dtype} {shape}")
     if dtype.kind == "U" and (len(shape) != 1 or shape[0] > MAX_TEXTS or dtype.itemsize > MAX_TEXT_BYTES):
         raise ValueError(f"{name!r} is {dtype} {shape}; at most {MAX_TEXTS} texts are read")
-    values = np.frombuffer(data, dtype, math.prod(shape), stream.tell()) if math.prod(shape) else []
-    return np.asarray(values, dtype).reshape(shape, order="F" if fortran else "C")
+    order: Literal["F", "C"] = "F" if fortran else "C"
+    if not math.prod(shape):  # frombuffer takes no empty ones
+        return np.empty(shape, dtype, order)
+    return np.frombuffer(data, dtype, math.prod(shape), stream.tell()).reshape(shape, order=order)
