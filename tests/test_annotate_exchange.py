@@ -415,6 +415,7 @@ def test_two_frames_of_one_name_are_refused(export, tmp_path):
         {"frames": {"000000": {"status": "perfect"}}},
         {"frames": {"000000": {"notes": "x"}}},
         {"intrinsics": {"width": 10**9}},
+        {"intrinsics": {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0, "width": 16.0, "height": 12}},
         {"intrinsics": None},
     ],
 )
@@ -422,7 +423,7 @@ def test_a_spoilt_companion_is_refused(export, tmp_path, spoil):
     out = export("pairs")
     content = json.loads((out / COMPANION).read_text())
     (out / COMPANION).write_text(json.dumps({**content, **spoil}))
-    with pytest.raises(CloudError):
+    with pytest.raises(FormatError, match=str(out)):
         import_labels(out, tmp_path / "back", nothing)
 
 

@@ -86,7 +86,9 @@ def load_companion(folder: Path) -> Companion:
         if not isinstance(frames, dict) or not all(isinstance(entry, dict) for entry in frames.values()):
             raise TypeError("frames")
         return Companion(Intrinsics(**content["intrinsics"]), frames)
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
+    except (
+        CalibrationError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError,
+    ) as error:  # fmt: skip
         raise FormatError(f"{file} is corrupt ({str(error)[:80]!r}); export it again") from error
 
 

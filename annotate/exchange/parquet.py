@@ -27,7 +27,7 @@ from annotate.labelset.images import (
     encode_persons,
 )
 from sensors.camera import Intrinsics
-from sensors.errors import FormatError
+from sensors.errors import CalibrationError, FormatError
 
 DATA = "data"
 ROWS_A_FILE, ROWS_A_GROUP = 5000, 50
@@ -135,7 +135,9 @@ def _camera(file: Path) -> Intrinsics | None:
     try:
         metadata = pq.read_schema(file).metadata or {}
         return Intrinsics(**json.loads(metadata[CAMERA])) if CAMERA in metadata else None
-    except (OSError, pa.ArrowException, ValueError, TypeError, KeyError, RecursionError) as error:
+    except (
+        CalibrationError, OSError, pa.ArrowException, ValueError, TypeError, KeyError, RecursionError,
+    ) as error:  # fmt: skip
         raise _broken(file, error) from error
 
 
