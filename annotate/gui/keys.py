@@ -10,14 +10,13 @@ that faces you, so nothing has to be learnt: head on top, its right arm on the l
 """
 
 import os
-import tomllib
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from annotate.parts import PARTS
-from sensors.bounded import read_bounded
 from sensors.errors import CloudError
+from sensors.toml_file import read_toml
 
 MAX_TOML_BYTES = 100_000
 THEMES = ("system", "light", "dark")
@@ -116,11 +115,7 @@ def load_settings(path: Path) -> Settings:
     """
     if not path.exists():
         return Settings()
-    data = read_bounded(path, MAX_TOML_BYTES, "mend or remove it", CloudError)
-    try:
-        fields = tomllib.loads(data.decode())
-    except (ValueError, RecursionError) as error:
-        raise CloudError(f"{path} cannot be read ({error}); mend or remove it") from error
+    fields = read_toml(path, MAX_TOML_BYTES, "mend or remove it", CloudError)
     theme, keys = fields.pop("theme", "system"), fields.pop("keys", {})
     if fields:
         raise CloudError(f"{path}: {next(iter(fields))!r} is no setting; use theme and [keys]")
