@@ -3,8 +3,10 @@
 import math
 import warnings
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,8 @@ MAX_FRAMES = 1_000_000
 MAX_MARKERS = 1_000
 MAX_SAMPLES = 100_000_000
 """Frames times markers."""
+MAX_TRC_LINE = 1_000_000
+"""Characters of a line, which is read whole."""
 MAX_TEXTS = 10_000
 """Of one parameter of a C3D."""
 UNITS_M = {"m": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "mm": 0.001, "millimeters": 0.001}
@@ -126,22 +130,31 @@ def _texts(reader: Any, name: str) -> NDArray[Any]:  # noqa: ANN401 - c3d has no
 
 def _read_trc(path: Path) -> Markers:
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-        if len(lines) < 6 or not lines[0].startswith("PathFileType"):
-            raise FormatError("no TRC header of five lines; give a TRC file")
-        header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
-        frames, markers = int(header["NumFrames"]), int(header["NumMarkers"])
-        rate, unit = float(header["DataRate"]), header["Units"].strip().lower()
+        with path.open(encoding="utf-8-sig") as file:
+            head = [file.readline(MAX_TRC_LINE) for _ in range(5)]
+            if not head[0].startswith("PathFileType"):
+                raise FormatError("no TRC header of five lines; give a TRC file")
+            header = dict(zip(head[1].strip("\n").split("\t"), head[2].strip("\n").split("\t"), strict=False))
+            frames, markers = int(header["NumFrames"]), int(header["NumMarkers"])
+            rate, unit = float(header["DataRate"]), header["Units"].strip().lower()
+            labels = tuple(label.strip() for label in head[3].rstrip().split("\t")[2::3])
+            rows = _trc_rows(file, frames, markers)
     except (UnicodeDecodeError, KeyError, ValueError) as error:
         raise FormatError(f"damaged TRC header ({error}); export it again") from error
-    labels = tuple(label.strip() for label in lines[3].rstrip().split("\t")[2::3])
-    rows = [line for line in lines[5:] if line.strip()]
     if len(labels) != markers or len(rows) != frames:
         raise FormatError(
             f"the TRC claims {frames} frames of {markers} markers and holds {len(rows)} of {len(labels)}; "
             "copy it again"
         )
-    return Markers(labels, np.stack([_trc_row(row, markers) for row in rows]), rate, unit)
+    return Markers(labels, np.stack(rows), rate, unit)
+
+
+def _trc_rows(file: TextIO, frames: int, markers: int) -> list[NDArray[np.float64]]:
+    """Positions (M, 3) of each frame, one frame more at most than there should be."""
+    if not (0 < frames <= MAX_FRAMES and 0 < markers <= MAX_MARKERS):
+        return []
+    lines = islice(iter(partial(file.readline, MAX_TRC_LINE), ""), 2 * frames + 100)
+    return [_trc_row(line.strip("\n"), markers) for line in islice(filter(str.strip, lines), frames + 1)]
 
 
 def _trc_row(row: str, markers: int) -> NDArray[np.float64]:

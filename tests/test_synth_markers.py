@@ -111,6 +111,19 @@ def bvh_text() -> str:
     return BVH + "\n".join(" ".join(f"{v:g}" for v in row) for row in still) + "\n"
 
 
+@pytest.mark.parametrize("more", ["\n" * 10**6, "9\t0.1\t" + "1\t" * 10**6, "1\t0.1\t" + "1\t" * 9 + "\n"])
+def test_a_trc_is_read_no_further_than_its_frames(tmp_path, monkeypatch, more):
+    monkeypatch.setattr("synth.markers.MAX_TRC_LINE", 1000)
+    path = tmp_path / "a.trc"
+    write_trc(path, positions())
+    text = path.read_text()
+    path.write_text(text.rstrip("\n") + "\n" + "\n" * 50)
+    np.testing.assert_allclose(read_markers(path).positions, positions(), atol=1e-6)
+    path.write_text("\n".join(text.split("\n")[:5]) + "\n" + more + text.partition("\n\n")[2])
+    with pytest.raises(FormatError, match=r"a\.trc"):
+        read_markers(path)
+
+
 def test_trc_round_trip(tmp_path):
     write_trc(tmp_path / "a.trc", positions())
     found = read_markers(tmp_path / "a.trc")
