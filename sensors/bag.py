@@ -32,6 +32,8 @@ from sensors.ros_messages import (
 
 MAX_TRANSFORMS = 1000
 """Messages with transforms that are looked at, from the first on: cameras do not move on a rig."""
+MAX_TRANSFORM_BYTES = 2_000_000
+"""Of all of them together: 16,000 transforms, ten seconds."""
 
 
 class Bag:
@@ -140,11 +142,16 @@ class Bag:
     def _links(self) -> dict[tuple[str, str], Pose]:
         """parent_from_child by (parent, child); the first of each, static ones before others."""
         links: dict[tuple[str, str], Pose] = {}
+        left = MAX_TRANSFORM_BYTES
         topics = {name: t for name, t in self._topics.items() if t.kind in TRANSFORMS}
         for name in sorted(topics, key=lambda name: ("static" not in name, name)):
             topic = topics[name]
             for index in range(min(MAX_TRANSFORMS, len(topic.places))):
-                for link in links_from(topic.kind, topic.encoding, topic.read(index)):
+                data = topic.read(index)
+                left -= len(data)
+                if left < 0:
+                    return links
+                for link in links_from(topic.kind, topic.encoding, data):
                     links.setdefault((link.parent, link.child), link.pose)
         return links
 

@@ -385,6 +385,15 @@ def test_transforms_and_cameras_that_would_unpack_to_much_are_never_decoded(monk
             read(kind, encoding, b"\x0a\x00" * 501)
 
 
+def test_no_more_transforms_are_looked_at_than_a_rig_needs(tmp_path, monkeypatch):
+    path = write_bag(tmp_path / "bag", STORAGES[0], realsense(1))
+    found = [not any("no transform" in note for note in open_source(path).notes)]
+    for most in (1000, 10):
+        monkeypatch.setattr("sensors.bag.MAX_TRANSFORM_BYTES", most)
+        found.append(not any("no transform" in note for note in open_source(path).notes))
+    assert found == [True, True, False]
+
+
 def test_protobuf_of_the_wrong_kind_is_refused():
     from sensors.ros_messages import picture_from
 
