@@ -70,17 +70,24 @@ def read_shard(path: Path) -> Iterator[FrameLabels]:
                     yield _frame(path, key, pending)
                     pending = {}
         if pending:
-            raise FormatError(f"shard {path} ends in the middle of a frame; delete it and generate again")
+            raise _ends_early(path)
     except _BROKEN as error:
         raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
 
 
 def frame_ids_of(path: Path) -> list[str]:
     """Ids of a shard's frames in order, without decoding them. Raises FormatError when it cannot be read."""
+    ids, whole = [], True
     try:
         with tarfile.open(path, mode="r:", tarinfo=_Member) as tar:
-            names = (member.name.partition(".") for member in _members(path, tar))
-            return [key for key, _, suffix in names if suffix == "json"]
+            for key, _, suffix in (member.name.partition(".") for member in _members(path, tar)):
+                if suffix in SUFFIXES:
+                    whole = suffix == "json"
+                if suffix == "json":
+                    ids.append(key)
+        if not whole:
+            raise _ends_early(path)
+        return ids
     except _BROKEN as error:
         raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
 
@@ -113,6 +120,10 @@ def _members(path: Path, tar: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
         yield member
         # It remembers each, with its headers.
         tar.members.clear()  # type: ignore[attr-defined]
+
+
+def _ends_early(path: Path) -> FormatError:
+    return FormatError(f"shard {path} ends in the middle of a frame; delete it and generate again")
 
 
 def _frame(path: Path, key: str, data: dict[str, bytes]) -> FrameLabels:
