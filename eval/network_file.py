@@ -16,6 +16,7 @@ from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.segmentation.segment import Segmentation
 from eval.bounded_run import memory_bounded, time_bounded
 from eval.onnx_operators import check_operators
+from sensors.bounded import read_bounded
 from sensors.errors import CloudError, FormatError
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
@@ -51,7 +52,9 @@ class Network:
             raise CloudError(
                 f"{error.name} is not installed; pip install 'annotate-cloud[network]'"
             ) from error
-        data = _read(path)
+        data = read_bounded(path, MAX_WEIGHT_BYTES, "give an exported network (.onnx)")
+        if not data:
+            raise FormatError(f"weights {path} are empty; give an exported network (.onnx)")
         try:
             check_operators(data)
             with memory_bounded(TRIAL_BYTES + 4 * len(data)):
@@ -152,18 +155,6 @@ def _why(error: Exception) -> str:
     if isinstance(error, FormatError):
         return str(error)
     return "it keeps tensors in other files" if "xternal" in str(error) else type(error).__name__
-
-
-def _read(path: Path) -> bytes:
-    try:
-        data = path.read_bytes() if path.stat().st_size <= MAX_WEIGHT_BYTES else b""
-    except OSError as error:
-        raise FormatError(f"weights {path} cannot be read ({error.strerror}); give an .onnx file") from error
-    if not data:
-        raise FormatError(
-            f"weights {path} are empty or larger than {MAX_WEIGHT_BYTES} bytes; give an exported network"
-        )
-    return data
 
 
 def _nobody(shape: tuple[int, ...]) -> Segmentation:

@@ -1,5 +1,6 @@
 """Weights from anywhere: a network of the right kind is opened, anything else refused in one line."""
 
+import os
 import pickle
 import resource
 from itertools import pairwise
@@ -179,3 +180,9 @@ def test_what_is_no_network_is_refused_in_one_line_and_not_run(tmp_path, capfd):
         assert str(path) in str(error.value)
     assert not trace.exists()
     assert capfd.readouterr() == ("", "")
+
+
+def test_weights_that_are_no_file_are_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "w.onnx")
+    with pytest.raises(FormatError, match="is no file"):
+        Network(tmp_path / "w.onnx")
