@@ -85,7 +85,7 @@ docs: $(READY)
 	$(BIN)/sphinx-build --quiet --fail-on-warning --jobs auto docs docs/_build
 
 bench: $(READY)
-	$(BIN)/python -m tests.bench
+	$(BIN)/python -m bench.all
 
 wheel: $(READY)
 	rm -rf build/wheel

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.grid import JUMP, components
+from annotate.cloud.grid import JUMP, components
 from annotate.parts import BACKGROUND, BODY_PARTS, N_CLASSES, NEIGHBOURS, UNDEFINED
 
 MOST_HOLE_PX = 400

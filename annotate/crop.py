@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.parts import BACKGROUND
-from sensors.camera import MAX_IMAGE_SIDE, Intrinsics
 from sensors.errors import CloudError, FormatError
+from sensors.files.limits import MAX_IMAGE_SIDE
+from sensors.rig.camera import Intrinsics
 
 SIZE = 212
 """Side of the network's input (Nishi & Miura 2017, section 3.1)."""

@@ -8,15 +8,15 @@ import typer
 from annotate.person.thermal_drift import measure_drift
 from cli.console import Json, Overwrite, finish, progress, say
 from cli.extras import needing
-from sensors.atomic import check_free, replacing
-from sensors.calibration import save_calibration
-from sensors.calibration_yaml import write_yaml
+from sensors.calibrate.hole_plate import HolePlate
 from sensors.errors import CalibrationError
-from sensors.hole_plate import HolePlate
-from sensors.replay import Session
+from sensors.files.atomic import check_free, replacing
+from sensors.rig.calibration_yaml import write_yaml
+from sensors.rig.rig_calibration import save_calibration
+from sensors.session.reader import Session
 
 if TYPE_CHECKING:
-    from sensors.bundle import Adjusted
+    from sensors.calibrate.bundle import Adjusted
 
 
 def calibrate(
@@ -53,7 +53,7 @@ def calibrate(
         check_free(path, overwrite)
     with needing("rig"):
         from cli.calibration_plot import plot_residuals
-        from sensors.calibration_verdict import judge
+        from sensors.calibrate.verdict import judge
 
     plate = HolePlate(columns, rows, pitch_mm / 1000, hole_mm / 1000)
     found = _solve(Session(board), plate)
@@ -89,8 +89,8 @@ def _check(session: Session, json: bool) -> None:
 
 
 def _solve(session: Session, plate: HolePlate) -> "Adjusted":
-    from sensors.bundle import adjust
-    from sensors.plate_view import view_plate
+    from sensors.calibrate.bundle import adjust
+    from sensors.calibrate.plate_view import view_plate
 
     if "/infrared/image" not in session.streams:
         raise CalibrationError(

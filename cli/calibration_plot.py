@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from sensors.atomic import replacing
-from sensors.bundle import Adjusted
+from sensors.calibrate.bundle import Adjusted
+from sensors.files.atomic import replacing
 
 LONGER = {"depth": 200, "color": 400, "thermal": 60}
 """How much longer than true the arrows are drawn."""

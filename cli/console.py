@@ -20,7 +20,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from annotate.label import Run
+from annotate.label_source import Run
 from annotate.labelset.appearing import check_replaceable
 from sensors.errors import one_line
 

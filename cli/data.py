@@ -6,8 +6,9 @@ from typing import Annotated, Any
 
 import typer
 
-from annotate.fuse import Fuser
-from annotate.labelset import store
+from annotate.cloud.fuse import Fuser
+from annotate.labelset import dataset, store
+from annotate.labelset.dataset import Dataset
 from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
 from cli import names
@@ -15,11 +16,9 @@ from cli.audit import audit_of, audit_text
 from cli.console import Json, Overwrite, finish, progress
 from cli.extras import needing
 from sensors.errors import CloudError
-from sensors.frame import RigFrame
-from sensors.importers import open_source
-from sensors.replay import Session
-from synth import dataset
-from synth.dataset import Dataset
+from sensors.importers.open_source import open_source
+from sensors.rig.frame import RigFrame
+from sensors.session.reader import Session
 
 Session_ = Annotated[Path, typer.Argument(metavar="OUT.mcap", help="Session to write.")]
 Any_ = Annotated[
@@ -53,8 +52,8 @@ def simulate(
         _simulate_plate(out, frames, seed, overwrite, json)
         return
     with needing("synth"):
-        from synth.rig import VirtualRig
-        from synth.simulate import simulate, suit_path, truth_path
+        from synth.rig.rig import VirtualRig
+        from synth.rig.simulate import simulate, suit_path, truth_path
     rig = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, scene)
     with progress("simulate", frames) as advance:
         simulate(rig, out, advance, overwrite=overwrite)
@@ -64,8 +63,8 @@ def simulate(
 
 def _simulate_plate(out: Path, frames: int, seed: int, overwrite: bool, json: bool) -> None:
     with needing("synth"):
-        from synth.plate_views import PlateViews, record_plate
-        from synth.rig import RIG_CALIBRATION
+        from synth.rig.plate_views import PlateViews, record_plate
+        from synth.rig.rig import RIG_CALIBRATION
 
     with progress("simulate", frames) as advance:
         truth = record_plate(PlateViews(RIG_CALIBRATION, frames, seed), out, advance, overwrite=overwrite)

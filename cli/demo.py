@@ -8,7 +8,7 @@ import typer
 
 from cli.console import Json, Overwrite, clear, finish
 from cli.extras import needing
-from sensors.atomic import check_free, write_bytes
+from sensors.files.atomic import check_free, write_bytes
 
 MARKER = ".annotate-cloud-demo"
 

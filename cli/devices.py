@@ -7,7 +7,7 @@ from cli.console import Json, finish
 
 def devices(json: Json = False) -> None:
     """List the devices that are plugged in, and the virtual ones that are always there."""
-    from sensors.devices import find_devices
+    from sensors.recording.open_device import find_devices
 
     found = find_devices()
     lines = [

@@ -85,7 +85,7 @@ def _problem(requirement: Requirement) -> str:
 
 def _pcl() -> Finding:
     try:
-        from annotate.supervoxels import supervoxels  # noqa: F401
+        from annotate.cloud.supervoxels import supervoxels  # noqa: F401
     except ImportError as error:
         return Finding(
             "PCL", False, str(error), "no labels from a suit (label)",
@@ -95,7 +95,7 @@ def _pcl() -> Finding:
 
 
 def _kinect2() -> Finding:
-    from sensors.kinect2_shim import load_shim
+    from sensors.drivers.kinect2_shim import load_shim
 
     try:
         load_shim()

@@ -10,12 +10,12 @@ import typer
 
 from cli.console import Json, Overwrite, finish, progress, say
 from cli.extras import needing
-from eval.compare import Comparison, compare_sets
-from eval.data import Frames, open_frames
-from eval.details import details
-from eval.paired import difference
-from eval.results import Result, check_size, load_result, save_result
-from sensors.atomic import check_free
+from eval.compare.compare import Comparison, compare_sets
+from eval.compare.details import details
+from eval.compare.paired import difference
+from eval.compare.results import Result, check_size, load_result, save_result
+from eval.scores.frames import Frames, open_frames
+from sensors.files.atomic import check_free
 
 SHOWN = ("mean_recall", "miou", "person_iou", "boundary_f", "left_right_swap_rate")
 """Scores that are printed; the rest is in the JSON."""

@@ -10,9 +10,9 @@ from annotate.exchange.formats import FORMATS, export_labels, import_labels
 from annotate.labelset.store import LabelSet
 from cli import names
 from cli.console import Json, Overwrite, finish, progress, say
-from sensors.frame import RigFrame
-from sensors.importers import KINDS, open_source
-from sensors.session import SessionWriter
+from sensors.importers.open_source import KINDS, open_source
+from sensors.rig.frame import RigFrame
+from sensors.session.writer import SessionWriter
 
 SESSION_SUFFIX = ".mcap"
 

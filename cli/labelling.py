@@ -7,16 +7,16 @@ from typing import Annotated
 
 import typer
 
-from annotate.label import label_source
+from annotate.label_source import label_source
 from annotate.labelset import store
 from annotate.labelset.store import LabelSet
 from annotate.suit.palette import load_suit, suit_to_toml
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from cli.extras import needing
-from eval.compare import compare_sets
-from eval.data import open_frames
-from sensors.atomic import check_free, write_bytes
-from sensors.importers import open_source
+from eval.compare.compare import compare_sets
+from eval.scores.frames import open_frames
+from sensors.files.atomic import check_free, write_bytes
+from sensors.importers.open_source import open_source
 
 suit_app = typer.Typer(help="Palettes of the colour-coded suit.", no_args_is_help=True)
 

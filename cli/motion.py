@@ -9,9 +9,9 @@ import typer
 
 from cli.console import Json, Overwrite, finish, progress, say
 from cli.extras import needing
-from sensors.atomic import check_free
 from sensors.errors import CloudError
-from synth.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, MarkerReport, save_motion
+from sensors.files.atomic import check_free
+from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, MarkerReport, save_motion
 
 
 def solve(
@@ -26,10 +26,10 @@ def solve(
 ) -> None:
     """Turn recorded markers into joint angles that move any body."""
     with needing("synth"):
-        from synth.bvh import read_bvh
-        from synth.markers import read_markers
-        from synth.markerset import load_marker_set
-        from synth.solve import solve as solve_markers
+        from synth.markers.bvh import read_bvh
+        from synth.markers.marker_files import read_markers
+        from synth.markers.markerset import load_marker_set
+        from synth.markers.solve import solve as solve_markers
 
     check_free(out, overwrite)
     places = None if markerset is None else load_marker_set(markerset)

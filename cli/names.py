@@ -8,7 +8,7 @@ from annotate.exchange.formats import FORMATS
 def scenes() -> list[str]:
     """Where the virtual rig's people are, and the plate for calibrating."""
     with suppress(ImportError):
-        from synth.place import SCENES
+        from synth.rig.place import SCENES
 
         return [*SCENES, "plate"]
     return []
@@ -17,7 +17,7 @@ def scenes() -> list[str]:
 def difficulties() -> list[str]:
     """How hard the virtual rig makes it."""
     with suppress(ImportError):
-        from synth.difficulty import DIFFICULTIES
+        from synth.rig.difficulty import DIFFICULTIES
 
         return list(DIFFICULTIES)
     return []
@@ -26,7 +26,7 @@ def difficulties() -> list[str]:
 def presets() -> list[str]:
     """Datasets that can be generated."""
     with suppress(ImportError):
-        from synth.sample import PRESETS
+        from synth.images.presets import PRESETS
 
         return list(PRESETS)
     return []

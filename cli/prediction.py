@@ -6,16 +6,15 @@ from typing import Annotated
 
 import typer
 
-from annotate.labelset import store
+from annotate.labelset import dataset, store
+from annotate.labelset.dataset import Dataset
 from annotate.labelset.store import LabelSet
 from cli.console import Json, Overwrite, clear, finish_run, progress, say
 from cli.labelling import Labels, Window
-from eval.data import open_frames
-from eval.network_file import SHIPPED_WEIGHTS, Network
-from eval.predict import predict_frames, predict_source
-from sensors.importers import open_source
-from synth import dataset
-from synth.dataset import Dataset
+from eval.network.onnx_network import SHIPPED_WEIGHTS, Network
+from eval.network.predict import predict_frames, predict_source
+from eval.scores.frames import open_frames
+from sensors.importers.open_source import open_source
 
 
 def predict(

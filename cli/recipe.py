@@ -6,21 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
-from annotate.cloud import ThermalCloud
+from annotate.cloud.fuse import Fuser
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
 from annotate.effort.annotator import WHO, Annotator, correct_set
-from annotate.fuse import Fuser
-from annotate.label import label_source
+from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from cli.console import progress
-from eval.compare import Comparison, compare_sets
-from eval.predict import Network, predict_source
+from eval.compare.compare import Comparison, compare_sets
+from eval.compare.results import Result, save_result
+from eval.network.predict import Network, predict_source
 from eval.report.build import write_report
 from eval.report.gather import gather
-from eval.results import Result, save_result
-from sensors.replay import Session
-from synth.rig import VirtualRig
-from synth.simulate import simulate, truth_path
+from sensors.session.reader import Session
+from synth.rig.rig import VirtualRig
+from synth.rig.simulate import simulate, truth_path
 
 
 def whole_path(out: Path, frames: int, seed: int) -> dict[str, object]:

@@ -14,14 +14,14 @@ from rich.table import Table
 
 from cli.console import LINE_SECONDS, Json, Overwrite, finish, say
 from cli.extras import needing
-from sensors.calibration import RigCalibration
-from sensors.device import Device
-from sensors.devices import open_device
+from sensors.device.protocol import Device
 from sensors.errors import CalibrationError, DeviceError
-from sensors.frame import RigFrame
-from sensors.recorder import Recorded, Recorder, clock_metadata
-from sensors.rig_file import Rig, load_rig
-from sensors.session import SessionWriter
+from sensors.recording.open_device import open_device
+from sensors.recording.recorder import Recorded, Recorder, clock_metadata
+from sensors.recording.rig_file import Rig, load_rig
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.writer import SessionWriter
 
 VIRTUAL_SEED = 7
 VIRTUAL_FRAMES = 30
@@ -33,7 +33,7 @@ class Shown:
 
     def __init__(self) -> None:
         with needing("synth"):
-            from synth.rig import VirtualRig
+            from synth.rig.rig import VirtualRig
         self._rig = VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
         self.calibration = self._rig.calibration
 

@@ -10,8 +10,8 @@ import typer
 
 from cli.console import Json, Overwrite, finish
 from cli.extras import needing
-from eval.results import load_result
-from sensors.replay import Session
+from eval.compare.results import load_result
+from sensors.session.reader import Session
 
 
 def report(

@@ -14,11 +14,11 @@ import typer
 from cli import names
 from cli.console import Json, Overwrite, clear, finish, progress
 from cli.extras import needing
-from sensors.atomic import check_free
 from sensors.errors import CloudError
-from synth.body import Body, save_body
-from synth.body_table import PAPER_BODIES, BodySize, as_text, describe, read_sizes
-from synth.workers import cluster, processes
+from sensors.files.atomic import check_free
+from synth.body.body import Body, save_body
+from synth.body.body_table import PAPER_BODIES, BodySize, as_text, describe, read_sizes
+from synth.images.workers import cluster, processes
 
 PICTURE = "bodies.png"
 app = typer.Typer(help="Bodies and datasets of synthetic depth images.", no_args_is_help=True)
@@ -51,7 +51,7 @@ def bodies(
         check_free(path, overwrite)
     # All bodies are found before the first is written.
     made = _bake(names, sizes, np.random.default_rng(seed))
-    from synth.body_picture import save_picture
+    from synth.body.body_picture import save_picture
 
     out.mkdir(parents=True, exist_ok=True)
     for body in made:
@@ -64,7 +64,7 @@ def bodies(
 def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Generator) -> list[Body]:
     """Fitted where a size is asked, random where not."""
     with needing("bodies"):
-        from synth.fit import BodyModel, fit, random_adult
+        from synth.body.fit import BodyModel, fit, random_adult
 
     # Libraries under anny greet on stdout, which is the result's.
     with redirect_stdout(sys.stderr):
@@ -98,8 +98,8 @@ def generate_(
 ) -> None:
     """Generate labelled depth images of people as tar shards, with a page of pictures and statistics."""
     with needing("synth"):
-        from synth.generate import ORDER, Order, generate
-        from synth.sample import preset_named
+        from synth.images.generate import ORDER, Order, generate
+        from synth.images.presets import preset_named
 
     chosen = replace(preset_named(preset), occluders=occluders, cut=cut)
     order = Order(chosen, chosen.count if count is None else count, seed)

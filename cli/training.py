@@ -12,16 +12,16 @@ import typer
 
 from cli.console import Json, Overwrite, clear, finish, progress, say
 from cli.extras import needing
-from eval.augment import Augmentation
-from eval.data import Crops, load_crops
+from eval.training.augment import Augmentation
+from eval.training.crops import Crops, load_crops
 from sensors.errors import CloudError
 
 if TYPE_CHECKING:
     from torch import nn
 
-    from eval.checkpoint import Epoch
-    from eval.networks import NetworkConfig
-    from eval.plan import Plan, Recipe
+    from eval.network.checkpoint import Epoch
+    from eval.network.networks import NetworkConfig
+    from eval.training.plan import Plan, Recipe
 
 Without = StrEnum("Without", [field.name for field in fields(Augmentation)])  # type: ignore[misc]
 """Each way of making training images harder."""
@@ -97,9 +97,9 @@ def train(
     """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
     started, tests = time.monotonic(), test or []
     with needing("train"):
-        from eval.team import Team
-        from eval.train import Watch, images_left
-        from eval.train import train as run
+        from eval.training.processes import Team
+        from eval.training.train import Watch, images_left
+        from eval.training.train import train as run
     with Team.join() as team:
         plan, start = _plan(network, recipe, init, without or [], epochs, batch, seed, precision)
         crops = load_crops(data, without=frozenset(hold_out or []))
@@ -115,8 +115,8 @@ def train(
 
 
 def _save(model: "nn.Module", plan: "Plan", out: Path) -> None:
-    from eval.checkpoint import save_weights
-    from eval.export import export_onnx
+    from eval.network.checkpoint import save_weights
+    from eval.network.export import export_onnx
 
     save_weights(out / "weights.safetensors", model, plan.network)
     export_onnx(model, out / "weights.onnx")
@@ -143,8 +143,8 @@ def _plan(
     seed: int,
     precision: PrecisionName | None,
 ) -> "tuple[Plan, nn.Module | None]":
-    from eval.checkpoint import load_weights
-    from eval.plan import ModernRecipe, PaperRecipe, Plan, best_precision
+    from eval.network.checkpoint import load_weights
+    from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
 
     if init and network:
         raise CloudError(f"{init} names its network; leave out --network {network}")
@@ -160,9 +160,9 @@ def _plan(
 
 
 def _config(network: NetworkName) -> "NetworkConfig":
-    from eval.compact import CompactConfig
-    from eval.paper_fcn import PaperConfig
-    from eval.smp_network import SmpConfig
+    from eval.network.compact import CompactConfig
+    from eval.network.paper_fcn import PaperConfig
+    from eval.network.smp_network import SmpConfig
 
     match network:
         case NetworkName.COMPACT:

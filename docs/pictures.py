@@ -6,16 +6,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.fuse import Fuser
-from annotate.labels import FrameLabels
+from annotate.cloud.fuse import Fuser
+from annotate.frame_labels import FrameLabels
 from annotate.parts import palette_rgb
 from annotate.person.extract import extract_person
 from annotate.segmentation.segment import segment
-from eval.predict import Network
+from eval.network.predict import Network
 from eval.report.gallery import make_frame
-from synth.body import shipped_bodies
-from synth.body_picture import save_picture
-from synth.rig import DIFFICULTIES, VirtualRig, truth_labels
+from synth.body.body import shipped_bodies
+from synth.body.body_picture import save_picture
+from synth.rig.rig import DIFFICULTIES, VirtualRig, truth_labels
 
 IMAGES = Path(__file__).parent / "images"
 SUBJECTS = 4

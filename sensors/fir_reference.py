@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.camera import FloatArray
 from sensors.errors import CalibrationError
+from sensors.rig.camera import FloatArray
 
 FEWEST = 5
 GAIN_RANGE_K = 10.0

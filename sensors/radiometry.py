@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.camera import FloatArray
 from sensors.errors import DeviceError
+from sensors.rig.camera import FloatArray
 
 BAND_UM = (7.5, 13.0)
 KELVIN = 273.15

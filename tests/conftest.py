@@ -15,15 +15,15 @@ from typing import Any
 
 import pytest
 
-from annotate.label import label_source
+from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT
 from cli.main import main
-from sensors.frame import RigFrame
-from sensors.replay import Session
-from sensors.session import SessionWriter
-from synth.rig import VirtualRig
-from synth.simulate import simulate
+from sensors.rig.frame import RigFrame
+from sensors.session.reader import Session
+from sensors.session.writer import SessionWriter
+from synth.rig.rig import VirtualRig
+from synth.rig.simulate import simulate
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

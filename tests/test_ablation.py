@@ -6,13 +6,13 @@ from unittest.mock import Mock, patch
 import numpy as np
 import pytest
 
-from annotate.label import label_source
+from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT
-from eval.compare import compare_sets
-from sensors.replay import Session
-from synth.simulate import truth_path
-from tests.measure_labels import WITHOUT
+from eval.compare.compare import compare_sets
+from sensors.session.reader import Session
+from synth.rig.simulate import truth_path
+from tools.measure_labels import WITHOUT
 
 SURE = 0.5
 """Mean recall that is left of a clean recording without any one step."""

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from annotate.cloud import ThermalCloud
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.person.alignment import STEP_PX, thermal_alignment
-from sensors.camera import Intrinsics, rays
+from sensors.rig.camera import Intrinsics, rays
 
 CAMERA = Intrinsics(200, 160, 150.0, 150.0, 99.5, 79.5)
 WINDOW_C = (25.0, 35.0)

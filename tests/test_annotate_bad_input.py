@@ -7,12 +7,12 @@ import cv2
 import numpy as np
 import pytest
 
-from annotate.label import label_source
+from annotate.label_source import label_source
 from annotate.parts import UNDEFINED
 from annotate.suit.palette import DEFAULT_SUIT
-from sensors.calibration import Pose, RigCalibration
-from sensors.frame import RigFrame
-from sensors.replay import Session
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import Pose, RigCalibration
+from sensors.session.reader import Session
 
 
 class Changed:

@@ -16,14 +16,14 @@ from annotate.correction.audit import audit
 from annotate.correction.correction import Correction, RestorableError
 from annotate.correction.replay import replay
 from annotate.correction.review import disagreement, disagreements
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.claim import ClaimedError
 from annotate.labelset.journal import JOURNAL, Journal, NotSavedError
 from annotate.labelset.store import LabelSet, validate
 from annotate.labelset.stroke import Gesture, Stroke, to_line
 from annotate.parts import UNDEFINED, swap_left_right
-from sensors.camera import Intrinsics
 from sensors.errors import CloudError, FormatError
+from sensors.rig.camera import Intrinsics
 
 law = settings(deadline=None, max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -385,7 +385,7 @@ def test_what_killed_processes_left_is_swept(folder):
 
 
 def test_kill_at_random_moments(tmp_path):
-    command = [sys.executable, "-m", "tests.kill_editor", str(tmp_path / "set"), "--kills", "15"]
+    command = [sys.executable, "-m", "tools.kill_editor", str(tmp_path / "set"), "--kills", "15"]
     done = subprocess.run(
         [*command, "--size", "106", "128"],
         cwd=Path(__file__).resolve().parents[1],

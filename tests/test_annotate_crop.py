@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from annotate.crop import NEAREST, SIZE, Crop, crop_around, network_crop, normalize, window_of
-from sensors.camera import Intrinsics, project, rays
 from sensors.errors import CloudError
+from sensors.rig.camera import Intrinsics, project, rays
 
 law = settings(deadline=None, max_examples=60)
 

@@ -13,11 +13,11 @@ from annotate.correction.edit import ARMS, LEGS, Editor
 from annotate.correction.edit_supervoxels import edit_supervoxels
 from annotate.correction.history import History
 from annotate.correction.replay import after
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.stroke import Gesture, Stroke, difference, from_line, to_line
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, PART_ID, UNDEFINED, swap_left_right
-from sensors.camera import Intrinsics
 from sensors.errors import CloudError, FormatError
+from sensors.rig.camera import Intrinsics
 
 law = settings(deadline=None, max_examples=60)
 

@@ -28,11 +28,11 @@ from annotate.effort.keystrokes import (
     moves_s,
 )
 from annotate.effort.repairs import Move, Repair, in_one_go
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import KEY, Gesture
 from annotate.parts import BACKGROUND, UNDEFINED, swap_left_right
-from sensors.camera import Intrinsics
+from sensors.rig.camera import Intrinsics
 
 law = settings(deadline=None, max_examples=25)
 

@@ -23,13 +23,13 @@ from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.cvat import ANNOTATIONS as XML
 from annotate.exchange.formats import FORMATS, export_labels, import_labels, recognise
 from annotate.exchange.masks import mask_from_runs, runs_of
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.journal import JOURNAL
 from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
-from sensors.camera import Intrinsics, unproject
 from sensors.errors import CloudError, ExistsError, FormatError
-from sensors.importers import open_source
+from sensors.importers.open_source import open_source
+from sensors.rig.camera import Intrinsics, unproject
 
 law = settings(deadline=None, max_examples=12)
 HOSTILE = [

@@ -7,23 +7,17 @@ import pytest
 from bench_fuse import CALIBRATION, fuse_naive, random_scene, register_naive
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from registration_twin import register_scalar
 from scipy.spatial.transform import Rotation
 
-from annotate.fuse import Fuser
-from annotate.registration import (
-    KINECT2_COLOR,
-    KINECT2_DEPTH,
-    KinectColorParams,
-    Registration,
-    kinect_points,
-    undistortion_index,
-)
-from annotate.visibility import View
-from sensors.calibration import Pose, RigCalibration
-from sensors.camera import Intrinsics, project, unproject
+from annotate.cloud.fuse import Fuser
+from annotate.cloud.registration import Registration, kinect_points, undistortion_index
+from annotate.cloud.visibility import View
 from sensors.errors import CalibrationError, FormatError
-from sensors.frame import RigFrame
+from sensors.rig.camera import Intrinsics, project, unproject
+from sensors.rig.frame import RigFrame
+from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH, KinectColorParams
+from sensors.rig.rig_calibration import Pose, RigCalibration
+from tests.helpers.registration_twin import register_scalar
 
 DEPTH = Intrinsics(96, 80, 70.0, 70.0, 47.3, 39.8)
 COLOR = Intrinsics(320, 260, 207.0, 207.0, 160.2, 129.4)

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+from annotate.cloud.supervoxels import Supervoxels
 from annotate.person.persons import _joined
 from annotate.segmentation.bare import FAR_M, _away, _ways
 from annotate.segmentation.part_tree import _heeded, _links
-from annotate.supervoxels import Supervoxels
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.grid import NO_PIXEL, components, flood
+from annotate.cloud.grid import NO_PIXEL, components, flood
 
 
 def joined(depth, a, b, jump=0.025):

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from conftest import tree
 
-from annotate.cloud import ThermalCloud
-from annotate.label import label_source, run
-from annotate.labels import FrameLabels
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
+from annotate.label_source import label_source, run
 from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
 from annotate.person.extract import PersonMask
 from annotate.segmentation.segment import Segmentation, unlabelled
 from annotate.suit.palette import DEFAULT_SUIT
-from sensors.calibration import RigCalibration
 from sensors.errors import CloudError, ExistsError
-from sensors.frame import RigFrame
-from sensors.replay import Session
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.reader import Session
 
 
 class Altered:
@@ -183,7 +183,7 @@ def test_every_frame_is_given_the_one_before_as_it_is_stored(tmp_path, session):
 
 def test_a_frame_that_cannot_be_relied_on_is_not_labelled(tmp_path, session, monkeypatch):
     monkeypatch.setattr(
-        "annotate.label.Survey.person", lambda survey, before: stripes(survey.cloud.valid.shape, False)
+        "annotate.label_source.Survey.person", lambda survey, before: stripes(survey.cloud.valid.shape, False)
     )
     for frame in label_source(session, DEFAULT_SUIT, tmp_path / "l", silent).labels:
         np.testing.assert_array_equal(frame.parts == UNDEFINED, frame.persons == 1)

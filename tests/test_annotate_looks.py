@@ -6,11 +6,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.cloud import ThermalCloud
-from annotate.correction.looks import Looks
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.correction.patch_colors import Looks
 from annotate.correction.propagate import Worked, propagate
-from annotate.labels import FrameLabels
-from sensors.camera import unproject
+from annotate.frame_labels import FrameLabels
+from sensors.rig.camera import unproject
 from tests.test_annotate_propagate import CAMERA, seen
 
 law = settings(deadline=None, max_examples=12)

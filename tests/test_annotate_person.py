@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.cloud import ThermalCloud
-from annotate.fuse import Fuser
-from annotate.labels import FrameLabels
+from annotate.cloud.fuse import Fuser
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
 from annotate.person.extract import extract_person
 from annotate.person.warm_window import fixed_window_mask as fixed
-from sensors.camera import Intrinsics, rays
-from sensors.pointcloud import CloudFile
-from synth.rig import VirtualRig, truth_labels
+from sensors.importers.pointcloud import CloudFile
+from sensors.rig.camera import Intrinsics, rays
+from synth.rig.rig import VirtualRig, truth_labels
 
 CAMERA = Intrinsics(256, 212, 183.0, 183.0, 127.5, 105.5)
 RAYS = rays(CAMERA)

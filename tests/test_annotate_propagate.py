@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from annotate.correction.propagate import Worked, propagate
 from annotate.correction.rigid import Tagged, part_motions
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.parts import UNDEFINED
-from sensors.camera import Intrinsics, rays
 from sensors.errors import FormatError
+from sensors.rig.camera import Intrinsics, rays
 
 law = settings(deadline=None, max_examples=6)
 

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.fuse import Fuser
-from annotate.labels import FrameLabels
+from annotate.cloud.fuse import Fuser
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
 from annotate.person.extract import Survey
@@ -18,9 +18,9 @@ from annotate.second_look.look import look_again
 from annotate.second_look.network import Network, shipped
 from annotate.segmentation.segment import segment
 from annotate.suit.palette import load_suit
-from sensors.replay import Session
-from synth.simulate import suit_path, truth_path
-from tests.fit_second_look import Graph, Joined, Rows, matrices, mirrored
+from sensors.session.reader import Session
+from synth.rig.simulate import suit_path, truth_path
+from tools.fit_second_look import Graph, Joined, Rows, matrices, mirrored
 
 
 def drawn(seed: int, count: int) -> Rows:

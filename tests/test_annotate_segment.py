@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from annotate.cloud import ThermalCloud
-from annotate.fuse import Fuser
-from annotate.labels import FrameLabels
+from annotate.cloud.fuse import Fuser
+from annotate.cloud.supervoxels import Supervoxels, supervoxels
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, LEFT_RIGHT, PART_ID, UNDEFINED, swap_left_right
 from annotate.segmentation.bare import LIKELY, bareness, grown_from, without_sides
@@ -18,10 +19,9 @@ from annotate.segmentation.refine import NEIGHBOUR, refine
 from annotate.segmentation.segment import UNTOLD, segment
 from annotate.suit.color_model import BARE, under, unfitted
 from annotate.suit.palette import DEFAULT_SUIT, Suit, chromaticity
-from annotate.supervoxels import Supervoxels, supervoxels
-from eval.metrics import confusion_matrix, recall
-from sensors.camera import Intrinsics, rays
-from sensors.replay import Session
+from eval.scores.confusion import confusion_matrix, recall
+from sensors.rig.camera import Intrinsics, rays
+from sensors.session.reader import Session
 
 CAMERA = Intrinsics(72, 54, 365.0, 365.0, 35.5, 26.5)
 TORSO, HIP, HEAD = PART_ID["torso"], PART_ID["hip"], PART_ID["head"]

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from PIL import Image
 
 import annotate.labelset.store
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import (
     decode_confidence,
     decode_depth,
@@ -35,8 +35,8 @@ from annotate.parts import (
     palette_rgb,
     swap_left_right,
 )
-from sensors.camera import Intrinsics
 from sensors.errors import CloudError, ExistsError, FormatError
+from sensors.rig.camera import Intrinsics
 
 law = settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

@@ -22,7 +22,7 @@ from annotate.suit.palette import (
     suit_to_toml,
 )
 from sensors.errors import CloudError
-from sensors.replay import Session
+from sensors.session.reader import Session
 
 law = settings(deadline=None, max_examples=60)
 

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from annotate import _pcl
-from annotate.supervoxels import Supervoxels, clusters, supervoxels
+from annotate.cloud.supervoxels import Supervoxels, clusters, supervoxels
 from sensors.errors import CloudError
 
 RED, GREEN, BLUE = (220, 30, 40), (30, 200, 60), (40, 60, 220)

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from annotate.person.thermal_drift import measure_drift
-from sensors.calibration import Pose
 from sensors.errors import CalibrationError
-from synth.rig import VirtualRig
+from sensors.rig.rig_calibration import Pose
+from synth.rig.rig import VirtualRig
 
 FRAMES = 10
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from annotate.cloud import ThermalCloud
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.person.clothed_mask import clues, worn
 from annotate.person.extract import extract_person
 from annotate.person.subject import colors_worn
-from annotate.person.worn import clues, worn
 from annotate.suit.palette import DEFAULT_SUIT
-from sensors.camera import Intrinsics, rays
+from sensors.rig.camera import Intrinsics, rays
 
 CAMERA = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)
 HEAD = (slice(40, 78), slice(222, 258))

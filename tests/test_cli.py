@@ -13,9 +13,9 @@ from conftest import tree
 
 from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS
-from sensors.replay import Session
-from sensors.session import SessionWriter
-from synth.simulate import suit_path, truth_path
+from sensors.session.reader import Session
+from sensors.session.writer import SessionWriter
+from synth.rig.simulate import suit_path, truth_path
 
 SCRIPT = Path(sys.executable).with_name("annotate-cloud")
 SCORES = {

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from annotate.exchange.formats import FORMATS
 from cli import names
 from cli.main import app
-from synth.difficulty import DIFFICULTIES
-from synth.sample import PRESETS
+from synth.images.presets import PRESETS
+from synth.rig.difficulty import DIFFICULTIES
 
 COMMAND = Path(sys.executable).with_name("annotate-cloud")
 SHELLS = ("bash", "zsh", "fish")
@@ -91,6 +91,6 @@ def test_in_a_real_bash_a_name_is_completed(tmp_path):
 
 
 def test_names_of_what_is_not_installed_are_not_offered(monkeypatch):
-    for module in ("synth.place", "synth.difficulty", "synth.sample"):
+    for module in ("synth.rig.place", "synth.rig.difficulty", "synth.images.presets"):
         monkeypatch.setitem(sys.modules, module, None)
     assert names.scenes() == names.difficulties() == names.presets() == []

@@ -16,13 +16,13 @@ from pathlib import Path
 import pytest
 from conftest import assert_refused, largest_file, record, tree
 
-import synth.simulate
-from annotate.label import label_source
+import synth.rig.simulate
+from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
-from sensors.replay import Session
-from sensors.session import SessionWriter
-from synth.simulate import suit_path, truth_path
+from sensors.session.reader import Session
+from sensors.session.writer import SessionWriter
+from synth.rig.simulate import suit_path, truth_path
 
 LONG = 15
 
@@ -194,14 +194,14 @@ def test_ctrl_c_then_the_same_command_gives_the_same_labels(tmp_path, rig_sessio
 
 
 def test_an_interrupted_simulation_leaves_nothing(annotate_cloud, tmp_path, monkeypatch):
-    truths = synth.simulate.truth_labels
+    truths = synth.rig.simulate.truth_labels
 
     def interrupted(frame, truth):
         if frame.index == 1:
             raise KeyboardInterrupt
         return truths(frame, truth)
 
-    monkeypatch.setattr(synth.simulate, "truth_labels", interrupted)
+    monkeypatch.setattr(synth.rig.simulate, "truth_labels", interrupted)
     done = annotate_cloud("simulate", tmp_path / "s.mcap", "--frames", 2)
     assert (done.code, done.out) == (130, "")
     assert done.err.splitlines()[-1].startswith("annotate-cloud: interrupted")

@@ -9,9 +9,9 @@ pytest.importorskip("torch")
 
 from conftest import assert_refused
 
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
-from sensors.camera import Intrinsics
+from sensors.rig.camera import Intrinsics
 
 
 @pytest.fixture(scope="module")

@@ -57,11 +57,11 @@ def prepare(page: str, folder: Path) -> None:
     """What a page takes for granted: the user's own files."""
     text = (ROOT / page).read_text()
     if "my-folder" in text:
-        from tests.docs_material import write_image_folder
+        from tools.docs_material import write_image_folder
 
         write_image_folder(folder / "my-folder")
     if "walk.c3d" in text:
-        from tests.docs_material import write_trials
+        from tools.docs_material import write_trials
 
         write_trials(folder)
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from annotate.crop import NEAREST, SIZE
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
-from eval.augment import MIN_LEFT, MIN_UNCOVERED, Augmentation, _incomplete, augment
-from eval.covers import ROUGH
+from eval.training.augment import MIN_LEFT, MIN_UNCOVERED, Augmentation, _incomplete, augment
+from eval.training.occluders import ROUGH
 
 law = settings(deadline=None, max_examples=30)
 seeds = st.integers(0, 9999)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from measure_coverage import DESIGNS, Design, coverage, miou_coverage
 
-from eval import bootstrap, metrics
+from eval.scores import confusion, intervals
 
 
 @pytest.mark.parametrize("name", ["8 people", "8 people, most of them easy", "100 people", "one person"])
@@ -30,21 +30,21 @@ def test_frames_are_not_counted_twice() -> None:
 def test_frames_of_one_subject_are_resampled_together() -> None:
     """Without spread inside a subject, the spread is that of subject means: variance / S."""
     counts = np.repeat(np.arange(10), 20)[:, None]
-    clusters = bootstrap.clusters_of([f"s{i}" for i in counts[:, 0]])
-    sums = bootstrap.resampled_sums(bootstrap.cluster_sums(counts, clusters), resamples=20000)[:, 0] / 200
+    clusters = intervals.clusters_of([f"s{i}" for i in counts[:, 0]])
+    sums = intervals.resampled_sums(intervals.cluster_sums(counts, clusters), resamples=20000)[:, 0] / 200
     assert sums.var() == pytest.approx(np.arange(10).var() / 10, rel=0.05)
-    error = bootstrap.standard_error(sums, 10)
+    error = intervals.standard_error(sums, 10)
     assert error == pytest.approx(np.arange(10).std(ddof=1) / math.sqrt(10), rel=0.03)
 
 
 def test_frames_of_a_lone_subject_are_drawn_one_by_one() -> None:
-    assert bootstrap.clusters_of(["anna"] * 4).tolist() == [0, 1, 2, 3]
-    assert bootstrap.clusters_of(["b", "a", "b"]).tolist() == [1, 0, 1]
+    assert intervals.clusters_of(["anna"] * 4).tolist() == [0, 1, 2, 3]
+    assert intervals.clusters_of(["b", "a", "b"]).tolist() == [1, 0, 1]
 
 
 def test_a_resample_draws_as_many_subjects_as_there_are() -> None:
     ones = np.full((6, 1), 10)
-    np.testing.assert_array_equal(bootstrap.resampled_sums(ones, resamples=50), 60)
+    np.testing.assert_array_equal(intervals.resampled_sums(ones, resamples=50), 60)
 
 
 @settings(max_examples=30, deadline=None)
@@ -53,14 +53,14 @@ def test_an_interval_is_reproducible_ordered_and_holds_its_estimate(
     people: int, frames: int, seed: int
 ) -> None:
     counts = np.random.default_rng(seed).integers(1, 50, (people * frames, 144))
-    clusters = bootstrap.clusters_of([f"s{i % people}" for i in range(people * frames)])
-    sums = bootstrap.cluster_sums(counts, clusters)
+    clusters = intervals.clusters_of([f"s{i % people}" for i in range(people * frames)])
+    sums = intervals.cluster_sums(counts, clusters)
 
     def once() -> np.ndarray:
-        resampled = metrics.recall(bootstrap.resampled_sums(sums, 200).reshape(-1, 12, 12))
-        return bootstrap.interval(estimate, resampled, len(sums))
+        resampled = confusion.recall(intervals.resampled_sums(sums, 200).reshape(-1, 12, 12))
+        return intervals.interval(estimate, resampled, len(sums))
 
-    estimate = metrics.recall(counts.sum(0).reshape(12, 12))
+    estimate = confusion.recall(counts.sum(0).reshape(12, 12))
     low, high = once()
     np.testing.assert_array_equal(once(), [low, high])
     if len(sums) == 1:
@@ -70,10 +70,10 @@ def test_an_interval_is_reproducible_ordered_and_holds_its_estimate(
 
 
 def test_an_interval_of_nothing_is_nan_and_of_the_same_is_a_point() -> None:
-    nothing = bootstrap.interval(np.full(2, np.nan), np.full((10, 2), np.nan), 5)
+    nothing = intervals.interval(np.full(2, np.nan), np.full((10, 2), np.nan), 5)
     assert np.isnan(nothing).all()
     resamples = np.stack([np.ones(10), np.zeros(10), np.full(10, 0.4)], axis=-1)
-    same = bootstrap.interval(np.array([1.0, 0.0, 0.4]), resamples, 5)
+    same = intervals.interval(np.array([1.0, 0.0, 0.4]), resamples, 5)
     np.testing.assert_allclose(same, [[1.0, 0.0, 0.4]] * 2)
 
 
@@ -82,12 +82,12 @@ def test_resamples_that_lack_a_part_are_left_out() -> None:
     rng = np.random.default_rng(0)
     resamples = rng.normal(0.8, 0.01, (2000, 2))
     resamples[:400, 1] = np.nan
-    ends = bootstrap.interval(np.array([0.8, 0.8]), resamples, np.array([8, 4]))
+    ends = intervals.interval(np.array([0.8, 0.8]), resamples, np.array([8, 4]))
     width = ends[1] - ends[0]
     assert width[1] / width[0] == pytest.approx(
         3.182 * math.sqrt(4 / 3) / (2.365 * math.sqrt(8 / 7)), rel=0.1
     )
-    assert np.isnan(bootstrap.interval(np.array(0.8), resamples[:, 0], 1)).all()
+    assert np.isnan(intervals.interval(np.array(0.8), resamples[:, 0], 1)).all()
 
 
 @pytest.mark.parametrize(
@@ -100,5 +100,5 @@ def test_resamples_that_lack_a_part_are_left_out() -> None:
     ],
 )
 def test_what_an_interval_cannot_say_is_said(subjects: list[str], said: str) -> None:
-    note = bootstrap.note_on(subjects, unknown="?")
+    note = intervals.note_on(subjects, unknown="?")
     assert said in note and bool(note) == bool(said)

@@ -14,21 +14,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.dataset import MANIFEST, encode_shard
 from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID, UNDEFINED
-from eval import bootstrap, results, room
-from eval.compare import Comparison, compare_sets
-from eval.counts import SHAPES, FrameCounts
-from eval.data import Frames, open_frames
-from eval.details import details
-from eval.results import Result, load_result, save_result
-from eval.scores import PART_SCORES
-from eval.suspicious import suspicious
-from eval.traits import groups, traits_of
-from sensors.camera import Intrinsics
+from eval.compare import results
+from eval.compare.compare import Comparison, compare_sets
+from eval.compare.details import details
+from eval.compare.results import Result, load_result, save_result
+from eval.compare.suspicious import suspicious
+from eval.scores import big_arrays, intervals
+from eval.scores.counts import SHAPES, FrameCounts
+from eval.scores.frames import Frames, open_frames
+from eval.scores.scores import PART_SCORES
+from eval.scores.traits import groups, traits_of
 from sensors.errors import CloudError, ExistsError, FormatError
-from synth.dataset import MANIFEST, encode_shard
+from sensors.rig.camera import Intrinsics
 
 CAMERA = Intrinsics(width=30, height=24, fx=300.0, fy=300.0, cx=14.5, cy=11.5)
 PEOPLE = ("anna", "ben", "cem")
@@ -124,9 +125,9 @@ def test_many_frames_lie_in_a_file_and_count_the_same(
     for name, comparison in (("few", compared), ("few-one", one)):
         save_result(tmp_path / name, Result("N", comparison))
     told = compared.to_evaluation_json(), details(compared)
-    monkeypatch.setattr(room, "IN_MEMORY", 0)
-    monkeypatch.setattr(room, "BLOCK", 2)
-    monkeypatch.setattr(bootstrap, "AT_ONCE", 20)
+    monkeypatch.setattr(big_arrays, "IN_MEMORY", 0)
+    monkeypatch.setattr(big_arrays, "BLOCK", 2)
+    monkeypatch.setattr(intervals, "AT_ONCE", 20)
     many = compare_sets(*sets)
     assert isinstance(many.counts.flat.base, np.memmap) and many.counts.flat.dtype == np.int32
     assert (many.to_evaluation_json(), details(many)) == told
@@ -144,7 +145,7 @@ def test_counts_that_the_disk_has_no_room_for_are_one_line(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(room, "IN_MEMORY", 0)
+    monkeypatch.setattr(big_arrays, "IN_MEMORY", 0)
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(CloudError, match="set TMPDIR"):
         compare_sets(*sets)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from annotate.crop import NEAREST, SIZE
 from annotate.parts import BACKGROUND
-from eval.covers import ROUGH, THICK, blanket, boarded, draped, noise_of
+from eval.training.occluders import ROUGH, THICK, blanket, boarded, draped, noise_of
 
 law = settings(deadline=None, max_examples=25)
 seeds = st.integers(0, 9999)

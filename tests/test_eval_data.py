@@ -11,16 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-import eval.data as data
+import eval.scores.frames as data
 from annotate.crop import SIZE
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.dataset import MANIFEST, encode_shard
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
-from eval.data import DEPTH_STEPS, Crops, camera_of, load_crops, pinhole_of, to_crop
-from sensors.camera import Intrinsics
+from eval.scores.frames import camera_of, pinhole_of
+from eval.training.crops import DEPTH_STEPS, Crops, load_crops, to_crop
 from sensors.errors import CloudError
-from synth.dataset import MANIFEST, encode_shard
-from synth.view import CAMERA
+from sensors.rig.camera import Intrinsics
+from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 
 
 def of(depth, parts):
@@ -145,7 +146,7 @@ def test_a_crop_in_a_label_set_is_seen_by_the_camera_it_was_cut_from(tmp_path):
     blank = np.zeros((SIZE, SIZE), np.uint8)
     frame = FrameLabels("a", blank.astype(np.uint16), blank, notes={"crop": [10, 20, 106]})
     predicted = LabelSet.create(tmp_path / "set", Intrinsics(SIZE, SIZE, 9.0, 9.0, 1.0, 1.0), {})
-    assert camera_of(predicted, frame) == CAMERA
-    assert pinhole_of(frame, CAMERA).fx == pytest.approx(2 * CAMERA.fx)
+    assert camera_of(predicted, frame) == KINECT2_PINHOLE
+    assert pinhole_of(frame, KINECT2_PINHOLE).fx == pytest.approx(2 * KINECT2_PINHOLE.fx)
     whole = FrameLabels("b", frame.depth_mm, frame.parts)
     assert camera_of(predicted, whole) == predicted.intrinsics == pinhole_of(whole, predicted.intrinsics)

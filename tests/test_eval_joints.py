@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from annotate.crop import network_crop
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID, swap_left_right
-from eval.joint_errors import OBSERVED, joint_errors_mm, measured_of, observe, summary
-from eval.joints import HINGES, IN_SKELETON, JOINT, JOINT_NAMES, N_JOINTS, Measured, measure
-from eval.skeleton_fit import BONES, fit_skeletons
-from sensors.camera import Intrinsics, rays
+from eval.scores.joint_errors import OBSERVED, joint_errors_mm, measured_of, observe, summary
+from eval.scores.joints import HINGES, IN_SKELETON, JOINT, JOINT_NAMES, N_JOINTS, Measured, measure
+from eval.scores.skeleton_fit import BONES, fit_skeletons
 from sensors.errors import FormatError
-from synth import skeleton
+from sensors.rig.camera import Intrinsics, rays
+from synth.body import skeleton
 
 SMALL = Intrinsics(161, 141, 140.0, 140.0, 80.0, 70.0)
 """Principal point in the middle: its mirror image is its own."""
@@ -138,7 +138,7 @@ def test_many_frames_are_fitted_as_few_are(monkeypatch):
     frames = [frame(figure((30 * i, 20, 2500 + 40 * i))) for i in range(5)]
     persons = ["a", "b", "a", "a", "b"]
     whole = found(*frames, persons=persons)
-    monkeypatch.setattr("eval.room.BLOCK", 2)
+    monkeypatch.setattr("eval.scores.big_arrays.BLOCK", 2)
     np.testing.assert_array_equal(found(*frames, persons=persons), whole)
 
 

@@ -11,7 +11,8 @@ from hypothesis.extra import numpy as hnp
 from scipy.ndimage import distance_transform_edt
 
 from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
-from eval import boundary, metrics, paper
+from eval.compare import paper
+from eval.scores import boundary, confusion
 
 LABELS = st.sampled_from([0, 1, 2, 3, 4, 9, UNDEFINED])  # most classes absent, as in real frames
 PAIR = hnp.array_shapes(min_dims=2, max_dims=2, max_side=9).flatmap(
@@ -53,18 +54,18 @@ def naive_mean(values: list[float]) -> float:
 
 @given(PAIR)
 def test_scores_agree_with_a_slow_reference(pair: tuple[np.ndarray, np.ndarray]) -> None:
-    matrix = metrics.confusion_matrix(*pair)
+    matrix = confusion.confusion_matrix(*pair)
     expected = naive(*pair)
     for name in expected:
-        np.testing.assert_allclose(getattr(metrics, name)(matrix), expected[name], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(metrics.mean_recall(matrix), naive_mean(expected["recall"][1:]), atol=1e-12)
-    np.testing.assert_allclose(metrics.miou(matrix), naive_mean(expected["iou"][1:]), atol=1e-12)
+        np.testing.assert_allclose(getattr(confusion, name)(matrix), expected[name], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(confusion.mean_recall(matrix), naive_mean(expected["recall"][1:]), atol=1e-12)
+    np.testing.assert_allclose(confusion.miou(matrix), naive_mean(expected["iou"][1:]), atol=1e-12)
 
 
 @given(st.lists(PAIR, min_size=1, max_size=5))
 def test_mean_ious_agree_with_a_slow_reference(pairs: list[tuple[np.ndarray, np.ndarray]]) -> None:
     table = [naive(*pair)["iou"][1:] for pair in pairs]
-    result = metrics.mean_ious(np.stack([metrics.confusion_matrix(*pair) for pair in pairs]))
+    result = confusion.mean_ious(np.stack([confusion.confusion_matrix(*pair) for pair in pairs]))
     by_frame = [naive_mean(row) for row in table]
     np.testing.assert_allclose(result.over_images, naive_mean(by_frame), atol=1e-12)
     by_part = [naive_mean(list(column)) for column in zip(*table, strict=True)]
@@ -75,37 +76,37 @@ def test_mean_ious_agree_with_a_slow_reference(pairs: list[tuple[np.ndarray, np.
 
 @given(PAIR)
 def test_every_wrong_pixel_has_one_kind(pair: tuple[np.ndarray, np.ndarray]) -> None:
-    matrix = metrics.confusion_matrix(*pair)
-    kinds = metrics.error_kinds(matrix)
+    matrix = confusion.confusion_matrix(*pair)
+    kinds = confusion.error_kinds(matrix)
     assert sum(vars(kinds).values()) == matrix.sum() - np.trace(matrix)
     assert min(vars(kinds).values()) >= 0
 
 
 @given(PAIR)
 def test_pixel_counts_add_up(pair: tuple[np.ndarray, np.ndarray]) -> None:
-    ignored, unnamed, everything = metrics.undefined_pixels(*pair)
-    assert metrics.confusion_matrix(*pair).sum() + ignored == everything == pair[0].size
+    ignored, unnamed, everything = confusion.undefined_pixels(*pair)
+    assert confusion.confusion_matrix(*pair).sum() + ignored == everything == pair[0].size
     assert unnamed <= everything - ignored
 
 
 def test_identity_scores_one() -> None:
     truth = body()
-    matrix = metrics.confusion_matrix(truth, truth)
-    for score in (metrics.recall, metrics.precision, metrics.iou, metrics.dice):
+    matrix = confusion.confusion_matrix(truth, truth)
+    for score in (confusion.recall, confusion.precision, confusion.iou, confusion.dice):
         np.testing.assert_array_equal(score(matrix), 1.0)
-    assert metrics.person_iou(matrix) == metrics.mean_recall(matrix) == 1.0
-    assert metrics.left_right_swap_rate(matrix) == 0.0
+    assert confusion.person_iou(matrix) == confusion.mean_recall(matrix) == 1.0
+    assert confusion.left_right_swap_rate(matrix) == 0.0
 
 
 def test_a_left_right_swap_is_caught() -> None:
     truth = body()
-    matrix = metrics.confusion_matrix(truth, swap_left_right(truth))
-    assert metrics.left_right_swap_rate(matrix) == 1.0
-    assert metrics.error_kinds(matrix).left_right_swap == matrix.sum() - np.trace(matrix)
-    assert metrics.flip_helps(matrix)
-    assert not metrics.flip_helps(metrics.confusion_matrix(truth, truth))
-    np.testing.assert_array_equal(metrics.iou(metrics.merge_left_right(matrix)), 1.0)
-    assert metrics.person_iou(matrix) == 1.0
+    matrix = confusion.confusion_matrix(truth, swap_left_right(truth))
+    assert confusion.left_right_swap_rate(matrix) == 1.0
+    assert confusion.error_kinds(matrix).left_right_swap == matrix.sum() - np.trace(matrix)
+    assert confusion.flip_helps(matrix)
+    assert not confusion.flip_helps(confusion.confusion_matrix(truth, truth))
+    np.testing.assert_array_equal(confusion.iou(confusion.merge_left_right(matrix)), 1.0)
+    assert confusion.person_iou(matrix) == 1.0
 
 
 def test_merging_twins_is_the_confusion_of_merged_labels() -> None:
@@ -113,30 +114,30 @@ def test_merging_twins_is_the_confusion_of_merged_labels() -> None:
     to_left = np.arange(256, dtype=np.uint8)
     for left, right in LEFT_RIGHT:
         to_left[right] = left
-    merged = metrics.confusion_matrix(to_left[truth], to_left[predicted])
+    merged = confusion.confusion_matrix(to_left[truth], to_left[predicted])
     kept = np.unique(to_left[:N_CLASSES])
     expected = merged[np.ix_(kept, kept)]
     np.testing.assert_array_equal(
-        metrics.merge_left_right(metrics.confusion_matrix(truth, predicted)), expected
+        confusion.merge_left_right(confusion.confusion_matrix(truth, predicted)), expected
     )
 
 
 def test_absent_and_undefined_are_neither_right_nor_wrong() -> None:
     truth = np.array([[1, 1, 2, UNDEFINED]], np.uint8)
     predicted = np.array([[1, UNDEFINED, 2, 3]], np.uint8)
-    matrix = metrics.confusion_matrix(truth, predicted)
-    np.testing.assert_array_equal(metrics.recall(matrix)[1:3], [0.5, 1.0])
-    assert np.isnan(metrics.iou(matrix)[3:]).all()
-    assert metrics.mean_recall(matrix) == 0.75
-    np.testing.assert_array_equal(metrics.undefined_pixels(truth, predicted), [1, 1, 4])
-    assert np.isnan(metrics.mean_recall(np.zeros((12, 12), np.int64)))
+    matrix = confusion.confusion_matrix(truth, predicted)
+    np.testing.assert_array_equal(confusion.recall(matrix)[1:3], [0.5, 1.0])
+    assert np.isnan(confusion.iou(matrix)[3:]).all()
+    assert confusion.mean_recall(matrix) == 0.75
+    np.testing.assert_array_equal(confusion.undefined_pixels(truth, predicted), [1, 1, 4])
+    assert np.isnan(confusion.mean_recall(np.zeros((12, 12), np.int64)))
 
 
 def test_wrong_maps_are_refused() -> None:
     with pytest.raises(ValueError, match=r"\(2, 2\)"):
-        metrics.confusion_matrix(np.zeros((2, 2), np.uint8), np.zeros((2, 3), np.uint8))
+        confusion.confusion_matrix(np.zeros((2, 2), np.uint8), np.zeros((2, 3), np.uint8))
     with pytest.raises(ValueError, match="label 12"):
-        metrics.confusion_matrix(np.zeros((1, 1), np.uint8), np.full((1, 1), 12, np.uint8))
+        confusion.confusion_matrix(np.zeros((1, 1), np.uint8), np.full((1, 1), 12, np.uint8))
 
 
 def test_the_paper_tables_are_the_paper_s() -> None:
@@ -173,7 +174,7 @@ def test_boundary_iou_sees_a_shift_that_plain_iou_forgives() -> None:
     band = 60 * 60 - 56 * 56
     kept = 2 * 2 * 59 + 2 * 56 * 1  # rows above and below but for a column; one of two columns beside
     assert [hit, either] == [kept, 2 * band - kept]
-    assert hit / either < 0.65 < metrics.iou(metrics.confusion_matrix(truth, moved))[1]
+    assert hit / either < 0.65 < confusion.iou(confusion.confusion_matrix(truth, moved))[1]
 
 
 def test_errors_by_distance_agree_with_scipy() -> None:

@@ -11,8 +11,8 @@ import pytest
 
 from annotate.crop import SIZE
 from annotate.parts import N_CLASSES
-from eval.network_file import SHIPPED_WEIGHTS, Network
-from eval.onnx_operators import OPERATORS, check_operators
+from eval.network.onnx_network import SHIPPED_WEIGHTS, Network
+from eval.network.onnx_operators import OPERATORS, check_operators
 from sensors.errors import FormatError
 
 
@@ -83,7 +83,7 @@ def test_a_run_that_takes_too_long_is_stopped(tmp_path, monkeypatch):
     opened = []
     real = Network._open
     monkeypatch.setattr(Network, "_open", lambda *given: (opened.append(given[3:]), real(*given)))
-    monkeypatch.setattr("eval.network_file.TRIAL_SECONDS", 0.05)
+    monkeypatch.setattr("eval.network.onnx_network.TRIAL_SECONDS", 0.05)
     with pytest.raises(FormatError, match="no network"):
         Network(path)
     assert opened == [(["ConstantFolding"],)]

@@ -8,13 +8,13 @@ import pytest
 from measure_coverage import paired_coverage, unpaired_coverage
 from scipy.stats import wilcoxon
 
-from eval import metrics
-from eval.compare import Comparison
-from eval.counts import SHAPES, FrameCounts
-from eval.paired import difference
-from eval.pairs import Digests
-from eval.results import Result
-from eval.traits import Traits
+from eval.compare.compare import Comparison
+from eval.compare.paired import difference
+from eval.compare.pairs import Digests
+from eval.compare.results import Result
+from eval.scores import confusion
+from eval.scores.counts import SHAPES, FrameCounts
+from eval.scores.traits import Traits
 
 FRAMES = 5
 PIXELS = 1000
@@ -92,7 +92,9 @@ def test_people_are_the_same_whatever_b_calls_them() -> None:
 
 def test_wilcoxon_is_scipy_s_on_the_subjects_means() -> None:
     a, b = result("A", LEVELS), result("B", LEVELS + np.linspace(-0.02, 0.04, 8), seed=1)
-    by_subject = [metrics.miou(r.comparison.matrices.reshape(8, FRAMES, 12, 12).sum(axis=1)) for r in (a, b)]
+    by_subject = [
+        confusion.miou(r.comparison.matrices.reshape(8, FRAMES, 12, 12).sum(axis=1)) for r in (a, b)
+    ]
     assert difference(a, b).wilcoxon_p["miou"] == pytest.approx(wilcoxon(*by_subject).pvalue)
     few = [Result(r.title, r.comparison.only(np.arange(5 * FRAMES))) for r in (a, b)]
     assert difference(*few).wilcoxon_p == {"mean_recall": None, "miou": None}

@@ -11,18 +11,18 @@ import pytest
 from conftest import assert_refused, tree
 
 from annotate.crop import SIZE, crop_around
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
+from annotate.labelset import dataset
+from annotate.labelset.dataset import Dataset, encode_shard
 from annotate.labelset.images import encode_depth
 from annotate.labelset.store import LabelSet, validate
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
-from eval.compare import compare_sets
-from eval.data import to_crop
-from eval.predict import Network, predict_frames, predict_source
+from eval.compare.compare import compare_sets
+from eval.network.predict import Network, predict_frames, predict_source
+from eval.training.crops import to_crop
 from sensors.errors import CloudError, ExistsError, FormatError
-from sensors.importers import open_source
-from sensors.replay import Session
-from synth import dataset
-from synth.dataset import Dataset, encode_shard
+from sensors.importers.open_source import open_source
+from sensors.session.reader import Session
 
 
 def silent(n: int) -> None:

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from annotate.crop import SIZE
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, BODY_PARTS, PARTS, UNDEFINED, palette_rgb
-from eval.compare import Comparison, compare_sets
+from eval.compare.compare import Comparison, compare_sets
+from eval.compare.results import Result, save_result
 from eval.report import charts, figures, tables
 from eval.report.build import write_report
 from eval.report.cloud_picture import render_thermal_cloud
@@ -24,9 +25,17 @@ from eval.report.history import load_training
 from eval.report.material import Material
 from eval.report.scenes import MAX_POINTS, make_scene, points_of
 from eval.report.views import view_of
-from eval.results import Result, save_result
 from sensors.errors import CloudError, ExistsError, FormatError
-from tests.report_doll import CAMERA, HOSTILE, cloud, guessed, hostile_material, label_sets, person, trained
+from tests.helpers.report_doll import (
+    CAMERA,
+    HOSTILE,
+    cloud,
+    guessed,
+    hostile_material,
+    label_sets,
+    person,
+    trained,
+)
 
 
 @pytest.fixture(scope="module")

@@ -13,12 +13,12 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from eval.compare import Comparison, compare_sets
+from eval.compare.compare import Comparison, compare_sets
+from eval.compare.results import Result
 from eval.report.build import render
 from eval.report.material import Material
-from eval.results import Result
-from tests.browser import CHROMIUM, Browser
-from tests.report_doll import HOSTILE, hostile_material, label_sets, trained
+from tests.helpers.browser import CHROMIUM, Browser
+from tests.helpers.report_doll import HOSTILE, hostile_material, label_sets, trained
 
 
 @pytest.fixture(scope="module")

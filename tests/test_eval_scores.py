@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from naive_scores import Frame, scores
 
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.parts import LEFT_RIGHT, UNDEFINED, swap_left_right
-from eval import metrics
-from eval.calibration import reliability_curve
-from eval.counts import SHAPES, FrameCounts, count
-from eval.scores import PART_SCORES, scores_of
+from eval.scores import confusion
+from eval.scores.counts import SHAPES, FrameCounts, count
+from eval.scores.reliability import reliability_curve
+from eval.scores.scores import PART_SCORES, scores_of
+from tests.helpers.naive_scores import Frame, scores
 
 PART_IDS = st.sampled_from([0, 0, 1, 2, 3, 4, 9, UNDEFINED])  # most classes absent, as in real frames
 
@@ -127,4 +127,4 @@ def test_the_worst_frames_count_for_themselves() -> None:
     matrices = np.zeros((40, 12, 12), np.int64)
     matrices[:, 1, 1] = 100
     matrices[:2, 1, 1], matrices[:2, 1, 0] = 20, 80
-    assert metrics.mean_ious(matrices).worst == pytest.approx(0.2)
+    assert confusion.mean_ious(matrices).worst == pytest.approx(0.2)

@@ -16,29 +16,29 @@ import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
-import tiny_training  # noqa: E402
 from conftest import tree  # noqa: E402
 from safetensors.torch import save_file  # noqa: E402
-from tiny_training import CROPS, PLAN, small_crops  # noqa: E402
 
 from annotate.crop import SIZE  # noqa: E402
 from annotate.labelset.images import decode_parts  # noqa: E402
 from annotate.parts import N_CLASSES, UNDEFINED  # noqa: E402
-from eval import checkpoint  # noqa: E402
-from eval.augment import Augmentation  # noqa: E402
-from eval.checkpoint import Progress, load_weights, save_weights  # noqa: E402
-from eval.compact import CompactConfig  # noqa: E402
-from eval.data import Crops  # noqa: E402
-from eval.export import export_onnx  # noqa: E402
-from eval.loader import Images, Order, batches  # noqa: E402
-from eval.measure import evaluate, predicted  # noqa: E402
-from eval.networks import build  # noqa: E402
-from eval.paper_fcn import PaperConfig  # noqa: E402
-from eval.plan import ModernRecipe, PaperRecipe, Plan, class_weights, loss_of, one_cycle, rate  # noqa: E402
-from eval.predict import Network  # noqa: E402
-from eval.team import Team  # noqa: E402
-from eval.train import Watch, images_left, train  # noqa: E402
+from eval.network import checkpoint  # noqa: E402
+from eval.network.checkpoint import Progress, load_weights, save_weights  # noqa: E402
+from eval.network.compact import CompactConfig  # noqa: E402
+from eval.network.export import export_onnx  # noqa: E402
+from eval.network.networks import build  # noqa: E402
+from eval.network.paper_fcn import PaperConfig  # noqa: E402
+from eval.network.predict import Network  # noqa: E402
+from eval.training.augment import Augmentation  # noqa: E402
+from eval.training.crops import Crops  # noqa: E402
+from eval.training.loader import Images, Order, batches  # noqa: E402
+from eval.training.plan import ModernRecipe, PaperRecipe, Plan, class_weights, loss_of, one_cycle, rate  # noqa: E402
+from eval.training.processes import Team  # noqa: E402
+from eval.training.train import Watch, images_left, train  # noqa: E402
+from eval.training.validate import evaluate, predicted  # noqa: E402
 from sensors.errors import CloudError, ExistsError, FormatError  # noqa: E402
+from tests.helpers import tiny_training  # noqa: E402
+from tests.helpers.tiny_training import CROPS, PLAN, small_crops  # noqa: E402
 
 ALONE = Team(0, 1, torch.device("cpu"))
 TINY = PLAN.network
@@ -110,7 +110,7 @@ def test_dropout_and_momentum_resume_too(tmp_path):
 
 def process(out: Path, **environment: str) -> subprocess.Popen:
     command = [sys.executable, tiny_training.__file__, str(out)]
-    root = str(Path(tiny_training.__file__).parents[1])
+    root = str(Path(tiny_training.__file__).parents[2])
     environment = os.environ | {"PYTHONPATH": root} | environment
     return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE)
 
@@ -192,7 +192,7 @@ def test_it_learns_and_tells_how_far_it_is(whole):
 
 
 def test_an_epochs_loss_is_the_mean_of_its_steps(tmp_path, monkeypatch):
-    monkeypatch.setattr("eval.train.POINT_STEPS", 1)
+    monkeypatch.setattr("eval.training.train.POINT_STEPS", 1)
     _, progress = train(CROPS, None, tmp_path / "t", PLAN, ALONE)
     assert [point.images for point in progress.points] == [2 * (i + 1) for i in range(9)]
     losses = np.reshape([point.loss for point in progress.points], (3, 3))

@@ -17,26 +17,26 @@ import pytest
 from conftest import assert_refused, largest_file, tree
 from test_cli_nothing_lost import ordinary_user
 
-import sensors.recorder
+import sensors.recording.recorder
 from annotate.correction import activity
 from annotate.correction.activity import ActiveTime, steady_time
 from annotate.correction.correction import Correction
-from annotate.label import label_source
+from annotate.label_source import label_source
 from annotate.labelset.claim import CLAIM, Claim, ClaimedError
 from annotate.labelset.store import LabelSet, validate
-from annotate.registration import KINECT2_DEPTH
 from annotate.suit.palette import DEFAULT_SUIT
-from sensors.atomic import sweep, temporary_of
-from sensors.calibration import RigCalibration
-from sensors.devices import open_device
 from sensors.errors import CloudError
-from sensors.recorder import Recorder
-from sensors.replay import Session
-from sensors.session import SessionWriter
-from synth.generate import Order, generate
-from synth.sample import PRESETS
-from synth.simulate import suit_path
-from synth.workers import Workers, processes
+from sensors.files.atomic import sweep, temporary_of
+from sensors.recording.open_device import open_device
+from sensors.recording.recorder import Recorder
+from sensors.rig.kinect2_factory import KINECT2_DEPTH
+from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.reader import Session
+from sensors.session.writer import SessionWriter
+from synth.images.generate import Order, generate
+from synth.images.presets import PRESETS
+from synth.images.workers import Workers, processes
+from synth.rig.simulate import suit_path
 
 ORDER = Order(PRESETS["sitting-test"], 12, 3, shard_frames=4)
 
@@ -186,9 +186,9 @@ def test_a_read_only_place_is_left_as_it_is():
 
 
 def test_a_full_disk_is_one_line_of_train_and_it_goes_on(tmp_path):
-    tiny = pytest.importorskip("tests.tiny_training", reason="training needs torch")
-    from eval.team import Team
-    from eval.train import Watch, train
+    tiny = pytest.importorskip("tests.helpers.tiny_training", reason="training needs torch")
+    from eval.training.processes import Team
+    from eval.training.train import Watch, train
 
     def trained(out: Path) -> None:
         with Team.join() as team:
@@ -243,7 +243,7 @@ def test_a_clock_that_is_set_costs_nobody_any_time(monkeypatch):
 
 def test_a_clock_that_is_set_while_recording_moves_no_event(tmp_path, monkeypatch):
     jumped = SimpleNamespace(monotonic=time.monotonic, monotonic_ns=time.monotonic_ns, time_ns=time.time_ns)
-    monkeypatch.setattr(sensors.recorder, "time", jumped)
+    monkeypatch.setattr(sensors.recording.recorder, "time", jumped)
     devices = [open_device(a) for a in ("virtual:kinect2", "virtual:optris?mode=128hz&unplug_after=0.3")]
     end = time.monotonic() + 1.0
     with SessionWriter(tmp_path / "s.mcap", RigCalibration(KINECT2_DEPTH), "rig") as writer:
@@ -337,9 +337,9 @@ def test_a_lost_worker_costs_nothing_that_is_done(tmp_path, whole):
 LOSE = """
 import multiprocessing, os, sys
 from pathlib import Path
-from tests.tiny_training import CROPS, PLAN
-from eval.team import Team
-from eval.train import Watch, train
+from tests.helpers.tiny_training import CROPS, PLAN
+from eval.training.processes import Team
+from eval.training.train import Watch, train
 from sensors.errors import CloudError
 
 def lose(n):
@@ -373,9 +373,9 @@ def test_workers_without_shared_memory_are_one_line(tmp_path, monkeypatch):
     with pytest.raises(CloudError, match=r"No such file .*mount /dev/shm"), processes(1):
         pass
     pytest.importorskip("torch", reason="training needs torch")
-    from eval.augment import Augmentation
-    from eval.loader import Images, Order, batches
-    from tests.tiny_training import CROPS
+    from eval.training.augment import Augmentation
+    from eval.training.loader import Images, Order, batches
+    from tests.helpers.tiny_training import CROPS
 
     with pytest.raises(CloudError, match="mount /dev/shm"):
         next(batches(Images(CROPS, Augmentation(), 0), Order(len(CROPS), 2, 1, 0), 0, workers=1))
@@ -383,7 +383,7 @@ def test_workers_without_shared_memory_are_one_line(tmp_path, monkeypatch):
 
 HOLD = """
 import os, time
-from synth.workers import processes
+from synth.images.workers import processes
 if __name__ == "__main__":
     with processes(1) as workers:
         print(workers.executor.submit(os.getpid).result(), flush=True)

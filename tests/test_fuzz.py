@@ -13,9 +13,9 @@ from fuzz_spoil import Fuzzer, mutate, seal
 from hypothesis import given
 from hypothesis import strategies as st
 
+from annotate.labelset.dataset import encode_shard
 from sensors.errors import FormatError
-from sensors.png import check_chunks
-from synth.dataset import encode_shard
+from sensors.files.png import check_chunks
 
 CORPUS = Path(__file__).parent / "corpus"
 SAMPLES = 12

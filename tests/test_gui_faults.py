@@ -24,7 +24,7 @@ from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID
 from sensors.errors import CloudError
 from tests.conftest import assert_refused, tree
-from tests.gui_driver import Driver, answering
+from tests.helpers.gui_driver import Driver, answering
 
 HEAD, TORSO = PART_ID["head"], PART_ID["torso"]
 
@@ -212,7 +212,7 @@ def test_a_fine_screen_selects_what_is_under_the_pointer(display, folder, tmp_pa
     """Twice the pixels (QT_SCALE_FACTOR), in a process of its own: what is clicked is what is painted."""
     script = (
         "import sys; from pathlib import Path; from PySide6.QtWidgets import QApplication\n"
-        "app = QApplication([]); from tests.gui_driver import Driver\n"
+        "app = QApplication([]); from tests.helpers.gui_driver import Driver\n"
         "d = Driver(Path(sys.argv[1]), size=(760, 580)); assert d.window.devicePixelRatioF() == 2\n"
         "d.key('head'); p = d.middle_of(2); d.click(d.place(p)); shot = d.picture()\n"
         "place = d.place(p); c = shot[place.y() * 2, place.x() * 2].astype(int)\n"

@@ -6,20 +6,20 @@ import pyvista as pv
 from hypothesis import given
 from hypothesis import strategies as st
 
+from annotate.cloud.fuse import Fuser
 from annotate.correction.correction import Correction
 from annotate.correction.select import View, polygon
-from annotate.fuse import Fuser
+from annotate.frame_labels import FrameLabels
 from annotate.gui.colors import SAME_RGB, colourings, point_colors
 from annotate.gui.drawing import Drawing
 from annotate.gui.orbit import Orbit, front_view
 from annotate.gui.projection import project
 from annotate.gui.scene import ROOM_POINTS, SceneReader, find_session
-from annotate.labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
-from sensors.calibration import RigCalibration
-from sensors.camera import Intrinsics
 from sensors.errors import FormatError
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import RigCalibration
 
 SIZE = (640, 480)
 GROUND = (20, 22, 27)

@@ -12,7 +12,7 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from annotate.gui.keys import BINDINGS, Settings
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, PART_ID
-from tests.gui_driver import ALT, CTRL, SHIFT, Driver
+from tests.helpers.gui_driver import ALT, CTRL, SHIFT, Driver
 
 HEAD, TORSO = PART_ID["head"], PART_ID["torso"]
 

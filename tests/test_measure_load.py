@@ -3,8 +3,8 @@
 import numpy as np
 from load_material import renamed
 
-from annotate.labels import FrameLabels
-from synth.dataset import encode_shard, read_shard
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.dataset import encode_shard, read_shard
 
 
 def test_a_shard_under_new_ids_holds_the_same_images(tmp_path):

@@ -11,9 +11,9 @@ from annotate.labelset.claim import CLAIM, Claim
 from annotate.labelset.journal import JOURNAL, Journal, NotSavedError
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Stroke
-from sensors.atomic import temporary_of, write_bytes
-from sensors.camera import Intrinsics
 from sensors.errors import CloudError, FormatError
+from sensors.files.atomic import temporary_of, write_bytes
+from sensors.rig.camera import Intrinsics
 
 
 @pytest.fixture

@@ -12,17 +12,17 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
-from sensors import ros_messages
-from sensors.bag import Bag, path_between
-from sensors.bag_topics import choose_color, choose_depth, described_by
-from sensors.calibration import Pose
-from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError, CloudError, FormatError
-from sensors.importers import open_source
-from sensors.messages import calibration_messages, color_message, depth_message
-from sensors.replay import Session
-from sensors.ros_images import color_encoded_from, depth_mm_from
-from sensors.ros_messages import Camera, PackedPicture, RawPicture, Stamped
+from sensors.importers import ros_messages
+from sensors.importers.bag import Bag, path_between
+from sensors.importers.bag_topics import choose_color, choose_depth, described_by
+from sensors.importers.open_source import open_source
+from sensors.importers.ros_images import color_encoded_from, depth_mm_from
+from sensors.importers.ros_messages import Camera, PackedPicture, RawPicture, Stamped
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import Pose
+from sensors.session.messages import calibration_messages, color_message, depth_message
+from sensors.session.reader import Session
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
@@ -198,7 +198,7 @@ def test_foxglove_mcap_of_others_is_read(tmp_path, compression):
 
 
 def open_calibration() -> object:
-    from sensors.calibration import RigCalibration
+    from sensors.rig.rig_calibration import RigCalibration
 
     return RigCalibration(CAMERA, COLOR_CAMERA, Pose.identity())
 
@@ -389,13 +389,13 @@ def test_no_more_transforms_are_looked_at_than_a_rig_needs(tmp_path, monkeypatch
     path = write_bag(tmp_path / "bag", STORAGES[0], realsense(1))
     found = [not any("no transform" in note for note in open_source(path).notes)]
     for most in (1000, 10):
-        monkeypatch.setattr("sensors.bag.MAX_TRANSFORM_BYTES", most)
+        monkeypatch.setattr("sensors.importers.bag.MAX_TRANSFORM_BYTES", most)
         found.append(not any("no transform" in note for note in open_source(path).notes))
     assert found == [True, True, False]
 
 
 def test_protobuf_of_the_wrong_kind_is_refused():
-    from sensors.ros_messages import picture_from
+    from sensors.importers.ros_messages import picture_from
 
     with pytest.raises(FormatError):
         picture_from("RawImage", "protobuf", b"\xff" * 9)

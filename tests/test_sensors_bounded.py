@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from sensors.bounded import read_bounded
 from sensors.errors import CalibrationError, FormatError
+from sensors.files.bounded import read_bounded
 
 
 def test_a_file_is_read_up_to_its_bound(tmp_path):

@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sensors.bundle import LEAST_VIEWS, adjust
-from sensors.calibration import Pose, RigCalibration
-from sensors.calibration_verdict import judge
-from sensors.calibration_yaml import FILES, open_calibration, read_yaml, write_yaml
-from sensors.camera import Intrinsics, project
+from sensors.calibrate.bundle import LEAST_VIEWS, adjust
+from sensors.calibrate.hole_plate import HolePlate, find_holes
+from sensors.calibrate.plate_view import PlateView, view_plate
+from sensors.calibrate.verdict import judge
 from sensors.errors import CalibrationError
-from sensors.hole_plate import HolePlate, find_holes
-from sensors.plate_view import PlateView, view_plate
-from synth.plate_views import PlateViews
+from sensors.rig.calibration_yaml import FILES, open_calibration, read_yaml, write_yaml
+from sensors.rig.camera import Intrinsics, project
+from sensors.rig.rig_calibration import Pose, RigCalibration
+from synth.rig.plate_views import PlateViews
 from tests.conftest import assert_refused
 
 PLATE = HolePlate()

@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sensors.calibration import (
+from sensors.errors import CalibrationError, CloudError
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import (
     Pose,
     RigCalibration,
     calibration_from_json,
@@ -17,8 +19,6 @@ from sensors.calibration import (
     load_calibration,
     save_calibration,
 )
-from sensors.camera import Intrinsics
-from sensors.errors import CalibrationError, CloudError
 
 DEPTH = Intrinsics(512, 424, 365.150208, 365.150208, 253.9832, 211.093994, k1=0.0922871977, k2=-0.266797304)
 seeds = st.integers(0, 2**32 - 1)

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.camera import Intrinsics, distort, project, rays, undistort, unproject
 from sensors.errors import CalibrationError
+from sensors.rig.camera import Intrinsics, distort, project, rays, undistort, unproject
 
 # A real Kinect v2 (facts of its factory calibration).
 KINECT = Intrinsics(

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.clock import LIMIT_SKEW, fit_clock
-from sensors.replay import COLOR_WINDOW_NS, THERMAL_WINDOW_NS, pair_stamps
+from sensors.rig.clock import LIMIT_SKEW, fit_clock
+from sensors.rig.pairing import COLOR_WINDOW_NS, THERMAL_WINDOW_NS, pair_stamps
 
 S = 1_000_000_000
 MS = 1_000_000

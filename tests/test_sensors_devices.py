@@ -17,11 +17,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors import devices, kinect2, node, optris_direct, paired_camera, pyrometer, serial_line, usb
-from sensors.address import Address
-from sensors.azure_kinect import AzureKinect, azure_devices
-from sensors.device import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
-from sensors.devices import find_devices, open_device
+from sensors.device import node, paired_camera, usb
+from sensors.device.address import Address
+from sensors.device.node import check_node, node_error
+from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
+from sensors.drivers import kinect2, optris_direct, pyrometer, serial_line
+from sensors.drivers.azure_kinect import AzureKinect, azure_devices
+from sensors.drivers.kinect2 import Kinect2
+from sensors.drivers.optris import Optris
+from sensors.drivers.optris_direct import OptrisDirect
+from sensors.drivers.optris_layout import LAYOUTS
+from sensors.drivers.orbbec import Orbbec, depth_of, orbbec_serials
+from sensors.drivers.pyrometer import Pyrometer
+from sensors.drivers.pyrometer_protocol import CS, CT
+from sensors.drivers.video import OpenCvVideo
 from sensors.errors import (
     CloudError,
     DeviceAccessError,
@@ -31,17 +40,10 @@ from sensors.errors import (
     DeviceLostError,
     DeviceNotFoundError,
 )
-from sensors.frame import RigFrame
-from sensors.kinect2 import Kinect2
-from sensors.lens import intrinsics_from_rational
-from sensors.node import check_node, node_error
-from sensors.optris import Optris
-from sensors.optris_direct import OptrisDirect
-from sensors.optris_layout import LAYOUTS
-from sensors.orbbec import Orbbec, depth_of, orbbec_serials
-from sensors.pyrometer import Pyrometer
-from sensors.pyrometer_protocol import CS, CT
-from sensors.video import OpenCvVideo
+from sensors.recording import open_device as open_device_module
+from sensors.recording.open_device import find_devices, open_device
+from sensors.rig.frame import RigFrame
+from sensors.rig.lens import intrinsics_from_rational
 from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.optris import FakeKernel, VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
@@ -96,7 +98,7 @@ def bench_optris(mode):
 
 def bench_linuxpy(faults, folder):
     pytest.importorskip("linuxpy")
-    from sensors.video_linuxpy import LinuxpyVideo
+    from sensors.drivers.video_linuxpy import LinuxpyVideo
     from sensors.virtual.ioctl import FakeIo
 
     layout = LAYOUTS["128hz"]
@@ -249,7 +251,7 @@ def test_contract_what_is_lost_is_reported(bench):
 # --- addresses -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("address", devices.VIRTUAL)
+@pytest.mark.parametrize("address", open_device_module.VIRTUAL)
 def test_every_listed_virtual_device_opens(address):
     with closing(open_device(address)) as device:
         assert device.address == address
@@ -387,7 +389,7 @@ def test_video_nodes_of_a_camera_are_found_without_its_metadata_node(tmp_path):
 
 
 def test_two_devices_with_one_serial_number_are_marked():
-    notes = [found.note for found in devices._numbered("kinect2", ["A", "B", "A"])]
+    notes = [found.note for found in open_device_module._numbered("kinect2", ["A", "B", "A"])]
     assert notes[1] == "" and notes[0] == notes[2] and "same serial number" in notes[0]
 
 
@@ -398,15 +400,15 @@ def test_devices_lists_what_there_is(annotate_cloud):
     done = annotate_cloud("devices", "--json")
     assert done.code == 0
     listed = {entry["address"]: entry for entry in done.result["devices"]}
-    assert set(devices.VIRTUAL) <= set(listed)
-    assert all(listed[address]["virtual"] for address in devices.VIRTUAL)
+    assert set(open_device_module.VIRTUAL) <= set(listed)
+    assert all(listed[address]["virtual"] for address in open_device_module.VIRTUAL)
     assert "virtual:kinect2" in annotate_cloud("devices").out
 
 
 def test_finding_opens_nothing(monkeypatch):
-    monkeypatch.setattr(devices, "video_nodes", lambda usb_id: [(Path("/dev/video7"), "77")])
+    monkeypatch.setattr(open_device_module, "video_nodes", lambda usb_id: [(Path("/dev/video7"), "77")])
     port = SimpleNamespace(device="/dev/ttyUSB9", serial_number=None)
-    monkeypatch.setattr(devices, "comports", lambda: [port])
+    monkeypatch.setattr(open_device_module, "comports", lambda: [port])
     found = {one.address: one for one in find_devices()}
     assert found["optris:/dev/video7"].serial == "77"
     assert "group video" in found["optris:/dev/video7"].note
@@ -424,7 +426,7 @@ def test_without_their_libraries_they_say_what_to_install():
 
 
 def test_without_linuxpy_its_transport_says_what_to_install(monkeypatch):
-    monkeypatch.setattr("sensors.video_linuxpy.find_spec", lambda name: None)
+    monkeypatch.setattr("sensors.drivers.video_linuxpy.find_spec", lambda name: None)
     with pytest.raises(DeviceNotFoundError, match=r"install annotate-cloud\[v4l2\], or leave"):
         open_device("virtual:optris?transport=linuxpy")
 
@@ -436,7 +438,7 @@ def test_a_rational_lens_becomes_the_polynomial_one():
     camera = intrinsics_from_rational((640, 576), matrix, coefficients)
     import cv2
 
-    from sensors.camera import project
+    from sensors.rig.camera import project
 
     v, u = np.mgrid[-0.6:0.6:25j, -0.6:0.6:25j]
     points = np.stack([u, v, np.ones_like(u)], axis=-1).reshape(-1, 3)

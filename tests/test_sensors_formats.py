@@ -8,18 +8,26 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from samples import COLOR_SIZE, DEPTH_SIZE, azure_calibration, azure_depth, azure_jpeg, azure_mkv, element
 
-from sensors import arrays, associations
-from sensors.associations import read_associations, read_list
-from sensors.azure_mkv import AzureRecording
-from sensors.camera import Intrinsics, project, unproject
 from sensors.errors import CalibrationError, CloudError, FormatError
-from sensors.frame import RigFrame
-from sensors.importers import open_source
-from sensors.intrinsics_file import read_intrinsics
-from sensors.png import decode_grey
-from sensors.pointcloud import KINECT_V2
+from sensors.files.png import decode_grey
+from sensors.importers import arrays, tum_lists
+from sensors.importers.azure_mkv import AzureRecording
+from sensors.importers.open_source import open_source
+from sensors.importers.pointcloud import KINECT_V2
+from sensors.importers.tum_lists import read_associations, read_list
+from sensors.rig.camera import Intrinsics, project, unproject
+from sensors.rig.frame import RigFrame
+from sensors.rig.intrinsics_file import read_intrinsics
+from tests.helpers.samples import (
+    COLOR_SIZE,
+    DEPTH_SIZE,
+    azure_calibration,
+    azure_depth,
+    azure_jpeg,
+    azure_mkv,
+    element,
+)
 
 NUMBERS = {"fx": 30, "fy": 31.0, "cx": 15.5, "cy": 11.5, "width": 32, "height": 24}
 CAMERA = Intrinsics(32, 24, 30.0, 31.0, 15.5, 11.5)
@@ -326,7 +334,7 @@ def test_lists_name_images_and_never_paths(tum):
 
 
 def test_a_list_is_bounded_while_it_is_read(tum, monkeypatch):
-    monkeypatch.setattr(associations, "MAX_LINES", 9)
+    monkeypatch.setattr(tum_lists, "MAX_LINES", 9)
     list_file = tum / "depth.txt"
     assert len(read_list(write(list_file, b"1 a.png " + b"x " * 99 + b"\r\n" + b"2 b.png\n\n" * 8))) == 9
     for content in (b"1 a.png\n" * 10, b"#\n" * 10, b"a\n" * 10):
@@ -334,15 +342,15 @@ def test_a_list_is_bounded_while_it_is_read(tum, monkeypatch):
             read_list(write(list_file, content))
     with pytest.raises(FormatError, match="more than 9 lines"):
         read_list(write(list_file, b" \n" * 10))
-    assert [len(words) for words in associations._lines(write(list_file, b"1 2 3 4 5 6"), 2)] == [2]
-    monkeypatch.setattr(associations, "MAX_BYTES", 9)
+    assert [len(words) for words in tum_lists._lines(write(list_file, b"1 2 3 4 5 6"), 2)] == [2]
+    monkeypatch.setattr(tum_lists, "MAX_BYTES", 9)
     with pytest.raises(FormatError, match="larger than 9 bytes"):
         read_list(list_file)
 
 
 def test_a_package_that_is_missing_is_named(tmp_path, monkeypatch):
-    from sensors import las as las_reader
-    from sensors import ros_messages
+    from sensors.importers import las as las_reader
+    from sensors.importers import ros_messages
 
     cloud = write(tmp_path / "x.las", las(np.ones((3, 3)), 0, False))
     for module in (las_reader, ros_messages):

@@ -11,16 +11,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sensors import cloud_header, pointcloud
-from sensors.calibration import Pose, RigCalibration, save_calibration
-from sensors.camera import Intrinsics, project, unproject
-from sensors.cloud_header import read_header
 from sensors.errors import CalibrationError, CloudError, FormatError
-from sensors.importers import open_source
-from sensors.messages import thermal_from_uint16
-from sensors.pointcloud import KINECT_V2, CloudFile, fit_intrinsics, project_cloud, shift_into_view
-from sensors.replay import Session
-from sensors.session import SessionWriter
+from sensors.importers import cloud_header, pointcloud
+from sensors.importers.cloud_header import read_header
+from sensors.importers.open_source import open_source
+from sensors.importers.pointcloud import KINECT_V2, CloudFile, fit_intrinsics, project_cloud, shift_into_view
+from sensors.rig.camera import Intrinsics, project, unproject
+from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
+from sensors.session.messages import thermal_from_uint16
+from sensors.session.reader import Session
+from sensors.session.writer import SessionWriter
 
 law = settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

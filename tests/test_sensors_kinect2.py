@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from registration_twin import register_scalar
 
-from annotate.registration import Registration
-from sensors import kinect2
-from sensors.camera import Intrinsics
-from sensors.device import ColorImage, DepthImage
+from annotate.cloud.registration import Registration
+from sensors.device.protocol import ColorImage, DepthImage
+from sensors.device.ticks import Sequence, WrappingCounter
+from sensors.drivers import kinect2
+from sensors.drivers.kinect2 import Kinect2, uint16_from_float
+from sensors.drivers.kinect2_shim import load_shim
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
-from sensors.kinect2 import Kinect2, uint16_from_float
-from sensors.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
-from sensors.kinect2_shim import load_shim
-from sensors.ticks import Sequence, WrappingCounter
+from sensors.rig.camera import Intrinsics
+from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.scene import Scene
+from tests.helpers.registration_twin import register_scalar
 
 ROOT = Path(__file__).resolve().parents[1]
 FAKE = ROOT / "tests" / "fake_freenect2"

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from sensors.nearest import Nearest
+from sensors.rig.nearest import Nearest
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(1, 6), st.floats(0.05, 2))

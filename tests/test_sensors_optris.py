@@ -12,8 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors import optris_direct
-from sensors.device import Flag, ThermalCounts, ThermalImage
+from sensors.device.protocol import Flag, ThermalCounts, ThermalImage
+from sensors.drivers import optris_direct
+from sensors.drivers.optris import Optris
+from sensors.drivers.optris_direct import OptrisDirect, celsius_of, check_config, flag_of
+from sensors.drivers.optris_layout import LAYOUTS, pack, unpack
+from sensors.drivers.optris_library import PROTOTYPES, DirectLibrary, FrameMetadata
+from sensors.drivers.shutter import FlagWatch
+from sensors.drivers.video import OpenCvVideo, VideoFrame
 from sensors.errors import (
     DeviceBusyError,
     DeviceError,
@@ -21,12 +27,6 @@ from sensors.errors import (
     DeviceLostError,
     DeviceNotFoundError,
 )
-from sensors.flag import FlagWatch
-from sensors.optris import Optris
-from sensors.optris_direct import OptrisDirect, celsius_of, check_config, flag_of
-from sensors.optris_layout import LAYOUTS, pack, unpack
-from sensors.optris_library import PROTOTYPES, DirectLibrary, FrameMetadata
-from sensors.video import OpenCvVideo, VideoFrame
 from sensors.virtual.optris import FakeKernel, VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.scene import Scene
@@ -122,7 +122,7 @@ def test_gaps_and_short_buffers_are_counted_to_the_image(transport, name):
     size = (layout.width, layout.height, layout.uvc_hz)
     if transport == "linuxpy":
         pytest.importorskip("linuxpy")
-        from sensors.video_linuxpy import LinuxpyVideo
+        from sensors.drivers.video_linuxpy import LinuxpyVideo
         from sensors.virtual.ioctl import FakeIo
 
         video = LinuxpyVideo(camera.node, *size, FakeIo(camera))
@@ -318,6 +318,6 @@ def test_the_driver_speaks_the_abi_of_a_compiled_library(config, tmp_path):
 
 
 def test_without_the_vendors_library_one_line_says_so(monkeypatch, config):
-    monkeypatch.setattr("sensors.optris_library.find_library", lambda name: None)
+    monkeypatch.setattr("sensors.drivers.optris_library.find_library", lambda name: None)
     with pytest.raises(DeviceNotFoundError, match=r"libirdirectsdk\.so is not installed; install"):
         OptrisDirect(config)

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from sensors import pyrometer, serial_line
-from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceLostError
-from sensors.pyrometer import Pyrometer
-from sensors.pyrometer_protocol import (
+from sensors.drivers import pyrometer, serial_line
+from sensors.drivers.pyrometer import Pyrometer
+from sensors.drivers.pyrometer_protocol import (
     CS,
     CT,
     HUNDREDTHS,
@@ -24,7 +23,8 @@ from sensors.pyrometer_protocol import (
     prefix,
     set_command,
 )
-from sensors.serial_line import ChatterError, SerialLine
+from sensors.drivers.serial_line import ChatterError, SerialLine
+from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceLostError
 from sensors.virtual.pyrometer import BOX_C, HEAD_C, LineFaults, VirtualPyrometer
 
 

@@ -13,22 +13,22 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-import sensors.recorder
-from annotate.registration import KINECT2_DEPTH
-from sensors.calibration import RigCalibration, save_calibration
-from sensors.devices import open_device
+import sensors.recording.recorder
 from sensors.errors import CalibrationError, DeviceError
-from sensors.recorder import Recorder, clock_metadata
-from sensors.replay import Session
-from sensors.rig_file import Rig, load_rig
-from sensors.session import SessionWriter
+from sensors.recording.open_device import open_device
+from sensors.recording.recorder import Recorder, clock_metadata
+from sensors.recording.rig_file import Rig, load_rig
+from sensors.rig.kinect2_factory import KINECT2_DEPTH
+from sensors.rig.rig_calibration import RigCalibration, save_calibration
+from sensors.session.reader import Session
+from sensors.session.writer import SessionWriter
 from tests.conftest import assert_refused
 
 KINECT, FIR, SPOT = "virtual:kinect2", "virtual:optris-direct", "virtual:pyrometer?family=ct"
 RIG = RigCalibration(KINECT2_DEPTH)
 
 
-def recorded(path: Path, seconds: float, *addresses: str) -> sensors.recorder.Recorded:
+def recorded(path: Path, seconds: float, *addresses: str) -> sensors.recording.recorder.Recorded:
     devices = [open_device(address) for address in addresses]
     end = time.monotonic() + seconds
     with SessionWriter(path, RIG, "rig", metadata=clock_metadata(devices, {})) as writer:
@@ -76,7 +76,7 @@ def test_drops_are_counted_and_noted(tmp_path):
 
 
 def test_a_nearly_full_disk_ends_the_recording_in_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(sensors.recorder, "RESERVE_BYTES", 1 << 62)
+    monkeypatch.setattr(sensors.recording.recorder, "RESERVE_BYTES", 1 << 62)
     path = tmp_path / "session.mcap"
     assert recorded(path, 30.0, KINECT).why == "disk"
     assert not Session(path).truncated

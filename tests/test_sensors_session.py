@@ -21,16 +21,18 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.schema import register_schema
 
-from sensors import bag_files, contents, mcap_records
-from sensors import messages as messages_module
-from sensors import session as session_module
-from sensors.calibration import Pose, RigCalibration
-from sensors.camera import Intrinsics
-from sensors.contents import MAX_TEXT
 from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
-from sensors.frame import RigFrame
-from sensors.mcap_records import record_offsets
-from sensors.messages import (
+from sensors.importers import bag_files
+from sensors.rig.camera import Intrinsics
+from sensors.rig.frame import RigFrame
+from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
+from sensors.rig.rig_calibration import Pose, RigCalibration
+from sensors.session import index, mcap_records
+from sensors.session import messages as messages_module
+from sensors.session import writer as session_module
+from sensors.session.index import MAX_TEXT
+from sensors.session.mcap_records import record_offsets
+from sensors.session.messages import (
     COLOR,
     COUNTS,
     DEPTH,
@@ -44,8 +46,8 @@ from sensors.messages import (
     thermal_from_uint16,
     thermal_to_uint16,
 )
-from sensors.replay import COLOR_WINDOW_NS, Session, pair_stamps
-from sensors.session import SessionWriter, repair
+from sensors.session.reader import Session
+from sensors.session.writer import SessionWriter, repair
 
 law = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -253,7 +255,7 @@ import os, signal, sys
 from pathlib import Path
 sys.path[:0] = [{root!r}, {tests!r}]
 from test_sensors_session import RIG, frames
-from sensors.session import SessionWriter
+from sensors.session.writer import SessionWriter
 writer = SessionWriter(Path({path!r}), RIG, "killed").__enter__()
 for frame in frames(20):
     writer.write(frame)
@@ -496,7 +498,7 @@ def described(path: Path, schemas: int, channels: int, size: int = 1) -> Path:
 
 
 def test_too_many_schemas_and_channels_are_refused(tmp_path, monkeypatch):
-    for module in (session_module, contents, mcap_records, bag_files):
+    for module in (session_module, index, mcap_records, bag_files):
         monkeypatch.setattr(module, "MAX_CHANNELS", 9)
     good = described(tmp_path / "good.mcap", 5, 5)
     assert (
@@ -521,7 +523,7 @@ def test_too_many_schemas_and_channels_are_refused(tmp_path, monkeypatch):
 
 def test_of_a_schema_only_its_name_is_kept(tmp_path):
     path = described(tmp_path / "x.mcap", 3, 0, 100_000)
-    scan = contents._Scan(path)
+    scan = index._Scan(path)
     with path.open("rb") as file:
         for offset in record_offsets(file):
             for slot, record in enumerate(mcap_records.records_at(file, offset)):
@@ -532,7 +534,7 @@ def test_of_a_schema_only_its_name_is_kept(tmp_path):
 
 @pytest.mark.parametrize("topic", ["/tf", "/depth/calibration"])
 def test_a_calibration_that_would_unpack_to_much_is_never_decoded(tmp_path, monkeypatch, topic):
-    for module in (contents, messages_module):
+    for module in (index, messages_module):
         monkeypatch.setattr(module, "MAX_CALIBRATION_BYTES", 1000)
     with pytest.raises(CalibrationError, match=f"{topic} is larger than 1000 bytes"):
         calibration_from({topic: b"\x0a\x00" * 501})

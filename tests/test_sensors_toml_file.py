@@ -5,7 +5,7 @@ import tomllib
 import pytest
 
 from sensors.errors import DeviceError, FormatError
-from sensors.toml_file import MAX_DEPTH, MAX_DOTS, read_toml
+from sensors.files.toml_file import MAX_DEPTH, MAX_DOTS, read_toml
 
 GOOD = 'name = "a.b"\n[t."c.d"]\nx = [1.5, 2]\ny = { z = 9223372036854775807 }\n'
 

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from annotate.suit.palette import DEFAULT_SUIT
-from sensors.calibration import Pose
-from sensors.camera import Intrinsics
-from synth.body import Body, shipped_bodies
-from synth.color_camera import (
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import Pose
+from synth.appearance.color_camera import (
     GREY,
     RESTING,
     CameraFaults,
@@ -21,14 +20,27 @@ from synth.color_camera import (
     settle,
     smear,
 )
-from synth.light import CHEST_M, EVEN_LIGHT, PLACES, Lighting, illuminate, light_room, white_rgb
-from synth.look import CLEAN, HARD, NORMAL, ColorCamera, Look, set_up
-from synth.outfit import FACE, FOOT, HAND, N_FIELDS, N_ZONES, SEAMS, SKIN, Outfit, Wear, dress, dress_plainly
-from synth.paint import paint
-from synth.render import Mesh, merge, rasterize
-from synth.room_colors import plain_room
-from synth.scene import Surface, box, look_at, room, sheet
-from synth.texture import noise_tile, smooth_noise
+from synth.appearance.light import CHEST_M, EVEN_LIGHT, PLACES, Lighting, illuminate, light_room, white_rgb
+from synth.appearance.outfit import (
+    FACE,
+    FOOT,
+    HAND,
+    N_FIELDS,
+    N_ZONES,
+    SEAMS,
+    SKIN,
+    Outfit,
+    Wear,
+    dress,
+    dress_plainly,
+)
+from synth.appearance.paint import paint
+from synth.appearance.photograph import CLEAN, HARD, NORMAL, ColorCamera, Look, set_up
+from synth.appearance.room_colors import plain_room
+from synth.body.body import Body, shipped_bodies
+from synth.surface.furniture import Surface, box, look_at, room, sheet
+from synth.surface.rasterize import Mesh, merge, rasterize
+from synth.surface.texture import noise_tile, smooth_noise
 
 CAMERA = Intrinsics(640, 480, 480.0, 480.0, 319.5, 239.5)
 MAPS = tuple(m.astype(np.float32) for m in np.meshgrid(np.arange(640), np.arange(480)))

@@ -12,13 +12,12 @@ from scipy.sparse.csgraph import connected_components
 
 from annotate.parts import LEFT_RIGHT, NEIGHBOURS, PART_ID, PARTS
 from sensors.errors import CloudError, FormatError
-from synth.body import load_body, pose, save_body, shipped_bodies, volume_m3
-from synth.body_picture import picture
-from synth.body_table import PAPER_BODIES, BodySize, as_text, describe, read_sizes
-from synth.part_border import SNAP_M, borders, cut_into_parts
-from synth.sample import blend
-from synth.scene import box
-from synth.skeleton import JOINT_ID, N_JOINTS, Posture, alignment
+from synth.body.body import blend, load_body, pose, save_body, shipped_bodies, volume_m3
+from synth.body.body_picture import picture
+from synth.body.body_table import PAPER_BODIES, BodySize, as_text, describe, read_sizes
+from synth.body.part_border import SNAP_M, borders, cut_into_parts
+from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, alignment
+from synth.surface.furniture import box
 
 MEASURES = ("height_cm", "weight_kg", "waist_breadth_cm")
 HARMONICS, SMOOTH_M = 4, 0.0015

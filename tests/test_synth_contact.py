@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from annotate.parts import PART_ID
-from synth.body import pose, shipped_bodies
-from synth.contact import height_to_rest, lift_needed
-from synth.flesh import CHAINS, N_STATIONS, flesh_of
-from synth.halfspaces import MAX_ROWS, add_flesh, no_rows, reaches_m
-from synth.scene import FLOOR, Solid, Surface
-from synth.settle import RULES, Pull, settle, sink, stations_m
-from synth.skeleton import JOINT_ID, LIMITS_RAD, Posture, clamp, forward, kinematics
-from tests.measure_penetration import FAMILIES, blended_body
-from tests.penetration import furniture_penetration_m, penetrations_m, self_penetration_m
+from synth.body.body import pose, shipped_bodies
+from synth.body.flesh import CHAINS, N_STATIONS, flesh_of
+from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, clamp, forward, kinematics
+from synth.pose.contact import height_to_rest, lift_needed
+from synth.pose.halfspaces import MAX_ROWS, add_flesh, no_rows, reaches_m
+from synth.pose.settle import RULES, Pull, settle, sink, stations_m
+from synth.surface.furniture import FLOOR, Solid, Surface
+from tests.helpers.penetration import furniture_penetration_m, penetrations_m, self_penetration_m
+from tools.measure_penetration import FAMILIES, blended_body
 
 BODY = shipped_bodies()[4]
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from synth.cushion import CLEARANCE_M, CONTACT_C, COOLING_S, WARMING_S, Cushion
-from synth.place import SCENES, Place
-from synth.scene import Sofa, Solid, Surface
+from synth.rig.cushion import CLEARANCE_M, CONTACT_C, COOLING_S, WARMING_S, Cushion
+from synth.rig.place import SCENES, Place
+from synth.surface.furniture import Sofa, Solid, Surface
 
 SEAT = Solid((-0.5, 0.0, 0.0), (0.5, 0.5, 0.4), 0.03, Surface.SOFA)
 

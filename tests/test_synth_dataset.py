@@ -12,11 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.labels import FrameLabels
-from annotate.labelset.images import decode_parts, encode_depth, encode_parts
-from sensors.atomic import write_bytes
-from sensors.errors import FormatError
-from synth.dataset import (
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.dataset import (
     MANIFEST,
     SCHEMA,
     Dataset,
@@ -27,9 +24,12 @@ from synth.dataset import (
     sha256,
     validate,
 )
-from synth.dataset_page import contact_sheet, render, write_page
-from synth.sample import PRESETS, sample
-from synth.statistics import count
+from annotate.labelset.images import decode_parts, encode_depth, encode_parts
+from sensors.errors import FormatError
+from sensors.files.atomic import write_bytes
+from synth.images.dataset_page import contact_sheet, render, write_page
+from synth.images.presets import PRESETS, sample
+from synth.images.statistics import count
 
 FRAMES = [sample(PRESETS["sitting-train"], 0, i * 16) for i in range(6)]
 INFO = {
@@ -200,7 +200,7 @@ HOSTILE = {
 
 @pytest.mark.parametrize("hostile", HOSTILE)
 def test_what_leads_tarfile_astray_is_refused(tmp_path, monkeypatch, hostile):
-    monkeypatch.setattr("synth.dataset.MAX_MEMBERS", 39)
+    monkeypatch.setattr("annotate.labelset.dataset.MAX_MEMBERS", 39)
     (tmp_path / "s.tar").write_bytes(HOSTILE[hostile])
     for read in (frame_ids_of, read_shard):
         with pytest.raises(FormatError, match=r"s\.tar"):

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from annotate.labelset.dataset import validate
 from sensors.errors import CloudError, ExistsError
-from synth.dataset import validate
-from synth.generate import Order, generate, make_shard
-from synth.sample import PRESETS
-from synth.workers import Workers, cluster, processes
+from synth.images.generate import Order, generate, make_shard
+from synth.images.presets import PRESETS
+from synth.images.workers import Workers, cluster, processes
 
 SHARD = 8
 """Images a shard: few, so that a test has several."""
@@ -223,7 +223,7 @@ def test_a_scheduler_that_dies_is_one_line_and_the_run_goes_on_elsewhere(tmp_pat
 
 def test_a_dead_scheduler_is_one_line(monkeypatch):
     pytest.importorskip("distributed", reason="distributed is missing; install the extra 'cluster'")
-    monkeypatch.setattr("synth.workers.CONNECT_SECONDS", 1)
+    monkeypatch.setattr("synth.images.workers.CONNECT_SECONDS", 1)
     with (
         pytest.raises(CloudError, match="does not answer") as caught,
         cluster(f"tcp://127.0.0.1:{free_port()}"),

@@ -11,11 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sensors.errors import CloudError, FormatError
-from synth import bvh
-from synth.bvh import read_bvh
-from synth.markers import Markers, read_markers
-from synth.markerset import choose_marker_set, key_of, load_marker_set, shipped_marker_sets
-from synth.trial import trial_of
+from synth.markers import bvh
+from synth.markers.bvh import read_bvh
+from synth.markers.marker_files import Markers, read_markers
+from synth.markers.markerset import choose_marker_set, key_of, load_marker_set, shipped_marker_sets
+from synth.markers.trial import trial_of
 
 NAMES = tuple(
     f"Anna:{name}" for name in ("LASI", "RASI", "LPSI", "RPSI", "LKNE", "RKNE", "LANK", "RANK", "C7", "CLAV")
@@ -113,7 +113,7 @@ def bvh_text() -> str:
 
 @pytest.mark.parametrize("more", ["\n" * 10**6, "9\t0.1\t" + "1\t" * 10**6, "1\t0.1\t" + "1\t" * 9 + "\n"])
 def test_a_trc_is_read_no_further_than_its_frames(tmp_path, monkeypatch, more):
-    monkeypatch.setattr("synth.markers.MAX_TRC_LINE", 1000)
+    monkeypatch.setattr("synth.markers.marker_files.MAX_TRC_LINE", 1000)
     path = tmp_path / "a.trc"
     write_trc(path, positions())
     text = path.read_text()

@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from synth.attitude import mirrored
-from synth.body import shipped_bodies
-from synth.contact import height_to_rest, lift_needed
-from synth.flesh import flesh_of
-from synth.moment import Family, glide
-from synth.motion import SITTING, sit, sitting_posture
-from synth.performance import perform
-from synth.recumbent import FALLEN, IN_BED, RECUMBENT, lie, lying_posture
-from synth.scene import FLOOR, Bed, Chair, Ground, Sofa
-from synth.skeleton import JOINT_ID, LIMITS_RAD, Posture, alignment, forward, reach
-from synth.upright import UPRIGHT, rise, upright_posture
+from synth.body.body import shipped_bodies
+from synth.body.flesh import flesh_of
+from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, alignment, forward, reach
+from synth.markers.performance import perform
+from synth.pose.attitude import mirrored
+from synth.pose.contact import height_to_rest, lift_needed
+from synth.pose.moment import Family, glide
+from synth.pose.recumbent import FALLEN, IN_BED, RECUMBENT, lie, lying_posture
+from synth.pose.sitting import SITTING, sit, sitting_posture
+from synth.pose.upright import UPRIGHT, rise, upright_posture
+from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa
 
 BODIES = shipped_bodies()
 # What a contact begun late may leave between skin and floor.

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from sensors.errors import FormatError
-from synth import plain_arrays
-from synth.motion_file import MarkerReport, Motion, load_motion, save_motion
-from synth.skeleton import N_JOINTS
+from synth.body.skeleton import N_JOINTS
+from synth.markers import plain_arrays
+from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_motion
 
 
 def motion(frames: int = 5, names: tuple[str, ...] = ("LASI", "größer")) -> Motion:

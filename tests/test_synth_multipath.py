@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.camera import Intrinsics
-from synth.multipath import STRIDE, multipath_m
+from sensors.rig.camera import Intrinsics
+from synth.cameras.multipath import STRIDE, multipath_m
 
 CAMERA = Intrinsics(192, 144, 180.0, 180.0, 95.5, 71.5)
 X = (np.arange(192) - 95.5) / 180.0 + np.zeros((144, 1))

@@ -7,12 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from sensors.camera import Intrinsics, rays
-from synth.body import shipped_bodies
-from synth.motion import SITTING, sit
-from synth.render import merge, rasterize
-from synth.scene import Sofa, box, look_at
-from synth.view import CAMERA, _window
+from sensors.rig.camera import Intrinsics, rays
+from sensors.rig.kinect2_factory import KINECT2_PINHOLE
+from synth.body.body import shipped_bodies
+from synth.images.view import _window
+from synth.pose.sitting import SITTING, sit
+from synth.surface.furniture import Sofa, box, look_at
+from synth.surface.rasterize import merge, rasterize
 
 SMALL = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 
@@ -39,8 +40,8 @@ def posed(seed):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_agrees_with_ray_casting_on_a_posed_body(seed):
     body, vertices, _, _ = posed(seed)
-    seen = rasterize(CAMERA, vertices, body.faces)
-    depth, face = cast(CAMERA, vertices, body.faces)
+    seen = rasterize(KINECT2_PINHOLE, vertices, body.faces)
+    depth, face = cast(KINECT2_PINHOLE, vertices, body.faces)
     hit, truth = seen.face >= 0, np.isfinite(depth)
     edge = ndimage.binary_dilation(truth) & ~ndimage.binary_erosion(truth)
     assert truth.sum() > 5000
@@ -59,14 +60,14 @@ def test_closed_meshes_look_the_same_from_their_front_alone():
         (vertices, body.faces),
         (pose.apply(mesh.vertices_m).astype(np.float32), mesh.faces),
     ):
-        both, front = (rasterize(CAMERA, points, faces, closed=closed) for closed in (False, True))
+        both, front = (rasterize(KINECT2_PINHOLE, points, faces, closed=closed) for closed in (False, True))
         np.testing.assert_array_equal(both.face, front.face)
         np.testing.assert_array_equal(both.depth_m, front.depth_m)
 
 
 def test_a_window_is_the_same_image_cut_out():
     body, vertices, _, _ = posed(4)
-    whole = rasterize(CAMERA, vertices, body.faces)
+    whole = rasterize(KINECT2_PINHOLE, vertices, body.faces)
     window, (top, left) = _window(vertices)
     part = rasterize(window, vertices, body.faces)
     inside = np.s_[top : top + window.height, left : left + window.width]

@@ -3,21 +3,21 @@
 import numpy as np
 import pytest
 
-from annotate.fuse import Fuser
+from annotate.cloud.fuse import Fuser
 from annotate.labelset.store import LabelSet, validate
 from annotate.parts import N_CLASSES, UNDEFINED
-from annotate.registration import KINECT2_DEPTH
 from annotate.suit.palette import DEFAULT_SUIT, chromaticity
-from sensors.camera import project
 from sensors.errors import CloudError
-from sensors.frame import RigFrame
-from sensors.replay import Session
-from synth.noise import DepthNoise
-from synth.render import ZBuffer
-from synth.rig import DIFFICULTIES, FLAG_CLOSED, RIG_CALIBRATION, Truth, VirtualRig, truth_labels
-from synth.scene import Surface
-from synth.simulate import simulate, suit_path, truth_path
-from synth.truth import FLYING_MM, whose_readings
+from sensors.rig.camera import project
+from sensors.rig.frame import RigFrame
+from sensors.rig.kinect2_factory import KINECT2_DEPTH
+from sensors.session.reader import Session
+from synth.cameras.depth_noise import DepthNoise
+from synth.rig.rig import DIFFICULTIES, FLAG_CLOSED, RIG_CALIBRATION, Truth, VirtualRig, truth_labels
+from synth.rig.simulate import simulate, suit_path, truth_path
+from synth.rig.truth import FLYING_MM, whose_readings
+from synth.surface.furniture import Surface
+from synth.surface.rasterize import ZBuffer
 
 FLAG_SEED = 58
 """The flag of this normal rig closes over its second frame."""

@@ -10,14 +10,14 @@ from scipy.spatial import cKDTree
 from annotate.parts import N_CLASSES, PART_ID
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.errors import CloudError
-from synth.body import shipped_bodies
-from synth.difficulty import CLEAN, HARD, NORMAL, Clutter
-from synth.motion import SITTING
-from synth.place import SCENES, Place
-from synth.props import laptop, mug
-from synth.rig_scene import Stay
-from synth.scene import Surface
-from synth.skeleton import JOINT_ID
+from synth.body.body import shipped_bodies
+from synth.body.skeleton import JOINT_ID
+from synth.pose.sitting import SITTING
+from synth.rig.difficulty import CLEAN, HARD, NORMAL, Clutter
+from synth.rig.place import SCENES, Place
+from synth.rig.props import laptop, mug
+from synth.rig.stay import Stay
+from synth.surface.furniture import Surface
 
 BODY = shipped_bodies()[3]
 EVERYTHING = replace(HARD, clutter=Clutter(**dict.fromkeys(vars(Clutter()), 1.0)))

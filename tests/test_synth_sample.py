@@ -8,13 +8,14 @@ import pytest
 
 from annotate.crop import SIZE, Crop
 from annotate.parts import N_CLASSES
-from sensors.camera import project
 from sensors.errors import CloudError
-from synth.occlude import cut, occluder
-from synth.render import NEAR_M
-from synth.sample import PRESETS, preset_named, sample
-from synth.skeleton import N_JOINTS
-from synth.view import CAMERA, inside_image, visibility
+from sensors.rig.camera import project
+from sensors.rig.kinect2_factory import KINECT2_PINHOLE as CAMERA
+from synth.body.skeleton import N_JOINTS
+from synth.images.occlude import cut, occluder
+from synth.images.presets import PRESETS, preset_named, sample
+from synth.images.view import inside_image, visibility
+from synth.surface.rasterize import NEAR_M
 
 NAMES = sorted(PRESETS)
 

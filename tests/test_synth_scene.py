@@ -6,8 +6,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from synth.render import Mesh
-from synth.scene import FLOOR, Bed, Chair, Ground, Sofa, Solid, Surface, box, look_at, sheet, view_around
+from synth.surface.furniture import (
+    FLOOR,
+    Bed,
+    Chair,
+    Ground,
+    Sofa,
+    Solid,
+    Surface,
+    box,
+    look_at,
+    sheet,
+    view_around,
+)
+from synth.surface.rasterize import Mesh
 
 FURNITURE = [Sofa(), Chair(), Bed()]
 

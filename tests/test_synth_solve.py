@@ -10,13 +10,8 @@ from typer.testing import CliRunner
 
 import cli.motion
 from sensors.errors import CloudError, ExistsError, FormatError
-from synth.body import shipped_bodies
-from synth.bvh import read_bvh
-from synth.kinematics import BALL, PARENT, State, axes_of, markers_at, place
-from synth.markers import Markers, read_markers
-from synth.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, Motion, load_motion, save_motion
-from synth.posture_fit import fit_posture
-from synth.skeleton import (
+from synth.body.body import shipped_bodies
+from synth.body.skeleton import (
     JOINT_ID,
     JOINTS,
     LIMITS_RAD,
@@ -27,9 +22,14 @@ from synth.skeleton import (
     forward,
     rotations,
 )
-from synth.solve import bridge, solve
-from synth.subject import Template, posture_prior, zero_bones
-from tests.marker_truth import joint_errors_deg, plug_in_gait, synthesise
+from synth.markers.bvh import read_bvh
+from synth.markers.kinematics import BALL, PARENT, State, axes_of, markers_at, place
+from synth.markers.marker_files import Markers, read_markers
+from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, Motion, load_motion, save_motion
+from synth.markers.person_fit import Template, posture_prior, zero_bones
+from synth.markers.posture_fit import fit_posture
+from synth.markers.solve import bridge, solve
+from tests.helpers.marker_truth import joint_errors_deg, plug_in_gait, synthesise
 
 
 def random_posture(seed: int) -> Posture:

@@ -6,11 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from annotate.parts import PART_ID
-from synth.body import pose, shipped_bodies
-from synth.render import ZBuffer
-from synth.scene import Surface
-from synth.skeleton import JOINT_ID, N_JOINTS, Posture
-from synth.thermal_camera import (
+from synth.appearance.warmth import CONTACT_C, HAIR_C, PART_C, BodyWarmth, Clothing, surface_temperatures
+from synth.body.body import pose, shipped_bodies
+from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture
+from synth.cameras.thermal_camera import (
     FLAG_CLOSED_S,
     FLAG_EVERY_S,
     SUPERSAMPLE,
@@ -18,7 +17,8 @@ from synth.thermal_camera import (
     ThermalState,
     thermograph,
 )
-from synth.warmth import CONTACT_C, HAIR_C, PART_C, BodyWarmth, Clothing, surface_temperatures
+from synth.surface.furniture import Surface
+from synth.surface.rasterize import ZBuffer
 
 BODY = shipped_bodies()[4]
 

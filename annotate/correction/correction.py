@@ -19,7 +19,7 @@ from annotate.correction.edit import Editor
 from annotate.correction.history import History
 from annotate.correction.replay import after, noted, replayed
 from annotate.correction.work import State, state_of
-from annotate.labels import FrameLabels, Status
+from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.journal import REMEDY, Journal, NotSavedError
 from annotate.labelset.store import LabelSet

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from annotate.cleanup import filled, neighbours, without_islands
 from annotate.correction.activity import ActiveTime
 from annotate.correction.history import History
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.stroke import KEY, Gesture, Operation, Stroke, difference, is_part
 from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED
 from sensors.errors import CloudError

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.cloud.supervoxels import supervoxels
 from annotate.parts import BACKGROUND, palette_rgb
-from annotate.supervoxels import supervoxels
-from sensors.camera import Intrinsics, unproject
+from sensors.rig.camera import Intrinsics, unproject
 
 MARGIN_PX = 24
 """How far around the person a click still finds a piece."""

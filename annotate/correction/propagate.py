@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.cleanup import without_islands
-from annotate.cloud import ThermalCloud
-from annotate.correction.looks import Looks
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.correction.patch_colors import Looks
 from annotate.correction.rigid import Tagged, part_motions
 from annotate.correction.votes import LEAST_WEIGHT, Asked, Voters, gathered, poll, winners
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
-from sensors.camera import Intrinsics, unproject
 from sensors.errors import FormatError
+from sensors.rig.camera import Intrinsics, unproject
 
 FRAMES = 3
 """Corrected frames that have a say: one alone has not seen what the pose hid (virtual rig, hard, seed 150, 10

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.correction.work import notes_of, status_of
-from annotate.labels import FrameLabels, Status
+from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Stroke

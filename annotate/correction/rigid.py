@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
-from sensors.calibration import Pose
-from sensors.nearest import Nearest
+from sensors.rig.nearest import Nearest
+from sensors.rig.rig_calibration import Pose
 
 PARENTS = ((2, 2), (1, 2), (3, 2), (4, 2), (5, 3), (6, 4), (7, 2), (8, 7), (9, 7), (10, 8), (11, 9))
 """(part, the part it hangs on), parents first: the part tree with the torso as its root."""

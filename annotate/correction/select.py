@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.grid import JUMP
+from annotate.cloud.grid import JUMP
 from sensors.errors import CloudError
 
 CELL_PX = 3

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.correction.looks import N_COLORS, Looks
+from annotate.correction.patch_colors import N_COLORS, Looks
 from annotate.correction.rigid import Tagged
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
-from sensors.calibration import Pose
-from sensors.nearest import Nearest
+from sensors.rig.nearest import Nearest
+from sensors.rig.rig_calibration import Pose
 
 VOTERS = 15
 """Corrected points that decide on one point."""

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from annotate.labels import Status
+from annotate.frame_labels import Status
 from annotate.labelset.stroke import Stroke
 
 State = Literal["auto", "touched", "accepted", "reviewed", "rejected"]

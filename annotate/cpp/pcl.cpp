@@ -223,7 +223,7 @@ Ids euclidean_clusters(const Points& points_m, float tolerance_m, int min_size) 
 }  // namespace
 
 NB_MODULE(_pcl, m) {
-  m.doc() = "PCL's supervoxels and clusters over numpy arrays; use annotate.supervoxels instead.";
+  m.doc() = "PCL's supervoxels and clusters over numpy arrays; use annotate.cloud.supervoxels instead.";
   m.def("supervoxels", &supervoxels, "points_m"_a, "colors_rgb"_a, nb::kw_only(), "voxel_m"_a, "seed_m"_a,
         "spatial_weight"_a, "normal_weight"_a, "color_weight"_a,
         "Voxel cloud connectivity segmentation: ids (n,), -1 unassigned; edges (e, 2), each pair once, low id first.");

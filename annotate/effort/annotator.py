@@ -16,7 +16,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
 from annotate.correction.edit_supervoxels import edit_supervoxels
@@ -36,7 +36,7 @@ from annotate.effort.repairs import (
     repairs,
     repairs_of_frame,
 )
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import KEY, Activity, Gesture, Stroke
 from annotate.parts import BACKGROUND

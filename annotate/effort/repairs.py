@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.cleanup import filled, neighbours, without_islands
+from annotate.cloud.grid import components
 from annotate.correction.edit import ARMS, LEGS, Editor
 from annotate.correction.select import View, brush, grow, polygon, supervoxel
 from annotate.effort import hand
 from annotate.effort.agreement import Agreement
 from annotate.effort.hand import CAREFUL, FINE, QUICK, Hand
-from annotate.grid import components
 from annotate.labelset.stroke import GestureKind, Operation
 from annotate.parts import BACKGROUND, BODY_PARTS, swap_left_right
 

@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sensors.bounded import read_bounded
 from sensors.errors import FormatError
+from sensors.files.bounded import read_bounded
 
 MAX_VALUES = 30_000_000
 """Values of a file, as its brackets and commas tell: 64 to 120 bytes of memory each. COCO takes 240 for a

@@ -26,10 +26,10 @@ from annotate.exchange.masks import (
     masks_of,
     runs_of,
 )
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import decode_depth, encode_depth
-from sensors.bounded import read_bounded
 from sensors.errors import FormatError
+from sensors.files.bounded import read_bounded
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
 MAX_JSON_BYTES = 512_000_000

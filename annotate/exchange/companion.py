@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.exchange.bounded_json import load_bounded
-from annotate.labels import FrameLabels
-from sensors.camera import Intrinsics
+from annotate.frame_labels import FrameLabels
 from sensors.errors import CalibrationError, FormatError
-from sensors.intrinsics_file import read_intrinsics
+from sensors.rig.camera import Intrinsics
+from sensors.rig.intrinsics_file import read_intrinsics
 
 COMPANION = "annotate-cloud.json"
 INTRINSICS = "intrinsics.json"

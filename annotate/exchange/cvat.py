@@ -28,11 +28,11 @@ from annotate.exchange.masks import (
     masks_of,
     runs_of,
 )
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import decode_depth, encode_depth
 from annotate.parts import PARTS, UNDEFINED, palette_rgb
-from sensors.bounded import read_bounded
 from sensors.errors import FormatError
+from sensors.files.bounded import read_bounded
 
 ANNOTATIONS, IMAGES = "annotations.xml", "images"
 MAX_XML_BYTES = 1_000_000_000

@@ -7,14 +7,7 @@ from pathlib import Path
 from annotate.exchange.coco import is_coco, read_coco, write_coco
 from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.cvat import is_cvat, read_cvat, write_cvat
-from annotate.exchange.image_pairs import (
-    is_mmseg,
-    is_pairs,
-    read_mmseg,
-    read_pairs,
-    write_mmseg,
-    write_pairs,
-)
+from annotate.exchange.image_pairs import is_mmseg, is_pairs, read_mmseg, read_pairs, write_mmseg, write_pairs
 from annotate.exchange.labelled_cloud import (
     is_pcd,
     is_ply,
@@ -25,7 +18,7 @@ from annotate.exchange.labelled_cloud import (
 )
 from annotate.exchange.parquet import is_parquet, read_parquet, write_parquet
 from annotate.exchange.semantic_kitti import is_kitti, read_kitti, write_kitti
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.appearing import appearing
 from annotate.labelset.store import MANIFEST, LabelSet
 from sensors.errors import FormatError

@@ -12,11 +12,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from annotate.exchange.companion import Companion, frame_files, load_companion
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
 from annotate.parts import PARTS
-from sensors.bounded import read_bounded
 from sensors.errors import FormatError
+from sensors.files.bounded import read_bounded
 
 PAPER, MMSEG = ("depth", "label"), ("img_dir", "ann_dir")
 METAINFO = "metainfo.json"

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from annotate.exchange.companion import Companion, frame_files, load_companion
 from annotate.exchange.record_file import Records, read_pcd, read_ply, write_pcd, write_ply
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.parts import palette_rgb
-from sensors.bounded import read_bounded
-from sensors.camera import Intrinsics, unproject
 from sensors.errors import FormatError
-from sensors.frame import mm_from_metres
+from sensors.files.bounded import read_bounded
+from sensors.rig.camera import Intrinsics, unproject
+from sensors.rig.frame import mm_from_metres
 
 PCD, PLY = ".pcd", ".ply"
 MAX_CLOUD_BYTES = 1 << 31

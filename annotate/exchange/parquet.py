@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from annotate.exchange.companion import Companion, load_companion
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import (
     decode_confidence,
     decode_depth,
@@ -26,8 +26,8 @@ from annotate.labelset.images import (
     encode_parts,
     encode_persons,
 )
-from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError, FormatError
+from sensors.rig.camera import Intrinsics
 
 DATA = "data"
 ROWS_A_FILE, ROWS_A_GROUP = 5000, 50

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.camera import MAX_IMAGE_SIDE
 from sensors.errors import FormatError
+from sensors.files.limits import MAX_IMAGE_SIDE
 
 Records = NDArray[Any]
 """A structured array (n,), little-endian, one scalar a field."""

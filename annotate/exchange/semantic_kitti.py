@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.exchange.companion import Companion, frame_files, load_companion
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.parts import PARTS, UNDEFINED
-from sensors.bounded import read_bounded
-from sensors.camera import Intrinsics, unproject
 from sensors.errors import FormatError
-from sensors.frame import mm_from_metres
+from sensors.files.bounded import read_bounded
+from sensors.rig.camera import Intrinsics, unproject
+from sensors.rig.frame import mm_from_metres
 
 SEQUENCE = Path("sequences") / "00"
 POINTS, LABELS, INDEX, CONFIG = "velodyne", "labels", "index", "semantic-kitti.yaml"

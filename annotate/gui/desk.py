@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.cleanup import filled, without_islands
-from annotate.cloud import ThermalCloud
+from annotate.cloud.grid import components
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction import select
 from annotate.correction.correction import Correction
 from annotate.correction.edit import ARMS, LEGS, Editor
 from annotate.correction.propagate import REMEMBERED, Worked, propagate
-from annotate.grid import components
+from annotate.frame_labels import FrameLabels
 from annotate.gui.colors import Colouring, Visibility, colourings, point_colors
 from annotate.gui.drawing import Drawing
 from annotate.gui.scene import Scene
 from annotate.gui.sentences import title, told
-from annotate.labels import FrameLabels
 from annotate.labelset.stroke import VERDICTS, Gesture, Operation, Stroke
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 from sensors.errors import CloudError

@@ -21,8 +21,8 @@ from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOpti
 
 from annotate.correction.work import State
 from annotate.crop import window_of
+from annotate.frame_labels import FrameLabels
 from annotate.gui.theme import DARK, Theme
-from annotate.labels import FrameLabels
 from annotate.parts import palette_rgb
 from sensors.errors import CloudError
 

@@ -8,18 +8,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
+from annotate.cloud.fuse import Fuser
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
 from annotate.correction.edit_supervoxels import edit_supervoxels
-from annotate.fuse import Fuser
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
-from sensors.calibration import RigCalibration
 from sensors.errors import CloudError, FormatError
-from sensors.frame import RigFrame
-from sensors.importers import open_source
-from sensors.replay import Session
-from sensors.source import FrameSource
+from sensors.importers.open_source import open_source
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
+from sensors.rig.source import FrameSource
+from sensors.session.reader import Session
 
 NEAR_PX = 10
 """Room this near to the person, in pixels of the depth image, is shown in full: a limb may be missing."""

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from annotate.labelset.claim import CLAIM, Claim, login
 from annotate.labelset.journal import JOURNAL
-from sensors.atomic import is_taken, sweep, temporary_of
 from sensors.errors import ExistsError
+from sensors.files.atomic import is_taken, sweep, temporary_of
 
 
 def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:

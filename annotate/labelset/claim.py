@@ -11,8 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from sensors.atomic import sweep
 from sensors.errors import CloudError
+from sensors.files.atomic import sweep
 
 CLAIM = "claim.json"
 MAX_BYTES = 4096

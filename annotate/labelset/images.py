@@ -11,7 +11,7 @@ from PIL import Image
 
 from annotate.parts import palette_rgb
 from sensors.errors import FormatError
-from sensors.png import check_chunks, decode_grey, png_shape
+from sensors.files.png import check_chunks, decode_grey, png_shape
 
 PNG_LEVEL = 1
 """zlib level: the highest costs ten times the time and saves little on noisy depth."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from annotate.crop import SIZE, Crop, crop_from_note
 from annotate.parts import BACKGROUND, N_CLASSES
 from sensors.errors import FormatError
-from sensors.png import decode_grey, png_shape
+from sensors.files.png import decode_grey, png_shape
 
 NOTE = "probability_crop"
 """Name of the note that says where the crop lies in the frame: [top, left, side], pixels."""

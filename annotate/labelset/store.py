@@ -12,7 +12,7 @@ from typing import Any, Self, TypeVar, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.labels import FrameLabels, Status
+from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.images import (
     decode_confidence,
     decode_depth,
@@ -31,10 +31,10 @@ from annotate.labelset.probabilities import (
     encode_probabilities,
 )
 from annotate.parts import PARTS, on_body
-from sensors.atomic import is_taken, write_bytes
-from sensors.bounded import read_bounded
-from sensors.camera import Intrinsics
 from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
+from sensors.files.atomic import is_taken, write_bytes
+from sensors.files.bounded import read_bounded
+from sensors.rig.camera import Intrinsics
 
 SCHEMA = 1
 MANIFEST = "labelset.json"

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
+from annotate.cloud.thermal_cloud import ThermalCloud
 
 JUMP = 0.08
 """Depth difference, as a share of the nearer one, across a silhouette: 16 cm at 2 m."""

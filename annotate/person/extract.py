@@ -13,15 +13,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
-from annotate.color_odds import by_color, lab_of
-from annotate.labels import FrameLabels
+from annotate.cloud.color_odds import by_color, lab_of
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
 from annotate.person.alignment import thermal_alignment
-from annotate.person.carried import by_before, persons_before
-from annotate.person.evidence import by_planes, by_warmth, inherited, warmth_share
+from annotate.person.clothed_mask import Clues, clues, worn
 from annotate.person.halves import whole
 from annotate.person.persons import SPECK_M2, Person, persons_of
 from annotate.person.pieces import Piece, pieces_of
+from annotate.person.pixel_odds import by_planes, by_warmth, inherited, warmth_share
 from annotate.person.planes import (
     MIN_COLD_PLANE_M2,
     MIN_PANEL_M2,
@@ -32,10 +32,10 @@ from annotate.person.planes import (
     normals_at,
     panel_of,
 )
+from annotate.person.previous_mask import by_before, persons_before
 from annotate.person.silhouette import Links
 from annotate.person.subject import claim, crowd, cut
 from annotate.person.warm_window import WINDOW_C, find_window
-from annotate.person.worn import Clues, clues, worn
 from annotate.suit.palette import Suit
 
 LOCAL_M = 0.3

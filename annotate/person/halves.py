@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.person.persons import CLOSE_EVERY, PAIRS, Person, line
 from annotate.person.pieces import MAX_PERSON_M2
-from sensors.nearest import Nearest
+from sensors.rig.nearest import Nearest
 
 MIDDLES_M, GAP_M = 1.1, 0.4
 """The most between the middles of two halves, and between their nearest points."""

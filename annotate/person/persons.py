@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
-from annotate.grid import NO_PIXEL, components, flood
+from annotate.cloud.grid import NO_PIXEL, components, flood
+from annotate.cloud.supervoxels import clusters
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.person.pieces import MAX_PERSON_M2, MIN_PERSON_M2, Piece, pieces_of
-from annotate.supervoxels import clusters
-from sensors.nearest import Nearest
+from sensors.rig.nearest import Nearest
 
 SPECK_M2 = 0.001
 """Visible surface of what is too small to be anything."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
-from annotate.grid import components
+from annotate.cloud.grid import components
+from annotate.cloud.thermal_cloud import ThermalCloud
 
 MIN_PERSON_M2, MAX_PERSON_M2 = 0.03, 2.5
 """Visible surface of a person: from a head with a shoulder to twice the front of a tall adult."""

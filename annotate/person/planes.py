@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
+from annotate.cloud.thermal_cloud import ThermalCloud
 
 MAX_PLANES = 16
 MIN_PLANE_M2 = 0.12

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from annotate.grid import JUMP
+from annotate.cloud.grid import JUMP
 
 OFFSETS = np.array([(0, 1), (1, -1), (1, 0), (1, 1), (0, 2), (2, 0), (2, 1), (2, -1)])
 """(v, u) to the neighbours that come later; some two apart, to bridge pixels without a reading."""

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
-from annotate.labels import FrameLabels
-from annotate.person.carried import persons_before
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
 from annotate.person.persons import Person
+from annotate.person.previous_mask import persons_before
 from annotate.suit.color_model import DARK
 from annotate.suit.palette import chromaticity
 

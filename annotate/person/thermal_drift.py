@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.fuse import Fuser
+from annotate.cloud.fuse import Fuser
 from annotate.person.alignment import LEAST_EDGES, STEP_PX, contrast_surface
 from annotate.person.warm_window import WINDOW_C, find_window
-from sensors.calibration import RigCalibration
 from sensors.errors import CalibrationError
-from sensors.frame import RigFrame
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
 
 AROUND_PX = 40
 """How far from warm pixels silhouettes count."""

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
+from annotate.cloud.thermal_cloud import ThermalCloud
 
 WINDOW_C = (25.0, 35.0)
 """Surface temperatures of a dressed person in a room (Nishi & Miura 2017, section 4.2.1)."""

@@ -1,28 +1,28 @@
 """What is known of the supervoxels on and around a person once their suit has been read: rows of numbers.
 
-The rows are those of the supervoxels that ``annotate.person.worn`` compared, the person's and what lies on
-them or beside. Every column is of the order of one.
+The rows are those of the supervoxels that ``annotate.person.clothed_mask`` compared, the person's and what
+lies on them or beside. Every column is of the order of one.
 """
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
-from annotate.labels import FrameLabels
+from annotate.cloud.supervoxels import Supervoxels
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
 from annotate.parts import BODY_PARTS, UNDEFINED
+from annotate.person.clothed_mask import Clues, by_room
 from annotate.person.extract import Undecided
-from annotate.person.likeness import STRIDE, share
+from annotate.person.patch_likelihoods import STRIDE, share
 from annotate.person.planes import normals_at
-from annotate.person.worn import Clues, by_room
 from annotate.segmentation.bare import bareness
-from annotate.segmentation.earlier import earlier_parts
 from annotate.segmentation.part_tree import REACH_M, middle_of
+from annotate.segmentation.previous_parts import earlier_parts
 from annotate.segmentation.reading import Reading
 from annotate.segmentation.segment import Segmentation
 from annotate.suit.color_model import readable
-from annotate.supervoxels import Supervoxels
-from sensors.nearest import Nearest
+from sensors.rig.nearest import Nearest
 
 _N = len(BODY_PARTS)
 LAYOUT = {
@@ -65,7 +65,7 @@ odds of skin or shoe. odds, told: log odds of the person without and with the su
 way from the room to the person. points, surface, patch surface, alike (of the patch's colour):
 logarithms. steps: depth of what touches it, the mean, farthest, nearest. frequency, brightness: of the
 colour in the room, logarithms. still: share that was on somebody before and has not moved. clues: of
-``annotate.person.worn``."""
+``annotate.person.clothed_mask``."""
 WIDTHS = {"parts": _N, "classes": _N + 1, "xyz": 3, "three": 3, "one": 1, "clues": 7}
 COLUMNS = sum(WIDTHS[kind] for kind in LAYOUT.values())
 MOST_ODDS, MOST_CLUE, MOST_BARE, MOST_STEP_M, LEAST_FELT = 6.0, 8.0, 8.0, 0.3, 0.05

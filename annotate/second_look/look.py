@@ -10,18 +10,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
-from annotate.labels import FrameLabels
+from annotate.cloud.supervoxels import Supervoxels
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
 from annotate.parts import BODY_PARTS
+from annotate.person.clothed_mask import Clues, filled
 from annotate.person.extract import PersonMask
-from annotate.person.worn import Clues, filled
 from annotate.second_look.descriptors import described, neighbours
 from annotate.second_look.network import shipped
 from annotate.segmentation.reading import Reading
 from annotate.segmentation.segment import Segmentation, labelled
 from annotate.suit.color_model import readable
-from annotate.supervoxels import Supervoxels
-from sensors.nearest import Nearest
+from sensors.rig.nearest import Nearest
 
 LEAST, MOST_ODDS = 1e-4, 6.0
 """No class is less likely than the first; the most that the network tells of a pixel being the person's."""

@@ -1,7 +1,7 @@
 """A small network on a graph of supervoxels: each hears its neighbours, its patch and the whole person.
 
 Messages are means, as in GraphSAGE (Hamilton et al. 2017); the forward pass is a few matrix products, so that
-labelling needs no framework. Trained by tests/fit_second_look.py.
+labelling needs no framework. Trained by tools/fit_second_look.py.
 """
 
 from dataclasses import dataclass

@@ -8,10 +8,10 @@ skin alone, from the cloth of each limb.
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import PART_ID
 from annotate.segmentation.patches import Patches
 from annotate.suit.color_model import ColorModel
-from annotate.supervoxels import Supervoxels
 
 HEAD = PART_ID["head"] - 1
 TWINS = tuple(

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
-from annotate.color_odds import SURE, by_color, lab_of
+from annotate.cloud.color_odds import SURE, by_color, lab_of
+from annotate.cloud.supervoxels import Supervoxels
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.segmentation.reading import Reading
-from annotate.supervoxels import Supervoxels
 
 WEIGHTS = {
     "odds": 0.31,
@@ -36,7 +36,7 @@ WEIGHTS = {
     "theirs": 0.39,
 }
 INTERCEPT = -4.66
-"""Fitted by tests/fit_confidence.py on the virtual rig, `normal` and `hard`, sofas, chairs and beds, seeds
+"""Fitted by tools/fit_confidence.py on the virtual rig, `normal` and `hard`, sofas, chairs and beds, seeds
 140, 170 to 173, 175 and 1101 to 1108, 392 frames, none of which the second look has been trained on.
 
 odds: log of the likeliest part's belief over the next one's. margin: how much better the point's own colour

@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import BODY_PARTS
 from annotate.segmentation.body_plan import WARMTH_C, WARMTH_SD_C
-from annotate.segmentation.earlier import LEAST_AGREEMENT, agreement
 from annotate.segmentation.part_tree import softmax
+from annotate.segmentation.previous_parts import LEAST_AGREEMENT, agreement
 from annotate.suit.color_model import blur
 from annotate.suit.palette import chromaticity
-from annotate.supervoxels import Supervoxels
 
 WARMTH_WEIGHT, WARMTH_FLOOR = 0.3, -4.0
 """Weight of a supervoxel's temperature; no temperature, of a mug held or a draught, excludes a part."""

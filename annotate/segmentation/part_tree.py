@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import BODY_PARTS, NEIGHBOURS
-from annotate.supervoxels import Supervoxels
 
 SAME, JOINED, TOUCHING = 0.0, -1.2, -2.4
 """Log compatibility of two touching supervoxels: the same part, anatomical neighbours, a chance contact."""

@@ -11,10 +11,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import BODY_PARTS, PART_ID
 from annotate.segmentation.body_plan import CONTACT, DISTANCE_M, DISTANCE_SD_M
 from annotate.suit.color_model import GAIN, GAIN_SIGMA, GAIN_STEPS, ColorModel
-from annotate.supervoxels import Supervoxels
 
 MERGE = 0.15
 """Chromaticity by which touching supervoxels may differ in one patch; the less, the larger it has grown

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.cloud.supervoxels import Supervoxels
 from annotate.suit.color_model import ColorModel
 from annotate.suit.palette import Suit
-from annotate.supervoxels import Supervoxels
 
 _Array = NDArray[np.float64]
 

@@ -5,22 +5,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
-from annotate.labels import FrameLabels
+from annotate.cloud.supervoxels import Supervoxels, supervoxels
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.probabilities import Probabilities
 from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED
 from annotate.segmentation.bare import bareness, grown_from, without_sides
 from annotate.segmentation.confidence import calibrated, features
-from annotate.segmentation.earlier import earlier_parts
 from annotate.segmentation.part_clues import hint, means_of, pooled, warmth_of, with_earlier
 from annotate.segmentation.part_tree import settle
 from annotate.segmentation.patches import patches_of, read_together
+from annotate.segmentation.previous_parts import earlier_parts
 from annotate.segmentation.reading import Reading
 from annotate.segmentation.refine import refine
 from annotate.suit.color_model import CLIPPED, readable, refit_colors, under, unfitted
 from annotate.suit.palette import Suit
-from annotate.supervoxels import Supervoxels, supervoxels
-from sensors.nearest import Nearest
+from sensors.rig.nearest import Nearest
 
 SEED_M = 0.05
 """Distance of supervoxel seeds: a forearm is about 7 cm thick."""

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from PIL import Image
 from skimage.color import rgb2lab
 
-from annotate.cloud import ThermalCloud
-from annotate.fuse import Fuser
-from annotate.labels import FrameLabels
+from annotate.cloud.fuse import Fuser
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS
 from annotate.suit.color_model import readable
 from annotate.suit.palette import MIN_CHROMA_DISTANCE, Suit, chromaticity
 from sensors.errors import CloudError
-from sensors.source import FrameSource
+from sensors.rig.source import FrameSource
 
 BORDER_PX = 2
 """Nearer than this to another part a colour may be its neighbour's."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from annotate.parts import BODY_PARTS, PART_ID, PARTS
 from sensors.errors import CloudError
-from sensors.toml_file import read_toml
+from sensors.files.toml_file import read_toml
 
 MAX_TOML_BYTES = 100_000
 MAX_SWATCHES = 200

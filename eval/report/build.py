@@ -12,7 +12,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from annotate.parts import PARTS
-from eval import paper
+from eval.compare import paper
+from eval.compare.results import Result
+from eval.compare.suspicious import suspicious
 from eval.report import plots, tables
 from eval.report.embed import embedded_json, scene_json
 from eval.report.estimates import MINUS, SHARES, SUMMARY, row_shares, shown, shown_parts
@@ -21,10 +23,8 @@ from eval.report.gap import difference_of, group_tables, part_gaps
 from eval.report.joints_view import joints_of
 from eval.report.material import Material
 from eval.report.views import PART_SCORES, view_of
-from eval.results import Result
-from eval.suspicious import suspicious
-from sensors.atomic import check_free, write_bytes
 from sensors.errors import CloudError
+from sensors.files.atomic import check_free, write_bytes
 
 TITLE = "Body-part labels: comparison report"
 PLOTLY = files("plotly").joinpath("package_data", "plotly.min.js")

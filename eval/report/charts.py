@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.parts import BODY_PARTS
-from eval import paper
+from eval.compare import paper
 from eval.report.estimates import Estimate
 
 Figure: TypeAlias = dict[str, Any]

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.parts import BACKGROUND, BODY_PARTS, PARTS, Part
-from eval import bootstrap, metrics, paper
-from eval.compare import Comparison
+from eval.compare import paper
+from eval.compare.compare import Comparison
+from eval.scores import confusion, intervals
 
 SUMMARY = {
     "mean_recall": "Mean recall",
@@ -50,7 +51,7 @@ class Estimate:
 
 
 def estimate(comparison: Comparison, name: str, *index: int) -> Estimate:
-    """A score by its name in `eval.scores.scores_of`; index: part id, tolerance or the like."""
+    """A score by its name in `eval.scores.scores.scores_of`; index: part id, tolerance or the like."""
     return picked(comparison.scores[name], comparison.ci95[name], index)
 
 
@@ -73,13 +74,13 @@ def group_estimates(comparison: Comparison, mask: NDArray[np.bool_]) -> dict[str
     """
     matrices = comparison.matrices[mask]
     subjects = [subject for subject, kept in zip(comparison.subjects, mask, strict=True) if kept]
-    by_cluster = bootstrap.cluster_sums(matrices.reshape(len(matrices), -1), bootstrap.clusters_of(subjects))
-    resampled = bootstrap.resampled_sums(by_cluster).reshape(-1, *matrices.shape[1:])
-    scores = {"mean_recall": metrics.mean_recall, "miou": metrics.miou}
+    by_cluster = intervals.cluster_sums(matrices.reshape(len(matrices), -1), intervals.clusters_of(subjects))
+    resampled = intervals.resampled_sums(by_cluster).reshape(-1, *matrices.shape[1:])
+    scores = {"mean_recall": confusion.mean_recall, "miou": confusion.miou}
     estimates = {}
     for name, score in scores.items():
         value = score(matrices.sum(0))
-        estimates[name] = picked(value, bootstrap.interval(value, score(resampled), len(by_cluster)))
+        estimates[name] = picked(value, intervals.interval(value, score(resampled), len(by_cluster)))
     return estimates
 
 
@@ -109,9 +110,9 @@ def verdict(mean_recall: Estimate) -> str:
     return f"below the paper's real {real:.3f}"
 
 
-def row_shares(confusion: NDArray[np.int64]) -> NDArray[np.float64]:
+def row_shares(matrix: NDArray[np.int64]) -> NDArray[np.float64]:
     """A confusion matrix (12, 12) as shares of each true part's pixels, NaN for an absent part."""
-    return metrics.ratio(confusion, np.broadcast_to(confusion.sum(1, keepdims=True), confusion.shape))
+    return confusion.ratio(matrix, np.broadcast_to(matrix.sum(1, keepdims=True), matrix.shape))
 
 
 def quantiles(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.parts import BACKGROUND, LEFT_RIGHT, NEIGHBOURS, UNDEFINED, palette_rgb
-from eval.metrics import Labels, named
+from eval.scores.confusion import Labels, named
 
 Image = NDArray[np.uint8]
 
@@ -21,7 +21,7 @@ ERROR_KINDS = {
     "neighbour_part": ("Neighbouring part", (240, 132, 74)),
     "other_part": ("Other part", (214, 48, 49)),
 }
-"""Title and colour of the fields of `eval.metrics.ErrorKinds`."""
+"""Title and colour of the fields of `eval.scores.confusion.ErrorKinds`."""
 
 _OTHERS = {"Background": CANVAS, "Correct": (92, 99, 112), "Undefined": (52, 52, 58)}
 

@@ -6,17 +6,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.crop import SIZE, Crop, crop_around
-from annotate.labels import FrameLabels
+from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND, BODY_PARTS, on_body
-from eval import metrics
-from eval.compare import Comparison
-from eval.data import Frames
-from eval.pairs import Reader, pair_up
+from eval.compare.compare import Comparison
+from eval.compare.pairs import Reader, pair_up
 from eval.report import figures
 from eval.report.cloud_picture import render_thermal_cloud
 from eval.report.figures import Image
+from eval.scores import confusion
+from eval.scores.frames import Frames
 
 ROOM_M = 0.7
 """How far in front of and behind the person the thermal cloud shows the room."""
@@ -84,11 +84,11 @@ def make_frame(
         "Predicted labels": figures.colorize_parts(guess),
         "Errors": figures.colorize_error(target, guess),
     }
-    matrix = metrics.confusion_matrix(truth.parts, predicted.parts)
-    scores = metrics.iou(matrix)
+    matrix = confusion.confusion_matrix(truth.parts, predicted.parts)
+    scores = confusion.iou(matrix)
     part_iou = {part.id: float(scores[part.id]) for part in BODY_PARTS if not np.isnan(scores[part.id])}
     subject = truth.subject or predicted.subject
-    return GalleryFrame(truth.frame_id, columns, group, subject, float(metrics.miou(matrix)), part_iou)
+    return GalleryFrame(truth.frame_id, columns, group, subject, float(confusion.miou(matrix)), part_iou)
 
 
 def make_shown_frame(labels: FrameLabels, cloud: ThermalCloud | None = None) -> GalleryFrame:

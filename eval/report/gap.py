@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from annotate.parts import BODY_PARTS, Part
-from eval import paper
-from eval.paired import Difference
+from eval.compare import paper
+from eval.compare.paired import Difference
+from eval.compare.results import Result
 from eval.report.estimates import Estimate, group_estimates, picked
-from eval.results import Result
-from eval.traits import Mask, groups
+from eval.scores.traits import Mask, groups
 
 MAX_VALUES = 24
 """Values of a trait listed at most, the most frequent ones: a thousand subjects make no table."""

@@ -6,22 +6,21 @@ from typing import NoReturn
 
 import numpy as np
 
-from annotate.cloud import ThermalCloud
+from annotate.cloud.fuse import Fuser
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction import audit
-from annotate.fuse import Fuser
-from annotate.labels import FrameLabels
-from annotate.labelset import store
+from annotate.frame_labels import FrameLabels
+from annotate.labelset import dataset, store
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
-from eval.data import camera_of, open_frames
+from eval.compare.results import Result
 from eval.report.gallery import EACH, GalleryFrame, make_frame, make_shown_frame, pick_frames, read_pairs
 from eval.report.history import load_training
 from eval.report.material import Material, ShownSet
 from eval.report.scenes import Scene, make_scene
-from eval.results import Result
+from eval.scores.frames import camera_of, open_frames
 from sensors.errors import CloudError
-from sensors.replay import Session
-from synth import dataset
+from sensors.session.reader import Session
 
 MAX_SHOWN = 12
 """Frames shown of a label set without a truth, evenly spread."""

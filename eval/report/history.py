@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from annotate.labelset.images import decode_depth, decode_parts
 from eval.report import figures
-from sensors.bounded import read_bounded
 from sensors.errors import FormatError
+from sensors.files.bounded import read_bounded
 
 HISTORY, FRAME = "history.json", "frame"
-"""What `train` writes into its folder (``eval.train``)."""
+"""What `train` writes into its folder (``eval.training.train``)."""
 MAX_BYTES = 64_000_000
 MAX_PICTURES = 8
 """The paper's Fig. 7 shows the labelling at seven epochs."""

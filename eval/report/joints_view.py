@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eval.joint_errors import summary
-from eval.results import Result
+from eval.compare.results import Result
+from eval.scores.joint_errors import summary
 
 THRESHOLDS_MM = tuple(range(0, 301, 10))
 """Of the PCK curve."""

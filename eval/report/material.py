@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from annotate.correction.audit import Audit
-from eval.paired import Difference, difference
+from eval.compare.paired import Difference, difference
+from eval.compare.results import Result
 from eval.report.gallery import GalleryFrame
 from eval.report.history import Training
 from eval.report.scenes import Scene
 from eval.report.views import View, view_of
-from eval.results import Result
 from sensors.errors import CloudError
 
 

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eval import paper
-from eval.boundary import TOLERANCES_MM, TOLERANCES_PX
-from eval.calibration import reliability_curve
-from eval.paired import Difference
+from eval.compare import paper
+from eval.compare.paired import Difference
+from eval.compare.results import Result
 from eval.report import charts
 from eval.report.charts import Figure
 from eval.report.estimates import Estimate, estimate
@@ -16,7 +15,8 @@ from eval.report.history import Training
 from eval.report.joints_view import THRESHOLDS_MM, JointsView
 from eval.report.material import Material
 from eval.report.views import View
-from eval.results import Result
+from eval.scores.boundary import TOLERANCES_MM, TOLERANCES_PX
+from eval.scores.reliability import reliability_curve
 
 MAX_CURVE = 400
 """Points of a loss curve."""

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud import ThermalCloud
-from annotate.labels import FrameLabels
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
 from annotate.parts import on_body
-from eval.data import pinhole_of
 from eval.report.figures import error_kind_ids
-from sensors.camera import Intrinsics, unproject
+from eval.scores.frames import pinhole_of
+from sensors.rig.camera import Intrinsics, unproject
 
 MAX_POINTS = 14_000
 """Points of a scene: turned smoothly by a laptop's own graphics, 0.2 MB in the page."""

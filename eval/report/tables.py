@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from annotate.parts import BODY_PARTS, PARTS
-from eval import paper
+from eval.compare import paper
 from eval.report.estimates import SHARES, SUMMARY, Estimate, row_shares, shown, shown_parts
 from eval.report.material import Material
 from eval.report.views import View

@@ -5,21 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from annotate.parts import BODY_PARTS, Part
-from eval import metrics, paper
-from eval.compare import Comparison
-from eval.metrics import MeanIou
-from eval.report.estimates import (
-    Estimate,
-    estimate,
-    quantiles,
-    row_shares,
-    shown,
-    summary_of,
-    verdict,
-)
+from eval.compare import paper
+from eval.compare.compare import Comparison
+from eval.compare.results import Result
+from eval.report.estimates import Estimate, estimate, quantiles, row_shares, shown, summary_of, verdict
 from eval.report.figures import ERROR_KINDS
-from eval.results import Result
-from eval.summary import DISTANCES
+from eval.scores import confusion
+from eval.scores.confusion import MeanIou
+from eval.scores.summary import DISTANCES
 
 MAX_ROWS = 200
 """Frames or subjects listed at most; the rest is counted."""
@@ -72,7 +65,7 @@ class SubjectRow:
 
 @dataclass(frozen=True)
 class LeftRight:
-    """How far sides are confused: see `eval.metrics` for each."""
+    """How far sides are confused: see `eval.scores.confusion` for each."""
 
     swap_rate: Estimate
     share_of_errors: float
@@ -105,8 +98,8 @@ class View:
 def view_of(result: Result) -> View:
     """Derive all numbers of one result's sections from its counts."""
     comparison = result.comparison
-    confusion = comparison.confusion
-    shares = row_shares(confusion)
+    matrix = comparison.confusion
+    shares = row_shares(matrix)
     errors = _error_rows(comparison)
     scores = summary_of(comparison)
     inside = ("mean_recall_person", "miou_person", "error_rate_inside", "error_rate_near", "mean_recall_all")
@@ -118,11 +111,11 @@ def view_of(result: Result) -> View:
         shares=shown(shares),
         difference=shown(shares - paper.TABLE3_REAL),
         errors=errors,
-        error_share=sum(row.pixels for row in errors) / max(int(confusion.sum()), 1),
+        error_share=sum(row.pixels for row in errors) / max(int(matrix.sum()), 1),
         distances=_distance_rows(comparison),
         left_right=_left_right(comparison, errors),
         inside={name: estimate(comparison, name) for name in inside},
-        mious=metrics.mean_ious(comparison.matrices),
+        mious=confusion.mean_ious(comparison.matrices),
         subjects=_subject_rows(comparison),
         frames=_frame_rows(comparison),
         undefined=comparison.undefined_shares,
@@ -143,7 +136,7 @@ def _part_row(comparison: Comparison, part: Part) -> PartRow:
 
 
 def _error_rows(comparison: Comparison) -> list[ErrorRow]:
-    kinds = {name: int(count) for name, count in vars(metrics.error_kinds(comparison.confusion)).items()}
+    kinds = {name: int(count) for name, count in vars(confusion.error_kinds(comparison.confusion)).items()}
     wrong = max(sum(kinds.values()), 1)
     return [ErrorRow(*ERROR_KINDS[name], count, count / wrong) for name, count in kinds.items()]
 
@@ -169,7 +162,7 @@ def _left_right(comparison: Comparison, errors: list[ErrorRow]) -> LeftRight:
         swap_rate=estimate(comparison, "left_right_swap_rate"),
         share_of_errors=swapped.share,
         merged_miou=estimate(comparison, "miou_merged"),
-        flipped_frames=int(metrics.by_frame(metrics.flip_helps, comparison.matrices).sum()),
+        flipped_frames=int(confusion.by_frame(confusion.flip_helps, comparison.matrices).sum()),
     )
 
 

@@ -5,9 +5,9 @@ from ctypes import c_float, memmove, pointer
 
 import numpy as np
 
-from sensors.camera import Intrinsics
-from sensors.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
-from sensors.kinect2_shim import COLOR, DEPTH, INFRARED, PROTOTYPES, Frame, Pointer, Shim
+from sensors.drivers.kinect2_shim import COLOR, DEPTH, INFRARED, PROTOTYPES, Frame, Pointer, Shim
+from sensors.rig.camera import Intrinsics
+from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.virtual.scene import Scene
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
 

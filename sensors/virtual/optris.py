@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.optris_layout import HEIGHT, WIDTH, Layout, pack
+from sensors.drivers.optris_layout import HEIGHT, WIDTH, Layout, pack
 from sensors.virtual.scene import Scene
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
 

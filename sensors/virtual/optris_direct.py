@@ -5,9 +5,9 @@ from ctypes import POINTER, c_ushort, cast, memmove, pointer, sizeof
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.device import Flag
-from sensors.optris_layout import HEIGHT, WIDTH
-from sensors.optris_library import PROTOTYPES, DirectLibrary, FrameMetadata, Pointer
+from sensors.device.protocol import Flag
+from sensors.drivers.optris_layout import HEIGHT, WIDTH
+from sensors.drivers.optris_library import PROTOTYPES, DirectLibrary, FrameMetadata, Pointer
 from sensors.virtual.optris import FLAG_CLOSED_S, FLAG_EVERY_S
 from sensors.virtual.scene import Scene
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sensors.errors import DeviceError
-from sensors.pyrometer_protocol import (
+from sensors.drivers.pyrometer_protocol import (
     BURST_LAYOUT,
     BURST_SWITCH,
     CS_PROCESSOR,
@@ -25,6 +24,7 @@ from sensors.pyrometer_protocol import (
     Scale,
     checksum,
 )
+from sensors.errors import DeviceError
 
 CHECKSUM_SWITCH = 0xAD
 BURST_PERIOD_S = 0.01

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.drivers.optris_layout import HEIGHT, WIDTH
 from sensors.errors import DeviceError
-from sensors.frame import RigFrame
-from sensors.optris_layout import HEIGHT, WIDTH
+from sensors.rig.frame import RigFrame
 
 FRAMES_PER_SECOND = 30.0
 T = TypeVar("T")

@@ -5,18 +5,18 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Protocol
 
-from sensors.address import Address
-from sensors.camera import Intrinsics
-from sensors.device import Device, Reading
+from sensors.device.address import Address
+from sensors.device.protocol import Device, Reading
+from sensors.drivers.kinect2 import Kinect2
+from sensors.drivers.optris import Optris
+from sensors.drivers.optris_direct import OptrisDirect
+from sensors.drivers.optris_layout import LAYOUTS
+from sensors.drivers.pyrometer import SCALES, open_pyrometer
+from sensors.drivers.pyrometer_protocol import FAMILIES
+from sensors.drivers.video import TRANSPORTS, OpenCvVideo, Video
 from sensors.errors import DeviceError
-from sensors.frame import RigFrame
-from sensors.kinect2 import Kinect2
-from sensors.optris import Optris
-from sensors.optris_direct import OptrisDirect
-from sensors.optris_layout import LAYOUTS
-from sensors.pyrometer import SCALES, open_pyrometer
-from sensors.pyrometer_protocol import FAMILIES
-from sensors.video import TRANSPORTS, OpenCvVideo, Video
+from sensors.rig.camera import Intrinsics
+from sensors.rig.frame import RigFrame
 from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.optris import FakeKernel, VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
@@ -69,7 +69,7 @@ class VirtualDevice:
 
 
 def open_twin(address: Address, frames: Iterable[RigFrame] | None) -> Device:
-    """The virtual device of an address; see ``sensors.devices.open_device``. Raises DeviceError."""
+    """The virtual device of an address; see ``sensors.recording.open_device``. Raises DeviceError."""
     openers: dict[str, Callable[[Address, Iterable[RigFrame] | None], Device]] = {
         "kinect2": _kinect2,
         "optris": _optris,
@@ -107,7 +107,7 @@ def _video(transport: str, twin: VirtualOptris) -> Video:
     size = (twin.layout.width, twin.layout.height, twin.layout.uvc_hz)
     if transport == "opencv":
         return OpenCvVideo(twin.node, *size, FakeKernel(twin))
-    from sensors.video_linuxpy import LinuxpyVideo, need_linuxpy
+    from sensors.drivers.video_linuxpy import LinuxpyVideo, need_linuxpy
 
     need_linuxpy()
     from sensors.virtual.ioctl import FakeIo

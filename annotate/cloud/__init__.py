@@ -1,0 +1,1 @@
+"""The thermal-coloured cloud of one frame, and neighbourhoods of its points."""

@@ -1,0 +1,187 @@
+"""Fusion: depth, colour and temperature of one moment -> the organised thermal-coloured cloud.
+
+Every depth point is looked up in the colour and the thermal image where that camera sees it
+(``annotate.cloud.visibility``); elsewhere it stays without colour or temperature, so that a person's heat is
+never copied onto the wall behind.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from annotate.cloud.registration import undistortion_index
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.cloud.visibility import ONE, ZERO, Image, Projection, View, nearest_pixel, visible
+from sensors.errors import CalibrationError
+from sensors.rig.camera import Intrinsics, rays
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
+
+
+class Fuser:
+    """Fuses the frames of one calibration; its maps are computed once.
+
+    calibration: the rig's. camera: the undistorted depth camera of the clouds it makes.
+    Safe to call from several threads: the kernels release the interpreter lock.
+    """
+
+    def __init__(self, calibration: RigCalibration) -> None:
+        depth = calibration.depth
+        self.calibration = calibration
+        self.camera = depth.undistorted()
+        self._source = undistortion_index(depth)
+        self._rays = rays(self.camera)[..., :2].astype(np.float32)
+        self._color: View | None = None
+        self._thermal: View | None = None
+        if calibration.color is not None and calibration.color_from_depth is not None:
+            self._color = View.of_color(depth, calibration.color, calibration.color_from_depth)
+        if calibration.thermal is not None and calibration.thermal_from_depth is not None:
+            self._thermal = View.of_thermal(depth, calibration.thermal, calibration.thermal_from_depth)
+
+    def fuse_frame(self, frame: RigFrame) -> ThermalCloud:
+        """Decode the frame's colour image, then ``fuse``. Raises FormatError, CalibrationError."""
+        return self.fuse(frame.depth_mm, frame.decode_color(), frame.thermal_c)
+
+    def fuse(
+        self,
+        depth_mm: NDArray[np.uint16],
+        color_rgb: NDArray[np.uint8] | None = None,
+        thermal_c: NDArray[np.float32] | None = None,
+    ) -> ThermalCloud:
+        """One moment of the rig -> organised cloud over the undistorted depth image.
+
+        depth_mm: uint16 (h, w) as the sensor gave it, lens distortion still in; undistorted by nearest
+        neighbour as in libfreenect2. color_rgb: uint8 (h', w', 3); each point takes the nearest pixel.
+        thermal_c: float32 (h", w") degrees Celsius, NaN = no reading; each point takes the bilinear
+        mean of those of its four pixels that see its surface alone. A missing image leaves colours
+        invalid or temperatures NaN. Raises CalibrationError when an image's size is not its camera's,
+        or the calibration has no such camera.
+        """
+        _check("depth", depth_mm, self.camera)
+        undistorted, depth_m = _undistort(np.ascontiguousarray(depth_mm).ravel(), self._source)
+        points = _points(depth_m, self._rays)
+        color, seen = np.zeros(points.shape, np.uint8), np.zeros(undistorted.shape, np.bool_)
+        temperature = np.full(undistorted.shape, np.nan, np.float32)
+        if color_rgb is not None:
+            color, seen = _colors(_checked("colour", color_rgb, self._color), depth_m, color_rgb)
+        if thermal_c is not None:
+            temperature = _temperatures(_checked("thermal", thermal_c, self._thermal), depth_m, thermal_c)
+        return ThermalCloud(self.camera, undistorted, points, color, seen, temperature)
+
+
+def _colors(
+    view: View, depth_m: Image, color_rgb: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    projection = view.project(depth_m)
+    slack_m = view.slack_m(projection.ahead_m)
+    seen = visible(projection, view.front(view.zbuffer(projection)), slack_m)
+    return _nearest(projection, seen, np.ascontiguousarray(color_rgb)), seen
+
+
+def _temperatures(view: View, depth_m: Image, thermal_c: Image) -> Image:
+    projection = view.project(depth_m)
+    slack_m, nearest = view.slack_m(projection.ahead_m), view.zbuffer(projection)
+    front = view.front(nearest)
+    seen = visible(projection, front, slack_m)
+    # A border without readings spares the kernel every check of the image's edge.
+    nearest, front, image = (
+        np.pad(plane, 1, constant_values=np.nan) for plane in (nearest, front, thermal_c)
+    )
+    return _bilinear(projection, seen, slack_m, nearest, front, image)
+
+
+def _checked(name: str, image: NDArray[Any], view: View | None) -> View:
+    if view is None:
+        raise CalibrationError(
+            f"the frame has a {name} image but the calibration has no {name} camera; "
+            "calibrate it or leave the image out"
+        )
+    _check(name, image, view.camera)
+    return view
+
+
+def _check(name: str, image: NDArray[Any], camera: Intrinsics) -> None:
+    if image.shape[:2] != camera.shape:
+        raise CalibrationError(
+            f"{name} image is {image.shape[1]}x{image.shape[0]} but its calibration is for "
+            f"{camera.width}x{camera.height}; give the calibration of this camera"
+        )
+
+
+@njit(cache=True, nogil=True)
+def _undistort(
+    depth_mm: NDArray[np.uint16], source: NDArray[np.int32]
+) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
+    """Undistorted depth (h, w) in millimetres, and in metres with NaN where there is none."""
+    undistorted = np.zeros(source.shape, np.uint16)
+    depth_m = np.full(source.shape, np.float32(np.nan))
+    for v in range(source.shape[0]):
+        for u in range(source.shape[1]):
+            if source[v, u] >= 0 and depth_mm[source[v, u]] > 0:
+                undistorted[v, u] = depth_mm[source[v, u]]
+                depth_m[v, u] = np.float32(undistorted[v, u]) / np.float32(1000)
+    return undistorted, depth_m
+
+
+@njit(cache=True, nogil=True)
+def _points(depth_m: Image, rays_xy: Image) -> Image:
+    points = np.empty((*depth_m.shape, 3), np.float32)
+    for v in range(depth_m.shape[0]):
+        for u in range(depth_m.shape[1]):
+            points[v, u, 0] = rays_xy[v, u, 0] * depth_m[v, u]
+            points[v, u, 1] = rays_xy[v, u, 1] * depth_m[v, u]
+            points[v, u, 2] = depth_m[v, u]
+    return points
+
+
+@njit(cache=True, nogil=True)
+def _nearest(projection: Projection, seen: NDArray[np.bool_], image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    columns, rows, _ = projection
+    colors = np.zeros((*seen.shape, 3), np.uint8)
+    for v in range(seen.shape[0]):
+        for u in range(seen.shape[1]):
+            if seen[v, u]:
+                row, column = nearest_pixel(rows[v, u]), nearest_pixel(columns[v, u])
+                for channel in range(3):
+                    colors[v, u, channel] = image[row, column, channel]
+    return colors
+
+
+@njit(cache=True, nogil=True)
+def _bilinear(
+    projection: Projection,
+    seen: NDArray[np.bool_],
+    slack_m: Image,
+    nearest: Image,
+    front: Image,
+    image: Image,
+) -> Image:
+    """Bilinear mean over the pixels with a reading that show the point's own surface and touch no nearer one.
+
+    nearest, front, image: z-buffer, its window's minimum and temperatures with a border of one NaN.
+    """
+    values = np.full(seen.shape, np.float32(np.nan))
+    for v in range(seen.shape[0]):
+        for u in range(seen.shape[1]):
+            if not seen[v, u]:
+                continue
+            x, y = projection.column[v, u] + ONE, projection.row[v, u] + ONE
+            left, top = np.uint32(x), np.uint32(y)
+            right_share, lower_share = x - np.float32(left), y - np.float32(top)
+            total, weight = ZERO, ZERO
+            for down in range(2):
+                for right in range(2):
+                    row, column = top + np.uint32(down), left + np.uint32(right)
+                    share = lower_share if down else ONE - lower_share
+                    share *= right_share if right else ONE - right_share
+                    reading = image[row, column]
+                    z, slack = projection.ahead_m[v, u], slack_m[v, u]
+                    own = (abs(nearest[row, column] - z) <= slack) & (z - front[row, column] <= slack)
+                    if own & (reading == reading):  # not NaN
+                        total += share * reading
+                        weight += share
+            if weight > 0:
+                values[v, u] = total / weight
+    return values

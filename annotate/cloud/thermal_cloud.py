@@ -1,0 +1,45 @@
+"""The organised thermal-coloured cloud: one point per pixel of the undistorted depth image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import FormatError
+from sensors.rig.camera import Intrinsics
+
+
+@dataclass(frozen=True)
+class ThermalCloud:
+    """Points, colours and temperatures of one rig frame; point index = pixel index [v, u].
+
+    camera: the undistorted depth camera. All arrays have its shape (h, w, ...):
+    depth_mm: uint16, 0 = no reading. points_m: float32 (h, w, 3), depth-camera frame, NaN = no reading.
+    color_rgb: uint8 (h, w, 3), (0, 0, 0) where not color_valid. color_valid: bool, False where the
+    colour camera does not see the point (occluded, out of view, no colour camera).
+    temperature_c: float32, NaN where the thermal camera does not see the point.
+    """
+
+    camera: Intrinsics
+    depth_mm: NDArray[np.uint16]
+    points_m: NDArray[np.float32]
+    color_rgb: NDArray[np.uint8]
+    color_valid: NDArray[np.bool_]
+    temperature_c: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        for name, expected in (
+            ("depth_mm", self.camera.shape),
+            ("points_m", (*self.camera.shape, 3)),
+            ("color_rgb", (*self.camera.shape, 3)),
+            ("color_valid", self.camera.shape),
+            ("temperature_c", self.camera.shape),
+        ):
+            actual = getattr(self, name).shape
+            if actual != expected:
+                raise FormatError(f"cloud's {name} is {actual}; give {expected}")
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Pixels (h, w) that have a depth reading."""
+        return self.depth_mm > 0

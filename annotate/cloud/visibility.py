@@ -1,0 +1,195 @@
+"""Which points of the depth camera another camera of the rig sees: projection and z-buffer.
+
+A point is occluded where the z-buffer around its pixel holds something nearer by more than its slack.
+All arithmetic is float32, a few ten-thousandths of a pixel: it runs in the processor's vector units.
+"""
+
+import threading
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from annotate.cloud.registration import (
+    FILTER_HALF_HEIGHT,
+    FILTER_HALF_WIDTH,
+    FILTER_TOLERANCE,
+    KINECT2_COLOR,
+    KINECT2_DEPTH,
+)
+from sensors.rig.camera import Intrinsics, rays
+from sensors.rig.rig_calibration import Pose
+
+THERMAL_HALF_WINDOW = 1
+"""The z-buffer's window reaches one thermal pixel to each side: a pixel on a silhouette is a mixture
+of both surfaces, so the farther one gets no temperature from it and the nearer one does."""
+THERMAL_TOLERANCE = 0.03
+"""As FILTER_TOLERANCE, for temperature: 6 cm at 2 m. With 0.01 a third of a seated person's points lay
+too close behind another limb to get a temperature; 0.03 still parts a person from the wall."""
+
+Image = NDArray[np.float32]
+
+HALF, ONE, TWO, ZERO = np.float32(0.5), np.float32(1), np.float32(2), np.float32(0)
+NOWHERE = np.float32(np.nan)
+
+
+class Projection(NamedTuple):
+    """Where points (h, w) appear in another camera: float32 pixels, and metres ahead of that camera.
+
+    ahead_m is NaN for points without depth, behind the camera or outside its image.
+    """
+
+    column: Image
+    row: Image
+    ahead_m: Image
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera of the rig that looks at the depth camera's points, and how it judges occlusion.
+
+    camera: its intrinsics. rays: float32 (3, h, w), the depth camera's rays (z = 1) turned into its
+    frame. translation_m: float32 (3,), from the depth camera. half_window: (rows, columns) of the
+    z-buffer's window to each side. tolerance: share of its depth by which a seen point may lie behind
+    another. slope_reach: depth pixels over which a slanted surface may recede within the window without
+    counting as occluded (the slope-scaled bias of shadow mapping).
+    """
+
+    camera: Intrinsics
+    rays: Image
+    translation_m: Image
+    half_window: tuple[int, int]
+    tolerance: float
+    slope_reach: float
+    _buffers: threading.local = field(default_factory=threading.local, init=False, repr=False, compare=False)
+
+    @staticmethod
+    def of_color(depth: Intrinsics, color: Intrinsics, color_from_depth: Pose) -> "View":
+        """libfreenect2's 5x3 window, scaled with the colour pixels per depth pixel; its plain tolerance."""
+        scale = (color.fx / depth.fx) / (KINECT2_COLOR.f / KINECT2_DEPTH.fx)
+        half_window = round(FILTER_HALF_HEIGHT * scale), round(FILTER_HALF_WIDTH * scale)
+        return View(color, *_turned(depth, color_from_depth), half_window, FILTER_TOLERANCE, 0.0)
+
+    @staticmethod
+    def of_thermal(depth: Intrinsics, thermal: Intrinsics, thermal_from_depth: Pose) -> "View":
+        """One thermal pixel to each side; a floor may recede over that and half of the point's own."""
+        reach = (THERMAL_HALF_WINDOW + 0.5) * depth.fx / thermal.fx
+        half_window = THERMAL_HALF_WINDOW, THERMAL_HALF_WINDOW
+        return View(thermal, *_turned(depth, thermal_from_depth), half_window, THERMAL_TOLERANCE, reach)
+
+    def project(self, depth_m: Image) -> Projection:
+        """Undistorted depth (h, w) in metres, NaN = no reading -> where its points appear."""
+        camera = self.camera
+        lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion], np.float32)
+        size = np.float32(camera.height), np.float32(camera.width)
+        flat = _project(depth_m.ravel(), self.rays.reshape(3, -1), self.translation_m, lens, size)
+        return Projection(*(plane.reshape(depth_m.shape) for plane in flat))
+
+    def slack_m(self, ahead_m: Image) -> Image:
+        """Metres by which each point (h, w) may lie behind the z-buffer and still be seen.
+
+        ``tolerance`` of its depth, and what its surface recedes over ``slope_reach``. The slope is
+        the lesser difference to each side, so that an edge is no slope; beside a gap it counts as flat.
+        """
+        return _slack(ahead_m, np.float32(self.tolerance), np.float32(self.slope_reach))
+
+    def zbuffer(self, projection: Projection) -> Image:
+        """The least metres ahead of the points on each pixel (h', w'); inf where there is none.
+
+        The buffer belongs to the view and the calling thread: the next call overwrites it.
+        """
+        nearest = self._buffer("nearest")
+        _fill_zbuffer(projection, nearest)
+        return nearest
+
+    def front(self, nearest: Image) -> Image:
+        """The z-buffer's minimum over each pixel's window (h', w'); overwritten like ``zbuffer``."""
+        rows, columns = self.half_window
+        window = np.ones((2 * rows + 1, 2 * columns + 1), np.uint8)
+        return np.asarray(cv2.erode(nearest, window, dst=self._buffer("front")), np.float32)
+
+    def _buffer(self, name: str) -> Image:
+        # Kept, because fresh pages for 1920x1080 floats cost more time than all the arithmetic.
+        if not hasattr(self._buffers, name):
+            setattr(self._buffers, name, np.empty(self.camera.shape, np.float32))
+        buffer: Image = getattr(self._buffers, name)
+        return buffer
+
+
+def _turned(depth: Intrinsics, pose: Pose) -> tuple[Image, Image]:
+    turned = np.einsum("ij,hwj->ihw", pose.rotation, rays(depth.undistorted()))
+    return np.ascontiguousarray(turned, np.float32), pose.translation_m.astype(np.float32)
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def nearest_pixel(coordinate: np.float32) -> np.uint32:
+    """Index of the pixel that a coordinate of at least -0.5 falls on.
+
+    Unsigned, so that no kernel spends time on Python's negative indices.
+    """
+    return np.uint32(coordinate + HALF)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _project(
+    depth_m: Image, turned: Image, translation_m: Image, lens: Image, size: tuple[np.float32, np.float32]
+) -> tuple[Image, Image, Image]:
+    """Free of branches and shared arrays, so that it is vectorised: 0.2 ms a frame instead of 2."""
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens
+    t_x, t_y, t_z = translation_m
+    rays_x, rays_y, rays_z = turned[0], turned[1], turned[2]
+    height, width = size
+    columns, rows = np.empty(depth_m.size, np.float32), np.empty(depth_m.size, np.float32)
+    ahead = np.empty(depth_m.size, np.float32)
+    for i in range(depth_m.size):
+        z = rays_z[i] * depth_m[i] + t_z
+        x, y = (rays_x[i] * depth_m[i] + t_x) / z, (rays_y[i] * depth_m[i] + t_y) / z
+        # Brown's lens, as in sensors.rig.camera.distort.
+        r2 = x * x + y * y
+        radial = ONE + ((k3 * r2 + k2) * r2 + k1) * r2
+        column = fx * (x * radial + TWO * p1 * x * y + p2 * (r2 + TWO * x * x)) + cx
+        row = fy * (y * radial + p1 * (r2 + TWO * y * y) + TWO * p2 * x * y) + cy
+        inside = (column + HALF >= 0) & (column + HALF < width) & (row + HALF >= 0) & (row + HALF < height)
+        columns[i], rows[i] = column, row
+        ahead[i] = z if inside & (z > 0) else NOWHERE
+    return columns, rows, ahead
+
+
+@njit(cache=True, nogil=True)
+def _slack(ahead_m: Image, tolerance: np.float32, slope_reach: np.float32) -> Image:
+    slack = tolerance * ahead_m
+    for v in range(1, ahead_m.shape[0] - 1):
+        above, row, below = ahead_m[v - 1], ahead_m[v], ahead_m[v + 1]
+        for u in range(1, ahead_m.shape[1] - 1):
+            left, right = abs(row[u - 1] - row[u]), abs(row[u + 1] - row[u])
+            up, down = abs(above[u] - row[u]), abs(below[u] - row[u])
+            slope = min(left, right) + min(up, down)
+            slack[v, u] += slope_reach * slope if left + right + up + down >= 0 else ZERO
+    return slack
+
+
+@njit(cache=True, nogil=True)
+def _fill_zbuffer(projection: Projection, nearest: Image) -> None:
+    columns, rows, ahead = projection
+    nearest[:] = np.float32(np.inf)
+    for v in range(ahead.shape[0]):
+        for u in range(ahead.shape[1]):
+            if ahead[v, u] > 0:
+                row, column = nearest_pixel(rows[v, u]), nearest_pixel(columns[v, u])
+                nearest[row, column] = min(nearest[row, column], ahead[v, u])
+
+
+@njit(cache=True, nogil=True)
+def visible(projection: Projection, front: Image, slack_m: Image) -> NDArray[np.bool_]:
+    """Which points (h, w) the camera sees: those not behind the window's front by more than their slack."""
+    columns, rows, ahead = projection
+    seen = np.zeros(ahead.shape, np.bool_)
+    for v in range(ahead.shape[0]):
+        for u in range(ahead.shape[1]):
+            if ahead[v, u] > 0:
+                row, column = nearest_pixel(rows[v, u]), nearest_pixel(columns[v, u])
+                seen[v, u] = ahead[v, u] - front[row, column] <= slack_m[v, u]
+    return seen

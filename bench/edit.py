@@ -1,0 +1,96 @@
+"""Strokes of the correction core at 217,088 points, the journal on the disk included.
+
+The naive way keeps a copy of the labels for undo and writes the whole frame at every stroke.
+"""
+
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from annotate.cloud.fuse import Fuser
+from annotate.correction import select
+from annotate.correction.correction import Correction
+from annotate.correction.edit import Editor
+from annotate.correction.edit_supervoxels import edit_supervoxels
+from annotate.labelset.store import LabelSet
+from annotate.labelset.stroke import Gesture
+from synth.rig.rig import VirtualRig, truth_labels
+
+ROUNDS = 25
+
+
+def median_s(action, rounds=ROUNDS):
+    """Median seconds of an action given its round; the first, which loads the kernels, left out."""
+    times = []
+    for i in range(rounds + 1):
+        start = time.perf_counter()
+        action(i)
+        times.append(time.perf_counter() - start)
+    return statistics.median(times[1:]), max(times[1:])
+
+
+def lasso(i):
+    """A lasso of 60 corners, somewhere else every time."""
+    angle = np.linspace(0, 2 * np.pi, 60)
+    return np.stack([500 + 3 * i + 130 * np.cos(angle), 420 + 110 * np.sin(angle)], axis=1)
+
+
+def actions(editor: Editor, view: select.View, pieces):
+    """What a person does, by name; each takes its round."""
+    at = int(np.flatnonzero((pieces >= 0) & (editor.parts == 2))[0])
+    piece = select.supervoxel(pieces, editor.parts, at)
+    everywhere = np.arange(editor.parts.size)
+    grown = select.grow(pieces, editor.parts, editor.depth_mm, piece)
+
+    def tidy(i):
+        editor.paint(grown[::37], 3 + i % 2)
+        editor.remove_islands()
+
+    return {
+        "lasso and paint": lambda i: editor.paint(
+            select.polygon(view, lasso(i)), 1 + i % 11, Gesture("lasso", points=60)
+        ),
+        "undo": lambda i: editor.undo(),
+        "redo": lambda i: editor.redo(),
+        "click a supervoxel": lambda i: editor.paint(select.supervoxel(pieces, editor.parts, at), 1 + i % 11),
+        "grow": lambda i: select.grow(pieces, editor.parts, editor.depth_mm, piece),
+        "two strokes: specks, islands away": tidy,
+        "fill holes": lambda i: editor.fill_holes(1 + i % 11),
+        "swap left and right": lambda i: editor.swap_left_right(),
+        "paint every point": lambda i: editor.paint(everywhere, 1 + i % 11),
+    }
+
+
+def open_s(path: Path, frame_id: str) -> float:
+    """Seconds to open a label set that a killed session left, and an editor on its frame."""
+    start = time.perf_counter()
+    with Correction.open(path, "bench") as correction:
+        correction.edit(frame_id)
+        return time.perf_counter() - start
+
+
+def bench():
+    """Rows (what, seconds, naive seconds); medians."""
+    rig = VirtualRig(2, 1, "hard", 77)
+    camera = Fuser(rig.calibration).camera
+    rows = []
+    with tempfile.TemporaryDirectory() as scratch:
+        labels = LabelSet.create(Path(scratch) / "set", camera, {"source": "bench"})
+        for frame, known in rig.with_truth():
+            labels.write(truth_labels(frame, known))
+        first, second = labels.frame_ids
+        naive_s, _ = median_s(lambda i: labels.write(labels.read(second)))
+        correction = Correction.open(labels.path, "bench")
+        editor = correction.edit(first)
+        view = select.View.of_image(editor.depth_mm, 2.0)
+        pieces = edit_supervoxels(editor.depth_mm, editor.parts, camera)
+        for name, action in actions(editor, view, pieces).items():
+            seconds, worst = median_s(action)
+            rows.append((f"edit: {name} (worst {worst * 1e3:.0f} ms)", seconds, naive_s))
+        correction.abandon()
+        strokes = len(correction.journal)
+        rows.append((f"edit: open after {strokes} unsaved strokes", open_s(labels.path, first), naive_s))
+    return rows

@@ -1,0 +1,177 @@
+"""Fusion beside the plain NumPy way; the NumPy way is also the tests' oracle."""
+
+import time
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from annotate.cloud.fuse import Fuser
+from annotate.cloud.registration import Registration, undistortion_index
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.cloud.visibility import THERMAL_TOLERANCE
+from sensors.rig.camera import Intrinsics, rays
+from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
+from sensors.rig.rig_calibration import Pose, RigCalibration
+
+F = np.float32
+
+CALIBRATION = RigCalibration(
+    KINECT2_DEPTH,
+    Intrinsics(1920, 1080, 1081.37207, 1081.37207, 959.5, 539.5, 0.056, -0.074, 0.0014, -0.0017, 0.024),
+    Pose(Rotation.from_rotvec([0.002, -0.011, 0.017]).as_matrix(), np.array([-0.052, 0.0, 0.001])),
+    Intrinsics(160, 120, 110.1, 110.1, 80.3, 59.2, -0.19, 0.04),
+    Pose(Rotation.from_euler("x", -2, degrees=True).as_matrix(), np.array([0.012, 0.06, -0.01])),
+)
+
+
+def random_scene(seed, calibration=CALIBRATION):
+    """Hills with boxes before them, holes, a random colour and a smooth thermal image."""
+    rng = np.random.default_rng(seed)
+    height, width = calibration.depth.shape
+    hills = cv2.GaussianBlur(rng.random((height, width), F), (0, 0), width / 30)
+    depth = 2500 + 1500 * (hills - hills.min()) / np.ptp(hills)
+    for _ in range(4):
+        top, left = rng.integers(0, height * 3 // 4), rng.integers(0, width * 3 // 4)
+        depth[top : top + height // 3, left : left + width // 5] = rng.uniform(900, 2400)
+    depth[rng.random(depth.shape) < 0.03] = 0
+    color = rng.integers(0, 256, (*calibration.color.shape, 3), np.uint8)
+    thermal = cv2.GaussianBlur(rng.normal(26, 30, calibration.thermal.shape), (0, 0), 4).astype(F)
+    thermal[rng.random(thermal.shape) < 0.01] = np.nan
+    return depth.astype(np.uint16), color, thermal
+
+
+def fuse_naive(calibration, depth_mm, color_rgb, thermal_c):
+    """Fusion with whole-array NumPy: what ``Fuser.fuse`` must equal."""
+    camera = calibration.depth.undistorted()
+    source = undistortion_index(calibration.depth)
+    undistorted = np.where(source >= 0, depth_mm.ravel()[source], 0).astype(np.uint16)
+    z = np.where(undistorted > 0, undistorted.astype(F) / F(1000), F(np.nan))
+    points = np.concatenate([rays(camera)[..., :2].astype(F) * z[..., None], z[..., None]], axis=-1)
+
+    scale = (calibration.color.fx / camera.fx) / (KINECT2_COLOR.f / KINECT2_DEPTH.fx)
+    window = round(scale), round(2 * scale)
+    u, v, _, _, seen, _, _ = _look(
+        calibration.color, calibration.color_from_depth, camera, z, window, 0.01, 0
+    )
+    color = np.zeros((*camera.shape, 3), np.uint8)
+    color[seen] = color_rgb[_pixel(v[seen]), _pixel(u[seen])]
+
+    reach = 1.5 * camera.fx / calibration.thermal.fx
+    sight = _look(
+        calibration.thermal, calibration.thermal_from_depth, camera, z, (1, 1), THERMAL_TOLERANCE, reach
+    )
+    return ThermalCloud(camera, undistorted, points, color, seen, _bilinear(thermal_c, *sight))
+
+
+def _look(other, pose, camera, z, window, tolerance, reach):
+    """Position in the other camera, z there, slack, what is seen, the z-buffer and its window's front."""
+    turned = np.einsum("ij,hwj->ihw", pose.rotation, rays(camera)).astype(F)
+    t = pose.translation_m.astype(F)
+    k1, k2, p1, p2, k3 = (F(k) for k in other.distortion)
+    with np.errstate(invalid="ignore"):
+        ahead = turned[2] * z + t[2]
+        x, y = (turned[0] * z + t[0]) / ahead, (turned[1] * z + t[1]) / ahead
+        r2 = x * x + y * y
+        radial = 1 + ((k3 * r2 + k2) * r2 + k1) * r2
+        u = F(other.fx) * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)) + F(other.cx)
+        v = F(other.fy) * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y) + F(other.cy)
+        inside = (u >= -0.5) & (u < other.width - 0.5) & (v >= -0.5) & (v < other.height - 0.5) & (ahead > 0)
+    ahead = np.where(inside, ahead, F(np.nan))
+    nearest = np.full(other.shape, np.inf, F)
+    row, column = _pixel(v[inside]), _pixel(u[inside])
+    np.minimum.at(nearest, (row, column), ahead[inside])
+    front = cv2.erode(nearest, np.ones((2 * window[0] + 1, 2 * window[1] + 1), np.uint8))
+    slack = F(tolerance) * ahead + F(reach) * _slope(ahead)
+    seen = np.zeros(z.shape, bool)
+    seen[inside] = ahead[inside] - front[row, column] <= slack[inside]
+    return u, v, ahead, slack, seen, nearest, front
+
+
+def _pixel(coordinate):
+    return (coordinate + F(0.5)).astype(np.intp)
+
+
+def _slope(z):
+    """The lesser difference to each side, across plus down; 0 beside a gap and on the border."""
+    slope = np.zeros_like(z)
+    inner = z[1:-1, 1:-1]
+    left, right = abs(z[1:-1, :-2] - inner), abs(z[1:-1, 2:] - inner)
+    up, down = abs(z[:-2, 1:-1] - inner), abs(z[2:, 1:-1] - inner)
+    slope[1:-1, 1:-1] = np.nan_to_num(np.minimum(left, right) + np.minimum(up, down))
+    return slope
+
+
+def _bilinear(image, u, v, ahead, slack, seen, nearest, front):
+    """Bilinear mean over the pixels with a reading that show the point's own surface alone."""
+    nearest, front, image = (np.pad(plane, 1, constant_values=np.nan) for plane in (nearest, front, image))
+    x, y, z = u[seen] + F(1), v[seen] + F(1), ahead[seen]
+    left, top = x.astype(np.intp), y.astype(np.intp)
+    a, b = x - left.astype(F), y - top.astype(F)
+    total, weight = np.zeros_like(z), np.zeros_like(z)
+    for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        reading = image[top + down, left + right]
+        own = abs(nearest[top + down, left + right] - z) <= slack[seen]
+        own &= (z - front[top + down, left + right] <= slack[seen]) & ~np.isnan(reading)
+        share = (b if down else F(1) - b) * (a if right else F(1) - a)
+        total += np.where(own, share * reading, F(0))
+        weight += np.where(own, share, F(0))
+    temperature = np.full(seen.shape, np.nan, F)
+    temperature[seen] = np.where(weight > 0, total / np.maximum(weight, F(1e-30)), F(np.nan))
+    return temperature
+
+
+def register_naive(depth_camera, color_params, color_rgb, depth_mm):
+    """libfreenect2's registration with whole-array NumPy: what ``Registration.apply`` must equal."""
+    c, f32 = color_params, np.float32
+    index = undistortion_index(depth_camera)
+    u, v = (g.astype(F) for g in np.meshgrid(np.arange(depth_camera.width), np.arange(depth_camera.height)))
+    x, y = (u - f32(depth_camera.cx)) * f32(0.01), (v - f32(depth_camera.cy)) * f32(0.01)
+    powers = (x * x * x, y * y * y, x * x * y, y * y * x, x * x, y * y, x * y, x, y, np.ones_like(x))
+    wx = sum(p * f32(k) for p, k in zip(powers, c.mx, strict=True))
+    wy = sum(p * f32(k) for p, k in zip(powers, c.my, strict=True))
+    rx = wx / (f32(c.f) * f32(0.002199)) - f32(c.shift_m) / f32(c.shift_d)
+    row = np.trunc(wy / f32(0.002199) + f32(c.cy) + f32(0.5)).astype(np.int64)
+    undistorted = np.where(index >= 0, depth_mm.astype(F).ravel()[index], f32(0))
+    z = np.where(undistorted > 0, undistorted, f32(1))
+    column = np.trunc((rx + f32(c.shift_m) / z) * f32(c.f) + (f32(c.cx) + f32(0.5))).astype(np.int64)
+    offset = column + c.width * row
+    hit = (undistorted > 0) & (offset >= 0) & (offset < c.width * c.height)
+    nearest = np.full(c.width * c.height, 65536, F)
+    np.minimum.at(nearest, offset[hit], undistorted[hit])
+    front = cv2.erode(nearest.reshape(c.height, c.width), np.ones((3, 5), np.uint8)).ravel()
+    seen = hit.copy()
+    seen[hit] = ~((z[hit] - front[offset[hit]]) / z[hit] > f32(0.01))
+    registered = np.zeros((*index.shape, 3), np.uint8)
+    registered[seen] = color_rgb.reshape(-1, 3)[offset[seen]]
+    return undistorted, registered
+
+
+def median_seconds(call: Callable[[], object], repeats: int) -> float:
+    """Median wall time of ``repeats`` calls, after one that compiles."""
+    call()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - start)
+    return float(np.median(times))
+
+
+def bench() -> list[tuple[str, float, float]]:
+    """(name, seconds a frame, seconds of the naive way), full Kinect v2 and Optris sizes."""
+    depth, color, thermal = random_scene(0)
+    fuser, registration = Fuser(CALIBRATION), Registration(KINECT2_DEPTH, KINECT2_COLOR)
+    return [
+        (
+            "fuse 512x424 + 1920x1080 + 160x120",
+            median_seconds(lambda: fuser.fuse(depth, color, thermal), 60),
+            median_seconds(lambda: fuse_naive(CALIBRATION, depth, color, thermal), 5),
+        ),
+        (
+            "register as libfreenect2",
+            median_seconds(lambda: registration.apply(color, depth), 30),
+            median_seconds(lambda: register_naive(KINECT2_DEPTH, KINECT2_COLOR, color, depth), 5),
+        ),
+    ]

@@ -1,0 +1,98 @@
+"""Making samples, beside Open3D's ray caster in the same run.
+
+The naive way casts a ray per pixel of the same frames. Memory of a worker and bytes an image go to stderr.
+"""
+
+import resource
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import open3d as o3d
+from rich.console import Console
+
+from sensors.rig.camera import rays
+from sensors.rig.kinect2_factory import KINECT2_PINHOLE
+from synth.images.generate import Order, generate
+from synth.images.presets import PRESETS, _person, recumbent, sitting
+from synth.images.view import render_view
+from synth.images.workers import processes
+from synth.surface.rasterize import rasterize
+
+IMAGES = 2048
+WORKERS = 2
+
+
+def scenes(stage, number=24):
+    """Posed bodies before a camera."""
+    rng = np.random.default_rng(0)
+    body, hair, _ = _person(1, 0, 0)
+    return body, hair, [stage(rng, body) for _ in range(number)]
+
+
+def in_camera(stage):
+    """Vertices (V, 3) in the camera frame."""
+    return stage.camera_from_world.apply(stage.vertices_m).astype(np.float32)
+
+
+def per_item(call, items):
+    """Seconds of wall time a call, the first one not counted: it compiles."""
+    call(items[0])
+    start = time.perf_counter()
+    for item in items:
+        call(item)
+    return (time.perf_counter() - start) / len(items)
+
+
+def ray_cast(faces):
+    """A function from vertices to Open3D's depth and faces over the whole 512 x 424 image, on all cores."""
+    directions = rays(KINECT2_PINHOLE).astype(np.float32)
+    all_rays = o3d.core.Tensor(np.concatenate([np.zeros_like(directions), directions], axis=2))
+
+    def cast(vertices):
+        scene = o3d.t.geometry.RaycastingScene()
+        scene.add_triangles(vertices, faces.astype(np.uint32))
+        return scene.cast_rays(all_rays)
+
+    return cast
+
+
+def finished(name):
+    """Seconds a finished sample takes: pose, skin, render, noise, crop, encode, write; and its bytes."""
+    with tempfile.TemporaryDirectory() as folder, processes(WORKERS) as workers:
+        # The workers start and load compiled code first, as in any run that is long enough to matter.
+        warm_up = Order(PRESETS[name], 2 * WORKERS * 16, 1, shard_frames=16)
+        generate(warm_up, Path(folder) / "warm", workers, lambda n: None)
+        start = time.perf_counter()
+        generate(Order(PRESETS[name], IMAGES, 0), Path(folder) / "set", workers, lambda n: None)
+        seconds = (time.perf_counter() - start) / IMAGES
+        size = sum(path.stat().st_size for path in (Path(folder) / "set").glob("*.tar")) / IMAGES
+    return seconds, size
+
+
+def bench() -> list[tuple[str, float, float]]:
+    """(name, seconds an image, seconds of Open3D's ray caster for the bare depth of it)."""
+    body, hair, seated = scenes(sitting)
+    points = [in_camera(stage) for stage in seated]
+    cast = per_item(ray_cast(body.faces), points[:6])
+    rows = [
+        (
+            "depth + faces, 512x424, one core",
+            per_item(lambda p: rasterize(KINECT2_PINHOLE, p, body.faces, True), points),
+            cast,
+        )
+    ]
+    for stages, name in ((seated, "seated"), (scenes(recumbent)[2], "recumbent")):
+        seconds = per_item(
+            lambda s: render_view(body, hair, s.vertices_m, s.around, s.camera_from_world), stages
+        )
+        rows.append((f"depth + labels of the window, {name}, one core", seconds, cast))
+    sizes = []
+    for name in ("sitting-train", "recumbent"):
+        seconds, size = finished(name)
+        sizes.append(f"{name} {size:.0f} bytes an image")
+        rows.append((f"finished samples, {name}, {WORKERS} workers", seconds, cast))
+    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    Console(stderr=True).print(f"peak memory of a worker {peak:.0f} MiB; {', '.join(sizes)}")
+    return rows

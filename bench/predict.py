@@ -1,0 +1,108 @@
+"""A person labelled by the network, crop and all: beside the paper's FCN, beside naive crop and paste."""
+
+import statistics
+import tempfile
+import time
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from annotate.crop import SIZE, crop_around
+from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
+from annotate.parts import N_CLASSES
+from eval.network.onnx_network import Network
+from eval.network.predict import BATCH, predict_frames
+from synth.images.presets import preset_named, sample
+from synth.rig.rig import VirtualRig, truth_labels
+
+FRAMES, REPEATS, PAPER_REPEATS = 4, 25, 3
+CROPS = 64
+
+
+class Silent(Network):
+    """Answers at once: what is left is the work around the network."""
+
+    @cache  # noqa: B019
+    def _answer(self, n):
+        return super().probabilities(np.full((n, SIZE, SIZE), 0.5, np.float32))
+
+    def probabilities(self, crops):
+        return self._answer(len(crops))
+
+
+def paper_network(folder):
+    """The paper's FCN with random weights, exported: 135 million parameters, 540 MB."""
+    import torch
+
+    from eval.network.export import export_onnx
+    from eval.network.paper_fcn import PaperFcn
+
+    torch.manual_seed(0)
+    export_onnx(PaperFcn(), folder / "paper.onnx")
+    return Network(folder / "paper.onnx")
+
+
+def segment_naive(network, depth_mm, person):
+    """Pixel by pixel in Python: every class's plane spread over the image, decided afterwards."""
+    mask = person & (depth_mm > 0)
+    crop = crop_around(mask)
+    depth = np.zeros((SIZE, SIZE), np.float32)
+    middle = np.median(depth_mm[mask])
+    for i in range(SIZE):
+        for j in range(SIZE):
+            v, u = (c + int((k + 0.5) * crop.side / SIZE) for c, k in ((crop.top, i), (crop.left, j)))
+            if 0 <= v < mask.shape[0] and 0 <= u < mask.shape[1] and mask[v, u]:
+                depth[i, j] = min(max((depth_mm[v, u] - middle) / 2000 + 0.5, 1 / 2000), 1)
+    planes = network.probabilities(depth[None])[0]
+    image = np.zeros((N_CLASSES, *mask.shape), np.float32)
+    for v, u in np.argwhere(mask):
+        i, j = ((k - c) * SIZE // crop.side for k, c in ((v, crop.top), (u, crop.left)))
+        image[:, v, u] = planes[:, i, j]
+    return np.where(mask, image[1:].argmax(axis=0) + 1, 0)
+
+
+def seconds(function, images, repeats):
+    """Median over frames and repeats, after one run to warm up."""
+    function(*images[0])
+    times = []
+    for k in range(repeats):
+        start = time.perf_counter()
+        function(*images[k % len(images)])
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+def dataset_seconds(folder, network):
+    """Seconds a frame of ``predict`` on a dataset, read and written; eight at once, and singly."""
+    shard = folder / "d" / "shard-000000.tar"
+    shard.parent.mkdir()
+    preset = preset_named("sitting-test")
+    shard.write_bytes(encode_shard(sample(preset, 99, i) for i in range(CROPS)))
+    entry = f'{{"file": "{shard.name}", "sha256": "{sha256(shard)}"}}'
+    (shard.parent / MANIFEST).write_text(f'{{"schema": {SCHEMA}, "images": {CROPS}, "shards": [{entry}]}}')
+    taken = []
+    for batch in (BATCH, 1):
+        start = time.perf_counter()
+        predict_frames(Dataset.open(shard.parent), network, folder / str(batch), lambda n: None, batch=batch)
+        taken.append((time.perf_counter() - start) / CROPS)
+    return taken
+
+
+def bench():
+    """Rows (what, seconds a frame, seconds a frame of the other way)."""
+    rig = VirtualRig(FRAMES, 2, "normal", 77)
+    truths = [truth_labels(frame, known) for frame, known in rig.with_truth()]
+    images = [(frame.depth_mm, frame.parts > 0) for frame in truths]
+    network, silent = Network(), Silent()
+    one = seconds(network.segment, images, REPEATS)
+    around = seconds(silent.segment, images, REPEATS)
+    naive = seconds(lambda *image: segment_naive(silent, *image), images, PAPER_REPEATS)
+    with tempfile.TemporaryDirectory() as folder:
+        batched, singly = dataset_seconds(Path(folder), network)
+        paper = seconds(paper_network(Path(folder)).segment, images, PAPER_REPEATS)
+    return [
+        ("predict: crop, network, paste; beside the paper's FCN", one, paper),
+        ("predict: crop and paste alone; beside Python loops", around, naive),
+        ("predict: dataset, read and written; one frame at once", batched, singly),
+    ]

@@ -1,0 +1,132 @@
+"""Speed of the window on a made label set, drawn on the screen there is or under xvfb-run (llvmpipe).
+
+Every time is from the event to the repainted screen. The second column of seconds is the bar.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.store import LabelSet
+from sensors.rig.camera import Intrinsics
+
+STROKE_S, NEXT_S, MOVE_S = 0.1, 0.3, 0.1
+FRAMES = 8
+
+
+def bench() -> list[tuple[str, float, float]]:
+    """Rows (what, seconds, seconds allowed); in a process of its own on an Xvfb where there is no screen."""
+    command = [sys.executable, "-m", "bench.window"]
+    if not os.environ.get("DISPLAY"):
+        if not shutil.which("xvfb-run"):
+            return []
+        command = ["xvfb-run", "-a", "-s", "-screen 0 1600x1000x24", *command]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    rows = (line.split("\t") for line in done.stdout.splitlines() if line.count("\t") == 2)
+    return [(what, float(seconds), float(bar)) for what, seconds, bar in rows]
+
+
+def main() -> None:
+    """Measure, and print one line for each."""
+    with tempfile.TemporaryDirectory() as folder:
+        for shape, what in (((424, 512), "217,088 points"), ((1000, 1000), "1,000,000 points")):
+            path = Path(folder) / str(shape[0])
+            person = made_set(path, shape, FRAMES if shape[0] == 424 else 2)
+            for name, seconds, bar in measured(path, shape[0] == 424):
+                print(f"window, {what}, {person:,} of the person: {name}\t{seconds}\t{bar}", flush=True)
+
+
+def made_set(path: Path, shape: tuple[int, int], frames: int) -> int:
+    """A wall and a bulging figure of about 20,000 pixels in front of it; returns their number."""
+    height, width = shape
+    focal = 0.713 * width
+    labels = LabelSet.create(path, Intrinsics(width, height, focal, focal, width / 2, height / 2), {})
+    for i in range(frames):
+        depth, parts = figure(height, width, 0.004 * i)
+        labels.write(FrameLabels(f"{i:06d}", depth, parts, np.ones(shape, np.float32)))
+    return int((parts > 0).sum())
+
+
+def figure(height: int, width: int, shift: float) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+    """Depth and parts: eleven ellipsoids arranged like a body."""
+    v, u = np.mgrid[:height, :width] / height
+    u = u - width / height / 2 - shift
+    depth = np.full((height, width), 3000.0)
+    parts = np.zeros((height, width), np.uint8)
+    across = (0, 0, 0.11, -0.11, 0.15, -0.15, 0, 0.045, -0.045, 0.05, -0.05)
+    down = (0.22, 0.36, 0.35, 0.35, 0.46, 0.46, 0.48, 0.59, 0.59, 0.74, 0.74)
+    radii = ((0.042, 0.056), (0.08, 0.1), *((0.03, 0.07),) * 4, (0.08, 0.05), *((0.04, 0.09),) * 4)
+    for part, (x, y, (rx, ry)) in enumerate(zip(across, down, radii, strict=True), 1):
+        inside = 1 - ((u - x) / rx) ** 2 - ((v - y) / ry) ** 2
+        mask = inside > 0
+        depth[mask] = 2000 - 120 * np.sqrt(inside[mask])
+        parts[mask] = part
+    noise = np.random.default_rng(0).normal(0, 2, depth.shape)
+    return (depth + noise).astype(np.uint16), parts
+
+
+def measured(path: Path, small: bool) -> Iterator[tuple[str, float, float]]:
+    """Strokes, moves and next frames, from the event to the screen."""
+    from PySide6.QtCore import QPoint, Qt
+    from PySide6.QtWidgets import QApplication
+
+    from tests.helpers.gui_driver import Driver
+
+    app = QApplication.instance() or QApplication([])
+    driver = Driver(path, size=(1440, 900))
+    driver.key("lasso")
+    middle = driver.place(driver.middle_of(2))
+
+    def stroke(i: int) -> None:
+        driver.key(("head", "hip", "torso")[i % 3])
+        release = driver.press_and_draw(driver.circle(middle, 40))
+        times.append(timed(app, release))
+
+    def move(i: int) -> None:
+        times.append(timed(app, lambda: driver.hover(middle + QPoint(3 * i, i))))
+
+    def next_frame(i: int) -> None:
+        time.sleep(0.5)
+        times.append(timed(app, lambda: driver.key("next")))
+
+    times: list[float] = []
+    repeated(stroke, 9)
+    yield "a lasso's effect on the screen", median(times), STROKE_S
+    times.clear()
+    let_go = driver.press_and_draw([middle], button=Qt.MouseButton.RightButton)
+    repeated(move, 15)
+    let_go()
+    yield "a step of turning the view", median(times), MOVE_S
+    if small:
+        times.clear()
+        repeated(next_frame, FRAMES - 1)
+        yield "the next frame, prefetched", median(times), NEXT_S
+    driver.close()
+
+
+def repeated(action: Callable[[int], None], times: int) -> None:
+    """One after the other."""
+    for i in range(times):
+        action(i)
+
+
+def timed(app: object, action: Callable[[], None]) -> float:
+    """Seconds until everything that an action asks for is done, repaints included."""
+    started = time.perf_counter()
+    action()
+    app.processEvents()
+    return time.perf_counter() - started
+
+
+if __name__ == "__main__":
+    main()

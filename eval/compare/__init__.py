@@ -1,0 +1,1 @@
+"""Whole label sets compared, and the results on disk."""

@@ -1,0 +1,222 @@
+"""One set of labels against another: what was counted, frame by frame, and the scores it gives."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import BACKGROUND, BODY_PARTS, PARTS
+from eval.compare.pairs import Digests, count_pairs, pair_up
+from eval.scores import confusion, intervals
+from eval.scores.big_arrays import blocks
+from eval.scores.confusion import Counts, Scores
+from eval.scores.counts import FrameCounts
+from eval.scores.frames import Frames
+from eval.scores.joint_errors import joint_errors_mm, summary
+from eval.scores.scores import PART_SCORES, scores_of
+from eval.scores.summary import named, plain
+from eval.scores.traits import Traits, writable
+from sensors.errors import CloudError
+
+UNKNOWN_SUBJECT = "unknown"
+
+SUMMARY = ("mean_recall", "recall", "miou", "iou", "boundary_f", "left_right_swap_rate", "person_iou")
+"""Scores of the short summary."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Counts of F compared frames, from which every score is derived.
+
+    subjects: who is seen in each frame. counts: with one leading axis, (F,). joints_mm: float64 (F, J),
+    error of each joint in millimetres, NaN where it is not scored and inf where it was not found; None
+    where the truth knows no joints. extra_frames: how many predicted frames have no truth and were left out.
+    Raises CloudError when nothing was compared or an id stands twice, ValueError for arrays that do not
+    fit together.
+    """
+
+    frame_ids: tuple[str, ...]
+    subjects: tuple[str, ...]
+    traits: tuple[Traits, ...]
+    digests: tuple[Digests, ...]
+    counts: FrameCounts
+    joints_mm: NDArray[np.float64] | None = None
+    extra_frames: int = 0
+
+    def __post_init__(self) -> None:
+        n = len(self.frame_ids)
+        if not n:
+            raise CloudError("no frame was compared; give label sets that hold frames")
+        if len(set(self.frame_ids)) != n:
+            raise CloudError(f"{n} frames have {len(set(self.frame_ids))} different ids; give each its own")
+        for name in ("subjects", "traits", "digests", "joints_mm"):
+            value = getattr(self, name)
+            if value is not None and len(value) != n:
+                raise ValueError(f"{len(value)} {name} for {n} frames")
+        if self.counts.undefined.shape != (n, 3):
+            raise ValueError(f"counts of {self.counts.undefined.shape[:-1]} frames for {n} ids")
+
+    @property
+    def matrices(self) -> Counts:
+        """The frames' confusion matrices, int64 (F, 12, 12)."""
+        return self.counts.confusion
+
+    @property
+    def confusion(self) -> Counts:
+        """All frames' pixels in one matrix, int64 (12, 12)."""
+        return self.total.confusion
+
+    @cached_property
+    def total(self) -> FrameCounts:
+        """Counts of the whole set."""
+        return self.counts.total()
+
+    @cached_property
+    def scores(self) -> dict[str, Scores]:
+        """Scores of the whole set by name, see `scores_of`."""
+        return scores_of(self.total)
+
+    @cached_property
+    def by_cluster(self) -> Counts:
+        """Counts of what is drawn as one, side by side (C, K): of a subject, or of a lone subject's frame."""
+        return intervals.cluster_sums(self.counts.flat, intervals.clusters_of(self.subjects))
+
+    @cached_property
+    def behind(self) -> dict[str, NDArray[np.int64]]:
+        """How many clusters each score rests on (...): those that show the part, or all."""
+        behind: dict[str, NDArray[np.int64]] = {}
+        for rows in blocks(len(self.by_cluster)):
+            for name, score in scores_of(FrameCounts(self.by_cluster[rows])).items():
+                behind[name] = behind.get(name, np.int64(0)) + (~np.isnan(score)).sum(0)
+        return behind
+
+    @cached_property
+    def resampled(self) -> dict[str, Scores]:
+        """Scores of each bootstrap resample (R, ...)."""
+        return scores_of(FrameCounts(intervals.resampled_sums(self.by_cluster)))
+
+    @cached_property
+    def ci95(self) -> dict[str, NDArray[np.float64]]:
+        """95 % interval of each score, (2, ...): lower and upper; NaN where one subject alone has a say."""
+        return {
+            name: intervals.interval(self.scores[name], values, self.behind[name])
+            for name, values in self.resampled.items()
+        }
+
+    @property
+    def ci_note(self) -> str:
+        """Why the intervals cannot be relied on; "" where they can."""
+        return intervals.note_on(self.subjects, UNKNOWN_SUBJECT)
+
+    @cached_property
+    def frame_miou(self) -> Scores:
+        """Mean IoU of each frame (F,); NaN where neither map shows a person."""
+        return confusion.by_frame(confusion.miou, self.matrices)
+
+    @property
+    def undefined_shares(self) -> dict[str, float]:
+        """Shares of all pixels undefined in the truth (ignored), and in the prediction only."""
+        ignored, unnamed, pixels = self.total.undefined
+        shares = confusion.ratio(np.array([ignored, unnamed]), np.array([pixels, pixels]))
+        return {"truth": float(shares[0]), "predicted": float(shares[1])}
+
+    @property
+    def hashes(self) -> dict[str, str]:
+        """SHA-256 over all frames' digests of depth, truth and prediction."""
+        return {
+            name: hashlib.sha256(
+                "".join(getattr(digests, name) for digests in self.digests).encode()
+            ).hexdigest()
+            for name in ("depth", "truth", "predicted")
+        }
+
+    @property
+    def n_subjects(self) -> int:
+        """How many different people are seen."""
+        return len(set(self.subjects))
+
+    @property
+    def has_confidence(self) -> bool:
+        """Whether the prediction came with confidence, which calibration needs."""
+        return bool(self.total.reliability.any())
+
+    def only(self, frames: NDArray[np.bool_] | NDArray[np.int64]) -> Self:
+        """The same comparison over some of its frames: a mask (F,), or indices in the order wanted.
+
+        Raises CloudError where none is left.
+        """
+        everything = np.arange(len(self.frame_ids))
+        index = everything[frames]
+        if np.array_equal(index, everything):
+            return self
+
+        def picked(values: tuple[Any, ...]) -> tuple[Any, ...]:
+            return tuple(values[i] for i in index)
+
+        return replace(
+            self,
+            frame_ids=picked(self.frame_ids),
+            subjects=picked(self.subjects),
+            traits=picked(self.traits),
+            digests=picked(self.digests),
+            counts=self.counts.taken(index),
+            joints_mm=None if self.joints_mm is None else self.joints_mm[index],
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """The summary that `diff` prints; null stands for a part that no frame shows."""
+        return {"frames": len(self.frame_ids), **{name: named(name, self.scores[name]) for name in SUMMARY}}
+
+    def to_evaluation_json(self) -> dict[str, Any]:
+        """What `evaluate` prints: all scores with intervals, the confusion, and what was left out."""
+        return {
+            "frames": len(self.frame_ids),
+            "subjects": self.n_subjects,
+            **{name: named(name, score) for name, score in self.scores.items()},
+            "ci95": {name: named(name, ends) for name, ends in self.ci95.items()},
+            "ci_note": self.ci_note,
+            "confusion": self.confusion.tolist(),
+            "parts": [part.name for part in PARTS],
+            "pixels": {part.name: int(self.confusion[part.id].sum()) for part in PARTS},
+            "frames_showing": {part.name: int(self.matrices[:, part.id].any(-1).sum()) for part in PARTS},
+            "background": {name: plain(self.scores[name][BACKGROUND]) for name in PART_SCORES[:-1]},
+            "absent_parts": [p.name for p in BODY_PARTS if np.isnan(self.scores["iou"][p.id])],
+            "mious": {name: plain(v) for name, v in asdict(confusion.mean_ious(self.matrices)).items()},
+            "error_kinds": {
+                name: int(pixels) for name, pixels in vars(confusion.error_kinds(self.confusion)).items()
+            },
+            "flipped_frames": int(confusion.by_frame(confusion.flip_helps, self.matrices).sum()),
+            "undefined": {name: plain(share) for name, share in self.undefined_shares.items()},
+            "joints": None if self.joints_mm is None else summary(self.joints_mm),
+            "extra_frames": self.extra_frames,
+        }
+
+
+def compare_sets(
+    predicted: Frames,
+    truth: Frames,
+    advance: Callable[[int], None] = lambda _: None,
+    workers: int | None = None,
+) -> Comparison:
+    """Compare every frame of the truth with the prediction of the same id, on all cores where it pays.
+
+    Predicted frames without a truth are common (few of a session's frames are corrected); they are left
+    out and counted. advance: told how many more frames are done. Raises CloudError naming a frame that
+    the prediction lacks or shows otherwise than the truth, or FormatError for a corrupt one.
+    """
+    pairs, extra = pair_up(predicted, truth)
+    counted = count_pairs(predicted, truth, pairs, advance, workers)
+    joints_mm = joint_errors_mm(counted.joints, counted.subjects) if counted.joints["known"].any() else None
+    return Comparison(
+        frame_ids=tuple(counted.frame_ids),
+        subjects=tuple(writable(subject) or UNKNOWN_SUBJECT for subject in counted.subjects),
+        traits=tuple(counted.traits),
+        digests=tuple(counted.digests),
+        counts=FrameCounts(counted.counts),
+        joints_mm=joints_mm,
+        extra_frames=extra,
+    )

@@ -1,0 +1,140 @@
+"""One result against another: the difference of their scores, and how certain it is."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.compare.compare import Comparison
+from eval.compare.results import Result
+from eval.scores import intervals
+from eval.scores.confusion import Scores
+from eval.scores.counts import FrameCounts
+from eval.scores.scores import scores_of
+from eval.scores.summary import named, plain
+
+TESTED = ("mean_recall", "miou")
+MIN_SUBJECTS = 6
+"""With fewer, no outcome whatever of a two-sided Wilcoxon test is below 5 %."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Scores of A minus those of B, by name as `scores_of` has them.
+
+    paired: whether both were measured on the same frames; then only these are compared. frames, subjects:
+    of A and of B. ci95: (2, ...), 95 % intervals by Student's t over subjects. wilcoxon_p: two-sided, on the
+    subjects' own mean recall and mIoU; None unpaired, or with too few subjects. note: what to know before
+    trusting it.
+    """
+
+    a: str
+    b: str
+    paired: bool
+    frames: tuple[int, int]
+    subjects: tuple[int, int]
+    values: dict[str, Scores]
+    ci95: dict[str, NDArray[np.float64]]
+    wilcoxon_p: dict[str, float | None]
+    note: str
+
+    def to_json(self) -> dict[str, Any]:
+        """What `compare` prints; null stands for a score that one of the two lacks."""
+        return {
+            "a": self.a,
+            "b": self.b,
+            "paired": self.paired,
+            "frames": list(self.frames),
+            "subjects": list(self.subjects),
+            "difference": {name: named(name, value) for name, value in self.values.items()},
+            "ci95": {name: named(name, ends) for name, ends in self.ci95.items()},
+            "wilcoxon_p": {name: None if p is None else plain(p) for name, p in self.wilcoxon_p.items()},
+            "note": self.note,
+        }
+
+
+def difference(a: Result, b: Result) -> Difference:
+    """A minus B: over the frames that both were measured on, or of all frames where there are none.
+
+    Frames are the same where id and depth are. Two networks on one test set share their frames, and so
+    does one network measured against automatic and against corrected labels; real and synthetic do not.
+    """
+    at_b = {key: i for i, key in enumerate(_keys(b.comparison))}
+    shared = [(i, at_b[key]) for i, key in enumerate(_keys(a.comparison)) if key in at_b]
+    if not shared:
+        return _unpaired(a, b)
+    of_a, of_b = (np.array(index, np.int64) for index in zip(*shared, strict=True))
+    return _paired(a, b, a.comparison.only(of_a), b.comparison.only(of_b))
+
+
+def _keys(comparison: Comparison) -> list[tuple[str, str]]:
+    depths = [digests.depth for digests in comparison.digests]
+    return list(zip(comparison.frame_ids, depths, strict=True))
+
+
+def _paired(a: Result, b: Result, ours: Comparison, theirs: Comparison) -> Difference:
+    """Both over the same frames: each resample draws the same subjects for both."""
+    theirs = replace(theirs, subjects=ours.subjects)
+    values, ci95 = {}, {}
+    for name, score in ours.scores.items():
+        values[name] = score - theirs.scores[name]
+        n = np.minimum(ours.behind[name], theirs.behind[name])
+        apart = ours.resampled[name] - theirs.resampled[name]
+        ci95[name] = intervals.paired_interval(values[name], apart, n)
+    count = len(ours.frame_ids)
+    left_out = len(a.comparison.frame_ids) - count, len(b.comparison.frame_ids) - count
+    notes = [ours.ci_note]
+    other = sum(x.truth != y.truth for x, y in zip(ours.digests, theirs.digests, strict=True))
+    if other:
+        notes.append(f"{other} of {count} frames have another truth in B than in A")
+    if any(left_out):
+        notes.append(f"{left_out[0]} frames of A and {left_out[1]} of B are not shared: left out")
+    return Difference(
+        a=a.title,
+        b=b.title,
+        paired=True,
+        frames=(count, count),
+        subjects=(ours.n_subjects, ours.n_subjects),
+        values=values,
+        ci95=ci95,
+        wilcoxon_p={name: _wilcoxon_p(ours, theirs, name) for name in TESTED},
+        note="; ".join(note for note in notes if note),
+    )
+
+
+def _unpaired(a: Result, b: Result) -> Difference:
+    """Each over all of its own frames."""
+    ours, theirs = a.comparison, b.comparison
+    values, ci95 = {}, {}
+    for name, score in ours.scores.items():
+        values[name] = score - theirs.scores[name]
+        resampled = ours.resampled[name], theirs.resampled[name]
+        n = ours.behind[name], theirs.behind[name]
+        ci95[name] = intervals.unpaired_interval(values[name], resampled, n)
+    notes = ["no frame in common (id and depth): the two are compared as different samples"]
+    notes += [
+        f"{title}: {note}" for title, note in ((a.title, ours.ci_note), (b.title, theirs.ci_note)) if note
+    ]
+    return Difference(
+        a=a.title,
+        b=b.title,
+        paired=False,
+        frames=(len(ours.frame_ids), len(theirs.frame_ids)),
+        subjects=(ours.n_subjects, theirs.n_subjects),
+        values=values,
+        ci95=ci95,
+        wilcoxon_p=dict.fromkeys(TESTED),
+        note="; ".join(notes),
+    )
+
+
+def _wilcoxon_p(ours: Comparison, theirs: Comparison, name: str) -> float | None:
+    from scipy.stats import wilcoxon
+
+    if ours.n_subjects < MIN_SUBJECTS:
+        return None
+    means = [scores_of(FrameCounts(c.by_cluster))[name] for c in (ours, theirs)]
+    gaps = means[0] - means[1]
+    gaps = gaps[~np.isnan(gaps) & (gaps != 0)]
+    return float(wilcoxon(gaps).pvalue) if gaps.size else 1.0

@@ -1,0 +1,76 @@
+"""Networks by their configuration: what there is, and how one is built, described and read back."""
+
+import re
+from dataclasses import asdict
+from typing import Any
+
+from torch import nn
+
+from eval.network.compact import CompactConfig, CompactUNet
+from eval.network.paper_fcn import PaperConfig, PaperFcn
+from eval.network.smp_network import SmpConfig, SmpUnet
+from sensors.errors import CloudError, FormatError
+
+NetworkConfig = CompactConfig | PaperConfig | SmpConfig
+
+
+def build(config: NetworkConfig) -> nn.Module:
+    """The untrained network: (B, 1, h, w) depth in [0, 1] -> (B, 12, h, w) class scores."""
+    match config:
+        case CompactConfig():
+            return CompactUNet(config)
+        case PaperConfig():
+            return PaperFcn(config)
+        case SmpConfig():
+            return SmpUnet(config)
+
+
+def described(config: NetworkConfig) -> dict[str, Any]:
+    """A configuration as JSON values, with its kind."""
+    match config:
+        case CompactConfig():
+            return {"kind": "compact", "widths": list(config.widths)}
+        case PaperConfig():
+            return {"kind": "paper", **asdict(config)}
+        case SmpConfig():
+            return {"kind": "smp", "encoder": config.encoder, "decoder": list(config.decoder)}
+
+
+def config_from(description: dict[str, Any]) -> NetworkConfig:
+    """Inverse of `described`. Raises FormatError when it describes no network."""
+    try:
+        match description:
+            case {"kind": "compact", "widths": widths, **rest} if not rest:
+                return CompactConfig(_widths(widths))
+            case {"kind": "paper", "base": base, "dense": dense, **rest} if not rest:
+                return PaperConfig(_width(base), _width(dense))
+            case {"kind": "smp", "encoder": str(encoder), "decoder": decoder, **rest} if not rest:
+                return SmpConfig(_encoder(encoder), _widths(decoder))
+    except (TypeError, ValueError, CloudError) as error:
+        raise FormatError(f"the network's description is malformed ({error}); train it again") from error
+    raise FormatError(f"{str(description)[:200]!r} describes no network; use weights that 'train' wrote")
+
+
+MAX_WIDTH = 8192
+"""No layer is wider: what a hostile file asks for must fit into memory."""
+MAX_DEPTH = 16
+"""Stages of a network; 212 pixels can be halved eight times."""
+
+
+def _width(value: Any) -> int:  # noqa: ANN401 - it comes from a file
+    if type(value) is not int or not 1 <= value <= MAX_WIDTH:
+        raise ValueError(f"{value!r} channels; use 1 to {MAX_WIDTH}")
+    return value
+
+
+def _widths(values: Any) -> tuple[int, ...]:  # noqa: ANN401 - it comes from a file
+    if not isinstance(values, list) or not 1 <= len(values) <= MAX_DEPTH:
+        raise ValueError(f"{str(values)[:60]!r} as stages; give a list of 1 to {MAX_DEPTH} widths")
+    return tuple(map(_width, values))
+
+
+def _encoder(name: str) -> str:
+    """An encoder of the library's own: ``tu-hf_hub:`` and the like would fetch one from the network."""
+    if not re.fullmatch("[A-Za-z0-9_-]{1,100}", name):
+        raise ValueError(f"encoder {name[:60]!r}; give a name of letters, digits, - and _")
+    return name

@@ -1,0 +1,193 @@
+"""An exported network (ONNX): opened without trusting the file, and asked for the parts of a person."""
+
+import hashlib
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.crop import SIZE, Crop, network_crop, normalize
+from annotate.labelset.probabilities import Probabilities
+from annotate.parts import BACKGROUND, N_CLASSES
+from annotate.segmentation.segment import Segmentation
+from eval.network.bounded_run import memory_bounded, time_bounded
+from eval.network.onnx_operators import check_operators
+from sensors.errors import CloudError, FormatError
+from sensors.files.bounded import read_bounded
+
+SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
+MAX_WEIGHT_BYTES = 1_000_000_000
+TRIAL_BYTES = 2_000_000_000
+"""Memory for opening a file and its first runs, beside four times its size: the paper's network at its
+published widths takes 0.9 GB beside its weights."""
+TRIAL_SECONDS = 120.0
+SURE = 2.0
+"""How many times as likely as the likeliest part background must be to leave the person: training weighs it
+as the rarest part, and what leaves gets no part at all."""
+LEAST_BODY = 0.2
+"""Share of an extraction that is a person at least: in the virtual rig's hardest frames it was half."""
+_NOWHERE = "/dev/null/no-external-data"
+"""Where ONNX Runtime is told to look for tensors outside the file: the file's hash would not cover them, and
+their paths are its author's choice."""
+
+Image = tuple[NDArray[np.uint16], NDArray[np.bool_]]
+"""Depth in millimetres (h, w) and the person's pixels (h, w)."""
+
+
+class Network:
+    """An exported network, run by ONNX Runtime on the CPU. Loading executes no code from the file.
+
+    sha256: hash of the file. Raises FormatError when the file is no network of this kind:
+    (B, 1, 212, 212) -> (B, 12, 212, 212), all within the file.
+    """
+
+    def __init__(self, path: Path = SHIPPED_WEIGHTS) -> None:
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise CloudError(
+                f"{error.name} is not installed; pip install 'annotate-cloud[network]'"
+            ) from error
+        data = read_bounded(path, MAX_WEIGHT_BYTES, "give an exported network (.onnx)")
+        if not data:
+            raise FormatError(f"weights {path} are empty; give an exported network (.onnx)")
+        try:
+            check_operators(data)
+            with memory_bounded(TRIAL_BYTES + 4 * len(data)):
+                self._open(onnxruntime, data, ["ConstantFolding"])
+                # What this run computes, folding would compute while opening, and cannot be stopped.
+                with time_bounded(TRIAL_SECONDS) as limits:
+                    self._run(_trial(1), limits)
+                self._open(onnxruntime, data)
+                # A trial run: what a file declares of its inputs and outputs need not be true.
+                with time_bounded(TRIAL_SECONDS) as limits:
+                    trials = [self._run(_trial(n), limits) for n in (1, 2)]
+        except Exception as error:  # ONNX Runtime's own errors share no public base
+            raise FormatError(
+                f"weights {path} are no network for (B, 1, {SIZE}, {SIZE}) ({_why(error)}); export it again"
+            ) from error
+        shapes = [trial.shape for trial in trials]
+        if shapes != [(n, N_CLASSES, SIZE, SIZE) for n in (1, 2)]:
+            raise FormatError(
+                f"weights {path} give {shapes[0]}; give a network of {N_CLASSES} classes at {SIZE}x{SIZE}"
+            )
+        if not all((trial >= 0).all() and np.abs(trial.sum(axis=1) - 1).max() < 1e-3 for trial in trials):
+            raise FormatError(f"weights {path} give no probabilities; export the network with its softmax")
+        self.sha256 = hashlib.sha256(data).hexdigest()
+
+    def _open(self, onnxruntime: Any, data: bytes, without: Sequence[str] = ()) -> None:  # noqa: ANN401
+        """Have ONNX Runtime open the file's bytes, without the optimizers named."""
+        options = onnxruntime.SessionOptions()
+        options.add_session_config_entry("session.model_external_initializers_file_folder_path", _NOWHERE)
+        options.add_session_config_entry("session.load_model_format", "ONNX")  # it reads others unchecked
+        options.log_severity_level = 4  # what is wrong is said in one line
+        self._session: Any = None  # one opened before gives its memory back first
+        self._session = onnxruntime.InferenceSession(
+            data,
+            options,
+            providers=["CPUExecutionProvider"],
+            enable_fallback=0,  # or it prints, and tries again
+            disabled_optimizers=list(without),
+        )
+        self._input = self._session.get_inputs()[0].name
+
+    def probabilities(self, crops: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Normalised crops (B, 212, 212) -> class probabilities (B, 12, 212, 212)."""
+        return self._run(crops)
+
+    def _run(self, crops: NDArray[np.float32], options: Any = None) -> NDArray[np.float32]:  # noqa: ANN401
+        return np.asarray(self._session.run(None, {self._input: crops[:, None]}, options)[0], np.float32)
+
+    def segment(
+        self, depth_mm: NDArray[np.uint16], person: NDArray[np.bool_], *, probabilities: bool = False
+    ) -> Segmentation:
+        """Label the person of a depth image; both (h, w), see ``segment_all``."""
+        return self.segment_all([(depth_mm, person)], probabilities=probabilities)[0]
+
+    def segment_all(self, images: Sequence[Image], *, probabilities: bool = False) -> list[Segmentation]:
+        """Label the persons of depth images of any sizes: every pixel of them with depth gets a body part.
+
+        An image of 212 x 212 is a crop already, as in training. probabilities: keep those of all classes.
+        The answer for an image does not depend on those beside it, to the bit.
+        """
+        masks = [person & (depth_mm > 0) for depth_mm, person in images]
+        there = [i for i, mask in enumerate(masks) if mask.any()]
+        results = [_nobody(mask.shape) for mask in masks]
+        if there:
+            crops, depths = zip(*(_input(images[i][0], masks[i]) for i in there), strict=True)
+            planes = self.probabilities(np.stack(depths))
+            for i, crop, depth, answer in zip(there, crops, depths, planes, strict=True):
+                given = Probabilities(crop, answer) if probabilities else None
+                results[i] = _over(masks[i], crop, depth > 0, answer, given)
+        return results
+
+    def without_things(self, depth_mm: NDArray[np.uint16], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """A person's pixels (h, w) but those that the network calls background: blankets, laptops, furniture.
+
+        For extractions that may have taken such along. All of them where less than ``LEAST_BODY`` would be
+        left: then it is the network that is lost.
+        """
+        mask = person & (depth_mm > 0)
+        if not mask.any():
+            return person
+        crop, depth = _input(depth_mm, mask)
+        planes = self.probabilities(depth[None])[0]
+        body = planes[BACKGROUND] <= SURE * planes[1:].max(axis=0)
+        left = mask & crop.paste(body.ravel()[_nearest(depth > 0)], mask.shape, False)
+        return left if np.count_nonzero(left) >= LEAST_BODY * np.count_nonzero(mask) else person
+
+
+def _input(depth_mm: NDArray[np.uint16], mask: NDArray[np.bool_]) -> tuple[Crop, NDArray[np.float32]]:
+    """The square around a person's pixels (h, w), and what the network is shown of it."""
+    crop = network_crop(mask)
+    return crop, normalize(crop.cut(depth_mm, 0), crop.cut(mask, False))
+
+
+def _trial(n: int) -> NDArray[np.float32]:
+    return np.full((n, SIZE, SIZE), 0.5, np.float32)
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, FormatError):
+        return str(error)
+    return "it keeps tensors in other files" if "xternal" in str(error) else type(error).__name__
+
+
+def _nobody(shape: tuple[int, ...]) -> Segmentation:
+    nothing = np.full(shape, BACKGROUND, np.uint8)
+    return Segmentation(nothing, np.zeros(shape, np.float32), ("no person: nothing to label",))
+
+
+def _over(
+    mask: NDArray[np.bool_],
+    crop: Crop,
+    seen: NDArray[np.bool_],
+    planes: NDArray[np.float32],
+    given: Probabilities | None,
+) -> Segmentation:
+    """A crop's answer (12, 212, 212) laid over the image; seen: where the crop shows the person."""
+    # The extraction has decided what is person: background is no answer there.
+    body = planes[1:]
+    best, certain = (body.argmax(axis=0) + 1).astype(np.uint8), body.max(axis=0)
+    # A smaller crop drops pixels: on a rim the one that stands for a pixel of the person may show the room.
+    nearest = _nearest(seen)
+    best = crop.paste(best.ravel()[nearest], mask.shape, BACKGROUND)
+    certain = crop.paste(certain.ravel()[nearest], mask.shape, 0.0)
+    best[~mask], certain[~mask] = BACKGROUND, 0.0
+    return Segmentation(best, certain, probabilities=given)
+
+
+def _nearest(seen: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Flat index (h, w) of the ``seen`` pixel nearest to each; its own where none is seen at all."""
+    if not seen.any():
+        return np.arange(seen.size).reshape(seen.shape)
+    _, label = cv2.distanceTransformWithLabels(
+        (~seen).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    index = np.zeros(int(label.max()) + 1, np.intp)
+    index[label[seen]] = np.flatnonzero(seen)
+    return np.asarray(index[label])

@@ -1,0 +1,1 @@
+"""Numbers that one set of labels earns against another."""

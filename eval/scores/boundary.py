@@ -1,0 +1,146 @@
+"""How well the borders between parts are met, and how errors fall off away from them.
+
+A border pixel is a person pixel with a 4-neighbour of another label, be it another part or
+background; the picture's edge and undefined pixels make no border. Both borders are looked at
+only where the truth is defined.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED, on_body
+from eval.scores.confusion import Counts, Labels, Scores, ratio
+from sensors.rig.nearest import Nearest
+
+TOLERANCES_PX = (1.0, 2.0, 3.0, 5.0)
+TOLERANCES_MM = (5.0, 10.0, 20.0, 40.0)
+"""How far apart two borders may lie and still be one, in pixels of the depth image and on the person.
+
+A convention: look at the one that two corrections of the same frames reach, since a border cannot
+be met better than people agree on it (Metrics Reloaded, Nature Methods 2024).
+"""
+
+WIDTHS_PX = (2.0, 4.0, 8.0)
+WIDTHS_MM = (10.0, 20.0, 40.0)
+"""Widths of the bands along a part's outline that boundary IoU compares."""
+
+DISTANCE_EDGES_PX = (1.0, 2.0, 3.0, 5.0, 9.0, 17.0)
+"""Upper edges, exclusive, of the distance bins; one more bin takes what is farther."""
+
+N_DISTANCES = len(DISTANCE_EDGES_PX) + 1
+
+_PART_APART = np.array([1.0, 1.0, 1e6])
+
+Distances = NDArray[np.float32]
+
+
+def border_parts(labels: Labels) -> Labels:
+    """Part ids on the border pixels, 0 elsewhere: (h, w) -> (h, w)."""
+    border = np.zeros(labels.shape, np.bool_)
+    for here, there in (
+        (np.s_[1:], np.s_[:-1]),
+        (np.s_[:, 1:], np.s_[:, :-1]),
+    ):
+        a, b = labels[here], labels[there]
+        differ = (a != b) & (a != UNDEFINED) & (b != UNDEFINED)
+        border[here] |= differ
+        border[there] |= differ
+    return np.where(border & (labels != UNDEFINED), labels, np.uint8(BACKGROUND))
+
+
+def distance_to(border: Labels) -> Distances:
+    """Distance of every pixel (h, w) to the nearest border pixel, Euclidean, pixels; inf without one."""
+    free = (border == BACKGROUND).astype(np.uint8)
+    if free.all():
+        return np.full(border.shape, np.inf, np.float32)
+    return np.asarray(cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
+
+
+def boundary_counts(of_truth: Labels, of_prediction: Labels, tolerances_px: Sequence[float]) -> Counts:
+    """Matched and all border pixels of the prediction, matched and all of the truth: int64 (T, 4).
+
+    A border pixel (of `border_parts`) is matched by one of the same part within the tolerance
+    (Euclidean) in the other map. Counts of frames add up; `boundary_f` turns them into the score.
+    """
+    drawn, true = _points(of_prediction), _points(of_truth)
+    met = of_truth == of_prediction
+    reach = max(tolerances_px)
+    apart = _apart(drawn, true, met, reach), _apart(true, drawn, met, reach)
+    within = [[np.count_nonzero(a <= tolerance) for a in apart] for tolerance in tolerances_px]
+    return np.array([[near, len(drawn), found, len(true)] for near, found in within], np.int64)
+
+
+def _points(border: Labels) -> NDArray[np.int64]:
+    """Row, column and part of the border pixels (n, 3)."""
+    rows, columns = np.nonzero(border)
+    return np.stack([rows, columns, border[rows, columns]], axis=-1).astype(np.int64)
+
+
+def _apart(
+    points: NDArray[np.int64], others: NDArray[np.int64], met: NDArray[np.bool_], reach: float
+) -> NDArray[np.float64]:
+    """Distance to the nearest of the others of the same part, exact within the reach; met: where it is 0."""
+    apart = np.where(met[points[:, 0], points[:, 1]], 0.0, np.inf)
+    open_ = apart > 0
+    if open_.any() and len(others):
+        # The part is a third coordinate that sets parts further apart than any picture is wide.
+        tree = Nearest(others * _PART_APART)
+        apart[open_] = tree.query(points[open_] * _PART_APART, within=reach + 1)[0]
+    return apart
+
+
+def boundary_f(counts: Counts) -> Scores:
+    """Harmonic mean of border precision and recall: (..., 4) -> (...); NaN without any border.
+
+    Source: Csurka et al., What is a good evaluation measure for semantic segmentation?, BMVC 2013.
+    """
+    near, drawn, met, true = np.moveaxis(np.asarray(counts, np.float64), -1, 0)
+    precise, recalled = near / np.maximum(drawn, 1), met / np.maximum(true, 1)
+    score = 2 * precise * recalled / np.maximum(precise + recalled, np.finfo(np.float64).tiny)
+    return np.where(drawn + true > 0, score, np.nan)
+
+
+def band_counts(
+    truth: Labels, predicted: Labels, away: tuple[Distances, Distances], widths_px: Sequence[float]
+) -> Counts:
+    """Intersection and union of the bands along each part's outline: int64 (W, 12, 2).
+
+    A part's band holds its pixels closer than the width to a border of their own map. away: the
+    distances to the borders of truth and prediction, (h, w). Their ratio is the boundary IoU
+    (Cheng et al., Boundary IoU, CVPR 2021), here with Euclidean bands and without the picture's edge.
+    """
+    seen = on_body(truth), on_body(predicted)
+    counts = np.zeros((len(widths_px), N_CLASSES, 2), np.int64)
+    for i, width in enumerate(widths_px):
+        in_truth, in_prediction = seen[0] & (away[0] < width), seen[1] & (away[1] < width)
+        both = truth[in_truth & in_prediction & (truth == predicted)]
+        hit, true, drawn = (
+            np.bincount(parts, minlength=N_CLASSES)
+            for parts in (both, truth[in_truth], predicted[in_prediction])
+        )
+        counts[i] = np.stack([hit, true + drawn - hit], axis=-1)
+    return counts
+
+
+def errors_by_distance(truth: Labels, predicted: Labels, away: Distances) -> Counts:
+    """Wrong and all person pixels of the truth by part and distance to a border: int64 (12, 7, 2).
+
+    away: distance to the borders of the truth, 0 on the border itself; bins end at `DISTANCE_EDGES_PX`.
+    """
+    person = on_body(truth)
+    bins = np.searchsorted(np.array(DISTANCE_EDGES_PX), away[person], side="right")
+    where = truth[person].astype(np.int64) * N_DISTANCES + bins
+    wrong = (truth != predicted)[person]
+    size = N_CLASSES * N_DISTANCES
+    counts = np.stack(
+        [np.bincount(where[wrong], minlength=size), np.bincount(where, minlength=size)], axis=-1
+    )
+    return counts.reshape(N_CLASSES, N_DISTANCES, 2).astype(np.int64)
+
+
+def error_rate(counts: Counts) -> Scores:
+    """Share of wrong pixels: wrong and all (..., 2) -> (...), NaN where there are none."""
+    return ratio(counts[..., 0], counts[..., 1])

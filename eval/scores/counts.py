@@ -1,0 +1,153 @@
+"""What is counted of one frame against its truth; every score of any set of frames is derived from it."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.crop import window_of
+from annotate.frame_labels import FrameLabels
+from annotate.parts import N_CLASSES, UNDEFINED, on_body
+from eval.scores import boundary, confusion, reliability
+from eval.scores.big_arrays import blocks, room
+from eval.scores.boundary import N_DISTANCES, TOLERANCES_MM, TOLERANCES_PX, WIDTHS_MM, WIDTHS_PX
+from eval.scores.confusion import Counts, Labels
+
+NEAR_PX = 3.0
+"""A pixel closer than this to a border of the truth is near it: half a limb's width at 4 m is farther."""
+
+SHAPES = {
+    "confusion": (N_CLASSES, N_CLASSES),
+    "near": (N_CLASSES, N_CLASSES),
+    "borders_px": (len(TOLERANCES_PX), 4),
+    "borders_mm": (len(TOLERANCES_MM), 4),
+    "bands_px": (len(WIDTHS_PX), N_CLASSES, 2),
+    "bands_mm": (len(WIDTHS_MM), N_CLASSES, 2),
+    "by_distance": (N_CLASSES, N_DISTANCES, 2),
+    "reliability": (2, reliability.N_BINS, 3),
+    "label_quality": (N_CLASSES, 2),
+    "undefined": (3,),
+}
+"""Shape of each array for one frame."""
+
+
+WIDTH = sum(math.prod(shape) for shape in SHAPES.values())
+"""Numbers counted of one frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameCounts:
+    """Counts with any leading axes: none for a frame or a sum, (F,) for frames, (R,) for resamples.
+
+    flat: int32 of frames, int64 of sums, (..., WIDTH): all counts side by side, what a bootstrap sums. The
+    others are views of it by SHAPES. confusion (..., 12, 12): rows truth. near: the same, of the pixels
+    closer than `NEAR_PX` to a border of the truth. borders_px, borders_mm (..., 4, 4): by tolerance, see
+    `boundary_counts`. bands_px, bands_mm (..., 3, 12, 2): by width and part, see `band_counts`. by_distance
+    (..., 12, 7, 2), see `errors_by_distance`. reliability (..., 2, 15, 3), label_quality (..., 12, 2): see
+    `reliability`; 0 without confidence. undefined (..., 3): see `undefined_pixels`. What is counted in
+    millimetres is 0 where the scale is unknown. Raises ValueError for another number of counts.
+    """
+
+    flat: NDArray[Any]
+    confusion: Counts = field(init=False, repr=False)
+    near: Counts = field(init=False, repr=False)
+    borders_px: Counts = field(init=False, repr=False)
+    borders_mm: Counts = field(init=False, repr=False)
+    bands_px: Counts = field(init=False, repr=False)
+    bands_mm: Counts = field(init=False, repr=False)
+    by_distance: Counts = field(init=False, repr=False)
+    reliability: Counts = field(init=False, repr=False)
+    label_quality: Counts = field(init=False, repr=False)
+    undefined: Counts = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.flat.shape[-1] != WIDTH:
+            raise ValueError(f"{self.flat.shape[-1]} counts of a frame instead of {WIDTH}")
+        start = 0
+        for name, shape in SHAPES.items():
+            end = start + math.prod(shape)
+            view = self.flat[..., start:end].reshape(*self.flat.shape[:-1], *shape)
+            object.__setattr__(self, name, view)
+            start = end
+
+    @classmethod
+    def of(cls, **counts: Counts) -> Self:
+        """From the arrays by name. Raises ValueError for arrays that do not fit together."""
+        leading = counts["undefined"].shape[:-1]
+        for name, shape in SHAPES.items():
+            if counts[name].shape != (*leading, *shape):
+                raise ValueError(f"{name} is {counts[name].shape} instead of {(*leading, *shape)}")
+        return cls(np.concatenate([counts[name].reshape(*leading, -1) for name in SHAPES], axis=-1))
+
+    @property
+    def by_name(self) -> dict[str, Counts]:
+        """The arrays by name."""
+        return {name: getattr(self, name) for name in SHAPES}
+
+    def __getitem__(self, index: slice | int) -> Self:
+        """The counts at an index of the leading axes."""
+        return type(self)(self.flat[index])
+
+    def taken(self, frames: NDArray[np.int64]) -> Self:
+        """The counts of some frames (F,), in this order."""
+        flat: NDArray[Any] = room((len(frames), WIDTH), self.flat.dtype)
+        for rows in blocks(len(frames)):
+            flat[rows] = self.flat[frames[rows]]
+        return type(self)(flat)
+
+    def total(self, frames: NDArray[np.bool_] | None = None) -> Self:
+        """The sum over the first axis, or over some of it: a mask (F,)."""
+        total = np.zeros(self.flat.shape[1:], np.int64)
+        for rows in blocks(len(self.flat)):
+            block = self.flat[rows] if frames is None else self.flat[rows][frames[rows]]
+            total += block.sum(axis=0)
+        return type(self)(total)
+
+
+def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> FrameCounts:
+    """Count one frame. mm_per_px: what a pixel spans at the person's distance; NaN where unknown.
+
+    Raises ValueError for label maps of different shapes.
+    """
+    box = _box(truth.parts, predicted.parts)
+    target, guess = truth.parts[box], confusion.named(predicted.parts[box])
+    masked = np.where(target == UNDEFINED, target, guess)
+    borders = boundary.border_parts(target), boundary.border_parts(masked)
+    away = boundary.distance_to(borders[0]), boundary.distance_to(borders[1])
+    scaled = mm_per_px > 0
+    tolerances = (*TOLERANCES_PX, *(mm / mm_per_px for mm in TOLERANCES_MM if scaled))
+    widths = (*WIDTHS_PX, *(mm / mm_per_px for mm in WIDTHS_MM if scaled))
+    matched = boundary.boundary_counts(*borders, tolerances)
+    bands = boundary.band_counts(target, masked, away, widths)
+    near = away[0] < NEAR_PX
+    told = np.where(near, target, np.uint8(UNDEFINED))
+    confidence = None if predicted.confidence is None else predicted.confidence[box]
+    return FrameCounts.of(
+        confusion=confusion.confusion_matrix(truth.parts, predicted.parts),
+        near=confusion.confusion_matrix(told, guess),
+        borders_px=matched[: len(TOLERANCES_PX)],
+        borders_mm=matched[len(TOLERANCES_PX) :] if scaled else _zeros("borders_mm"),
+        bands_px=bands[: len(WIDTHS_PX)],
+        bands_mm=bands[len(WIDTHS_PX) :] if scaled else _zeros("bands_mm"),
+        by_distance=boundary.errors_by_distance(target, guess, away[0]),
+        reliability=_zeros("reliability")
+        if confidence is None
+        else reliability.reliability_counts(target, guess, confidence, near),
+        label_quality=_zeros("label_quality")
+        if confidence is None
+        else reliability.label_quality(target, guess, confidence),
+        undefined=confusion.undefined_pixels(truth.parts, predicted.parts),
+    )
+
+
+def _zeros(name: str) -> Counts:
+    return np.zeros(SHAPES[name], np.int64)
+
+
+def _box(truth: Labels, predicted: Labels) -> tuple[slice, slice]:
+    """Where anybody sees a person, and a little more: all borders, and whatever is near one, lie in it."""
+    if truth.shape != predicted.shape:
+        raise ValueError(f"truth is {truth.shape} but the prediction is {predicted.shape}")
+    return window_of(on_body(truth) | on_body(predicted), int(NEAR_PX) + 1)

@@ -1,0 +1,149 @@
+"""Confidence intervals by a bootstrap over subjects.
+
+Frames of one person resemble each other, so whole subjects are drawn with replacement, each with all of
+its frames: drawing frames again inside a drawn subject would count their spread twice (Davison & Hinkley,
+Bootstrap Methods and their Application, 1997, section 3.8). With a single subject its frames are drawn,
+and the interval speaks of that person only.
+
+With few subjects a percentile interval is too narrow: it held the true mean in 86 % of the simulated sets
+of 8 subjects. So the resamples give the standard error, times sqrt(n / (n - 1)) for the n subjects it was
+estimated from; Student's t with n - 1 degrees of freedom gives the width (Hesterberg, What Teachers Should
+Know About the Bootstrap, American Statistician 69 (2015)); and the ends are computed on the logit scale,
+as surveys do for shares of clustered data, so that they stay in [0, 1] and lean the right way (Korn &
+Graubard, Survey Methodology 24 (1998); Dean & Pagano, J. Survey Statistics and Methodology 3 (2015)).
+`tools/measure_coverage.py` shows what that covers.
+"""
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.scores.big_arrays import blocks
+from eval.scores.confusion import Scores
+
+RESAMPLES = 2000
+AT_ONCE = 4_000_000
+"""Numbers drawn at a time, 32 MB: 40 resamples of 100,000 clusters, where all would take 1.6 GB."""
+SEED = 20170606
+LEVEL = 0.95
+FEW = 4
+"""Fewer subjects than this give an interval that rests on hardly anything."""
+
+Index: TypeAlias = NDArray[np.int64]
+
+
+def clusters_of(subjects: Sequence[str]) -> Index:
+    """Which cluster each frame is drawn with, int64 (F,): its subject, or itself where there is but one."""
+    owner = np.unique(np.array(subjects), return_inverse=True)[1].astype(np.int64)
+    return owner if owner.max(initial=0) > 0 else np.arange(len(subjects))
+
+
+def cluster_sums(counts: NDArray[np.int64], clusters: Index) -> NDArray[np.int64]:
+    """Sums of the frames' counts (F, K) by cluster: (C, K); the counts themselves where each is its own."""
+    if np.array_equal(clusters, np.arange(len(counts))):
+        return counts
+    sums = np.zeros((int(clusters.max()) + 1, counts.shape[1]), np.int64)
+    for rows in blocks(len(counts)):
+        np.add.at(sums, clusters[rows], counts[rows].astype(np.int64))
+    return sums
+
+
+def resampled_sums(
+    by_cluster: NDArray[np.int64], resamples: int = RESAMPLES, seed: int = SEED
+) -> NDArray[np.int64]:
+    """Sums over each resample of as many clusters as there are: (C, K) -> int64 (resamples, K)."""
+    n, rng = len(by_cluster), np.random.default_rng(seed)
+    sums = np.zeros((resamples, by_cluster.shape[1]), np.int64)
+    at_once = max(1, AT_ONCE // n)
+    for first in range(0, resamples, at_once):
+        some = sums[first : first + at_once]
+        drawn = rng.multinomial(n, np.full(n, 1 / n), size=len(some))
+        for rows in blocks(n):
+            # Products of float64 are fast and, below 2**53, exact.
+            product = drawn[:, rows].astype(np.float64) @ by_cluster[rows].astype(np.float64)
+            some += product.astype(np.int64)
+    return sums
+
+
+def standard_error(resampled: Scores, n: Index | int) -> Scores:
+    """Standard error of a score from its resamples (R, ...), estimated from n clusters (broadcast).
+
+    Resamples without a score are left out. NaN where fewer than two clusters have a say.
+    """
+    known = ~np.isnan(resampled)
+    count = known.sum(0)
+    centred = np.where(known, resampled, 0.0)
+    mean = centred.sum(0) / np.maximum(count, 1)
+    variance = (np.where(known, centred - mean, 0.0) ** 2).sum(0) / np.maximum(count, 1)
+    n = np.broadcast_to(n, variance.shape)
+    widened = np.sqrt(variance * n / np.maximum(n - 1, 1))
+    return np.where((n > 1) & (count > 0), widened, np.nan)
+
+
+def quantile(degrees: NDArray[np.float64] | Index | int, level: float = LEVEL) -> NDArray[np.float64]:
+    """Half width of a t interval in standard errors."""
+    from scipy.stats import t as student
+
+    return np.asarray(student.ppf((1 + level) / 2, np.maximum(degrees, 1)), np.float64)
+
+
+def interval(
+    estimate: Scores, resampled: Scores, n: Index | int, level: float = LEVEL
+) -> NDArray[np.float64]:
+    """Interval of shares: estimate (...), its resamples (R, ...), n clusters behind it -> (2, ...).
+
+    NaN where the estimate is NaN or rests on one cluster; the estimate itself where no resample differs.
+    """
+    from scipy.special import expit, logit
+
+    error = standard_error(resampled, n) * quantile(np.asarray(n) - 1, level)
+    value = np.asarray(estimate, np.float64)
+    spread = value * (1 - value)
+    certain = (spread <= 0) | (error == 0)
+    half = error / np.where(certain, 1.0, spread)
+    middle = logit(np.where(certain, 0.5, value))
+    ends = np.stack([expit(middle - half), expit(middle + half)])
+    return np.where(certain & ~np.isnan(error), value, ends)
+
+
+def paired_interval(
+    value: Scores, resampled: Scores, n: Index | int, level: float = LEVEL
+) -> NDArray[np.float64]:
+    """Interval of a difference on the same frames: (...), its resamples (R, ...), n clusters -> (2, ...)."""
+    half = standard_error(resampled, n) * quantile(np.asarray(n) - 1, level)
+    return np.clip(np.stack([value - half, value + half]), -1.0, 1.0)
+
+
+def unpaired_interval(
+    value: Scores,
+    resampled: tuple[Scores, Scores],
+    n: tuple[Index | int, Index | int],
+    level: float = LEVEL,
+) -> NDArray[np.float64]:
+    """Interval of a difference of two samples, each with its resamples (R, ...) and clusters -> (2, ...).
+
+    The errors add up, with Welch's degrees of freedom (Biometrika 34, 1947).
+    """
+    a, b = (standard_error(scores, k) ** 2 for scores, k in zip(resampled, n, strict=True))
+    spread = a**2 / np.maximum(np.asarray(n[0]) - 1, 1) + b**2 / np.maximum(np.asarray(n[1]) - 1, 1)
+    degrees = np.divide((a + b) ** 2, spread, out=np.ones_like(spread), where=spread > 0)
+    half = np.sqrt(a + b) * quantile(degrees, level)
+    return np.clip(np.stack([value - half, value + half]), -1.0, 1.0)
+
+
+def note_on(subjects: Sequence[str], unknown: str) -> str:
+    """What to say of an interval over these frames' subjects; "" where nothing is to be said."""
+    people = set(subjects)
+    if people == {unknown}:
+        return (
+            "subjects unknown: frames were drawn as if each showed somebody else; the interval is too narrow"
+        )
+    if len(people) == 1:
+        return "one subject: the interval speaks of this person's frames only, not of other people"
+    if len(people) < FEW:
+        return (
+            f"{len(people)} subjects: the interval is wide and rests on hardly anything; measure more people"
+        )
+    return ""

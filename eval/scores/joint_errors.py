@@ -1,0 +1,116 @@
+"""Joints found from labels against the truth's: errors frame by frame, PCK and MPJPE.
+
+The variant: of the fifteen joints of ``joints.JOINT_NAMES``, those whose true place lies inside the depth
+image are scored, hidden ones too. MPJPE is the mean distance over the scored joints that were found, without
+any alignment; PCK@d the share of all scored joints found within d, so that a joint not found is a miss. The
+"mAP@10 cm" of ITOP is in effect this PCK@10 cm.
+"""
+
+from collections.abc import Sequence
+from itertools import compress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.frame_labels import FrameLabels
+from eval.scores.frames import pinhole_of
+from eval.scores.joints import HINGES, IN_SKELETON, JOINT_NAMES, LIMBS, N_JOINTS, Float64, Measured, measure
+from eval.scores.skeleton_fit import fit_skeletons
+from sensors.errors import FormatError
+from sensors.rig.camera import Intrinsics, project
+from synth.body import skeleton
+
+WITHIN_MM = (50.0, 100.0, 150.0)
+"""Distances of the PCK."""
+MAX_MM = 100_000.0
+"""No joint is further from a camera than that."""
+
+
+OBSERVED = np.dtype(
+    [
+        ("known", np.bool_),
+        ("borders", np.float64, (len(HINGES), 3)),
+        ("middles", np.float64, (len(LIMBS), 3)),
+        ("direct", np.bool_, len(HINGES)),
+        ("truth_mm", np.float64, (N_JOINTS, 3)),
+        ("inside", np.bool_, N_JOINTS),
+    ]
+)
+"""A frame beside its true joints: whether these are known, what its labels show (``joints.Measured``), where
+they are in the depth camera's frame, and which of them inside the depth image."""
+
+Observed = NDArray[np.void]
+
+
+def observe(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> Observed:
+    """What a frame's predicted parts say of the joints, and where they truly are: one OBSERVED, ().
+
+    camera: undistorted, of the whole image (``camera_of``). Raises FormatError for malformed notes.
+    """
+    seen = np.zeros((), OBSERVED)
+    if "joints_mm" in truth.notes:
+        joints = _joints(truth)
+        pixels = project(camera, joints)
+        measured = measure(predicted.parts, predicted.depth_mm, pinhole_of(truth, camera))
+        seen["known"], seen["truth_mm"] = True, joints
+        seen["inside"] = np.all((pixels >= -0.5) & (pixels < np.array(camera.shape[::-1]) - 0.5), axis=-1)
+        for name, value in vars(measured).items():
+            seen[name] = value
+    return seen
+
+
+def measured_of(observed: Observed) -> Measured:
+    """What the labels of several frames (F,) show."""
+    return Measured(observed["borders"], observed["middles"], observed["direct"])
+
+
+def _joints(truth: FrameLabels) -> Float64:
+    try:
+        joints = np.array(truth.notes["joints_mm"], np.float64)
+    except (TypeError, ValueError):
+        joints = np.empty(0)
+    if joints.shape != (skeleton.N_JOINTS, 3) or not (np.abs(joints) <= MAX_MM).all():
+        raise FormatError(
+            f"frame {truth.frame_id}: its note 'joints_mm' is malformed; give {skeleton.N_JOINTS} joints "
+            "(x, y, z) in millimetres"
+        )
+    return np.asarray(joints[IN_SKELETON])
+
+
+def joint_errors_mm(observed: Observed, persons: Sequence[str]) -> Float64:
+    """Distances (F, 15) of the joints found from the true ones, millimetres. observed: (F,).
+
+    persons: who is seen in each frame. NaN where a joint is not scored: outside the image, or a frame without
+    true joints; infinite where it is scored but was not found.
+    """
+    errors = np.full((len(observed), N_JOINTS), np.nan)
+    scored = np.flatnonzero(observed["known"])
+    if len(scored) < len(observed):
+        persons = list(compress(persons, observed["known"]))
+        observed = observed[scored]
+    found = fit_skeletons(measured_of(observed), persons)
+    for i, seen, joints in zip(scored, observed, found, strict=True):
+        distance = np.linalg.norm(joints - seen["truth_mm"], axis=-1)
+        errors[i, seen["inside"]] = np.where(np.isnan(distance), np.inf, distance)[seen["inside"]]
+    return errors
+
+
+def summary(errors_mm: Float64) -> dict[str, Any]:
+    """Scores of joint errors (F, 15) as JSON has them; None where nothing was scored or found."""
+    return {
+        "frames": int((~np.isnan(errors_mm)).any(axis=1).sum()),
+        **_scores(errors_mm),
+        "by_joint": {name: _scores(errors_mm[:, i]) for i, name in enumerate(JOINT_NAMES)},
+    }
+
+
+def _scores(errors_mm: Float64) -> dict[str, Any]:
+    scored = errors_mm[~np.isnan(errors_mm)]
+    found = scored[np.isfinite(scored)]
+    return {
+        "scored": len(scored),
+        "found": len(found),
+        "mpjpe_mm": float(found.mean()) if len(found) else None,
+        **{f"pck_{d:.0f}mm": float((scored <= d).mean()) if len(scored) else None for d in WITHIN_MM},
+    }

@@ -1,0 +1,212 @@
+"""What part labels say of a person's joints: where parts border on each other, and where each one lies.
+
+A joint lies between two parts, so the middle of their border, pushed from the surface into the body, is a
+measurement of it; the middle of a limb's surface, pushed in likewise, lies a known share of the way from
+one of the limb's joints to the other. ``skeleton_fit`` makes a skeleton of these.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.crop import window_of
+from annotate.parts import N_CLASSES, PART_ID, on_body
+from sensors.rig.camera import Intrinsics
+from synth.body.skeleton import JOINT_ID
+
+Float64 = NDArray[np.float64]
+
+_SIDED = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+JOINT_NAMES = ("head", "neck", "pelvis", *(f"{side}_{kind}" for side in ("left", "right") for kind in _SIDED))
+"""What eleven parts can tell of `synth.body.skeleton`'s joints: not the spine's, nor the clavicles'."""
+N_JOINTS = len(JOINT_NAMES)
+JOINT = {name: i for i, name in enumerate(JOINT_NAMES)}
+IN_SKELETON = np.array([JOINT_ID[name] for name in JOINT_NAMES])
+"""Index of each among the skeleton's, as a label set's notes list them."""
+
+BANDWIDTH_MM = 65.0
+"""Of the mean shift that finds where most of a border's points lie (Shotton et al. 2011: 0.065 m)."""
+MAX_JUMP_MM = 60.0
+"""Neighbours further apart in depth hide each other and do not touch."""
+MIN_BORDER, MIN_PART = 6, 20
+"""Pixels with less than which a border or a part says nothing."""
+MAX_POINTS = 500
+"""Points of a part that are looked at, evenly chosen."""
+_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
+"""Neighbours (dv, du) compared: a line of pixels that nobody labelled may lie between."""
+_END = 0.05
+"""Share of a part that is its end."""
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """A joint between two parts. push_mm: how far it lies behind the border's surface, along the ray.
+
+    sigma_mm: standard deviation of what is left then, per axis. Both fitted by tools/fit_joints.py.
+    """
+
+    joint: str
+    parts: tuple[str, str]
+    push_mm: float
+    sigma_mm: float
+
+
+@dataclass(frozen=True)
+class Limb:
+    """A part that lies along a line. joints: the line's ends; share: how far along it the part's middle lies.
+
+    push_mm, sigma_mm: as a ``Hinge``'s, of the middle.
+    """
+
+    part: str
+    joints: tuple[str, str]
+    share: float
+    push_mm: float
+    sigma_mm: float
+
+
+def _both(joint: str, a: str, b: str, push_mm: float, sigma_mm: float) -> tuple[Hinge, Hinge]:
+    left, right = (
+        Hinge(f"{s}_{joint}", (a.format(s), b.format(s)), push_mm, sigma_mm) for s in ("left", "right")
+    )
+    return left, right
+
+
+def _limbs(part: str, a: str, b: str, share: float, push_mm: float, sigma_mm: float) -> tuple[Limb, Limb]:
+    left, right = (
+        Limb(f"{s}_{part}", (f"{s}_{a}", f"{s}_{b}"), share, push_mm, sigma_mm) for s in ("left", "right")
+    )
+    return left, right
+
+
+HINGES = (
+    Hinge("neck", ("head", "torso"), 49, 17),
+    *_both("shoulder", "torso", "{}_upper_arm", 41, 24),
+    *_both("elbow", "{}_upper_arm", "{}_forearm", 31, 18),
+    *_both("hip", "hip", "{}_upper_leg", 83, 40),
+    *_both("knee", "{}_upper_leg", "{}_lower_leg", 41, 19),
+)
+LIMBS = (
+    Limb("head", ("neck", "head"), 1.18, 71, 15),
+    Limb("torso", ("neck", "pelvis"), 0.40, 106, 27),
+    Limb("hip", ("pelvis", "neck"), 0.04, 97, 38),
+    *_limbs("upper_arm", "shoulder", "elbow", 0.40, 37, 18),
+    *_limbs("forearm", "elbow", "wrist", 0.77, 25, 22),
+    *_limbs("upper_leg", "hip", "knee", 0.59, 83, 24),
+    *_limbs("lower_leg", "knee", "ankle", 0.67, 30, 24),
+)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a frame shows, or several (F, ...), depth camera's frame, millimetres, NaN where it shows nothing.
+
+    borders: float64 (9, 3), surface points by HINGES. middles: float64 (11, 3) of parts by LIMBS.
+    direct: bool (9,), False where the border is hidden and the parts' ends stand in for it.
+    """
+
+    borders: Float64
+    middles: Float64
+    direct: NDArray[np.bool_]
+
+    def __getitem__(self, frames: slice | NDArray[np.int64]) -> "Measured":
+        """Some of several frames."""
+        return Measured(self.borders[frames], self.middles[frames], self.direct[frames])
+
+
+def measure(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], camera: Intrinsics) -> Measured:
+    """Borders and middles of the parts (h, w) over a depth image (h, w) of an undistorted camera."""
+    named = on_body(parts) & (depth_mm > 0)
+    borders = np.full((len(HINGES), 3), np.nan)
+    middles = np.full((len(LIMBS), 3), np.nan)
+    direct = np.zeros(len(HINGES), np.bool_)
+    if not named.any():
+        return Measured(borders, middles, direct)
+    window = window_of(named)
+    labels = np.where(named[window], parts[window], np.uint8(0))
+    points = _points(depth_mm[window], camera, window[0].start, window[1].start)
+    of_part = _by_part(labels, points)
+    for i, limb in enumerate(LIMBS):
+        if len(of_part[limb.part]) >= MIN_PART:
+            middles[i] = np.median(of_part[limb.part], axis=0)
+    crossing = _crossings(labels, points)
+    for i, hinge in enumerate(HINGES):
+        a, b = hinge.parts
+        on_border = crossing.get(frozenset((PART_ID[a], PART_ID[b])), np.empty((0, 3)))
+        direct[i] = len(on_border) >= MIN_BORDER
+        if direct[i]:
+            borders[i] = _mode(on_border, np.median(on_border, axis=0))
+        elif min(len(of_part[a]), len(of_part[b])) >= MIN_PART:
+            borders[i] = _between(of_part[a], of_part[b])
+    return Measured(borders, middles, direct)
+
+
+def _points(depth_mm: NDArray[np.uint16], camera: Intrinsics, top: int, left: int) -> Float64:
+    """Points (h, w, 3) of a window of a depth image; (top, left) is its corner."""
+    points = np.empty((*depth_mm.shape, 3))
+    height, width = depth_mm.shape
+    points[..., 0] = (np.arange(left, left + width) - camera.cx) / camera.fx * depth_mm
+    points[..., 1] = (np.arange(top, top + height)[:, None] - camera.cy) / camera.fy * depth_mm
+    points[..., 2] = depth_mm
+    return points
+
+
+def _by_part(labels: NDArray[np.uint8], points_mm: Float64) -> dict[str, Float64]:
+    """Points (n, 3) of every part by name, at most MAX_POINTS, evenly chosen."""
+    index = np.flatnonzero(labels)
+    label = labels.ravel()[index]
+    index = index[np.argsort(label, kind="stable")]
+    ends = np.cumsum(np.bincount(label, minlength=N_CLASSES))
+    flat = points_mm.reshape(-1, 3)
+    of_part = {}
+    for limb in LIMBS:
+        first, end = ends[PART_ID[limb.part] - 1], ends[PART_ID[limb.part]]
+        of_part[limb.part] = flat[index[first : end : (end - first) // MAX_POINTS + 1]]
+    return of_part
+
+
+def _crossings(labels: NDArray[np.uint8], points_mm: Float64) -> dict[frozenset[int], Float64]:
+    """Midpoints (n, 3) of neighbouring pixels of different parts that touch, by pair of part ids."""
+    pairs, middles = [], []
+    height, width = labels.shape
+    for dv, du in _STEPS:
+        one = np.s_[: height - dv, max(0, -du) : width - max(0, du)]
+        two = np.s_[dv:, max(0, du) : width - max(0, -du)]
+        v, u = np.nonzero((labels[one] != labels[two]) & (labels[one] > 0) & (labels[two] > 0))
+        a, b = points_mm[one][v, u], points_mm[two][v, u]
+        touch = np.abs(a[:, 2] - b[:, 2]) < MAX_JUMP_MM
+        ids = np.stack([labels[one][v, u], labels[two][v, u]], axis=1)[touch]
+        pairs.append(np.sort(ids, axis=1))
+        middles.append((a + b)[touch] / 2)
+    ids, where = np.concatenate(pairs), np.concatenate(middles)
+    return {
+        frozenset((int(a), int(b))): where[(ids == (a, b)).all(axis=1)] for a, b in np.unique(ids, axis=0)
+    }
+
+
+def _between(a_mm: Float64, b_mm: Float64) -> Float64:
+    """Between the ends that two parts (n, 3), (m, 3) which do not touch turn to each other."""
+    axis = np.median(b_mm, axis=0) - np.median(a_mm, axis=0)
+    along_a, along_b = a_mm @ axis, b_mm @ axis
+    end_a = a_mm[along_a >= np.quantile(along_a, 1 - _END)].mean(axis=0)
+    end_b = b_mm[along_b <= np.quantile(along_b, _END)].mean(axis=0)
+    return np.asarray((end_a + end_b) / 2, np.float64)
+
+
+def _mode(points_mm: Float64, start_mm: Float64) -> Float64:
+    """Mean shift with a Gaussian kernel from ``start_mm`` to where most points (n, 3) lie."""
+    mode = start_mm
+    for _ in range(10):
+        weight = np.exp(-0.5 * np.square((points_mm - mode) / BANDWIDTH_MM).sum(axis=1))
+        if not weight.sum() > 0:
+            return start_mm
+        before, mode = mode, weight @ points_mm / weight.sum()
+        if np.abs(mode - before).max() < 1:
+            break
+    return mode
+
+
+def pushed(points_mm: Float64, push_mm: Float64 | float) -> Float64:
+    """Surface points (..., 3) moved into the body: away from the camera along their rays."""
+    return np.asarray(points_mm * (1 + push_mm / np.linalg.norm(points_mm, axis=-1))[..., None])

@@ -1,0 +1,80 @@
+"""Every score by name, derived from counts: of a frame, a set, or the resamples of a bootstrap alike."""
+
+import numpy as np
+
+from annotate.parts import BACKGROUND
+from eval.scores import confusion
+from eval.scores.boundary import TOLERANCES_PX, WIDTHS_PX, boundary_f, error_rate
+from eval.scores.confusion import Counts, Scores, present_mean, ratio
+from eval.scores.counts import FrameCounts
+from eval.scores.reliability import calibration_error
+
+PART_SCORES = ("recall", "precision", "iou", "dice", "boundary_iou_by_part")
+"""Scores (..., 12), one for each class by id; background's boundary IoU is NaN."""
+
+_TOLERANCE = TOLERANCES_PX.index(2.0)
+_WIDTH = WIDTHS_PX.index(4.0)
+
+
+def scores_of(counts: FrameCounts) -> dict[str, Scores]:
+    """All scores of counts with leading axes `...`; NaN where there is nothing to score.
+
+    Scalars (...) first, then by class (..., 12), by tolerance or width, and by distance. boundary_f is
+    the one at 2 px, boundary_iou the one at 4 px. inside, near: pixels away from and near the borders
+    of the truth. person: pixels that truth and prediction both call a person. all: background counts
+    as a twelfth class. merged: left and right are one.
+    """
+    return {**_pixel_scores(counts), **_border_scores(counts), **_calibration_scores(counts)}
+
+
+def _pixel_scores(counts: FrameCounts) -> dict[str, Scores]:
+    matrix = counts.confusion
+    inside, person = matrix - counts.near, confusion.without_background(matrix)
+    return {
+        "mean_recall": confusion.mean_recall(matrix),
+        "miou": confusion.miou(matrix),
+        "person_iou": confusion.person_iou(matrix),
+        "left_right_swap_rate": confusion.left_right_swap_rate(matrix),
+        "mean_recall_inside": confusion.mean_recall(inside),
+        "mean_recall_near": confusion.mean_recall(counts.near),
+        "error_rate_inside": confusion.error_rate_on_person(inside),
+        "error_rate_near": confusion.error_rate_on_person(counts.near),
+        "mean_recall_person": confusion.mean_recall(person),
+        "miou_person": confusion.miou(person),
+        "mean_recall_all": present_mean(confusion.recall(matrix), axis=-1),
+        "miou_all": present_mean(confusion.iou(matrix), axis=-1),
+        "miou_merged": confusion.miou(confusion.merge_left_right(matrix)),
+        "recall": confusion.recall(matrix),
+        "precision": confusion.precision(matrix),
+        "iou": confusion.iou(matrix),
+        "dice": confusion.dice(matrix),
+    }
+
+
+def _border_scores(counts: FrameCounts) -> dict[str, Scores]:
+    by_tolerance = boundary_f(counts.borders_px)
+    by_width = _boundary_iou(counts.bands_px)
+    return {
+        "boundary_f": by_tolerance[..., _TOLERANCE],
+        "boundary_iou": confusion.over_parts(by_width[..., _WIDTH, :]),
+        "boundary_iou_by_part": by_width[..., _WIDTH, :],
+        "boundary_f_px": by_tolerance,
+        "boundary_f_mm": boundary_f(counts.borders_mm),
+        "boundary_iou_px": confusion.over_parts(by_width),
+        "boundary_iou_mm": confusion.over_parts(_boundary_iou(counts.bands_mm)),
+        "error_by_distance": error_rate(counts.by_distance.sum(-3)),
+        "error_by_distance_by_part": error_rate(counts.by_distance),
+    }
+
+
+def _calibration_scores(counts: FrameCounts) -> dict[str, Scores]:
+    return {
+        "ece": calibration_error(counts.reliability.sum(-3)),
+        "ece_near": calibration_error(counts.reliability[..., 1, :, :]),
+    }
+
+
+def _boundary_iou(bands: Counts) -> Scores:
+    scores = ratio(bands[..., 0], bands[..., 1])
+    scores[..., BACKGROUND] = np.nan
+    return scores

@@ -1,0 +1,1 @@
+"""Training: plan, images, steps, checkpoints."""

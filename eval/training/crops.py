@@ -1,0 +1,140 @@
+"""Persons' crops for a training, deflated in a nameless file: 14 kB each instead of 135."""
+
+import zlib
+from array import array
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from tempfile import TemporaryFile, gettempdir
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.crop import network_crop, normalize, person_of
+from annotate.frame_labels import FrameLabels
+from annotate.parts import BACKGROUND, on_body
+from eval.scores.frames import Frames, open_frames
+from sensors.errors import CloudError
+
+K = TypeVar("K", bound=np.generic)
+DEPTH_STEPS = np.float32(65535)
+"""Crops are kept with depth in 1 / 65535 of its range: 0.03 mm."""
+
+
+def to_crop(frame: FrameLabels) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """A frame as the network's input and target, both (212, 212): depth in [0, 1] and part ids.
+
+    Raises CloudError when the frame shows no person.
+    """
+    mask = person_of(frame.parts)
+    crop = network_crop(mask & (frame.depth_mm > 0))
+    depth = normalize(crop.cut(frame.depth_mm, 0), crop.cut(mask, False))
+    return depth, crop.cut(frame.parts, BACKGROUND)
+
+
+@dataclass(frozen=True)
+class Crops:
+    """Crops at hand, deflated: 14 kB each instead of 135.
+
+    packed: their bytes, in a nameless file that goes with the process; what the system reads of it, it can
+    give back when memory is short. ends: int64 (N, 2), where each crop's depth and parts end. shape: (h, w).
+    crc32: of all images, tells these crops from others.
+    """
+
+    packed: NDArray[np.uint8]
+    ends: NDArray[np.int64]
+    shape: tuple[int, int]
+    crc32: int
+
+    @classmethod
+    def of(cls, crops: Iterable[tuple[NDArray[np.uint16], NDArray[np.uint8]]]) -> "Crops":
+        """Keep crops of one shape: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w).
+
+        Raises CloudError where there is none, OSError where the disk has no room.
+        """
+        ends, shape, told = array("q"), (0, 0), 0
+        with TemporaryFile() as file:
+            for depth, parts in crops:
+                shape = depth.shape[0], depth.shape[1]
+                for data in (depth.tobytes(), parts.tobytes()):
+                    told = zlib.crc32(data, told)
+                    file.write(zlib.compress(data, 1))
+                    ends.append(file.tell())
+            file.flush()
+            if not ends:
+                raise CloudError("there are no crops; give at least one image")
+            packed = np.asarray(np.memmap(file, np.uint8, "r"))
+        return cls(packed, np.array(ends).reshape(-1, 2), shape, told)
+
+    def __len__(self) -> int:
+        return len(self.ends)
+
+    def depth(self, index: int) -> NDArray[np.uint16]:
+        """Depth of crop ``index``, (h, w) in 1 / 65535 of its range."""
+        start = int(self.ends[index - 1, 1]) if index else 0
+        return self._image(start, int(self.ends[index, 0]), np.uint16)
+
+    def parts(self, index: int) -> NDArray[np.uint8]:
+        """Part ids of crop ``index``, (h, w)."""
+        start, end = self.ends[index].tolist()
+        return self._image(start, end, np.uint8)
+
+    def _image(self, start: int, end: int, kind: type[K]) -> NDArray[K]:
+        image = bytearray(zlib.decompress(self.packed[start:end].data))
+        return np.frombuffer(image, kind).reshape(self.shape)
+
+    def image(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Crop ``index``: depth float32 (h, w) in [0, 1], parts."""
+        return self.depth(index).astype(np.float32) / DEPTH_STEPS, self.parts(index)
+
+    def batches(self, size: int) -> Iterator[tuple[NDArray[np.float32], NDArray[np.uint8]]]:
+        """Depth (B, h, w) and parts of so many crops after the other, in order."""
+        for start in range(0, len(self), size):
+            images = [self.image(i) for i in range(start, min(start + size, len(self)))]
+            yield np.stack([depth for depth, _ in images]), np.stack([parts for _, parts in images])
+
+    def spread(self, n: int) -> "Crops":
+        """``n`` of them, evenly spread (neighbours show one person), or all when there are fewer."""
+        index = np.linspace(0, len(self) - 1, min(n, len(self))).astype(int)
+        return Crops.of((self.depth(i), self.parts(i)) for i in index)
+
+
+def load_crops(
+    sources: list[Path], without: frozenset[str] = frozenset(), only: frozenset[str] | None = None
+) -> Crops:
+    """Read label sets and datasets, all subjects but ``without``, or ``only`` some.
+
+    Frames without a named part teach nothing and are left out. Raises CloudError when none is left, or when
+    they do not fit on the disk.
+    """
+    frames = [open_frames(path) for path in sources]
+    names = ", ".join(map(str, sources))
+    taught = _teaching(frames, without, only)
+    if (first := next(taught, None)) is None:
+        whom = "" if only is None else f" of {', '.join(sorted(only))}"
+        raise CloudError(f"{names} hold no labelled part{whom}; generate or label some first")
+    try:
+        return Crops.of(_kept(frame) for frame in chain([first], taught))
+    except OSError as error:
+        raise CloudError(
+            f"{names}: so many images do not fit into {gettempdir()} ({error.strerror}); give fewer, or set "
+            "TMPDIR"
+        ) from error
+
+
+def _kept(frame: FrameLabels) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+    depth, parts = to_crop(frame)
+    return np.rint(depth * DEPTH_STEPS).astype(np.uint16), parts
+
+
+def _teaching(
+    frames: list[Frames], without: frozenset[str], only: frozenset[str] | None
+) -> Iterator[FrameLabels]:
+    for source in frames:
+        for frame in source:
+            if frame.subject in without or (only is not None and frame.subject not in only):
+                continue
+            if (on_body(frame.parts) & (frame.depth_mm > 0)).any():
+                yield frame

@@ -1,0 +1,116 @@
+"""Batches of augmented crops: an image is a function of (seed, epoch, index), so any step can come first."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
+
+from eval.training.augment import Augmentation, augment
+from eval.training.crops import Crops
+from sensors.errors import CloudError
+from synth.images.workers import check_semaphores
+
+At = tuple[int, int]
+"""An image's turn: (epoch, index of the crop)."""
+
+
+@dataclass(frozen=True)
+class Images(Dataset[tuple[Tensor, Tensor]]):
+    """Crops as tensors, augmented anew each epoch: depth float32 (1, h, w), parts uint8 (h, w)."""
+
+    crops: Crops
+    augmentation: Augmentation
+    seed: int
+
+    def __getitem__(self, at: At) -> tuple[Tensor, Tensor]:
+        epoch, index = at
+        rng = np.random.default_rng((self.seed, epoch, index))
+        depth, parts = augment(*self.crops.image(index), self.augmentation, rng)
+        return torch.from_numpy(depth[None]), torch.from_numpy(parts)
+
+
+@dataclass(frozen=True)
+class Order:
+    """Which crops each step sees. A short rest of an epoch is dropped; fewer crops than a batch are one.
+
+    rank, world: this process of how many; they share each batch.
+    """
+
+    images: int
+    batch: int
+    epochs: int
+    seed: int
+    rank: int = 0
+    world: int = 1
+
+    def __post_init__(self) -> None:
+        if min(self.images, self.batch) < self.world:
+            raise CloudError(
+                f"{self.images} images in batches of {self.batch} for {self.world} processes; start fewer"
+            )
+
+    @property
+    def step_images(self) -> int:
+        """Images of one step, all processes together."""
+        return min(self.batch, self.images)
+
+    @property
+    def epoch_steps(self) -> int:
+        """Steps of one epoch."""
+        return self.images // self.step_images
+
+    def after(self, step: int) -> Iterator[list[At]]:
+        """This process's share of each batch from a step on."""
+        for epoch in range(step // self.epoch_steps, self.epochs):
+            order = np.random.default_rng((self.seed, epoch)).permutation(self.images)
+            first = step % self.epoch_steps if epoch == step // self.epoch_steps else 0
+            for k in range(first, self.epoch_steps):
+                batch = order[k * self.step_images : (k + 1) * self.step_images]
+                yield [(epoch, int(i)) for i in batch[self.rank :: self.world]]
+
+
+@dataclass(frozen=True)
+class _After:
+    """``Order.after`` as torch wants it, begun anew by each reader; never as a list of all epochs."""
+
+    order: Order
+    step: int
+
+    def __iter__(self) -> Iterator[list[At]]:
+        return self.order.after(self.step)
+
+
+def batches(images: Images, order: Order, step: int, workers: int = 0) -> Iterator[tuple[Tensor, Tensor]]:
+    """Depth (B, 1, h, w), parts (B, h, w) of every step from one on; worker processes make them ahead."""
+    if workers:
+        check_semaphores()
+    loader: DataLoader[Any] = DataLoader(
+        images,
+        batch_sampler=_After(order, step),
+        num_workers=workers,
+        pin_memory=torch.cuda.is_available(),
+    )
+    yield from loader
+
+
+@contextmanager
+def workers_watched() -> Iterator[None]:
+    """Where worker processes make batches: CloudError when one is killed, instead of torch's error.
+
+    torch raises it from a signal's handler, at any moment of the training and not only at the next batch;
+    where it was just taking over a batch, what it meets is the other end of a pipe that has gone.
+    """
+    try:
+        yield
+    except (RuntimeError, ConnectionError, EOFError) as error:
+        if isinstance(error, RuntimeError) and "DataLoader worker" not in str(error):
+            raise
+        raise CloudError(
+            "a worker process was killed, perhaps for want of memory; give the same command to go on, with "
+            "fewer --workers"
+        ) from error

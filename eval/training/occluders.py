@@ -1,0 +1,153 @@
+"""Things that lie on a person and are taken along by the extraction: blankets with their folds, boards.
+
+They have depth, in front of what they hide, and are background. Crops as in `eval.training.augment`.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.crop import NEAREST
+from annotate.parts import BACKGROUND
+
+Depth = NDArray[np.float32]
+Parts = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+TRUNK, LEGS = (2,), (10, 11)
+"""Torso; lower legs: a blanket's place is told by the way from the one to the others."""
+UNDER = (2, 7, 8, 9, 10, 11)
+"""Trunk and legs carry a blanket; arms and hands may lie on it."""
+UNSEEN = 0.4
+"""Share of the blankets that no extraction takes along: what they hide is gone, that is all."""
+ROUGH = 0.006
+"""More than 12 mm beside its neighbours is a border of two surfaces, no noise."""
+THICK = (0.005, 0.03)
+"""How far a blanket's surface stands before the nearest of what is under it: 10 to 60 mm."""
+
+
+def field(shape: tuple[int, ...], cells: int, rng: np.random.Generator) -> Depth:
+    """Smooth noise (h, w) of about unit deviation, ``cells`` bumps across."""
+    coarse = rng.standard_normal((cells, cells), np.float32)
+    return np.asarray(cv2.resize(coarse, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC), np.float32)
+
+
+def things(person: Mask, count: int, half_px: tuple[float, float], rng: np.random.Generator) -> Mask:
+    """Boards, bars and discs centred on random pixels of the person (h, w), half sizes in pixels."""
+    canvas = np.zeros(person.shape, np.uint8)
+    v, u = np.nonzero(person)
+    for _ in range(count):
+        i = int(rng.integers(len(v)))
+        half = np.exp(rng.uniform(np.log(half_px[0]), np.log(half_px[1]), 2))
+        turn = float(rng.uniform(0, 180))
+        centre = (float(u[i]), float(v[i]))
+        if rng.random() < 0.5:
+            cv2.ellipse(canvas, (centre, tuple(2 * half), turn), 1, cv2.FILLED)
+        else:
+            cv2.fillPoly(canvas, [cv2.boxPoints((centre, tuple(2 * half), turn)).astype(np.int32)], 1)
+    return canvas > 0
+
+
+def blanket(parts: Parts, rng: np.random.Generator) -> Mask:
+    """A band (h, w) across the body from about the hip to the shins or beyond the feet; none without legs."""
+    trunk, legs = (np.argwhere(np.isin(parts, ids)) for ids in (TRUNK, LEGS))
+    if not len(trunk) or not len(legs):
+        return np.zeros(parts.shape, np.bool_)
+    start, axis = trunk.mean(axis=0), legs.mean(axis=0) - trunk.mean(axis=0)
+    rows, columns = np.ogrid[: parts.shape[0], : parts.shape[1]]
+    along = ((rows - start[0]) * axis[0] + (columns - start[1]) * axis[1]) / max(float(axis @ axis), 1.0)
+    along += 0.06 * field(parts.shape, int(rng.integers(3, 10)), rng)
+    begin = rng.uniform(0.2, 0.7)
+    return np.asarray((along > begin) & (along < begin + rng.uniform(0.3, 0.9)), np.bool_)
+
+
+def draped(depth: Depth, parts: Parts, rng: np.random.Generator) -> tuple[Depth, Parts]:
+    """A crop with a blanket from the trunk down: it spans between the legs, hangs beyond and has folds.
+
+    Where an extraction would leave it out nothing is seen: in patches, or altogether.
+    """
+    under = (depth > 0) & np.isin(parts, UNDER)
+    band = blanket(parts, rng)
+    if not (under & band).any():
+        return depth, parts
+    closed = cv2.morphologyEx(under.astype(np.uint8), cv2.MORPH_CLOSE, _disc(rng.integers(5, 30, 2)))
+    wide = cv2.dilate(closed, _disc(rng.integers(1, 22, 2)))
+    cells = int(rng.integers(4, 12))
+    hanging = (
+        cv2.GaussianBlur(wide.astype(np.float32), (0, 0), 2) + 0.2 * field(parts.shape, cells, rng) > 0.5
+    )
+    # What is nearest around carries the cloth; min filter and blur are its span and its stiffness.
+    nearest = cv2.erode(np.where(under, depth, np.float32(1)), _disc(rng.integers(3, 20, 2)))
+    carried = np.asarray(nearest, np.float32)
+    spread = _filled(carried, carried < 1)
+    surface = cv2.GaussianBlur(spread, (0, 0), float(rng.uniform(1.5, 6))) - np.float32(rng.uniform(*THICK))
+    surface += _folds(parts.shape, rng)
+    taken = field(parts.shape, cells, rng) > (np.inf if rng.random() < UNSEEN else rng.uniform(-3, 0.5))
+    return _before(depth, parts, band & hanging, surface, taken, rng)
+
+
+def boarded(depth: Depth, parts: Parts, rng: np.random.Generator) -> tuple[Depth, Parts]:
+    """A crop with a flat board or disc before it: a screen on the lap, a cushion, a tray, a table's edge."""
+    person = depth > 0
+    if not person.any():
+        return depth, parts
+    where = things(person, 1, (6.0, 40.0), rng)
+    hidden = depth[where & person]
+    if not hidden.size:
+        return depth, parts
+    rows, columns = np.ogrid[: parts.shape[0], : parts.shape[1]]
+    v, u = np.nonzero(where)
+    slope = rng.normal(0, 0.0025, 2)
+    plane = (
+        (rows - v.mean()) * slope[0] + (columns - u.mean()) * slope[1] + 0.003 * field(parts.shape, 6, rng)
+    )
+    # Just before the nearest of what it hides, or a hand's breadth or two away from it.
+    gap = np.quantile(hidden - plane[where & person], 0.1) - rng.exponential(0.03)
+    return _before(depth, parts, where, (plane + gap).astype(np.float32), where, rng)
+
+
+def _before(
+    depth: Depth, parts: Parts, where: Mask, surface: Depth, taken: Mask, rng: np.random.Generator
+) -> tuple[Depth, Parts]:
+    """A crop with a surface where it is nearer than what is there. Not taken: it hides, but is not seen."""
+    seen = where & ((depth == 0) | (surface < depth))
+    noise, lost = noise_of(depth, rng)
+    there = np.where(taken & ~lost, (surface + noise).clip(NEAREST, 1), np.float32(0))
+    return (
+        np.where(seen, there, depth).astype(np.float32),
+        np.where(seen, np.uint8(BACKGROUND), parts),
+    )
+
+
+def noise_of(depth: Depth, rng: np.random.Generator) -> tuple[Depth, Mask]:
+    """Noise (h, w) and lost pixels as on the person itself: else what is smooth would be a thing, no body."""
+    person = (depth > 0).astype(np.uint8)
+    inner = cv2.erode(person, np.ones((3, 3), np.uint8)) > 0
+    closed = cv2.erode(cv2.morphologyEx(person, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), np.ones((5, 5)))
+    rough = (depth - cv2.medianBlur(depth, 3))[inner].clip(-ROUGH, ROUGH)
+    noise = rng.choice(rough, depth.shape) if rough.size else np.zeros_like(depth)
+    lost = 1 - float(person[closed > 0].mean()) if closed.any() else 0.0
+    return noise.astype(np.float32), np.asarray(rng.random(depth.shape, np.float32) < lost, np.bool_)
+
+
+def _folds(shape: tuple[int, ...], rng: np.random.Generator) -> Depth:
+    """Waves (h, w) of up to 15 mm, long in one direction."""
+    long, short = int(rng.integers(2, 5)), int(rng.integers(5, 16))
+    coarse = rng.standard_normal((long, short), np.float32)
+    waves = cv2.resize(coarse if rng.random() < 0.7 else coarse.T, shape[::-1], interpolation=cv2.INTER_CUBIC)
+    return np.asarray(waves * np.float32(rng.uniform(0, 0.0075)), np.float32)
+
+
+def _filled(image: Depth, known: Mask) -> Depth:
+    """An image (h, w) with the nearest known value wherever none is known."""
+    _, label = cv2.distanceTransformWithLabels(
+        (~known).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    values = np.zeros(int(label.max()) + 1, np.float32)
+    values[label[known]] = image[known]
+    return np.asarray(values[label], np.float32)
+
+
+def _disc(radii: NDArray[np.int64]) -> NDArray[np.uint8]:
+    width, height = (2 * int(r) + 1 for r in radii)
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, height)), np.uint8)

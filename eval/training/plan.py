@@ -1,0 +1,133 @@
+"""What a training is: network, recipe, augmentation, seed. With the data it decides every bit of it."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
+from eval.network.compact import CompactConfig
+from eval.network.networks import NetworkConfig, described
+from eval.training.augment import Augmentation
+from sensors.errors import CloudError
+
+Precision = Literal["float32", "bfloat16"]
+
+
+@dataclass(frozen=True)
+class ModernRecipe:
+    """AdamW, one cycle of the learning rate; mean cross entropy over the pixels that have depth.
+
+    What has no depth is background without a network's help. balance: a class weighs its share of the
+    pixels to the power of minus this; 0 is unweighted, 1 lets all parts weigh the same.
+    """
+
+    batch: int = 16
+    peak_rate: float = 6e-3
+    weight_decay: float = 1e-4
+    balance: float = 0.5
+
+
+@dataclass(frozen=True)
+class PaperRecipe:
+    """SGD with momentum at a constant rate; cross entropy summed over all pixels, background too.
+
+    Source: Nishi & Miura 2017, section 3.2, after Oliveira et al. 2016: rate 1e-10, momentum 0.99, batches of
+    twelve. The sum over 12 x 212 x 212 pixels makes it the 5.4e-5 of a mean loss.
+    """
+
+    batch: int = 12
+    rate: float = 1e-10
+    momentum: float = 0.99
+
+
+Recipe = ModernRecipe | PaperRecipe
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A training but for its data. epochs: rounds over all images. precision: of the forward pass."""
+
+    network: NetworkConfig = field(default_factory=CompactConfig)
+    recipe: Recipe = field(default_factory=ModernRecipe)
+    augmentation: Augmentation = field(default_factory=Augmentation)
+    epochs: int = 12
+    seed: int = 0
+    precision: Precision = "float32"
+
+    def __post_init__(self) -> None:
+        if self.epochs < 1 or self.recipe.batch < 1:
+            raise CloudError(f"{self.epochs} epochs of batches of {self.recipe.batch}; give at least 1")
+
+    def described(self) -> dict[str, Any]:
+        """As JSON values; equal exactly for equal plans."""
+        kind = "paper" if isinstance(self.recipe, PaperRecipe) else "modern"
+        return {
+            **asdict(self),
+            "network": described(self.network),
+            "recipe": {"kind": kind, **asdict(self.recipe)},
+        }
+
+
+def best_precision() -> Precision:
+    """bfloat16 on a GPU that computes in it; on a processor only whoever asks for it gets it."""
+    return "bfloat16" if torch.cuda.is_available() and torch.cuda.is_bf16_supported() else "float32"
+
+
+def optimizer_of(recipe: Recipe, parameters: Iterable[nn.Parameter]) -> torch.optim.Optimizer:
+    """The recipe's optimizer; its rate is set before each step by `rate`."""
+    match recipe:
+        case ModernRecipe():
+            return torch.optim.AdamW(parameters, recipe.peak_rate, weight_decay=recipe.weight_decay)
+        case PaperRecipe():
+            return torch.optim.SGD(parameters, recipe.rate, momentum=recipe.momentum)
+
+
+def rate(recipe: Recipe, share: float) -> float:
+    """The learning rate when a share in [0, 1] of the training is done."""
+    return recipe.peak_rate * one_cycle(share) if isinstance(recipe, ModernRecipe) else recipe.rate
+
+
+def one_cycle(share: float) -> float:
+    """Learning rate at a share in [0, 1] of the training, as a factor of its peak.
+
+    Source: Smith & Topin 2018: up by a cosine from 1/25 over the first 30 %, then down to almost nothing.
+    """
+    up = 0.3
+    if share < up:
+        return 0.04 + 0.96 * (1 - math.cos(math.pi * share / up)) / 2
+    return 1e-4 + (1 - 1e-4) * (1 + math.cos(math.pi * (share - up) / (1 - up))) / 2
+
+
+def class_weights(recipe: Recipe, parts: NDArray[np.uint8]) -> Tensor:
+    """Weight of each class (12,) in the loss, of mean 1 over the pixels of the labels (N, h, w).
+
+    Background inside a person's outline is what the extraction took too much: it weighs as the rarest part.
+    """
+    if isinstance(recipe, PaperRecipe):
+        return torch.ones(N_CLASSES)
+    count = np.bincount(parts.ravel(), minlength=256)[:N_CLASSES].astype(np.float64)
+    count[BACKGROUND] = 0
+    share = count / max(1, count.sum())
+    weight = np.where(share > 0, np.maximum(share, 0.01) ** -recipe.balance, 1.0)
+    weight[BACKGROUND] = weight[share > 0].max(initial=0.0) or 1.0
+    return torch.from_numpy(weight / (weight * share).sum() if share.any() else weight).float()
+
+
+def loss_of(
+    recipe: Recipe, scores: Tensor, depth: Tensor, parts: Tensor, weight: Tensor
+) -> tuple[Tensor, float]:
+    """What to minimise, and the loss per pixel to tell: scores (B, 12, h, w), depth (B, 1, h, w), parts."""
+    target = parts.long()
+    if isinstance(recipe, ModernRecipe):
+        target = torch.where(depth[:, 0] > 0, target, UNDEFINED)
+        counted = (target != UNDEFINED).sum().clamp(min=1)
+        summed = nn.functional.cross_entropy(scores, target, weight, ignore_index=UNDEFINED, reduction="sum")
+        return summed / counted, float(summed.detach() / counted)
+    summed = nn.functional.cross_entropy(scores, target, ignore_index=UNDEFINED, reduction="sum")
+    return summed, float(summed.detach()) / max(1, int((target != UNDEFINED).sum()))

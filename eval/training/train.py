@@ -1,0 +1,225 @@
+"""Train a network on labelled crops: resumable from any moment, deterministic given a seed, watched."""
+
+import json
+import math
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from annotate.labelset.claim import Claim, login
+from eval.network.checkpoint import Epoch, Point, Progress, load_checkpoint, save_checkpoint, steps_done
+from eval.network.networks import build
+from eval.scores.confusion import mean_recall, miou
+from eval.training.crops import Crops
+from eval.training.fixed_frame import FixedFrame
+from eval.training.loader import Images, Order, batches, workers_watched
+from eval.training.plan import Plan, class_weights, loss_of, optimizer_of, rate
+from eval.training.processes import Team
+from eval.training.validate import evaluate
+from sensors.errors import CloudError, ExistsError
+from sensors.files.atomic import is_taken, write_bytes
+
+PLAN, CHECKPOINT, HISTORY = "plan.json", "checkpoint.safetensors", "history.json"
+POINT_STEPS = 20
+"""Steps whose mean loss is one point of the curve."""
+WEIGHING_IMAGES = 512
+"""Images that the classes' weights are counted on."""
+
+
+@dataclass(frozen=True)
+class Watch:
+    """How a training is followed: images done, epochs done, and how often the disk is told."""
+
+    advance: Callable[[int], None] = lambda images: None
+    told: Callable[[Epoch], None] = lambda epoch: None
+    checkpoint_s: float = 300.0
+
+
+def train(
+    crops: Crops,
+    measured: Crops | None,
+    out: Path,
+    plan: Plan,
+    team: Team,
+    watch: Watch = Watch(),
+    init: nn.Module | None = None,
+    workers: int = 0,
+) -> tuple[nn.Module, Progress]:
+    """Train ``plan.network``, from ``init`` or from nothing, and go on with what ``out`` holds of it.
+
+    ``out`` gets plan, checkpoints, history.json, and frame/: the labelling of one frame, the first measured
+    one (else the first), before the training and as it goes. Every process of a team calls this; only the
+    first writes. Raises ExistsError when ``out`` was started otherwise, ClaimedError while another training
+    writes it, FormatError on a broken checkpoint, CloudError when the loss is no longer finite.
+    """
+    if team.first:
+        _begin(out, plan, crops, init)
+    team.wait()
+    with workers_watched(), Claim.take(out, login()) if team.first else nullcontext():
+        return _train(crops, measured, out, plan, team, watch, init, workers)
+
+
+def _train(
+    crops: Crops,
+    measured: Crops | None,
+    out: Path,
+    plan: Plan,
+    team: Team,
+    watch: Watch,
+    init: nn.Module | None,
+    workers: int,
+) -> tuple[nn.Module, Progress]:
+    torch.manual_seed(plan.seed)
+    model = init if init is not None else build(plan.network)
+    model = model.to(team.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+    optimizer = optimizer_of(plan.recipe, model.parameters())
+    resumed = (out / CHECKPOINT).is_file()
+    progress = load_checkpoint(out / CHECKPOINT, model, optimizer) if resumed else Progress()
+    fixed = FixedFrame(out / "frame", (measured or crops).spread(1), plan.epochs)
+    run = _Run(plan, crops, measured, out, watch, team, model, optimizer, progress, fixed)
+    if team.first and not resumed:
+        fixed.begin(model)
+    run.go(workers)
+    return model, progress
+
+
+@dataclass(frozen=True)
+class _Run:
+    plan: Plan
+    crops: Crops
+    measured: Crops | None
+    out: Path
+    watch: Watch
+    team: Team
+    model: nn.Module
+    optimizer: torch.optim.Optimizer
+    progress: Progress
+    fixed: FixedFrame
+
+    def go(self, workers: int) -> None:
+        plan, progress = self.plan, self.progress
+        order = Order(
+            len(self.crops), plan.recipe.batch, plan.epochs, plan.seed, self.team.rank, self.team.world
+        )
+        images = Images(self.crops, plan.augmentation, plan.seed)
+        _, weighed = next(self.crops.spread(WEIGHING_IMAGES).batches(WEIGHING_IMAGES))
+        weight = class_weights(plan.recipe, weighed).to(self.team.device)
+        network = self.team.together(self.model)
+        began, before = time.monotonic(), progress.seconds
+        saved = began
+        for depth, parts in batches(images, order, progress.step, workers):
+            share = progress.step / (order.epoch_steps * plan.epochs)
+            self._step(network, depth, parts, weight, share)
+            self._count(order)
+            now = time.monotonic()
+            progress.seconds = before + now - began
+            ended = progress.step % order.epoch_steps == 0
+            if ended:
+                self._end_epoch(order)
+            if ended or now - saved >= self.watch.checkpoint_s:
+                self._save()
+                saved = now
+            if ended:
+                self.watch.told(progress.epochs[-1])
+            self.watch.advance(order.step_images)
+
+    def _step(self, network: nn.Module, depth: Tensor, parts: Tensor, weight: Tensor, share: float) -> None:
+        """One step of the optimizer. Dropout is the step's own, so that a resumed training draws the same."""
+        torch.manual_seed(
+            (self.plan.seed * 1_000_003 + self.progress.step) * self.team.world + self.team.rank
+        )
+        network.train()
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate(self.plan.recipe, share)
+        depth = depth.to(self.team.device).contiguous(memory_format=torch.channels_last)
+        parts = parts.to(self.team.device)
+        with torch.autocast(self.team.device.type, torch.bfloat16, enabled=self.plan.precision == "bfloat16"):
+            scores = network(depth)
+        loss, told = loss_of(self.plan.recipe, scores.float(), depth, parts, weight)
+        if not math.isfinite(told):
+            raise CloudError(
+                f"the loss is no longer finite at step {self.progress.step}; lower the rate or use float32"
+            )
+        self.optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self.optimizer.step()
+        self.progress.since_point.append(told)
+
+    def _count(self, order: Order) -> None:
+        progress = self.progress
+        progress.step += 1
+        progress.epoch_loss += progress.since_point[-1]
+        if len(progress.since_point) >= POINT_STEPS:
+            mean = float(np.mean(progress.since_point))
+            progress.points.append(Point(progress.step * order.step_images, mean))
+            progress.since_point.clear()
+
+    def _end_epoch(self, order: Order) -> None:
+        progress = self.progress
+        number = progress.step // order.epoch_steps
+        loss, progress.epoch_loss = progress.epoch_loss / order.epoch_steps, 0.0
+        scores: tuple[float | None, float | None] = (None, None)
+        if self.measured is not None and self.team.first:
+            matrix = evaluate(self.model, self.measured)
+            scores = float(mean_recall(matrix)), float(miou(matrix))
+        if self.team.first:
+            self.fixed.label(self.model, number)
+        progress.epochs.append(Epoch(number, loss, *scores, round(progress.seconds, 1)))
+
+    def _save(self) -> None:
+        if not self.team.first:
+            return
+        save_checkpoint(self.out / CHECKPOINT, self.model, self.optimizer, self.progress)
+        history = {
+            "plan": self.plan.described(),
+            "images": len(self.crops),
+            "parameters": sum(p.numel() for p in self.model.parameters()),
+            "processes": self.team.world,
+            "device": self.team.device.type,
+            "threads": torch.get_num_threads(),
+            "torch": torch.__version__,
+            "points": [asdict(point) for point in self.progress.points],
+            "epochs": [asdict(epoch) for epoch in self.progress.epochs],
+        }
+        write_bytes(self.out / HISTORY, (json.dumps(history, indent=1) + "\n").encode())
+
+
+def images_left(out: Path, plan: Plan, crops: Crops) -> int:
+    """How many images a training in ``out`` has yet to see, for the progress; all of them in a new folder."""
+    order = Order(len(crops), plan.recipe.batch, plan.epochs, plan.seed)
+    done = steps_done(out / CHECKPOINT) if (out / CHECKPOINT).is_file() else 0
+    return (order.epoch_steps * plan.epochs - done) * order.step_images
+
+
+def _begin(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:
+    """Start or resume: plan, data and initial weights say whose half-finished training this is."""
+    data = {"images": len(crops), "crc32": crops.crc32}
+    start = None if init is None else _crc32(init)
+    order = (
+        json.dumps({**plan.described(), "data": data, "init": start}, sort_keys=True, indent=1).encode()
+        + b"\n"
+    )
+    if (out / PLAN).is_file():
+        if (out / PLAN).read_bytes() != order:
+            raise ExistsError(
+                f"{out} holds another training (plan or data differ); take another folder or --overwrite"
+            )
+        return
+    if is_taken(out):
+        raise ExistsError(f"{out} exists and is no training; choose another folder or pass --overwrite")
+    out.mkdir(parents=True, exist_ok=True)
+    write_bytes(out / PLAN, order)
+
+
+def _crc32(model: nn.Module) -> int:
+    value = 0
+    for tensor in model.state_dict().values():
+        value = crc32(tensor.contiguous().numpy().tobytes(), value)
+    return value

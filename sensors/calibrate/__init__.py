@@ -1,0 +1,1 @@
+"""A rig's calibration from views of a hole plate."""

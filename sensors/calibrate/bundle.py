@@ -1,0 +1,345 @@
+"""One bundle adjustment for a whole rig: intrinsics, poses between cameras and of the plate in every view.
+
+A hole is seen as an ellipse whose centre is not the image of the hole's centre; residuals are taken at the
+ellipse's centre, from the dual conic (Hartley & Zisserman 2004, section 2.2.3). Depth readings on the plate
+hold the axial direction, in which centres alone are weak.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from sensors.calibrate.hole_plate import HolePlate
+from sensors.calibrate.plate_view import CAMERAS, PlateView, plate_pose
+from sensors.errors import CalibrationError
+from sensors.rig.camera import Intrinsics, distort, undistort
+from sensors.rig.rig_calibration import Pose, RigCalibration
+
+Array = NDArray[np.float64]
+
+LEAST_VIEWS = 8
+"""Fewer views leave nine intrinsics and six pose angles undetermined."""
+LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+LENS_PRIOR = np.array([np.inf, np.inf, np.inf, np.inf, 0.5, 1.0, 0.002, 0.002, 1.0])
+"""Standard deviations about zero: views that do not reach the image's corners leave the last terms
+undetermined. Tangential terms trade against the principal point and so against the pose; those of the two
+Kinects of iai_kinect2 are 0.0002 to 0.002."""
+SHIFT_PRIOR_MM = 30.0
+"""Depth shift of a Kinect v2: -13 mm in iai_kinect2's first unit."""
+SIGMA_PX, SIGMA_MM = 0.1, 3.0
+"""First guesses of the noise; both are estimated."""
+BAD = 4.0
+"""A view whose root mean square error in some camera is so many times that camera's usual is left out."""
+ROBUST = 1.4826
+"""From the median absolute value to the standard deviation of a normal distribution."""
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Standard deviations of one pose: rotation_deg (3,) about, translation_mm (3,) along x, y, z."""
+
+    rotation_deg: Array
+    translation_mm: Array
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """One camera's residuals. view: (n,) frame index; px: (n, 2) where; error_px: (n, 2), seen minus said."""
+
+    view: NDArray[np.int64]
+    px: Array
+    error_px: Array
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square distance in pixels."""
+        return float(np.sqrt(np.square(self.error_px).sum(axis=1).mean()))
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """A solved rig. deviations: by camera other than depth; lens_sd: (9,) by camera, in the order of LENS.
+
+    depth_shift_mm: what readings are too far, with its deviation; depth_rms_mm: what is left of them.
+    left_out: frame indices of bad views. views: how many showed the plate.
+    """
+
+    calibration: RigCalibration
+    deviations: dict[str, Deviations]
+    lens_sd: dict[str, Array]
+    depth_shift_mm: tuple[float, float]
+    depth_rms_mm: float
+    residuals: dict[str, Residuals]
+    left_out: tuple[int, ...]
+    views: int
+
+
+def adjust(views: list[PlateView], plate: HolePlate, guess: RigCalibration) -> Adjusted:
+    """Solve intrinsics and poses of all cameras that see the plate.
+
+    guess: image sizes and the depth camera's rough intrinsics. Raises CalibrationError when too few views
+    show the plate to the depth camera, or to another camera together with it.
+    """
+    views = [view for view in views if "depth" in view.centers_px]
+    _check_enough(views, "depth")
+    cameras = {name: camera for name in CAMERAS if (camera := getattr(guess, name)) is not None}
+    cameras = {n: c for n, c in cameras.items() if n == "depth" or any(n in v.centers_px for v in views)}
+    lenses = {name: _lens(name, camera, views, plate) for name, camera in cameras.items()}
+    poses = {name: _relative(name, lenses, views, plate) for name in lenses if name != "depth"}
+    problem = _Problem.of(views, plate, tuple(lenses))
+    x = problem.solve(problem.pack(lenses, poses, views, plate), "soft_l1")
+    problem = problem.without_bad(x)
+    for name in lenses:
+        _check_enough([v for v in views if v.index not in problem.left_out and name in v.centers_px], name)
+    x = problem.weighted(x).solve(x, "soft_l1")
+    problem = problem.weighted(x)
+    return problem.result(problem.solve(x, "linear"), lenses, len(views))
+
+
+def _check_enough(views: list[PlateView], name: str) -> None:
+    if len(views) < LEAST_VIEWS:
+        seen = "infrared" if name == "depth" else f"infrared and {name}"
+        raise CalibrationError(
+            f"{len(views)} frames show the whole plate in {seen}; record at least {LEAST_VIEWS}, better 40"
+        )
+
+
+def _lens(name: str, guess: Intrinsics, views: list[PlateView], plate: HolePlate) -> Intrinsics:
+    """One camera on its own (Zhang 2000, in OpenCV): the start."""
+    seen = [view.centers_px[name].astype(np.float32) for view in views if name in view.centers_px]
+    _check_enough([view for view in views if name in view.centers_px], name)
+    board = np.c_[plate.centers_m, np.zeros(len(plate.centers_m))].astype(np.float32)
+    size = (guess.width, guess.height)
+    flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+    _, matrix, lens, *_ = cv2.calibrateCamera([board] * len(seen), seen, size, None, None, flags=flags)
+    k1, k2 = lens.ravel()[:2]
+    return Intrinsics(*size, matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], k1, k2)
+
+
+def _relative(name: str, lenses: dict[str, Intrinsics], views: list[PlateView], plate: HolePlate) -> Pose:
+    """name_from_depth: of the poses that the views say, the one nearest to all others."""
+    both = [view for view in views if name in view.centers_px]
+    poses = [
+        plate_pose(view.centers_px[name], plate, lenses[name])
+        @ plate_pose(view.centers_px["depth"], plate, lenses["depth"]).inverse()
+        for view in both
+    ]
+    probes = np.array([[0, 0, 1.0], [0.3, 0, 1.0], [0, 0.3, 1.0]])
+    moved = np.stack([pose.apply(probes) for pose in poses])
+    gaps = np.linalg.norm(moved[:, None] - moved[None], axis=-1).sum(axis=(1, 2))
+    return poses[int(np.argmin(gaps))]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Observations of one kind, one row each: view number, plate coordinates in metres, pixels."""
+
+    view: NDArray[np.int64]
+    plate_m: Array
+    px: Array
+    sigma: float
+
+    def only(self, kept: NDArray[np.bool_]) -> "_Seen":
+        """These rows (n,)."""
+        return _Seen(self.view[kept], self.plate_m[kept], self.px[kept], self.sigma)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The unknowns are [lenses (9 each), poses (6 each), depth shift, views (6 each)] in this order."""
+
+    cameras: tuple[str, ...]
+    indices: tuple[int, ...]
+    radius_m: float
+    seen: dict[str, _Seen]
+    depth: _Seen
+    depth_mm: Array
+    left_out: tuple[int, ...] = ()
+
+    @staticmethod
+    def of(views: list[PlateView], plate: HolePlate, cameras: tuple[str, ...]) -> "_Problem":
+        """All that the views show, with first guesses of its noise."""
+        seen = {}
+        for name in cameras:
+            rows = [(i, view.centers_px[name]) for i, view in enumerate(views) if name in view.centers_px]
+            number = np.repeat([i for i, _ in rows], len(plate.centers_m))
+            points = np.tile(plate.centers_m, (len(rows), 1))
+            seen[name] = _Seen(number, points, np.concatenate([px for _, px in rows]), SIGMA_PX)
+        number = np.repeat(np.arange(len(views)), [len(view.depth_mm) for view in views])
+        px = np.concatenate([view.depth_px for view in views])
+        depth = _Seen(number, np.empty((len(px), 0)), px, SIGMA_MM)
+        mm = np.concatenate([view.depth_mm for view in views])
+        indices = tuple(view.index for view in views)
+        return _Problem(cameras, indices, plate.hole_m / 2, seen, depth, mm)
+
+    @property
+    def n_shared(self) -> int:
+        """Unknowns that all views share."""
+        return 9 * len(self.cameras) + 6 * (len(self.cameras) - 1) + 1
+
+    def pack(
+        self,
+        lenses: dict[str, Intrinsics],
+        poses: dict[str, Pose],
+        views: list[PlateView],
+        plate: HolePlate,
+    ) -> Array:
+        """The start as one vector."""
+        numbers = [[getattr(lenses[name], field) for field in LENS] for name in self.cameras]
+        turns = [*poses.values(), *(plate_pose(v.centers_px["depth"], plate, lenses["depth"]) for v in views)]
+        packed = [np.r_[Rotation.from_matrix(p.rotation).as_rotvec(), p.translation_m] for p in turns]
+        split = len(poses)
+        return np.concatenate([*numbers, *packed[:split], [0.0], *packed[split:]]).astype(np.float64)
+
+    def solve(self, x: Array, loss: str) -> Array:
+        """Least squares from ``x`` on."""
+        found = least_squares(
+            self.residuals, x, self.jacobian, method="trf", loss=loss, f_scale=2.0, x_scale="jac", max_nfev=40
+        )
+        return np.asarray(found.x, np.float64)
+
+    def residuals(self, x: Array) -> Array:
+        """All residuals in units of their deviation: centres, depths, then priors."""
+        centers = [(self.errors_px(x, name) / self.seen[name].sigma).ravel() for name in self.cameras]
+        lenses = x[: 9 * len(self.cameras)].reshape(-1, 9)[:, 4:] / LENS_PRIOR[4:]
+        shift = x[self.n_shared - 1] / SHIFT_PRIOR_MM
+        return np.concatenate([*centers, self.errors_mm(x) / self.depth.sigma, lenses.ravel(), [shift]])
+
+    def errors_px(self, x: Array, name: str) -> Array:
+        """Seen minus predicted centres (n, 2) of one camera."""
+        seen, lens = self.seen[name], self._lens(x, name)
+        turn, shift = self._views(x)
+        if name != "depth":
+            to, by = self._pose(x, name)
+            turn, shift = to @ turn, shift @ to.T + by
+        center = np.einsum("nij,nj->ni", turn[seen.view][:, :, :2], seen.plate_m) + shift[seen.view]
+        # Dual conic a a' + b b' - c c' of the hole with half axes a, b about c: its last column, the centre.
+        half = self.radius_m * turn[seen.view][:, :, :2]
+        last = (half * half[:, 2:]).sum(axis=2) - center * center[:, 2:]
+        ideal = last[:, :2] / last[:, 2:]
+        fx, fy, cx, cy = lens[:4]
+        return np.asarray(seen.px - distort(_brown(lens), ideal) * (fx, fy) - (cx, cy), np.float64)
+
+    def errors_mm(self, x: Array) -> Array:
+        """Readings minus the plate's depth (k,) along their pixels' rays."""
+        lens = self._lens(x, "depth")
+        ray = undistort(_brown(lens), (self.depth.px - lens[2:4]) / lens[:2], iterations=15)
+        turn, shift = self._views(x)
+        normal = turn[self.depth.view][:, :, 2]
+        slope = (normal[:, :2] * ray).sum(axis=1) + normal[:, 2]
+        z = (normal * shift[self.depth.view]).sum(axis=1) / slope
+        return np.asarray(self.depth_mm - 1000 * z - x[self.n_shared - 1], np.float64)
+
+    def jacobian(self, x: Array) -> Array:
+        """Forward differences; a step in one number of every view's pose at once, since views are apart."""
+        base, shared = self.residuals(x), self.n_shared
+        rows = self._row_view(len(base))
+        jacobian = np.zeros((len(base), len(x)))
+        step = 1e-7
+        for column in range(shared):
+            moved = x.copy()
+            moved[column] += (h := step * max(1.0, abs(x[column])))
+            jacobian[:, column] = (self.residuals(moved) - base) / h
+        inside = np.flatnonzero(rows >= 0)
+        for number in range(6):
+            moved = x.copy()
+            moved[shared + number :: 6] += step
+            change = (self.residuals(moved) - base) / step
+            jacobian[inside, shared + 6 * rows[inside] + number] = change[inside]
+        return jacobian
+
+    def weighted(self, x: Array) -> "_Problem":
+        """The same with the noise that the residuals show."""
+        seen = {
+            name: replace(seen, sigma=_spread(self.errors_px(x, name))) for name, seen in self.seen.items()
+        }
+        return replace(self, seen=seen, depth=replace(self.depth, sigma=_spread(self.errors_mm(x))))
+
+    def without_bad(self, x: Array) -> "_Problem":
+        """The same without the views in which any camera's errors stand out from its others.
+
+        There the plate slipped between the exposures, or something else was taken for holes.
+        """
+        bad = np.zeros(len(self.indices), bool)
+        for name, seen in self.seen.items():
+            square = np.square(self.errors_px(x, name)).sum(axis=1)
+            count = np.bincount(seen.view, minlength=len(bad))
+            rms = np.sqrt(np.bincount(seen.view, square, len(bad)) / np.maximum(count, 1))
+            bad |= rms > BAD * np.median(rms[count > 0])
+        left_out = tuple(index for index, is_bad in zip(self.indices, bad, strict=True) if is_bad)
+        kept = ~bad[self.depth.view]
+        return replace(
+            self,
+            seen={name: seen.only(~bad[seen.view]) for name, seen in self.seen.items()},
+            depth=self.depth.only(kept),
+            depth_mm=self.depth_mm[kept],
+            left_out=left_out,
+        )
+
+    def result(self, x: Array, guess: dict[str, Intrinsics], views: int) -> Adjusted:
+        """What the solution says, with its deviations."""
+        sd = self._deviations(x)
+        lenses = {name: _intrinsics(self._lens(x, name), guess[name]) for name in self.cameras}
+        poses = {name: Pose(*self._pose(x, name)) for name in self.cameras[1:]}
+        deviations = {}
+        for i, name in enumerate(poses):
+            own = sd[9 * len(self.cameras) + 6 * i :][:6]
+            deviations[name] = Deviations(np.degrees(own[:3]), 1000 * own[3:])
+        residuals = {
+            name: Residuals(np.array(self.indices)[seen.view], seen.px, self.errors_px(x, name))
+            for name, seen in self.seen.items()
+        }
+        return Adjusted(
+            RigCalibration(
+                lenses["depth"],
+                lenses.get("color"),
+                poses.get("color"),
+                lenses.get("thermal"),
+                poses.get("thermal"),
+            ),
+            deviations,
+            {name: sd[9 * i :][:9] for i, name in enumerate(self.cameras)},
+            (float(x[self.n_shared - 1]), float(sd[self.n_shared - 1])),
+            float(np.sqrt(np.square(self.errors_mm(x)).mean())),
+            residuals,
+            self.left_out,
+            views,
+        )
+
+    def _deviations(self, x: Array) -> Array:
+        jacobian, residuals = self.jacobian(x), self.residuals(x)
+        variance = np.square(residuals).sum() / (len(residuals) - len(x))
+        return np.asarray(np.sqrt(variance * np.diag(np.linalg.pinv(jacobian.T @ jacobian, hermitian=True))))
+
+    def _row_view(self, count: int) -> NDArray[np.int64]:
+        rows = [np.repeat(self.seen[name].view, 2) for name in self.cameras] + [self.depth.view]
+        views = np.concatenate(rows)
+        return np.concatenate([views, np.full(count - len(views), -1)])
+
+    def _lens(self, x: Array, name: str) -> Array:
+        return x[9 * self.cameras.index(name) :][:9]
+
+    def _pose(self, x: Array, name: str) -> tuple[Array, Array]:
+        own = x[9 * len(self.cameras) + 6 * (self.cameras.index(name) - 1) :][:6]
+        return Rotation.from_rotvec(own[:3]).as_matrix(), own[3:]
+
+    def _views(self, x: Array) -> tuple[Array, Array]:
+        own = x[self.n_shared :].reshape(-1, 6)
+        return Rotation.from_rotvec(own[:, :3]).as_matrix(), own[:, 3:]
+
+
+def _brown(lens: Array) -> Intrinsics:
+    """A camera with this distortion; size and focal length are not used."""
+    return Intrinsics(1, 1, 1.0, 1.0, 0.0, 0.0, *map(float, lens[4:]))
+
+
+def _intrinsics(lens: Array, size: Intrinsics) -> Intrinsics:
+    return Intrinsics(size.width, size.height, *map(float, lens))
+
+
+def _spread(errors: Array) -> float:
+    return float(ROBUST * np.median(np.abs(errors)))

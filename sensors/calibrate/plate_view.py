@@ -1,0 +1,78 @@
+"""What one frame shows of the hole plate: hole centres in each camera, and readings on the plate itself."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from sensors.calibrate.hole_plate import HolePlate, find_holes
+from sensors.rig.camera import Intrinsics, project
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import Pose
+
+SAMPLES = 120
+"""Depth readings taken from one view; more of them say nothing new about one plane."""
+CLEAR = 1.7
+"""Readings nearer to a hole than this many radii mix plate and backing."""
+
+CAMERAS = ("depth", "color", "thermal")
+
+
+@dataclass(frozen=True)
+class PlateView:
+    """One frame of the plate. centers_px: by camera, (n, 2) hole centres, only where all were found.
+
+    depth_px: (k, 2) pixels (u, v) of readings on the plate; depth_mm: (k,) those readings.
+    """
+
+    index: int
+    centers_px: dict[str, NDArray[np.float64]]
+    depth_px: NDArray[np.float64]
+    depth_mm: NDArray[np.float64]
+
+
+def view_plate(frame: RigFrame, plate: HolePlate, depth_camera: Intrinsics) -> PlateView:
+    """Look for the plate in all of a frame's images; the depth camera's is its infrared image.
+
+    depth_camera: a rough guess suffices, it only says which readings lie on the plate.
+    """
+    color = frame.decode_color()
+    images = {
+        "depth": frame.infrared,
+        "color": None if color is None else cv2.cvtColor(color, cv2.COLOR_RGB2GRAY),
+        "thermal": frame.thermal_c,
+    }
+    found = {name: find_holes(image, plate) for name, image in images.items() if image is not None}
+    centers = {name: px for name, px in found.items() if px is not None}
+    empty = np.empty((0, 2)), np.empty(0)
+    on_plate = empty
+    if "depth" in centers:
+        on_plate = _readings(
+            frame.depth_mm, plate_pose(centers["depth"], plate, depth_camera), plate, depth_camera
+        )
+    return PlateView(frame.index, centers, *on_plate)
+
+
+def plate_pose(centers_px: NDArray[np.float64], plate: HolePlate, camera: Intrinsics) -> Pose:
+    """camera_from_plate from one image's hole centres (n, 2) (OpenCV's iterative PnP)."""
+    board = np.c_[plate.centers_m, np.zeros(len(centers_px))]
+    _, turn, shift = cv2.solvePnP(board, centers_px, camera.matrix, np.array(camera.distortion))
+    return Pose(Rotation.from_rotvec(turn.ravel()).as_matrix(), np.asarray(shift, np.float64).ravel())
+
+
+def _readings(
+    depth_mm: NDArray[np.uint16], depth_from_plate: Pose, plate: HolePlate, camera: Intrinsics
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Readings on the plate between the holes: pixels (k, 2), millimetres (k,)."""
+    low, high = plate.size_m
+    grid = np.stack(np.meshgrid(*np.linspace(low + 0.01, high - 0.01, 40).T), axis=-1).reshape(-1, 2)
+    gaps = np.linalg.norm(grid[:, None] - plate.centers_m[None], axis=2).min(axis=1)
+    grid = grid[gaps > CLEAR * plate.hole_m / 2]
+    grid = grid[:: max(1, len(grid) // SAMPLES)]
+    px = np.rint(project(camera, depth_from_plate.apply(np.c_[grid, np.zeros(len(grid))])))
+    height, width = depth_mm.shape
+    px = px[((px >= 0) & (px < (width, height))).all(axis=1)]
+    mm = depth_mm[px[:, 1].astype(int), px[:, 0].astype(int)].astype(np.float64)
+    return px[mm > 0], mm[mm > 0]

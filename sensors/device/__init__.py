@@ -1,0 +1,1 @@
+"""What every device has in common: the protocol, addresses, nodes, time stamps."""

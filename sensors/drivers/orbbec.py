@@ -1,0 +1,124 @@
+"""Orbbec Femto and Gemini cameras through pyorbbecsdk2 (extra ``orbbec``)."""
+
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.device.choose import choose
+from sensors.device.paired_camera import RATE_HZ, Image, PairedCamera
+from sensors.device.protocol import ColorImage, DepthImage
+from sensors.errors import (
+    DeviceBusyError,
+    DeviceError,
+    DeviceFaultError,
+    DeviceLostError,
+    DeviceNotFoundError,
+)
+from sensors.rig.camera import Intrinsics
+from sensors.rig.lens import intrinsics_from_rational
+from sensors.rig.rig_calibration import Pose, RigCalibration
+
+SdkObject = Any
+"""An object of pyorbbecsdk, which need not be installed where the types are checked."""
+
+COLOR_SIZE = (1920, 1080)
+
+
+class Orbbec(PairedCamera):
+    """One Orbbec camera. serial: which, or empty for the only one. Raises DeviceError."""
+
+    def __init__(self, serial: str = "") -> None:
+        if find_spec("pyorbbecsdk") is None:
+            raise DeviceNotFoundError("pyorbbecsdk2 is not installed; install annotate-cloud[orbbec]")
+        chosen = choose("Orbbec camera", orbbec_serials(), serial)
+        super().__init__(f"orbbec:{chosen}", chosen, _Library(chosen))
+
+
+def orbbec_serials() -> list[str]:
+    """Serial numbers of the cameras that are plugged in; none where the library is not installed."""
+    if find_spec("pyorbbecsdk") is None:
+        return []
+    import pyorbbecsdk
+
+    devices = pyorbbecsdk.Context().query_devices()
+    return [str(devices.get_device_serial_number_by_index(index)) for index in range(devices.get_count())]
+
+
+class _Library:
+    """pyorbbecsdk as a ``CaptureLibrary``."""
+
+    def __init__(self, serial: str) -> None:
+        import pyorbbecsdk
+
+        self._sdk: Any = pyorbbecsdk
+        try:
+            # The list of devices must not outlive its context.
+            self._context = pyorbbecsdk.Context()
+            device = self._context.query_devices().get_device_by_serial_number(serial)
+            self._pipeline = pyorbbecsdk.Pipeline(device)
+        except pyorbbecsdk.OBError as error:
+            raise DeviceBusyError(
+                f"orbbec:{serial} cannot be opened ({error}); close the program that uses it, "
+                "or add Orbbec's udev rule"
+            ) from error
+
+    def start(self) -> RigCalibration:
+        sdk, config = self._sdk, self._sdk.Config()
+        try:
+            color = self._pipeline.get_stream_profile_list(sdk.OBSensorType.COLOR_SENSOR)
+            config.enable_stream(
+                color.get_video_stream_profile(*COLOR_SIZE, sdk.OBFormat.MJPG, round(RATE_HZ))
+            )
+            depth = self._pipeline.get_stream_profile_list(sdk.OBSensorType.DEPTH_SENSOR)
+            config.enable_stream(depth.get_default_video_stream_profile())
+            self._pipeline.start(config)
+            return calibration_of(self._pipeline.get_camera_param())
+        except sdk.OBError as error:
+            raise DeviceError(f"the Orbbec camera does not start ({error}); use a USB 3 port") from error
+
+    def capture(self, timeout_s: float) -> list[Image]:
+        try:
+            frames = self._pipeline.wait_for_frames(max(1, round(timeout_s * 1000)))
+        except self._sdk.OBError as error:
+            raise DeviceLostError(f"the Orbbec camera is gone ({error}); plug it in again") from error
+        if frames is None:
+            return []
+        images = []
+        if (depth := frames.get_depth_frame()) is not None:
+            images.append(Image(1000 * depth.get_timestamp_us(), DepthImage(depth_of(depth))))
+        if (color := frames.get_color_frame()) is not None:
+            encoded = np.asarray(color.get_data(), np.uint8).tobytes()
+            images.append(Image(1000 * color.get_timestamp_us(), ColorImage(encoded)))
+        return images
+
+    def close(self) -> None:
+        self._pipeline.stop()
+
+
+def depth_of(frame: SdkObject) -> NDArray[np.uint16]:
+    """A depth frame as uint16 (h, w) millimetres. Raises DeviceFaultError for a cut one."""
+    shape = frame.get_height(), frame.get_width()
+    values = np.frombuffer(np.asarray(frame.get_data()).tobytes(), "<u2")
+    if values.size != shape[0] * shape[1]:
+        raise DeviceFaultError(
+            f"the Orbbec camera sent {values.size} of {shape[0] * shape[1]} pixels; read on"
+        )
+    millimetres = np.rint(values.reshape(shape) * np.float32(frame.get_depth_scale()))
+    return millimetres.clip(0, 65535).astype(np.uint16)
+
+
+def calibration_of(param: SdkObject) -> RigCalibration:
+    """The factory's calibration (OBCameraParam; its pose is in millimetres)."""
+    rotation = np.array(param.transform.rot, float).reshape(3, 3)
+    pose = Pose(rotation, np.array(param.transform.transform, float).ravel() / 1000)
+    depth = _camera(param.depth_intrinsic, param.depth_distortion)
+    return RigCalibration(depth, _camera(param.rgb_intrinsic, param.rgb_distortion), pose)
+
+
+def _camera(lens: SdkObject, distortion: SdkObject) -> Intrinsics:
+    matrix = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1]], float)
+    names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    coefficients = np.array([getattr(distortion, name) for name in names], float)
+    return intrinsics_from_rational((lens.width, lens.height), matrix, coefficients)

@@ -1,0 +1,253 @@
+"""Optris pyrometers (CT and CS families) over a serial line: the reference for the thermal camera."""
+
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from math import nan
+from pathlib import Path
+from types import MappingProxyType
+
+from sensors.device.address import Address
+from sensors.device.protocol import Reading, Spot
+from sensors.drivers.pyrometer_protocol import (
+    BURST_BOX,
+    BURST_HEAD,
+    BURST_PROCESS,
+    BURST_SWITCH,
+    CS,
+    CS_PROCESSOR,
+    CT,
+    FAMILIES,
+    HUNDREDTHS,
+    TENTHS,
+    BurstParser,
+    Family,
+    Scale,
+    burst_layout,
+    set_command,
+)
+from sensors.drivers.serial_line import ChatterError, SerialLine, SilenceError
+from sensors.errors import DeviceError, DeviceFaultError, DeviceLostError
+from sensors.rig.camera import Intrinsics
+
+SCALES = {"0.1": TENTHS, "0.01": HUNDREDTHS}
+"""Scales by the option ``step``: how many kelvin a step of a reading is."""
+YES_NO = {"yes": True, "no": False}
+POLL_HZ = 10.0
+"""A pyrometer follows drift over minutes; ten readings a second leave the line idle most of the time."""
+BURST_HZ = 100.0
+SAME_K, APART_K = 0.3, 3.0
+"""Two readings of one target, moments apart, differ by less than the first; other things by more."""
+OPENING_TRIES = 3
+SILENT_READS = 3
+"""So many requests without any answer, and the device counts as gone."""
+
+
+class WrongFamilyError(DeviceError):
+    """The device on the line is of the other family."""
+
+
+class Pyrometer:
+    """One pyrometer on a serial line. Opening asks for its serial number, and checks its family.
+
+    port: the line. rs485: the device's address on a bus, or None. scale: HUNDREDTHS for high-resolution
+    models. burst: CT only, let the device send by itself. Neither family has a clock: stamps are arrivals.
+    Raises DeviceError.
+    """
+
+    def __init__(
+        self,
+        port: Path,
+        family: Family = CT,
+        *,
+        baud: int | None = None,
+        rs485: int | None = None,
+        scale: Scale = TENTHS,
+        burst: bool = False,
+    ) -> None:
+        if burst and not family.burst:
+            raise DeviceError(f"the {family.name} family has no burst; leave burst out")
+        self.address = f"pyrometer:{port}?family={family.name}"
+        self.cameras: Mapping[str, Intrinsics] = MappingProxyType({})
+        self.rates_hz: Mapping[str, float] = {Spot.stream: BURST_HZ if burst else POLL_HZ}
+        self._family, self._scale, self._burst = family, scale, burst
+        self._line = SerialLine(port, baud or family.baud, rs485)
+        self._closed, self._streaming = threading.Event(), False
+        self._due_s = 0.0
+        self._silent, self._last_ns, self._dropped = 0, 0, 0
+        self._parser = BurstParser(3, scale)
+        self._ready: list[tuple[float, ...]] = []
+        try:
+            self.serial = self._identify()
+        except DeviceError:
+            self.close()
+            raise
+
+    def start(self) -> None:
+        """Begin: with burst, tell the device what to send and to start."""
+        if self._burst:
+            self._line.send(burst_layout((BURST_PROCESS, BURST_HEAD, BURST_BOX)))
+            self._line.send(bytes([BURST_SWITCH, 1]))
+            self._streaming = True
+        self._due_s = time.monotonic()
+
+    def read(self, timeout_s: float) -> Reading | None:
+        """The next temperatures, or None after ``timeout_s`` seconds.
+
+        An answer under way is waited for up to REPLY_S longer.
+        Raises DeviceFaultError for a short, late or impossible reply, DeviceLostError once it is gone.
+        """
+        if self._closed.is_set():
+            raise DeviceLostError(f"{self.address} is closed; open it again")
+        end_s = time.monotonic() + timeout_s
+        spot = self._next_burst(end_s) if self._burst else self._poll(end_s)
+        if spot is None:
+            if self._closed.is_set():
+                raise DeviceLostError(f"{self.address} was closed; open it again")
+            return None
+        arrival_ns = max(time.monotonic_ns(), self._last_ns + 1)
+        self._last_ns, dropped, self._dropped = arrival_ns, self._dropped, 0
+        return Reading(arrival_ns, arrival_ns, spot, dropped)
+
+    @property
+    def emissivity(self) -> float:
+        """Emissivity that the device reckons with, 0.1 to 1.1."""
+        return self._share(self._family.emissivity)
+
+    @emissivity.setter
+    def emissivity(self, value: float) -> None:
+        self._set(self._family.set_emissivity, self._family.emissivity, value)
+
+    @property
+    def transmissivity(self) -> float:
+        """Transmissivity (of a window before the head) that the device reckons with, 0.1 to 1.1."""
+        return self._share(self._family.transmissivity)
+
+    @transmissivity.setter
+    def transmissivity(self, value: float) -> None:
+        self._set(self._family.set_transmissivity, self._family.transmissivity, value)
+
+    @property
+    def firmware(self) -> int:
+        """Revision of the firmware."""
+        return int.from_bytes(self._line.ask(bytes([self._family.firmware]), 2))
+
+    def close(self) -> None:
+        """Stop a burst and give the line back; idempotent."""
+        if self._closed.is_set():
+            return
+        self._closed.set()
+        if self._streaming:
+            with suppress(DeviceError):
+                self._line.write(bytes([BURST_SWITCH, 0]))
+        self._line.close()
+
+    def _celsius(self, code: int | None) -> float:
+        return nan if code is None else self._scale.decode(self._line.ask(bytes([code]), 2))
+
+    def _share(self, code: int) -> float:
+        if self._streaming:
+            raise DeviceError(f"{self._line.port} is sending a burst; set its emissivity before start")
+        return int.from_bytes(self._line.ask(bytes([code]), 2)) / 1000
+
+    def _set(self, set_code: int, read_code: int, value: float) -> None:
+        """SET, and make sure: there is no acknowledgement but the value that is read back."""
+        command = set_command(self._family, set_code, value)
+        with suppress(DeviceFaultError):
+            self._line.ask(command, 2)
+        now = self._share(read_code)
+        if round(now * 1000) != round(value * 1000):
+            raise DeviceFaultError(
+                f"{self._line.port} kept {now:g} when {value:g} was set; "
+                "try again, check the family, or switch the device off and on (its checksum may be off)"
+            )
+
+    def _identify(self) -> str:
+        """Serial number of a device of the right family; asked again where the line is noisy."""
+        for _ in range(OPENING_TRIES - 1):
+            try:
+                return self._ask_who()
+            except ChatterError:
+                # Only a CT chatters, when whoever used it last was killed in the middle of a burst.
+                self._line.write(bytes([BURST_SWITCH, 0]))
+            except DeviceFaultError:
+                continue
+        return self._ask_who()
+
+    def _ask_who(self) -> str:
+        number = int.from_bytes(self._line.ask(bytes([self._family.serial]), 3))
+        self._check_family()
+        return str(number)
+
+    def _check_family(self) -> None:
+        """Catch a device of the other family: only reading commands are sent, which both families bear.
+
+        What a CT calls its box temperature a CS calls the current target, and only a CS has a processor
+        temperature; both signs together are taken as proof.
+        """
+        pairs = [(self._celsius(CS.target), self._celsius(CS.current_target)) for _ in range(3)]
+        same = all(abs(target - other) <= SAME_K for target, other in pairs)
+        apart = all(abs(target - other) > APART_K for target, other in pairs)
+        suspected = same if self._family is CT else apart
+        if suspected and self._has_processor() == (self._family is CT):
+            other = CS if self._family is CT else CT
+            raise WrongFamilyError(
+                f"{self._line.port} answers like the {other.name} family, not {self._family.name}; "
+                f"give family={other.name}"
+            )
+
+    def _has_processor(self) -> bool:
+        try:
+            return bool(self._line.ask(bytes([CS_PROCESSOR]), 2))
+        except SilenceError:
+            return False
+
+    def _poll(self, end_s: float) -> Spot | None:
+        if self._closed.wait(max(0.0, min(self._due_s, end_s) - time.monotonic())):
+            raise DeviceLostError(f"{self.address} was closed; open it again")
+        if self._due_s >= end_s:
+            return None
+        now_s = time.monotonic()
+        self._due_s = max(self._due_s + 1 / POLL_HZ, now_s)
+        family = self._family
+        try:
+            spot = Spot(*(self._celsius(code) for code in (family.target, family.head, family.box)))
+        except DeviceFaultError as error:
+            self._silent += isinstance(error, SilenceError)
+            self._dropped += 1
+            if self._silent >= SILENT_READS:
+                raise DeviceLostError(
+                    f"{self._line.port} is silent; check the pyrometer's power and cable"
+                ) from error
+            raise
+        self._silent = 0
+        return spot
+
+    def _next_burst(self, end_s: float) -> Spot | None:
+        while not self._ready:
+            left_s = end_s - time.monotonic()
+            if left_s <= 0 or not (data := self._line.receive(1, left_s)):
+                return None
+            data += self._line.receive(self._line.waiting(), 0)
+            skipped = self._parser.skipped
+            self._ready += self._parser.feed(data)
+            self._dropped += -(-(self._parser.skipped - skipped) // 8)
+        return Spot(*self._ready.pop(0))
+
+
+def open_pyrometer(address: Address, port: Path) -> Pyrometer:
+    """The pyrometer on ``port`` with the options of its address. Raises DeviceError."""
+    family = address.choice("family", FAMILIES, "ct")
+    baud, rs485 = address.given_integer("baud", 9600, 115200), address.given_integer("rs485", 1, 32)
+    scale, burst = address.choice("step", SCALES, "0.1"), address.choice("burst", YES_NO, "no")
+    emissivity = address.given_number("emissivity", 0.1, 1.1)
+    address.finish()
+    device = Pyrometer(port, family, baud=baud, rs485=rs485, scale=scale, burst=burst)
+    try:
+        if emissivity is not None:
+            device.emissivity = emissivity
+    except DeviceError:
+        device.close()
+        raise
+    return device

@@ -1,0 +1,104 @@
+"""A serial line to one device: requests, and replies of a length that is known beforehand."""
+
+import termios
+from pathlib import Path
+
+import serial
+
+from sensors.device.node import node_error
+from sensors.drivers.pyrometer_protocol import prefix
+from sensors.errors import DeviceError, DeviceFaultError, DeviceLostError
+
+REPLY_S = 0.2
+"""Devices answer within some milliseconds; a USB adapter's latency timer adds 16."""
+QUIET_S = 0.02
+"""After so long a silence nothing is left of an earlier reply."""
+CHATTER_READS = 10
+GONE = (OSError, termios.error, TypeError, ValueError)
+"""What pyserial raises on a port that has vanished, or (the last two) that another thread has closed."""
+
+
+class SilenceError(DeviceFaultError):
+    """Not one byte came in answer."""
+
+
+class ChatterError(DeviceFaultError):
+    """The device sends without being asked."""
+
+
+class SerialLine:
+    """Requests and replies of fixed length on a line without framing. Any thread may ``close`` it."""
+
+    def __init__(self, port: Path, baud: int, rs485: int | None) -> None:
+        self.port, self._prefix = port, prefix(rs485)
+        try:
+            self._serial = serial.Serial(str(port), baud, timeout=0, write_timeout=REPLY_S, exclusive=True)
+        except serial.SerialException as error:
+            raise node_error(port, error.errno) from error
+        except ValueError as error:
+            raise DeviceError(f"baud rate {baud} is impossible ({error}); give 9600 to 115200") from error
+        # Whoever used the line before may have left a reply on it.
+        self._disturbed = True
+
+    def ask(self, command: bytes, length: int) -> bytes:
+        """The reply of exactly ``length`` bytes.
+
+        Raises DeviceFaultError where fewer came, DeviceLostError where the line is gone.
+        """
+        self.send(command)
+        reply = self.receive(length, REPLY_S)
+        if len(reply) < length:
+            self._disturbed = True
+            raise (DeviceFaultError if reply else SilenceError)(
+                f"{self.port} answered {len(reply)} of {length} bytes to command {command.hex()}; "
+                "check cable, baud rate and family"
+            )
+        return reply
+
+    def send(self, command: bytes) -> None:
+        """Send a command, after what is left of earlier replies was thrown away.
+
+        Raises ChatterError where that does not end.
+        """
+        if self._disturbed:
+            self._fall_silent()
+            self._disturbed = False
+        self.write(command)
+
+    def write(self, command: bytes) -> None:
+        """Send a command at once, even to a device that does not stop sending."""
+        try:
+            self._serial.reset_input_buffer()
+            self._serial.write(self._prefix + command)
+        except GONE as error:
+            raise self._lost() from error
+
+    def receive(self, most: int, timeout_s: float) -> bytes:
+        """Up to ``most`` bytes, as many as come within ``timeout_s`` seconds."""
+        try:
+            self._serial.timeout = timeout_s
+            return bytes(self._serial.read(most))
+        except GONE as error:
+            raise self._lost() from error
+
+    def waiting(self) -> int:
+        """Number of bytes that have come and were not read."""
+        try:
+            return int(self._serial.in_waiting)
+        except GONE as error:
+            raise self._lost() from error
+
+    def close(self) -> None:
+        """Give the port back; a ``receive`` under way ends."""
+        if self._serial.is_open:
+            self._serial.cancel_read()
+        self._serial.close()
+
+    def _fall_silent(self) -> None:
+        for _ in range(CHATTER_READS):
+            if not self.receive(4096, QUIET_S):
+                return
+        raise ChatterError(f"{self.port} does not stop sending; switch the device off and on")
+
+    def _lost(self) -> DeviceLostError:
+        return DeviceLostError(f"{self.port} is gone; plug the pyrometer in again and start anew")

@@ -1,0 +1,1 @@
+"""Other people's recordings and clouds as sources of frames."""

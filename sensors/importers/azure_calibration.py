@@ -1,0 +1,91 @@
+"""The factory calibration of an Azure Kinect (JSON), brought to one depth and colour mode.
+
+Formulas and tables: Azure-Kinect-Sensor-SDK, src/transformation/mode_specific_calibration.c (MIT).
+"""
+
+import json
+from typing import Any
+
+import numpy as np
+
+from sensors.errors import CalibrationError
+from sensors.rig.camera import Intrinsics
+from sensors.rig.lens import intrinsics_from_rational
+from sensors.rig.rig_calibration import Pose, RigCalibration
+
+DEPTH_MODES = {
+    (640, 576): (1024, 192, 180),
+    (320, 288): (512, 96, 90),
+    (1024, 1024): (1024, 0, 0),
+    (512, 512): (512, 0, 0),
+}
+"""By image size: the side in pixels of the calibrated square image, and where the mode's image lies in it."""
+
+
+def calibration_from_factory(
+    data: bytes, depth_size: tuple[int, int], color_size: tuple[int, int] | None, mode: str
+) -> RigCalibration:
+    """A rig's calibration for images of these sizes (width, height). Raises CalibrationError."""
+    if depth_size not in DEPTH_MODES:
+        width, height = depth_size
+        raise CalibrationError(
+            f"depth images of {width}x{height} ({mode[:40]!r}) are of no mode of the camera"
+        )
+    try:
+        entries = json.loads(data.rstrip(b"\0"))["CalibrationInformation"]["Cameras"]
+        cameras = {
+            str(entry["Purpose"]).removeprefix("CALIBRATION_CameraPurpose"): entry for entry in entries
+        }
+        side, left, top = DEPTH_MODES[depth_size]
+        depth = _lens(cameras["Depth"], (side, side), (left, top), depth_size)
+        if color_size is None:
+            return RigCalibration(depth)
+        color = _color_lens(cameras["PhotoVideo"], color_size)
+        color_from_depth = _pose(cameras["PhotoVideo"]) @ _pose(cameras["Depth"]).inverse()
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        IndexError,
+        AttributeError,
+        RecursionError,
+        OverflowError,
+    ) as error:
+        raise CalibrationError(
+            f"calibration.json of the recording is malformed ({error!r}); record it again"
+        ) from error
+    return RigCalibration(depth, color, color_from_depth)
+
+
+def _color_lens(entry: dict[str, Any], size: tuple[int, int]) -> Intrinsics:
+    """A colour image is as wide as the sensor's; 16:9 ones are the middle of the 4:3 image."""
+    width, height = size
+    full = round(width * 3 / 4)
+    if not 0 < height <= full:
+        raise ValueError(f"colour images of {width}x{height}")
+    legacy = entry["SensorWidth"] * 9 == entry["SensorHeight"] * 16
+    calibrated = round(width * 9 / 16) if legacy else full
+    return _lens(entry, (width, calibrated), (0, (calibrated - height) // 2), size)
+
+
+def _lens(
+    entry: dict[str, Any], calibrated: tuple[int, int], crop: tuple[int, int], size: tuple[int, int]
+) -> Intrinsics:
+    """Unit-square intrinsics with corners at 0 to pixels with centres at whole numbers, cropped."""
+    lens = entry["Intrinsics"]
+    if lens["ModelType"] != "CALIBRATION_LensDistortionModelBrownConrady":
+        raise CalibrationError(
+            f"lens model {str(lens['ModelType'])[:60]!r} is unknown; only Brown-Conrady is"
+        )
+    cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, _, _, p2, p1 = (float(x) for x in lens["ModelParameters"][:14])
+    matrix = np.eye(3)
+    matrix[0, 0], matrix[1, 1] = fx * calibrated[0], fy * calibrated[1]
+    matrix[0, 2], matrix[1, 2] = cx * calibrated[0] - crop[0] - 0.5, cy * calibrated[1] - crop[1] - 0.5
+    if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        raise ValueError("focal length")
+    return intrinsics_from_rational(size, matrix, np.array([k1, k2, p1, p2, k3, k4, k5, k6]))
+
+
+def _pose(entry: dict[str, Any]) -> Pose:
+    rotation, translation = (np.array(entry["Rt"][part], np.float64) for part in ("Rotation", "Translation"))
+    return Pose(rotation.reshape(3, 3), translation)

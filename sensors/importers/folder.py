@@ -1,0 +1,186 @@
+"""A folder of 16-bit depth PNGs, with colour and thermal images where there are some, as a source of frames.
+
+Layout, everything but depth optional::
+
+    depth/NAME.png      16-bit depth; or NAME.depth.png, or NAME.png, in the folder itself
+    color/NAME.jpg      JPEG or PNG of the same name; or in rgb/
+    thermal/NAME.png    16-bit temperatures in the scale of a session (``messages.THERMAL_OFFSET_C``)
+    associations.txt    which colour belongs to which depth image, and when they were taken, where names
+                        differ; or depth.txt and rgb.txt (see ``associations``)
+    calibration.json    the rig's calibration as ``calibration.save_calibration`` writes it; or
+    intrinsics.json     the depth camera's numbers (see ``intrinsics_file``); or intrinsic.json,
+                        camera_intrinsic.json, camera_intrinsics.json
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import CalibrationError, FormatError
+from sensors.files.bounded import read_bounded
+from sensors.files.png import decode_grey, png_shape
+from sensors.importers.tum_lists import (
+    ASSOCIATIONS,
+    TUM_UNIT_MM,
+    WINDOW_NS,
+    is_tum,
+    read_associations,
+    read_list,
+)
+from sensors.rig.camera import Intrinsics
+from sensors.rig.frame import FRAME_PERIOD_NS, RigFrame, mm_from_units
+from sensors.rig.intrinsics_file import read_intrinsics
+from sensors.rig.pairing import pair_stamps
+from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration
+from sensors.session.messages import thermal_from_uint16
+
+INTRINSICS = ("intrinsics.json", "intrinsic.json", "camera_intrinsic.json", "camera_intrinsics.json")
+
+
+class ImageFolder:
+    """An image folder as a ``FrameSource``, frames in the order of their names, read one at a time.
+
+    notes: what is absent or assumed, one sentence each. Raises FormatError when there are no depth images,
+    CalibrationError when the intrinsics are missing or contradict them.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.name = path, path.resolve().name
+        self._depth = _depth_files(path)
+        self._stamps_ns, self._color, timing = _colors(path, self._depth)
+        self._thermal = _matching(path / "thermal", (".png",), self._depth)
+        self.calibration, self._unit_mm, origin = _calibration(path, next(iter(self._depth.values())))
+        self.notes = (
+            *origin,
+            timing,
+            *_presence("colour", self._color, len(self._depth), self.calibration.color),
+            *_presence("thermal", self._thermal, len(self._depth), self.calibration.thermal),
+        )
+
+    def __len__(self) -> int:
+        return len(self._depth)
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        return (self._frame(index, stem) for index, stem in enumerate(self._depth))
+
+    def _frame(self, index: int, stem: str) -> RigFrame:
+        depth = _grey16(self._depth[stem], self.calibration.depth)
+        thermal, color = self._thermal.get(stem), self._color.get(stem)
+        return RigFrame(
+            index=index,
+            stamp_ns=self._stamps_ns.get(stem, index * FRAME_PERIOD_NS),
+            depth_mm=mm_from_units(depth, self._unit_mm),
+            color_encoded=read_bounded(color) if color else None,
+            thermal_c=thermal_from_uint16(_grey16(thermal, self.calibration.thermal)) if thermal else None,
+        )
+
+
+def _depth_files(path: Path) -> dict[str, Path]:
+    """Depth files by name without suffix, sorted."""
+    if (path / "depth").is_dir():
+        files = {file.stem: file for file in (path / "depth").glob("*.png")}
+    else:
+        suffixed = list(path.glob("*.depth.png"))
+        files = {file.name.removesuffix(".depth.png"): file for file in suffixed}
+        files = files or {file.stem: file for file in path.glob("*.png")}
+    if not files:
+        raise FormatError(f"{path} holds no depth images; put 16-bit PNGs into {path / 'depth'}")
+    return dict(sorted(files.items()))
+
+
+def _colors(path: Path, depth: dict[str, Path]) -> tuple[dict[str, int], dict[str, Path], str]:
+    """When each depth image was taken and the colour image of each, by its name; and a note on time.
+
+    Reorders ``depth`` by time, and drops what a list leaves out. Raises FormatError.
+    """
+    folder = path / "color" if (path / "color").is_dir() else path / "rgb"
+    suffixes = (".jpg", ".jpeg", ".png")
+    listed = [path / name for name in ASSOCIATIONS if (path / name).is_file()]
+    if listed:
+        pairs = read_associations(listed[0])
+        stamped, wanted = dict(_stemmed(d) for d, _ in pairs), {Path(d[1]).stem: c[1] for d, c in pairs}
+    elif (path / "depth.txt").is_file() and (path / "rgb.txt").is_file():
+        stamped, wanted = _nearest(read_list(path / "depth.txt"), read_list(path / "rgb.txt"))
+    else:
+        return {}, _matching(folder, suffixes, depth), "no time stamps: 30 frames a second assumed"
+    order = sorted((stem for stem in stamped if stem in depth), key=lambda stem: stamped[stem])
+    if not order:
+        raise FormatError(f"{path}: no depth image is named in its list; give the folder that the list is of")
+    left_out, kept = len(depth) - len(order), {stem: depth[stem] for stem in order}
+    depth.clear()
+    depth.update(kept)
+    there = {file.name: file for file in folder.glob("*") if file.suffix.lower() in suffixes}
+    color = {stem: there[name] for stem, name in wanted.items() if stem in depth and name in there}
+    rest = f"; {left_out} depth images that it does not name are left out" if left_out else ""
+    return stamped, color, f"times from {listed[0].name if listed else 'depth.txt'}{rest}"
+
+
+def _stemmed(image: tuple[int, str]) -> tuple[str, int]:
+    return Path(image[1]).stem, image[0]
+
+
+def _nearest(
+    depth: list[tuple[int, str]], color: list[tuple[int, str]]
+) -> tuple[dict[str, int], dict[str, str]]:
+    """Stamps of the depth images, and for each the colour image nearest in time, by name."""
+    depth, color = sorted(depth), sorted(color)
+    stamps = [np.array([stamp for stamp, _ in images], np.int64) for images in (depth, color)]
+    pairs = pair_stamps(stamps[0], stamps[1], WINDOW_NS)
+    names = [Path(name).stem for _, name in depth]
+    return dict(map(_stemmed, depth)), {
+        stem: color[at][1] for stem, at in zip(names, pairs.tolist(), strict=True) if at >= 0
+    }
+
+
+def _matching(folder: Path, suffixes: tuple[str, ...], depth: dict[str, Path]) -> dict[str, Path]:
+    files = {f.stem: f for f in sorted(folder.glob("*")) if f.suffix.lower() in suffixes}
+    matching = {stem: file for stem, file in files.items() if stem in depth}
+    if files and not matching:
+        first = next(iter(depth))
+        raise FormatError(
+            f"no image in {folder} is named like a depth image; name them alike, e.g. {first}{suffixes[0]}"
+        )
+    return matching
+
+
+def _presence(name: str, files: dict[str, Path], frames: int, camera: Intrinsics | None) -> tuple[str, ...]:
+    if not files:
+        return (f"no {name} images",)
+    notes = (
+        () if len(files) == frames else (f"{frames - len(files)} of {frames} frames have no {name} image",)
+    )
+    return notes if camera else (*notes, f"no calibration of the {name} camera: its images cannot be fused")
+
+
+def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, tuple[str, ...]]:
+    """Calibration, millimetres of a depth step, and notes that say where they are from."""
+    if (path / "calibration.json").is_file():
+        return load_calibration(path / "calibration.json"), 1.0, ("calibration from calibration.json",)
+    shape = png_shape(read_bounded(first_depth), str(first_depth))
+    file = next((path / name for name in INTRINSICS if (path / name).is_file()), None)
+    if file is None:
+        raise CalibrationError(
+            f"{path} has no intrinsics; add {path / INTRINSICS[0]} holding "
+            f'{{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": {shape[1]}, "height": {shape[0]}}} '
+            "with the depth camera's four numbers in pixels"
+        )
+    found = read_intrinsics(file, shape)
+    notes, unit_mm = [f"intrinsics from {file.name}"], found.unit_mm
+    if unit_mm == 1.0 and is_tum(path):
+        notes, unit_mm = [*notes, "depth in 1/5000 m, as in every TUM dataset"], TUM_UNIT_MM
+    if not found.aligned:
+        return RigCalibration(found.depth), unit_mm, tuple(notes)
+    notes.append("colour taken for aligned with depth, as Open3D's recorder leaves it")
+    return RigCalibration(found.depth, found.depth, Pose.identity()), unit_mm, tuple(notes)
+
+
+def _grey16(file: Path, camera: Intrinsics | None) -> NDArray[np.uint16]:
+    image: NDArray[np.uint16] = decode_grey(read_bounded(file), np.uint16, str(file))
+    if camera is not None and image.shape != camera.shape:
+        raise CalibrationError(
+            f"{file} is {image.shape[1]}x{image.shape[0]} but its calibration says "
+            f"{camera.width}x{camera.height}; give the calibration of this camera"
+        )
+    return image

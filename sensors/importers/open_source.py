@@ -1,0 +1,52 @@
+"""Opens whatever holds recorded frames, told by its content: see the table in ``open_source``."""
+
+from pathlib import Path
+
+from sensors.errors import FormatError
+from sensors.importers.arrays import NPY_MAGIC, ZIP_MAGIC, DepthArrays
+from sensors.importers.azure_mkv import AzureRecording
+from sensors.importers.bag import Bag, is_bag
+from sensors.importers.folder import ImageFolder
+from sensors.importers.pointcloud import CloudFile
+from sensors.session.mcap_records import MAGIC
+from sensors.session.reader import Session
+
+Source = Session | ImageFolder | CloudFile | AzureRecording | Bag | DepthArrays
+"""A ``FrameSource`` with ``len``, and ``notes`` on what is absent or assumed."""
+
+KINDS = (
+    "a session, a ROS 2 bag, an MCAP file with ROS 2 or Foxglove images, an Azure Kinect recording (.mkv), a "
+    "folder of depth PNGs, a cloud (.pcd, .ply, .las, .laz) or arrays (.npy, .npz)"
+)
+CLOUDS = (".pcd", ".ply", ".las", ".laz")
+
+
+def open_source(path: Path) -> Source:
+    """The ``FrameSource`` at ``path``; files are told by their first bytes, clouds in text by their name.
+
+    Raises FormatError for anything else, and what the sources themselves raise.
+    """
+    if path.is_dir():
+        return Bag(path) if is_bag(path) else ImageFolder(path)
+    head = _head(path)
+    if head.startswith(MAGIC) or path.name.lower().endswith((".mcap", ".mcap.partial")):
+        return Bag(path) if head.startswith(MAGIC) and is_bag(path) else Session(path)
+    if head.startswith(b"SQLite format 3\0"):
+        return Bag(path)
+    if head.startswith(b"\x1a\x45\xdf\xa3"):
+        return AzureRecording(path)
+    if head.startswith((NPY_MAGIC, ZIP_MAGIC)):
+        return DepthArrays(path)
+    if path.suffix.lower() in CLOUDS:
+        return CloudFile(path)
+    raise FormatError(f"{path} is of no known kind; give {KINDS}")
+
+
+def _head(path: Path) -> bytes:
+    if not path.exists():
+        raise FormatError(f"{path} does not exist; give {KINDS}")
+    try:
+        with path.open("rb") as file:
+            return file.read(16)
+    except OSError as error:
+        raise FormatError(f"{path} cannot be read ({error.strerror}); check its permissions") from error

@@ -1,0 +1,74 @@
+"""Lists of time-stamped images in the TUM RGB-D format: ``depth.txt``, ``rgb.txt``, ``associations.txt``.
+
+Lines are ``seconds path``, in associations two such pairs; ``#`` begins a comment.
+Source: TUM RGB-D dataset, "File Formats" and its ``associate.py``.
+"""
+
+import re
+from pathlib import Path, PurePosixPath
+
+from sensors.errors import FormatError
+from sensors.files.bounded import read_bounded
+
+ASSOCIATIONS = ("associations.txt", "associate.txt", "assoc.txt", "association.txt")
+WINDOW_NS = 20_000_000
+"""``associate.py``'s longest time between two images that belong together."""
+TUM_UNIT_MM = 0.2
+"""Depth PNGs of the TUM datasets have 5000 steps a metre."""
+MAX_BYTES, MAX_LINES = 64_000_000, 1_000_000
+MAX_SECONDS = 9e9
+
+
+def is_tum(folder: Path) -> bool:
+    """Whether the folder has the lists of a TUM dataset, header included: then depth is in TUM's unit."""
+    return (folder / "depth.txt").is_file() and _text(folder / "depth.txt").startswith("# depth maps")
+
+
+def read_list(file: Path) -> list[tuple[int, str]]:
+    """(stamp in ns, name of the image without folders) for every line of a list. Raises FormatError."""
+    return [(_nanoseconds(words[0], file), _name(words[1], file)) for words in _lines(file, 2)]
+
+
+def read_associations(file: Path) -> list[tuple[tuple[int, str], tuple[int, str]]]:
+    """((stamp, depth image), (stamp, colour image)) for every line, in whatever order a line has them."""
+    pairs = []
+    for words in _lines(file, 4):
+        first, second = ((_nanoseconds(words[at], file), words[at + 1].replace("\\", "/")) for at in (0, 2))
+        depth, color = (first, second) if "depth" in first[1].lower() else (second, first)
+        pairs.append(((depth[0], _name(depth[1], file)), (color[0], _name(color[1], file))))
+    return pairs
+
+
+def _lines(file: Path, words: int) -> list[list[str]]:
+    lines = []
+    # Line by line: all of a hostile file's at once need fifty times its size.
+    for count, match in enumerate(re.finditer(r"[^\r\n]+", _text(file)), 1):
+        if count > MAX_LINES:
+            raise FormatError(f"{file} has more than {MAX_LINES} lines; split it")
+        line = match[0].split(maxsplit=words)
+        if not line or match[0].startswith("#"):
+            continue
+        if len(line) < words:
+            raise FormatError(f"{file}: line {' '.join(line)[:60]!r} has no {words} words; correct it")
+        lines.append(line[:words])
+    return lines
+
+
+def _nanoseconds(text: str, file: Path) -> int:
+    """Seconds with any number of digits as whole nanoseconds, without a float's rounding."""
+    match = re.fullmatch(r"(\d{1,10})(?:\.(\d{0,30}))?", text, re.ASCII)
+    if match is None or int(match[1]) > MAX_SECONDS:
+        raise FormatError(f"{file}: {text[:40]!r} are no seconds; correct it")
+    return int(match[1]) * 1_000_000_000 + int((match[2] or "").ljust(9, "0")[:9])
+
+
+def _name(path: str, file: Path) -> str:
+    """Images are looked for in the folder's own subfolders, whatever a list says."""
+    name = PurePosixPath(path.replace("\\", "/")).name
+    if not name or name == ".." or "\0" in name or len(name) > 200:
+        raise FormatError(f"{file}: {path[:40]!r} names no image; correct it")
+    return name
+
+
+def _text(file: Path) -> str:
+    return read_bounded(file, MAX_BYTES, "split it").decode(errors="replace")

@@ -1,0 +1,1 @@
+"""Devices opened by address or rig file, and recorded."""

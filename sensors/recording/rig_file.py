@@ -1,0 +1,68 @@
+"""A rig file names the devices of a rig and its calibration::
+
+name = "ward 3"
+calibration = "ward3.json"          # what `calibrate` wrote, or a folder of OpenCV YAML
+devices = ["kinect2:", "optris:/dev/video0?mode=128hz", "pyrometer:/dev/ttyUSB0?family=ct"]
+[latency_ms]                        # from exposure to arrival, where it is known
+"kinect2:" = 25
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sensors.device.address import Address
+from sensors.errors import DeviceError
+from sensors.files.toml_file import read_toml
+from sensors.rig.calibration_yaml import open_calibration
+from sensors.rig.pairing import MAX_LATENCY_MS
+from sensors.rig.rig_calibration import RigCalibration
+
+MAX_BYTES = 100_000
+MAX_DEVICES = 16
+KEYS = ("name", "calibration", "devices", "latency_ms")
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What to record from. devices: addresses; latency_ms: by address. Raises DeviceError for nonsense."""
+
+    name: str
+    devices: tuple[str, ...]
+    calibration: RigCalibration | None = None
+    latency_ms: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.devices) <= MAX_DEVICES:
+            raise DeviceError(f"rig {self.name!r} names {len(self.devices)} devices; give 1 to {MAX_DEVICES}")
+        for address in self.devices:
+            Address(address)
+            if self.devices.count(address) > 1:
+                raise DeviceError(f"rig {self.name!r} names {address!r} twice; name each device once")
+        for address, latency_ms in self.latency_ms.items():
+            if address not in self.devices:
+                raise DeviceError(
+                    f"rig {self.name!r}: latency_ms of {address!r}, which is none of its devices"
+                )
+            if not 0 <= latency_ms <= MAX_LATENCY_MS:
+                raise DeviceError(f"latency_ms {latency_ms} of {address!r} is no number from 0 to 1000")
+
+
+def load_rig(path: Path) -> Rig:
+    """Read a rig file; a calibration's path is relative to it. Raises DeviceError, CalibrationError."""
+    fields = read_toml(path, MAX_BYTES, "give a rig file (TOML)", DeviceError)
+    if unknown := sorted(set(fields) - set(KEYS)):
+        raise DeviceError(f"rig file {path} has unknown key {unknown[0]!r}; known are {', '.join(KEYS)}")
+    devices, latency = fields.get("devices", []), fields.get("latency_ms", {})
+    if not isinstance(devices, list) or not all(isinstance(address, str) for address in devices):
+        raise DeviceError(f"rig file {path}: devices is {devices!r}; give a list of addresses")
+    if not isinstance(latency, dict) or not all(isinstance(ms, int | float) for ms in latency.values()):
+        raise DeviceError(f"rig file {path}: latency_ms is {latency!r}; give milliseconds by address")
+    calibration = fields.get("calibration")
+    if calibration is not None and not isinstance(calibration, str):
+        raise DeviceError(f"rig file {path}: calibration is {calibration!r}; give a path")
+    return Rig(
+        str(fields.get("name", path.stem)),
+        tuple(devices),
+        None if calibration is None else open_calibration(path.parent / calibration),
+        latency,
+    )

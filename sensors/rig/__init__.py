@@ -1,0 +1,1 @@
+"""Cameras together: geometry, calibration, frames, clocks and pairing."""

@@ -1,0 +1,100 @@
+"""One synchronised moment of the rig: depth, colour and temperature as the cameras gave them."""
+
+import io
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from sensors.errors import FormatError
+from sensors.files.limits import MAX_IMAGE_SIDE
+from sensors.files.png import PNG_MAGIC, check_chunks
+
+MAX_DEPTH_MM = 65535
+FRAME_PERIOD_NS = 33_333_333
+"""Stamps of images that carry none: 30 a second."""
+MAX_SCANS = 100
+"""Of a JPEG: a progressive one has ten. Each goes over all pixels, however few bytes it has."""
+_SCAN = b"\xff\xda"  # SOS (ITU-T T.81, table B.1), which never occurs within a scan's data
+
+
+@dataclass(frozen=True)
+class RigFrame:
+    """Depth with whatever colour and temperature belong to it; each in its own camera's pixels.
+
+    depth_mm: uint16 (h, w) millimetres along z, 0 = no reading, lens distortion still in.
+    color_encoded: the camera's own JPEG (or PNG) bytes, or None.
+    thermal_c: float32 (h, w) degrees Celsius, NaN = no reading, or None.
+    infrared: uint16 (h, w) amplitude in the depth camera's own pixels, or None; calibration needs it.
+    stamp_ns: the depth camera's time. Raises FormatError for wrong types or shapes.
+    """
+
+    index: int
+    stamp_ns: int
+    depth_mm: NDArray[np.uint16]
+    color_encoded: bytes | None = field(default=None, repr=False)
+    thermal_c: NDArray[np.float32] | None = None
+    infrared: NDArray[np.uint16] | None = None
+
+    def __post_init__(self) -> None:
+        _check("depth", self.depth_mm, np.uint16)
+        if self.thermal_c is not None:
+            _check("thermal", self.thermal_c, np.float32)
+        if self.infrared is not None:
+            _check("infrared", self.infrared, np.uint16)
+
+    def decode_color(self) -> NDArray[np.uint8] | None:
+        """Colour image (h, w, 3) RGB, or None where the frame has none.
+
+        Raises FormatError when the bytes are no image.
+        """
+        if self.color_encoded is None:
+            return None
+        try:
+            with Image.open(io.BytesIO(self.color_encoded), formats=("JPEG", "PNG")) as header:
+                size = header.size
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            raise self._broken_color(str(error)) from error
+        if max(size) > MAX_IMAGE_SIDE:
+            raise self._broken_color(f"it claims {size[0]}x{size[1]} pixels")
+        if self.color_encoded.startswith(PNG_MAGIC):
+            check_chunks(self.color_encoded, f"colour image of frame {self.index}:")
+        elif (scans := self.color_encoded.count(_SCAN)) > MAX_SCANS:
+            raise self._broken_color(f"it has {scans} scans")
+        image = cv2.imdecode(np.frombuffer(self.color_encoded, np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            raise self._broken_color("it is cut off or corrupt")
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+    def _broken_color(self, why: str) -> FormatError:
+        return FormatError(
+            f"colour image of frame {self.index} cannot be decoded ({why}); drop it or record again"
+        )
+
+
+def mm_from_metres(depth_m: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
+    """Depth on disk: whole millimetres; 0 where there is no reading, or it does not fit into 16 bits."""
+    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs
+        return _whole_mm(np.asarray(depth_m, np.float64) * 1000)
+
+
+def mm_from_units(depth: NDArray[np.integer[Any]], unit_mm: float) -> NDArray[np.uint16]:
+    """Integers of ``unit_mm`` millimetres each as depth on disk."""
+    if unit_mm == 1.0 and depth.dtype == np.uint16:
+        return np.asarray(depth, np.uint16)
+    return _whole_mm(depth.astype(np.float64) * unit_mm)
+
+
+def _whole_mm(millimetres: NDArray[np.float64]) -> NDArray[np.uint16]:
+    whole = np.rint(millimetres)
+    return np.where((whole > 0) & (whole <= MAX_DEPTH_MM), whole, 0).astype(np.uint16)
+
+
+def _check(name: str, image: NDArray[np.generic], dtype: type[np.generic]) -> None:
+    if image.ndim != 2 or image.dtype != dtype:
+        raise FormatError(
+            f"{name} image is {image.dtype} {image.shape}; give {dtype.__name__} with shape (height, width)"
+        )

@@ -1,0 +1,1 @@
+"""Recordings of frames in one MCAP file: written, indexed, read."""

@@ -1,0 +1,276 @@
+"""What one session message holds: images, calibrations and events as Foxglove protobuf messages and back.
+
+Every ``*_message`` has its inverse ``*_from`` beside it. Inverses take serialised messages from outside and
+raise FormatError or CalibrationError.
+"""
+
+from collections.abc import Iterator
+from typing import TypeVar
+
+import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from google.protobuf.message import DecodeError
+from google.protobuf.message import Message as ProtoMessage
+from google.protobuf.timestamp_pb2 import Timestamp
+from numpy.typing import NDArray
+
+from sensors.errors import CalibrationError, FormatError
+from sensors.rig.camera import Intrinsics
+from sensors.rig.quaternion import quaternion_of, rotation_of
+from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES, Pose, RigCalibration
+
+CAMERAS = ("depth", "color", "thermal")
+DEPTH, COLOR, THERMAL = (f"/{camera}/image" for camera in CAMERAS)
+INFRARED, COUNTS, PYROMETER = "/infrared/image", "/thermal/counts", "/pyrometer"
+CALIBRATIONS = {f"/{camera}/calibration": camera for camera in CAMERAS}
+TF, EVENTS = "/tf", "/events"
+
+SCHEMAS: dict[str, type[ProtoMessage]] = {
+    DEPTH: RawImage,
+    COLOR: CompressedImage,
+    THERMAL: RawImage,
+    INFRARED: RawImage,
+    COUNTS: RawImage,
+    PYROMETER: RawImage,
+    **dict.fromkeys(CALIBRATIONS, CameraCalibration),
+    TF: FrameTransforms,
+    EVENTS: Log,
+}
+"""Message class of every topic of a session."""
+
+METADATA = "annotate-cloud"
+"""Name of the metadata record that holds the session's name and what its maker noted."""
+
+THERMAL_OFFSET_C = 100.0
+THERMAL_STEPS_PER_C = 100.0
+"""On disk a temperature is the uint16 round((celsius + 100) * 100); 0 = no reading; -99.99..555.35 C."""
+
+_FORMATS = {b"\xff\xd8\xff": "jpeg", b"\x89PN": "png"}
+
+
+def depth_message(depth_mm: NDArray[np.uint16], stamp_ns: int) -> RawImage:
+    """uint16 (h, w) millimetres as 16UC1."""
+    return _raw_image(depth_mm, "depth", stamp_ns)
+
+
+def depth_from(data: bytes) -> NDArray[np.uint16]:
+    """Inverse of ``depth_message``. Raises FormatError."""
+    return _raw_values(data, "depth")
+
+
+def infrared_message(infrared: NDArray[np.uint16], stamp_ns: int) -> RawImage:
+    """uint16 (h, w) infrared amplitude of the depth camera as 16UC1."""
+    return _raw_image(infrared, "infrared", stamp_ns)
+
+
+def infrared_from(data: bytes) -> NDArray[np.uint16]:
+    """Inverse of ``infrared_message``. Raises FormatError."""
+    return _raw_values(data, "infrared")
+
+
+def counts_message(counts: NDArray[np.uint16], stamp_ns: int) -> RawImage:
+    """uint16 (h, w) detector counts, no temperatures, as 16UC1."""
+    return _raw_image(counts, "thermal", stamp_ns)
+
+
+def spot_message(target_c: float, head_c: float, box_c: float, stamp_ns: int) -> RawImage:
+    """What a pyrometer measures as one row of 32FC1: target, head and box, Celsius, NaN = not measured."""
+    data = np.array([target_c, head_c, box_c], "<f4").tobytes()
+    return RawImage(
+        timestamp=_time(stamp_ns),
+        frame_id="pyrometer",
+        width=3,
+        height=1,
+        encoding="32FC1",
+        step=12,
+        data=data,
+    )
+
+
+def target_from(data: bytes) -> float:
+    """The target's temperature of a ``spot_message``, Celsius. Raises FormatError."""
+    message = _decode(RawImage, data)
+    if message.encoding != "32FC1" or len(message.data) < 4:
+        raise FormatError(f"a pyrometer reading has encoding {message.encoding[:40]!r}; only 32FC1 is read")
+    return float(np.frombuffer(message.data[:4], "<f4")[0])
+
+
+def thermal_message(thermal_c: NDArray[np.float32], stamp_ns: int) -> RawImage:
+    """float32 (h, w) Celsius, NaN = no reading, as 16UC1 in steps of 0.01 C (see THERMAL_OFFSET_C)."""
+    return _raw_image(thermal_to_uint16(thermal_c), "thermal", stamp_ns)
+
+
+def thermal_from(data: bytes) -> NDArray[np.float32]:
+    """Inverse of ``thermal_message``. Raises FormatError."""
+    return thermal_from_uint16(_raw_values(data, "thermal"))
+
+
+def thermal_to_uint16(thermal_c: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Celsius to the documented scale; what lies outside it saturates, non-finite becomes 0."""
+    steps = np.rint((np.asarray(thermal_c, np.float64) + THERMAL_OFFSET_C) * THERMAL_STEPS_PER_C)
+    return np.where(np.isfinite(steps), np.clip(steps, 1, 65535), 0).astype(np.uint16)
+
+
+def thermal_from_uint16(values: NDArray[np.uint16]) -> NDArray[np.float32]:
+    """The documented scale to Celsius; 0 becomes NaN."""
+    celsius = values.astype(np.float64) / THERMAL_STEPS_PER_C - THERMAL_OFFSET_C
+    return np.where(values > 0, celsius, np.nan).astype(np.float32)
+
+
+def color_message(encoded: bytes, stamp_ns: int) -> CompressedImage:
+    """The camera's own JPEG or PNG bytes, untouched. Raises FormatError for other bytes."""
+    kind = _FORMATS.get(encoded[:3])
+    if kind is None:
+        raise FormatError(f"colour image starts with {encoded[:3]!r}; give JPEG or PNG bytes")
+    return CompressedImage(timestamp=_time(stamp_ns), frame_id="color", format=kind, data=encoded)
+
+
+def color_from(data: bytes) -> bytes:
+    """Inverse of ``color_message``. Raises FormatError."""
+    message = _decode(CompressedImage, data)
+    if message.format not in _FORMATS.values():
+        raise FormatError(f"colour image has format {message.format[:40]!r}; only jpeg and png are read")
+    return bytes(message.data)
+
+
+def event_message(stamp_ns: int, text: str) -> Log:
+    """Something that happened: flag closed, frame dropped, camera unplugged."""
+    return Log(timestamp=_time(stamp_ns), level=Log.INFO, message=text)
+
+
+def event_from(data: bytes) -> str:
+    """Inverse of ``event_message``. Raises FormatError."""
+    return _decode(Log, data).message
+
+
+def calibration_messages(calibration: RigCalibration, stamp_ns: int) -> Iterator[tuple[str, ProtoMessage]]:
+    """(topic, message) pairs: intrinsics of each camera, and the poses as a tree below frame ``depth``."""
+    for topic, name in CALIBRATIONS.items():
+        camera = getattr(calibration, name)
+        if camera is not None:
+            yield topic, _camera_message(camera, name, stamp_ns)
+    poses = {"color": calibration.color_from_depth, "thermal": calibration.thermal_from_depth}
+    transforms = [_transform(name, pose, stamp_ns) for name, pose in poses.items() if pose is not None]
+    if transforms:
+        yield TF, FrameTransforms(transforms=transforms)
+
+
+def calibration_from(messages: dict[str, bytes]) -> RigCalibration:
+    """Inverse of ``calibration_messages``; the first message of each topic. Raises CalibrationError."""
+    for topic, data in messages.items():
+        # A protobuf list of empty messages unpacks to fifty times its size.
+        if len(data) > MAX_CALIBRATION_BYTES:
+            raise CalibrationError(
+                f"{topic} is larger than {MAX_CALIBRATION_BYTES} bytes; record it with its calibration"
+            )
+    cameras = {
+        name: _camera_from(messages[topic], name) for topic, name in CALIBRATIONS.items() if topic in messages
+    }
+    if "depth" not in cameras:
+        raise CalibrationError("the session has no /depth/calibration; record it with its calibration")
+    poses = {}
+    for transform in _decode(FrameTransforms, messages.get(TF, b"")).transforms:
+        if transform.parent_frame_id == "depth" and transform.child_frame_id in ("color", "thermal"):
+            poses[f"{transform.child_frame_id}_from_depth"] = _pose_from(transform)
+    return RigCalibration(**cameras, **poses)  # type: ignore[arg-type]
+
+
+M = TypeVar("M", bound=ProtoMessage)
+
+
+def _decode(kind: type[M], data: bytes) -> M:
+    message: M = kind()
+    try:
+        message.ParseFromString(data)
+    except DecodeError as error:
+        raise FormatError(f"{kind.__name__} cannot be decoded ({error}); repair the session") from error
+    return message
+
+
+def _time(stamp_ns: int) -> Timestamp:
+    timestamp = Timestamp()
+    timestamp.FromNanoseconds(stamp_ns)
+    return timestamp
+
+
+def _raw_image(image: NDArray[np.uint16], frame_id: str, stamp_ns: int) -> RawImage:
+    height, width = image.shape
+    data = np.ascontiguousarray(image, "<u2").tobytes()
+    return RawImage(
+        timestamp=_time(stamp_ns),
+        frame_id=frame_id,
+        width=width,
+        height=height,
+        encoding="16UC1",
+        step=2 * width,
+        data=data,
+    )
+
+
+def _raw_values(data: bytes, name: str) -> NDArray[np.uint16]:
+    message = _decode(RawImage, data)
+    if message.encoding not in ("16UC1", "mono16"):
+        raise FormatError(f"{name} image has encoding {message.encoding[:40]!r}; only 16UC1 is read")
+    height, width, step = message.height, message.width, message.step
+    if width == 0 or height == 0 or step < 2 * width or step % 2 or len(message.data) != step * height:
+        raise FormatError(
+            f"{name} image says {width}x{height}, {step} bytes a row, but holds {len(message.data)} bytes; "
+            "record it again"
+        )
+    rows = np.frombuffer(message.data, "<u2").reshape(height, step // 2)
+    return rows[:, :width].astype(np.uint16)
+
+
+def _camera_message(camera: Intrinsics, frame_id: str, stamp_ns: int) -> CameraCalibration:
+    return CameraCalibration(
+        timestamp=_time(stamp_ns),
+        frame_id=frame_id,
+        width=camera.width,
+        height=camera.height,
+        distortion_model="plumb_bob",
+        D=camera.distortion,
+        K=camera.matrix.ravel().tolist(),
+        R=np.eye(3).ravel().tolist(),
+        P=np.hstack([camera.matrix, np.zeros((3, 1))]).ravel().tolist(),
+    )
+
+
+def _camera_from(data: bytes, name: str) -> Intrinsics:
+    message = _decode(CameraCalibration, data)
+    model, coefficients = message.distortion_model, list(message.D)
+    if model not in ("", "plumb_bob") or len(coefficients) > 5 or len(message.K) != 9:
+        raise CalibrationError(
+            f"calibration of the {name} camera has model {model[:40]!r}, {len(coefficients)} coefficients "
+            f"and {len(message.K)} matrix entries; give plumb_bob, at most 5, and 9"
+        )
+    distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), coefficients, strict=False))
+    k = message.K
+    return Intrinsics(message.width, message.height, k[0], k[4], k[2], k[5], **distortion)
+
+
+def _transform(child: str, child_from_depth: Pose, stamp_ns: int) -> FrameTransform:
+    # Foxglove's transform places the child in the parent: p_parent = R p_child + t. One parent (depth)
+    # for all keeps the frames a tree.
+    depth_from_child = child_from_depth.inverse()
+    message = FrameTransform(timestamp=_time(stamp_ns), parent_frame_id="depth", child_frame_id=child)
+    x, y, z = depth_from_child.translation_m
+    message.translation.x, message.translation.y, message.translation.z = x, y, z
+    q = quaternion_of(depth_from_child.rotation)
+    message.rotation.x, message.rotation.y, message.rotation.z, message.rotation.w = q
+    return message
+
+
+def _pose_from(message: FrameTransform) -> Pose:
+    q, t = message.rotation, message.translation
+    try:
+        rotation = rotation_of(np.array([q.x, q.y, q.z, q.w]))
+    except ValueError as error:
+        raise CalibrationError(
+            f"/tf of {message.child_frame_id} has no rotation ({error}); record it again"
+        ) from error
+    return Pose(rotation, np.array([t.x, t.y, t.z])).inverse()

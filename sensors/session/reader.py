@@ -1,0 +1,187 @@
+"""A recorded session as a source of frames, read from disk one frame at a time."""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import CalibrationError
+from sensors.rig.camera import Intrinsics
+from sensors.rig.clock import fit_clock
+from sensors.rig.frame import RigFrame
+from sensors.rig.pairing import (
+    CLOCK,
+    COLOR_WINDOW_NS,
+    LATENCY,
+    MAX_LATENCY_MS,
+    SPOT_WINDOW_NS,
+    THERMAL_WINDOW_NS,
+    interpolate,
+    pair_stamps,
+)
+from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.index import Messages, read_contents
+from sensors.session.mcap_records import MessageReader
+from sensors.session.messages import (
+    COLOR,
+    COUNTS,
+    DEPTH,
+    INFRARED,
+    PYROMETER,
+    THERMAL,
+    color_from,
+    depth_from,
+    infrared_from,
+    target_from,
+    thermal_from,
+)
+
+
+@dataclass(frozen=True)
+class Stream:
+    """How many messages a topic has, and their mean rate by device stamp (0 for fewer than two)."""
+
+    count: int
+    rate_hz: float
+
+
+class Session:
+    """A session file, whole or truncated, as a ``FrameSource`` with random access.
+
+    Depth is master: a frame has the colour and thermal images nearest to it in device time, if within the
+    windows above; no message is used twice. Frames are in the order of their depth stamps and numbered by
+    it. Opening reads the whole file once (CRCs included) but keeps only where each message lies.
+    Raises FormatError for what is no session or is damaged, CalibrationError when calibration is missing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        contents = read_contents(path)
+        self.path = path
+        self.name = contents.metadata.pop("name", "") or path.name.split(".")[0]
+        self.metadata: dict[str, str] = contents.metadata
+        self.calibration: RigCalibration = contents.calibration
+        self.truncated: bool = contents.truncated
+        self.events: tuple[tuple[int, str], ...] = contents.events
+        self._messages = contents.messages
+        host = host_times(self._messages, self.metadata)
+        self._color = pair_stamps(host[DEPTH], host[COLOR], COLOR_WINDOW_NS)
+        self._thermal = pair_stamps(host[DEPTH], host[THERMAL], THERMAL_WINDOW_NS)
+        # One exposure gives both.
+        self._infrared = pair_stamps(self._messages[DEPTH].stamps_ns, self._messages[INFRARED].stamps_ns, 0)
+        self._host = host
+        self._reader = MessageReader(path)
+
+    def __len__(self) -> int:
+        return len(self._messages[DEPTH].stamps_ns)
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        return (self.frame(index) for index in range(len(self)))
+
+    def frame(self, index: int) -> RigFrame:
+        """Frame ``index`` of 0 .. len - 1. Raises IndexError, FormatError or CalibrationError."""
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        depth = depth_from(self._message(DEPTH, index))
+        _check_size("depth", depth, self.calibration.depth)
+        color, thermal, shone = int(self._color[index]), int(self._thermal[index]), int(self._infrared[index])
+        thermal_c = infrared = None
+        if thermal >= 0:
+            thermal_c = thermal_from(self._message(THERMAL, thermal))
+            _check_size("thermal", thermal_c, self.calibration.thermal)
+        if shone >= 0:
+            infrared = infrared_from(self._message(INFRARED, shone))
+            _check_size("infrared", infrared, self.calibration.depth)
+        return RigFrame(
+            index=index,
+            stamp_ns=int(self._messages[DEPTH].stamps_ns[index]),
+            depth_mm=depth,
+            color_encoded=color_from(self._message(COLOR, color)) if color >= 0 else None,
+            thermal_c=thermal_c,
+            infrared=infrared,
+        )
+
+    @cached_property
+    def reference_c(self) -> NDArray[np.float64]:
+        """What the pyrometer measured at the time of every frame (n,), Celsius; NaN where it did not.
+
+        Interpolated between its two nearest readings, if these are less than ``SPOT_WINDOW_NS`` apart.
+        """
+        times = self._host[PYROMETER]
+        values = [target_from(self._message(PYROMETER, i)) for i in range(len(times))]
+        return interpolate(times, np.array(values), self._host[DEPTH], SPOT_WINDOW_NS)
+
+    @property
+    def streams(self) -> dict[str, Stream]:
+        """Count and rate of every image topic that has messages."""
+        return {topic: _stream(m.stamps_ns) for topic, m in self._messages.items() if len(m.stamps_ns)}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the session lacks, one sentence each."""
+        notes = [
+            f"no {name} images"
+            for name, topic in (("colour", COLOR), ("thermal", THERMAL))
+            if not len(self._messages[topic].stamps_ns)
+        ]
+        if len(self._messages[COUNTS].stamps_ns) and not len(self._messages[THERMAL].stamps_ns):
+            notes.append("thermal counts without the camera's calibration are no temperatures")
+        if self.truncated:
+            notes.append(f"truncated: the recording was cut off after {len(self)} frames")
+        return tuple(notes)
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the file, in hexadecimal."""
+        with self.path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+
+    def _message(self, topic: str, index: int) -> bytes:
+        messages = self._messages[topic]
+        return self._reader.read(int(messages.offsets[index]), int(messages.slots[index]))
+
+
+def host_times(messages: dict[str, Messages], metadata: dict[str, str]) -> dict[str, NDArray[np.int64]]:
+    """When each message was made, on one clock for all: int64 (n,) by topic.
+
+    A recording says in its metadata which clock stamped a topic (``clock /depth/image``); each of those is
+    fitted to the host's. Topics of no stated clock are stamped by one and the same.
+    """
+    host = {topic: found.stamps_ns for topic, found in messages.items()}
+    clocks: dict[str, list[str]] = {}
+    for topic, found in messages.items():
+        name = metadata.get(f"{CLOCK}{topic}")
+        if name is not None and len(found.stamps_ns):
+            clocks.setdefault(name, []).append(topic)
+    for topics in clocks.values():
+        stamps = np.concatenate([messages[topic].stamps_ns for topic in topics])
+        clock = fit_clock(stamps, np.concatenate([messages[topic].arrivals_ns for topic in topics]))
+        for topic in topics:
+            late_ns = round(_latency_ms(metadata.get(f"{LATENCY}{topic}", "0")) * 1e6)
+            host[topic] = clock.host_ns(messages[topic].stamps_ns) - late_ns
+    return host
+
+
+def _latency_ms(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if 0 <= value <= MAX_LATENCY_MS else 0.0
+
+
+def _stream(stamps_ns: NDArray[np.int64]) -> Stream:
+    span_s = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9
+    return Stream(len(stamps_ns), round((len(stamps_ns) - 1) / span_s, 3) if span_s > 0 else 0.0)
+
+
+def _check_size(name: str, image: NDArray[Any], camera: Intrinsics | None) -> None:
+    if camera is not None and image.shape != camera.shape:
+        raise CalibrationError(
+            f"{name} image is {image.shape[1]}x{image.shape[0]} but its calibration says "
+            f"{camera.width}x{camera.height}; give the session the calibration of this camera"
+        )

@@ -1,0 +1,1 @@
+"""Colour and warmth of people and rooms."""

@@ -1,0 +1,227 @@
+"""The colour camera: exposure and white balance that follow the room, blur, Bayer mosaic, noise, JPEG."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.crop import window_of
+from sensors.errors import FormatError
+from sensors.rig.camera import Intrinsics
+from synth.appearance.outfit import GAMMA
+from synth.body.skeleton import Float64
+from synth.surface.rasterize import EXACT
+
+Float32 = NDArray[np.float32]
+JPEG_QUALITY = 90
+"""The Kinect v2 encodes its own JPEG; files of like size, 300 to 600 kB, have about this quality."""
+GREY = 0.21
+"""Mean linear light that auto-exposure aims at, a little over a photographer's grey card (0.18)."""
+CATCH_UP = 0.4
+"""Share of its error, in the logarithm, that a controller makes good from frame to frame."""
+LONGEST_S = 1 / 30
+"""Exposure beyond a frame's time is not to be had: gain makes up for the rest (facts: 30 frames a second)."""
+BRIGHT_S = 0.02
+"""Exposure in light of level 1. No source: chosen by eye."""
+FULL_WELL = 6000.0
+"""Electrons at white in light of level 1: a phone camera's pixel. No source: chosen by eye."""
+READ_E = 4.0
+"""Read noise, electrons. No source: a common figure for small CMOS pixels."""
+TOP_GAIN = 16.0
+VISIBLE_PX = 0.7
+"""A shorter motion is less than the lens' own blur."""
+TAPS = 9
+"""Places along a motion at which its blur is read."""
+RAW_TOP = 16000
+"""White of the raw image in its uint16: room above for white balance."""
+
+
+@dataclass(frozen=True)
+class CameraFaults:
+    """How badly a colour camera does; no source for any strength: chosen by eye.
+
+    noise: factor on shot and read noise. blur_px: the lens'. exposure_sd: the controller's standing error
+    in factors of e. balance_sd: drift of red and blue, likewise. balanced: share of a cast it takes out.
+    vignette: light lost in the corners. offset_s: greatest time between depth and colour. shutter: factor
+    on the motion blur.
+    """
+
+    noise: float = 0.0
+    blur_px: float = 0.0
+    exposure_sd: float = 0.0
+    balance_sd: float = 0.0
+    balanced: float = 0.0
+    vignette: float = 0.0
+    offset_s: float = 0.0
+    shutter: float = 0.0
+
+
+@dataclass(frozen=True)
+class CameraState:
+    """What the controllers are at. exposure: factor on light; balance: (3,) factors, green 1; drift: (3,)."""
+
+    exposure: float
+    balance: Float64
+    drift: Float64
+
+    @property
+    def exposure_s(self) -> float:
+        """How long the shutter is open."""
+        return min(BRIGHT_S * self.exposure, LONGEST_S)
+
+    @property
+    def gain(self) -> float:
+        """What the shutter cannot give."""
+        return self.exposure * BRIGHT_S / self.exposure_s
+
+
+RESTING = CameraState(1.0, np.ones(3), np.zeros(3))
+"""Neither exposure nor balance changed: a camera set by hand for white light of level 1."""
+
+
+def metered(light: Float32) -> Float64:
+    """Mean light (3,) of a linear image (h, w, 3), highlights cut so that a lamp does not darken a room."""
+    coarse = light[::8, ::8].reshape(-1, 3)
+    seen = coarse[coarse.any(axis=1)]
+    if not len(seen):
+        return np.zeros(3)
+    return np.asarray(np.minimum(seen, 4 * np.median(seen, axis=0) + 1e-6).mean(axis=0), np.float64)
+
+
+def settle(
+    state: CameraState, mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generator
+) -> CameraState:
+    """The controllers one frame later, having seen a mean light (3,): lagging, wandering by themselves."""
+    if faults.balanced == faults.exposure_sd == 0 or not (mean_rgb > 0).all():
+        return state
+    wander = rng.normal(size=3)
+    drift = (1 - CATCH_UP**2) * state.drift + np.sqrt(1 - (1 - CATCH_UP**2) ** 2) * wander * np.array(
+        [faults.balance_sd, faults.exposure_sd, faults.balance_sd]
+    )
+    aim = np.log(GREY / mean_rgb.mean()) + drift[1]
+    exposure = np.exp((1 - CATCH_UP) * np.log(state.exposure) + CATCH_UP * aim)
+    cast = faults.balanced * np.log(mean_rgb[1] / mean_rgb) + drift * np.array([1, 0, 1])
+    balance = np.exp((1 - CATCH_UP) * np.log(state.balance) + CATCH_UP * cast)
+    top = TOP_GAIN * LONGEST_S / BRIGHT_S
+    return CameraState(float(np.clip(exposure, 0.05, top)), balance, drift)
+
+
+def first_state(mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generator) -> CameraState:
+    """The controllers of a camera that has been on for a while."""
+    state = RESTING
+    for _ in range(12):
+        state = settle(state, mean_rgb, faults, rng)
+    return state
+
+
+def flow_px(
+    camera: Intrinsics, points_m: NDArray[np.float64], velocity_m_s: Float64, seconds: float
+) -> Float32:
+    """Image motion float32 (V, 2) of points (V, 3), camera frame, during an exposure; pixels."""
+    ends = [points_m + sign * seconds / 2 * velocity_m_s for sign in (-1, 1)]
+    pixels = [end[:, :2] / np.maximum(end[:, 2:], 0.05) for end in ends]
+    return np.asarray((pixels[1] - pixels[0]) * (camera.fx, camera.fy), np.float32)
+
+
+def smear(light: Float32, face: NDArray[np.int32], flow_by_face: Float32) -> Float32:
+    """Blur light (h, w, 3) along the motion of every pixel's face; flow_by_face: (F + 1, 2) pixels, last 0.
+
+    What moves also spreads over still pixels beside it (gathering, after McGuire et al. 2012).
+    """
+    top = float(np.abs(flow_by_face).max(initial=0))
+    if top < VISIBLE_PX:
+        return light
+    moves = np.abs(flow_by_face).max(axis=1)[face] > 0
+    if not moves.any():
+        return light
+    window = window_of(moves, int(top) + 2)
+    moving, flow = moves[window].astype(np.float32), flow_by_face[face[window]]
+    reach = (2 * int(top) + 3,) * 2
+    nearby = cv2.blur(moving, reach)[..., None]
+    spread = cv2.blur(flow, reach) / np.maximum(nearby, 1e-6)
+    flow = np.where(moving[..., None] > 0, flow, np.where(nearby > 0, spread, 0)).astype(np.float32)
+    blurred = light.copy()
+    blurred[window] = _gather(light[window], flow, moving)
+    return blurred
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _gather(light: Float32, flow: Float32, moves: Float32) -> Float32:  # pragma: no cover
+    """Mean of ``TAPS`` places along each pixel's motion; a still pixel takes only what moves over it."""
+    height, width, _ = light.shape
+    result = light.copy()
+    for v in range(height):
+        for u in range(width):
+            du, dv = flow[v, u, 0], flow[v, u, 1]
+            if du * du + dv * dv < 0.25:
+                continue
+            total = np.zeros(3)
+            for k in range(TAPS):
+                share = k / (TAPS - 1) - 0.5
+                x = min(max(int(np.rint(u + share * du)), 0), width - 1)
+                y = min(max(int(np.rint(v + share * dv)), 0), height - 1)
+                if moves[v, u] == 0 and moves[y, x] == 0:
+                    x, y = u, v
+                for i in range(3):
+                    total[i] += light[y, x, i]
+            for i in range(3):
+                result[v, u, i] = total[i] / TAPS
+    return result
+
+
+def develop(
+    light: Float32, state: CameraState, faults: CameraFaults, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Linear light (h, w, 3), distorted already -> sRGB uint8 (h, w, 3): Bayer raw, noise, demosaicing.
+
+    Shot noise has the variance of the electrons counted; gain multiplies it. Clean faults skip the mosaic.
+    """
+    if faults.blur_px > 0:
+        light = np.asarray(cv2.GaussianBlur(light, (0, 0), faults.blur_px), np.float32)
+    if faults.noise == 0:
+        white = light * np.asarray(state.exposure * state.balance, np.float32)
+        return np.asarray(np.rint(255 * np.power(np.clip(white, 0, 1), 1 / GAMMA)), np.uint8)
+    grain = rng.standard_normal(light.shape[:2], dtype=np.float32)
+    well = FULL_WELL / state.gain
+    raw = _expose(light, grain, state.exposure, state.balance, faults.vignette, well, faults.noise)
+    # The mosaic starts with red, green: OpenCV names a pattern after its second row's second column.
+    linear = cv2.cvtColor(raw, cv2.COLOR_BayerBG2RGB)
+    return np.asarray(_curve()[linear], np.uint8)
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _expose(
+    light: Float32, grain: Float32, exposure: float, balance: Float64, vignette: float, well: float,
+    noise: float,
+) -> NDArray[np.uint16]:  # fmt: skip # pragma: no cover
+    """Raw mosaic (h, w), RGGB, white balance applied as the Kinect's own processor does before its JPEG."""
+    height, width, _ = light.shape
+    raw = np.empty((height, width), np.uint16)
+    # Gains are 1 and more, so that what is clipped in every channel stays white.
+    low = balance.min()
+    for v in range(height):
+        for u in range(width):
+            i = (v & 1) + (u & 1)
+            dx, dy = 2 * u / width - 1, 2 * v / height - 1
+            value = light[v, u, i] * exposure * low * (1 - vignette * (dx * dx + dy * dy) / 2)
+            value += noise * grain[v, u] * np.sqrt(value * well + READ_E * READ_E) / well
+            value = min(max(value, 0.0), 1.0) * balance[i] / low
+            raw[v, u] = int(RAW_TOP * min(value, 4.0))
+    return raw
+
+
+@cache
+def _curve() -> NDArray[np.uint8]:
+    """sRGB by raw value (65536,)."""
+    return np.asarray(np.rint(255 * np.power(np.clip(np.arange(65536) / RAW_TOP, 0, 1), 1 / GAMMA)), np.uint8)
+
+
+def encode(rgb: NDArray[np.uint8]) -> bytes:
+    """The camera's JPEG of an sRGB image (h, w, 3)."""
+    ok, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not ok:
+        raise FormatError(f"colour image {rgb.shape} cannot be encoded as JPEG")
+    return bytes(data)

@@ -1,0 +1,256 @@
+"""What colour every pixel's surface has and which way it faces, before any light."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import N_CLASSES
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import Pose
+from synth.appearance.outfit import (
+    FACE,
+    FOOT,
+    HAIR,
+    HAIRLINE,
+    HAND,
+    N_FIELDS,
+    N_ZONES,
+    SEAMS,
+    SHOE,
+    SKIN,
+    Outfit,
+)
+from synth.appearance.room_colors import RoomColors
+from synth.body.skeleton import Float64
+from synth.surface.facets import Triple, cross, dot, edge, mix, mix_column, shares, unit
+from synth.surface.rasterize import EXACT, Mesh, ZBuffer
+from synth.surface.texture import noise_tile, smooth_noise, wavelength_cells
+
+Float32 = NDArray[np.float32]
+Int32 = NDArray[np.int32]
+
+SEAM_WAVE_M, FOLD_WAVE_M, PATCH_WAVE_M, HAIR_WAVE_M = 0.12, 0.055, 0.16, 0.008
+"""How far apart a seam's swings, folds, worn patches and strands of hair are. No source: chosen by eye."""
+_SEAM_CELLS, _FOLD_CELLS, _PATCH_CELLS, _HAIR_CELLS = map(
+    wavelength_cells, (SEAM_WAVE_M, FOLD_WAVE_M, PATCH_WAVE_M, HAIR_WAVE_M)
+)
+_FOLD_STEP_M = 0.004
+_SKIN_GRAIN, _HAIR_GRAIN = 0.03, 0.2
+
+
+def _part_seams() -> tuple[Int32, Float64]:
+    """By part: its seams and the parts beyond (12, 4, 2), -1 where there are fewer; fields' signs."""
+    seams = np.full((N_CLASSES, 4, 2), -1, np.int32)
+    sign = np.ones((N_CLASSES, 4))
+    for n, pair in enumerate(SEAMS):
+        for part, other, side in ((*pair, 1), (*pair[::-1], -1)):
+            free = int(np.argmax(seams[part, :, 0] < 0))
+            seams[part, free], sign[part, free] = (n, other), side
+    return seams, sign
+
+
+_PART_SEAMS, _SEAM_SIGN = _part_seams()
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """What a camera sees, float32 (h, w, 3): albedo, linear, 0 where nothing; normal, point_m, world."""
+
+    albedo: Float32
+    normal: Float32
+    point_m: Float32
+
+
+def paint(
+    seen: ZBuffer,
+    camera: Intrinsics,
+    camera_from_world: Pose,
+    scene: Mesh,
+    outfits: Sequence[Outfit],
+    room: RoomColors,
+) -> Surfaces:
+    """Colours and smooth normals at every pixel of a pinhole render of ``scene`` (world frame).
+
+    The scene's first faces and vertices are those of the ``outfits``, one after another.
+    """
+    sizes = [len(outfit.face_parts) for outfit in outfits]
+    albedo, normal, point = (np.zeros((*seen.face.shape, 3), np.float32) for _ in range(3))
+    flat, rounded = _normals(scene.vertices_m, scene.faces, sum(sizes))
+    _paint(
+        seen.face, seen.depth_m, np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
+        camera_from_world.rotation, camera_from_world.translation_m,
+        scene.vertices_m, scene.faces, scene.tags, flat, rounded,
+        np.repeat(np.arange(len(outfits)), sizes),
+        np.concatenate([np.zeros(0, np.uint8), *(o.face_parts for o in outfits)]),
+        np.concatenate([np.zeros((0, 3), np.float32), *(o.rest_m for o in outfits)]),
+        np.concatenate([np.zeros((0, N_FIELDS), np.float32), *(o.fields_m for o in outfits)]),
+        np.concatenate([np.zeros(0, np.float32), *(o.folds_m for o in outfits)]),
+        np.array([o.zone_rgb for o in outfits]).reshape(-1, N_ZONES, 3),
+        np.array([(o.seam_sd_m, o.patch) for o in outfits]).reshape(-1, 2),
+        room.rgb, room.grain, noise_tile(), albedo, normal, point,
+    )  # fmt: skip
+    return Surfaces(albedo, normal, point)
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _normals(vertices: Float32, faces: Int32, smooth: int) -> tuple[Float32, Float32]:  # pragma: no cover
+    """Unit normals (F, 3) of faces, and (V, 3) any length of vertices over the first ``smooth`` faces."""
+    flat, rounded = np.empty((len(faces), 3), np.float32), np.zeros(vertices.shape, np.float32)
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        x, y, z = cross(edge(vertices, a, b), edge(vertices, a, c))
+        length = np.sqrt(x * x + y * y + z * z) + 1e-12
+        flat[f, 0], flat[f, 1], flat[f, 2] = x / length, y / length, z / length
+        if f < smooth:
+            for i in range(3):
+                rounded[faces[f, i], 0] += x
+                rounded[faces[f, i], 1] += y
+                rounded[faces[f, i], 2] += z
+    return flat, rounded
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _paint(
+    face: Int32, depth: Float32, lens: Float64, rotation: Float64, translation: Float64,
+    vertices: Float32, faces: Int32, tags: Int32, flat: Float32, rounded: Float32,
+    wearer: NDArray[np.int64], parts: NDArray[np.uint8], rest: Float32, fields: Float32, folds: Float32,
+    zones: Float64, wear: Float64, room_rgb: Float64, grain: Float64, tile: Float32,
+    albedo: Float32, normal: Float32, point: Float32,
+) -> None:  # fmt: skip # pragma: no cover
+    """``paint``, written into the last three arrays."""
+    height, width = face.shape
+    r = rotation
+    eye = -r.T @ translation
+    for v in range(height):
+        for u in range(width):
+            f = face[v, u]
+            if f < 0:
+                continue
+            z = np.float64(depth[v, u])
+            x, y = z * (u - lens[2]) / lens[0] - translation[0], z * (v - lens[3]) / lens[1] - translation[1]
+            z -= translation[2]
+            p = (
+                r[0, 0] * x + r[1, 0] * y + r[2, 0] * z,
+                r[0, 1] * x + r[1, 1] * y + r[2, 1] * z,
+                r[0, 2] * x + r[1, 2] * y + r[2, 2] * z,
+            )
+            n: Triple = (np.float64(flat[f, 0]), np.float64(flat[f, 1]), np.float64(flat[f, 2]))
+            if f < len(parts):
+                share = shares(vertices, faces, f, p)
+                q, w = mix(rest, faces, f, share), wearer[f]
+                n = unit(mix(rounded, faces, f, share))
+                rgb, is_cloth = _clothed(fields, faces, f, share, parts[f], q, zones[w], wear[w], tile)
+                if is_cloth and folds[faces[f, 0]] > 0:
+                    n = _folded(n, vertices, rest, faces, f, share, q, folds, tile)
+            else:
+                tag = tags[f]
+                # Both sides of furniture are seen: the normal turns to the camera, which is at ``eye``.
+                if n[0] * (p[0] - eye[0]) + n[1] * (p[1] - eye[1]) + n[2] * (p[2] - eye[2]) > 0:
+                    n = (-n[0], -n[1], -n[2])
+                bright = 1.0
+                if grain[tag, 0] > 0:
+                    a, b = grain[tag, 1], grain[tag, 2]
+                    bright += grain[tag, 0] * smooth_noise(tile, a * p[0], b * p[1], a * p[2])
+                rgb = (bright * room_rgb[tag, 0], bright * room_rgb[tag, 1], bright * room_rgb[tag, 2])
+            for i in range(3):
+                albedo[v, u, i], normal[v, u, i], point[v, u, i] = rgb[i], n[i], p[i]
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _clothed(
+    fields: Float32, faces: Int32, f: int, share: Triple, part: int, q: Triple,
+    zones: Float64, wear: Float64, tile: Float32,
+) -> tuple[Triple, bool]:  # fmt: skip # pragma: no cover
+    """Linear colour at a place of a body's skin, q in its rest pose, and whether it is cloth."""
+    stray = 0.0
+    if wear[0] > 0:
+        stray = wear[0] * _noise(tile, q, _SEAM_CELLS)
+    zone = _zone(fields, faces, f, share, part, stray)
+    is_cloth = zone < SKIN
+    bright, grey = 1.0, 0.0
+    if zone == HAIR:
+        bright += _HAIR_GRAIN * smooth_noise(
+            tile, _HAIR_CELLS * q[0], _HAIR_CELLS * q[1], 0.2 * _HAIR_CELLS * q[2]
+        )
+    elif zone == SKIN:
+        bright += _SKIN_GRAIN * _noise(tile, q, _PATCH_CELLS)
+    elif wear[1] > 0:
+        worn = _noise(tile, (q[1], q[2], q[0]), _PATCH_CELLS)
+        bright += wear[1] * worn
+        grey = wear[1] * max(worn, 0.0)
+    a, b, c = zones[zone, 0], zones[zone, 1], zones[zone, 2]
+    mean = grey * (a + b + c) / 3
+    keep = 1 - grey
+    return (bright * (keep * a + mean), bright * (keep * b + mean), bright * (keep * c + mean)), is_cloth
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _zone(
+    fields: Float32, faces: Int32, f: int, share: Triple, part: int, stray: float
+) -> int:  # pragma: no cover
+    """Which zone a place of a face belongs to once every seam has moved by ``stray`` metres."""
+    zone = part
+    for k in range(4):
+        seam = _PART_SEAMS[part, k, 0]
+        if seam < 0:
+            break
+        if _SEAM_SIGN[part, k] * (mix_column(fields, seam, faces, f, share) + stray) > 0:
+            zone = _PART_SEAMS[part, k, 1]
+            break
+    if (zone == 5 or zone == 6) and mix_column(fields, HAND, faces, f, share) + stray > 0:
+        return SKIN
+    if (zone == 10 or zone == 11) and mix_column(fields, FOOT, faces, f, share) + stray > 0:
+        return SHOE
+    if zone == 1 and mix_column(fields, FACE, faces, f, share) + stray > 0:
+        return HAIR if mix_column(fields, HAIRLINE, faces, f, share) + stray > 0 else SKIN
+    return zone
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _folded(
+    n: Triple, vertices: Float32, rest: Float32, faces: Int32, f: int, share: Triple, q: Triple,
+    folds: Float32, tile: Float32,
+) -> Triple:  # fmt: skip # pragma: no cover
+    """A normal tilted by folds: heights are noise over the rest pose, their gradient is the face's."""
+    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    height = share[0] * folds[a] + share[1] * folds[b] + share[2] * folds[c]
+    first, second = edge(vertices, a, b), edge(vertices, a, c)
+    along = cross(first, second)
+    area = dot(along, along)
+    if area < 1e-16:
+        return n
+    here = _ridge(tile, q)
+    d1 = height * _rise(tile, q, here, edge(rest, a, b))
+    d2 = height * _rise(tile, q, here, edge(rest, a, c))
+    g, k = cross(second, along), cross(along, first)
+    return unit(
+        (
+            n[0] - (d1 * g[0] + d2 * k[0]) / area,
+            n[1] - (d1 * g[1] + d2 * k[1]) / area,
+            n[2] - (d1 * g[2] + d2 * k[2]) / area,
+        )
+    )
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _rise(tile: Float32, q: Triple, here: float, edge: Triple) -> float:  # pragma: no cover
+    """How much folds of height 1 rise along an edge of the rest pose, from their slope at its start."""
+    step = _FOLD_STEP_M / (np.sqrt(dot(edge, edge)) + 1e-9)
+    there = _ridge(tile, (q[0] + step * edge[0], q[1] + step * edge[1], q[2] + step * edge[2]))
+    slope: float = (there - here) / step
+    return slope
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _ridge(tile: Float32, q: Triple) -> float:  # pragma: no cover
+    """Folds of height 1: rounded noise, wider along the limbs' hang than across."""
+    c = _FOLD_CELLS
+    return smooth_noise(tile, c * q[0], c * q[1], 1.6 * c * q[2])
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _noise(tile: Float32, q: Triple, cells: float) -> float:  # pragma: no cover
+    return smooth_noise(tile, cells * q[0], cells * q[1], cells * q[2])

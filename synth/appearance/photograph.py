@@ -1,0 +1,148 @@
+"""The colour camera's view of a scene: dressed people among furniture, lit, photographed, as a JPEG.
+
+How hard it is stands in a ``Look``; the names of the three are ``CLEAN``, ``NORMAL`` and ``HARD``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.suit.palette import Suit
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import Pose
+from synth.appearance.color_camera import (  # fmt: skip
+    CameraFaults,
+    CameraState,
+    develop,
+    encode,
+    first_state,
+    flow_px,
+    metered,
+    settle,
+    smear,
+)
+from synth.appearance.light import EVEN_LIGHT, Lighting, LightSpread, illuminate, light_room
+from synth.appearance.outfit import Outfit, Wear
+from synth.appearance.paint import paint
+from synth.appearance.room_colors import RoomColors, paint_room, plain_room
+from synth.body.skeleton import Float64
+from synth.surface.rasterize import Mesh, rasterize
+
+Float32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Look:
+    """How hard colour is: what is worn, the room's light (None = even white), the camera's faults, and the
+    chance ``equal`` that a thing of the room has a colour of the suit (no source: chosen by eye)."""
+
+    wear: Wear
+    light: LightSpread | None
+    camera: CameraFaults
+    equal: float
+
+
+CLEAN = Look(Wear(bare=False), None, CameraFaults(), 0.0)
+NORMAL = Look(
+    Wear(seam_sd_m=0.004, fold_m=0.0025, hue_sd_deg=3.0, lightness_sd=2.5, fade=0.12, patch=0.05),
+    LightSpread(level=(1.0, 0.25), lamps=(2, 3), returned=(0.35, 0.5), kelvin=(6800.0, 3300.0)),
+    CameraFaults(
+        noise=1.0, blur_px=0.7, exposure_sd=0.1, balance_sd=0.02, balanced=0.8, vignette=0.15,
+        offset_s=0.017, shutter=1.0,
+    ),
+    0.05,
+)  # fmt: skip
+HARD = Look(
+    Wear(
+        seam_sd_m=0.009, fold_m=0.0035, hue_sd_deg=8.0, lightness_sd=6.0, fade=0.4, patch=0.12, alike=0.35,
+        hood_down=0.4,
+    ),
+    LightSpread(level=(0.08, 0.5), lamps=(1, 3), returned=(0.12, 0.3), kelvin=(8500.0, 2700.0)),
+    CameraFaults(
+        noise=1.3, blur_px=1.1, exposure_sd=0.3, balance_sd=0.06, balanced=0.75, vignette=0.3,
+        offset_s=0.017, shutter=1.0,
+    ),
+    0.3,
+)  # fmt: skip
+"""The chest's light is 1 in a good living room by day, a twelfth by a lamp at night: 500 to 40 lux.
+Offset: facts/sensors.md, nearest colour within 17 ms."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What stays while one person is recorded: the room's colours and lamps, colour's time after depth."""
+
+    room: RoomColors
+    lighting: Lighting
+    offset_s: float
+
+
+def set_up(look: Look, suit: Suit, rng: np.random.Generator) -> Setting:
+    """A room to be recorded in. Sampled alike at every look, so that a seed keeps its room."""
+    room = paint_room(suit.colors_rgb, look.equal, rng)
+    offset_s = look.camera.offset_s * rng.uniform(-1, 1)
+    if look.light is None:
+        return Setting(plain_room(), EVEN_LIGHT, offset_s)
+    return Setting(room, light_room(look.light, rng), offset_s)
+
+
+class ColorCamera:
+    """A colour camera left running before one scene after another; its exposure and balance follow them.
+
+    pinhole: the wide camera that is rendered; maps: where each distorted pixel looks in it (cv2.remap's x
+    and y); color_from_world: where it stands. state: its controllers at the latest photograph.
+    """
+
+    def __init__(
+        self,
+        pinhole: Intrinsics,
+        maps: tuple[Float32, Float32],
+        color_from_world: Pose,
+        setting: Setting,
+        faults: CameraFaults,
+    ) -> None:
+        self.pinhole, self.maps, self.color_from_world = pinhole, maps, color_from_world
+        self.setting, self.faults = setting, faults
+        self.state: CameraState | None = None
+        self._metered = np.zeros(3)
+
+    def photograph(
+        self,
+        scene: Mesh,
+        outfits: Sequence[Outfit],
+        rng: np.random.Generator,
+        velocity_m_s: Float64 | None = None,
+    ) -> bytes:
+        """A JPEG of a scene (world frame) that moves at velocity_m_s (V, 3); None = all stands still.
+
+        The scene is given as depth sees it and photographed ``setting.offset_s`` later. It begins with the
+        faces and vertices of the ``outfits``, one after another.
+        """
+        if velocity_m_s is not None:
+            later = scene.vertices_m + self.setting.offset_s * velocity_m_s
+            scene = Mesh(later.astype(np.float32), scene.faces, scene.tags)
+        points = self.color_from_world.apply(scene.vertices_m)
+        seen = rasterize(self.pinhole, points.astype(np.float32), scene.faces)
+        surfaces = paint(seen, self.pinhole, self.color_from_world, scene, outfits, self.setting.room)
+        light = illuminate(surfaces, scene, self.setting.lighting)
+        if self.state is None:
+            state = first_state(metered(light), self.faults, rng)
+        else:
+            state = settle(self.state, self._metered, self.faults, rng)
+        self.state, self._metered = state, metered(light)
+        if velocity_m_s is not None and self.faults.shutter > 0:
+            seconds = self.faults.shutter * state.exposure_s
+            light = smear(light, seen.face, self._flow(points, scene.faces, velocity_m_s, seconds))
+        image = np.asarray(cv2.remap(light, *self.maps, interpolation=cv2.INTER_LINEAR), np.float32)
+        return encode(develop(image, state, self.faults, rng))
+
+    def _flow(
+        self, points_m: Float64, faces: NDArray[np.int32], velocity_m_s: Float64, seconds: float
+    ) -> Float32:
+        """Image motion (F + 1, 2) of every face during an exposure, pixels; the last, nothing hit, is 0."""
+        turned = velocity_m_s @ self.color_from_world.rotation.T
+        by_vertex = flow_px(self.pinhole, points_m, turned, seconds)
+        return np.concatenate([by_vertex[faces].mean(axis=1), np.zeros((1, 2), np.float32)])

@@ -1,0 +1,188 @@
+"""How warm a person and the things in a room are on their surface."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from annotate.parts import N_CLASSES, PART_ID
+from synth.body.body import Body
+from synth.body.hair import hair_faces
+from synth.body.skeleton import JOINT_ID, Float64
+from synth.surface.furniture import Surface
+
+PART_C = {
+    "head": 33.5,
+    "torso": 30.5,
+    "left_upper_arm": 30.0,
+    "right_upper_arm": 30.0,
+    "left_forearm": 30.5,
+    "right_forearm": 30.5,
+    "hip": 30.0,
+    "left_upper_leg": 29.5,
+    "right_upper_leg": 29.5,
+    "left_lower_leg": 28.8,
+    "right_lower_leg": 28.8,
+}
+"""Clothed and bare surface temperatures of a person at rest in a 21 C room (tight thin clothing sits
+between skin, 32-34 C, and air; ISO 7933 annex on clothing surface temperature)."""
+MEAN_ROOM_C = 20.5
+"""The room ``PART_C`` is for."""
+FOLLOWS_ROOM = 0.4
+"""Degrees of cloth per degree of room: half insulation, half boundary layer, less what skin regulates."""
+HAIR_C = 27.5
+HAND_C, COLD_HAND_C = 31.0, 26.0
+"""Bare hands; at rest in a cool room fingers fall to 25 C and less (thermal comfort literature)."""
+SOCK_C, COLD_FOOT_C = 27.5, 23.0
+SLEEVE_DROP_C = 4.5
+"""A loose or damp sleeve or trouser leg is so much colder than a tight one; no source."""
+CONTACT_C = 32.5
+"""Where cloth is pressed on cloth over skin it comes near to skin."""
+CONTACT_M = 0.02
+"""Nearer than this two limbs warm each other."""
+TOUCH_WARM_S, TOUCH_COOL_S = 15.0, 30.0
+"""Thin cloth follows within half a minute; order of magnitude, no source."""
+SURFACE_C = {
+    Surface.RADIATOR: 46.0,
+    Surface.MUG: 50.0,
+    Surface.LAPTOP: 35.0,
+    Surface.KEYBOARD: 33.0,
+    Surface.SCREEN: 31.0,
+    Surface.WINDOW: 14.0,
+    Surface.SUNLIT: 29.0,
+    Surface.BLANKET: 25.5,
+}
+"""What is not as warm as the room. Radiator: low-temperature heating, 45 C flow; laptop under load; a double
+pane in winter; a wall in the sun; a blanket over legs."""
+SURFACE_SPREAD_C = {
+    Surface.RADIATOR: 7.0,
+    Surface.MUG: 7.0,
+    Surface.LAPTOP: 3.0,
+    Surface.KEYBOARD: 2.5,
+    Surface.SCREEN: 2.0,
+    Surface.WINDOW: 2.0,
+    Surface.SUNLIT: 2.5,
+    Surface.BLANKET: 1.0,
+}
+"""How far things of a kind differ (standard deviation); no source."""
+
+
+@dataclass(frozen=True)
+class Clothing:
+    """What makes one person's surface warmer or colder than another's.
+
+    offset_c: thicker or thinner cloth all over. patch_c: unevenness. cold_feet, cold_hands: shares in [0, 1]
+    of the way to the cold values. cold_sleeves: part ids whose cloth is loose.
+    """
+
+    offset_c: float = 0.0
+    patch_c: float = 0.0
+    cold_feet: float = 0.0
+    cold_hands: float = 0.0
+    cold_sleeves: tuple[int, ...] = ()
+
+    @staticmethod
+    def sample(rng: np.random.Generator, strength: float) -> "Clothing":
+        """Somebody's clothes today; strength 0 is everybody the same, 1 a good room, 2 a hard one."""
+        limbs = [PART_ID[f"{side}_{limb}"] for side in ("left", "right") for limb in ("forearm", "lower_leg")]
+        loose = tuple(part for part in limbs if rng.random() < 0.05 * strength**2)
+        return Clothing(
+            offset_c=0.5 * strength * float(rng.normal()),
+            patch_c=0.35 * strength,
+            cold_feet=min(1.0, 0.4 * strength * float(rng.random())),
+            cold_hands=min(1.0, 0.4 * strength * float(rng.random())),
+            cold_sleeves=loose,
+        )
+
+
+class BodyWarmth:
+    """The surface temperature of one person, which remembers where limbs touched."""
+
+    def __init__(self, body: Body, clothing: Clothing, room_c: float, rng: np.random.Generator) -> None:
+        self._body = body
+        self._apart = _apart(body, clothing, room_c, rng)
+        self._touch = np.zeros(len(body.vertices_m))
+        self._limbs = _limb_vertices(body)
+
+    def update(self, vertices_m: NDArray[np.float32], pressed: NDArray[np.bool_], seconds: float) -> None:
+        """Let a posed body (V, 3) stay so long; pressed: (V,) where furniture touches it."""
+        touched = pressed | _touching(vertices_m, self._limbs)
+        lag_s = np.where(touched, TOUCH_WARM_S, TOUCH_COOL_S)
+        self._touch += (touched - self._touch) * (1 - np.exp(-seconds / lag_s))
+
+    def celsius(self) -> Float64:
+        """Temperature (F,) of every body face now."""
+        touch = self._touch[self._body.faces].mean(axis=1)
+        return np.asarray(self._apart + touch * np.maximum(CONTACT_C - self._apart, 0.0), np.float64)
+
+
+def surface_temperatures(
+    tags: NDArray[np.int32], room_c: float, spread: float, rng: np.random.Generator
+) -> Float64:
+    """Temperature (F,) of lifeless faces by tag, each kind off by ``spread`` times its own spread."""
+    table = np.full(max(Surface) + 1, room_c) + 0.3 * spread * rng.normal(size=max(Surface) + 1)
+    for surface, celsius in SURFACE_C.items():
+        table[surface] = celsius + spread * SURFACE_SPREAD_C[surface] * float(rng.normal())
+    return np.asarray(table[tags], np.float64)
+
+
+def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generator) -> Float64:
+    """Temperature (F,) of the body's faces where nothing touches them."""
+    by_part = np.zeros(N_CLASSES)
+    for name, celsius in PART_C.items():
+        part = PART_ID[name]
+        by_part[part] = celsius + (0 if name == "head" else clothing.offset_c)
+        by_part[part] -= SLEEVE_DROP_C * (part in clothing.cold_sleeves)
+    temperature = by_part[body.face_parts]
+    joint = body.strongest_joints
+    for ends, warm, cold, share in (
+        ("wrist", HAND_C, COLD_HAND_C, clothing.cold_hands),
+        ("ankle", SOCK_C, COLD_FOOT_C, clothing.cold_feet),
+    ):
+        own = np.isin(joint, [JOINT_ID[f"{side}_{ends}"] for side in ("left", "right")])[body.faces[:, 0]]
+        temperature[own] = warm + share * (cold - warm)
+    temperature[hair_faces(body)] = HAIR_C
+    centre = body.vertices_m[body.faces].mean(axis=1)
+    waves = rng.normal(0, 9.0, (3, 6))
+    patches = np.sin(centre @ waves + rng.uniform(0, 2 * np.pi, 6)).sum(axis=1) / np.sqrt(3)
+    temperature += FOLLOWS_ROOM * (room_c - MEAN_ROOM_C) + clothing.patch_c * patches
+    return np.asarray(temperature, np.float64)
+
+
+def _limb_vertices(body: Body) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Pairs of vertex sets that can touch though they are no neighbours: arm and trunk, arm and leg, legs."""
+    part = body.vertex_parts
+    sides: dict[str, dict[str, NDArray[np.int64]]] = {}
+    for side in ("left", "right"):
+        ids = {limb: PART_ID[f"{side}_{limb}"] for limb in ("upper_arm", "forearm", "upper_leg", "lower_leg")}
+        sides[side] = {limb: np.flatnonzero(part == p) for limb, p in ids.items()}
+    trunk = np.flatnonzero(np.isin(part, (PART_ID["torso"], PART_ID["hip"])))
+    pairs = []
+    for own in sides.values():
+        shoulder = body.vertices_m[trunk, 2] > body.vertices_m[own["upper_arm"], 2].max() - 0.18
+        pairs += [(own["upper_arm"], trunk[~shoulder]), (own["forearm"], trunk)]
+        for other in sides.values():
+            pairs += [(own["forearm"], other[limb]) for limb in ("upper_leg", "lower_leg")]
+    left, right = sides["left"], sides["right"]
+    low = {limb: rows[body.vertices_m[rows, 2] < body.joints_m[0, 2] - 0.25] for limb, rows in left.items()}
+    pairs += [(low["upper_leg"], right["upper_leg"]), (left["lower_leg"], right["lower_leg"])]
+    pairs += [(left["forearm"], right["forearm"])]
+    return pairs
+
+
+def _touching(
+    vertices_m: NDArray[np.float32], pairs: list[tuple[NDArray[np.int64], NDArray[np.int64]]]
+) -> NDArray[np.bool_]:
+    """Vertices (V,) that are near to the other set of their pair."""
+    touched = np.zeros(len(vertices_m), np.bool_)
+    for one, other in pairs:
+        a, b = vertices_m[one], vertices_m[other]
+        in_a = (a > b.min(axis=0) - CONTACT_M).all(axis=1) & (a < b.max(axis=0) + CONTACT_M).all(axis=1)
+        in_b = (b > a.min(axis=0) - CONTACT_M).all(axis=1) & (b < a.max(axis=0) + CONTACT_M).all(axis=1)
+        if not in_a.any() or not in_b.any():
+            continue
+        gap, nearest = cKDTree(b[in_b]).query(a[in_a], distance_upper_bound=CONTACT_M)
+        touched[one[in_a][np.isfinite(gap)]] = True
+        touched[other[in_b][np.unique(nearest[np.isfinite(gap)])]] = True
+    return touched

@@ -1,0 +1,1 @@
+"""Parametric bodies: skeleton, skin, parts, flesh."""

@@ -1,0 +1,162 @@
+"""A baked body: mesh, parts, skeleton and skinning weights, in numpy alone."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from zipfile import BadZipFile, ZipFile
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import FormatError
+from sensors.files.atomic import replacing
+from sensors.rig.camera import FloatArray
+from synth.body.skeleton import N_JOINTS, Float64, Posture, alignment, forward
+
+BONES_PER_VERTEX = 4
+DENSITY_KG_M3 = 980.0
+"""Mean density of a body, as anny's Anthropometry takes it."""
+MAX_BODY_BYTES = 50_000_000
+
+
+@dataclass(frozen=True)
+class Body:
+    """One person's shape at rest, ready to be posed.
+
+    vertices_m: float32 (V, 3) rest pose, x to the person's left, y back, z up, soles at z = 0.
+    faces: int32 (F, 3). face_parts: uint8 (F,) part ids. joints_m: float64 (J, 3) at rest.
+    bones: uint8 (V, 4) joint per influence. weights: float32 (V, 4), rows sum to 1.
+    waist: int32 (n,) vertices of the waist ring. Raises FormatError when shapes disagree.
+    """
+
+    name: str
+    vertices_m: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    face_parts: NDArray[np.uint8]
+    joints_m: Float64
+    bones: NDArray[np.uint8]
+    weights: NDArray[np.float32]
+    waist: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        v, f = len(self.vertices_m), len(self.faces)
+        expected = {
+            "vertices_m": (v, 3),
+            "faces": (f, 3),
+            "face_parts": (f,),
+            "joints_m": (N_JOINTS, 3),
+            "bones": (v, BONES_PER_VERTEX),
+            "weights": (v, BONES_PER_VERTEX),
+        }
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise FormatError(f"body {self.name}: {name} is {getattr(self, name).shape}; give {shape}")
+        if (
+            self.faces.size == 0
+            or self.faces.min() < 0
+            or self.faces.max() >= v
+            or self.bones.max() >= N_JOINTS
+            or ((self.waist < 0) | (self.waist >= v)).any()
+        ):
+            raise FormatError(f"body {self.name}: indices point outside; bake it again")
+
+    @property
+    def vertex_parts(self) -> NDArray[np.uint8]:
+        """Part id of each vertex (V,); where parts meet, that of its last face."""
+        parts = np.zeros(len(self.vertices_m), np.uint8)
+        parts[self.faces.ravel()] = np.repeat(self.face_parts, 3)
+        return parts
+
+    @property
+    def strongest_joints(self) -> NDArray[np.uint8]:
+        """The joint that moves each vertex (V,) most."""
+        return np.asarray(self.bones[np.arange(len(self.bones)), self.weights.argmax(axis=1)])
+
+    @property
+    def height_cm(self) -> float:
+        """Standing height at rest."""
+        return 100 * float(np.ptp(self.vertices_m[:, 2]))
+
+    @property
+    def weight_kg(self) -> float:
+        """Enclosed volume times the density of a body."""
+        return volume_m3(self.vertices_m, self.faces) * DENSITY_KG_M3
+
+    @property
+    def waist_breadth_cm(self) -> float:
+        """Breadth from left to right of the waist ring."""
+        return 100 * float(np.ptp(self.vertices_m[self.waist, 0]))
+
+
+def volume_m3(vertices_m: FloatArray, faces: NDArray[np.int32]) -> float:
+    """Volume enclosed by a triangle mesh: the sum of signed tetrahedra to the origin."""
+    a, b, c = (vertices_m[faces[:, i]].astype(np.float64) for i in range(3))
+    return abs(float(np.einsum("ij,ij->", np.cross(a, b), c))) / 6
+
+
+def pose(body: Body, posture: Posture) -> tuple[NDArray[np.float32], Float64]:
+    """Skin a body by linear blending. Returns vertices float32 (V, 3) and joints (J, 3), world, metres."""
+    frames, joints = forward(posture, body.joints_m, alignment(body.joints_m))
+    offsets = joints - np.einsum("jab,jb->ja", frames, body.joints_m)
+    matrices = np.concatenate([frames, offsets[..., None]], axis=2).astype(np.float32)
+    return _skin(body.vertices_m, body.bones, body.weights, matrices), joints
+
+
+@numba.njit(cache=True)
+def _skin(
+    vertices: NDArray[np.float32],
+    bones: NDArray[np.uint8],
+    weights: NDArray[np.float32],
+    matrices: NDArray[np.float32],
+) -> NDArray[np.float32]:  # pragma: no cover
+    result = np.zeros_like(vertices)
+    for v in range(len(vertices)):
+        x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+        for k in range(bones.shape[1]):
+            w = weights[v, k]
+            if w > 0:
+                m = matrices[bones[v, k]]
+                result[v, 0] += w * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3])
+                result[v, 1] += w * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3])
+                result[v, 2] += w * (m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3])
+    return result
+
+
+def save_body(path: Path, body: Body) -> None:
+    """Write a body as a compressed npz without pickles."""
+    arrays = {k: v for k, v in vars(body).items() if k != "name"}
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def load_body(path: Path) -> Body:
+    """Read a baked body. Raises FormatError when the file is none."""
+    try:
+        with path.open("rb") as file:
+            # Sizes are in the archive's directory: checked before anything is unpacked.
+            with ZipFile(file) as archive:
+                if sum(member.file_size for member in archive.infolist()) > MAX_BODY_BYTES:
+                    raise FormatError(f"body {path} is larger than {MAX_BODY_BYTES} bytes; bake it again")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as arrays:
+                return Body(path.stem, **{k: arrays[k] for k in arrays.files})
+    except (OSError, ValueError, TypeError, EOFError, BadZipFile) as error:
+        raise FormatError(f"body {path} cannot be read ({error}); bake it with 'synth bodies'") from error
+
+
+@cache
+def shipped_bodies() -> tuple[Body, ...]:
+    """The paper's eight bodies (Table 1), baked from anny and shipped with the package."""
+    folder = Path(str(files("synth").joinpath("data")))
+    return tuple(load_body(path) for path in sorted(folder.glob("body_*.npz")))
+
+
+def blend(a: Body, b: Body, share: float) -> Body:
+    """The body a share in [0, 1] of the way from ``a`` to ``b``, with the parts of ``a``; one topology."""
+    return replace(
+        a,
+        vertices_m=np.float32(1 - share) * a.vertices_m + np.float32(share) * b.vertices_m,
+        joints_m=(1 - share) * a.joints_m + share * b.joints_m,
+    )

@@ -1,0 +1,103 @@
+"""Tables of bodies: what they are asked to measure, read from CSV, and what they measure, in words."""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sensors.errors import CloudError
+from synth.body.body import Body
+
+MEASURES = ("height_cm", "weight_kg", "waist_breadth_cm")
+MOST_BODIES = 1000
+"""One command bakes no more."""
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+
+@dataclass(frozen=True)
+class BodySize:
+    """What a body is asked to measure. Raises CloudError for a name no file can have, or no person's size."""
+
+    name: str
+    height_cm: float
+    weight_kg: float
+    waist_breadth_cm: float
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise CloudError(
+                f"body {self.name[:64]!r}: the name becomes a file's; give up to 64 letters, digits, _ . or -"
+            )
+        for value, low, high, what in (
+            (self.height_cm, 80, 230, "height_cm"),
+            (self.weight_kg, 10, 250, "weight_kg"),
+            (self.waist_breadth_cm, 12, 70, "waist_breadth_cm"),
+        ):
+            if not low <= value <= high:
+                raise CloudError(f"body {self.name}: {what} {value} is impossible; give {low} to {high}")
+
+
+PAPER_BODIES = tuple(
+    BodySize(f"body_{i}", *row)
+    for i, row in enumerate(
+        (
+            (149.2, 36.6, 22.7),
+            (155.3, 45.0, 24.2),
+            (172.6, 51.9, 23.7),
+            (171.4, 56.8, 25.2),
+            (169.6, 61.7, 26.6),
+            (167.7, 66.6, 27.7),
+            (166.1, 71.5, 29.0),
+            (182.8, 78.4, 28.8),
+        )
+    )
+)
+"""Table 1 of Nishi & Miura 2017."""
+
+
+def read_sizes(path: Path) -> tuple[BodySize, ...]:
+    """Bodies of a CSV with columns name, height_cm, weight_kg, waist_breadth_cm.
+
+    Raises CloudError for anything else, for two bodies of one name, and for none or too many.
+    """
+    columns = ",".join(("name", *MEASURES))
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            sizes: list[BodySize] = []
+            for row in csv.DictReader(file):
+                if len(sizes) == MOST_BODIES:
+                    raise CloudError(f"{path} has more than {MOST_BODIES} bodies; split it")
+                sizes.append(BodySize(row["name"].strip(), *(float(row[column]) for column in MEASURES)))
+    except (OSError, KeyError, TypeError, ValueError, AttributeError, csv.Error) as error:
+        raise CloudError(f"{path} is no table of bodies ({error}); give columns {columns}") from error
+    if not sizes:
+        raise CloudError(f"{path} has no bodies; give columns {columns} and a row for each")
+    # File systems may hold no two names that differ in case alone.
+    names = [size.name.lower() for size in sizes]
+    for name in names:
+        if names.count(name) > 1:
+            raise CloudError(f"{path} has two bodies named {name}; give each its own name")
+    return tuple(sizes)
+
+
+def describe(body: Body, size: BodySize | None) -> dict[str, str | float]:
+    """What a body measures, and, under ``asked_*``, what it was asked to."""
+    row: dict[str, str | float] = {"model": body.name}
+    row |= {measure: round(getattr(body, measure), 2) for measure in MEASURES}
+    if size is not None:
+        row |= {f"asked_{measure}": getattr(size, measure) for measure in MEASURES}
+    return row
+
+
+def as_text(rows: Sequence[dict[str, str | float]]) -> str:
+    """Lines of aligned columns: each measure, and beside it what was asked, if anything was."""
+    wide = max(5, *(len(str(row["model"])) for row in rows))
+    asked = "asked_height_cm" in rows[0]
+    heads = [head for m in MEASURES for head in ((m, " asked") if asked else (m,))]
+    lines = ["  ".join([f"{'model':{wide}}", *heads])]
+    for row in rows:
+        cells = [row[key] for m in MEASURES for key in ((m, f"asked_{m}") if asked else (m,))]
+        shown = [f"{cell:{len(head)}.2f}" for cell, head in zip(cells, heads, strict=True)]
+        lines.append("  ".join([f"{row['model']:{wide}}", *shown]))
+    return "\n".join(line.rstrip() for line in lines)

@@ -1,0 +1,206 @@
+"""Fit anny's parametric body to height, weight and waist breadth, and bake it. Needs the extra ``synth``."""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import qmc
+
+from sensors.errors import CloudError
+from synth.body.body import BONES_PER_VERTEX, DENSITY_KG_M3, Body, volume_m3
+from synth.body.body_table import BodySize
+from synth.body.part_border import PartSkin, cut_into_parts
+from synth.body.skeleton import JOINTS, N_JOINTS
+
+PHENOTYPES = ("gender", "age", "muscle", "weight", "height", "proportions")
+ADULT_AGE = 0.5
+"""anny's age runs from newborn at 0 over 2/3 (25 years) to old at 1; below 0.5 are children."""
+AVERAGE = np.array([0.5, 0.67, 0.5, 0.5, 0.5, 0.5])
+"""Phenotypes of a young adult of no sex, in the middle of everything."""
+_NEAR = 0.5
+"""A fit this near, in cm and kg, is the body that was asked for (Table 1 is kept far better)."""
+
+
+class BodyModel:
+    """anny's blend shapes at rest, as a function of its six phenotypes; loads in seconds."""
+
+    def __init__(self) -> None:
+        try:
+            import anny
+            import torch
+        except ImportError as error:
+            raise CloudError("fitting bodies needs anny; pip install 'annotate-cloud[bodies]'") from error
+        self._torch: Any = torch
+        self._model: Any = anny.Anny()
+        self.faces = self._model.faces.numpy().astype(np.int32)
+        self.waist = np.array(anny.Anthropometry(self._model).waist_vertex_indices, np.int32)
+
+    def shape(self, phenotype: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Vertices (V, 3) and bone heads (B, 3) in metres for phenotypes (6,) in [0, 1]."""
+        model = self._model
+        with self._torch.no_grad():
+            values = {
+                k: self._torch.tensor([v], dtype=model.dtype)
+                for k, v in zip(PHENOTYPES, phenotype, strict=True)
+            }
+            coefficients = model.get_phenotype_blendshape_coefficients(**values)[0]
+            used = self._torch.nonzero(coefficients)[:, 0]
+            part = coefficients[used]
+            vertices = model.template_vertices + self._torch.einsum(
+                "k,kvd->vd", part, model.blendshapes[used]
+            )
+            heads = model.template_bone_heads + self._torch.einsum(
+                "k,kvd->vd", part, model.bone_heads_blendshapes[used]
+            )
+        return vertices.numpy().astype(np.float64), heads.numpy().astype(np.float64)
+
+    def measure(self, phenotype: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(height cm, weight kg, waist breadth cm)."""
+        vertices, _ = self.shape(phenotype)
+        height, breadth = np.ptp(vertices[:, 2]), np.ptp(vertices[self.waist, 0])
+        return np.array([100 * height, DENSITY_KG_M3 * volume_m3(vertices, self.faces), 100 * breadth])
+
+    def bake(self, name: str, phenotype: NDArray[np.float64]) -> Body:
+        """Everything a worker needs of one body."""
+        vertices, joints = self._standing(phenotype)
+        bones, weights = self._influences
+        return Body(
+            name=name,
+            vertices_m=(self._skin.recipe @ vertices).astype(np.float32),
+            faces=self._skin.faces,
+            face_parts=self._skin.face_parts,
+            joints_m=joints,
+            bones=bones,
+            weights=weights,
+            waist=self.waist,
+        )
+
+    @cached_property
+    def _influences(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """The strongest joints of every vertex of the cut skin, and their weights: the same on all bodies."""
+        by_joint = self._skin.recipe @ self._weights_by_joint(self._skin.recipe.shape[1])
+        bones = np.argsort(-by_joint, axis=1, kind="stable")[:, :BONES_PER_VERTEX]
+        weights = np.take_along_axis(by_joint, bones, axis=1)
+        weights /= weights.sum(axis=1, keepdims=True)
+        return bones.astype(np.uint8), weights.astype(np.float32)
+
+    @cached_property
+    def _skin(self) -> PartSkin:
+        """The cut of the average body, repeated on all, so that any two blend."""
+        vertices, joints = self._standing(AVERAGE)
+        return cut_into_parts(vertices, self.faces, joints, self._weights_by_joint(len(vertices)))
+
+    def _standing(self, phenotype: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Vertices (V, 3) and joints (J, 3) with the soles on the ground."""
+        vertices, heads = self.shape(phenotype)
+        joints = np.stack([heads[self._model.bone_labels.index(_HEAD_BONE[j.name])] for j in JOINTS])
+        floor = np.array([0.0, 0.0, vertices[:, 2].min()])
+        return vertices - floor, joints - floor
+
+    def _weights_by_joint(self, n_vertices: int) -> NDArray[np.float32]:
+        joint_of_bone = np.array([_joint_of(label) for label in self._model.bone_labels])
+        indices = joint_of_bone[self._model.vertex_bone_indices.numpy()]
+        by_joint = np.zeros((n_vertices, N_JOINTS), np.float32)
+        np.add.at(
+            by_joint, (np.arange(n_vertices)[:, None], indices), self._model.vertex_bone_weights.numpy()
+        )
+        return by_joint
+
+
+_HEAD_BONE = {
+    "pelvis": "root",
+    "spine_lower": "spine04",
+    "spine_middle": "spine03",
+    "spine_upper": "spine02",
+    "neck": "neck01",
+    "head": "head",
+} | {
+    f"{side}_{joint}": f"{bone}.{side[0].upper()}"
+    for side in ("left", "right")
+    for joint, bone in {
+        "clavicle": "clavicle",
+        "shoulder": "upperarm01",
+        "elbow": "lowerarm01",
+        "wrist": "wrist",
+        "hip": "upperleg01",
+        "knee": "lowerleg01",
+        "ankle": "foot",
+    }.items()
+}
+_LIMB = {
+    "clavicle": "clavicle",
+    "shoulder": "clavicle",
+    "upperarm": "shoulder",
+    "lowerarm": "elbow",
+    "wrist": "wrist",
+    "finger": "wrist",
+    "metacarpal": "wrist",
+    "upperleg": "hip",
+    "lowerleg": "knee",
+    "foot": "ankle",
+    "toe": "ankle",
+}
+_TRUNK = {
+    "root": "pelvis",
+    "pelvis": "pelvis",
+    "spine05": "pelvis",
+    "spine04": "spine_lower",
+    "spine03": "spine_middle",
+    "spine02": "spine_upper",
+    "spine01": "spine_upper",
+    "neck": "neck",
+    "head": "head",
+    "eye": "head",
+}
+
+
+def _joint_of(bone: str) -> int:
+    stem, _, side = bone.partition(".")
+    names = [j.name for j in JOINTS]
+    for prefix, joint in _TRUNK.items():
+        if stem.startswith(prefix):
+            return names.index(joint)
+    limb = next(joint for prefix, joint in _LIMB.items() if stem.startswith(prefix))
+    return names.index(f"{'left' if side == 'L' else 'right'}_{limb}")
+
+
+def fit(model: BodyModel, size: BodySize, starts: int = 8) -> NDArray[np.float64]:
+    """Phenotypes (6,) whose body measures as asked, by bounded least squares from several starts.
+
+    The three measures leave freedom: a weak pull to the middle of every phenotype decides. Raises
+    CloudError when no adult measures so.
+    """
+    asked = np.array([size.height_cm, size.weight_kg, size.waist_breadth_cm])
+    low = np.array([0.0, ADULT_AGE, 0.0, 0.0, 0.0, 0.0])
+
+    def residuals(phenotype: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.concatenate([model.measure(phenotype) - asked, 0.05 * (phenotype - AVERAGE)])
+
+    best, cost = AVERAGE, np.inf
+    for start in qmc.scale(qmc.Sobol(6, seed=0).random(starts), low, np.ones(6)):
+        result = least_squares(residuals, start, bounds=(low, np.ones(6)), diff_step=1e-3, max_nfev=60)
+        if result.cost < cost:
+            best, cost = result.x, float(result.cost)
+        if np.abs(residuals(result.x)[:3]).max() < 0.1:
+            break
+    nearest = model.measure(best)
+    if np.abs(nearest - asked).max() > _NEAR:
+        found = "{:.1f} cm, {:.1f} kg, waist {:.1f} cm".format(*nearest)
+        raise CloudError(
+            f"body {size.name}: no adult measures what is asked; the nearest has {found}; ask for one like it"
+        )
+    return best
+
+
+def random_adult(rng: np.random.Generator) -> NDArray[np.float64]:
+    """Phenotypes (6,) of a random adult: either sex, any adult age, and a build.
+
+    anny's middle is tall and light: spread about 0.4 and 0.72 instead, heights come to 170 +- 10 cm and
+    body mass indices to 22 +- 3, about as adults' are.
+    """
+    gender = np.clip(rng.choice((0.1, 0.9)) + rng.normal(0, 0.08), 0, 1)
+    age = rng.uniform(0.6, 0.97)
+    muscle_weight_height_proportions = rng.normal((0.5, 0.72, 0.4, 0.5), (0.18, 0.26, 0.08, 0.2))
+    return np.array([gender, age, *np.clip(muscle_weight_height_proportions, 0.05, 0.95)])

@@ -1,0 +1,271 @@
+"""A body's flesh as chains of spheres about the bones: what contact is computed on, fitted in about a ms.
+
+A chain is a row of stations (centre, radius), and the flesh between two neighbours is the round cone over
+them. Limbs are chains along a bone; the trunk is a pile of short chains from right to left, one a height.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple, cast
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from synth.body.body import Body
+from synth.body.skeleton import JOINT_ID, N_JOINTS, Float64, alignment
+
+Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Stations lo to hi (exclusive) that follow one part of the body."""
+
+    name: str
+    lo: int
+    hi: int
+
+
+_TRUNK_SLICES = 7
+_STATIONS = {
+    "upper_arm": 4,
+    "forearm": 4,
+    "hand": 3,
+    "thumb_side": 3,
+    "thigh": 5,
+    "shank": 5,
+    "foot": 4,
+    "foot_outside": 4,
+}
+_BONE = {
+    "upper_arm": ("shoulder", "elbow"),
+    "forearm": ("elbow", "wrist"),
+    "hand": ("wrist", ""),
+    "thumb_side": ("wrist", ""),
+    "thigh": ("hip", "knee"),
+    "shank": ("knee", "ankle"),
+    "foot": ("ankle", ""),
+    "foot_outside": ("ankle", ""),
+}
+_HEAD_STATIONS = 3
+SOLE_M = 0.008
+"""The edge of a sole stands out from the spheres under it when the foot rolls."""
+FINGERS_M = 0.007
+"""Fingers stand out from the mean of a hand."""
+
+
+def _chains() -> dict[str, Chain]:
+    sizes = {f"slice_{i}": 3 for i in range(_TRUNK_SLICES)}
+    sizes |= {"neck": 2, "head": _HEAD_STATIONS}
+    sizes |= {f"{side}_{limb}": n for side in ("left", "right") for limb, n in _STATIONS.items()}
+    ends = np.cumsum([0, *sizes.values()])
+    return {name: Chain(name, int(ends[i]), int(ends[i + 1])) for i, name in enumerate(sizes)}
+
+
+CHAINS = _chains()
+N_STATIONS = max(chain.hi for chain in CHAINS.values())
+
+
+class Flesh(NamedTuple):
+    """What of a body does not change with its posture (a named tuple, which compiled code takes).
+
+    rest_joints_m, aligned: as ``kinematics`` takes them. centres_m: (S, 3) stations at rest; radii_m: (S,);
+    joints: (S,) the joint each station follows. trunk: indices of the vertices that pelvis and spine carry.
+    """
+
+    rest_joints_m: Float64
+    aligned: Float64
+    centres_m: Float64
+    radii_m: Float64
+    joints: Int64
+    trunk: Int64
+
+
+class _Same:
+    """Hashes an object by identity and keeps it alive, so that its identity is not given away again."""
+
+    def __init__(self, held: object) -> None:
+        self.held = held
+
+    def __hash__(self) -> int:
+        return id(self.held)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.held is self.held
+
+
+def flesh_of(body: Body) -> Flesh:
+    """The flesh of a body; the last few bodies' are remembered."""
+    return _fit(_Same(body))
+
+
+@lru_cache(maxsize=16)
+def _fit(same: _Same) -> Flesh:
+    body = cast(Body, same.held)
+    centres, radii, joints = np.zeros((N_STATIONS, 3)), np.zeros(N_STATIONS), np.zeros(N_STATIONS, np.int64)
+    owned = _vertices_of_joints(*map(_Same, (body.bones, body.weights, body.faces, body.face_parts)))
+    _fit_trunk(body, owned, centres, radii, joints)
+    for side in ("left", "right"):
+        for limb, (start, end) in _BONE.items():
+            j = JOINT_ID[f"{side}_{start}"]
+            chain = CHAINS[f"{side}_{limb}"]
+            s = slice(chain.lo, chain.hi)
+            own, axis = _limb(body, owned[j], j, limb, side, end)
+            _fit_chain(own, axis, centres[s], radii[s])
+            joints[s] = j
+            if start == "wrist":
+                radii[s] += FINGERS_M
+            if start == "ankle":
+                # A sole is flat: the sphere reaches down to it and no further.
+                radii[s] = np.minimum(radii[s], 0.8 * centres[s, 2])
+                centres[s, 2] = radii[s]
+                radii[s] += SOLE_M
+    return Flesh(body.joints_m, alignment(body.joints_m), centres, radii, joints, _carried(body, owned))
+
+
+def _carried(body: Body, owned: list[Int64]) -> Int64:
+    """What a lying or sitting body rests on first: pelvis, spine, buttocks and the bulk of the shoulders."""
+    parts = [owned[j] for name, j in JOINT_ID.items() if j <= JOINT_ID["spine_upper"] or "clavicle" in name]
+    for side in ("left", "right"):
+        shoulder, hip = JOINT_ID[f"{side}_shoulder"], JOINT_ID[f"{side}_hip"]
+        arm, leg = body.vertices_m[owned[shoulder]], body.vertices_m[owned[hip], 2]
+        parts.append(owned[shoulder][np.abs(arm - body.joints_m[shoulder]).max(axis=1) < 0.07])
+        parts.append(owned[hip][leg > body.joints_m[hip, 2] - 0.11])
+    return np.concatenate(parts)
+
+
+_FRONT = np.array([0.0, -1.0, 0.0])
+
+
+def _half(own: NDArray[np.float32], start: Float64, along: Float64, towards: Float64) -> NDArray[np.float32]:
+    """The vertices of a hand or foot on that side of the line along it, across its breadth."""
+    line = along.astype(np.float32)
+    off = own - start.astype(np.float32)
+    off -= (off @ line)[:, None] * line
+    across = np.linalg.eigh(off.T @ off)[1][:, -1]
+    chosen: NDArray[np.float32] = own[(off @ across > 0) == (across @ towards > 0)]
+    return chosen
+
+
+def _limb(
+    body: Body, owned: Int64, joint: int, limb: str, side: str, end: str
+) -> tuple[NDArray[np.float32], Float64]:
+    """Vertices of a limb, or its half, and (2, 3) first and last station on the line it follows."""
+    own, start = body.vertices_m[owned], body.joints_m[joint]
+    if end:
+        along = body.joints_m[JOINT_ID[f"{side}_{end}"]] - start
+        return own, np.stack([start + 0.08 * along, start + 0.94 * along])
+    along = own.mean(axis=0, dtype=np.float64) - start
+    if limb.startswith("foot"):
+        along[2] = 0.0
+    along /= np.linalg.norm(along)
+    outside = np.array([1.0 if side == "left" else -1.0, 0.0, 0.0])
+    # At rest the thumbs point forwards.
+    towards = {"thumb_side": _FRONT, "hand": -_FRONT, "foot_outside": outside, "foot": -outside}[limb]
+    own = _half(own, start, along, towards)
+    reach = own @ along.astype(np.float32) - start @ along
+    margin = 0.012 if limb.startswith("foot") else 0.015
+    return own, np.stack([start + (reach.min() + margin) * along, start + (reach.max() - margin) * along])
+
+
+def _fit_trunk(body: Body, owned: list[Int64], centres: Float64, radii: Float64, joints: Int64) -> None:
+    rest = body.joints_m
+    hip_z, neck_z = rest[JOINT_ID["left_hip"], 2], rest[JOINT_ID["neck"], 2]
+    heights = np.linspace(hip_z - 0.02, neck_z - 0.06, _TRUNK_SLICES)
+    trunk = ("pelvis", "spine_lower", "spine_middle", "spine_upper", "left_clavicle", "right_clavicle")
+    own = np.concatenate([owned[JOINT_ID[name]] for name in (*trunk, "left_hip", "right_hip")])
+    boxes = _slices(body.vertices_m[own], heights, 0.6 * (heights[1] - heights[0]))
+    for i, (left, right, front, back) in enumerate(boxes):
+        chain = CHAINS[f"slice_{i}"]
+        radius = min((back - front) / 2, (left - right) / 2)
+        half = (left - right) / 2 - radius
+        centres[chain.lo : chain.hi] = [(x, (front + back) / 2, heights[i]) for x in (-half, 0.0, half)]
+        radii[chain.lo : chain.hi] = radius
+        below = [j for j in range(4) if rest[j, 2] <= heights[i]]
+        joints[chain.lo : chain.hi] = max(below, default=0)
+    _fit_head(body, owned, centres, radii, joints)
+
+
+def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, joints: Int64) -> None:
+    neck, head = JOINT_ID["neck"], JOINT_ID["head"]
+    low, high = body.joints_m[neck] + (0, 0, 0.02), body.joints_m[head]
+    s = slice(CHAINS["neck"].lo, CHAINS["neck"].hi)
+    _fit_chain(body.vertices_m[owned[neck]], np.stack([low, high]), centres[s], radii[s])
+    joints[s] = neck
+    # Eyes and teeth weigh in a mean, so the head goes by its extents; the nose may stand out.
+    s = slice(CHAINS["head"].lo, CHAINS["head"].hi)
+    heights = np.linspace(high[2], body.vertices_m[:, 2].max() - 0.075, _HEAD_STATIONS)
+    left, right, front, back = _slices(body.vertices_m[owned[head]], heights, 0.02).T
+    radii[s] = (left - right + back - front) / 4
+    centres[s] = np.stack([(left + right) / 2, back - (back - front) / 2 - 0.005, heights], axis=1)
+    joints[s] = head
+
+
+@lru_cache(maxsize=4)
+def _vertices_of_joints(bones: _Same, weights: _Same, faces: _Same, parts: _Same) -> list[Int64]:
+    """Per joint the vertices it weighs most on; builds blended of one kind share the arrays, so this too.
+
+    Those on a border between parts are left out: they stand in a dense row and would weigh in every mean.
+    """
+    strongest = cast(NDArray[np.float32], weights.held).argmax(axis=1)
+    main = cast(NDArray[np.uint8], bones.held)[np.arange(len(strongest)), strongest]
+    corners, part = cast(NDArray[np.int32], faces.held), cast(NDArray[np.uint8], parts.held)
+    lowest, highest = np.full(len(main), 255, np.uint8), np.zeros(len(main), np.uint8)
+    for corner in corners.T:
+        np.minimum.at(lowest, corner, part)
+        np.maximum.at(highest, corner, part)
+    return [np.flatnonzero((main == j) & (lowest == highest)) for j in range(N_JOINTS)]
+
+
+@numba.njit(cache=True, fastmath=True)
+def _fit_chain(
+    own: NDArray[np.float32], axis: Float64, centres: Float64, radii: Float64
+) -> None:  # pragma: no cover
+    """Write the middle and mean radius of the vertices (n, 3) about each station of a line."""
+    n = len(radii)
+    along = axis[1] - axis[0]
+    length = np.sqrt((along**2).sum())
+    along /= length
+    nearest = np.empty(len(own), np.int64)
+    count = np.zeros(n)
+    for v in range(len(own)):
+        reach = 0.0
+        for i in range(3):
+            reach += (own[v, i] - axis[0, i]) * along[i]
+        k = int(np.rint(reach * (n - 1) / length))
+        nearest[v] = k if k < n else -1
+        if 0 <= k < n:
+            centres[k] += own[v]
+            count[k] += 1
+    for k in range(n):
+        station = axis[0] + along * (length * k / (n - 1))
+        if count[k] > 0:
+            mean = centres[k] / count[k]
+            station = mean - along * ((mean - station) * along).sum()
+        centres[k] = station
+    for v in range(len(own)):
+        k = nearest[v]
+        if k >= 0:
+            squared, reach = 0.0, 0.0
+            for i in range(3):
+                off = own[v, i] - centres[k, i]
+                squared += off * off
+                reach += off * along[i]
+            radii[k] += np.sqrt(max(squared - reach * reach, 0.0)) / count[k]
+
+
+@numba.njit(cache=True)
+def _slices(own: NDArray[np.float32], heights: Float64, half: float) -> Float64:  # pragma: no cover
+    """(n, 4) left, right, front and back of the vertices (n, 3) about each height."""
+    result = np.empty((len(heights), 4))
+    result[:, 0], result[:, 1], result[:, 2], result[:, 3] = -1e3, 1e3, 1e3, -1e3
+    for v in range(len(own)):
+        x, y, z = own[v]
+        for k in range(len(heights)):
+            if abs(z - heights[k]) < half:
+                result[k, 0] = max(result[k, 0], x)
+                result[k, 1] = min(result[k, 1], x)
+                result[k, 2] = min(result[k, 2], y)
+                result[k, 3] = max(result[k, 3], y)
+    return result

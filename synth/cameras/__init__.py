@@ -1,0 +1,1 @@
+"""Models of depth and thermal cameras: noise, lenses."""

@@ -1,0 +1,1 @@
+"""Single depth images with part labels, and datasets of them."""

@@ -1,0 +1,122 @@
+"""A dataset's own page: pictures like the paper's Figs. 4 and 13, and statistics, in one HTML file."""
+
+import base64
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from numpy.typing import NDArray
+
+from annotate.crop import SIZE, normalize
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.dataset import Dataset, read_shard
+from annotate.parts import PARTS, palette_rgb
+from sensors.files.atomic import write_bytes
+from synth.body.skeleton import JOINTS
+from synth.images.statistics import AZIMUTH_EDGES_DEG, DEPTH_EDGES_MM, HEIGHT_EDGES_M, Statistics, count
+
+PAGE = "index.html"
+SHEET_COLUMNS, SHEET_ROWS = 8, 3
+COUNTED_SHARDS = 4
+"""Statistics are over this many shards, evenly spread: images are drawn independently, a thousand tell."""
+DOTS = 150
+"""Frames whose joints are drawn."""
+DRAWN = {"head": 1, "left_wrist": 5, "right_wrist": 6, "left_knee": 8, "right_knee": 9, "left_ankle": 10,
+         "right_ankle": 11}  # fmt: skip
+"""Joints in the picture of poses, and the part whose colour they have."""
+
+_PAGES = Environment(
+    loader=FileSystemLoader(Path(__file__).parent / "templates"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+def write_page(dataset: Dataset) -> None:
+    """Write ``index.html`` into the dataset's folder."""
+    write_bytes(dataset.path / PAGE, render(dataset).encode())
+
+
+def render(dataset: Dataset) -> str:
+    """The page as a string. Raises FormatError when a shard is corrupt."""
+    step = max(1, len(dataset.shards) // COUNTED_SHARDS)
+    paths = [dataset.path / name for name, _ in dataset.shards[::step][:COUNTED_SHARDS]]
+    statistics = count(frame for path in paths for frame in read_shard(path))
+    step = max(1, statistics.frames // (len(paths) * SHEET_COLUMNS * SHEET_ROWS))
+    sheet = contact_sheet(list(islice(read_shard(paths[0]), 0, step * SHEET_COLUMNS * SHEET_ROWS, step)))
+    return _PAGES.get_template("dataset.html.j2").render(
+        info=dataset.info,
+        bytes=sum((dataset.path / name).stat().st_size for name, _ in dataset.shards),
+        shards=len(dataset.shards),
+        sheet=_data_uri(sheet),
+        sheet_size=sheet.shape[1::-1],
+        statistics=statistics,
+        parts=_part_rows(statistics),
+        depth=_bars(statistics.depth, DEPTH_EDGES_MM / 1000),
+        azimuth=_bars(statistics.azimuth, AZIMUTH_EDGES_DEG),
+        height=_bars(statistics.height, HEIGHT_EDGES_M),
+        dots=_dots(statistics),
+        spread=[(joint.name, mm) for joint, mm in zip(JOINTS, statistics.spread_mm.tolist(), strict=True)][
+            1:
+        ],
+    )
+
+
+def contact_sheet(frames: list[FrameLabels]) -> NDArray[np.uint8]:
+    """Frames as RGB (h, w, 3), labels above their depth, near bright: the layout of the paper's Fig. 4."""
+    pairs = [np.vstack([palette_rgb()[frame.parts], _grey(frame)]) for frame in frames]
+    blank = np.zeros((2 * SIZE, SIZE, 3), np.uint8)
+    pairs += [blank] * (-len(pairs) % SHEET_COLUMNS)
+    rows = [np.hstack(pairs[i : i + SHEET_COLUMNS]) for i in range(0, len(pairs), SHEET_COLUMNS)]
+    return np.vstack(rows)
+
+
+def _grey(frame: FrameLabels) -> NDArray[np.uint8]:
+    depth = normalize(frame.depth_mm, frame.parts > 0)
+    seen = depth > 0
+    near, far = np.percentile(depth[seen], (1, 99)) if seen.any() else (0.0, 1.0)
+    bright = 240 - 190 * np.clip((depth - near) / max(far - near, 0.05), 0, 1)
+    return np.repeat(np.where(seen, bright, 0).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def _data_uri(image: NDArray[np.uint8]) -> str:
+    _, data = cv2.imencode(".webp", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_WEBP_QUALITY, 85])
+    return f"data:image/webp;base64,{base64.b64encode(data.tobytes()).decode()}"
+
+
+def _part_rows(statistics: Statistics) -> list[dict[str, Any]]:
+    person = max(1, int(statistics.pixels[1:].sum()))
+    return [
+        {
+            "title": part.title,
+            "rgb": "rgb({}, {}, {})".format(*part.rgb),
+            "pixels": statistics.pixels[part.id] / statistics.frames,
+            "share": statistics.pixels[part.id] / person,
+            "shown": statistics.shown[part.id],
+            "visible": statistics.visible[part.id],
+        }
+        for part in PARTS[1:]
+    ]
+
+
+def _bars(counts: NDArray[np.int64], edges: NDArray[Any]) -> list[tuple[float, float, float]]:
+    """(left edge, right edge, share of the highest) of a histogram, empty ends left off."""
+    filled = np.flatnonzero(counts)
+    first, last = (int(filled[0]), int(filled[-1])) if filled.size else (0, 0)
+    top = max(1, int(counts.max()))
+    return [(float(edges[i]), float(edges[i + 1]), counts[i] / top) for i in range(first, last + 1)]
+
+
+def _dots(statistics: Statistics) -> list[tuple[float, float, str]]:
+    """(x, y, colour) in millimetres about the pelvis, x right and y down as the camera sees it."""
+    names = [joint.name for joint in JOINTS]
+    return [
+        (round(x), round(y), "rgb({}, {}, {})".format(*PARTS[part].rgb))
+        for name, part in DRAWN.items()
+        for x, y, _ in statistics.joints_mm[:DOTS, names.index(name)].tolist()
+    ]

@@ -1,0 +1,157 @@
+"""Seeds to shards on any executor; the bytes do not depend on the workers, and a broken run resumes."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from annotate.labelset.claim import Claim, login
+from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
+from sensors.errors import CloudError, ExistsError
+from sensors.files.atomic import is_taken, write_bytes
+from synth.images.dataset_page import write_page
+from synth.images.presets import Preset, sample
+from synth.images.workers import Workers
+
+ORDER = "order.json"
+"""What a folder's shards belong to, from the first one on."""
+
+
+def _versions() -> dict[str, str]:
+    return {
+        name: version(name) for name in ("annotate-cloud", "numpy", "numba", "opencv-contrib-python-headless")
+    }
+
+
+@dataclass(frozen=True)
+class Order:
+    """What to generate: these fields decide every byte."""
+
+    preset: Preset
+    count: int
+    seed: int
+    shard_frames: int = 256
+    versions: dict[str, str] = field(default_factory=_versions)
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.count <= 1_000_000_000:
+            raise CloudError(f"count {self.count} is impossible; give 1 to 1000000000 images")
+        if not 0 <= self.seed < 2**63:
+            raise CloudError(f"seed {self.seed} is impossible; give 0 to 2^63 - 1")
+
+    @property
+    def shards(self) -> int:
+        """Number of shards, the last one perhaps shorter."""
+        return -(-self.count // self.shard_frames)
+
+    def frames(self, shard: int) -> range:
+        """Indices of the images in a shard."""
+        first = shard * self.shard_frames
+        return range(first, min(first + self.shard_frames, self.count))
+
+    def manifest(self) -> dict[str, Any]:
+        """The order as JSON values."""
+        return {
+            "preset": self.preset.name,
+            "occluders": self.preset.occluders,
+            "cut": self.preset.cut,
+            "images": self.count,
+            "seed": self.seed,
+            "shard_frames": self.shard_frames,
+            "versions": self.versions,
+        }
+
+
+@dataclass(frozen=True)
+class Made:
+    """A finished dataset, and how many of its images this run made; earlier ones made the others."""
+
+    dataset: Dataset
+    images: int
+
+
+def make_shard(order: Order, shard: int) -> bytes:
+    """One shard's bytes: the pure function that workers run.
+
+    Raises CloudError on a worker whose versions are not the order's: its bytes might differ.
+    """
+    if (here := _versions()) != order.versions:
+        raise CloudError(
+            f"a worker has {here}, the order {order.versions}; install the same versions everywhere"
+        )
+    return encode_shard(sample(order.preset, order.seed, i) for i in order.frames(shard))
+
+
+def generate(order: Order, out: Path, workers: Workers, progress: Callable[[int], None]) -> Made:
+    """Write the missing shards, then manifest and page, into ``out``; ``progress`` gets images done.
+
+    Raises ExistsError when ``out`` holds something else than the beginning of this very order, ClaimedError
+    while another process makes it.
+    """
+    _begin(order, out)
+    with Claim.take(out, login()):
+        missing = [i for i in range(order.shards) if not (out / _file(i)).is_file()]
+        made = sum(len(order.frames(i)) for i in missing)
+        progress(order.count - made)
+        hashes = _make(order, out, missing, workers, progress)
+        return Made(_finish(order, out, hashes), made)
+
+
+def _make(
+    order: Order, out: Path, missing: list[int], workers: Workers, progress: Callable[[int], None]
+) -> dict[int, str]:
+    """Make and write these shards; SHA-256 by shard."""
+    hashes: dict[int, str] = {}
+    futures: dict[Future[bytes], int] = {}
+    queue = iter(missing)
+    try:
+        while True:
+            # Two tasks a worker keep it busy, and the parent's memory flat.
+            while len(futures) < 2 * workers.parallel and (shard := next(queue, None)) is not None:
+                futures[workers.executor.submit(make_shard, order, shard)] = shard
+            if not futures:
+                return hashes
+            finished = wait(futures, return_when=FIRST_COMPLETED).done
+            # What is whole first: a worker that was lost must not take another's shard along.
+            for done in sorted(finished, key=lambda future: future.exception() is not None):
+                shard, data = futures.pop(done), done.result()
+                write_bytes(out / _file(shard), data)
+                hashes[shard] = hashlib.sha256(data).hexdigest()
+                progress(len(order.frames(shard)))
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _begin(order: Order, out: Path) -> None:
+    """Start or resume: the order file says whose half-finished folder this is."""
+    started = out / ORDER
+    text = (json.dumps(order.manifest(), sort_keys=True) + "\n").encode()
+    if is_taken(out):
+        if not started.is_file() or started.read_bytes() != text:
+            raise ExistsError(
+                f"{out} holds something else already; choose another folder or pass --overwrite"
+            )
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    write_bytes(started, text)
+
+
+def _finish(order: Order, out: Path, hashes: dict[int, str]) -> Dataset:
+    """Write manifest and page; shards of an earlier run are hashed from the disk."""
+    shards = [
+        {"file": _file(i), "sha256": hashes.get(i) or sha256(out / _file(i))} for i in range(order.shards)
+    ]
+    manifest = {"schema": SCHEMA, **order.manifest(), "shards": shards}
+    write_bytes(out / MANIFEST, (json.dumps(manifest, indent=1, sort_keys=True) + "\n").encode())
+    dataset = Dataset.open(out)
+    write_page(dataset)
+    return dataset
+
+
+def _file(shard: int) -> str:
+    return f"shard-{shard:06d}.tar"

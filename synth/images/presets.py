@@ -1,0 +1,227 @@
+"""One synthetic depth image with part labels: a pure function of (preset, seed, index)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.crop import SIZE, Crop, crop_around
+from annotate.frame_labels import FrameLabels
+from sensors.errors import CloudError
+from sensors.rig.rig_calibration import Pose
+from synth.body.body import Body, blend, shipped_bodies
+from synth.body.hair import hair_faces
+from synth.body.skeleton import Float64
+from synth.cameras.depth_noise import DepthNoise, kinect
+from synth.images.occlude import cut, occluder
+from synth.images.view import View, inside_image, render_view, visibility
+from synth.pose.moment import Family, M, glide
+from synth.pose.recumbent import FALLEN, IN_BED, RECUMBENT, lie
+from synth.pose.sitting import SITTING, sit
+from synth.pose.upright import UPRIGHT, rise
+from synth.surface.furniture import Bed, Chair, Ground, Sofa, beside, look_at, view_around
+from synth.surface.rasterize import Mesh, merge
+
+MIN_PIXELS, MIN_VISIBLE, MIN_JOINTS = 400, 0.4, 0.9
+"""Of a person's pixels, their share that furniture leaves, and joints inside the image: with less it is no
+example. What hides it is left out, or another one is drawn."""
+TRIES = 50
+IMAGES_PER_PERSON = 16
+"""So many images in a row show one build; what a build costs is spread over them."""
+FALLEN_SHARE = 0.2
+"""Of the recumbent, those on the floor."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A posed person among furniture before a camera, world frame, metres.
+
+    vertices_m: float32 (V, 3). joints_m: (J, 3). around: closed meshes. eye_m: (3,) the camera's place.
+    """
+
+    activity: str
+    vertices_m: NDArray[np.float32]
+    joints_m: Float64
+    around: Mesh
+    eye_m: Float64
+    camera_from_world: Pose
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A dataset by name: how many images by default, which random stream it draws from, and what it shows.
+
+    occluders, cut: share of images with things in front of the person, and with holes in its extraction.
+    """
+
+    name: str
+    count: int
+    stream: int
+    stage: Callable[[np.random.Generator, Body], Stage]
+    occluders: float = 0.0
+    cut: float = 0.0
+
+    def __post_init__(self) -> None:
+        for what, share in (("occluders", self.occluders), ("cut", self.cut)):
+            if not 0 <= share <= 1:
+                raise CloudError(f"{what} {share} is no share of the images; give 0 to 1")
+
+
+def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
+    """Image ``index`` of a preset: the person's crop, 212 x 212, depth in millimetres, parts, provenance.
+
+    Notes: activity; crop (top, left, side) in the 512 x 424 image; joints_mm, camera frame; camera
+    (azimuth_deg from the sofa's front or the bed's foot, height_m, distance_m); visible, the share of
+    the person that furniture, occluders and extraction left, whole and per part; occluders, how many
+    things stand in front; cut, the share of the person's pixels that the extraction lost.
+    """
+    rng = np.random.default_rng((preset.stream, seed, index))
+    body, hair, subject = _person(preset.stream, seed, index // IMAGES_PER_PERSON)
+    for _ in range(TRIES):
+        stage = preset.stage(rng, body)
+        things, view = _look(preset, stage, body, hair, rng)
+        if _shows(view) and inside_image(stage.camera_from_world.apply(stage.joints_m)).mean() >= MIN_JOINTS:
+            break
+    else:
+        raise AssertionError(f"sample {preset.name}/{seed}/{index} shows no person")
+    person = view.parts > 0
+    if rng.random() < preset.cut and np.count_nonzero(holed := cut(person, rng)) >= MIN_PIXELS:
+        person = holed
+    crop = crop_around(person)
+    depth, labels = _shoot(view, person, crop, rng)
+    notes = {
+        "activity": stage.activity,
+        "crop": [crop.top + view.corner[0], crop.left + view.corner[1], crop.side],
+        **_geometry(stage),
+        "visible": [
+            round(v, 3) for v in visibility(np.where(person, view.parts, np.uint8(0)), view.whole).tolist()
+        ],
+        "occluders": things,
+        "cut": round(1 - np.count_nonzero(person) / np.count_nonzero(view.parts), 3),
+    }
+    return FrameLabels(f"{index:08d}", depth, labels, subject=subject, status="truth", notes=notes)
+
+
+def _look(
+    preset: Preset, stage: Stage, body: Body, hair: NDArray[np.bool_], rng: np.random.Generator
+) -> tuple[int, View]:
+    """Render the stage, in a share of the images with occluders unless they hide all; how many stand."""
+    if rng.random() < preset.occluders:
+        seen = rng.choice(stage.vertices_m, int(rng.integers(1, 3))).astype(np.float64)
+        things = [occluder(stage.eye_m, point, rng) for point in seen]
+        view = render_view(
+            body, hair, stage.vertices_m, merge([stage.around, *things]), stage.camera_from_world
+        )
+        if _shows(view):
+            return len(things), view
+    return 0, render_view(body, hair, stage.vertices_m, stage.around, stage.camera_from_world)
+
+
+def _shows(view: View) -> bool:
+    seen = np.count_nonzero(view.parts)
+    return bool(seen >= max(MIN_PIXELS, MIN_VISIBLE * np.count_nonzero(view.whole)))
+
+
+def _shoot(
+    view: View, person: NDArray[np.bool_], crop: Crop, rng: np.random.Generator
+) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+    """The crop's depth and parts through a noisy sensor; only the pixels that the crop reads are computed."""
+    read = person & crop.reads(person.shape)
+    noisy = kinect(view.camera, view.depth_m, view.dark, DepthNoise.sample(rng), rng, only=read)
+    depth = crop.cut(noisy, 0, SIZE)
+    return depth, np.where(depth > 0, crop.cut(view.parts, 0, SIZE), np.uint8(0))
+
+
+def _geometry(stage: Stage) -> dict[str, Any]:
+    centre = stage.joints_m.mean(axis=0)
+    x, y, _ = (stage.eye_m - centre).tolist()
+    return {
+        "joints_mm": np.rint(stage.camera_from_world.apply(stage.joints_m) * 1000).astype(int).tolist(),
+        "camera": {
+            "azimuth_deg": round(np.degrees(np.arctan2(x, -y)), 1),
+            "height_m": round(float(stage.eye_m[2]), 2),
+            "distance_m": round(float(np.linalg.norm(stage.eye_m - centre)), 2),
+        },
+    }
+
+
+@lru_cache(maxsize=2)
+def _person(stream: int, seed: int, number: int) -> tuple[Body, NDArray[np.bool_], str]:
+    """A build between two of the paper's bodies (one topology, so shapes blend), its hair, its name."""
+    rng = np.random.default_rng((stream, seed, number, 1))
+    bodies = shipped_bodies()
+    i, j = rng.choice(len(bodies), 2, replace=False)
+    share = float(rng.beta(0.6, 0.6)) / 2
+    return blend(bodies[i], bodies[j], share), _hair(i), bodies[i].name
+
+
+@cache
+def _hair(i: int) -> NDArray[np.bool_]:
+    return hair_faces(shipped_bodies()[i])
+
+
+def sitting(rng: np.random.Generator, body: Body) -> Stage:
+    """On a sofa, seen as by the robot: within 65 degrees of the front, at its chest to head height."""
+    sofa = Sofa.sample(rng)
+    activity, moment = _random_moment(SITTING, tuple(SITTING.activities), rng)
+    vertices, joints = sit(body, sofa, moment)
+    centre = joints.mean(axis=0)
+    azimuth, distance, height = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0), rng.uniform(0.6, 1.7)
+    eye = beside(centre, azimuth, distance, height)
+    target = centre + rng.normal(0, (0.12, 0.12, 0.10))
+    camera_from_world = look_at(eye, target, np.radians(rng.normal(0, 2)))
+    return Stage(activity, vertices, joints, sofa.mesh(), eye, camera_from_world)
+
+
+def recumbent(rng: np.random.Generator, body: Body) -> Stage:
+    """In bed or fallen on the floor, seen from all around (the paper's 360 degrees), several heights."""
+    fallen = rng.random() < FALLEN_SHARE
+    activity, moment = _random_moment(RECUMBENT, tuple(FALLEN if fallen else IN_BED), rng)
+    support = Ground() if fallen else Bed.sample(rng)
+    vertices, joints = lie(body, support, moment)
+    eye, target = view_around(rng, joints.mean(axis=0))
+    camera_from_world = look_at(eye, target, np.radians(rng.normal(0, 2)))
+    return Stage(activity, vertices, joints, support.mesh(), eye, camera_from_world)
+
+
+def upright(rng: np.random.Generator, body: Body) -> Stage:
+    """Standing, crouching, kneeling, getting up, in front of a seat or in the open, seen from all around."""
+    seat = (None, Sofa, Chair)[int(rng.integers(3))]
+    before = None if seat is None else seat.sample(rng)
+    activity, moment = _random_moment(UPRIGHT, tuple(UPRIGHT.activities), rng)
+    vertices, joints = rise(body, before, moment)
+    centre = joints.mean(axis=0)
+    azimuth, distance, height = rng.uniform(-np.pi, np.pi), rng.uniform(1.4, 3.5), rng.uniform(0.6, 1.8)
+    eye = beside(centre, azimuth, distance, height)
+    camera_from_world = look_at(eye, centre + rng.normal(0, (0.12, 0.12, 0.10)), np.radians(rng.normal(0, 2)))
+    around = (before or Ground()).mesh()
+    return Stage(activity, vertices, joints, around, eye, camera_from_world)
+
+
+def _random_moment(family: Family[M], activities: tuple[str, ...], rng: np.random.Generator) -> tuple[str, M]:
+    """A moment of one activity, or on the way from it to another, and the first one's name."""
+    first = str(rng.choice(activities))
+    second = first if rng.random() < 0.6 else str(rng.choice(activities))
+    return first, glide(family.draw(first, rng), family.draw(second, rng), float(rng.random()))
+
+
+PRESETS = {
+    preset.name: preset
+    for preset in (
+        Preset("sitting-train", 10_076, 1, sitting),
+        Preset("sitting-test", 4_984, 2, sitting),
+        Preset("recumbent", 326_984, 3, recumbent),
+        Preset("upright", 20_000, 4, upright),
+    )
+}
+"""The paper's sets (sections 3.2, 4.1 and 4.3), and people on their own legs; their streams never meet."""
+
+
+def preset_named(name: str) -> Preset:
+    """The preset of that name. Raises CloudError naming those there are."""
+    if name not in PRESETS:
+        raise CloudError(f"preset {name!r} is unknown; use one of {', '.join(PRESETS)}")
+    return PRESETS[name]

@@ -1,0 +1,153 @@
+"""One person among furniture before a depth camera: which part is where, how far, and what hides it."""
+
+from dataclasses import dataclass, replace
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import BACKGROUND, N_CLASSES
+from sensors.rig.camera import Intrinsics
+from sensors.rig.kinect2_factory import KINECT2_PINHOLE as CAMERA
+from sensors.rig.rig_calibration import Pose
+from synth.body.body import Body
+from synth.body.skeleton import Float64
+from synth.surface.rasterize import NEAR_M, Mesh, rasterize
+
+Float32 = NDArray[np.float32]
+BORDER_PX = 4
+"""Kept around the person, so that edges and slopes there have neighbours."""
+
+
+@dataclass(frozen=True)
+class View:
+    """The window of the depth image that holds the person, before any noise.
+
+    camera: pinhole of the window. corner: (top, left) of the window in the whole image. depth_m: float32
+    (h, w) along z, NaN where nothing is hit, furniture included. parts: uint8 (h, w) part ids, 0 where
+    the person is not. whole: the same if nothing stood before the person. dark: bool (h, w), hair.
+    """
+
+    camera: Intrinsics
+    corner: tuple[int, int]
+    depth_m: NDArray[np.float32]
+    parts: NDArray[np.uint8]
+    whole: NDArray[np.uint8]
+    dark: NDArray[np.bool_]
+
+
+def render_view(
+    body: Body,
+    hair: NDArray[np.bool_],
+    vertices_m: NDArray[np.float32],
+    around: Mesh,
+    camera_from_world: Pose,
+) -> View:
+    """See a posed body and the furniture around it with the Kinect's pinhole; meshes in the world frame.
+
+    hair: bool (F,) as ``hair_faces`` gives it. Only the person's window of the 512 x 424 image is rendered.
+    """
+    points = _to_camera(camera_from_world, vertices_m)
+    camera, corner = _window(points)
+    person = rasterize(camera, points, body.faces, closed=True)
+    others = rasterize(camera, _to_camera(camera_from_world, around.vertices_m), around.faces)
+    # Index -1, nothing hit, reads the entry appended last.
+    whole = np.append(body.face_parts, np.uint8(BACKGROUND))[person.face]
+    hidden = others.depth_m < person.depth_m
+    parts = np.where(hidden, np.uint8(BACKGROUND), whole)
+    dark = np.append(hair, False)[person.face] & ~hidden
+    return View(camera, corner, np.fmin(person.depth_m, others.depth_m), parts, whole, dark)
+
+
+def visibility(parts: NDArray[np.uint8], whole: NDArray[np.uint8]) -> Float64:
+    """Share (12,) of each part's pixels in ``whole`` that ``parts`` still has; 1 for a part without any.
+
+    Entry 0 is over all parts together.
+    """
+    shown, there = _tally(parts), _tally(whole)
+    return np.where(there > 0, shown / np.maximum(there, 1), 1.0)
+
+
+@numba.njit(cache=True)
+def _tally(parts: NDArray[np.uint8]) -> NDArray[np.int64]:  # pragma: no cover
+    """Pixels (12,) of each part, and of all together at 0."""
+    pixels = np.zeros(N_CLASSES, np.int64)
+    for part in parts.flat:
+        if part > 0:
+            pixels[part] += 1
+            pixels[0] += 1
+    return pixels
+
+
+def inside_image(points_m: Float64) -> NDArray[np.bool_]:
+    """Which points (n, 3) of the camera frame the whole image covers."""
+    x, y, z = points_m.T
+    near = np.maximum(z, NEAR_M)
+    u, v = (
+        CAMERA.fx * x / near + CAMERA.cx,
+        CAMERA.fy * y / near + CAMERA.cy,
+    )
+    return np.asarray(
+        (z > NEAR_M) & (u >= 0) & (u < CAMERA.width) & (v >= 0) & (v < CAMERA.height),
+        np.bool_,
+    )
+
+
+def _to_camera(camera_from_world: Pose, vertices_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    rotation, translation = camera_from_world.rotation, camera_from_world.translation_m
+    return _move(vertices_m, rotation.astype(np.float32), translation.astype(np.float32))
+
+
+@numba.njit(cache=True)
+def _move(vertices: Float32, rotation: Float32, translation: Float32) -> Float32:  # pragma: no cover
+    moved = np.empty_like(vertices)
+    r, t = rotation, translation
+    for i in range(len(vertices)):
+        x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
+        moved[i, 0] = r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0]
+        moved[i, 1] = r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + t[1]
+        moved[i, 2] = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2]
+    return moved
+
+
+def _window(points_m: NDArray[np.float32]) -> tuple[Intrinsics, tuple[int, int]]:
+    """The part of the image that the points cover, with a border: its camera and its corner (top, left)."""
+    x0, y0, x1, y1 = map(float, _bounds(points_m, NEAR_M))
+    left, right = _clip(
+        CAMERA.fx * x0 + CAMERA.cx,
+        CAMERA.fx * x1 + CAMERA.cx,
+        CAMERA.width,
+    )
+    top, bottom = _clip(
+        CAMERA.fy * y0 + CAMERA.cy,
+        CAMERA.fy * y1 + CAMERA.cy,
+        CAMERA.height,
+    )
+    window = replace(
+        CAMERA,
+        width=right - left,
+        height=bottom - top,
+        cx=CAMERA.cx - left,
+        cy=CAMERA.cy - top,
+    )
+    return window, (top, left)
+
+
+def _clip(low: float, high: float, size: int) -> tuple[int, int]:
+    """First pixel, and the one after the last, between two coordinates and inside an image's side."""
+    start = int(np.clip(low - BORDER_PX, 0, size - 1))
+    return start, int(np.clip(high + BORDER_PX + 1, start + 1, size))
+
+
+@numba.njit(cache=True)
+def _bounds(
+    points: Float32, near: float
+) -> tuple[np.float32, np.float32, np.float32, np.float32]:  # pragma: no cover
+    """Least x / z and y / z, then the greatest, of the points beyond the near plane."""
+    x0 = y0 = np.float32(1e6)
+    x1 = y1 = np.float32(-1e6)
+    for x, y, z in points:
+        if z > near:
+            x0, x1 = min(x0, x / z), max(x1, x / z)
+            y0, y1 = min(y0, y / z), max(y1, y / z)
+    return x0, y0, x1, y1

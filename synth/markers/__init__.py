@@ -1,0 +1,1 @@
+"""Markers to joint angles, and motions on disk."""

@@ -1,0 +1,224 @@
+"""Compiled forward kinematics with its exact derivative in every variable of a posture.
+
+The same joints, angles and frames as ``skeleton.forward``, whose anatomical zero is the rest pose here:
+``bones_m[j]`` is joint j seen from its parent with the limbs hanging. Inside, angles are signed as rotations
+(``skeleton`` counts flexion the same way on both sides). Pelvis and shoulders turn by rotation vectors,
+because their Euler angles lock with a raised arm or a lying person.
+"""
+
+# Numba types the compiled functions.
+# ruff: noqa: ANN001, ANN201, ANN202
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from synth.body.skeleton import _SIGNS as ANGLE_SIGNS
+from synth.body.skeleton import JOINTS, LIMITS_RAD, PARENTS, Float64, rotations
+
+PARENT = PARENTS.astype(np.int64)
+BALL = np.array([j.name == "pelvis" or j.name.endswith("_shoulder") for j in JOINTS])
+"""Joints that turn by rotation vectors."""
+SIGNED_LIMITS = np.sort(LIMITS_RAD * ANGLE_SIGNS[..., None], axis=-1)
+SIGNED_LIMITS[0] = (-np.inf, np.inf)
+
+
+@dataclass(frozen=True)
+class State:
+    """A posed skeleton as the solver keeps it.
+
+    pelvis_m: (3,) world. signed_rad: (J, 3) signed Euler angles. local: (J, 3, 3) the joints' rotations.
+    """
+
+    pelvis_m: Float64
+    signed_rad: Float64
+    local: Float64
+
+    @staticmethod
+    def of(angles_rad: Float64, pelvis_m: Float64) -> "State":
+        """State of angle triples (J, 3) as ``skeleton`` counts them."""
+        return State(pelvis_m.copy(), angles_rad * ANGLE_SIGNS, rotations(angles_rad))
+
+    @property
+    def angles_rad(self) -> Float64:
+        """Angle triples (J, 3) as ``skeleton`` counts them; the pelvis' within half a turn."""
+        angles = self.signed_rad * ANGLE_SIGNS
+        angles[0] = (angles[0] + np.pi) % (2 * np.pi) - np.pi
+        return np.asarray(angles)
+
+
+def place(state: State, bones_m: Float64) -> tuple[Float64, Float64]:
+    """Frames (J, 3, 3), which turn anatomical zero to the world, and joints (J, 3), world, metres."""
+    frames, joints = place_compiled(PARENT, state.local, bones_m, state.pelvis_m)
+    return frames, joints
+
+
+def markers_at(
+    state: State, bones_m: Float64, marker_joint: NDArray[np.int64], offsets_m: Float64
+) -> Float64:
+    """Markers (M, 3) fixed to joints ``marker_joint`` (M,) at ``offsets_m`` (M, 3): world, metres."""
+    frames, joints = place(state, bones_m)
+    return np.asarray(joints[marker_joint] + np.einsum("mij,mj->mi", frames[marker_joint], offsets_m))
+
+
+@numba.njit(cache=True)
+def place_compiled(parents, local, bones, pelvis):  # type: ignore[no-untyped-def] # pragma: no cover
+    n = len(parents)
+    frames = np.empty((n, 3, 3))
+    joints = np.empty((n, 3))
+    for j in range(n):
+        p = parents[j]
+        for a in range(3):
+            if p < 0:
+                joints[j, a] = pelvis[a]
+                for b in range(3):
+                    frames[j, a, b] = local[j, a, b]
+            else:
+                joints[j, a] = joints[p, a]
+                for b in range(3):
+                    joints[j, a] += frames[p, a, b] * bones[j, b]
+                    frames[j, a, b] = 0.0
+                    for c in range(3):
+                        frames[j, a, b] += frames[p, a, c] * local[j, c, b]
+    return frames, joints
+
+
+@numba.njit(cache=True)
+def axes_of(parents, ball, frames, signed):  # type: ignore[no-untyped-def] # pragma: no cover
+    """World axes (J, 3, 3) about which each of a joint's three variables turns it; rows are axes."""
+    n = len(parents)
+    axes = np.zeros((n, 3, 3))
+    for j in range(n):
+        p = parents[j]
+        if p < 0:
+            for k in range(3):
+                axes[j, k, k] = 1.0
+            continue
+        f = frames[p]
+        if ball[j]:
+            axes[j] = f.T
+            continue
+        ca, sa = np.cos(signed[j, 0]), np.sin(signed[j, 0])
+        cb, sb = np.cos(signed[j, 1]), np.sin(signed[j, 1])
+        for i in range(3):
+            axes[j, 0, i] = f[i, 0]
+            axes[j, 1, i] = ca * f[i, 1] + sa * f[i, 2]
+            axes[j, 2, i] = sb * f[i, 0] - sa * cb * f[i, 1] + ca * cb * f[i, 2]
+    return axes
+
+
+@numba.njit(cache=True)
+def euler_matrix(a, b, c, out):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Rx(a) Ry(b) Rz(c) into ``out``."""
+    ca, sa, cb, sb, cc, sc = np.cos(a), np.sin(a), np.cos(b), np.sin(b), np.cos(c), np.sin(c)
+    out[0, 0], out[0, 1], out[0, 2] = cb * cc, -cb * sc, sb
+    out[1, 0], out[1, 1], out[1, 2] = ca * sc + sa * sb * cc, ca * cc - sa * sb * sc, -sa * cb
+    out[2, 0], out[2, 1], out[2, 2] = sa * sc - ca * sb * cc, sa * cc + ca * sb * sc, ca * cb
+
+
+@numba.njit(cache=True)
+def _wrapped(x):  # type: ignore[no-untyped-def] # pragma: no cover
+    return (x + np.pi) % (2 * np.pi) - np.pi
+
+
+@numba.njit(cache=True)
+def settle(rotation, signed, limits):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Euler angles of a ball joint nearest to the ones before and inside the limits; clamps where none is."""
+    best = np.inf
+    chosen = np.zeros(3)
+    b = np.arcsin(min(1.0, max(-1.0, rotation[0, 2])))
+    if np.cos(b) > 1e-6:
+        a = np.arctan2(-rotation[1, 2], rotation[2, 2])
+        c = np.arctan2(-rotation[0, 1], rotation[0, 0])
+    else:
+        # Locked: only the sum of the outer angles counts; the first stays.
+        a = signed[0]
+        total = np.arctan2(rotation[1, 0], rotation[1, 1])
+        c = total - a if b > 0 else total + a
+    for twin in range(2):
+        triple = (
+            _wrapped(a + twin * np.pi),
+            b if twin == 0 else _wrapped(np.pi - b),
+            _wrapped(c + twin * np.pi),
+        )
+        score = 0.0
+        for k in range(3):
+            beyond = max(0.0, limits[k, 0] - triple[k], triple[k] - limits[k, 1])
+            score += 1e3 * beyond + _wrapped(triple[k] - signed[k]) ** 2
+        if score < best:
+            best = score
+            for k in range(3):
+                chosen[k] = triple[k]
+    outside = False
+    for k in range(3):
+        inside = min(limits[k, 1], max(limits[k, 0], chosen[k]))
+        outside |= inside != chosen[k]
+        signed[k] = inside
+    if outside:
+        euler_matrix(signed[0], signed[1], signed[2], rotation)
+
+
+@numba.njit(cache=True)
+def turn(w, rotation):  # type: ignore[no-untyped-def] # pragma: no cover
+    """exp(w) R in place (Rodrigues)."""
+    angle = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    if angle < 1e-12:
+        return
+    x, y, z = w[0] / angle, w[1] / angle, w[2] / angle
+    c, s = np.cos(angle), np.sin(angle)
+    t = 1 - c
+    e = np.array(
+        (
+            (c + t * x * x, t * x * y - s * z, t * x * z + s * y),
+            (t * x * y + s * z, c + t * y * y, t * y * z - s * x),
+            (t * x * z - s * y, t * y * z + s * x, c + t * z * z),
+        )
+    )
+    result = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                result[i, j] += e[i, k] * rotation[k, j]
+    rotation[:] = result
+
+
+@numba.njit(cache=True)
+def chain_of(parents, j, chain):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Joints from ``j`` to the root into ``chain``; how many."""
+    n = 0
+    while j >= 0:
+        chain[n] = j
+        n += 1
+        j = parents[j]
+    return n
+
+
+@numba.njit(cache=True)
+def marker_columns(chain, n, axes, joints, at, columns, index):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Derivative (3, K) of one marker in the K variables ``index`` that move it; returns K."""
+    for k in range(3):
+        index[k] = k
+        for i in range(3):
+            columns[i, k] = 1.0 if i == k else 0.0
+    count = 3
+    for link in range(n):
+        j = chain[link]
+        dx, dy, dz = at[0] - joints[j, 0], at[1] - joints[j, 1], at[2] - joints[j, 2]
+        for k in range(3):
+            ax, ay, az = axes[j, k, 0], axes[j, k, 1], axes[j, k, 2]
+            columns[0, count] = ay * dz - az * dy
+            columns[1, count] = az * dx - ax * dz
+            columns[2, count] = ax * dy - ay * dx
+            index[count] = 3 + 3 * j + k
+            count += 1
+    return count
+
+
+@numba.njit(cache=True)
+def marker_at(frames, joints, j, offset, at):  # type: ignore[no-untyped-def] # pragma: no cover
+    for i in range(3):
+        at[i] = joints[j, i]
+        for k in range(3):
+            at[i] += frames[j, i, k] * offset[k]

@@ -1,0 +1,143 @@
+"""A solved motion: joint angles over time that drive any body, and how well the markers bore them out."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import FormatError
+from sensors.files.atomic import check_free, replacing
+from synth.body.body import Body
+from synth.body.skeleton import N_JOINTS, Float64, Posture
+from synth.markers.person_fit import leg_length_m, zero_bones
+from synth.markers.plain_arrays import UNREADABLE, load_arrays
+
+SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
+"""Status of a marker in a frame: as it is; bridged over a short gap; missing; thrown out; relabelled."""
+VERSION = 1
+_KINDS = {
+    "version": "iu",
+    **dict.fromkeys(("angles_rad", "pelvis_m", "frames_per_second", "leg_m", "error_m"), "fiu"),
+    "status": "iu",
+    **dict.fromkeys(("names", "unknown"), "U"),
+}
+"""Kinds of numbers (``numpy.dtype.kind``) of each array of the file."""
+
+
+@dataclass(frozen=True)
+class MarkerReport:
+    """How the markers fared. error_m: float32 (F, M) distance to the body's marker, NaN where not seen or
+    thrown out. status: uint8 (F, M). unknown: labels of the file that the marker set does not know."""
+
+    names: tuple[str, ...]
+    error_m: NDArray[np.float32]
+    status: NDArray[np.uint8]
+    unknown: tuple[str, ...] = ()
+
+    @property
+    def median_mm(self) -> float:
+        """Median distance over all frames and markers seen, 0 where there is none."""
+        found = self.error_m[np.isfinite(self.error_m)]
+        return float(np.median(found)) * 1000 if found.size else 0.0
+
+    @property
+    def rms_mm(self) -> float:
+        """Root mean square distance over all frames and markers seen, 0 where there is none."""
+        found = self.error_m[np.isfinite(self.error_m)].astype(np.float64)
+        return float(np.sqrt(np.mean(found**2))) * 1000 if found.size else 0.0
+
+    def count(self, status: int) -> NDArray[np.int64]:
+        """Frames (M,) in which each marker had a status."""
+        return np.asarray((self.status == status).sum(axis=0), np.int64)
+
+    def longest_gap(self) -> NDArray[np.int64]:
+        """Frames (M,) of the longest run in which each marker was not seen."""
+        longest = np.zeros(len(self.names), np.int64)
+        run = np.zeros(len(self.names), np.int64)
+        for row in np.isin(self.status, (BRIDGED, MISSING)):
+            run = np.where(row, run + 1, 0)
+            longest = np.maximum(longest, run)
+        return longest
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Joint angles over time.
+
+    angles_rad: float64 (F, J, 3) as ``skeleton`` counts them. pelvis_m: float64 (F, 3) world, z up.
+    leg_m: of the recorded person from hip to ankle, by which a body of another size strides.
+    report: how the markers fared. Raises FormatError when shapes or numbers are impossible.
+    """
+
+    angles_rad: Float64
+    pelvis_m: Float64
+    frames_per_second: float
+    leg_m: float
+    report: MarkerReport
+
+    def __post_init__(self) -> None:
+        frames = len(self.angles_rad)
+        shapes = (self.angles_rad.shape, self.pelvis_m.shape)
+        if frames == 0 or shapes != ((frames, N_JOINTS, 3), (frames, 3)):
+            raise FormatError(f"motion arrays are {shapes}; give (F, {N_JOINTS}, 3) and (F, 3)")
+        marked = (frames, len(self.report.names))
+        if self.report.error_m.shape != marked or self.report.status.shape != marked:
+            raise FormatError(f"the motion's marker report is not {marked}; solve again")
+        if not (np.isfinite(self.angles_rad).all() and np.isfinite(self.pelvis_m).all()):
+            raise FormatError("the motion holds numbers that are not finite; solve again")
+        if not (0 < self.leg_m < 3 and 0 < self.frames_per_second <= 10_000):
+            raise FormatError(f"a leg of {self.leg_m} m at {self.frames_per_second} frames/s; solve again")
+
+    def __len__(self) -> int:
+        return len(self.angles_rad)
+
+    def posture(self, frame: int, body: Body) -> Posture:
+        """One frame on a body: the same angles, the pelvis' path scaled to its legs (the floor is z = 0)."""
+        scale = leg_length_m(zero_bones(body.joints_m)) / self.leg_m
+        return Posture(self.angles_rad[frame], scale * self.pelvis_m[frame])
+
+
+def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
+    """Write a motion as npz without pickles, in full or not at all. Raises ExistsError."""
+    check_free(path, overwrite)
+    report = motion.report
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            version=np.int64(VERSION),
+            angles_rad=motion.angles_rad,
+            pelvis_m=motion.pelvis_m,
+            frames_per_second=np.float64(motion.frames_per_second),
+            leg_m=np.float64(motion.leg_m),
+            names=np.array(report.names, np.str_),
+            unknown=np.array(report.unknown, np.str_),
+            error_m=report.error_m,
+            status=report.status,
+        )
+
+
+def load_motion(path: Path) -> Motion:
+    """Read a motion. Raises FormatError when the file is none, damaged or too large."""
+    try:
+        arrays = load_arrays(path, _KINDS)
+        if int(arrays["version"]) != VERSION:
+            raise FormatError(f"motion {path} is of version {int(arrays['version'])}; solve it again")
+        report = MarkerReport(
+            tuple(str(n) for n in arrays["names"]),
+            arrays["error_m"].astype(np.float32),
+            arrays["status"].astype(np.uint8),
+            tuple(str(n) for n in arrays["unknown"]),
+        )
+        return Motion(
+            arrays["angles_rad"].astype(np.float64),
+            arrays["pelvis_m"].astype(np.float64),
+            float(arrays["frames_per_second"]),
+            float(arrays["leg_m"]),
+            report,
+        )
+    except FormatError:
+        raise
+    except UNREADABLE as error:
+        why = " ".join(str(error).split())[:120] or type(error).__name__
+        raise FormatError(f"motion {path} cannot be read ({why}); write it with 'solve'") from error

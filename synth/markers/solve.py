@@ -1,0 +1,183 @@
+"""From markers to joint angles: fit the person to the recording, then pose it frame after frame."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import CloudError
+from synth.body.skeleton import Float64
+from synth.markers.kinematics import State, markers_at
+from synth.markers.marker_files import Markers
+from synth.markers.markerset import MarkerSet, choose_marker_set
+from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SEEN, SWAPPED, MarkerReport, Motion
+from synth.markers.person_fit import Subject, Template, calibrate, fit_from_nothing, posture_prior
+from synth.markers.posture_fit import ROBUST_M, Prior, fit_posture
+from synth.markers.trial import Trial, check_same_person, trial_of, up_direction
+
+CALIBRATION_FRAMES = 30
+STATIC_FRAMES = 10
+MIN_SEEN = 4
+"""A frame with fewer markers keeps the posture before it."""
+BRIDGE_SECONDS = 0.25
+"""Gaps up to here are bridged by straight lines, at a low weight."""
+BRIDGE_WEIGHT = 0.05
+GHOST_M = 0.08
+"""A marker farther than this from where the others put it is none of the body's."""
+TRACK_STEPS = 15
+
+
+def solve(
+    markers: Markers,
+    static: Markers | None = None,
+    markerset: MarkerSet | None = None,
+    advance: Callable[[int], None] = lambda _: None,
+) -> Motion:
+    """Joint angles of a recording; a static trial of the same person sharpens the fit of the body.
+
+    Without ``markerset`` the shipped set that knows most labels is taken; ``advance`` hears of frames done.
+    Raises CloudError when the markers are unknown, never seen, of impossible size, or the static is another
+    person's.
+    """
+    markerset = markerset or choose_marker_set(markers.labels)
+    up = None if static is None else up_direction(static, markerset, _picked(static, markerset))
+    trial = trial_of(markers, markerset, up)
+    frames = _calibration_frames(trial, CALIBRATION_FRAMES)
+    if static is not None:
+        standing = trial_of(static, markerset, up)
+        check_same_person(trial, standing, markerset)
+        frames = np.concatenate([frames, _calibration_frames(standing, STATIC_FRAMES)])
+    weights = np.isfinite(frames).all(axis=2) * markerset.weight
+    template = Template.of(markerset)
+    shape, _ = calibrate(template, template.shape(1.0), frames, weights)
+    return _track(trial, template.subject(shape), markerset, markers.frames_per_second, advance)
+
+
+def _picked(markers: Markers, markerset: MarkerSet) -> Float64:
+    return trial_of(markers, markerset, np.array([0.0, 0.0, 1.0])).positions_m
+
+
+def _calibration_frames(trial: Trial, count: int) -> Float64:
+    """Positions (K, M, 3) of the fullest frame of each of ``count`` equal stretches."""
+    seen = trial.seen.sum(axis=1)
+    stretches = np.array_split(np.arange(len(seen)), min(count, len(seen)))
+    chosen = np.array([s[np.argmax(seen[s])] for s in stretches])
+    chosen = chosen[seen[chosen] >= max(MIN_SEEN, 0.5 * seen.max())]
+    if not len(chosen):
+        raise CloudError("no frame holds enough of the markers; record again")
+    return np.asarray(trial.positions_m[chosen])
+
+
+def _track(
+    trial: Trial, subject: Subject, markerset: MarkerSet, rate: float, advance: Callable[[int], None]
+) -> Motion:
+    positions, status = bridge(trial.positions_m, round(BRIDGE_SECONDS * rate))
+    used = np.asarray(trial.seen.any(axis=0))
+    prior = posture_prior(200, 12 * min(4.0, max(1.0, 60 / rate)))
+    error = np.full(status.shape, np.nan, np.float32)
+    angles: list[Float64] = []
+    pelvis: list[Float64] = []
+    state: State | None = None
+    for f, observed in enumerate(positions):
+        if (status[f] == SEEN).sum() >= MIN_SEEN:
+            state, error[f] = _frame(subject, state, observed, status[f], markerset.weight, prior)
+        if state is not None:
+            angles += [state.angles_rad] * (f + 1 - len(angles))
+            pelvis += [state.pelvis_m] * (f + 1 - len(pelvis))
+        advance(1)
+    names = tuple(name for name, here in zip(markerset.names, used, strict=True) if here)
+    report = MarkerReport(names, error[:, used], status[:, used], trial.unknown)
+    return Motion(np.array(angles), np.array(pelvis), rate, subject.leg_m, report)
+
+
+def _frame(
+    subject: Subject,
+    before: State | None,
+    observed: Float64,
+    status: NDArray[np.uint8],
+    weight: Float64,
+    prior: Prior,
+) -> tuple[State, NDArray[np.float32]]:
+    """Posture of one frame, and its markers' errors; marks ghosts and swaps in ``status``."""
+    body = (subject.bones_m, subject.marker_joint, subject.offsets_m)
+    seen = np.asarray(status == SEEN)
+    weights = np.where(seen, weight, np.where(status == BRIDGED, BRIDGE_WEIGHT * weight, 0.0))
+    if before is None:
+        before, _ = fit_from_nothing(subject, np.where(seen[:, None], observed, np.nan), weights, prior)
+    observed = unswap(observed, markers_at(before, *body), status)
+    clean = np.nan_to_num(observed)
+    state, _ = fit_posture(before, *body, clean, weights, prior, steps=TRACK_STEPS)
+    distance = _distances(subject, state, clean)
+    if (distance[seen] > GHOST_M).any():
+        state = _second_look(subject, before, state, observed, weights, prior)
+        distance = _distances(subject, state, clean)
+    ghosts = np.asarray(seen & (distance > GHOST_M))
+    if ghosts.any():
+        status[ghosts] = GHOST
+        state, _ = fit_posture(state, *body, clean, np.where(ghosts, 0.0, weights), prior, steps=TRACK_STEPS)
+        distance = _distances(subject, state, clean)
+    counted = (status == SEEN) | (status == SWAPPED)
+    return state, np.where(counted, distance, np.nan).astype(np.float32)
+
+
+def _distances(subject: Subject, state: State, observed: Float64) -> Float64:
+    predicted = markers_at(state, subject.bones_m, subject.marker_joint, subject.offsets_m)
+    return np.asarray(np.linalg.norm(predicted - observed, axis=1))
+
+
+def _second_look(
+    subject: Subject, before: State, state: State, observed: Float64, weights: Float64, prior: Prior
+) -> State:
+    """A limb that moved fast, or a lost person, is no ghost: the best of three ways to fit a frame."""
+    body, clean = (subject.bones_m, subject.marker_joint, subject.offsets_m), np.nan_to_num(observed)
+    plain, _ = fit_posture(before, *body, clean, weights, prior, steps=3 * TRACK_STEPS, robust_m=10.0)
+    followed, _ = fit_posture(plain, *body, clean, weights, prior, steps=TRACK_STEPS)
+    seen = np.where((weights > 0)[:, None], observed, np.nan)
+    anew, _ = fit_from_nothing(subject, seen, weights, prior)
+
+    def misfit(candidate: State) -> float:
+        squared = _distances(subject, candidate, clean) ** 2
+        return float((weights * squared / (1 + squared / ROBUST_M**2)).sum())
+
+    return min((state, followed, anew), key=misfit)
+
+
+def bridge(positions_m: Float64, longest: int) -> tuple[Float64, NDArray[np.uint8]]:
+    """Fill gaps of up to ``longest`` frames by lines: positions (F, M, 3), and status uint8 (F, M)."""
+    filled = positions_m.copy()
+    seen = np.asarray(np.isfinite(positions_m).all(axis=2))
+    status = np.where(seen, SEEN, MISSING).astype(np.uint8)
+    for m in range(seen.shape[1]):
+        known = np.flatnonzero(seen[:, m])
+        for start in np.flatnonzero((np.diff(known) > 1) & (np.diff(known) <= longest + 1)):
+            a, b = known[start], known[start + 1]
+            share = np.arange(1, b - a)[:, None] / (b - a)
+            filled[a + 1 : b, m] = (1 - share) * filled[a, m] + share * filled[b, m]
+            status[a + 1 : b, m] = BRIDGED
+    return filled, status
+
+
+def unswap(observed_m: Float64, predicted_m: Float64, status: NDArray[np.uint8]) -> Float64:
+    """Give two markers their labels back where exchanging them brings both nearer to the prediction.
+
+    observed_m, predicted_m: (M, 3); marks them in ``status``. The test is the difference of summed squares,
+    2 (x_i - x_j) . (p_j - p_i): negative enough, and each comes nearer than half the pair's distance.
+    """
+    usable = np.flatnonzero(np.isin(status, (SEEN, SWAPPED)))
+    x, p = observed_m[usable], predicted_m[usable]
+    across = p[:, None] - p[None, :]
+    length = np.linalg.norm(across, axis=2)
+    along = np.einsum("ijk,ijk->ij", x[:, None] - x[None, :], across)
+    exchanged = np.linalg.norm(x[:, None] - p[None, :], axis=2)
+    suspects = (along < -0.5 * length**2) & (np.maximum(exchanged, exchanged.T) < 0.5 * length)
+    pairs = np.argwhere(np.triu(suspects, 1))
+    if not len(pairs):
+        return observed_m
+    result, taken = observed_m.copy(), set[int]()
+    for i, j in pairs[np.argsort((exchanged + exchanged.T)[tuple(pairs.T)])]:
+        if i in taken or j in taken:
+            continue
+        taken |= {int(i), int(j)}
+        result[usable[[i, j]]] = observed_m[usable[[j, i]]]
+        status[usable[[i, j]]] = SWAPPED
+    return result

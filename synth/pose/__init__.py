@@ -1,0 +1,1 @@
+"""Postures drawn at random and settled without collisions."""

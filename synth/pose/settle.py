@@ -1,0 +1,253 @@
+"""Settling: joint angles moved as little as needed so that no limb is in another or in the furniture.
+
+A posture is asked for; what it violates are inequalities that are linear for a small step: flesh that
+overlaps has to part, flesh inside furniture has to leave it, a hand has to come to its target, a limb at
+rest has to sink until something carries it. Each round projects the step onto one half-space after the
+other and onto the box of the joint limits (cyclic projections; Bauschke & Borwein 1996), contacts
+last, so that they win. The result depends continuously on the posture asked for, but where a limb
+would have to pass through another.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from synth.body.flesh import CHAINS, Flesh, Int64
+from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, N_JOINTS, PARENTS, Float64, Posture, kinematics
+from synth.pose.halfspaces import SOLID, Rows, add_flesh, add_pulls, add_solids, no_rows, reaches_m
+from synth.surface.furniture import Solid
+
+ROUNDS = 18
+PULL_ROUNDS = 9
+"""Linearisations, and how many of them pull, ever less; after them only contacts act."""
+SWEEPS = 5
+"""Times each round goes over all half-spaces."""
+CLEAR_M = 0.002
+"""Overlap that is left alone once nothing pulls any more."""
+MAX_ENTRIES = 36
+"""Angles that can move the two points of one row: six joints on each side."""
+MAX_STEP_RAD = 0.35
+MAX_HEAVE_M = 0.05
+"""What lies under a body lifts it by no more than this."""
+
+
+def _mobility() -> Float64:
+    """(J, 3) how readily an angle gives way: limbs before the trunk, no joint about a hinge it has not."""
+    by_kind = {
+        "clavicle": (0.1, 0.15, 0.1),
+        "shoulder": (1.0, 1.0, 1.0),
+        "elbow": (1.0, 0.0, 0.1),
+        "wrist": (0.5, 0.5, 0.0),
+        "hip": (0.7, 0.7, 0.7),
+        "knee": (1.0, 0.0, 0.0),
+        "ankle": (0.5, 0.2, 0.0),
+        "neck": (0.2, 0.2, 0.1),
+        "head": (0.2, 0.2, 0.1),
+    }
+    return np.array([by_kind.get(joint.name.rpartition("_")[2], (0.0, 0.0, 0.0)) for joint in JOINTS])
+
+
+def _ancestors() -> NDArray[np.bool_]:
+    """[point's joint, joint]: whether turning the joint moves the point."""
+    moves = np.zeros((N_JOINTS, N_JOINTS), bool)
+    for i, parent in enumerate(PARENTS):
+        moves[i] = moves[parent] if parent >= 0 else False
+        moves[i, i] = True
+    return moves
+
+
+_HAND = ("hand", "thumb_side")
+
+
+def _pairs() -> Int64:
+    """(n, 4) stations lo..hi of one chain against the flesh over stations lo..hi of another.
+
+    Neighbours by anatomy are left out near the joint they share, where skin folds.
+    """
+    slices = [name for name in CHAINS if name.startswith("slice")]
+    rows = []
+
+    def against(a: str, b: str, a_from: int = 0, b_from: int = 0, b_drop: int = 0) -> None:
+        rows.append((CHAINS[a].lo + a_from, CHAINS[a].hi, CHAINS[b].lo + b_from, CHAINS[b].hi - b_drop))
+
+    for side, other in (("left", "right"), ("right", "left")):
+        for limb in ("upper_arm", "forearm", *_HAND):
+            for i, trunk in enumerate(slices):
+                first = 0 if limb != "upper_arm" else (2 if i >= 5 else 1)
+                against(f"{side}_{limb}", trunk, first)
+            for leg in ("thigh", "shank", "foot"):
+                for s in (side, other):
+                    against(f"{side}_{limb}", f"{s}_{leg}", 1 if limb == "upper_arm" else 0)
+        against(f"{side}_upper_arm", "head", 1)
+        for limb in ("forearm", *_HAND):
+            against(f"{side}_{limb}", "head")
+            against(f"{side}_{limb}", "neck")
+            against(f"{side}_{limb}", f"{other}_upper_arm")
+        for half in _HAND:
+            against(f"{side}_{half}", f"{other}_forearm")
+            against(f"{side}_{half}", f"{side}_upper_arm")
+            against(f"{side}_{half}", f"{other}_hand")
+        against(f"{side}_forearm", f"{side}_upper_arm", 2, 0, 2)
+        for trunk in slices:
+            against(f"{side}_shank", trunk)
+            against(f"{side}_foot", trunk)
+        for trunk in slices[2:]:
+            against(f"{side}_thigh", trunk, 2)
+        against(f"{side}_shank", f"{side}_thigh", 2, 0, 1)
+        against(f"{side}_foot", f"{side}_thigh")
+        against(f"{side}_shank", f"{other}_thigh")
+        against(f"{side}_foot", f"{other}_thigh")
+        for half in ("foot", "foot_outside"):
+            against(f"{side}_{half}", f"{other}_shank")
+            against(f"{side}_{half}", f"{other}_foot")
+        against(f"{side}_foot_outside", f"{other}_thigh")
+    for a, b in (("thumb_side", "thumb_side"), ("forearm", "forearm"), ("shank", "shank")):
+        against(f"left_{a}", f"right_{b}")
+    against("left_thigh", "right_thigh", 1, 1)
+    return np.array(rows, np.int64)
+
+
+class Rules(NamedTuple):
+    """What holds for every body, handed to compiled code, whose cache would keep old globals.
+
+    limits_rad: (J, 3, 2). mobility: (J, 3). moved_by: (J, J) bool [point's joint, joint]. pairs: (n, 4).
+    """
+
+    limits_rad: Float64
+    mobility: Float64
+    moved_by: NDArray[np.bool_]
+    pairs: Int64
+
+
+RULES = Rules(LIMITS_RAD, _mobility(), _ancestors(), _pairs())
+
+
+@dataclass(frozen=True)
+class Pull:
+    """A joint drawn to a place. target_m: (3,) world; weight: (3,) share of the way per axis and round."""
+
+    joint: str
+    target_m: Float64
+    weight: Float64
+
+
+def sink(joint: str, weight: float) -> Pull:
+    """A joint drawn straight down, until something carries it."""
+    return Pull(joint, np.array([0.0, 0.0, -10.0]), np.array([0.0, 0.0, weight]))
+
+
+def settle(
+    flesh: Flesh, posture: Posture, solids: list[Solid], pulls: list[Pull], heave: float = 0.0
+) -> Posture:
+    """The posture nearest to the one asked for whose limbs keep clear of each other and of the solids.
+
+    Angles come back inside their limits. The pelvis stays, but that solids may lift the whole body as readily
+    as ``heave`` (rad^2/m^2 beside a limb's 1) says, ``MAX_HEAVE_M`` at most.
+    """
+    boxes = np.array([s.packed() for s in solids]).reshape(-1, 17)
+    pulled = np.array([JOINT_ID[p.joint] for p in pulls], np.int64)
+    ends = np.array([np.concatenate([p.target_m, p.weight]) for p in pulls]).reshape(-1, 6)
+    angles, pelvis = posture.angles_rad.copy(), posture.pelvis_m.copy()
+    _settle(RULES, angles, pelvis, heave, flesh, boxes, pulled, ends)
+    return Posture(angles, pelvis)
+
+
+@numba.njit(cache=True)
+def _settle(
+    rules: Rules, angles: Float64, pelvis: Float64, heave: float, flesh: Flesh, boxes: Float64,
+    pulled: Int64, ends: Float64,
+) -> None:  # fmt: skip # pragma: no cover
+    rows, heaved = no_rows(), 0.0
+    reaches = reaches_m(rules.pairs, flesh)
+    # The pelvis' own row is its orientation and free.
+    for i in range(1, N_JOINTS):
+        for a in range(3):
+            angles[i, a] = min(max(angles[i, a], rules.limits_rad[i, a, 0]), rules.limits_rad[i, a, 1])
+    for round_ in range(ROUNDS):
+        pulling = round_ < PULL_ROUNDS
+        axes, frames, positions = kinematics(angles, pelvis, flesh.rest_joints_m, flesh.aligned)
+        stations = stations_m(flesh, frames, positions)
+        n = add_pulls(rows, 0, positions, pulled, ends, 1 - round_ / PULL_ROUNDS) if pulling else 0
+        n = add_flesh(rows, n, rules.pairs, reaches, flesh, stations)
+        n = add_solids(rows, n, boxes, flesh, stations)
+        if n == 0 or (not pulling and np.max(rows.depths_m[:n]) < CLEAR_M):
+            break
+        # Not while limbs are drawn down, or they would lift the body off what it lies on.
+        step, rise = _project(rules, angles, axes, positions, 0.0 if pulling else heave, rows, n)
+        angles += step
+        rise = min(rise, MAX_HEAVE_M - heaved)
+        heaved += rise
+        pelvis[2] += rise
+
+
+@numba.njit(cache=True)
+def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:  # pragma: no cover
+    """(S, 3) where a body's stations are, from ``kinematics``."""
+    stations = np.empty_like(flesh.centres_m)
+    for s in range(len(stations)):
+        j = flesh.joints[s]
+        stations[s] = positions[j] + frames[j] @ (flesh.centres_m[s] - flesh.rest_joints_m[j])
+    return stations
+
+
+@numba.njit(cache=True)
+def _gradient(
+    rules: Rules, axes: Float64, positions: Float64, rows: Rows, r: int, where: Int64, value: Float64
+) -> int:  # pragma: no cover
+    """How far row r's points part per radian of each angle that moves them; returns how many."""
+    n = 0
+    u, v, w = rows.normals[r]
+    for side in range(2):
+        mover, first = rows.movers[r, side], n
+        sign = 1.0 if side == 0 else -1.0
+        for j in range(1, N_JOINTS):
+            if mover < 0 or not rules.moved_by[mover, j]:
+                continue
+            x, y, z = rows.points[r, side] - positions[j]
+            p, q, s = y * w - z * v, z * u - x * w, x * v - y * u
+            for a in range(3):
+                if rules.mobility[j, a] > 0:
+                    known = -1
+                    for k in range(first):
+                        known = k if where[k] == 3 * j + a else known
+                    if known < 0:
+                        known, n = n, n + 1
+                        where[known], value[known] = 3 * j + a, 0.0
+                    value[known] += sign * (axes[j, a, 0] * p + axes[j, a, 1] * q + axes[j, a, 2] * s)
+    return n
+
+
+@numba.njit(cache=True)
+def _project(
+    rules: Rules, angles: Float64, axes: Float64, positions: Float64, heave: float, rows: Rows, n: int
+) -> tuple[Float64, float]:  # pragma: no cover
+    """The small step towards satisfying all rows: angles (J, 3) and how far the whole body rises (m)."""
+    where, value = np.empty((n, MAX_ENTRIES), np.int64), np.empty((n, MAX_ENTRIES))
+    count, size, up = np.empty(n, np.int64), np.empty(n), np.zeros(n)
+    mobility, now = rules.mobility.ravel(), angles.ravel()
+    low = np.maximum(rules.limits_rad[:, :, 0].copy().ravel() - now, -MAX_STEP_RAD)
+    high = np.minimum(rules.limits_rad[:, :, 1].copy().ravel() - now, MAX_STEP_RAD)
+    for r in range(n):
+        count[r] = _gradient(rules, axes, positions, rows, r, where[r], value[r])
+        if rows.movers[r, 1] == SOLID:
+            up[r] = max(rows.normals[r, 2], 0.0)
+        size[r] = 1e-3 + heave * up[r] ** 2
+        for k in range(count[r]):
+            size[r] += mobility[where[r, k]] * value[r, k] ** 2
+    step, rise = np.zeros(3 * N_JOINTS), 0.0
+    for _ in range(SWEEPS):
+        for r in range(n):
+            left = rows.depths_m[r] - up[r] * rise
+            for k in range(count[r]):
+                left -= value[r, k] * step[where[r, k]]
+            if left > 0:
+                force = left / size[r]
+                rise += heave * up[r] * force
+                for k in range(count[r]):
+                    i = where[r, k]
+                    wanted = step[i] + force * mobility[i] * value[r, k]
+                    step[i] = min(max(wanted, low[i]), high[i])
+    return step.reshape(N_JOINTS, 3), rise

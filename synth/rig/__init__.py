@@ -1,0 +1,1 @@
+"""The virtual rig: whole recordings with the truth of every pixel."""

@@ -1,0 +1,109 @@
+"""A blanket over the legs: cloth as a height over a grid, which lies on what is highest under it."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import PART_ID
+from synth.body.body import Body
+from synth.body.skeleton import JOINT_ID, Float64
+from synth.rig.place import Place
+from synth.rig.props import Thing, Vertices, Where
+from synth.surface.furniture import Bed, Surface, grid_faces
+from synth.surface.rasterize import Mesh
+
+CELL_M = 0.03
+THICK_M = 0.015
+"""A fleece blanket."""
+HALF_WIDTH_M, BEFORE_KNEES_M, LAP_M = 0.48, 0.42, (0.05, 0.2)
+"""A throw over a lap: its half width, how far it reaches in front of the knees and stays before the hips."""
+HEM_M = (0.12, 0.32)
+"""Height over the floor to which it hangs."""
+BED_TOP_Y_M, OVER_EDGE_M, BED_HANG_M = (-0.35, 0.1), 0.05, 0.3
+"""A bed's blanket: where its upper end lies, how far it stands out at the sides and hangs there."""
+CARRIED_M = 0.06
+"""Cloth so far above its hem is carried by something."""
+STIFF_CELLS = 5
+"""Hollows narrower than this many cells it spans."""
+
+
+def lap_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
+    """A throw over the lap of somebody who sits; it goes with the legs and hangs down before them."""
+    hem, short, height = rng.uniform(*HEM_M), rng.uniform(*LAP_M), place.seat_height_m
+    half = min(HALF_WIDTH_M, place.half_width_m)
+    n, m = (round(length / CELL_M) for length in (2 * half, 0.9))
+    legs = _vertices_of(body, ("upper_leg", "lower_leg"))
+
+    def where(person_m: Vertices, joints_m: Float64) -> Vertices:
+        hips, knees = (joints_m[[JOINT_ID[f"{s}_{name}"] for s in _SIDES]] for name in ("hip", "knee"))
+        middle = float(np.clip(hips[:, 0].mean(), half - place.half_width_m, place.half_width_m - half))
+        x = middle + np.linspace(-half, half, n)
+        y = np.linspace(knees[:, 1].min() - BEFORE_KNEES_M, hips[:, 1].mean() - short, m)
+        base = np.broadcast_to(np.where(y >= 0, height, hem), (n, m))
+        return _hang(_drape(person_m[legs], x, y, base), hem).reshape(-1, 3)
+
+    return _thing(n, m, where)
+
+
+def bed_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
+    """A blanket over the lower end of a bed and whoever lies there."""
+    assert isinstance(place.furniture, Bed)
+    height, half = place.furniture.height, place.half_width_m
+    x = np.arange(-half - OVER_EDGE_M, half + OVER_EDGE_M + CELL_M, CELL_M)
+    y = np.arange(place.front_y - OVER_EDGE_M, rng.uniform(*BED_TOP_Y_M), CELL_M)
+    on_bed = (np.abs(x)[:, None] <= half) & (y >= place.front_y)
+    below = np.where(on_bed, height, height - BED_HANG_M)
+    covered = np.union1d(_vertices_of(body, ("upper_leg", "lower_leg")), _vertices_of(body, ("torso", "hip")))
+
+    def where(person_m: Vertices, joints_m: Float64) -> Vertices:
+        return _drape(person_m[covered], x, y, below).reshape(-1, 3)
+
+    return _thing(len(x), len(y), where)
+
+
+_SIDES = ("left", "right")
+
+
+def _vertices_of(body: Body, names: tuple[str, ...]) -> NDArray[np.int64]:
+    """Vertices of these parts, or of these limbs on both sides."""
+    ids = [PART_ID[p] for name in names for p in (name, *(f"{s}_{name}" for s in _SIDES)) if p in PART_ID]
+    return np.unique(body.faces[np.isin(body.face_parts, ids)]).astype(np.int64)
+
+
+def _drape(under_m: Vertices, x: Float64, y: Float64, base_m: Float64) -> Vertices:
+    """Grid vertices float32 (n, m, 3) of cloth over points (N, 3) and, elsewhere, a base height (n, m)."""
+    i = np.rint((under_m[:, 0] - x[0]) / (x[1] - x[0])).astype(np.intp)
+    j = np.rint((under_m[:, 1] - y[0]) / (y[1] - y[0])).astype(np.intp)
+    inside = (i >= 0) & (i < len(x)) & (j >= 0) & (j < len(y))
+    top = base_m.astype(np.float32)
+    np.maximum.at(top, (i[inside], j[inside]), under_m[inside, 2])
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+    stiff = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (STIFF_CELLS, STIFF_CELLS))
+    spanned = cv2.dilate(cv2.morphologyEx(top, cv2.MORPH_CLOSE, stiff), around)
+    height = np.maximum(cv2.GaussianBlur(spanned, (0, 0), 1.0), cv2.dilate(top, around)) + THICK_M
+    gx, gy = np.meshgrid(x, y, indexing="ij")
+    return np.stack([gx, gy, height], axis=-1).astype(np.float32)
+
+
+def _hang(cloth_m: Vertices, hem_m: float) -> Vertices:
+    """Where cloth (n, m, 3) comes down to its hem in front, it hangs straight from the last support."""
+    n, m = cloth_m.shape[:2]
+    carried = cloth_m[..., 2] > hem_m + THICK_M + CARRIED_M
+    first = np.where(carried.any(axis=1), carried.argmax(axis=1), m - 1)
+    # A fold does not jump from one column to the next.
+    edge = cv2.blur(cloth_m[np.arange(n), first, 1][:, None], (1, 5))[:, 0]
+    edge = np.minimum(edge, cloth_m[np.arange(n), first, 1])
+    columns = np.arange(m)
+    hanging = columns < first[:, None]
+    share = columns / np.maximum(first[:, None], 1)
+    top = cloth_m[np.arange(n), first, 2][:, None]
+    hung = cloth_m.copy()
+    hung[..., 2] = np.where(hanging, hem_m + share * (top - hem_m), cloth_m[..., 2])
+    hung[..., 1] = np.where(hanging, edge[:, None] - THICK_M, cloth_m[..., 1])
+    return hung
+
+
+def _thing(rows: int, columns: int, where: Where) -> Thing:
+    faces = grid_faces(rows, columns)
+    still = np.zeros((rows * columns, 3), np.float32)
+    return Thing("blanket", Mesh(still, faces, np.full(len(faces), Surface.BLANKET, np.int32)), where)

@@ -1,0 +1,244 @@
+"""A virtual calibration: the hole plate held before the virtual rig's cameras, view after view.
+
+A ``FrameSource``, so that it can be recorded and calibrated without hardware; it knows the true poses.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from sensors.calibrate.hole_plate import HolePlate
+from sensors.errors import FormatError
+from sensors.files.atomic import check_free, replacing
+from sensors.rig.camera import Intrinsics, distort, rays
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
+from sensors.session.writer import SessionWriter
+
+BACKING_M = 0.03
+"""How far the warm backing lies behind the plate."""
+RANGE_M = (0.75, 1.15)
+"""Distances at which the thermal camera resolves the holes (the facts' simulation)."""
+TILT_DEG, ROLL_DEG = 35.0, 25.0
+PLATE_C, BACKING_C, ROOM_C = 22.0, 30.0, 21.0
+"""8 K of contrast, as a heated foam sheet gives (the facts' simulation)."""
+NETD_C = 0.08
+"""Noise-equivalent temperature difference of the Optris PI200 (its data sheet)."""
+BLUR_PX = 0.6
+DEPTH_SIGMA_MM = 1.5
+"""Axial noise of a Kinect v2 near 1 m, head-on (Fankhauser et al. 2015)."""
+GREY_SIGMA = 3.0
+SLIP_M, SLIP_DEG = 0.006, 1.0
+"""How far the plate moves in a bad view between the cameras' exposures."""
+SUBPIXELS = 8
+_AROUND = np.ones((3, 3), np.uint8)
+FRAMES_PER_SECOND = 0.5
+
+
+@dataclass(frozen=True)
+class _Values:
+    """What plate, holes and room look like in one camera."""
+
+    plate: float
+    backing: float
+    room: float
+
+
+class PlateViews:
+    """``count`` frames of the plate; a share of them is bad: the plate slips between the exposures.
+
+    calibration: the true one. depth_shift_mm: added to every reading, as real units have it.
+    Deterministic in the seed.
+    """
+
+    def __init__(
+        self,
+        calibration: RigCalibration,
+        count: int,
+        seed: int,
+        plate: HolePlate | None = None,
+        bad_share: float = 0.1,
+        depth_shift_mm: float = -8.0,
+    ) -> None:
+        self.calibration, self.count, self.seed = calibration, count, seed
+        self.plate = plate or HolePlate()
+        self.bad_share, self.depth_shift_mm = bad_share, depth_shift_mm
+        self.name = f"virtual-plate-{seed}"
+        self._views = {
+            name: _PlateCamera(camera)
+            for name in ("depth", "color", "thermal")
+            if (camera := getattr(calibration, name)) is not None
+        }
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        bad = set(np.random.default_rng((self.seed, 1)).permutation(self.count)[: self._bad].tolist())
+        for index in range(self.count):
+            rng = np.random.default_rng((self.seed, 2, index))
+            yield self._shoot(index, self._pose(rng), index in bad, rng)
+
+    @property
+    def _bad(self) -> int:
+        return round(self.bad_share * self.count)
+
+    def _pose(self, rng: np.random.Generator) -> Pose:
+        """depth_from_plate: in the middle two thirds of the view, tilted, at arm's length."""
+        spin = Rotation.from_euler("z", rng.uniform(-ROLL_DEG, ROLL_DEG), degrees=True)
+        tilt = Rotation.from_euler("xy", rng.uniform(-TILT_DEG, TILT_DEG, 2), degrees=True)
+        z = rng.uniform(*RANGE_M)
+        center = np.array([rng.uniform(-0.28, 0.28) * z, rng.uniform(-0.18, 0.18) * z, z])
+        rotation = (tilt * spin).as_matrix()
+        middle = np.array([*self.plate.size_m.mean(axis=0), 0.0])
+        return Pose(rotation, center - rotation @ middle)
+
+    def _shoot(self, index: int, depth_from_plate: Pose, bad: bool, rng: np.random.Generator) -> RigFrame:
+        def slipped() -> Pose:
+            if not bad:
+                return depth_from_plate
+            turn = Rotation.from_rotvec(rng.normal(0, SLIP_DEG, 3), degrees=True).as_matrix()
+            return depth_from_plate @ Pose(turn, rng.normal(0, SLIP_M, 3))
+
+        infrared = self._views["depth"].image(depth_from_plate, self.plate, _Values(9000, 1500, 4000))
+        infrared += rng.normal(0, 80, infrared.shape)
+        depth = 1000 * self._views["depth"].depth_m(depth_from_plate, self.plate) + self.depth_shift_mm
+        depth += rng.normal(0, DEPTH_SIGMA_MM, depth.shape)
+        color = thermal = None
+        if "color" in self._views and (pose := self.calibration.color_from_depth) is not None:
+            color = self._color(pose @ slipped(), rng)
+        if "thermal" in self._views and (pose := self.calibration.thermal_from_depth) is not None:
+            thermal = self._thermal(pose @ slipped(), rng)
+        return RigFrame(
+            index,
+            round(index * 1e9 / FRAMES_PER_SECOND),
+            np.clip(np.rint(depth), 0, 65535).astype(np.uint16),
+            color,
+            thermal,
+            np.clip(np.rint(infrared), 0, 65535).astype(np.uint16),
+        )
+
+    def _color(self, color_from_plate: Pose, rng: np.random.Generator) -> bytes:
+        grey = self._views["color"].image(color_from_plate, self.plate, _Values(205, 40, 120))
+        grey = cv2.GaussianBlur(grey, (0, 0), BLUR_PX) + rng.normal(0, GREY_SIGMA, grey.shape)
+        image = np.repeat(np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+        ok, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])
+        if not ok:
+            raise FormatError(f"colour image {image.shape} cannot be encoded as JPEG")
+        return bytes(data)
+
+    def _thermal(self, thermal_from_plate: Pose, rng: np.random.Generator) -> NDArray[np.float32]:
+        image = self._views["thermal"].image(
+            thermal_from_plate, self.plate, _Values(PLATE_C, BACKING_C, ROOM_C)
+        )
+        image = cv2.GaussianBlur(image, (0, 0), BLUR_PX) + rng.normal(0, NETD_C, image.shape)
+        return image.astype(np.float32)
+
+
+def record_plate(
+    views: PlateViews, out: Path, progress: Callable[[int], None], *, overwrite: bool = False
+) -> Path:
+    """Record the views to a session that knows its cameras only roughly; returns where the truth lies.
+
+    Raises ExistsError when one of the two files exists and ``overwrite`` is False.
+    """
+    truth = out.with_suffix(".calibration.json")
+    check_free(truth, overwrite)
+    rough = _roughly(views.calibration)
+    with (
+        replacing(truth) as temporary,
+        SessionWriter(out, rough, views.name, overwrite=overwrite, keep_partial=False) as writer,
+    ):
+        save_calibration(temporary, views.calibration)
+        for frame in views:
+            writer.write(frame)
+            progress(1)
+    return truth
+
+
+def _roughly(true: RigCalibration) -> RigCalibration:
+    """What a data sheet says: focal lengths to the pixel, the principal point in the middle, no lens."""
+    cameras = {
+        name: Intrinsics(
+            camera.width,
+            camera.height,
+            round(camera.fx),
+            round(camera.fy),
+            camera.width / 2,
+            camera.height / 2,
+        )
+        for name in ("depth", "color", "thermal")
+        if (camera := getattr(true, name)) is not None
+    }
+    poses = {f"{name}_from_depth": Pose.identity() for name in cameras if name != "depth"}
+    return RigCalibration(**cameras, **poses)  # type: ignore[arg-type]
+
+
+class _PlateCamera:
+    """One camera looking at the plate; its rays are computed once."""
+
+    def __init__(self, camera: Intrinsics) -> None:
+        self.camera = camera
+        self.rays = rays(camera)
+
+    def image(self, camera_from_plate: Pose, plate: HolePlate, values: _Values) -> NDArray[np.float64]:
+        """Image (h, w): at edges the mean over SUBPIXELS x SUBPIXELS rays a pixel."""
+        image = np.full(self.camera.shape, float(values.room))
+        window = self._window(camera_from_plate, plate)
+        rays = self.rays[window]
+        seen = self._seen(rays, camera_from_plate, plate, values)
+        mixed = cv2.dilate(seen, _AROUND) != cv2.erode(seen, _AROUND)
+        right, down = np.gradient(rays, axis=1)[mixed], np.gradient(rays, axis=0)[mixed]
+        step = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
+        fine = [rays[mixed] + du * right + dv * down for dv in step for du in step]
+        seen[mixed] = self._seen(np.stack(fine), camera_from_plate, plate, values).mean(axis=0)
+        image[window] = seen
+        return image
+
+    def depth_m(self, camera_from_plate: Pose, plate: HolePlate) -> NDArray[np.float64]:
+        """Depth (h, w) along z: the plate, the backing in its holes, and a wall at 2.5 m."""
+        xy, z = _meet(self.rays, camera_from_plate)
+        inside, hole = _inside(xy, plate)
+        return np.where(inside, np.where(hole, z + BACKING_M, z), 2.5)
+
+    def _seen(
+        self, ray: NDArray[np.float64], pose: Pose, plate: HolePlate, values: _Values
+    ) -> NDArray[np.float64]:
+        inside, hole = _inside(_meet(ray, pose)[0], plate)
+        seen = np.where(inside, np.where(hole, values.backing, values.plate), values.room)
+        return seen.astype(np.float64)
+
+    def _window(self, pose: Pose, plate: HolePlate) -> tuple[slice, slice]:
+        low, high = plate.size_m
+        corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+        points = pose.apply(corners)
+        xy = distort(self.camera, points[:, :2] / points[:, 2:])
+        u = xy[:, 0] * self.camera.fx + self.camera.cx
+        v = xy[:, 1] * self.camera.fy + self.camera.cy
+        height, width = self.camera.shape
+        left, right = np.clip([u.min() - 8, u.max() + 9], 0, width).astype(int)
+        top, bottom = np.clip([v.min() - 8, v.max() + 9], 0, height).astype(int)
+        return slice(int(top), int(max(bottom, top + 2))), slice(int(left), int(max(right, left + 2)))
+
+
+def _meet(ray: NDArray[np.float64], pose: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where rays (..., 3) meet the plate's plane: plate coordinates (..., 2) and depth (...,), metres."""
+    normal = pose.rotation[:, 2]
+    z = (normal @ pose.translation_m) / (ray @ normal)
+    local = (ray * z[..., None] - pose.translation_m) @ pose.rotation
+    return local[..., :2], z
+
+
+def _inside(xy: NDArray[np.float64], plate: HolePlate) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Whether points (..., 2) of the plane lie on the plate, and whether in a hole."""
+    low, high = plate.size_m
+    row = np.clip(np.rint(xy[..., 1] / plate.pitch_m), 0, plate.rows - 1)
+    column = np.clip(np.rint((xy[..., 0] / plate.pitch_m - row % 2) / 2), 0, plate.columns - 1)
+    center = np.stack([2 * column + row % 2, row], axis=-1) * plate.pitch_m
+    hole = np.square(xy - center).sum(axis=-1) < (plate.hole_m / 2) ** 2
+    return np.asarray(((xy > low) & (xy < high)).all(axis=-1)), np.asarray(hole)

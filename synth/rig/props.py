@@ -1,0 +1,153 @@
+"""Things about a person: tables, a mug, a laptop, a radiator, a window; and where the movable ones are.
+
+A thing's mesh is given in the world where it stands still; what moves is placed by the person's pose.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from annotate.parts import PART_ID
+from synth.body.body import Body
+from synth.body.skeleton import JOINT_ID, Float64
+from synth.surface.furniture import Surface, box
+from synth.surface.rasterize import Mesh, merge
+
+Vertices = NDArray[np.float32]
+Where = Callable[[Vertices, Float64], Vertices]
+"""(vertices of the person, joints), world -> the thing's vertices."""
+
+LAPTOP_M = (0.34, 0.24, 0.022)
+"""Width, depth and thickness of a 15 inch laptop."""
+LID_RAD = np.radians(110.0)
+LID_BEYOND_M = 0.03
+"""Between the foremost finger and the lid's hinge."""
+MUG_RADIUS_M, MUG_HEIGHT_M = 0.042, 0.095
+TO_MOUTH_M = 0.30
+"""A wrist so near to the head's joint is drinking."""
+TABLE_THICK_M = 0.035
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A lifeless thing. mesh: faces with tags, world, at rest. where: None for what never moves."""
+
+    name: str
+    mesh: Mesh
+    where: Where | None = None
+
+    def vertices(self, person_m: Vertices, joints_m: Float64) -> Vertices:
+        """Its vertices while the person is posed so."""
+        return self.mesh.vertices_m if self.where is None else self.where(person_m, joints_m)
+
+
+def moved(mesh: Mesh, translation_m: Float64, turn_rad: float = 0.0) -> Mesh:
+    """Turned about the vertical, then moved."""
+    return mesh.placed(Rotation.from_euler("z", turn_rad).as_matrix(), translation_m)
+
+
+def table(centre_m: Float64, size_m: tuple[float, float]) -> Thing:
+    """A table on four legs, its top's surface at centre_m."""
+    x, y = size_m[0] / 2, size_m[1] / 2
+    leg, z = 0.04, float(centre_m[2])
+    legs = [
+        box((a, b, -z), (a + leg, b + leg, -TABLE_THICK_M), Surface.TABLE)
+        for a in (-x, x - leg)
+        for b in (-y, y - leg)
+    ]
+    top = box((-x, -y, -TABLE_THICK_M), (x, y, 0), Surface.TABLE)
+    return Thing("table", moved(merge([top, *legs]), centre_m))
+
+
+def mug(stands_m: Float64, body: Body, held: bool) -> Thing:
+    """A mug that stands at stands_m or, where it may be ``held``, is in a hand that is at the mouth."""
+    turn = np.linspace(0, 2 * np.pi, 13)[:-1]
+    ring = MUG_RADIUS_M * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    low, high = (np.column_stack([ring, np.full(12, z)]) for z in (0.0, MUG_HEIGHT_M))
+    local = np.concatenate([low, high, [(0, 0, MUG_HEIGHT_M - 0.01)]]).astype(np.float32)
+    i, j = np.arange(12), (np.arange(12) + 1) % 12
+    sides = np.concatenate([np.stack([i, j, j + 12], 1), np.stack([i, j + 12, i + 12], 1)])
+    fill = np.stack([i + 12, j + 12, np.full(12, 24)], 1)
+    faces = np.concatenate([sides, fill]).astype(np.int32)
+    hands = _hands(body)
+
+    def where(person_m: Vertices, joints_m: Float64) -> Vertices:
+        place = stands_m
+        for side, own in hands.items():
+            if np.linalg.norm(joints_m[JOINT_ID[f"{side}_wrist"]] - joints_m[JOINT_ID["head"]]) < TO_MOUTH_M:
+                hand, head = person_m[own].mean(axis=0), joints_m[JOINT_ID["head"]]
+                towards = (head - hand) * (1, 1, 0)
+                place = hand + 0.06 * towards / (np.linalg.norm(towards) + 1e-9) - (0, 0, MUG_HEIGHT_M / 2)
+        return (local + place).astype(np.float32)
+
+    still = (local + stands_m).astype(np.float32)
+    return Thing(
+        "mug", Mesh(still, faces, np.full(len(faces), Surface.MUG, np.int32)), where if held else None
+    )
+
+
+def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:
+    """A running laptop at aside_m; with ``on_lap`` on the thighs whenever these are free."""
+    w, d, h = LAPTOP_M
+    base = box((-w / 2, -d / 2, 0), (w / 2, d / 2, h - 0.002), Surface.LAPTOP)
+    keys = box((-w / 2 + 0.02, -d / 2 + 0.09, h - 0.002), (w / 2 - 0.02, d / 2 - 0.01, h), Surface.KEYBOARD)
+    lid = box((-w / 2, 0, 0), (w / 2, 0.006, d), Surface.LAPTOP)
+    panel = box((-w / 2 + 0.01, 0.006, 0.01), (w / 2 - 0.01, 0.008, d - 0.01), Surface.SCREEN)
+    tilt = Rotation.from_euler("x", LID_RAD - np.pi / 2).as_matrix()
+    mesh = merge([base, keys, merge([lid, panel]).placed(tilt, np.array([0, -d / 2, h]))])
+    still = moved(mesh, aside_m)
+    legs = np.isin(body.vertex_parts, [PART_ID[f"{s}_{limb}"] for s in ("left", "right") for limb in _LEG])
+
+    def where(person_m: Vertices, joints_m: Float64) -> Vertices:
+        hips, knees = (
+            joints_m[[JOINT_ID[f"left_{name}"], JOINT_ID[f"right_{name}"]]].mean(axis=0)
+            for name in ("hip", "knee")
+        )
+        place = 0.36 * hips + 0.64 * knees
+        across = np.abs(person_m[:, 0] - place[0]) < w / 2 + 0.01
+        above = across & ~legs & (person_m[:, 1] < place[1] + d / 2)
+        low = person_m[:, 2] < knees[2] + 0.12 + d
+        # The lid stands beyond the hands, and the base still on the knees.
+        place[1] = min(place[1], person_m[above & low, 1].min(initial=1.0) - LID_BEYOND_M + d / 2)
+        under = across & legs & (np.abs(person_m[:, 1] - place[1]) < d / 2 + 0.01)
+        if not under.any() or place[1] < knees[1] - 0.03 or abs(hips[2] - knees[2]) > 0.12:
+            return still.vertices_m
+        place[2] = person_m[under, 2].max() + 0.004
+        on_it = above & (np.abs(person_m[:, 1] - place[1]) < d / 2 + 0.01)
+        if (person_m[on_it, 2] < place[2] + h + 0.01).any():
+            return still.vertices_m
+        return np.asarray(mesh.vertices_m + place, np.float32)
+
+    return Thing("laptop", still, where if on_lap else None)
+
+
+def radiator(x: float, wall_y: float) -> Thing:
+    """A panel radiator on the back wall: 45 to 75 cm high, as sold."""
+    return Thing(
+        "radiator", box((x - 0.45, wall_y - 0.12, 0.12), (x + 0.45, wall_y - 0.03, 0.70), Surface.RADIATOR)
+    )
+
+
+def window(x: float, wall_y: float) -> Thing:
+    """A window in the back wall."""
+    return Thing("window", box((x - 0.5, wall_y - 0.02, 0.95), (x + 0.5, wall_y, 2.1), Surface.WINDOW))
+
+
+def sunlit_patch(x: float, wall_y: float) -> Thing:
+    """Where the sun falls on the back wall."""
+    patch = box((x - 0.35, wall_y - 0.004, 0.5), (x + 0.35, wall_y, 1.5), Surface.SUNLIT)
+    return Thing("sunlit wall", patch)
+
+
+_LEG = ("upper_leg", "lower_leg")
+
+
+def _hands(body: Body) -> dict[str, NDArray[np.int64]]:
+    strongest = body.strongest_joints
+    return {
+        side: np.flatnonzero(strongest == JOINT_ID[f"{side}_wrist"]).astype(np.int64)
+        for side in ("left", "right")
+    }

@@ -1,0 +1,167 @@
+"""The virtual rig: people in a colour-coded suit on sofa, chair or bed before depth, colour and heat cameras.
+
+It is a ``FrameSource`` like any device, and knows the truth of every pixel. Scene, person, suit and
+each camera's faults are apart: ``Difficulty`` says how bad each is.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.parts import N_CLASSES
+from annotate.suit.palette import DEFAULT_SUIT, Suit
+from sensors.errors import CloudError
+from sensors.rig.frame import RigFrame
+from sensors.rig.kinect2_factory import KINECT2_DEPTH
+from synth.appearance.color_camera import RESTING
+from synth.appearance.photograph import ColorCamera
+from synth.cameras.depth_noise import DepthNoise, kinect
+from synth.cameras.multipath import multipath_m
+from synth.cameras.optics import (
+    COLOR_FROM_DEPTH,
+    KINECT_COLOR,
+    OPTRIS,
+    RIG_CALIBRATION,
+    THERMAL_FROM_DEPTH,
+    lens_of,
+)
+from synth.cameras.thermal_camera import SUPERSAMPLE, ThermalState, thermograph
+from synth.rig.difficulty import DIFFICULTIES
+from synth.rig.hardship import camera_hardships, scene_hardships
+from synth.rig.place import SCENES
+from synth.rig.stay import Cast, Stay, Tableau
+from synth.rig.truth import Truth, truth_labels, whose_readings
+from synth.surface.rasterize import Mesh, ZBuffer
+
+FRAMES_PER_SECOND = 2.0
+FASTEST = 0.95
+"""Share of a body that is slower than what counts as its speed."""
+JUMP_M_S = 4.0
+"""Nothing in a living room moves faster; what does was put elsewhere between two frames."""
+FLAG_CLOSED = "thermal flag closed"
+"""The event of a frame whose temperatures the flag has hidden."""
+
+__all__ = ["DIFFICULTIES", "FLAG_CLOSED", "RIG_CALIBRATION", "SCENES", "Truth", "VirtualRig", "truth_labels"]
+
+
+class _Cameras(NamedTuple):
+    """The faults and states of one recording's cameras."""
+
+    depth: DepthNoise
+    color: ColorCamera
+    thermal: ThermalState
+
+
+class VirtualRig:
+    """Frames of ``subjects`` people, one after another; deterministic in the seed.
+
+    Raises CloudError for counts without sense or an unknown difficulty or scene.
+    """
+
+    def __init__(
+        self,
+        frames: int,
+        subjects: int,
+        difficulty: str,
+        seed: int,
+        scene: str = "sofa",
+        frames_per_second: float = FRAMES_PER_SECOND,
+    ) -> None:
+        if not 1 <= subjects <= frames <= 1_000_000:
+            raise CloudError(
+                f"{frames} frames of {subjects} subjects are impossible; give at least one frame each"
+            )
+        if difficulty not in DIFFICULTIES:
+            raise CloudError(f"difficulty {difficulty!r} is unknown; use {', '.join(DIFFICULTIES)}")
+        if scene not in SCENES:
+            raise CloudError(f"scene {scene!r} is unknown; use {', '.join(SCENES)}")
+        if not 0.1 <= frames_per_second <= 30:
+            raise CloudError(f"{frames_per_second} frames a second are impossible; give 0.1 to 30")
+        self.name = f"virtual-{scene}-{difficulty}-{seed}"
+        self.calibration = RIG_CALIBRATION
+        self.suit: Suit = DEFAULT_SUIT
+        self.difficulty = DIFFICULTIES[difficulty]
+        self.frames, self.subjects, self.seed, self.scene = frames, subjects, seed, scene
+        self.frames_per_second = frames_per_second
+        self._depth = lens_of(KINECT2_DEPTH, 1)
+        self._color = lens_of(KINECT_COLOR, 1)
+        self._thermal = lens_of(OPTRIS, SUPERSAMPLE)
+
+    def __len__(self) -> int:
+        return self.frames
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        return (frame for frame, _ in self.with_truth())
+
+    def with_truth(self) -> Iterator[tuple[RigFrame, Truth]]:
+        """Yield every frame with its truth."""
+        rng, faults = np.random.default_rng((self.seed, 3)), self.difficulty
+        offset_mm, scale = rng.normal(0, faults.unit_mm), rng.normal(1, faults.unit_scale)
+        depth = replace(faults.depth, offset_mm=float(offset_mm), scale=float(scale))
+        thermal = ThermalState(faults.thermal, rng)
+        for number in range(self.subjects):
+            first, end = (-(-n * self.frames // self.subjects) for n in (number, number + 1))
+            stay = Stay(self.scene, faults, self.suit, self.seed, number, self.frames_per_second)
+            cameras = _Cameras(depth, self._color_camera(stay.cast), thermal)
+            for index, tableau in zip(range(first, end), stay.tableaux(), strict=False):
+                yield self._shoot(stay.cast, tableau, index, cameras)
+
+    def _color_camera(self, cast: Cast) -> ColorCamera:
+        lens, pose = self._color, COLOR_FROM_DEPTH @ cast.camera_from_world
+        return ColorCamera(lens.pinhole, lens.maps, pose, cast.setting, self.difficulty.look.camera)
+
+    def _shoot(self, cast: Cast, tableau: Tableau, index: int, cameras: _Cameras) -> tuple[RigFrame, Truth]:
+        rng, time_s = np.random.default_rng((self.seed, index, 11)), index / self.frames_per_second
+        in_depth = cast.camera_from_world.apply(tableau.vertices_m)
+        seen = self._see_distance(cast, in_depth)
+        depth_mm = kinect(KINECT2_DEPTH, seen.depth_m, cast.dark[seen.face], cameras.depth, rng)
+        velocity = _velocity_m_s(tableau, self.frames_per_second)
+        scene = Mesh(tableau.vertices_m, cast.faces, cast.tags)
+        color = cameras.color.photograph(scene, cast.outfits, rng, velocity)
+        drift_c, temperatures = cameras.thermal.drift_c(time_s), None
+        if not cameras.thermal.flag_closed(time_s):
+            temperatures = self._see_thermal(cast, tableau, in_depth, drift_c, rng)
+        frame = RigFrame(index, round(time_s * 1e9), depth_mm, color, temperatures)
+        parts, persons = whose_readings(seen, cast.tags, depth_mm, cameras.depth)
+        hard = self._hardships(cast, tableau, seen, in_depth)
+        speed = np.quantile(np.linalg.norm(velocity[: cast.subject], axis=1), FASTEST)
+        hard += camera_hardships(float(speed), cameras.color.state or RESTING, drift_c)
+        hard += [FLAG_CLOSED] * (temperatures is None)
+        joints = cast.camera_from_world.apply(tableau.joints_m)
+        return frame, Truth(parts, persons, joints, cast.name, tuple(hard))
+
+    def _see_distance(self, cast: Cast, in_depth: NDArray[np.float64]) -> ZBuffer:
+        """What the depth camera would read without noise."""
+        seen = self._depth.render(in_depth, cast.faces)
+        if self.difficulty.reflectance == 0:
+            return seen
+        longer_m = multipath_m(KINECT2_DEPTH, seen.depth_m, self.difficulty.reflectance)
+        return ZBuffer(seen.depth_m + longer_m, seen.face)
+
+    def _hardships(
+        self, cast: Cast, tableau: Tableau, seen: ZBuffer, in_depth: NDArray[np.float64]
+    ) -> list[str]:
+        alone = self._depth.render(in_depth[: cast.subject], cast.faces[cast.tags < N_CLASSES])
+        return scene_hardships(cast, tableau, seen, alone)
+
+    def _see_thermal(
+        self,
+        cast: Cast,
+        tableau: Tableau,
+        in_depth: NDArray[np.float64],
+        drift_c: float,
+        rng: np.random.Generator,
+    ) -> NDArray[np.float32]:
+        seen = self._thermal.render_pinhole(THERMAL_FROM_DEPTH.apply(in_depth), cast.faces)
+        noise = self.difficulty.thermal
+        return thermograph(seen, tableau.celsius, cast.room_c, noise, drift_c, self._thermal.maps, rng)
+
+
+def _velocity_m_s(tableau: Tableau, frames_per_second: float) -> NDArray[np.float64]:
+    """How fast all vertices (V, 3) move; what is put down elsewhere stands still until then."""
+    velocity = (tableau.following_m - tableau.vertices_m).astype(np.float64) * frames_per_second
+    velocity[np.linalg.norm(velocity, axis=1) > JUMP_M_S] = 0.0
+    return velocity

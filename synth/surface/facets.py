@@ -1,0 +1,75 @@
+"""Three numbers at a time, compiled: vectors, and what a triangle's corners make between them."""
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from synth.surface.rasterize import EXACT
+
+Float32 = NDArray[np.float32]
+Int32 = NDArray[np.int32]
+Triple = tuple[float, float, float]
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def shares(vertices: Float32, faces: Int32, f: int, p: Triple) -> Triple:  # pragma: no cover
+    """Barycentric coordinates of a point in a face's plane, kept inside the face."""
+    a = faces[f, 0]
+    e, g = edge(vertices, a, faces[f, 1]), edge(vertices, a, faces[f, 2])
+    d = (p[0] - vertices[a, 0], p[1] - vertices[a, 1], p[2] - vertices[a, 2])
+    ee, eg, gg, de, dg = dot(e, e), dot(e, g), dot(g, g), dot(d, e), dot(d, g)
+    area = ee * gg - eg * eg
+    if area <= 0:
+        return (1.0, 0.0, 0.0)
+    b = min(max((gg * de - eg * dg) / area, 0.0), 1.0)
+    c = min(max((ee * dg - eg * de) / area, 0.0), 1.0 - b)
+    return (1 - b - c, b, c)
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def mix(values: Float32, faces: Int32, f: int, s: Triple) -> Triple:  # pragma: no cover
+    """What three corners' values (V, 3) make at barycentric coordinates s."""
+    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    return (
+        s[0] * values[a, 0] + s[1] * values[b, 0] + s[2] * values[c, 0],
+        s[0] * values[a, 1] + s[1] * values[b, 1] + s[2] * values[c, 1],
+        s[0] * values[a, 2] + s[1] * values[b, 2] + s[2] * values[c, 2],
+    )
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def mix_column(fields: Float32, n: int, faces: Int32, f: int, s: Triple) -> float:  # pragma: no cover
+    """``mix`` of column n alone of values (V, n)."""
+    value: float = (
+        s[0] * fields[faces[f, 0], n] + s[1] * fields[faces[f, 1], n] + s[2] * fields[faces[f, 2], n]
+    )
+    return value
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def edge(vertices: Float32, a: int, b: int) -> Triple:  # pragma: no cover
+    """From vertex a to vertex b."""
+    return (
+        np.float64(vertices[b, 0]) - vertices[a, 0],
+        np.float64(vertices[b, 1]) - vertices[a, 1],
+        np.float64(vertices[b, 2]) - vertices[a, 2],
+    )
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def cross(a: Triple, b: Triple) -> Triple:  # pragma: no cover
+    """Cross product."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def dot(a: Triple, b: Triple) -> float:  # pragma: no cover
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def unit(a: Triple) -> Triple:  # pragma: no cover
+    """The same direction with length 1; a vector of length 0 stays."""
+    length = np.sqrt(dot(a, a)) + 1e-12
+    return (a[0] / length, a[1] / length, a[2] / length)

@@ -1,0 +1,34 @@
+"""A training small enough for tests, and the program that other processes run it by: OUT."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from eval.network.compact import CompactConfig
+from eval.training.crops import Crops
+from eval.training.plan import ModernRecipe, Plan
+from eval.training.processes import Team
+from eval.training.train import Watch, train
+
+PLAN = Plan(CompactConfig((4, 6, 6)), ModernRecipe(batch=2), epochs=3, seed=4)
+
+
+def small_crops(n: int = 7, side: int = 32) -> Crops:
+    """Squares of two parts, one near and one far: easily learnt."""
+    parts = np.zeros((n, side, side), np.uint8)
+    depth = np.zeros(parts.shape, np.uint16)
+    for i in range(n):
+        parts[i, 4:28, 4 + i % 3 : 28] = 2
+        parts[i, 4:14, 4 + i % 3 : 28] = 1
+    depth[parts == 1], depth[parts == 2] = 20_000, 45_000
+    return Crops.of(zip(depth, parts, strict=True))
+
+
+CROPS = small_crops()
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    with Team.join() as team:
+        train(CROPS, CROPS, Path(sys.argv[1]), PLAN, team, Watch(checkpoint_s=0.0))
