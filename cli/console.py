@@ -1,15 +1,17 @@
-"""What a command says: progress on stderr, its result on stdout, errors in one line."""
+"""What a command prints: progress on stderr, its result on stdout as a table or as JSON."""
 
 import json
+import math
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich import box
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -19,6 +21,8 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+from rich.table import Table
+from rich.text import Text
 
 from annotate.label_source import Run
 from annotate.labelset.appearing import check_replaceable
@@ -28,7 +32,10 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
 
 LINE_SECONDS = 5.0
-"""Where stderr is no terminal, progress is a plain line this often."""
+"""Seconds between two lines of progress where stderr is no terminal; chosen by eye."""
+
+WIDTH = 110
+"""Columns of a table where stdout is no terminal; chosen by eye."""
 
 
 @contextmanager
@@ -72,6 +79,53 @@ def _lines(what: str, total: int) -> Callable[[int], None]:
             print(f"{what}: {done}/{total}, {rate:.1f}/s, {left:.0f} s left", file=sys.stderr, flush=True)
 
     return advance
+
+
+def cell(value: object, unit: str = "") -> str:
+    """A value for people: numbers to three digits, then the unit; None and NaN as a dash."""
+    match value:
+        case None:
+            return "-"
+        case bool():
+            return "yes" if value else "no"
+        case int():
+            text = f"{value:,}"
+        case float():
+            if not math.isfinite(value):
+                return "-"
+            size = abs(value)
+            text = f"{value:,.0f}" if size >= 99.95 else f"{value:#.3g}" if size >= 0.1 else f"{value:.3g}"
+        case Mapping():
+            return ", ".join(f"{name} {cell(one)}" for name, one in value.items()) or "-"
+        case list() | tuple():
+            return ", ".join(map(cell, value)) or "-"
+        case _:
+            return str(value) or "-"
+    return f"{text} {unit}" if unit else text
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> str:
+    """Lines of a table: a row for each of ``rows``, its values as ``cell`` writes them.
+
+    columns: names, with the unit where there is one ("time, s"). Columns without text are set to the right.
+    """
+    lines = [list(row) for row in rows]
+    shown = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, show_header=any(columns))
+    for name, values in zip(columns, zip(*lines, strict=True) if lines else [()] * len(columns), strict=True):
+        number = all(value is None or isinstance(value, int | float) for value in values)
+        shown.add_column(name, justify="right" if number else "left", overflow="fold")
+    for line in lines:
+        # Names come from outside: as Text they cannot be markup.
+        shown.add_row(*(Text(cell(value)) for value in line))
+    console = Console(width=shutil.get_terminal_size((WIDTH, 24)).columns, no_color=True, highlight=False)
+    with console.capture() as captured:
+        console.print(*([Text(title)] if title else []), shown, sep="\n")
+    return "\n".join(line.rstrip() for line in captured.get().rstrip().split("\n"))
+
+
+def facts(values: Mapping[str, object]) -> str:
+    """Lines of two columns without a heading: what it is, and its value as ``cell`` writes it."""
+    return table(("", ""), [(name.replace("_", " "), cell(value)) for name, value in values.items()])
 
 
 def finish(result: dict[str, Any], as_json: bool, text: str) -> None:

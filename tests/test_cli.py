@@ -13,6 +13,7 @@ from conftest import tree
 
 from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS
+from cli.console import cell, table
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 from synth.rig.simulate import suit_path, truth_path
@@ -246,3 +247,22 @@ def test_the_installed_command_keeps_its_streams_apart(rig_session, tmp_path):
     assert (bad.returncode, bad.stdout) == (1, "")
     assert bad.stderr.startswith("annotate-cloud: absent.mcap does not exist")
     assert bad.stderr.count("\n") == 1
+
+
+def test_cells_read_by_people_have_three_digits_and_a_dash_for_nothing() -> None:
+    """Numbers to three digits with their unit; None, NaN and what is empty as a dash."""
+    values = (0.96344, 0.0, 99.96, 12345.6, 0.00012, 1234, True, None, float("nan"), "", {"a": 1, "b": 0.5})
+    assert [cell(value) for value in values] == [
+        "0.963", "0", "100", "12,346", "0.00012", "1,234", "yes", "-", "-", "-", "a 1, b 0.500",
+    ]  # fmt: skip
+    assert cell(0.26, "s") == "0.260 s"
+
+
+def test_tables_set_numbers_to_the_right_and_read_no_markup() -> None:
+    """A column of numbers is set to the right; a name that looks like markup is shown as it is."""
+    lines = table(("part", "px"), [("[red]head", 5), ("arm", 1200)], "Work").split("\n")
+    assert lines[0] == "Work"
+    assert [line.split() for line in (lines[1], *lines[3:])] == [
+        ["part", "px"], ["[red]head", "5"], ["arm", "1,200"],
+    ]  # fmt: skip
+    assert lines[3].endswith("    5")
