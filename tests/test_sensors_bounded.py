@@ -3,10 +3,12 @@
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import read_bounded
+from sensors.files.npz import array_sizes, load_arrays
 
 
 def test_a_file_is_read_up_to_its_bound(tmp_path):
@@ -37,3 +39,31 @@ def test_links_to_files_and_files_without_a_size_are_read_whole(tmp_path):
     assert read_bounded(Path("/proc/version"), len(version)) == version
     with pytest.raises(FormatError, match="larger"):
         read_bounded(Path("/proc/version"), len(version) - 1)
+
+
+def test_arrays_are_unpacked_up_to_their_bound(tmp_path):
+    file, kept = tmp_path / "a.npz", {"a": np.arange(9.0).reshape(3, 3), "names": np.array(["x", "y"])}
+    np.savez_compressed(file, **kept, large=np.zeros(10_000))
+    sizes = array_sizes(file, "split it")
+    assert set(sizes) == {"a", "names", "large"}
+    total = sum(sizes.values())
+    for names, limit in ((None, total), (("a", "names", "none"), total - sizes["large"])):
+        arrays = load_arrays(file, limit, "split it", names)
+        assert set(arrays) == {name for name in sizes if names is None or name in names}
+        for name, expected in kept.items():
+            np.testing.assert_array_equal(arrays[name], expected)
+        with pytest.raises(FormatError, match=r"a\.npz unpacks to \d+ bytes.*; split it$"):
+            load_arrays(file, limit - 1, "split it", names)
+
+
+def test_what_are_no_arrays_is_refused(tmp_path):
+    file = tmp_path / "a.npz"
+    np.savez(file, a=np.zeros(5000))
+    whole = file.read_bytes()
+    np.savez(file, a=np.array([{}], object))
+    pickled = file.read_bytes()
+    np.savez(file, a=np.zeros(100_001, "V0"))
+    for content in (b"", whole[:-1000], whole[:2000] + b"x" + whole[2001:], pickled, file.read_bytes()):
+        file.write_bytes(content)
+        with pytest.raises(FormatError, match=r"; split it$"):
+            load_arrays(file, 100_000, "split it")

@@ -152,7 +152,7 @@ def test_no_array_is_executed_or_believed(tmp_path):
     np.save(tmp_path / "evil.npy", np.array([Evil()], dtype=object), allow_pickle=True)
     np.savez(tmp_path / "evil.npz", depth=np.array([Evil()], dtype=object))
     for name in ("evil.npy", "evil.npz"):
-        assert_refused(tmp_path / name, "no plain arrays")
+        assert_refused(tmp_path / name, "Object arrays|Python objects")
     assert not Path("/tmp/annotate-cloud-was-here").exists()
     head = b"\x93NUMPY\x01\x00\x46\x00{'descr': '<u2', 'fortran_order': False, 'shape': (%s, 24, 32), }"
     for count in (b"99999999999", b"-1", b"0", b"9" * 30, b"1,1"):
@@ -166,7 +166,7 @@ def test_no_array_is_executed_or_believed(tmp_path):
     content = bytearray((tmp_path / "bomb.npz").read_bytes())
     at = content.find(b"PK\x01\x02") + 24
     content[at : at + 4] = (0xFFFFFFF0).to_bytes(4, "little")
-    assert_refused(write(tmp_path / "bomb.npz", bytes(content)), "no plain arrays")
+    assert_refused(write(tmp_path / "bomb.npz", bytes(content)), "unpacks to")
     for shape in ((3,), (2, 2, 2, 2), (0, 4, 4)):
         np.save(tmp_path / "s.npy", np.zeros(shape, np.uint16))
         assert_refused(tmp_path / "s.npy", "give")
@@ -185,14 +185,6 @@ def test_of_an_archive_only_what_is_needed_is_unpacked(tmp_path, monkeypatch):
     np.testing.assert_array_equal(next(iter(source)).depth_mm, depth_image())
     np.savez_compressed(path, depth=np.stack([depth_image()] * 3), K=CAMERA.matrix)
     assert_refused(path, "unpacks to .*save depth as a .npy")
-
-
-@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
-def test_other_compressions_of_arrays_are_refused(tmp_path, method):
-    np.save(tmp_path / "depth.npy", depth_image())
-    with zipfile.ZipFile(tmp_path / "a.npz", "w", method) as archive:
-        archive.write(tmp_path / "depth.npy", "depth.npy")
-    assert_refused(tmp_path / "a.npz", f"compressed by method {method}")
 
 
 # LAS

@@ -5,12 +5,8 @@ A .npy holds depth (h, w) or (n, h, w), integers in millimetres or floats in met
 ``NAME.json`` or ``intrinsics.json`` beside the file (see ``intrinsics_file``).
 """
 
-import io
-import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -18,23 +14,17 @@ from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.limits import MAX_IMAGE_SIDE
+from sensors.files.npz import array_sizes, load_arrays
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FRAME_PERIOD_NS, RigFrame, mm_from_metres, mm_from_units
 from sensors.rig.intrinsics_file import read_intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
 NPY_MAGIC, ZIP_MAGIC = b"\x93NUMPY", b"PK\x03\x04"
-MAX_ARRAY_BYTES = 1 << 32
 MAX_UNPACKED_BYTES = 1 << 30
-"""Of a .npz, which is read into memory as a whole."""
-MAX_ZIP_RATIO = 1100
-"""Deflate reaches 1032; what claims more is no array."""
+"""Bytes of a .npz's depth and K, which are unpacked into memory as a whole; chosen by eye."""
 
 _READ = ("depth", "K")
-_UNREADABLE = (
-    *(ValueError, TypeError, SyntaxError, TokenError, KeyError, OverflowError, MemoryError),
-    *(RuntimeError, zipfile.BadZipFile, zlib.error, EOFError),
-)
 
 
 class DepthArrays:
@@ -70,50 +60,16 @@ class DepthArrays:
 
 def _load(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
     """``depth`` and ``K``, or the only array, by name, and the names of all; a .npy stays on disk."""
+    remedy = "save depth as a .npy file, or split it"
     try:
-        if path.stat().st_size > MAX_ARRAY_BYTES:
-            raise FormatError(f"{path} is larger than {MAX_ARRAY_BYTES} bytes; split it")
         with path.open("rb") as file:
             single = file.read(len(NPY_MAGIC)) == NPY_MAGIC
         if single:
             return {"depth": np.load(path, mmap_mode="r", allow_pickle=False)}, ["depth"]
-        with zipfile.ZipFile(path) as archive:
-            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-            wanted = members if len(members) == 1 else {n: i for n, i in members.items() if n in _READ}
-            for info in wanted.values():
-                _check_member(info)
-            if (size := sum(info.file_size for info in wanted.values())) > MAX_UNPACKED_BYTES:
-                raise FormatError(f"{path} unpacks to {size} bytes; save depth as a .npy file, or split it")
-            return {name: _member(archive, info) for name, info in wanted.items()}, list(members)
-    except OSError as error:
-        raise FormatError(f"{path} cannot be read ({error}); give a .npy or .npz file") from error
-    except _UNREADABLE as error:
-        raise FormatError(f"{path} holds no plain arrays ({error}); save it with numpy.savez") from error
-
-
-def _check_member(info: zipfile.ZipInfo) -> None:
-    if info.file_size > min(MAX_ARRAY_BYTES, MAX_ZIP_RATIO * info.compress_size + 1000):
-        raise ValueError(f"{info.filename[:60]!r} claims {info.file_size} bytes")
-    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise ValueError(f"{info.filename[:60]!r} is compressed by method {info.compress_type}")
-
-
-def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
-    with archive.open(info) as member:
-        data = member.read(info.file_size)
-    stream = io.BytesIO(data)
-    version = np.lib.format.read_magic(stream)
-    read_header = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }.get(version)
-    if read_header is None:
-        raise ValueError(f"array format {version}")
-    shape, fortran, dtype = read_header(stream)
-    if dtype.hasobject or min(shape, default=0) < 0:
-        raise ValueError(f"it is {dtype} {shape}")
-    values = np.frombuffer(data, dtype, offset=stream.tell())
-    return values.reshape(shape, order="F" if fortran else "C")
+    except Exception as error:  # numpy raises half a dozen kinds at damaged headers
+        raise FormatError(f"{path} holds no plain array ({error}); save it with numpy.save") from error
+    names = list(array_sizes(path, remedy))
+    return load_arrays(path, MAX_UNPACKED_BYTES, remedy, names if len(names) == 1 else _READ), names
 
 
 def _depth(path: Path, arrays: dict[str, NDArray[Any]], names: list[str]) -> NDArray[Any]:
