@@ -2,8 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float32, Int32, Int64, UInt8, UInt16
 from annotate.cloud.grid import JUMP, components
 from annotate.parts import BACKGROUND, BODY_PARTS, N_CLASSES, NEIGHBOURS, UNDEFINED
 
@@ -21,7 +21,7 @@ _INDEX = np.searchsorted(_LABELS, np.arange(256))
 """Part id -> its place in _LABELS."""
 
 
-def filled(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], part: int) -> NDArray[np.uint8]:
+def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:
     """Labels (h, w) with the holes of one part given to it.
 
     A hole is at most MOST_HOLE_PX connected pixels of anything else that touch nothing but the part and
@@ -53,7 +53,7 @@ def filled(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], part: int) ->
     return result
 
 
-def tidied(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16]) -> NDArray[np.uint8]:
+def tidied(parts: UInt8, depth_mm: UInt16) -> UInt8:
     """Automatic labels (h, w) without what a person's first key would take away.
 
     Islands that touch the room more than any part are the room's: rims of the seat, warmed cloth. Slivers
@@ -67,11 +67,8 @@ def tidied(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16]) -> NDArray[np
 
 
 def without_islands(
-    parts: NDArray[np.uint8],
-    depth_mm: NDArray[np.uint16],
-    part: int | None = None,
-    least_px: int = LEAST_PIECE_PX,
-) -> NDArray[np.uint8]:
+    parts: UInt8, depth_mm: UInt16, part: int | None = None, least_px: int = LEAST_PIECE_PX
+) -> UInt8:
     """Labels (h, w) with the small islands of one part, or of every body part, given to what they touch.
 
     An island is a piece under ``least_px`` pixels that is not its part's largest. It goes to the label
@@ -103,7 +100,7 @@ def without_islands(
     return result
 
 
-def neighbours(parts: NDArray[np.uint8], pixels: NDArray[np.int64]) -> list[int]:
+def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
     """Body parts that the flat ``pixels`` touch, most contact first; then those joined to theirs by
     anatomy; then the background. Without the part that most of the pixels have."""
     if not len(pixels):
@@ -120,9 +117,7 @@ def neighbours(parts: NDArray[np.uint8], pixels: NDArray[np.int64]) -> list[int]
     return [p for p in order if p not in (own, UNDEFINED)]
 
 
-def _islands(
-    parts: NDArray[np.uint8], depth_m: NDArray[np.float32], among: list[int], least_px: int
-) -> tuple[NDArray[np.int32], int]:
+def _islands(parts: UInt8, depth_m: Float32, among: list[int], least_px: int) -> tuple[Int32, int]:
     """Island ids (h, w) from 1, 0 elsewhere, and one more than the highest."""
     islands, count = np.zeros(parts.shape, np.int32), 1
     for part in among:
@@ -139,7 +134,7 @@ def _islands(
     return islands, count
 
 
-def _beside(pixels: NDArray[np.int64], shape: tuple[int, ...], reach: int) -> list[NDArray[np.int64]]:
+def _beside(pixels: Int64, shape: tuple[int, ...], reach: int) -> list[Int64]:
     """Flat neighbours (n,) of flat pixels for every step of up to ``reach``; the border counts for itself."""
     v, u = np.divmod(pixels, shape[1])
     steps = range(-reach, reach + 1)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Index, UInt8, UInt16
 from annotate.parts import BACKGROUND
 from sensors.errors import CloudError, FormatError
 from sensors.files.limits import MAX_IMAGE_SIDE
@@ -45,7 +46,7 @@ class Crop:
         result[rows, columns] = image[v[rows]][:, u[columns]]
         return result
 
-    def reads(self, shape: tuple[int, ...], size: int = SIZE) -> NDArray[np.bool_]:
+    def reads(self, shape: tuple[int, ...], size: int = SIZE) -> Bool:
         """Pixels (h, w) of an image of that shape that ``cut`` looks at."""
         v_read, u_read = np.zeros(shape[0], np.bool_), np.zeros(shape[1], np.bool_)
         for read, start in ((v_read, self.top), (u_read, self.left)):
@@ -53,7 +54,7 @@ class Crop:
             read[source[(source >= 0) & (source < len(read))]] = True
         return v_read[:, None] & u_read
 
-    def _source(self, start: int, size: int) -> NDArray[np.intp]:
+    def _source(self, start: int, size: int) -> Index:
         return start + (np.arange(size) * self.side + self.side // 2) // size
 
     def paste(self, patch: NDArray[Any], shape: tuple[int, int], fill: int | float) -> NDArray[Any]:
@@ -66,7 +67,7 @@ class Crop:
         result[rows, columns] = patch[row][:, column]
         return result
 
-    def _within(self, start: int, length: int, size: int) -> tuple[slice, NDArray[np.intp]]:
+    def _within(self, start: int, length: int, size: int) -> tuple[slice, Index]:
         """The run of an image's rows or columns that the square covers, and the patch's for each of them."""
         first, end = max(start, 0), max(0, start, min(start + self.side, length))
         return slice(first, end), ((np.arange(first, end) - start) * size + size // 2) // self.side
@@ -101,7 +102,7 @@ def crop_from_note(note: object, name: str) -> Crop:
     return Crop(*note)
 
 
-def window_of(mask: NDArray[np.bool_], margin_px: int = 0) -> tuple[slice, slice]:
+def window_of(mask: Bool, margin_px: int = 0) -> tuple[slice, slice]:
     """The rows and columns of a mask (h, w) that hold its pixels, and so many more; none of an empty mask.
 
     A margin ends at the top and left of the image; slices may pass its bottom and right.
@@ -113,7 +114,7 @@ def window_of(mask: NDArray[np.bool_], margin_px: int = 0) -> tuple[slice, slice
     return np.s_[top : int(rows[-1]) + margin_px + 1, left : int(columns[-1]) + margin_px + 1]
 
 
-def crop_around(mask: NDArray[np.bool_], margin: float = MARGIN) -> Crop:
+def crop_around(mask: Bool, margin: float = MARGIN) -> Crop:
     """The square around a person's mask (h, w), with a free border on each side, a share of its extent.
 
     Raises CloudError on an empty mask.
@@ -126,7 +127,7 @@ def crop_around(mask: NDArray[np.bool_], margin: float = MARGIN) -> Crop:
     return Crop(rows.start + height // 2 - side // 2, columns.start + width // 2 - side // 2, side)
 
 
-def network_crop(mask: NDArray[np.bool_]) -> Crop:
+def network_crop(mask: Bool) -> Crop:
     """The square that a network sees of a person's mask (h, w): all of an image that is a crop already.
 
     Raises CloudError on an empty mask.
@@ -134,7 +135,7 @@ def network_crop(mask: NDArray[np.bool_]) -> Crop:
     return Crop(0, 0, SIZE) if mask.shape == (SIZE, SIZE) and mask.any() else crop_around(mask)
 
 
-def normalize(depth_mm: NDArray[np.uint16], mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+def normalize(depth_mm: UInt16, mask: Bool) -> Float32:
     """Person's depth (h, w) in millimetres -> float32 in [0, 1], 0 where there is no person or reading."""
     person = mask & (depth_mm > 0)
     if not person.any():
@@ -144,6 +145,6 @@ def normalize(depth_mm: NDArray[np.uint16], mask: NDArray[np.bool_]) -> NDArray[
     return np.where(person, np.clip(scaled, NEAREST, 1), 0).astype(np.float32)
 
 
-def person_of(parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def person_of(parts: UInt8) -> Bool:
     """Pixels that belong to a person, the undefined ones too."""
     return np.asarray(parts != BACKGROUND, np.bool_)

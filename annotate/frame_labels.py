@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float32, UInt8, UInt16
 from annotate.parts import N_CLASSES, UNDEFINED
 from sensors.errors import FormatError
 
@@ -24,13 +24,13 @@ class FrameLabels:
     """
 
     frame_id: str
-    depth_mm: NDArray[np.uint16]
-    parts: NDArray[np.uint8]
-    confidence: NDArray[np.float32] | None = None
+    depth_mm: UInt16
+    parts: UInt8
+    confidence: Float32 | None = None
     status: Status = "auto"
     subject: str = ""
     notes: dict[str, Any] = field(default_factory=dict)
-    persons: NDArray[np.uint8] | None = None
+    persons: UInt8 | None = None
 
     def __post_init__(self) -> None:
         if self.depth_mm.ndim != 2 or self.depth_mm.dtype != np.uint16:

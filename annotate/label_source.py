@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, TypeAlias, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import UInt16
 from annotate.cleanup import tidied
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
@@ -150,7 +150,7 @@ def _id(frame: RigFrame) -> str:
 class _Seen:
     """A fused frame. depth_mm: (h, w), undistorted. content: what the labeller is given; left_out: notes."""
 
-    depth_mm: NDArray[np.uint16]
+    depth_mm: UInt16
     content: Any
     left_out: list[str]
 
@@ -183,7 +183,7 @@ def cleaned(found: Segmentation, person: PersonMask, cloud: ThermalCloud) -> tup
     return replace(found, parts=parts, confidence=confidence), replace(person, mask=person.mask & ~loose)
 
 
-def check_same(labels: LabelSet, frame_id: str, depth_mm: NDArray[np.uint16]) -> FrameLabels:
+def check_same(labels: LabelSet, frame_id: str, depth_mm: UInt16) -> FrameLabels:
     """A frame kept by an earlier run. Raises ExistsError unless it shows this very depth image (h, w)."""
     kept = labels.read(frame_id)
     if not np.array_equal(kept.depth_mm, depth_mm):

@@ -7,7 +7,8 @@ neck to the head (Nishi & Miura 2017, section 2.2, name the eleven parts).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from annotate.array_types import Bool, UInt8
 
 BACKGROUND = 0
 UNDEFINED = 255
@@ -48,15 +49,12 @@ LEFT_RIGHT = ((3, 4), (5, 6), (8, 9), (10, 11))
 
 NEIGHBOURS = frozenset(
     frozenset(pair)
-    for pair in (
-        *((1, 2), (2, 3), (2, 4), (3, 5), (4, 6), (2, 7)),
-        *((7, 8), (7, 9), (8, 10), (9, 11)),
-    )
+    for pair in ((1, 2), (2, 3), (2, 4), (3, 5), (4, 6), (2, 7), (7, 8), (7, 9), (8, 10), (9, 11))
 )
 """Pairs of parts joined by anatomy: the body's part tree."""
 
 
-def swap_left_right(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def swap_left_right(labels: UInt8) -> UInt8:
     """Exchange every left part with its right twin; any shape."""
     table = np.arange(256, dtype=np.uint8)
     for left, right in LEFT_RIGHT:
@@ -64,12 +62,12 @@ def swap_left_right(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return table[labels]
 
 
-def on_body(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def on_body(labels: UInt8) -> Bool:
     """Where a body part is named: neither the background nor undefined; any shape."""
     return np.asarray((labels != BACKGROUND) & (labels != UNDEFINED))
 
 
-def palette_rgb() -> NDArray[np.uint8]:
+def palette_rgb() -> UInt8:
     """Colours (256, 3) by id, for palette PNGs and pictures; undefined is grey, unused ids black."""
     palette = np.zeros((256, 3), np.uint8)
     for part in PARTS:

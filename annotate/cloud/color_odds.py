@@ -2,7 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from annotate.array_types import Bool, Float32, Int32, UInt8
 
 BY_COLOR = 2.5
 """The most that a colour can be worth: a sofa may have a suit's colour somewhere."""
@@ -15,11 +16,8 @@ SURE = 1.5
 LAB_BITS = (5, 3, 3)
 """Bits of each Lab channel that a colour's bin leaves out: 8 x 32 x 32 bins."""
 
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
-
-def by_color(lab: NDArray[np.uint8], odds: Image, candidates: Mask, among: Mask) -> Image:
+def by_color(lab: UInt8, odds: Float32, candidates: Bool, among: Bool) -> Float32:
     """Log odds (h, w) of colour, learnt from the pixels that ``odds`` (h, w) are sure of.
 
     lab: uint8 (h, w, 3) as ``lab_of`` gives it. candidates: what is off them is background for sure.
@@ -35,7 +33,7 @@ def by_color(lab: NDArray[np.uint8], odds: Image, candidates: Mask, among: Mask)
     return np.where(seen, table[bins], np.float32(0)).astype(np.float32)
 
 
-def lab_of(color_rgb: NDArray[np.uint8], color_valid: Mask) -> NDArray[np.uint8]:
+def lab_of(color_rgb: UInt8, color_valid: Bool) -> UInt8:
     """CIE Lab, 8 bit (h, w, 3); the first channel is at least 1 where there is a colour, 0 where not."""
     lab = cv2.cvtColor(color_rgb, cv2.COLOR_RGB2Lab).astype(np.uint8)
     lab[..., 0] = np.maximum(lab[..., 0], 1)
@@ -43,14 +41,14 @@ def lab_of(color_rgb: NDArray[np.uint8], color_valid: Mask) -> NDArray[np.uint8]
     return lab
 
 
-def color_bins(lab: NDArray[np.uint8]) -> NDArray[np.int32]:
+def color_bins(lab: UInt8) -> Int32:
     """Which of 8192 bins each colour (..., 3) of ``lab_of`` is in."""
     l_bits, a_bits, b_bits = LAB_BITS
     bins = (lab[..., 0].astype(np.int32) >> l_bits) * 1024 + (lab[..., 1].astype(np.int32) >> a_bits) * 32
     return np.asarray(bins + (lab[..., 2] >> b_bits), np.int32)
 
 
-def frequencies(bins: NDArray[np.int32]) -> Image:
+def frequencies(bins: Int32) -> Float32:
     """Share (8192,) of each bin, smoothed over neighbouring hues, all a little more than zero."""
     count = np.bincount(bins, minlength=8 * 32 * 32).astype(np.float32).reshape(8, 32, 32)
     smooth = np.stack([cv2.GaussianBlur(plane, (0, 0), 0.8) for plane in count])

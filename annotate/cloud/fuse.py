@@ -11,9 +11,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Int32, UInt8, UInt16
 from annotate.cloud.registration import undistortion_index
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.cloud.visibility import ONE, ZERO, Image, Projection, View, nearest_pixel, visible
+from annotate.cloud.visibility import ONE, ZERO, Projection, View, nearest_pixel, visible
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, rays
 from sensors.rig.frame import RigFrame
@@ -45,10 +46,7 @@ class Fuser:
         return self.fuse(frame.depth_mm, frame.decode_color(), frame.thermal_c)
 
     def fuse(
-        self,
-        depth_mm: NDArray[np.uint16],
-        color_rgb: NDArray[np.uint8] | None = None,
-        thermal_c: NDArray[np.float32] | None = None,
+        self, depth_mm: UInt16, color_rgb: UInt8 | None = None, thermal_c: Float32 | None = None
     ) -> ThermalCloud:
         """One moment of the rig -> organised cloud over the undistorted depth image.
 
@@ -71,16 +69,14 @@ class Fuser:
         return ThermalCloud(self.camera, undistorted, points, color, seen, temperature)
 
 
-def _colors(
-    view: View, depth_m: Image, color_rgb: NDArray[np.uint8]
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+def _colors(view: View, depth_m: Float32, color_rgb: UInt8) -> tuple[UInt8, Bool]:
     projection = view.project(depth_m)
     slack_m = view.slack_m(projection.ahead_m)
     seen = visible(projection, view.front(view.zbuffer(projection)), slack_m)
     return _nearest(projection, seen, np.ascontiguousarray(color_rgb)), seen
 
 
-def _temperatures(view: View, depth_m: Image, thermal_c: Image) -> Image:
+def _temperatures(view: View, depth_m: Float32, thermal_c: Float32) -> Float32:
     projection = view.project(depth_m)
     slack_m, nearest = view.slack_m(projection.ahead_m), view.zbuffer(projection)
     front = view.front(nearest)
@@ -111,9 +107,7 @@ def _check(name: str, image: NDArray[Any], camera: Intrinsics) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _undistort(
-    depth_mm: NDArray[np.uint16], source: NDArray[np.int32]
-) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
+def _undistort(depth_mm: UInt16, source: Int32) -> tuple[UInt16, Float32]:
     """Undistorted depth (h, w) in millimetres, and in metres with NaN where there is none."""
     undistorted = np.zeros(source.shape, np.uint16)
     depth_m = np.full(source.shape, np.float32(np.nan))
@@ -126,7 +120,7 @@ def _undistort(
 
 
 @njit(cache=True, nogil=True)
-def _points(depth_m: Image, rays_xy: Image) -> Image:
+def _points(depth_m: Float32, rays_xy: Float32) -> Float32:
     points = np.empty((*depth_m.shape, 3), np.float32)
     for v in range(depth_m.shape[0]):
         for u in range(depth_m.shape[1]):
@@ -137,7 +131,7 @@ def _points(depth_m: Image, rays_xy: Image) -> Image:
 
 
 @njit(cache=True, nogil=True)
-def _nearest(projection: Projection, seen: NDArray[np.bool_], image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _nearest(projection: Projection, seen: Bool, image: UInt8) -> UInt8:
     columns, rows, _ = projection
     colors = np.zeros((*seen.shape, 3), np.uint8)
     for v in range(seen.shape[0]):
@@ -151,13 +145,8 @@ def _nearest(projection: Projection, seen: NDArray[np.bool_], image: NDArray[np.
 
 @njit(cache=True, nogil=True)
 def _bilinear(
-    projection: Projection,
-    seen: NDArray[np.bool_],
-    slack_m: Image,
-    nearest: Image,
-    front: Image,
-    image: Image,
-) -> Image:
+    projection: Projection, seen: Bool, slack_m: Float32, nearest: Float32, front: Float32, image: Float32
+) -> Float32:
     """Bilinear mean over the pixels with a reading that show the point's own surface and touch no nearer one.
 
     nearest, front, image: z-buffer, its window's minimum and temperatures with a border of one NaN.

@@ -10,7 +10,8 @@ import heapq
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from annotate.array_types import Bool, Float32, Int32, Int64, UInt8
 
 JUMP = 0.025
 """Depth difference of neighbouring pixels, as a share of the depth, above which a surface ends: 5 cm
@@ -28,9 +29,7 @@ NO_PIXEL = 255
 """The mark of pixels that take no part in a flood."""
 
 
-def components(
-    mask: NDArray[np.bool_], depth_m: NDArray[np.float32], jump: float = JUMP
-) -> tuple[NDArray[np.int32], int]:
+def components(mask: Bool, depth_m: Float32, jump: float = JUMP) -> tuple[Int32, int]:
     """Connected components of a mask (h, w), cut at depth jumps -> labels (h, w) from 1, 0 outside; count.
 
     depth_m: float32 (h, w), positive on the mask.
@@ -39,9 +38,7 @@ def components(
     return labels, int(count)
 
 
-def flood(
-    marks: NDArray[np.uint8], depth_m: NDArray[np.float32], reach_px: float, jump: float = JUMP
-) -> NDArray[np.uint8]:
+def flood(marks: UInt8, depth_m: Float32, reach_px: float, jump: float = JUMP) -> UInt8:
     """Give every undecided pixel the mark that reaches it over the smoothest surface, then the nearest one.
 
     A minimum spanning forest on the depth steps in units of SMOOTH (the watershed cut of Cousty et al.
@@ -54,7 +51,7 @@ def flood(
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def _find(parent: NDArray[np.int32], i: int) -> int:
+def _find(parent: Int32, i: int) -> int:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -62,9 +59,7 @@ def _find(parent: NDArray[np.int32], i: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _components(
-    mask: NDArray[np.bool_], depth: NDArray[np.float32], jump: np.float32
-) -> tuple[NDArray[np.int32], int]:
+def _components(mask: Bool, depth: Float32, jump: np.float32) -> tuple[Int32, int]:
     height, width = mask.shape
     parent = np.arange(height * width).astype(np.int32)
     for v in range(height):
@@ -93,9 +88,7 @@ def _components(
 
 
 @njit(cache=True, nogil=True)
-def _flood(
-    marks: NDArray[np.uint8], depth: NDArray[np.float32], reach_px: float, jump: np.float32
-) -> NDArray[np.uint8]:
+def _flood(marks: UInt8, depth: Float32, reach_px: float, jump: np.float32) -> UInt8:
     marks = marks.copy()
     width, flat = marks.shape[1], marks.reshape(-1)
     path = np.zeros(marks.size, np.int64)
@@ -119,10 +112,10 @@ def _flood(
 @njit(cache=True, nogil=True)
 def _queue_neighbours(
     queue: list[np.int64],
-    marks: NDArray[np.uint8],
-    depth: NDArray[np.float32],
-    path: NDArray[np.int64],
-    least: NDArray[np.int64],
+    marks: UInt8,
+    depth: Float32,
+    path: Int64,
+    least: Int64,
     jump: np.float32,
     source: int,
 ) -> None:

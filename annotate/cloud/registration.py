@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from annotate.array_types import Float32, Int32, Int64, UInt8
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_COLOR as KINECT2_COLOR
@@ -29,7 +30,7 @@ FILTER_HALF_WIDTH, FILTER_HALF_HEIGHT = 2, 1
 _EMPTY_MM = 65536.0
 
 
-def undistortion_index(camera: Intrinsics) -> NDArray[np.int32]:
+def undistortion_index(camera: Intrinsics) -> Int32:
     """Where each undistorted pixel comes from: flat index (h, w) into the distorted image, -1 outside.
 
     Nearest neighbour as in libfreenect2: float32, then truncation of x + 0.5 (so that positions up
@@ -59,9 +60,9 @@ class Registration:
 
     depth: Intrinsics
     color: KinectColorParams
-    _index: NDArray[np.int32] = field(init=False, repr=False)
-    _x: NDArray[np.float32] = field(init=False, repr=False)
-    _row: NDArray[np.int32] = field(init=False, repr=False)
+    _index: Int32 = field(init=False, repr=False)
+    _x: Float32 = field(init=False, repr=False)
+    _row: Int32 = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         x, y = _color_from_depth(self.depth, self.color)
@@ -69,9 +70,7 @@ class Registration:
         object.__setattr__(self, "_x", x.ravel())
         object.__setattr__(self, "_row", np.trunc(y + np.float32(0.5)).astype(np.int32).ravel())
 
-    def apply(
-        self, color_rgb: NDArray[np.uint8], depth_mm: NDArray[Any]
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    def apply(self, color_rgb: UInt8, depth_mm: NDArray[Any]) -> tuple[Float32, UInt8]:
         """One frame -> (undistorted depth float32 (h, w) mm, registered colour uint8 (h, w, 3)).
 
         color_rgb: uint8 (1080, 1920, 3). depth_mm: (424, 512) millimetres, 0 = no reading.
@@ -98,7 +97,7 @@ class Registration:
         return undistorted.reshape(self.depth.shape), registered.reshape(*self.depth.shape, 3)
 
 
-def kinect_points(depth_mm: NDArray[np.float32], camera: Intrinsics) -> NDArray[np.float32]:
+def kinect_points(depth_mm: Float32, camera: Intrinsics) -> Float32:
     """Organised cloud (h, w, 3) in metres as libfreenect2's ``getPointXYZ`` gives it.
 
     Its pixel centres lie at +0.5, half a pixel off ``undistortion_index``; kept for parity only.
@@ -113,14 +112,12 @@ def kinect_points(depth_mm: NDArray[np.float32], camera: Intrinsics) -> NDArray[
     return np.stack([x, y, z], axis=-1).astype(np.float32)
 
 
-def _pixel_grid(camera: Intrinsics) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _pixel_grid(camera: Intrinsics) -> tuple[Float32, Float32]:
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     return u.astype(np.float32), v.astype(np.float32)
 
 
-def _color_from_depth(
-    depth: Intrinsics, color: KinectColorParams
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _color_from_depth(depth: Intrinsics, color: KinectColorParams) -> tuple[Float32, Float32]:
     """Colour position of each undistorted pixel at infinity: x in focal lengths, y in pixels."""
     u, v = _pixel_grid(depth)
     x, y = (u - np.float32(depth.cx)) * DEPTH_Q, (v - np.float32(depth.cy)) * DEPTH_Q
@@ -131,9 +128,7 @@ def _color_from_depth(
     )
 
 
-def _cubic(
-    coefficients: tuple[float, ...], x: NDArray[np.float32], y: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def _cubic(coefficients: tuple[float, ...], x: Float32, y: Float32) -> Float32:
     """The factory's cubic, summed left to right as libfreenect2 does."""
     one = np.ones_like(x)
     terms = (x * x * x, y * y * y, x * x * y, y * y * x, x * x, y * y, x * y, x, y, one)
@@ -145,15 +140,15 @@ def _cubic(
 
 @njit(cache=True, nogil=True)
 def _color_offsets(
-    depth: NDArray[np.float32],
-    index: NDArray[np.int32],
-    x_at_infinity: NDArray[np.float32],
-    row: NDArray[np.int32],
+    depth: Float32,
+    index: Int32,
+    x_at_infinity: Float32,
+    row: Int32,
     shift_m: np.float32,
     focal: np.float32,
     center: np.float32,
     size: tuple[int, int],
-) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+) -> tuple[Float32, Int64]:
     """Undistorted depth, and per pixel the flat colour index or -1."""
     height, width = size
     undistorted = np.zeros(index.size, np.float32)
@@ -174,9 +169,7 @@ def _color_offsets(
 
 
 @njit(cache=True, nogil=True)
-def _filtered_colors(
-    depth: NDArray[np.float32], offset: NDArray[np.int64], pixels: NDArray[np.uint8], width: int
-) -> NDArray[np.uint8]:
+def _filtered_colors(depth: Float32, offset: Int64, pixels: UInt8, width: int) -> UInt8:
     """Colour of each pixel, black where a nearer point covers its colour pixel."""
     # One row above and below as in libfreenect2, and two cells against its overrun at the corners.
     border = width * FILTER_HALF_HEIGHT + FILTER_HALF_WIDTH

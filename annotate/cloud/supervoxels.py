@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate import _pcl
+from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
 from sensors.errors import CloudError
 from sensors.rig.nearest import Nearest
 
@@ -25,9 +26,9 @@ class Supervoxels:
     once, low id first, sorted. Raises CloudError on arrays that contradict each other.
     """
 
-    ids: NDArray[np.int32]
+    ids: Int32
     count: int
-    edges: NDArray[np.int32]
+    edges: Int32
 
     def __post_init__(self) -> None:
         used = np.unique(self.ids[self.ids >= 0])
@@ -41,11 +42,11 @@ class Supervoxels:
             raise CloudError(f"an edge names no supervoxel; use ids from 0 to {self.count - 1}")
 
     @property
-    def sizes(self) -> NDArray[np.int64]:
+    def sizes(self) -> Int64:
         """Number of points (count,) in each supervoxel; never 0."""
         return np.bincount(self.ids[self.ids >= 0], minlength=self.count)
 
-    def mean(self, values: NDArray[np.generic]) -> NDArray[np.float64]:
+    def mean(self, values: NDArray[np.generic]) -> Float64:
         """Mean (count, ...) over each supervoxel of a feature (n, ...) of the points.
 
         NaN in a feature spreads to its supervoxel. Raises CloudError on another length.
@@ -60,14 +61,14 @@ class Supervoxels:
             total[:] = np.bincount(ids, column, self.count)
         return (sums / self.sizes[:, None]).reshape(self.count, *values.shape[1:])
 
-    def centroids_m(self, points_m: NDArray[np.float32]) -> NDArray[np.float64]:
+    def centroids_m(self, points_m: Float32) -> Float64:
         """Centroids (count, 3) in metres of the points (n, 3) the supervoxels were made of."""
         return self.mean(points_m)
 
 
 def supervoxels(
-    points_m: NDArray[np.float32],
-    colors_rgb: NDArray[np.uint8],
+    points_m: Float32,
+    colors_rgb: UInt8,
     *,
     voxel_m: float = 0.012,
     seed_m: float = 0.06,
@@ -100,7 +101,7 @@ def supervoxels(
     return Supervoxels(_spread(found, finite), count, edges)
 
 
-def clusters(points_m: NDArray[np.float32], *, tolerance_m: float, min_size: int = 1) -> NDArray[np.int32]:
+def clusters(points_m: Float32, *, tolerance_m: float, min_size: int = 1) -> Int32:
     """Connected components of the points (n, 3) that lie within tolerance_m of one another.
 
     Returns int32 (n,): 0 is the largest cluster, ties go by the first point, -1 for points in
@@ -112,9 +113,7 @@ def clusters(points_m: NDArray[np.float32], *, tolerance_m: float, min_size: int
     return _spread(found, finite)
 
 
-def _finite(
-    points_m: NDArray[np.float32], colors_rgb: NDArray[np.uint8]
-) -> tuple[NDArray[np.bool_], NDArray[np.float32], NDArray[np.uint8]]:
+def _finite(points_m: Float32, colors_rgb: UInt8) -> tuple[Bool, Float32, UInt8]:
     """Mask (n,) of the finite points, and those points and colours as PCL's binding takes them."""
     if points_m.ndim != 2 or points_m.shape[1] != 3 or points_m.dtype.kind != "f":
         raise CloudError(f"points are {points_m.dtype} {points_m.shape}; give metres as float32 (n, 3)")
@@ -136,9 +135,7 @@ def _one_line_errors() -> Iterator[None]:
         raise CloudError(str(error)) from error
 
 
-def _assign_rest(
-    points: NDArray[np.float32], ids: NDArray[np.int32], seed_m: float
-) -> tuple[int, NDArray[np.int32]]:
+def _assign_rest(points: Float32, ids: Int32, seed_m: float) -> tuple[int, Int32]:
     """Number of supervoxels and their ids (n,) once every point that VCCS left out (-1) has one."""
     assigned, count = ids >= 0, int(ids.max(initial=-1)) + 1
     rest = np.flatnonzero(~assigned)
@@ -154,7 +151,7 @@ def _assign_rest(
     return count, ids
 
 
-def _spread(ids: NDArray[np.int32], finite: NDArray[np.bool_]) -> NDArray[np.int32]:
+def _spread(ids: Int32, finite: Bool) -> Int32:
     """Ids of the finite points back at their place among all points, -1 elsewhere."""
     spread = np.full(len(finite), -1, np.int32)
     spread[finite] = ids

@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from annotate.array_types import Bool, Float32, UInt8, UInt16
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
 
@@ -21,11 +19,11 @@ class ThermalCloud:
     """
 
     camera: Intrinsics
-    depth_mm: NDArray[np.uint16]
-    points_m: NDArray[np.float32]
-    color_rgb: NDArray[np.uint8]
-    color_valid: NDArray[np.bool_]
-    temperature_c: NDArray[np.float32]
+    depth_mm: UInt16
+    points_m: Float32
+    color_rgb: UInt8
+    color_valid: Bool
+    temperature_c: Float32
 
     def __post_init__(self) -> None:
         for name, expected in (
@@ -40,6 +38,6 @@ class ThermalCloud:
                 raise FormatError(f"cloud's {name} is {actual}; give {expected}")
 
     @property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> Bool:
         """Pixels (h, w) that have a depth reading."""
         return self.depth_mm > 0

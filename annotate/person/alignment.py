@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64, Int64
 from annotate.cloud.thermal_cloud import ThermalCloud
 
 JUMP = 0.08
@@ -54,9 +54,7 @@ class Alignment:
         return float(np.degrees(np.arctan2(np.hypot(*self.shift_px), focal_px)))
 
 
-def thermal_alignment(
-    cloud: ThermalCloud, window_c: tuple[float, float], around: NDArray[np.bool_]
-) -> Alignment:
+def thermal_alignment(cloud: ThermalCloud, window_c: tuple[float, float], around: Bool) -> Alignment:
     """How the temperatures of a frame lie on its depth.
 
     window_c: a person's temperatures; around: bool (h, w), where silhouettes count.
@@ -70,9 +68,7 @@ def thermal_alignment(
     return Alignment(shift, float(contrast[middle, middle]), float(contrast.max()), edges)
 
 
-def contrast_surface(
-    cloud: ThermalCloud, window_c: tuple[float, float], around: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], int]:
+def contrast_surface(cloud: ThermalCloud, window_c: tuple[float, float], around: Bool) -> tuple[Float64, int]:
     """Contrast (n, n) at every shift tried, down by rows and right by columns; how many points were compared.
 
     The middle is no shift, its neighbours are ``STEP_PX`` apart.
@@ -86,7 +82,7 @@ def contrast_surface(
     return _contrasts(_filled(cloud, window_c), inside, outside, shifts), len(inside)
 
 
-def _filled(cloud: ThermalCloud, window_c: tuple[float, float]) -> NDArray[np.float32]:
+def _filled(cloud: ThermalCloud, window_c: tuple[float, float]) -> Float32:
     """Temperature (h, w) as 0 below the window to 1 in it, without gaps."""
     low, high = window_c
     span = np.float32(0.5 * (high - low))
@@ -99,9 +95,7 @@ def _filled(cloud: ThermalCloud, window_c: tuple[float, float]) -> NDArray[np.fl
     return np.asarray(filled, np.float32)
 
 
-def _sides(
-    depth_m: NDArray[np.float32], around: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _sides(depth_m: Float32, around: Bool) -> tuple[Int64, Int64]:
     """Pixels (n, 2) just inside and just outside of jumps, the near side being inside."""
     insides, outsides = [], []
     for axis in (0, 1):
@@ -128,12 +122,7 @@ def _slices(axis: int, size: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]
 
 
 @njit(cache=True, nogil=True)
-def _contrasts(
-    warmth: NDArray[np.float32],
-    inside: NDArray[np.int64],
-    outside: NDArray[np.int64],
-    shifts: NDArray[np.int64],
-) -> NDArray[np.float64]:
+def _contrasts(warmth: Float32, inside: Int64, outside: Int64, shifts: Int64) -> Float64:
     """Mean of warmth inside less outside (n, n) for every shift down (rows) and right (columns)."""
     height, width = warmth.shape
     contrast = np.zeros((shifts.size, shifts.size))

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64, Index, Int32
 from annotate.cloud.color_odds import color_bins, frequencies, lab_of
 from annotate.cloud.supervoxels import Supervoxels, supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
@@ -53,9 +54,6 @@ LOOSE, GAP_PX = 0.5, 5
 """What the mask counts for in pieces apart from its largest, by gaps wider than half of that: what is warm
 near a person is a laptop as often as a leg."""
 
-_Array = NDArray[np.float64]
-_Mask = NDArray[np.bool_]
-
 
 @dataclass(frozen=True)
 class Clues:
@@ -67,23 +65,23 @@ class Clues:
     of WEIGHTS.
     """
 
-    own: _Mask
-    odds: NDArray[np.float32]
+    own: Bool
+    odds: Float32
     groups: Supervoxels
-    chroma: _Array
-    blur: _Array
+    chroma: Float64
+    blur: Float64
     patches: Patches
-    inside: NDArray[np.bool_]
-    alike_m2: _Array
-    told: _Array
+    inside: Bool
+    alike_m2: Float64
+    told: Float64
 
     @property
-    def patch(self) -> NDArray[np.intp]:
+    def patch(self) -> Index:
         """The patch (n,) of each pixel compared."""
         return self.patches.ids[self.groups.ids]
 
 
-def worn(known: Clues) -> NDArray[np.float32]:
+def worn(known: Clues) -> Float32:
     """Log odds (h, w) of being the person's, 0 where nothing is told."""
     patch, weights = known.patch, WEIGHTS[np.where(known.inside, 0, 1)]
     by_own = weights[:, OWN] * KEPT
@@ -93,7 +91,7 @@ def worn(known: Clues) -> NDArray[np.float32]:
 
 
 def clues(
-    cloud: ThermalCloud, person: _Mask, beside: _Mask, room: _Mask, suit: Suit, odds: NDArray[np.float32]
+    cloud: ThermalCloud, person: Bool, beside: Bool, room: Bool, suit: Suit, odds: Float32
 ) -> Clues | None:
     """What ``worn`` goes by; None without temperatures or colours.
 
@@ -128,13 +126,13 @@ def clues(
 
 def _best(
     patches: Patches,
-    inside: NDArray[np.bool_],
+    inside: Bool,
     suit: Suit,
-    warmth: _Array,
-    felt_as: _Array,
-    own_m2: _Array,
-    told: _Array,
-) -> _Array:
+    warmth: Float64,
+    felt_as: Float64,
+    own_m2: Float64,
+    told: Float64,
+) -> Float64:
     """Score (R,) of the part that each patch is likeliest to be, the body being what surely is of it.
 
     warmth, felt_as: (R, 11) what temperatures say of parts, against the body's and the room's. own_m2: (R,).
@@ -154,7 +152,7 @@ def _best(
     return best
 
 
-def by_room(cloud: ThermalCloud, own: _Mask, room: _Mask) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def by_room(cloud: ThermalCloud, own: Bool, room: Bool) -> tuple[Float32, Float32]:
     """Of pixels (h, w), (n,): log brightness above the room's (h, w), log frequency of the colour there."""
     seen = room & cloud.color_valid
     common = np.log(frequencies(_bins(cloud, seen)))
@@ -163,21 +161,21 @@ def by_room(cloud: ThermalCloud, own: _Mask, room: _Mask) -> tuple[NDArray[np.fl
     return shade, common[_bins(cloud, own)]
 
 
-def _bins(cloud: ThermalCloud, among: _Mask) -> NDArray[np.int32]:
+def _bins(cloud: ThermalCloud, among: Bool) -> Int32:
     """Bins (n,) of the colours of pixels (h, w)."""
     return color_bins(
         lab_of(cloud.color_rgb[among][None], np.ones((1, np.count_nonzero(among)), np.bool_))[0]
     )
 
 
-def heard(patches: Patches, odds: _Array) -> _Array:
+def heard(patches: Patches, odds: Float64) -> Float64:
     """Log odds (R,) of patches, those of what they touch heard."""
     heed = patches.contacts * (patches.points >= LEAST_POINTS)
     around = heed @ np.clip(odds, -MOST, MOST) / np.maximum(heed.sum(axis=1), 1e-9)
     return np.asarray(KEPT * odds + BY_TOUCH * around)
 
 
-def _held(person: _Mask) -> NDArray[np.float32]:
+def _held(person: Bool) -> Float32:
     """What a mask (h, w) counts for (h, w): 1 in its largest piece, less in the others, 0 off it."""
     closed = cv2.dilate(person.astype(np.uint8), np.ones((GAP_PX, GAP_PX), np.uint8))
     pieces = cv2.connectedComponents(closed)[1]
@@ -185,7 +183,7 @@ def _held(person: _Mask) -> NDArray[np.float32]:
     return np.where(person, np.where(pieces == largest, 1, LOOSE), 0).astype(np.float32)
 
 
-def filled(values: NDArray[np.floating], own: _Mask) -> NDArray[np.float32]:
+def filled(values: NDArray[np.floating], own: Bool) -> Float32:
     """Values (n,) of the pixels looked at (h, w) for those between them (h, w): the mean of those beside."""
     image, block = np.zeros(own.shape, np.float32), (2 * STRIDE - 1, 2 * STRIDE - 1)
     image[own] = values

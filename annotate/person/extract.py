@@ -11,8 +11,8 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32
 from annotate.cloud.color_odds import by_color, lab_of
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
@@ -79,9 +79,9 @@ class Undecided:
     """
 
     clues: Clues
-    told: NDArray[np.float32]
-    room: NDArray[np.bool_]
-    decided: Callable[[NDArray[np.float32]], NDArray[np.bool_]]
+    told: Float32
+    room: Bool
+    decided: Callable[[Float32], Bool]
 
 
 @dataclass(frozen=True)
@@ -94,9 +94,9 @@ class PersonMask:
     says which stream is to blame and what to do. undecided: where a suit was asked.
     """
 
-    mask: NDArray[np.bool_]
+    mask: Bool
     method: Literal["thermal", "depth", "before"]
-    others: NDArray[np.bool_]
+    others: Bool
     notes: tuple[str, ...] = ()
     trusted: bool = True
     undecided: Undecided | None = None
@@ -112,9 +112,9 @@ class _Field:
     """
 
     method: Literal["thermal", "before"]
-    odds: NDArray[np.float32]
-    candidates: NDArray[np.bool_]
-    cold: NDArray[np.bool_]
+    odds: Float32
+    candidates: Bool
+    cold: Bool
     planes: tuple[Plane, ...]
     nobody: str
     notes: tuple[str, ...] = ()
@@ -261,7 +261,7 @@ def _by_before(cloud: ThermalCloud, before: FrameLabels | None, planes: tuple[Pl
     return _Field("before", odds, candidates, still, planes, nobody, (note,))
 
 
-def _around(mask: NDArray[np.bool_], reach_px: float) -> NDArray[np.bool_]:
+def _around(mask: Bool, reach_px: float) -> Bool:
     """A mask (h, w) grown by a square."""
     side = 2 * round(reach_px) + 1
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0, np.bool_)
@@ -291,11 +291,11 @@ class _Silhouettes:
         self.persons = self._persons()
 
     @property
-    def surroundings(self) -> NDArray[np.bool_]:
+    def surroundings(self) -> Bool:
         """Pixels (h, w) around what may be a person that surely are not."""
         return self._taught & ~self._candidates
 
-    def beside(self, persons: Sequence[Person]) -> NDArray[np.bool_]:
+    def beside(self, persons: Sequence[Person]) -> Bool:
         """Pixels (h, w) around the first of the persons that may be theirs too.
 
         What was taken for somebody too near to be another person is asked again: feet and a blanket.
@@ -317,7 +317,7 @@ class _Silhouettes:
         odds = self.odds + by_color(self._lab, self.odds, self._candidates, self._taught)
         return whole(self._cloud, persons_of(self._cloud, self._links.settle(odds) > 0))
 
-    def dressed(self, persons: Sequence[Person], told: NDArray[np.float32]) -> list[Person]:
+    def dressed(self, persons: Sequence[Person], told: Float32) -> list[Person]:
         """The persons again, since colours have told (log odds (h, w), 0 = nothing) what is the first one's.
 
         What they wear is theirs, however far a blanket keeps it from the rest of them.
@@ -335,7 +335,7 @@ class _Silhouettes:
         return [replace(first, mask=np.asarray(near, np.bool_)), *(one for one in others if one.mask.any())]
 
 
-def _between(told: NDArray[np.float32]) -> NDArray[np.float32]:
+def _between(told: Float32) -> Float32:
     """Mean (h, w) of the odds (h, w) told about what is around, 0 where nothing is."""
     total, count = (cv2.blur(one, (BETWEEN_PX,) * 2) for one in (told, (told != 0).astype(np.float32)))
     return np.asarray(np.where(count > 0.1, total / np.maximum(count, 0.1), 0), np.float32)
@@ -359,13 +359,13 @@ def _persons(
     told = worn(known)
     dressed = silhouettes.dressed(persons, told) if told.any() else persons
 
-    def decided(told: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def decided(told: Float32) -> Bool:
         return silhouettes.dressed(persons, told)[0].mask
 
     return dressed, Undecided(known, told, room, decided)
 
 
-def _rims(cloud: ThermalCloud) -> NDArray[np.bool_]:
+def _rims(cloud: ThermalCloud) -> Bool:
     """Pixels (h, w) beside a depth jump: colour is a pixel or two off there, in place and in time."""
     depth_mm, window = cloud.depth_mm, np.ones((RIM_PX * 2 + 1,) * 2, np.uint8)
     farthest = cv2.dilate(depth_mm, window)

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float32
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.person.persons import CLOSE_EVERY, PAIRS, Person, line
 from annotate.person.pieces import MAX_PERSON_M2
@@ -49,7 +49,7 @@ def _halves(cloud: ThermalCloud, one: Person, other: Person) -> bool:
     return bool(np.mean([_covered(depth_m, *pair) for pair in pairs]) > COVERED_SHARE)
 
 
-def _covered(depth_m: NDArray[np.float32], one: int, other: int) -> float:
+def _covered(depth_m: Float32, one: int, other: int) -> float:
     """Share of the readings between two pixels that are nearer than both."""
     between = depth_m[line(depth_m.shape, one, other)]
     between, nearest = between[1:-1], min(between[0], between[-1])

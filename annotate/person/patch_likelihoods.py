@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64, Index
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import BODY_PARTS
@@ -42,34 +43,31 @@ PLACE, PLACE_COST = 0.6, 10.0
 LEAST_LIKELY = 1e-4
 """No place is less likely than that for what one other part of the body tells of it."""
 
-_Array = NDArray[np.float64]
-_Mask = NDArray[np.bool_]
 
-
-def mean_by(patch: NDArray[np.integer[Any]], values: NDArray[np.generic]) -> _Array:
+def mean_by(patch: NDArray[np.integer[Any]], values: NDArray[np.generic]) -> Float64:
     """Mean (R,) of values (n,) over the patch (n,) that each is of."""
     return np.asarray(np.bincount(patch, values) / np.maximum(np.bincount(patch), 1))
 
 
-def share(celsius: NDArray[np.float32], room: NDArray[np.float32], person: NDArray[np.float32]) -> _Array:
+def share(celsius: Float32, room: Float32, person: Float32) -> Float64:
     """How far temperatures (n,) are on the way from the room's to the warmest parts'."""
     room_c = float(np.nanmedian(room))
     reach_c = max(float(np.nanpercentile(person, WARMEST)) - room_c, LEAST_CONTRAST_C)
     return np.asarray(np.where(np.isfinite(celsius), (celsius - room_c) / reach_c, UNFELT), np.float64)
 
 
-def by_warmth(share: _Array) -> _Array:
+def by_warmth(share: Float64) -> Float64:
     """Log score (R, 11) of patches' temperatures (R,) for every part."""
     away = ((share[:, None] - WARMTH) / WARMTH_SD) ** 2
     return np.asarray(-WARMTH_WEIGHT * np.minimum(0.5 * away, WARMTH_COST))
 
 
-def by_size(alike_m2: _Array, most_m2: _Array) -> _Array:
+def by_size(alike_m2: Float64, most_m2: Float64) -> Float64:
     """Log score (R, 11) of patches' surfaces (R,) for every part, which has at most so much (11,)."""
     return np.asarray(-LARGER * np.maximum(np.log(alike_m2[:, None] / most_m2), 0) ** 2)
 
 
-def by_place(patches: Patches, body: Patches, belief: _Array) -> _Array:
+def by_place(patches: Patches, body: Patches, belief: Float64) -> Float64:
     """Log score (R, 11) of every part of a patch, the body's being what they are believed to be (R, 11)."""
     told = np.flatnonzero(patches.points >= LEAST_POINTS)
     known = np.flatnonzero(body.points[told] >= LEAST_POINTS)[:MOST_PATCHES]
@@ -83,8 +81,8 @@ def by_place(patches: Patches, body: Patches, belief: _Array) -> _Array:
 
 
 def alike_m2(
-    cloud: ThermalCloud, own: _Mask, groups: Supervoxels, patches: Patches, chroma: _Array, blur: _Array
-) -> _Array:
+    cloud: ThermalCloud, own: Bool, groups: Supervoxels, patches: Patches, chroma: Float64, blur: Float64
+) -> Float64:
     """Surface (R,) that has a patch's colour and is near it; chroma (G, 2), blur (G,): the supervoxels'.
 
     A blur of ``NOT_ALIKE`` keeps a supervoxel out: the room may have a sleeve's colour.
@@ -102,7 +100,7 @@ def alike_m2(
 
 
 @njit(cache=True, nogil=True)
-def _alike(here: _Array, within: _Array, surface_m2: _Array, ids: NDArray[np.intp], there: _Array) -> _Array:
+def _alike(here: Float64, within: Float64, surface_m2: Float64, ids: Index, there: Float64) -> Float64:
     """Surface (R,) of the supervoxels (G,) that are a patch's, or like it and near.
 
     here (G, 6), there (R, 6): chromaticity, log brightness and place of both. within: (G,) how alike.

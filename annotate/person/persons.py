@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64, Index, Int32, UInt8
 from annotate.cloud.grid import NO_PIXEL, components, flood
 from annotate.cloud.supervoxels import clusters
 from annotate.cloud.thermal_cloud import ThermalCloud
@@ -48,12 +48,12 @@ MAX_PERSONS = 250
 class Person:
     """One person found. mask: bool (h, w). area_m2: visible surface. centre_m: mean of its points (3,)."""
 
-    mask: NDArray[np.bool_]
+    mask: Bool
     area_m2: float
-    centre_m: NDArray[np.float64]
+    centre_m: Float64
 
 
-def persons_of(cloud: ThermalCloud, mask: NDArray[np.bool_]) -> list[Person]:
+def persons_of(cloud: ThermalCloud, mask: Bool) -> list[Person]:
     """Part the person-like pixels (h, w) of a frame among persons; what belongs to none is left out."""
     labels, pieces = pieces_of(cloud, mask, SPECK_M2)
     trunks = _trunks(cloud, mask, labels, pieces)
@@ -70,9 +70,7 @@ def persons_of(cloud: ThermalCloud, mask: NDArray[np.bool_]) -> list[Person]:
     return persons
 
 
-def _trunks(
-    cloud: ThermalCloud, mask: NDArray[np.bool_], labels: NDArray[np.int32], pieces: Sequence[Piece]
-) -> list[NDArray[np.bool_]]:
+def _trunks(cloud: ThermalCloud, mask: Bool, labels: Int32, pieces: Sequence[Piece]) -> list[Bool]:
     """Cores (h, w) of the trunks, one for each person; without any the widest piece, if there is one."""
     solid = np.isin(labels, [piece.label for piece in pieces if piece.thickness_m >= PANEL_M])
     # Closed, because the pixels between an arm and the trunk behind it often have no reading.
@@ -96,11 +94,8 @@ def _trunks(
 
 
 def _slender(
-    cloud: ThermalCloud,
-    labels: NDArray[np.int32],
-    pieces: Sequence[Piece],
-    cores: Sequence[NDArray[np.bool_]],
-) -> list[NDArray[np.bool_]]:
+    cloud: ThermalCloud, labels: Int32, pieces: Sequence[Piece], cores: Sequence[Bool]
+) -> list[Bool]:
     """Who has no trunk of that width, from the side or lying: much surface in pieces close to each other."""
     taken = np.unique(np.concatenate([labels[core] for core in cores])) if cores else np.zeros(0, np.int32)
     loose = [piece for piece in pieces if piece.label not in taken]
@@ -118,7 +113,7 @@ def _slender(
     return large + [body for body in bodies if not _near(known, cloud.points_m[body][::CLOSE_EVERY])]
 
 
-def _joined(labels: NDArray[np.int32], close: NDArray[np.int32], count: int) -> NDArray[np.int32]:
+def _joined(labels: Int32, close: Int32, count: int) -> Int32:
     """The lowest label (count,) that each of them is joined with, over others or not.
 
     labels, close: piece and cluster (n,) of some points; pieces that share a cluster are joined.
@@ -132,16 +127,16 @@ def _joined(labels: NDArray[np.int32], close: NDArray[np.int32], count: int) -> 
         np.minimum.at(body, labels, lowest[close])
 
 
-def _near(known_m: Sequence[NDArray[np.float32]], points_m: NDArray[np.float32]) -> bool:
+def _near(known_m: Sequence[Float32], points_m: Float32) -> bool:
     """Whether points (n, 3) are so near to any of the known bodies' that they are its limbs."""
     near = (Nearest(body).query(points_m)[0].min() < NEAR_M for body in known_m)
     return any(near)
 
 
-def _apart(cloud: ThermalCloud, cores: Sequence[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
+def _apart(cloud: ThermalCloud, cores: Sequence[Bool]) -> list[Bool]:
     """Cores of one person joined."""
-    joined: list[NDArray[np.bool_]] = []
-    centres: list[NDArray[np.float32]] = []
+    joined: list[Bool] = []
+    centres: list[Float32] = []
     for core in cores:
         centre = np.median(cloud.points_m[core], axis=0)
         near = [i for i, other in enumerate(centres) if np.linalg.norm(other - centre) < ONE_PERSON_M]
@@ -153,12 +148,7 @@ def _apart(cloud: ThermalCloud, cores: Sequence[NDArray[np.bool_]]) -> list[NDAr
     return joined
 
 
-def _owners(
-    cloud: ThermalCloud,
-    labels: NDArray[np.int32],
-    pieces: Sequence[Piece],
-    trunks: Sequence[NDArray[np.bool_]],
-) -> NDArray[np.uint8]:
+def _owners(cloud: ThermalCloud, labels: Int32, pieces: Sequence[Piece], trunks: Sequence[Bool]) -> UInt8:
     """Whose each pixel (h, w) is: 1 and on for the trunks in their order, 0 for nobody."""
     marks = np.where(np.isin(labels, [piece.label for piece in pieces]), 0, NO_PIXEL).astype(np.uint8)
     for number, trunk in enumerate(trunks, 1):
@@ -176,13 +166,13 @@ def _owners(
 class _Limbs:
     """Whose limb a loose piece is. seeds: for each person some pixels, flat indices."""
 
-    def __init__(self, cloud: ThermalCloud, seeds: Sequence[NDArray[np.intp]]) -> None:
+    def __init__(self, cloud: ThermalCloud, seeds: Sequence[Index]) -> None:
         self._points, self._depth_m = cloud.points_m.reshape(-1, 3), cloud.points_m[..., 2]
         self._pixel_rad = 1 / cloud.camera.fx
         self._seeds = seeds
         self._trees = [Nearest(self._points[seed]) for seed in seeds]
 
-    def owner(self, piece: NDArray[np.bool_], near_m: float, owner: NDArray[np.uint8]) -> int:
+    def owner(self, piece: Bool, near_m: float, owner: UInt8) -> int:
         """Number of the person within ``near_m`` that a piece (h, w) belongs to, 0 for nobody.
 
         Beside the person in the image it does, and where what joins them can be hidden.
@@ -203,7 +193,7 @@ class _Limbs:
         return whose + 1 if hidden else 0
 
 
-def _hidden_between(depth_m: NDArray[np.float32], one: int, other: int, pixel_rad: float) -> bool:
+def _hidden_between(depth_m: Float32, one: int, other: int, pixel_rad: float) -> bool:
     """Whether what joins two pixels can be out of sight: a limb is never behind what is seen there."""
     v, u = line(depth_m.shape, one, other)
     steps, v0, u0, v1, u1 = len(v), v[0], u[0], v[-1], u[-1]
@@ -212,7 +202,7 @@ def _hidden_between(depth_m: NDArray[np.float32], one: int, other: int, pixel_ra
     return bool(open_m <= OPEN_M or farther.mean() <= OPEN_SHARE)
 
 
-def line(shape: tuple[int, ...], one: int, other: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def line(shape: tuple[int, ...], one: int, other: int) -> tuple[Index, Index]:
     """Rows and columns (n,) of the straight line from one pixel to another, flat indices, ends included."""
     (v0, u0), (v1, u1) = divmod(one, shape[1]), divmod(other, shape[1])
     steps = max(abs(v1 - v0), abs(u1 - u0)) + 1

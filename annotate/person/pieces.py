@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float64, Index, Int32
 from annotate.cloud.grid import components
 from annotate.cloud.thermal_cloud import ThermalCloud
 
@@ -33,9 +33,9 @@ class Piece:
     window: tuple[int, int, int, int]
     thickness_m: float
     flat: float
-    low_m: NDArray[np.float64]
-    high_m: NDArray[np.float64]
-    centre_m: NDArray[np.float64]
+    low_m: Float64
+    high_m: Float64
+    centre_m: Float64
 
     @property
     def is_human_sized(self) -> bool:
@@ -49,9 +49,7 @@ class Piece:
         return self.area_m2 * (1 - self.flat)
 
 
-def pieces_of(
-    cloud: ThermalCloud, mask: NDArray[np.bool_], least_m2: float
-) -> tuple[NDArray[np.int32], list[Piece]]:
+def pieces_of(cloud: ThermalCloud, mask: Bool, least_m2: float) -> tuple[Int32, list[Piece]]:
     """Connected pieces of a mask (h, w) of valid pixels: label image (h, w), and those of ``least_m2`` on."""
     labels, count = components(mask, cloud.points_m[..., 2])
     index = np.flatnonzero(labels)
@@ -74,16 +72,14 @@ def likeliest(pieces: Sequence[Piece]) -> Piece | None:
     return max((p for p in pieces if p.is_human_sized), key=lambda p: p.likeness, default=None)
 
 
-def _measured(
-    label: int, area_m2: float, v: NDArray[np.intp], u: NDArray[np.intp], points_m: NDArray[np.float64]
-) -> Piece:
+def _measured(label: int, area_m2: float, v: Index, u: Index, points_m: Float64) -> Piece:
     thickness, flat = _flatness(points_m)
     window = int(v.min()), int(u.min()), int(v.max()) + 1, int(u.max()) + 1
     low, high, centre = points_m.min(axis=0), points_m.max(axis=0), points_m.mean(axis=0)
     return Piece(label, area_m2, window, thickness, flat, low, high, centre)
 
 
-def _flatness(points_m: NDArray[np.float64]) -> tuple[float, float]:
+def _flatness(points_m: Float64) -> tuple[float, float]:
     """Least standard deviation, and the share of points within PLANE_M of the best trimmed plane."""
     sample = points_m[:: max(1, len(points_m) // 2000)]
     kept = sample

@@ -2,8 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32
 from annotate.cloud.color_odds import SURE
 from annotate.cloud.grid import NO_PIXEL, flood
 from annotate.cloud.thermal_cloud import ThermalCloud
@@ -31,11 +31,8 @@ BY_COLD_SURFACE = -2.0
 """Log odds of a surface whose temperature is known to be cold some way on."""
 WARM, COLD = 1, 2
 
-Image = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
-
-def warmth_share(celsius: Image, warm: Mask, window_c: tuple[float, float], size_px: int) -> Image:
+def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], size_px: int) -> Float32:
     """How far each pixel (h, w) is on the way from the background's temperature (0) to the person's (1).
 
     Both are local means, of what is warm and of what is colder, over windows of size_px: rooms and
@@ -55,7 +52,7 @@ def warmth_share(celsius: Image, warm: Mask, window_c: tuple[float, float], size
     return share
 
 
-def by_warmth(share: Image, celsius: Image, hottest_c: float) -> Image:
+def by_warmth(share: Float32, celsius: Float32, hottest_c: float) -> Float32:
     """Log odds (h, w) of temperature alone; 0 where there is none."""
     odds = np.clip(STEEPNESS * (share - UNSURE_SHARE), -MOST_BY_WARMTH, MOST_BY_WARMTH)
     heat = (celsius - np.float32(hottest_c)) / HOT_MARGIN_C
@@ -63,7 +60,7 @@ def by_warmth(share: Image, celsius: Image, hottest_c: float) -> Image:
     return np.asarray(np.nan_to_num(odds), np.float32)
 
 
-def inherited(odds: Image, cloud: ThermalCloud, candidates: Mask, reach_px: float) -> Image:
+def inherited(odds: Float32, cloud: ThermalCloud, candidates: Bool, reach_px: float) -> Float32:
     """Log odds (h, w) against pixels without a temperature that go on from a cold surface, 0 elsewhere.
 
     Beside a silhouette the thermal camera sees one surface in front of another, and no pixel of it is sure:
@@ -78,7 +75,7 @@ def inherited(odds: Image, cloud: ThermalCloud, candidates: Mask, reach_px: floa
     return np.where(~known & (reached == COLD), np.float32(BY_COLD_SURFACE), np.float32(0))
 
 
-def by_planes(on: Mask, near: Mask, shaped: Mask, cold: Mask, surface_m2: Image) -> Image:
+def by_planes(on: Bool, near: Bool, shaped: Bool, cold: Bool, surface_m2: Float32) -> Float32:
     """Log odds (h, w) of lying on or off the room's planes.
 
     on: pixels that lie on one; near: that are close to one, however turned; shaped: whose normal is known;
@@ -95,7 +92,7 @@ def by_planes(on: Mask, near: Mask, shaped: Mask, cold: Mask, surface_m2: Image)
     return odds
 
 
-def _local_mean(values: Image, mask: Mask, size: int) -> Image:
+def _local_mean(values: Float32, mask: Bool, size: int) -> Float32:
     """Mean over the masked pixels of a square window; the overall mean where there is none."""
     kept = np.where(mask, values, np.float32(0))
     total = _sum(kept, size)
@@ -104,7 +101,7 @@ def _local_mean(values: Image, mask: Mask, size: int) -> Image:
     return np.where(count > 0.5, total / np.maximum(count, 1), overall).astype(np.float32)
 
 
-def _sum(values: Image, size: int) -> Image:
+def _sum(values: Float32, size: int) -> Float32:
     """Sum over a square window around each pixel, nothing beyond the image."""
     border = cv2.BORDER_CONSTANT
     total = cv2.boxFilter(values, cv2.CV_32F, (size, size), normalize=False, borderType=border)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64, Index
 from annotate.cloud.thermal_cloud import ThermalCloud
 
 MAX_PLANES = 16
@@ -35,24 +35,22 @@ SAMPLE, TRIALS = 3000, 40
 """Points that vote in a round, and how many of them are tried as the plane."""
 LEAST_POINTS = 30
 
-Image = NDArray[np.float32]
-
 
 @dataclass(frozen=True)
 class Plane:
     """normal . p = offset_m for points p of the depth camera's frame. normal: float32 (3,), of length 1,
     towards the camera. area_m2: visible surface, taken as seen head-on."""
 
-    normal: NDArray[np.float32]
+    normal: Float32
     offset_m: float
     area_m2: float
 
-    def close(self, points_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def close(self, points_m: Float32) -> Bool:
         """Which points (..., 3) are near enough to lie on it; NaN is not."""
         distance = np.abs(points_m @ self.normal - np.float32(self.offset_m))
         return np.asarray(distance <= np.float32(TOLERANCE) * points_m[..., 2], np.bool_)
 
-    def parallel(self, normals: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def parallel(self, normals: Float32) -> Bool:
         """Which unit normals (..., 3) are turned as it is; NaN is not."""
         x, y, z = self.normal
         cosine = normals[..., 0] * x + normals[..., 1] * y + normals[..., 2] * z
@@ -60,7 +58,7 @@ class Plane:
 
 
 def find_planes(
-    cloud: ThermalCloud, among: NDArray[np.bool_], least_m2: float = MIN_PLANE_M2, seed: int = 0
+    cloud: ThermalCloud, among: Bool, least_m2: float = MIN_PLANE_M2, seed: int = 0
 ) -> tuple[Plane, ...]:
     """The planes of at least ``least_m2`` among valid pixels (h, w), the best supported first.
 
@@ -87,7 +85,7 @@ def find_planes(
     return tuple(planes)
 
 
-def panel_of(plane: Plane, cloud: ThermalCloud, among: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def panel_of(plane: Plane, cloud: ThermalCloud, among: Bool) -> Bool:
     """Pixels (h, w) of a plane's largest patch with its rim, if it is broad and ends in steps, as a screen.
 
     Nothing where it is narrow, as a shin, or its border bends, as a chest's does. among: bool (h, w), pixels
@@ -110,7 +108,7 @@ def panel_of(plane: Plane, cloud: ThermalCloud, among: NDArray[np.bool_]) -> NDA
     return np.asarray(grown & (np.abs(behind_m) <= BEND_M), np.bool_)
 
 
-def close_to(planes: Sequence[Plane], points_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+def close_to(planes: Sequence[Plane], points_m: Float32) -> Bool:
     """Which points (..., 3) are close to any of the planes, however their surface is turned."""
     if not planes:
         return np.zeros(points_m.shape[:-1], np.bool_)
@@ -120,9 +118,7 @@ def close_to(planes: Sequence[Plane], points_m: NDArray[np.float32]) -> NDArray[
     return _close(flat, normals, offsets).reshape(points_m.shape[:-1])
 
 
-def lies_on(
-    planes: Sequence[Plane], points_m: NDArray[np.float32], normals: NDArray[np.float32]
-) -> NDArray[np.bool_]:
+def lies_on(planes: Sequence[Plane], points_m: Float32, normals: Float32) -> Bool:
     """Which points (..., 3) with unit normals (..., 3) lie on any of the planes."""
     on = np.zeros(points_m.shape[:-1], np.bool_)
     for plane in planes:
@@ -130,13 +126,13 @@ def lies_on(
     return on
 
 
-def _on(plane: Plane, points_m: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _on(plane: Plane, points_m: Float32, normals: Float32) -> Bool:
     """Which points (..., 3) are close to a plane and parallel to it, with unit normals (..., 3)."""
     points, turned = (np.ascontiguousarray(one, np.float32).reshape(-1, 3) for one in (points_m, normals))
     return _lie_on(points, turned, plane.normal, np.float32(plane.offset_m)).reshape(points_m.shape[:-1])
 
 
-def normals_at(cloud: ThermalCloud, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.float32]:
+def normals_at(cloud: ThermalCloud, rows: Index, columns: Index) -> Float32:
     """Unit normals (n, 3) of the surface at pixels, towards the camera; NaN where too little is seen.
 
     Least squares over 5 x 5 pixels two apart. 1/z is fitted, which is linear over the image of a plane.
@@ -145,9 +141,7 @@ def normals_at(cloud: ThermalCloud, rows: NDArray[np.intp], columns: NDArray[np.
     return _normals(np.ascontiguousarray(cloud.points_m[..., 2]), lens, rows, columns)
 
 
-def _fitted(
-    points: NDArray[np.float32], normals: NDArray[np.float32], pixel_m2: NDArray[np.float32], start: int
-) -> tuple[Plane, NDArray[np.bool_]]:
+def _fitted(points: Float32, normals: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]:
     """The plane around one point by least squares, and which points (n,) it was fitted to."""
     plane = Plane(normals[start], float(normals[start] @ points[start]), 0.0)
     on = _on(plane, points, normals)
@@ -164,7 +158,7 @@ def _fitted(
 
 
 @njit(cache=True, nogil=True)
-def _close(points: Image, normals: Image, offsets: Image) -> NDArray[np.bool_]:
+def _close(points: Float32, normals: Float32, offsets: Float32) -> Bool:
     close = np.zeros(len(points), np.bool_)
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -177,7 +171,7 @@ def _close(points: Image, normals: Image, offsets: Image) -> NDArray[np.bool_]:
 
 
 @njit(cache=True, nogil=True)
-def _lie_on(points: Image, normals: Image, normal: Image, offset: np.float32) -> NDArray[np.bool_]:
+def _lie_on(points: Float32, normals: Float32, normal: Float32, offset: np.float32) -> Bool:
     on = np.empty(len(points), np.bool_)
     a, b, c = normal
     for i in range(len(points)):
@@ -188,7 +182,7 @@ def _lie_on(points: Image, normals: Image, normal: Image, offset: np.float32) ->
 
 
 @njit(cache=True, nogil=True)
-def _moments(points: Image, on: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _moments(points: Float32, on: Bool) -> tuple[Float64, Float64]:
     """Mean (3,) of the chosen points, and the sum (3, 3) of the outer products of what they are off it."""
     centre, scatter, count = np.zeros(3), np.zeros((3, 3)), 0
     for i in range(len(points)):
@@ -210,7 +204,7 @@ def _moments(points: Image, on: NDArray[np.bool_]) -> tuple[NDArray[np.float64],
 
 
 @njit(cache=True, nogil=True)
-def _best(points: Image, normals: Image, pixel_m2: Image, trials: int) -> int:
+def _best(points: Float32, normals: Float32, pixel_m2: Float32, trials: int) -> int:
     """Which of the first points makes the plane with the most surface on it."""
     best, most = 0, np.float32(-1)
     for i in range(trials):
@@ -230,9 +224,7 @@ def _best(points: Image, normals: Image, pixel_m2: Image, trials: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _normals(
-    depth_m: Image, lens: NDArray[np.float64], rows: NDArray[np.intp], columns: NDArray[np.intp]
-) -> NDArray[np.float32]:
+def _normals(depth_m: Float32, lens: Float64, rows: Index, columns: Index) -> Float32:
     fx, fy, cx, cy = lens
     height, width = depth_m.shape
     normals = np.full((rows.size, 3), np.float32(np.nan))

@@ -2,8 +2,8 @@
 its label, what came nearer is likely the person's, what was laid bare is likely the room's."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND
 
@@ -16,16 +16,14 @@ KEPT, CHANGED = 3.0, 1.5
 """Log odds of unchanged pixels, and of those that came nearer or were laid bare."""
 
 
-def persons_before(before: FrameLabels) -> NDArray[np.uint8]:
+def persons_before(before: FrameLabels) -> UInt8:
     """Who was seen (h, w): 0 nobody, 1 the labelled person, 2 and on others."""
     if before.persons is not None:
         return before.persons
     return np.asarray(before.parts != BACKGROUND, np.uint8)
 
 
-def by_before(
-    depth_mm: NDArray[np.uint16], before: FrameLabels
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]] | None:
+def by_before(depth_mm: UInt16, before: FrameLabels) -> tuple[Float32, Bool] | None:
     """Log odds (h, w) of being any person, and the pixels surely still background.
 
     None where the frame before has nobody, another size, or shows that the rig itself has moved.

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.persons import Person
@@ -24,10 +24,8 @@ BORDER_PX, CUT_PX = 4, 12
 HUE, GREYISH = 0.06, 0.15
 """Side of the cells of chromaticity that count as different colours; so near to the light's it is none."""
 
-_Mask = NDArray[np.bool_]
 
-
-def colors_worn(cloud: ThermalCloud, person: _Mask, room: _Mask) -> float:
+def colors_worn(cloud: ThermalCloud, person: Bool, room: Bool) -> float:
     """How many strong colours somebody (h, w) shows: the perplexity of their hues by the share that has any.
 
     A suit has many, clothes one or two, things none. room: bool (h, w), what shows the light's own colour.
@@ -71,7 +69,7 @@ def crowd(persons: Sequence[Person], before: FrameLabels | None, wearing: Therma
     ]
 
 
-def cut(mask: NDArray[np.bool_]) -> list[str]:
+def cut(mask: Bool) -> list[str]:
     """A warning where three borders of the image or all four cut the person."""
     borders = {
         "left": mask[:, :BORDER_PX],

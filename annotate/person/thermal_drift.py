@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float64
 from annotate.cloud.fuse import Fuser
 from annotate.person.alignment import LEAST_EDGES, STEP_PX, contrast_surface
 from annotate.person.warm_window import WINDOW_C, find_window
@@ -75,7 +75,7 @@ def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> Dr
     return Drift((right, down), (float(sd[0]), float(sd[1])), degrees, len(surfaces))
 
 
-def _peak(surface: NDArray[np.float64]) -> tuple[float, float]:
+def _peak(surface: Float64) -> tuple[float, float]:
     """(right, down) of the highest point of contrasts (n, n) by shift, between the shifts by a parabola."""
     rows, columns = surface.shape
     row, column = np.unravel_index(int(surface.argmax()), surface.shape)
@@ -84,7 +84,7 @@ def _peak(surface: NDArray[np.float64]) -> tuple[float, float]:
     return float(right * STEP_PX), float(down * STEP_PX)
 
 
-def _vertex(three: NDArray[np.float64]) -> float:
+def _vertex(three: Float64) -> float:
     """Where a parabola through three values at -1, 0, 1 is highest; 0 at the border."""
     if len(three) < 3 or (bend := three[0] - 2 * three[1] + three[2]) >= 0:
         return 0.0

@@ -2,8 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32
 from annotate.cloud.thermal_cloud import ThermalCloud
 
 WINDOW_C = (25.0, 35.0)
@@ -24,14 +24,14 @@ ABOVE_C = 5.0
 """Bare skin is 3 to 4 degrees warmer than clothes (ISO 7933), a camera's noise on top."""
 
 
-def fixed_window_mask(cloud: ThermalCloud, window_c: tuple[float, float] = WINDOW_C) -> NDArray[np.bool_]:
+def fixed_window_mask(cloud: ThermalCloud, window_c: tuple[float, float] = WINDOW_C) -> Bool:
     """The paper's extraction, the baseline: every valid pixel (h, w) within the window."""
     return np.asarray(
         cloud.valid & (cloud.temperature_c >= window_c[0]) & (cloud.temperature_c <= window_c[1]), np.bool_
     )
 
 
-def find_window(cloud: ThermalCloud, loose: NDArray[np.bool_]) -> tuple[float, float] | None:
+def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
     """A person's temperatures in this frame, least and most, or None where nothing stands out.
 
     loose: bool (h, w), pixels off the room's planes, where a person can be: a sunlit wall must not pass
@@ -53,7 +53,7 @@ def find_window(cloud: ThermalCloud, loose: NDArray[np.bool_]) -> tuple[float, f
     return room_c + HALFWAY * (person_c - room_c), person_c + ABOVE_C
 
 
-def _mode(celsius: NDArray[np.float32], weight: NDArray[np.float32], spread_c: float) -> float:
+def _mode(celsius: Float32, weight: Float32, spread_c: float) -> float:
     """Where the smoothed histogram is highest."""
     # Bins around the median: a common offset of all temperatures moves them along.
     middle, bins = np.median(celsius), round(2 * REACH_C / BIN_C)

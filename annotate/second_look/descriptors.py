@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float64, Int32, UInt8
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
@@ -80,17 +81,12 @@ NEIGHBOURS, NEAR_M = 6, 0.15
 """So many of the nearest supervoxels are neighbours, no farther away than that: at every second pixel few
 touch each other."""
 
-_Array = NDArray[np.float64]
-_Columns = dict[str, _Array]
+_Columns = dict[str, Float64]
 
 
 def described(
-    cloud: ThermalCloud,
-    person: NDArray[np.bool_],
-    seen: Undecided,
-    first: Segmentation,
-    before: FrameLabels | None,
-) -> _Array:
+    cloud: ThermalCloud, person: Bool, seen: Undecided, first: Segmentation, before: FrameLabels | None
+) -> Float64:
     """Descriptors (G, COLUMNS) of the supervoxels of the clues seen, in the order of LAYOUT.
 
     person: bool (h, w). first: labels as read from a suit. before: the labels of the frame before.
@@ -106,11 +102,7 @@ def described(
 
 
 def _of_pixels(
-    cloud: ThermalCloud,
-    person: NDArray[np.bool_],
-    seen: Undecided,
-    first: Segmentation,
-    before: FrameLabels | None,
+    cloud: ThermalCloud, person: Bool, seen: Undecided, first: Segmentation, before: FrameLabels | None
 ) -> dict[str, NDArray[np.generic]]:
     """What is known of each pixel compared (n, ...)."""
     own, reading = seen.clues.own, first.reading
@@ -137,7 +129,7 @@ def _of_pixels(
     }
 
 
-def _still(cloud: ThermalCloud, own: NDArray[np.bool_], before: FrameLabels | None) -> NDArray[np.bool_]:
+def _still(cloud: ThermalCloud, own: Bool, before: FrameLabels | None) -> Bool:
     """Which of the pixels (n,) were on somebody before and are as far away as then."""
     if before is None:
         return np.zeros(np.count_nonzero(own), np.bool_)
@@ -145,7 +137,7 @@ def _still(cloud: ThermalCloud, own: NDArray[np.bool_], before: FrameLabels | No
     return np.asarray((still & (before.parts > 0) & (before.parts < UNDEFINED))[own])
 
 
-def _of_patches(cloud: ThermalCloud, seen: Undecided, inside: _Array) -> _Columns:
+def _of_patches(cloud: ThermalCloud, seen: Undecided, inside: Float64) -> _Columns:
     """What is known of the patch that each supervoxel is of (G, ...), and its own surface."""
     clues = seen.clues
     patch, surface_m2 = clues.patches.ids, _surface_m2(cloud, clues)
@@ -161,7 +153,7 @@ def _of_patches(cloud: ThermalCloud, seen: Undecided, inside: _Array) -> _Column
 
 def _of_supervoxels(
     cloud: ThermalCloud,
-    person: NDArray[np.bool_],
+    person: Bool,
     seen: Undecided,
     first: Segmentation,
     before: FrameLabels | None,
@@ -194,7 +186,7 @@ def _of_supervoxels(
     }
 
 
-def neighbours(centroids_m: _Array) -> NDArray[np.int32]:
+def neighbours(centroids_m: Float64) -> Int32:
     """Pairs (e, 2) of supervoxels with centroids (G, 3) near each other, each pair once, the lower first."""
     nearest = Nearest(centroids_m.astype(np.float32))
     near = nearest.query(centroids_m, NEIGHBOURS + 1, within=NEAR_M)[1].ravel()
@@ -204,14 +196,14 @@ def neighbours(centroids_m: _Array) -> NDArray[np.int32]:
     return np.unique(pairs, axis=0).astype(np.int32)
 
 
-def _surface_m2(cloud: ThermalCloud, clues: Clues) -> _Array:
+def _surface_m2(cloud: ThermalCloud, clues: Clues) -> Float64:
     """Visible surface (G,) of each supervoxel."""
     z_m = cloud.points_m[clues.own][:, 2].astype(np.float64)
     pixels_m2 = (STRIDE * z_m) ** 2 / (cloud.camera.fx * cloud.camera.fy)
     return np.asarray(np.bincount(clues.groups.ids, pixels_m2))
 
 
-def _colour(rgb: NDArray[np.uint8], reading: Reading, groups: Supervoxels) -> tuple[_Array, _Array]:
+def _colour(rgb: UInt8, reading: Reading, groups: Supervoxels) -> tuple[Float64, Float64]:
     """What the colours (n, 3) say of parts, a mean (G, 11) over the readable ones, and their share (G,)."""
     usable = readable(rgb, np.ones(len(rgb), np.bool_))
     evidence = np.zeros((len(rgb), _N))
@@ -220,7 +212,7 @@ def _colour(rgb: NDArray[np.uint8], reading: Reading, groups: Supervoxels) -> tu
     return groups.mean(evidence) / np.maximum(share, 1 / groups.sizes)[:, None], share
 
 
-def _parts(belief: _Array, surface_m2: _Array, centroids_m: _Array) -> tuple[_Array, _Array]:
+def _parts(belief: Float64, surface_m2: Float64, centroids_m: Float64) -> tuple[Float64, Float64]:
     """Surface (11,) of each part that is sure, and distances (G, 11) to their middles in their reaches."""
     surface_m2 = (belief * (belief > SURE)) * surface_m2[:, None]
     away = np.full(belief.shape, UNSEEN)
@@ -231,7 +223,7 @@ def _parts(belief: _Array, surface_m2: _Array, centroids_m: _Array) -> tuple[_Ar
     return surface_m2.sum(axis=0), away
 
 
-def _steps(groups: Supervoxels, z_m: _Array) -> _Array:
+def _steps(groups: Supervoxels, z_m: Float64) -> Float64:
     """Depth of the touching supervoxels against one's own (G, 3): mean, the farthest, the nearest."""
     a, b = np.concatenate([groups.edges, groups.edges[:, ::-1]]).T
     step = np.clip(z_m[b] - z_m[a], -MOST_STEP_M, MOST_STEP_M)

@@ -8,8 +8,8 @@ network that has seen many such frames of the virtual rig tells these, and what 
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float64
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
@@ -52,12 +52,7 @@ def look_again(
 
 
 def _reread(
-    cloud: ThermalCloud,
-    mask: NDArray[np.bool_],
-    clues: Clues,
-    belief: NDArray[np.float64],
-    theirs: NDArray[np.float64],
-    first: Reading,
+    cloud: ThermalCloud, mask: Bool, clues: Clues, belief: Float64, theirs: Float64, first: Reading
 ) -> Reading:
     """The points of a mask (h, w), read anew.
 

@@ -11,10 +11,10 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Float32, Float64, Index, Int32, Int64
+
 MOST = 5.0
 """Standard deviations beyond which a descriptor is no odder."""
-
-_Weights = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -22,19 +22,13 @@ class Network:
     """Weights, float32. middle, spread (F,): of the descriptors. enter (F + 1, H), rounds (R, 4 H + 1, H) and
     leave (H + F + 1, C): matrices, the last row of each added to all."""
 
-    middle: _Weights
-    spread: _Weights
-    enter: _Weights
-    rounds: _Weights
-    leave: _Weights
+    middle: Float32
+    spread: Float32
+    enter: Float32
+    rounds: Float32
+    leave: Float32
 
-    def __call__(
-        self,
-        described: NDArray[np.float64],
-        edges: NDArray[np.int32],
-        patch: NDArray[np.intp],
-        sizes: NDArray[np.int64],
-    ) -> NDArray[np.float64]:
+    def __call__(self, described: Float64, edges: Int32, patch: Index, sizes: Int64) -> Float64:
         """Chances (G, C) of the classes of supervoxels: descriptors (G, F), pairs of neighbours (e, 2), the
         patch (G,) and the number of points (G,) of each."""
         x = np.clip((described - self.middle) / self.spread, -MOST, MOST).astype(np.float32)
@@ -57,7 +51,7 @@ class _Means:
     """Weighted means over groups of rows: row ``of[i]`` counts ``weight[i]`` in group ``into[i]``."""
 
     def __init__(
-        self, into: NDArray[np.integer], weight: _Weights, count: int, of: NDArray[np.integer] | None = None
+        self, into: NDArray[np.integer], weight: Float32, count: int, of: NDArray[np.integer] | None = None
     ) -> None:
         order = np.argsort(into, kind="stable")
         self._of = order if of is None else of[order]
@@ -66,7 +60,7 @@ class _Means:
         self._count = count
         self._total = np.bincount(into, weight, count).astype(np.float32)[self._into, None]
 
-    def __call__(self, rows: _Weights) -> _Weights:
+    def __call__(self, rows: Float32) -> Float32:
         """Means (count, k) of rows (n, k); 0 for a group of none."""
         mean = np.zeros((self._count, rows.shape[1]), np.float32)
         if len(self._start):
@@ -75,7 +69,7 @@ class _Means:
         return mean
 
 
-def _dense(matrix: _Weights, rows: _Weights) -> _Weights:
+def _dense(matrix: Float32, rows: Float32) -> Float32:
     return np.asarray(rows @ matrix[:-1] + matrix[-1])
 
 

@@ -6,8 +6,8 @@ skin alone, from the cloth of each limb.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float64, Int32
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import PART_ID
 from annotate.segmentation.patches import Patches
@@ -29,19 +29,18 @@ LIKELY = -2.0
 SURE = 0.5
 """Belief from which on a patch is a part's."""
 
-_Array = NDArray[np.float64]
-_Ways = tuple[NDArray[np.int32], NDArray[np.int32], _Array]
+_Ways = tuple[Int32, Int32, Float64]
 """Steps between supervoxels: from, to, length in metres."""
 
 
-def bareness(model: ColorModel, chroma: _Array, blur: _Array) -> _Array:
+def bareness(model: ColorModel, chroma: Float64, blur: Float64) -> Float64:
     """Log odds (G,) against cloth of colours (G, 2) being bare: skin, hair, shoes, whatever a head shows."""
     match = model.match(chroma, blur)
     bare = model.bare | model.wears[:, HEAD]
     return np.asarray(match[:, bare].max(axis=1) - match[:, ~bare].max(axis=1))
 
 
-def without_sides(belief: _Array, odds: _Array) -> _Array:
+def without_sides(belief: Float64, odds: Float64) -> Float64:
     """Beliefs (G, 11) that do not tell left limbs from right ones where ``bareness`` (G,) is likely."""
     belief, bare = belief.copy(), odds > LIKELY
     for left, right in TWINS:
@@ -50,8 +49,8 @@ def without_sides(belief: _Array, odds: _Array) -> _Array:
 
 
 def grown_from(
-    belief: _Array, odds: _Array, patches: Patches, groups: Supervoxels, centroids_m: _Array
-) -> _Array:
+    belief: Float64, odds: Float64, patches: Patches, groups: Supervoxels, centroids_m: Float64
+) -> Float64:
     """Log evidence (G, 11) of what may be bare: how far each is from head and cuffs, on a way through such.
 
     belief: (G, 11). odds: (G,) as ``bareness`` gives them. A part of which no cloth is seen is as good as the
@@ -74,14 +73,14 @@ def grown_from(
     return cost
 
 
-def _ways(bare: NDArray[np.bool_], groups: Supervoxels, centroids_m: _Array) -> _Ways:
+def _ways(bare: Bool, groups: Supervoxels, centroids_m: Float64) -> _Ways:
     """The steps that lead into bare supervoxels."""
     a, b = np.concatenate([groups.edges, groups.edges[:, ::-1]]).T
     into = bare[b]
     return a[into], b[into], np.linalg.norm(centroids_m[a] - centroids_m[b], axis=1)[into]
 
 
-def _away(ways: _Ways, start: NDArray[np.bool_]) -> _Array:
+def _away(ways: _Ways, start: Bool) -> Float64:
     """Way (G,) in metres from the nearest of some supervoxels (G,), at most FAR_M."""
     a, b, length_m = ways
     away_m = np.where(start, 0.0, FAR_M)

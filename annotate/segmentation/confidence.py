@@ -7,8 +7,8 @@ all the wrong pixels that are to be expected in it.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64, Index, UInt8
 from annotate.cloud.color_odds import SURE, by_color, lab_of
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
@@ -59,11 +59,8 @@ AROUND_PX, LEAST_ROOM = 31, 0.05
 """Side of the window that is a place's surroundings, and the share of it that must be off the person."""
 MARGIN_PX = 16
 
-_Array = NDArray[np.float64]
-_Mask = NDArray[np.bool_]
 
-
-def features(cloud: ThermalCloud, parts: NDArray[np.uint8], reading: Reading) -> _Array:
+def features(cloud: ThermalCloud, parts: UInt8, reading: Reading) -> Float64:
     """What tells right labels from wrong ones (n, 19), in the order of WEIGHTS, of the points read.
 
     parts: uint8 (h, w) as chosen.
@@ -103,12 +100,12 @@ def features(cloud: ThermalCloud, parts: NDArray[np.uint8], reading: Reading) ->
     ).astype(np.float64)
 
 
-def calibrated(found: _Array) -> _Array:
+def calibrated(found: Float64) -> Float64:
     """Chance (n,) that a label is right from ``features`` (n, 19): a logistic curve."""
     return np.asarray(1 / (1 + np.exp(-(found @ np.array(list(WEIGHTS.values())) + INTERCEPT))))
 
 
-def worst_first(confidence: _Array, groups: Supervoxels) -> NDArray[np.intp]:
+def worst_first(confidence: Float64, groups: Supervoxels) -> Index:
     """Supervoxels (G,) in the order they are worth looking at: the most wrong pixels to be expected first.
 
     confidence: (n,) of the points.
@@ -116,7 +113,7 @@ def worst_first(confidence: _Array, groups: Supervoxels) -> NDArray[np.intp]:
     return np.argsort(-(1 - groups.mean(confidence)) * groups.sizes, kind="stable")
 
 
-def _box(mask: _Mask) -> tuple[slice, slice]:
+def _box(mask: Bool) -> tuple[slice, slice]:
     """What of an image (h, w) holds the mask and its surroundings."""
     v, u = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     low, high = (np.array([v[i], u[i]]) for i in (0, -1))
@@ -124,7 +121,7 @@ def _box(mask: _Mask) -> tuple[slice, slice]:
     return slice(low[0], high[0] + MARGIN_PX + 1), slice(low[1], high[1] + MARGIN_PX + 1)
 
 
-def _margin(evidence: _Array, usable: _Mask, part: NDArray[np.uint8]) -> _Array:
+def _margin(evidence: Float64, usable: Bool, part: UInt8) -> Float64:
     """By how much each point's colour speaks for its part (n,), against the best other."""
     rows, own = np.arange(len(part)), part.astype(np.intp) - 1
     others = evidence.copy()
@@ -133,7 +130,7 @@ def _margin(evidence: _Array, usable: _Mask, part: NDArray[np.uint8]) -> _Array:
     return np.where(usable, margin, 0)
 
 
-def _same(parts: NDArray[np.uint8], within: _Mask) -> _Array:
+def _same(parts: UInt8, within: Bool) -> Float64:
     """Share (n,) of the person's pixels in a window around each that are of its part."""
     window = (SAME_PX, SAME_PX)
     same = np.zeros(parts.shape, np.float32)
@@ -143,7 +140,7 @@ def _same(parts: NDArray[np.uint8], within: _Mask) -> _Array:
     return np.asarray((same / cv2.blur(within.astype(np.float32), window).clip(1e-3))[within], np.float64)
 
 
-def _islands(parts: NDArray[np.uint8], within: _Mask) -> tuple[_Array, _Array, _Array]:
+def _islands(parts: UInt8, within: Bool) -> tuple[Float64, Float64, Float64]:
     """Of each pixel's connected piece: log pixels, and share of its part; and the part's log share; (n,)."""
     piece, whole = np.ones(parts.shape), np.ones(parts.shape)
     for part in np.unique(parts[within]):
@@ -155,7 +152,7 @@ def _islands(parts: NDArray[np.uint8], within: _Mask) -> tuple[_Array, _Array, _
     return np.log(piece), piece / whole, np.log(whole / len(whole))
 
 
-def _jumps(depth_m: NDArray[np.float32], within: _Mask) -> _Mask:
+def _jumps(depth_m: Float32, within: Bool) -> Bool:
     """Pixels (h, w) in whose window the person has a depth edge."""
     window = np.ones((NEAR_PX, NEAR_PX))
     farthest = cv2.dilate(np.where(within, depth_m, np.float32(0)), window)
@@ -163,7 +160,7 @@ def _jumps(depth_m: NDArray[np.float32], within: _Mask) -> _Mask:
     return np.asarray(farthest - nearest > JUMP_M)
 
 
-def _room_color(cloud: ThermalCloud, mask: _Mask) -> NDArray[np.float32]:
+def _room_color(cloud: ThermalCloud, mask: Bool) -> Float32:
     """Log odds (n,) of each point's colour being the person's and not its surroundings'."""
     around = cv2.dilate(mask.astype(np.uint8), np.ones((AROUND_PX, AROUND_PX))) > 0
     lab = lab_of(cloud.color_rgb, cloud.color_valid & around)
@@ -171,7 +168,7 @@ def _room_color(cloud: ThermalCloud, mask: _Mask) -> NDArray[np.float32]:
     return by_color(lab, odds, mask, cloud.valid & around)[mask]
 
 
-def _contrast_c(celsius: NDArray[np.float32], within: _Mask) -> _Array:
+def _contrast_c(celsius: Float32, within: Bool) -> Float64:
     """How much warmer each point (n,) is than what lies around the person; 0 where not known."""
     room = ~within & np.isfinite(celsius)
     window = (AROUND_PX, AROUND_PX)
@@ -183,7 +180,7 @@ def _contrast_c(celsius: NDArray[np.float32], within: _Mask) -> _Array:
     )
 
 
-def _goes_on(depth_m: NDArray[np.float32], within: _Mask) -> _Mask:
+def _goes_on(depth_m: Float32, within: Bool) -> Bool:
     """Pixels (h, w) beside which, off the person, something is as far away as they are."""
     off, window = ~within & (depth_m > 0), np.ones((NEAR_PX, NEAR_PX))
     farthest = cv2.dilate(np.where(off, depth_m, np.float32(-np.inf)), window)

@@ -1,8 +1,8 @@
 """What colour, warmth and the frame before say of each supervoxel, part by part, as log evidence."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import BODY_PARTS
 from annotate.segmentation.body_plan import WARMTH_C, WARMTH_SD_C
@@ -23,10 +23,9 @@ LEAST_BLUR = 0.02
 """No colour is known better than that."""
 
 _N = len(BODY_PARTS)
-_Array = NDArray[np.float64]
 
 
-def means_of(rgb: NDArray[np.uint8], usable: NDArray[np.bool_], groups: Supervoxels) -> tuple[_Array, _Array]:
+def means_of(rgb: UInt8, usable: Bool, groups: Supervoxels) -> tuple[Float64, Float64]:
     """Mean chromaticity (G, 2) of each supervoxel's readable colours (n, 3), and its uncertainty (G,)."""
     noise = blur(rgb)
     weight = usable / (noise**2 + LEAST_BLUR**2)
@@ -37,14 +36,14 @@ def means_of(rgb: NDArray[np.uint8], usable: NDArray[np.bool_], groups: Supervox
     return chroma, np.where(few, 1.0, np.bincount(groups.ids, noise, groups.count) / groups.sizes)
 
 
-def pooled(evidence: _Array, usable: NDArray[np.bool_], groups: Supervoxels) -> _Array:
+def pooled(evidence: Float64, usable: Bool, groups: Supervoxels) -> Float64:
     """Mean evidence (G, 11) over each supervoxel's readable points, weighing more the more there are."""
     total = np.stack([np.bincount(groups.ids, column, groups.count) for column in evidence.T], axis=1)
     count = np.bincount(groups.ids, usable, groups.count)
     return np.asarray(total / np.maximum(count, 1)[:, None] * (FULL * count / (count + HALF_POINTS))[:, None])
 
 
-def warmth_of(temperature_c: NDArray[np.float32], groups: Supervoxels) -> _Array:
+def warmth_of(temperature_c: Float32, groups: Supervoxels) -> Float64:
     """Log evidence (G, 11) of the points' temperatures (n,) against the person's median; none where NaN."""
     known = np.isfinite(temperature_c)
     if not known.any():
@@ -56,12 +55,12 @@ def warmth_of(temperature_c: NDArray[np.float32], groups: Supervoxels) -> _Array
     return np.asarray(WARMTH_WEIGHT * np.maximum(score, WARMTH_FLOOR) * (count > 0)[:, None])
 
 
-def hint(earlier: _Array) -> _Array:
+def hint(earlier: Float64) -> Float64:
     """Log evidence (G, 11) of the frame before (G, 11), whomever it shows: for a part, hardly against one."""
     return np.asarray(np.log(HINT + (1 - HINT) * earlier * _N))
 
 
-def with_earlier(unary: _Array, groups: Supervoxels, earlier: _Array) -> _Array:
+def with_earlier(unary: Float64, groups: Supervoxels, earlier: Float64) -> Float64:
     """Log evidence (G, 11) with what the frame before says (G, 11), unless it shows somebody else."""
     if agreement(softmax(unary), earlier, groups.sizes) < LEAST_AGREEMENT:
         return unary

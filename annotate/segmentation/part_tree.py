@@ -1,8 +1,8 @@
 """Beliefs about supervoxels, made to agree with the body: its part tree and how far parts reach."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float64, Int32
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import BODY_PARTS, NEIGHBOURS
 
@@ -19,14 +19,17 @@ LEAST_POINTS = 40
 """A part's middle is known from this many points on."""
 
 _N = len(BODY_PARTS)
-_Array = NDArray[np.float64]
-_Links = tuple[NDArray[np.int32], NDArray[np.int32], _Array]
+_Links = tuple[Int32, Int32, Float64]
 """Pairs of touching supervoxels, sorted: who heeds, whom, how much."""
 
 
 def settle(
-    unary: _Array, groups: Supervoxels, centroids_m: _Array, start: _Array | None = None, rounds: int = ROUNDS
-) -> _Array:
+    unary: Float64,
+    groups: Supervoxels,
+    centroids_m: Float64,
+    start: Float64 | None = None,
+    rounds: int = ROUNDS,
+) -> Float64:
     """Mean-field belief (G, 11) of a Potts-like field whose costs follow the body's part tree.
 
     unary: (G, 11) log evidence. centroids_m: (G, 3). start: an earlier belief, whose parts' middles hold
@@ -42,7 +45,7 @@ def settle(
     return belief
 
 
-def softmax(x: _Array) -> _Array:
+def softmax(x: Float64) -> Float64:
     """Probabilities (n, k) from log scores (n, k)."""
     e = np.exp(x - x.max(axis=1, keepdims=True))
     return np.asarray(e / e.sum(axis=1, keepdims=True))
@@ -59,7 +62,7 @@ def _links(groups: Supervoxels) -> _Links:
     return rows[order], columns[order], weight[rows[order]]
 
 
-def _heeded(links: _Links, said: _Array) -> _Array:
+def _heeded(links: _Links, said: Float64) -> Float64:
     """What those that touch it say (G, n) to each supervoxel, by how much it heeds them: (G, n)."""
     rows, columns, weight = links
     heard = np.zeros_like(said)
@@ -69,7 +72,7 @@ def _heeded(links: _Links, said: _Array) -> _Array:
     return heard
 
 
-def _near_its_part(belief: _Array, groups: Supervoxels, centroids_m: _Array) -> _Array:
+def _near_its_part(belief: Float64, groups: Supervoxels, centroids_m: Float64) -> Float64:
     """Log cost (G, 11) of lying farther from a part's middle than it reaches."""
     cost = np.zeros_like(belief)
     mass = (belief * (belief > 0.5)) * groups.sizes[:, None]
@@ -80,7 +83,7 @@ def _near_its_part(belief: _Array, groups: Supervoxels, centroids_m: _Array) -> 
     return cost
 
 
-def middle_of(weight: _Array, centroids_m: _Array, reach_m: float) -> _Array:
+def middle_of(weight: Float64, centroids_m: Float64, reach_m: float) -> Float64:
     """Middle (3,) of what has the weights (G,), by mean shift: a stray island does not pull it away."""
     middle_m = weight @ centroids_m / weight.sum()
     for _ in range(3):
@@ -90,7 +93,7 @@ def middle_of(weight: _Array, centroids_m: _Array, reach_m: float) -> _Array:
     return np.asarray(middle_m)
 
 
-def _compatibility() -> _Array:
+def _compatibility() -> Float64:
     table = np.full((_N, _N), TOUCHING)
     for i in range(_N):
         for j in range(_N):

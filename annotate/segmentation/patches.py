@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from annotate.array_types import Float64, Index, Int64
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import BODY_PARTS, PART_ID
 from annotate.segmentation.body_plan import CONTACT, DISTANCE_M, DISTANCE_SD_M
@@ -44,7 +44,6 @@ STRAY = -8.0
 """Log likelihood of a patch whose colour is no swatch's."""
 
 _N = len(BODY_PARTS)
-_Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -55,19 +54,19 @@ class Patches:
     contacts: (R, R) touching pairs of supervoxels.
     """
 
-    ids: NDArray[np.intp]
-    chroma: _Array
-    blur: _Array
-    points: _Array
-    middle_m: _Array
-    contacts: _Array
+    ids: Index
+    chroma: Float64
+    blur: Float64
+    points: Float64
+    middle_m: Float64
+    contacts: Float64
 
-    def mean(self, values: _Array, sizes: NDArray[np.int64]) -> _Array:
+    def mean(self, values: Float64, sizes: Int64) -> Float64:
         """Mean (R, k) over each patch of its supervoxels' values (G, k), which have ``sizes`` (G,)."""
         return _mean(self.ids, values, sizes.astype(np.float64))
 
 
-def patches_of(groups: Supervoxels, chroma: _Array, blur: _Array, middle_m: _Array) -> Patches:
+def patches_of(groups: Supervoxels, chroma: Float64, blur: Float64, middle_m: Float64) -> Patches:
     """Join touching supervoxels of like chromaticity (G, 2); blur (G,): its uncertainty."""
     roots = _joined(groups, chroma)
     sizes = groups.sizes.astype(np.float64)
@@ -88,7 +87,7 @@ def patches_of(groups: Supervoxels, chroma: _Array, blur: _Array, middle_m: _Arr
     )
 
 
-def _joined(groups: Supervoxels, chroma: _Array) -> NDArray[np.intp]:
+def _joined(groups: Supervoxels, chroma: Float64) -> Index:
     """One supervoxel's number (G,) for all of a patch: Felzenszwalb & Huttenlocher 2004 on their graph."""
     a, b = groups.edges.T
     apart = np.linalg.norm(chroma[a] - chroma[b], axis=1)
@@ -107,12 +106,12 @@ def _joined(groups: Supervoxels, chroma: _Array) -> NDArray[np.intp]:
     return np.array([root(i) for i in range(groups.count)], np.intp)
 
 
-def _mean(ids: NDArray[np.intp], values: _Array, by: _Array) -> _Array:
+def _mean(ids: Index, values: Float64, by: Float64) -> Float64:
     total = np.stack([np.bincount(ids, by * column) for column in values.T], axis=1)
     return np.asarray(total / np.bincount(ids, by)[:, None])
 
 
-def read_together(patches: Patches, palette: ColorModel, clues: _Array) -> tuple[_Array, _Array]:
+def read_together(patches: Patches, palette: ColorModel, clues: Float64) -> tuple[Float64, Float64]:
     """Belief (R, 11) about the patches and log gains (2,) of the light that explain them best as one body.
 
     clues: (R, 11) log evidence from elsewhere. A beam search over labellings, the largest patch first, in
@@ -134,7 +133,7 @@ def read_together(patches: Patches, palette: ColorModel, clues: _Array) -> tuple
     return belief, np.asarray(gains[np.unravel_index(score.argmax(), score.shape)[0]])
 
 
-def _beam(gains: _Array, unary: _Array, pairs: _Array) -> tuple[_Array, NDArray[np.intp], _Array]:
+def _beam(gains: Float64, unary: Float64, pairs: Float64) -> tuple[Float64, Index, Float64]:
     """The likeliest gains (L, 2), and the best labellings (L, B, R) in each with their log score (L, B).
 
     gains: (all, 2). unary: (all, R, 11), pairs: (R, R, 11, 11), log scores.
@@ -153,8 +152,8 @@ def _beam(gains: _Array, unary: _Array, pairs: _Array) -> tuple[_Array, NDArray[
 
 @njit(cache=True, nogil=True)
 def _grown(
-    labels: NDArray[np.intp], score: _Array, unary: _Array, pairs: _Array, n: int, most: int
-) -> tuple[NDArray[np.intp], _Array]:
+    labels: Index, score: Float64, unary: Float64, pairs: Float64, n: int, most: int
+) -> tuple[Index, Float64]:
     """Labellings (L, B', R) by one patch more, the n-th: the ``most`` best first; their scores (L, B')."""
     lights, beam, count = labels.shape
     parts = unary.shape[2]
@@ -183,7 +182,7 @@ def _grown(
     return grown, best
 
 
-def _lights(patches: Patches, palette: ColorModel, used: NDArray[np.intp]) -> tuple[_Array, _Array]:
+def _lights(patches: Patches, palette: ColorModel, used: Index) -> tuple[Float64, Float64]:
     """The gains (L, 2) of all lights and the log likelihood (L, R, 11) of the patches' parts in each."""
     gains = GAIN + np.stack(np.meshgrid(GAIN_STEPS, GAIN_STEPS), axis=-1).reshape(-1, 2)
     chroma, blur = patches.chroma[used], MEAN_BLUR * patches.blur[used]
@@ -192,7 +191,7 @@ def _lights(patches: Patches, palette: ColorModel, used: NDArray[np.intp]) -> tu
     return gains, by_part * np.minimum(patches.points[used] / FULL_POINTS, 1)[:, None]
 
 
-def pair_scores(patches: Patches, used: NDArray[np.intp]) -> _Array:
+def pair_scores(patches: Patches, used: Index) -> Float64:
     """Log score (R, R, 11, 11) of every pair of patches by their parts: how far apart, whether touching."""
     middle = patches.middle_m[used]
     away = np.linalg.norm(middle[:, None] - middle[None], axis=2)[..., None, None]

@@ -1,8 +1,8 @@
 """What the labels of the frame before say of places in this one: people move only a little."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float64, Int64
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BODY_PARTS
 from sensors.rig.camera import Intrinsics
@@ -18,10 +18,8 @@ DOUBT = 1.0
 LEAST_AGREEMENT = 0.6
 """Where parts found by colour agree less than this with the earlier ones, it is somebody else."""
 
-_Array = NDArray[np.float64]
 
-
-def earlier_parts(before: FrameLabels, camera: Intrinsics, at_m: NDArray[np.float64]) -> _Array:
+def earlier_parts(before: FrameLabels, camera: Intrinsics, at_m: Float64) -> Float64:
     """Probabilities (G, 11) of the parts at places (G, 3) in metres, undistorted depth camera's frame,
     by the frame before.
 
@@ -43,7 +41,7 @@ def earlier_parts(before: FrameLabels, camera: Intrinsics, at_m: NDArray[np.floa
     return np.asarray((votes + DOUBT * flat) / (weight.sum(axis=1, keepdims=True) + DOUBT))
 
 
-def agreement(belief: _Array, earlier: _Array, sizes: NDArray[np.int64]) -> float:
+def agreement(belief: Float64, earlier: Float64, sizes: Int64) -> float:
     """Share of the points whose part by colour (G, 11) is the earlier one, where both are clear."""
     clear = (belief.max(axis=1) > 0.7) & (earlier.max(axis=1) > 0.5)
     same = belief.argmax(axis=1) == earlier.argmax(axis=1)

@@ -2,14 +2,10 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from annotate.array_types import Bool, Float64
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.suit.color_model import ColorModel
 from annotate.suit.palette import Suit
-
-_Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -22,10 +18,10 @@ class Reading:
     """
 
     suit: Suit
-    mask: NDArray[np.bool_]
+    mask: Bool
     groups: Supervoxels
-    belief: _Array
-    theirs: _Array
-    usable: NDArray[np.bool_]
-    evidence: _Array
+    belief: Float64
+    theirs: Float64
+    usable: Bool
+    evidence: Float64
     model: ColorModel

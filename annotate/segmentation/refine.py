@@ -2,7 +2,8 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from annotate.array_types import Bool, Float32, Float64, Int32, UInt8
 
 NEIGHBOUR = 0.5
 """What each of the eight neighbours of the same part adds to a pixel's log score."""
@@ -10,12 +11,8 @@ JUMP_M = 0.03
 """Neighbouring pixels further apart than this along the view lie on different surfaces."""
 ROUNDS = 6
 
-_Array = NDArray[np.float64]
 
-
-def refine(
-    scores: _Array, start: NDArray[np.uint8], depth_m: NDArray[np.float32], mask: NDArray[np.bool_]
-) -> NDArray[np.uint8]:
+def refine(scores: Float64, start: UInt8, depth_m: Float32, mask: Bool) -> UInt8:
     """Settle the part index of every masked pixel by iterated conditional modes (Besag 1986).
 
     scores: (n, k) log score of each part for the masked pixels in row-major order, -inf where it may not be
@@ -27,9 +24,7 @@ def refine(
 
 
 @njit(cache=True, nogil=True)
-def _modes(
-    scores: _Array, start: NDArray[np.uint8], depth: NDArray[np.float32], index: NDArray[np.int32]
-) -> NDArray[np.uint8]:
+def _modes(scores: Float64, start: UInt8, depth: Float32, index: Int32) -> UInt8:
     height, width = index.shape
     chosen = start.copy()
     total = np.empty(scores.shape[1])

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.cloud.supervoxels import Supervoxels, supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
@@ -41,7 +41,6 @@ OWN_COLOR, OWN_GROUP = 1.0, 0.25
 """Weights of a point's own colour and of its supervoxel's belief where the border runs within supervoxels."""
 
 _N = len(BODY_PARTS)
-_Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -52,16 +51,14 @@ class Segmentation:
     them and they are to be kept. reading: how a suit was read, where one was.
     """
 
-    parts: NDArray[np.uint8]
-    confidence: NDArray[np.float32]
+    parts: UInt8
+    confidence: Float32
     notes: tuple[str, ...] = ()
     probabilities: Probabilities | None = None
     reading: Reading | None = None
 
 
-def segment(
-    cloud: ThermalCloud, person: NDArray[np.bool_], suit: Suit, before: FrameLabels | None = None
-) -> Segmentation:
+def segment(cloud: ThermalCloud, person: Bool, suit: Suit, before: FrameLabels | None = None) -> Segmentation:
     """Label a person's points by the suit they wear.
 
     person: bool (h, w). before: the labels of the frame before. What cannot be told stays undefined: all of
@@ -92,13 +89,13 @@ def labelled(cloud: ThermalCloud, reading: Reading, notes: tuple[str, ...] = ())
     return Segmentation(parts, confidence, notes, reading=reading)
 
 
-def unlabelled(mask: NDArray[np.bool_], *notes: str) -> Segmentation:
+def unlabelled(mask: Bool, *notes: str) -> Segmentation:
     """A person (bool (h, w)) whose parts stay undefined, and why."""
     parts = np.where(mask, UNDEFINED, BACKGROUND).astype(np.uint8)
     return Segmentation(parts, np.zeros(mask.shape, np.float32), notes)
 
 
-def _diagnosis(rgb: NDArray[np.uint8], seen: NDArray[np.bool_], usable: NDArray[np.bool_]) -> tuple[str, ...]:
+def _diagnosis(rgb: UInt8, seen: Bool, usable: Bool) -> tuple[str, ...]:
     """What is wrong with a person's colours (n, 3), and what to do about it."""
     if not len(rgb):
         return ("no person: nothing to label",)
@@ -113,12 +110,7 @@ def _diagnosis(rgb: NDArray[np.uint8], seen: NDArray[np.bool_], usable: NDArray[
 
 
 def _read(
-    cloud: ThermalCloud,
-    mask: NDArray[np.bool_],
-    usable: NDArray[np.bool_],
-    suit: Suit,
-    groups: Supervoxels,
-    before: FrameLabels | None,
+    cloud: ThermalCloud, mask: Bool, usable: Bool, suit: Suit, groups: Supervoxels, before: FrameLabels | None
 ) -> Reading:
     """What the suit's colours, warmth and the frame before make of the masked points.
 
@@ -149,7 +141,7 @@ def _read(
     return Reading(suit, mask, groups, belief, np.zeros(groups.count), usable, evidence, model)
 
 
-def _untold(reading: Reading, chosen: NDArray[np.uint8], points_m: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _untold(reading: Reading, chosen: UInt8, points_m: Float32) -> Bool:
     """Points (n,) of which too little is known; chosen: (n,) part indices, points_m: (n, 3).
 
     Between neighbours of one colour no border can be seen; elsewhere what they join may tell look-alikes.
@@ -170,12 +162,12 @@ def _untold(reading: Reading, chosen: NDArray[np.uint8], points_m: NDArray[np.fl
     return np.asarray(in_group[groups.ids] | borderless[chosen])
 
 
-def tile(cloud: ThermalCloud, mask: NDArray[np.bool_]) -> Supervoxels:
+def tile(cloud: ThermalCloud, mask: Bool) -> Supervoxels:
     """The supervoxels of the masked points, row-major: what ``segment`` works with."""
     return supervoxels(cloud.points_m[mask], cloud.color_rgb[mask], seed_m=SEED_M)
 
 
-def point_scores(belief: _Array, evidence: _Array, groups: Supervoxels) -> _Array:
+def point_scores(belief: Float64, evidence: Float64, groups: Supervoxels) -> Float64:
     """Log score (n, 11) of the parts a point may take: those of its supervoxel and the touching ones."""
     chosen = belief.argmax(axis=1)
     allowed = np.zeros((groups.count, _N), bool)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float64, Index, UInt8
 from annotate.parts import BODY_PARTS
 from annotate.suit.palette import Suit, chromaticity
 
@@ -49,7 +49,6 @@ ROUNDS = 3
 MAX_POINTS = 2000
 
 _N = len(BODY_PARTS)
-_Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -62,31 +61,31 @@ class ColorModel:
     against green, natural logarithm.
     """
 
-    palette: _Array
-    shift: _Array
-    unknown: _Array
-    variance: _Array
-    wears: NDArray[np.bool_]
-    bare: NDArray[np.bool_]
-    log_gain: _Array
+    palette: Float64
+    shift: Float64
+    unknown: Float64
+    variance: Float64
+    wears: Bool
+    bare: Bool
+    log_gain: Float64
 
     @property
-    def lit(self) -> _Array:
+    def lit(self) -> Float64:
         """Chromaticities (K, 2) of the palette in the frame's light."""
         return _lit(self.palette, self.log_gain)[0]
 
     @property
-    def fading(self) -> _Array:
+    def fading(self) -> Float64:
         """The way (K, 2) from the lit palette to the light's own chromaticity."""
         lit, light = _lit(self.palette, self.log_gain)
         return np.asarray(light - lit)
 
-    def match(self, chroma: _Array, noise: _Array) -> _Array:
+    def match(self, chroma: Float64, noise: Float64) -> Float64:
         """Log likelihood (n, K) of colours under each swatch, 0 at the middle of one as wide as SIGMA."""
         cost = np.where(self.bare, BARE_COST, 0.0)
         return np.asarray(_match(chroma, noise, self.lit + self.shift, self.variance, self.unknown, cost))
 
-    def match_under(self, log_gains: _Array, chroma: _Array, noise: _Array) -> _Array:
+    def match_under(self, log_gains: Float64, chroma: Float64, noise: Float64) -> Float64:
         """What ``under`` each of the log gains (L, 2) would ``match``, one after the other: (L * n, K)."""
         lit, light = _lit(self.palette, log_gains)
         fading = light - lit
@@ -96,17 +95,17 @@ class ColorModel:
         match = _match(chroma, noise, middle, np.tile(self.variance, lights), unknown, cost)
         return np.asarray(match.reshape(len(chroma), lights, -1).swapaxes(0, 1).reshape(-1, len(self.bare)))
 
-    def evidence(self, rgb: NDArray[np.uint8]) -> _Array:
+    def evidence(self, rgb: UInt8) -> Float64:
         """Log likelihood (n, 11) of every part for every colour (n, 3); flat where no swatch is near."""
         match = self.match(chromaticity(rgb), blur(rgb))
         return np.asarray(np.log(np.exp(self.by_part(match)) + STRAY))
 
-    def by_part(self, match: _Array) -> _Array:
+    def by_part(self, match: Float64) -> Float64:
         """The best swatch's log likelihood (n, 11) of each part, from that of all (n, K)."""
         return np.asarray(_best_of(match, *np.nonzero(self.wears)))
 
 
-def _lit(palette: _Array, log_gain: _Array) -> tuple[_Array, _Array]:
+def _lit(palette: Float64, log_gain: Float64) -> tuple[Float64, Float64]:
     """Chromaticities (..., K, 2) of a palette (K, 2), and of the lights themselves (..., 1, 2).
 
     log_gain: (..., 2) of the lights.
@@ -117,7 +116,7 @@ def _lit(palette: _Array, log_gain: _Array) -> tuple[_Array, _Array]:
 
 
 @njit(cache=True, nogil=True)
-def _best_of(match: _Array, swatch: NDArray[np.intp], part: NDArray[np.intp]) -> _Array:
+def _best_of(match: Float64, swatch: Index, part: Index) -> Float64:
     """The highest match (n, 11) of each part's swatches; match: (n, K). swatch[j] is part[j]'s."""
     best = np.full((len(match), _N), -np.inf)
     for i in range(len(match)):
@@ -128,8 +127,8 @@ def _best_of(match: _Array, swatch: NDArray[np.intp], part: NDArray[np.intp]) ->
 
 @njit(cache=True, nogil=True)
 def _match(
-    chroma: _Array, noise: _Array, middle: _Array, variance: _Array, unknown: _Array, cost: _Array
-) -> _Array:
+    chroma: Float64, noise: Float64, middle: Float64, variance: Float64, unknown: Float64, cost: Float64
+) -> Float64:
     """Log density (n, K) of normal distributions less each one's cost, as ``ColorModel.match`` says."""
     score = np.empty((len(chroma), len(middle)))
     for i in range(len(chroma)):
@@ -143,7 +142,7 @@ def _match(
     return score
 
 
-def readable(rgb: NDArray[np.uint8], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def readable(rgb: UInt8, seen: Bool) -> Bool:
     """Which colours (n, 3) say anything (n,): seen, neither black nor white for want of range."""
     return np.asarray(seen & (rgb.max(axis=1) >= DARK) & ((rgb >= CLIPPED).sum(axis=1) < 2))
 
@@ -161,14 +160,14 @@ def unfitted(suit: Suit) -> ColorModel:
     return under(model, GAIN)
 
 
-def under(model: ColorModel, log_gain: _Array) -> ColorModel:
+def under(model: ColorModel, log_gain: Float64) -> ColorModel:
     """A palette as it is to be expected in a light, before any colour has been seen."""
     model = replace(model, log_gain=log_gain)
     fading = model.fading
     return replace(model, shift=FADE * fading, unknown=_strays(model, fading))
 
 
-def refit_colors(model: ColorModel, rgb: NDArray[np.uint8], belief: _Array) -> ColorModel:
+def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
     """Fit all by expectation maximisation, knowing what parts the colours (n, 3) are likely on: (n, 11)."""
     every = slice(None, None, -(-len(rgb) // MAX_POINTS))
     rgb, prior = rgb[every], belief[every] @ model.wears.T
@@ -182,13 +181,13 @@ def refit_colors(model: ColorModel, rgb: NDArray[np.uint8], belief: _Array) -> C
     return model
 
 
-def blur(rgb: NDArray[np.uint8]) -> _Array:
+def blur(rgb: UInt8) -> Float64:
     """Uncertainty (n,) of each colour's chromaticity: noise of the dark, the loss of the clipped."""
     brightest = np.maximum(rgb.max(axis=1), 1.0)
     return np.asarray(np.hypot(NOISE_RGB / brightest, CLIP_SIGMA * (rgb >= CLIPPED).sum(axis=1)))
 
 
-def _fitted_gain(model: ColorModel, chroma: _Array, weight: _Array) -> _Array:
+def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64:
     """One Gauss-Newton step of the log gains; weight (n, K): responsibility over variance."""
     x, y = model.lit.T
     z = 1 - x - y
@@ -201,7 +200,7 @@ def _fitted_gain(model: ColorModel, chroma: _Array, weight: _Array) -> _Array:
     return np.asarray(model.log_gain + np.linalg.solve(normal, slope))
 
 
-def _fitted_swatches(model: ColorModel, chroma: _Array, share: _Array) -> ColorModel:
+def _fitted_swatches(model: ColorModel, chroma: Float64, share: Float64) -> ColorModel:
     """The model with each swatch's shift and spread fitted to its share (n, K) of the colours (n, 2).
 
     A shift's prior is a normal distribution drawn out towards the light's chromaticity, for cloth fades.
@@ -218,7 +217,7 @@ def _fitted_swatches(model: ColorModel, chroma: _Array, share: _Array) -> ColorM
     return replace(model, shift=shift, unknown=unknown, variance=np.maximum(own, LEAST_SIGMA**2))
 
 
-def _strays(model: ColorModel, fading: _Array) -> _Array:
+def _strays(model: ColorModel, fading: Float64) -> Float64:
     """Covariance (..., K, 2, 2) of the swatches' shifts before any colour has been seen.
 
     fading: (..., K, 2).
@@ -229,7 +228,7 @@ def _strays(model: ColorModel, fading: _Array) -> _Array:
     )
 
 
-def _variance(model: ColorModel, chroma: _Array, share: _Array, mass: _Array) -> _Array:
+def _variance(model: ColorModel, chroma: Float64, share: Float64, mass: Float64) -> Float64:
     """Variance (K,) of the colours a swatch explains about their own mean, along one axis."""
     mean = share.T @ chroma / np.maximum(mass, 1e-9)[:, None]
     gaps = (chroma[:, :1] - mean[:, 0]) ** 2 + (chroma[:, 1:] - mean[:, 1]) ** 2

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from skimage.color import rgb2lab
 
+from annotate.array_types import Bool, UInt8
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
@@ -32,8 +33,6 @@ CONTRAST = 12.0
 """A patch differs from the paper by this much in CIELAB; 2.3 is just noticeable (Sharma 2003)."""
 LEAST_PATCH = 0.002
 """Share of the photograph below which a spot is no patch."""
-
-_Array = NDArray[np.float64]
 
 
 def corrected_frames(labels: LabelSet) -> list[str]:
@@ -69,7 +68,7 @@ def suit_from_labels(frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: s
     Every part takes its one or two main colours. Raises CloudError when labels are of another depth image,
     or no frame shows enough of a part.
     """
-    seen: dict[int, list[NDArray[np.uint8]]] = {part.id: [] for part in BODY_PARTS}
+    seen: dict[int, list[UInt8]] = {part.id: [] for part in BODY_PARTS}
     for cloud, labels in frames:
         if not np.array_equal(cloud.depth_mm, labels.depth_mm):
             raise CloudError(
@@ -115,7 +114,7 @@ def suit_from_photo(path: Path, name: str) -> Suit:
     )
 
 
-def _suit(colors: dict[int, NDArray[np.uint8]], name: str, most: int = 2) -> Suit:
+def _suit(colors: dict[int, UInt8], name: str, most: int = 2) -> Suit:
     swatches = []
     for part in BODY_PARTS:
         own = colors.get(part.id, np.zeros((0, 3), np.uint8))
@@ -132,7 +131,7 @@ def _suit(colors: dict[int, NDArray[np.uint8]], name: str, most: int = 2) -> Sui
     )
 
 
-def _main_colors(rgb: NDArray[np.uint8], most: int) -> list[tuple[int, ...]]:
+def _main_colors(rgb: UInt8, most: int) -> list[tuple[int, ...]]:
     """The mean colour of a part, or two where its chromaticities (n, 3) fall apart; the larger first."""
     rgb = rgb[:: -(-len(rgb) // MAX_POINTS)]
     chroma = chromaticity(rgb)
@@ -151,7 +150,7 @@ def _main_colors(rgb: NDArray[np.uint8], most: int) -> list[tuple[int, ...]]:
     return [_typical(rgb[side == i]) for i in order]
 
 
-def _typical(rgb: NDArray[np.uint8]) -> tuple[int, ...]:
+def _typical(rgb: UInt8) -> tuple[int, ...]:
     """The median chromaticity of colours (n, 3) at their upper brightness, as sRGB."""
     x, y = np.median(chromaticity(rgb), axis=0)
     shares = np.maximum([x, y, 1 - x - y], 0)
@@ -159,7 +158,7 @@ def _typical(rgb: NDArray[np.uint8]) -> tuple[int, ...]:
     return tuple(int(c) for c in np.rint(level * (shares / shares.max()) ** (1 / 2.2)))
 
 
-def _inner(parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def _inner(parts: UInt8) -> Bool:
     square = np.ones((2 * BORDER_PX + 1,) * 2, np.uint8)
     return np.asarray(cv2.dilate(parts, square) == cv2.erode(parts, square))
 
@@ -175,7 +174,7 @@ def _row_by_row(stats: NDArray[Any]) -> list[int]:
     return [int(i) for i in np.lexsort((stats[:, cv2.CC_STAT_LEFT], row))]
 
 
-def _read(path: Path) -> NDArray[np.uint8]:
+def _read(path: Path) -> UInt8:
     try:
         if path.stat().st_size > MAX_IMAGE_BYTES:
             raise CloudError(f"swatches {path} are larger than {MAX_IMAGE_BYTES} bytes; give a photograph")

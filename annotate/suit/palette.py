@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float64, UInt8
 from annotate.parts import BODY_PARTS, PART_ID, PARTS
 from sensors.errors import CloudError
 from sensors.files.toml_file import read_toml
@@ -36,8 +37,8 @@ class Suit:
     """
 
     name: str
-    colors_rgb: NDArray[np.uint8]
-    parts: NDArray[np.uint8]
+    colors_rgb: UInt8
+    parts: UInt8
 
     def __post_init__(self) -> None:
         for part in BODY_PARTS:
@@ -52,7 +53,7 @@ class Suit:
         ids = [part.id for part in BODY_PARTS]
         return tuple((a, b) for a in ids for b in ids if a < b and self._covers(near, a, b))
 
-    def _covers(self, near: NDArray[np.bool_], a: int, b: int) -> bool:
+    def _covers(self, near: Bool, a: int, b: int) -> bool:
         both = near[np.ix_(self.parts == a, self.parts == b)]
         return bool(both.any(axis=1).all() or both.any(axis=0).all())
 
@@ -66,7 +67,7 @@ class Suit:
         )
 
 
-def chromaticity(rgb: NDArray[np.generic]) -> NDArray[np.float64]:
+def chromaticity(rgb: NDArray[np.generic]) -> Float64:
     """Colour (..., 3) sRGB -> chromaticity (..., 2), which shade does not change.
 
     Shares of red and green in linear light: x = R / (R + G + B). Gamma: IEC 61966-2-1, taken as 2.2.
@@ -75,7 +76,7 @@ def chromaticity(rgb: NDArray[np.generic]) -> NDArray[np.float64]:
     return np.asarray(linear[..., :2] / linear.sum(axis=-1, keepdims=True))
 
 
-def _linear(rgb: NDArray[np.generic]) -> NDArray[np.float64]:
+def _linear(rgb: NDArray[np.generic]) -> Float64:
     return np.asarray(np.power(np.asarray(rgb, np.float64) / 255, 2.2) + 1e-6)
 
 
