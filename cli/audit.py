@@ -1,4 +1,4 @@
-"""What ``info`` says of the work that people put into a label set."""
+"""What ``info`` shows of the corrections in a label set."""
 
 from rich.console import Console
 from rich.table import Table
@@ -10,7 +10,7 @@ from annotate.labelset.store import LabelSet
 
 
 def audit_of(labels: LabelSet) -> Audit | None:
-    """The audit of a label set, or None when nobody worked on it."""
+    """The audit of a label set, or None if nobody corrected it."""
     found = audit(labels, Journal.of(labels.path))
     return found if found.people else None
 

@@ -1,4 +1,4 @@
-"""The verb on calibration: calibrate."""
+"""The verb ``calibrate``: solve the calibration of a rig, or check it."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,28 +21,29 @@ if TYPE_CHECKING:
 
 def calibrate(
     board: Annotated[
-        Path, typer.Argument(metavar="BOARD", help="Session of the hole plate held before the cameras.")
+        Path,
+        typer.Argument(metavar="BOARD", help="Session that shows the hole plate; with --check, any session."),
     ],
     out: Annotated[
-        Path | None, typer.Option(help="Calibration to write (JSON); a plot goes beside it.")
+        Path | None, typer.Option(help="Calibration file to write (JSON); a plot is saved beside it.")
     ] = None,
     check: Annotated[
         bool,
         typer.Option(
-            "--check", help="Measure instead how far the calibration of BOARD, any session, is off."
+            "--check", help="Only measure whether the calibration of the session still fits its images."
         ),
     ] = False,
     yaml: Annotated[
-        Path | None, typer.Option(help="Folder to write the same to as YAML, for OpenCV and iai_kinect2.")
+        Path | None, typer.Option(help="Folder for the same calibration as YAML, for OpenCV and iai_kinect2.")
     ] = None,
-    columns: Annotated[int, typer.Option(help="Holes in a row.")] = 4,
+    columns: Annotated[int, typer.Option(help="Holes per row.")] = 4,
     rows: Annotated[int, typer.Option(help="Rows of holes.")] = 11,
-    pitch_mm: Annotated[float, typer.Option(help="Distance of neighbouring rows.")] = 35.0,
+    pitch_mm: Annotated[float, typer.Option(help="Distance between neighbouring rows.")] = 35.0,
     hole_mm: Annotated[float, typer.Option(help="Diameter of a hole.")] = 22.0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Solve intrinsics and relative poses of all cameras from a recording of a hole plate."""
+    """Solve intrinsics and relative poses of all cameras from a recording of the hole plate."""
     if check:
         _check(Session(board), json)
         return
@@ -66,14 +67,14 @@ def calibrate(
     good, findings = judge(found)
     for finding in findings:
         say(finding.says + (f": {finding.remedy}" if finding.remedy else ""))
-    verdict = "good" if good else "not to be relied on yet, see above"
+    verdict = "good" if good else "not reliable yet, see above"
     finish(_result(found, good), json, f"{out}: {verdict}; errors drawn in {plot}")
 
 
 def _check(session: Session, json: bool) -> None:
     drift = measure_drift(session, session.calibration)
     right, down = drift.shift_px
-    verdict = "in order" if drift.is_tolerable else "record the hole plate and calibrate again"
+    verdict = "fits" if drift.is_tolerable else "record the hole plate and calibrate again"
     result = {
         "frames": drift.frames,
         "shift_px": [round(right, 2), round(down, 2)],
@@ -94,10 +95,10 @@ def _solve(session: Session, plate: HolePlate) -> "Adjusted":
 
     if "/infrared/image" not in session.streams:
         raise CalibrationError(
-            f"{session.path} has no infrared images; record with --infrared, or calibrate --check a session"
+            f"{session.path} has no infrared images; record with --infrared, or give --check"
         )
     views = []
-    with progress("look for the plate", len(session)) as advance:
+    with progress("find the plate", len(session)) as advance:
         for frame in session:
             views.append(view_plate(frame, plate, session.calibration.depth))
             advance(1)

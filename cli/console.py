@@ -29,7 +29,7 @@ from annotate.labelset.appearing import check_replaceable
 from sensors.errors import one_line
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing output.")]
 
 LINE_SECONDS = 5.0
 """Seconds between two lines of progress where stderr is no terminal; chosen by eye."""
@@ -40,7 +40,7 @@ WIDTH = 110
 
 @contextmanager
 def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show how far a long run is, with its rate and the time left; yields ``advance(n)``."""
+    """Show the progress of a long run, its rate and the time left; yields ``advance(n)``."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _lines(what, total)
@@ -134,12 +134,12 @@ def finish(result: dict[str, Any], as_json: bool, text: str) -> None:
 
 
 def say(line: str) -> None:
-    """A remark beside the result, on stderr."""
+    """Print a remark on stderr."""
     print(one_line(line), file=sys.stderr, flush=True)
 
 
 def finish_run(result: dict[str, Any], run: Run, as_json: bool, text: str) -> None:
-    """Print the result of a run over frames, and what it left out; exits with 3 when some frames failed."""
+    """Print the result of a run over frames and the frames that failed; exits with 3 if there are any."""
     result["remarks"], total = run.remarks(), len(run.labels)
     for remark, frames in result["remarks"].items():
         say(f"{len(frames)} of {total} frames, first {frames[0]}: {remark}")
@@ -153,9 +153,9 @@ def finish_run(result: dict[str, Any], run: Run, as_json: bool, text: str) -> No
 
 
 def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
-    """Remove a folder that an earlier run made (it holds ``marker``), when asked to.
+    """With ``overwrite``, remove a folder that an earlier run made (it holds ``marker``).
 
-    Raises ExistsError for what must never be removed (``check_replaceable``).
+    Raises ExistsError for a folder that must not be removed (``check_replaceable``).
     """
     if overwrite and out.exists():
         check_replaceable(out, marker, *inputs)

@@ -1,4 +1,4 @@
-"""Verbs that make and look at recordings: simulate, info, validate."""
+"""Verbs that make and inspect recordings: simulate, info, validate."""
 
 from collections import Counter
 from pathlib import Path
@@ -22,32 +22,37 @@ from sensors.session.reader import Session
 
 Session_ = Annotated[Path, typer.Argument(metavar="OUT.mcap", help="Session to write.")]
 Any_ = Annotated[
-    Path, typer.Argument(metavar="PATH", help="Session, label set, dataset, or anything that import takes.")
+    Path,
+    typer.Argument(metavar="PATH", help="Session, label set, dataset, or anything else that import reads."),
 ]
 
 
 def simulate(
     out: Session_,
-    frames: Annotated[int, typer.Option(help="Frames to record.", min=1)] = 40,
+    frames: Annotated[int, typer.Option(help="Number of frames.", min=1)] = 40,
     subjects: Annotated[
         int | None,
-        typer.Option(help="People, one after another.", min=1, show_default="4, but at most one a frame"),
+        typer.Option(
+            help="Number of people, recorded one after another.",
+            min=1,
+            show_default="4, at most one per frame",
+        ),
     ] = None,
     scene: Annotated[
         str,
         typer.Option(
-            help="Where they are: sofa, chair or bed; or plate, to try calibrate.",
+            help="sofa, chair or bed; or plate, the target for calibrate.",
             autocompletion=names.scenes,
         ),
     ] = "sofa",
     difficulty: Annotated[
         str, typer.Option(help="clean, normal or hard.", autocompletion=names.difficulties)
     ] = "normal",
-    seed: Annotated[int, typer.Option(help="Same seed, same session.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Let the virtual rig record people in a colour-coded suit; the truth goes to OUT.truth/."""
+    """Record people in a colour-coded suit with the virtual rig; the true labels go to OUT.truth/."""
     if scene == "plate":
         _simulate_plate(out, frames, seed, overwrite, json)
         return
@@ -73,7 +78,7 @@ def _simulate_plate(out: Path, frames: int, seed: int, overwrite: bool, json: bo
 
 
 def info(path: Any_, json: Json = False) -> None:
-    """Say what a path holds; of a label set, also the work people put into it."""
+    """Show what a path holds; for a label set, also who corrected what."""
     result = audit = None
     if (path / store.MANIFEST).is_file():
         labels = LabelSet.open(path)
@@ -91,14 +96,16 @@ def info(path: Any_, json: Json = False) -> None:
 
 
 def validate(path: Any_, json: Json = False) -> None:
-    """Check every frame; exit 1 when something is wrong."""
+    """Check every frame; exits with 1 if something is wrong."""
     if (path / store.MANIFEST).is_file():
         problems = store.validate(LabelSet.open(path))
     elif (path / dataset.MANIFEST).is_file():
         problems = dataset.validate(Dataset.open(path))
     else:
         problems = _source_problems(path)
-    finish({"ok": not problems, "problems": problems}, json, "\n".join(problems) or f"{path}: all is well")
+    finish(
+        {"ok": not problems, "problems": problems}, json, "\n".join(problems) or f"{path}: no problems found"
+    )
     if problems:
         raise typer.Exit(1)
 
@@ -134,9 +141,7 @@ def _source_problems(path: Path) -> list[str]:
     source = open_source(path)
     problems = []
     if isinstance(source, Session) and source.truncated:
-        problems.append(
-            f"{path} is truncated: its last moments are lost; its {len(source)} frames can be used"
-        )
+        problems.append(f"{path} is truncated: its end is lost; its {len(source)} frames can be used")
     fuser = Fuser(source.calibration)
     try:
         for frame in source:
@@ -148,7 +153,7 @@ def _source_problems(path: Path) -> list[str]:
 
 def _frame_problems(frame: RigFrame, fuser: Fuser) -> list[str]:
     if not (frame.depth_mm > 0).any():
-        return [f"frame {frame.index:06d} has no depth reading at all"]
+        return [f"frame {frame.index:06d} has no depth reading"]
     try:
         fuser.fuse_frame(frame)
     except CloudError as error:

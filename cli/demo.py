@@ -14,15 +14,15 @@ MARKER = ".annotate-cloud-demo"
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")],
-    frames: Annotated[int, typer.Option(min=1, help="Frames to record, of up to four people.")] = 12,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same people and motions.")] = 1,
+    out: Annotated[Path, typer.Option(help="Folder for all results of the demo.")],
+    frames: Annotated[int, typer.Option(min=1, help="Number of frames, of up to four people.")] = 12,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same people and poses.")] = 1,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Run the whole path on the virtual rig and end with a report."""
     with needing("synth", "network", "report"):
-        import onnxruntime  # noqa: F401, before anything is recorded in vain
+        import onnxruntime  # noqa: F401, fails before the rig records rather than after
 
         from cli.recipe import whole_path
 

@@ -1,4 +1,4 @@
-"""The verb ``doctor``: what this installation can do, what it cannot, and what would mend it."""
+"""The verb ``doctor``: what is installed, what is missing, and how to install it."""
 
 import os
 import platform
@@ -13,12 +13,12 @@ from cli.extras import COSTS
 from sensors.errors import CloudError
 
 NEEDED = ("packages", "PCL")
-"""Findings without which the main job cannot be done."""
+"""Findings without which labelling does not work."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at. remedy: what to do where it is not ok; cost: what does not work until then."""
+    """One part of the installation. cost: what does not work without it; remedy: how to install it."""
 
     name: str
     ok: bool
@@ -28,7 +28,7 @@ class Finding:
 
 
 def doctor(json: Json = False) -> None:
-    """Say what is installed, what is missing, what that costs and how to mend it."""
+    """Show what is installed, what is missing, what does not work without it, and how to install it."""
     findings = [_python(), *_extras(), _pcl(), _kinect2(), _screen()]
     width = max(len(one.name) for one in findings)
     lines = []
@@ -60,7 +60,7 @@ def _extras() -> list[Finding]:
 def _extra(extra: str, needed: list[Requirement]) -> Finding:
     wrong = [problem for problem in map(_problem, needed) if problem]
     target = f"annotate-cloud[{extra}]" if extra else "annotate-cloud"
-    found = ", ".join(wrong) or f"{len(needed)} packages" if needed else "not known to this installation"
+    found = ", ".join(wrong) or f"{len(needed)} packages" if needed else "unknown to this installation"
     return Finding(
         f"extra {extra}" if extra else "packages",
         bool(needed) and not wrong,
@@ -71,7 +71,7 @@ def _extra(extra: str, needed: list[Requirement]) -> Finding:
 
 
 def _problem(requirement: Requirement) -> str:
-    """What is wrong with a package, "" where nothing is."""
+    """What is wrong with a package; "" if nothing is."""
     try:
         found = version(requirement.name)
     except PackageNotFoundError:
@@ -91,7 +91,7 @@ def _pcl() -> Finding:
             "PCL", False, str(error), "no labels from a suit (label)",
             "apt install libpcl-dev, then pip install --force-reinstall --no-deps annotate-cloud",
         )  # fmt: skip
-    return Finding("PCL", True, "the extension loads")
+    return Finding("PCL", True, "the extension can be loaded")
 
 
 def _kinect2() -> Finding:
@@ -102,14 +102,14 @@ def _kinect2() -> Finding:
     except CloudError as error:
         why, remedy = str(error).split("; ", 1)
         return Finding("Kinect v2", False, why, "no Kinect v2 as a device", remedy)
-    return Finding("Kinect v2", True, "libfreenect2 answers")
+    return Finding("Kinect v2", True, "libfreenect2 can be loaded")
 
 
 def _screen() -> Finding:
     cost = "no correction window (fix)"
     if find_spec("PySide6") is None:
         return Finding(
-            "screen", False, "not tried without extra gui", cost, "pip install 'annotate-cloud[gui]'"
+            "screen", False, "not tested without the extra gui", cost, "pip install 'annotate-cloud[gui]'"
         )
     from annotate.gui.probe import check_screen
 

@@ -25,7 +25,7 @@ def evaluate(
     predicted: Annotated[Path, typer.Argument(metavar="PREDICTED", help="Label set or dataset.")],
     truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Label set or dataset.")],
     out: Annotated[
-        Path | None, typer.Option(help="Keep the result here for 'report' (lines of JSON).")
+        Path | None, typer.Option(help="Result file to write, for 'compare' and 'report'.")
     ] = None,
     title: Annotated[str, typer.Option(help="Name of the result in the report.")] = "Network",
     overwrite: Overwrite = False,
@@ -54,7 +54,7 @@ def evaluate(
 
 
 def _facts(predicted: Frames, truth: Frames, comparison: Comparison) -> dict[str, str]:
-    """What a reader of the result needs to repeat it."""
+    """What is needed to repeat the result."""
     weights: object = predicted.info
     for key in ("steps", "predict", "weights"):
         weights = weights.get(key) if isinstance(weights, dict) else None
@@ -76,11 +76,11 @@ def _with_interval(comparison: Comparison, name: str) -> str:
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(metavar="A", help="Result that 'evaluate --out' kept.")],
+    a: Annotated[Path, typer.Argument(metavar="A", help="Result that 'evaluate --out' wrote.")],
     b: Annotated[Path, typer.Argument(metavar="B", help="Result to compare it with.")],
     json: Json = False,
 ) -> None:
-    """Say by how much result A is better than result B, and how certain that is."""
+    """Show by how much result A is better than result B, and how certain that is."""
     with needing("report"):
         import scipy.stats  # noqa: F401
 

@@ -1,4 +1,4 @@
-"""Verbs that bring in what others made, and take labels to other tools: import, export."""
+"""Verbs that read recordings and labels of other tools, and write labels for them: import, export."""
 
 from collections import Counter
 from pathlib import Path
@@ -19,16 +19,16 @@ SESSION_SUFFIX = ".mcap"
 
 def import_(
     source: Annotated[
-        Path, typer.Argument(metavar="SRC", help=f"For images: {KINDS}. For labels: what export writes.")
+        Path, typer.Argument(metavar="SRC", help=f"Recording: {KINDS}. Labels: whatever export writes.")
     ],
     out: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="OUT.mcap: a session of the images. A folder: a label set."),
+        typer.Argument(metavar="OUT", help="OUT.mcap for a recording, a folder for labels."),
     ],
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Bring in your own recording (OUT.mcap) or another tool's labels (OUT, a folder)."""
+    """Import a recording (OUT.mcap) or another tool's labels (OUT, a folder)."""
     if out.suffix.lower() == SESSION_SUFFIX:
         _import_images(source, out, overwrite, json)
     else:

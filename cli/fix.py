@@ -9,16 +9,18 @@ from cli.extras import needing
 
 
 def fix(
-    labels: Annotated[Path, typer.Argument(metavar="LABELS", help="Label set to correct, of any origin.")],
+    labels: Annotated[Path, typer.Argument(metavar="LABELS", help="Label set to correct.")],
     session: Annotated[
         Path | None,
-        typer.Option(help="Its recording, for colour and temperature; found if it lies beside."),
+        typer.Option(
+            help="Recording of these labels, for colour and temperature. Default: the one beside them."
+        ),
     ] = None,
-    compare: Annotated[Path | None, typer.Option(help="Another label set, to see where they differ.")] = None,
-    who: Annotated[str, typer.Option(help="Who corrects; the system's user by default.")] = "",
-    read_only: Annotated[bool, typer.Option("--read-only", help="Look, and change nothing.")] = False,
+    compare: Annotated[Path | None, typer.Option(help="Another label set, to show the differences.")] = None,
+    who: Annotated[str, typer.Option(help="Name of the person who corrects. Default: the system user.")] = "",
+    read_only: Annotated[bool, typer.Option("--read-only", help="Open without changing anything.")] = False,
 ) -> None:
-    """Correct part labels in a window: F1 shows its keys. Every stroke is saved as it is made."""
+    """Correct part labels in a window; F1 shows the keys. Every stroke is saved at once."""
     with needing("gui"):
         from annotate.gui.app import run_window
     states = run_window(labels, session, compare, who, read_only)

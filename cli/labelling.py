@@ -26,23 +26,23 @@ def _window(window_c: tuple[float, float] | None) -> tuple[float, float] | None:
         return None
     low, high = window_c
     if not -math.inf < low < high < math.inf:
-        raise typer.BadParameter(f"{low} to {high} is no range; give the lower temperature first")
+        raise typer.BadParameter(f"{low} to {high} is not a range; give the lower temperature first")
     return window_c
 
 
 Window = Annotated[
     tuple[float, float] | None,
     typer.Option(
-        help="Temperatures of a person, degrees Celsius; without it they are found in each frame.",
+        help="Lowest and highest temperature of a person, degrees Celsius. Default: found in each frame.",
         callback=_window,
     ),
 ]
-Labels = Annotated[Path, typer.Option(help="Label set to write; a broken run goes on there.")]
+Labels = Annotated[Path, typer.Option(help="Label set to write; an interrupted run continues there.")]
 
 
 def label(
     session: Annotated[
-        Path, typer.Argument(metavar="SESSION", help="Session, or anything else that import takes.")
+        Path, typer.Argument(metavar="SESSION", help="Session, or anything else that import reads.")
     ],
     out: Labels,
     suit: Annotated[Path | None, typer.Option(help="Palette of the colour-coded suit (TOML).")] = None,
@@ -50,7 +50,7 @@ def label(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Fuse every frame, extract the person by temperature, and read the parts off the suit."""
+    """Fuse the cameras, find the person by temperature, and read the body parts from the suit."""
     palette = load_suit(suit) if suit else None
     source = open_source(session)
     clear(out, store.MANIFEST, overwrite, session, *([suit] if suit else []))
@@ -78,14 +78,16 @@ def learn(
     labels: Annotated[
         Path | None, typer.Argument(metavar="LABELS", help="Label set with corrected frames.")
     ] = None,
-    session: Annotated[Path | None, typer.Option(help="What the labels were made from.")] = None,
+    session: Annotated[Path | None, typer.Option(help="Recording the labels were made from.")] = None,
     frame: Annotated[
-        list[str] | None, typer.Option(help="Id of a right frame; default: all that a person corrected.")
+        list[str] | None,
+        typer.Option(help="Id of a correctly labelled frame; repeatable. Default: all corrected frames."),
     ] = None,
     swatches: Annotated[
         Path | None,
         typer.Option(
-            help="Instead: photograph of eleven patches on plain paper, row by row, head to right shin."
+            help="Instead of LABELS: photograph of the eleven cloths on plain paper, "
+            "row by row from the head to the right lower leg."
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -113,10 +115,10 @@ def learn(
 
 def diff(
     a: Annotated[Path, typer.Argument(metavar="A", help="Label set or dataset.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="Label set or dataset taken as the truth.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Label set or dataset to take as the truth.")],
     json: Json = False,
 ) -> None:
-    """Compare label set A with label set B, in short; 'evaluate' says more."""
+    """Compare label set A with label set B in a few scores; 'evaluate' computes more scores."""
     sets = open_frames(a), open_frames(b)
     with progress("compare", len(sets[1])) as advance:
         result = compare_sets(*sets, advance).to_json()

@@ -1,4 +1,4 @@
-"""The ``annotate-cloud`` command: mounts all verbs; the one place that prints errors and exits."""
+"""The ``annotate-cloud`` command: all verbs, and the one place that prints errors and exits."""
 
 import errno
 import os
@@ -27,14 +27,14 @@ from sensors.errors import CloudError, one_line
 
 app = typer.Typer(
     name="annotate-cloud",
-    help="Annotate human depth images with body parts, and measure networks against the labels.",
+    help="Label human depth images with body parts, and measure networks against the labels.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-FIRST, RECORDINGS, LABELS = "To begin with", "Recordings", "Labels"
+FIRST, RECORDINGS, LABELS = "Getting started", "Recordings", "Labels"
 PEOPLE, NETWORKS = "Synthetic people", "Networks and results"
-"""Headings under which ``--help`` lists the verbs, in the order of a newcomer's way."""
+"""Headings under which ``--help`` lists the verbs, in the order in which a newcomer needs them."""
 
 app.command(rich_help_panel=FIRST)(demo.demo)
 app.command(rich_help_panel=FIRST)(doctor.doctor)
@@ -58,7 +58,7 @@ app.command(rich_help_panel=NETWORKS)(evaluation.evaluate)
 app.command(rich_help_panel=NETWORKS)(evaluation.compare)
 app.command(rich_help_panel=NETWORKS)(reporting.report)
 
-INTERRUPTED = "interrupted; give the same command again, without --overwrite, to go on"
+INTERRUPTED = "interrupted; run the same command again, without --overwrite, to continue"
 
 
 def main() -> None:
@@ -70,12 +70,12 @@ def main() -> None:
     except KeyboardInterrupt:
         _fail(INTERRUPTED, 130)
     except SystemExit as end:
-        # Typer makes a silent exit of Ctrl-C.
+        # Typer turns Ctrl-C into an exit without a message.
         if end.code == 130:
             _fail(INTERRUPTED, 130)
         raise
     except BrokenPipeError:
-        # The reader of our output has gone: nothing is left to say, and nowhere to say it.
+        # Whatever read the output has ended: there is nowhere to print to.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     except OSError as error:
@@ -83,7 +83,7 @@ def main() -> None:
         remedy = {
             errno.ENOSPC: "free some space and run the same command again",
             errno.EACCES: "check the permissions",
-            errno.EROFS: "choose a place that can be written to",
+            errno.EROFS: "choose a folder that can be written to",
         }.get(error.errno or 0, "check the path")
         _fail(f"{error.strerror or error}{where}; {remedy}")
 

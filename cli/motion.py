@@ -1,4 +1,4 @@
-"""The verb on motion: solve."""
+"""The verb ``solve``: markers to joint angles."""
 
 import time
 from pathlib import Path
@@ -16,7 +16,7 @@ from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, MarkerRe
 
 def solve(
     markers: Annotated[Path, typer.Argument(metavar="MARKERS", help="Recording: C3D, TRC or BVH.")],
-    out: Annotated[Path, typer.Option(help="File for the motion (.npz).")],
+    out: Annotated[Path, typer.Option(help="Motion file to write (.npz).")],
     static: Annotated[Path | None, typer.Option(help="Static trial of the same person: C3D or TRC.")] = None,
     markerset: Annotated[
         Path | None, typer.Option(help="Marker-set file (TOML). Default: the shipped set that fits best.")
@@ -24,7 +24,7 @@ def solve(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Turn recorded markers into joint angles that move any body."""
+    """Turn recorded markers into joint angles that can move any body."""
     with needing("synth"):
         from synth.markers.bvh import read_bvh
         from synth.markers.marker_files import read_markers
@@ -35,7 +35,7 @@ def solve(
     places = None if markerset is None else load_marker_set(markerset)
     if markers.suffix.lower() == ".bvh":
         if static is not None or places is not None:
-            raise CloudError(f"{markers} brings its own skeleton; leave out --static and --markerset")
+            raise CloudError(f"{markers} has its own skeleton; leave out --static and --markerset")
         recorded, places = read_bvh(markers)
     else:
         recorded = read_markers(markers)
@@ -86,7 +86,7 @@ def _per_marker(report: MarkerReport) -> dict[str, dict[str, float]]:
 
 
 def _remark(report: MarkerReport) -> None:
-    """Lines on markers that were not simply followed."""
+    """Print the markers that were bridged, missing, ghosts or swapped."""
     for name, marker in _per_marker(report).items():
         told = [
             f"{marker[word]:.0f} {word}"
@@ -97,4 +97,4 @@ def _remark(report: MarkerReport) -> None:
             say(f"{name}: {', '.join(told)} frames, longest gap {marker['longest_gap']:.0f}")
     if report.unknown:
         shown = ", ".join(report.unknown[:8]) + (", ..." if len(report.unknown) > 8 else "")
-        say(f"{len(report.unknown)} labels are in no marker set: {shown}")
+        say(f"{len(report.unknown)} labels belong to no marker of the set: {shown}")

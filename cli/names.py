@@ -1,4 +1,4 @@
-"""What a shell offers at TAB where a name is asked for; nothing where it is not installed."""
+"""Names that the shell completes; none where the extra that brings them is not installed."""
 
 from contextlib import suppress
 
@@ -6,7 +6,7 @@ from annotate.exchange.formats import FORMATS
 
 
 def scenes() -> list[str]:
-    """Where the virtual rig's people are, and the plate for calibrating."""
+    """Scenes of the virtual rig, and the plate for calibration."""
     with suppress(ImportError):
         from synth.rig.place import SCENES
 
@@ -15,7 +15,7 @@ def scenes() -> list[str]:
 
 
 def difficulties() -> list[str]:
-    """How hard the virtual rig makes it."""
+    """Difficulties of the virtual rig."""
     with suppress(ImportError):
         from synth.rig.difficulty import DIFFICULTIES
 
@@ -24,7 +24,7 @@ def difficulties() -> list[str]:
 
 
 def presets() -> list[str]:
-    """Datasets that can be generated."""
+    """Presets of `synth generate`."""
     with suppress(ImportError):
         from synth.images.presets import PRESETS
 
@@ -33,5 +33,5 @@ def presets() -> list[str]:
 
 
 def formats() -> list[str]:
-    """Formats that labels can be written in."""
+    """Formats of `export`."""
     return list(FORMATS)

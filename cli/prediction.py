@@ -1,4 +1,4 @@
-"""The verb that labels frames by a network."""
+"""The verb ``predict``: label frames with a network."""
 
 import time
 from pathlib import Path
@@ -20,7 +20,9 @@ from sensors.importers.open_source import open_source
 def predict(
     source: Annotated[
         Path,
-        typer.Argument(metavar="SRC", help="Session or what else import takes, label set or dataset."),
+        typer.Argument(
+            metavar="SRC", help="Session, label set, dataset, or anything else that import reads."
+        ),
     ],
     out: Labels,
     weights: Annotated[
@@ -28,12 +30,13 @@ def predict(
     ] = SHIPPED_WEIGHTS,
     window: Window = None,
     probabilities: Annotated[
-        bool, typer.Option("--probabilities", help="Keep the probabilities of all classes, 12 kB a frame.")
+        bool,
+        typer.Option("--probabilities", help="Also store the probabilities of all classes, 12 kB per frame."),
     ] = False,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Label by a network trained on synthetic depth; label sets and datasets within their own outlines."""
+    """Label depth images with a network; label sets and datasets keep their outlines of the person."""
     network = Network(weights)
     outlined = any((source / manifest).is_file() for manifest in (store.MANIFEST, dataset.MANIFEST))
     frames = open_frames(source) if outlined else open_source(source)

@@ -1,4 +1,4 @@
-"""The verb on devices that stream: record."""
+"""The verb ``record``: from devices into a session."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -50,18 +50,18 @@ def record(
     out: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="Session to write.")],
     rig: Annotated[Path | None, typer.Option(help="Rig file (TOML): devices and calibration.")] = None,
     device: Annotated[
-        list[str] | None, typer.Option(help="Device, as `devices` lists them; may be given again.")
+        list[str] | None, typer.Option(help="Device address, as `devices` lists it; repeatable.")
     ] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="How long; else until Ctrl-C.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="Duration. Default: until Ctrl-C.")] = None,
     infrared: Annotated[
-        bool, typer.Option("--infrared", help="Keep infrared images, for calibrate.")
+        bool, typer.Option("--infrared", help="Also record infrared images, which calibrate needs.")
     ] = False,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Record depth, colour and temperature from devices, real or virtual, into a session."""
     if (rig is None) == (not device):
-        raise DeviceError("nothing says what to record; give either --rig or one or more --device")
+        raise DeviceError("no device to record from; give either --rig or one or more --device")
     wanted = load_rig(rig) if rig is not None else Rig("rig", tuple(device or ()))
     with ExitStack() as stack:
         shown = Shown() if any(a.startswith("virtual:") for a in wanted.devices) else None
@@ -83,9 +83,9 @@ def _calibration(rig: Rig, devices: list[Device], shown: Shown | None) -> RigCal
         return shown.calibration
     for one in devices:
         if "depth" in one.cameras:
-            say("no calibration: only depth has intrinsics, colour and temperature wait for `calibrate`")
+            say("no calibration: only depth has intrinsics; run `calibrate` for colour and temperature")
             return RigCalibration(one.cameras["depth"])
-    raise CalibrationError("no device knows its depth intrinsics; name a calibration in a --rig file")
+    raise CalibrationError("no device reports depth intrinsics; name a calibration in a --rig file")
 
 
 def _until(seconds: float | None) -> Callable[[], bool]:

@@ -1,4 +1,4 @@
-"""The verb that puts results on one page."""
+"""The verb ``report``: results on one page."""
 
 import shlex
 import sys
@@ -18,31 +18,35 @@ def report(
     results: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RESULTS", help="Results that 'evaluate --out' kept; the first is the baseline."
+            metavar="RESULTS", help="Results that 'evaluate --out' wrote; the first is the baseline."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="HTML file to write; .csv, .json and .tex go beside it.")],
+    out: Annotated[Path, typer.Option(help="HTML file to write; .csv, .json and .tex are saved beside it.")],
     ceiling: Annotated[
-        Path | None, typer.Option(help="Result of two corrections of the same frames against each other.")
+        Path | None, typer.Option(help="Result of comparing two people's corrections of the same frames.")
     ] = None,
     session: Annotated[
-        list[Path] | None, typer.Option(help="Recording the labels were made from: its thermal clouds.")
+        list[Path] | None,
+        typer.Option(help="Recording the labels were made from, to show its clouds; repeatable."),
     ] = None,
     history: Annotated[
-        list[Path] | None, typer.Option(help="Folder of 'train': loss and scores by epoch.")
+        list[Path] | None,
+        typer.Option(help="Folder that 'train' wrote, to show loss and scores by epoch; repeatable."),
     ] = None,
-    audit: Annotated[list[Path] | None, typer.Option(help="Corrected label set: who did what to it.")] = None,
+    audit: Annotated[
+        list[Path] | None, typer.Option(help="Corrected label set, to show who corrected what; repeatable.")
+    ] = None,
     shown: Annotated[
-        list[Path] | None, typer.Option(help="Label set without a truth, to be looked at.")
+        list[Path] | None, typer.Option(help="Label set without a truth, to show its pictures; repeatable.")
     ] = None,
     note: Annotated[
-        list[str] | None, typer.Option(help="What to say of it; one for each --shown, in their order.")
+        list[str] | None, typer.Option(help="Text for a --shown label set; one for each, in the same order.")
     ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Put results side by side, with the paper's, on one page that opens offline."""
-    # Fusion's and the page's libraries take a second to import, which the other verbs need not spend.
+    """Write one page with all results beside those of the paper; it opens offline."""
+    # These imports take a second, which the other verbs need not spend.
     with needing("report"):
         from eval.report.build import free_outputs, write_report
         from eval.report.gather import gather

@@ -21,35 +21,39 @@ from synth.body.body_table import PAPER_BODIES, BodySize, as_text, describe, rea
 from synth.images.workers import cluster, processes
 
 PICTURE = "bodies.png"
-app = typer.Typer(help="Bodies and datasets of synthetic depth images.", no_args_is_help=True)
+app = typer.Typer(help="Synthetic bodies and datasets of depth images.", no_args_is_help=True)
 
 
 @app.command()
 def bodies(
-    out: Annotated[Path, typer.Option(help=f"Folder for the baked bodies and their picture, {PICTURE}.")],
+    out: Annotated[Path, typer.Option(help=f"Folder for the bodies and their picture, {PICTURE}.")],
     table: Annotated[
         Path | None,
-        typer.Option(help="CSV: name,height_cm,weight_kg,waist_breadth_cm. Default: the paper's eight."),
+        typer.Option(
+            help="CSV file: name,height_cm,weight_kg,waist_breadth_cm. Default: the paper's eight bodies."
+        ),
     ] = None,
     sample: Annotated[
         int | None,
         typer.Option(
-            help="So many random adults instead, of both sexes, all ages and builds.", min=1, max=1000
+            help="Number of random adults of both sexes, all ages and builds, instead of a table.",
+            min=1,
+            max=1000,
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the random adults: same seed, same bodies.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same random adults.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Fit the parametric body to height, weight and waist breadth, and bake it. Needs the extra 'bodies'."""
+    """Fit bodies to height, weight and waist breadth. Needs the extra 'bodies'."""
     if table is not None and sample is not None:
-        raise CloudError("--table and --sample both say which bodies; give one of them")
+        raise CloudError("--table and --sample exclude each other; give one of them")
     asked = PAPER_BODIES if table is None else read_sizes(table)
     sizes: Sequence[BodySize | None] = asked if sample is None else [None] * sample
     names = [f"sample_{i:03}" if size is None else size.name for i, size in enumerate(sizes)]
     for path in (out / PICTURE, *(out / f"{name}.npz" for name in names)):
         check_free(path, overwrite)
-    # All bodies are found before the first is written.
+    # All bodies are fitted before the first is written.
     made = _bake(names, sizes, np.random.default_rng(seed))
     from synth.body.body_picture import save_picture
 
@@ -62,11 +66,11 @@ def bodies(
 
 
 def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Generator) -> list[Body]:
-    """Fitted where a size is asked, random where not."""
+    """Bodies fitted to their sizes, random where the size is None."""
     with needing("bodies"):
         from synth.body.fit import BodyModel, fit, random_adult
 
-    # Libraries under anny greet on stdout, which is the result's.
+    # Libraries under anny print to stdout, where only the result belongs.
     with redirect_stdout(sys.stderr):
         model = BodyModel()
     made = []
@@ -84,15 +88,18 @@ def generate_(
         str,
         typer.Option(help="sitting-train, sitting-test, recumbent or upright.", autocompletion=names.presets),
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the shards; a broken run goes on there.")],
-    count: Annotated[int | None, typer.Option(help="Images. Default: the preset's own number.")] = None,
-    workers: Annotated[int, typer.Option(help="Processes of this machine.", min=1, max=256)] = 2,
+    out: Annotated[Path, typer.Option(help="Folder for the shards; an interrupted run continues there.")],
+    count: Annotated[int | None, typer.Option(help="Number of images. Default: the preset's own.")] = None,
+    workers: Annotated[int, typer.Option(help="Processes on this machine.", min=1, max=256)] = 2,
     scheduler: Annotated[
-        str | None, typer.Option(help="Use a dask cluster instead: its scheduler's address, tcp://HOST:8786.")
+        str | None,
+        typer.Option(help="Use a dask cluster instead: address of its scheduler, tcp://HOST:8786."),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Same seed, same bytes.")] = 0,
-    occluders: Annotated[float, typer.Option(help="Share of images with things before the person.")] = 0.0,
-    cut: Annotated[float, typer.Option(help="Share of images with holes in the extraction.")] = 0.0,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same bytes.")] = 0,
+    occluders: Annotated[
+        float, typer.Option(help="Share of images with objects in front of the person.")
+    ] = 0.0,
+    cut: Annotated[float, typer.Option(help="Share of images with holes in the extracted person.")] = 0.0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -108,7 +115,7 @@ def generate_(
         cluster(scheduler) if scheduler else processes(workers) as hands,
         progress("generate", order.count) as advance,
     ):
-        # Not before the workers are there: a dead scheduler costs no old dataset.
+        # Only once the workers have started: an unreachable scheduler must not cost the old dataset.
         clear(out, ORDER, overwrite)
         made = generate(order, out, hands, advance)
     rate = made.images / (time.monotonic() - started)

@@ -1,4 +1,4 @@
-"""The verb that trains a network."""
+"""The verb ``train``: train a network."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from eval.training.plan import Plan, Recipe
 
 Without = StrEnum("Without", [field.name for field in fields(Augmentation)])  # type: ignore[misc]
-"""Each way of making training images harder."""
+"""The augmentations that can be left out."""
 
 
 class NetworkName(StrEnum):
-    """What can be trained, and for how much computation."""
+    """Networks that can be trained."""
 
     COMPACT = "compact"
     COMPACT_SMALL = "compact-small"
@@ -39,14 +39,14 @@ class NetworkName(StrEnum):
 
 
 class RecipeName(StrEnum):
-    """How it is trained."""
+    """Loss and optimiser."""
 
     MODERN = "modern"
     PAPER = "paper"
 
 
 class PrecisionName(StrEnum):
-    """Numbers of the forward pass."""
+    """Floating-point numbers of the forward pass."""
 
     FLOAT32 = "float32"
     BFLOAT16 = "bfloat16"
@@ -55,41 +55,42 @@ class PrecisionName(StrEnum):
 def train(
     data: Annotated[list[Path], typer.Argument(metavar="DATA", help="Datasets and label sets.")],
     out: Annotated[
-        Path, typer.Option(help="Folder for checkpoints and weights; a broken run goes on there.")
+        Path, typer.Option(help="Folder for checkpoints and weights; an interrupted run continues there.")
     ],
     test: Annotated[
-        list[Path] | None, typer.Option(help="Dataset or label set to measure on each epoch; repeatable.")
+        list[Path] | None,
+        typer.Option(help="Dataset or label set to measure on after each epoch; repeatable."),
     ] = None,
-    test_images: Annotated[int, typer.Option(min=1, help="Images of these, evenly spread.")] = 512,
+    test_images: Annotated[int, typer.Option(min=1, help="Number of test images, evenly spread.")] = 512,
     hold_out: Annotated[
-        list[str] | None, typer.Option(help="Subject to measure on, not to train on; repeatable.")
+        list[str] | None, typer.Option(help="Subject to measure on instead of training on; repeatable.")
     ] = None,
     network: Annotated[NetworkName | None, typer.Option(help="Architecture.", show_default="compact")] = None,
     recipe: Annotated[
-        RecipeName, typer.Option(help="AdamW with one cycle, or the paper's SGD and summed loss.")
+        RecipeName, typer.Option(help="modern: AdamW with one cycle; paper: SGD on a summed loss.")
     ] = RecipeName.MODERN,
     init: Annotated[
-        Path | None, typer.Option(help="weights.safetensors to start from; it names the network.")
+        Path | None, typer.Option(help="Weights to start from (weights.safetensors), with their network.")
     ] = None,
     without: Annotated[
         list[Without] | None, typer.Option(help="Augmentation to leave out; repeatable.")
     ] = None,
-    epochs: Annotated[int, typer.Option(min=1, max=10_000, help="Rounds over all images.")] = 12,
+    epochs: Annotated[int, typer.Option(min=1, max=10_000, help="Passes over all images.")] = 12,
     batch: Annotated[
         int | None,
-        typer.Option(min=1, max=1024, help="Images of a step.", show_default="16, the paper's 12"),
+        typer.Option(min=1, max=1024, help="Images per step.", show_default="16, the paper's 12"),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed and data, same network.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed and data give the same network.")] = 0,
     precision: Annotated[
         PrecisionName | None,
         typer.Option(
-            help="bfloat16 is faster where the processor computes in it.",
-            show_default="bfloat16 on a GPU that has it, else float32",
+            help="bfloat16 is faster where the processor supports it.",
+            show_default="bfloat16 on a GPU that supports it, else float32",
         ),
     ] = None,
-    workers: Annotated[int, typer.Option(min=0, max=64, help="Processes that make images ahead.")] = 0,
+    workers: Annotated[int, typer.Option(min=0, max=64, help="Processes that prepare images.")] = 0,
     checkpoint_minutes: Annotated[
-        float, typer.Option(min=0, help="How often an unfinished epoch is put on the disk.")
+        float, typer.Option(min=0, help="Minutes between checkpoints within an epoch.")
     ] = 5.0,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -147,7 +148,7 @@ def _plan(
     from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
 
     if init and network:
-        raise CloudError(f"{init} names its network; leave out --network {network}")
+        raise CloudError(f"{init} determines the network; leave out --network {network}")
     model, config = load_weights(init) if init else (None, _config(network or NetworkName.COMPACT))
     how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
     chosen: Recipe
@@ -181,7 +182,7 @@ def _config(network: NetworkName) -> "NetworkConfig":
 
 def _measured(data: list[Path], tests: list[Path], hold_out: list[str], images: int) -> Crops | None:
     if tests and hold_out:
-        raise CloudError("--test and --hold-out both say what to measure on; give one of them")
+        raise CloudError("--test and --hold-out exclude each other; give one of them")
     if hold_out:
         return load_crops(data, only=frozenset(hold_out)).spread(images)
     return load_crops(tests).spread(images) if tests else None
@@ -189,7 +190,7 @@ def _measured(data: list[Path], tests: list[Path], hold_out: list[str], images: 
 
 @contextmanager
 def _shown(first: bool, images: int) -> Iterator[Callable[[int], None]]:
-    """Progress, told by the first of several processes only."""
+    """Progress, shown by the first of several processes only."""
     if not first:
         yield lambda n: None
         return
