@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_fuse import CALIBRATION, fuse_naive, random_scene, register_naive
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -12,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.registration import Registration, kinect_points, undistortion_index
 from annotate.cloud.visibility import View
+from bench.fuse import CALIBRATION, fuse_naive, random_scene, register_naive
 from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics, project, unproject
 from sensors.rig.frame import RigFrame

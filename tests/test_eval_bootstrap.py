@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from measure_coverage import DESIGNS, Design, coverage, miou_coverage
 
 from eval.scores import confusion, intervals
+from tools.measure_coverage import DESIGNS, Design, coverage, miou_coverage
 
 
 @pytest.mark.parametrize("name", ["8 people", "8 people, most of them easy", "100 people", "one person"])

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-import eval.scores.frames as data
+import eval.training.crops as data
 from annotate.crop import SIZE
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import MANIFEST, encode_shard

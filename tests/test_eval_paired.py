@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measure_coverage import paired_coverage, unpaired_coverage
 from scipy.stats import wilcoxon
 
 from eval.compare.compare import Comparison
@@ -15,6 +14,7 @@ from eval.compare.results import Result
 from eval.scores import confusion
 from eval.scores.counts import SHAPES, FrameCounts
 from eval.scores.traits import Traits
+from tools.measure_coverage import paired_coverage, unpaired_coverage
 
 FRAMES = 5
 PIXELS = 1000

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fuzz_samples import READERS, labelled, png
-from fuzz_spoil import Fuzzer, mutate, seal
 from hypothesis import given
 from hypothesis import strategies as st
 
 from annotate.labelset.dataset import encode_shard
 from sensors.errors import FormatError
 from sensors.files.png import check_chunks
+from tools.fuzz_samples import READERS, labelled, png
+from tools.fuzz_spoil import Fuzzer, mutate, seal
 
 CORPUS = Path(__file__).parent / "corpus"
 SAMPLES = 12

@@ -1,10 +1,10 @@
 """The long material that a load is measured on holds what was made, under new ids."""
 
 import numpy as np
-from load_material import renamed
 
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import encode_shard, read_shard
+from tools.load_material import renamed
 
 
 def test_a_shard_under_new_ids_holds_the_same_images(tmp_path):

@@ -11,9 +11,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from annotate.labelset.dataset import Dataset
-from eval.scores.joint_errors import CAMERA, observe
+from eval.scores.joint_errors import observe
 from eval.scores.joints import HINGES, JOINT, LIMBS, pushed
 from eval.scores.skeleton_fit import BONES
+from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 
 AXES_3 = 2.37
 """Median of a chi-squared of three degrees of freedom: the squared median distance over it is a variance."""
@@ -44,7 +45,7 @@ def fit_limb(surface, a, b):
 def main(paths, every):
     """Print what HINGES, LIMBS, BONES and HIDDEN should say."""
     seen = [
-        observe(frame, frame, CAMERA)
+        observe(frame, frame, KINECT2_PINHOLE)
         for path in paths
         for frame in islice(Dataset.open(path), 0, None, every)
     ]

@@ -39,8 +39,8 @@ LED_BY = [
 """Packages whose branches lead the search: ours, and the pure Python that stands between the bytes and us."""
 
 with atheris.instrument_imports(include=LED_BY):
-    from fuzz_samples import READERS
-    from fuzz_spoil import Fuzzer, mutate, seal
+    from tools.fuzz_samples import READERS
+    from tools.fuzz_spoil import Fuzzer, mutate, seal
 
 HANG_S, HANG_WALL_S = 30.0, 600.0
 """A sample of a few kB that takes longer, of the processor or by the clock of a busy machine, hangs."""

@@ -8,10 +8,9 @@ import warnings
 from pathlib import Path
 from zlib import crc32
 
-from fuzz_samples import Reader
-
 from sensors.errors import CloudError
 from sensors.files.png import PNG_MAGIC
+from tools.fuzz_samples import Reader
 
 NUMBERS = (
     b"0",

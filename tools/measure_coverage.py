@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from annotate.parts import N_CLASSES
-from eval.scores import intervals
+from eval.scores import confusion, intervals
 
 PIXELS = 1000
 
@@ -120,15 +120,15 @@ def miou_coverage(subjects: int, sets: int, resamples: int, seed: int) -> float:
     rng = np.random.default_rng(seed)
     pixels = np.array([40_000, *np.linspace(300, 3000, N_CLASSES - 1)])
 
-    def confusion(errors: np.ndarray) -> np.ndarray:
+    def matrix_of(errors: np.ndarray) -> np.ndarray:
         right = np.eye(N_CLASSES) * (1 - errors)[..., None]
         return pixels[:, None] * (right + errors[..., None] / N_CLASSES)
 
     a, b = np.linspace(2, 6, N_CLASSES), np.full(N_CLASSES, 20.0)
-    truth = confusion.miou(np.rint(1000 * confusion(a / (a + b))).astype(np.int64))
+    truth = confusion.miou(np.rint(1000 * matrix_of(a / (a + b))).astype(np.int64))
     covered = 0
     for i in range(sets):
-        sums = np.rint(confusion(rng.beta(a, b, (subjects, N_CLASSES)))).astype(np.int64)
+        sums = np.rint(matrix_of(rng.beta(a, b, (subjects, N_CLASSES)))).astype(np.int64)
         drawn = intervals.resampled_sums(sums.reshape(subjects, -1), resamples, i)
         resampled = confusion.miou(drawn.reshape(-1, N_CLASSES, N_CLASSES))
         low, high = intervals.interval(confusion.miou(sums.sum(0)), resampled, subjects)
