@@ -19,7 +19,6 @@ COSTS = {
     "cluster": "no generation on several machines (synth generate --scheduler)",
     "kinect": "no Azure Kinect as a device; its recordings can be imported",
     "orbbec": "no Orbbec cameras as devices",
-    "v4l2": "an Optris camera without the kernel's frame numbers",
     "docs": "no documentation pages (make docs)",
 }
 """Every extra, and what does not work without it."""

@@ -18,7 +18,7 @@ from sensors.device.protocol import Device
 from sensors.errors import CalibrationError, DeviceError
 from sensors.recording.open_device import open_device
 from sensors.recording.recorder import Recorded, Recorder, clock_metadata
-from sensors.recording.rig_file import Rig, load_rig
+from sensors.recording.rig_file import RecordingRig, load_rig
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.writer import SessionWriter
@@ -62,10 +62,12 @@ def record(
     """Record depth, colour and temperature from devices, real or virtual, into a session."""
     if (rig is None) == (not device):
         raise DeviceError("no device to record from; give either --rig or one or more --device")
-    wanted = load_rig(rig) if rig is not None else Rig("rig", tuple(device or ()))
+    wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
     with ExitStack() as stack:
         shown = Shown() if any(a.startswith("virtual:") for a in wanted.devices) else None
         devices = [stack.enter_context(closing(open_device(a, shown))) for a in wanted.devices]
+        for one in devices:
+            one.start()
         calibration = _calibration(wanted, devices, shown)
         metadata = clock_metadata(devices, wanted.latency_ms)
         writer = SessionWriter(out, calibration, wanted.name, overwrite=overwrite, metadata=metadata)
@@ -75,17 +77,17 @@ def record(
     _report(out, done, json)
 
 
-def _calibration(rig: Rig, devices: list[Device], shown: Shown | None) -> RigCalibration:
-    """The rig's; else the virtual rig's; else the depth camera's factory intrinsics alone."""
+def _calibration(rig: RecordingRig, devices: list[Device], shown: Shown | None) -> RigCalibration:
+    """The rig file's; else the virtual rig's; else the factory's, of a depth camera that has started."""
     if rig.calibration is not None:
         return rig.calibration
     if shown is not None:
         return shown.calibration
-    for one in devices:
-        if "depth" in one.cameras:
-            say("no calibration: only depth has intrinsics; run `calibrate` for colour and temperature")
-            return RigCalibration(one.cameras["depth"])
-    raise CalibrationError("no device reports depth intrinsics; name a calibration in a --rig file")
+    factory = next((one.calibration for one in devices if one.calibration is not None), None)
+    if factory is None:
+        raise CalibrationError("no device reports depth intrinsics; name a calibration in a --rig file")
+    say("no calibration but the depth camera's own; run `calibrate` for the other cameras")
+    return factory
 
 
 def _until(seconds: float | None) -> Callable[[], bool]:

@@ -25,8 +25,6 @@ apidoc_modules = [
         "destination": f"api/{package}",
         "separate_modules": True,
         "module_first": True,
-        # A stand-in for the kernel that needs linuxpy, which need not be installed.
-        "exclude_patterns": ["**/ioctl.py"],
     }
     for package in ("sensors", "annotate", "synth", "eval")
 ]

@@ -245,6 +245,8 @@ def test_a_clock_that_is_set_while_recording_moves_no_event(tmp_path, monkeypatc
     jumped = SimpleNamespace(monotonic=time.monotonic, monotonic_ns=time.monotonic_ns, time_ns=time.time_ns)
     monkeypatch.setattr(sensors.recording.recorder, "time", jumped)
     devices = [open_device(a) for a in ("virtual:kinect2", "virtual:optris?mode=128hz&unplug_after=0.3")]
+    for device in devices:
+        device.start()
     end = time.monotonic() + 1.0
     with SessionWriter(tmp_path / "s.mcap", RigCalibration(KINECT2_DEPTH), "rig") as writer:
         recorder = Recorder(devices, writer)

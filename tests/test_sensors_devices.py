@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors.device import node, paired_camera, usb
+from sensors.device import depth_camera, node, usb
 from sensors.device.address import Address
 from sensors.device.node import check_node, node_error
 from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
@@ -62,7 +62,7 @@ VALUES = {
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
     """Twins answer at once; what is silent for a fifth of a second is gone."""
-    monkeypatch.setattr(kinect2, "SILENCE_S", 0.2)
+    monkeypatch.setattr(depth_camera, "SILENCE_S", 0.2)
     monkeypatch.setattr(optris_direct, "SILENCE_S", 0.2)
     monkeypatch.setattr(serial_line, "REPLY_S", 0.05)
     monkeypatch.setattr(serial_line, "QUIET_S", 0.005)
@@ -88,23 +88,11 @@ def bench_optris(mode):
         twin = VirtualOptris(layout, Scene(), faults)
 
         def opened():
-            size = (layout.width, layout.height, layout.uvc_hz)
-            return Optris(twin.node, layout, OpenCvVideo(twin.node, *size, FakeKernel(twin)))
+            return Optris(twin.node, layout, OpenCvVideo(twin.node, layout, FakeKernel(twin)))
 
         return Bench(opened, twin.unplug)
 
     return make
-
-
-def bench_linuxpy(faults, folder):
-    pytest.importorskip("linuxpy")
-    from sensors.drivers.video_linuxpy import LinuxpyVideo
-    from sensors.virtual.ioctl import FakeIo
-
-    layout = LAYOUTS["128hz"]
-    twin = VirtualOptris(layout, Scene(), faults)
-    video = (twin.node, layout.width, layout.height, layout.uvc_hz)
-    return Bench(lambda: Optris(twin.node, layout, LinuxpyVideo(*video, FakeIo(twin))), twin.unplug)
 
 
 def bench_direct(faults, folder):
@@ -131,7 +119,6 @@ def bench_pyrometer(family, burst):
 BENCHES = {
     "kinect2": bench_kinect2,
     **{f"optris {mode}": bench_optris(mode) for mode in LAYOUTS},
-    "optris by linuxpy": bench_linuxpy,
     "optris-direct": bench_direct,
     "pyrometer ct": bench_pyrometer(CT, False),
     "pyrometer cs": bench_pyrometer(CS, False),
@@ -325,7 +312,7 @@ def test_any_text_is_an_address_or_refused(text):
 
 def test_options_of_a_virtual_pyrometer_reach_the_real_driver():
     with closing(open_device("virtual:pyrometer?emissivity=0.95&rs485=3&step=0.01")) as device:
-        assert device.device.emissivity == 0.95 and device.twin.emissivity == 0.95
+        assert device.device.emissivity() == 0.95 and device.twin.emissivity == 0.95
 
 
 # --- what keeps a node closed ----------------------------------------------------------------------
@@ -425,12 +412,6 @@ def test_without_their_libraries_they_say_what_to_install():
                 kind()
 
 
-def test_without_linuxpy_its_transport_says_what_to_install(monkeypatch):
-    monkeypatch.setattr("sensors.drivers.video_linuxpy.find_spec", lambda name: None)
-    with pytest.raises(DeviceNotFoundError, match=r"install annotate-cloud\[v4l2\], or leave"):
-        open_device("virtual:optris?transport=linuxpy")
-
-
 def test_a_rational_lens_becomes_the_polynomial_one():
     """An Azure Kinect's depth camera: a hundredth of a pixel over the whole image."""
     coefficients = np.array([0.7, 0.3, 1e-4, -5e-5, 0.015, 1.03, 0.46, 0.08])
@@ -508,10 +489,10 @@ class FakeAzure:
 
 def test_an_azure_kinect_by_pyk4as_names(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyk4a", FakeAzure)
-    monkeypatch.setattr(paired_camera, "SILENCE_S", 0.1)
+    monkeypatch.setattr(depth_camera, "SILENCE_S", 0.1)
     assert [found.address for found in find_devices() if found.kind == "azure"] == ["azure:000042"]
     with closing(open_device("azure:")) as device:
-        assert device.address == "azure:000042" and not device.cameras
+        assert device.address == "azure:000042" and device.calibration is None
         device.start()
         np.testing.assert_allclose(device.calibration.color_from_depth.rotation, np.eye(3), atol=1e-12)
         np.testing.assert_allclose(device.calibration.color_from_depth.translation_m, (-0.032, 0.002, 0.004))

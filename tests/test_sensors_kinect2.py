@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from annotate.cloud.registration import Registration
+from sensors.device import depth_camera
 from sensors.device.protocol import ColorImage, DepthImage
-from sensors.device.ticks import Sequence, WrappingCounter
-from sensors.drivers import kinect2
+from sensors.device.ticks import RunningNumbers, WrappingCounter
 from sensors.drivers.kinect2 import Kinect2, uint16_from_float
 from sensors.drivers.kinect2_shim import load_shim
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
@@ -107,7 +107,7 @@ def compiled(tmp_path_factory):
 
 def test_the_compiled_shim_streams_native_jpeg_and_millimetres(compiled):
     with closing(Kinect2(shim=compiled)) as device:
-        assert device.serial == "012345678947" and not device.cameras
+        assert device.serial == "012345678947" and device.calibration is None
         with pytest.raises(DeviceBusyError, match="cannot be opened; close the program"):
             Kinect2(shim=compiled)
         device.start()
@@ -128,23 +128,18 @@ def test_the_compiled_shim_streams_native_jpeg_and_millimetres(compiled):
 
 def test_factory_parameters_are_read_in_libfreenect2s_order(compiled):
     with closing(Kinect2("012345678947", compiled)) as device:
-        with pytest.raises(DeviceError, match="start it first"):
-            assert device.color_params
         device.start()
-        camera, color = device.cameras["depth"], device.color_params
+        camera = device.calibration.depth
         assert (camera.fx, camera.fy, camera.cx, camera.cy) == (365, 366, 254, 211)
         np.testing.assert_allclose(camera.distortion, (0.1, 0.2, 0.4, 0.5, 0.3), rtol=1e-6)
-        assert (color.f, color.cx, color.cy, color.shift_d, color.shift_m) == (1000, 1002, 1003, 1004, 1005)
-        assert (*color.mx, *color.my) == tuple(range(1006, 1026))
 
 
-def test_the_twin_tells_real_parameters_and_shows_its_scene():
+def test_the_twin_has_real_parameters_and_shows_its_scene():
     scene = Scene()
     twin = VirtualKinect2(scene)
     with closing(Kinect2(shim=twin.shim)) as device:
         device.start()
-        np.testing.assert_allclose(device.color_params.mx, KINECT2_COLOR.mx, rtol=1e-6)
-        assert device.cameras["depth"].fx == pytest.approx(KINECT2_DEPTH.fx)
+        assert device.calibration.depth.fx == pytest.approx(KINECT2_DEPTH.fx)
         first = {(r := device.read(1)).stream: r.value for _ in range(2)}
     np.testing.assert_array_equal(first["depth"].depth_mm, scene.depth(0))
     np.testing.assert_array_equal(first["depth"].infrared, scene.infrared(0))
@@ -152,7 +147,7 @@ def test_the_twin_tells_real_parameters_and_shows_its_scene():
 
 
 def test_silence_is_an_unplugged_device(monkeypatch):
-    monkeypatch.setattr(kinect2, "SILENCE_S", 0.15)
+    monkeypatch.setattr(depth_camera, "SILENCE_S", 0.15)
     twin = VirtualKinect2(Scene())
     with closing(Kinect2(shim=twin.shim)) as device:
         device.start()
@@ -202,7 +197,7 @@ def test_a_wrapping_clock_is_counted_on(steps, start):
 
 @given(st.lists(st.integers(1, 2**31 - 1), max_size=20), st.integers(0, 2**32 - 1))
 def test_gaps_in_running_numbers_are_counted(steps, start):
-    sequence, number = Sequence(), start
+    sequence, number = RunningNumbers(), start
     assert sequence.lost_before(start) == 0
     for step in steps:
         number = (number + step) % 2**32

@@ -14,22 +14,33 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import sensors.recording.recorder
+from sensors.device.protocol import Device
+from sensors.drivers.kinect2 import Kinect2
 from sensors.errors import CalibrationError, DeviceError
 from sensors.recording.open_device import open_device
 from sensors.recording.recorder import Recorder, clock_metadata
-from sensors.recording.rig_file import Rig, load_rig
+from sensors.recording.rig_file import RecordingRig, load_rig
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import RigCalibration, save_calibration
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
+from sensors.virtual.kinect2 import VirtualKinect2
+from sensors.virtual.scene import Scene
 from tests.conftest import assert_refused
 
 KINECT, FIR, SPOT = "virtual:kinect2", "virtual:optris-direct", "virtual:pyrometer?family=ct"
 RIG = RigCalibration(KINECT2_DEPTH)
 
 
-def recorded(path: Path, seconds: float, *addresses: str) -> sensors.recording.recorder.Recorded:
+def started(*addresses: str) -> list[Device]:
     devices = [open_device(address) for address in addresses]
+    for device in devices:
+        device.start()
+    return devices
+
+
+def recorded(path: Path, seconds: float, *addresses: str) -> sensors.recording.recorder.Recorded:
+    devices = started(*addresses)
     end = time.monotonic() + seconds
     with SessionWriter(path, RIG, "rig", metadata=clock_metadata(devices, {})) as writer:
         return Recorder(devices, writer).run(lambda: time.monotonic() >= end, lambda recorder: None)
@@ -138,7 +149,7 @@ RIG_FILE = 'name = "ward"\ncalibration = "rig.json"\ndevices = ["virtual:kinect2
 def test_a_rig_file_is_read(tmp_path):
     save_calibration(tmp_path / "rig.json", RIG)
     (tmp_path / "rig.toml").write_text(RIG_FILE + '[latency_ms]\n"virtual:kinect2" = 25\n')
-    assert load_rig(tmp_path / "rig.toml") == Rig("ward", (KINECT,), RIG, {KINECT: 25})
+    assert load_rig(tmp_path / "rig.toml") == RecordingRig("ward", (KINECT,), RIG, {KINECT: 25})
 
 
 @pytest.mark.parametrize(
@@ -146,7 +157,7 @@ def test_a_rig_file_is_read(tmp_path):
     [
         ('colour = "kinect2"', "unknown key 'colour'"),
         ("devices = 3", "list of addresses"),
-        ("devices = []", "0 devices"),
+        ("devices = []", "names no devices"),
         ('devices = ["a:b", "a:b"]', "twice"),
         ('devices = ["a:b"]\n[latency_ms]\n"c" = 1', "none of its devices"),
         ('devices = ["a:b"]\n[latency_ms]\n"a:b" = -1', "0 to 1000"),
@@ -168,3 +179,14 @@ def test_record_needs_to_know_what(annotate_cloud, tmp_path):
     assert_refused(annotate_cloud("record", tmp_path / "a.mcap"), "--rig")
     assert_refused(annotate_cloud("record", tmp_path / "a.mcap", "--device", "webcam:0"), "webcam")
     assert not list(tmp_path.iterdir())
+
+
+def test_without_a_rig_file_the_depth_camera_s_own_calibration_is_recorded(
+    annotate_cloud, tmp_path, monkeypatch
+):
+    """Only a camera that has started knows it."""
+    twin = VirtualKinect2(Scene())
+    monkeypatch.setattr("cli.recording.open_device", lambda address, shown: Kinect2(shim=twin.shim))
+    done = annotate_cloud("record", tmp_path / "a.mcap", "--device", "kinect2:", "--seconds", 0.5, "--json")
+    assert done.code == 0 and "calibrate" in done.err
+    assert Session(tmp_path / "a.mcap").calibration.depth.fx == pytest.approx(KINECT2_DEPTH.fx)

@@ -35,6 +35,8 @@ def resident_mb() -> float:
 def measure(path: Path, seconds: float) -> None:
     shown = Shown()
     devices = [open_device(address, shown) for address in DEVICES]
+    for device in devices:
+        device.start()
     memory: list[float] = []
     with SessionWriter(path, shown.calibration, "x", metadata=clock_metadata(devices, {})) as writer:
         recorder, before, end = Recorder(devices, writer), time.process_time(), time.monotonic() + seconds

@@ -1,4 +1,4 @@
-"""The protocol that every device speaks, real or virtual: what it is, what it reads, and when.
+"""The protocol of every device, real or virtual: what it is, what it reads, and when.
 
 A device is opened by its constructor (or by address: ``sensors.recording.open_device``), started
 once, read in a loop, and closed. Times: ``stamp_ns`` is the device's own clock, ``arrival_ns`` the host's
@@ -13,7 +13,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import RigCalibration
 
 
 class Flag(Enum):
@@ -84,8 +84,8 @@ Value = DepthImage | ColorImage | ThermalImage | ThermalCounts | Spot
 
 
 @dataclass(frozen=True)
-class Reading:
-    """One value of one stream.
+class DeviceReading:
+    """One value of one stream of a device.
 
     stamp_ns: the device's clock, wrap-around undone, increasing within a stream; its zero is arbitrary,
     and devices without a clock of their own give the arrival. arrival_ns: host, ``time.monotonic_ns``.
@@ -117,7 +117,7 @@ class Device(Protocol):
 
     @property
     def serial(self) -> str:
-        """Serial number as printed on the device; empty where it cannot be asked."""
+        """Serial number as printed on the device; empty where the device does not tell."""
         ...
 
     @property
@@ -126,15 +126,15 @@ class Device(Protocol):
         ...
 
     @property
-    def cameras(self) -> Mapping[str, Intrinsics]:
-        """Factory intrinsics of the streams that have any."""
+    def calibration(self) -> RigCalibration | None:
+        """The factory's, of a depth camera that has started; else None."""
         ...
 
     def start(self) -> None:
         """Begin to stream; once. Raises DeviceError."""
         ...
 
-    def read(self, timeout_s: float) -> Reading | None:
+    def read(self, timeout_s: float) -> DeviceReading | None:
         """The next value of any stream, or None when there was none for ``timeout_s`` seconds.
 
         Raises DeviceLostError when the device was unplugged or closed, DeviceFaultError when it sent

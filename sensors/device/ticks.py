@@ -21,7 +21,7 @@ class WrappingCounter:
         return self._last
 
 
-class Sequence:
+class RunningNumbers:
     """Finds the gaps in a stream's running numbers of ``bits`` bits."""
 
     def __init__(self, bits: int = 32) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sensors.device.choose import choose
-from sensors.device.paired_camera import Image, PairedCamera
+from sensors.device.depth_camera import DepthCamera, TimedImage
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
 from sensors.rig.lens import intrinsics_from_rational
@@ -17,7 +17,7 @@ DEPTH_SIZE, COLOR_SIZE = (640, 576), (1920, 1080)
 """Narrow field of view, unbinned; 1080p as the device's own JPEG."""
 
 
-class AzureKinect(PairedCamera):
+class AzureKinect(DepthCamera):
     """One Azure Kinect. serial: which, or empty for the only one. Raises DeviceError."""
 
     def __init__(self, serial: str = "") -> None:
@@ -95,7 +95,7 @@ class _Library:
         pose = Pose(np.stack([axis - origin for axis in axes], axis=-1), origin)
         return RigCalibration(cameras[0], cameras[1], pose)
 
-    def capture(self, timeout_s: float) -> list[Image]:
+    def capture(self, timeout_s: float) -> list[TimedImage]:
         try:
             capture = self._device.get_capture(timeout=round(timeout_s * 1000))
         except self._pyk4a.K4ATimeoutException:
@@ -106,9 +106,9 @@ class _Library:
         if capture.depth is not None:
             infrared = None if capture.ir is None else np.array(capture.ir, np.uint16)
             depth = DepthImage(np.array(capture.depth, np.uint16), infrared)
-            images.append(Image(1000 * capture.depth_timestamp_usec, depth))
+            images.append(TimedImage(1000 * capture.depth_timestamp_usec, depth))
         if capture.color is not None:
-            images.append(Image(1000 * capture.color_timestamp_usec, ColorImage(bytes(capture.color))))
+            images.append(TimedImage(1000 * capture.color_timestamp_usec, ColorImage(bytes(capture.color))))
         return images
 
     def close(self) -> None:

@@ -3,14 +3,11 @@
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 
-from sensors.device.protocol import Reading, ThermalCounts
-from sensors.device.ticks import Sequence
+from sensors.device.protocol import DeviceReading, ThermalCounts
 from sensors.drivers.optris_layout import Layout, unpack
 from sensors.drivers.shutter import FlagWatch
-from sensors.drivers.video import Video, VideoFrame
-from sensors.rig.camera import Intrinsics
+from sensors.drivers.video import OpenCvVideo, VideoFrame
 
 USB_ID = "0403:de37"
 """Vendor and product of the PI cameras."""
@@ -19,25 +16,24 @@ USB_ID = "0403:de37"
 class Optris:
     """One PI200 in one mode, read through ``video`` (which it owns).
 
-    The stamp of a UVC frame is that of its last subframe. dropped counts thermal images: by the kernel's
-    running numbers where the transport tells them, else by gaps between stamps; short buffers included.
+    The stamp of a UVC frame is that of its last subframe. dropped counts thermal images by the gaps between
+    stamps, short buffers included.
     """
 
-    def __init__(self, node: Path, layout: Layout, video: Video, serial: str = "") -> None:
+    def __init__(self, node: Path, layout: Layout, video: OpenCvVideo, serial: str = "") -> None:
         self.address = f"optris:{node}?mode={layout.name}"
         self.serial = serial
         self.rates_hz: Mapping[str, float] = {ThermalCounts.stream: layout.thermal_hz}
-        self.cameras: Mapping[str, Intrinsics] = MappingProxyType({})
+        self.calibration = None
         self._layout, self._video = layout, video
-        self._flag, self._numbers = FlagWatch(layout.thermal_hz), Sequence()
-        self._ready = deque[Reading]()
+        self._flag = FlagWatch(layout.thermal_hz)
+        self._ready = deque[DeviceReading]()
         self._last_ns: int | None = None
 
     def start(self) -> None:
-        """Begin to stream."""
-        self._video.start()
+        """Nothing: OpenCV streams from opening on."""
 
-    def read(self, timeout_s: float) -> Reading | None:
+    def read(self, timeout_s: float) -> DeviceReading | None:
         """Next thermal image; see ``Device.read``."""
         if not self._ready:
             frame = self._video.read(timeout_s)
@@ -59,7 +55,7 @@ class Optris:
             stamp_ns = frame.stamp_ns - round((layout.subframes - 1 - at) * period_ns)
             value = ThermalCounts(counts, metadata, self._flag.see(counts))
             dropped = 0 if at else lost * layout.subframes
-            self._ready.append(Reading(stamp_ns, frame.arrival_ns, value, dropped))
+            self._ready.append(DeviceReading(stamp_ns, frame.arrival_ns, value, dropped))
 
     def _lost_before(self, frame: VideoFrame) -> int | None:
         """UVC frames missing before this one; None for one that comes late."""
@@ -67,10 +63,6 @@ class Optris:
         if last_ns is not None and frame.stamp_ns <= last_ns:
             return None
         self._last_ns = frame.stamp_ns
-        if frame.number is not None:
-            return self._numbers.lost_before(frame.number)
-        return (
-            0
-            if last_ns is None
-            else max(0, round((frame.stamp_ns - last_ns) * 1e-9 * self._layout.uvc_hz) - 1)
-        )
+        if last_ns is None:
+            return 0
+        return max(0, round((frame.stamp_ns - last_ns) * 1e-9 * self._layout.uvc_hz) - 1)

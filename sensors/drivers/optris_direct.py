@@ -1,4 +1,4 @@
-"""Optris PI cameras through the vendor's library: temperatures, and the flag's state as it tells it."""
+"""Optris PI cameras through the vendor's library: temperatures, and the state of the flag."""
 
 import queue
 import re
@@ -7,16 +7,15 @@ import time
 from collections.abc import Mapping
 from ctypes import POINTER, byref, c_int, c_ulong, c_ushort
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.device.protocol import Flag, Reading, ThermalImage
+from sensors.device.protocol import DeviceReading, Flag, ThermalImage
 from sensors.drivers.optris_library import DirectLibrary, FrameMetadata, load_library
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
+from sensors.files.bounded import read_bounded
 from sensors.files.limits import MAX_IMAGE_SIDE
-from sensors.rig.camera import Intrinsics
 
 RATE_HZ = 128.0
 """The PI200's fastest; the XML file may choose a slower mode."""
@@ -26,8 +25,7 @@ IDLE_S = 0.002
 LARGEST_JUMP = 1000
 """More frames than that are not lost at once: the camera's counter was reset, or wrapped around."""
 OWN_AMBIENT_C = -999.0
-"""Below absolute zero the library takes its own measurement of the ambient temperature."""
-MAX_CONFIG_BYTES = 1_000_000
+"""Below absolute zero the library takes its own measurement of the ambient temperature (irdirectsdk.h)."""
 _in_use: set[DirectLibrary] = set()
 
 
@@ -48,11 +46,11 @@ class OptrisDirect:
                 "ir_download_calibration, and close other programs that use it"
             )
         _in_use.add(self._library)
-        self.serial, self.shape = self._ask_serial(), self._ask_shape()
+        self.serial, self.shape = self._read_serial(), self._read_shape()
         self.address = f"optris-direct:{config}"
         self.rates_hz: Mapping[str, float] = {ThermalImage.stream: RATE_HZ}
-        self.cameras: Mapping[str, Intrinsics] = MappingProxyType({})
-        self._queue: queue.Queue[Reading | None] = queue.Queue(QUEUE)
+        self.calibration = None
+        self._queue: queue.Queue[DeviceReading | None] = queue.Queue(QUEUE)
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, name=self.address, daemon=True)
 
@@ -60,7 +58,7 @@ class OptrisDirect:
         """Begin to stream."""
         self._thread.start()
 
-    def read(self, timeout_s: float) -> Reading | None:
+    def read(self, timeout_s: float) -> DeviceReading | None:
         """Next thermal image; see ``Device.read``."""
         if self._closed.is_set():
             raise DeviceLostError(f"{self.address} is closed; open it again")
@@ -74,22 +72,10 @@ class OptrisDirect:
             )
         return reading
 
-    def set_radiation(
-        self, emissivity: float, transmissivity: float = 1.0, ambient_c: float = OWN_AMBIENT_C
-    ) -> None:
-        """What the library reckons temperatures with. Raises DeviceError."""
-        if not 0 < emissivity <= 1.1 or not 0 < transmissivity <= 1.1:
-            raise DeviceError(
-                f"emissivity {emissivity:g} with transmissivity {transmissivity:g} is impossible; "
-                "give 0.1 to 1"
-            )
-        if self._library.set_radiation_parameters(emissivity, transmissivity, ambient_c):
-            raise DeviceError(f"{self.address} refused emissivity {emissivity:g}; start it first")
-
-    def trigger_flag(self) -> None:
-        """Let the camera calibrate itself now. Raises DeviceError."""
-        if self._library.trigger_shutter_flag():
-            raise DeviceError(f"{self.address} did not close its flag; start it first")
+    def set_emissivity(self, emissivity: float) -> None:
+        """Set the emissivity, 0 to 1.1, behind the library's temperatures. Raises DeviceError."""
+        if self._library.set_radiation_parameters(emissivity, 1.0, OWN_AMBIENT_C):
+            raise DeviceError(f"{self.address} refused emissivity {emissivity:g}; give 0.1 to 1")
 
     def close(self) -> None:
         """Give the camera back; idempotent."""
@@ -100,10 +86,10 @@ class OptrisDirect:
         if self._thread.is_alive():
             self._thread.join(SILENCE_S)
         _in_use.discard(self._library)
-        self._put(None)
+        self._end()
 
     def _run(self) -> None:
-        heard_s, before = time.monotonic(), FrameMetadata()
+        last_image_s, before = time.monotonic(), FrameMetadata()
         dropped = 0
         while not self._closed.is_set():
             values, metadata = np.empty(self.shape, np.uint16), FrameMetadata()
@@ -114,19 +100,19 @@ class OptrisDirect:
             )
             now_s, arrival_ns = time.monotonic(), time.monotonic_ns()
             if failed or metadata.timestamp <= before.timestamp:
-                if now_s - heard_s > SILENCE_S:
-                    self._put(None)
+                if now_s - last_image_s > SILENCE_S:
+                    self._end()
                     return
                 self._closed.wait(IDLE_S)
                 continue
-            heard_s = now_s
+            last_image_s = now_s
             jump = metadata.counterHW - before.counterHW
             dropped += jump - 1 if before.timestamp and 1 < jump < LARGEST_JUMP else 0
             before = metadata
             value = ThermalImage(celsius_of(values), flag_of(metadata.flagState))
-            dropped = self._offer(Reading(metadata.timestamp * 100, arrival_ns, value, dropped))
+            dropped = self._offer(DeviceReading(metadata.timestamp * 100, arrival_ns, value, dropped))
 
-    def _offer(self, reading: Reading) -> int:
+    def _offer(self, reading: DeviceReading) -> int:
         """Queue a reading; the number of images to count as dropped before the next."""
         try:
             self._queue.put_nowait(reading)
@@ -134,19 +120,19 @@ class OptrisDirect:
             return reading.dropped + 1
         return 0
 
-    def _put(self, end: None) -> None:
-        """Make the reader see the end, whatever else waits."""
+    def _end(self) -> None:
+        """Put the end in the queue, in place of what waits there if it is full."""
         while True:
             try:
-                return self._queue.put_nowait(end)
+                return self._queue.put_nowait(None)
             except queue.Full:
                 self._queue.get_nowait()
 
-    def _ask_serial(self) -> str:
+    def _read_serial(self) -> str:
         number = c_ulong()
         return "" if self._library.get_serial(byref(number)) else str(number.value)
 
-    def _ask_shape(self) -> tuple[int, int]:
+    def _read_shape(self) -> tuple[int, int]:
         width, height = c_int(), c_int()
         self._library.get_thermal_image_size(byref(width), byref(height))
         if not (0 < width.value <= MAX_IMAGE_SIDE and 0 < height.value <= MAX_IMAGE_SIDE):
@@ -159,7 +145,7 @@ class OptrisDirect:
 
 
 def celsius_of(values: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """The library's output as temperatures: (v - 1000) / 10 (irdirectsdk.h)."""
+    """float32 (h, w) Celsius of the library's output: (v - 1000) / 10 (irdirectsdk.h)."""
     return ((values.astype(np.float32) - 1000) / 10).astype(np.float32)
 
 
@@ -169,18 +155,13 @@ def flag_of(state: int) -> Flag:
 
 
 def check_config(config: Path) -> None:
-    """Find out beforehand what the library would not say. Raises DeviceNotFoundError.
+    """Raise DeviceNotFoundError for a missing file, which the library itself would not name.
 
     Where the file names the camera's serial number and the folder of calibrations, ``Cali-<serial>.xml``
     has to be there.
     """
-    try:
-        with config.open("rb") as file:
-            text = file.read(MAX_CONFIG_BYTES).decode("utf-8", "replace")
-    except OSError as error:
-        raise DeviceNotFoundError(
-            f"{config} cannot be read ({error.strerror}); make it with ir_generate_configuration"
-        ) from error
+    remedy = "make it with ir_generate_configuration"
+    text = read_bounded(config, remedy=remedy, error=DeviceNotFoundError).decode("utf-8", "replace")
     found = dict(re.findall(r"<(serial|calipath)>\s*([^<>]*?)\s*</\1>", text))
     number, folder = found.get("serial", "0"), found.get("calipath", "")
     if not re.fullmatch(r"\d{1,12}", number) or int(number) == 0 or not folder:

@@ -49,10 +49,7 @@ PROTOTYPES: dict[str, Any] = {
     "get_serial": CFUNCTYPE(c_int, POINTER(c_ulong)),
     "get_thermal_image_size": CFUNCTYPE(c_int, *_SIZE),
     "get_thermal_image_metadata": CFUNCTYPE(c_int, *_SIZE, POINTER(c_ushort), POINTER(FrameMetadata)),
-    "set_shutter_mode": CFUNCTYPE(c_int, c_int),
-    "trigger_shutter_flag": CFUNCTYPE(c_int),
     "set_radiation_parameters": CFUNCTYPE(c_int, c_float, c_float, c_float),
-    "set_temperature_range": CFUNCTYPE(c_int, c_int, c_int),
     "terminate": CFUNCTYPE(c_int),
 }
 """Each function's name without ``evo_irimager_``; all return 0 on success."""
@@ -66,10 +63,7 @@ class DirectLibrary:
     get_serial: Callable[..., int]
     get_thermal_image_size: Callable[..., int]
     get_thermal_image_metadata: Callable[..., int]
-    set_shutter_mode: Callable[..., int]
-    trigger_shutter_flag: Callable[..., int]
     set_radiation_parameters: Callable[..., int]
-    set_temperature_range: Callable[..., int]
     terminate: Callable[..., int]
 
 

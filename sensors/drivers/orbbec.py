@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.device.choose import choose
-from sensors.device.paired_camera import RATE_HZ, Image, PairedCamera
+from sensors.device.depth_camera import RATE_HZ, DepthCamera, TimedImage
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.errors import (
     DeviceBusyError,
@@ -26,7 +26,7 @@ SdkObject = Any
 COLOR_SIZE = (1920, 1080)
 
 
-class Orbbec(PairedCamera):
+class Orbbec(DepthCamera):
     """One Orbbec camera. serial: which, or empty for the only one. Raises DeviceError."""
 
     def __init__(self, serial: str = "") -> None:
@@ -78,7 +78,7 @@ class _Library:
         except sdk.OBError as error:
             raise DeviceError(f"the Orbbec camera does not start ({error}); use a USB 3 port") from error
 
-    def capture(self, timeout_s: float) -> list[Image]:
+    def capture(self, timeout_s: float) -> list[TimedImage]:
         try:
             frames = self._pipeline.wait_for_frames(max(1, round(timeout_s * 1000)))
         except self._sdk.OBError as error:
@@ -87,10 +87,10 @@ class _Library:
             return []
         images = []
         if (depth := frames.get_depth_frame()) is not None:
-            images.append(Image(1000 * depth.get_timestamp_us(), DepthImage(depth_of(depth))))
+            images.append(TimedImage(1000 * depth.get_timestamp_us(), DepthImage(depth_of(depth))))
         if (color := frames.get_color_frame()) is not None:
             encoded = np.asarray(color.get_data(), np.uint8).tobytes()
-            images.append(Image(1000 * color.get_timestamp_us(), ColorImage(encoded)))
+            images.append(TimedImage(1000 * color.get_timestamp_us(), ColorImage(encoded)))
         return images
 
     def close(self) -> None:

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from contextlib import suppress
 from math import nan
 from pathlib import Path
-from types import MappingProxyType
 
 from sensors.device.address import Address
-from sensors.device.protocol import Reading, Spot
+from sensors.device.protocol import DeviceReading, Spot
 from sensors.drivers.pyrometer_protocol import (
     BURST_BOX,
     BURST_HEAD,
@@ -22,26 +21,28 @@ from sensors.drivers.pyrometer_protocol import (
     HUNDREDTHS,
     TENTHS,
     BurstParser,
-    Family,
+    PyrometerFamily,
     Scale,
     burst_layout,
-    set_command,
+    emissivity_command,
 )
 from sensors.drivers.serial_line import ChatterError, SerialLine, SilenceError
 from sensors.errors import DeviceError, DeviceFaultError, DeviceLostError
-from sensors.rig.camera import Intrinsics
 
 SCALES = {"0.1": TENTHS, "0.01": HUNDREDTHS}
 """Scales by the option ``step``: how many kelvin a step of a reading is."""
 YES_NO = {"yes": True, "no": False}
 POLL_HZ = 10.0
-"""A pyrometer follows drift over minutes; ten readings a second leave the line idle most of the time."""
+"""Readings a second: the line stays idle most of the time, and drift takes minutes. Chosen by eye."""
 BURST_HZ = 100.0
+"""Readings a second of a burst (CT communication interface, 2020-04)."""
 SAME_K, APART_K = 0.3, 3.0
-"""Two readings of one target, moments apart, differ by less than the first; other things by more."""
+"""Kelvin: two readings of one target, moments apart, differ by at most the first; readings of two things by
+more than the second. Chosen by eye."""
 OPENING_TRIES = 3
+"""How often a device is identified on a noisy line. Chosen by eye."""
 SILENT_READS = 3
-"""So many requests without any answer, and the device counts as gone."""
+"""Requests without any answer after which the device counts as gone. Chosen by eye."""
 
 
 class WrongFamilyError(DeviceError):
@@ -59,7 +60,7 @@ class Pyrometer:
     def __init__(
         self,
         port: Path,
-        family: Family = CT,
+        family: PyrometerFamily = CT,
         *,
         baud: int | None = None,
         rs485: int | None = None,
@@ -69,7 +70,7 @@ class Pyrometer:
         if burst and not family.burst:
             raise DeviceError(f"the {family.name} family has no burst; leave burst out")
         self.address = f"pyrometer:{port}?family={family.name}"
-        self.cameras: Mapping[str, Intrinsics] = MappingProxyType({})
+        self.calibration = None
         self.rates_hz: Mapping[str, float] = {Spot.stream: BURST_HZ if burst else POLL_HZ}
         self._family, self._scale, self._burst = family, scale, burst
         self._line = SerialLine(port, baud or family.baud, rs485)
@@ -92,7 +93,7 @@ class Pyrometer:
             self._streaming = True
         self._due_s = time.monotonic()
 
-    def read(self, timeout_s: float) -> Reading | None:
+    def read(self, timeout_s: float) -> DeviceReading | None:
         """The next temperatures, or None after ``timeout_s`` seconds.
 
         An answer under way is waited for up to REPLY_S longer.
@@ -108,30 +109,24 @@ class Pyrometer:
             return None
         arrival_ns = max(time.monotonic_ns(), self._last_ns + 1)
         self._last_ns, dropped, self._dropped = arrival_ns, self._dropped, 0
-        return Reading(arrival_ns, arrival_ns, spot, dropped)
+        return DeviceReading(arrival_ns, arrival_ns, spot, dropped)
 
-    @property
     def emissivity(self) -> float:
-        """Emissivity that the device reckons with, 0.1 to 1.1."""
-        return self._share(self._family.emissivity)
+        """Emissivity by which the device computes its temperatures, 0.1 to 1.1. Raises DeviceError."""
+        if self._streaming:
+            raise DeviceError(f"{self._line.port} is sending a burst; set its emissivity before start")
+        return int.from_bytes(self._line.ask(bytes([self._family.emissivity]), 2)) / 1000
 
-    @emissivity.setter
-    def emissivity(self, value: float) -> None:
-        self._set(self._family.set_emissivity, self._family.emissivity, value)
-
-    @property
-    def transmissivity(self) -> float:
-        """Transmissivity (of a window before the head) that the device reckons with, 0.1 to 1.1."""
-        return self._share(self._family.transmissivity)
-
-    @transmissivity.setter
-    def transmissivity(self, value: float) -> None:
-        self._set(self._family.set_transmissivity, self._family.transmissivity, value)
-
-    @property
-    def firmware(self) -> int:
-        """Revision of the firmware."""
-        return int.from_bytes(self._line.ask(bytes([self._family.firmware]), 2))
+    def set_emissivity(self, emissivity: float) -> None:
+        """Set it, and make sure: there is no acknowledgement but the value that is read back."""
+        with suppress(DeviceFaultError):
+            self._line.ask(emissivity_command(self._family, emissivity), 2)
+        now = self.emissivity()
+        if round(now * 1000) != round(emissivity * 1000):
+            raise DeviceFaultError(
+                f"{self._line.port} kept {now:g} when {emissivity:g} was set; "
+                "try again, check the family, or switch the device off and on (its checksum may be off)"
+            )
 
     def close(self) -> None:
         """Stop a burst and give the line back; idempotent."""
@@ -146,42 +141,25 @@ class Pyrometer:
     def _celsius(self, code: int | None) -> float:
         return nan if code is None else self._scale.decode(self._line.ask(bytes([code]), 2))
 
-    def _share(self, code: int) -> float:
-        if self._streaming:
-            raise DeviceError(f"{self._line.port} is sending a burst; set its emissivity before start")
-        return int.from_bytes(self._line.ask(bytes([code]), 2)) / 1000
-
-    def _set(self, set_code: int, read_code: int, value: float) -> None:
-        """SET, and make sure: there is no acknowledgement but the value that is read back."""
-        command = set_command(self._family, set_code, value)
-        with suppress(DeviceFaultError):
-            self._line.ask(command, 2)
-        now = self._share(read_code)
-        if round(now * 1000) != round(value * 1000):
-            raise DeviceFaultError(
-                f"{self._line.port} kept {now:g} when {value:g} was set; "
-                "try again, check the family, or switch the device off and on (its checksum may be off)"
-            )
-
     def _identify(self) -> str:
-        """Serial number of a device of the right family; asked again where the line is noisy."""
+        """Serial number of a device of the right family; read again where the line is noisy."""
         for _ in range(OPENING_TRIES - 1):
             try:
-                return self._ask_who()
+                return self._serial_number()
             except ChatterError:
                 # Only a CT chatters, when whoever used it last was killed in the middle of a burst.
                 self._line.write(bytes([BURST_SWITCH, 0]))
             except DeviceFaultError:
                 continue
-        return self._ask_who()
+        return self._serial_number()
 
-    def _ask_who(self) -> str:
+    def _serial_number(self) -> str:
         number = int.from_bytes(self._line.ask(bytes([self._family.serial]), 3))
         self._check_family()
         return str(number)
 
     def _check_family(self) -> None:
-        """Catch a device of the other family: only reading commands are sent, which both families bear.
+        """Catch a device of the other family. Only reading commands are sent, which harm neither family.
 
         What a CT calls its box temperature a CS calls the current target, and only a CS has a processor
         temperature; both signs together are taken as proof.
@@ -246,7 +224,7 @@ def open_pyrometer(address: Address, port: Path) -> Pyrometer:
     device = Pyrometer(port, family, baud=baud, rs485=rs485, scale=scale, burst=burst)
     try:
         if emissivity is not None:
-            device.emissivity = emissivity
+            device.set_emissivity(emissivity)
     except DeviceError:
         device.close()
         raise

@@ -1,7 +1,7 @@
 """The binary protocol of Optris' pyrometers: one command table a family, numbers, checksum, burst.
 
 Source: Optris, "CT/CTlaser/CTvideo communication interface" (2020-04) and the CSlaser manual, chapter 8.3.
-The families give the same codes different meanings (03, 81), so nothing is sent outside a table.
+The families give the same codes different meanings (03, 81), so no code is sent that is not in a table.
 """
 
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ TARGET_RANGE_C = (-50.0, 975.0)
 """What an LT head (8 to 14 um) measures; there are no error codes, so anything else is a fault."""
 
 EMISSIVITY_RANGE = (0.1, 1.1)
-"""Emissivity or transmissivity that the devices accept."""
+"""Emissivity that the devices accept."""
 
 SYNC = b"\xaa\xaa"
 
@@ -48,7 +48,7 @@ HUNDREDTHS = Scale(10000, 100)
 
 
 @dataclass(frozen=True)
-class Family:
+class PyrometerFamily:
     """Command codes of one family; None = the family has no such command.
 
     current_target: the target before averaging and hold functions.
@@ -63,17 +63,14 @@ class Family:
     target: int = 0x01
     head: int = 0x02
     emissivity: int = 0x04
-    transmissivity: int = 0x05
     serial: int = 0x0E
-    firmware: int = 0x0F
     set_emissivity: int = 0x84
-    set_transmissivity: int = 0x85
 
 
-CT = Family("ct", 115200, checksum=True, burst=True, current_target=0x81, box=0x03)
-CS = Family("cs", 9600, checksum=False, burst=False, current_target=0x03)
+CT = PyrometerFamily("ct", 115200, checksum=True, burst=True, current_target=0x81, box=0x03)
+CS = PyrometerFamily("cs", 9600, checksum=False, burst=False, current_target=0x03)
 CS_PROCESSOR = 0x09
-"""The processor's temperature, which only the CS family tells."""
+"""Command code of the processor's temperature, which only the CS family has."""
 FAMILIES = {family.name: family for family in (CT, CS)}
 
 BURST_LAYOUT, BURST_SWITCH = 0x51, 0x52
@@ -81,12 +78,12 @@ BURST_PROCESS, BURST_HEAD, BURST_BOX = 1, 2, 3
 """CT only: what a burst frame can hold, as nibbles of the layout command."""
 
 
-def set_command(family: Family, code: int, share: float) -> bytes:
-    """SET of an emissivity or transmissivity, with the family's checksum. Raises DeviceError."""
+def emissivity_command(family: PyrometerFamily, emissivity: float) -> bytes:
+    """The command that sets the emissivity, with the family's checksum. Raises DeviceError."""
     low, high = EMISSIVITY_RANGE
-    if not low <= share <= high:
-        raise DeviceError(f"emissivity {share:g} is impossible; give {low:g} to {high:g}")
-    command = bytes([code]) + round(share * 1000).to_bytes(2)
+    if not low <= emissivity <= high:
+        raise DeviceError(f"emissivity {emissivity:g} is impossible; give {low:g} to {high:g}")
+    command = bytes([family.set_emissivity]) + round(emissivity * 1000).to_bytes(2)
     return command + bytes([checksum(command)]) if family.checksum else command
 
 
@@ -105,7 +102,7 @@ def prefix(rs485: int | None) -> bytes:
 
 
 def burst_layout(items: tuple[int, ...]) -> bytes:
-    """The command that says what a burst frame holds: eight nibbles, 0 ends. Raises ValueError."""
+    """The command that sets what a burst frame holds: eight nibbles, 0 ends. Raises ValueError."""
     if not 1 <= len(items) <= 8:
         raise ValueError("a burst frame holds 1 to 8 values")
     nibbles = (*items, *[0] * (8 - len(items)))

@@ -1,4 +1,4 @@
-"""Raw frames of a V4L2 device: what every transport gives, and the built-in one, OpenCV's."""
+"""Raw frames of a V4L2 device, through OpenCV."""
 
 import threading
 import time
@@ -12,43 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.device.node import check_node
+from sensors.drivers.optris_layout import Layout
 from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceLostError
 
-TRANSPORTS = {"opencv": "opencv", "linuxpy": "linuxpy"}
-"""How a node can be read; the first is built in."""
 BUFFERS = 10
-"""OpenCV's most; 78 ms at 128 Hz."""
+"""Frames the kernel keeps; OpenCV allows no more. 78 ms at 128 Hz."""
 SLICE_S = 0.05
-"""Waiting is cut into pieces this long, so that another thread can close the device in between."""
+"""Seconds a wait lasts at most before another thread may close the device. Chosen by eye."""
 
 
 @dataclass(frozen=True)
 class VideoFrame:
-    """words: uint16 (height, width). stamp_ns and number: the kernel's time stamp and count, if it tells."""
+    """words: uint16 (height, width), the frame's. stamp_ns: the kernel's time. arrival_ns: the host's."""
 
     words: NDArray[np.uint16]
     stamp_ns: int
     arrival_ns: int
-    number: int | None
-
-
-class Video(Protocol):
-    """A streaming V4L2 device of one frame size."""
-
-    def start(self) -> None:
-        """Begin to stream."""
-        ...
-
-    def read(self, timeout_s: float) -> VideoFrame | None:
-        """Next frame, None after ``timeout_s``.
-
-        Raises DeviceLostError, or DeviceFaultError for a short buffer.
-        """
-        ...
-
-    def close(self) -> None:
-        """Give the device back; idempotent, from any thread."""
-        ...
 
 
 class Capture(Protocol):
@@ -72,25 +51,23 @@ OPENCV = cast(CaptureKind, cv2.VideoCapture)
 
 
 class OpenCvVideo:
-    """OpenCV's V4L2 backend with its conversions off. It tells no running number; stamps show the gaps.
+    """An Optris camera's V4L2 node: OpenCV's backend with its conversions off.
 
-    Raises DeviceError where the node cannot be opened, or does not offer the size.
+    OpenCV gives no running number of a frame; the gaps between stamps show what was lost.
+    layout: the frame's size and rate. Raises DeviceError for a node that does not open or has another size.
     """
 
-    def __init__(self, node: Path, width: int, height: int, hz: float, kind: CaptureKind = OPENCV) -> None:
+    def __init__(self, node: Path, layout: Layout, kind: CaptureKind = OPENCV) -> None:
         check_node(node)
-        self._node, self._shape, self._kind = node, (height, width), kind
+        self._node, self._shape, self._kind = node, (layout.height, layout.width), kind
         self._lock, self._closed = threading.Lock(), threading.Event()
         self._capture = kind(str(node), cv2.CAP_V4L2)
         if not self._capture.isOpened():
             raise DeviceBusyError(f"{node} does not stream; close the program that uses it")
-        self._configure(width, height, hz)
-
-    def start(self) -> None:
-        """OpenCV streams from opening on."""
+        self._configure(layout)
 
     def read(self, timeout_s: float) -> VideoFrame | None:
-        """Next frame; see ``Video.read``."""
+        """Next frame, None after ``timeout_s``. Raises DeviceLostError, DeviceFaultError."""
         end_s = time.monotonic() + timeout_s
         while True:
             left_s = end_s - time.monotonic()
@@ -103,20 +80,21 @@ class OpenCvVideo:
                 return None
 
     def close(self) -> None:
-        """See ``Video.close``."""
+        """Give the device back; idempotent, from any thread."""
         if self._closed.is_set():
             return
-        # Before the lock, which whoever reads would take again and again.
+        # Before the lock, which the reading thread takes again and again.
         self._closed.set()
         with self._lock:
             self._capture.release()
 
-    def _configure(self, width: int, height: int, hz: float) -> None:
+    def _configure(self, layout: Layout) -> None:
+        width, height = layout.width, layout.height
         wanted = (
             (cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"YUYV")),
             (cv2.CAP_PROP_FRAME_WIDTH, width),
             (cv2.CAP_PROP_FRAME_HEIGHT, height),
-            (cv2.CAP_PROP_FPS, hz),
+            (cv2.CAP_PROP_FPS, layout.uvc_hz),
             (cv2.CAP_PROP_CONVERT_RGB, 0),
             (cv2.CAP_PROP_BUFFERSIZE, BUFFERS),
         )
@@ -128,7 +106,7 @@ class OpenCvVideo:
         if got != (width, height):
             self._capture.release()
             raise DeviceError(
-                f"{self._node} gives {got[0]}x{got[1]} where {width}x{height} was asked for; choose its mode"
+                f"{self._node} gives {got[0]}x{got[1]} instead of {width}x{height}; choose its mode"
             )
 
     def _wait(self, timeout_s: float) -> bool:
@@ -154,7 +132,7 @@ class OpenCvVideo:
                 "use a USB port of its own, should it recur"
             )
         words = np.ascontiguousarray(image, np.uint8).reshape(height, 2 * width).view("<u2")
-        return VideoFrame(words, round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6), arrival_ns, None)
+        return VideoFrame(words, round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6), arrival_ns)
 
     def _lost(self) -> DeviceLostError:
         return DeviceLostError(f"{self._node} is gone; plug the camera in again and start anew")

@@ -15,9 +15,9 @@ from sensors.drivers.kinect2 import Kinect2, kinect2_serials
 from sensors.drivers.kinect2_shim import load_shim
 from sensors.drivers.optris import USB_ID, Optris
 from sensors.drivers.optris_direct import OptrisDirect
-from sensors.drivers.optris_layout import LAYOUTS, Layout
+from sensors.drivers.optris_layout import LAYOUTS
 from sensors.drivers.pyrometer import open_pyrometer
-from sensors.drivers.video import TRANSPORTS, OpenCvVideo, Video
+from sensors.drivers.video import OpenCvVideo
 from sensors.errors import DeviceError, DeviceNotFoundError
 from sensors.rig.frame import RigFrame
 from sensors.virtual.twins import open_twin
@@ -54,15 +54,6 @@ def find_devices() -> list[Found]:
     return real + [Found(address, address.split(":")[1].split("?")[0], virtual=True) for address in VIRTUAL]
 
 
-def optris_video(transport: str, node: Path, layout: Layout) -> Video:
-    """The camera's node, opened by OpenCV or, if that extra is installed, by linuxpy."""
-    if transport == "linuxpy":
-        from sensors.drivers.video_linuxpy import LinuxpyVideo
-
-        return LinuxpyVideo(node, layout.width, layout.height, layout.uvc_hz)
-    return OpenCvVideo(node, layout.width, layout.height, layout.uvc_hz)
-
-
 def _open_kinect2(address: Address) -> Device:
     address.finish()
     return Kinect2(address.target)
@@ -84,10 +75,9 @@ def _open_orbbec(address: Address) -> Device:
 
 def _open_optris(address: Address) -> Device:
     layout = address.choice("mode", LAYOUTS, "128hz")
-    transport = address.choice("transport", TRANSPORTS, "opencv")
     address.finish()
     node = _target(address, "/dev/video0")
-    return Optris(node, layout, optris_video(transport, node, layout), _usb_serial(node))
+    return Optris(node, layout, OpenCvVideo(node, layout), _usb_serial(node))
 
 
 def _open_direct(address: Address) -> Device:
@@ -95,7 +85,7 @@ def _open_direct(address: Address) -> Device:
     address.finish()
     device = OptrisDirect(_target(address, "/path/to/generic.xml"))
     if emissivity is not None:
-        device.set_radiation(emissivity)
+        device.set_emissivity(emissivity)
     return device
 
 

@@ -19,8 +19,8 @@ from sensors.device.protocol import (
     ColorImage,
     DepthImage,
     Device,
+    DeviceReading,
     Flag,
-    Reading,
     Spot,
     ThermalCounts,
     ThermalImage,
@@ -31,13 +31,15 @@ from sensors.session.messages import COLOR, COUNTS, DEPTH, INFRARED, PYROMETER, 
 from sensors.session.writer import SessionWriter
 
 BACKLOG = 64
-"""Readings a device may be ahead of the disk: two seconds of depth, 28 MB."""
+"""Readings a device may be ahead of the disk: two seconds of depth, 28 MB. Chosen by eye."""
 READ_S = 0.2
+"""Seconds a thread waits for a reading before it checks whether the recording has ended. Chosen by eye."""
 LOOK_S = 1.0
-"""How often the disk is looked at and the user told."""
+"""Seconds between two checks of the disk's free space, and two updates of the preview. Chosen by eye."""
 RATE_S = 2.0
+"""Seconds over which the preview counts a stream's rate. Chosen by eye."""
 RESERVE_BYTES = 300_000_000
-"""Space that has to stay free: 20 s of raw depth, and what the system itself needs."""
+"""Space that has to stay free: 20 s of raw depth, and what the system itself needs. Chosen by eye."""
 TOPICS = {
     "depth": (DEPTH, INFRARED),
     "color": (COLOR,),
@@ -49,8 +51,8 @@ FLAG_CLOSED, FLAG_OPEN = "thermal flag closed", "thermal flag open"
 
 
 @dataclass
-class Stream:
-    """One stream's state, for the preview. shows: its latest value in words."""
+class StreamState:
+    """One stream so far, for the preview. shows: its latest value in words."""
 
     count: int = 0
     dropped: int = 0
@@ -67,10 +69,13 @@ class Stream:
 
 @dataclass(frozen=True)
 class Recorded:
-    """How a recording ended. why: "asked", "disk" or "lost"; events: what happened, by text."""
+    """How a recording ended. why: "asked" (as was meant), "disk" (full) or "lost" (the depth camera).
+
+    events: how often each text was noted.
+    """
 
     seconds: float
-    streams: dict[str, Stream]
+    streams: dict[str, StreamState]
     events: Counter[str]
     why: str
 
@@ -109,7 +114,7 @@ def _check_apart(devices: Sequence[Device]) -> None:
 
 
 class Recorder:
-    """Records the devices, which are started and closed here, into an open session.
+    """Records devices that have started into an open session; ``run`` closes them.
 
     infrared: whether to keep the depth camera's amplitude images, which calibration needs.
     Raises DeviceError where two devices have one stream or one serial number.
@@ -118,29 +123,26 @@ class Recorder:
     def __init__(self, devices: Sequence[Device], writer: SessionWriter, infrared: bool = False) -> None:
         _check_apart(devices)
         self._writer, self._infrared = writer, infrared
-        self._queues = {device.address: Queue[Reading | Exception](BACKLOG) for device in devices}
+        self._queues = {device.address: Queue[DeviceReading | Exception](BACKLOG) for device in devices}
         self._devices = {device.address: device for device in devices}
         self._overrun = Counter[str]()
         self._woken, self._stop = threading.Event(), threading.Event()
         self._zero_ns: dict[str, int] = {}
         self._flag = Flag.OPEN
         self._unix_from_monotonic = time.time_ns() - time.monotonic_ns()
-        self.streams = {name: Stream() for device in devices for name in device.rates_hz}
+        self.streams = {name: StreamState() for device in devices for name in device.rates_hz}
         self.events = Counter[str]()
 
     def run(self, enough: Callable[[], bool], show: Callable[["Recorder"], None]) -> Recorded:
         """Record until ``enough`` or the disk is nearly full or the depth camera is lost.
 
-        ``show`` is called once a second. Raises DeviceError when a device cannot be started, OSError when
-        the disk fails.
+        ``show`` is called once a second. Raises OSError when the disk fails.
         """
         threads = [
             threading.Thread(target=self._read, args=(d,), daemon=True) for d in self._devices.values()
         ]
         started = time.monotonic()
         try:
-            for device in self._devices.values():
-                device.start()
             for thread in threads:
                 thread.start()
             why = self._write(enough, show)
@@ -160,8 +162,8 @@ class Recorder:
         queue = self._queues[device.address]
         while not self._stop.is_set():
             try:
-                item: Reading | Exception | None = device.read(READ_S)
-            except Exception as error:  # whoever writes deals with it, or it would die with this thread
+                item: DeviceReading | Exception | None = device.read(READ_S)
+            except Exception as error:  # the writing thread handles it; here it would die with the thread
                 item = error
             if item is None:
                 continue
@@ -195,7 +197,7 @@ class Recorder:
             with suppress(Empty):
                 while True:
                     item = queue.get_nowait()
-                    if isinstance(item, Reading):
+                    if isinstance(item, DeviceReading):
                         self._put(address, item)
                         continue
                     if not isinstance(item, DeviceError):
@@ -205,7 +207,7 @@ class Recorder:
                     alive = alive and not (gone and "depth" in self._devices[address].rates_hz)
         return alive
 
-    def _put(self, address: str, reading: Reading) -> None:
+    def _put(self, address: str, reading: DeviceReading) -> None:
         arrival = reading.arrival_ns + self._unix_from_monotonic
         stamp = reading.stamp_ns + self._zero_ns.setdefault(address, arrival - reading.stamp_ns)
         stream = self.streams[reading.stream]
@@ -219,7 +221,7 @@ class Recorder:
             while reading.arrival_ns - stream.recent_ns[0] > RATE_S * 1e9:
                 stream.recent_ns.popleft()
 
-    def _written(self, reading: Reading, stamp: int, arrival: int) -> bool:
+    def _written(self, reading: DeviceReading, stamp: int, arrival: int) -> bool:
         """Write one reading; False for what a closed flag makes worthless."""
         stream = self.streams[reading.stream]
         match reading.value:
@@ -242,7 +244,7 @@ class Recorder:
         return True
 
     def _write_thermal(
-        self, image: ThermalImage | ThermalCounts, stream: Stream, stamp: int, arrival: int
+        self, image: ThermalImage | ThermalCounts, stream: StreamState, stamp: int, arrival: int
     ) -> None:
         if isinstance(image, ThermalCounts):
             self._writer.write_counts(image.counts, stamp, arrival)

@@ -87,17 +87,8 @@ class VirtualDirect:
         celsius = self._scene.thermal(number / RATE_HZ) + self._noise[number * 7 % HEIGHT :][:HEIGHT]
         return np.asarray(np.clip(np.rint(celsius * 10 + 1000), 0, 65535), np.uint16)
 
-    def _set_shutter_mode(self, mode: int) -> int:
-        return 0
-
-    def _trigger_shutter_flag(self) -> int:
-        return 0 if self._open else -1
-
     def _set_radiation_parameters(self, emissivity: float, transmissivity: float, ambient_c: float) -> int:
         self.emissivity = emissivity
-        return 0
-
-    def _set_temperature_range(self, low: int, high: int) -> int:
         return 0
 
     def _terminate(self) -> int:

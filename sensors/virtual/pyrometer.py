@@ -20,7 +20,7 @@ from sensors.drivers.pyrometer_protocol import (
     CT,
     SYNC,
     TENTHS,
-    Family,
+    PyrometerFamily,
     Scale,
     checksum,
 )
@@ -57,7 +57,7 @@ class VirtualPyrometer:
 
     def __init__(
         self,
-        family: Family = CT,
+        family: PyrometerFamily = CT,
         *,
         serial: int = 8_031_234,
         rs485: int | None = None,
@@ -66,7 +66,7 @@ class VirtualPyrometer:
         target_c: Callable[[float], float] = skin_temperature_c,
         seed: int = 0,
     ) -> None:
-        self.family, self.emissivity, self.transmissivity = family, 0.97, 1.0
+        self.family, self.emissivity = family, 0.97
         self.checksum_expected = family.checksum
         self._number, self._rs485, self._scale, self._target_c = serial, rs485, scale, target_c
         self.faults, self._rng = faults or LineFaults(), np.random.default_rng(seed)
@@ -122,7 +122,7 @@ class VirtualPyrometer:
             return 0
         code, family = waiting[start], self.family
         data = 0
-        if code in (family.set_emissivity, family.set_transmissivity):
+        if code == family.set_emissivity:
             data = 2
         elif code in (BURST_LAYOUT, BURST_SWITCH) and family.burst:
             data = 4 if code == BURST_LAYOUT else 1
@@ -141,9 +141,8 @@ class VirtualPyrometer:
 
     def _answer(self, command: bytes) -> bytes:
         code, data, family = command[0], command[1:], self.family
-        if code in (family.set_emissivity, family.set_transmissivity):
-            name = "emissivity" if code == family.set_emissivity else "transmissivity"
-            setattr(self, name, int.from_bytes(data) / 1000)
+        if code == family.set_emissivity:
+            self.emissivity = int.from_bytes(data) / 1000
             return data
         if code == BURST_LAYOUT and family.burst:
             nibbles = [n for byte in data for n in (byte >> 4, byte & 15)]
@@ -161,8 +160,6 @@ class VirtualPyrometer:
         family = self.family
         if code == family.serial:
             return self._number.to_bytes(3)
-        if code == family.firmware:
-            return (2007).to_bytes(2)
         if code in (family.target, family.current_target):
             return self._item(1)
         if code == family.head:
@@ -171,16 +168,14 @@ class VirtualPyrometer:
             return self._item(3)
         if code == family.emissivity:
             return self._item(5)
-        if code == family.transmissivity:
-            return self._item(6)
         if code == CS_PROCESSOR and not family.burst:
             return self._scale.encode(PROCESSOR_C)
         return b""
 
     def _item(self, item: int) -> bytes:
-        """Two bytes of one burst item: 1 process, 2 head, 3 box, 4 actual, 5 emissivity, 6 transmissivity."""
-        if item in (5, 6):
-            return round((self.emissivity if item == 5 else self.transmissivity) * 1000).to_bytes(2)
+        """Two bytes of one burst item: 1 process, 2 head, 3 box, 5 emissivity."""
+        if item == 5:
+            return round(self.emissivity * 1000).to_bytes(2)
         if item in (2, 3):
             return self._scale.encode(HEAD_C if item == 2 else BOX_C)
         true_c = self._target_c(time.monotonic() - self._started)

@@ -1,22 +1,22 @@
 """Opens virtual devices: each is the real driver, with a twin where its hardware would be."""
 
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Protocol
 
 from sensors.device.address import Address
-from sensors.device.protocol import Device, Reading
+from sensors.device.protocol import Device
 from sensors.drivers.kinect2 import Kinect2
 from sensors.drivers.optris import Optris
 from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.optris_layout import LAYOUTS
 from sensors.drivers.pyrometer import SCALES, open_pyrometer
 from sensors.drivers.pyrometer_protocol import FAMILIES
-from sensors.drivers.video import TRANSPORTS, OpenCvVideo, Video
+from sensors.drivers.video import OpenCvVideo
 from sensors.errors import DeviceError
-from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
 from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.optris import FakeKernel, VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
@@ -34,36 +34,20 @@ class Twin(Protocol):
 
 
 class VirtualDevice:
-    """A real driver and its twin under one roof: the driver speaks, closing ends both."""
+    """A real driver and its twin as one ``Device``: the driver's methods; closing ends both."""
 
     def __init__(self, address: str, device: Device, twin: Twin) -> None:
         self.address, self.device, self.twin = address, device, twin
+        self.serial, self.rates_hz = device.serial, device.rates_hz
+        self.start, self.read = device.start, device.read
 
     @property
-    def serial(self) -> str:
-        """See ``Device``."""
-        return self.device.serial
-
-    @property
-    def rates_hz(self) -> Mapping[str, float]:
-        """See ``Device``."""
-        return self.device.rates_hz
-
-    @property
-    def cameras(self) -> Mapping[str, Intrinsics]:
-        """See ``Device``."""
-        return self.device.cameras
-
-    def start(self) -> None:
-        """See ``Device``."""
-        self.device.start()
-
-    def read(self, timeout_s: float) -> Reading | None:
-        """See ``Device``."""
-        return self.device.read(timeout_s)
+    def calibration(self) -> RigCalibration | None:
+        """The driver's."""
+        return self.device.calibration
 
     def close(self) -> None:
-        """See ``Device``."""
+        """End the driver, then the twin; idempotent."""
         self.device.close()
         self.twin.unplug()
 
@@ -92,27 +76,10 @@ def _kinect2(address: Address, frames: Iterable[RigFrame] | None) -> Device:
 
 def _optris(address: Address, frames: Iterable[RigFrame] | None) -> Device:
     layout, faults = address.choice("mode", LAYOUTS, "128hz"), _faults(address)
-    transport = address.choice("transport", TRANSPORTS, "opencv")
     address.finish()
     twin = VirtualOptris(layout, Scene(frames), faults)
-    try:
-        video = _video(transport, twin)
-    except DeviceError:
-        twin.unplug()
-        raise
+    video = OpenCvVideo(twin.node, layout, FakeKernel(twin))
     return VirtualDevice(address.text, Optris(twin.node, layout, video, "virtual"), twin)
-
-
-def _video(transport: str, twin: VirtualOptris) -> Video:
-    size = (twin.layout.width, twin.layout.height, twin.layout.uvc_hz)
-    if transport == "opencv":
-        return OpenCvVideo(twin.node, *size, FakeKernel(twin))
-    from sensors.drivers.video_linuxpy import LinuxpyVideo, need_linuxpy
-
-    need_linuxpy()
-    from sensors.virtual.ioctl import FakeIo
-
-    return LinuxpyVideo(twin.node, *size, FakeIo(twin))
 
 
 def _optris_direct(address: Address, frames: Iterable[RigFrame] | None) -> Device:

@@ -1,4 +1,4 @@
-"""A depth camera whose vendor's library hands out depth and colour together: Azure Kinect, Orbbec."""
+"""A depth camera over a vendor's library that gives depth and colour: Kinect v2, Azure Kinect, Orbbec."""
 
 import time
 from collections import deque
@@ -7,23 +7,29 @@ from dataclasses import dataclass
 from threading import Event, Lock
 from typing import Protocol
 
-from sensors.device.protocol import ColorImage, DepthImage, Reading
+from sensors.device.protocol import ColorImage, DepthImage, DeviceReading
 from sensors.errors import DeviceLostError
-from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
 RATE_HZ = 30.0
+"""Images a second of either stream, as all three makers state."""
 SILENCE_S = 2.0
-"""At 30 Hz so long a silence means an unplugged or crashed device."""
+"""Seconds without any image after which the device counts as unplugged or crashed. Chosen by eye."""
 SLICE_S = 0.1
+"""Seconds a wait lasts at most before another thread may close the device. Chosen by eye."""
 
 
 @dataclass(frozen=True)
-class Image:
-    """An image and the device's time of it."""
+class TimedImage:
+    """An image and the device's time of it.
+
+    lost: images of its stream that the device made and that were lost since the one before; None where the
+    library does not count, so that gaps between stamps tell.
+    """
 
     stamp_ns: int
     value: DepthImage | ColorImage
+    lost: int | None = None
 
 
 class CaptureLibrary(Protocol):
@@ -33,7 +39,7 @@ class CaptureLibrary(Protocol):
         """Begin to stream; the factory's calibration."""
         ...
 
-    def capture(self, timeout_s: float) -> list[Image]:
+    def capture(self, timeout_s: float) -> list[TimedImage]:
         """The images of the next capture, empty when none came in time. Raises DeviceError."""
         ...
 
@@ -42,31 +48,23 @@ class CaptureLibrary(Protocol):
         ...
 
 
-class PairedCamera:
-    """A ``Device`` over a vendor's library. calibration: the factory's, None before ``start``."""
+class DepthCamera:
+    """A ``Device`` over a vendor's library."""
 
     def __init__(self, address: str, serial: str, library: CaptureLibrary) -> None:
         self.address, self.serial, self._library = address, serial, library
         self.rates_hz: Mapping[str, float] = {DepthImage.stream: RATE_HZ, ColorImage.stream: RATE_HZ}
         self.calibration: RigCalibration | None = None
-        self._ready = deque[Reading]()
+        self._ready = deque[DeviceReading]()
         self._before_ns: dict[str, int] = {}
-        self._heard_s, self._closed, self._lock = time.monotonic(), Event(), Lock()
-
-    @property
-    def cameras(self) -> Mapping[str, Intrinsics]:
-        """Factory intrinsics; empty before ``start``."""
-        if self.calibration is None:
-            return {}
-        both = {DepthImage.stream: self.calibration.depth, ColorImage.stream: self.calibration.color}
-        return {name: camera for name, camera in both.items() if camera is not None}
+        self._last_image_s, self._closed, self._lock = time.monotonic(), Event(), Lock()
 
     def start(self) -> None:
         """Begin both streams."""
         self.calibration = self._library.start()
-        self._heard_s = time.monotonic()
+        self._last_image_s = time.monotonic()
 
-    def read(self, timeout_s: float) -> Reading | None:
+    def read(self, timeout_s: float) -> DeviceReading | None:
         """Next depth or colour image; see ``Device.read``."""
         end_s = time.monotonic() + timeout_s
         while not self._ready:
@@ -79,12 +77,12 @@ class PairedCamera:
             for image in images:
                 self._take(image, arrival_ns)
             if images:
-                self._heard_s = time.monotonic()
-            elif time.monotonic() - self._heard_s > SILENCE_S:
+                self._last_image_s = time.monotonic()
+            elif time.monotonic() - self._last_image_s > SILENCE_S:
                 raise DeviceLostError(
                     f"{self.address} has sent nothing for {SILENCE_S:g} s; check its USB 3 cable and power"
                 )
-            if left_s <= SLICE_S and not self._ready:
+            if left_s <= 0 and not self._ready:
                 return None
         return self._ready.popleft()
 
@@ -95,11 +93,13 @@ class PairedCamera:
             with self._lock:
                 self._library.close()
 
-    def _take(self, image: Image, arrival_ns: int) -> None:
+    def _take(self, image: TimedImage, arrival_ns: int) -> None:
         stream, stamp_ns = image.value.stream, image.stamp_ns
         before_ns = self._before_ns.get(stream)
         if before_ns is not None and stamp_ns <= before_ns:
             return
         self._before_ns[stream] = stamp_ns
-        periods = 1 if before_ns is None else round((stamp_ns - before_ns) * 1e-9 * RATE_HZ)
-        self._ready.append(Reading(stamp_ns, arrival_ns, image.value, max(0, periods - 1)))
+        lost = image.lost
+        if lost is None:
+            lost = 0 if before_ns is None else max(0, round((stamp_ns - before_ns) * 1e-9 * RATE_HZ) - 1)
+        self._ready.append(DeviceReading(stamp_ns, arrival_ns, image.value, lost))
