@@ -97,7 +97,7 @@ def crop_from_note(note: object, name: str) -> Crop:
         or max(map(abs, note)) > 2 * MAX_IMAGE_SIDE
     ):
         raise FormatError(
-            f"note {name!r} is malformed ({str(note)[:60]}); give [top, left, side], or make the frame anew"
+            f"note {name!r} is malformed ({str(note)[:60]}); give [top, left, side], or label it again"
         )
     return Crop(*note)
 

@@ -199,7 +199,7 @@ def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
     if failed and not len(labels):
         shutil.rmtree(labels.path)
         raise CloudError(
-            f"none of the {len(failed)} frames could be done; frame {failed[0][0]}: {failed[0][1]}"
+            f"none of the {len(failed)} frames could be labelled; frame {failed[0][0]}: {failed[0][1]}"
         )
     return Run(labels, tuple(failed))
 

@@ -525,7 +525,7 @@ def test_xml_of_too_many_attributes_is_not_parsed(export, tmp_path, monkeypatch)
     with pytest.raises(FormatError, match="more than 100 attributes"):
         import_labels(out, tmp_path / "back", nothing)
     (out / XML).write_bytes(b'<?xml version="1.0" encoding="cp037"?>' + text.encode("cp037"))
-    with pytest.raises(FormatError, match="is no XML"):
+    with pytest.raises(FormatError, match="is not XML"):
         import_labels(out, tmp_path / "back", nothing)
 
 

@@ -120,7 +120,9 @@ def test_other_settings_or_another_recording_are_refused(tmp_path, session):
 
 
 def test_when_all_fail_it_says_why_and_leaves_nothing(tmp_path, session):
-    with pytest.raises(CloudError, match="none of the 3 frames could be done; frame 000000: colour image"):
+    with pytest.raises(
+        CloudError, match="none of the 3 frames could be labelled; frame 000000: colour image"
+    ):
         label_source(Altered(session, broken_color({0, 1, 2})), DEFAULT_SUIT, tmp_path / "l", silent)
     assert not list(tmp_path.iterdir())
 

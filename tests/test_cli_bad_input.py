@@ -279,12 +279,12 @@ class Exploit:
 
 
 WEIGHTS: dict[str, tuple[Callable[[], bytes], str]] = {
-    "pickle": (lambda: pickle.dumps(Exploit()), "no network"),
+    "pickle": (lambda: pickle.dumps(Exploit()), "not a network"),
     "empty": (lambda: b"", "empty"),
-    "truncated": (lambda: SHIPPED_WEIGHTS.read_bytes()[:100_000], "no network"),
+    "truncated": (lambda: SHIPPED_WEIGHTS.read_bytes()[:100_000], "not a network"),
     "another class count": (lambda: network(len(BODY_PARTS)), "12 classes"),
-    "another size": (lambda: network(12, size=100), "no network"),
-    "another number type": (lambda: network(12, "DOUBLE"), "no network"),
+    "another size": (lambda: network(12, size=100), "not a network"),
+    "another number type": (lambda: network(12, "DOUBLE"), "not a network"),
 }
 
 

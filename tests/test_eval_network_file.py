@@ -67,7 +67,7 @@ def test_no_operator_gets_any_amount_of_memory(tmp_path, operator):
     weights = np.array([1, 110_000, SIZE, SIZE]) if operator == "Expand" else np.ones((110_000, 1, 1, 1))
     path = written(tmp_path / "n.onnx", [node], {"w": weights.astype("i8" if weights.ndim == 1 else "f4")})
     before = resource.getrlimit(resource.RLIMIT_DATA)
-    with pytest.raises(FormatError, match="no network"):
+    with pytest.raises(FormatError, match="not a network"):
         Network(path)
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 8_000_000  # kB; it asks for 20 GB
@@ -84,7 +84,7 @@ def test_a_run_that_takes_too_long_is_stopped(tmp_path, monkeypatch):
     real = Network._open
     monkeypatch.setattr(Network, "_open", lambda *given: (opened.append(given[3:]), real(*given)))
     monkeypatch.setattr("eval.network.onnx_network.TRIAL_SECONDS", 0.05)
-    with pytest.raises(FormatError, match="no network"):
+    with pytest.raises(FormatError, match="not a network"):
         Network(path)
     assert opened == [(["ConstantFolding"],)]
 
@@ -184,5 +184,5 @@ def test_what_is_no_network_is_refused_in_one_line_and_not_run(tmp_path, capfd):
 
 def test_weights_that_are_no_file_are_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "w.onnx")
-    with pytest.raises(FormatError, match="is no file"):
+    with pytest.raises(FormatError, match="is not a file"):
         Network(tmp_path / "w.onnx")

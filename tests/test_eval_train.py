@@ -220,7 +220,7 @@ def test_another_plan_data_start_or_folder_is_refused(tmp_path, whole):
             train(crops, CROPS, whole[0], plan, ALONE, init=start)
     assert tree(whole[0]) == before
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(ExistsError, match="is no training"):
+    with pytest.raises(ExistsError, match="is not a training"):
         train(CROPS, CROPS, tmp_path, PLAN, ALONE)
     assert set(tree(tmp_path)) == {"mine.txt"}
 
@@ -266,7 +266,7 @@ def test_weights_know_their_network(tmp_path, whole):
         (lambda data: data.replace(b'\\"classes\\": 12', b'\\"classes\\": 13'), "13 classes"),
         (lambda data: data.replace(b"[4, 6, 6]", b"[4, 6, 7]"), "shape"),
         (lambda data: data.replace(b"[4, 6, 6]", b"[4,1e9,6]"), "malformed"),
-        (lambda data: data.replace(b"compact", b"compost"), "describes no network"),
+        (lambda data: data.replace(b"compact", b"compost"), "does not describe a network"),
         (lambda data: data.replace(b'"network"', b'"netwerk"'), "no network's weights"),
     ],
 )

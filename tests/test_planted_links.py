@@ -50,7 +50,7 @@ def test_a_journal_that_is_a_link_is_refused(foreign, victim):
         Journal.of(foreign)
     (foreign / JOURNAL).unlink()
     os.mkfifo(foreign / JOURNAL)
-    with pytest.raises(FormatError, match="is no file"):
+    with pytest.raises(FormatError, match="is not a file"):
         Journal.of(foreign)
 
 

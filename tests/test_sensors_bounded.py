@@ -27,7 +27,7 @@ def test_what_never_ends_or_blocks_is_no_file(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "endless").symlink_to("/dev/zero")
     for name in ("pipe", "endless"):
-        with pytest.raises(CalibrationError, match=rf"{name} is no file; split it"):
+        with pytest.raises(CalibrationError, match=rf"{name} is not a file; split it"):
             read_bounded(tmp_path / name, 10, "split it", CalibrationError)
 
 

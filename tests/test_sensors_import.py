@@ -233,7 +233,7 @@ def test_the_fit_finds_the_camera(fx, fy, cx, cy, seed):
 def test_a_grid_that_is_no_image_is_refused(tmp_path):
     path = tmp_path / "grid.pcd"
     path.write_bytes(pcd(np.random.default_rng(0).uniform(1, 2, (24, 32, 3)), 32, 24))
-    with pytest.raises(FormatError, match=r"no pinhole image|fits no camera"):
+    with pytest.raises(FormatError, match=r"not a pinhole image|fits no camera"):
         open_source(path)
 
 

@@ -171,7 +171,7 @@ class Editor:
     def reject(self, reason: str, how: Gesture = KEY) -> Stroke:
         """The frame is not right, or cannot be: the reason, one line. Raises CloudError without one."""
         if not reason.strip():
-            raise CloudError("a rejection has no reason; say in a few words what is wrong")
+            raise CloudError("a rejection needs a reason; write in a few words what is wrong")
         return self._say("reject", how, " ".join(reason.split()))
 
     def leave(self) -> Stroke | None:

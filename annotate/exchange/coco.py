@@ -74,7 +74,7 @@ def read_coco(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
         for annotation in content["annotations"]:
             by_image[int(annotation["image_id"])].append(annotation)
     except (ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
-        raise FormatError(f"{source / ANNOTATIONS} is no COCO file ({str(error)[:80]!r})") from error
+        raise FormatError(f"{source / ANNOTATIONS} is not a COCO file ({str(error)[:80]!r})") from error
     return companion, (_frame(source, images[n], by_image[n], names, companion) for n in images)
 
 
@@ -158,5 +158,5 @@ def rle_from_string(text: str) -> list[int]:
             runs.append(value + runs[-2] if len(runs) > 2 else value)
             value = shift = 0
     if shift:
-        raise FormatError("a mask's run lengths end in the middle; export it again")
+        raise FormatError("a mask's run lengths are truncated; export it again")
     return runs

@@ -131,7 +131,7 @@ def _parse(file: Path) -> list[_Image]:
         parser.feed(data)
         parser.close()
     except (ParseError, ValueError, LookupError) as error:
-        raise FormatError(f"{file} is no XML ({str(error)[:80]}); export it from CVAT again") from error
+        raise FormatError(f"{file} is not XML ({str(error)[:80]}); export it from CVAT again") from error
     if not target.images:
         raise FormatError(f"{file} holds no image; give CVAT's 'CVAT for images 1.1'")
     return target.images
@@ -205,7 +205,7 @@ def _polygon(text: str, shape: tuple[int, int]) -> NDArray[np.bool_]:
     points = [[float(x) for x in point.split(",")] for point in text.split(";")]
     corners = np.array(points, np.float64) - 0.5
     if corners.shape[1:] != (2,) or len(corners) < 3 or not (np.abs(corners) < 1e5).all():
-        raise FormatError("a polygon has no three corners on the image; export it again")
+        raise FormatError("a polygon has fewer than three corners on the image; export it again")
     canvas = np.zeros(shape, np.uint8)
     cv2.fillPoly(canvas, [np.rint(corners).astype(np.int32)], 1)
     return canvas.astype(bool)

@@ -97,7 +97,7 @@ def import_labels(
     name = recognise(source)
     if name is None:
         raise FormatError(
-            f"{source} holds labels of no known format; give a folder of {', '.join(FORMATS)}, or name the "
+            f"{source} holds labels in no known format; give a folder of {', '.join(FORMATS)}, or name the "
             "result .mcap to import images"
         )
     companion, frames = FORMATS[name].read(source)

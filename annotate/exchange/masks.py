@@ -64,7 +64,7 @@ def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[NDArray[
         elif mask.name in MASK_IDS:
             parts[mask.pixels] = MASK_IDS[mask.name]
         else:
-            raise FormatError(f"label {mask.name[:40]!r} is no body part; use {', '.join(MASK_IDS)}")
+            raise FormatError(f"label {mask.name[:40]!r} is not a body part; use {', '.join(MASK_IDS)}")
     return parts, persons
 
 

@@ -56,7 +56,7 @@ def read_kitti(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
     companion = load_companion(source)
     if not (source / SEQUENCE / INDEX).is_dir():
         raise FormatError(
-            f"{source / SEQUENCE} has no {INDEX}: its points are no depth image; give a "
+            f"{source / SEQUENCE} has no {INDEX}: its points are not a depth image; give a "
             "folder that export wrote"
         )
     return companion, _frames(source / SEQUENCE, companion)

@@ -118,7 +118,7 @@ def load_settings(path: Path) -> Settings:
     fields = read_toml(path, MAX_TOML_BYTES, "mend or remove it", CloudError)
     theme, keys = fields.pop("theme", "system"), fields.pop("keys", {})
     if fields:
-        raise CloudError(f"{path}: {next(iter(fields))!r} is no setting; use theme and [keys]")
+        raise CloudError(f"{path}: {next(iter(fields))!r} is not a setting; use theme and [keys]")
     if theme not in THEMES:
         raise CloudError(f"{path}: theme is {theme!r}; use {', '.join(THEMES)}")
     return Settings(theme, _rebound(path, keys))
@@ -126,7 +126,7 @@ def load_settings(path: Path) -> Settings:
 
 def _rebound(path: Path, keys: object) -> tuple[Binding, ...]:
     if not isinstance(keys, dict) or not all(isinstance(key, str) and key for key in keys.values()):
-        raise CloudError(f'{path}: [keys] is no table of keys; write lines such as undo = "Ctrl+Z"')
+        raise CloudError(f'{path}: [keys] is not a table of keys; write lines such as undo = "Ctrl+Z"')
     names = {binding.name for binding in BINDINGS}
     unknown = sorted(set(keys) - names)
     if unknown:

@@ -71,7 +71,7 @@ class Walk:
         frame_ids = self.correction.frame_ids
         at = frame_ids.index(frame_id)
         if not at:
-            raise CloudError("This is the first frame: there is none before it")
+            raise CloudError("This is the first frame; there is none before it")
         return frame_ids[at - 1]
 
     def worked_near(self, frame_id: str) -> list[str]:
@@ -84,7 +84,7 @@ class Walk:
         near = sorted(range(len(frame_ids)), key=lambda i: (abs(i - at), i))
         done = [frame_ids[i] for i in near if self.correction.state(frame_ids[i]) not in ("auto", "rejected")]
         if not (found := [i for i in done if i != frame_id][:REMEMBERED]):
-            raise CloudError("No frame was corrected yet: there is nothing to carry over")
+            raise CloudError("No frame has been corrected yet: there is nothing to carry over")
         return found
 
     def close(self) -> None:

@@ -39,7 +39,7 @@ def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterato
     """
     if is_taken(out):
         if not overwrite:
-            raise ExistsError(f"{out} exists already; choose another folder or pass --overwrite")
+            raise ExistsError(f"{out} already exists; choose another folder or pass --overwrite")
         check_replaceable(out, marker, *inputs)
     folder = temporary_of(out)
     sweep(out.parent, f".{escape(out.name)}.*.partial")

@@ -57,8 +57,8 @@ class Claim:
                 os.close(file)
         except BlockingIOError as error:
             raise ClaimedError(
-                f"{folder} is being written by {_owner(path)}; let it end or close its window, or open the "
-                "set read-only"
+                f"{folder} is being written by {_owner(path)}; wait until it has finished, "
+                "close its window, or open the set read-only"
             ) from error
         except OSError as error:
             raise CloudError(

@@ -115,7 +115,7 @@ def _members(path: Path, tar: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
             raise FormatError(f"shard {path} holds more than {MAX_MEMBERS} files; split it")
         if not member.isfile() or member.issparse() or not 0 <= member.size <= MAX_MEMBER_BYTES:
             raise FormatError(
-                f"shard {path} holds {member.name!r}, no image or too large; delete it and generate again"
+                f"shard {path} holds {member.name!r}, not an image or too large; delete it and generate again"
             )
         yield member
         # It remembers each, with its headers.
@@ -152,7 +152,7 @@ class Dataset:
         manifest = path / MANIFEST
         if not manifest.is_file():
             raise FormatError(
-                f"{path} is no finished dataset (it has no {MANIFEST}); run 'synth generate' again"
+                f"{path} is not a finished dataset (it has no {MANIFEST}); run 'synth generate' again"
             )
         data = read_bounded(manifest, MAX_MANIFEST_BYTES)
         try:
@@ -167,7 +167,9 @@ class Dataset:
             raise FormatError(f"{manifest} is corrupt ({error!r}); generate the dataset again") from error
         for name, _ in shards:
             if Path(name).name != name or not (path / name).is_file():
-                raise FormatError(f"{path} lacks shard {name!r} of its manifest; run 'synth generate' again")
+                raise FormatError(
+                    f"{path} lacks shard {name!r} that its manifest lists; run 'synth generate' again"
+                )
         return Dataset(path, shards, info)
 
     def __iter__(self) -> Iterator[FrameLabels]:

@@ -93,7 +93,7 @@ class Journal:
         except OSError as error:
             raise NotSavedError(
                 f"{self.path} cannot be written ({error.strerror}); {len(self._pending)} strokes are kept in "
-                "memory: free some space or mend the disk, and go on"
+                "memory: free some space or repair the disk, and continue"
             ) from error
         self._end += len(lines)
         self._pending.clear()
@@ -103,7 +103,7 @@ class Journal:
         try:
             size = os.fstat(file).st_size
             if size < self._end:
-                raise OSError(0, "something else has shortened it")
+                raise OSError(0, "another program has shortened it")
             if size > self._end:
                 os.ftruncate(file, self._end)
             _write(file, lines, self._end)
@@ -122,7 +122,7 @@ class Journal:
             with open(self.path, "rb", opener=lambda name, flags: os.open(name, flags | FLAGS)) as file:
                 found = os.fstat(file.fileno())
                 if not stat.S_ISREG(found.st_mode):
-                    raise FormatError(f"{self.path} is no file; {REMEDY}")
+                    raise FormatError(f"{self.path} is not a file; {REMEDY}")
                 if found.st_size > MAX_BYTES:
                     raise FormatError(f"{self.path} is larger than {MAX_BYTES} bytes; {REMEDY}")
                 while (line := file.readline(MAX_LINE_BYTES + 1)).endswith(b"\n"):

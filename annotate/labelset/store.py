@@ -63,7 +63,7 @@ class LabelSet:
     def create(cls, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> Self:
         """Start an empty label set in a new or empty folder. Raises ExistsError otherwise."""
         if is_taken(path):
-            raise ExistsError(f"{path} exists already; choose another folder or pass --overwrite")
+            raise ExistsError(f"{path} already exists; choose another folder or pass --overwrite")
         (path / FRAMES).mkdir(parents=True, exist_ok=True)
         manifest = {
             "schema": SCHEMA,
@@ -80,13 +80,13 @@ class LabelSet:
         """Open an existing label set. Raises FormatError when it is none, or is corrupt."""
         if not (path / MANIFEST).is_file():
             raise FormatError(
-                f"{path} is no label set (it has no {MANIFEST}); give the folder that label wrote"
+                f"{path} is not a label set (it has no {MANIFEST}); give the folder that label wrote"
             )
         for name in (FRAMES, ORIGINAL):
             if (path / name).is_symlink():
                 # What is written there would be written elsewhere.
                 raise FormatError(
-                    f"{path / name} is a link out of the label set; copy the folder in its place"
+                    f"{path / name} is a link out of the label set; replace it with a copy of the folder"
                 )
         manifest = _load(path / MANIFEST)
         if manifest.pop("schema", None) != SCHEMA:

@@ -94,12 +94,12 @@ class Stroke:
             raise FormatError(f"part id {str(self.part)[:40]} is unknown; use 0 to 11, or 255 for undefined")
         texts = (self.frame_id, self.who, self.when, self.reason)
         if not all(isinstance(text, str) and len(text) <= MAX_TEXT for text in texts):
-            raise FormatError(f"a name, time or reason is no text of at most {MAX_TEXT} characters")
+            raise FormatError(f"a name, time or reason is not a text of at most {MAX_TEXT} characters")
         if not isinstance(self.seconds, dict) or not all(
             kind in get_args(Activity) and type(s) in (int, float) and 0 <= s < 1e9
             for kind, s in self.seconds.items()
         ):
-            raise FormatError(f"seconds are no numbers by {get_args(Activity)}")
+            raise FormatError(f"seconds are not numbers by {get_args(Activity)}")
         _check_runs(self.runs)
 
     @property
@@ -187,7 +187,7 @@ def from_line(line: bytes) -> Stroke:
 
 def _runs(numbers: object) -> NDArray[np.int64]:
     if not isinstance(numbers, list) or len(numbers) % 4 or not all(type(n) is int for n in numbers):
-        raise FormatError("its runs are no list of whole numbers, four for each run")
+        raise FormatError("its runs are not a list of whole numbers, four for each run")
     try:
         return np.array(numbers, np.int64).reshape(-1, 4)
     except OverflowError as error:

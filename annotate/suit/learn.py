@@ -40,7 +40,7 @@ def corrected_frames(labels: LabelSet) -> list[str]:
     ids = [i for i in labels.frame_ids if labels.read(i).status != "auto"]
     if not ids:
         raise CloudError(
-            f"{labels.path} holds no corrected frame; correct one, or name right ones by --frame"
+            f"{labels.path} holds no corrected frame; correct one, or name correct ones with --frame"
         )
     return ids
 

@@ -102,7 +102,7 @@ def load_suit(path: Path) -> Suit:
 
 def _swatch(path: Path, part: str, color: object) -> tuple[int, tuple[int, ...]]:
     if part not in PART_ID or part == "background":
-        raise CloudError(f"suit {path}: {part!r} is no part; use {', '.join(p.name for p in BODY_PARTS)}")
+        raise CloudError(f"suit {path}: {part!r} is not a part; use {', '.join(p.name for p in BODY_PARTS)}")
     if not isinstance(color, str) or not _HEX.fullmatch(color):
         raise CloudError(f"suit {path}: {part} has colour {color!r}; give '#rrggbb'")
     return PART_ID[part], tuple(int(color[i : i + 2], 16) for i in (1, 3, 5))

@@ -134,7 +134,7 @@ def load_result(path: Path) -> Result:
         RecursionError,
         zlib.error,
     ) as error:
-        raise FormatError(f"{path} is no result ({error}); give a file that evaluate wrote") from error
+        raise FormatError(f"{path} is not a result ({error}); give a file that evaluate wrote") from error
 
 
 def _parse(path: Path, size: int, lines: Iterator[Any]) -> Result:
@@ -200,7 +200,7 @@ def _traits(value: dict[str, Any]) -> Traits:
         name: float(value.get(name, math.nan)) for name in ("distance_m", "invalid_share", "mm_per_px")
     }
     if not all(math.isnan(v) or 0 <= v < math.inf for v in numbers.values()):
-        raise ValueError(f"{numbers} are no traits of a frame")
+        raise ValueError(f"{numbers} are not traits of a frame")
     return Traits(
         activity=_shared(value["activity"]),
         view=_shared(value["view"]),

@@ -76,7 +76,7 @@ def load_checkpoint(path: Path, model: nn.Module, optimizer: torch.optim.Optimiz
     except (ValueError, KeyError, RuntimeError, TypeError, FormatError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise FormatError(
-            f"checkpoint {path} cannot be resumed ({reason}); remove it or start elsewhere"
+            f"checkpoint {path} cannot be resumed ({reason}); remove it or choose another folder"
         ) from error
 
 
@@ -87,7 +87,7 @@ def steps_done(path: Path) -> int:
             return int(json.loads(file.metadata()["progress"])["step"])
     except (OSError, SafetensorError, ValueError, KeyError, TypeError) as error:
         raise FormatError(
-            f"checkpoint {path} cannot be resumed ({error!r}); remove it or start elsewhere"
+            f"checkpoint {path} cannot be resumed ({error!r}); remove it or choose another folder"
         ) from error
 
 
@@ -106,15 +106,15 @@ def load_weights(path: Path) -> tuple[nn.Module, NetworkConfig]:
     """
     tensors, meta = _read(path)
     if "network" not in meta:
-        raise FormatError(f"{path} holds no network's weights; give a weights.safetensors of 'train'")
+        raise FormatError(f"{path} holds no network's weights; give a weights.safetensors that 'train' wrote")
     try:
         description = json.loads(meta["network"])
         classes = description.pop("classes")
         config = config_from(description)
     except (ValueError, RecursionError, AttributeError, KeyError, TypeError, IndexError) as error:
-        raise FormatError(f"{path} describes no network ({error!r}); train it again") from error
+        raise FormatError(f"{path} does not describe a network ({error!r}); train it again") from error
     if classes != N_CLASSES:
-        raise FormatError(f"{path} is for {classes!r} classes, not {N_CLASSES}; train it anew")
+        raise FormatError(f"{path} is for {classes!r} classes, not {N_CLASSES}; train it again")
     _check_size(path, config, tensors)
     model = build(config)
     check_fits(path, model, tensors)
@@ -162,7 +162,9 @@ def _read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         with safe_open(path, framework="pt") as file:
             return {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118
     except (OSError, SafetensorError, ValueError, RuntimeError) as error:
-        raise FormatError(f"{path} is no safetensors file or is cut off ({error}); train it again") from error
+        raise FormatError(
+            f"{path} is not a safetensors file or is cut off ({error}); train it again"
+        ) from error
 
 
 def _optimizer_state(tensors: dict[str, Tensor]) -> dict[int, dict[str, Tensor]]:

@@ -37,7 +37,7 @@ def described(config: NetworkConfig) -> dict[str, Any]:
 
 
 def config_from(description: dict[str, Any]) -> NetworkConfig:
-    """Inverse of `described`. Raises FormatError when it describes no network."""
+    """Inverse of `described`. Raises FormatError when it does not describe a network."""
     try:
         match description:
             case {"kind": "compact", "widths": widths, **rest} if not rest:
@@ -48,7 +48,9 @@ def config_from(description: dict[str, Any]) -> NetworkConfig:
                 return SmpConfig(_encoder(encoder), _widths(decoder))
     except (TypeError, ValueError, CloudError) as error:
         raise FormatError(f"the network's description is malformed ({error}); train it again") from error
-    raise FormatError(f"{str(description)[:200]!r} describes no network; use weights that 'train' wrote")
+    raise FormatError(
+        f"{str(description)[:200]!r} does not describe a network; use weights that 'train' wrote"
+    )
 
 
 MAX_WIDTH = 8192

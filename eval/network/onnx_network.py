@@ -68,7 +68,7 @@ class Network:
                     trials = [self._run(_trial(n), limits) for n in (1, 2)]
         except Exception as error:  # ONNX Runtime's own errors share no public base
             raise FormatError(
-                f"weights {path} are no network for (B, 1, {SIZE}, {SIZE}) ({_why(error)}); export it again"
+                f"weights {path} are not a network for (B, 1, {SIZE}, {SIZE}) ({_why(error)}); export again"
             ) from error
         shapes = [trial.shape for trial in trials]
         if shapes != [(n, N_CLASSES, SIZE, SIZE) for n in (1, 2)]:

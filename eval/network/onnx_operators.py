@@ -92,7 +92,7 @@ class _Walker:
             tag, at = _varint(data, at)
             # Parsers differ in what they make of longer tags.
             if self._fields > MAX_FIELDS or tag >= 1 << 32:
-                raise FormatError("it is no ONNX file")
+                raise FormatError("it is not an ONNX file")
             number, kind = tag >> 3, tag & 7
             if kind == _LENGTH:
                 size, at = _varint(data, at)
@@ -110,7 +110,7 @@ def _skip(data: memoryview, at: int, kind: int) -> int:
         return _varint(data, at)[1]
     if kind in (_FIXED64, _FIXED32):
         return at + (8 if kind == _FIXED64 else 4)
-    raise FormatError("it is no ONNX file")
+    raise FormatError("it is not an ONNX file")
 
 
 def _varint(data: memoryview, at: int) -> tuple[int, int]:

@@ -93,7 +93,7 @@ def free_outputs(path: Path, overwrite: bool) -> list[Path]:
     Raises ExistsError when one is there and `overwrite` is not set, CloudError for a name that is a table's.
     """
     if path.suffix in tables.SUFFIXES:
-        raise CloudError(f"{path} would be a table beside the page; give a name that ends in .html")
+        raise CloudError(f"{path} has the suffix of a table; give a name that ends in .html")
     outputs = [*(path.with_suffix(suffix) for suffix in tables.SUFFIXES), path]
     for file in outputs:
         check_free(file, overwrite)

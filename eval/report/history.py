@@ -43,7 +43,7 @@ class Training:
 def load_training(folder: Path) -> Training:
     """Read the folder that `train` wrote. Raises FormatError when it is none, or is corrupt."""
     path = folder / HISTORY
-    data = read_bounded(path, MAX_BYTES, "give a folder of 'train'")
+    data = read_bounded(path, MAX_BYTES, "give a folder that 'train' wrote")
     try:
         value = json.loads(data)
         points = _rows(value["points"], ("images", "loss"))
@@ -54,7 +54,7 @@ def load_training(folder: Path) -> Training:
         return Training(folder.name, points, epochs, _pictures(folder / FRAME), _facts(value))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise FormatError(
-            f"{path} is no history of a training ({error}); give a folder of 'train'"
+            f"{path} is not a history of a training ({error}); give a folder that 'train' wrote"
         ) from error
 
 

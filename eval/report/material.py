@@ -46,7 +46,7 @@ class Material:
 
     def __post_init__(self) -> None:
         if not self.results:
-            raise CloudError("the report got 0 results; give at least one that evaluate wrote")
+            raise CloudError("there are no results; give at least one that evaluate wrote")
         titles = [result.title for result in self.results]
         twice = next((title for title in titles if titles.count(title) > 1), None)
         if twice is not None:

@@ -46,7 +46,7 @@ def confusion_matrix(truth: Labels, predicted: Labels) -> Counts:
     columns = named(predicted[defined]).astype(np.int64)
     highest = max(rows.max(initial=0), columns.max(initial=0))
     if highest >= N_CLASSES:
-        raise ValueError(f"label {highest} is no part id; use 0 to {N_CLASSES - 1}, or {UNDEFINED}")
+        raise ValueError(f"label {highest} is not a part id; use 0 to {N_CLASSES - 1}, or {UNDEFINED}")
     flat: Counts = np.bincount(rows * N_CLASSES + columns, minlength=N_CLASSES**2).astype(np.int64)
     return flat.reshape(N_CLASSES, N_CLASSES)
 

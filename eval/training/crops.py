@@ -119,7 +119,7 @@ def load_crops(
         return Crops.of(_kept(frame) for frame in chain([first], taught))
     except OSError as error:
         raise CloudError(
-            f"{names}: so many images do not fit into {gettempdir()} ({error.strerror}); give fewer, or set "
+            f"{names}: the images do not fit into {gettempdir()} ({error.strerror}); give fewer, or set "
             "TMPDIR"
         ) from error
 

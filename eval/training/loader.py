@@ -51,7 +51,7 @@ class Order:
     def __post_init__(self) -> None:
         if min(self.images, self.batch) < self.world:
             raise CloudError(
-                f"{self.images} images in batches of {self.batch} for {self.world} processes; start fewer"
+                f"{self.images} images in batches of {self.batch} are too few for {self.world} processes"
             )
 
     @property

@@ -145,7 +145,7 @@ class _Run:
         loss, told = loss_of(self.plan.recipe, scores.float(), depth, parts, weight)
         if not math.isfinite(told):
             raise CloudError(
-                f"the loss is no longer finite at step {self.progress.step}; lower the rate or use float32"
+                f"the loss is no longer finite at step {self.progress.step}; train with --precision float32"
             )
         self.optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
@@ -209,11 +209,11 @@ def _begin(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:
     if (out / PLAN).is_file():
         if (out / PLAN).read_bytes() != order:
             raise ExistsError(
-                f"{out} holds another training (plan or data differ); take another folder or --overwrite"
+                f"{out} holds another training (other plan or data); use another folder or pass --overwrite"
             )
         return
     if is_taken(out):
-        raise ExistsError(f"{out} exists and is no training; choose another folder or pass --overwrite")
+        raise ExistsError(f"{out} exists and is not a training; choose another folder or pass --overwrite")
     out.mkdir(parents=True, exist_ok=True)
     write_bytes(out / PLAN, order)
 

@@ -37,12 +37,12 @@ class HolePlate:
     def __post_init__(self) -> None:
         if not (2 <= self.columns <= 50 and 3 <= self.rows <= 100 and self.rows % 2):
             raise CalibrationError(
-                f"a plate of {self.columns} x {self.rows} holes is none; give 2 or more columns and an odd "
-                "number of rows (an even one looks the same upside down)"
+                f"a plate of {self.columns} x {self.rows} holes is impossible; give 2 columns or more and an "
+                "odd number of rows (an even one looks the same upside down)"
             )
         if not 0 < self.hole_m < np.sqrt(2) * self.pitch_m:
             raise CalibrationError(
-                f"holes of {self.hole_m} m at a pitch of {self.pitch_m} m run into each other; measure again"
+                f"holes of {self.hole_m} m at a pitch of {self.pitch_m} m overlap; measure again"
             )
 
     @property

@@ -50,21 +50,25 @@ class Address:
         except ValueError:
             value = float("nan")
         if not low <= value <= high:
-            raise DeviceError(f"{key} {text!r} of device {self.text!r} is no number from {low:g} to {high:g}")
+            raise DeviceError(
+                f"{key} {text!r} of device {self.text!r} is not a number from {low:g} to {high:g}"
+            )
         return value
 
     def given_integer(self, key: str, low: int, high: int) -> int | None:
         """As ``given_number``, for whole numbers."""
         value = self.given_number(key, low, high)
         if value is not None and value != int(value):
-            raise DeviceError(f"{key} {value:g} of device {self.text!r} is no integer; give {low} to {high}")
+            raise DeviceError(
+                f"{key} {value:g} of device {self.text!r} is not an integer; give {low} to {high}"
+            )
         return None if value is None else int(value)
 
     def finish(self) -> None:
         """Raise DeviceError for an option that nobody took."""
         if unknown := sorted(set(self._options) - self._known):
             known = ", ".join(sorted(self._known)) or "none"
-            raise DeviceError(f"device {self.text!r} has unknown option {unknown[0]!r}; known are {known}")
+            raise DeviceError(f"device {self.text!r} has unknown option {unknown[0]!r}; use {known}")
 
     def _take(self, key: str, default: str) -> str:
         self._known.add(key)

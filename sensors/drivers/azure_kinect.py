@@ -101,7 +101,9 @@ class _Library:
         except self._pyk4a.K4ATimeoutException:
             return []
         except self._pyk4a.K4AException as error:
-            raise DeviceLostError("the Azure Kinect is gone; plug it in again and start anew") from error
+            raise DeviceLostError(
+                "the Azure Kinect is no longer connected; plug it in again and start again"
+            ) from error
         images = []
         if capture.depth is not None:
             infrared = None if capture.ir is None else np.array(capture.ir, np.uint16)

@@ -57,7 +57,7 @@ def load_shim(path: Path | None = None) -> Shim:
         path = Path(spec.origin)
     if path is None or not path.exists():
         raise DeviceNotFoundError(
-            "this build cannot drive a Kinect v2, for libfreenect2 was not found; "
+            "this build cannot drive a Kinect v2 because libfreenect2 was not found; "
             "install libfreenect2 and run: pip install --force-reinstall --no-deps annotate-cloud"
         )
     try:

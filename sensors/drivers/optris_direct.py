@@ -39,11 +39,13 @@ class OptrisDirect:
         check_config(config)
         self._library = library or load_library()
         if self._library in _in_use:
-            raise DeviceBusyError("the vendor's library serves one camera, and has it open; close that one")
+            raise DeviceBusyError(
+                "the vendor's library serves one camera at a time; close the one that is open"
+            )
         if self._library.usb_init(str(config).encode(), None, None):
             raise DeviceError(
-                f"the vendor's library opens no camera with {config}; plug it in, fetch its calibration with "
-                "ir_download_calibration, and close other programs that use it"
+                f"the vendor's library cannot open a camera with {config}; plug it in, "
+                "get its calibration with ir_download_calibration, and close other programs that use it"
             )
         _in_use.add(self._library)
         self.serial, self.shape = self._read_serial(), self._read_shape()
@@ -68,7 +70,7 @@ class OptrisDirect:
             return None
         if reading is None:
             raise DeviceLostError(
-                f"{self.address} has fallen silent; plug the camera in again and start anew"
+                f"{self.address} has stopped sending; plug the camera in again and start again"
             )
         return reading
 

@@ -82,7 +82,9 @@ class _Library:
         try:
             frames = self._pipeline.wait_for_frames(max(1, round(timeout_s * 1000)))
         except self._sdk.OBError as error:
-            raise DeviceLostError(f"the Orbbec camera is gone ({error}); plug it in again") from error
+            raise DeviceLostError(
+                f"the Orbbec camera is no longer connected ({error}); plug it in again"
+            ) from error
         if frames is None:
             return []
         images = []
@@ -103,7 +105,7 @@ def depth_of(frame: SdkObject) -> NDArray[np.uint16]:
     values = np.frombuffer(np.asarray(frame.get_data()).tobytes(), "<u2")
     if values.size != shape[0] * shape[1]:
         raise DeviceFaultError(
-            f"the Orbbec camera sent {values.size} of {shape[0] * shape[1]} pixels; read on"
+            f"the Orbbec camera sent {values.size} of {shape[0] * shape[1]} pixels; wait for the next"
         )
     millimetres = np.rint(values.reshape(shape) * np.float32(frame.get_depth_scale()))
     return millimetres.clip(0, 65535).astype(np.uint16)

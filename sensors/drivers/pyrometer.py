@@ -196,7 +196,7 @@ class Pyrometer:
             self._dropped += 1
             if self._silent >= SILENT_READS:
                 raise DeviceLostError(
-                    f"{self._line.port} is silent; check the pyrometer's power and cable"
+                    f"{self._line.port} does not answer; check the pyrometer's power and cable"
                 ) from error
             raise
         self._silent = 0

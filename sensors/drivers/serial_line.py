@@ -101,4 +101,6 @@ class SerialLine:
         raise ChatterError(f"{self.port} does not stop sending; switch the device off and on")
 
     def _lost(self) -> DeviceLostError:
-        return DeviceLostError(f"{self.port} is gone; plug the pyrometer in again and start anew")
+        return DeviceLostError(
+            f"{self.port} is no longer connected; plug the pyrometer in again and start again"
+        )

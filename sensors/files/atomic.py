@@ -16,7 +16,7 @@ _TOKEN = token_hex(4)
 def check_free(path: Path, overwrite: bool) -> None:
     """Raise ExistsError when something is there and may not be replaced: before long work, not after it."""
     if path.exists() and not overwrite:
-        raise ExistsError(f"{path} exists already; choose another name or pass --overwrite")
+        raise ExistsError(f"{path} already exists; choose another name or pass --overwrite")
 
 
 def is_taken(folder: Path) -> bool:

@@ -22,7 +22,7 @@ def read_bounded(
         why = getattr(cause, "strerror", None) or cause
         raise error(f"{path} cannot be read ({why}); {remedy}") from cause
     if data is None:
-        raise error(f"{path} is no file; {remedy}")
+        raise error(f"{path} is not a file; {remedy}")
     if len(data) > limit:
         raise error(f"{path} is larger than {limit} bytes; {remedy}")
     return data

@@ -39,5 +39,5 @@ def load_arrays(
     for name, array in arrays.items():
         # Of a type of no bytes, such as empty texts, there may be any number.
         if not isinstance(array, np.ndarray) or array.size > limit_bytes:
-            raise FormatError(f"{path}: {name[:60]!r} is no array; {remedy}")
+            raise FormatError(f"{path}: {name[:60]!r} is not an array; {remedy}")
     return arrays

@@ -16,7 +16,7 @@ PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 def png_shape(data: bytes, name: str) -> tuple[int, int]:
     """(height, width) from a PNG's header, before anything is allocated. Raises FormatError."""
     if len(data) < 33 or data[:8] != PNG_MAGIC:
-        raise FormatError(f"{name} image is no PNG or is cut off; restore it from a copy")
+        raise FormatError(f"{name} image is not a PNG or is cut off; restore it from a copy")
     width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     if not (0 < width <= MAX_IMAGE_SIDE and 0 < height <= MAX_IMAGE_SIDE):
         raise FormatError(

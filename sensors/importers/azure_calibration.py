@@ -29,7 +29,7 @@ def calibration_from_factory(
     if depth_size not in DEPTH_MODES:
         width, height = depth_size
         raise CalibrationError(
-            f"depth images of {width}x{height} ({mode[:40]!r}) are of no mode of the camera"
+            f"depth images of {width}x{height} ({mode[:40]!r}) belong to no mode of the camera"
         )
     try:
         entries = json.loads(data.rstrip(b"\0"))["CalibrationInformation"]["Cameras"]

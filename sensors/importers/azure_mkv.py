@@ -93,7 +93,7 @@ class AzureRecording:
 
     def _scan(self, ebml: EbmlFile) -> None:
         if next(ebml.children(ebml.whole), Element(0, 0, 0)).id != EBML:
-            raise FormatError(f"{self.path} is no Matroska file; give a recording of k4arecorder")
+            raise FormatError(f"{self.path} is not a Matroska file; give a recording of k4arecorder")
         segment = next(ebml.find(ebml.whole, SEGMENT), Element(0, 0, 0))
         tracks = _tracks(ebml, segment)
         if DEPTH not in {track.name for track in tracks.values()}:

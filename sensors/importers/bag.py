@@ -103,9 +103,7 @@ class Bag:
         """The calibration, and how it was found."""
         lens, origin = self._lens(depth)
         if lens is None:
-            raise CalibrationError(
-                f"{self.path} says nothing of the camera of {depth}; record its camera_info topic as well"
-            )
+            raise CalibrationError(f"{self.path} has no camera_info for {depth}; record that topic as well")
         if color is None:
             return RigCalibration(lens), (f"depth intrinsics from {origin}",)
         color_lens, color_origin = self._lens(color, origin)

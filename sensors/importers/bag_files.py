@@ -112,11 +112,11 @@ class SqliteFile:
         kinds = {name: kind for _, name, kind, *_ in database.execute("PRAGMA main.table_list")}
         for table in ("topics", "messages"):
             if kinds.get(table) != "table":
-                raise FormatError(f"{self.path} is no ROS 2 bag (it has no tables topics and messages)")
+                raise FormatError(f"{self.path} is not a ROS 2 bag (it has no tables topics and messages)")
             for _, column, *_, hidden in database.execute(f"PRAGMA main.table_xinfo({table})"):
                 if hidden:
                     raise FormatError(
-                        f"{self.path} is no ROS 2 bag ({_plain(column)} of {table} is computed)"
+                        f"{self.path} is not a ROS 2 bag ({_plain(column)} of {table} is computed)"
                     )
 
     def _connect(self) -> sqlite3.Connection:

@@ -77,7 +77,7 @@ def _pcd(fields: dict[str, list[str]], file: BinaryIO, left: int) -> CloudHeader
     for axis in "xyz":
         at = names.index(axis)
         if kinds[at] != "F" or sizes[at] not in (4, 8) or counts[at] != 1:
-            raise ValueError(f"{axis} is no float")
+            raise ValueError(f"{axis} is not a float")
     width, height, points = (int(fields[name][0]) for name in ("WIDTH", "HEIGHT", "POINTS"))
     if width < 0 or width * height != points:
         raise ValueError(f"{width} x {height} are not {points} points")

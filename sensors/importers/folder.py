@@ -107,7 +107,7 @@ def _colors(path: Path, depth: dict[str, Path]) -> tuple[dict[str, int], dict[st
         return {}, _matching(folder, suffixes, depth), "no time stamps: 30 frames a second assumed"
     order = sorted((stem for stem in stamped if stem in depth), key=lambda stem: stamped[stem])
     if not order:
-        raise FormatError(f"{path}: no depth image is named in its list; give the folder that the list is of")
+        raise FormatError(f"{path}: no depth image is named in its list; give the folder the list belongs to")
     left_out, kept = len(depth) - len(order), {stem: depth[stem] for stem in order}
     depth.clear()
     depth.update(kept)

@@ -147,7 +147,7 @@ def _organised(path: Path, points_m: NDArray[np.float64]) -> tuple[Intrinsics, N
     camera, residual = fit_intrinsics(points_m)
     if residual > 2.0:
         raise FormatError(
-            f"{path}: the grid of the cloud is no pinhole image (residual {residual:.1f} px); "
+            f"{path}: the grid of the cloud is not a pinhole image (residual {residual:.1f} px); "
             "give it as an unorganised cloud (HEIGHT 1)"
         )
     how = (

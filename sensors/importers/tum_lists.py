@@ -58,7 +58,7 @@ def _nanoseconds(text: str, file: Path) -> int:
     """Seconds with any number of digits as whole nanoseconds, without a float's rounding."""
     match = re.fullmatch(r"(\d{1,10})(?:\.(\d{0,30}))?", text, re.ASCII)
     if match is None or int(match[1]) > MAX_SECONDS:
-        raise FormatError(f"{file}: {text[:40]!r} are no seconds; correct it")
+        raise FormatError(f"{file}: {text[:40]!r} is not a time in seconds; correct it")
     return int(match[1]) * 1_000_000_000 + int((match[2] or "").ljust(9, "0")[:9])
 
 

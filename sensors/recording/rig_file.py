@@ -41,17 +41,17 @@ class RecordingRig:
         for address, latency_ms in self.latency_ms.items():
             if address not in self.devices:
                 raise DeviceError(
-                    f"rig {self.name!r}: latency_ms of {address!r}, which is none of its devices"
+                    f"rig {self.name!r}: latency_ms of {address!r}, which is not one of its devices"
                 )
             if not 0 <= latency_ms <= MAX_LATENCY_MS:
-                raise DeviceError(f"latency_ms {latency_ms} of {address!r} is no number from 0 to 1000")
+                raise DeviceError(f"latency_ms {latency_ms} of {address!r} is not a number from 0 to 1000")
 
 
 def load_rig(path: Path) -> RecordingRig:
     """Read a rig file; a calibration's path is relative to it. Raises DeviceError, CalibrationError."""
     fields = read_toml(path, MAX_BYTES, "give a rig file (TOML)", DeviceError)
     if unknown := sorted(set(fields) - set(KEYS)):
-        raise DeviceError(f"rig file {path} has unknown key {unknown[0]!r}; known are {', '.join(KEYS)}")
+        raise DeviceError(f"rig file {path} has unknown key {unknown[0]!r}; use {', '.join(KEYS)}")
     devices, latency = fields.get("devices", []), fields.get("latency_ms", {})
     if not isinstance(devices, list) or not all(isinstance(address, str) for address in devices):
         raise DeviceError(f"rig file {path}: devices is {devices!r}; give a list of addresses")

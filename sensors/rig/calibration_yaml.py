@@ -83,7 +83,9 @@ def _existing(folder: Path, file: str) -> Path | None:
     """The file by its name, or with a device's name before it; None where there is none."""
     found = sorted(path for path in folder.glob(f"*{file}") if path.is_file())
     if len(found) > 1:
-        raise CalibrationError(f"{folder} has {len(found)} files for {file}; keep one device's in a folder")
+        raise CalibrationError(
+            f"{folder} has {len(found)} files for {file}; keep the files of one device in a folder"
+        )
     return found[0] if found else None
 
 
@@ -97,7 +99,7 @@ def _lens(folder: Path, name: str) -> Intrinsics | None:
     try:
         width, height = (int(storage.getNode(f"image_{side}").real()) for side in ("width", "height"))
     except (ValueError, OverflowError) as error:
-        raise CalibrationError(f"{path}: the image's size is no number; restore it") from error
+        raise CalibrationError(f"{path}: the image's size is not a number; restore it") from error
     if not (width and height):
         width, height = SIZES[name]
     k1, k2, p1, p2, k3 = np.append(lens, 0.0)[:5].tolist()
@@ -118,7 +120,7 @@ def _matrix(path: Path, keys: tuple[str, ...], sizes: tuple[int, ...]) -> NDArra
         try:
             values = storage.getNode(key).mat()
         except cv2.error as error:
-            raise CalibrationError(f"{path}: {key} is no matrix; restore it") from error
+            raise CalibrationError(f"{path}: {key} is not a matrix; restore it") from error
         if values is not None:
             if values.size not in sizes or not np.isfinite(values).all():
                 raise CalibrationError(f"{path}: {key} is {values.shape}; give {sizes[0]} finite numbers")

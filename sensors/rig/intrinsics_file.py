@@ -101,7 +101,7 @@ def _fields(file: Path) -> dict[str, Any]:
     try:
         fields = json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise CalibrationError(f"{file} is no JSON ({error}); correct it") from error
+        raise CalibrationError(f"{file} is not JSON ({error}); correct it") from error
     if not isinstance(fields, dict):
         raise CalibrationError(f"{file} must hold {sorted(_OURS)}, optionally {sorted(_OURS_OPTIONAL)}")
     return fields

@@ -35,7 +35,7 @@ class Pose:
             )
         orthonormal = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4)
         if not orthonormal or np.linalg.det(rotation) < 0 or not np.isfinite(translation).all():
-            raise CalibrationError("pose is no rigid transform; give a rotation matrix and finite metres")
+            raise CalibrationError("pose is not a rigid transform; give a rotation matrix and finite metres")
 
     def apply(self, points_m: FloatArray) -> NDArray[np.float64]:
         """Map points (..., 3) from the source frame to the target frame."""
@@ -100,7 +100,7 @@ def calibration_from_json(fields: object) -> RigCalibration:
         )
     known = {"depth", "color", "thermal", "color_from_depth", "thermal_from_depth"}
     if unknown := sorted(set(fields) - known):
-        raise CalibrationError(f"calibration has unknown entry {unknown[0]!r}; known are {sorted(known)}")
+        raise CalibrationError(f"calibration has unknown entry {unknown[0]!r}; use {sorted(known)}")
     values: dict[str, Any] = {}
     for name, entry in fields.items():
         try:

@@ -77,7 +77,7 @@ class VirtualPyrometer:
             self._master, self._slave = os.openpty()
         except OSError as error:
             raise DeviceError(
-                f"this system gives no pseudo-terminal ({error.strerror}), which a virtual pyrometer needs; "
+                f"this system has no pseudo-terminal ({error.strerror}), which a virtual pyrometer needs; "
                 "mount devpts on /dev/pts"
             ) from error
         tty.setraw(self._slave)

@@ -60,7 +60,7 @@ class Body:
             or self.bones.max() >= N_JOINTS
             or ((self.waist < 0) | (self.waist >= v)).any()
         ):
-            raise FormatError(f"body {self.name}: indices point outside; bake it again")
+            raise FormatError(f"body {self.name}: indices point outside; make it again")
 
     @property
     def vertex_parts(self) -> NDArray[np.uint8]:

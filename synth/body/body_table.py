@@ -27,7 +27,7 @@ class BodySize:
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
             raise CloudError(
-                f"body {self.name[:64]!r}: the name becomes a file's; give up to 64 letters, digits, _ . or -"
+                f"body {self.name[:64]!r}: it becomes a file name; give up to 64 letters, digits, _ . or -"
             )
         for value, low, high, what in (
             (self.height_cm, 80, 230, "height_cm"),
@@ -70,7 +70,7 @@ def read_sizes(path: Path) -> tuple[BodySize, ...]:
                     raise CloudError(f"{path} has more than {MOST_BODIES} bodies; split it")
                 sizes.append(BodySize(row["name"].strip(), *(float(row[column]) for column in MEASURES)))
     except (OSError, KeyError, TypeError, ValueError, AttributeError, csv.Error) as error:
-        raise CloudError(f"{path} is no table of bodies ({error}); give columns {columns}") from error
+        raise CloudError(f"{path} is not a table of bodies ({error}); give columns {columns}") from error
     if not sizes:
         raise CloudError(f"{path} has no bodies; give columns {columns} and a row for each")
     # File systems may hold no two names that differ in case alone.

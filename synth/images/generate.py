@@ -134,7 +134,7 @@ def _begin(order: Order, out: Path) -> None:
     if is_taken(out):
         if not started.is_file() or started.read_bytes() != text:
             raise ExistsError(
-                f"{out} holds something else already; choose another folder or pass --overwrite"
+                f"{out} already holds something else; choose another folder or pass --overwrite"
             )
         return
     out.mkdir(parents=True, exist_ok=True)

@@ -67,7 +67,7 @@ class Preset:
     def __post_init__(self) -> None:
         for what, share in (("occluders", self.occluders), ("cut", self.cut)):
             if not 0 <= share <= 1:
-                raise CloudError(f"{what} {share} is no share of the images; give 0 to 1")
+                raise CloudError(f"{what} {share} is not a share of the images; give 0 to 1")
 
 
 def sample(preset: Preset, seed: int, index: int) -> FrameLabels:

@@ -81,7 +81,7 @@ def cluster(address: str) -> Iterator[Workers]:
         )
     except (OSError, ValueError) as error:
         raise CloudError(
-            f"scheduler {address} does not answer; start one with 'dask scheduler', or leave --scheduler away"
+            f"scheduler {address} does not answer; start one with 'dask scheduler', or leave out --scheduler"
         ) from error
     with client:
         try:
@@ -94,5 +94,6 @@ def cluster(address: str) -> Iterator[Workers]:
             yield Workers(client.get_executor(pure=False), sum(client.nthreads().values()))
         except CancelledError as error:
             raise CloudError(
-                f"scheduler {address} was lost in mid-run; start it and give the same command to go on"
+                f"scheduler {address} was lost during the run; "
+                "start it and run the same command again to continue"
             ) from error

@@ -112,7 +112,7 @@ def _hierarchy(tokens: list[str]) -> list[Bone]:
             open_bones.pop()
             at += 1
         else:
-            raise FormatError(f"{tokens[at][:40]!r} is no BVH keyword; export it again")
+            raise FormatError(f"{tokens[at][:40]!r} is not a BVH keyword; export it again")
     if open_bones or not columns:
         raise FormatError("the hierarchy is cut short; copy it again")
     return bones

@@ -61,7 +61,7 @@ def read_markers(path: Path) -> Markers:
     readers = {".c3d": _read_c3d, ".trc": _read_trc}
     reader = readers.get(path.suffix.lower())
     if reader is None:
-        raise CloudError(f"{path} is no marker file; give .c3d or .trc")
+        raise CloudError(f"{path} is not a marker file; give .c3d or .trc")
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise FormatError(f"{path} is larger than {MAX_FILE_BYTES} bytes; cut the recording")
@@ -161,7 +161,7 @@ def _trc_row(row: str, markers: int) -> NDArray[np.float64]:
     cells = row.split("\t")[2:]
     cells = [*cells[: 3 * markers], *[""] * (3 * markers - len(cells))]
     if len(row.split("\t")) < 3 or any(cell.strip() for cell in row.split("\t")[2 + 3 * markers :]):
-        raise FormatError(f"frame {row[:10]!r} has not 3 numbers a marker; export it again")
+        raise FormatError(f"frame {row[:10]!r} does not have 3 numbers for each marker; export it again")
     try:
         found = np.array([float(cell) if cell.strip() else math.nan for cell in cells]).reshape(markers, 3)
     except ValueError as error:

@@ -49,7 +49,7 @@ def load_marker_set(path: Path) -> MarkerSet:
         raise FormatError(f"marker set {path} has no table [markers] of 1 to {MAX_MARKERS} entries; add it")
     if len({key_of(name) for name in markers}) < len(markers):
         raise FormatError(
-            f"marker set {path} names a marker twice; labels differ in more than case and punctuation"
+            f"marker set {path} names a marker twice; labels must differ in more than case and punctuation"
         )
     rows = [_place(path, name, entry) for name, entry in markers.items()]
     joint, at, spread, weight = zip(*rows, strict=True)
@@ -71,7 +71,7 @@ def _place(path: Path, name: str, entry: object) -> tuple[int, list[float], floa
         assert len(at) == 3 and all(abs(v) <= 1 for v in at) and 0 < spread <= 1000 and 0 < weight <= 100
     except (AssertionError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise FormatError(
-            f"marker set {path}: {name} is no place; give "
+            f"marker set {path}: {name} is not a place; give "
             '{ joint = "left_knee", at_m = [0.05, 0, 0], spread_mm = 30, weight = 1 }'
         ) from error
     return joint, at, spread, weight
@@ -94,5 +94,5 @@ def choose_marker_set(labels: tuple[str, ...]) -> MarkerSet:
     best = max(shipped_marker_sets(), key=lambda s: (known(s), -len(s.names)))
     if known(best) < MIN_MARKERS:
         shown = ", ".join(labels[:6])
-        raise CloudError(f"unknown markers ({shown}, ...); give a marker-set file that says where they are")
+        raise CloudError(f"unknown markers ({shown}, ...); give a marker-set file that describes them")
     return best

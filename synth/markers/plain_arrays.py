@@ -60,7 +60,7 @@ def _check_directory(path: Path) -> None:
     end = tail[-_END_BYTES:]
     # A comment behind, or lists beyond 4 GB, are nothing that numpy writes.
     if end[:4] != _END or end[-2:] != b"\0\0" or tail[:4] == _LOCATOR_64:
-        raise ValueError("it is no archive of arrays, or cut short")
+        raise ValueError("it is not an archive of arrays, or cut short")
     if int.from_bytes(end[12:16], "little") > MAX_DIRECTORY_BYTES:
         raise ValueError("its archive lists too many members")
 
