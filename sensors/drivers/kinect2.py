@@ -78,7 +78,9 @@ class _Library:
         wait_ms = round(1000 * timeout_s)
         code = self._shim.k2_read(self._handle, wait_ms, byref(frame), self._buffer, BUFFER_BYTES)
         if code < 0:
-            raise DeviceFaultError(f"{self._name} sent {frame.bytes} bytes at once; plug it in anew")
+            raise DeviceFaultError(
+                f"{self._name} sent {frame.bytes} bytes at once; unplug it and plug it in again"
+            )
         if code and frame.type == INFRARED:
             # It waits for the depth image of its number.
             self._infrared = frame.sequence, self._image(frame)

@@ -129,10 +129,12 @@ class OpenCvVideo:
                 raise self._lost()
             raise DeviceFaultError(
                 f"{self._node} sent {size} of {2 * height * width} bytes; "
-                "use a USB port of its own, should it recur"
+                "if this happens again, use a USB port of its own"
             )
         words = np.ascontiguousarray(image, np.uint8).reshape(height, 2 * width).view("<u2")
         return VideoFrame(words, round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6), arrival_ns)
 
     def _lost(self) -> DeviceLostError:
-        return DeviceLostError(f"{self._node} is gone; plug the camera in again and start anew")
+        return DeviceLostError(
+            f"{self._node} is no longer connected; plug the camera in again and start again"
+        )
