@@ -13,6 +13,7 @@ from annotate.array_types import UInt16
 from annotate.cleanup import tidied
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.engine import Engine
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.probabilities import Probabilities
@@ -61,14 +62,20 @@ def label_source(
     out: Path,
     progress: Callable[[int], None],
     window_c: tuple[float, float] | None = None,
+    engine: Engine | None = None,
 ) -> Run:
     """Label every frame of ``source`` into the label set ``out``; frames already there are kept.
 
     Without a suit the person is extracted and its parts stay undefined. window_c: surface temperatures of
-    a person, degrees Celsius; None: found in each frame. ``progress`` is called with 1 a frame. Raises what
-    ``run`` raises.
+    a person, degrees Celsius; None: found in each frame. engine: None for the shipped one. ``progress`` is
+    called with 1 a frame. Raises what ``run`` raises.
     """
-    step = {"suit": suit_to_toml(suit) if suit else None, "window_c": list(window_c) if window_c else None}
+    engine = engine or Engine()
+    step = {
+        "suit": suit_to_toml(suit) if suit else None,
+        "window_c": list(window_c) if window_c else None,
+        **engine.note(),
+    }
 
     def one(survey: Survey, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
         person, cloud = survey.person(before), survey.cloud
@@ -76,10 +83,14 @@ def label_source(
             return unlabelled(person.mask), person
         if suit is None:
             return unlabelled(person.mask, NO_SUIT), person
-        first = segment(cloud, person.mask, suit, before)
-        return cleaned(*look_again(cloud, person, first, before), cloud)
+        found = segment(cloud, person.mask, suit, before, engine)
+        if engine.steps.second_look:
+            found, person = look_again(cloud, person, found, before, engine)
+        return cleaned(found, person, cloud) if engine.steps.tidying else (found, person)
 
-    return run(source, {"label": step}, out, one, progress, lambda cloud: Survey(cloud, window_c, suit))
+    return run(
+        source, {"label": step}, out, one, progress, lambda cloud: Survey(cloud, window_c, suit, engine)
+    )
 
 
 def run(

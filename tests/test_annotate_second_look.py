@@ -9,18 +9,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from annotate.cloud.fuse import Fuser
+from annotate.engine import shipped_weights
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
 from annotate.person.extract import Survey
 from annotate.second_look.descriptors import COLUMNS, NEIGHBOURS, described, neighbours
 from annotate.second_look.look import look_again
-from annotate.second_look.network import Network, shipped
+from annotate.second_look.network import Network
 from annotate.segmentation.segment import segment
 from annotate.suit.palette import load_suit
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path, truth_path
 from tools.fit_second_look import Graph, Joined, Rows, matrices, mirrored
+
+SHIPPED = Network(**shipped_weights().network)
 
 
 def drawn(seed: int, count: int) -> Rows:
@@ -59,7 +62,7 @@ def test_no_order_of_supervoxels_matters(drawing):
     order = np.random.default_rng(1).permutation(len(rows.patch))
     place = np.argsort(order)
     shuffled = Rows(rows.described[order], place[rows.edges], rows.patch[order], rows.pixels[order])
-    np.testing.assert_allclose(asked(shipped(), shuffled), asked(shipped(), rows)[order], atol=1e-4)
+    np.testing.assert_allclose(asked(SHIPPED, shuffled), asked(SHIPPED, rows)[order], atol=1e-4)
 
 
 @given(seeds)
@@ -85,7 +88,7 @@ def test_neighbours_are_the_nearest_ones(count, seed):
 
 
 def test_the_shipped_weights_fit_what_is_described():
-    network = shipped()
+    network = SHIPPED
     assert network.middle.shape == network.spread.shape == (COLUMNS,)
     assert all(np.isfinite(getattr(network, name)).all() for name in vars(network))
 

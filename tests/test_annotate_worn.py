@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.engine import shipped_weights
 from annotate.person.clothed_mask import clues, worn
 from annotate.person.extract import extract_person
 from annotate.person.subject import colors_worn
@@ -16,6 +17,7 @@ TRUNK = (slice(80, 170), slice(205, 275))
 HIPS = (slice(170, 190), slice(205, 275))
 LEGS = ((slice(192, 250), slice(205, 237)), (slice(192, 250), slice(243, 275)))
 SHINS = ((slice(252, 330), slice(208, 232)), (slice(252, 330), slice(248, 272)))
+WEIGHTS = shipped_weights()
 LAP = (slice(180, 300), slice(165, 315))
 BLANKET_RGB, WHITE_RGB = (150, 120, 100), (180, 180, 180)
 SIZED = ((HEAD, 1, 32.0), (TRUNK, 2, 30.0), (HIPS, 7, 30.0), (LEGS[0], 8, 29.0), (LEGS[1], 9, 29.0))
@@ -40,8 +42,8 @@ def cloud_of(lap_c=None, lap_rgb=BLANKET_RGB, shins_c=27.0):
 def told(cloud, person, beside=None):
     odds = np.clip(cloud.temperature_c - 22, -3, 3).astype(np.float32)
     beside = np.zeros_like(person) if beside is None else beside
-    known = clues(cloud, person, beside, ~(person | beside), DEFAULT_SUIT, odds)
-    return np.zeros_like(odds) if known is None else worn(known)
+    known = clues(cloud, person, beside, ~(person | beside), DEFAULT_SUIT, odds, WEIGHTS.clothed)
+    return np.zeros_like(odds) if known is None else worn(known, WEIGHTS)
 
 
 @pytest.mark.parametrize("shins_c", [22.0, 27.0])

@@ -15,6 +15,7 @@ from annotate.array_types import Bool, Float32, Float64, Index, Int32
 from annotate.cloud.color_odds import color_bins, frequencies, lab_of
 from annotate.cloud.supervoxels import Supervoxels, supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.engine import Weights
 from annotate.person.patch_likelihoods import (
     ANY_COLOR,
     MOST_M2,
@@ -38,18 +39,21 @@ ROUNDS, SURELY_NOT = 2, -2.0
 """The body is read again without what surely lay on it: log odds below these."""
 LEAST_SEEN = 100
 """Points of a person without which there is nothing to compare."""
-WEIGHTS = np.array(
-    [[0.56, 4.53, 0.69, 2.39, -0.34, -1.25, -7.07], [0.43, 7.02, 0.58, 0.48, -0.46, -0.47, -5.87]]
+CLUES = (
+    "best part's score",
+    "share in the mask",
+    "odds of the mask",
+    "log brightness above the room's",
+    "log frequency of its colours in the room",
+    "log surface of its colour",
+    "one",
 )
-"""What adds to the log odds of a patch being a person's, in and off the mask found without the suit's
-colours: the best part's score; the share in that mask; the odds of that; log brightness above the room's;
-log frequency of its colours in the room; log surface of its colour; 1. Fitted as tools/fit_worn.py does,
-to the patches of 196 frames of 13 recordings of the rig (seeds 130 to 147, sofas, beds, chairs); off the
-mask 0.5 more, since a leg's recall suffers more than anything gains."""
+"""What adds to the log odds of a patch being a person's, each by its weight (`Weights.clothed`). The mask is
+the one found without the suit's colours."""
 BEST, OWN = 0, 2
 """Columns of the first and the third."""
-KEPT, BY_TOUCH, MOST = 0.92, 0.42, 6.0
-"""Weights of a patch's own odds and of those of what it touches: things are whole; the most of either."""
+MOST = 6.0
+"""Log odds of a patch, or of those that touch it, are at most that, either way; chosen by eye."""
 LOOSE, GAP_PX = 0.5, 5
 """What the mask counts for in pieces apart from its largest, by gaps wider than half of that: what is warm
 near a person is a laptop as often as a leg."""
@@ -62,7 +66,7 @@ class Clues:
     own: bool (h, w), the n pixels compared. odds: (n,) of each by itself. groups: their supervoxels; chroma
     (G, 2), blur (G,): mean chromaticity of each and its uncertainty. inside: bool (R,), which patches lie in
     the mask found without the suit. alike_m2: (R,) surface of a patch's colour. told: (R, 7), in the order
-    of WEIGHTS.
+    of CLUES.
     """
 
     own: Bool
@@ -81,22 +85,30 @@ class Clues:
         return self.patches.ids[self.groups.ids]
 
 
-def worn(known: Clues) -> Float32:
+def worn(known: Clues, fitted: Weights) -> Float32:
     """Log odds (h, w) of being the person's, 0 where nothing is told."""
-    patch, weights = known.patch, WEIGHTS[np.where(known.inside, 0, 1)]
-    by_own = weights[:, OWN] * KEPT
-    by_patch = heard(known.patches, (known.told * weights).sum(axis=1)) - by_own * known.told[:, OWN]
+    patch, weights = known.patch, fitted.clothed[np.where(known.inside, 0, 1)]
+    kept, by_touch = fitted.touch
+    by_own, odds = weights[:, OWN] * kept, (known.told * weights).sum(axis=1)
+    by_patch = kept * odds + by_touch * of_touching(known.patches, odds) - by_own * known.told[:, OWN]
     told = np.clip(by_patch[patch] + by_own[patch] * known.odds, -MOST, MOST)
     return filled(np.where(known.patches.points[patch] >= LEAST_POINTS, told, 0), known.own)
 
 
 def clues(
-    cloud: ThermalCloud, person: Bool, beside: Bool, room: Bool, suit: Suit, odds: Float32
+    cloud: ThermalCloud,
+    person: Bool,
+    beside: Bool,
+    room: Bool,
+    suit: Suit,
+    odds: Float32,
+    weights: Float64,
 ) -> Clues | None:
     """What ``worn`` goes by; None without temperatures or colours.
 
     person, beside: bool (h, w), the mask found without the suit's colours, and what else may be theirs.
     room: bool (h, w), background around both. odds: (h, w) of being a person, the suit's colours apart.
+    weights: (2, 7) of the clues, inside the mask and off it.
     """
     felt, own = np.isfinite(cloud.temperature_c), np.zeros_like(person)
     own[::STRIDE, ::STRIDE] = ((person | beside) & cloud.valid & cloud.color_valid)[::STRIDE, ::STRIDE]
@@ -120,7 +132,9 @@ def clues(
     best, one = np.zeros(len(inside)), np.ones(len(inside))
     told = np.column_stack([best, *(mean_by(patch, values) for values in seen), np.log(all_m2), one])
     warmth = patches.mean(warmth_of(celsius, groups), groups.sizes)
-    told[:, BEST] = _best(patches, inside, suit, warmth, felt_as, own_m2, told)
+    told[:, BEST] = _best(
+        patches, inside, suit, warmth, felt_as, own_m2, told, weights[np.where(inside, 0, 1)]
+    )
     return Clues(own, by_pixel, groups, chroma, blur, patches, inside, all_m2, told)
 
 
@@ -132,14 +146,14 @@ def _best(
     felt_as: Float64,
     own_m2: Float64,
     told: Float64,
+    weights: Float64,
 ) -> Float64:
     """Score (R,) of the part that each patch is likeliest to be, the body being what surely is of it.
 
     warmth, felt_as: (R, 11) what temperatures say of parts, against the body's and the room's. own_m2: (R,).
-    told: (R, 7) all other clues.
+    told: (R, 7) all other clues. weights: (R, 7) theirs.
     """
     odd = ANY_COLOR + by_size(own_m2, ODD_M2)
-    weights = WEIGHTS[np.where(inside, 0, 1)]
     best, mine = np.full(len(inside), -np.inf), inside
     for _ in range(ROUNDS):
         body = replace(patches, points=np.where(mine, patches.points, 0))
@@ -168,11 +182,10 @@ def _bins(cloud: ThermalCloud, among: Bool) -> Int32:
     )
 
 
-def heard(patches: Patches, odds: Float64) -> Float64:
-    """Log odds (R,) of patches, those of what they touch heard."""
-    heed = patches.contacts * (patches.points >= LEAST_POINTS)
-    around = heed @ np.clip(odds, -MOST, MOST) / np.maximum(heed.sum(axis=1), 1e-9)
-    return np.asarray(KEPT * odds + BY_TOUCH * around)
+def of_touching(patches: Patches, odds: Float64) -> Float64:
+    """Mean log odds (R,) of the patches that touch each, from log odds (R,); 0 where none does."""
+    contacts = patches.contacts * (patches.points >= LEAST_POINTS)
+    return np.asarray(contacts @ np.clip(odds, -MOST, MOST) / np.maximum(contacts.sum(axis=1), 1e-9))
 
 
 def _held(person: Bool) -> Float32:

@@ -15,6 +15,7 @@ import numpy as np
 from annotate.array_types import Bool, Float32
 from annotate.cloud.color_odds import by_color, lab_of
 from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.engine import Engine, Steps
 from annotate.frame_labels import FrameLabels
 from annotate.person.alignment import thermal_alignment
 from annotate.person.clothed_mask import Clues, clues, worn
@@ -144,13 +145,19 @@ class Survey:
     """
 
     def __init__(
-        self, cloud: ThermalCloud, window_c: tuple[float, float] | None = None, suit: Suit | None = None
+        self,
+        cloud: ThermalCloud,
+        window_c: tuple[float, float] | None = None,
+        suit: Suit | None = None,
+        engine: Engine | None = None,
     ) -> None:
-        self.cloud, self._suit = cloud, suit
-        self._planes = find_planes(cloud, cloud.valid)
+        self.cloud, self._suit, self._engine = cloud, suit, engine or Engine()
+        steps = self._engine.steps
+        self._planes = find_planes(cloud, cloud.valid) if steps.room_planes else ()
         self._warm: _Silhouettes | None = None
         if np.isfinite(cloud.temperature_c).any():
-            self._warm = _Silhouettes(cloud, _by_temperature(cloud, window_c, self._planes, suit))
+            field = _by_temperature(cloud, window_c, self._planes, suit, steps)
+            self._warm = _Silhouettes(cloud, field, steps)
 
     def person(self, before: FrameLabels | None) -> PersonMask:
         """The person, given the labels of the frame before; as ``extract_person``."""
@@ -160,9 +167,9 @@ class Survey:
             if carried is None:
                 found = _by_depth(cloud, self._planes)
                 return replace(found, notes=(LOST,), trusted=False) if _was_felt(before) else found
-            silhouettes = _Silhouettes(cloud, carried)
+            silhouettes = _Silhouettes(cloud, carried, self._engine.steps)
         field = silhouettes.field
-        persons, undecided = _persons(cloud, silhouettes, self._suit, before)
+        persons, undecided = _persons(cloud, silhouettes, self._suit, before, self._engine)
         mask, others = np.zeros((2, *cloud.valid.shape), np.bool_)
         if not persons:
             return PersonMask(mask, field.method, others, (field.nobody, *field.warnings), not field.warnings)
@@ -175,17 +182,22 @@ class Survey:
 
 
 def _by_temperature(
-    cloud: ThermalCloud, window_c: tuple[float, float] | None, planes: tuple[Plane, ...], suit: Suit | None
+    cloud: ThermalCloud,
+    window_c: tuple[float, float] | None,
+    planes: tuple[Plane, ...],
+    suit: Suit | None,
+    steps: Steps,
 ) -> _Field:
     loose = cloud.valid & ~close_to(planes, cloud.points_m)
     low, high = window_c or find_window(cloud, loose) or WINDOW_C
     celsius = cloud.temperature_c
-    planes += find_planes(cloud, loose & (celsius < low), MIN_COLD_PLANE_M2)
+    if steps.room_planes:
+        planes += find_planes(cloud, loose & (celsius < low), MIN_COLD_PLANE_M2)
     loose &= ~close_to(planes, cloud.points_m)
     hot = loose & (celsius >= low)
     panel = np.zeros_like(hot)
     # A chest can be as flat: where a suit is known its colours tell a screen from one.
-    for plane in find_planes(cloud, hot, MIN_PANEL_M2) if suit is None else ():
+    for plane in find_planes(cloud, hot, MIN_PANEL_M2) if suit is None and steps.room_planes else ():
         panel |= panel_of(plane, cloud, hot)
     loose &= ~panel
     warm = loose & (celsius >= low) & (celsius <= high)
@@ -273,8 +285,8 @@ class _Silhouettes:
     field: what was heard before. odds: log odds (h, w) now. persons: everybody there, in no order.
     """
 
-    def __init__(self, cloud: ThermalCloud, field: _Field) -> None:
-        self._cloud, self.field = cloud, field
+    def __init__(self, cloud: ThermalCloud, field: _Field, steps: Steps) -> None:
+        self._cloud, self.field, self._steps = cloud, field, steps
         self._candidates = cloud.valid & _around(field.candidates, RIM_PX)
         normals = np.full_like(cloud.points_m, np.nan)
         own = normals_at(cloud, *np.nonzero(self._candidates))
@@ -314,8 +326,14 @@ class _Silhouettes:
         """Everybody there."""
         if not self._candidates.any():
             return []
-        odds = self.odds + by_color(self._lab, self.odds, self._candidates, self._taught)
-        return whole(self._cloud, persons_of(self._cloud, self._links.settle(odds) > 0))
+        persons = persons_of(self._cloud, self._links.settle(self._with_colors(self.odds)) > 0)
+        return whole(self._cloud, persons) if self._steps.join_halves else persons
+
+    def _with_colors(self, odds: Float32) -> Float32:
+        """Log odds (h, w) to which those of the colours of person and room are added."""
+        if not self._steps.room_colors:
+            return odds
+        return odds + by_color(self._lab, odds, self._candidates, self._taught)
 
     def dressed(self, persons: Sequence[Person], told: Float32) -> list[Person]:
         """The persons again, since colours have told (log odds (h, w), 0 = nothing) what is the first one's.
@@ -324,7 +342,7 @@ class _Silhouettes:
         """
         told = np.where(persons[0].mask & (told < 0) & (told > DOUBT), np.float32(0), told)
         odds = np.where(told != 0, told, self.odds + np.minimum(_between(told), 0))
-        odds = np.where(told != 0, told, odds + by_color(self._lab, odds, self._candidates, self._taught))
+        odds = np.where(told != 0, told, self._with_colors(odds))
         first, theirs = persons[0], self._links.settle(odds) > 0
         near = theirs & ((told > 0) | _around(first.mask, RIM_PX))
         for person in persons[1:]:
@@ -342,7 +360,11 @@ def _between(told: Float32) -> Float32:
 
 
 def _persons(
-    cloud: ThermalCloud, silhouettes: _Silhouettes, suit: Suit | None, before: FrameLabels | None
+    cloud: ThermalCloud,
+    silhouettes: _Silhouettes,
+    suit: Suit | None,
+    before: FrameLabels | None,
+    engine: Engine,
 ) -> tuple[list[Person], Undecided | None]:
     """Everybody there, the subject first, by the colours of what they wear where these are known."""
 
@@ -353,10 +375,12 @@ def _persons(
     if suit is None or not persons:
         return persons, None
     beside, room = silhouettes.beside(persons), silhouettes.surroundings
-    known = clues(cloud, persons[0].mask, beside, room, suit, silhouettes.odds)
+    known = clues(cloud, persons[0].mask, beside, room, suit, silhouettes.odds, engine.weights.clothed)
     if known is None:
         return persons, None
-    told = worn(known)
+    told = worn(known, engine.weights)
+    if not engine.steps.suit_for_person:
+        told = np.zeros_like(told)
     dressed = silhouettes.dressed(persons, told) if told.any() else persons
 
     def decided(told: Float32) -> Bool:

@@ -12,12 +12,13 @@ import numpy as np
 from annotate.array_types import Bool, Float64
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.engine import Engine
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BODY_PARTS
 from annotate.person.clothed_mask import Clues, filled
 from annotate.person.extract import PersonMask
 from annotate.second_look.descriptors import described, neighbours
-from annotate.second_look.network import shipped
+from annotate.second_look.network import Network
 from annotate.segmentation.reading import Reading
 from annotate.segmentation.segment import Segmentation, labelled
 from annotate.suit.color_model import readable
@@ -28,26 +29,30 @@ LEAST, MOST_ODDS = 1e-4, 6.0
 
 
 def look_again(
-    cloud: ThermalCloud, person: PersonMask, first: Segmentation, before: FrameLabels | None
+    cloud: ThermalCloud,
+    person: PersonMask,
+    first: Segmentation,
+    before: FrameLabels | None,
+    engine: Engine | None = None,
 ) -> tuple[Segmentation, PersonMask]:
     """Better labels, and a better mask; the same where the suit could not be read or nothing is felt.
 
     before: the labels of the frame before.
     """
-    reading, seen = first.reading, person.undecided
+    engine, reading, seen = engine or Engine(), first.reading, person.undecided
     if reading is None or seen is None:
         return first, person
     clues, groups = seen.clues, seen.clues.groups
     pairs = neighbours(groups.centroids_m(cloud.points_m[clues.own]))
     rows = described(cloud, person.mask, seen, first, before)
-    chance = shipped()(rows, pairs, clues.patches.ids, groups.sizes)
+    chance = Network(**engine.weights.network)(rows, pairs, clues.patches.ids, groups.sizes)
     theirs = np.log(1 - chance[:, 0] + LEAST) - np.log(chance[:, 0] + LEAST)
     theirs = np.clip(theirs, -MOST_ODDS, MOST_ODDS)
     mask = seen.decided(filled(theirs[groups.ids], clues.own)) & ~person.others
     if not mask.any():
         return first, person
     belief = chance[:, 1:] / np.maximum(chance[:, 1:].sum(axis=1, keepdims=True), 1e-12)
-    labels = labelled(cloud, _reread(cloud, mask, clues, belief, theirs, reading), first.notes)
+    labels = labelled(cloud, _reread(cloud, mask, clues, belief, theirs, reading), engine, first.notes)
     return labels, replace(person, mask=mask)
 
 

@@ -1,12 +1,10 @@
 """A small network on a graph of supervoxels: each hears its neighbours, its patch and the whole person.
 
 Messages are means, as in GraphSAGE (Hamilton et al. 2017); the forward pass is a few matrix products, so that
-labelling needs no framework. Trained by tools/fit_second_look.py.
+labelling needs no framework. Trained by `annotate-cloud train-labels`.
 """
 
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,11 +69,3 @@ class _Means:
 
 def _dense(matrix: Float32, rows: Float32) -> Float32:
     return np.asarray(rows @ matrix[:-1] + matrix[-1])
-
-
-@cache
-def shipped() -> Network:
-    """The network that comes with the package."""
-    with files("annotate.second_look").joinpath("weights.npz").open("rb") as file:
-        stored = np.load(file, allow_pickle=False)
-        return Network(*(stored[name] for name in ("middle", "spread", "enter", "rounds", "leave")))

@@ -14,30 +14,28 @@ from annotate.cloud.supervoxels import Supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.segmentation.reading import Reading
 
-WEIGHTS = {
-    "odds": 0.31,
-    "margin": 0.40,
-    "unread": -0.14,
-    "same": 4.71,
-    "island": -0.42,
-    "island of part": 1.84,
-    "part": -0.06,
-    "outline": 0.09,
-    "alone": -0.45,
-    "jump": 0.08,
-    "unmeasured": 0.37,
-    "no warmth": -0.31,
-    "cold": -0.08,
-    "contact": -1.35,
-    "room color": 0.22,
-    "contrast": 0.01,
-    "frame contact": -4.27,
-    "frame odds": 0.11,
-    "theirs": 0.39,
-}
-INTERCEPT = -4.66
-"""Fitted by tools/fit_confidence.py on the virtual rig, `normal` and `hard`, sofas, chairs and beds, seeds
-140, 170 to 173, 175 and 1101 to 1108, 392 frames, none of which the second look has been trained on.
+FEATURES = (
+    "odds",
+    "margin",
+    "unread",
+    "same",
+    "island",
+    "island of part",
+    "part",
+    "outline",
+    "alone",
+    "jump",
+    "unmeasured",
+    "no warmth",
+    "cold",
+    "contact",
+    "room color",
+    "contrast",
+    "frame contact",
+    "frame odds",
+    "theirs",
+)
+"""What adds to the log odds of a label being right, each by its weight (`annotate.engine.Weights`).
 
 odds: log of the likeliest part's belief over the next one's. margin: how much better the point's own colour
 fits its part than any other, log. unread: no readable colour. same: share of its part in 7 x 7. island: log
@@ -61,7 +59,7 @@ MARGIN_PX = 16
 
 
 def features(cloud: ThermalCloud, parts: UInt8, reading: Reading) -> Float64:
-    """What tells right labels from wrong ones (n, 19), in the order of WEIGHTS, of the points read.
+    """What tells right labels from wrong ones (n, 19), in the order of FEATURES, of the points read.
 
     parts: uint8 (h, w) as chosen.
     """
@@ -100,9 +98,12 @@ def features(cloud: ThermalCloud, parts: UInt8, reading: Reading) -> Float64:
     ).astype(np.float64)
 
 
-def calibrated(found: Float64) -> Float64:
-    """Chance (n,) that a label is right from ``features`` (n, 19): a logistic curve."""
-    return np.asarray(1 / (1 + np.exp(-(found @ np.array(list(WEIGHTS.values())) + INTERCEPT))))
+def calibrated(found: Float64, weights: Float64) -> Float64:
+    """Chance (n,) that a label is right from ``features`` (n, 19): a logistic curve.
+
+    weights: (20,) of the features and, last, the intercept.
+    """
+    return np.asarray(1 / (1 + np.exp(-(found @ weights[:-1] + weights[-1]))))
 
 
 def worst_first(confidence: Float64, groups: Supervoxels) -> Index:

@@ -14,7 +14,8 @@ from annotate.array_types import Float64, Index, Int64
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import BODY_PARTS, PART_ID
 from annotate.segmentation.body_plan import CONTACT, DISTANCE_M, DISTANCE_SD_M
-from annotate.suit.color_model import GAIN, GAIN_SIGMA, GAIN_STEPS, ColorModel
+from annotate.segmentation.part_tree import softmax
+from annotate.suit.color_model import GAIN, GAIN_SIGMA, GAIN_STEPS, ColorModel, under
 
 MERGE = 0.15
 """Chromaticity by which touching supervoxels may differ in one patch; the less, the larger it has grown
@@ -131,6 +132,13 @@ def read_together(patches: Patches, palette: ColorModel, clues: Float64) -> tupl
         belief[patch] = np.bincount(labels[..., n].ravel(), weight.ravel(), _N)
     belief[used] /= belief[used].sum(axis=1, keepdims=True)
     return belief, np.asarray(gains[np.unravel_index(score.argmax(), score.shape)[0]])
+
+
+def read_alone(patches: Patches, palette: ColorModel, clues: Float64) -> tuple[Float64, Float64]:
+    """As ``read_together``, but each patch by its own colour, in white light."""
+    white = np.zeros(2)
+    match = under(palette, white).match(patches.chroma, MEAN_BLUR * patches.blur)
+    return softmax(palette.by_part(match) + clues), white
 
 
 def _beam(gains: Float64, unary: Float64, pairs: Float64) -> tuple[Float64, Index, Float64]:

@@ -5,16 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, UInt8
-from annotate.cloud.supervoxels import Supervoxels, supervoxels
+from annotate.cloud.supervoxels import Supervoxels, single_points, supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.engine import Engine, Steps
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.probabilities import Probabilities
 from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED
 from annotate.segmentation.bare import bareness, grown_from, without_sides
 from annotate.segmentation.confidence import calibrated, features
 from annotate.segmentation.part_clues import hint, means_of, pooled, warmth_of, with_earlier
-from annotate.segmentation.part_tree import settle
-from annotate.segmentation.patches import patches_of, read_together
+from annotate.segmentation.part_tree import settle, softmax
+from annotate.segmentation.patches import patches_of, read_alone, read_together
 from annotate.segmentation.previous_parts import earlier_parts
 from annotate.segmentation.reading import Reading
 from annotate.segmentation.refine import refine
@@ -58,35 +59,54 @@ class Segmentation:
     reading: Reading | None = None
 
 
-def segment(cloud: ThermalCloud, person: Bool, suit: Suit, before: FrameLabels | None = None) -> Segmentation:
+def segment(
+    cloud: ThermalCloud,
+    person: Bool,
+    suit: Suit,
+    before: FrameLabels | None = None,
+    engine: Engine | None = None,
+) -> Segmentation:
     """Label a person's points by the suit they wear.
 
     person: bool (h, w). before: the labels of the frame before. What cannot be told stays undefined: all of
     a frame whose colours say nothing, neighbours of one colour, and places where other parts that look
     alike are not told apart by what they join; a note says why.
     """
+    engine = engine or Engine()
     mask = person & cloud.valid
     rgb = cloud.color_rgb[mask]
     usable = readable(rgb, cloud.color_valid[mask])
     notes = _diagnosis(rgb, cloud.color_valid[mask], usable)
     if usable.sum() <= MIN_READABLE_SHARE * len(usable):
         return unlabelled(mask, *notes)
-    return labelled(cloud, _read(cloud, mask, usable, suit, tile(cloud, mask), before), notes)
+    groups = tile(cloud, mask) if engine.steps.supervoxels else single_points(mask)
+    return labelled(cloud, _read(cloud, mask, usable, suit, groups, before, engine.steps), engine, notes)
 
 
-def labelled(cloud: ThermalCloud, reading: Reading, notes: tuple[str, ...] = ()) -> Segmentation:
-    """Every point's label, with the borders where its own colour and its neighbours see them."""
-    mask, groups, belief = reading.mask, reading.groups, reading.belief
-    scores = point_scores(belief, reading.evidence, groups)
-    chosen = refine(scores, scores.argmax(axis=1).astype(np.uint8), cloud.points_m[..., 2], mask)
-    parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
-    parts[mask] = chosen + 1
-    confidence[mask] = calibrated(features(cloud, parts, reading))
-    if (untold := _untold(reading, chosen, cloud.points_m[mask])).any():
+def labelled(
+    cloud: ThermalCloud, reading: Reading, engine: Engine, notes: tuple[str, ...] = ()
+) -> Segmentation:
+    """Every point's label and its confidence; what cannot be told stays undefined."""
+    mask = reading.mask
+    parts, confidence = chosen_parts(cloud, reading, engine.steps), np.zeros(mask.shape, np.float32)
+    confidence[mask] = calibrated(features(cloud, parts, reading), engine.weights.confidence)
+    if (untold := _untold(reading, parts[mask] - 1, cloud.points_m[mask])).any():
         parts[mask] = np.where(untold, UNDEFINED, parts[mask])
         confidence[mask] = np.where(untold, 0, confidence[mask])
         notes = (*notes, UNTOLD) if untold.mean() > UNTOLD_SHARE else notes
     return Segmentation(parts, confidence, notes, reading=reading)
+
+
+def chosen_parts(cloud: ThermalCloud, reading: Reading, steps: Steps) -> UInt8:
+    """The likeliest part (h, w) of each point, with the borders where its own colour and its neighbours see
+    them; 0 off the mask."""
+    scores = point_scores(reading.belief, reading.evidence, reading.groups)
+    chosen = scores.argmax(axis=1).astype(np.uint8)
+    if steps.fine_borders:
+        chosen = refine(scores, chosen, cloud.points_m[..., 2], reading.mask)
+    parts = np.zeros(reading.mask.shape, np.uint8)
+    parts[reading.mask] = chosen + 1
+    return parts
 
 
 def unlabelled(mask: Bool, *notes: str) -> Segmentation:
@@ -110,7 +130,13 @@ def _diagnosis(rgb: UInt8, seen: Bool, usable: Bool) -> tuple[str, ...]:
 
 
 def _read(
-    cloud: ThermalCloud, mask: Bool, usable: Bool, suit: Suit, groups: Supervoxels, before: FrameLabels | None
+    cloud: ThermalCloud,
+    mask: Bool,
+    usable: Bool,
+    suit: Suit,
+    groups: Supervoxels,
+    before: FrameLabels | None,
+    steps: Steps,
 ) -> Reading:
     """What the suit's colours, warmth and the frame before make of the masked points.
 
@@ -121,23 +147,31 @@ def _read(
     palette = unfitted(suit)
     chroma, blur = means_of(cloud.color_rgb[mask], usable, groups)
     patches = patches_of(groups, chroma, blur, centroids_m)
-    warmth = warmth_of(cloud.temperature_c[mask], groups)
-    earlier = earlier_parts(before, cloud.camera, centroids_m) if before is not None else None
+    warmth = np.zeros((groups.count, _N))
+    if steps.skin_warmth:
+        warmth = warmth_of(cloud.temperature_c[mask], groups)
+    earlier = None
+    if before is not None and steps.frame_before:
+        earlier = earlier_parts(before, cloud.camera, centroids_m)
     clues = warmth if earlier is None else warmth + hint(earlier)
-    by_patch, log_gain = read_together(patches, palette, patches.mean(clues, groups.sizes))
-    first = by_patch[patches.ids]
+    read = read_together if steps.joint_reading else read_alone
+    by_patch, log_gain = read(patches, palette, patches.mean(clues, groups.sizes))
+    first = by_patch[patches.ids] if steps.patch_belief else np.full((groups.count, _N), 1 / _N)
     model, belief = under(palette, log_gain), first
     for _ in range(ROUNDS):
-        model = refit_colors(model, rgb, belief[groups.ids[usable]])
+        if steps.color_refit:
+            model = refit_colors(model, rgb, belief[groups.ids[usable]])
         bare = bareness(model, chroma, blur)
-        second = PATCH_WEIGHT * np.log(without_sides(first, bare) + PATCH_DOUBT)
+        sided = without_sides(first, bare) if steps.sleeves else first
+        second = PATCH_WEIGHT * np.log(sided + PATCH_DOUBT)
         evidence = np.zeros((len(usable), _N))
         evidence[usable] = model.evidence(rgb)
         unary = pooled(evidence, usable, groups) + warmth + second
-        unary += grown_from(belief, bare, patches, groups, centroids_m)
+        if steps.sleeves:
+            unary += grown_from(belief, bare, patches, groups, centroids_m)
         if earlier is not None:
             unary = with_earlier(unary, groups, earlier)
-        belief = settle(unary, groups, centroids_m, belief)
+        belief = settle(unary, groups, centroids_m, belief) if steps.part_tree else softmax(unary)
     return Reading(suit, mask, groups, belief, np.zeros(groups.count), usable, evidence, model)
 
 
