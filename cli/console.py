@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shutil
 import sys
 import time
@@ -32,10 +33,12 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing output.")]
 
 LINE_SECONDS = 5.0
-"""Seconds between two lines of progress where stderr is no terminal; chosen by eye."""
+"""Seconds between two lines of progress where stderr is not a terminal; chosen by eye."""
 
 WIDTH = 110
-"""Columns of a table where stdout is no terminal; chosen by eye."""
+"""Columns of a table where stdout is not a terminal; chosen by eye."""
+
+_NUMBER = re.compile(r"[+-]?[\d.,]+( %)?|-")
 
 
 @contextmanager
@@ -107,16 +110,16 @@ def cell(value: object, unit: str = "") -> str:
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> str:
     """Lines of a table: a row for each of ``rows``, its values as ``cell`` writes them.
 
-    columns: names, with the unit where there is one ("time, s"). Columns without text are set to the right.
+    columns: names, with the unit where there is one ("time, s"). Columns of numbers are set to the right.
     """
-    lines = [list(row) for row in rows]
+    lines = [[cell(value) for value in row] for row in rows]
     shown = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, show_header=any(columns))
     for name, values in zip(columns, zip(*lines, strict=True) if lines else [()] * len(columns), strict=True):
-        number = all(value is None or isinstance(value, int | float) for value in values)
-        shown.add_column(name, justify="right" if number else "left", overflow="fold")
+        numbers = set(values) != {"-"} and all(map(_NUMBER.fullmatch, values))
+        shown.add_column(name, justify="right" if numbers else "left", overflow="fold")
     for line in lines:
         # Names come from outside: as Text they cannot be markup.
-        shown.add_row(*(Text(cell(value)) for value in line))
+        shown.add_row(*map(Text, line))
     console = Console(width=shutil.get_terminal_size((WIDTH, 24)).columns, no_color=True, highlight=False)
     with console.capture() as captured:
         console.print(*([Text(title)] if title else []), shown, sep="\n")

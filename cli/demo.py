@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from cli.console import Json, Overwrite, clear, finish
+from cli.console import Json, Overwrite, clear, finish, table
 from cli.extras import needing
 from sensors.files.atomic import check_free, write_bytes
 
@@ -34,4 +34,7 @@ def demo(
 
     answer = whole_path(out, frames, seed)
     answer["seconds"] = round(time.monotonic() - started, 1)
-    finish(answer, json, f"report: {answer['report']}")
+    sets = {"automatic": answer["auto"], "corrected": answer["corrected"], "network": answer["fcn"]}
+    rows = [(name, scores["mean_recall"], scores["miou"]) for name, scores in sets.items()]
+    scores = table(("labels", "mean recall", "mIoU"), rows)
+    finish(answer, json, f"{scores}\n\nreport: {answer['report']}")

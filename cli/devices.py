@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 
-from cli.console import Json, finish
+from cli.console import Json, finish, table
 
 
 def devices(json: Json = False) -> None:
@@ -10,9 +10,8 @@ def devices(json: Json = False) -> None:
     from sensors.recording.open_device import find_devices
 
     found = find_devices()
-    lines = [
-        "  ".join(part for part in (f"{one.address:<32}", one.serial, one.note) if part) for one in found
-    ]
-    if all(one.virtual for one in found):
-        lines.insert(0, "no device is plugged in; virtual devices:")
-    finish({"devices": [asdict(one) for one in found]}, json, "\n".join(line.rstrip() for line in lines))
+    title = "no device is plugged in; virtual devices:" if all(one.virtual for one in found) else ""
+    rows = [(one.address, one.serial, one.note) for one in found]
+    finish(
+        {"devices": [asdict(one) for one in found]}, json, table(("address", "serial", "note"), rows, title)
+    )

@@ -60,7 +60,8 @@ def _extras() -> list[Finding]:
 def _extra(extra: str, needed: list[Requirement]) -> Finding:
     wrong = [problem for problem in map(_problem, needed) if problem]
     target = f"annotate-cloud[{extra}]" if extra else "annotate-cloud"
-    found = ", ".join(wrong) or f"{len(needed)} packages" if needed else "unknown to this installation"
+    known = f"{len(needed)} package" + "s" * (len(needed) > 1) if needed else "unknown to this installation"
+    found = ", ".join(wrong) or known
     return Finding(
         f"extra {extra}" if extra else "packages",
         bool(needed) and not wrong,

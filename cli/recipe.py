@@ -1,8 +1,9 @@
-"""The whole path as one readable recipe: simulate, label, correct, predict, evaluate, report."""
+"""The whole path in one function: simulate, label, correct, predict, evaluate, report."""
 
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,8 +24,8 @@ from synth.rig.rig import VirtualRig
 from synth.rig.simulate import simulate, truth_path
 
 
-def whole_path(out: Path, frames: int, seed: int) -> dict[str, object]:
-    """Everything that can be done with frames of the virtual rig, into a folder; how well it went."""
+def whole_path(out: Path, frames: int, seed: int) -> dict[str, Any]:
+    """Run every step on frames of the virtual rig, into the folder ``out``; the scores of each step."""
     rig = VirtualRig(frames, min(4, frames), "normal", seed)
     session_path = out / "session.mcap"
     with progress("simulate", frames) as advance:
@@ -46,8 +47,8 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, object]:
     facts = {"command": f"annotate-cloud demo --frames {frames} --seed {seed}", "session": session.sha256}
     results = []
     for name, labels in sets.items():
-        lying = {"predicted": str(labels.path), "truth": str(truth.path)}
-        results.append(Result(name, compared[name], {**facts, **lying}))
+        paths = {"predicted": str(labels.path), "truth": str(truth.path)}
+        results.append(Result(name, compared[name], {**facts, **paths}))
         save_result(out / f"{name.lower()}.json", results[-1])
     material = gather(results, sessions=[session], audited=[corrected.path], facts=facts)
     write_report(out / "report.html", material)
@@ -66,7 +67,7 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, object]:
 def _correct_all(
     automatic: LabelSet, truth: LabelSet, cloud_of: Callable[[str], ThermalCloud], out: Path
 ) -> tuple[LabelSet, list[float]]:
-    """A copy of the labels, corrected by the simulated annotator, and the seconds each frame took."""
+    """A copy of the labels, corrected by the simulated annotator, and the seconds of each frame."""
     shutil.copytree(automatic.path, out)
     annotator = Annotator()
     with Correction.open(out, WHO, clock=annotator.clock) as correction:

@@ -17,7 +17,7 @@ from cli.extras import needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free
 from synth.body.body import Body, save_body
-from synth.body.body_table import PAPER_BODIES, BodySize, as_text, describe, read_sizes
+from synth.body.body_table import MEASURES, PAPER_BODIES, BodySize, describe, read_sizes
 from synth.images.workers import cluster, processes
 
 PICTURE = "bodies.png"
@@ -62,7 +62,14 @@ def bodies(
         save_body(out / f"{body.name}.npz", body)
     save_picture(out / PICTURE, made)
     rows = [describe(body, size) for body, size in zip(made, sizes, strict=True)]
-    finish({"bodies": rows}, json, as_text(rows))
+    finish({"bodies": rows}, json, _sizes(rows))
+
+
+def _sizes(rows: Sequence[dict[str, str | float]]) -> str:
+    """A table of the measured sizes, beside the requested ones where there are any."""
+    columns = [key for m in MEASURES for key in (m, f"asked_{m}") if key in rows[0]]
+    lines = [(row["model"], *(f"{row[key]:.2f}" for key in columns)) for row in rows]
+    return tabulated(("body", *(key.replace("_", " ") for key in columns)), lines)
 
 
 def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Generator) -> list[Body]:

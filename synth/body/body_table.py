@@ -2,7 +2,6 @@
 
 import csv
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -88,16 +87,3 @@ def describe(body: Body, size: BodySize | None) -> dict[str, str | float]:
     if size is not None:
         row |= {f"asked_{measure}": getattr(size, measure) for measure in MEASURES}
     return row
-
-
-def as_text(rows: Sequence[dict[str, str | float]]) -> str:
-    """Lines of aligned columns: each measure, and beside it what was asked, if anything was."""
-    wide = max(5, *(len(str(row["model"])) for row in rows))
-    asked = "asked_height_cm" in rows[0]
-    heads = [head for m in MEASURES for head in ((m, " asked") if asked else (m,))]
-    lines = ["  ".join([f"{'model':{wide}}", *heads])]
-    for row in rows:
-        cells = [row[key] for m in MEASURES for key in ((m, f"asked_{m}") if asked else (m,))]
-        shown = [f"{cell:{len(head)}.2f}" for cell, head in zip(cells, heads, strict=True)]
-        lines.append("  ".join([f"{row['model']:{wide}}", *shown]))
-    return "\n".join(line.rstrip() for line in lines)
