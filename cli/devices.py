@@ -12,6 +12,5 @@ def devices(json: Json = False) -> None:
     found = find_devices()
     title = "no device is plugged in; virtual devices:" if all(one.virtual for one in found) else ""
     rows = [(one.address, one.serial, one.note) for one in found]
-    finish(
-        {"devices": [asdict(one) for one in found]}, json, table(("address", "serial", "note"), rows, title)
-    )
+    text = table(("address", "serial", "note"), rows, title)
+    finish({"devices": [asdict(one) for one in found]}, json, text)

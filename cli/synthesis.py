@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from cli import names
-from cli.console import Json, Overwrite, clear, finish, progress
+from cli.console import Json, Overwrite, clear, finish, progress, table
 from cli.extras import needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free
@@ -69,7 +69,7 @@ def _sizes(rows: Sequence[dict[str, str | float]]) -> str:
     """A table of the measured sizes, beside the requested ones where there are any."""
     columns = [key for m in MEASURES for key in (m, f"asked_{m}") if key in rows[0]]
     lines = [(row["model"], *(f"{row[key]:.2f}" for key in columns)) for row in rows]
-    return tabulated(("body", *(key.replace("_", " ") for key in columns)), lines)
+    return table(("body", *(key.replace("_", " ") for key in columns)), lines)
 
 
 def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Generator) -> list[Body]:

@@ -187,5 +187,5 @@ def test_the_command_learns_a_palette_that_label_takes(annotate_cloud, tmp_path,
     learn = ("suit", "learn", truth, "--session", rig_session, "--out", out)
     assert annotate_cloud(*learn, "--json").result["suit"] == str(out)
     assert load_suit(out).name == "suit"
-    assert_refused(annotate_cloud(*learn), out, "exists already")
+    assert_refused(annotate_cloud(*learn), out, "already exists")
     assert annotate_cloud("suit", "learn", "--out", out, "--overwrite").code == 2

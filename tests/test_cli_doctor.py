@@ -41,7 +41,7 @@ def test_a_missing_and_an_old_package_are_named_with_what_they_cost(monkeypatch)
 
     monkeypatch.setattr(doctor, "version", version)
     shown = run_doctor().stdout
-    assert "no anny" in shown and "no bodies of your own" in shown and "annotate-cloud[bodies]" in shown
+    assert "no anny" in shown and "no new bodies" in shown and "annotate-cloud[bodies]" in shown
     assert "torch==2.13.0 but 2.0.0" in shown
     assert json.loads(run_doctor("--json").stdout)["ok"]
 

@@ -49,7 +49,7 @@ def test_a_result_in_the_way_is_seen_before_measuring(annotate_cloud, folder, tm
     taken = tmp_path / "r.json"
     taken.write_text("mine")
     done = annotate_cloud("evaluate", tmp_path / "nowhere", folder / "truth", "--out", taken)
-    assert done.code == 1 and "exists already" in done.err and taken.read_text() == "mine"
+    assert done.code == 1 and "already exists" in done.err and taken.read_text() == "mine"
 
 
 def test_bad_input_gives_one_line(annotate_cloud, folder, tmp_path):
@@ -57,9 +57,9 @@ def test_bad_input_gives_one_line(annotate_cloud, folder, tmp_path):
     (tmp_path / "empty").mkdir()
     for command, says in (
         (("evaluate", folder / "other", folder / "truth"), "frame 000000 has another depth image"),
-        (("evaluate", folder / "good", tmp_path / "empty"), "is no label set"),
-        (("evaluate", folder / "good", tmp_path / "nowhere"), "is no label set"),
-        (("compare", tmp_path / "null.json", tmp_path / "null.json"), "null.json is no result"),
+        (("evaluate", folder / "good", tmp_path / "empty"), "is not a label set"),
+        (("evaluate", folder / "good", tmp_path / "nowhere"), "is not a label set"),
+        (("compare", tmp_path / "null.json", tmp_path / "null.json"), "null.json is not a result"),
         (("compare", tmp_path / "absent.json", tmp_path / "null.json"), "absent.json cannot be read"),
         (("compare", folder, tmp_path / "null.json"), "cannot be read"),
     ):

@@ -206,7 +206,7 @@ def test_a_report_is_not_overwritten_unasked(compared: Comparison, tmp_path: Pat
     written = write_report(path, Material((Result("Network", compared),)))
     assert [p.name for p in written] == ["report.csv", "report.json", "report.tex", "report.html"]
     path.unlink()
-    with pytest.raises(ExistsError, match=r"report\.csv exists already"):
+    with pytest.raises(ExistsError, match=r"report\.csv already exists"):
         write_report(path, Material((Result("Other", compared),)))
     assert not path.exists() and "Network" in path.with_suffix(".csv").read_text()
     write_report(path, Material((Result("Other", compared),)), overwrite=True)
@@ -243,7 +243,7 @@ def test_the_verb_takes_everything_there_is_to_show(
     text = page.read_text()
     assert "A remark on real scans" in text and "corrections (--audit)" in text and "Epoch 12" in text
     again = annotate_cloud(*given)
-    assert again.code == 1 and "report.csv exists already" in again.err
+    assert again.code == 1 and "report.csv already exists" in again.err
     assert annotate_cloud("report", result, "--out", page, "--note", "of nothing", "--overwrite").code == 2
     nowhere = annotate_cloud("report", result, "--out", page, "--history", tmp_path, "--overwrite")
     assert nowhere.code == 1 and "history.json cannot be read" in nowhere.err and nowhere.err.count("\n") == 1

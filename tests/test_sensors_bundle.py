@@ -209,7 +209,7 @@ def test_calibrate_from_a_recording(annotate_cloud, tmp_path):
     assert read_yaml(tmp_path / "yaml").depth == said.depth
     assert cv2.imread(str(tmp_path / "rig.png")) is not None
     assert json.loads((tmp_path / "rig.json").read_text())
-    assert_refused(annotate_cloud(*arguments), "exists already")
+    assert_refused(annotate_cloud(*arguments), "already exists")
 
 
 def test_a_session_without_infrared_says_what_to_do(annotate_cloud, rig_session, tmp_path):

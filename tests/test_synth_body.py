@@ -242,8 +242,8 @@ def test_the_paper_bodies_as_csv_come_back(tmp_path):
 @pytest.mark.parametrize(
     ("rows", "why"),
     [
-        ("a,170,60", "is no table"),
-        ("a,170,sixty,26", "is no table"),
+        ("a,170,60", "is not a table"),
+        ("a,170,sixty,26", "is not a table"),
         ("", "has no bodies"),
         ("a,170,60,26\nA,171,61,27", "two bodies named a"),
         ("../a,170,60,26", "letters, digits"),
