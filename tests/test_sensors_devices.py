@@ -279,7 +279,7 @@ def test_a_twin_of_a_source_without_thermal_says_so_at_once(kind):
         ("virtual:webcam", "has no virtual twin; use virtual: with"),
         ("virtual:azure", "has no virtual twin"),
         ("virtual:optris?mode=1hz", "mode '1hz' .* is unknown; use 128hz"),
-        ("virtual:optris?speed=1", "unknown option 'speed'; known are drop"),
+        ("virtual:optris?speed=1", "unknown option 'speed'; its options: drop"),
         ("virtual:optris?drop=2", "drop '2' .* is not a number from 0 to 1"),
         ("virtual:optris?drop=nan", "is not a number from 0 to 1"),
         ("virtual:optris?drop", "malformed options"),
@@ -291,7 +291,7 @@ def test_a_twin_of_a_source_without_thermal_says_so_at_once(kind):
         ("optris:", "names no node; give for instance optris:/dev/video0"),
         ("optris:/dev/video77", "/dev/video77 does not exist; plug the device in"),
         ("pyrometer:/dev/ttyUSB77", "/dev/ttyUSB77 does not exist; plug the device in"),
-        ("kinect2:1?mode=1", "unknown option 'mode'; known are none"),
+        ("kinect2:1?mode=1", "unknown option 'mode'; its options: none"),
     ],
 )
 def test_a_bad_address_is_one_clear_line(address, match):
@@ -585,5 +585,5 @@ def test_an_orbbec_by_pyorbbecsdks_names(monkeypatch):
 
 def test_a_cut_depth_frame_is_a_fault():
     values = {"get_height": 2, "get_width": 3, "get_data": np.zeros(10, np.uint8), "get_depth_scale": 1.0}
-    with pytest.raises(DeviceFaultError, match="sent 5 of 6 pixels; the next frame may be whole"):
+    with pytest.raises(DeviceFaultError, match="sent 5 of 6 pixels; wait for the next"):
         depth_of(SimpleNamespace(**{name: (lambda v=value: v) for name, value in values.items()}))

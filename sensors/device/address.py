@@ -68,7 +68,7 @@ class Address:
         """Raise DeviceError for an option that nobody took."""
         if unknown := sorted(set(self._options) - self._known):
             known = ", ".join(sorted(self._known)) or "none"
-            raise DeviceError(f"device {self.text!r} has unknown option {unknown[0]!r}; use {known}")
+            raise DeviceError(f"device {self.text!r} has unknown option {unknown[0]!r}; its options: {known}")
 
     def _take(self, key: str, default: str) -> str:
         self._known.add(key)
