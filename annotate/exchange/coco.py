@@ -1,7 +1,8 @@
 """COCO: ``annotations.json`` with run-length masks, and the depth images in ``images/``.
 
 Format: cocodataset.org, "Data format"; the compressed run lengths are those of pycocotools' ``maskApi.c``
-(``rleToString``). A part is a category by its id, undefined is 255, a person's whole mask is category 100.
+(``rleToString``). They are read here and not by pycocotools, which writes past its memory where a file is cut
+off. A part is a category by its id, undefined is 255, a person's whole mask is category 100.
 """
 
 import json
@@ -13,14 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.crop import window_of
-from annotate.exchange.bounded_json import load_bounded
-from annotate.exchange.companion import Companion, load_companion
+from annotate.exchange.companion import MAX_TEXT_BYTES, Companion, load_companion
 from annotate.exchange.masks import (
     MASK_IDS,
-    PERSON_CATEGORY,
     PERSON_NAME,
     Mask,
-    check_masks,
     images_from,
     mask_from_runs,
     masks_of,
@@ -32,10 +30,8 @@ from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
-MAX_JSON_BYTES = 512_000_000
-"""A frame of a depth camera takes 3 to 4 kB: a hundred thousand of them 0.4 GB."""
-CATEGORIES = {**MASK_IDS, PERSON_NAME: PERSON_CATEGORY}
-_NAMES = {number: name for name, number in CATEGORIES.items()}
+CATEGORIES = {**MASK_IDS, PERSON_NAME: 100}
+"""Category by the name of a mask."""
 
 
 def write_coco(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
@@ -67,7 +63,7 @@ def read_coco(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
     """The inverse of ``write_coco``; masks as run lengths, compressed or not. Raises FormatError."""
     companion = load_companion(source)
     try:
-        content = load_bounded(source / ANNOTATIONS, MAX_JSON_BYTES)
+        content = json.loads(read_bounded(source / ANNOTATIONS, MAX_TEXT_BYTES))
         names = {int(c["id"]): str(c["name"]) for c in content["categories"]}
         images = {int(image["id"]): image for image in content["images"]}
         by_image: dict[int, list[dict[str, Any]]] = {number: [] for number in images}
@@ -105,8 +101,7 @@ def _frame(
     name = Path(str(image.get("file_name", ""))).name
     try:
         depth_mm = decode_depth(read_bounded(source / IMAGES / name))
-        check_masks(len(annotations), depth_mm.shape)
-        masks = (_mask(a, names, depth_mm.shape) for a in annotations)
+        masks = (_mask(annotation, names, depth_mm.shape) for annotation in annotations)
         parts, persons = images_from(masks, depth_mm.shape)
     except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
         raise FormatError(
@@ -129,8 +124,11 @@ def _mask(annotation: dict[str, Any], names: dict[int, str], shape: tuple[int, i
 
 
 def rle_to_string(runs: list[int]) -> str:
-    """Run lengths as COCO writes them: from the fourth on the difference to the last but one, 5 bits a
-    character from 48 on, the sixth bit telling that more follow."""
+    """Text of run lengths in COCO's compressed form.
+
+    From the fourth on each is the difference to the last but one; each character, counted from "0", holds
+    five bits and a sixth that is set while more of the number follows.
+    """
     text = []
     for i, run in enumerate(runs):
         value, more = (run - runs[i - 2] if i > 2 else run), True

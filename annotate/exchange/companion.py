@@ -1,7 +1,7 @@
 """What no image format has room for, in one JSON file beside the images: camera, subjects, statuses, notes.
 
-Every exported folder has ``annotate-cloud.json``; other tools pass it by. A folder of theirs without it is
-read too, given ``intrinsics.json``.
+Every exported folder has ``annotate-cloud.json``, which other tools ignore. A folder without it, written by
+another tool, is read too, given ``intrinsics.json``.
 """
 
 import json
@@ -13,22 +13,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.exchange.bounded_json import load_bounded
 from annotate.frame_labels import FrameLabels
 from sensors.errors import CalibrationError, FormatError
+from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
 from sensors.rig.intrinsics_file import read_intrinsics
 
 COMPANION = "annotate-cloud.json"
 INTRINSICS = "intrinsics.json"
 SCHEMA = 1
-MAX_COMPANION_BYTES = 128_000_000
-"""A frame takes 100 bytes and its notes, which have some hundreds."""
+MAX_TEXT_BYTES = 1_000_000_000
+"""Largest JSON or XML file of an export that is read, in bytes: a frame takes up to 10 kB (CVAT)."""
 
 
 @dataclass
 class Companion:
-    """The camera of a folder, and by frame id what its images do not say, in the order of the frames."""
+    """The camera of a folder, and by frame id what its images lack, in the order of the frames."""
 
     intrinsics: Intrinsics
     frames: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -43,7 +43,7 @@ class Companion:
         }
 
     def save(self, folder: Path) -> None:
-        """Write the file, and the intrinsics once more as ``import`` and people read them."""
+        """Write the file, and beside it the intrinsics alone, for ``import`` and for people."""
         content = {"schema": SCHEMA, "intrinsics": asdict(self.intrinsics), "frames": self.frames}
         (folder / COMPANION).write_text(json.dumps(content, indent=1) + "\n", encoding="ascii")
         (folder / INTRINSICS).write_text(json.dumps(asdict(self.intrinsics)) + "\n", encoding="ascii")
@@ -56,9 +56,9 @@ class Companion:
         persons: NDArray[np.uint8] | None = None,
         confidence: NDArray[np.float32] | None = None,
     ) -> FrameLabels:
-        """A frame of these images with what is known of it; ``auto`` where nothing is. Raises FormatError."""
+        """A frame of these images with its subject, status and notes, as far as known. Raises FormatError."""
         fields = self.frames.get(frame_id, {})
-        # A map of nobody says "nobody" only where the label set did.
+        # A persons image of zeros is kept only where the label set had one.
         present = persons is not None and bool(fields.get("persons", persons.any()))
         try:
             frame = FrameLabels(frame_id, depth_mm, parts, confidence, persons=persons if present else None)
@@ -79,21 +79,19 @@ def load_companion(folder: Path) -> Companion:
             )
         return Companion(read_intrinsics(folder / INTRINSICS).depth)
     try:
-        content = load_bounded(file, MAX_COMPANION_BYTES)
+        content = json.loads(read_bounded(file, MAX_TEXT_BYTES))
         if content["schema"] != SCHEMA:
             raise FormatError(f"{file} is not of schema {SCHEMA}; export it again")
         frames = content["frames"]
         if not isinstance(frames, dict) or not all(isinstance(entry, dict) for entry in frames.values()):
             raise TypeError("frames")
         return Companion(Intrinsics(**content["intrinsics"]), frames)
-    except (
-        CalibrationError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError,
-    ) as error:  # fmt: skip
+    except (CalibrationError, ValueError, LookupError, TypeError, RecursionError, OverflowError) as error:
         raise FormatError(f"{file} is corrupt ({str(error)[:80]!r}); export it again") from error
 
 
 def frame_files(folder: Path, suffix: str) -> Iterator[tuple[str, Path]]:
-    """(frame id, file) of a folder's files that end so, sorted. Raises FormatError when there are none."""
+    """(frame id, file) of a folder's files with this suffix, sorted. Raises FormatError without any."""
     files = sorted(file for file in folder.glob(f"*{suffix}") if file.is_file())
     if not files:
         raise FormatError(f"{folder} holds no *{suffix}; give the folder of an export")

@@ -5,24 +5,22 @@ Polygons are read as well (a pixel belongs to one when its centre lies in it); m
 XML with a document type, which is what entities and external references need, is refused.
 """
 
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
-from typing import NoReturn
-from xml.etree.ElementTree import ParseError, XMLParser
+from xml.etree.ElementTree import Element, ParseError
 
 import cv2
 import numpy as np
+from defusedxml import DTDForbidden
+from defusedxml.ElementTree import fromstring
 from numpy.typing import NDArray
 
 from annotate.crop import window_of
-from annotate.exchange.companion import Companion, load_companion
+from annotate.exchange.companion import MAX_TEXT_BYTES, Companion, load_companion
 from annotate.exchange.masks import (
     MASK_IDS,
     PERSON_NAME,
     Mask,
-    check_masks,
     images_from,
     mask_from_runs,
     masks_of,
@@ -35,16 +33,6 @@ from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 
 ANNOTATIONS, IMAGES = "annotations.xml", "images"
-MAX_XML_BYTES = 1_000_000_000
-"""A frame of a depth camera takes 10 kB: a hundred thousand of them as much."""
-MAX_ATTRIBUTES = 15_000_000
-"""Of elements, and elements: some 130 bytes of memory each. A frame of eleven parts and a person has 117."""
-MAX_DEPTH = 10
-"""Elements within each other; CVAT's own have six."""
-MAX_POINTS = 10_000
-"""Corners of a polygon; a person's outline has some hundreds."""
-MAX_CROSSINGS, MAX_CROSSINGS_AN_IMAGE = 1 << 24, 1 << 27
-"""Corners times rows: OpenCV looks at each edge on each row, and takes a second for those of one polygon."""
 SHAPES = ("mask", "polygon")
 
 
@@ -77,64 +65,20 @@ def read_cvat(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
     return companion, (_frame(source, image, companion) for image in images)
 
 
-@dataclass
-class _Image:
-    """One image's attributes, and its shapes: (element's name, its attributes)."""
-
-    fields: dict[str, str]
-    shapes: list[tuple[str, dict[str, str]]] = field(default_factory=list)
-
-
-class _Target:
-    """What the XML parser calls: keeps images and shapes, passes everything else by."""
-
-    def __init__(self) -> None:
-        self.images: list[_Image] = []
-        self._depth = 0
-        self._attribute = ""
-
-    def start(self, tag: str, fields: dict[str, str]) -> None:
-        self._depth += 1
-        if self._depth > MAX_DEPTH:
-            raise FormatError(f"{ANNOTATIONS} nests {self._depth} elements; export it again")
-        if tag == "image":
-            self.images.append(_Image(fields))
-        elif self.images and tag in SHAPES:
-            self.images[-1].shapes.append((tag, fields))
-        elif self.images and tag == "attribute" and self.images[-1].shapes:
-            self._attribute = fields.get("name", "")
-
-    def data(self, text: str) -> None:
-        if self._attribute == "number" and text.strip():
-            self.images[-1].shapes[-1][1].setdefault("person", text.strip())
-
-    def end(self, tag: str) -> None:
-        self._depth -= 1
-        self._attribute = ""
-
-    def doctype(self, *_: str | None) -> NoReturn:
-        raise FormatError(f"{ANNOTATIONS} has a document type, which is not read; export it from CVAT again")
-
-    def close(self) -> None:
-        pass
-
-
-def _parse(file: Path) -> list[_Image]:
-    target = _Target()
-    data = read_bounded(file, MAX_XML_BYTES)
-    if data.count(b"<") > MAX_ATTRIBUTES or data.count(b"=") > MAX_ATTRIBUTES:
-        raise FormatError(f"{file} holds more than {MAX_ATTRIBUTES} attributes; export it in parts")
-    # Not the encoding that the file names: in some of them these signs are other bytes.
-    encoding = "utf-16" if data[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) else "utf-8"
-    parser = XMLParser(target=target, encoding=encoding)
+def _parse(file: Path) -> list[Element]:
+    """The elements of all images of a file. Raises FormatError."""
+    data = read_bounded(file, MAX_TEXT_BYTES)
     try:
-        parser.feed(data)
-        parser.close()
+        images = list(fromstring(data, forbid_dtd=True).iter("image"))
+    except DTDForbidden as error:
+        raise FormatError(
+            f"{file} has a document type, which is not read; export it from CVAT again"
+        ) from error
     except (ParseError, ValueError, LookupError) as error:
         raise FormatError(f"{file} is not XML ({str(error)[:80]}); export it from CVAT again") from error
-    if not target.images:
+    if not images:
         raise FormatError(f"{file} holds no image; give CVAT's 'CVAT for images 1.1'")
-    return target.images
+    return images
 
 
 def _labels() -> Iterator[str]:
@@ -160,48 +104,36 @@ def _mask_xml(mask: Mask) -> str:
     return f"  {head}{attribute}</mask>\n"
 
 
-def _frame(source: Path, image: _Image, companion: Companion) -> FrameLabels:
-    name = PurePosixPath(image.fields.get("name", "").replace("\\", "/")).name
+def _frame(source: Path, image: Element, companion: Companion) -> FrameLabels:
+    name = PurePosixPath(image.get("name", "").replace("\\", "/")).name
     try:
         depth_mm = decode_depth(read_bounded(source / IMAGES / name))
-        check_masks(len(image.shapes), depth_mm.shape)
-        corners = [_corners(fields["points"]) for kind, fields in image.shapes if kind == "polygon"]
-        if max(corners, default=0) > MAX_POINTS or not _drawable(corners, depth_mm.shape[0]):
-            raise FormatError(f"polygons of {max(corners)} corners on {depth_mm.shape[0]} rows; export masks")
-        ordered = sorted(image.shapes, key=lambda shape: int(shape[1].get("z_order", 0)))
-        masks = (_mask(*shape, depth_mm.shape) for shape in ordered)
-        parts, persons = images_from(masks, depth_mm.shape)
+        shapes = (shape for shape in image if shape.tag in SHAPES)
+        ordered = sorted(shapes, key=lambda shape: int(shape.get("z_order", 0)))
+        parts, persons = images_from((_mask(shape, depth_mm.shape) for shape in ordered), depth_mm.shape)
     except (ValueError, KeyError, OverflowError, FormatError) as error:
         raise FormatError(f"{source / ANNOTATIONS}, image {name[:100]!r}: {str(error)[:200]}") from error
     return companion.labels(name.removesuffix(".png"), depth_mm, parts, persons)
 
 
-def _mask(kind: str, fields: dict[str, str], shape: tuple[int, int]) -> Mask:
+def _mask(element: Element, shape: tuple[int, int]) -> Mask:
+    """The mask that an element draws on an image of ``shape``."""
+    fields = element.attrib
+    person = int(element.findtext("attribute[@name='number']") or 1)
+    if element.tag == "polygon":
+        return Mask(fields["label"], person, _polygon(fields["points"], shape))
+    left, top, width, height = (int(fields[name]) for name in ("left", "top", "width", "height"))
+    if not (0 <= left < left + width <= shape[1] and 0 <= top < top + height <= shape[0]):
+        raise FormatError(f"a mask lies at {left}, {top}, {width}x{height} on an image of {shape}")
     pixels = np.zeros(shape, bool)
-    if kind == "polygon":
-        pixels = _polygon(fields["points"], shape)
-    else:
-        left, top, width, height = (int(fields[name]) for name in ("left", "top", "width", "height"))
-        inside = 0 <= left < left + width <= shape[1] and 0 <= top < top + height <= shape[0]
-        if not inside:
-            raise FormatError(f"a mask lies at {left}, {top}, {width}x{height} on an image of {shape}")
-        runs = [int(n) for n in fields["rle"].split(",")]
-        box = mask_from_runs(runs, width * height).reshape(height, width)
-        pixels[top : top + height, left : left + width] = box
-    return Mask(fields["label"], int(fields.get("person", 1)), pixels)
-
-
-def _corners(text: str) -> int:
-    return text.count(";") + 1
-
-
-def _drawable(corners: list[int], rows: int) -> bool:
-    """Whether polygons of so many corners are drawn on so many rows within seconds."""
-    return max(corners, default=0) * rows <= MAX_CROSSINGS and sum(corners) * rows <= MAX_CROSSINGS_AN_IMAGE
+    runs = [int(n) for n in fields["rle"].split(",")]
+    box = mask_from_runs(runs, width * height).reshape(height, width)
+    pixels[top : top + height, left : left + width] = box
+    return Mask(fields["label"], person, pixels)
 
 
 def _polygon(text: str, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """CVAT's pixel centres lie at halves, OpenCV's at whole numbers."""
+    """Pixels (h, w) of a polygon. CVAT's pixel centres lie at halves, OpenCV's at whole numbers."""
     points = [[float(x) for x in point.split(",")] for point in text.split(";")]
     corners = np.array(points, np.float64) - 0.5
     if corners.shape[1:] != (2,) or len(corners) < 3 or not (np.abs(corners) < 1e5).all():

@@ -2,20 +2,14 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from annotate.exchange.coco import is_coco, read_coco, write_coco
 from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.cvat import is_cvat, read_cvat, write_cvat
-from annotate.exchange.image_pairs import is_mmseg, is_pairs, read_mmseg, read_pairs, write_mmseg, write_pairs
-from annotate.exchange.labelled_cloud import (
-    is_pcd,
-    is_ply,
-    read_clouds_pcd,
-    read_clouds_ply,
-    write_clouds_pcd,
-    write_clouds_ply,
-)
+from annotate.exchange.image_pairs import MMSEG, PAPER, Folders, is_pairs, read_pairs, write_pairs
+from annotate.exchange.labelled_cloud import PCD, PLY, CloudFile, is_clouds, read_clouds, write_clouds
 from annotate.exchange.parquet import is_parquet, read_parquet, write_parquet
 from annotate.exchange.semantic_kitti import is_kitti, read_kitti, write_kitti
 from annotate.frame_labels import FrameLabels
@@ -31,7 +25,7 @@ Reader = Callable[[Path], tuple[Companion, Iterator[FrameLabels]]]
 class Format:
     """One format. lacks: what of a label set it cannot carry; the rest comes back to the bit.
 
-    write fills an empty folder and tells the companion of every frame; read's frames are read when asked for.
+    write: fills an empty folder and adds every frame to the companion. read: reads frames one by one.
     """
 
     write: Writer
@@ -40,17 +34,28 @@ class Format:
     lacks: tuple[str, ...]
 
 
+def _pairs(folders: Folders) -> Format:
+    lacks = ("persons", "confidence")
+    return Format(
+        partial(write_pairs, folders), partial(read_pairs, folders), partial(is_pairs, folders), lacks
+    )
+
+
+def _clouds(kind: CloudFile) -> Format:
+    return Format(partial(write_clouds, kind), partial(read_clouds, kind), partial(is_clouds, kind), ())
+
+
 FORMATS = {
-    "pairs": Format(write_pairs, read_pairs, is_pairs, ("persons", "confidence")),
-    "mmseg": Format(write_mmseg, read_mmseg, is_mmseg, ("persons", "confidence")),
+    "pairs": _pairs(PAPER),
+    "mmseg": _pairs(MMSEG),
     "coco": Format(write_coco, read_coco, is_coco, ("confidence",)),
     "cvat": Format(write_cvat, read_cvat, is_cvat, ("confidence",)),
-    "pcd": Format(write_clouds_pcd, read_clouds_pcd, is_pcd, ()),
-    "ply": Format(write_clouds_ply, read_clouds_ply, is_ply, ()),
+    "pcd": _clouds(PCD),
+    "ply": _clouds(PLY),
     "semantic-kitti": Format(write_kitti, read_kitti, is_kitti, ("confidence",)),
     "parquet": Format(write_parquet, read_parquet, is_parquet, ()),
 }
-"""By the name that ``export --format`` takes. None carries the journal of corrections or earlier labels."""
+"""By the name for ``export --format``. None carries the journal of corrections or the labels before them."""
 
 
 def export_labels(

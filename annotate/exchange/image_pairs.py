@@ -18,63 +18,45 @@ from annotate.parts import PARTS
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 
-PAPER, MMSEG = ("depth", "label"), ("img_dir", "ann_dir")
+Folders = tuple[str, str]
+"""Names of the folders of depth images and of label images."""
+PAPER: Folders = ("depth", "label")
+MMSEG: Folders = ("img_dir", "ann_dir")
 METAINFO = "metainfo.json"
 
 
-def write_pairs(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
-    """Write the paper's pairs into an empty folder."""
-    _write(frames, companion, out, PAPER)
-
-
-def write_mmseg(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
-    """Write MMSegmentation's folders into an empty folder."""
-    _write(frames, companion, out, MMSEG)
-    metainfo = {"classes": [part.name for part in PARTS], "palette": [part.rgb for part in PARTS]}
-    (out / METAINFO).write_text(json.dumps(metainfo) + "\n", encoding="ascii")
-
-
-def is_pairs(source: Path) -> bool:
-    """Whether a folder holds the paper's pairs."""
-    return all((source / name).is_dir() for name in PAPER)
-
-
-def is_mmseg(source: Path) -> bool:
-    """Whether a folder holds MMSegmentation's folders."""
-    return all((source / name).is_dir() for name in MMSEG)
-
-
-def read_pairs(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
-    """The inverse of ``write_pairs``. Raises FormatError, CalibrationError."""
-    return _read(source, PAPER)
-
-
-def read_mmseg(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
-    """The inverse of ``write_mmseg``; splits (train, val, ...) within the folders are read as one set."""
-    return _read(source, MMSEG)
-
-
-def _write(frames: Iterator[FrameLabels], companion: Companion, out: Path, names: tuple[str, str]) -> None:
-    for name in names:
+def write_pairs(folders: Folders, frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+    """Write into an empty folder."""
+    for name in folders:
         (out / name).mkdir()
     for frame in frames:
-        (out / names[0] / f"{frame.frame_id}.png").write_bytes(encode_depth(frame.depth_mm))
-        (out / names[1] / f"{frame.frame_id}.png").write_bytes(encode_parts(frame.parts))
+        (out / folders[0] / f"{frame.frame_id}.png").write_bytes(encode_depth(frame.depth_mm))
+        (out / folders[1] / f"{frame.frame_id}.png").write_bytes(encode_parts(frame.parts))
         companion.add(frame)
+    if folders == MMSEG:
+        metainfo = {"classes": [part.name for part in PARTS], "palette": [part.rgb for part in PARTS]}
+        (out / METAINFO).write_text(json.dumps(metainfo) + "\n", encoding="ascii")
 
 
-def _read(source: Path, names: tuple[str, str]) -> tuple[Companion, Iterator[FrameLabels]]:
+def is_pairs(folders: Folders, source: Path) -> bool:
+    """Whether a folder holds pairs of this layout."""
+    return all((source / name).is_dir() for name in folders)
+
+
+def read_pairs(folders: Folders, source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
+    """The inverse of ``write_pairs``; splits (train, val, ...) within the folders are read as one set.
+
+    Raises FormatError, CalibrationError.
+    """
     companion = load_companion(source)
-    splits = sorted(folder.name for folder in (source / names[1]).iterdir() if folder.is_dir()) or [""]
-    return companion, _frames(source, names, splits, companion)
+    splits = sorted(folder.name for folder in (source / folders[1]).iterdir() if folder.is_dir()) or [""]
+    return companion, _frames(source, folders, splits, companion)
 
 
-def _frames(
-    source: Path, names: tuple[str, str], splits: list[str], companion: Companion
-) -> Iterator[FrameLabels]:
+def _frames(source: Path, folders: Folders, splits: list[str], companion: Companion) -> Iterator[FrameLabels]:
     for split in splits:
-        for frame_id, file in frame_files(source / names[1] / split, ".png"):
-            depth = source / names[0] / split / file.name
+        for frame_id, file in frame_files(source / folders[1] / split, ".png"):
+            depth = source / folders[0] / split / file.name
             try:
                 depth_mm, parts = decode_depth(read_bounded(depth)), decode_parts(read_bounded(file))
             except FormatError as error:

@@ -7,8 +7,10 @@ both as tensor clouds (PCL asks a PLY for 32-bit labels, which Open3D does not r
 Formats: PCL's "The PCD file format", 0.7; Turk's PLY, 1.0 (grid as ``obj_info num_cols``, ``num_rows``).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,112 +24,82 @@ from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics, unproject
 from sensors.rig.frame import mm_from_metres
 
-PCD, PLY = ".pcd", ".ply"
 MAX_CLOUD_BYTES = 1 << 31
+"""Largest cloud that is read, in bytes."""
 
 
-def write_clouds_pcd(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
-    """Write one PCD a frame into an empty folder."""
+@dataclass(frozen=True)
+class CloudFile:
+    """One file format of clouds. suffix: of its files; label_type: dtype of labels and person numbers."""
+
+    suffix: str
+    label_type: str
+    write: Callable[[Records, tuple[int, int]], bytes]
+    read: Callable[[bytes, str], tuple[Records, tuple[int, int]]]
+
+
+PCD = CloudFile(".pcd", "<u4", write_pcd, read_pcd)
+PLY = CloudFile(".ply", "u1", write_ply, read_ply)
+
+
+def write_clouds(kind: CloudFile, frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+    """Write one file a frame into an empty folder."""
     for frame in frames:
-        cloud = _records(frame, companion.intrinsics, "<u4")
-        (out / f"{frame.frame_id}{PCD}").write_bytes(write_pcd(cloud, frame.parts.shape))
+        records = _records(frame, companion.intrinsics, kind.label_type)
+        (out / f"{frame.frame_id}{kind.suffix}").write_bytes(kind.write(records, frame.parts.shape))
         companion.add(frame)
 
 
-def write_clouds_ply(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
-    """Write one PLY a frame into an empty folder."""
-    for frame in frames:
-        cloud = _records(frame, companion.intrinsics, "u1")
-        (out / f"{frame.frame_id}{PLY}").write_bytes(write_ply(cloud, frame.parts.shape))
-        companion.add(frame)
+def is_clouds(kind: CloudFile, source: Path) -> bool:
+    """Whether a folder holds files of this kind."""
+    return any(source.glob(f"*{kind.suffix}"))
 
 
-def is_pcd(source: Path) -> bool:
-    """Whether a folder holds PCD files."""
-    return any(source.glob(f"*{PCD}"))
-
-
-def is_ply(source: Path) -> bool:
-    """Whether a folder holds PLY files."""
-    return any(source.glob(f"*{PLY}"))
-
-
-def read_clouds_pcd(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
-    """The inverse of ``write_clouds_pcd``. Raises FormatError, CalibrationError."""
+def read_clouds(kind: CloudFile, source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
+    """The inverse of ``write_clouds``. Raises FormatError, CalibrationError."""
     companion = load_companion(source)
-    return companion, (
-        _frame(name, file, read_pcd(_bytes(file), str(file)), companion)
-        for name, file in frame_files(source, PCD)
-    )
-
-
-def read_clouds_ply(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
-    """The inverse of ``write_clouds_ply``. Raises FormatError, CalibrationError."""
-    companion = load_companion(source)
-    return companion, (
-        _frame(name, file, read_ply(_bytes(file), str(file)), companion)
-        for name, file in frame_files(source, PLY)
-    )
-
-
-def _bytes(file: Path) -> bytes:
-    return read_bounded(file, MAX_CLOUD_BYTES)
+    files = frame_files(source, kind.suffix)
+    return companion, (_frame(name, file, kind, companion) for name, file in files)
 
 
 def _records(frame: FrameLabels, camera: Intrinsics, label_type: str) -> Records:
-    """label_type: PCL's labels are 32 bits wide, of which Open3D's PLY reader knows none unsigned."""
-    metres = np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)
-    points = unproject(camera, metres).reshape(-1, 3)
-    kinds = [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
-        ("red", "u1"),
-        ("green", "u1"),
-        ("blue", "u1"),
-        ("label", label_type),
-    ]
-    kinds += [("confidence", "<f4")] if frame.confidence is not None else []
-    kinds += [("person", label_type)] if frame.persons is not None else []
-    records = np.zeros(len(points), kinds)
-    for axis, name in enumerate("xyz"):
-        records[name] = points[:, axis]
-    for channel, name in enumerate(("red", "green", "blue")):
-        records[name] = palette_rgb()[frame.parts.ravel(), channel]
-    records["label"] = frame.parts.ravel()
+    """Records (h * w,) of a frame, row by row."""
+    points_m = unproject(camera, np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)).reshape(-1, 3)
+    rgb = palette_rgb()[frame.parts.ravel()]
+    columns: dict[str, tuple[str, NDArray[Any]]]
+    columns = {name: ("<f4", points_m[:, axis]) for axis, name in enumerate("xyz")}
+    columns |= {name: ("u1", rgb[:, channel]) for channel, name in enumerate(("red", "green", "blue"))}
+    columns["label"] = (label_type, frame.parts)
     if frame.confidence is not None:
-        records["confidence"] = frame.confidence.ravel()
+        columns["confidence"] = ("<f4", frame.confidence)
     if frame.persons is not None:
-        records["person"] = frame.persons.ravel()
+        columns["person"] = (label_type, frame.persons)
+    records = np.zeros(len(points_m), [(name, dtype) for name, (dtype, _) in columns.items()])
+    for name, (_, values) in columns.items():
+        records[name] = values.ravel()
     return records
 
 
-def _frame(
-    frame_id: str, file: Path, cloud: tuple[Records, tuple[int, int]], companion: Companion
-) -> FrameLabels:
-    records, shape = cloud
+def _frame(frame_id: str, file: Path, kind: CloudFile, companion: Companion) -> FrameLabels:
+    records, shape = kind.read(read_bounded(file, MAX_CLOUD_BYTES), str(file))
     names = set(records.dtype.names or ())
     if not {"z", "label"} <= names or shape != companion.intrinsics.shape:
         raise FormatError(
             f"{file} has fields {', '.join(sorted(names))[:100]} and is {shape}; give an organised cloud of "
             f"{companion.intrinsics.shape} with z and label"
         )
-
-    def image(name: str, kind: type[np.uint8]) -> NDArray[np.uint8] | None:
-        if name not in names:
-            return None
-        values = records[name]
-        if values.dtype.kind not in "iu" or values.min() < 0 or values.max() > np.iinfo(kind).max:
-            raise FormatError(
-                f"{file}: {name} is {values.dtype} {values.min()} to {values.max()}; give 0 to 255"
-            )
-        return values.astype(kind).reshape(shape)
-
-    parts, persons = image("label", np.uint8), image("person", np.uint8)
-    confidence = None
-    if "confidence" in names:
-        confidence = records["confidence"].astype(np.float32).reshape(shape)
-    if parts is None or records["z"].dtype.kind != "f":
+    if records["z"].dtype.kind != "f":
         raise FormatError(f"{file}: z is {records['z'].dtype}; give metres as floats")
+    parts = _ids(file, records, "label").reshape(shape)
+    persons = _ids(file, records, "person").reshape(shape) if "person" in names else None
+    confidence = records["confidence"].astype(np.float32).reshape(shape) if "confidence" in names else None
     depth_mm = mm_from_metres(records["z"].reshape(shape))
     return companion.labels(frame_id, depth_mm, parts, persons, confidence)
+
+
+def _ids(file: Path, records: Records, name: str) -> NDArray[np.uint8]:
+    """Whole numbers (n,) of a field. Raises FormatError for others than 0 to 255."""
+    values = records[name]
+    if values.dtype.kind not in "iu" or values.min() < 0 or values.max() > 255:
+        raise FormatError(f"{file}: {name} is {values.dtype} {values.min()} to {values.max()}; give 0 to 255")
+    return values.astype(np.uint8)

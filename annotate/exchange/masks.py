@@ -12,13 +12,7 @@ from sensors.errors import FormatError
 
 UNDEFINED_NAME, PERSON_NAME = "undefined", "person"
 MASK_IDS = {**{part.name: part.id for part in BODY_PARTS}, UNDEFINED_NAME: UNDEFINED}
-"""Part id of every mask of the parts image; the background is what no mask covers."""
-PERSON_CATEGORY = 100
-"""Category of the masks of the persons image, beside the part ids."""
-MAX_MASKS = 2000
-"""Most masks of one image."""
-MAX_PAINTED = 1 << 30
-"""Most masks times pixels of one image: 60 masks at 4096 x 4096, and a second or two of painting."""
+"""Part id by the name of a mask of the parts image; the background is what no mask covers."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +25,7 @@ class Mask:
 
 
 def masks_of(frame: FrameLabels) -> Iterator[Mask]:
-    """One mask a part that is there, undefined included, then one a person."""
+    """One mask for each part in the frame, undefined included, then one for each person."""
     for name, part in MASK_IDS.items():
         pixels = frame.parts == part
         if pixels.any():
@@ -41,22 +35,10 @@ def masks_of(frame: FrameLabels) -> Iterator[Mask]:
             yield Mask(PERSON_NAME, int(person), frame.persons == person)
 
 
-def check_masks(count: int, shape: tuple[int, int]) -> None:
-    """Raise FormatError where an image has more masks than one of its size can be given."""
-    most = min(MAX_MASKS, MAX_PAINTED // (shape[0] * shape[1]))
-    if count > most:
-        raise FormatError(f"{count} masks on an image of {shape}; at most {most}")
-
-
 def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Parts and persons (h, w) of masks; where they overlap, the later one wins. Raises FormatError.
-
-    One mask is alive at a time, if they are made so.
-    """
+    """Parts and persons (h, w) of masks; where masks overlap, the later one wins. Raises FormatError."""
     parts, persons = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     for mask in masks:
-        if mask.pixels.shape != shape:
-            raise FormatError(f"a mask of {mask.name[:40]!r} is {mask.pixels.shape} on an image of {shape}")
         if mask.name == PERSON_NAME:
             if not 1 <= mask.person <= 255:
                 raise FormatError(f"person number {mask.person} is impossible; use 1 to 255")
@@ -69,7 +51,7 @@ def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[NDArray[
 
 
 def runs_of(flat: NDArray[np.bool_]) -> list[int]:
-    """Lengths of the runs of a flat mask (n,), the first of them of zeros, perhaps empty."""
+    """Run lengths of a flat mask (n,); the first run is of zeros and may be empty."""
     change = np.flatnonzero(np.diff(flat)) + 1
     bounds = np.concatenate([[0] if len(flat) and flat[0] else [], [0], change, [len(flat)]]).astype(np.int64)
     return [int(n) for n in np.diff(bounds)]
@@ -77,7 +59,7 @@ def runs_of(flat: NDArray[np.bool_]) -> list[int]:
 
 def mask_from_runs(runs: list[int], size: int) -> NDArray[np.bool_]:
     """Inverse of ``runs_of`` for a mask of ``size`` pixels. Raises FormatError."""
-    lengths = np.array(runs, np.int64) if len(runs) <= size + 2 else np.full(1, -1)
+    lengths = np.array(runs, np.int64)
     if (lengths < 0).any() or (lengths > size).any() or int(lengths.sum()) != size:
         raise FormatError(f"a mask's runs do not add up to its {size} pixels; export it again")
     return np.repeat(np.arange(len(lengths)) % 2 == 1, lengths)

@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from importlib.util import find_spec
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -30,39 +30,45 @@ from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics
 
 DATA = "data"
-ROWS_A_FILE, ROWS_A_GROUP = 5000, 50
+ROWS_A_GROUP, GROUPS_A_FILE = 50, 100
+"""Frames that are read together, and such groups in one file. No source: chosen by eye."""
 MAX_GROUP_BYTES = 1 << 31
-MAX_ANNOTATION_BYTES = 16_000_000
-"""As much as a label set's own file of it."""
+"""Largest row group that is read, in bytes unpacked."""
 IMAGES = ("image", "label", "confidence", "persons")
-LEAVES = ["id", "annotation", *(f"{name}.{part}" for name in IMAGES for part in ("bytes", "path"))]
-"""Columns kept as they are stored, each value once: rows of a file of 12 kB can share one of 40 MB."""
 CAMERA = b"annotate-cloud intrinsics"
+"""Key of the camera in a file's metadata."""
+MALFORMED = (
+    OSError,
+    ValueError,
+    TypeError,
+    KeyError,
+    AttributeError,
+    RecursionError,
+    MemoryError,
+    OverflowError,
+)
+"""What reading a malformed file raises, beside pyarrow's own errors."""
 
 Pyarrow = Any
 """A schema or table of pyarrow, which need not be installed where the types are checked."""
 
 
 def write_parquet(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
-    """Write into an empty folder, ROWS_A_FILE frames a file."""
+    """Write into an empty folder, GROUPS_A_FILE groups of frames a file."""
     _require()
     import pyarrow.parquet as pq
 
     (out / DATA).mkdir()
     schema = _schema(companion.intrinsics)
     files: list[Path] = []
-    while chunk := list(islice(frames, ROWS_A_GROUP)):
-        file = out / DATA / f"{len(files):05d}"
-        files.append(file)
-        with pq.ParquetWriter(file, schema) as writer:
-            written = 0
-            while chunk:
-                writer.write_table(_table(chunk, schema))
-                written += len(chunk)
-                for frame in chunk:
+    groups = iter(lambda: list(islice(frames, ROWS_A_GROUP)), [])
+    for first in groups:
+        files.append(out / DATA / f"{len(files):05d}")
+        with pq.ParquetWriter(files[-1], schema) as writer:
+            for group in chain([first], islice(groups, GROUPS_A_FILE - 1)):
+                writer.write_table(_table(group, schema))
+                for frame in group:
                     companion.add(frame)
-                left = min(ROWS_A_GROUP, ROWS_A_FILE - written)
-                chunk = list(islice(frames, left)) if left else []
     for number, file in enumerate(files):
         file.rename(file.with_name(f"train-{number:05d}-of-{len(files):05d}.parquet"))
 
@@ -123,7 +129,7 @@ def _row(frame: FrameLabels) -> dict[str, Any]:
         for name, data in images.items()
     }
     rest = {"status": frame.status, "subject": frame.subject, "notes": frame.notes}
-    # UTF-8 has no lone surrogates, JSON does: the exact subject is there.
+    # UTF-8 has no lone surrogates; JSON has, and keeps the exact subject.
     subject = frame.subject.encode("utf-8", "replace").decode()
     return {"id": frame.frame_id, **pictures, "subject": subject, "annotation": json.dumps(rest)}
 
@@ -135,9 +141,7 @@ def _camera(file: Path) -> Intrinsics | None:
     try:
         metadata = pq.read_schema(file).metadata or {}
         return Intrinsics(**json.loads(metadata[CAMERA])) if CAMERA in metadata else None
-    except (
-        CalibrationError, OSError, pa.ArrowException, ValueError, TypeError, KeyError, RecursionError,
-    ) as error:  # fmt: skip
+    except (*MALFORMED, CalibrationError, pa.ArrowException) as error:
         raise _broken(file, error) from error
 
 
@@ -146,29 +150,22 @@ def _frames(file: Path) -> Iterator[FrameLabels]:
     import pyarrow.parquet as pq
 
     try:
-        metadata = pq.read_metadata(file)
-        there = {metadata.schema.column(i).path for i in range(metadata.num_columns)}
-        leaves = [name for name in LEAVES if name in there]
-        with pq.ParquetFile(file, metadata=metadata, read_dictionary=leaves) as parquet:
-            groups = [parquet.metadata.row_group(i) for i in range(parquet.metadata.num_row_groups)]
-            if any(group.total_byte_size > MAX_GROUP_BYTES for group in groups):
-                raise FormatError(f"{file} has a row group of more than {MAX_GROUP_BYTES} bytes; split it")
-            columns = ["id", *IMAGES, "annotation"]
-            for group in range(len(groups)):
-                # Group by group: one pass over the file would keep all that it has read.
-                for batch in parquet.iter_batches(ROWS_A_GROUP, row_groups=[group], columns=columns):
-                    for row in range(len(batch)):
-                        yield _frame(batch.slice(row, 1).to_pylist()[0])
-    except (OSError, pa.ArrowException, ValueError, TypeError, KeyError, AttributeError, RecursionError,
-            MemoryError, OverflowError) as error:  # fmt: skip
+        with pq.ParquetFile(file) as parquet:
+            # Group by group: one pass over the file would keep everything in memory.
+            for group in range(parquet.num_row_groups):
+                if parquet.metadata.row_group(group).total_byte_size > MAX_GROUP_BYTES:
+                    raise FormatError(
+                        f"{file} has a row group of more than {MAX_GROUP_BYTES} bytes; split it"
+                    )
+                for batch in parquet.iter_batches(ROWS_A_GROUP, [group], ["id", *IMAGES, "annotation"]):
+                    yield from map(_frame, batch.to_pylist())
+    except (*MALFORMED, pa.ArrowException) as error:
         raise _broken(file, error) from error
 
 
 def _frame(row: dict[str, Any]) -> FrameLabels:
-    """A row as a frame; the errors of what it lacks are the caller's."""
+    """A row as a frame. Raises one of MALFORMED for what it lacks."""
     data = {name: None if row[name] is None else row[name]["bytes"] for name in IMAGES}
-    if len(row["annotation"]) > MAX_ANNOTATION_BYTES:
-        raise ValueError(f"an annotation of {len(row['annotation'])} characters")
     rest = json.loads(row["annotation"])
     if data["image"] is None or data["label"] is None or not isinstance(rest, dict):
         raise ValueError(f"row {str(row['id'])[:100]!r} lacks its images or its annotation")
