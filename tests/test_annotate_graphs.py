@@ -8,8 +8,8 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.person.persons import _joined
-from annotate.segmentation.bare import FAR_M, _away, _ways
-from annotate.segmentation.part_tree import _heeded, _links
+from annotate.segmentation.bare import FAR_M, _away_m, _bare_steps
+from annotate.segmentation.part_tree import _links, _weighted_sum
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -25,8 +25,8 @@ def test_ways_through_bare_supervoxels_are_the_shortest(seed, count):
     rng = np.random.default_rng(seed)
     groups, middle_m = random_groups(rng, count), rng.uniform(0, 0.2, (count, 3))
     bare, start = rng.random(count) < 0.7, rng.random(count) < 0.2
-    a, b, length_m = _ways(bare, groups, middle_m)
-    found = _away((a, b, length_m), start)
+    a, b, length_m = _bare_steps(bare, groups, middle_m)
+    found = _away_m((a, b, length_m), start)
     expected = np.full(count, FAR_M)
     if start.any():
         graph = csr_array((length_m, (a, b)), shape=(count, count))
@@ -41,7 +41,7 @@ def test_what_neighbours_say_is_summed_by_weight(seed, count):
     said = rng.normal(0, 1, (count, 11))
     rows, columns, weight = _links(random_groups(rng, count))
     graph = csr_array((weight, (rows, columns)), shape=(count, count))
-    assert np.allclose(_heeded((rows, columns, weight), said), graph @ said, atol=1e-12)
+    assert np.allclose(_weighted_sum((rows, columns, weight), said), graph @ said, atol=1e-12)
 
 
 @given(SEEDS, st.integers(1, 12), st.integers(1, 60))

@@ -11,7 +11,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.extract import extract_person
-from annotate.person.warm_window import fixed_window_mask as fixed
+from annotate.person.warm_window import WINDOW_C
 from sensors.importers.pointcloud import CloudFile
 from sensors.rig.camera import Intrinsics, rays
 from synth.rig.rig import VirtualRig, truth_labels
@@ -207,7 +207,8 @@ def test_on_the_virtual_rig_the_person_is_found_where_the_fixed_window_fails():
         labels = truth_labels(frame, truth)
         cloud = fuser.fuse_frame(frame)
         known, person = labels.parts != 255, labels.persons == 1
-        found, plain = (iou(m & known, person & known) for m in (extract_person(cloud).mask, fixed(cloud)))
+        window = cloud.valid & (cloud.temperature_c >= WINDOW_C[0]) & (cloud.temperature_c <= WINDOW_C[1])
+        found, plain = (iou(m & known, person & known) for m in (extract_person(cloud).mask, window))
         assert found > max(0.85, plain + 0.05)
 
 
@@ -216,14 +217,6 @@ def test_a_common_offset_of_all_temperatures_changes_nothing_when_the_window_is_
     cloud = sitting().cloud()
     drifted = replace(cloud, temperature_c=cloud.temperature_c + np.float32(drift))
     assert iou(extract_person(drifted).mask, extract_person(cloud).mask) > 0.998
-
-
-def test_the_fixed_window_takes_every_valid_pixel_in_it_and_a_wider_one_no_fewer():
-    cloud = sitting().cloud(holes=0.1)
-    narrow, wide = fixed(cloud), fixed(cloud, (20.0, 36.0))
-    celsius = cloud.temperature_c
-    np.testing.assert_array_equal(narrow, cloud.valid & (celsius >= 25) & (celsius <= 35))
-    assert wide[narrow].all() and wide.sum() > narrow.sum()
 
 
 def stander(scene, x, z):

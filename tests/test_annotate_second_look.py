@@ -14,16 +14,16 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
 from annotate.person.extract import Survey
-from annotate.second_look.descriptors import COLUMNS, NEIGHBOURS, described, neighbours
+from annotate.second_look.descriptors import COLUMNS, NEIGHBOURS, descriptors, neighbour_pairs
 from annotate.second_look.look import look_again
-from annotate.second_look.network import Network
+from annotate.second_look.network import GraphNetwork
 from annotate.segmentation.segment import segment
 from annotate.suit.palette import load_suit
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path, truth_path
 from tools.fit_second_look import Graph, Joined, Rows, matrices, mirrored
 
-SHIPPED = Network(**shipped_weights().network)
+SHIPPED = GraphNetwork(**shipped_weights().network)
 
 
 def drawn(seed: int, count: int) -> Rows:
@@ -35,7 +35,7 @@ def drawn(seed: int, count: int) -> Rows:
     return Rows(found, pairs[pairs[:, 0] < pairs[:, 1]].astype(np.int32), patch, pixels)
 
 
-def asked(network: Network, rows: Rows) -> np.ndarray:
+def asked(network: GraphNetwork, rows: Rows) -> np.ndarray:
     return network(rows.described.astype(np.float64), rows.edges, rows.patch, rows.pixels.sum(axis=1))
 
 
@@ -49,7 +49,7 @@ def test_the_network_says_what_it_was_trained_to_say(drawing):
     torch.manual_seed(drawing[0])
     trained = Graph(COLUMNS).eval()
     middle, spread = np.zeros(COLUMNS, np.float32), np.ones(COLUMNS, np.float32)
-    chance = asked(Network(middle, spread, **matrices(trained)), rows)
+    chance = asked(GraphNetwork(middle, spread, **matrices(trained)), rows)
     with torch.no_grad():
         expected = torch.softmax(trained(torch.tensor(rows.described), Joined([rows])), 1)
     np.testing.assert_allclose(chance, expected, atol=1e-5)
@@ -84,7 +84,7 @@ def test_neighbours_are_the_nearest_ones(count, seed):
         for j in np.argsort(away[i], kind="stable")[1 : NEIGHBOURS + 1]:
             if away[i, j] < 0.15:
                 expected.add((min(i, j), max(i, j)))
-    assert {tuple(pair) for pair in neighbours(places.astype(np.float64)).tolist()} == expected
+    assert {tuple(pair) for pair in neighbour_pairs(places.astype(np.float64)).tolist()} == expected
 
 
 def test_the_shipped_weights_fit_what_is_described():
@@ -132,5 +132,5 @@ def test_every_number_described_is_finite_whatever_is_missing(frame):
     here = FrameLabels("x", cloud.depth_mm, first.parts, first.confidence)
     other = FrameLabels("x", *(image[:9, :9] for image in (cloud.depth_mm, first.parts, first.confidence)))
     for before in (None, other, here):
-        rows = described(cloud, person.mask, person.undecided, first, before)
+        rows = descriptors(cloud, person.mask, person.candidates, first, before)
         assert rows.shape[1] == COLUMNS and np.isfinite(rows).all()

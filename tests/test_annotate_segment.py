@@ -12,11 +12,11 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, LEFT_RIGHT, PART_ID, UNDEFINED, swap_left_right
-from annotate.segmentation.bare import LIKELY, bareness, grown_from, without_sides
+from annotate.segmentation.bare import LIKELY_BARE, bareness, cuff_evidence, without_sides
 from annotate.segmentation.confidence import worst_first
 from annotate.segmentation.patches import patches_of
 from annotate.segmentation.refine import NEIGHBOUR, refine
-from annotate.segmentation.segment import UNTOLD, segment
+from annotate.segmentation.segment import SOME_UNDEFINED, segment
 from annotate.suit.color_model import BARE, under, unfitted
 from annotate.suit.palette import DEFAULT_SUIT, Suit, chromaticity
 from eval.scores.confusion import confusion_matrix, recall
@@ -240,7 +240,7 @@ def test_neighbours_of_one_colour_stay_undefined(seen):
     both = (truth == torso) | (truth == hip)
     assert (result.parts == UNDEFINED)[both].mean() > 0.95
     assert (result.parts == truth)[person_of(truth) & ~both].mean() > 0.95
-    assert UNTOLD in result.notes
+    assert SOME_UNDEFINED in result.notes
 
 
 def test_a_suit_of_one_colour_stays_undefined():
@@ -249,7 +249,7 @@ def test_a_suit_of_one_colour_stays_undefined():
     cloud = replace(wall(halves()), color_rgb=np.full((*CAMERA.shape, 3), 128, np.uint8))
     result = segment(cloud, ALL, grey)
     assert (result.parts == UNDEFINED).mean() > 0.9
-    assert UNTOLD in result.notes
+    assert SOME_UNDEFINED in result.notes
 
 
 def test_the_frame_before_helps_and_another_persons_does_no_harm(seen):
@@ -308,11 +308,11 @@ def test_a_hand_belongs_to_the_sleeve_it_grows_out_of():
     groups, chroma = chain(colors)
     middle_m = np.column_stack([0.05 * np.arange(5), np.zeros(5), np.full(5, 2.0)])
     odds = bareness(under(unfitted(DEFAULT_SUIT), np.zeros(2)), chroma, np.full(5, 0.02))
-    np.testing.assert_array_equal(odds > LIKELY, [False, True, True, False, odds[4] > LIKELY])
+    np.testing.assert_array_equal(odds > LIKELY_BARE, [False, True, True, False, odds[4] > LIKELY_BARE])
     belief = np.full((5, 11), 0.001)
     belief[[0, 1, 2, 3, 4], [left, right, right, TORSO - 1, right]] = 0.9  # the hand was taken for the other
     patches = patches_of(groups, chroma, np.full(5, 0.02), middle_m)
-    clue = grown_from(belief, odds, patches, groups, middle_m)
+    clue = cuff_evidence(belief, odds, patches, groups, middle_m)
     assert (clue[1:3, left] == 0).all()
     assert (clue[1:3, right] < -2).all()
     assert not clue[[0, 3]].any()

@@ -5,7 +5,7 @@ import pytest
 
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.engine import shipped_weights
-from annotate.person.clothed_mask import clues, worn
+from annotate.person.clothed_mask import clothed_odds, patch_clues
 from annotate.person.extract import extract_person
 from annotate.person.subject import colors_worn
 from annotate.suit.palette import DEFAULT_SUIT
@@ -42,8 +42,8 @@ def cloud_of(lap_c=None, lap_rgb=BLANKET_RGB, shins_c=27.0):
 def told(cloud, person, beside=None):
     odds = np.clip(cloud.temperature_c - 22, -3, 3).astype(np.float32)
     beside = np.zeros_like(person) if beside is None else beside
-    known = clues(cloud, person, beside, ~(person | beside), DEFAULT_SUIT, odds, WEIGHTS.clothed)
-    return np.zeros_like(odds) if known is None else worn(known, WEIGHTS)
+    clues = patch_clues(cloud, person, beside, ~(person | beside), DEFAULT_SUIT, odds, WEIGHTS)
+    return np.zeros_like(odds) if clues is None else clothed_odds(clues, WEIGHTS)
 
 
 @pytest.mark.parametrize("shins_c", [22.0, 27.0])

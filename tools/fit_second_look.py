@@ -18,8 +18,8 @@ from annotate.frame_labels import FrameLabels
 from annotate.label_source import cleaned
 from annotate.parts import BODY_PARTS, UNDEFINED, swap_left_right
 from annotate.person.extract import Survey
-from annotate.second_look.descriptors import LAYOUT, WIDTHS, described, neighbours
-from annotate.second_look.network import MOST
+from annotate.second_look.descriptors import LAYOUT, WIDTHS, descriptors, neighbour_pairs
+from annotate.second_look.network import MOST_DEVIATIONS
 from annotate.segmentation.segment import segment
 from annotate.suit.palette import load_suit
 from synth.rig.simulate import suit_path
@@ -54,13 +54,13 @@ def observed(path: Path) -> list[Rows]:
             before = None
             continue
         first = segment(cloud, person.mask, suit, before)
-        if (seen := person.undecided) is not None and first.reading is not None:
-            groups, own = seen.clues.groups, seen.clues.own
+        if (seen := person.candidates) is not None and first.reading is not None:
+            groups, own = seen.clues.groups, seen.clues.compared
             true = np.where(truth == UNDEFINED, CLASSES, truth)[own].astype(np.intp)
             pixels = np.bincount(groups.ids * (CLASSES + 1) + true, minlength=groups.count * (CLASSES + 1))
-            found = described(cloud, person.mask, seen, first, before).astype(np.float32)
+            found = descriptors(cloud, person.mask, seen, first, before).astype(np.float32)
             pixels = pixels.reshape(groups.count, -1).astype(np.int32)
-            pairs = neighbours(groups.centroids_m(cloud.points_m[own]))
+            pairs = neighbour_pairs(groups.centroids_m(cloud.points_m[own]))
             rows.append(Rows(found, pairs, seen.clues.patches.ids.astype(np.int32), pixels))
         labels, person = cleaned(first, person, cloud)
         persons = np.where(person.mask, 1, np.where(person.others, 2, 0)).astype(np.uint8)
@@ -152,7 +152,7 @@ def trained(frames: Sequence[Rows], held_out: Sequence[Rows]) -> dict[str, np.nd
 
     def scores(batch: Sequence[Rows]) -> torch.Tensor:
         x = (np.concatenate([one.described for one in batch]) - middle) / spread
-        return network(torch.tensor(x).clamp(-MOST, MOST), Joined(batch))
+        return network(torch.tensor(x).clamp(-MOST_DEVIATIONS, MOST_DEVIATIONS), Joined(batch))
 
     for epoch in range(EPOCHS):
         network.train()

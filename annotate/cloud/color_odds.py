@@ -5,19 +5,19 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, Int32, UInt8
 
-BY_COLOR = 2.5
+MOST_BY_COLOR = 2.5
 """The most that a colour can be worth: a sofa may have a suit's colour somewhere."""
 LEAST_SHARE = 2e-4
 """Share of pixels that every colour is taken to have: one in five thousand, unseen or not."""
 LEAST_TAUGHT = 200
 """Pixels of either from which colours can be learnt."""
-SURE = 1.5
+SURE_ODDS = 1.5
 """Log odds from which on a pixel teaches what person and background look like."""
 LAB_BITS = (5, 3, 3)
 """Bits of each Lab channel that a colour's bin leaves out: 8 x 32 x 32 bins."""
 
 
-def by_color(lab: UInt8, odds: Float32, candidates: Bool, among: Bool) -> Float32:
+def color_odds(lab: UInt8, odds: Float32, candidates: Bool, among: Bool) -> Float32:
     """Log odds (h, w) of colour, learnt from the pixels that ``odds`` (h, w) are sure of.
 
     lab: uint8 (h, w, 3) as ``lab_of`` gives it. candidates: what is off them is background for sure.
@@ -25,11 +25,11 @@ def by_color(lab: UInt8, odds: Float32, candidates: Bool, among: Bool) -> Float3
     """
     seen = lab[..., 0] > 0
     bins = color_bins(lab)
-    person = bins[among & seen & candidates & (odds > SURE)]
-    room = bins[among & seen & (~candidates | (odds < -SURE))]
+    person = bins[among & seen & candidates & (odds > SURE_ODDS)]
+    room = bins[among & seen & (~candidates | (odds < -SURE_ODDS))]
     if min(person.size, room.size) < LEAST_TAUGHT:
         return np.zeros(odds.shape, np.float32)
-    table = np.clip(np.log(frequencies(person) / frequencies(room)), -BY_COLOR, BY_COLOR)
+    table = np.clip(np.log(frequencies(person) / frequencies(room)), -MOST_BY_COLOR, MOST_BY_COLOR)
     return np.where(seen, table[bins], np.float32(0)).astype(np.float32)
 
 

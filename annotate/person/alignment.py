@@ -1,8 +1,8 @@
-"""Does the thermal image lie on the depth image? Warm and cold must change where near and far do.
+"""Shift of the thermal image against the depth image, found where warm and cold should meet.
 
 At a person's silhouette depth jumps, and temperature with it. Points just inside and just outside of the
-jumps are looked up in the temperatures shifted by every few pixels: the shift at which inside is most
-above outside is how far the thermal camera is off.
+jumps are looked up in the temperatures under every shift of a grid; the shift with the largest difference
+between inside and outside is the error of the thermal camera's calibration.
 """
 
 from dataclasses import dataclass
@@ -14,28 +14,36 @@ from numba import njit
 from annotate.array_types import Bool, Float32, Float64, Int64
 from annotate.cloud.thermal_cloud import ThermalCloud
 
-JUMP = 0.08
-"""Depth difference, as a share of the nearer one, across a silhouette: 16 cm at 2 m."""
-INSIDE_PX, OUTSIDE_PX = 3, 4
-"""Where the two sides are looked up, pixels from the jump: a thermal pixel is three depth pixels wide."""
-SEARCHED_PX, STEP_PX = 42, 3
-"""Shifts tried to each side, 6.5 degrees of a Kinect v2, and their spacing, one thermal pixel."""
+SILHOUETTE_JUMP = 0.08
+"""Depth difference across a silhouette as a share of the nearer depth: 16 cm at 2 m. Chosen by eye."""
+INSIDE_PX = 3
+"""Pixels from the jump to the point compared on the near side. Chosen by eye."""
+OUTSIDE_PX = 4
+"""The same on the far side; a thermal pixel is three depth pixels wide. Chosen by eye."""
+SEARCHED_PX = 42
+"""Farthest shift tried to each side in depth pixels, 6.5 degrees of a Kinect v2. Chosen by eye."""
+STEP_PX = 3
+"""Spacing of the shifts tried in depth pixels: one thermal pixel of a PI200."""
 MOST_EDGES = 600
+"""Pairs of points compared at most, for speed. Chosen by eye."""
 LEAST_EDGES = 80
-"""With fewer points on silhouettes nothing can be said."""
+"""Pairs of points below which the contrast counts as unknown. Chosen by eye."""
 FILL_PX = 15
-"""Points without a temperature take the mean of a window of this size."""
-OFF_PX, GAIN, LEAST_CONTRAST = 8.0, 2.1, 0.12
-"""A camera is off when a shift of at least this much raises the contrast by this factor, to at least this
-share of a person's warmth."""
+"""Side in pixels of the window whose mean stands in for a missing temperature. Chosen by eye."""
+OFF_PX = 8.0
+"""Least shift in pixels of a camera that counts as off. Chosen by eye."""
+GAIN = 2.1
+"""Factor by which that shift must raise the contrast. Chosen by eye."""
+LEAST_CONTRAST = 0.12
+"""Least contrast after that shift, as a share of the person's warmth above the room. Chosen by eye."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """Best shift of the temperatures over the depth image, (right, down) in its pixels, and what it gains.
+    """Best shift (right, down) of the temperatures over the depth image, in depth pixels.
 
-    contrast: how much warmer the insides of silhouettes are than the outsides as things stand, as a share
-    of the difference between person and room. best: the same after the shift. edges: points compared.
+    contrast: mean warmth inside silhouettes above that outside as calibrated, as a share of the difference
+    between person and room. best: the same after the shift. edges: pairs of points compared.
     """
 
     shift_px: tuple[float, float]
@@ -45,19 +53,19 @@ class Alignment:
 
     @property
     def is_off(self) -> bool:
-        """Whether the thermal image does not belong where the calibration puts it."""
+        """Whether the calibration misplaces the thermal image: a far shift with a much larger contrast."""
         far = float(np.hypot(*self.shift_px)) >= OFF_PX
         return far and self.edges >= LEAST_EDGES and self.best >= max(LEAST_CONTRAST, GAIN * self.contrast)
 
     def degrees(self, focal_px: float) -> float:
-        """The angle that the shift is in a camera of this focal length."""
+        """Angle of the shift in degrees for a depth camera of focal length ``focal_px`` pixels."""
         return float(np.degrees(np.arctan2(np.hypot(*self.shift_px), focal_px)))
 
 
 def thermal_alignment(cloud: ThermalCloud, window_c: tuple[float, float], around: Bool) -> Alignment:
-    """How the temperatures of a frame lie on its depth.
+    """Alignment of a cloud's temperatures with its depth.
 
-    window_c: a person's temperatures; around: bool (h, w), where silhouettes count.
+    window_c: a person's (least, most) degrees Celsius. around: bool (h, w), where silhouettes count.
     """
     contrast, edges = contrast_surface(cloud, window_c, around)
     if not edges:
@@ -69,9 +77,9 @@ def thermal_alignment(cloud: ThermalCloud, window_c: tuple[float, float], around
 
 
 def contrast_surface(cloud: ThermalCloud, window_c: tuple[float, float], around: Bool) -> tuple[Float64, int]:
-    """Contrast (n, n) at every shift tried, down by rows and right by columns; how many points were compared.
+    """Contrast (n, n) of every shift, down by rows and right by columns, and the number of pairs of points.
 
-    The middle is no shift, its neighbours are ``STEP_PX`` apart.
+    The middle is no shift; steps are ``STEP_PX`` pixels. Arguments as of ``thermal_alignment``.
     """
     inside, outside = _sides(cloud.points_m[..., 2], around)
     stride = max(1, len(inside) // MOST_EDGES)
@@ -79,11 +87,11 @@ def contrast_surface(cloud: ThermalCloud, window_c: tuple[float, float], around:
     if not len(inside):
         return np.zeros((len(shifts), len(shifts))), 0
     inside, outside = inside[::stride], outside[::stride]
-    return _contrasts(_filled(cloud, window_c), inside, outside, shifts), len(inside)
+    return _contrasts(_warmth_image(cloud, window_c), inside, outside, shifts), len(inside)
 
 
-def _filled(cloud: ThermalCloud, window_c: tuple[float, float]) -> Float32:
-    """Temperature (h, w) as 0 below the window to 1 in it, without gaps."""
+def _warmth_image(cloud: ThermalCloud, window_c: tuple[float, float]) -> Float32:
+    """Warmth (h, w) from 0 below the window to 1 in it, gaps filled by the mean around them."""
     low, high = window_c
     span = np.float32(0.5 * (high - low))
     warmth = np.clip((cloud.temperature_c - np.float32(low)) / span + np.float32(0.5), 0, 1)
@@ -96,14 +104,14 @@ def _filled(cloud: ThermalCloud, window_c: tuple[float, float]) -> Float32:
 
 
 def _sides(depth_m: Float32, around: Bool) -> tuple[Int64, Int64]:
-    """Pixels (n, 2) just inside and just outside of jumps, the near side being inside."""
+    """Pixels [v, u] (n, 2) just inside and just outside of depth jumps; the near side is inside."""
     insides, outsides = [], []
     for axis in (0, 1):
         before, after = _slices(axis, depth_m.shape[axis])
         nearer = np.fmin(depth_m[before], depth_m[after])
         step = (depth_m[after] - depth_m[before]) / nearer
         for sign in (1, -1):
-            v, u = np.nonzero((sign * step > JUMP) & around[before])
+            v, u = np.nonzero((sign * step > SILHOUETTE_JUMP) & around[before])
             at = np.stack([v, u], axis=1)
             middle = at.copy()
             middle[:, axis] += 1
@@ -115,7 +123,7 @@ def _sides(depth_m: Float32, around: Bool) -> tuple[Int64, Int64]:
 
 
 def _slices(axis: int, size: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Index of pixels two apart along an axis, the earlier and the later ones."""
+    """Slices of an image along ``axis`` to the earlier and the later of all pixels two apart."""
     before, after = [slice(None)] * 2, [slice(None)] * 2
     before[axis], after[axis] = slice(0, size - 2), slice(2, size)
     return tuple(before), tuple(after)
@@ -123,7 +131,7 @@ def _slices(axis: int, size: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]
 
 @njit(cache=True, nogil=True)
 def _contrasts(warmth: Float32, inside: Int64, outside: Int64, shifts: Int64) -> Float64:
-    """Mean of warmth inside less outside (n, n) for every shift down (rows) and right (columns)."""
+    """Mean difference (n, n) of warmth inside less outside, by shifts down (rows) and right (columns)."""
     height, width = warmth.shape
     contrast = np.zeros((shifts.size, shifts.size))
     for i in range(shifts.size):

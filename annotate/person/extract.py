@@ -1,11 +1,11 @@
-"""The person in a thermal cloud: warm, off the room's planes, connected in space, of human size.
+"""Mask (h, w) of the person in a thermal cloud: warm, off the room's planes, connected, of human size.
 
-Nishi & Miura 2017, section 4.2.1, take every point of 25 to 35 degrees Celsius. Here temperature is the
-first of several witnesses: what lies on a plane of the room is no person however warm, a colour that is
-the sofa's speaks for the sofa, and hair and cold cloth go with the surface that they continue.
+Nishi & Miura 2017, section 4.2.1, take every point of 25 to 35 degrees Celsius. Here temperature is one of
+several sources of log odds: points on a plane of the room are no person however warm, colours of the sofa
+count for the sofa, and hair and cold cloth follow the surface that they continue.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,16 +13,16 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32
-from annotate.cloud.color_odds import by_color, lab_of
+from annotate.cloud.color_odds import color_odds, lab_of
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.engine import Engine, Steps
 from annotate.frame_labels import FrameLabels
 from annotate.person.alignment import thermal_alignment
-from annotate.person.clothed_mask import Clues, clues, worn
-from annotate.person.halves import whole
+from annotate.person.clothed_mask import PatchClues, clothed_odds, patch_clues
+from annotate.person.halves import with_joined_halves
 from annotate.person.persons import SPECK_M2, Person, persons_of
 from annotate.person.pieces import Piece, pieces_of
-from annotate.person.pixel_odds import by_planes, by_warmth, inherited, warmth_share
+from annotate.person.pixel_odds import cold_surface_odds, plane_odds, temperature_odds, warmth_share
 from annotate.person.planes import (
     MIN_COLD_PLANE_M2,
     MIN_PANEL_M2,
@@ -33,66 +33,81 @@ from annotate.person.planes import (
     normals_at,
     panel_of,
 )
-from annotate.person.previous_mask import by_before, persons_before
+from annotate.person.previous_mask import persons_before, previous_odds
 from annotate.person.silhouette import Links
-from annotate.person.subject import claim, crowd, cut
+from annotate.person.subject import crowd, cut, subject_score
 from annotate.person.warm_window import WINDOW_C, find_window
 from annotate.suit.palette import Suit
 
 LOCAL_M = 0.3
-"""Half side of the window in which person and background temperatures are compared."""
-REACH_M = 0.3
-"""How far a temperature speaks for the surface it lies on, where the thermal camera does not see it."""
+"""Half side in metres of the window in which person and background temperatures are compared. Chosen by
+eye."""
+COLD_REACH_M = 0.3
+"""Metres along a surface that a cold temperature holds for pixels without one. Chosen by eye."""
 SURROUNDINGS_M = 0.4
-"""How far around what is warm a cold sleeve or a foot behind an arm rest may reach."""
-LEGS_M, FAINT = 0.9, 0.25
-"""How far from what is warm a foot may be seen below a blanket, off all planes, and the least share of a
-person's warmth that it has then."""
+"""Metres from warm surface that a cold sleeve or a foot behind an arm rest may reach. Chosen by eye."""
+LEGS_M = 0.9
+"""Metres from warm surface of a foot seen below a blanket, off all planes. Chosen by eye."""
+FAINT = 0.25
+"""Least share of a person's warmth that such a foot has. Chosen by eye."""
 SURELY_COLD = 0.12
-"""What lies close to a plane and is no warmer than this share of a person needs no further look."""
-RIM_PX, TAUGHT_PX = 2, 10
-"""How far beyond the candidates the background is heard, and how far its colours are learnt."""
+"""Share of a person's warmth below which a surface close to a plane is no candidate. Chosen by eye."""
+RIM_PX = 2
+"""Pixels beyond the candidates in which the background's evidence counts. Chosen by eye."""
+LEARNT_PX = 10
+"""Pixels beyond the candidates in which the background's colours are learnt. Chosen by eye."""
 RIM_JUMP = 0.05
-"""Depth difference there, as a share of the depth: 10 cm at 2 m."""
+"""Depth difference, as a share of the depth, of a rim: 10 cm at 2 m. Chosen by eye."""
 EDGES_PX = 25
-"""How far around what is warm silhouettes are compared with the temperatures: four degrees."""
-BESIDE_PX, LEAST_BESIDE = 45, -3.0
-"""How far around the person what is as cold as the room may yet be theirs: a lower leg; not on a plane."""
-BODY_M, NEIGHBOUR_M = 1.3, 1.0
-"""So far from their middle a person's warm feet may be, seen apart below a blanket; no other person is nearer
-to it than the second."""
+"""Pixels around warm surface within which silhouettes are compared with the temperatures: four degrees.
+Chosen by eye."""
+BESIDE_PX = 45
+"""Pixels around the subject within which surface as cold as the room may be theirs: a lower leg. Chosen by
+eye."""
+LEAST_BESIDE = -3.0
+"""Least log odds of such a surface: no plane of the room. Chosen by eye."""
+BODY_M = 1.3
+"""Metres from a person's middle to their warm feet, seen apart below a blanket. Chosen by eye."""
+NEIGHBOUR_M = 1.0
+"""Least metres between the middles of two persons. Chosen by eye."""
 DOUBT = -0.5
-"""Above these log odds what was found by warmth stays: most rooms have no blanket."""
+"""Log odds by the suit down to which the mask without it stays: most rooms have no blanket. Chosen by eye."""
+BETWEEN_PX = 13
+"""Side in pixels of the window that bridges gaps in a blanket of known colours. Chosen by eye."""
 LOST = (
     "no temperature in this frame, and the rig has moved since the one before: depth alone would take "
     "furniture for the person, parts are undefined; label it by hand, or hold still while the flag is closed"
 )
-BETWEEN_PX = 13
-"""How wide gaps in a blanket are that is told by its colours."""
+"""Note of a frame without temperatures after the rig has moved."""
 
 
 @dataclass(frozen=True)
-class Undecided:
-    """What was known of everything that may be the person's, for who knows more later.
+class Candidates:
+    """Pixels that may be the subject's, for a second decision on their mask.
 
-    clues: of patches of one colour; told: log odds (h, w) by them. room: bool (h, w), what surely is nobody.
-    decided: the mask (h, w) by other log odds (h, w), 0 = nothing told.
+    clues: of patches of one colour; odds: log odds (h, w) by these. room: bool (h, w), background around.
+    silhouettes, persons: as found without the suit, the subject first.
     """
 
-    clues: Clues
-    told: Float32
+    clues: PatchClues
+    odds: Float32
     room: Bool
-    decided: Callable[[Float32], Bool]
+    silhouettes: "_Silhouettes"
+    persons: Sequence[Person]
+
+    def mask(self, odds: Float32) -> Bool:
+        """The subject's mask (h, w) by other log odds (h, w), 0 = unknown."""
+        return self.silhouettes.dressed(self.persons, odds)[0].mask
 
 
 @dataclass(frozen=True)
 class PersonMask:
-    """Which pixels (h, w) of the undistorted depth image are the person; a subset of the valid ones.
+    """Pixels (h, w) of the person in the undistorted depth image, all with a reading.
 
-    method: "thermal"; "before" where the cloud has no temperature but the frame before had a person;
-    "depth" where there is neither. others: bool (h, w), pixels of other persons. notes: what the user
-    should know, e.g. why the mask is empty. trusted: False where the frame can't be relied on; a note
-    says which stream is to blame and what to do. undecided: where a suit was asked.
+    method: "thermal"; "before" where the cloud has no temperature but the frame before had a person; "depth"
+    where there is neither. others: bool (h, w), pixels of other persons. notes: remarks for the user, e.g.
+    why the mask is empty. trusted: False where the frame is unreliable; a note then names the stream and the
+    remedy. candidates: with a suit, for a second decision.
     """
 
     mask: Bool
@@ -100,16 +115,16 @@ class PersonMask:
     others: Bool
     notes: tuple[str, ...] = ()
     trusted: bool = True
-    undecided: Undecided | None = None
+    candidates: Candidates | None = None
 
 
 @dataclass(frozen=True)
-class _Field:
-    """Log odds (h, w) of being a person before planes, colour and neighbours have spoken.
+class _Evidence:
+    """Log odds (h, w) of being a person, planes, colours and neighbours not yet counted.
 
-    candidates: pixels to decide on, the others are background. cold: background if on a plane at all.
-    nobody: the note where there is no person after all. notes: what to say anyway; warnings: why the frame
-    is not to be trusted.
+    candidates: bool (h, w), pixels to decide on; the others are background. cold: bool (h, w), background if
+    close to a plane. nobody: the note where no person is found. notes: remarks on the frame. warnings:
+    reasons not to trust it.
     """
 
     method: Literal["thermal", "before"]
@@ -128,20 +143,20 @@ def extract_person(
     before: FrameLabels | None = None,
     suit: Suit | None = None,
 ) -> PersonMask:
-    """Find the person by temperature; without any by the frame before; else by depth alone.
+    """The person by temperature; without any by the frame before; else by depth alone.
 
-    window_c: surface temperatures of a person, degrees Celsius; None = found from the frame itself.
-    before: the labels of the previous frame of the same source. suit: what the person is known to wear; with
-    it what lies on them is told by its colours. Where there is no person the mask is empty and a note says
-    so; that is no error.
+    window_c: surface temperatures of a person, degrees Celsius; None = found from the frame itself. before:
+    labels of the previous frame of the same source. suit: palette of the person's clothing, whose colours
+    part them from things on them. Without a person the mask is empty and a note gives the reason; that is no
+    error.
     """
     return Survey(cloud, window_c, suit).person(before)
 
 
 class Survey:
-    """Who a cloud shows as far as it tells alone, which can be worked out before the frame's turn comes.
+    """Everything about the persons of one cloud that needs no other frame, for work ahead of its turn.
 
-    cloud: what was looked at. Arguments as of ``extract_person``.
+    cloud: the cloud. Arguments as of ``extract_person``.
     """
 
     def __init__(
@@ -156,38 +171,41 @@ class Survey:
         self._planes = find_planes(cloud, cloud.valid) if steps.room_planes else ()
         self._warm: _Silhouettes | None = None
         if np.isfinite(cloud.temperature_c).any():
-            field = _by_temperature(cloud, window_c, self._planes, suit, steps)
-            self._warm = _Silhouettes(cloud, field, steps)
+            evidence = _thermal_evidence(cloud, window_c, self._planes, suit, steps)
+            self._warm = _Silhouettes(cloud, evidence, steps)
 
     def person(self, before: FrameLabels | None) -> PersonMask:
-        """The person, given the labels of the frame before; as ``extract_person``."""
+        """The person's mask; before: labels of the previous frame. As ``extract_person``."""
         cloud, silhouettes = self.cloud, self._warm
         if silhouettes is None:
-            carried = _by_before(cloud, before, self._planes)
-            if carried is None:
-                found = _by_depth(cloud, self._planes)
-                return replace(found, notes=(LOST,), trusted=False) if _was_felt(before) else found
-            silhouettes = _Silhouettes(cloud, carried, self._engine.steps)
-        field = silhouettes.field
-        persons, undecided = _persons(cloud, silhouettes, self._suit, before, self._engine)
+            previous = _previous_evidence(cloud, before, self._planes)
+            if previous is None:
+                found = _depth_mask(cloud, self._planes)
+                return replace(found, notes=(LOST,), trusted=False) if _had_temperature(before) else found
+            silhouettes = _Silhouettes(cloud, previous, self._engine.steps)
+        evidence = silhouettes.evidence
+        persons, candidates = _persons(cloud, silhouettes, self._suit, before, self._engine)
         mask, others = np.zeros((2, *cloud.valid.shape), np.bool_)
         if not persons:
-            return PersonMask(mask, field.method, others, (field.nobody, *field.warnings), not field.warnings)
+            return PersonMask(
+                mask, evidence.method, others, (evidence.nobody, *evidence.warnings), not evidence.warnings
+            )
         for person in persons[1:]:
             others |= person.mask
         crowded = crowd(persons, before, cloud if self._suit else None)
-        warnings = [*field.warnings, *crowded, *cut(persons[0].mask)]
-        notes = (*field.notes, *warnings)
-        return PersonMask(persons[0].mask, field.method, others, notes, not warnings, undecided)
+        warnings = [*evidence.warnings, *crowded, *cut(persons[0].mask)]
+        notes = (*evidence.notes, *warnings)
+        return PersonMask(persons[0].mask, evidence.method, others, notes, not warnings, candidates)
 
 
-def _by_temperature(
+def _thermal_evidence(
     cloud: ThermalCloud,
     window_c: tuple[float, float] | None,
     planes: tuple[Plane, ...],
     suit: Suit | None,
     steps: Steps,
-) -> _Field:
+) -> _Evidence:
+    """Evidence by temperature; arguments as of ``extract_person``, planes: those of the whole cloud."""
     loose = cloud.valid & ~close_to(planes, cloud.points_m)
     low, high = window_c or find_window(cloud, loose) or WINDOW_C
     celsius = cloud.temperature_c
@@ -196,7 +214,7 @@ def _by_temperature(
     loose &= ~close_to(planes, cloud.points_m)
     hot = loose & (celsius >= low)
     panel = np.zeros_like(hot)
-    # A chest can be as flat: where a suit is known its colours tell a screen from one.
+    # A chest can be as flat as a screen; with a suit, colours part the two.
     for plane in find_planes(cloud, hot, MIN_PANEL_M2) if suit is None and steps.room_planes else ():
         panel |= panel_of(plane, cloud, hot)
     loose &= ~panel
@@ -207,7 +225,7 @@ def _by_temperature(
     )
     if not warm.any():
         zero = np.zeros(loose.shape, np.float32)
-        return _Field("thermal", zero, warm, warm, planes, nobody)
+        return _Evidence("thermal", zero, warm, warm, planes, nobody)
     alignment = thermal_alignment(cloud, (low, high), _around(warm, EDGES_PX))
     pixels_per_m = cloud.camera.fx / float(np.median(cloud.points_m[..., 2][warm]))
     share = warmth_share(celsius, warm, (low, high), 2 * round(LOCAL_M * pixels_per_m) + 1)
@@ -223,13 +241,13 @@ def _by_temperature(
             f"{alignment.degrees(cloud.camera.fx):.1f} degrees: calibrate the thermal camera again; "
             "parts are undefined",
         )
-    odds = by_warmth(share, celsius, high)
-    odds += inherited(odds, cloud, candidates, REACH_M * pixels_per_m)
-    return _Field("thermal", odds, candidates, cold, planes, nobody, warnings=warnings)
+    odds = temperature_odds(share, celsius, high)
+    odds += cold_surface_odds(odds, cloud, candidates, COLD_REACH_M * pixels_per_m)
+    return _Evidence("thermal", odds, candidates, cold, planes, nobody, warnings=warnings)
 
 
-def _by_depth(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
-    """Without temperature: the human-sized piece off the planes nearest to the view's middle."""
+def _depth_mask(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
+    """Mask by depth alone: the human-sized piece off the planes nearest to the view's middle."""
     labels, pieces = pieces_of(cloud, cloud.valid & ~close_to(planes, cloud.points_m), SPECK_M2)
     persons = [piece for piece in pieces if piece.is_human_sized]
     none = np.zeros(labels.shape, np.bool_)
@@ -245,72 +263,76 @@ def _by_depth(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
     return PersonMask(chosen, "depth", none, (note, *warnings), not warnings)
 
 
-def _was_felt(before: FrameLabels | None) -> bool:
-    """Whether the frame before had a person found by temperature, or carried over from one that had."""
+def _had_temperature(before: FrameLabels | None) -> bool:
+    """Whether the previous frame's person rests on a temperature, its own or an earlier frame's."""
     return before is not None and before.notes.get("extraction") in ("thermal", "before")
 
 
 def _centrality(piece: Piece) -> float:
-    """Surface over squared distance, nearer to the middle of the view first."""
+    """Rank of a piece: its surface over its squared distance, falling off away from the view's middle."""
     x, y, z = piece.centre_m
     return float(piece.area_m2 / (z * z) * np.exp(-(x * x + y * y) / (z * z) / 0.5**2))
 
 
-def _by_before(cloud: ThermalCloud, before: FrameLabels | None, planes: tuple[Plane, ...]) -> _Field | None:
-    carried = by_before(cloud.depth_mm, before) if before is not None else None
-    if before is None or carried is None:
+def _previous_evidence(
+    cloud: ThermalCloud, before: FrameLabels | None, planes: tuple[Plane, ...]
+) -> _Evidence | None:
+    """Evidence by the previous frame's labels; None where they are no help."""
+    previous = previous_odds(cloud.depth_mm, before) if before is not None else None
+    if before is None or previous is None:
         return None
-    odds, still = carried
+    odds, still = previous
     loose = cloud.valid & ~close_to(planes, cloud.points_m)
-    was = (persons_before(before) > 0) & (before.depth_mm > 0)
-    pixels_per_m = cloud.camera.fx * 1000 / float(np.median(before.depth_mm[was]))
-    candidates = cloud.valid & _around(was, SURROUNDINGS_M * pixels_per_m) & (loose | ~still)
+    there = (persons_before(before) > 0) & (before.depth_mm > 0)
+    pixels_per_m = cloud.camera.fx * 1000 / float(np.median(before.depth_mm[there]))
+    candidates = cloud.valid & _around(there, SURROUNDINGS_M * pixels_per_m) & (loose | ~still)
     nobody = (
         "no person: no thermal image in this frame, and whoever was in the depth image before is gone; "
         "label again from a frame with both"
     )
     note = "no temperature in this frame: the person is carried over from the frame before"
-    return _Field("before", odds, candidates, still, planes, nobody, (note,))
+    return _Evidence("before", odds, candidates, still, planes, nobody, (note,))
 
 
 def _around(mask: Bool, reach_px: float) -> Bool:
-    """A mask (h, w) grown by a square."""
+    """Mask (h, w) grown by ``reach_px`` pixels to every side, by a square."""
     side = 2 * round(reach_px) + 1
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0, np.bool_)
 
 
 class _Silhouettes:
-    """Planes, colour and neighbours heard: who in a field is a person, as often as something new is known.
+    """Persons of a cloud by its evidence, the planes, colours and neighbours of its pixels.
 
-    field: what was heard before. odds: log odds (h, w) now. persons: everybody there, in no order.
+    evidence: of temperature or of the frame before. odds: log odds (h, w) with the planes. persons: all
+    persons, in no order.
     """
 
-    def __init__(self, cloud: ThermalCloud, field: _Field, steps: Steps) -> None:
-        self._cloud, self.field, self._steps = cloud, field, steps
-        self._candidates = cloud.valid & _around(field.candidates, RIM_PX)
+    def __init__(self, cloud: ThermalCloud, evidence: _Evidence, steps: Steps) -> None:
+        self._cloud, self.evidence, self._steps = cloud, evidence, steps
+        self._candidates = cloud.valid & _around(evidence.candidates, RIM_PX)
         normals = np.full_like(cloud.points_m, np.nan)
         own = normals_at(cloud, *np.nonzero(self._candidates))
         normals[self._candidates] = own
-        near, on = close_to(field.planes, cloud.points_m), field.cold.copy()
-        on[self._candidates] |= lies_on(field.planes, cloud.points_m[self._candidates], own)
+        near, on = close_to(evidence.planes, cloud.points_m), evidence.cold.copy()
+        on[self._candidates] |= lies_on(evidence.planes, cloud.points_m[self._candidates], own)
         on &= near
         surface_m2 = cloud.points_m[..., 2] ** 2 / np.float32(cloud.camera.fx * cloud.camera.fy)
         shaped = np.isfinite(normals[..., 0])
-        self.odds = field.odds + by_planes(on, near, shaped, field.cold, surface_m2)
+        self.odds = evidence.odds + plane_odds(on, near, shaped, evidence.cold, surface_m2)
         self._lab = lab_of(cloud.color_rgb, cloud.color_valid & ~_rims(cloud))
-        self._taught = cloud.valid & _around(field.candidates, TAUGHT_PX)
+        self._learnt = cloud.valid & _around(evidence.candidates, LEARNT_PX)
         self._links = Links(self._candidates, cloud.points_m[..., 2], normals, self._lab)
         self.persons = self._persons()
 
     @property
     def surroundings(self) -> Bool:
-        """Pixels (h, w) around what may be a person that surely are not."""
-        return self._taught & ~self._candidates
+        """Pixels (h, w) of the background around the candidates."""
+        return self._learnt & ~self._candidates
 
     def beside(self, persons: Sequence[Person]) -> Bool:
-        """Pixels (h, w) around the first of the persons that may be theirs too.
+        """Pixels (h, w) around the first person that may be theirs too.
 
-        What was taken for somebody too near to be another person is asked again: feet and a blanket.
+        They include persons too near to be others: feet and a blanket.
         """
         first = persons[0]
         away_m = np.linalg.norm(self._cloud.points_m - first.centre_m.astype(np.float32), axis=-1)
@@ -323,39 +345,39 @@ class _Silhouettes:
         return np.asarray(beside, np.bool_)
 
     def _persons(self) -> list[Person]:
-        """Everybody there."""
+        """Persons by all odds, halves joined."""
         if not self._candidates.any():
             return []
-        persons = persons_of(self._cloud, self._links.settle(self._with_colors(self.odds)) > 0)
-        return whole(self._cloud, persons) if self._steps.join_halves else persons
+        persons = persons_of(self._cloud, self._links.belief(self._with_colors(self.odds)) > 0)
+        return with_joined_halves(self._cloud, persons) if self._steps.join_halves else persons
 
     def _with_colors(self, odds: Float32) -> Float32:
-        """Log odds (h, w) to which those of the colours of person and room are added."""
+        """Log odds (h, w) with those of the colours of person and room added."""
         if not self._steps.room_colors:
             return odds
-        return odds + by_color(self._lab, odds, self._candidates, self._taught)
+        return odds + color_odds(self._lab, odds, self._candidates, self._learnt)
 
-    def dressed(self, persons: Sequence[Person], told: Float32) -> list[Person]:
-        """The persons again, since colours have told (log odds (h, w), 0 = nothing) what is the first one's.
+    def dressed(self, persons: Sequence[Person], suit_odds: Float32) -> list[Person]:
+        """Persons with the first one's mask by log odds (h, w) of their suit, 0 = unknown.
 
-        What they wear is theirs, however far a blanket keeps it from the rest of them.
+        Their clothes belong to the mask, however far a blanket keeps them from the rest of the body.
         """
-        told = np.where(persons[0].mask & (told < 0) & (told > DOUBT), np.float32(0), told)
-        odds = np.where(told != 0, told, self.odds + np.minimum(_between(told), 0))
-        odds = np.where(told != 0, told, self._with_colors(odds))
-        first, theirs = persons[0], self._links.settle(odds) > 0
-        near = theirs & ((told > 0) | _around(first.mask, RIM_PX))
+        first = persons[0]
+        known = np.where(first.mask & (suit_odds < 0) & (suit_odds > DOUBT), np.float32(0), suit_odds)
+        odds = np.where(known != 0, known, self.odds + np.minimum(_between(known), 0))
+        odds = np.where(known != 0, known, self._with_colors(odds))
+        own = (self._links.belief(odds) > 0) & ((known > 0) | _around(first.mask, RIM_PX))
         for person in persons[1:]:
-            near &= ~person.mask | (told > 0)
-        if not near.any():
+            own &= ~person.mask | (known > 0)
+        if not own.any():
             return list(persons)
-        others = [replace(person, mask=person.mask & ~near) for person in persons[1:]]
-        return [replace(first, mask=np.asarray(near, np.bool_)), *(one for one in others if one.mask.any())]
+        others = [replace(person, mask=person.mask & ~own) for person in persons[1:]]
+        return [replace(first, mask=np.asarray(own, np.bool_)), *(p for p in others if p.mask.any())]
 
 
-def _between(told: Float32) -> Float32:
-    """Mean (h, w) of the odds (h, w) told about what is around, 0 where nothing is."""
-    total, count = (cv2.blur(one, (BETWEEN_PX,) * 2) for one in (told, (told != 0).astype(np.float32)))
+def _between(odds: Float32) -> Float32:
+    """Mean (h, w) of the known log odds (h, w) around each pixel, 0 where few are known (not 0)."""
+    total, count = (cv2.blur(plane, (BETWEEN_PX,) * 2) for plane in (odds, (odds != 0).astype(np.float32)))
     return np.asarray(np.where(count > 0.1, total / np.maximum(count, 0.1), 0), np.float32)
 
 
@@ -365,32 +387,31 @@ def _persons(
     suit: Suit | None,
     before: FrameLabels | None,
     engine: Engine,
-) -> tuple[list[Person], Undecided | None]:
-    """Everybody there, the subject first, by the colours of what they wear where these are known."""
+) -> tuple[list[Person], Candidates | None]:
+    """All persons, the subject first, with the subject's mask by the suit; candidates where there is a suit.
+
+    before: labels of the previous frame.
+    """
 
     def ordered(persons: list[Person]) -> list[Person]:
-        return sorted(persons, key=lambda person: -claim(person, before, cloud if suit else None))
+        return sorted(persons, key=lambda person: -subject_score(person, before, cloud if suit else None))
 
     persons = ordered(silhouettes.persons)
     if suit is None or not persons:
         return persons, None
     beside, room = silhouettes.beside(persons), silhouettes.surroundings
-    known = clues(cloud, persons[0].mask, beside, room, suit, silhouettes.odds, engine.weights.clothed)
-    if known is None:
+    clues = patch_clues(cloud, persons[0].mask, beside, room, suit, silhouettes.odds, engine.weights)
+    if clues is None:
         return persons, None
-    told = worn(known, engine.weights)
+    odds = clothed_odds(clues, engine.weights)
     if not engine.steps.suit_for_person:
-        told = np.zeros_like(told)
-    dressed = silhouettes.dressed(persons, told) if told.any() else persons
-
-    def decided(told: Float32) -> Bool:
-        return silhouettes.dressed(persons, told)[0].mask
-
-    return dressed, Undecided(known, told, room, decided)
+        odds = np.zeros_like(odds)
+    dressed = silhouettes.dressed(persons, odds) if odds.any() else persons
+    return dressed, Candidates(clues, odds, room, silhouettes, persons)
 
 
 def _rims(cloud: ThermalCloud) -> Bool:
-    """Pixels (h, w) beside a depth jump: colour is a pixel or two off there, in place and in time."""
+    """Pixels (h, w) beside a depth jump, where colour is a pixel or two off, in place and in time."""
     depth_mm, window = cloud.depth_mm, np.ones((RIM_PX * 2 + 1,) * 2, np.uint8)
     farthest = cv2.dilate(depth_mm, window)
     nearest = cv2.erode(np.where(cloud.valid, depth_mm, np.uint16(65535)), window)

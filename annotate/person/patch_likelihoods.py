@@ -1,7 +1,4 @@
-"""How like each part of the suit the patches of one colour are: by surface, by warmth, and by where they lie.
-
-Scores are log, of shape (R, 11): R patches, eleven parts.
-"""
+"""Log scores (R, 11) of R patches of one colour being each part, by surface, warmth and place."""
 
 from typing import Any
 
@@ -13,106 +10,136 @@ from annotate.array_types import Bool, Float32, Float64, Index
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import BODY_PARTS
-from annotate.segmentation.patches import LEAST_POINTS, Patches, pair_scores
-from annotate.segmentation.patches import MOST as MOST_PATCHES
+from annotate.segmentation.patches import MOST_PATCHES, Patches, pair_scores
 
 STRIDE = 2
-"""Colours are compared on every second pixel of every second row."""
-WARMEST, LEAST_CONTRAST_C = 80.0, 2.0
-"""Percentile of a person's temperatures that half a person under a blanket has too, above the room's."""
+"""Pixels between the rows and the columns whose colours are compared. Chosen by eye."""
+WARMEST = 80.0
+"""Percentile of a person's temperatures that half a person under a blanket has too. Chosen by eye."""
+LEAST_CONTRAST_C = 2.0
+"""Least difference in degrees Celsius of that percentile to the room. Chosen by eye."""
 UNFELT = 0.8
-"""What a surface without a temperature counts for: a share of that contrast."""
-ALIKE, ALIKE_BLURS, ALIKE_SHADE = 0.045, 0.5, 0.6
-"""Chromaticity (and share of its uncertainty), and log brightness, by which one cloth's places differ."""
-REACH_M, NOT_ALIKE = 0.7, -1.0
+"""Relative warmth of a surface without a temperature. Chosen by eye."""
+SAME_COLOR = 0.045
+"""Distance in chromaticity between places of one cloth. Chosen by eye."""
+SAME_COLOR_BLURS = 0.5
+"""Share of the chromaticity's uncertainty added to that distance. Chosen by eye."""
+SAME_SHADE = 0.6
+"""Difference in log brightness between places of one cloth. Chosen by eye."""
+SAME_CLOTH_M = 0.7
+"""Distance in metres between places of one cloth. Chosen by eye."""
+NEVER_ALIKE = -1.0
+"""Blur of a supervoxel that is alike to no patch but its own."""
 MOST_M2 = np.array([0.035, 0.13, 0.033, 0.033, 0.028, 0.028, 0.045, 0.06, 0.06, 0.056, 0.056])
-"""Surface of each part (11,) that can be seen at once: the most of 107 frames of 36 people of the rig."""
+"""Largest visible surface (11,) of each part in m2, measured over 107 frames of 36 people of the rig."""
 LARGER = 14.0
-"""Log cost of being e times larger, times the square of the logarithm."""
-WARMTH = np.array([1.13, 0.97, 0.84, 0.84, 0.77, 0.77, 0.94, 0.86, 0.86, 0.58, 0.58])
-WARMTH_SD = np.array([0.25, 0.08, 0.13, 0.13, 0.22, 0.22, 0.12, 0.13, 0.13, 0.22, 0.22])
-"""How far each part is on the way from the room's temperature to the warmest parts', counted likewise."""
-WARMTH_WEIGHT, WARMTH_COST = 0.5, 8.0
-"""The most that an odd temperature can cost: a hand may have held a glass."""
+"""Log cost of a surface e times larger than that; it grows with the square of the logarithm. Chosen by
+eye."""
+PART_WARMTH = np.array([1.13, 0.97, 0.84, 0.84, 0.77, 0.77, 0.94, 0.86, 0.86, 0.58, 0.58])
+"""Mean relative warmth (11,) of each part, measured over the same frames."""
+PART_WARMTH_SD = np.array([0.25, 0.08, 0.13, 0.13, 0.22, 0.22, 0.12, 0.13, 0.13, 0.22, 0.22])
+"""Standard deviation (11,) of that, measured likewise."""
+WARMTH_SCORE_WEIGHT = 0.5
+"""Weight of the relative warmth's log density. Chosen by eye."""
+WARMTH_COST = 8.0
+"""Largest log cost of an odd temperature before the weight: a hand may have held a glass. Chosen by eye."""
 ANY_COLOR = np.where([part.id in (1, 5, 6, 10, 11) for part in BODY_PARTS], -3.0, -12.0)
-"""Log score (11,) of the oddest colour: skin, hair and shoes differ more, and shine more, than cloth does."""
+"""Log score (11,) of the oddest colour: skin, hair and shoes vary and shine more than cloth. Chosen by
+eye."""
 ODD_M2 = np.minimum(MOST_M2, [0.035, 1, 1, 1, 0.02, 0.02, 1, 1, 1, 0.03, 0.03])
-"""Surface (11,) of what may have an odd colour: a head, a hand, a shoe and half of the other one."""
-PLACE, PLACE_COST = 0.6, 10.0
-"""Weight of where a patch lies, and the most that a place can cost before."""
+"""Largest surface (11,) in m2 of an odd colour: a head, a hand, a shoe and half of the other. Chosen by
+eye."""
+PLACE_WEIGHT = 0.6
+"""Weight of a patch's place among the others. Chosen by eye."""
+PLACE_COST = 10.0
+"""Largest log cost of a place before the weight. Chosen by eye."""
 LEAST_LIKELY = 1e-4
-"""No place is less likely than that for what one other part of the body tells of it."""
+"""Least likelihood of a place given one other part of the body. Chosen by eye."""
 
 
-def mean_by(patch: NDArray[np.integer[Any]], values: NDArray[np.generic]) -> Float64:
-    """Mean (R,) of values (n,) over the patch (n,) that each is of."""
+def mean_over(patch: NDArray[np.integer[Any]], values: NDArray[np.generic]) -> Float64:
+    """Mean (R,) of values (n,) over each patch; patch: (n,), number of each value's patch."""
     return np.asarray(np.bincount(patch, values) / np.maximum(np.bincount(patch), 1))
 
 
-def share(celsius: Float32, room: Float32, person: Float32) -> Float64:
-    """How far temperatures (n,) are on the way from the room's to the warmest parts'."""
-    room_c = float(np.nanmedian(room))
-    reach_c = max(float(np.nanpercentile(person, WARMEST)) - room_c, LEAST_CONTRAST_C)
-    return np.asarray(np.where(np.isfinite(celsius), (celsius - room_c) / reach_c, UNFELT), np.float64)
+def relative_warmth(celsius: Float32, room_c: Float32, person_c: Float32) -> Float64:
+    """Warmth (n,) of temperatures (n,): 0 at the room's median, 1 at the person's warm parts.
+
+    celsius, room_c, person_c: degrees Celsius of points, of room pixels and of person pixels, NaN = no
+    reading.
+    """
+    middle_c = float(np.nanmedian(room_c))
+    reach_c = max(float(np.nanpercentile(person_c, WARMEST)) - middle_c, LEAST_CONTRAST_C)
+    return np.asarray(np.where(np.isfinite(celsius), (celsius - middle_c) / reach_c, UNFELT), np.float64)
 
 
-def by_warmth(share: Float64) -> Float64:
-    """Log score (R, 11) of patches' temperatures (R,) for every part."""
-    away = ((share[:, None] - WARMTH) / WARMTH_SD) ** 2
-    return np.asarray(-WARMTH_WEIGHT * np.minimum(0.5 * away, WARMTH_COST))
+def warmth_scores(warmth: Float64) -> Float64:
+    """Log score (R, 11) of every part by the patches' relative warmth (R,)."""
+    away = ((warmth[:, None] - PART_WARMTH) / PART_WARMTH_SD) ** 2
+    return np.asarray(-WARMTH_SCORE_WEIGHT * np.minimum(0.5 * away, WARMTH_COST))
 
 
-def by_size(alike_m2: Float64, most_m2: Float64) -> Float64:
-    """Log score (R, 11) of patches' surfaces (R,) for every part, which has at most so much (11,)."""
-    return np.asarray(-LARGER * np.maximum(np.log(alike_m2[:, None] / most_m2), 0) ** 2)
+def size_scores(surface_m2: Float64, most_m2: Float64) -> Float64:
+    """Log score (R, 11) of every part by surfaces (R,) and the parts' largest surfaces (11,), in m2."""
+    return np.asarray(-LARGER * np.maximum(np.log(surface_m2[:, None] / most_m2), 0) ** 2)
 
 
-def by_place(patches: Patches, body: Patches, belief: Float64) -> Float64:
-    """Log score (R, 11) of every part of a patch, the body's being what they are believed to be (R, 11)."""
-    told = np.flatnonzero(patches.points >= LEAST_POINTS)
-    known = np.flatnonzero(body.points[told] >= LEAST_POINTS)[:MOST_PATCHES]
-    pairs = pair_scores(patches, told)
+def place_scores(patches: Patches, body: Patches, belief: Float64) -> Float64:
+    """Log score (R, 11) of every part by a patch's place among the body's patches.
+
+    body: the same patches with 0 points in those off the body. belief: (R, 11), parts of the body's patches.
+    """
+    scored = np.flatnonzero(patches.is_large)
+    known = np.flatnonzero(body.is_large[scored])[:MOST_PATCHES]
+    pairs = pair_scores(patches, scored)
     score = np.zeros((len(patches.points), len(MOST_M2)))
     for other in known:
-        heard = np.log(np.exp(pairs[other].transpose(0, 2, 1)) @ belief[told[other]] + LEAST_LIKELY)
-        heard[other] = 0
-        score[told] += heard
-    return PLACE * np.maximum(score, -PLACE_COST)
+        by_other = np.log(np.exp(pairs[other].transpose(0, 2, 1)) @ belief[scored[other]] + LEAST_LIKELY)
+        by_other[other] = 0
+        score[scored] += by_other
+    return PLACE_WEIGHT * np.maximum(score, -PLACE_COST)
 
 
-def alike_m2(
-    cloud: ThermalCloud, own: Bool, groups: Supervoxels, patches: Patches, chroma: Float64, blur: Float64
+def same_color_m2(
+    cloud: ThermalCloud, compared: Bool, groups: Supervoxels, patches: Patches, chroma: Float64, blur: Float64
 ) -> Float64:
-    """Surface (R,) that has a patch's colour and is near it; chroma (G, 2), blur (G,): the supervoxels'.
+    """Surface (R,) in m2 near each patch that has its colour.
 
-    A blur of ``NOT_ALIKE`` keeps a supervoxel out: the room may have a sleeve's colour.
+    compared: bool (h, w), the n pixels of the supervoxels. chroma (G, 2), blur (G,): the supervoxels' mean
+    chromaticity and its uncertainty. NEVER_ALIKE as a blur keeps a supervoxel out of other patches: the room
+    may have a sleeve's colour.
     """
-    rgb, points_m = cloud.color_rgb[own], cloud.points_m[own]
+    rgb, points_m = cloud.color_rgb[compared], cloud.points_m[compared]
     pixel_m2 = STRIDE**2 * points_m[:, 2].astype(np.float64) ** 2 / (cloud.camera.fx * cloud.camera.fy)
     surface_m2 = np.asarray(np.bincount(groups.ids, pixel_m2), np.float64)
     bright = rgb.max(axis=1).astype(np.float64)
-    shade, shades = (
-        np.log(np.maximum(mean_by(ids, bright), 1)) for ids in (groups.ids, patches.ids[groups.ids])
+    shade, patch_shade = (
+        np.log(np.maximum(mean_over(ids, bright), 1)) for ids in (groups.ids, patches.ids[groups.ids])
     )
-    here = np.column_stack([chroma, shade, groups.centroids_m(points_m)])
-    there = np.column_stack([patches.chroma, shades, patches.middle_m])
-    return np.asarray(_alike(here, ALIKE + ALIKE_BLURS * blur, surface_m2, patches.ids, there))
+    of_groups = np.column_stack([chroma, shade, groups.centroids_m(points_m)])
+    of_patches = np.column_stack([patches.chroma, patch_shade, patches.middle_m])
+    within = SAME_COLOR + SAME_COLOR_BLURS * blur
+    return np.asarray(_same_color_m2(of_groups, within, surface_m2, patches.ids, of_patches))
 
 
 @njit(cache=True, nogil=True)
-def _alike(here: Float64, within: Float64, surface_m2: Float64, ids: Index, there: Float64) -> Float64:
-    """Surface (R,) of the supervoxels (G,) that are a patch's, or like it and near.
+def _same_color_m2(
+    of_groups: Float64, within: Float64, surface_m2: Float64, ids: Index, of_patches: Float64
+) -> Float64:
+    """Surface (R,) in m2 of a patch's own supervoxels and of the near ones of its colour.
 
-    here (G, 6), there (R, 6): chromaticity, log brightness and place of both. within: (G,) how alike.
+    of_groups (G, 6), of_patches (R, 6): chromaticity, log brightness and place in metres. within: (G,),
+    distance in chromaticity of one colour. ids: (G,), patch of each supervoxel.
     """
-    total = np.zeros(len(there))
-    for r in range(len(there)):
-        for g in range(len(here)):
-            x, y, shade = here[g, 0] - there[r, 0], here[g, 1] - there[r, 1], here[g, 2] - there[r, 2]
-            alike = np.sqrt(x * x + y * y) < within[g] and abs(shade) < ALIKE_SHADE
+    total = np.zeros(len(of_patches))
+    for r in range(len(of_patches)):
+        p = of_patches[r]
+        for g in range(len(of_groups)):
+            x, y, shade = of_groups[g, 0] - p[0], of_groups[g, 1] - p[1], of_groups[g, 2] - p[2]
+            alike = np.sqrt(x * x + y * y) < within[g] and abs(shade) < SAME_SHADE
             if alike and ids[g] != r:
-                a, b, c = here[g, 3] - there[r, 3], here[g, 4] - there[r, 4], here[g, 5] - there[r, 5]
-                alike = np.sqrt(a * a + b * b + c * c) < REACH_M
+                a, b, c = of_groups[g, 3] - p[3], of_groups[g, 4] - p[4], of_groups[g, 5] - p[5]
+                alike = np.sqrt(a * a + b * b + c * c) < SAME_CLOTH_M
             if alike or ids[g] == r:
                 total[r] += surface_m2[g]
     return total

@@ -1,4 +1,4 @@
-"""Warm surface -> persons: whose torso it is, and which loose piece is whose limb."""
+"""Persons of a frame, from the warm surface: one for each trunk, with the loose limbs that belong to it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,43 +10,58 @@ from annotate.array_types import Bool, Float32, Float64, Index, Int32, UInt8
 from annotate.cloud.grid import NO_PIXEL, components, flood
 from annotate.cloud.supervoxels import clusters
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.person.pieces import MAX_PERSON_M2, MIN_PERSON_M2, Piece, pieces_of
+from annotate.person.pieces import MIN_PERSON_M2, MOST_PERSON_M2, Piece, pieces_of
 from sensors.rig.nearest import Nearest
 
 SPECK_M2 = 0.001
-"""Visible surface of what is too small to be anything."""
-TRUNK_M, CORE_M = 0.095, 0.08
-"""A disc of the first radius fits on a trunk or a pelvis and on no head, arm or thigh; where one of the
-second fits is the trunk's core."""
+"""Visible surface in m2 below which a piece is noise. Chosen by eye."""
+TRUNK_M = 0.095
+"""Radius in metres of a disc that fits on a trunk or a pelvis, and on no head, arm or thigh. Chosen by
+eye."""
+CORE_M = 0.08
+"""Radius in metres of the disc whose centres are a trunk's core. Chosen by eye."""
 TRUNK_JUMP = 0.08
-"""Depth step, as a share of the depth, within one trunk: an arm before it; another person is farther."""
+"""Depth step within one trunk as a share of the depth: an arm before it; another person is farther. Chosen by
+eye."""
 LEAST_CORE_M2 = 0.015
-"""Of a trunk; two knees side by side are as wide, but not for long."""
+"""Least surface of a core in m2; two knees side by side are as wide, but not for long. Chosen by eye."""
 PERSON_M2 = 0.15
-"""A piece with more surface is no loose limb: two legs together have less."""
-CLOSE_M, CLOSE_EVERY = 0.2, 7
-"""So near to each other two pieces may be one body's, seen at every seventh pixel: shadows lie between."""
+"""Surface in m2 from which a piece is no loose limb: two legs together have less. Chosen by eye."""
+CLOSE_M = 0.2
+"""Metres within which pieces without a trunk belong to one body: shadows lie between. Chosen by eye."""
+CLOSE_EVERY = 7
+"""Step between the pixels compared for that, for speed. Chosen by eye."""
 ONE_PERSON_M = 0.7
-"""Trunk and legs are nearer to each other than that, two people's trunks are not."""
-NEAR_M, NEAR_SIZES = 0.40, 3.0
-"""A loose warm piece is a limb of the person within this distance, and this many times its own size."""
+"""Metres between the middles of cores below which they are one person's. Chosen by eye."""
+NEAR_M = 0.40
+"""Most metres from a person to a loose warm limb of theirs. Chosen by eye."""
+NEAR_SIZES = 3.0
+"""The same in sizes of the limb (roots of its surface). Chosen by eye."""
 PANEL_M = 0.006
-"""Loose pieces flatter than this (standard deviation) are screens or panels, not limbs."""
+"""Standard deviation in metres below which a loose piece is a screen or a panel. Chosen by eye."""
 TOUCH_M = 0.05
-"""A gap that pixels without a reading make."""
+"""Width in metres of a gap that pixels without a reading make. Chosen by eye."""
 BESIDE_PX = 4
-"""So many pixels next to the person's make a loose piece its neighbour in the image."""
+"""Pixels next to a person's that make a loose piece their neighbour in the image. Chosen by eye."""
 PAIRS = 12
-"""Pairs of nearest pixels tried: a body bends out of sight somewhere along the gap."""
-BEHIND_M, OPEN_M, OPEN_SHARE = 0.05, 0.08, 0.25
-"""Where something farther than both, by the first, is seen between two parts of a body, for longer than the
-second and for more than this share of the way, nothing joins them."""
-MAX_PERSONS = 250
+"""Pairs of nearest pixels tried: a body bends out of sight somewhere along the gap. Chosen by eye."""
+BEHIND_M = 0.05
+"""Metres behind both ends of a gap from which a reading shows that nothing joins them there. Chosen by
+eye."""
+OPEN_M = 0.08
+"""Length in metres of such readings up to which the join may be hidden. Chosen by eye."""
+OPEN_SHARE = 0.25
+"""The same as a share of the gap. Chosen by eye."""
+MOST_PERSONS = 250
+"""Persons told apart in one frame: their numbers are 8-bit. Chosen by eye."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """One person found. mask: bool (h, w). area_m2: visible surface. centre_m: mean of its points (3,)."""
+    """One person.
+
+    mask: bool (h, w). area_m2: visible surface. centre_m: mean of its points (3,), depth camera's frame.
+    """
 
     mask: Bool
     area_m2: float
@@ -54,7 +69,7 @@ class Person:
 
 
 def persons_of(cloud: ThermalCloud, mask: Bool) -> list[Person]:
-    """Part the person-like pixels (h, w) of a frame among persons; what belongs to none is left out."""
+    """Persons that the person-like pixels of a mask (h, w) belong to; pixels of none are left out."""
     labels, pieces = pieces_of(cloud, mask, SPECK_M2)
     trunks = _trunks(cloud, mask, labels, pieces)
     if not trunks:
@@ -65,13 +80,16 @@ def persons_of(cloud: ThermalCloud, mask: Bool) -> list[Person]:
         own = owner == number
         points = cloud.points_m[own].astype(np.float64)
         area = float(np.sum(points[:, 2] ** 2)) / (cloud.camera.fx * cloud.camera.fy)
-        if MIN_PERSON_M2 <= area <= MAX_PERSON_M2:
+        if MIN_PERSON_M2 <= area <= MOST_PERSON_M2:
             persons.append(Person(own, area, points.mean(axis=0)))
     return persons
 
 
 def _trunks(cloud: ThermalCloud, mask: Bool, labels: Int32, pieces: Sequence[Piece]) -> list[Bool]:
-    """Cores (h, w) of the trunks, one for each person; without any the widest piece, if there is one."""
+    """Cores (h, w) of the trunks, one a person; without any, the widest piece.
+
+    labels: (h, w), number of the piece of each pixel.
+    """
     solid = np.isin(labels, [piece.label for piece in pieces if piece.thickness_m >= PANEL_M])
     # Closed, because the pixels between an arm and the trunk behind it often have no reading.
     closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
@@ -96,7 +114,10 @@ def _trunks(cloud: ThermalCloud, mask: Bool, labels: Int32, pieces: Sequence[Pie
 def _slender(
     cloud: ThermalCloud, labels: Int32, pieces: Sequence[Piece], cores: Sequence[Bool]
 ) -> list[Bool]:
-    """Who has no trunk of that width, from the side or lying: much surface in pieces close to each other."""
+    """Masks (h, w) of bodies without a wide trunk (from the side, lying): much surface in close pieces.
+
+    labels: (h, w), number of the piece of each pixel. cores: (h, w), trunks already found.
+    """
     taken = np.unique(np.concatenate([labels[core] for core in cores])) if cores else np.zeros(0, np.int32)
     loose = [piece for piece in pieces if piece.label not in taken]
     large = [labels == piece.label for piece in loose if piece.area_m2 >= PERSON_M2]
@@ -109,14 +130,14 @@ def _slender(
     area = np.bincount([body[p.label] for p in loose], [p.area_m2 for p in loose])
     of_pixel = np.where(np.isin(labels, [piece.label for piece in loose]), body[labels], -1)
     bodies = [of_pixel == number for number in np.flatnonzero(area >= PERSON_M2)]
-    known = [cloud.points_m[one][::CLOSE_EVERY] for one in (*cores, *large)]
-    return large + [body for body in bodies if not _near(known, cloud.points_m[body][::CLOSE_EVERY])]
+    known = [cloud.points_m[mask][::CLOSE_EVERY] for mask in (*cores, *large)]
+    return large + [body for body in bodies if not _are_limbs(known, cloud.points_m[body][::CLOSE_EVERY])]
 
 
 def _joined(labels: Int32, close: Int32, count: int) -> Int32:
-    """The lowest label (count,) that each of them is joined with, over others or not.
+    """Lowest label (count,) joined with each label, directly or over others.
 
-    labels, close: piece and cluster (n,) of some points; pieces that share a cluster are joined.
+    labels, close: piece and cluster (n,) of points; pieces that share a cluster are joined.
     """
     body = np.arange(count, dtype=np.int32)
     while True:
@@ -127,14 +148,14 @@ def _joined(labels: Int32, close: Int32, count: int) -> Int32:
         np.minimum.at(body, labels, lowest[close])
 
 
-def _near(known_m: Sequence[Float32], points_m: Float32) -> bool:
-    """Whether points (n, 3) are so near to any of the known bodies' that they are its limbs."""
+def _are_limbs(known_m: Sequence[Float32], points_m: Float32) -> bool:
+    """Whether points (n, 3) are within NEAR_M of any known body's points, hence its limbs; metres."""
     near = (Nearest(body).query(points_m)[0].min() < NEAR_M for body in known_m)
     return any(near)
 
 
 def _apart(cloud: ThermalCloud, cores: Sequence[Bool]) -> list[Bool]:
-    """Cores of one person joined."""
+    """Cores (h, w), one a person: those with near middles are joined."""
     joined: list[Bool] = []
     centres: list[Float32] = []
     for core in cores:
@@ -142,14 +163,17 @@ def _apart(cloud: ThermalCloud, cores: Sequence[Bool]) -> list[Bool]:
         near = [i for i, other in enumerate(centres) if np.linalg.norm(other - centre) < ONE_PERSON_M]
         if near:
             joined[near[0]] |= core
-        elif len(joined) < MAX_PERSONS:
+        elif len(joined) < MOST_PERSONS:
             joined.append(core)
             centres.append(centre)
     return joined
 
 
 def _owners(cloud: ThermalCloud, labels: Int32, pieces: Sequence[Piece], trunks: Sequence[Bool]) -> UInt8:
-    """Whose each pixel (h, w) is: 1 and on for the trunks in their order, 0 for nobody."""
+    """Person (h, w) of each pixel: 1 and on for the trunks in their order, 0 for nobody.
+
+    labels: (h, w), number of the piece of each pixel.
+    """
     marks = np.where(np.isin(labels, [piece.label for piece in pieces]), 0, NO_PIXEL).astype(np.uint8)
     for number, trunk in enumerate(trunks, 1):
         marks[trunk] = number
@@ -164,7 +188,7 @@ def _owners(cloud: ThermalCloud, labels: Int32, pieces: Sequence[Piece], trunks:
 
 
 class _Limbs:
-    """Whose limb a loose piece is. seeds: for each person some pixels, flat indices."""
+    """Owners of loose pieces. seeds: flat indices of some pixels of each person."""
 
     def __init__(self, cloud: ThermalCloud, seeds: Sequence[Index]) -> None:
         self._points, self._depth_m = cloud.points_m.reshape(-1, 3), cloud.points_m[..., 2]
@@ -173,9 +197,10 @@ class _Limbs:
         self._trees = [Nearest(self._points[seed]) for seed in seeds]
 
     def owner(self, piece: Bool, near_m: float, owner: UInt8) -> int:
-        """Number of the person within ``near_m`` that a piece (h, w) belongs to, 0 for nobody.
+        """Number of the person within ``near_m`` metres that a piece (h, w) belongs to, 0 for nobody.
 
-        Beside the person in the image it does, and where what joins them can be hidden.
+        It belongs to a person beside it in the image, or where their join can be out of sight. owner: (h, w),
+        persons of the pixels so far.
         """
         own = np.flatnonzero(piece)[::3]
         found = [tree.query(self._points[own], within=near_m) for tree in self._trees]
@@ -194,7 +219,10 @@ class _Limbs:
 
 
 def _hidden_between(depth_m: Float32, one: int, other: int, pixel_rad: float) -> bool:
-    """Whether what joins two pixels can be out of sight: a limb is never behind what is seen there."""
+    """Whether the join of two pixels (flat indices) can be out of sight: little between them is farther.
+
+    depth_m: (h, w). pixel_rad: angle of a pixel.
+    """
     v, u = line(depth_m.shape, one, other)
     steps, v0, u0, v1, u1 = len(v), v[0], u[0], v[-1], u[-1]
     farther = depth_m[v, u] > np.linspace(depth_m[v0, u0], depth_m[v1, u1], steps) + BEHIND_M

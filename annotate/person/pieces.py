@@ -1,6 +1,5 @@
-"""Connected pieces of a cloud with their sizes in space, and which of them is most like a person."""
+"""Connected pieces of a cloud with their sizes in space."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +8,12 @@ from annotate.array_types import Bool, Float64, Index, Int32
 from annotate.cloud.grid import components
 from annotate.cloud.thermal_cloud import ThermalCloud
 
-MIN_PERSON_M2, MAX_PERSON_M2 = 0.03, 2.5
-"""Visible surface of a person: from a head with a shoulder to twice the front of a tall adult."""
-MAX_PERSON_M = 2.4
-"""Longest side of a person's bounding box, arms raised."""
-PLANE_M = 0.02
-"""Points so near to a plane lie on it."""
+MIN_PERSON_M2 = 0.03
+"""Least visible surface of a person in m2: a head with a shoulder. Chosen by eye."""
+MOST_PERSON_M2 = 2.5
+"""Largest visible surface of a person in m2: twice the front of a tall adult. Chosen by eye."""
+MOST_PERSON_M = 2.4
+"""Longest side of a person's bounding box in metres, arms raised. Chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -23,16 +22,14 @@ class Piece:
 
     label: its id in the label image. area_m2: its visible surface, taken as seen head-on.
     window: (top, left, bottom, right) in pixels, the last two exclusive.
-    thickness_m: the least standard deviation of its points over all directions. flat: the share of its
-    points on one plane. low_m, high_m: its bounding box (3,), depth-camera frame. centre_m: the mean
-    of its points (3,).
+    thickness_m: the least standard deviation of its points over all directions. low_m, high_m: its bounding
+    box (3,), centre_m: the mean of its points (3,), depth camera's frame.
     """
 
     label: int
     area_m2: float
     window: tuple[int, int, int, int]
     thickness_m: float
-    flat: float
     low_m: Float64
     high_m: Float64
     centre_m: Float64
@@ -41,16 +38,14 @@ class Piece:
     def is_human_sized(self) -> bool:
         """Whether a person, or the visible part of one, can have this surface and extent."""
         extent = float((self.high_m - self.low_m).max())
-        return MIN_PERSON_M2 <= self.area_m2 <= MAX_PERSON_M2 and extent <= MAX_PERSON_M
-
-    @property
-    def likeness(self) -> float:
-        """Surface in m2 off its main plane: radiators, screens and sunlit walls have little of it."""
-        return self.area_m2 * (1 - self.flat)
+        return MIN_PERSON_M2 <= self.area_m2 <= MOST_PERSON_M2 and extent <= MOST_PERSON_M
 
 
 def pieces_of(cloud: ThermalCloud, mask: Bool, least_m2: float) -> tuple[Int32, list[Piece]]:
-    """Connected pieces of a mask (h, w) of valid pixels: label image (h, w), and those of ``least_m2`` on."""
+    """Label image (h, w) of a mask's connected pieces, 0 off them, and the pieces of at least ``least_m2``.
+
+    mask: bool (h, w), valid pixels only.
+    """
     labels, count = components(mask, cloud.points_m[..., 2])
     index = np.flatnonzero(labels)
     label = labels.ravel()[index]
@@ -67,27 +62,16 @@ def pieces_of(cloud: ThermalCloud, mask: Bool, least_m2: float) -> tuple[Int32, 
     return labels, pieces
 
 
-def likeliest(pieces: Sequence[Piece]) -> Piece | None:
-    """The human-sized piece most like a person, or None."""
-    return max((p for p in pieces if p.is_human_sized), key=lambda p: p.likeness, default=None)
-
-
 def _measured(label: int, area_m2: float, v: Index, u: Index, points_m: Float64) -> Piece:
-    thickness, flat = _flatness(points_m)
+    """Piece of the points (n, 3) in metres at rows ``v`` and columns ``u`` (n,)."""
     window = int(v.min()), int(u.min()), int(v.max()) + 1, int(u.max()) + 1
     low, high, centre = points_m.min(axis=0), points_m.max(axis=0), points_m.mean(axis=0)
-    return Piece(label, area_m2, window, thickness, flat, low, high, centre)
+    return Piece(label, area_m2, window, _thickness_m(points_m), low, high, centre)
 
 
-def _flatness(points_m: Float64) -> tuple[float, float]:
-    """Least standard deviation, and the share of points within PLANE_M of the best trimmed plane."""
+def _thickness_m(points_m: Float64) -> float:
+    """Least standard deviation in metres of points (n, 3) over all directions, by a sample of them."""
     sample = points_m[:: max(1, len(points_m) // 2000)]
-    kept = sample
-    for _ in range(4):
-        centre = kept.mean(axis=0)
-        variances, axes = np.linalg.eigh((kept - centre).T @ (kept - centre) / len(kept))
-        if kept is sample:
-            thickness = float(np.sqrt(max(variances[0], 0.0)))
-        distance = np.abs((sample - centre) @ axes[:, 0])
-        kept = sample[distance <= np.quantile(distance, 0.6)]
-    return thickness, float((distance < PLANE_M).mean())
+    away = sample - sample.mean(axis=0)
+    variances, _ = np.linalg.eigh(away.T @ away / len(sample))
+    return float(np.sqrt(max(variances[0], 0.0)))

@@ -1,4 +1,4 @@
-"""Walls, floors, seats and table tops: the planes of a cloud, found from points with their normals."""
+"""Planes of a cloud (walls, floors, seats, table tops), found from its points and their normals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,60 +10,67 @@ from numba import njit
 from annotate.array_types import Bool, Float32, Float64, Index
 from annotate.cloud.thermal_cloud import ThermalCloud
 
-MAX_PLANES = 16
+MOST_PLANES = 16
+"""Planes sought in one cloud. Chosen by eye."""
 MIN_PLANE_M2 = 0.12
-"""Surface, seen head-on: a flat patch of a body (a back, a thigh) is smaller."""
+"""Least visible surface of a plane in m2, seen head-on: flat patches of a body (back, thigh) are smaller.
+Chosen by eye."""
 MIN_COLD_PLANE_M2 = 0.04
-"""The same where no point is warm, so that no body can be meant: an arm rest, a table's edge."""
+"""The same in m2 among cold points, where no body can be meant: an arm rest, a table's edge. Chosen by
+eye."""
 MIN_PANEL_M2 = 0.025
-"""The same where all is warm, for a panel that stands free: half of a laptop's lid."""
+"""The same in m2 among warm points, for a free-standing panel: half of a laptop's lid. Chosen by eye."""
 PANEL_RADIUS_M = 0.07
-"""Of the largest disc on it: half of a shin's or an arm's breadth is less."""
-BEND_M, FREE_SHARE = 0.03, 0.78
-"""Beside a flat patch of a body the surface bends away by less than that within four pixels; more than
-this share of a panel's rim is farther behind."""
+"""Least radius in metres of a panel's largest disc: half the breadth of a shin or an arm is less. Chosen by
+eye."""
+BEND_M = 0.03
+"""Metres within which the surface beside a flat patch of a body bends away over four pixels. Chosen by
+eye."""
+FREE_SHARE = 0.78
+"""Least share of a panel's rim with something more than ``BEND_M`` behind it. Chosen by eye."""
 TOLERANCE = 0.006
-"""Distance to a plane as a share of the depth: 12 mm at 2 m, three times a Kinect v2's noise
+"""Distance to a plane as a share of the depth: 12 mm at 2 m, three times a Kinect v2's measured noise
 (Fankhauser et al. 2015)."""
 LEAST_COSINE = 0.94
-"""A point lies on a plane only when their normals are within 20 degrees: a limb on a seat is not the seat."""
+"""Least cosine between the normals of a point and its plane, 20 degrees: a limb on a seat is not the seat.
+Chosen by eye."""
 NORMAL_JUMP = 0.02
-"""Neighbours farther apart in depth than this share of it lie on another surface."""
+"""Depth difference, as a share of the depth, beyond which a neighbour is of another surface. Chosen by
+eye."""
 STRIDE = 3
-"""Planes are sought on every third pixel of every third row."""
-SAMPLE, TRIALS = 3000, 40
-"""Points that vote in a round, and how many of them are tried as the plane."""
+"""Pixels between the rows and the columns in which planes are sought. Chosen by eye."""
+SAMPLE = 3000
+"""Points that count for or against a candidate plane. Chosen by eye."""
+TRIALS = 40
+"""Points of the sample tried as the plane. Chosen by eye."""
 LEAST_POINTS = 30
+"""Points below which no plane is fitted. Chosen by eye."""
 
 
 @dataclass(frozen=True)
 class Plane:
-    """normal . p = offset_m for points p of the depth camera's frame. normal: float32 (3,), of length 1,
-    towards the camera. area_m2: visible surface, taken as seen head-on."""
+    """A plane normal . p = offset_m of points p in metres, depth camera's frame.
+
+    normal: float32 (3,), unit, towards the camera. area_m2: visible surface, taken as seen head-on.
+    """
 
     normal: Float32
     offset_m: float
     area_m2: float
 
     def close(self, points_m: Float32) -> Bool:
-        """Which points (..., 3) are near enough to lie on it; NaN is not."""
+        """Flags (...) of points (..., 3) in metres within TOLERANCE of the plane; False for NaN."""
         distance = np.abs(points_m @ self.normal - np.float32(self.offset_m))
         return np.asarray(distance <= np.float32(TOLERANCE) * points_m[..., 2], np.bool_)
-
-    def parallel(self, normals: Float32) -> Bool:
-        """Which unit normals (..., 3) are turned as it is; NaN is not."""
-        x, y, z = self.normal
-        cosine = normals[..., 0] * x + normals[..., 1] * y + normals[..., 2] * z
-        return np.asarray(cosine >= LEAST_COSINE, np.bool_)
 
 
 def find_planes(
     cloud: ThermalCloud, among: Bool, least_m2: float = MIN_PLANE_M2, seed: int = 0
 ) -> tuple[Plane, ...]:
-    """The planes of at least ``least_m2`` among valid pixels (h, w), the best supported first.
+    """Planes of at least ``least_m2`` visible surface, the best supported first.
 
-    One-point RANSAC, since a point with its normal is a plane, then least squares on its inliers; the
-    same for the same seed.
+    among: bool (h, w), pixels to search. One-point RANSAC, since a point with its normal is a plane, then
+    least squares on the inliers; the same seed gives the same planes.
     """
     rows, columns = np.nonzero((among & cloud.valid)[1::STRIDE, 1::STRIDE])
     rows, columns = rows * STRIDE + 1, columns * STRIDE + 1
@@ -74,7 +81,7 @@ def find_planes(
     pixel_m2 = points[:, 2] ** 2 * np.float32(STRIDE**2 / (cloud.camera.fx * cloud.camera.fy))
     rng = np.random.default_rng(seed)
     planes: list[Plane] = []
-    while len(points) >= LEAST_POINTS and len(planes) < MAX_PLANES:
+    while len(points) >= LEAST_POINTS and len(planes) < MOST_PLANES:
         sample = rng.permutation(len(points))[:SAMPLE]
         best = sample[_best(points[sample], normals[sample], pixel_m2[sample], min(TRIALS, len(sample)))]
         plane, on = _fitted(points, normals, pixel_m2, int(best))
@@ -86,10 +93,10 @@ def find_planes(
 
 
 def panel_of(plane: Plane, cloud: ThermalCloud, among: Bool) -> Bool:
-    """Pixels (h, w) of a plane's largest patch with its rim, if it is broad and ends in steps, as a screen.
+    """Mask (h, w) of a plane's largest patch with its rim if it is broad and ends in steps, as a screen does.
 
-    Nothing where it is narrow, as a shin, or its border bends, as a chest's does. among: bool (h, w), pixels
-    that may be of the patch.
+    Empty where the patch is narrow, as a shin, or bends at its border, as a chest. among: bool (h, w), pixels
+    that may belong to the patch.
     """
     nothing = np.zeros_like(among)
     flat = (among & plane.close(cloud.points_m)).astype(np.uint8)
@@ -109,7 +116,7 @@ def panel_of(plane: Plane, cloud: ThermalCloud, among: Bool) -> Bool:
 
 
 def close_to(planes: Sequence[Plane], points_m: Float32) -> Bool:
-    """Which points (..., 3) are close to any of the planes, however their surface is turned."""
+    """Flags (...) of points (..., 3) in metres close to any of the planes, whatever their normals."""
     if not planes:
         return np.zeros(points_m.shape[:-1], np.bool_)
     normals = np.stack([plane.normal for plane in planes])
@@ -119,7 +126,7 @@ def close_to(planes: Sequence[Plane], points_m: Float32) -> Bool:
 
 
 def lies_on(planes: Sequence[Plane], points_m: Float32, normals: Float32) -> Bool:
-    """Which points (..., 3) with unit normals (..., 3) lie on any of the planes."""
+    """Flags (...) of points (..., 3) with unit normals (..., 3) close and parallel to any of the planes."""
     on = np.zeros(points_m.shape[:-1], np.bool_)
     for plane in planes:
         on |= _on(plane, points_m, normals)
@@ -127,13 +134,13 @@ def lies_on(planes: Sequence[Plane], points_m: Float32, normals: Float32) -> Boo
 
 
 def _on(plane: Plane, points_m: Float32, normals: Float32) -> Bool:
-    """Which points (..., 3) are close to a plane and parallel to it, with unit normals (..., 3)."""
-    points, turned = (np.ascontiguousarray(one, np.float32).reshape(-1, 3) for one in (points_m, normals))
+    """Flags (...) of points (..., 3) with unit normals (..., 3) close to a plane and parallel to it."""
+    points, turned = (np.ascontiguousarray(rows, np.float32).reshape(-1, 3) for rows in (points_m, normals))
     return _lie_on(points, turned, plane.normal, np.float32(plane.offset_m)).reshape(points_m.shape[:-1])
 
 
 def normals_at(cloud: ThermalCloud, rows: Index, columns: Index) -> Float32:
-    """Unit normals (n, 3) of the surface at pixels, towards the camera; NaN where too little is seen.
+    """Unit normals float32 (n, 3) of the surface at pixels, towards the camera; NaN for lack of readings.
 
     Least squares over 5 x 5 pixels two apart. 1/z is fitted, which is linear over the image of a plane.
     """
@@ -142,7 +149,7 @@ def normals_at(cloud: ThermalCloud, rows: Index, columns: Index) -> Float32:
 
 
 def _fitted(points: Float32, normals: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]:
-    """The plane around one point by least squares, and which points (n,) it was fitted to."""
+    """Least-squares plane around point ``start``, and flags (n,) of the points of its fit."""
     plane = Plane(normals[start], float(normals[start] @ points[start]), 0.0)
     on = _on(plane, points, normals)
     for _ in range(3):
@@ -153,12 +160,13 @@ def _fitted(points: Float32, normals: Float32, pixel_m2: Float32, start: int) ->
         normal *= np.sign(normal @ plane.normal)
         plane = Plane(normal.astype(np.float32), float(normal @ centre), float(pixel_m2[on].sum()))
         fitted, on = on, _on(plane, points, normals)
-        on |= fitted  # else a bad fit would be found again and again
+        on |= fitted  # otherwise a bad fit would be found again and again
     return plane, on
 
 
 @njit(cache=True, nogil=True)
 def _close(points: Float32, normals: Float32, offsets: Float32) -> Bool:
+    """Flags (n,) of points (n, 3) within TOLERANCE of any plane; normals (k, 3), offsets (k,) in metres."""
     close = np.zeros(len(points), np.bool_)
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -172,6 +180,7 @@ def _close(points: Float32, normals: Float32, offsets: Float32) -> Bool:
 
 @njit(cache=True, nogil=True)
 def _lie_on(points: Float32, normals: Float32, normal: Float32, offset: np.float32) -> Bool:
+    """Flags (n,) of points (n, 3) with normals (n, 3) close to the plane normal . p = offset and parallel."""
     on = np.empty(len(points), np.bool_)
     a, b, c = normal
     for i in range(len(points)):
@@ -183,7 +192,7 @@ def _lie_on(points: Float32, normals: Float32, normal: Float32, offset: np.float
 
 @njit(cache=True, nogil=True)
 def _moments(points: Float32, on: Bool) -> tuple[Float64, Float64]:
-    """Mean (3,) of the chosen points, and the sum (3, 3) of the outer products of what they are off it."""
+    """Mean (3,) of the chosen points, and their scatter (3, 3) about it (lower triangle)."""
     centre, scatter, count = np.zeros(3), np.zeros((3, 3)), 0
     for i in range(len(points)):
         if on[i]:
@@ -200,12 +209,12 @@ def _moments(points: Float32, on: Bool) -> tuple[Float64, Float64]:
             scatter[2, 0] += x * z
             scatter[2, 1] += y * z
             scatter[2, 2] += z * z
-    return centre, scatter  # the lower triangle, which is what eigh reads
+    return centre, scatter
 
 
 @njit(cache=True, nogil=True)
 def _best(points: Float32, normals: Float32, pixel_m2: Float32, trials: int) -> int:
-    """Which of the first points makes the plane with the most surface on it."""
+    """Index of the point, among the first ``trials``, with the most surface on its plane."""
     best, most = 0, np.float32(-1)
     for i in range(trials):
         a, b, c = normals[i, 0], normals[i, 1], normals[i, 2]
@@ -213,7 +222,7 @@ def _best(points: Float32, normals: Float32, pixel_m2: Float32, trials: int) -> 
         area = np.float32(0)
         for j in range(points.shape[0]):
             x, y, z = points[j, 0], points[j, 1], points[j, 2]
-            # Twice the tolerance: one point's own noise is in the plane.
+            # Twice the tolerance: the trial plane has one point's noise.
             close = abs(a * x + b * y + c * z - offset) < np.float32(2 * TOLERANCE) * z
             cosine = a * normals[j, 0] + b * normals[j, 1] + c * normals[j, 2]
             if close and cosine > np.float32(LEAST_COSINE):
@@ -225,6 +234,7 @@ def _best(points: Float32, normals: Float32, pixel_m2: Float32, trials: int) -> 
 
 @njit(cache=True, nogil=True)
 def _normals(depth_m: Float32, lens: Float64, rows: Index, columns: Index) -> Float32:
+    """Unit normals (n, 3) at pixels, NaN where unknown; lens: (fx, fy, cx, cy) in pixels."""
     fx, fy, cx, cy = lens
     height, width = depth_m.shape
     normals = np.full((rows.size, 3), np.float32(np.nan))

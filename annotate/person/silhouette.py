@@ -1,8 +1,8 @@
-"""Evidence per pixel -> a smooth decision: neighbours on one surface and of one colour agree.
+"""Belief (h, w) in a person, smoothed so that neighbours on one surface and of one colour agree.
 
 A binary Markov field over the candidate pixels, solved by mean field (Kraehenbuehl & Koltun 2011, with
 sparse neighbours). A link is strong between pixels without a step, a crease or a colour edge between
-them, so that the border settles on those.
+them, so that the border comes to lie on those.
 """
 
 import cv2
@@ -13,34 +13,29 @@ from annotate.array_types import Bool, Float32, Int64, UInt8
 from annotate.cloud.grid import JUMP
 
 OFFSETS = np.array([(0, 1), (1, -1), (1, 0), (1, 1), (0, 2), (2, 0), (2, 1), (2, -1)])
-"""(v, u) to the neighbours that come later; some two apart, to bridge pixels without a reading."""
+"""(v, u) from a pixel to its later neighbours; some two apart, to bridge pixels without a reading."""
 REACH = int(np.abs(OFFSETS).max())
+"""Largest offset in pixels along an axis."""
 STEP = 0.6 * JUMP
-"""Depth step, as a share of the depth, that weakens a link to 1/e."""
+"""Depth step, as a share of the depth, that weakens a link to 1/e. Chosen by eye."""
 CREASE = 0.08
-"""1 - cosine between normals that does so: 23 degrees."""
+"""1 - cosine between normals that weakens it so: 23 degrees. Chosen by eye."""
 EDGE_LAB = 18.0
-"""Standard deviation of 8-bit CIE Lab distances within one material, folds and noise included."""
+"""Standard deviation of 8-bit CIE Lab distances within one material, folds and noise included. Chosen by
+eye."""
 COUPLING = 1.2
-"""Log odds that a wholly certain neighbour over a full link is worth."""
-ROUNDS = 6
-KEPT = 0.3
-"""Share of the old belief kept in a round, so that it settles."""
-
-
-def settle(evidence: Float32, candidates: Bool, depth_m: Float32, normals: Float32, lab: UInt8) -> Float32:
-    """Log odds (h, w) of every pixel -> belief (h, w) in [-1, 1], positive = person; -1 off the candidates.
-
-    depth_m (h, w): positive on the candidates. normals (h, w, 3): unit, NaN = unknown.
-    lab: uint8 (h, w, 3), its first channel 0 = no colour there.
-    """
-    return Links(candidates, depth_m, normals, lab).settle(evidence)
+"""Log odds that a certain neighbour adds over a full link. Chosen by eye."""
+FIELD_ROUNDS = 6
+"""Rounds of mean field. Chosen by eye."""
+DAMPING = 0.3
+"""Share of the old belief in a round's new one, for convergence. Chosen by eye."""
 
 
 class Links:
-    """What joins the candidates (h, w) of a frame; arguments as of ``settle``.
+    """Links between the candidate pixels of a frame, for evidence that is smoothed more than once.
 
-    For evidence that is settled more than once on the same surface.
+    candidates: bool (h, w). depth_m: (h, w), positive on the candidates. normals: (h, w, 3), unit, NaN =
+    unknown. lab: uint8 (h, w, 3), its first channel 0 where there is no colour.
     """
 
     def __init__(self, candidates: Bool, depth_m: Float32, normals: Float32, lab: UInt8) -> None:
@@ -52,20 +47,20 @@ class Links:
             self._candidates, depth_m, normals, np.ascontiguousarray(lab[self._box]), OFFSETS
         )
 
-    def settle(self, evidence: Float32) -> Float32:
-        """Log odds (h, w) -> belief (h, w) in [-1, 1]; -1 off the candidates."""
+    def belief(self, evidence: Float32) -> Float32:
+        """Belief (h, w) in [-1, 1] by log odds (h, w), positive = person; -1 off the candidates."""
         belief = np.full(evidence.shape, np.float32(-1))
         odds = np.where(self._candidates, np.pad(evidence[self._box], REACH), 0).astype(np.float32)
-        settled = _mean_field(odds, self._strength, OFFSETS)[REACH:-REACH, REACH:-REACH]
-        belief[self._box] = np.where(self._candidates[REACH:-REACH, REACH:-REACH], settled, np.float32(-1))
+        smooth = _mean_field(odds, self._strength, OFFSETS)[REACH:-REACH, REACH:-REACH]
+        belief[self._box] = np.where(self._candidates[REACH:-REACH, REACH:-REACH], smooth, np.float32(-1))
         return belief
 
 
 @njit(cache=True, nogil=True)
 def _links(candidates: Bool, depth_m: Float32, normals: Float32, lab: UInt8, offsets: Int64) -> Float32:
-    """How strongly each pixel is linked to that at each offset, (8, h, w); 0 = not at all.
+    """Strength (8, h, w) in [0, 1] of the link from each pixel to that at each offset; 0 = none.
 
-    candidates: with a border of ``REACH`` around all, as the result has it; the others: without.
+    candidates: with a border of ``REACH`` pixels, as the result has; the other images: without.
     """
     height, width = candidates.shape
     strength = np.zeros((offsets.shape[0], height, width), np.float32)
@@ -97,29 +92,29 @@ def _links(candidates: Bool, depth_m: Float32, normals: Float32, lab: UInt8, off
 
 @njit(cache=True, nogil=True)
 def _tanh(x: Float32) -> Float32:
-    """The hyperbolic tangent to 0.02, by its continued fraction cut where it reaches 1: ten times as fast."""
+    """Hyperbolic tangent to 0.02, by its continued fraction cut where it reaches 1: ten times as fast."""
     y = np.minimum(np.maximum(x, np.float32(-3)), np.float32(3))
     return y * (np.float32(27) + y * y) / (np.float32(27) + np.float32(9) * y * y)
 
 
 @njit(cache=True, nogil=True)
 def _mean_field(evidence: Float32, strength: Float32, offsets: Int64) -> Float32:
-    """Belief (h, w) by evidence (h, w), 0 off the candidates; strength: (8, h, w) as ``_links`` gives it."""
+    """Belief (h, w) by log odds (h, w), 0 off the candidates; strength: (8, h, w) of ``_links``."""
     height, width = evidence.shape
     inner = width - 2 * REACH
     belief = _tanh(np.float32(0.5) * evidence)
-    for _ in range(ROUNDS):
-        heard = np.zeros_like(evidence)
+    for _ in range(FIELD_ROUNDS):
+        support = np.zeros_like(evidence)
         for v in range(REACH, height - REACH):
             for k in range(offsets.shape[0]):
                 r, c = v + offsets[k, 0], REACH + offsets[k, 1]
                 link = strength[k, v, REACH : REACH + inner]
-                here, there = belief[v, REACH : REACH + inner], belief[r, c : c + inner]
-                hears, heeds = heard[v, REACH : REACH + inner], heard[r, c : c + inner]
+                earlier, later = belief[v, REACH : REACH + inner], belief[r, c : c + inner]
+                earlier_sum, later_sum = support[v, REACH : REACH + inner], support[r, c : c + inner]
                 for i in range(inner):
-                    hears[i] += link[i] * there[i]
+                    earlier_sum[i] += link[i] * later[i]
                 for i in range(inner):
-                    heeds[i] += link[i] * here[i]
-        now = _tanh(np.float32(0.5) * (evidence + np.float32(COUPLING) * heard))
-        belief = np.float32(KEPT) * belief + np.float32(1 - KEPT) * now
+                    later_sum[i] += link[i] * earlier[i]
+        now = _tanh(np.float32(0.5) * (evidence + np.float32(COUPLING) * support))
+        belief = np.float32(DAMPING) * belief + np.float32(1 - DAMPING) * now
     return belief

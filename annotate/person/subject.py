@@ -1,4 +1,4 @@
-"""Which of the persons in a frame is the one to label, and whether the frame shows that one well enough."""
+"""The subject among the persons of a frame, and warnings where the frame does not show them well enough."""
 
 from collections.abc import Sequence
 
@@ -13,22 +13,27 @@ from annotate.suit.color_model import DARK
 from annotate.suit.palette import chromaticity
 
 OFF_CENTRE = 0.3
-"""Tangent of the angle off the view's middle column over which a claim to be the subject fades to 1/e:
-people are aimed at, half of a Kinect v2's view is 0.7."""
-BEFORE_COUNTS = 4.0
-"""What a claim gains for standing where the subject was in the frame before."""
+"""Tangent of the angle off the view's middle column at which a score falls to 1/e: people are aimed at, half
+of a Kinect v2's view is 0.7. Chosen by eye."""
+BEFORE_GAIN = 4.0
+"""Factor less one by which standing where the subject stood before raises a score. Chosen by eye."""
 CLEAR = 2.0
-"""Among three and more, the subject's claim must be that many times the next one's."""
-BORDER_PX, CUT_PX = 4, 12
-"""So many pixels that near to a border of the image mean that it cuts the person."""
-HUE, GREYISH = 0.06, 0.15
-"""Side of the cells of chromaticity that count as different colours; so near to the light's it is none."""
+"""Least ratio of the best score to the next among three persons and more. Chosen by eye."""
+BORDER_PX = 4
+"""Width in pixels of the strip along a border of the image that counts as touching it. Chosen by eye."""
+CUT_PX = 12
+"""Pixels of a person in that strip from which the border cuts them. Chosen by eye."""
+HUE_CELL = 0.06
+"""Side of the cells of chromaticity that count as different colours. Chosen by eye."""
+GREYISH = 0.15
+"""Distance in chromaticity from the light's own below which a colour is none. Chosen by eye."""
 
 
 def colors_worn(cloud: ThermalCloud, person: Bool, room: Bool) -> float:
-    """How many strong colours somebody (h, w) shows: the perplexity of their hues by the share that has any.
+    """Number of strong colours on a person: the perplexity of their hues times the share of coloured pixels.
 
-    A suit has many, clothes one or two, things none. room: bool (h, w), what shows the light's own colour.
+    A suit has many, clothes one or two, things none. person, room: bool (h, w); the room shows the light's
+    own colour.
     """
     own, around = (np.flatnonzero(mask & cloud.color_valid) for mask in (person, room))
     rgb, every = cloud.color_rgb.reshape(-1, 3)[own[::4]], cloud.color_rgb.reshape(-1, 3)[around[::29]]
@@ -37,30 +42,31 @@ def colors_worn(cloud: ThermalCloud, person: Bool, room: Bool) -> float:
     strong = chroma[np.linalg.norm(chroma - white, axis=1) > GREYISH]
     if not len(strong):
         return 0.0
-    cells = np.unique((strong / HUE).astype(np.int64) @ (1000, 1), return_counts=True)[1]
+    cells = np.unique((strong / HUE_CELL).astype(np.int64) @ (1000, 1), return_counts=True)[1]
     share = cells / cells.sum()
     return float(np.exp(-(share * np.log(share)).sum()) * len(strong) / len(chroma))
 
 
-def claim(person: Person, before: FrameLabels | None, wearing: ThermalCloud | None) -> float:
-    """How much speaks for a person being the one to label: surface, near the middle, there before.
+def subject_score(person: Person, before: FrameLabels | None, wearing: ThermalCloud | None) -> float:
+    """Score in m2 of a person as the one to label: surface, near the view's middle, there before.
 
-    wearing: the cloud where the subject is known to wear the suit: then its many colours count.
+    before: labels of the previous frame. wearing: the cloud if the subject wears a suit, whose many colours
+    then count; else None.
     """
     x, _, z = person.centre_m
-    claimed = person.area_m2 * float(np.exp(-np.square(x / z / OFF_CENTRE)))
+    score = person.area_m2 * float(np.exp(-np.square(x / z / OFF_CENTRE)))
     if before is not None and before.depth_mm.shape == person.mask.shape:
-        claimed *= 1 + BEFORE_COUNTS * float((persons_before(before)[person.mask] == 1).mean())
+        score *= 1 + BEFORE_GAIN * float((persons_before(before)[person.mask] == 1).mean())
     if wearing is None or not wearing.color_valid.any():
-        return claimed
-    return claimed * (1 + colors_worn(wearing, person.mask, wearing.valid))
+        return score
+    return score * (1 + colors_worn(wearing, person.mask, wearing.valid))
 
 
 def crowd(persons: Sequence[Person], before: FrameLabels | None, wearing: ThermalCloud | None) -> list[str]:
-    """A warning where three or more are there and none is clearly the subject."""
+    """A warning where none of three or more persons is clearly the subject; persons: best first."""
     if len(persons) < 3:
         return []
-    first, second = (claim(person, before, wearing) for person in persons[:2])
+    first, second = (subject_score(person, before, wearing) for person in persons[:2])
     if first >= CLEAR * second:
         return []
     return [
@@ -70,7 +76,7 @@ def crowd(persons: Sequence[Person], before: FrameLabels | None, wearing: Therma
 
 
 def cut(mask: Bool) -> list[str]:
-    """A warning where three borders of the image or all four cut the person."""
+    """A warning where three or four borders of the image cut the person's mask (h, w)."""
     borders = {
         "left": mask[:, :BORDER_PX],
         "right": mask[:, -BORDER_PX:],

@@ -1,7 +1,7 @@
-"""How far a thermal camera's calibration has drifted, told from an ordinary session of a warm person.
+"""Drift of a thermal camera's calibration, measured on an ordinary session of a warm person.
 
-Every frame says a little (``annotate.person.alignment``); their contrasts add up to a peak that a parabola
-places between the shifts tried, and groups of frames say how sure it is.
+The contrasts of all frames (``annotate.person.alignment``) add up to a peak that a parabola places between
+the shifts tried; groups of frames give its standard deviation.
 """
 
 from collections.abc import Iterable
@@ -19,18 +19,21 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 
 AROUND_PX = 40
-"""How far from warm pixels silhouettes count."""
+"""Distance in pixels from warm pixels within which silhouettes count. Chosen by eye."""
 GROUPS = 8
+"""Groups of frames whose spread gives the standard deviation; the least number of frames too. Chosen by
+eye."""
 TOLERABLE_DEG = 0.5
-"""One pixel of a PI200 with its 72 degree lens: what fusing and extraction were made for."""
+"""Largest drift in degrees that fusing and extraction allow for: one pixel of a PI200 with its 72 degree
+lens."""
 
 
 @dataclass(frozen=True)
-class Drift:
-    """The thermal image's place over the depth image. shift_px: (right, down), in depth pixels.
+class ThermalDrift:
+    """Shift (right, down) of the thermal image over the depth image, in depth pixels.
 
-    sd_px: their standard deviations over groups of frames. degrees: the angle between the cameras that it
-    stands for. frames: how many said something.
+    sd_px: its standard deviations by groups of frames. degrees: the angle of the shift in the depth camera.
+    frames: number of frames with enough silhouettes.
     """
 
     shift_px: tuple[float, float]
@@ -44,8 +47,8 @@ class Drift:
         return self.degrees <= TOLERABLE_DEG
 
 
-def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> Drift:
-    """Measure over all frames that have temperatures.
+def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> ThermalDrift:
+    """Drift over all frames that have temperatures.
 
     Raises CalibrationError where fewer than ``GROUPS`` frames show a warm person's silhouette.
     """
@@ -72,11 +75,11 @@ def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> Dr
     each = np.array([_peak(group) for group in groups])
     sd = each.std(axis=0, ddof=1) / np.sqrt(GROUPS)
     degrees = float(np.degrees(np.arctan2(np.hypot(right, down), fuser.camera.fx)))
-    return Drift((right, down), (float(sd[0]), float(sd[1])), degrees, len(surfaces))
+    return ThermalDrift((right, down), (float(sd[0]), float(sd[1])), degrees, len(surfaces))
 
 
 def _peak(surface: Float64) -> tuple[float, float]:
-    """(right, down) of the highest point of contrasts (n, n) by shift, between the shifts by a parabola."""
+    """Shift (right, down) in pixels of the highest of contrasts (n, n), between the shifts by a parabola."""
     rows, columns = surface.shape
     row, column = np.unravel_index(int(surface.argmax()), surface.shape)
     down = row + _vertex(surface[max(row - 1, 0) : row + 2, column]) - (rows - 1) / 2
@@ -85,7 +88,7 @@ def _peak(surface: Float64) -> tuple[float, float]:
 
 
 def _vertex(three: Float64) -> float:
-    """Where a parabola through three values at -1, 0, 1 is highest; 0 at the border."""
+    """Place of the maximum of a parabola through three values at -1, 0, 1; 0 at the border."""
     if len(three) < 3 or (bend := three[0] - 2 * three[1] + three[2]) >= 0:
         return 0.0
     return float(0.5 * (three[0] - three[2]) / bend)

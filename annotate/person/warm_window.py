@@ -1,4 +1,4 @@
-"""How warm is a person here: the window found from a frame's own histogram, and the paper's fixed one."""
+"""The window of a person's surface temperatures, from a frame's own histogram."""
 
 import cv2
 import numpy as np
@@ -7,36 +7,37 @@ from annotate.array_types import Bool, Float32
 from annotate.cloud.thermal_cloud import ThermalCloud
 
 WINDOW_C = (25.0, 35.0)
-"""Surface temperatures of a dressed person in a room (Nishi & Miura 2017, section 4.2.1)."""
+"""Least and most surface temperature in degrees Celsius of a dressed person in a room, where the frame itself
+gives none (Nishi & Miura 2017, section 4.2.1)."""
 BIN_C = 0.25
+"""Width of a histogram's bin in degrees Celsius. Chosen by eye."""
 REACH_C = 40.0
-"""The histogram's reach to both sides of the median."""
-ROOM_SPREAD_C, PERSON_SPREAD_C = 0.5, 1.0
-"""Smoothing of the histogram before its highest place is taken: walls are even, a dressed person is not."""
-CONTRAST_C, CONTRAST_SPREAD_C = 9.0, 3.0
-"""How much warmer than the room clothes are, 20 and 29 degrees for most, and how far that may be off: 6 in a
-hot room, 14 for skin in a cold one. A blanket or a sofa near a radiator is some 3 degrees warmer."""
+"""Reach of the histogram to both sides of the median, degrees Celsius. Chosen by eye."""
+ROOM_SPREAD_C = 0.5
+"""Smoothing of the room's histogram in degrees Celsius: walls are even. Chosen by eye."""
+PERSON_SPREAD_C = 1.0
+"""Smoothing of the person's histogram in degrees Celsius: a dressed person is uneven. Chosen by eye."""
+CONTRAST_C = 9.0
+"""Expected degrees Celsius of clothes above the room, 20 and 29 degrees for most. Chosen by eye."""
+CONTRAST_SPREAD_C = 3.0
+"""Standard deviation of that in degrees Celsius: 6 above a hot room, 14 for skin in a cold one; a blanket or
+a sofa near a radiator is some 3 above. Chosen by eye."""
 LEAST_M2 = 0.02
-"""Less warm surface than this has no mode worth trusting."""
+"""Warm surface in m2, weighted by its contrast, below which no window is found. Chosen by eye."""
 HALFWAY = 0.5
-"""The window begins halfway between the room and the person, as it does for 20 degrees and 30."""
+"""Beginning of the window on the way from the room's temperature to the person's, as a share; gives the
+paper's 25 degrees for a room of 20 and a person of 30."""
 ABOVE_C = 5.0
-"""Bare skin is 3 to 4 degrees warmer than clothes (ISO 7933), a camera's noise on top."""
-
-
-def fixed_window_mask(cloud: ThermalCloud, window_c: tuple[float, float] = WINDOW_C) -> Bool:
-    """The paper's extraction, the baseline: every valid pixel (h, w) within the window."""
-    return np.asarray(
-        cloud.valid & (cloud.temperature_c >= window_c[0]) & (cloud.temperature_c <= window_c[1]), np.bool_
-    )
+"""End of the window above the person's commonest temperature in degrees Celsius: bare skin is 3 to 4 degrees
+warmer than clothes (ISO 7933), plus a camera's noise."""
 
 
 def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
-    """A person's temperatures in this frame, least and most, or None where nothing stands out.
+    """Least and most degrees Celsius of a person in this frame, or None where nothing stands out.
 
-    loose: bool (h, w), pixels off the room's planes, where a person can be: a sunlit wall must not pass
-    for one. The room is the commonest temperature of all, the person the commonest of what is loose and
-    warmer, by surface. An offset of all temperatures moves the window by as much.
+    loose: bool (h, w), pixels off the room's planes: a sunlit wall is no person. The room has the commonest
+    temperature of all pixels, the person the commonest of the loose and warmer ones, by surface. An offset of
+    all temperatures moves the window by as much.
     """
     known = cloud.valid & np.isfinite(cloud.temperature_c)
     if not known.any():
@@ -54,7 +55,7 @@ def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
 
 
 def _mode(celsius: Float32, weight: Float32, spread_c: float) -> float:
-    """Where the smoothed histogram is highest."""
+    """Commonest temperature in degrees Celsius of temperatures (n,) with weights (n,), histogram smoothed."""
     # Bins around the median: a common offset of all temperatures moves them along.
     middle, bins = np.median(celsius), round(2 * REACH_C / BIN_C)
     place = ((celsius - middle).astype(np.float64) + REACH_C) / BIN_C

@@ -1,8 +1,8 @@
-"""Labels that have been read from a suit, looked at again with all that is known of a person by then.
+"""Second look: labels and mask decided anew by a small network over the supervoxels of a read frame.
 
-The first look goes by what is true of every suit and body. What it leaves is rather alike from person to
-person: a hand on a thigh has no colour of its own, a blanket that covers the legs looks like cloth. A small
-network that has seen many such frames of the virtual rig tells these, and what else is the person's.
+The first reading rests on rules for every suit and body. Its errors are much the same from person to person:
+a hand on a thigh has no colour of its own, a blanket that covers the legs looks like cloth. The network,
+trained on many such frames of the virtual rig, corrects these.
 """
 
 from dataclasses import replace
@@ -15,17 +15,17 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.engine import Engine
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BODY_PARTS
-from annotate.person.clothed_mask import Clues, filled
+from annotate.person.clothed_mask import MOST_PERSON_ODDS, PatchClues, interpolated
 from annotate.person.extract import PersonMask
-from annotate.second_look.descriptors import described, neighbours
-from annotate.second_look.network import Network
-from annotate.segmentation.reading import Reading
+from annotate.second_look.descriptors import descriptors, neighbour_pairs
+from annotate.second_look.network import GraphNetwork
+from annotate.segmentation.reading import SuitReading
 from annotate.segmentation.segment import Segmentation, labelled
 from annotate.suit.color_model import readable
 from sensors.rig.nearest import Nearest
 
-LEAST, MOST_ODDS = 1e-4, 6.0
-"""No class is less likely than the first; the most that the network tells of a pixel being the person's."""
+LEAST = 1e-4
+"""Least probability of a class. Chosen by eye."""
 
 
 def look_again(
@@ -35,35 +35,41 @@ def look_again(
     before: FrameLabels | None,
     engine: Engine | None = None,
 ) -> tuple[Segmentation, PersonMask]:
-    """Better labels, and a better mask; the same where the suit could not be read or nothing is felt.
+    """Better labels and a better mask; the given ones where the suit was not read or no temperature is known.
 
-    before: the labels of the frame before.
+    person, first: mask and labels of the first reading. before: labels of the previous frame.
     """
-    engine, reading, seen = engine or Engine(), first.reading, person.undecided
-    if reading is None or seen is None:
+    engine, reading, candidates = engine or Engine(), first.reading, person.candidates
+    if reading is None or candidates is None:
         return first, person
-    clues, groups = seen.clues, seen.clues.groups
-    pairs = neighbours(groups.centroids_m(cloud.points_m[clues.own]))
-    rows = described(cloud, person.mask, seen, first, before)
-    chance = Network(**engine.weights.network)(rows, pairs, clues.patches.ids, groups.sizes)
-    theirs = np.log(1 - chance[:, 0] + LEAST) - np.log(chance[:, 0] + LEAST)
-    theirs = np.clip(theirs, -MOST_ODDS, MOST_ODDS)
-    mask = seen.decided(filled(theirs[groups.ids], clues.own)) & ~person.others
+    clues, groups = candidates.clues, candidates.clues.groups
+    pairs = neighbour_pairs(groups.centroids_m(cloud.points_m[clues.compared]))
+    rows = descriptors(cloud, person.mask, candidates, first, before)
+    chance = GraphNetwork(**engine.weights.network)(rows, pairs, clues.patches.ids, groups.sizes)
+    person_odds = np.log(1 - chance[:, 0] + LEAST) - np.log(chance[:, 0] + LEAST)
+    person_odds = np.clip(person_odds, -MOST_PERSON_ODDS, MOST_PERSON_ODDS)
+    mask = candidates.mask(interpolated(person_odds[groups.ids], clues.compared)) & ~person.others
     if not mask.any():
         return first, person
     belief = chance[:, 1:] / np.maximum(chance[:, 1:].sum(axis=1, keepdims=True), 1e-12)
-    labels = labelled(cloud, _reread(cloud, mask, clues, belief, theirs, reading), engine, first.notes)
-    return labels, replace(person, mask=mask)
+    reread = _second_reading(cloud, mask, clues, belief, person_odds, reading)
+    return labelled(cloud, reread, engine, first.notes), replace(person, mask=mask)
 
 
-def _reread(
-    cloud: ThermalCloud, mask: Bool, clues: Clues, belief: Float64, theirs: Float64, first: Reading
-) -> Reading:
-    """The points of a mask (h, w), read anew.
+def _second_reading(
+    cloud: ThermalCloud,
+    mask: Bool,
+    clues: PatchClues,
+    belief: Float64,
+    odds: Float64,
+    first: SuitReading,
+) -> SuitReading:
+    """Reading of the points of a mask (h, w) by the network's beliefs.
 
-    belief (G, 11), theirs (G,): log odds of being the person's, about supervoxels of every second pixel.
+    belief (G, 11), odds (G,): parts and log odds of being the person's, of the clues' supervoxels,
+    which cover every second pixel. first: the first reading.
     """
-    nearest = Nearest(cloud.points_m[clues.own]).query(cloud.points_m[mask])[1]
+    nearest = Nearest(cloud.points_m[clues.compared]).query(cloud.points_m[mask])[1]
     used, ids = np.unique(clues.groups.ids[nearest], return_inverse=True)
     renumbered = np.full(clues.groups.count, -1, np.int32)
     renumbered[used] = np.arange(len(used))
@@ -73,4 +79,4 @@ def _reread(
     usable = readable(rgb, cloud.color_valid[mask])
     evidence = np.zeros((len(rgb), len(BODY_PARTS)))
     evidence[usable] = first.model.evidence(rgb[usable])
-    return Reading(first.suit, mask, groups, belief[used], theirs[used], usable, evidence, first.model)
+    return SuitReading(first.suit, mask, groups, belief[used], odds[used], usable, evidence, first.model)

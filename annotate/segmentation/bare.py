@@ -1,7 +1,7 @@
-"""Hands, feet and face show no cloth of the suit: they belong to the sleeve they grow out of.
+"""Log evidence (G, 11) of bare surface (hands, feet, face), by the sleeve that it grows out of.
 
-Skin and shoes look the same on the left and on the right, so their colour says nothing of the side, and
-hands lie in laps, on the other arm and under chins. What tells is the way along the surface, through bare
+Skin and shoes look the same on the left and on the right, so their colour is no evidence of the side, and
+hands lie in laps, on the other arm and under chins. The evidence is the way along the surface, through bare
 skin alone, from the cloth of each limb.
 """
 
@@ -14,77 +14,83 @@ from annotate.segmentation.patches import Patches
 from annotate.suit.color_model import ColorModel
 
 HEAD = PART_ID["head"] - 1
+"""Part index of the head."""
 TWINS = tuple(
     (PART_ID[f"left_{limb}"] - 1, PART_ID[f"right_{limb}"] - 1) for limb in ("forearm", "lower_leg")
 )
-OWN = [HEAD, *(part for twins in TWINS for part in twins)]
-"""Limbs whose cloth ends in something bare, and all that show something bare."""
+"""(left, right) part indices of the limbs whose cloth ends in something bare."""
+SHOWING_BARE = [HEAD, *(part for twins in TWINS for part in twins)]
+"""Part indices of all parts that show something bare."""
 FAR_M = 0.3
-"""A hand and a foot end less than that from their cuffs, along the skin (Drillis & Contini 1966: 0.108 and
-0.152 of the stature); what is farther belongs to nobody in particular."""
-WEIGHT = 4.0
-"""Log odds of growing out of one cuff against being that far from another."""
-LIKELY = -2.0
-"""Log odds against cloth from which on a colour may be bare: a sleeve can be orange as skin is."""
-SURE = 0.5
-"""Belief from which on a patch is a part's."""
+"""Longest way in metres along bare surface: a hand and a foot end nearer to their cuffs (Drillis & Contini
+1966: 0.108 and 0.152 of the stature)."""
+CUFF_WEIGHT = 4.0
+"""Log odds of growing out of one cuff, against another that far away. Chosen by eye."""
+LIKELY_BARE = -2.0
+"""Log odds against cloth from which on a colour may be bare: a sleeve can be orange as skin is. Chosen by
+eye."""
+CLEAR_PART = 0.5
+"""Belief from which on a supervoxel counts as a part's. Chosen by eye."""
 
-_Ways = tuple[Int32, Int32, Float64]
-"""Steps between supervoxels: from, to, length in metres."""
+_Steps = tuple[Int32, Int32, Float64]
+"""Steps (e,) between supervoxels: start, end, length in metres."""
 
 
 def bareness(model: ColorModel, chroma: Float64, blur: Float64) -> Float64:
-    """Log odds (G,) against cloth of colours (G, 2) being bare: skin, hair, shoes, whatever a head shows."""
+    """Log odds (G,) of being bare (skin, hair, shoes, all that a head shows) against cloth of the suit.
+
+    chroma (G, 2), blur (G,): mean chromaticity and its uncertainty.
+    """
     match = model.match(chroma, blur)
     bare = model.bare | model.wears[:, HEAD]
     return np.asarray(match[:, bare].max(axis=1) - match[:, ~bare].max(axis=1))
 
 
 def without_sides(belief: Float64, odds: Float64) -> Float64:
-    """Beliefs (G, 11) that do not tell left limbs from right ones where ``bareness`` (G,) is likely."""
-    belief, bare = belief.copy(), odds > LIKELY
+    """Beliefs (G, 11) with left and right limbs alike where the odds (G,) of ``bareness`` are likely."""
+    belief, bare = belief.copy(), odds > LIKELY_BARE
     for left, right in TWINS:
         belief[bare, left] = belief[bare, right] = belief[bare][:, [left, right]].mean(axis=1)
     return belief
 
 
-def grown_from(
+def cuff_evidence(
     belief: Float64, odds: Float64, patches: Patches, groups: Supervoxels, centroids_m: Float64
 ) -> Float64:
-    """Log evidence (G, 11) of what may be bare: how far each is from head and cuffs, on a way through such.
+    """Log evidence (G, 11) of bare supervoxels by their ways from head and cuffs over bare surface.
 
-    belief: (G, 11). odds: (G,) as ``bareness`` gives them. A part of which no cloth is seen is as good as the
-    farthest.
+    belief: (G, 11). odds: (G,), of ``bareness``. centroids_m: (G, 3). A part without visible cloth counts as
+    FAR_M away.
     """
-    bare = odds > LIKELY
-    ways = _ways(bare, groups, centroids_m)
-    part, sure = belief.argmax(axis=1), belief.max(axis=1) > SURE
+    bare = odds > LIKELY_BARE
+    steps = _bare_steps(bare, groups, centroids_m)
+    likeliest, clear = belief.argmax(axis=1), belief.max(axis=1) > CLEAR_PART
     away_m = np.full(belief.shape, FAR_M)
-    for own in OWN:
-        shows = sure & (part == own)
-        cloth = shows & (odds < 0)
-        shows = cloth if own != HEAD and cloth.any() else shows
-        points = np.bincount(patches.ids, groups.sizes * shows)
-        away_m[:, own] = _away(ways, shows & (patches.ids == points.argmax()))
+    for part in SHOWING_BARE:
+        source = clear & (likeliest == part)
+        cloth = source & (odds < 0)
+        source = cloth if part != HEAD and cloth.any() else source
+        points = np.bincount(patches.ids, groups.sizes * source)
+        away_m[:, part] = _away_m(steps, source & (patches.ids == points.argmax()))
     cost = np.zeros_like(belief)
     nearest_m = away_m.min(axis=1, keepdims=True)
-    cost[:, OWN] = -WEIGHT / FAR_M * (away_m[:, OWN] - nearest_m)
+    cost[:, SHOWING_BARE] = -CUFF_WEIGHT / FAR_M * (away_m[:, SHOWING_BARE] - nearest_m)
     cost[~bare] = 0
     return cost
 
 
-def _ways(bare: Bool, groups: Supervoxels, centroids_m: Float64) -> _Ways:
-    """The steps that lead into bare supervoxels."""
+def _bare_steps(bare: Bool, groups: Supervoxels, centroids_m: Float64) -> _Steps:
+    """Steps between touching supervoxels that end in a bare one; bare: bool (G,)."""
     a, b = np.concatenate([groups.edges, groups.edges[:, ::-1]]).T
     into = bare[b]
     return a[into], b[into], np.linalg.norm(centroids_m[a] - centroids_m[b], axis=1)[into]
 
 
-def _away(ways: _Ways, start: Bool) -> Float64:
-    """Way (G,) in metres from the nearest of some supervoxels (G,), at most FAR_M."""
-    a, b, length_m = ways
+def _away_m(steps: _Steps, start: Bool) -> Float64:
+    """Length (G,) in metres of the shortest way from the supervoxels ``start`` (bool (G,)), at most FAR_M."""
+    a, b, length_m = steps
     away_m = np.where(start, 0.0, FAR_M)
-    # Bellman and Ford's rounds: few, since nothing is followed farther than FAR_M.
+    # Bellman and Ford's rounds: few, since no way is followed beyond FAR_M.
     while True:
         nearer_m = away_m.copy()
         np.minimum.at(nearer_m, b, away_m[a] + length_m)

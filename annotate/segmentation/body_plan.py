@@ -1,6 +1,6 @@
-"""How a body is put together: how far apart places on two parts lie, and which parts touch.
+"""Statistics of the body: distances between places on two parts, contacts of parts, and their warmth.
 
-Counted over supervoxels of the virtual rig's truth, `normal` and `hard`, seeds 100 to 199, 128 frames of 16
+Measured over supervoxels of the virtual rig's truth, `normal` and `hard`, seeds 100 to 199, 128 frames of 16
 people on sofas, chairs and beds, left and right taken together. Rows and columns are parts 1 to 11.
 """
 
@@ -22,6 +22,7 @@ DISTANCE_M = 0.01 * np.array(
         [97, 73, 85, 74, 71, 55, 55, 52, 38, 51, 21],
     ]
 )
+"""Mean distance (11, 11) in metres of two supervoxels on these parts."""
 DISTANCE_SD_M = 0.01 * np.array(
     [
         [5, 13, 9, 9, 15, 15, 9, 10, 10, 18, 18],
@@ -37,6 +38,7 @@ DISTANCE_SD_M = 0.01 * np.array(
         [18, 19, 17, 18, 23, 25, 15, 16, 16, 19, 12],
     ]
 )
+"""Standard deviation (11, 11) of that distance in metres."""
 CONTACT = np.array(
     [
         [0.0, 1.1, -3.9, -3.9, -4.2, -4.2, -3.5, -4.4, -4.4, -4.8, -4.8],
@@ -52,10 +54,11 @@ CONTACT = np.array(
         [-4.8, -5.7, -4.3, -4.3, -4.7, -1.7, -3.9, -4.8, 1.4, -5.2, 0.0],
     ]
 )
+"""Log odds (11, 11) of two touching supervoxels lying on these two parts, against chance; 0 on one part."""
 # fmt: on
-"""CONTACT: log odds of two touching supervoxels lying on these two parts, against chance; 0 on one part."""
 
 WARMTH_C = np.array([2.0, 0.9, -0.2, -0.2, -0.9, -0.9, 0.4, 0.0, 0.0, -2.7, -2.7])
+"""Mean degrees Celsius (11,) of a part's surface above the person's median."""
 WARMTH_SD_C = np.array([2.6, 1.2, 1.4, 1.4, 2.1, 2.1, 1.2, 1.2, 1.2, 2.1, 2.1])
-"""How much warmer a part's surface is than the person's median, counted likewise; the spread is widened,
-since other rooms and clothes differ more than the rig's."""
+"""Standard deviation (11,) of that in degrees Celsius, widened by eye: rooms and clothes beside the rig's
+differ more."""

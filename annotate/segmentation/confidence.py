@@ -1,70 +1,76 @@
-"""How sure every pixel's label is: the chance that it is right, the person's outline included.
+"""Confidence (n,) of every pixel's label: the chance that it is right, the person's outline included.
 
-Labels go wrong in thin strips, along seams and silhouettes, and in small islands; a mean over a
-supervoxel would hide them. So each pixel has a confidence of its own, and a supervoxel is worth a look for
-all the wrong pixels that are to be expected in it.
+Labels go wrong in thin strips, along seams and silhouettes, and in small islands; a mean over a supervoxel
+would hide them. So each pixel has a confidence of its own, and supervoxels are ranked for review by the
+expected number of wrong pixels.
 """
 
 import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, Index, UInt8
-from annotate.cloud.color_odds import SURE, by_color, lab_of
+from annotate.cloud.color_odds import SURE_ODDS, color_odds, lab_of
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.segmentation.reading import Reading
+from annotate.crop import window_of
+from annotate.segmentation.reading import SuitReading
 
 FEATURES = (
-    "odds",
-    "margin",
-    "unread",
-    "same",
-    "island",
-    "island of part",
-    "part",
-    "outline",
-    "alone",
-    "jump",
-    "unmeasured",
-    "no warmth",
-    "cold",
-    "contact",
-    "room color",
-    "contrast",
-    "frame contact",
-    "frame odds",
-    "theirs",
+    "odds",  # log of the likeliest part's belief over the next one's
+    "margin",  # log likelihood of the point's colour under its part, less the best other's
+    "unread",  # 1 without a readable colour
+    "same",  # share of its part among the person's pixels in 7 x 7
+    "island",  # log pixels of the connected piece of its part
+    "island of part",  # their share of the part
+    "part",  # log share of the part in the person
+    "outline",  # log pixels to the person's outline
+    "alone",  # share off the person in 5 x 5
+    "jump",  # 1 beside a depth edge within the person
+    "unmeasured",  # 1 near the outline with no reading beside
+    "no warmth",  # 1 without a temperature
+    "cold",  # degrees Celsius below the person's median
+    "contact",  # share of the supervoxel's points whose surface goes on beyond the outline
+    "room color",  # log odds of its colour being the person's, against the surroundings'
+    "contrast",  # degrees Celsius above the surroundings
+    "frame contact",  # mean of contact over the frame
+    "frame odds",  # mean of odds over the frame
+    "person odds",  # log odds of the supervoxel being the person's at all
 )
-"""What adds to the log odds of a label being right, each by its weight (`annotate.engine.Weights`).
-
-odds: log of the likeliest part's belief over the next one's. margin: how much better the point's own colour
-fits its part than any other, log. unread: no readable colour. same: share of its part in 7 x 7. island: log
-pixels of the connected piece of its part; island of part: their share of the part. part: log share of the
-person. outline: log pixels to the person's outline. alone: share off the person in 5 x 5. jump: depth edge
-within the person. unmeasured: near the outline and no depth beside. no warmth: no temperature. cold: degrees
-below the person's median. contact: share of the supervoxel's points near the outline that go on in depth off
-the person. room color: log odds of its colour being the person's and not the surroundings'. contrast: degrees
-above what lies around. frame contact, frame odds: means over the frame. theirs: log odds of the supervoxel
-being the person's."""
-
-LEAST_BELIEF, MOST_MARGIN, COLDEST_C, FARTHEST_PX = 1e-4, 4.0, 6.0, 20
-"""Beyond these a feature says no more."""
-SAME_PX, NEAR_PX, OUTLINE_PX = 7, 5, 2
-"""Sides of the windows, and how near the outline is near."""
-CONTACT_M, JUMP_M = 0.03, 0.06
-"""Depth differences within which a surface goes on, and from which on it does not."""
-AROUND_PX, LEAST_ROOM = 31, 0.05
-"""Side of the window that is a place's surroundings, and the share of it that must be off the person."""
+"""Columns of the features; their weights are `annotate.engine.Weights.confidence`."""
+LEAST_BELIEF = 1e-4
+"""Least belief that counts in ``odds``. Chosen by eye."""
+MOST_MARGIN = 4.0
+"""Bound of ``margin``. Chosen by eye."""
+COLDEST_C = 6.0
+"""Bound of ``cold`` and, below, of ``contrast`` in degrees Celsius; half of its upper bound. Chosen by
+eye."""
+FARTHEST_PX = 20
+"""Bound of the pixels to the outline. Chosen by eye."""
+SAME_PX = 7
+"""Side in pixels of the window of ``same``. Chosen by eye."""
+NEAR_PX = 5
+"""Side in pixels of the window of ``alone``, ``jump``, ``unmeasured`` and ``contact``. Chosen by eye."""
+OUTLINE_PX = 2
+"""Pixels within which a point is near the outline. Chosen by eye."""
+CONTACT_M = 0.03
+"""Depth difference in metres within which a surface goes on. Chosen by eye."""
+EDGE_M = 0.06
+"""Depth difference in metres of a depth edge. Chosen by eye."""
+AROUND_PX = 31
+"""Side in pixels of the window of a pixel's surroundings. Chosen by eye."""
+LEAST_ROOM = 0.05
+"""Least share of that window off the person for a contrast. Chosen by eye."""
 MARGIN_PX = 16
+"""Pixels beyond the person's mask that the features look at: half of AROUND_PX."""
 
 
-def features(cloud: ThermalCloud, parts: UInt8, reading: Reading) -> Float64:
-    """What tells right labels from wrong ones (n, 19), in the order of FEATURES, of the points read.
+def features(cloud: ThermalCloud, parts: UInt8, reading: SuitReading) -> Float64:
+    """Features float64 (n, 19) of a reading's points, in the order of FEATURES.
 
-    parts: uint8 (h, w) as chosen.
+    parts: uint8 (h, w), labels as chosen.
     """
     mask, groups, belief = reading.mask, reading.groups, reading.belief
-    box = _box(mask)
+    box = window_of(mask, MARGIN_PX)
     within, chosen = mask[box], parts[box]
     depth_m = (cloud.depth_mm[box] / np.float32(1000)).astype(np.float32)
     second, first = np.sort(np.maximum(belief, LEAST_BELIEF), axis=1)[:, -2:].T
@@ -75,55 +81,46 @@ def features(cloud: ThermalCloud, parts: UInt8, reading: Reading) -> Float64:
     outline_px = cv2.distanceTransform(within.astype(np.uint8), cv2.DIST_C, 3)
     near = within & (outline_px <= OUTLINE_PX)
     contact = (near & _goes_on(depth_m, within))[within]
-    return np.column_stack(
-        [
-            odds,
-            _margin(reading.evidence, reading.usable, parts[mask]),
-            ~reading.usable,
-            _same(chosen, within),
-            *_islands(chosen, within),
-            np.log(np.minimum(outline_px[within], FARTHEST_PX)),
-            1 - cv2.blur(within.astype(np.float32), (NEAR_PX, NEAR_PX))[within],
-            _jumps(depth_m, within)[within],
-            (near & (cv2.erode(depth_m, np.ones((NEAR_PX, NEAR_PX))) == 0))[within],
-            ~felt,
-            np.where(felt, np.clip(usual_c - celsius, 0, COLDEST_C), 0),
-            groups.mean(contact)[groups.ids],
-            _room_color(cloud, mask),
-            _contrast_c(cloud.temperature_c[box], within),
-            np.full(len(odds), contact.mean()),
-            np.full(len(odds), odds.mean()),
-            reading.theirs[groups.ids],
-        ]
-    ).astype(np.float64)
+    island, share_of_part, part = _islands(chosen, within)
+    columns = {
+        "odds": odds,
+        "margin": _margin(reading.evidence, reading.usable, parts[mask]),
+        "unread": ~reading.usable,
+        "same": _same(chosen, within),
+        "island": island,
+        "island of part": share_of_part,
+        "part": part,
+        "outline": np.log(np.minimum(outline_px[within], FARTHEST_PX)),
+        "alone": 1 - cv2.blur(within.astype(np.float32), (NEAR_PX, NEAR_PX))[within],
+        "jump": _jumps(depth_m, within)[within],
+        "unmeasured": (near & (cv2.erode(depth_m, np.ones((NEAR_PX, NEAR_PX))) == 0))[within],
+        "no warmth": ~felt,
+        "cold": np.where(felt, np.clip(usual_c - celsius, 0, COLDEST_C), 0),
+        "contact": groups.mean(contact)[groups.ids],
+        "room color": _room_color(cloud, mask),
+        "contrast": _contrast_c(cloud.temperature_c[box], within),
+        "frame contact": np.full(len(odds), contact.mean()),
+        "frame odds": np.full(len(odds), odds.mean()),
+        "person odds": reading.person_odds[groups.ids],
+    }
+    return np.column_stack([columns[name] for name in FEATURES]).astype(np.float64)
 
 
-def calibrated(found: Float64, weights: Float64) -> Float64:
-    """Chance (n,) that a label is right from ``features`` (n, 19): a logistic curve.
+def chance_right(columns: Float64, weights: Float64) -> Float64:
+    """Chance (n,) in [0, 1] that a label is right, by ``features`` (n, 19): a logistic curve.
 
-    weights: (20,) of the features and, last, the intercept.
+    weights: (20,), of the features and, last, the intercept.
     """
-    return np.asarray(1 / (1 + np.exp(-(found @ weights[:-1] + weights[-1]))))
+    return np.asarray(1 / (1 + np.exp(-(columns @ weights[:-1] + weights[-1]))))
 
 
 def worst_first(confidence: Float64, groups: Supervoxels) -> Index:
-    """Supervoxels (G,) in the order they are worth looking at: the most wrong pixels to be expected first.
-
-    confidence: (n,) of the points.
-    """
+    """Supervoxels (G,), most expected wrong pixels first; confidence: (n,), of the points."""
     return np.argsort(-(1 - groups.mean(confidence)) * groups.sizes, kind="stable")
 
 
-def _box(mask: Bool) -> tuple[slice, slice]:
-    """What of an image (h, w) holds the mask and its surroundings."""
-    v, u = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    low, high = (np.array([v[i], u[i]]) for i in (0, -1))
-    low = np.maximum(low - MARGIN_PX, 0)
-    return slice(low[0], high[0] + MARGIN_PX + 1), slice(low[1], high[1] + MARGIN_PX + 1)
-
-
 def _margin(evidence: Float64, usable: Bool, part: UInt8) -> Float64:
-    """By how much each point's colour speaks for its part (n,), against the best other."""
+    """Margin (n,) of each point's log likelihood under its part over the best other's; 0 without a colour."""
     rows, own = np.arange(len(part)), part.astype(np.intp) - 1
     others = evidence.copy()
     others[rows, own] = -np.inf
@@ -132,7 +129,7 @@ def _margin(evidence: Float64, usable: Bool, part: UInt8) -> Float64:
 
 
 def _same(parts: UInt8, within: Bool) -> Float64:
-    """Share (n,) of the person's pixels in a window around each that are of its part."""
+    """Share (n,) of each pixel's part among the person's pixels in a window around it."""
     window = (SAME_PX, SAME_PX)
     same = np.zeros(parts.shape, np.float32)
     for part in np.unique(parts[within]):
@@ -142,7 +139,7 @@ def _same(parts: UInt8, within: Bool) -> Float64:
 
 
 def _islands(parts: UInt8, within: Bool) -> tuple[Float64, Float64, Float64]:
-    """Of each pixel's connected piece: log pixels, and share of its part; and the part's log share; (n,)."""
+    """Log pixels (n,) of each pixel's piece, its share (n,) of its part, and the part's log share (n,)."""
     piece, whole = np.ones(parts.shape), np.ones(parts.shape)
     for part in np.unique(parts[within]):
         own = parts == part
@@ -154,23 +151,23 @@ def _islands(parts: UInt8, within: Bool) -> tuple[Float64, Float64, Float64]:
 
 
 def _jumps(depth_m: Float32, within: Bool) -> Bool:
-    """Pixels (h, w) in whose window the person has a depth edge."""
+    """Pixels (h, w) with a depth edge of the person in their window."""
     window = np.ones((NEAR_PX, NEAR_PX))
     farthest = cv2.dilate(np.where(within, depth_m, np.float32(0)), window)
     nearest = cv2.erode(np.where(within, depth_m, np.float32(np.inf)), window)
-    return np.asarray(farthest - nearest > JUMP_M)
+    return np.asarray(farthest - nearest > EDGE_M)
 
 
 def _room_color(cloud: ThermalCloud, mask: Bool) -> Float32:
-    """Log odds (n,) of each point's colour being the person's and not its surroundings'."""
+    """Log odds (n,) of each point's colour being the person's, against the surroundings'."""
     around = cv2.dilate(mask.astype(np.uint8), np.ones((AROUND_PX, AROUND_PX))) > 0
     lab = lab_of(cloud.color_rgb, cloud.color_valid & around)
-    odds = np.where(mask, np.float32(2 * SURE), np.float32(-2 * SURE))
-    return by_color(lab, odds, mask, cloud.valid & around)[mask]
+    odds = np.where(mask, np.float32(2 * SURE_ODDS), np.float32(-2 * SURE_ODDS))
+    return color_odds(lab, odds, mask, cloud.valid & around)[mask]
 
 
 def _contrast_c(celsius: Float32, within: Bool) -> Float64:
-    """How much warmer each point (n,) is than what lies around the person; 0 where not known."""
+    """Degrees Celsius (n,) of each point above its surroundings off the person; 0 where unknown."""
     room = ~within & np.isfinite(celsius)
     window = (AROUND_PX, AROUND_PX)
     share = cv2.blur(room.astype(np.float32), window)
@@ -182,7 +179,7 @@ def _contrast_c(celsius: Float32, within: Bool) -> Float64:
 
 
 def _goes_on(depth_m: Float32, within: Bool) -> Bool:
-    """Pixels (h, w) beside which, off the person, something is as far away as they are."""
+    """Pixels (h, w) with something of their own depth beside them, off the person."""
     off, window = ~within & (depth_m > 0), np.ones((NEAR_PX, NEAR_PX))
     farthest = cv2.dilate(np.where(off, depth_m, np.float32(-np.inf)), window)
     nearest = cv2.erode(np.where(off, depth_m, np.float32(np.inf)), window)

@@ -1,4 +1,4 @@
-"""What colour, warmth and the frame before say of each supervoxel, part by part, as log evidence."""
+"""Log evidence (G, 11) of each supervoxel's parts, by colour, warmth and the previous frame."""
 
 import numpy as np
 
@@ -11,22 +11,31 @@ from annotate.segmentation.previous_parts import LEAST_AGREEMENT, agreement
 from annotate.suit.color_model import blur
 from annotate.suit.palette import chromaticity
 
-WARMTH_WEIGHT, WARMTH_FLOOR = 0.3, -4.0
-"""Weight of a supervoxel's temperature; no temperature, of a mug held or a draught, excludes a part."""
+WARMTH_WEIGHT = 0.3
+"""Weight of a supervoxel's temperature. Chosen by eye."""
+WARMTH_FLOOR = -4.0
+"""Least log density of a temperature before the weight: no mug held, no draught excludes a part. Chosen by
+eye."""
 EARLIER_WEIGHT = 0.5
-"""Weight of the frame before."""
-HINT = 0.8
-"""How likely it is to show somebody else or another pose, before anything has been compared."""
-FULL, HALF_POINTS = 3.0, 10.0
-"""How many independent colours a supervoxel's are worth: they share their light. Half of it at ten points."""
+"""Weight of the previous frame's log probabilities. Chosen by eye."""
+ANOTHER = 0.8
+"""Probability that the previous frame shows another person or pose, before any comparison. Chosen by eye."""
+FULL_EVIDENCE = 3.0
+"""Number of independent colours that a large supervoxel's colours are worth: they share their light. Chosen
+by eye."""
+HALF_POINTS = 10.0
+"""Points of a supervoxel whose colours are worth half of that. Chosen by eye."""
 LEAST_BLUR = 0.02
-"""No colour is known better than that."""
+"""Least uncertainty of a colour's chromaticity. Chosen by eye."""
 
 _N = len(BODY_PARTS)
 
 
 def means_of(rgb: UInt8, usable: Bool, groups: Supervoxels) -> tuple[Float64, Float64]:
-    """Mean chromaticity (G, 2) of each supervoxel's readable colours (n, 3), and its uncertainty (G,)."""
+    """Mean chromaticity (G, 2) of each supervoxel's readable colours, and its uncertainty (G,).
+
+    rgb: uint8 (n, 3) sRGB of the points. usable: bool (n,), readable colours.
+    """
     noise = blur(rgb)
     weight = usable / (noise**2 + LEAST_BLUR**2)
     total = np.bincount(groups.ids, weight, groups.count)
@@ -37,14 +46,19 @@ def means_of(rgb: UInt8, usable: Bool, groups: Supervoxels) -> tuple[Float64, Fl
 
 
 def pooled(evidence: Float64, usable: Bool, groups: Supervoxels) -> Float64:
-    """Mean evidence (G, 11) over each supervoxel's readable points, weighing more the more there are."""
+    """Mean evidence (G, 11) over each supervoxel's readable points, with more weight the more there are.
+
+    evidence: (n, 11), log likelihoods of the points. usable: bool (n,), readable colours.
+    """
     total = np.stack([np.bincount(groups.ids, column, groups.count) for column in evidence.T], axis=1)
     count = np.bincount(groups.ids, usable, groups.count)
-    return np.asarray(total / np.maximum(count, 1)[:, None] * (FULL * count / (count + HALF_POINTS))[:, None])
+    return np.asarray(
+        total / np.maximum(count, 1)[:, None] * (FULL_EVIDENCE * count / (count + HALF_POINTS))[:, None]
+    )
 
 
-def warmth_of(temperature_c: Float32, groups: Supervoxels) -> Float64:
-    """Log evidence (G, 11) of the points' temperatures (n,) against the person's median; none where NaN."""
+def warmth_evidence(temperature_c: Float32, groups: Supervoxels) -> Float64:
+    """Log evidence (G, 11) of the points' degrees Celsius (n,) against their median; 0 where all are NaN."""
     known = np.isfinite(temperature_c)
     if not known.any():
         return np.zeros((groups.count, _N))
@@ -55,13 +69,13 @@ def warmth_of(temperature_c: Float32, groups: Supervoxels) -> Float64:
     return np.asarray(WARMTH_WEIGHT * np.maximum(score, WARMTH_FLOOR) * (count > 0)[:, None])
 
 
-def hint(earlier: Float64) -> Float64:
-    """Log evidence (G, 11) of the frame before (G, 11), whomever it shows: for a part, hardly against one."""
-    return np.asarray(np.log(HINT + (1 - HINT) * earlier * _N))
+def previous_evidence(earlier: Float64) -> Float64:
+    """Log evidence (G, 11) of the previous frame's parts (G, 11) before any comparison; small against."""
+    return np.asarray(np.log(ANOTHER + (1 - ANOTHER) * earlier * _N))
 
 
 def with_earlier(unary: Float64, groups: Supervoxels, earlier: Float64) -> Float64:
-    """Log evidence (G, 11) with what the frame before says (G, 11), unless it shows somebody else."""
+    """Log evidence (G, 11) with the previous frame's parts (G, 11), unless that shows another person."""
     if agreement(softmax(unary), earlier, groups.sizes) < LEAST_AGREEMENT:
         return unary
     return np.asarray(unary + EARLIER_WEIGHT * np.log(earlier * _N))

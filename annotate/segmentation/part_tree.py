@@ -1,4 +1,4 @@
-"""Beliefs about supervoxels, made to agree with the body: its part tree and how far parts reach."""
+"""Beliefs (G, 11) about supervoxels, smoothed by the body's part tree and the reach of its parts."""
 
 import numpy as np
 
@@ -6,42 +6,41 @@ from annotate.array_types import Float64, Int32
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import BODY_PARTS, NEIGHBOURS
 
-SAME, JOINED, TOUCHING = 0.0, -1.2, -2.4
-"""Log compatibility of two touching supervoxels: the same part, anatomical neighbours, a chance contact."""
+SAME = 0.0
+"""Log compatibility of two touching supervoxels of one part."""
+JOINED = -1.2
+"""The same of anatomical neighbours. Chosen by eye."""
+TOUCHING = -2.4
+"""The same of any two other parts. Chosen by eye."""
 SMOOTHING = 0.6
-ROUNDS = 6
-REACH_M = np.array([0.17, 0.28, 0.22, 0.22, 0.27, 0.27, 0.22, 0.3, 0.3, 0.35, 0.35])
-"""How far each part reaches from its middle: half the segment lengths of a tall man (Drillis & Contini 1966:
-upper arm 0.186 of the stature, forearm with hand 0.254, thigh 0.245, shank with foot 0.285) and a margin."""
+"""Weight of one touching supervoxel, for up to four of them. Chosen by eye."""
+TREE_ROUNDS = 6
+"""Rounds of mean field. Chosen by eye."""
+PART_REACH_M = np.array([0.17, 0.28, 0.22, 0.22, 0.27, 0.27, 0.22, 0.3, 0.3, 0.35, 0.35])
+"""Reach (11,) of each part from its middle in metres: half the segment lengths of a tall man (Drillis &
+Contini 1966: upper arm 0.186 of the stature, forearm with hand 0.254, thigh 0.245, shank with foot 0.285) and
+a margin."""
 STRAYING = 1.5
-"""Log cost of a supervoxel one reach further from a part's middle than the part reaches; it grows squared."""
-LEAST_POINTS = 40
-"""A part's middle is known from this many points on."""
+"""Log cost of a supervoxel one reach beyond its part's reach; it grows with the square. Chosen by eye."""
+LEAST_MIDDLE_POINTS = 40
+"""Points of a part below which its middle is unknown. Chosen by eye."""
 
 _N = len(BODY_PARTS)
 _Links = tuple[Int32, Int32, Float64]
-"""Pairs of touching supervoxels, sorted: who heeds, whom, how much."""
+"""Pairs of touching supervoxels (e,), sorted: receiver, sender, weight."""
 
 
-def settle(
-    unary: Float64,
-    groups: Supervoxels,
-    centroids_m: Float64,
-    start: Float64 | None = None,
-    rounds: int = ROUNDS,
-) -> Float64:
+def tree_belief(unary: Float64, groups: Supervoxels, centroids_m: Float64, start: Float64) -> Float64:
     """Mean-field belief (G, 11) of a Potts-like field whose costs follow the body's part tree.
 
-    unary: (G, 11) log evidence. centroids_m: (G, 3). start: an earlier belief, whose parts' middles hold
-    what strays. Source: Kraehenbuehl & Koltun 2011, the sparse case; each round is damped, so it settles.
+    unary: (G, 11), log evidence. centroids_m: (G, 3), metres. start: (G, 11), an earlier belief, which gives
+    the parts' middles. Source: Kraehenbuehl & Koltun 2011, the sparse case; rounds are damped, for
+    convergence.
     """
-    if start is None:
-        belief = softmax(unary)
-    else:
-        belief, unary = start, unary + _near_its_part(start, groups, centroids_m)
+    belief, unary = start, unary + _straying_cost(start, groups, centroids_m)
     links = _links(groups)
-    for _ in range(rounds):
-        belief = 0.5 * belief + 0.5 * softmax(unary + _heeded(links, belief @ _COMPATIBILITY))
+    for _ in range(TREE_ROUNDS):
+        belief = 0.5 * belief + 0.5 * softmax(unary + _weighted_sum(links, belief @ _COMPATIBILITY))
     return belief
 
 
@@ -52,39 +51,39 @@ def softmax(x: Float64) -> Float64:
 
 
 def _links(groups: Supervoxels) -> _Links:
-    """How much each supervoxel heeds each touching one."""
+    """Links from each supervoxel to each touching one."""
     a, b = groups.edges.T
     degree = np.bincount(np.r_[a, b], minlength=groups.count)
-    # More neighbours do not mean more knowledge: their sum is tempered.
+    # More neighbours are no more independent evidence: their sum is bounded.
     weight = SMOOTHING * 4 / np.maximum(degree, 4)
     rows, columns = np.r_[a, b], np.r_[b, a]
     order = np.lexsort((columns, rows))
     return rows[order], columns[order], weight[rows[order]]
 
 
-def _heeded(links: _Links, said: Float64) -> Float64:
-    """What those that touch it say (G, n) to each supervoxel, by how much it heeds them: (G, n)."""
+def _weighted_sum(links: _Links, values: Float64) -> Float64:
+    """Sum (G, k) of the values (G, k) of each supervoxel's touching ones, by the links' weights."""
     rows, columns, weight = links
-    heard = np.zeros_like(said)
+    total = np.zeros_like(values)
     first = np.flatnonzero(np.diff(rows, prepend=-1))
     if first.size:
-        heard[rows[first]] = np.add.reduceat(weight[:, None] * said[columns], first, axis=0)
-    return heard
+        total[rows[first]] = np.add.reduceat(weight[:, None] * values[columns], first, axis=0)
+    return total
 
 
-def _near_its_part(belief: Float64, groups: Supervoxels, centroids_m: Float64) -> Float64:
-    """Log cost (G, 11) of lying farther from a part's middle than it reaches."""
+def _straying_cost(belief: Float64, groups: Supervoxels, centroids_m: Float64) -> Float64:
+    """Log cost (G, 11), 0 or less, of lying beyond a part's reach from its middle."""
     cost = np.zeros_like(belief)
     mass = (belief * (belief > 0.5)) * groups.sizes[:, None]
-    for part in np.flatnonzero(mass.sum(axis=0) >= LEAST_POINTS):
-        middle_m = middle_of(mass[:, part], centroids_m, REACH_M[part])
+    for part in np.flatnonzero(mass.sum(axis=0) >= LEAST_MIDDLE_POINTS):
+        middle_m = middle_of(mass[:, part], centroids_m, PART_REACH_M[part])
         away_m = np.linalg.norm(centroids_m - middle_m, axis=1)
-        cost[:, part] = -STRAYING * np.maximum(away_m / REACH_M[part] - 1, 0) ** 2
+        cost[:, part] = -STRAYING * np.maximum(away_m / PART_REACH_M[part] - 1, 0) ** 2
     return cost
 
 
 def middle_of(weight: Float64, centroids_m: Float64, reach_m: float) -> Float64:
-    """Middle (3,) of what has the weights (G,), by mean shift: a stray island does not pull it away."""
+    """Middle (3,) in metres of centroids (G, 3) with weights (G,), by mean shift: islands have no pull."""
     middle_m = weight @ centroids_m / weight.sum()
     for _ in range(3):
         away_m = np.linalg.norm(centroids_m - middle_m, axis=1)
@@ -94,6 +93,7 @@ def middle_of(weight: Float64, centroids_m: Float64, reach_m: float) -> Float64:
 
 
 def _compatibility() -> Float64:
+    """Log compatibility (11, 11) of the parts of two touching supervoxels."""
     table = np.full((_N, _N), TOUCHING)
     for i in range(_N):
         for j in range(_N):

@@ -1,4 +1,4 @@
-"""What the labels of the frame before say of places in this one: people move only a little."""
+"""Probabilities (G, 11) of parts at places of this frame, by the labels of the previous one."""
 
 import numpy as np
 
@@ -9,21 +9,27 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.nearest import Nearest
 
 MOVE_M = 0.08
-"""How far a limb moves between two frames at 2 Hz (spread)."""
+"""Standard deviation in metres of a limb's motion between two frames at 2 Hz. Chosen by eye."""
 NEAREST = 5
+"""Nearest labelled points averaged. Chosen by eye."""
 STRIDE = 4
-"""Of the earlier points every so manieth is looked at: neighbours say the same."""
+"""Step through the earlier points: neighbours agree. Chosen by eye."""
 DOUBT = 1.0
-"""Weight of knowing nothing, against one earlier point at the very place."""
+"""Weight of the uniform distribution, against one earlier point at the very place. Chosen by eye."""
 LEAST_AGREEMENT = 0.6
-"""Where parts found by colour agree less than this with the earlier ones, it is somebody else."""
+"""Share of agreement between earlier parts and colours below which the frames show two persons. Chosen by
+eye."""
+CLEAR_BELIEF = 0.7
+"""Belief by colour from which on a supervoxel counts in that share. Chosen by eye."""
+CLEAR_EARLIER = 0.5
+"""Probability by the earlier frame from which on it counts. Chosen by eye."""
 
 
 def earlier_parts(before: FrameLabels, camera: Intrinsics, at_m: Float64) -> Float64:
-    """Probabilities (G, 11) of the parts at places (G, 3) in metres, undistorted depth camera's frame,
-    by the frame before.
+    """Probabilities (G, 11) of the parts at places (G, 3) by the labels of the previous frame.
 
-    A mean over the nearest labelled points, less the farther they are; uniform far from all.
+    at_m: metres, undistorted depth camera's frame. A mean over the nearest labelled points, each with less
+    weight the farther it is; uniform far from all.
     """
     flat = np.full((len(at_m), len(BODY_PARTS)), 1 / len(BODY_PARTS))
     labelled = (before.parts >= 1) & (before.parts <= len(BODY_PARTS)) & (before.depth_mm > 0)
@@ -42,8 +48,11 @@ def earlier_parts(before: FrameLabels, camera: Intrinsics, at_m: Float64) -> Flo
 
 
 def agreement(belief: Float64, earlier: Float64, sizes: Int64) -> float:
-    """Share of the points whose part by colour (G, 11) is the earlier one, where both are clear."""
-    clear = (belief.max(axis=1) > 0.7) & (earlier.max(axis=1) > 0.5)
+    """Share of the points with the same part by belief and by ``earlier`` (G, 11), where both are clear.
+
+    sizes: (G,), number of points of each supervoxel.
+    """
+    clear = (belief.max(axis=1) > CLEAR_BELIEF) & (earlier.max(axis=1) > CLEAR_EARLIER)
     same = belief.argmax(axis=1) == earlier.argmax(axis=1)
     total = int(sizes[clear].sum())
     return float(sizes[clear & same].sum() / total) if total else 0.0

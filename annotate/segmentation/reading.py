@@ -1,4 +1,4 @@
-"""How a person's points were read from the colours of a suit: all that is known besides the labels."""
+"""Beliefs about a person's points, read from the colours of a suit, from which labels are made."""
 
 from dataclasses import dataclass
 
@@ -9,19 +9,19 @@ from annotate.suit.palette import Suit
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How a person's n points, those of a mask (h, w) row-major, were read.
+class SuitReading:
+    """Beliefs about a person's n points, those of a mask (h, w) in row-major order.
 
-    groups: their supervoxels; belief: (G, 11) which parts these are; theirs: (G,) log odds of their being the
-    person's at all, 0 where nothing tells. usable: (n,), which colours can be read; evidence: (n, 11) log
-    likelihood of these, 0 elsewhere; model: the suit's colours in the frame's light.
+    groups: their G supervoxels. belief: (G, 11), probabilities of the parts. person_odds: (G,), log odds of
+    being the person's at all, 0 = unknown. usable: bool (n,), points with a readable colour. evidence: (n,
+    11), log likelihood of their colours, 0 elsewhere. model: the suit's colours in the frame's light.
     """
 
     suit: Suit
     mask: Bool
     groups: Supervoxels
     belief: Float64
-    theirs: Float64
+    person_odds: Float64
     usable: Bool
     evidence: Float64
     model: ColorModel

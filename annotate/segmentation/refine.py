@@ -1,4 +1,4 @@
-"""Borders between parts at depth resolution: every pixel's own colour, its supervoxel and its neighbours."""
+"""Parts (n,) at depth resolution, by every pixel's own colour, its supervoxel and its neighbours."""
 
 import numpy as np
 from numba import njit
@@ -6,17 +6,19 @@ from numba import njit
 from annotate.array_types import Bool, Float32, Float64, Int32, UInt8
 
 NEIGHBOUR = 0.5
-"""What each of the eight neighbours of the same part adds to a pixel's log score."""
+"""Log score that each of the eight neighbours adds to its own part at a pixel. Chosen by eye."""
 JUMP_M = 0.03
-"""Neighbouring pixels further apart than this along the view lie on different surfaces."""
-ROUNDS = 6
+"""Depth difference in metres between neighbours from which on they lie on different surfaces. Chosen by
+eye."""
+REFINE_ROUNDS = 6
+"""Rounds of iterated conditional modes at most. Chosen by eye."""
 
 
 def refine(scores: Float64, start: UInt8, depth_m: Float32, mask: Bool) -> UInt8:
-    """Settle the part index of every masked pixel by iterated conditional modes (Besag 1986).
+    """Part indices uint8 (n,) of the masked pixels by iterated conditional modes (Besag 1986).
 
-    scores: (n, k) log score of each part for the masked pixels in row-major order, -inf where it may not be
-    taken. start: uint8 (n,). depth_m, mask: (h, w). Returns part indices uint8 (n,).
+    scores: (n, k), log score of each part for the masked pixels in row-major order, -inf for forbidden parts.
+    start: uint8 (n,), part indices to begin with. depth_m, mask: (h, w).
     """
     index = np.full(mask.shape, -1, np.int32)
     index[mask] = np.arange(len(start))
@@ -25,10 +27,11 @@ def refine(scores: Float64, start: UInt8, depth_m: Float32, mask: Bool) -> UInt8
 
 @njit(cache=True, nogil=True)
 def _modes(scores: Float64, start: UInt8, depth: Float32, index: Int32) -> UInt8:
+    """Part indices (n,); index: (h, w), place of each pixel in ``scores``, -1 off the mask. As ``refine``."""
     height, width = index.shape
     chosen = start.copy()
     total = np.empty(scores.shape[1])
-    for _ in range(ROUNDS):
+    for _ in range(REFINE_ROUNDS):
         last = chosen.copy()
         for v in range(height):
             for u in range(width):

@@ -1,4 +1,4 @@
-"""Person points -> body parts: suit colour pooled over supervoxels, joined over time and the part tree."""
+"""Parts and confidence (h, w) of a person's points, by the suit's colours, time and the part tree."""
 
 from dataclasses import dataclass
 
@@ -11,52 +11,66 @@ from annotate.engine import Engine, Steps
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.probabilities import Probabilities
 from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED
-from annotate.segmentation.bare import bareness, grown_from, without_sides
-from annotate.segmentation.confidence import calibrated, features
-from annotate.segmentation.part_clues import hint, means_of, pooled, warmth_of, with_earlier
-from annotate.segmentation.part_tree import settle, softmax
-from annotate.segmentation.patches import patches_of, read_alone, read_together
+from annotate.segmentation.bare import bareness, cuff_evidence, without_sides
+from annotate.segmentation.confidence import chance_right, features
+from annotate.segmentation.part_clues import (
+    means_of,
+    pooled,
+    previous_evidence,
+    warmth_evidence,
+    with_earlier,
+)
+from annotate.segmentation.part_tree import softmax, tree_belief
+from annotate.segmentation.patches import SEED_M, patches_of, read_alone, read_together
 from annotate.segmentation.previous_parts import earlier_parts
-from annotate.segmentation.reading import Reading
+from annotate.segmentation.reading import SuitReading
 from annotate.segmentation.refine import refine
 from annotate.suit.color_model import CLIPPED, readable, refit_colors, under, unfitted
 from annotate.suit.palette import Suit
 from sensors.rig.nearest import Nearest
 
-SEED_M = 0.05
-"""Distance of supervoxel seeds: a forearm is about 7 cm thick."""
 MIN_READABLE_SHARE = 0.05
-"""Below this share of person points with a readable colour there is nothing to go by."""
-ROUNDS = 3
-PATCH_WEIGHT, PATCH_DOUBT = 1.0, 0.02
+"""Share of a person's points with a readable colour up to which the frame is not read. Chosen by eye."""
+READ_ROUNDS = 3
+"""Rounds of fitting the colours and the belief to each other. Chosen by eye."""
+PATCH_WEIGHT = 1.0
+"""Weight of the patches' log beliefs. Chosen by eye."""
+PATCH_DOUBT = 0.02
+"""Probability added to them, so that no patch excludes a part. Chosen by eye."""
 BAD_SHARE = 0.3
-"""From this share of colours lost to darkness or glare on the user is told."""
-UNKNOWN, UNTOLD_BELOW = 0.35, 0.8
-"""Beliefs below which a supervoxel stays undefined: without any colour; with a rival that looks alike."""
-TELLING_M = 0.08
-"""How far surroundings tell the part of places without a colour: a forearm is that thick."""
-UNTOLD_SHARE = 0.05
-"""From this share of a person left undefined on the user is told: less are specks that lost their colour."""
-UNTOLD = "some parts stay undefined: their colours cannot be read, or look alike in the suit"
-OWN_COLOR, OWN_GROUP = 1.0, 0.25
-"""Weights of a point's own colour and of its supervoxel's belief where the border runs within supervoxels."""
+"""Share of colours lost to darkness or glare from which on a note is given. Chosen by eye."""
+LEAST_GUESS = 0.35
+"""Belief below which a supervoxel without any colour stays undefined. Chosen by eye."""
+LEAST_AGAINST_ALIKE = 0.8
+"""Belief below which a supervoxel stays undefined if its next best part looks alike. Chosen by eye."""
+GUESS_M = 0.08
+"""Metres to a supervoxel with a colour up to which one without takes its part from there: a forearm's
+thickness. Chosen by eye."""
+UNDEFINED_SHARE = 0.05
+"""Share of a person left undefined above which a note is given: specks lose their colour. Chosen by eye."""
+SOME_UNDEFINED = "some parts stay undefined: their colours cannot be read, or look alike in the suit"
+"""That note."""
+OWN_COLOR = 1.0
+"""Weight of a point's own colour where the border runs within supervoxels. Chosen by eye."""
+OWN_GROUP = 0.25
+"""Weight of its supervoxel's log belief there. Chosen by eye."""
 
 _N = len(BODY_PARTS)
 
 
 @dataclass(frozen=True)
 class Segmentation:
-    """Parts over the depth image. parts: uint8 (h, w); confidence: float32 (h, w), 0 off the person.
+    """Parts uint8 (h, w) over the depth image, and their confidence float32 (h, w), 0 off the person.
 
-    notes: what went wrong, for the person who reviews. probabilities: of all classes, where a network gave
-    them and they are to be kept. reading: how a suit was read, where one was.
+    notes: remarks for the reviewer. probabilities: of all classes, if a network's are to be kept. reading:
+    the beliefs behind the labels, if read from a suit.
     """
 
     parts: UInt8
     confidence: Float32
     notes: tuple[str, ...] = ()
     probabilities: Probabilities | None = None
-    reading: Reading | None = None
+    reading: SuitReading | None = None
 
 
 def segment(
@@ -66,11 +80,11 @@ def segment(
     before: FrameLabels | None = None,
     engine: Engine | None = None,
 ) -> Segmentation:
-    """Label a person's points by the suit they wear.
+    """Labels of a person's points by their suit.
 
-    person: bool (h, w). before: the labels of the frame before. What cannot be told stays undefined: all of
-    a frame whose colours say nothing, neighbours of one colour, and places where other parts that look
-    alike are not told apart by what they join; a note says why.
+    person: bool (h, w). before: labels of the previous frame. Undefined stay all points of a frame without
+    readable colours, neighbouring parts of one colour, and supervoxels between other parts that look alike; a
+    note gives the reason. engine: None for the shipped one.
     """
     engine = engine or Engine()
     mask = person & cloud.valid
@@ -84,22 +98,21 @@ def segment(
 
 
 def labelled(
-    cloud: ThermalCloud, reading: Reading, engine: Engine, notes: tuple[str, ...] = ()
+    cloud: ThermalCloud, reading: SuitReading, engine: Engine, notes: tuple[str, ...] = ()
 ) -> Segmentation:
-    """Every point's label and its confidence; what cannot be told stays undefined."""
+    """Labels of a reading's points and their confidence; parts without evidence stay undefined."""
     mask = reading.mask
     parts, confidence = chosen_parts(cloud, reading, engine.steps), np.zeros(mask.shape, np.float32)
-    confidence[mask] = calibrated(features(cloud, parts, reading), engine.weights.confidence)
-    if (untold := _untold(reading, parts[mask] - 1, cloud.points_m[mask])).any():
-        parts[mask] = np.where(untold, UNDEFINED, parts[mask])
-        confidence[mask] = np.where(untold, 0, confidence[mask])
-        notes = (*notes, UNTOLD) if untold.mean() > UNTOLD_SHARE else notes
+    confidence[mask] = chance_right(features(cloud, parts, reading), engine.weights.confidence)
+    if (undefined := _undefined(reading, parts[mask] - 1, cloud.points_m[mask])).any():
+        parts[mask] = np.where(undefined, UNDEFINED, parts[mask])
+        confidence[mask] = np.where(undefined, 0, confidence[mask])
+        notes = (*notes, SOME_UNDEFINED) if undefined.mean() > UNDEFINED_SHARE else notes
     return Segmentation(parts, confidence, notes, reading=reading)
 
 
-def chosen_parts(cloud: ThermalCloud, reading: Reading, steps: Steps) -> UInt8:
-    """The likeliest part (h, w) of each point, with the borders where its own colour and its neighbours see
-    them; 0 off the mask."""
+def chosen_parts(cloud: ThermalCloud, reading: SuitReading, steps: Steps) -> UInt8:
+    """Likeliest part uint8 (h, w) of each point, 0 off the mask, with borders at depth resolution."""
     scores = point_scores(reading.belief, reading.evidence, reading.groups)
     chosen = scores.argmax(axis=1).astype(np.uint8)
     if steps.fine_borders:
@@ -110,13 +123,17 @@ def chosen_parts(cloud: ThermalCloud, reading: Reading, steps: Steps) -> UInt8:
 
 
 def unlabelled(mask: Bool, *notes: str) -> Segmentation:
-    """A person (bool (h, w)) whose parts stay undefined, and why."""
+    """Undefined parts on a person's mask (bool (h, w)); notes: the reasons."""
     parts = np.where(mask, UNDEFINED, BACKGROUND).astype(np.uint8)
     return Segmentation(parts, np.zeros(mask.shape, np.float32), notes)
 
 
 def _diagnosis(rgb: UInt8, seen: Bool, usable: Bool) -> tuple[str, ...]:
-    """What is wrong with a person's colours (n, 3), and what to do about it."""
+    """Note on a person's colours, defect and remedy; none where they are good.
+
+    rgb: uint8 (n, 3). seen, usable: bool (n,), points seen by the colour camera, and those with a readable
+    colour.
+    """
     if not len(rgb):
         return ("no person: nothing to label",)
     if seen.mean() < MIN_READABLE_SHARE:
@@ -137,11 +154,11 @@ def _read(
     groups: Supervoxels,
     before: FrameLabels | None,
     steps: Steps,
-) -> Reading:
-    """What the suit's colours, warmth and the frame before make of the masked points.
+) -> SuitReading:
+    """Reading of the masked points by the suit's colours, warmth and the previous frame.
 
-    The second round knows from the first what parts the colours are on: so it learns this person's skin
-    and how far the cloth has faded.
+    mask: bool (h, w), n pixels. usable: bool (n,), readable colours. Every round fits the colours to the
+    parts of the one before, this person's skin and the fading of the cloth among them.
     """
     rgb, centroids_m = cloud.color_rgb[mask][usable], groups.centroids_m(cloud.points_m[mask])
     palette = unfitted(suit)
@@ -149,37 +166,36 @@ def _read(
     patches = patches_of(groups, chroma, blur, centroids_m)
     warmth = np.zeros((groups.count, _N))
     if steps.skin_warmth:
-        warmth = warmth_of(cloud.temperature_c[mask], groups)
+        warmth = warmth_evidence(cloud.temperature_c[mask], groups)
     earlier = None
     if before is not None and steps.frame_before:
         earlier = earlier_parts(before, cloud.camera, centroids_m)
-    clues = warmth if earlier is None else warmth + hint(earlier)
+    besides = warmth if earlier is None else warmth + previous_evidence(earlier)
     read = read_together if steps.joint_reading else read_alone
-    by_patch, log_gain = read(patches, palette, patches.mean(clues, groups.sizes))
+    by_patch, log_gain = read(patches, palette, patches.mean(besides, groups.sizes))
     first = by_patch[patches.ids] if steps.patch_belief else np.full((groups.count, _N), 1 / _N)
     model, belief = under(palette, log_gain), first
-    for _ in range(ROUNDS):
+    for _ in range(READ_ROUNDS):
         if steps.color_refit:
             model = refit_colors(model, rgb, belief[groups.ids[usable]])
         bare = bareness(model, chroma, blur)
         sided = without_sides(first, bare) if steps.sleeves else first
-        second = PATCH_WEIGHT * np.log(sided + PATCH_DOUBT)
         evidence = np.zeros((len(usable), _N))
         evidence[usable] = model.evidence(rgb)
-        unary = pooled(evidence, usable, groups) + warmth + second
+        unary = pooled(evidence, usable, groups) + warmth + PATCH_WEIGHT * np.log(sided + PATCH_DOUBT)
         if steps.sleeves:
-            unary += grown_from(belief, bare, patches, groups, centroids_m)
+            unary += cuff_evidence(belief, bare, patches, groups, centroids_m)
         if earlier is not None:
             unary = with_earlier(unary, groups, earlier)
-        belief = settle(unary, groups, centroids_m, belief) if steps.part_tree else softmax(unary)
-    return Reading(suit, mask, groups, belief, np.zeros(groups.count), usable, evidence, model)
+        belief = tree_belief(unary, groups, centroids_m, belief) if steps.part_tree else softmax(unary)
+    return SuitReading(suit, mask, groups, belief, np.zeros(groups.count), usable, evidence, model)
 
 
-def _untold(reading: Reading, chosen: UInt8, points_m: Float32) -> Bool:
-    """Points (n,) of which too little is known; chosen: (n,) part indices, points_m: (n, 3).
+def _undefined(reading: SuitReading, chosen: UInt8, points_m: Float32) -> Bool:
+    """Flags (n,) of points whose part stays undefined; chosen: (n,), part indices; points_m: (n, 3).
 
-    Between neighbours of one colour no border can be seen; elsewhere what they join may tell look-alikes.
-    Surroundings tell the part of a place without a colour only near by.
+    Between neighbours of one colour no border can be seen; elsewhere their joints may part look-alikes. A
+    place without a colour takes its part from its surroundings only near by.
     """
     groups, belief = reading.groups, reading.belief
     rival, part = np.argsort(belief, axis=1)[:, -2:].T
@@ -191,18 +207,21 @@ def _untold(reading: Reading, chosen: UInt8, points_m: Float32) -> Bool:
     unread = np.bincount(groups.ids, reading.usable, groups.count) == 0
     middle_m = groups.centroids_m(points_m)
     away_m = Nearest(middle_m[~unread]).query(middle_m)[0]
-    guessed = unread & ((best < UNKNOWN) | (away_m > TELLING_M))
-    in_group = guessed | (best < UNTOLD_BELOW) & alike[part, rival]
+    guessed = unread & ((best < LEAST_GUESS) | (away_m > GUESS_M))
+    in_group = guessed | (best < LEAST_AGAINST_ALIKE) & alike[part, rival]
     return np.asarray(in_group[groups.ids] | borderless[chosen])
 
 
 def tile(cloud: ThermalCloud, mask: Bool) -> Supervoxels:
-    """The supervoxels of the masked points, row-major: what ``segment`` works with."""
+    """Supervoxels of the masked points in row-major order, the unit of ``segment``; mask: bool (h, w)."""
     return supervoxels(cloud.points_m[mask], cloud.color_rgb[mask], seed_m=SEED_M)
 
 
 def point_scores(belief: Float64, evidence: Float64, groups: Supervoxels) -> Float64:
-    """Log score (n, 11) of the parts a point may take: those of its supervoxel and the touching ones."""
+    """Log score (n, 11) of each point's parts: those of its supervoxel and the touching ones, else -inf.
+
+    belief: (G, 11). evidence: (n, 11), log likelihood of the points' colours.
+    """
     chosen = belief.argmax(axis=1)
     allowed = np.zeros((groups.count, _N), bool)
     allowed[np.arange(groups.count), chosen] = True
