@@ -56,9 +56,9 @@ class Steps:
 class Weights:
     """Arrays that `annotate-cloud train-labels` fits.
 
-    network: weights of `annotate.second_look.network.GraphNetwork`, float32, by field. confidence: float64 (20,),
-    weights of `annotate.segmentation.confidence.FEATURES` and, last, the intercept. clothed: float64 (2, 7),
-    weights of `annotate.person.clothed_mask.Clue` inside and outside the mask found without the suit.
+    network: weights of `annotate.second_look.network.GraphNetwork`, float32, by field. confidence: float64
+    (20,), weights of `annotate.segmentation.confidence.FEATURES` and, last, the intercept. clothed: float64
+    (2, 7), weights of `annotate.person.clothed_mask.Clue` inside and outside the mask found without the suit.
     touch: float64 (2,), weights of a patch's own log odds and of those that touch it.
     """
 
