@@ -1,12 +1,9 @@
 """What ``info`` shows of the corrections in a label set."""
 
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
 from annotate.correction.audit import Audit, PersonWork, audit
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
+from cli.console import table
 
 
 def audit_of(labels: LabelSet) -> Audit | None:
@@ -16,25 +13,16 @@ def audit_of(labels: LabelSet) -> Audit | None:
 
 
 def audit_text(found: Audit) -> str:
-    """Tables: one of the people, and for each of them one of the parts; then what stands rejected."""
-    console = Console(width=110, no_color=True, highlight=False)
-    with console.capture() as captured:
-        console.print(_people(found))
-        for person in found.people:
-            if person.parts:
-                console.print(_parts(person))
-        for frame_id, reason in found.rejected.items():
-            console.print(Text(f"rejected {frame_id}: {reason}"))
-    return captured.get().rstrip("\n")
+    """Tables: one row for each person, then for each person one row for each part; rejected frames last."""
+    tables = [_people(found), *(_parts(person) for person in found.people if person.parts)]
+    rejected = [f"rejected {frame_id}: {reason}" for frame_id, reason in found.rejected.items()]
+    return "\n\n".join([*tables, *rejected])
 
 
-def _people(found: Audit) -> Table:
-    table = Table("person", title="Work", title_justify="left")
-    for column in ("frames", "accepted", "untouched", "s median", "s p90", "strokes", "undos", "changed"):
-        table.add_column(column, justify="right")
-    for person in found.people:
-        _row(
-            table,
+def _people(found: Audit) -> str:
+    names = ("person", "frames", "accepted", "untouched", "s median", "s p90", "strokes", "undos", "changed")
+    rows = [
+        (
             person.who,
             person.frames,
             person.accepted,
@@ -45,18 +33,14 @@ def _people(found: Audit) -> Table:
             person.undos,
             f"{person.changed:.1%}",
         )
-    return table
+        for person in found.people
+    ]
+    return table(names, rows, "Corrections")
 
 
-def _parts(person: PersonWork) -> Table:
-    table = Table("part", title=Text(f"Parts, {person.who}"), title_justify="left")
-    for column in ("strokes", "seconds", "px gained", "px lost"):
-        table.add_column(column, justify="right")
-    for name, work in person.parts.items():
-        _row(table, name, work.strokes, f"{work.seconds:.1f}", work.gained_px, work.lost_px)
-    return table
-
-
-def _row(table: Table, *cells: object) -> None:
-    # Names come from outside: as Text they cannot be markup.
-    table.add_row(*(Text(str(cell)) for cell in cells))
+def _parts(person: PersonWork) -> str:
+    rows = [
+        (name, work.strokes, f"{work.seconds:.1f}", work.gained_px, work.lost_px)
+        for name, work in person.parts.items()
+    ]
+    return table(("part", "strokes", "seconds", "px gained", "px lost"), rows, f"Parts, {person.who}")

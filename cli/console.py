@@ -38,7 +38,7 @@ LINE_SECONDS = 5.0
 WIDTH = 110
 """Columns of a table where stdout is not a terminal; chosen by eye."""
 
-_NUMBER = re.compile(r"[+-]?[\d.,]+( %)?|-")
+_NUMBER = re.compile(r"[+-]?[\d.,]+( ?%)?|-")
 
 
 @contextmanager

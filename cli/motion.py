@@ -7,11 +7,13 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from cli.console import Json, Overwrite, finish, progress, say
+from cli.console import Json, Overwrite, finish, progress, say, table
 from cli.extras import needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free
 from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, MarkerReport, save_motion
+
+STATUSES = {"bridged": BRIDGED, "missing": MISSING, "ghost": GHOST, "swapped": SWAPPED}
 
 
 def solve(
@@ -55,26 +57,19 @@ def solve(
         "markers": _per_marker(report),
         "unknown": list(report.unknown),
     }
-    if not json:
-        _remark(report)
-    finish(
-        result,
-        json,
+    if report.unknown:
+        shown = ", ".join(report.unknown[:8]) + (", ..." if len(report.unknown) > 8 else "")
+        say(f"{len(report.unknown)} labels belong to no marker of the set: {shown}")
+    text = (
         f"{len(motion)} frames in {out}, {rate:.0f} a second; "
-        f"markers off by {report.median_mm:.1f} mm (median), {report.rms_mm:.1f} mm (rms)",
+        f"markers off by {report.median_mm:.1f} mm (median), {report.rms_mm:.1f} mm (rms)"
     )
+    finish(result, json, "\n".join([text, *_odd_markers(result["markers"])]))
 
 
 def _per_marker(report: MarkerReport) -> dict[str, dict[str, float]]:
-    counts = {
-        word: report.count(status)
-        for word, status in (
-            ("bridged", BRIDGED),
-            ("missing", MISSING),
-            ("ghost", GHOST),
-            ("swapped", SWAPPED),
-        )
-    }
+    """Median distance of each marker to the body, and its numbers of frames by status."""
+    counts = {word: report.count(status) for word, status in STATUSES.items()}
     gap = report.longest_gap()
     result: dict[str, dict[str, float]] = {}
     for m, name in enumerate(report.names):
@@ -85,16 +80,12 @@ def _per_marker(report: MarkerReport) -> dict[str, dict[str, float]]:
     return result
 
 
-def _remark(report: MarkerReport) -> None:
-    """Print the markers that were bridged, missing, ghosts or swapped."""
-    for name, marker in _per_marker(report).items():
-        told = [
-            f"{marker[word]:.0f} {word}"
-            for word in ("bridged", "missing", "ghost", "swapped")
-            if marker[word]
-        ]
-        if told:
-            say(f"{name}: {', '.join(told)} frames, longest gap {marker['longest_gap']:.0f}")
-    if report.unknown:
-        shown = ", ".join(report.unknown[:8]) + (", ..." if len(report.unknown) > 8 else "")
-        say(f"{len(report.unknown)} labels belong to no marker of the set: {shown}")
+def _odd_markers(markers: dict[str, dict[str, float]]) -> list[str]:
+    """A table of the markers that were bridged, missing, ghosts or swapped; none if there are none."""
+    columns = ("median_mm", *STATUSES, "longest_gap")
+    odd = [
+        (name, *(marker.get(column) for column in columns))
+        for name, marker in markers.items()
+        if any(marker[word] for word in STATUSES)
+    ]
+    return ["", table(("marker", "median, mm", *STATUSES, "longest gap"), odd, "Frames")] if odd else []
