@@ -38,9 +38,11 @@ from synth.appearance.paint import paint
 from synth.appearance.photograph import CLEAN, HARD, NORMAL, ColorCamera, Look, set_up
 from synth.appearance.room_colors import plain_room
 from synth.body.body import Body, shipped_bodies
-from synth.surface.furniture import Surface, box, look_at, room, sheet
+from synth.surface.furniture import Surface, room
 from synth.surface.rasterize import Mesh, merge, rasterize
+from synth.surface.shapes import box, sheet
 from synth.surface.texture import noise_tile, smooth_noise
+from synth.surface.viewpoint import look_at
 
 CAMERA = Intrinsics(640, 480, 480.0, 480.0, 319.5, 239.5)
 MAPS = tuple(m.astype(np.float32) for m in np.meshgrid(np.arange(640), np.arange(480)))

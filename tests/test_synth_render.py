@@ -12,8 +12,10 @@ from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 from synth.body.body import shipped_bodies
 from synth.images.view import _window
 from synth.pose.sitting import SITTING, sit
-from synth.surface.furniture import Sofa, box, look_at
+from synth.surface.furniture import Sofa
 from synth.surface.rasterize import merge, rasterize
+from synth.surface.shapes import box
+from synth.surface.viewpoint import look_at
 
 SMALL = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 

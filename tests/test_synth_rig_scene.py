@@ -92,7 +92,7 @@ def test_a_laptop_is_on_free_thighs_and_else_aside():
         legs[BODY.faces[BODY.face_parts == PART_ID[name]]] = True
     for activity in ("gadget", "resting", "leaning_forward", "reading"):
         for _ in range(4):
-            person, joints = place.pose(BODY, SITTING.draw(activity, rng))
+            person, joints = place.behaviour.pose(BODY, SITTING.draw(activity, rng))
             where = thing.vertices(person, joints)
             places.setdefault(activity, []).append(bool(where[0, 0] < 5))
             if where[0, 0] < 5:
@@ -113,12 +113,12 @@ def test_a_mug_is_at_the_mouth_of_who_drinks_unless_it_stands():
     held, standing = (mug(np.array([9.0, 9.0, 0.5]), BODY, held=free) for free in (True, False))
     at_mouth = []
     for _ in range(8):
-        person, joints = place.pose(BODY, SITTING.draw("drinking", rng))
+        person, joints = place.behaviour.pose(BODY, SITTING.draw("drinking", rng))
         away = np.linalg.norm(held.vertices(person, joints).mean(axis=0) - joints[JOINT_ID["head"]])
         at_mouth.append(away < 0.4)
         assert standing.vertices(person, joints)[:, 0].min() > 8
     assert any(at_mouth)
-    person, joints = place.pose(BODY, SITTING.draw("resting", rng))
+    person, joints = place.behaviour.pose(BODY, SITTING.draw("resting", rng))
     assert held.vertices(person, joints)[:, 0].min() > 8
 
 
@@ -145,7 +145,7 @@ def test_robots_look_at_the_person_from_a_robots_distance(scene):
     for _ in range(20):
         place = Place.sample(scene, rng)
         pose = place.robot_eye(rng, 1.0)
-        middle = pose.apply(np.array([[0, 0, place.seat_height_m + 0.1]]))[0]
+        middle = pose.apply(np.array([[0, 0, place.furniture.height + 0.1]]))[0]
         assert 1.5 < middle[2] < 3.2 and abs(middle[0]) < 0.6 and abs(middle[1]) < 0.7
         eye = pose.inverse().translation_m
         assert 0.9 < eye[2] < 2.5 and eye[1] < place.wall_y - 0.2

@@ -6,20 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from synth.surface.furniture import (
-    FLOOR,
-    Bed,
-    Chair,
-    Ground,
-    Sofa,
-    Solid,
-    Surface,
-    box,
-    look_at,
-    sheet,
-    view_around,
-)
+from synth.images.presets import view_around
+from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa, Solid, Surface
 from synth.surface.rasterize import Mesh
+from synth.surface.shapes import box, sheet
+from synth.surface.viewpoint import look_at
 
 FURNITURE = [Sofa(), Chair(), Bed()]
 
@@ -67,7 +58,7 @@ def test_what_a_camera_sees_of_furniture_is_what_stops_a_limb(furniture):
 def test_sampled_furniture_has_the_sizes_of_furniture(seed):
     rng = np.random.default_rng(seed)
     sofa, chair, bed = Sofa.sample(rng), Chair.sample(rng), Bed.sample(rng)
-    assert 0.35 < sofa.seat_height < 0.5 and 0.4 <= chair.seat_height <= 0.5
+    assert 0.35 < sofa.height < 0.5 and 0.4 <= chair.height <= 0.5
     assert 1.9 < bed.length < 2.2 and 0.8 < bed.width < 1.7 and 0.3 < bed.height < 0.8
     assert np.ptp(bed.mesh().vertices_m[:, 1]) == pytest.approx(bed.length + 0.05, abs=1e-5)
 

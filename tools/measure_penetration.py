@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from annotate.parts import PARTS
 from synth.body.body import Body, shipped_bodies
-from synth.pose.recumbent import FALLEN, IN_BED, RECUMBENT, lie
+from synth.pose.recumbent import FALLEN, IN_BED, lie
 from synth.pose.sitting import SITTING, sit
 from synth.pose.upright import UPRIGHT, rise
 from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa, Solid
@@ -31,14 +31,14 @@ def sitting(body: Body, rng: np.random.Generator) -> Posed:
 
 
 def in_bed(body: Body, rng: np.random.Generator) -> Posed:
-    activity = str(rng.choice(list(IN_BED)))
+    activity = str(rng.choice(list(IN_BED.activities)))
     bed = Bed.sample(rng)
-    return activity, [FLOOR, *bed.solids()], *lie(body, bed, RECUMBENT.draw(activity, rng))
+    return activity, [FLOOR, *bed.solids()], *lie(body, bed, IN_BED.draw(activity, rng))
 
 
 def fallen(body: Body, rng: np.random.Generator) -> Posed:
-    activity = str(rng.choice(list(FALLEN)))
-    return activity, [FLOOR], *lie(body, Ground(), RECUMBENT.draw(activity, rng))
+    activity = str(rng.choice(list(FALLEN.activities)))
+    return activity, [FLOOR], *lie(body, Ground(), FALLEN.draw(activity, rng))
 
 
 def upright(body: Body, rng: np.random.Generator) -> Posed:

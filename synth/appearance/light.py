@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from sensors.rig.camera import Intrinsics
 from synth.appearance.paint import Surfaces
 from synth.body.skeleton import Float64
-from synth.surface.furniture import Surface, look_at
+from synth.surface.furniture import Surface
 from synth.surface.rasterize import EXACT, Mesh, rasterize
+from synth.surface.viewpoint import look_at
 
 Float32 = NDArray[np.float32]
 STRIDE = 4

@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from synth.body.skeleton import Float64
-from synth.surface.furniture import Surface, box
+from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh
+from synth.surface.shapes import box
 
 THING_M = (0.04, 0.45)
 """Edge lengths of an occluder: from a pole to a chair's back."""

@@ -18,12 +18,13 @@ from synth.body.skeleton import Float64
 from synth.cameras.depth_noise import DepthNoise, kinect
 from synth.images.occlude import cut, occluder
 from synth.images.view import View, inside_image, render_view, visibility
-from synth.pose.moment import Family, M, glide
-from synth.pose.recumbent import FALLEN, IN_BED, RECUMBENT, lie
+from synth.pose.moment import Posed
+from synth.pose.recumbent import FALLEN, IN_BED, lie
 from synth.pose.sitting import SITTING, sit
 from synth.pose.upright import UPRIGHT, rise
-from synth.surface.furniture import Bed, Chair, Ground, Sofa, beside, look_at, view_around
+from synth.surface.furniture import Bed, Chair, Ground, Sofa
 from synth.surface.rasterize import Mesh, merge
+from synth.surface.viewpoint import beside, look_at
 
 MIN_PIXELS, MIN_VISIBLE, MIN_JOINTS = 400, 0.4, 0.9
 """Of a person's pixels, their share that furniture leaves, and joints inside the image: with less it is no
@@ -32,7 +33,9 @@ TRIES = 50
 IMAGES_PER_PERSON = 16
 """So many images in a row show one build; what a build costs is spread over them."""
 FALLEN_SHARE = 0.2
-"""Of the recumbent, those on the floor."""
+"""Of the recumbent, those on the floor. No source: chosen by eye."""
+Viewpoint = Callable[[np.random.Generator, Float64], tuple[Float64, Float64]]
+"""Draws a camera's eye and target (3,) each about a person's middle (3,), world, metres."""
 
 
 @dataclass(frozen=True)
@@ -164,48 +167,56 @@ def _hair(i: int) -> NDArray[np.bool_]:
 
 
 def sitting(rng: np.random.Generator, body: Body) -> Stage:
-    """On a sofa, seen as by the robot: within 65 degrees of the front, at its chest to head height."""
+    """On a sofa, seen as by the robot."""
     sofa = Sofa.sample(rng)
-    activity, moment = _random_moment(SITTING, tuple(SITTING.activities), rng)
-    vertices, joints = sit(body, sofa, moment)
-    centre = joints.mean(axis=0)
-    azimuth, distance, height = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0), rng.uniform(0.6, 1.7)
-    eye = beside(centre, azimuth, distance, height)
-    target = centre + rng.normal(0, (0.12, 0.12, 0.10))
-    camera_from_world = look_at(eye, target, np.radians(rng.normal(0, 2)))
-    return Stage(activity, vertices, joints, sofa.mesh(), eye, camera_from_world)
+    activity, moment = SITTING.single(rng)
+    return _stage(activity, sit(body, sofa, moment), sofa.mesh(), _before, rng)
 
 
 def recumbent(rng: np.random.Generator, body: Body) -> Stage:
-    """In bed or fallen on the floor, seen from all around (the paper's 360 degrees), several heights."""
-    fallen = rng.random() < FALLEN_SHARE
-    activity, moment = _random_moment(RECUMBENT, tuple(FALLEN if fallen else IN_BED), rng)
-    support = Ground() if fallen else Bed.sample(rng)
-    vertices, joints = lie(body, support, moment)
-    eye, target = view_around(rng, joints.mean(axis=0))
-    camera_from_world = look_at(eye, target, np.radians(rng.normal(0, 2)))
-    return Stage(activity, vertices, joints, support.mesh(), eye, camera_from_world)
+    """In bed or fallen on the floor, seen from all around, several heights."""
+    is_fallen = rng.random() < FALLEN_SHARE
+    activity, moment = (FALLEN if is_fallen else IN_BED).single(rng)
+    support = Ground() if is_fallen else Bed.sample(rng)
+    return _stage(activity, lie(body, support, moment), support.mesh(), view_around, rng)
 
 
 def upright(rng: np.random.Generator, body: Body) -> Stage:
     """Standing, crouching, kneeling, getting up, in front of a seat or in the open, seen from all around."""
-    seat = (None, Sofa, Chair)[int(rng.integers(3))]
-    before = None if seat is None else seat.sample(rng)
-    activity, moment = _random_moment(UPRIGHT, tuple(UPRIGHT.activities), rng)
-    vertices, joints = rise(body, before, moment)
-    centre = joints.mean(axis=0)
+    kind = (None, Sofa, Chair)[int(rng.integers(3))]
+    seat = None if kind is None else kind.sample(rng)
+    activity, moment = UPRIGHT.single(rng)
+    return _stage(activity, rise(body, seat, moment), (seat or Ground()).mesh(), _beside, rng)
+
+
+def _stage(activity: str, posed: Posed, around: Mesh, view: Viewpoint, rng: np.random.Generator) -> Stage:
+    vertices, joints = posed
+    eye, target = view(rng, joints.mean(axis=0))
+    return Stage(activity, vertices, joints, around, eye, look_at(eye, target, np.radians(rng.normal(0, 2))))
+
+
+def _before(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
+    """Eye and target of a camera within 65 degrees of the front, at a robot's chest to head height."""
+    azimuth, distance, height = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0), rng.uniform(0.6, 1.7)
+    return beside(centre_m, azimuth, distance, height), centre_m + rng.normal(0, (0.12, 0.12, 0.10))
+
+
+def _beside(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
+    """Eye and target of a camera anywhere around somebody upright."""
     azimuth, distance, height = rng.uniform(-np.pi, np.pi), rng.uniform(1.4, 3.5), rng.uniform(0.6, 1.8)
-    eye = beside(centre, azimuth, distance, height)
-    camera_from_world = look_at(eye, centre + rng.normal(0, (0.12, 0.12, 0.10)), np.radians(rng.normal(0, 2)))
-    around = (before or Ground()).mesh()
-    return Stage(activity, vertices, joints, around, eye, camera_from_world)
+    return beside(centre_m, azimuth, distance, height), centre_m + rng.normal(0, (0.12, 0.12, 0.10))
 
 
-def _random_moment(family: Family[M], activities: tuple[str, ...], rng: np.random.Generator) -> tuple[str, M]:
-    """A moment of one activity, or on the way from it to another, and the first one's name."""
-    first = str(rng.choice(activities))
-    second = first if rng.random() < 0.6 else str(rng.choice(activities))
-    return first, glide(family.draw(first, rng), family.draw(second, rng), float(rng.random()))
+def view_around(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
+    """Eye and target of a camera anywhere around a lying person (the paper's 360 degrees).
+
+    Heights from a robot's bumper camera (0.4 m over the person) to a ceiling's (2.6 m over the floor).
+    """
+    azimuth = rng.uniform(-np.pi, np.pi)
+    level = rng.choice((0.7, 1.1, 1.5, 2.1)) + rng.uniform(-0.2, 0.2)
+    distance = rng.uniform(1.2, 2.6)
+    eye = beside(centre_m, azimuth, distance, max(centre_m[2] + 0.3, level))
+    return eye, centre_m + rng.normal(0, (0.12, 0.12, 0.05))
 
 
 PRESETS = {

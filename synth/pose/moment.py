@@ -1,63 +1,127 @@
-"""A moment is a vector of named numbers; an activity draws it; motion glides from one to the next.
+"""Moments: named numbers that say how somebody sits, lies or stands; families of them, drawn and glided.
 
-Every family of poses (sitting, recumbent, upright) is a ``Family`` of such moments with its own way of
-turning one into a body; drawing, gliding and the stream of moments are here, once.
+A family's activities are data (``synth/data/poses/*.toml``). Every family has its own way of turning a moment
+into a posed body; drawing, gliding and the stream of moments are here, once.
 """
 
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields
-from typing import Any, Generic, TypeVar
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-M = TypeVar("M", bound=Any)
-Spread = tuple[float, float]
-"""Mean and standard deviation."""
+from synth.body.body import Body
+from synth.body.skeleton import Float64
+
+Moment = Mapping[str, float]
+"""Numbers by name: degrees, metres and shares."""
+Posed = tuple[NDArray[np.float32], Float64]
+"""A posed body: vertices (V, 3) and joints (J, 3), world, metres."""
+Spreads = dict[str, tuple[float, float]]
+"""Mean and standard deviation by name."""
 
 KEY_SECONDS = (0.6, 2.5)
-"""Time from one drawn moment to the next."""
+"""Seconds from one drawn moment to the next, least and most. No source: chosen by eye."""
 PACE_PER_S = 110.0
-"""No number changes faster than this on the mean of a glide: degrees (metres and shares never come near)."""
+"""No number changes faster than this on the mean of a glide: degrees (metres and shares never come near).
+No source: chosen by eye."""
+SHARE_AT_REST = 0.6
+"""Of single images, those in mid-activity; the others glide to another one. No source: chosen by eye."""
+_TO_THE_LEFT = {"heading", "roll", "off", "lean", "twist", "turn", "hand_x"}
+"""Numbers that change their sign when left and right are exchanged."""
 
 
 @dataclass(frozen=True)
-class Family(Generic[M]):
-    """Moments of one kind. kind: a dataclass of floats; base: every field's spread; activities: changes."""
+class PoseFamily:
+    """Moments of one kind. base: every number's spread; activities: what differs from it, by name."""
 
-    kind: Callable[..., M]
-    base: Mapping[str, Spread]
-    activities: Mapping[str, Mapping[str, Spread]]
+    base: Spreads
+    activities: dict[str, Spreads]
 
-    def draw(self, activity: str, rng: np.random.Generator) -> M:
+    def draw(self, activity: str, rng: np.random.Generator) -> Moment:
         """A random moment of an activity."""
         spreads = {**self.base, **self.activities[activity]}
-        moment: M = self.kind(**{name: float(rng.normal(*spread)) for name, spread in spreads.items()})
-        return moment
+        return {name: float(rng.normal(*spread)) for name, spread in spreads.items()}
 
-    def moments(
-        self, rng: np.random.Generator, frames_per_second: float, activities: tuple[str, ...]
-    ) -> Iterator[M]:
+    def single(self, rng: np.random.Generator) -> tuple[str, Moment]:
+        """A moment of one activity, or on the way from it to another, and the first one's name."""
+        names = tuple(self.activities)
+        first = str(rng.choice(names))
+        second = first if rng.random() < SHARE_AT_REST else str(rng.choice(names))
+        return first, glide(self.draw(first, rng), self.draw(second, rng), float(rng.random()))
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """What somebody does in one place. activities: those of the family done here; pose: of a body."""
+
+    family: PoseFamily
+    activities: tuple[str, ...]
+    pose: Callable[[Body, Moment], Posed]
+
+    def draw(self, rng: np.random.Generator) -> Moment:
+        """A moment of any activity."""
+        return self.family.draw(str(rng.choice(self.activities)), rng)
+
+    def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
         """An endless stream: activity after activity, gliding from one key moment to the next."""
-        current = self.draw(str(rng.choice(activities)), rng)
+        current = self.draw(rng)
         while True:
-            activity = str(rng.choice(activities))
+            activity = str(rng.choice(self.activities))
             for _ in range(int(rng.integers(2, 5))):
-                following = self.draw(activity, rng)
-                seconds = max(rng.uniform(*KEY_SECONDS), _largest_change(current, following) / PACE_PER_S)
+                following = self.family.draw(activity, rng)
+                change = max(abs(following[name] - current[name]) for name in current)
+                seconds = max(rng.uniform(*KEY_SECONDS), change / PACE_PER_S)
                 steps = max(1, round(seconds * frames_per_second))
                 yield from (glide(current, following, i / steps) for i in range(steps))
                 current = following
 
 
-def glide(start: M, end: M, share: float) -> M:
+def glide(start: Moment, end: Moment, share: float) -> Moment:
     """The moment a share in [0, 1] of the way, starting and ending at rest (smoothstep)."""
     s = share * share * (3 - 2 * share)
-    names = (f.name for f in fields(start))
-    between: M = type(start)(
-        **{name: (1 - s) * getattr(start, name) + s * getattr(end, name) for name in names}
-    )
-    return between
+    return {name: (1 - s) * start[name] + s * end[name] for name in start}
 
 
-def _largest_change(start: M, end: M) -> float:
-    return max(abs(float(getattr(end, f.name) - getattr(start, f.name))) for f in fields(start))
+@cache
+def pose_families(file: str) -> dict[str, PoseFamily]:
+    """Families of ``synth/data/poses/FILE.toml`` by the table that holds their activities."""
+    data = files("synth").joinpath("data", "poses", f"{file}.toml")
+    tables: dict[str, Any] = tomllib.loads(data.read_text(encoding="utf-8"))
+    base = _spreads(tables.pop("base"))
+    known: dict[str, Spreads] = {}
+    for activities in tables.values():
+        for name, entry in activities.items():
+            like = known[entry.pop("like")] if "like" in entry else {}
+            known[name] = mirrored(known[entry.pop("mirrored")]) if "mirrored" in entry else like
+            known[name] = {**known[name], **_spreads(entry)}
+    return {table: PoseFamily(base, {name: known[name] for name in tables[table]}) for table in tables}
+
+
+def mirrored(spreads: Spreads) -> Spreads:
+    """The same activity with left and right exchanged."""
+    other = {"left": "right", "right": "left"}
+    result = {}
+    for name, (mean, deviation) in spreads.items():
+        side, _, rest = name.partition("_")
+        sided = side in other
+        turns = (rest if sided else name) in _TO_THE_LEFT
+        result[f"{other[side]}_{rest}" if sided else name] = (-mean if turns else mean, deviation)
+    return result
+
+
+def _spreads(entry: dict[str, list[float]]) -> Spreads:
+    """Spreads of a table, ``both_NAME`` as left_NAME and right_NAME."""
+    result: Spreads = {}
+    for name, (mean, deviation) in entry.items():
+        spread = (float(mean), float(deviation))
+        if name.startswith("both_"):
+            left = {f"left_{name.removeprefix('both_')}": spread}
+            result |= {**left, **mirrored(left)}
+        else:
+            result[name] = spread
+    return result

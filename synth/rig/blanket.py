@@ -9,8 +9,8 @@ from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID, Float64
 from synth.rig.place import Place
 from synth.rig.props import Thing, Vertices, Where
-from synth.surface.furniture import Bed, Surface, grid_faces
-from synth.surface.rasterize import Mesh
+from synth.surface.furniture import Surface
+from synth.surface.shapes import grid_faces, tagged
 
 CELL_M = 0.03
 THICK_M = 0.015
@@ -29,14 +29,15 @@ STIFF_CELLS = 5
 
 def lap_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
     """A throw over the lap of somebody who sits; it goes with the legs and hangs down before them."""
-    hem, short, height = rng.uniform(*HEM_M), rng.uniform(*LAP_M), place.seat_height_m
-    half = min(HALF_WIDTH_M, place.half_width_m)
+    hem, short, height = rng.uniform(*HEM_M), rng.uniform(*LAP_M), place.furniture.height
+    width = place.furniture.footprint.half_width_m
+    half = min(HALF_WIDTH_M, width)
     n, m = (round(length / CELL_M) for length in (2 * half, 0.9))
     legs = _vertices_of(body, ("upper_leg", "lower_leg"))
 
     def where(person_m: Vertices, joints_m: Float64) -> Vertices:
         hips, knees = (joints_m[[JOINT_ID[f"{s}_{name}"] for s in _SIDES]] for name in ("hip", "knee"))
-        middle = float(np.clip(hips[:, 0].mean(), half - place.half_width_m, place.half_width_m - half))
+        middle = float(np.clip(hips[:, 0].mean(), half - width, width - half))
         x = middle + np.linspace(-half, half, n)
         y = np.linspace(knees[:, 1].min() - BEFORE_KNEES_M, hips[:, 1].mean() - short, m)
         base = np.broadcast_to(np.where(y >= 0, height, hem), (n, m))
@@ -47,11 +48,10 @@ def lap_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
 
 def bed_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
     """A blanket over the lower end of a bed and whoever lies there."""
-    assert isinstance(place.furniture, Bed)
-    height, half = place.furniture.height, place.half_width_m
+    height, (half, front_y, _) = place.furniture.height, place.furniture.footprint
     x = np.arange(-half - OVER_EDGE_M, half + OVER_EDGE_M + CELL_M, CELL_M)
-    y = np.arange(place.front_y - OVER_EDGE_M, rng.uniform(*BED_TOP_Y_M), CELL_M)
-    on_bed = (np.abs(x)[:, None] <= half) & (y >= place.front_y)
+    y = np.arange(front_y - OVER_EDGE_M, rng.uniform(*BED_TOP_Y_M), CELL_M)
+    on_bed = (np.abs(x)[:, None] <= half) & (y >= front_y)
     below = np.where(on_bed, height, height - BED_HANG_M)
     covered = np.union1d(_vertices_of(body, ("upper_leg", "lower_leg")), _vertices_of(body, ("torso", "hip")))
 
@@ -104,6 +104,5 @@ def _hang(cloth_m: Vertices, hem_m: float) -> Vertices:
 
 
 def _thing(rows: int, columns: int, where: Where) -> Thing:
-    faces = grid_faces(rows, columns)
     still = np.zeros((rows * columns, 3), np.float32)
-    return Thing("blanket", Mesh(still, faces, np.full(len(faces), Surface.BLANKET, np.int32)), where)
+    return Thing("blanket", tagged(still, grid_faces(rows, columns), Surface.BLANKET), where)

@@ -1,16 +1,13 @@
 """Soft surfaces: they puff up, dent under a body, and stay warm where it was."""
 
-from typing import Literal
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from synth.body.skeleton import Float64
-from synth.surface.furniture import Solid, grid_faces
+from synth.surface.furniture import Side, Solid
 from synth.surface.rasterize import Mesh
-
-Side = Literal["top", "front"]
+from synth.surface.shapes import grid_faces, tagged
 
 CELL_M = 0.025
 """Grid step: a thermal pixel covers 1.8 cm at 2 m."""
@@ -103,5 +100,4 @@ class Cushion:
     def _whole(self) -> Mesh:
         n, m = self.heat.shape
         faces = np.concatenate([self._body.faces[self._kept], grid_faces(n, m) + 8]).astype(np.int32)
-        tags = np.full(len(faces), self._solid.tag, np.int32)
-        return Mesh(self.vertices(np.zeros((n, m))), faces, tags)
+        return tagged(self.vertices(np.zeros((n, m))), faces, self._solid.tag)

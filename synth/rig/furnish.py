@@ -10,7 +10,6 @@ from synth.rig.difficulty import Clutter
 from synth.rig.place import Place
 from synth.rig.props import Thing, Vertices, laptop, mug, radiator, sunlit_patch, table, window
 from synth.rig.visitor import Visitor, find_visitor
-from synth.surface.furniture import Bed
 
 ASIDE_M, ASIDE_HEIGHT_M = 0.34, (0.42, 0.56)
 """A side table's middle from the furniture's side, and its height: as sold."""
@@ -29,7 +28,8 @@ def furnish(
 ) -> list[Thing]:
     """Things about a subject whose earlier postures ``prior`` (V, 3) show how far it reaches."""
     has = {name: bool(rng.random() < share) for name, share in vars(clutter).items()}
-    side, lies = float(rng.choice((-1, 1))), isinstance(place.furniture, Bed)
+    footprint = place.furniture.footprint
+    side, lies = float(rng.choice((-1, 1))), place.lies
     things, stands = [], []
     if has["low_table"] and not lies:
         foot = min(float(vertices[:, 1].min()) for vertices in prior)
@@ -39,8 +39,8 @@ def furnish(
         things.append(table(middle, LOW_TABLE_M))
         stands += [middle + np.array([x, 0.0, 0.0]) for x in (-0.27, 0.2)]
     if (has["mug"] or has["laptop"]) and len(stands) < 2:
-        x = side * (place.half_width_m + ASIDE_M)
-        y = place.back_y - 0.4 if lies else rng.uniform(0.0, 0.3)
+        x = side * (footprint.half_width_m + ASIDE_M)
+        y = footprint.back_y - 0.4 if lies else rng.uniform(0.0, 0.3)
         middle = np.array([x, y, rng.uniform(*ASIDE_HEIGHT_M)])
         things.append(table(middle, (0.45, 0.45)))
         stands += [middle + np.array(off) for off in ((0.1 * side, 0.1, 0.0), (0.0, -0.08, 0.0))]
@@ -52,7 +52,7 @@ def furnish(
     if has["blanket"]:
         cover = bed_blanket if lies else lap_blanket
         things.append(cover(place, body, rng))
-    beside = place.half_width_m + rng.uniform(0.3, 0.7)
+    beside = footprint.half_width_m + rng.uniform(0.3, 0.7)
     if has["radiator"]:
         things.append(radiator(-side * beside, place.wall_y))
     if has["window"]:
@@ -71,8 +71,9 @@ def invite(
     rng: np.random.Generator,
 ) -> Visitor | None:
     """Somebody else with room enough, or None where there is no room in view."""
-    low: Float64 = np.array([-place.half_width_m, place.front_y])
-    high: Float64 = np.array([place.half_width_m, place.back_y])
+    footprint = place.furniture.footprint
+    low: Float64 = np.array([-footprint.half_width_m, footprint.front_y])
+    high: Float64 = np.array([footprint.half_width_m, footprint.back_y])
     standing = [t.mesh.vertices_m for t in things if t.name in ("table", "radiator")]
     for vertices in [*prior, *standing]:
         low = np.minimum(low, vertices[:, :2].min(axis=0))

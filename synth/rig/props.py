@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 from annotate.parts import PART_ID
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID, Float64
-from synth.surface.furniture import Surface, box
+from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh, merge
+from synth.surface.shapes import box, tagged
 
 Vertices = NDArray[np.float32]
 Where = Callable[[Vertices, Float64], Vertices]
@@ -84,9 +85,7 @@ def mug(stands_m: Float64, body: Body, held: bool) -> Thing:
         return (local + place).astype(np.float32)
 
     still = (local + stands_m).astype(np.float32)
-    return Thing(
-        "mug", Mesh(still, faces, np.full(len(faces), Surface.MUG, np.int32)), where if held else None
-    )
+    return Thing("mug", tagged(still, faces, Surface.MUG), where if held else None)
 
 
 def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:

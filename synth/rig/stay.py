@@ -17,11 +17,13 @@ from synth.appearance.warmth import BodyWarmth, Clothing, surface_temperatures
 from synth.body.body import Body, blend, shipped_bodies
 from synth.body.hair import hair_faces
 from synth.body.skeleton import Float64
+from synth.pose.moment import Moment
 from synth.rig.difficulty import Difficulty
 from synth.rig.furnish import ROOM_FRONT_Y_M, ROOM_HALF_WIDTH_M, furnish, invite
 from synth.rig.place import Place
 from synth.surface.furniture import Surface, room
 from synth.surface.rasterize import Mesh, merge
+from synth.surface.shapes import tagged
 
 Vertices = NDArray[np.float32]
 
@@ -99,7 +101,8 @@ class Stay:
         self._room_c = float(rng.uniform(*difficulty.room_c))
         self._cushions = self._place.cushions()
         camera_from_world = self._place.robot_eye(rng, difficulty.stray)
-        prior = [self._place.pose(self._body, self._place.draw(rng))[0] for _ in range(PRIOR_MOMENTS)]
+        behaviour = self._place.behaviour
+        prior = [behaviour.pose(self._body, behaviour.draw(rng))[0] for _ in range(PRIOR_MOMENTS)]
         self._things = furnish(self._place, self._body, prior, difficulty.clutter, rng)
         other = bodies[int(rng.integers(len(bodies)))]
         come = rng.random() < difficulty.clutter.company
@@ -118,19 +121,19 @@ class Stay:
 
     def tableaux(self) -> Iterator[Tableau]:
         """An endless stream, frame by frame."""
-        own = self._place.moments(self._motion, self._fps)
-        others = self._visitor.moments(self._motion.spawn(1)[0], self._fps) if self._visitor else None
+        own, visitor = self._place.behaviour.stream(self._motion, self._fps), self._visitor
+        others = visitor.behaviour.stream(self._motion.spawn(1)[0], self._fps) if visitor else None
         now = self._tableau(next(own), next(others) if others else None)
         while True:
             following = self._tableau(next(own), next(others) if others else None)
             yield replace(now, following_m=following.vertices_m)
             now = following
 
-    def _tableau(self, moment: object, other: object) -> Tableau:
+    def _tableau(self, moment: Moment, other: Moment | None) -> Tableau:
         """The next moment; ``following_m`` is not known yet."""
-        person, joints = self._place.pose(self._body, moment)
+        person, joints = self._place.behaviour.pose(self._body, moment)
         vertices = [person]
-        if self._visitor is not None:
+        if self._visitor is not None and other is not None:
             vertices.append(self._visitor.pose(other))
         dents = self._press(person, 1 / self._fps)
         vertices += [c.vertices(dent) for c, dent in zip(self._cushions, dents, strict=True)]
@@ -155,7 +158,7 @@ class Stay:
 
     def _leave_warm_spot(self, person_m: Vertices, rng: np.random.Generator) -> None:
         """Where there is room beside the subject, somebody got up a moment ago."""
-        room = self._place.half_width_m - ROOM_TO_SIT_M
+        room = self._place.furniture.footprint.half_width_m - ROOM_TO_SIT_M
         if room > SPOT_ASIDE_M:
             aside = rng.choice((-1, 1)) * rng.uniform(SPOT_ASIDE_M, room)
             heat = float(rng.uniform(*SPOT_HEAT))
@@ -205,11 +208,6 @@ class Stay:
             self._room_c,
             clothing,
         )
-
-
-def tagged(vertices_m: Vertices, faces: NDArray[np.int32], tag: int) -> Mesh:
-    """A mesh of one tag."""
-    return Mesh(vertices_m, faces, np.full(len(faces), tag, np.int32))
 
 
 def _darkness(bodies: list[Body], outfits: list[Outfit], rgb: Float64) -> NDArray[np.float32]:

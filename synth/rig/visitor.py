@@ -1,8 +1,6 @@
 """Somebody else in the room: at the edge of the view, in ordinary clothes, touching nobody."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body
 from synth.body.skeleton import Float64
-from synth.pose.sitting import SITTING, sit
-from synth.pose.upright import UPRIGHT, rise
+from synth.pose.moment import Behaviour, Moment
+from synth.pose.sitting import on_seat
+from synth.pose.upright import on_legs
 from synth.rig.props import moved
 from synth.surface.furniture import Chair
 from synth.surface.rasterize import Mesh
@@ -26,6 +25,9 @@ AWAY_M = (1.6, 3.6)
 KEEP_M = 0.45
 """From what the subject and the furniture reach, measured to the middle of the body."""
 TRIES = 200
+"""Places tried before nobody comes."""
+SEATED = ("resting", "crossed_left", "gadget", "reading")
+"""What somebody on a chair does."""
 
 
 @dataclass(frozen=True)
@@ -34,20 +36,13 @@ class Visitor:
 
     body: Body
     chair: Chair | None
+    behaviour: Behaviour
     at_m: Float64
     turn_rad: float
 
-    def moments(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Any]:
-        """What they do."""
-        if self.chair is None:
-            return UPRIGHT.moments(rng, frames_per_second, ("standing",))
-        return SITTING.moments(rng, frames_per_second, ("resting", "crossed_left", "gadget", "reading"))
-
-    def pose(self, moment: Any) -> NDArray[np.float32]:  # noqa: ANN401 - a moment of either family
+    def pose(self, moment: Moment) -> NDArray[np.float32]:
         """Vertices (V, 3), world."""
-        vertices = (
-            rise(self.body, None, moment) if self.chair is None else sit(self.body, self.chair, moment)
-        )[0]
+        vertices, _ = self.behaviour.pose(self.body, moment)
         rotation = Rotation.from_euler("z", self.turn_rad).as_matrix()
         return np.asarray(vertices @ rotation.T + self.at_m, np.float32)
 
@@ -83,5 +78,6 @@ def find_visitor(
             # A body faces -y; it looks roughly at the subject.
             turn = np.arctan2(-at[1], -at[0]) + np.pi / 2 + rng.normal(0, 0.5)
             chair = Chair.sample(rng) if sits else None
-            return Visitor(body, chair, np.array([*at, 0.0]), float(turn))
+            behaviour = on_seat(chair, *SEATED) if chair else on_legs(None, "standing")
+            return Visitor(body, chair, behaviour, np.array([*at, 0.0]), float(turn))
     return None

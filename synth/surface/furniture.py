@@ -1,14 +1,19 @@
-"""Furniture, room and cameras. World frame: z up, metres; the person faces -y towards the robot."""
+"""Furniture and room. World frame: z up, metres; the person faces -y towards the robot."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from sensors.rig.rig_calibration import Pose
 from synth.surface.rasterize import Mesh, merge
+from synth.surface.shapes import box, sheet
+
+Side = Literal["top", "front"]
+"""Of a box: the side upwards, or towards -y."""
 
 
 class Surface(IntEnum):
@@ -72,51 +77,36 @@ FLOOR = Solid((-10.0, -10.0, -1.0), (10.0, 10.0, 0.0), 0.005, Surface.FLOOR, car
 """The floor every piece of furniture stands on; half a centimetre for socks and carpet."""
 
 
+class Footprint(NamedTuple):
+    """Where a piece of furniture stands, metres: half its width about x = 0, and its y from front to back."""
+
+    half_width_m: float
+    front_y: float
+    back_y: float
+
+
 @dataclass(frozen=True)
-class Sofa:
-    """Where a person sits. Metres; the seat's front edge is at y = 0, the back rest starts at y = depth."""
+class Furniture(ABC):
+    """What carries a person. Metres.
 
-    seat_height: float = 0.42
-    depth: float = 0.56
-    width: float = 1.7
-    back_height: float = 0.48
-    back_tilt_rad: float = 0.26
-    arm_height: float = 0.20
-    arm_width: float = 0.18
-    give_m: float = 0.02
+    height: of what carries, over the floor. give_m: how deep a body sinks in. puff_m: how far cushions
+    bulge in their middle (no source: upholstery looks like it). soft: the soft side of each of the
+    first solids.
+    """
 
-    @staticmethod
-    def sample(rng: np.random.Generator) -> "Sofa":
-        """A sofa or arm-chair of common furniture dimensions."""
-        return Sofa(
-            seat_height=rng.uniform(0.38, 0.47),
-            depth=rng.uniform(0.48, 0.62),
-            width=rng.uniform(0.62, 2.0),
-            back_height=rng.uniform(0.35, 0.75),
-            back_tilt_rad=rng.uniform(0.12, 0.38),
-            arm_height=rng.uniform(0.12, 0.26),
-        )
+    height: float
+    give_m: float
+    puff_m: ClassVar[float] = 0.0
+    soft: ClassVar[tuple[Side, ...]] = ("top", "front")
 
-    def back_y(self, z_m: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Where the back rest's front face lies at height z (world)."""
-        above = np.maximum(z_m.astype(np.float64) - self.seat_height, 0)
-        return np.asarray(self.depth + np.tan(self.back_tilt_rad) * above, np.float64)
+    @property
+    @abstractmethod
+    def footprint(self) -> Footprint:
+        """The floor it takes."""
 
+    @abstractmethod
     def solids(self) -> list[Solid]:
-        """Seat, back rest and arm rests."""
-        half, h = self.width / 2, self.seat_height
-        tilt = Rotation.from_euler("x", -self.back_tilt_rad).as_matrix()
-        place = np.array([0, self.depth, h])
-        give, tag = self.give_m, Surface.SOFA
-        arms = [
-            Solid((x, 0, 0.05), (x + self.arm_width, self.depth + 0.1, h + self.arm_height), give, tag)
-            for x in (-half - self.arm_width, half)
-        ]
-        return [
-            Solid((-half, 0, 0.05), (half, self.depth + 0.16, h), give, tag, carries_m=0.1),
-            Solid((-half, 0, 0), (half, 0.16, self.back_height), give, tag, tilt, place),
-            *arms,
-        ]
+        """Boxes it is made of; the first one carries."""
 
     def mesh(self) -> Mesh:
         """The solids' faces."""
@@ -124,10 +114,75 @@ class Sofa:
 
 
 @dataclass(frozen=True)
-class Chair:
-    """A chair without arms. Metres; the seat's front edge is at y = 0, as a sofa's."""
+class Seat(Furniture):
+    """Where a person sits; the seat's front edge is at y = 0, the back rest starts at y = depth."""
 
-    seat_height: float = 0.45
+    depth: float
+    width: float
+    back_height: float
+    back_tilt_rad: float
+
+    def back_y(self, z_m: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Where the back rest's front face lies at height z (world)."""
+        above = np.maximum(z_m.astype(np.float64) - self.height, 0)
+        return np.asarray(self.depth + np.tan(self.back_tilt_rad) * above, np.float64)
+
+    def _back_rest(self, thick_m: float, from_z: float) -> Solid:
+        half, tilt = self.width / 2, Rotation.from_euler("x", -self.back_tilt_rad).as_matrix()
+        low, high = (-half, 0, from_z), (half, thick_m, self.back_height)
+        place = np.array([0, self.depth, self.height])
+        return Solid(low, high, self.give_m, Surface.SOFA, tilt, place)
+
+
+@dataclass(frozen=True)
+class Sofa(Seat):
+    """A sofa or arm-chair."""
+
+    height: float = 0.42
+    depth: float = 0.56
+    width: float = 1.7
+    back_height: float = 0.48
+    back_tilt_rad: float = 0.26
+    give_m: float = 0.02
+    arm_height: float = 0.20
+    arm_width: float = 0.18
+
+    puff_m = 0.012
+    soft = ("top", "front", "top", "top")
+
+    @staticmethod
+    def sample(rng: np.random.Generator) -> "Sofa":
+        """A sofa or arm-chair of common furniture dimensions."""
+        return Sofa(
+            height=rng.uniform(0.38, 0.47),
+            depth=rng.uniform(0.48, 0.62),
+            width=rng.uniform(0.62, 2.0),
+            back_height=rng.uniform(0.35, 0.75),
+            back_tilt_rad=rng.uniform(0.12, 0.38),
+            arm_height=rng.uniform(0.12, 0.26),
+        )
+
+    @property
+    def footprint(self) -> Footprint:
+        """With its arms, and the back rest behind the seat."""
+        return Footprint(self.width / 2 + self.arm_width, 0.0, self.depth + 0.3)
+
+    def solids(self) -> list[Solid]:
+        """Seat, back rest and arm rests."""
+        half, h, give, tag = self.width / 2, self.height, self.give_m, Surface.SOFA
+        arms = [
+            Solid((x, 0, 0.05), (x + self.arm_width, self.depth + 0.1, h + self.arm_height), give, tag)
+            for x in (-half - self.arm_width, half)
+        ]
+        seat = Solid((-half, 0, 0.05), (half, self.depth + 0.16, h), give, tag, carries_m=0.1)
+        return [seat, self._back_rest(0.16, 0), *arms]
+
+
+@dataclass(frozen=True)
+class Chair(Seat):
+    """A chair without arms."""
+
+    height: float = 0.45
     depth: float = 0.42
     width: float = 0.44
     back_height: float = 0.45
@@ -138,42 +193,33 @@ class Chair:
     def sample(rng: np.random.Generator) -> "Chair":
         """A kitchen or ward chair of common dimensions."""
         return Chair(
-            seat_height=rng.uniform(0.42, 0.50),
+            height=rng.uniform(0.42, 0.50),
             depth=rng.uniform(0.38, 0.46),
             width=rng.uniform(0.42, 0.52),
             back_height=rng.uniform(0.35, 0.55),
             back_tilt_rad=rng.uniform(0.05, 0.2),
         )
 
-    def back_y(self, z_m: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Where the back rest's front face lies at height z (world)."""
-        above = np.maximum(z_m.astype(np.float64) - self.seat_height, 0)
-        return np.asarray(self.depth + np.tan(self.back_tilt_rad) * above, np.float64)
+    @property
+    def footprint(self) -> Footprint:
+        """The seat, and the back rest behind it."""
+        return Footprint(self.width / 2, 0.0, self.depth + 0.12)
 
     def solids(self) -> list[Solid]:
         """Seat, back rest and four legs."""
-        half, h, leg, tag = self.width / 2, self.seat_height, 0.04, Surface.SOFA
-        tilt = Rotation.from_euler("x", -self.back_tilt_rad).as_matrix()
-        place = np.array([0, self.depth, h])
+        half, h, leg, tag = self.width / 2, self.height, 0.04, Surface.SOFA
         legs = [
             Solid((x, y, 0), (x + leg, y + leg, h - 0.05), 0.0, tag)
             for x in (-half, half - leg)
             for y in (0.01, self.depth - leg)
         ]
-        return [
-            Solid((-half, 0, h - 0.05), (half, self.depth, h), self.give_m, tag, carries_m=0.1),
-            Solid((-half, 0, 0.08), (half, 0.03, self.back_height), self.give_m, tag, tilt, place),
-            *legs,
-        ]
-
-    def mesh(self) -> Mesh:
-        """The solids' faces."""
-        return merge([solid.mesh() for solid in self.solids()])
+        seat = Solid((-half, 0, h - 0.05), (half, self.depth, h), self.give_m, tag, carries_m=0.1)
+        return [seat, self._back_rest(0.03, 0.08), *legs]
 
 
 @dataclass(frozen=True)
-class Bed:
-    """Where a person lies. Metres; centred on the world's z axis, its length along y, the pillow at +y.
+class Bed(Furniture):
+    """Where a person lies; centred on the world's z axis, its length along y, the pillow at +y.
 
     give_m: how deep a body sinks into mattress and pillow, 4 cm: between a firm and a soft foam mattress
     under a back (a stated simplification: the mattress is drawn flat).
@@ -186,6 +232,9 @@ class Bed:
     board_height: float = 0.35
     give_m: float = 0.04
 
+    puff_m = 0.006
+    soft = ("top", "top")
+
     @staticmethod
     def sample(rng: np.random.Generator) -> "Bed":
         """A single, double or nursing bed."""
@@ -197,25 +246,21 @@ class Bed:
             board_height=rng.uniform(0.1, 0.55),
         )
 
+    @property
+    def footprint(self) -> Footprint:
+        """The mattress, and the board at its head."""
+        return Footprint(self.width / 2, -self.length / 2, self.length / 2 + 0.05)
+
     def solids(self) -> list[Solid]:
         """Mattress on its base, pillow and head board."""
         x, y, h, tag = self.width / 2, self.length / 2, self.height, Surface.BED
-        pillow = min(0.33, x - 0.05)
+        half = min(0.33, x - 0.05)
+        low, high = (-half, y - 0.37, h - 0.1), (half, y - 0.02, h + self.pillow_height)
         return [
             Solid((-x, -y, 0.12), (x, y, h), self.give_m, tag, carries_m=0.15),
-            Solid(
-                (-pillow, y - 0.37, h - 0.1),
-                (pillow, y - 0.02, h + self.pillow_height),
-                0.07,
-                Surface.PILLOW,
-                carries_m=0.2,
-            ),
+            Solid(low, high, 0.07, Surface.PILLOW, carries_m=0.2),
             Solid((-x, y, 0.0), (x, y + 0.05, h + self.board_height), 0.0, tag),
         ]
-
-    def mesh(self) -> Mesh:
-        """The solids' faces."""
-        return merge([solid.mesh() for solid in self.solids()])
 
 
 @dataclass(frozen=True)
@@ -223,6 +268,8 @@ class Ground:
     """The bare floor as a place to lie on; ``mesh`` is what a camera sees of it."""
 
     height: float = 0.0
+    length: float = 2.0
+    width: float = 1.0
     give_m: float = FLOOR.give_m
 
     def solids(self) -> list[Solid]:
@@ -232,34 +279,6 @@ class Ground:
     def mesh(self) -> Mesh:
         """Three metres of floor to each side."""
         return sheet(np.array([-3.0, -3.0, 0.0]), np.array([6.0, 0, 0]), np.array([0, 6.0, 0]), Surface.FLOOR)
-
-
-def box(low: tuple[float, float, float], high: tuple[float, float, float], tag: int) -> Mesh:
-    """Axis-aligned box as 12 triangles."""
-    x, y, z = zip(low, high, strict=True)
-    corners = np.array([(a, b, c) for a in x for b in y for c in z], np.float32)
-    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)
-    return Mesh(corners, faces, np.full(len(faces), tag, np.int32))
-
-
-def sheet(
-    origin: NDArray[np.float64], along: NDArray[np.float64], across: NDArray[np.float64], tag: int
-) -> Mesh:
-    """Rectangle cut into quarter-metre cells, so that a cell behind the camera can be dropped alone."""
-    n, m = (max(1, int(np.ceil(np.linalg.norm(side) / 0.25))) for side in (along, across))
-    i, j = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij")
-    vertices = (origin + i[..., None] * along + j[..., None] * across).reshape(-1, 3).astype(np.float32)
-    faces = grid_faces(n + 1, m + 1)
-    return Mesh(vertices, faces, np.full(len(faces), tag, np.int32))
-
-
-def grid_faces(rows: int, columns: int) -> NDArray[np.int32]:
-    """Triangles (2 (rows - 1) (columns - 1), 3) between the nodes of a grid, numbered row by row."""
-    a = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
-    b = a + columns
-    halves = [np.stack([a, a + 1, b + 1], axis=1), np.stack([a, b + 1, b], axis=1)]
-    return np.concatenate(halves).astype(np.int32)
 
 
 def room(back_wall_y: float, half_width: float = 2.5, front_y: float = -3.5, height: float = 2.5) -> Mesh:
@@ -276,38 +295,3 @@ def room(back_wall_y: float, half_width: float = 2.5, front_y: float = -3.5, hei
             sheet(corner + width, depth, up, Surface.WALL),
         ]
     )
-
-
-def look_at(eye_m: NDArray[np.float64], target_m: NDArray[np.float64], roll_rad: float = 0.0) -> Pose:
-    """``camera_from_world`` of a camera at ``eye_m`` looking at ``target_m``; x is level but for roll."""
-    forward = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    if np.linalg.norm(right) < 1e-6:
-        right = np.array([1.0, 0.0, 0.0])
-    right = right / np.linalg.norm(right)
-    level = np.stack([right, np.cross(forward, right), forward])
-    rotation = Rotation.from_euler("z", roll_rad).as_matrix() @ level
-    return Pose(rotation, -rotation @ eye_m)
-
-
-def beside(
-    centre_m: NDArray[np.float64], azimuth_rad: float, distance_m: float, height_m: float
-) -> NDArray[np.float64]:
-    """A place (3,) so far from a centre (3,) on the level, at a height; azimuth 0 is before the person."""
-    place = centre_m + distance_m * np.array([np.sin(azimuth_rad), -np.cos(azimuth_rad), 0.0])
-    place[2] = height_m
-    return place
-
-
-def view_around(
-    rng: np.random.Generator, centre_m: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Eye and target (3,) each of a camera anywhere around a lying person (the paper's 360 degrees).
-
-    Heights from a robot's bumper camera (0.4 m over the person) to a ceiling's (2.6 m over the floor).
-    """
-    azimuth = rng.uniform(-np.pi, np.pi)
-    level = rng.choice((0.7, 1.1, 1.5, 2.1)) + rng.uniform(-0.2, 0.2)
-    distance = rng.uniform(1.2, 2.6)
-    eye = beside(centre_m, azimuth, distance, max(centre_m[2] + 0.3, level))
-    return eye, centre_m + rng.normal(0, (0.12, 0.12, 0.05))
