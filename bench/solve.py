@@ -46,11 +46,11 @@ def naive_seconds() -> float:
     markerset = plug_in_gait()
     template = Template.of(markerset)
     subject = template.subject(template.shape(1.0))
-    goal = markers_at(State.of(np.full((N_JOINTS, 3), 0.1), np.zeros(3)), *vars(subject).values())
+    goal = markers_at(State.of(np.full((N_JOINTS, 3), 0.1), np.zeros(3)), subject)
 
     def residuals(x: np.ndarray) -> np.ndarray:
         state = State.of(x[3:].reshape(N_JOINTS, 3), x[:3])
-        misfit = (markers_at(state, *vars(subject).values()) - goal).ravel() / MARKER_SIGMA_M
+        misfit = (markers_at(state, subject) - goal).ravel() / MARKER_SIGMA_M
         return np.concatenate([misfit, 0.1 * x])
 
     started = time.process_time()

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sensors.errors import CloudError, FormatError
-from synth.markers import bvh
+from synth.markers import bvh, marker_files
 from synth.markers.bvh import read_bvh
 from synth.markers.marker_files import Markers, read_markers
 from synth.markers.markerset import choose_marker_set, key_of, load_marker_set, shipped_marker_sets
@@ -111,16 +111,14 @@ def bvh_text() -> str:
     return BVH + "\n".join(" ".join(f"{v:g}" for v in row) for row in still) + "\n"
 
 
-@pytest.mark.parametrize("more", ["\n" * 10**6, "9\t0.1\t" + "1\t" * 10**6, "1\t0.1\t" + "1\t" * 9 + "\n"])
-def test_a_trc_is_read_no_further_than_its_frames(tmp_path, monkeypatch, more):
-    monkeypatch.setattr("synth.markers.marker_files.MAX_TRC_LINE", 1000)
+def test_a_trc_may_hold_blank_lines_but_no_more_frames_than_it_claims(tmp_path):
     path = tmp_path / "a.trc"
     write_trc(path, positions())
     text = path.read_text()
     path.write_text(text.rstrip("\n") + "\n" + "\n" * 50)
     np.testing.assert_allclose(read_markers(path).positions, positions(), atol=1e-6)
-    path.write_text("\n".join(text.split("\n")[:5]) + "\n" + more + text.partition("\n\n")[2])
-    with pytest.raises(FormatError, match=r"a\.trc"):
+    path.write_text(text + text.rstrip("\n").rpartition("\n")[2] + "\n")
+    with pytest.raises(FormatError, match="claims"):
         read_markers(path)
 
 
@@ -219,15 +217,15 @@ def test_hostile_sizes_are_refused_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["UNITS", "LABELS"])
-def test_a_parameter_of_more_texts_than_markers_have_is_refused(tmp_path, monkeypatch, name):
-    """Four bytes claim 16 million texts of no letter; the library makes an object of each."""
+def test_a_parameter_that_claims_more_letters_than_it_has_is_refused(tmp_path, monkeypatch, name):
+    """Four bytes claim 16 million texts; the library makes an object of each."""
     write_c3d(tmp_path / "a.c3d", positions())
     real = c3d.Reader.get
 
     def get(self, asked, *default):
         found = real(self, asked, *default)
         if asked == f"POINT:{name}":
-            found.dimensions = [0, 255, 255, 255]
+            found.dimensions = [1, 255, 255, 255]
             monkeypatch.setattr(type(found), "string_array", property(lambda _: pytest.fail("it was read")))
         return found
 
@@ -236,27 +234,36 @@ def test_a_parameter_of_more_texts_than_markers_have_is_refused(tmp_path, monkey
         read_markers(tmp_path / "a.c3d")
 
 
-@pytest.mark.parametrize(
-    ("bound", "value", "why"),
-    [
-        ("MAX_TURNS", 2 * 12 - 1, "2 frames of 12 joints"),
-        ("MAX_NUMBERS", 2 * 30 - 1, "30 channels"),
-        ("MAX_HEAD", 100, "characters"),
-        ("MAX_FRAMES", 1, "more than 1 frames"),
-    ],
-)
-def test_a_bvh_of_more_than_is_solved_is_refused(tmp_path, monkeypatch, bound, value, why):
-    path = tmp_path / "a.bvh"
-    path.write_text(bvh_text())
-    monkeypatch.setattr(bvh, bound, value)
-    monkeypatch.setattr(bvh, "_centres", None)
-    with pytest.raises(FormatError, match=why):
-        read_bvh(path)
+@pytest.mark.parametrize("suffix", [".c3d", ".trc", ".bvh"])
+def test_marker_files_are_bounded_by_their_size(tmp_path, monkeypatch, suffix):
+    path = tmp_path / f"a{suffix}"
+    size = len(original(path))
+    for bound in (size, size - 1):
+        for module in (bvh, marker_files):
+            monkeypatch.setattr(module, "MAX_FILE_BYTES", bound)
+        if bound == size:
+            assert len(read(path).positions) > 1
+    with pytest.raises(FormatError, match=r"larger|over|more"):
+        read(path)
 
 
-def test_a_line_of_more_numbers_is_refused(tmp_path):
+def test_frames_times_joints_and_frames_times_markers_are_bounded(tmp_path, monkeypatch):
+    for suffix, module, bound, honest in (
+        (".bvh", bvh, "MAX_CENTRES", 2 * 12),
+        (".trc", marker_files, "MAX_POSITIONS", 60 * len(NAMES)),
+    ):
+        path = tmp_path / f"a{suffix}"
+        original(path)
+        monkeypatch.setattr(module, bound, honest)
+        assert len(read(path).positions) > 1
+        monkeypatch.setattr(module, bound, honest - 1)
+        with pytest.raises(FormatError, match="frames of"):
+            read(path)
+
+
+def test_a_motion_of_other_than_its_frames_is_refused(tmp_path):
     (tmp_path / "a.bvh").write_text(bvh_text().rstrip() + " 0" * 1000)
-    with pytest.raises(FormatError, match="do not hold 30 finite numbers"):
+    with pytest.raises(FormatError, match="2 frames of 30 finite numbers and holds 1060"):
         read_bvh(tmp_path / "a.bvh")
 
 

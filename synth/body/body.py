@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from zipfile import BadZipFile, ZipFile
 
 import numba
 import numpy as np
@@ -12,13 +11,15 @@ from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.files.atomic import replacing
+from sensors.files.npz import load_arrays
 from sensors.rig.camera import FloatArray
 from synth.body.skeleton import N_JOINTS, Float64, Posture, alignment, forward
 
 BONES_PER_VERTEX = 4
 DENSITY_KG_M3 = 980.0
 """Mean density of a body, as anny's Anthropometry takes it."""
-MAX_BODY_BYTES = 50_000_000
+MAX_BYTES = 50_000_000
+"""Of a body unpacked: a shipped one has 0.8 MB."""
 
 
 @dataclass(frozen=True)
@@ -132,18 +133,13 @@ def save_body(path: Path, body: Body) -> None:
 
 
 def load_body(path: Path) -> Body:
-    """Read a baked body. Raises FormatError when the file is none."""
+    """Read a baked body. Raises FormatError when the file is not one."""
+    remedy = "bake it with 'synth bodies'"
+    arrays = load_arrays(path, MAX_BYTES, remedy)
     try:
-        with path.open("rb") as file:
-            # Sizes are in the archive's directory: checked before anything is unpacked.
-            with ZipFile(file) as archive:
-                if sum(member.file_size for member in archive.infolist()) > MAX_BODY_BYTES:
-                    raise FormatError(f"body {path} is larger than {MAX_BODY_BYTES} bytes; bake it again")
-            file.seek(0)
-            with np.load(file, allow_pickle=False) as arrays:
-                return Body(path.stem, **{k: arrays[k] for k in arrays.files})
-    except (OSError, ValueError, TypeError, EOFError, BadZipFile) as error:
-        raise FormatError(f"body {path} cannot be read ({error}); bake it with 'synth bodies'") from error
+        return Body(path.stem, **arrays)
+    except (TypeError, ValueError) as error:
+        raise FormatError(f"body {path} cannot be read ({error}); {remedy}") from error
 
 
 @cache

@@ -6,10 +6,7 @@ The same joints, angles and frames as ``skeleton.forward``, whose anatomical zer
 because their Euler angles lock with a raised arm or a lying person.
 """
 
-# Numba types the compiled functions.
-# ruff: noqa: ANN001, ANN201, ANN202
-
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -18,15 +15,29 @@ from numpy.typing import NDArray
 from synth.body.skeleton import _SIGNS as ANGLE_SIGNS
 from synth.body.skeleton import JOINTS, LIMITS_RAD, PARENTS, Float64, rotations
 
-PARENT = PARENTS.astype(np.int64)
-BALL = np.array([j.name == "pelvis" or j.name.endswith("_shoulder") for j in JOINTS])
-"""Joints that turn by rotation vectors."""
-SIGNED_LIMITS = np.sort(LIMITS_RAD * ANGLE_SIGNS[..., None], axis=-1)
-SIGNED_LIMITS[0] = (-np.inf, np.inf)
+Int64 = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class State:
+class Tree(NamedTuple):
+    """Joints as compiled code takes them: parents (J,), -1 for the root; ball (J,), which turn by rotation
+    vectors; limits_rad (J, 3, 2) of the signed angles."""
+
+    parents: Int64
+    ball: NDArray[np.bool_]
+    limits_rad: Float64
+
+
+def _tree() -> Tree:
+    ball = np.array([j.name == "pelvis" or j.name.endswith("_shoulder") for j in JOINTS])
+    limits = np.sort(LIMITS_RAD * ANGLE_SIGNS[..., None], axis=-1)
+    limits[0] = (-np.inf, np.inf)
+    return Tree(PARENTS.astype(np.int64), ball, limits)
+
+
+TREE = _tree()
+
+
+class State(NamedTuple):
     """A posed skeleton as the solver keeps it.
 
     pelvis_m: (3,) world. signed_rad: (J, 3) signed Euler angles. local: (J, 3, 3) the joints' rotations.
@@ -49,55 +60,58 @@ class State:
         return np.asarray(angles)
 
 
-def place(state: State, bones_m: Float64) -> tuple[Float64, Float64]:
-    """Frames (J, 3, 3), which turn anatomical zero to the world, and joints (J, 3), world, metres."""
-    frames, joints = place_compiled(PARENT, state.local, bones_m, state.pelvis_m)
-    return frames, joints
+class Subject(NamedTuple):
+    """A person's bones (J, 3), joint from parent in anatomical zero, and markers: marker_joint (M,) the joint
+    each is fixed to, offsets_m (M, 3) in the joint's frame at anatomical zero."""
+
+    bones_m: Float64
+    marker_joint: Int64
+    offsets_m: Float64
 
 
-def markers_at(
-    state: State, bones_m: Float64, marker_joint: NDArray[np.int64], offsets_m: Float64
-) -> Float64:
-    """Markers (M, 3) fixed to joints ``marker_joint`` (M,) at ``offsets_m`` (M, 3): world, metres."""
-    frames, joints = place(state, bones_m)
-    return np.asarray(joints[marker_joint] + np.einsum("mij,mj->mi", frames[marker_joint], offsets_m))
+def markers_at(state: State, subject: Subject) -> Float64:
+    """Markers (M, 3) of a posed subject: world, metres."""
+    frames, joints = place(TREE, state, subject.bones_m)
+    turned = np.einsum("mij,mj->mi", frames[subject.marker_joint], subject.offsets_m)
+    return np.asarray(joints[subject.marker_joint] + turned)
 
 
 @numba.njit(cache=True)
-def place_compiled(parents, local, bones, pelvis):  # type: ignore[no-untyped-def] # pragma: no cover
-    n = len(parents)
+def place(tree: Tree, state: State, bones_m: Float64) -> tuple[Float64, Float64]:  # pragma: no cover
+    """Frames (J, 3, 3), which turn anatomical zero to the world, and joints (J, 3), world, metres."""
+    n = len(tree.parents)
     frames = np.empty((n, 3, 3))
     joints = np.empty((n, 3))
     for j in range(n):
-        p = parents[j]
+        p = tree.parents[j]
         for a in range(3):
             if p < 0:
-                joints[j, a] = pelvis[a]
+                joints[j, a] = state.pelvis_m[a]
                 for b in range(3):
-                    frames[j, a, b] = local[j, a, b]
+                    frames[j, a, b] = state.local[j, a, b]
             else:
                 joints[j, a] = joints[p, a]
                 for b in range(3):
-                    joints[j, a] += frames[p, a, b] * bones[j, b]
+                    joints[j, a] += frames[p, a, b] * bones_m[j, b]
                     frames[j, a, b] = 0.0
                     for c in range(3):
-                        frames[j, a, b] += frames[p, a, c] * local[j, c, b]
+                        frames[j, a, b] += frames[p, a, c] * state.local[j, c, b]
     return frames, joints
 
 
 @numba.njit(cache=True)
-def axes_of(parents, ball, frames, signed):  # type: ignore[no-untyped-def] # pragma: no cover
+def axes_of(tree: Tree, frames: Float64, signed: Float64) -> Float64:  # pragma: no cover
     """World axes (J, 3, 3) about which each of a joint's three variables turns it; rows are axes."""
-    n = len(parents)
+    n = len(tree.parents)
     axes = np.zeros((n, 3, 3))
     for j in range(n):
-        p = parents[j]
+        p = tree.parents[j]
         if p < 0:
             for k in range(3):
                 axes[j, k, k] = 1.0
             continue
         f = frames[p]
-        if ball[j]:
+        if tree.ball[j]:
             axes[j] = f.T
             continue
         ca, sa = np.cos(signed[j, 0]), np.sin(signed[j, 0])
@@ -110,7 +124,7 @@ def axes_of(parents, ball, frames, signed):  # type: ignore[no-untyped-def] # pr
 
 
 @numba.njit(cache=True)
-def euler_matrix(a, b, c, out):  # type: ignore[no-untyped-def] # pragma: no cover
+def euler_matrix(a: float, b: float, c: float, out: Float64) -> None:  # pragma: no cover
     """Rx(a) Ry(b) Rz(c) into ``out``."""
     ca, sa, cb, sb, cc, sc = np.cos(a), np.sin(a), np.cos(b), np.sin(b), np.cos(c), np.sin(c)
     out[0, 0], out[0, 1], out[0, 2] = cb * cc, -cb * sc, sb
@@ -119,13 +133,14 @@ def euler_matrix(a, b, c, out):  # type: ignore[no-untyped-def] # pragma: no cov
 
 
 @numba.njit(cache=True)
-def _wrapped(x):  # type: ignore[no-untyped-def] # pragma: no cover
+def _wrapped(x: float) -> float:  # pragma: no cover
     return (x + np.pi) % (2 * np.pi) - np.pi
 
 
 @numba.njit(cache=True)
-def settle(rotation, signed, limits):  # type: ignore[no-untyped-def] # pragma: no cover
-    """Euler angles of a ball joint nearest to the ones before and inside the limits; clamps where none is."""
+def limit_ball(rotation: Float64, signed: Float64, limits: Float64) -> None:  # pragma: no cover
+    """Euler angles (3,) of a ball joint's rotation (3, 3), written into ``signed``: nearest to those before
+    and inside the limits (3, 2). Where no triple is inside, both arguments are clamped."""
     best = np.inf
     chosen = np.zeros(3)
     b = np.arcsin(min(1.0, max(-1.0, rotation[0, 2])))
@@ -161,8 +176,8 @@ def settle(rotation, signed, limits):  # type: ignore[no-untyped-def] # pragma: 
 
 
 @numba.njit(cache=True)
-def turn(w, rotation):  # type: ignore[no-untyped-def] # pragma: no cover
-    """exp(w) R in place (Rodrigues)."""
+def turn(w: Float64, rotation: Float64) -> None:  # pragma: no cover
+    """Rotation (3, 3) turned further by a rotation vector (3,), in place: exp(w) R (Rodrigues)."""
     angle = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
     if angle < 1e-12:
         return
@@ -185,8 +200,8 @@ def turn(w, rotation):  # type: ignore[no-untyped-def] # pragma: no cover
 
 
 @numba.njit(cache=True)
-def chain_of(parents, j, chain):  # type: ignore[no-untyped-def] # pragma: no cover
-    """Joints from ``j`` to the root into ``chain``; how many."""
+def chain_of(parents: Int64, j: int, chain: Int64) -> int:  # pragma: no cover
+    """Number of joints from ``j`` to the root; they are written into ``chain``."""
     n = 0
     while j >= 0:
         chain[n] = j
@@ -196,7 +211,9 @@ def chain_of(parents, j, chain):  # type: ignore[no-untyped-def] # pragma: no co
 
 
 @numba.njit(cache=True)
-def marker_columns(chain, n, axes, joints, at, columns, index):  # type: ignore[no-untyped-def] # pragma: no cover
+def marker_columns(
+    chain: Int64, n: int, axes: Float64, joints: Float64, at: Float64, columns: Float64, index: Int64
+) -> int:  # pragma: no cover
     """Derivative (3, K) of one marker in the K variables ``index`` that move it; returns K."""
     for k in range(3):
         index[k] = k
@@ -217,7 +234,11 @@ def marker_columns(chain, n, axes, joints, at, columns, index):  # type: ignore[
 
 
 @numba.njit(cache=True)
-def marker_at(frames, joints, j, offset, at):  # type: ignore[no-untyped-def] # pragma: no cover
+def marker_at(
+    frames: Float64, joints: Float64, subject: Subject, m: int, at: Float64
+) -> None:  # pragma: no cover
+    """Place (3,) of marker m, written into ``at``: world, metres."""
+    j, offset = subject.marker_joint[m], subject.offsets_m[m]
     for i in range(3):
         at[i] = joints[j, i]
         for k in range(3):

@@ -3,10 +3,9 @@
 import math
 import warnings
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +13,9 @@ from numpy.typing import NDArray
 from sensors.errors import CloudError, FormatError
 
 MAX_FILE_BYTES = 1_000_000_000
-MAX_FRAMES = 1_000_000
-MAX_MARKERS = 1_000
-MAX_SAMPLES = 100_000_000
-"""Frames times markers."""
-MAX_TRC_LINE = 1_000_000
-"""Characters of a line, which is read whole."""
-MAX_TEXTS = 10_000
-"""Of one parameter of a C3D."""
+MAX_POSITIONS = 50_000_000
+"""Frames times markers, 24 bytes each: an hour of 100 markers at 120 frames/s. Short rows of a TRC claim more
+than its size shows."""
 UNITS_M = {"m": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "mm": 0.001, "millimeters": 0.001}
 
 
@@ -46,12 +40,8 @@ class Markers:
             raise FormatError(
                 f"{markers} marker positions for {len(self.labels)} labels; give one label each"
             )
-        if not (
-            1 <= frames <= MAX_FRAMES and 1 <= markers <= MAX_MARKERS and frames * markers <= MAX_SAMPLES
-        ):
-            raise FormatError(
-                f"{frames} frames of {markers} markers; give 1 to {MAX_FRAMES} of 1 to {MAX_MARKERS}"
-            )
+        if frames < 1 or markers < 1:
+            raise FormatError(f"{frames} frames of {markers} markers; give at least one of each")
         if not (math.isfinite(self.frames_per_second) and 1 <= self.frames_per_second <= 10_000):
             raise FormatError(f"{self.frames_per_second} frames per second; give 1 to 10000")
 
@@ -64,7 +54,7 @@ def read_markers(path: Path) -> Markers:
         raise CloudError(f"{path} is not a marker file; give .c3d or .trc")
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
-            raise FormatError(f"{path} is larger than {MAX_FILE_BYTES} bytes; cut the recording")
+            raise FormatError(f"larger than {MAX_FILE_BYTES} bytes; cut the recording")
         return reader(path)
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from error
@@ -93,7 +83,7 @@ def _c3d_points(reader: Any, size: int) -> Markers:  # noqa: ANN401 - c3d has no
     word = 4 if reader.point_scale < 0 else 2
     if frames < 1 or points < 1:
         raise FormatError("the C3D holds no marker; record again")
-    if points > MAX_MARKERS or frames * points * 4 * word > size:
+    if frames * points * 4 * word > size:
         raise FormatError(
             f"the C3D claims {frames} frames of {points} points and is cut short; copy it again"
         )
@@ -119,42 +109,36 @@ def _parameter(reader: Any, name: str) -> str:  # noqa: ANN401 - c3d has no type
 
 
 def _texts(reader: Any, name: str) -> NDArray[Any]:  # noqa: ANN401 - c3d has no types
-    """A parameter's texts, none where it is absent; the library walks over all that its four bytes claim."""
+    """Texts of a parameter, none where it is absent; the library makes an object of each that is claimed."""
     parameter = reader.get(name)
     if parameter is None or not parameter.dimensions:
         return np.array([])
-    if math.prod(max(1, d) for d in parameter.dimensions[1:]) > MAX_TEXTS:
+    letters = math.prod(parameter.dimensions)
+    if letters > len(parameter.bytes):
         raise FormatError(f"{name} claims {parameter.dimensions} letters; export it again")
-    return np.atleast_1d(parameter.string_array)
+    return np.atleast_1d(parameter.string_array) if letters else np.array([])
 
 
 def _read_trc(path: Path) -> Markers:
     try:
         with path.open(encoding="utf-8-sig") as file:
-            head = [file.readline(MAX_TRC_LINE) for _ in range(5)]
+            head = [file.readline().strip("\n") for _ in range(5)]
             if not head[0].startswith("PathFileType"):
                 raise FormatError("no TRC header of five lines; give a TRC file")
-            header = dict(zip(head[1].strip("\n").split("\t"), head[2].strip("\n").split("\t"), strict=False))
+            header = dict(zip(head[1].split("\t"), head[2].split("\t"), strict=False))
             frames, markers = int(header["NumFrames"]), int(header["NumMarkers"])
             rate, unit = float(header["DataRate"]), header["Units"].strip().lower()
             labels = tuple(label.strip() for label in head[3].rstrip().split("\t")[2::3])
-            rows = _trc_rows(file, frames, markers)
+            if len(labels) != markers or frames * markers > MAX_POSITIONS:
+                claim = f"the TRC claims {frames} frames of {markers} markers"
+                raise FormatError(f"{claim} and names {len(labels)}; copy it again")
+            lines = islice(filter(str.strip, file), frames + 1)
+            rows = [_trc_row(line.strip("\n"), markers) for line in lines]
     except (UnicodeDecodeError, KeyError, ValueError) as error:
         raise FormatError(f"damaged TRC header ({error}); export it again") from error
-    if len(labels) != markers or len(rows) != frames:
-        raise FormatError(
-            f"the TRC claims {frames} frames of {markers} markers and holds {len(rows)} of {len(labels)}; "
-            "copy it again"
-        )
+    if not rows or len(rows) != frames:
+        raise FormatError(f"the TRC claims {frames} frames and holds {len(rows)}; copy it again")
     return Markers(labels, np.stack(rows), rate, unit)
-
-
-def _trc_rows(file: TextIO, frames: int, markers: int) -> list[NDArray[np.float64]]:
-    """Positions (M, 3) of each frame, one frame more at most than there should be."""
-    if not (0 < frames <= MAX_FRAMES and 0 < markers <= MAX_MARKERS):
-        return []
-    lines = islice(iter(partial(file.readline, MAX_TRC_LINE), ""), 2 * frames + 100)
-    return [_trc_row(line.strip("\n"), markers) for line in islice(filter(str.strip, lines), frames + 1)]
 
 
 def _trc_row(row: str, markers: int) -> NDArray[np.float64]:

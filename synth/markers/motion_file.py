@@ -8,21 +8,19 @@ from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.files.atomic import check_free, replacing
+from sensors.files.npz import load_arrays
 from synth.body.body import Body
 from synth.body.skeleton import N_JOINTS, Float64, Posture
 from synth.markers.person_fit import leg_length_m, zero_bones
-from synth.markers.plain_arrays import UNREADABLE, load_arrays
 
 SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
 """Status of a marker in a frame: as it is; bridged over a short gap; missing; thrown out; relabelled."""
 VERSION = 1
-_KINDS = {
-    "version": "iu",
-    **dict.fromkeys(("angles_rad", "pelvis_m", "frames_per_second", "leg_m", "error_m"), "fiu"),
-    "status": "iu",
-    **dict.fromkeys(("names", "unknown"), "U"),
-}
-"""Kinds of numbers (``numpy.dtype.kind``) of each array of the file."""
+MAX_BYTES = 500_000_000
+"""Of a motion unpacked: four hours of 40 markers at 60 frames/s."""
+_REMEDY = "write it with 'solve'"
+_TYPES = {"angles_rad": "f8", "pelvis_m": "f8", "error_m": "f4", "status": "u1"}
+"""Types of the arrays (``numpy.dtype.str`` without byte order) over frames."""
 
 
 @dataclass(frozen=True)
@@ -118,26 +116,19 @@ def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
 
 
 def load_motion(path: Path) -> Motion:
-    """Read a motion. Raises FormatError when the file is none, damaged or too large."""
+    """Read a motion. Raises FormatError when the file is not one, damaged or too large."""
+    arrays = load_arrays(path, MAX_BYTES, _REMEDY)
     try:
-        arrays = load_arrays(path, _KINDS)
         if int(arrays["version"]) != VERSION:
-            raise FormatError(f"motion {path} is of version {int(arrays['version'])}; solve it again")
-        report = MarkerReport(
-            tuple(str(n) for n in arrays["names"]),
-            arrays["error_m"].astype(np.float32),
-            arrays["status"].astype(np.uint8),
-            tuple(str(n) for n in arrays["unknown"]),
-        )
-        return Motion(
-            arrays["angles_rad"].astype(np.float64),
-            arrays["pelvis_m"].astype(np.float64),
-            float(arrays["frames_per_second"]),
-            float(arrays["leg_m"]),
-            report,
-        )
-    except FormatError:
-        raise
-    except UNREADABLE as error:
-        why = " ".join(str(error).split())[:120] or type(error).__name__
-        raise FormatError(f"motion {path} cannot be read ({why}); write it with 'solve'") from error
+            raise ValueError(f"it is of version {int(arrays['version'])}")
+        for name, kind in _TYPES.items():
+            if arrays[name].dtype != np.dtype(kind):
+                raise ValueError(f"{name} is {arrays[name].dtype}")
+        names, unknown = (tuple(str(name) for name in arrays[which]) for which in ("names", "unknown"))
+        report = MarkerReport(names, arrays["error_m"], arrays["status"], unknown)
+        rate, leg_m = float(arrays["frames_per_second"]), float(arrays["leg_m"])
+        return Motion(arrays["angles_rad"], arrays["pelvis_m"], rate, leg_m, report)
+    except FormatError as error:
+        raise FormatError(f"{path}: {error}") from error
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise FormatError(f"motion {path} cannot be read ({error}); {_REMEDY}") from error

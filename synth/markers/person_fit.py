@@ -5,12 +5,13 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Float64, Posture, alignment, forward
-from synth.markers.kinematics import State, markers_at
+from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.markerset import MarkerSet
-from synth.markers.posture_fit import Prior, fit_posture, shape_normal, solve_positive
+from synth.markers.posture_fit import Basis, Observed, Prior, fit_posture, shape_normal, solve_positive
 
 REFERENCE_BODY = 4
 """The shipped body of 1.70 m on which marker sets are stated."""
@@ -32,22 +33,10 @@ HEIGHT_SPREAD = 0.2
 EFFECTIVE_FRAMES = 2.0
 """Frames of one recording err alike (skin slides the same way every time): together they count as so many.
 At 10, an ankle marker left its place by 40 mm to gain 0.3 mm of fit, and the foot stood askew."""
-CALIBRATION_STEPS = 12
-
-
-@dataclass(frozen=True)
-class Subject:
-    """bones_m: (J, 3) joint from parent in anatomical zero. marker_joint: (M,), offsets_m: (M, 3) in the
-    joint's frame at anatomical zero."""
-
-    bones_m: Float64
-    marker_joint: NDArray[np.int64]
-    offsets_m: Float64
-
-    @property
-    def leg_m(self) -> float:
-        """Length from hip to ankle."""
-        return leg_length_m(self.bones_m)
+SHAPE_STEPS = 12
+"""Gauss-Newton steps at most; four to six are common. Chosen by eye."""
+LENIENT_M = 10.0
+"""Robust residual while a posture is sought from nothing: every marker pulls. Chosen by eye."""
 
 
 def leg_length_m(bones_m: Float64) -> float:
@@ -88,33 +77,37 @@ _SPREAD_DEG = {
 """How far joints stray from zero, for angles that few markers tell: about half their range."""
 
 
-def _group_of_joint(name: str) -> str:
-    kinds = {
-        "pelvis": "pelvis", "spine_lower": "pelvis", "spine_middle": "spine", "spine_upper": "spine",
-        "neck": "spine", "head": "head", "clavicle": "spine", "shoulder": "shoulder_width",
-        "elbow": "upper_arm", "wrist": "forearm", "hip": "pelvis", "knee": "thigh", "ankle": "shank",
-    }  # fmt: skip
-    return kinds.get(name) or kinds[name.partition("_")[2]]
+_GROUPS_OF_KIND = {
+    "pelvis": ("pelvis", "pelvis"),
+    "spine_lower": ("pelvis", "spine"),
+    "spine_middle": ("spine", "spine"),
+    "spine_upper": ("spine", "spine"),
+    "neck": ("spine", "head"),
+    "head": ("head", "head"),
+    "clavicle": ("spine", "shoulder_width"),
+    "shoulder": ("shoulder_width", "upper_arm"),
+    "elbow": ("upper_arm", "forearm"),
+    "wrist": ("forearm", "forearm"),
+    "hip": ("pelvis", "thigh"),
+    "knee": ("thigh", "shank"),
+    "ankle": ("shank", "shank"),
+}
+"""By kind of joint, the group that scales the bone to it, and the group that scales markers fixed to it."""
 
 
-def _group_of_marker(joint: int) -> str:
-    kinds = {
-        "pelvis": "pelvis", "spine_lower": "spine", "spine_middle": "spine", "spine_upper": "spine",
-        "neck": "head", "head": "head", "clavicle": "shoulder_width", "shoulder": "upper_arm",
-        "elbow": "forearm", "wrist": "forearm", "hip": "thigh", "knee": "shank", "ankle": "shank",
-    }  # fmt: skip
-    name = JOINTS[joint].name
-    return kinds.get(name) or kinds[name.partition("_")[2]]
+def _groups(joint: str) -> tuple[int, int]:
+    kind = joint if joint in _GROUPS_OF_KIND else joint.partition("_")[2]
+    bone, marker = _GROUPS_OF_KIND[kind]
+    return _GROUPS.index(bone), _GROUPS.index(marker)
 
 
 @dataclass(frozen=True)
 class Template:
-    """How shape parameters make a subject: metres per group's scale, bones (G, J, 3), markers (G, M, 3)."""
+    """How shape parameters make a subject. marker_joint, spread_m: (M,) as in ``MarkerSet``."""
 
     marker_joint: NDArray[np.int64]
     spread_m: Float64
-    bone_basis: Float64
-    offset_basis: Float64
+    basis: Basis
 
     @staticmethod
     def of(markers: MarkerSet) -> "Template":
@@ -122,24 +115,24 @@ class Template:
         reference = zero_bones(shipped_bodies()[REFERENCE_BODY].joints_m)
         bones = np.zeros((len(_GROUPS), N_JOINTS, 3))
         for j, joint in enumerate(JOINTS):
-            bones[_GROUPS.index(_group_of_joint(joint.name)), j] = reference[j]
+            bones[_groups(joint.name)[0], j] = reference[j]
             if joint.name.endswith(("_hip", "_clavicle")):
                 bones[:, j, 0] = 0
                 width = "hip_width" if joint.name.endswith("_hip") else "shoulder_width"
                 bones[_GROUPS.index(width), j, 0] = reference[j, 0]
         offsets = np.zeros((len(_GROUPS), len(markers.names), 3))
         for m, joint_id in enumerate(markers.joint):
-            offsets[_GROUPS.index(_group_of_marker(int(joint_id))), m] = markers.at_m[m]
-        return Template(markers.joint, markers.spread_m, bones, offsets)
+            offsets[_groups(JOINTS[joint_id].name)[1], m] = markers.at_m[m]
+        return Template(markers.joint, markers.spread_m, Basis(bones, offsets))
 
     def subject(self, shape: Float64) -> Subject:
         """Subject of shape parameters (G + 3 M,): scales, then a shift of every marker."""
         groups = len(_GROUPS)
         scales, shifts = shape[:groups], shape[groups:].reshape(-1, 3)
         return Subject(
-            np.tensordot(scales, self.bone_basis, 1),
+            np.tensordot(scales, self.basis.bones, 1),
             self.marker_joint,
-            np.tensordot(scales, self.offset_basis, 1) + shifts,
+            np.tensordot(scales, self.basis.offsets, 1) + shifts,
         )
 
     def shape(self, scale: float) -> Float64:
@@ -162,10 +155,8 @@ def start_states(subject: Subject, observed_m: Float64) -> list[State]:
     trunk = seen & np.isin(subject.marker_joint, _TRUNK)
     used = trunk if trunk.sum() >= 4 else seen
     zero = State.of(np.zeros((N_JOINTS, 3)), np.zeros(3))
-    template = markers_at(zero, subject.bones_m, subject.marker_joint, subject.offsets_m)[used]
+    template = markers_at(zero, subject)[used]
     found = observed_m[used]
-    from scipy.spatial.transform import Rotation
-
     turn, _ = Rotation.align_vectors(found - found.mean(axis=0), template - template.mean(axis=0))
     pelvis = found.mean(axis=0) - turn.apply(template.mean(axis=0))
     states = []
@@ -199,20 +190,14 @@ def fit_from_nothing(
     subject: Subject, observed_m: Float64, weights: Float64, prior: Prior
 ) -> tuple[State, float]:
     """Best posture of one frame over all starts, and its cost."""
-    args = (
-        subject.bones_m,
-        subject.marker_joint,
-        subject.offsets_m,
-        np.nan_to_num(observed_m),
-        weights,
-        prior,
-    )
-    rough = [fit_posture(s, *args, steps=40, robust_m=10.0) for s in start_states(subject, observed_m)]
+    clean, starts = np.nan_to_num(observed_m), start_states(subject, observed_m)
+    lenient = Observed(clean, weights, LENIENT_M)
+    rough = [fit_posture(start, subject, lenient, prior, steps=40) for start in starts]
     best = min(rough, key=lambda result: result[1])[0]
-    return fit_posture(best, *args, steps=40)
+    return fit_posture(best, subject, Observed(clean, weights), prior, steps=40)
 
 
-def calibrate(
+def fit_shape(
     template: Template, shape: Float64, observed_m: Float64, weights: Float64
 ) -> tuple[Float64, list[State]]:
     """Shape (S,) that explains frames (K, M, 3) best under the prior, and the frames' postures.
@@ -222,24 +207,21 @@ def calibrate(
     """
     prior, precision, mean = posture_prior(60, 1e3), template.precision(), template.shape(1.0)
     share = EFFECTIVE_FRAMES / len(observed_m)
-    clean = np.nan_to_num(observed_m)
+    frames = [Observed(o, w) for o, w in zip(np.nan_to_num(observed_m), weights, strict=True)]
     subject = template.subject(shape)
     states = [fit_from_nothing(subject, o, w, prior)[0] for o, w in zip(observed_m, weights, strict=True)]
-    for _ in range(CALIBRATION_STEPS):
+    for _ in range(SHAPE_STEPS):
         system, gradient = precision.copy(), precision @ (shape - mean)
-        for k, state in enumerate(states):
-            matrix, slope = shape_normal(
-                state, subject.bones_m, subject.marker_joint, subject.offsets_m, clean[k], weights[k], prior,
-                template.bone_basis, template.offset_basis,
-            )  # fmt: skip
+        for state, frame in zip(states, frames, strict=True):
+            matrix, slope = shape_normal(state, subject, frame, prior, template.basis)
             system += share * matrix
             gradient += share * slope
         step = solve_positive(system, -gradient)
         shape = shape + step
         subject = template.subject(shape)
         states = [
-            fit_posture(s, subject.bones_m, subject.marker_joint, subject.offsets_m, o, w, prior, steps=20)[0]
-            for s, o, w in zip(states, clean, weights, strict=True)
+            fit_posture(state, subject, frame, prior, steps=20)[0]
+            for state, frame in zip(states, frames, strict=True)
         ]
         if np.abs(step).max() < 1e-3:
             break

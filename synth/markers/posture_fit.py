@@ -1,41 +1,36 @@
 """The damped least squares that poses a skeleton to markers, and its derivative in the body's shape."""
 
-# Numba types the compiled functions.
-# ruff: noqa: ANN001, ANN202
-
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from synth.body.skeleton import Float64
 from synth.markers.kinematics import (
-    BALL,
-    PARENT,
-    SIGNED_LIMITS,
+    TREE,
     State,
+    Subject,
+    Tree,
     axes_of,
     chain_of,
     euler_matrix,
+    limit_ball,
     marker_at,
     marker_columns,
-    place_compiled,
-    settle,
+    place,
     turn,
 )
 
 MARKER_SIGMA_M = 0.005
-"""What a marker's residual is measured in: noise, soft tissue and the model's own error together."""
+"""Unit of a marker's residual: noise, soft tissue and the model's own error together. Chosen by eye."""
 ROBUST_M = 0.08
-"""Residual at which a marker's pull wanes (Geman & McClure 1987)."""
+"""Residual at which a marker's pull wanes, metres (Geman & McClure 1987). Chosen by eye."""
 
 
-@dataclass(frozen=True)
-class Prior:
-    """What holds a posture where markers do not: weights per squared radian and per squared metre.
+class Prior(NamedTuple):
+    """Pulls on a posture where markers leave it free: weights per squared radian and per squared metre.
 
-    rest: (J, 3) pull to anatomical zero; hold: (J,) pull to the start; hold_pelvis: pull of its place.
+    rest: (J, 3) to anatomical zero; hold: (J,) to the start; hold_pelvis: to the pelvis' place at the start.
     """
 
     rest: Float64
@@ -43,58 +38,69 @@ class Prior:
     hold_pelvis: float
 
 
+class Observed(NamedTuple):
+    """One frame's markers (M, 3), world, metres, and weights (M,), 0 where missing; robust_m: the residual
+    at which a marker's pull wanes."""
+
+    markers_m: Float64
+    weights: Float64
+    robust_m: float = ROBUST_M
+
+
+class _Start(NamedTuple):
+    """Where a fit began: signed angles (J, 3), pelvis (3,); drift (J, 3): turns of the ball joints since."""
+
+    signed_rad: Float64
+    pelvis_m: Float64
+    drift: Float64
+
+
+class _Target(NamedTuple):
+    """``Observed`` in compiled code: markers (M, 3), weights (M,) per squared metre, squared residual."""
+
+    markers_m: Float64
+    weights: Float64
+    robust2: float
+
+
+class Basis(NamedTuple):
+    """Metres per shape parameter: bones (G, J, 3) and markers (G, M, 3)."""
+
+    bones: Float64
+    offsets: Float64
+
+
 def fit_posture(
-    start: State,
-    bones_m: Float64,
-    marker_joint: NDArray[np.int64],
-    offsets_m: Float64,
-    observed_m: Float64,
-    weights: Float64,
-    prior: Prior,
-    *,
-    steps: int,
-    robust_m: float = ROBUST_M,
+    start: State, subject: Subject, observed: Observed, prior: Prior, *, steps: int
 ) -> tuple[State, float]:
     """Posture whose markers come nearest to the observed ones, inside the joint limits, and its cost.
 
-    observed_m: (M, 3) world; weights: (M,), 0 where a marker is missing. Levenberg-Marquardt
-    (Nocedal & Wright 2006, section 10.3), angles at a limit frozen while they push outwards.
+    Levenberg-Marquardt (Nocedal & Wright 2006, section 10.3), angles at a limit frozen while they
+    push outwards.
     """
-    pelvis, signed, local = start.pelvis_m.copy(), start.signed_rad.copy(), start.local.copy()
-    cost = _fit(
-        PARENT, BALL, SIGNED_LIMITS, pelvis, signed, local, bones_m, marker_joint, offsets_m, observed_m,
-        weights / MARKER_SIGMA_M**2, prior.rest, prior.hold, prior.hold_pelvis, robust_m**2, steps,
-    )  # fmt: skip
-    return State(pelvis, signed, local), float(cost)
+    state = State(*(array.copy() for array in start))
+    return state, float(_fit(TREE, state, subject, _target(observed), prior, steps))
 
 
 def shape_normal(
-    state: State,
-    bones_m: Float64,
-    marker_joint: NDArray[np.int64],
-    offsets_m: Float64,
-    observed_m: Float64,
-    weights: Float64,
-    prior: Prior,
-    bone_basis: Float64,
-    offset_basis: Float64,
+    state: State, subject: Subject, observed: Observed, prior: Prior, basis: Basis
 ) -> tuple[Float64, Float64]:
     """Gauss-Newton matrix (S, S) and gradient (S,) of one frame's cost in shape, its posture following along.
 
-    bone_basis (G, J, 3) and offset_basis (G, M, 3): metres per shape parameter; after the G parameters come
-    three free coordinates a marker, in the frame of its joint: S = G + 3 M. The posture is eliminated by the
-    Schur complement, as in bundle adjustment (Triggs et al. 2000, section 6.1).
+    After the G parameters of the basis come three free coordinates a marker, in the frame of its joint:
+    S = G + 3 M. The posture is eliminated by the Schur complement, as in bundle adjustment
+    (Triggs et al. 2000, section 6.1).
     """
-    matrix, gradient = _shape_normal(
-        PARENT, BALL, SIGNED_LIMITS, state.pelvis_m, state.signed_rad, state.local, bones_m, marker_joint,
-        offsets_m, observed_m, weights / MARKER_SIGMA_M**2, prior.rest, prior.hold, prior.hold_pelvis,
-        ROBUST_M**2, bone_basis, offset_basis,
-    )  # fmt: skip
+    matrix, gradient = _shape_normal(TREE, state, subject, _target(observed), prior, basis)
     return matrix, gradient
 
 
+def _target(observed: Observed) -> _Target:
+    return _Target(observed.markers_m, observed.weights / MARKER_SIGMA_M**2, observed.robust_m**2)
+
+
 @numba.njit(cache=True)
-def _factor(h):  # type: ignore[no-untyped-def] # pragma: no cover
+def _factor(h: Float64) -> None:  # pragma: no cover
     """Cholesky factor in place; at this size faster than LAPACK, whose threads fight for the cores."""
     for i in range(len(h)):
         for j in range(i + 1):
@@ -105,7 +111,7 @@ def _factor(h):  # type: ignore[no-untyped-def] # pragma: no cover
 
 
 @numba.njit(cache=True)
-def _solve(h, x):  # type: ignore[no-untyped-def] # pragma: no cover
+def _solve(h: Float64, x: Float64) -> None:  # pragma: no cover
     """Solve a positive definite system: the solution into ``x``, the factor into ``h``."""
     _factor(h)
     n = len(x)
@@ -120,7 +126,9 @@ def _solve(h, x):  # type: ignore[no-untyped-def] # pragma: no cover
 
 
 @numba.njit(cache=True)
-def _eliminate(h, g, mixed, matrix, gradient):  # type: ignore[no-untyped-def] # pragma: no cover
+def _eliminate(
+    h: Float64, g: Float64, mixed: Float64, matrix: Float64, gradient: Float64
+) -> None:  # pragma: no cover
     """Schur complement: matrix -= B' A^-1 B, gradient -= B' A^-1 g, with A = ``h`` and B = ``mixed``."""
     _factor(h)
     n, size = mixed.shape
@@ -149,67 +157,78 @@ def solve_positive(matrix: Float64, right: Float64) -> Float64:
 
 
 @numba.njit(cache=True)
-def _cost(frames, joints, mjoint, offsets, observed, weights, robust2):  # type: ignore[no-untyped-def] # pragma: no cover
+def _cost(
+    tree: Tree, state: State, start: _Start, frames: Float64, joints: Float64, subject: Subject,
+    target: _Target, prior: Prior,
+) -> float:  # fmt: skip # pragma: no cover
+    """Cost of the markers' residuals, and of what the prior pulls on."""
     at = np.empty(3)
     total = 0.0
-    for m in range(len(mjoint)):
-        if weights[m] > 0:
-            marker_at(frames, joints, mjoint[m], offsets[m], at)
-            r2 = (at[0] - observed[m, 0]) ** 2 + (at[1] - observed[m, 1]) ** 2 + (at[2] - observed[m, 2]) ** 2
-            total += weights[m] * r2 / (1 + r2 / robust2)
-    return total
-
-
-@numba.njit(cache=True)
-def _prior_cost(signed, start, drift, shift, ball, rest, hold, hold_pelvis):  # type: ignore[no-untyped-def] # pragma: no cover
-    total = hold_pelvis * (shift[0] ** 2 + shift[1] ** 2 + shift[2] ** 2)
-    for j in range(len(ball)):
+    for m in range(len(subject.marker_joint)):
+        if target.weights[m] > 0:
+            marker_at(frames, joints, subject, m, at)
+            goal = target.markers_m[m]
+            r2 = (at[0] - goal[0]) ** 2 + (at[1] - goal[1]) ** 2 + (at[2] - goal[2]) ** 2
+            total += target.weights[m] * r2 / (1 + r2 / target.robust2)
+    shift = state.pelvis_m - start.pelvis_m
+    held = prior.hold_pelvis * (shift[0] ** 2 + shift[1] ** 2 + shift[2] ** 2)
+    for j in range(len(tree.ball)):
         for k in range(3):
-            if ball[j]:
-                total += hold[j] * drift[j, k] ** 2
+            if tree.ball[j]:
+                held += prior.hold[j] * start.drift[j, k] ** 2
             else:
-                total += rest[j, k] * signed[j, k] ** 2 + hold[j] * (signed[j, k] - start[j, k]) ** 2
-    return total
+                angle = state.signed_rad[j, k]
+                held += prior.rest[j, k] * angle**2 + prior.hold[j] * (angle - start.signed_rad[j, k]) ** 2
+    cost: float = total + held
+    return cost
 
 
 @numba.njit(cache=True)
-def _normal(  # type: ignore[no-untyped-def] # pragma: no cover
-    parents, ball, limits, signed, start, drift, shift, frames, joints, mjoint, offsets, observed, weights,
-    robust2, rest, hold, hold_pelvis, h, g,
-):  # fmt: skip
-    """Gauss-Newton matrix and gradient of the cost; angles that push against their limit are cut out."""
-    axes = axes_of(parents, ball, frames, signed)
-    chain = np.empty(len(parents), np.int64)
-    columns = np.empty((3, 3 + 3 * len(parents)))
-    index = np.empty(3 + 3 * len(parents), np.int64)
+def _normal(
+    tree: Tree, state: State, start: _Start, frames: Float64, joints: Float64, subject: Subject,
+    target: _Target, prior: Prior, h: Float64, g: Float64,
+) -> None:  # fmt: skip # pragma: no cover
+    """Gauss-Newton matrix (V, V) and gradient (V,) of the cost, written into the last two arguments.
+
+    Angles that push against their limit are cut out.
+    """
+    n = len(tree.parents)
+    axes, signed = axes_of(tree, frames, state.signed_rad), state.signed_rad
+    chain = np.empty(n, np.int64)
+    columns = np.empty((3, 3 + 3 * n))
+    index = np.empty(3 + 3 * n, np.int64)
     at = np.empty(3)
     h[:] = 0.0
     g[:] = 0.0
-    for m in range(len(mjoint)):
-        if weights[m] <= 0:
+    for m in range(len(subject.marker_joint)):
+        if target.weights[m] <= 0:
             continue
-        marker_at(frames, joints, mjoint[m], offsets[m], at)
-        count = marker_columns(chain, chain_of(parents, mjoint[m], chain), axes, joints, at, columns, index)
-        rx, ry, rz = at[0] - observed[m, 0], at[1] - observed[m, 1], at[2] - observed[m, 2]
-        w = weights[m] / (1 + (rx * rx + ry * ry + rz * rz) / robust2) ** 2
+        marker_at(frames, joints, subject, m, at)
+        links = chain_of(tree.parents, subject.marker_joint[m], chain)
+        count = marker_columns(chain, links, axes, joints, at, columns, index)
+        goal = target.markers_m[m]
+        rx, ry, rz = at[0] - goal[0], at[1] - goal[1], at[2] - goal[2]
+        w = target.weights[m] / (1 + (rx * rx + ry * ry + rz * rz) / target.robust2) ** 2
         for a in range(count):
             x, y, z = w * columns[0, a], w * columns[1, a], w * columns[2, a]
             g[index[a]] += x * rx + y * ry + z * rz
             for b in range(count):
                 h[index[a], index[b]] += x * columns[0, b] + y * columns[1, b] + z * columns[2, b]
+    shift = state.pelvis_m - start.pelvis_m
     for i in range(3):
-        h[i, i] += hold_pelvis
-        g[i] += hold_pelvis * shift[i]
-    for j in range(len(parents)):
+        h[i, i] += prior.hold_pelvis
+        g[i] += prior.hold_pelvis * shift[i]
+    for j in range(n):
         for k in range(3):
             v = 3 + 3 * j + k
-            if ball[j]:
-                h[v, v] += hold[j]
-                g[v] += hold[j] * drift[j, k]
+            if tree.ball[j]:
+                h[v, v] += prior.hold[j]
+                g[v] += prior.hold[j] * start.drift[j, k]
                 continue
-            h[v, v] += rest[j, k] + hold[j]
-            g[v] += rest[j, k] * signed[j, k] + hold[j] * (signed[j, k] - start[j, k])
-            low, high = limits[j, k, 0] + 1e-9, limits[j, k, 1] - 1e-9
+            rest, hold = prior.rest[j, k], prior.hold[j]
+            h[v, v] += rest + hold
+            g[v] += rest * signed[j, k] + hold * (signed[j, k] - start.signed_rad[j, k])
+            low, high = tree.limits_rad[j, k, 0] + 1e-9, tree.limits_rad[j, k, 1] - 1e-9
             if (signed[j, k] <= low and g[v] > 0) or (signed[j, k] >= high and g[v] < 0):
                 h[v, :] = 0.0
                 h[:, v] = 0.0
@@ -218,24 +237,18 @@ def _normal(  # type: ignore[no-untyped-def] # pragma: no cover
 
 
 @numba.njit(cache=True)
-def _fit(  # type: ignore[no-untyped-def] # pragma: no cover
-    parents, ball, limits, pelvis, signed, local, bones, mjoint, offsets, observed, weights,
-    rest, hold, hold_pelvis, robust2, steps,
-):  # fmt: skip
-    n = 3 + 3 * len(parents)
-    start, origin = signed.copy(), pelvis.copy()
-    drift = np.zeros_like(signed)
+def _fit(
+    tree: Tree, state: State, subject: Subject, target: _Target, prior: Prior, steps: int
+) -> float:  # pragma: no cover
+    """Cost of the best posture found, which is written into ``state``."""
+    n = 3 + 3 * len(tree.parents)
+    start = _Start(state.signed_rad.copy(), state.pelvis_m.copy(), np.zeros_like(state.signed_rad))
     h, g = np.empty((n, n)), np.empty(n)
-    frames, joints = place_compiled(parents, local, bones, pelvis)
-    cost = _cost(frames, joints, mjoint, offsets, observed, weights, robust2) + _prior_cost(
-        signed, start, drift, pelvis - origin, ball, rest, hold, hold_pelvis
-    )
+    frames, joints = place(tree, state, subject.bones_m)
+    cost = _cost(tree, state, start, frames, joints, subject, target, prior)
     damping = 1e-3
     for _ in range(steps):
-        _normal(
-            parents, ball, limits, signed, start, drift, pelvis - origin, frames, joints, mjoint, offsets,
-            observed, weights, robust2, rest, hold, hold_pelvis, h, g,
-        )  # fmt: skip
+        _normal(tree, state, start, frames, joints, subject, target, prior, h, g)
         improved = False
         for _ in range(8):
             damped = h.copy()
@@ -243,17 +256,11 @@ def _fit(  # type: ignore[no-untyped-def] # pragma: no cover
                 damped[v, v] += damping * h[v, v] + 1e-6
             step = -g
             _solve(damped, step)
-            new_pelvis, new_signed, new_local, new_drift = (
-                pelvis.copy(),
-                signed.copy(),
-                local.copy(),
-                drift.copy(),
-            )
-            _apply(step, ball, limits, new_pelvis, new_signed, new_local, new_drift)
-            new_frames, new_joints = place_compiled(parents, new_local, bones, new_pelvis)
-            new_cost = _cost(
-                new_frames, new_joints, mjoint, offsets, observed, weights, robust2
-            ) + _prior_cost(new_signed, start, new_drift, new_pelvis - origin, ball, rest, hold, hold_pelvis)
+            new = State(state.pelvis_m.copy(), state.signed_rad.copy(), state.local.copy())
+            new_start = _Start(start.signed_rad, start.pelvis_m, start.drift.copy())
+            _apply(tree, step, new, new_start.drift)
+            new_frames, new_joints = place(tree, new, subject.bones_m)
+            new_cost = _cost(tree, new, new_start, new_frames, new_joints, subject, target, prior)
             if new_cost < cost:
                 improved = True
                 break
@@ -262,7 +269,8 @@ def _fit(  # type: ignore[no-untyped-def] # pragma: no cover
             break
         gain = cost - new_cost
         damping = max(1e-7, damping / 10)
-        pelvis[:], signed[:], local[:], drift[:] = new_pelvis, new_signed, new_local, new_drift
+        state.pelvis_m[:], state.signed_rad[:], state.local[:] = new.pelvis_m, new.signed_rad, new.local
+        start.drift[:] = new_start.drift
         frames, joints, cost = new_frames, new_joints, new_cost
         if gain < 1e-4 * cost + 1e-9:
             break
@@ -270,62 +278,60 @@ def _fit(  # type: ignore[no-untyped-def] # pragma: no cover
 
 
 @numba.njit(cache=True)
-def _apply(step, ball, limits, pelvis, signed, local, drift):  # type: ignore[no-untyped-def] # pragma: no cover
+def _apply(tree: Tree, step: Float64, state: State, drift: Float64) -> None:  # pragma: no cover
+    """A step (V,), no variable farther than is safe, added to a state and to its drift."""
     for k in range(3):
-        pelvis[k] += min(0.5, max(-0.5, step[k]))
-    for j in range(len(ball)):
+        state.pelvis_m[k] += min(0.5, max(-0.5, step[k]))
+    for j in range(len(tree.ball)):
+        signed, limits = state.signed_rad[j], tree.limits_rad[j]
         for k in range(3):
             move = min(0.7, max(-0.7, step[3 + 3 * j + k]))
-            if ball[j]:
+            if tree.ball[j]:
                 drift[j, k] += move
                 step[3 + 3 * j + k] = move
             else:
-                signed[j, k] = min(limits[j, k, 1], max(limits[j, k, 0], signed[j, k] + move))
-        if ball[j]:
-            turn(step[3 + 3 * j : 6 + 3 * j], local[j])
-            settle(local[j], signed[j], limits[j])
+                signed[k] = min(limits[k, 1], max(limits[k, 0], signed[k] + move))
+        if tree.ball[j]:
+            turn(step[3 + 3 * j : 6 + 3 * j], state.local[j])
+            limit_ball(state.local[j], signed, limits)
         else:
-            euler_matrix(signed[j, 0], signed[j, 1], signed[j, 2], local[j])
+            euler_matrix(signed[0], signed[1], signed[2], state.local[j])
 
 
 @numba.njit(cache=True)
-def _shape_normal(  # type: ignore[no-untyped-def] # pragma: no cover
-    parents, ball, limits, pelvis, signed, local, bones, mjoint, offsets, observed, weights,
-    rest, hold, hold_pelvis, robust2, bone_basis, offset_basis,
-):  # fmt: skip
-    n, groups, markers = 3 + 3 * len(parents), len(bone_basis), len(mjoint)
+def _shape_normal(
+    tree: Tree, state: State, subject: Subject, target: _Target, prior: Prior, basis: Basis
+) -> tuple[Float64, Float64]:  # pragma: no cover
+    n, groups, markers = 3 + 3 * len(tree.parents), len(basis.bones), len(subject.marker_joint)
     size = groups + 3 * markers
-    frames, joints = place_compiled(parents, local, bones, pelvis)
+    frames, joints = place(tree, state, subject.bones_m)
     h, g = np.empty((n, n)), np.empty(n)
-    zero = np.zeros_like(signed)
-    _normal(
-        parents, ball, limits, signed, signed, zero, np.zeros(3), frames, joints, mjoint, offsets, observed,
-        weights, robust2, rest, hold, hold_pelvis, h, g,
-    )  # fmt: skip
-    axes = axes_of(parents, ball, frames, signed)
+    start = _Start(state.signed_rad, state.pelvis_m, np.zeros_like(state.signed_rad))
+    _normal(tree, state, start, frames, joints, subject, target, prior, h, g)
+    axes = axes_of(tree, frames, state.signed_rad)
     mixed, matrix, gradient = np.zeros((n, size)), np.zeros((size, size)), np.zeros(size)
-    chain = np.empty(len(parents), np.int64)
+    chain = np.empty(len(tree.parents), np.int64)
     columns, index = np.empty((3, n)), np.empty(n, np.int64)
     at, rows, which = np.empty(3), np.empty((3, groups + 3)), np.empty(groups + 3, np.int64)
     for m in range(markers):
-        if weights[m] <= 0:
+        if target.weights[m] <= 0:
             continue
-        j = mjoint[m]
-        marker_at(frames, joints, j, offsets[m], at)
-        links = chain_of(parents, j, chain)
+        j = subject.marker_joint[m]
+        marker_at(frames, joints, subject, m, at)
+        links = chain_of(tree.parents, j, chain)
         count = marker_columns(chain, links, axes, joints, at, columns, index)
-        r = at - observed[m]
-        w = weights[m] / (1 + (r[0] ** 2 + r[1] ** 2 + r[2] ** 2) / robust2) ** 2
+        r = at - target.markers_m[m]
+        w = target.weights[m] / (1 + (r[0] ** 2 + r[1] ** 2 + r[2] ** 2) / target.robust2) ** 2
         for i in range(3):
             for q in range(groups):
                 which[q] = q
                 rows[i, q] = 0.0
                 for k in range(3):
-                    rows[i, q] += frames[j, i, k] * offset_basis[q, m, k]
+                    rows[i, q] += frames[j, i, k] * basis.offsets[q, m, k]
                 for link in range(links - 1):
                     c = chain[link]
                     for k in range(3):
-                        rows[i, q] += frames[parents[c], i, k] * bone_basis[q, c, k]
+                        rows[i, q] += frames[tree.parents[c], i, k] * basis.bones[q, c, k]
             for k in range(3):
                 which[groups + k] = groups + 3 * m + k
                 rows[i, groups + k] = frames[j, i, k]

@@ -7,12 +7,19 @@ from numpy.typing import NDArray
 
 from sensors.errors import CloudError
 from synth.body.skeleton import Float64
-from synth.markers.kinematics import State, markers_at
+from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.marker_files import Markers
 from synth.markers.markerset import MarkerSet, choose_marker_set
 from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SEEN, SWAPPED, MarkerReport, Motion
-from synth.markers.person_fit import Subject, Template, calibrate, fit_from_nothing, posture_prior
-from synth.markers.posture_fit import ROBUST_M, Prior, fit_posture
+from synth.markers.person_fit import (
+    LENIENT_M,
+    Template,
+    fit_from_nothing,
+    fit_shape,
+    leg_length_m,
+    posture_prior,
+)
+from synth.markers.posture_fit import ROBUST_M, Observed, Prior, fit_posture
 from synth.markers.trial import Trial, check_same_person, trial_of, up_direction
 
 CALIBRATION_FRAMES = 30
@@ -49,7 +56,7 @@ def solve(
         frames = np.concatenate([frames, _calibration_frames(standing, STATIC_FRAMES)])
     weights = np.isfinite(frames).all(axis=2) * markerset.weight
     template = Template.of(markerset)
-    shape, _ = calibrate(template, template.shape(1.0), frames, weights)
+    shape, _ = fit_shape(template, template.shape(1.0), frames, weights)
     return _track(trial, template.subject(shape), markerset, markers.frames_per_second, advance)
 
 
@@ -87,7 +94,7 @@ def _track(
         advance(1)
     names = tuple(name for name, here in zip(markerset.names, used, strict=True) if here)
     report = MarkerReport(names, error[:, used], status[:, used], trial.unknown)
-    return Motion(np.array(angles), np.array(pelvis), rate, subject.leg_m, report)
+    return Motion(np.array(angles), np.array(pelvis), rate, leg_length_m(subject.bones_m), report)
 
 
 def _frame(
@@ -99,39 +106,39 @@ def _frame(
     prior: Prior,
 ) -> tuple[State, NDArray[np.float32]]:
     """Posture of one frame, and its markers' errors; marks ghosts and swaps in ``status``."""
-    body = (subject.bones_m, subject.marker_joint, subject.offsets_m)
     seen = np.asarray(status == SEEN)
     weights = np.where(seen, weight, np.where(status == BRIDGED, BRIDGE_WEIGHT * weight, 0.0))
     if before is None:
         before, _ = fit_from_nothing(subject, np.where(seen[:, None], observed, np.nan), weights, prior)
-    observed = unswap(observed, markers_at(before, *body), status)
+    observed = unswap(observed, markers_at(before, subject), status)
     clean = np.nan_to_num(observed)
-    state, _ = fit_posture(before, *body, clean, weights, prior, steps=TRACK_STEPS)
+    state, _ = fit_posture(before, subject, Observed(clean, weights), prior, steps=TRACK_STEPS)
     distance = _distances(subject, state, clean)
     if (distance[seen] > GHOST_M).any():
-        state = _second_look(subject, before, state, observed, weights, prior)
+        state = _refitted(subject, before, state, observed, weights, prior)
         distance = _distances(subject, state, clean)
     ghosts = np.asarray(seen & (distance > GHOST_M))
     if ghosts.any():
         status[ghosts] = GHOST
-        state, _ = fit_posture(state, *body, clean, np.where(ghosts, 0.0, weights), prior, steps=TRACK_STEPS)
+        rest = Observed(clean, np.where(ghosts, 0.0, weights))
+        state, _ = fit_posture(state, subject, rest, prior, steps=TRACK_STEPS)
         distance = _distances(subject, state, clean)
     counted = (status == SEEN) | (status == SWAPPED)
     return state, np.where(counted, distance, np.nan).astype(np.float32)
 
 
 def _distances(subject: Subject, state: State, observed: Float64) -> Float64:
-    predicted = markers_at(state, subject.bones_m, subject.marker_joint, subject.offsets_m)
-    return np.asarray(np.linalg.norm(predicted - observed, axis=1))
+    return np.asarray(np.linalg.norm(markers_at(state, subject) - observed, axis=1))
 
 
-def _second_look(
+def _refitted(
     subject: Subject, before: State, state: State, observed: Float64, weights: Float64, prior: Prior
 ) -> State:
     """A limb that moved fast, or a lost person, is no ghost: the best of three ways to fit a frame."""
-    body, clean = (subject.bones_m, subject.marker_joint, subject.offsets_m), np.nan_to_num(observed)
-    plain, _ = fit_posture(before, *body, clean, weights, prior, steps=3 * TRACK_STEPS, robust_m=10.0)
-    followed, _ = fit_posture(plain, *body, clean, weights, prior, steps=TRACK_STEPS)
+    clean = np.nan_to_num(observed)
+    lenient = Observed(clean, weights, LENIENT_M)
+    plain, _ = fit_posture(before, subject, lenient, prior, steps=3 * TRACK_STEPS)
+    followed, _ = fit_posture(plain, subject, Observed(clean, weights), prior, steps=TRACK_STEPS)
     seen = np.where((weights > 0)[:, None], observed, np.nan)
     anew, _ = fit_from_nothing(subject, seen, weights, prior)
 

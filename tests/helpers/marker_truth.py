@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID, LIMITS_RAD, N_JOINTS, rotations
-from synth.markers.kinematics import State, markers_at
+from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.marker_files import Markers
 from synth.markers.markerset import MarkerSet, shipped_marker_sets
 from synth.markers.person_fit import zero_bones
@@ -41,7 +41,7 @@ def synthesise(
 
     def recorded(angles: np.ndarray, pelvis: np.ndarray) -> Markers:
         places = [
-            markers_at(State.of(a, p), bones, markerset.joint, offsets)
+            markers_at(State.of(a, p), Subject(bones, markerset.joint, offsets))
             for a, p in zip(angles, pelvis, strict=True)
         ]
         noisy = np.array(places) + rng.normal(0, noise_mm / 1000, (len(angles), len(offsets), 3))
