@@ -1,7 +1,7 @@
 """What colour every pixel's surface has and which way it faces, before any light."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -55,13 +55,44 @@ def _part_seams() -> tuple[Int32, Float64]:
 _PART_SEAMS, _SEAM_SIGN = _part_seams()
 
 
-@dataclass(frozen=True)
-class Surfaces:
-    """What a camera sees, float32 (h, w, 3): albedo, linear, 0 where nothing; normal, point_m, world."""
+class Surfaces(NamedTuple):
+    """Images float32 (h, w, 3) of a scene: albedo, linear, 0 where nothing; normal and point_m, world."""
 
     albedo: Float32
     normal: Float32
     point_m: Float32
+
+
+class _Eye(NamedTuple):
+    """A camera: lens (4,) fx, fy, cx, cy; rotation (3, 3) and translation (3,), camera from world."""
+
+    lens: Float64
+    rotation: Float64
+    translation: Float64
+
+
+class _Shell(NamedTuple):
+    """A scene's vertices (V, 3), faces (F, 3) and tags (F,); normals of faces, flat (F, 3), and vertices,
+    rounded (V, 3)."""
+
+    vertices: Float32
+    faces: Int32
+    tags: Int32
+    flat: Float32
+    rounded: Float32
+
+
+class _Clothes(NamedTuple):
+    """Outfits one after another. By face (F,): wearer, parts. By vertex: rest (V, 3), fields (V, 14), folds
+    (V,). By wearer: zones (n, 15, 3) linear colour, wear (n, 2) seam's deviation and patches."""
+
+    wearer: NDArray[np.int64]
+    parts: NDArray[np.uint8]
+    rest: Float32
+    fields: Float32
+    folds: Float32
+    zones: Float64
+    wear: Float64
 
 
 def paint(
@@ -77,12 +108,12 @@ def paint(
     The scene's first faces and vertices are those of the ``outfits``, one after another.
     """
     sizes = [len(outfit.face_parts) for outfit in outfits]
-    albedo, normal, point = (np.zeros((*seen.face.shape, 3), np.float32) for _ in range(3))
+    surfaces = Surfaces(*(np.zeros((*seen.face.shape, 3), np.float32) for _ in range(3)))
     flat, rounded = _normals(scene.vertices_m, scene.faces, sum(sizes))
-    _paint(
-        seen.face, seen.depth_m, np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
-        camera_from_world.rotation, camera_from_world.translation_m,
-        scene.vertices_m, scene.faces, scene.tags, flat, rounded,
+    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    eye = _Eye(lens, camera_from_world.rotation, camera_from_world.translation_m)
+    shell = _Shell(scene.vertices_m, scene.faces, scene.tags, flat, rounded)
+    clothes = _Clothes(
         np.repeat(np.arange(len(outfits)), sizes),
         np.concatenate([np.zeros(0, np.uint8), *(o.face_parts for o in outfits)]),
         np.concatenate([np.zeros((0, 3), np.float32), *(o.rest_m for o in outfits)]),
@@ -90,9 +121,9 @@ def paint(
         np.concatenate([np.zeros(0, np.float32), *(o.folds_m for o in outfits)]),
         np.array([o.zone_rgb for o in outfits]).reshape(-1, N_ZONES, 3),
         np.array([(o.seam_sd_m, o.patch) for o in outfits]).reshape(-1, 2),
-        room.rgb, room.grain, noise_tile(), albedo, normal, point,
-    )  # fmt: skip
-    return Surfaces(albedo, normal, point)
+    )
+    _paint(seen.face, seen.depth_m, eye, shell, clothes, room, noise_tile(), surfaces)
+    return surfaces
 
 
 @numba.njit(cache=True, fastmath=EXACT)
@@ -114,16 +145,13 @@ def _normals(vertices: Float32, faces: Int32, smooth: int) -> tuple[Float32, Flo
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _paint(
-    face: Int32, depth: Float32, lens: Float64, rotation: Float64, translation: Float64,
-    vertices: Float32, faces: Int32, tags: Int32, flat: Float32, rounded: Float32,
-    wearer: NDArray[np.int64], parts: NDArray[np.uint8], rest: Float32, fields: Float32, folds: Float32,
-    zones: Float64, wear: Float64, room_rgb: Float64, grain: Float64, tile: Float32,
-    albedo: Float32, normal: Float32, point: Float32,
+    face: Int32, depth: Float32, eye: _Eye, shell: _Shell, clothes: _Clothes, room: RoomColors,
+    tile: Float32, surfaces: Surfaces,
 ) -> None:  # fmt: skip # pragma: no cover
-    """``paint``, written into the last three arrays."""
+    """``paint``, written into ``surfaces``."""
     height, width = face.shape
-    r = rotation
-    eye = -r.T @ translation
+    r, translation, lens = eye.rotation, eye.translation, eye.lens
+    place = -r.T @ translation
     for v in range(height):
         for u in range(width):
             f = face[v, u]
@@ -137,38 +165,60 @@ def _paint(
                 r[0, 1] * x + r[1, 1] * y + r[2, 1] * z,
                 r[0, 2] * x + r[1, 2] * y + r[2, 2] * z,
             )
-            n: Triple = (np.float64(flat[f, 0]), np.float64(flat[f, 1]), np.float64(flat[f, 2]))
-            if f < len(parts):
-                share = shares(vertices, faces, f, p)
-                q, w = mix(rest, faces, f, share), wearer[f]
-                n = unit(mix(rounded, faces, f, share))
-                rgb, is_cloth = _clothed(fields, faces, f, share, parts[f], q, zones[w], wear[w], tile)
-                if is_cloth and folds[faces[f, 0]] > 0:
-                    n = _folded(n, vertices, rest, faces, f, share, q, folds, tile)
+            n: Triple = (
+                np.float64(shell.flat[f, 0]),
+                np.float64(shell.flat[f, 1]),
+                np.float64(shell.flat[f, 2]),
+            )
+            if f < len(clothes.parts):
+                rgb, n = _dressed(f, p, shell, clothes, tile)
             else:
-                tag = tags[f]
-                # Both sides of furniture are seen: the normal turns to the camera, which is at ``eye``.
-                if n[0] * (p[0] - eye[0]) + n[1] * (p[1] - eye[1]) + n[2] * (p[2] - eye[2]) > 0:
+                # Both sides of furniture are seen: the normal turns to the camera.
+                if n[0] * (p[0] - place[0]) + n[1] * (p[1] - place[1]) + n[2] * (p[2] - place[2]) > 0:
                     n = (-n[0], -n[1], -n[2])
-                bright = 1.0
-                if grain[tag, 0] > 0:
-                    a, b = grain[tag, 1], grain[tag, 2]
-                    bright += grain[tag, 0] * smooth_noise(tile, a * p[0], b * p[1], a * p[2])
-                rgb = (bright * room_rgb[tag, 0], bright * room_rgb[tag, 1], bright * room_rgb[tag, 2])
+                rgb = _furnished(shell.tags[f], p, room, tile)
             for i in range(3):
-                albedo[v, u, i], normal[v, u, i], point[v, u, i] = rgb[i], n[i], p[i]
+                surfaces.albedo[v, u, i] = rgb[i]
+                surfaces.normal[v, u, i] = n[i]
+                surfaces.point_m[v, u, i] = p[i]
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _furnished(tag: int, p: Triple, room: RoomColors, tile: Float32) -> Triple:  # pragma: no cover
+    """Linear colour of a lifeless surface at a point of the world."""
+    bright, grain, rgb = 1.0, room.grain[tag], room.rgb[tag]
+    if grain[0] > 0:
+        a, b = grain[1], grain[2]
+        bright += grain[0] * smooth_noise(tile, a * p[0], b * p[1], a * p[2])
+    return (bright * rgb[0], bright * rgb[1], bright * rgb[2])
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _dressed(
+    f: int, p: Triple, shell: _Shell, clothes: _Clothes, tile: Float32
+) -> tuple[Triple, Triple]:  # pragma: no cover
+    """Linear colour and normal of a person at a point of the world on face f."""
+    faces = shell.faces
+    share = shares(shell.vertices, faces, f, p)
+    q = mix(clothes.rest, faces, f, share)
+    n = unit(mix(shell.rounded, faces, f, share))
+    rgb, is_cloth = _clothed(f, share, q, shell, clothes, tile)
+    if is_cloth and clothes.folds[faces[f, 0]] > 0:
+        n = _folded(n, f, share, q, shell, clothes, tile)
+    return rgb, n
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _clothed(
-    fields: Float32, faces: Int32, f: int, share: Triple, part: int, q: Triple,
-    zones: Float64, wear: Float64, tile: Float32,
-) -> tuple[Triple, bool]:  # fmt: skip # pragma: no cover
+    f: int, share: Triple, q: Triple, shell: _Shell, clothes: _Clothes, tile: Float32
+) -> tuple[Triple, bool]:  # pragma: no cover
     """Linear colour at a place of a body's skin, q in its rest pose, and whether it is cloth."""
+    w = clothes.wearer[f]
+    zones, wear = clothes.zones[w], clothes.wear[w]
     stray = 0.0
     if wear[0] > 0:
         stray = wear[0] * _noise(tile, q, _SEAM_CELLS)
-    zone = _zone(fields, faces, f, share, part, stray)
+    zone = _zone(clothes.fields, shell.faces, f, share, clothes.parts[f], stray)
     is_cloth = zone < SKIN
     bright, grey = 1.0, 0.0
     if zone == HAIR:
@@ -211,20 +261,19 @@ def _zone(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _folded(
-    n: Triple, vertices: Float32, rest: Float32, faces: Int32, f: int, share: Triple, q: Triple,
-    folds: Float32, tile: Float32,
-) -> Triple:  # fmt: skip # pragma: no cover
+    n: Triple, f: int, share: Triple, q: Triple, shell: _Shell, clothes: _Clothes, tile: Float32
+) -> Triple:  # pragma: no cover
     """A normal tilted by folds: heights are noise over the rest pose, their gradient is the face's."""
-    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-    height = share[0] * folds[a] + share[1] * folds[b] + share[2] * folds[c]
-    first, second = edge(vertices, a, b), edge(vertices, a, c)
+    a, b, c = shell.faces[f, 0], shell.faces[f, 1], shell.faces[f, 2]
+    height = share[0] * clothes.folds[a] + share[1] * clothes.folds[b] + share[2] * clothes.folds[c]
+    first, second = edge(shell.vertices, a, b), edge(shell.vertices, a, c)
     along = cross(first, second)
     area = dot(along, along)
     if area < 1e-16:
         return n
     here = _ridge(tile, q)
-    d1 = height * _rise(tile, q, here, edge(rest, a, b))
-    d2 = height * _rise(tile, q, here, edge(rest, a, c))
+    d1 = height * _rise(tile, q, here, edge(clothes.rest, a, b))
+    d2 = height * _rise(tile, q, here, edge(clothes.rest, a, c))
     g, k = cross(second, along), cross(along, first)
     return unit(
         (

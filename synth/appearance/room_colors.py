@@ -1,6 +1,6 @@
 """What colour a room's things have, and how their cloth or wood is grained."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,9 +51,8 @@ COLORFUL = (Surface.SOFA, Surface.MUG, Surface.BED, Surface.BLANKET, Surface.PIL
 """What may have a colour of the suit."""
 
 
-@dataclass(frozen=True)
-class RoomColors:
-    """Furniture by tag. rgb: linear (T, 3); grain: (T, 3) share, cells a metre across and along y."""
+class RoomColors(NamedTuple):
+    """Colours of furniture by tag, linear (T, 3); grain: (T, 3) share, cells a metre across and along y."""
 
     rgb: Float64
     grain: Float64
