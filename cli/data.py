@@ -15,15 +15,17 @@ from cli import names
 from cli.audit import audit_of, audit_text
 from cli.console import Json, Overwrite, finish, progress
 from cli.extras import needing
+from cli.motion import motion_info
 from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
 from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session
+from synth.markers.motion_file import is_motion
 
 Session_ = Annotated[Path, typer.Argument(metavar="OUT.mcap", help="Session to write.")]
 Any_ = Annotated[
     Path,
-    typer.Argument(metavar="PATH", help="Session, label set, dataset, or anything else that import reads."),
+    typer.Argument(metavar="PATH", help="Session, label set, dataset, motion, or anything else that import reads."),
 ]
 
 
@@ -86,6 +88,10 @@ def info(path: Any_, json: Json = False) -> None:
     elif (path / dataset.MANIFEST).is_file():
         shards = Dataset.open(path)
         result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
+    elif is_motion(path):
+        motion, shown = motion_info(path)
+        finish(motion, json, shown)
+        return
     if result is None:
         result = _source_info(path)
     lines = [f"{key}: {value}" for key, value in result.items()]

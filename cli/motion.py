@@ -1,4 +1,4 @@
-"""The verb ``solve``: markers to joint angles."""
+"""The verb ``solve``: markers to joint angles; and what ``info`` shows of them."""
 
 import time
 from pathlib import Path
@@ -11,7 +11,19 @@ from cli.console import Json, Overwrite, finish, progress, say, table
 from cli.extras import needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free
-from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, MarkerReport, save_motion
+from synth.body.skeleton import JOINTS
+from synth.markers.motion_file import (
+    BRIDGED,
+    GHOST,
+    MISSING,
+    SWAPPED,
+    MarkerReport,
+    load_motion,
+    save_motion,
+)
+
+ANGLES = ("flexion", "abduction", "rotation")
+"""A joint's three angles, in the order of ``synth.body.skeleton``."""
 
 STATUSES = {"bridged": BRIDGED, "missing": MISSING, "ghost": GHOST, "swapped": SWAPPED}
 
@@ -65,6 +77,32 @@ def solve(
         f"markers off by {report.median_mm:.1f} mm (median), {report.rms_mm:.1f} mm (rms)"
     )
     finish(result, json, "\n".join([text, *_odd_markers(result["markers"])]))
+
+
+def motion_info(path: Path) -> tuple[dict[str, Any], str]:
+    """What a motion holds, as JSON and as text: its length, the person, and the range of every joint."""
+    motion = load_motion(path)
+    result: dict[str, Any] = {
+        "kind": "motion",
+        "frames": len(motion),
+        "frames_per_second": round(motion.frames_per_second, 2),
+        "seconds": round(len(motion) / motion.frames_per_second, 2),
+        "leg_m": round(motion.leg_m, 3),
+        "markers": len(motion.report.names),
+        "marker_median_mm": round(motion.report.median_mm, 2),
+    }
+    lines = [f"{key}: {value}" for key, value in result.items()]
+    degrees = np.degrees(motion.angles_rad)
+    ranges = np.stack([degrees.min(axis=0), degrees.max(axis=0)], axis=-1).round(1).tolist()
+    result["joints_deg"] = {
+        joint.name: dict(zip(ANGLES, own, strict=True)) for joint, own in zip(JOINTS, ranges, strict=True)
+    }
+    rows = [
+        (joint.name, *(f"{low:.0f} to {high:.0f}" for low, high in own))
+        for joint, own in zip(JOINTS, ranges, strict=True)
+    ]
+    lines.append(table(("joint", *(f"{angle}, deg" for angle in ANGLES)), rows))
+    return result, "\n".join(lines)
 
 
 def _per_marker(report: MarkerReport) -> dict[str, dict[str, float]]:

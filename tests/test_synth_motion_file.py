@@ -1,15 +1,18 @@
 """Motion files: what is saved comes back; small ones that claim much are refused before it is unpacked."""
 
 import io
+import json
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from cli.main import app
 from sensors.errors import FormatError
 from sensors.files.npz import array_sizes
-from synth.body.skeleton import N_JOINTS
+from synth.body.skeleton import JOINT_ID, N_JOINTS
 from synth.markers import motion_file
 from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_motion
 
@@ -84,3 +87,20 @@ def test_a_motion_is_bounded_by_what_it_unpacks_to(tmp_path, monkeypatch):
     monkeypatch.setattr(motion_file, "MAX_BYTES", unpacked - 1)
     with pytest.raises(FormatError, match="unpacks to"):
         load_motion(tmp_path / "m.npz")
+
+
+def test_info_shows_length_person_and_ranges_of_a_motion(tmp_path):
+    saved = motion(40)
+    save_motion(tmp_path / "m.npz", saved)
+    run = CliRunner().invoke(app, ["info", str(tmp_path / "m.npz"), "--json"])
+    shown = json.loads(run.stdout)
+    assert (shown["kind"], shown["frames"], shown["seconds"], shown["leg_m"]) == ("motion", 40, 0.4, 0.8)
+    knee = np.degrees(saved.angles_rad[:, JOINT_ID["left_knee"], 0])
+    assert shown["joints_deg"]["left_knee"]["flexion"] == [round(knee.min(), 1), round(knee.max(), 1)]
+    text = CliRunner().invoke(app, ["info", str(tmp_path / "m.npz")]).stdout
+    assert "frames: 40" in text and "left_knee" in text
+
+
+def test_info_of_a_damaged_motion_is_one_line(tmp_path):
+    run = CliRunner().invoke(app, ["info", str(spoilt(tmp_path / "m.npz", "status", b""))])
+    assert isinstance(run.exception, FormatError) and "\n" not in str(run.exception)

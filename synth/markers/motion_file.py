@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.files.atomic import check_free, replacing
-from sensors.files.npz import load_arrays
+from sensors.files.npz import array_sizes, load_arrays
 from synth.body.body import Body
 from synth.body.skeleton import N_JOINTS, Float64, Posture
 from synth.markers.person_fit import leg_length_m, zero_bones
@@ -113,6 +113,11 @@ def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
             error_m=report.error_m,
             status=report.status,
         )
+
+
+def is_motion(path: Path) -> bool:
+    """Whether a file is an archive with joint angles. Raises FormatError where it is a damaged .npz."""
+    return path.suffix == ".npz" and path.is_file() and "angles_rad" in array_sizes(path, _REMEDY)
 
 
 def load_motion(path: Path) -> Motion:

@@ -5,7 +5,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Float64, Posture, alignment, forward
@@ -157,6 +156,8 @@ def start_states(subject: Subject, observed_m: Float64) -> list[State]:
     zero = State.of(np.zeros((N_JOINTS, 3)), np.zeros(3))
     template = markers_at(zero, subject)[used]
     found = observed_m[used]
+    from scipy.spatial.transform import Rotation
+
     turn, _ = Rotation.align_vectors(found - found.mean(axis=0), template - template.mean(axis=0))
     pelvis = found.mean(axis=0) - turn.apply(template.mean(axis=0))
     states = []
