@@ -25,7 +25,7 @@ from synth.markers.motion_file import is_motion
 Session_ = Annotated[Path, typer.Argument(metavar="OUT.mcap", help="Session to write.")]
 Any_ = Annotated[
     Path,
-    typer.Argument(metavar="PATH", help="Session, label set, dataset, motion, or anything else that import reads."),
+    typer.Argument(metavar="PATH", help="Session, label set, dataset, motion, or what import reads."),
 ]
 
 
