@@ -11,7 +11,7 @@ import numpy as np
 from annotate.crop import SIZE, crop_around
 from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
 from annotate.parts import N_CLASSES
-from eval.network.onnx_network import Network
+from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import BATCH, predict_frames
 from synth.images.presets import preset_named, sample
 from synth.rig.rig import VirtualRig, truth_labels
@@ -20,7 +20,7 @@ FRAMES, REPEATS, PAPER_REPEATS = 4, 25, 3
 CROPS = 64
 
 
-class Silent(Network):
+class Silent(OnnxNetwork):
     """Answers at once: what is left is the work around the network."""
 
     @cache  # noqa: B019
@@ -40,7 +40,7 @@ def paper_network(folder):
 
     torch.manual_seed(0)
     export_onnx(PaperFcn(), folder / "paper.onnx")
-    return Network(folder / "paper.onnx")
+    return OnnxNetwork(folder / "paper.onnx")
 
 
 def segment_naive(network, depth_mm, person):
@@ -94,7 +94,7 @@ def bench():
     rig = VirtualRig(FRAMES, 2, "normal", 77)
     truths = [truth_labels(frame, known) for frame, known in rig.with_truth()]
     images = [(frame.depth_mm, frame.parts > 0) for frame in truths]
-    network, silent = Network(), Silent()
+    network, silent = OnnxNetwork(), Silent()
     one = seconds(network.segment, images, REPEATS)
     around = seconds(silent.segment, images, REPEATS)
     naive = seconds(lambda *image: segment_naive(silent, *image), images, PAPER_REPEATS)

@@ -8,17 +8,16 @@ from typing import Annotated
 
 import typer
 
+from annotate.labelset.frames import LabelledFrames
+from annotate.labelset.open_frames import open_frames
 from cli.console import Json, Overwrite, finish, progress, say
 from cli.extras import needing
+from cli.score_tables import difference_text, scores_text
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.details import details
 from eval.compare.paired import difference
-from eval.compare.results import Result, check_size, load_result, save_result
-from eval.scores.frames import Frames, open_frames
+from eval.compare.results import Result, load_result, save_result
 from sensors.files.atomic import check_free
-
-SHOWN = ("mean_recall", "miou", "person_iou", "boundary_f", "left_right_swap_rate")
-"""Scores that are printed; the rest is in the JSON."""
 
 
 def evaluate(
@@ -33,13 +32,11 @@ def evaluate(
 ) -> None:
     """Measure labels against the truth, with confidence intervals and the confusion matrix."""
     with needing("report"):
-        import scipy.stats  # noqa: F401, which the intervals ask for at the end
+        import scipy.stats  # noqa: F401, for the intervals at the end
 
     if out is not None:
         check_free(out, overwrite)
     guesses, targets = open_frames(predicted), open_frames(truth)
-    if out is not None:
-        check_size(len(targets))
     with progress("evaluate", len(targets)) as advance:
         comparison = compare_sets(guesses, targets, advance)
     if out is not None:
@@ -48,12 +45,10 @@ def evaluate(
     result = {**comparison.to_evaluation_json(), **details(comparison)}
     if comparison.ci_note:
         say(comparison.ci_note)
-    lines = [f"{result['frames']} frames of {result['subjects']} subjects"]
-    lines += [f"{name}: {_with_interval(comparison, name)}" for name in SHOWN]
-    finish(result, json, "\n".join(lines))
+    finish(result, json, scores_text(comparison, intervals=True))
 
 
-def _facts(predicted: Frames, truth: Frames, comparison: Comparison) -> dict[str, str]:
+def _facts(predicted: LabelledFrames, truth: LabelledFrames, comparison: Comparison) -> dict[str, str]:
     """What is needed to repeat the result."""
     weights: object = predicted.info
     for key in ("steps", "predict", "weights"):
@@ -70,11 +65,6 @@ def _facts(predicted: Frames, truth: Frames, comparison: Comparison) -> dict[str
     return {name: fact for name, fact in facts.items() if fact}
 
 
-def _with_interval(comparison: Comparison, name: str) -> str:
-    low, high = comparison.ci95[name]
-    return f"{comparison.scores[name]:.4f} ({low:.4f} to {high:.4f})"
-
-
 def compare(
     a: Annotated[Path, typer.Argument(metavar="A", help="Result that 'evaluate --out' wrote.")],
     b: Annotated[Path, typer.Argument(metavar="B", help="Result to compare it with.")],
@@ -85,14 +75,6 @@ def compare(
         import scipy.stats  # noqa: F401
 
     found = difference(load_result(a), load_result(b))
-    lines = [f"{found.a} minus {found.b}, {'on the same frames' if found.paired else 'on different frames'}"]
-    for name in SHOWN:
-        low, high = found.ci95[name]
-        p = found.wilcoxon_p.get(name)
-        lines.append(
-            f"{name}: {found.values[name]:+.4f} ({low:+.4f} to {high:+.4f})"
-            + (f", Wilcoxon p {p:.3f}" if p is not None else "")
-        )
     if found.note:
         say(found.note)
-    finish(found.to_json(), json, "\n".join(lines))
+    finish(found.to_json(), json, difference_text(found))

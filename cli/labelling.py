@@ -9,12 +9,13 @@ import typer
 
 from annotate.label_source import label_source
 from annotate.labelset import store
+from annotate.labelset.open_frames import open_frames
 from annotate.labelset.store import LabelSet
 from annotate.suit.palette import load_suit, suit_to_toml
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from cli.extras import needing
+from cli.score_tables import scores_text
 from eval.compare.compare import compare_sets
-from eval.scores.frames import open_frames
 from sensors.files.atomic import check_free, write_bytes
 from sensors.importers.open_source import open_source
 
@@ -121,5 +122,5 @@ def diff(
     """Compare label set A with label set B in a few scores; 'evaluate' computes more scores."""
     sets = open_frames(a), open_frames(b)
     with progress("compare", len(sets[1])) as advance:
-        result = compare_sets(*sets, advance).to_json()
-    finish(result, json, "\n".join(f"{key}: {value}" for key, value in result.items()))
+        comparison = compare_sets(*sets, advance)
+    finish(comparison.to_json(), json, scores_text(comparison, intervals=False))

@@ -1,20 +1,21 @@
 """The verb ``predict``: label frames with a network."""
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from annotate.labelset import dataset, store
-from annotate.labelset.dataset import Dataset
-from annotate.labelset.store import LabelSet
+from annotate.labelset import store
+from annotate.labelset.frames import LabelledFrames
+from annotate.labelset.open_frames import holds_frames, open_frames
 from cli.console import Json, Overwrite, clear, finish_run, progress, say
 from cli.labelling import Labels, Window
-from eval.network.onnx_network import SHIPPED_WEIGHTS, Network
+from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict import predict_frames, predict_source
-from eval.scores.frames import open_frames
 from sensors.importers.open_source import open_source
+from sensors.rig.source import FrameSource
 
 
 def predict(
@@ -37,18 +38,20 @@ def predict(
     json: Json = False,
 ) -> None:
     """Label depth images with a network; label sets and datasets keep their outlines of the person."""
-    network = Network(weights)
-    outlined = any((source / manifest).is_file() for manifest in (store.MANIFEST, dataset.MANIFEST))
-    frames = open_frames(source) if outlined else open_source(source)
-    for note in () if isinstance(frames, LabelSet | Dataset) else frames.notes:
-        say(note)
+    network = OnnxNetwork(weights)
+    frames: LabelledFrames | FrameSource
+    if holds_frames(source):
+        frames = open_frames(source)
+        work = partial(predict_frames, frames, network, out, probabilities=probabilities)
+    else:
+        frames = open_source(source)
+        for note in frames.notes:
+            say(note)
+        work = partial(predict_source, frames, network, out, window_c=window, probabilities=probabilities)
     clear(out, store.MANIFEST, overwrite, source, weights)
     started, total = time.monotonic(), len(frames)
     with progress("predict", total) as advance:
-        if isinstance(frames, LabelSet | Dataset):
-            run = predict_frames(frames, network, out, advance, probabilities=probabilities)
-        else:
-            run = predict_source(frames, network, out, advance, window, probabilities=probabilities)
+        run = work(progress=advance)
     ms = 1000 * (time.monotonic() - started) / max(1, total)
     result = {"frames": len(run.labels), "ms_per_frame": round(ms, 2)}
     finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")

@@ -16,7 +16,8 @@ from annotate.labelset.store import LabelSet
 from cli.console import progress
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.results import Result, save_result
-from eval.network.predict import Network, predict_source
+from eval.network.onnx_network import OnnxNetwork
+from eval.network.predict import predict_source
 from eval.report.build import write_report
 from eval.report.gather import gather
 from sensors.session.reader import Session
@@ -40,7 +41,7 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, Any]:
 
     corrected, seconds = _correct_all(automatic, truth, fused, out / "corrected")
     with progress("predict", frames) as advance:
-        predicted = predict_source(session, Network(), out / "network", advance).labels
+        predicted = predict_source(session, OnnxNetwork(), out / "network", advance).labels
 
     sets = {"Automatic": automatic, "Corrected": corrected, "Network": predicted}
     compared = {name: compare_sets(labels, truth) for name, labels in sets.items()}
@@ -49,7 +50,7 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, Any]:
     for name, labels in sets.items():
         paths = {"predicted": str(labels.path), "truth": str(truth.path)}
         results.append(Result(name, compared[name], {**facts, **paths}))
-        save_result(out / f"{name.lower()}.json", results[-1])
+        save_result(out / f"{name.lower()}.npz", results[-1])
     material = gather(results, sessions=[session], audited=[corrected.path], facts=facts)
     write_report(out / "report.html", material)
     summary = {name: _summary(comparison) for name, comparison in compared.items()}

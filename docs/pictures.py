@@ -11,7 +11,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.parts import palette_rgb
 from annotate.person.extract import extract_person
 from annotate.segmentation.segment import segment
-from eval.network.predict import Network
+from eval.network.onnx_network import OnnxNetwork
 from eval.report.gallery import make_frame
 from synth.body.body import shipped_bodies
 from synth.body.body_picture import save_picture
@@ -28,7 +28,7 @@ COLUMNS = ("Thermal cloud", "Extracted depth", "Target labels", "Predicted label
 
 def frame_picture() -> NDArray[np.uint8]:
     """One row a subject: thermal cloud, depth, truth, parts from the suit, parts from the network (RGB)."""
-    rig, network = VirtualRig(SUBJECTS, SUBJECTS, "normal", 12), Network()
+    rig, network = VirtualRig(SUBJECTS, SUBJECTS, "normal", 12), OnnxNetwork()
     fuser = Fuser(rig.calibration)
     rows = []
     for frame, known in rig.with_truth():

@@ -89,8 +89,8 @@ def test_files_are_not_overwritten_unasked(annotate_cloud, tmp_path, rig_session
     truth = truth_path(rig_session)
     assert_refused(annotate_cloud("import", rig_session, taken), taken, "--overwrite")
     assert_refused(annotate_cloud("evaluate", rig_labels.path, truth, "--out", taken), taken, "--overwrite")
-    assert annotate_cloud("evaluate", rig_labels.path, truth, "--out", tmp_path / "r.json").code == 0
-    assert_refused(annotate_cloud("report", tmp_path / "r.json", "--out", taken), taken, "--overwrite")
+    assert annotate_cloud("evaluate", rig_labels.path, truth, "--out", tmp_path / "r.npz").code == 0
+    assert_refused(annotate_cloud("report", tmp_path / "r.npz", "--out", taken), taken, "--overwrite")
     assert taken.read_text() == "mine"
 
 
@@ -298,7 +298,7 @@ def test_a_read_only_folder_is_named(annotate_cloud, rig_session, rig_labels, ve
         shutil.copytree(rig_labels.path, folder / "labels")
         locked, source, labels = folder / "locked", folder / "session.mcap", folder / "labels"
         locked.mkdir()
-        result = folder / "result.json"
+        result = folder / "result.npz"
         assert annotate_cloud("evaluate", labels, labels, "--out", result).code == 0
         for path in (folder, locked):
             path.chmod(0o555)
@@ -306,7 +306,7 @@ def test_a_read_only_folder_is_named(annotate_cloud, rig_session, rig_labels, ve
             "simulate": ("simulate", locked / "s.mcap", "--frames", 1),
             "import": ("import", source, locked / "s.mcap"),
             "label": ("label", source, "--out", locked / "l"),
-            "evaluate": ("evaluate", labels, labels, "--out", locked / "r.json"),
+            "evaluate": ("evaluate", labels, labels, "--out", locked / "r.npz"),
             "predict": ("predict", labels, "--out", locked / "p"),
             "export": ("export", labels, locked / "x", "--format", "pairs"),
             "report": ("report", result, "--out", locked / "r.html"),

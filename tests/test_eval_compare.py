@@ -1,12 +1,9 @@
 """Comparing sets, keeping results, telling frames apart: whatever holds the labels, and whatever is wrong."""
 
-import base64
-import errno
 import hashlib
 import json
 import math
-import os
-import zlib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,19 +13,23 @@ import pytest
 
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import MANIFEST, encode_shard
+from annotate.labelset.frames import LabelledFrames
+from annotate.labelset.open_frames import open_frames
 from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID, UNDEFINED
-from eval.compare import results
+from eval.compare import pairs, results
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.details import details
 from eval.compare.results import Result, load_result, save_result
 from eval.compare.suspicious import suspicious
-from eval.scores import big_arrays, intervals
+from eval.report.build import write_report
+from eval.report.material import Material
+from eval.scores import counts, intervals
 from eval.scores.counts import SHAPES, FrameCounts
-from eval.scores.frames import Frames, open_frames
 from eval.scores.scores import PART_SCORES
 from eval.scores.traits import groups, traits_of
 from sensors.errors import CloudError, ExistsError, FormatError
+from sensors.files.npz import array_sizes
 from sensors.rig.camera import Intrinsics
 
 CAMERA = Intrinsics(width=30, height=24, fx=300.0, fy=300.0, cx=14.5, cy=11.5)
@@ -63,7 +64,7 @@ def label_set(path: Path, frames: list[FrameLabels]) -> LabelSet:
     return labels
 
 
-def dataset(path: Path, frames: list[FrameLabels], per_shard: int) -> Frames:
+def dataset(path: Path, frames: list[FrameLabels], per_shard: int) -> LabelledFrames:
     path.mkdir()
     shards = []
     for start in range(0, len(frames), per_shard):
@@ -107,48 +108,27 @@ def test_label_sets_and_datasets_serve_on_either_side(
     assert compare_sets(turned, sets[1]).scores["mean_recall"] == 1.0
 
 
-def test_worker_processes_count_the_same(tmp_path: Path, compared: Comparison) -> None:
+def test_worker_processes_count_the_same(
+    tmp_path: Path, compared: Comparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
     frames = [guess_frame(i) for i in range(6)]
     guesses = dataset(tmp_path / "guess", frames, 6)
     truth = dataset(tmp_path / "truth", [truth_frame(i) for i in range(6)], 2)
     alone, done = compare_sets(guesses, truth, workers=1), []
+    monkeypatch.setattr(pairs, "CHUNK", 2)
     both = compare_sets(guesses, truth, done.append, workers=2)
     assert same_counts(alone, both) and alone.traits == both.traits and done == [2, 2, 2]
     np.testing.assert_array_equal(both.matrices, compared.matrices)
 
 
-def test_many_frames_lie_in_a_file_and_count_the_same(
-    tmp_path: Path, sets: tuple[LabelSet, LabelSet], compared: Comparison, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Counts in a file, block by block, of one person too: the same JSON and the same file to the byte."""
+def test_blocks_change_no_number(compared: Comparison, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Counts summed block by block, of several people and of one: the same JSON."""
     one = replace(compared, subjects=("anna",) * 6)
-    for name, comparison in (("few", compared), ("few-one", one)):
-        save_result(tmp_path / name, Result("N", comparison))
-    told = compared.to_evaluation_json(), details(compared)
-    monkeypatch.setattr(big_arrays, "IN_MEMORY", 0)
-    monkeypatch.setattr(big_arrays, "BLOCK", 2)
+    whole = [(c.to_evaluation_json(), details(c)) for c in (compared, one)]
+    monkeypatch.setattr(counts, "BLOCK", 2)
     monkeypatch.setattr(intervals, "AT_ONCE", 20)
-    many = compare_sets(*sets)
-    assert isinstance(many.counts.flat.base, np.memmap) and many.counts.flat.dtype == np.int32
-    assert (many.to_evaluation_json(), details(many)) == told
-    for name, comparison in (("few", many), ("few-one", replace(many, subjects=one.subjects))):
-        save_result(tmp_path / "again", Result("N", comparison), overwrite=True)
-        assert load_result(tmp_path / "again").comparison.to_evaluation_json() == (
-            load_result(tmp_path / name).comparison.to_evaluation_json()
-        )
-    assert same_counts(load_result(tmp_path / "few").comparison, compared)
-
-
-def test_counts_that_the_disk_has_no_room_for_are_one_line(
-    sets: tuple[LabelSet, LabelSet], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(big_arrays, "IN_MEMORY", 0)
-    monkeypatch.setattr(os, "posix_fallocate", full)
-    with pytest.raises(CloudError, match="set TMPDIR"):
-        compare_sets(*sets)
+    again = [replace(c) for c in (compared, one)]
+    assert [(c.to_evaluation_json(), details(c)) for c in again] == whole
 
 
 def test_what_does_not_belong_together_is_named(tmp_path: Path, sets: tuple[LabelSet, LabelSet]) -> None:
@@ -288,58 +268,59 @@ def with_joints(comparison: Comparison) -> Comparison:
     return replace(comparison, joints_mm=joints)
 
 
-def test_a_result_comes_back_as_it_was(compared: Comparison, tmp_path: Path) -> None:
-    path = tmp_path / "result.json"
-    result = Result("Network", with_joints(compared), {"command": "<b>"})
+@pytest.mark.parametrize("joints", [True, False])
+def test_a_result_comes_back_as_it_was(compared: Comparison, tmp_path: Path, joints: bool) -> None:
+    path = tmp_path / "result.npz"
+    result = Result("Network", with_joints(compared) if joints else compared, {"command": "<b>"})
     save_result(path, result)
     loaded = load_result(path)
     assert loaded.title == "Network" and loaded.facts == {"command": "<b>"}
-    assert same_counts(loaded.comparison, compared)
-    assert loaded.comparison.to_evaluation_json() == result.comparison.to_evaluation_json()
-    np.testing.assert_array_equal(loaded.comparison.joints_mm, result.comparison.joints_mm)
-    assert loaded.comparison.hashes == compared.hashes
-    assert [t.activity for t in loaded.comparison.traits] == [t.activity for t in compared.traits]
-    np.testing.assert_allclose(loaded.comparison.traits[0].mm_per_px, compared.traits[0].mm_per_px)
+    a, b = loaded.comparison, result.comparison
+    assert same_counts(a, b) and a.to_evaluation_json() == b.to_evaluation_json()
+    assert (a.subjects, a.traits, a.digests, a.hashes) == (b.subjects, b.traits, b.digests, b.hashes)
+    if joints:
+        np.testing.assert_array_equal(a.joints_mm, b.joints_mm)
     with pytest.raises(ExistsError):
         save_result(path, loaded)
+    save_result(tmp_path / "again", loaded)
+    assert (tmp_path / "again").read_bytes() == path.read_bytes()
 
 
-def test_a_result_of_several_lines_comes_back_as_it_was(
-    compared: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def repeated(comparison: Comparison, times: int) -> Comparison:
+    """The frames again and again, each time of other people."""
+    joints = comparison.joints_mm
+    return replace(
+        comparison,
+        frame_ids=tuple(f"{i:08d}" for i in range(6 * times)),
+        subjects=tuple(f"{name}{i}" for i in range(times) for name in comparison.subjects),
+        traits=comparison.traits * times,
+        digests=comparison.digests * times,
+        counts=FrameCounts(np.tile(comparison.counts.flat, (times, 1))),
+        joints_mm=None if joints is None else np.tile(joints, (times, 1)),
+    )
+
+
+def test_more_frames_give_the_same_scores_and_a_result_for_the_report(
+    compared: Comparison, tmp_path: Path
 ) -> None:
-    whole, lined = tmp_path / "whole", tmp_path / "lined"
-    save_result(whole, Result("Network", with_joints(compared)))
-    monkeypatch.setattr(results, "FRAMES_A_LINE", 4)
-    save_result(lined, Result("Network", with_joints(compared)))
-    assert [len(path.read_text().splitlines()) for path in (whole, lined)] == [2, 3]
-    a, b = (load_result(path).comparison for path in (whole, lined))
-    assert same_counts(a, b) and a.traits == b.traits and a.digests == b.digests and a.subjects == b.subjects
-    np.testing.assert_array_equal(a.joints_mm, b.joints_mm)
-    lined.write_text(lined.read_text().rpartition('{"frame_ids')[0])
-    with pytest.raises(FormatError, match="ends after 4 of 6 frames"):
-        load_result(lined)
+    """As the paper's own set of 326,984 images does, at a small scale."""
+    many = repeated(with_joints(compared), 500)
+    save_result(tmp_path / "many.npz", Result("Many", many))
+    back = load_result(tmp_path / "many.npz")
+    page = write_report(tmp_path / "page.html", Material((back, Result("Few", compared))))[-1]
+    assert page.stat().st_size > 100_000 and "3,000" in page.read_text()
+    for name, score in compared.scores.items():
+        np.testing.assert_allclose(back.comparison.scores[name], score, err_msg=name)
+    assert (tmp_path / "many.npz").stat().st_size < 3000 * 300
 
 
 def test_a_result_of_people_with_half_a_letter_comes_back(tmp_path: Path) -> None:
     truth = LabelSet.create(tmp_path / "t", CAMERA, {})
     notes = {"activity": "\ud800", "hard": ["\udfff"]}
     truth.write(replace(truth_frame(0), subject="anna\ud800", notes=notes))
-    save_result(tmp_path / "r.json", Result("Network", compare_sets(truth, truth, workers=1)))
-    back = load_result(tmp_path / "r.json").comparison
+    save_result(tmp_path / "r.npz", Result("Network", compare_sets(truth, truth, workers=1)))
+    back = load_result(tmp_path / "r.npz").comparison
     assert back.subjects == ("anna?",) and back.traits[0].hard == ("?",)
-
-
-def test_a_line_without_end_is_not_read_whole(
-    compared: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "r.json"
-    save_result(path, Result("Network", compared))
-    monkeypatch.setattr(results, "MAX_LINE_BYTES", max(map(len, path.read_bytes().splitlines(True))))
-    with pytest.raises(CloudError, match="evaluate fewer"):
-        save_result(tmp_path / "again.json", Result("Network", compared))
-    path.write_bytes(path.read_bytes() + b"[" + b"{}," * 10_000)
-    with pytest.raises(FormatError, match="no result"):
-        load_result(path)
 
 
 def set_in(value: object, *keys: object) -> None:
@@ -350,83 +331,84 @@ def set_in(value: object, *keys: object) -> None:
     value[last] = new
 
 
-def pack_in(value: dict[str, Any], name: str, counts: np.ndarray) -> None:
-    """Another array in the place of these counts."""
-    value["counts"][name] = base64.b64encode(zlib.compress(counts.astype("<i4").tobytes())).decode()
+def spoilt(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[dict[str, Any]], None]:
+    return lambda v: v.update({name: change(v[name])})
 
 
 DAMAGES = {
     "no counts": lambda v: v.pop("counts"),
-    "one array missing": lambda v: v["counts"].pop("near"),
+    "counts of floats": spoilt("counts", lambda a: a.astype(np.float64)),
+    "too few counts": spoilt("counts", lambda a: a[:, 1:]),
+    "a frame too many": spoilt("counts", lambda a: np.concatenate([a, a[:1]])),
+    "negative counts": spoilt("counts", lambda a: -a),
+    "a negative distance": spoilt("distance_m", lambda a: -a),
+    "a distance of text": spoilt("distance_m", lambda a: a.astype(str)),
+    "a distance too few": spoilt("distance_m", lambda a: a[1:]),
+    "a negative error": spoilt("joints_mm", lambda a: a - 100),
+    "joints of another number": spoilt("joints_mm", lambda a: a[:, 1:]),
+    "pickled joints": spoilt("joints_mm", lambda a: a.astype(object)),
+    "no texts": lambda v: v.pop("texts"),
+    "texts of floats": spoilt("texts", lambda a: a.astype(np.float64)),
+}
+IN_TEXTS = {
     "another schema": lambda v: v.update(schema=1),
-    "schema of another type": lambda v: v.update(schema=[2]),
-    "too few numbers": lambda v: pack_in(v, "confusion", np.zeros(3)),
-    "too many numbers": lambda v: pack_in(v, "confusion", np.zeros(10**6)),
-    "negative": lambda v: pack_in(v, "borders_px", -np.ones(6 * 16)),
-    "cut off": lambda v: set_in(v, "counts", "borders_px", v["counts"]["borders_px"][:-8]),
-    "numbers": lambda v: set_in(v, "counts", "borders_px", [0] * 96),
-    "no base64": lambda v: set_in(v, "counts", "confusion", "\u00e4"),
-    "no zlib": lambda v: set_in(v, "counts", "confusion", "QUJD"),
-    "counts are a list": lambda v: v.update(counts=[]),
-    "fewer frames": lambda v: v.update(frames=7),
-    "more frames": lambda v: v.update(frames=5),
-    "too many frames": lambda v: v.update(frames=10**9),
+    "a schema of another type": lambda v: v.update(schema=[2]),
     "no frame": lambda v: v.update(frame_ids=[]),
     "an id twice": lambda v: set_in(v, "frame_ids", 1, v["frame_ids"][0]),
     "a subject too few": lambda v: v["subjects"].pop(),
     "subjects are a number": lambda v: v.update(subjects=7),
-    "a strange status": lambda v: set_in(v, "traits", 0, "status", "perfect"),
-    "a negative distance": lambda v: set_in(v, "traits", 0, "distance_m", -1.0),
-    "a distance of text": lambda v: set_in(v, "traits", 0, "distance_m", "far"),
-    "traits of another type": lambda v: set_in(v, "traits", 0, 5),
-    "a digest missing": lambda v: v["digests"][0].pop("truth"),
-    "a negative error": lambda v: set_in(v, "joints_mm", 0, 2, -1.0),
-    "joints of uneven rows": lambda v: v["joints_mm"][0].pop(),
-    "joints of another number": lambda v: [row.pop() for row in v["joints_mm"]],
-    "joints of one frame": lambda v: v.update(joints_mm=v["joints_mm"][:1]),
-    "half a letter": lambda v: set_in(v, "digests", 0, "depth", "\ud800"),
+    "a strange status": lambda v: set_in(v, "traits", "status", 0, "perfect"),
+    "a status without end": lambda v: set_in(v, "traits", "status", 0, "x" * 10**6),
+    "traits of another type": lambda v: set_in(v, "traits", "view", 5),
+    "a view too few": lambda v: v["traits"]["view"].pop(),
+    "a cause is a number": lambda v: set_in(v, "traits", "hard", 0, 5),
+    "digests missing": lambda v: v["digests"].pop("truth"),
+    "half a letter": lambda v: set_in(v, "digests", "depth", 0, "\ud800"),
     "half a letter in the title": lambda v: v.update(title="\ud800"),
-    "a status without end": lambda v: set_in(v, "traits", 0, "status", "x" * 10**6),
     "facts are a list": lambda v: v.update(facts=[1]),
     "frames left over": lambda v: v.update(extra_frames=-1),
 }
 
 
-@pytest.mark.parametrize("damage", list(DAMAGES))
+@pytest.mark.parametrize("damage", [*DAMAGES, *IN_TEXTS])
 def test_a_damaged_result_is_refused_in_one_line(compared: Comparison, tmp_path: Path, damage: str) -> None:
-    path = tmp_path / "result.json"
+    path = tmp_path / "result.npz"
     save_result(path, Result("Network", with_joints(compared)))
-    head, frames = map(json.loads, path.read_text().splitlines())
-    value = head | frames
-    DAMAGES[damage](value)
-    lines = ({key: value[key] for key in keys if key in value} for keys in (head, frames))
-    path.write_text("\n".join(map(json.dumps, lines)))
-    with pytest.raises(FormatError, match=r"result\.json") as caught:
+    arrays = dict(np.load(path))
+    if damage in DAMAGES:
+        DAMAGES[damage](arrays)
+    else:
+        texts = json.loads(arrays["texts"].tobytes())
+        IN_TEXTS[damage](texts)
+        arrays["texts"] = np.frombuffer(json.dumps(texts).encode(), np.uint8)
+    np.savez(path, **arrays)
+    with pytest.raises(FormatError, match=r"result\.npz.*evaluate again") as caught:
         load_result(path)
-    assert len(str(caught.value)) < 400
+    assert len(str(caught.value)) < 500 and "\n" not in str(caught.value)
 
 
-def test_what_could_not_be_read_back_is_not_written(
+def test_a_result_is_read_and_written_up_to_its_bound(
     compared: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(results, "MAX_BYTES", 1000)
-    with pytest.raises(CloudError, match=r"a result of 6 frames .* more than 1000"):
-        save_result(tmp_path / "r.json", Result("Network", compared))
-    assert not list(tmp_path.iterdir())
+    save_result(tmp_path / "r.npz", Result("Network", compared))
+    size = sum(array_sizes(tmp_path / "r.npz", "").values())
+    monkeypatch.setattr(results, "MAX_BYTES", size)
+    load_result(tmp_path / "r.npz")
+    save_result(tmp_path / "again.npz", Result("Network", compared))
+    monkeypatch.setattr(results, "MAX_BYTES", size - 1000)
+    with pytest.raises(FormatError, match=r"unpacks to .*evaluate again"):
+        load_result(tmp_path / "r.npz")
+    with pytest.raises(CloudError, match=r"a result of 6 frames has .*fewer frames"):
+        save_result(tmp_path / "none.npz", Result("Network", compared))
+    assert not (tmp_path / "none.npz").exists()
 
 
-def test_no_result_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, text in {
-        "deep": "[" * 100_000,
-        "list": "[]",
-        "null": "null",
-        "empty": "",
-        "cut": '{"schema": 2,',
-    }.items():
+def test_no_result_at_all(tmp_path: Path) -> None:
+    """An older version's, lines of JSON, among them."""
+    for name, text in {"list": "[]", "empty": "", "older": '{"schema":4,"title":"N"}\n'}.items():
         (tmp_path / name).write_text(text)
+    deep = {"texts": np.frombuffer(b"[" * 100_000, np.uint8)}
+    np.savez(tmp_path / "deep.npz", **deep)
     for path in (*sorted(tmp_path.iterdir()), tmp_path / "missing", tmp_path):
-        with pytest.raises(FormatError, match=path.name):
+        with pytest.raises(FormatError, match=rf"{path.name}.*evaluate again"):
             load_result(path)
-    monkeypatch.setattr(results, "MAX_BYTES", 1)
-    with pytest.raises(FormatError, match="larger than 1 bytes"):
-        load_result(tmp_path / "list")

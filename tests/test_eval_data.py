@@ -15,9 +15,10 @@ import eval.training.crops as data
 from annotate.crop import SIZE
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import MANIFEST, encode_shard
+from annotate.labelset.frames import camera_of, pinhole_of
+from annotate.labelset.open_frames import open_frames
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
-from eval.scores.frames import camera_of, pinhole_of
 from eval.training.crops import DEPTH_STEPS, Crops, load_crops, to_crop
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
@@ -138,7 +139,7 @@ def test_crops_lie_in_a_file_and_a_full_disk_is_one_line(tmp_path, rig_session, 
 def test_what_is_neither_label_set_nor_dataset_is_refused(tmp_path):
     for path in (tmp_path, tmp_path / "absent"):
         with pytest.raises(CloudError, match="label set"):
-            data.open_frames(path)
+            open_frames(path)
 
 
 def test_a_crop_in_a_label_set_is_seen_by_the_camera_it_was_cut_from(tmp_path):

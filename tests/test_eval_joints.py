@@ -138,7 +138,7 @@ def test_many_frames_are_fitted_as_few_are(monkeypatch):
     frames = [frame(figure((30 * i, 20, 2500 + 40 * i))) for i in range(5)]
     persons = ["a", "b", "a", "a", "b"]
     whole = found(*frames, persons=persons)
-    monkeypatch.setattr("eval.scores.big_arrays.BLOCK", 2)
+    monkeypatch.setattr("eval.scores.counts.BLOCK", 2)
     np.testing.assert_array_equal(found(*frames, persons=persons), whole)
 
 

@@ -34,7 +34,7 @@ def test_a_configuration_survives_as_json(config):
         {"kind": "compact"},
         {"kind": "other", "widths": [4]},
         {"kind": "compact", "widths": 4},
-        {"kind": "compact", "widths": [4, 2**31]},
+        {"kind": "compact", "widths": [4, 0]},
         {"kind": "compact", "widths": [4, True]},
         {"kind": "compact", "widths": [4], "code": "1"},
         {"kind": "paper", "base": 0, "dense": 4},
@@ -45,7 +45,6 @@ def test_a_configuration_survives_as_json(config):
         {"kind": "smp", "encoder": "resnet18", "decoder": []},
         {"kind": "compact", "widths": []},
         {"kind": "compact", "widths": {"4": 4}},
-        {"kind": "compact", "widths": [4] * 17},
     ],
 )
 def test_what_describes_no_network_is_refused(description):

@@ -18,7 +18,8 @@ from annotate.labelset.images import encode_depth
 from annotate.labelset.store import LabelSet, validate
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
 from eval.compare.compare import compare_sets
-from eval.network.predict import Network, predict_frames, predict_source
+from eval.network.onnx_network import OnnxNetwork
+from eval.network.predict import predict_frames, predict_source
 from eval.training.crops import to_crop
 from sensors.errors import CloudError, ExistsError, FormatError
 from sensors.importers.open_source import open_source
@@ -30,8 +31,8 @@ def silent(n: int) -> None:
 
 
 @pytest.fixture(scope="module")
-def network() -> Network:
-    return Network()
+def network() -> OnnxNetwork:
+    return OnnxNetwork()
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +117,7 @@ def test_a_run_keeps_the_extraction_and_goes_on_to_the_same_bytes(tmp_path, rig_
     assert predicted.info["steps"]["predict"]["weights"] == network.sha256
     assert {predicted.notes(i)["extraction"] for i in predicted.frame_ids} == {"thermal"}
 
-    class Interrupted(Network):
+    class Interrupted(OnnxNetwork):
         calls = 0
 
         def segment_all(self, images, *, probabilities=False):
@@ -159,7 +160,7 @@ def test_the_shipped_network_knows_the_parts(truth, predicted):
 def test_rims_that_a_small_crop_drops_get_the_part_beside_them():
     """A network gives background where it sees nothing; a pixel of the person never takes that for a head."""
 
-    class Forearms(Network):
+    class Forearms(OnnxNetwork):
         def probabilities(self, crops):
             planes = np.zeros((len(crops), N_CLASSES, SIZE, SIZE), np.float32)
             planes[:, PART_ID["left_forearm"]], planes[:, BACKGROUND] = (
@@ -174,7 +175,7 @@ def test_rims_that_a_small_crop_drops_get_the_part_beside_them():
     np.testing.assert_allclose(result.confidence, np.where(person, 0.9, 0), atol=1e-6)
 
 
-class Thumbs(Network):
+class Thumbs(OnnxNetwork):
     """Calls what lies in a crop's left part background, the rest a head."""
 
     share = 0.5
@@ -230,7 +231,7 @@ def test_a_board_on_the_lap_is_no_part_and_the_body_stays(network, truth):
 def test_a_session_is_predicted_without_the_things(tmp_path, rig_session, predicted):
     """Everything of the frames is kept but who is in them: the second look is at what the first one left."""
 
-    class Halves(Network):
+    class Halves(OnnxNetwork):
         def without_things(self, depth_mm, person):
             left = person.copy()
             left[: person.shape[0] // 2] = False
@@ -304,7 +305,7 @@ def test_the_number_of_frames_at_once_changes_no_byte(tmp_path, crops, network):
 def test_an_interrupted_dataset_goes_on_to_the_same_bytes(tmp_path, crops, network):
     whole = predict_frames(crops, network, tmp_path / "whole", silent, probabilities=True)
 
-    class Interrupted(Network):
+    class Interrupted(OnnxNetwork):
         calls = 0
 
         def segment_all(self, images, *, probabilities=False):

@@ -16,9 +16,8 @@ from annotate.parts import BACKGROUND, BODY_PARTS, PARTS, UNDEFINED, palette_rgb
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.results import Result, save_result
 from eval.report import charts, figures, tables
-from eval.report.build import write_report
+from eval.report.build import embedded_json, write_report
 from eval.report.cloud_picture import render_thermal_cloud
-from eval.report.embed import embedded_json
 from eval.report.gallery import make_frame, make_shown_frame, pick_frames
 from eval.report.gather import gather
 from eval.report.history import load_training

@@ -27,8 +27,8 @@ from eval.network.checkpoint import Progress, load_weights, save_weights  # noqa
 from eval.network.compact import CompactConfig  # noqa: E402
 from eval.network.export import export_onnx  # noqa: E402
 from eval.network.networks import build  # noqa: E402
+from eval.network.onnx_network import OnnxNetwork  # noqa: E402
 from eval.network.paper_fcn import PaperConfig  # noqa: E402
-from eval.network.predict import Network  # noqa: E402
 from eval.training.augment import Augmentation  # noqa: E402
 from eval.training.crops import Crops  # noqa: E402
 from eval.training.loader import Images, Order, batches  # noqa: E402
@@ -378,7 +378,7 @@ def test_the_export_is_the_network(tmp_path):
     x = np.where(np.random.default_rng(0).random((2, SIZE, SIZE)) < 0.3, 0.5, 0).astype(np.float32)
     with torch.no_grad():
         expected = torch.softmax(model.eval()(torch.from_numpy(x[:, None])), 1).numpy()
-    found = Network(path).probabilities(x)
+    found = OnnxNetwork(path).probabilities(x)
     seen = np.broadcast_to(x[:, None] > 0, found.shape)
     np.testing.assert_allclose(found[seen], expected[seen], atol=1e-4)
     # Where there is no depth, nobody is.

@@ -216,7 +216,7 @@ def test_a_full_disk_leaves_no_export(annotate_cloud, tmp_path, rig_labels, form
 
 
 def test_a_full_disk_leaves_no_report(annotate_cloud, tmp_path, rig_labels):
-    result = tmp_path / "r.json"
+    result = tmp_path / "r.npz"
     assert annotate_cloud("evaluate", rig_labels.path, rig_labels.path, "--out", result).code == 0
     with largest_file(100_000):
         assert_refused(annotate_cloud("report", result, "--out", tmp_path / "page.html"), "File too large")

@@ -242,8 +242,8 @@ def _result(folder: Path) -> Path:
     labels = LabelSet.open(_labels(folder))
     result = Result("x", compare_sets(labels, labels, workers=1))
     shutil.rmtree(labels.path)
-    save_result(folder / "r.json", result)
-    return folder / "r.json"
+    save_result(folder / "r.npz", result)
+    return folder / "r.npz"
 
 
 def _read_result(path: Path) -> None:
@@ -262,9 +262,9 @@ def _onnx(folder: Path) -> Path:
 
 
 def _read_onnx(path: Path) -> None:
-    from eval.network.onnx_network import Network
+    from eval.network.onnx_network import OnnxNetwork
 
-    Network(path)
+    OnnxNetwork(path)
 
 
 def _weights(folder: Path) -> Path:

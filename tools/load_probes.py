@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 import cli.console
+import eval.compare.compare
 import eval.compare.pairs
 from cli.main import main
 from eval.training.crops import Crops, load_crops
@@ -88,26 +89,25 @@ class Followed:
 def counted_once() -> None:
     """Shards of a long dataset show the same images again: between the first and the last thousand they are
     given the counts of those. Everything else is as ever."""
-    count, seen = eval.compare.pairs._count_chunk, {}
+    count, pair_up = eval.compare.pairs._count_chunk, eval.compare.compare.pair_up
+    seen: dict[int, eval.compare.pairs.Counted] = {}
+    last = 0
 
-    def remembered(predicted: Path, truth: Path, pairs: list[Any]) -> eval.compare.pairs.Counted:
-        place = int(pairs[0].frame_id) // SHARD
+    def paired(*sets: Any) -> tuple[list[Any], int]:
+        nonlocal last
+        pairs, extra = pair_up(*sets)
+        last = len(pairs) // SHARD - 4
+        return pairs, extra
+
+    def remembered(predicted: Any, truth: Any, pairs: list[Any]) -> eval.compare.pairs.Counted:
+        place = int(pairs[0].truth.frame_id) // SHARD
         known = seen.get(place % 4)
-        if known is None or place >= remembered.last or len(pairs) != len(known.frame_ids):
+        if known is None or place >= last or len(pairs) != len(known.frame_ids):
             known = seen[place % 4] = count(predicted, truth, pairs)
-        return replace(known, frame_ids=[pair.frame_id for pair in pairs])
+        return replace(known, frame_ids=[pair.truth.frame_id for pair in pairs])
 
-    def chunks(pairs: list[Any]) -> list[list[Any]]:
-        made = cut(pairs)
-        remembered.last = len(made) - 4
-        return made
-
-    cut, eval.compare.pairs._chunks, eval.compare.pairs._count_chunk = (
-        eval.compare.pairs._chunks,
-        chunks,
-        remembered,
-    )
-    eval.compare.pairs.WORTH_WORKERS = sys.maxsize
+    eval.compare.compare.pair_up, eval.compare.pairs._count_chunk = paired, remembered
+    eval.compare.pairs.CHUNK, eval.compare.pairs.WORTH_WORKERS = SHARD, sys.maxsize
 
 
 def many_crops(followed: Followed, folder: Path, images: int) -> Crops:

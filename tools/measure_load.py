@@ -80,7 +80,7 @@ def session_commands(folder: Path, short: Path, size: int) -> dict[str, list[obj
     """Every verb on a session and its labels, in an order in which they can run."""
     session, labels, truth = (folder / f"{size}{kind}" for kind in (".mcap", "-labels", "-truth"))
     made = {name: folder / f"{size}-{name}" for name in ("labelled", "predicted", "mmseg", "parquet", "back")}
-    result = folder / f"{size}-result.json"
+    result = folder / f"{size}-result.npz"
     page = folder / f"{size}-report.html"
     return {
         "info of a session": ["info", session],
@@ -100,7 +100,7 @@ def session_commands(folder: Path, short: Path, size: int) -> dict[str, list[obj
 
 def dataset_commands(folder: Path, size: int) -> dict[str, list[object]]:
     """Every verb on a dataset."""
-    images, result = folder / f"{size}-images", folder / f"{size}-images.json"
+    images, result = folder / f"{size}-images", folder / f"{size}-images.npz"
     labelled = images if size <= IMAGES else folder / f"{size}-last"
     predicted = folder / f"{size}-predicted"
     generate = ["--preset", "sitting-train", "--count", size, "--workers", 1]

@@ -13,10 +13,10 @@ import numpy as np
 
 from annotate.crop import crop_around, normalize
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.open_frames import open_frames
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
-from eval.network.predict import Network
+from eval.network.onnx_network import OnnxNetwork
 from eval.scores.confusion import confusion_matrix, mean_recall, miou
-from eval.scores.frames import open_frames
 from synth.images.occlude import cut
 
 REMOVED = 0.2
@@ -33,7 +33,7 @@ def incomplete(person: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return min(before, left, key=lambda mask: abs(np.count_nonzero(mask) - (1 - REMOVED) * whole))
 
 
-def confusion(network: Network, frames: list[tuple[FrameLabels, np.ndarray]]) -> np.ndarray:
+def confusion(network: OnnxNetwork, frames: list[tuple[FrameLabels, np.ndarray]]) -> np.ndarray:
     """Confusion (12, 12) on frames, each with the pixels (h, w) that the extraction gives."""
     total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
     for start in range(0, len(frames), BATCH):
@@ -63,7 +63,7 @@ def main() -> None:
     print(f"{len(frames)} images of {sys.argv[1]}; {share:.1%} of the person removed\n")
     print("| weights | mean recall | incomplete | lost | mIoU | incomplete |\n|---|---|---|---|---|---|")
     for path in map(Path, sys.argv[2:]):
-        network = Network(path)
+        network = OnnxNetwork(path)
         a, b = confusion(network, whole), confusion(network, holed)
         row = (mean_recall(a), mean_recall(b), mean_recall(a) - mean_recall(b), miou(a), miou(b))
         print(f"| {path.parent.name} | " + " | ".join(f"{v:.4f}" for v in row) + " |", flush=True)

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from eval.network.predict import SHIPPED_WEIGHTS, Network, predict_source
+from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.predict import predict_source
 from eval.scores.joints import JOINT, JOINT_NAMES, Measured, measure
 from eval.scores.skeleton_fit import fit_skeletons
 from sensors.importers.open_source import open_source
@@ -34,7 +35,7 @@ def microsofts_mm(path, note):
 
 def main(weights):
     """Print every joint's distance, scan by scan."""
-    network = Network(weights)
+    network = OnnxNetwork(weights)
     for path in sorted(SCANS.glob("*.pcd")):
         source = open_source(path)
         with tempfile.TemporaryDirectory() as folder:

@@ -5,30 +5,32 @@ import io
 import json
 import tarfile
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from annotate.crop import SIZE, Crop
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.frames import Entry
 from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
+from sensors.rig.camera import Intrinsics
+from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 
 MANIFEST = "dataset.json"
 SCHEMA = 1
 MAX_SHARD_BYTES = 2_000_000_000
+"""Of a shard: its headers are held at once, and none is larger than the shard."""
 MAX_MANIFEST_BYTES = 256_000_000
 """A million shards."""
 MAX_MEMBER_BYTES = 64_000_000
+"""Of an image or a frame's JSON, which are read whole."""
 SUFFIXES = ("depth.png", "parts.png", "json")
 """The files of a frame, in their order; others are passed over."""
-MAX_MEMBERS = 300_000
-"""The ids of all are held at once."""
-MAX_HEADER_BYTES = 8192
-"""Of what stands before a file's own header: a long name."""
-_HEADERS = (tarfile.XHDTYPE, tarfile.SOLARIS_XHDTYPE, tarfile.GNUTYPE_LONGNAME, tarfile.GNUTYPE_LONGLINK)
 FIELDS = {"subject", "status", "notes"}
-"""What a frame's JSON may say."""
+"""What a frame's JSON may hold."""
 # ValueError: a member's size may have a hundred digits. RecursionError: headers of headers of headers.
 _BROKEN = (OSError, tarfile.TarError, EOFError, ValueError, LookupError, RecursionError)
 
@@ -53,80 +55,61 @@ def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
     return buffer.getvalue()
 
 
-def read_shard(path: Path) -> Iterator[FrameLabels]:
-    """Yield a shard's frames in order, sequentially. Raises FormatError when it is cut off or foreign."""
+def read_shard(path: Path, offset: int = 0) -> Iterator[FrameLabels]:
+    """Yield a shard's frames in order from a byte on. Raises FormatError when it is cut off or foreign."""
+    with _opened(path, offset) as tar:
+        for members in _frames(path, tar):
+            yield _decoded(path, tar, members)
+
+
+def entries_of(path: Path) -> Iterator[Entry]:
+    """Where a shard's frames lie, in order, without decoding them. Raises FormatError as `read_shard`."""
+    with _opened(path) as tar:
+        for members in _frames(path, tar):
+            yield Entry(_key(members), path.name, members[0].offset)
+
+
+@contextmanager
+def _opened(path: Path, offset: int = 0) -> Iterator[tarfile.TarFile]:
     try:
         if path.stat().st_size > MAX_SHARD_BYTES:
             raise FormatError(f"shard {path} is larger than {MAX_SHARD_BYTES} bytes; split it")
-        with tarfile.open(path, mode="r:", tarinfo=_Member) as tar:
-            pending: dict[str, bytes] = {}
-            for member in _members(path, tar):
-                key, _, suffix = member.name.partition(".")
-                if suffix not in SUFFIXES:
-                    continue
-                file = tar.extractfile(member)
-                pending[suffix] = file.read() if file else b""
-                if suffix == "json":
-                    yield _frame(path, key, pending)
-                    pending = {}
-        if pending:
-            raise _ends_early(path)
+        with path.open("rb") as file:
+            file.seek(offset)
+            with tarfile.open(fileobj=file, mode="r:") as tar:
+                yield tar
     except _BROKEN as error:
         raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
 
 
-def frame_ids_of(path: Path) -> list[str]:
-    """Ids of a shard's frames in order, without decoding them. Raises FormatError when it cannot be read."""
-    ids, whole = [], True
-    try:
-        with tarfile.open(path, mode="r:", tarinfo=_Member) as tar:
-            for key, _, suffix in (member.name.partition(".") for member in _members(path, tar)):
-                if suffix in SUFFIXES:
-                    whole = suffix == "json"
-                if suffix == "json":
-                    ids.append(key)
-        if not whole:
-            raise _ends_early(path)
-        return ids
-    except _BROKEN as error:
-        raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
-
-
-class _Member(tarfile.TarInfo):
-    """A header of a shard, refused before ``tarfile`` reads what it announces."""
-
-    # Every header passes here in every Python; in newer ones not through the public ``frombuf`` any more.
-    def _proc_member(self, tar: tarfile.TarFile) -> tarfile.TarInfo:
-        """Raises ReadError for what ``tarfile`` copies to all members, reads on and on, or is long."""
-        if self.type == tarfile.XGLTYPE:
-            raise tarfile.ReadError("it has a header for all files")
-        if self.type == tarfile.GNUTYPE_SPARSE:
-            raise tarfile.ReadError("it holds a sparse file")
-        if self.type in _HEADERS and not 0 <= self.size <= MAX_HEADER_BYTES:
-            raise tarfile.ReadError(f"a header has {self.size} bytes")
-        member: tarfile.TarInfo = super()._proc_member(tar)  # type: ignore[misc]
-        return member
-
-
-def _members(path: Path, tar: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
-    """A shard's files, each checked before the next is looked for: a negative size would lead in circles."""
-    for number, member in enumerate(iter(tar.next, None)):
-        if number >= MAX_MEMBERS:
-            raise FormatError(f"shard {path} holds more than {MAX_MEMBERS} files; split it")
-        if not member.isfile() or member.issparse() or not 0 <= member.size <= MAX_MEMBER_BYTES:
+def _frames(path: Path, tar: tarfile.TarFile) -> Iterator[list[tarfile.TarInfo]]:
+    """The files of each frame; each checked before the next is looked for."""
+    members: list[tarfile.TarInfo] = []
+    for member in iter(tar.next, None):
+        # A negative size would lead in circles.
+        if not member.isfile() or not 0 <= member.size <= MAX_MEMBER_BYTES:
             raise FormatError(
                 f"shard {path} holds {member.name!r}, not an image or too large; delete it and generate again"
             )
-        yield member
-        # It remembers each, with its headers.
-        tar.members.clear()  # type: ignore[attr-defined]
+        suffix = member.name.partition(".")[2]
+        if suffix in SUFFIXES:
+            members.append(member)
+        if suffix == "json":
+            yield members
+            members = []
+    if members:
+        raise FormatError(f"shard {path} ends in the middle of a frame; delete it and generate again")
 
 
-def _ends_early(path: Path) -> FormatError:
-    return FormatError(f"shard {path} ends in the middle of a frame; delete it and generate again")
+def _key(members: list[tarfile.TarInfo]) -> str:
+    return members[-1].name.partition(".")[0]
 
 
-def _frame(path: Path, key: str, data: dict[str, bytes]) -> FrameLabels:
+def _decoded(path: Path, tar: tarfile.TarFile, members: list[tarfile.TarInfo]) -> FrameLabels:
+    key, data = _key(members), {}
+    for member in members:
+        file = tar.extractfile(member)
+        data[member.name.partition(".")[2]] = file.read() if file else b""
     try:
         fields = json.loads(data["json"])
         if not isinstance(fields, dict) or not fields.keys() <= FIELDS:
@@ -172,12 +155,42 @@ class Dataset:
                 )
         return Dataset(path, shards, info)
 
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The middle of the whole image; each crop's own place is in its frame's notes."""
+        camera = self.whole_image
+        return Crop((camera.height - SIZE) // 2, (camera.width - SIZE) // 2, SIZE).camera(camera)
+
+    @property
+    def whole_image(self) -> Intrinsics:
+        """The camera that synthetic images are seen by."""
+        return KINECT2_PINHOLE
+
+    @property
+    def source(self) -> str:
+        """The folder's name."""
+        return self.path.resolve().name
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """The manifest's hash, which covers those of the shards."""
+        return {"dataset": sha256(self.path / MANIFEST)}
+
+    def __len__(self) -> int:
+        return int(self.info["images"])
+
     def __iter__(self) -> Iterator[FrameLabels]:
         for name, _ in self.shards:
             yield from read_shard(self.path / name)
 
-    def __len__(self) -> int:
-        return int(self.info["images"])
+    def entries(self) -> Iterator[Entry]:
+        """Where the frames lie. Raises FormatError where a shard breaks off."""
+        for name, _ in self.shards:
+            yield from entries_of(self.path / name)
+
+    def load(self, entry: Entry) -> FrameLabels:
+        """The frame of an entry. Raises FormatError where it cannot be read."""
+        return next(read_shard(self.path / entry.shard, entry.offset))
 
 
 def validate(dataset: Dataset) -> list[str]:

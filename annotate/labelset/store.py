@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.frame_labels import FrameLabels, Status
+from annotate.labelset.frames import Entry
 from annotate.labelset.images import (
     decode_confidence,
     decode_depth,
@@ -131,7 +132,30 @@ class LabelSet:
         return self._file(frame_id, "json").is_file()
 
     def __iter__(self) -> Iterator[FrameLabels]:
-        return (self.read(frame_id) for frame_id in self.frame_ids)
+        return map(self.read, self.frame_ids)
+
+    @property
+    def whole_image(self) -> Intrinsics:
+        """The undistorted camera of the frames, or of the image they were cut from."""
+        return self.intrinsics.undistorted()
+
+    @property
+    def source(self) -> str:
+        """What the labels were made from."""
+        return str(self.info.get("source", ""))
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """Nothing: people go on correcting a label set."""
+        return {}
+
+    def entries(self) -> Iterator[Entry]:
+        """Where the frames lie, by id."""
+        return map(Entry, self.frame_ids)
+
+    def load(self, entry: Entry) -> FrameLabels:
+        """The frame of an entry, see ``read``."""
+        return self.read(entry.frame_id)
 
     def read(self, frame_id: str, original: bool = False) -> FrameLabels:
         """Read one frame, or its labels as they were before the first correction (``keep_original``).

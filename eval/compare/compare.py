@@ -7,15 +7,14 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float64, Int64
+from annotate.labelset.frames import LabelledFrames
 from annotate.parts import BACKGROUND, BODY_PARTS, PARTS
 from eval.compare.pairs import Digests, count_pairs, pair_up
 from eval.scores import confusion, intervals
-from eval.scores.big_arrays import blocks
 from eval.scores.confusion import Counts, Scores
-from eval.scores.counts import FrameCounts
-from eval.scores.frames import Frames
+from eval.scores.counts import FrameCounts, blocks
 from eval.scores.joint_errors import joint_errors_mm, summary
 from eval.scores.scores import PART_SCORES, scores_of
 from eval.scores.summary import named, plain
@@ -44,7 +43,7 @@ class Comparison:
     traits: tuple[Traits, ...]
     digests: tuple[Digests, ...]
     counts: FrameCounts
-    joints_mm: NDArray[np.float64] | None = None
+    joints_mm: Float64 | None = None
     extra_frames: int = 0
 
     def __post_init__(self) -> None:
@@ -86,9 +85,9 @@ class Comparison:
         return intervals.cluster_sums(self.counts.flat, intervals.clusters_of(self.subjects))
 
     @cached_property
-    def behind(self) -> dict[str, NDArray[np.int64]]:
+    def behind(self) -> dict[str, Int64]:
         """How many clusters each score rests on (...): those that show the part, or all."""
-        behind: dict[str, NDArray[np.int64]] = {}
+        behind: dict[str, Int64] = {}
         for rows in blocks(len(self.by_cluster)):
             for name, score in scores_of(FrameCounts(self.by_cluster[rows])).items():
                 behind[name] = behind.get(name, np.int64(0)) + (~np.isnan(score)).sum(0)
@@ -100,7 +99,7 @@ class Comparison:
         return scores_of(FrameCounts(intervals.resampled_sums(self.by_cluster)))
 
     @cached_property
-    def ci95(self) -> dict[str, NDArray[np.float64]]:
+    def ci95(self) -> dict[str, Float64]:
         """95 % interval of each score, (2, ...): lower and upper; NaN where one subject alone has a say."""
         return {
             name: intervals.interval(self.scores[name], values, self.behind[name])
@@ -115,7 +114,7 @@ class Comparison:
     @cached_property
     def frame_miou(self) -> Scores:
         """Mean IoU of each frame (F,); NaN where neither map shows a person."""
-        return confusion.by_frame(confusion.miou, self.matrices)
+        return confusion.miou(self.matrices)
 
     @property
     def undefined_shares(self) -> dict[str, float]:
@@ -144,7 +143,7 @@ class Comparison:
         """Whether the prediction came with confidence, which calibration needs."""
         return bool(self.total.reliability.any())
 
-    def only(self, frames: NDArray[np.bool_] | NDArray[np.int64]) -> Self:
+    def only(self, frames: Bool | Int64) -> Self:
         """The same comparison over some of its frames: a mask (F,), or indices in the order wanted.
 
         Raises CloudError where none is left.
@@ -189,7 +188,7 @@ class Comparison:
             "error_kinds": {
                 name: int(pixels) for name, pixels in vars(confusion.error_kinds(self.confusion)).items()
             },
-            "flipped_frames": int(confusion.by_frame(confusion.flip_helps, self.matrices).sum()),
+            "flipped_frames": int(confusion.flip_helps(self.matrices).sum()),
             "undefined": {name: plain(share) for name, share in self.undefined_shares.items()},
             "joints": None if self.joints_mm is None else summary(self.joints_mm),
             "extra_frames": self.extra_frames,
@@ -197,8 +196,8 @@ class Comparison:
 
 
 def compare_sets(
-    predicted: Frames,
-    truth: Frames,
+    predicted: LabelledFrames,
+    truth: LabelledFrames,
     advance: Callable[[int], None] = lambda _: None,
     workers: int | None = None,
 ) -> Comparison:

@@ -4,6 +4,7 @@ from dataclasses import asdict
 from itertools import compress
 from typing import Any
 
+from annotate.array_types import Bool
 from annotate.parts import PARTS
 from eval.compare.compare import Comparison
 from eval.compare.suspicious import suspicious
@@ -11,7 +12,7 @@ from eval.scores.confusion import Counts
 from eval.scores.reliability import reliability_curve
 from eval.scores.scores import scores_of
 from eval.scores.summary import plain
-from eval.scores.traits import Mask, groups
+from eval.scores.traits import groups
 
 SHOWN = 20
 """Doubtful labels that are listed."""
@@ -41,7 +42,7 @@ def details(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _group(comparison: Comparison, mask: Mask) -> dict[str, Any]:
+def _group(comparison: Comparison, mask: Bool) -> dict[str, Any]:
     scores = scores_of(comparison.counts.total(mask))
     return {
         "frames": int(mask.sum()),

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float64
 from eval.compare.compare import Comparison
 from eval.compare.results import Result
 from eval.scores import intervals
@@ -35,7 +35,7 @@ class Difference:
     frames: tuple[int, int]
     subjects: tuple[int, int]
     values: dict[str, Scores]
-    ci95: dict[str, NDArray[np.float64]]
+    ci95: dict[str, Float64]
     wilcoxon_p: dict[str, float | None]
     note: str
 

@@ -2,23 +2,19 @@
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
-from itertools import groupby
-from pathlib import Path
 from sys import intern
 
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Int32
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.dataset import frame_ids_of, read_shard
-from annotate.labelset.store import LabelSet
-from eval.scores.big_arrays import room
+from annotate.labelset.frames import Entry, LabelledFrames, camera_of, pinhole_of
 from eval.scores.counts import WIDTH, count
-from eval.scores.frames import Frames, camera_of, open_frames, pinhole_of
 from eval.scores.joint_errors import OBSERVED, Observed, observe
 from eval.scores.traits import Traits, traits_of
 from sensors.errors import CloudError, FormatError
@@ -26,18 +22,17 @@ from sensors.rig.camera import Intrinsics
 from synth.images.workers import processes
 
 CHUNK = 64
-"""Frames of a label set that a worker counts in one go; of a dataset it is a shard."""
+"""Frames that a worker counts in one go."""
 WORTH_WORKERS = 400
 """Fewer frames are counted sooner than worker processes have started."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A frame's id, and the shards that hold its prediction and its truth: "" in a label set."""
+    """Where a frame's prediction and its truth lie."""
 
-    frame_id: str
-    predicted_shard: str
-    truth_shard: str
+    predicted: Entry
+    truth: Entry
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +55,13 @@ class Counted:
     subjects: list[str]
     traits: list[Traits]
     digests: list[Digests]
-    counts: NDArray[np.int32]
+    counts: Int32
     joints: Observed
 
     @staticmethod
     def room(frames: int) -> "Counted":
-        """Of no frame yet, with room for the arrays of so many. Raises CloudError where there is none."""
-        return Counted([], [], [], [], room((frames, WIDTH), np.int32), room((frames,), OBSERVED))
+        """Of no frame yet, with zeros in the arrays of so many."""
+        return Counted([], [], [], [], np.zeros((frames, WIDTH), np.int32), np.zeros(frames, OBSERVED))
 
     def put(self, some: "Counted") -> None:
         """Add frames behind those that are there."""
@@ -76,36 +71,13 @@ class Counted:
             getattr(self, name).extend(getattr(some, name))
 
 
-class Reader:
-    """Frames of a label set or a dataset by id; of a dataset fast only in the order of its shards."""
-
-    def __init__(self, frames: Frames) -> None:
-        self._frames = frames
-        self._shard = ""
-        self._rest: Iterator[FrameLabels] = iter(())
-
-    def read(self, frame_id: str, shard: str) -> FrameLabels:
-        """The frame that lies in this shard. Raises FormatError where it cannot be read."""
-        if isinstance(self._frames, LabelSet):
-            return self._frames.read(frame_id)
-        found = self._next(frame_id) if shard == self._shard else None
-        if found is None:
-            self._shard, self._rest = shard, read_shard(self._frames.path / shard)
-            found = self._next(frame_id)
-        assert found is not None, "the shard was listed as holding the frame"
-        return found
-
-    def _next(self, frame_id: str) -> FrameLabels | None:
-        return next((frame for frame in self._rest if frame.frame_id == frame_id), None)
-
-
-def pair_up(predicted: Frames, truth: Frames) -> tuple[list[Pair], int]:
+def pair_up(predicted: LabelledFrames, truth: LabelledFrames) -> tuple[list[Pair], int]:
     """Each frame of the truth with the prediction of the same id, and how many predictions are left over.
 
     Raises CloudError where the truth has no frame, or the prediction lacks one: leaving out what failed
     would flatter the score. Raises FormatError where a dataset has a frame twice or cannot be read.
     """
-    known, wanted = _shards_of(predicted), _shards_of(truth)
+    known, wanted = _entries(predicted), _entries(truth)
     if not wanted:
         raise CloudError(f"{truth.path} holds no frames; give a label set or dataset with frames")
     missing = [frame_id for frame_id in wanted if frame_id not in known]
@@ -114,24 +86,22 @@ def pair_up(predicted: Frames, truth: Frames) -> tuple[list[Pair], int]:
             f"{predicted.path} lacks {len(missing)} of the {len(wanted)} frames of {truth.path}, "
             f"first {missing[0]}; predict or label them, or take them out of the truth"
         )
-    return [Pair(i, known[i], shard) for i, shard in wanted.items()], len(known) - len(wanted)
+    return [Pair(known[i], entry) for i, entry in wanted.items()], len(known) - len(wanted)
 
 
-def _shards_of(frames: Frames) -> dict[str, str]:
-    if isinstance(frames, LabelSet):
-        return dict.fromkeys(frames.frame_ids, "")
-    shards: dict[str, str] = {}
-    for name, _ in frames.shards:
-        for frame_id in frame_ids_of(frames.path / name):
-            if frame_id in shards:
-                raise FormatError(f"{frames.path} holds frame {frame_id!r} twice; generate it again")
-            shards[frame_id] = name
-    return shards
+def _entries(frames: LabelledFrames) -> dict[str, Entry]:
+    """Entries by frame id, in order."""
+    entries: dict[str, Entry] = {}
+    for entry in frames.entries():
+        if entry.frame_id in entries:
+            raise FormatError(f"{frames.path} holds frame {entry.frame_id!r} twice; generate it again")
+        entries[entry.frame_id] = entry
+    return entries
 
 
 def count_pairs(
-    predicted: Frames,
-    truth: Frames,
+    predicted: LabelledFrames,
+    truth: LabelledFrames,
     pairs: Sequence[Pair],
     advance: Callable[[int], None],
     workers: int | None = None,
@@ -142,7 +112,8 @@ def count_pairs(
     """
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if len(pairs) >= WORTH_WORKERS else 1
-    work, chunks = partial(_count_chunk, predicted.path, truth.path), _chunks(pairs)
+    chunks = [pairs[i : i + CHUNK] for i in range(0, len(pairs), CHUNK)]
+    work = partial(_count_chunk, predicted, truth)
     with processes(workers) if workers > 1 else nullcontext() as pool:
         counted = Counted.room(len(pairs))
         for chunk in pool.executor.map(work, chunks) if pool else map(work, chunks):
@@ -151,28 +122,16 @@ def count_pairs(
     return counted
 
 
-def _chunks(pairs: Sequence[Pair]) -> list[list[Pair]]:
-    chunks = []
-    for shard, group in groupby(pairs, key=lambda pair: pair.truth_shard):
-        own = list(group)
-        size = len(own) if shard else CHUNK
-        chunks += [own[i : i + size] for i in range(0, len(own), size)]
-    return chunks
-
-
-def _count_chunk(predicted_path: Path, truth_path: Path, pairs: list[Pair]) -> Counted:
-    predicted, truth = open_frames(predicted_path), open_frames(truth_path)
-    guesses, targets = Reader(predicted), Reader(truth)
+def _count_chunk(predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequence[Pair]) -> Counted:
     counted = Counted.room(len(pairs))
     for pair in pairs:
-        guess = guesses.read(pair.frame_id, pair.predicted_shard)
-        target = targets.read(pair.frame_id, pair.truth_shard)
-        counted.put(count_frame(guess, target, camera_of(truth, target)))
+        target = truth.load(pair.truth)
+        counted.put(count_frame(predicted.load(pair.predicted), target, camera_of(truth, target)))
     return counted
 
 
 def count_frame(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> Counted:
-    """Count one frame. camera: undistorted, of the whole image (``eval.scores.frames.camera_of``).
+    """Count one frame. camera: undistorted, of the whole image (``camera_of``).
 
     Raises CloudError where the two are no labels of the same depth image, FormatError for malformed notes.
     """

@@ -7,12 +7,13 @@ row adds up to 1 only within rounding.
 """
 
 import numpy as np
-from numpy.typing import NDArray
+
+from annotate.array_types import Float64
 
 CITATION = "Nishi & Miura, Pattern Recognition 71 (2017), doi:10.1016/j.patcog.2017.06.006"
 
 
-def _by_part_id(percent: str) -> NDArray[np.float64]:
+def _by_part_id(percent: str) -> Float64:
     printed = np.array(percent.split(), np.float64).reshape(12, 12) / 100
     table = np.roll(printed, 1, axis=(0, 1))
     table.setflags(write=False)
@@ -58,6 +59,6 @@ SECONDS_PER_FRAME = 60.0
 """Time of one manual correction of the automatic labels (section 4.2.1: about one minute)."""
 
 
-def mean_recall_of(table: NDArray[np.float64]) -> float:
+def mean_recall_of(table: Float64) -> float:
     """Mean of the diagonal over the eleven body parts: 0.8636 for Table 2, 0.7318 for Table 3."""
     return float(np.diagonal(table)[1:].mean())

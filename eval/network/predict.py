@@ -8,20 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.crop import SIZE, Crop, person_of
+from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
 from annotate.label_source import Run, check_same, finished, notes_of, run
 from annotate.labelset.claim import Claim, login
-from annotate.labelset.dataset import MANIFEST, sha256
+from annotate.labelset.frames import LabelledFrames
 from annotate.labelset.store import LabelSet
 from annotate.person.extract import PersonMask, extract_person
 from annotate.segmentation.segment import Segmentation, unlabelled
-from eval.network.onnx_network import SHIPPED_WEIGHTS as SHIPPED_WEIGHTS
-from eval.network.onnx_network import Network as Network
-from eval.scores.frames import Frames
+from eval.network.onnx_network import OnnxNetwork
 from sensors.errors import CloudError, FormatError
-from sensors.rig.camera import Intrinsics
-from sensors.rig.kinect2_factory import KINECT2_PINHOLE as CAMERA
 from sensors.rig.source import FrameSource
 
 BATCH = 8
@@ -32,7 +28,7 @@ WRITERS = 4
 
 def predict_source(
     source: FrameSource,
-    network: Network,
+    network: OnnxNetwork,
     out: Path,
     progress: Callable[[int], None],
     window_c: tuple[float, float] | None = None,
@@ -61,8 +57,8 @@ def predict_source(
 
 
 def predict_frames(
-    frames: Frames,
-    network: Network,
+    frames: LabelledFrames,
+    network: OnnxNetwork,
     out: Path,
     progress: Callable[[int], None],
     *,
@@ -77,20 +73,16 @@ def predict_frames(
     """
     if not len(frames):
         raise CloudError(f"{frames.path} holds no frames; give a label set or dataset with frames")
-    step = _step(network, probabilities)
-    if isinstance(frames, LabelSet):
-        camera, source = frames.intrinsics, frames.info.get("source", "")
-    else:
-        camera, source = _camera_of_crops(), frames.path.resolve().name
-        step["dataset"] = sha256(frames.path / MANIFEST)
-    predicted = LabelSet.resume(out, camera, {"source": source, "steps": {"predict": step}})
+    step = _step(network, probabilities) | frames.identity
+    info = {"source": frames.source, "steps": {"predict": step}}
+    predicted = LabelSet.resume(out, frames.intrinsics, info)
     with Claim.take(out, login()):
         return finished(predicted, _predict(frames, network, predicted, progress, probabilities, batch))
 
 
 def _predict(
-    frames: Frames,
-    network: Network,
+    frames: LabelledFrames,
+    network: OnnxNetwork,
     predicted: LabelSet,
     progress: Callable[[int], None],
     probabilities: bool,
@@ -111,40 +103,27 @@ def _predict(
     return failed
 
 
-def _step(network: Network, probabilities: bool) -> dict[str, Any]:
+def _step(network: OnnxNetwork, probabilities: bool) -> dict[str, Any]:
     return {"weights": network.sha256, "probabilities": probabilities}
 
 
-def _camera_of_crops() -> Intrinsics:
-    """The label set of a dataset's crops needs a camera: the middle of the image. Each crop's own place is
-    in its frame's notes."""
-    return Crop((CAMERA.height - SIZE) // 2, (CAMERA.width - SIZE) // 2, SIZE).camera(CAMERA)
-
-
 def _todo(
-    frames: Frames, predicted: LabelSet, failed: list[tuple[str, str]], progress: Callable[[int], None]
+    frames: LabelledFrames,
+    predicted: LabelSet,
+    failed: list[tuple[str, str]],
+    progress: Callable[[int], None],
 ) -> Iterator[FrameLabels]:
     """Frames not done by an earlier run; notes those that cannot be read."""
     done = set(predicted.frame_ids)
-    for frame in _readable(frames, failed, progress):
+    for entry in frames.entries():
+        try:
+            frame = frames.load(entry)
+        except FormatError as error:
+            failed.append((entry.frame_id, str(error)))
+            progress(1)
+            continue
         if frame.frame_id in done:
             check_same(predicted, frame.frame_id, frame.depth_mm)
-            progress(1)
-        else:
-            yield frame
-
-
-def _readable(
-    frames: Frames, failed: list[tuple[str, str]], progress: Callable[[int], None]
-) -> Iterator[FrameLabels]:
-    if not isinstance(frames, LabelSet):
-        yield from frames
-        return
-    for frame_id in frames.frame_ids:
-        try:
-            frame = frames.read(frame_id)
-        except FormatError as error:
-            failed.append((frame_id, str(error)))
             progress(1)
         else:
             yield frame

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Float64
 from annotate.parts import BODY_PARTS
 from eval.compare import paper
 from eval.report.estimates import Estimate
@@ -180,9 +181,7 @@ def band(x: Sequence[Any], found: Sequence[Estimate], color: str) -> list[Figure
     ]
 
 
-def stacked_shares(
-    rows: Sequence[tuple[str, Sequence[tuple[str, tuple[int, int, int], float]]]],
-) -> Figure:
+def stacked_shares(rows: Sequence[tuple[str, Sequence[tuple[str, tuple[int, int, int], float]]]]) -> Figure:
     """One bar a row, its shares (name, RGB, share) side by side."""
     kinds = [(name, rgb) for name, rgb, _ in rows[0][1]]
     titles = [short(title) for title, _ in rows]
@@ -201,9 +200,7 @@ def stacked_shares(
     return figure(data, height, layout)
 
 
-def spreads(
-    boxes: Sequence[tuple[str, Sequence[str], NDArray[np.float64], Sequence[str], str]], y_title: str
-) -> Figure:
+def spreads(boxes: Sequence[tuple[str, Sequence[str], Float64, Sequence[str], str]], y_title: str) -> Figure:
     """Distributions by group, every value a point: (name, group of each, values, text of each, colour)."""
     data = [
         {"type": "box", "name": short(name), "x": [short(g, 16) for g in group], "y": numbers(values),
@@ -217,7 +214,7 @@ def spreads(
     return figure(data, 340, {"boxmode": "group", "yaxis": y, "xaxis": {"showgrid": False}})
 
 
-def boxpoints(values: NDArray[np.float64]) -> str:
+def boxpoints(values: Float64) -> str:
     """Which values are shown as points."""
     return "all" if len(values) <= MAX_POINTS else "outliers"
 

@@ -2,8 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64
 from annotate.crop import SIZE
 from eval.report.figures import CANVAS, Image
 
@@ -12,10 +12,7 @@ THERMAL_RANGE_C = (18.0, 36.0)
 
 
 def render_thermal_cloud(
-    points_m: NDArray[np.float32],
-    temperature_c: NDArray[np.float32],
-    yaw_deg: float = 22.0,
-    pitch_deg: float = 10.0,
+    points_m: Float32, temperature_c: Float32, yaw_deg: float = 22.0, pitch_deg: float = 10.0
 ) -> Image:
     """An organised cloud seen from slightly aside, coloured by temperature: (212, 212, 3).
 
@@ -46,9 +43,7 @@ def render_thermal_cloud(
     return image
 
 
-def _orbit(
-    points_m: NDArray[np.float32], drawn: NDArray[np.bool_], yaw_deg: float, pitch_deg: float
-) -> NDArray[np.float64]:
+def _orbit(points_m: Float32, drawn: Bool, yaw_deg: float, pitch_deg: float) -> Float64:
     """Points (h, w, 3) in the frame of a viewer who moved around the cloud's middle."""
     low, high = np.percentile(points_m[drawn], [2, 98], axis=0)
     middle = (low + high) / 2
@@ -56,29 +51,29 @@ def _orbit(
     about_y = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
     about_x = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
     distance_m = max(float(np.linalg.norm(middle)), 2.0 * float((high - low).max()))
-    turned: NDArray[np.float64] = (points_m - middle) @ (about_x @ about_y).T + [0.0, 0.0, distance_m]
+    turned: Float64 = (points_m - middle) @ (about_x @ about_y).T + [0.0, 0.0, distance_m]
     turned[..., 2] = np.maximum(turned[..., 2], 0.1)
     return turned
 
 
-def _thermal_colors(temperature_c: NDArray[np.float32]) -> NDArray[np.float64]:
+def _thermal_colors(temperature_c: Float32) -> Float64:
     low, high = THERMAL_RANGE_C
     share = np.clip((np.nan_to_num(temperature_c, nan=low) - low) / (high - low), 0, 1)
     inferno = cv2.applyColorMap((40 + 215 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)[..., ::-1]
     return np.where(np.isnan(temperature_c)[..., None], 110.0, inferno)
 
 
-def _shade(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _shade(points: Float64) -> Float64:
     """Light from the viewer (h, w): 1 facing it, 0.55 at a grazing angle or where no normal is known."""
     across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
     normal = np.cross(across, down)
     length = np.linalg.norm(normal, axis=-1)
     facing = np.divide(np.abs(normal[..., 2]), length, out=np.zeros_like(length), where=length > 0)
-    light: NDArray[np.float64] = 0.55 + 0.45 * facing
+    light: Float64 = 0.55 + 0.45 * facing
     return light
 
 
-def _splat_px(flat: NDArray[np.float64]) -> int:
+def _splat_px(flat: Float64) -> int:
     """Side of a point's square, from points in the picture (h, w, 2): their median gap, and a bit more."""
     gap = np.linalg.norm(np.diff(flat, axis=1), axis=-1)
     gap = gap[np.isfinite(gap)]

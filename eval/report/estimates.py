@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float64, Int64
 from annotate.parts import BACKGROUND, BODY_PARTS, PARTS, Part
 from eval.compare import paper
 from eval.compare.compare import Comparison
@@ -55,11 +55,20 @@ def estimate(comparison: Comparison, name: str, *index: int) -> Estimate:
     return picked(comparison.scores[name], comparison.ci95[name], index)
 
 
-def picked(values: NDArray[np.float64], ends: NDArray[np.float64], index: tuple[int, ...] = ()) -> Estimate:
+def picked(values: Float64, ends: Float64, index: tuple[int, ...] = ()) -> Estimate:
     """One of many scores (...) with their intervals (2, ...)."""
     at: tuple[Any, ...] = (..., *index)
     low, high = ends[at]
     return Estimate(float(values[at]), float(low), float(high))
+
+
+def printed(name: str, found: Estimate, percent: str = " %", sign: str = "") -> str:
+    """A score to three digits, its interval in brackets; `SHARES` in percent; dashes where unknown."""
+    if not found.known:
+        return "--"
+    scale, digits, unit = (100, 1, percent) if name in SHARES else (1, 3, "")
+    value, low, high = (f"{e * scale:{sign}.{digits}f}" for e in (found.value, found.low, found.high))
+    return f"{value}{unit} [{low}, {high}]" if found.bounded else value + unit
 
 
 def summary_of(comparison: Comparison) -> dict[str, Estimate]:
@@ -67,7 +76,7 @@ def summary_of(comparison: Comparison) -> dict[str, Estimate]:
     return {name: estimate(comparison, name) for name in SUMMARY}
 
 
-def group_estimates(comparison: Comparison, mask: NDArray[np.bool_]) -> dict[str, Estimate]:
+def group_estimates(comparison: Comparison, mask: Bool) -> dict[str, Estimate]:
     """Mean recall and mIoU of some frames (F,) with intervals, from their confusion matrices alone.
 
     Quicker by far than `Comparison.only`, which resamples every count there is.
@@ -84,7 +93,7 @@ def group_estimates(comparison: Comparison, mask: NDArray[np.bool_]) -> dict[str
     return estimates
 
 
-def shown(table: NDArray[np.float64]) -> list[list[float]]:
+def shown(table: Float64) -> list[list[float]]:
     """A table (12, 12) by part id in the order it is shown."""
     return [[float(v) for v in row] for row in table[np.ix_(SHOWN_ORDER, SHOWN_ORDER)]]
 
@@ -110,12 +119,12 @@ def verdict(mean_recall: Estimate) -> str:
     return f"below the paper's real {real:.3f}"
 
 
-def row_shares(matrix: NDArray[np.int64]) -> NDArray[np.float64]:
+def row_shares(matrix: Int64) -> Float64:
     """A confusion matrix (12, 12) as shares of each true part's pixels, NaN for an absent part."""
     return confusion.ratio(matrix, np.broadcast_to(matrix.sum(1, keepdims=True), matrix.shape))
 
 
-def quantiles(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...]:
+def quantiles(values: Sequence[float] | Float64) -> tuple[float, ...]:
     """5th, 25th, 50th, 75th and 95th percentile of what is not NaN."""
     known = np.asarray(values, np.float64)
     known = known[~np.isnan(known)]

@@ -4,12 +4,12 @@ import base64
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.parts import BACKGROUND, LEFT_RIGHT, NEIGHBOURS, UNDEFINED, palette_rgb
 from eval.scores.confusion import Labels, named
 
-Image = NDArray[np.uint8]
+Image = UInt8
 
 CANVAS = (24, 24, 28)
 """Colour of nothing, as in the palette of parts."""
@@ -30,7 +30,7 @@ ERROR_RGB = (*_OTHERS.values(), *(rgb for _, rgb in ERROR_KINDS.values()))
 """Titles and colours of what an error picture shows; the background is first."""
 
 
-def colorize_depth(depth_mm: NDArray[np.uint16]) -> Image:
+def colorize_depth(depth_mm: UInt16) -> Image:
     """Depth (h, w) as grey (h, w, 3), near bright; its own 2nd to 98th percentile span the greys."""
     valid = depth_mm > 0
     image = np.full((*depth_mm.shape, 3), CANVAS, np.uint8)
@@ -46,7 +46,7 @@ def colorize_parts(parts: Labels) -> Image:
     return palette_rgb()[parts]
 
 
-def colorize_share(values: NDArray[np.float32]) -> Image:
+def colorize_share(values: Float32) -> Image:
     """Values (h, w) in [0, 1] from dark violet to yellow (h, w, 3); NaN is nothing."""
     known = np.isfinite(values)
     levels = np.where(known, np.clip(values, 0, 1) * 255, 0).astype(np.uint8)
@@ -81,7 +81,7 @@ def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
     return kinds
 
 
-def _pairs(pairs: tuple[tuple[int, ...], ...]) -> NDArray[np.bool_]:
+def _pairs(pairs: tuple[tuple[int, ...], ...]) -> Bool:
     table = np.zeros((256, 256), np.bool_)
     for a, b in pairs:
         table[a, b] = table[b, a] = True

@@ -4,19 +4,19 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.crop import SIZE, Crop, crop_around
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.frames import LabelledFrames
 from annotate.parts import BACKGROUND, BODY_PARTS, on_body
 from eval.compare.compare import Comparison
-from eval.compare.pairs import Reader, pair_up
+from eval.compare.pairs import pair_up
 from eval.report import figures
 from eval.report.cloud_picture import render_thermal_cloud
 from eval.report.figures import Image
 from eval.scores import confusion
-from eval.scores.frames import Frames
 
 ROOM_M = 0.7
 """How far in front of and behind the person the thermal cloud shows the room."""
@@ -35,7 +35,7 @@ class GalleryFrame:
     """
 
     frame_id: str
-    columns: dict[str, NDArray[np.uint8]]
+    columns: dict[str, UInt8]
     group: str = ""
     subject: str = ""
     miou: float = np.nan
@@ -54,20 +54,16 @@ def pick_frames(comparison: Comparison, each: int = EACH, seed: int = 0) -> dict
 
 
 def read_pairs(
-    predicted: Frames, truth: Frames, frame_ids: Collection[str]
+    predicted: LabelledFrames, truth: LabelledFrames, frame_ids: Collection[str]
 ) -> dict[str, tuple[FrameLabels, FrameLabels]]:
-    """Prediction and truth of some frames by id, each shard of a dataset being read once.
+    """Prediction and truth of some frames by id.
 
     Raises FormatError where a frame is corrupt, CloudError where one is missing.
     """
-    chosen = [pair for pair in pair_up(predicted, truth)[0] if pair.frame_id in set(frame_ids)]
-    guesses, targets = Reader(predicted), Reader(truth)
     return {
-        pair.frame_id: (
-            guesses.read(pair.frame_id, pair.predicted_shard),
-            targets.read(pair.frame_id, pair.truth_shard),
-        )
-        for pair in chosen
+        pair.truth.frame_id: (predicted.load(pair.predicted), truth.load(pair.truth))
+        for pair in pair_up(predicted, truth)[0]
+        if pair.truth.frame_id in frame_ids
     }
 
 
@@ -106,7 +102,7 @@ def make_shown_frame(labels: FrameLabels, cloud: ThermalCloud | None = None) -> 
 
 
 def _input_columns(
-    frame: FrameLabels, person: NDArray[np.bool_], crop: Crop, cloud: ThermalCloud | None
+    frame: FrameLabels, person: Bool, crop: Crop, cloud: ThermalCloud | None
 ) -> dict[str, Image]:
     """What the labelling had to go by: the thermal cloud, if any, and the person's depth."""
     depth = crop.cut(np.where(person, frame.depth_mm, np.uint16(0)), 0)
@@ -116,12 +112,12 @@ def _input_columns(
     return columns
 
 
-def _square(person: NDArray[np.bool_]) -> Crop:
+def _square(person: Bool) -> Crop:
     """What the pictures show of a mask (h, w): the person, or all where nobody is."""
     return crop_around(person, MARGIN) if person.any() else Crop(0, 0, max(person.shape))
 
 
-def _cloud_picture(cloud: ThermalCloud, person: NDArray[np.bool_], crop: Crop) -> Image:
+def _cloud_picture(cloud: ThermalCloud, person: Bool, crop: Crop) -> Image:
     side = crop.side
     points, temperature = crop.cut(cloud.points_m, np.nan, side), crop.cut(cloud.temperature_c, np.nan, side)
     shown = crop.cut(person & cloud.valid, False, side)

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from annotate.array_types import Bool
 from annotate.parts import BODY_PARTS, Part
 from eval.compare import paper
 from eval.compare.paired import Difference
 from eval.compare.results import Result
 from eval.report.estimates import Estimate, group_estimates, picked
-from eval.scores.traits import Mask, groups
+from eval.scores.traits import groups
 
 MAX_VALUES = 24
 """Values of a trait listed at most, the most frequent ones: a thousand subjects make no table."""
@@ -93,7 +94,7 @@ def group_tables(results: Sequence[Result]) -> list[GroupTable]:
     return [table for table in tables if len(table.rows) > 1]
 
 
-def _group_table(title: str, results: Sequence[Result], masks: Sequence[Mapping[str, Mask]]) -> GroupTable:
+def _group_table(title: str, results: Sequence[Result], masks: Sequence[Mapping[str, Bool]]) -> GroupTable:
     counts = Counter[str]()
     for found in masks:
         counts.update({value: int(mask.sum()) for value, mask in found.items()})
@@ -114,7 +115,7 @@ def _place(value: str) -> tuple[bool, float]:
     return (False, float(start[2]) - bool(start[1]) * 1e-3) if start else (True, 0.0)
 
 
-def _cell(result: Result, mask: Mask | None) -> GroupCell:
+def _cell(result: Result, mask: Bool | None) -> GroupCell:
     if mask is None or not mask.any():
         return GroupCell(0, {})
     return GroupCell(int(mask.sum()), group_estimates(result.comparison, mask))

@@ -10,15 +10,15 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction import audit
 from annotate.frame_labels import FrameLabels
-from annotate.labelset import dataset, store
+from annotate.labelset.frames import camera_of
 from annotate.labelset.journal import Journal
+from annotate.labelset.open_frames import holds_frames, open_frames
 from annotate.labelset.store import LabelSet
 from eval.compare.results import Result
 from eval.report.gallery import EACH, GalleryFrame, make_frame, make_shown_frame, pick_frames, read_pairs
 from eval.report.history import load_training
 from eval.report.material import Material, ShownSet
 from eval.report.scenes import Scene, make_scene
-from eval.scores.frames import camera_of, open_frames
 from sensors.errors import CloudError
 from sensors.session.reader import Session
 
@@ -83,7 +83,7 @@ def gather(
 def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[GalleryFrame], list[Scene]]:
     """A result's gallery, and the first frame of each of its groups as a scene; none without its sets."""
     sets = [Path(result.facts[name]) for name in ("predicted", "truth") if name in result.facts]
-    if len(sets) < 2 or not all(_is_set(path) for path in sets):
+    if len(sets) < 2 or not all(holds_frames(path) for path in sets):
         return [], []
     predicted, truth = (open_frames(path) for path in sets)
     picked = pick_frames(result.comparison, each)
@@ -126,7 +126,3 @@ def shown_set(labels: LabelSet, note: str, clouds: Clouds) -> ShownSet:
         if not scenes:
             scenes.append(make_scene(f"{title} · {frame_id}", frame, camera_of(labels, frame), None, cloud))
     return ShownSet(title, frames, [scene for scene in scenes if scene is not None], note)
-
-
-def _is_set(path: Path) -> bool:
-    return (path / store.MANIFEST).is_file() or (path / dataset.MANIFEST).is_file()

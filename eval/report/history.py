@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float64
 from annotate.labelset.images import decode_depth, decode_parts
 from eval.report import figures
 from sensors.errors import FormatError
@@ -34,8 +34,8 @@ class Training:
     """
 
     title: str
-    points: NDArray[np.float64]
-    epochs: NDArray[np.float64]
+    points: Float64
+    epochs: Float64
     pictures: Mapping[str, figures.Image]
     facts: Mapping[str, str]
 
@@ -58,7 +58,7 @@ def load_training(folder: Path) -> Training:
         ) from error
 
 
-def _rows(entries: list[dict[str, Any]], names: tuple[str, ...]) -> NDArray[np.float64]:
+def _rows(entries: list[dict[str, Any]], names: tuple[str, ...]) -> Float64:
     rows = [[math.nan if entry[name] is None else float(entry[name]) for name in names] for entry in entries]
     return np.array(rows, np.float64).reshape(-1, len(names))
 

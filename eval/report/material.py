@@ -10,7 +10,7 @@ from eval.compare.results import Result
 from eval.report.gallery import GalleryFrame
 from eval.report.history import Training
 from eval.report.scenes import Scene
-from eval.report.views import View, view_of
+from eval.report.views import ResultView, view_of
 from sensors.errors import CloudError
 
 
@@ -53,7 +53,7 @@ class Material:
             raise CloudError(f"two results have the title {twice!r}; evaluate one again with another --title")
 
     @cached_property
-    def views(self) -> list[View]:
+    def views(self) -> list[ResultView]:
         """What is to be said of each result."""
         return [view_of(result) for result in self.results]
 

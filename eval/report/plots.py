@@ -12,9 +12,8 @@ from eval.report.charts import Figure
 from eval.report.estimates import Estimate, estimate
 from eval.report.gap import difference_of
 from eval.report.history import Training
-from eval.report.joints_view import THRESHOLDS_MM, JointsView
 from eval.report.material import Material
-from eval.report.views import View
+from eval.report.views import THRESHOLDS_MM, JointsView, ResultView
 from eval.scores.boundary import TOLERANCES_MM, TOLERANCES_PX
 from eval.scores.reliability import reliability_curve
 
@@ -51,7 +50,7 @@ def figures_of(material: Material, joints: Sequence[JointsView]) -> dict[str, Fi
     return figures
 
 
-def _overview(views: Sequence[View], ceiling: Result | None) -> Figure:
+def _overview(views: Sequence[ResultView], ceiling: Result | None) -> Figure:
     rows = [
         (v.result.title, v.scores["mean_recall"], charts.series(i), "circle") for i, v in enumerate(views)
     ]
@@ -87,7 +86,7 @@ def _line_at(figure: Figure, x: float, text: str) -> None:
     figure["layout"]["margin"]["t"] = 24
 
 
-def _by_part(views: Sequence[View], name: str, axis: str, ceiling: Result | None) -> Figure:
+def _by_part(views: Sequence[ResultView], name: str, axis: str, ceiling: Result | None) -> Figure:
     rows = [
         (views[0].parts[i].part.title, [view.parts[i].scores[name] for view in views])
         for i in range(len(views[0].parts))
@@ -97,7 +96,7 @@ def _by_part(views: Sequence[View], name: str, axis: str, ceiling: Result | None
     return charts.forest(rows, [view.result.title for view in views], axis, references, best)
 
 
-def _error_distance(views: Sequence[View]) -> Figure:
+def _error_distance(views: Sequence[ResultView]) -> Figure:
     traces, bands = [], []
     for i, view in enumerate(views):
         labels, rates = [row.label for row in view.distances], [row.rate for row in view.distances]

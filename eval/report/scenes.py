@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Index
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.frames import pinhole_of
 from annotate.parts import on_body
 from eval.report.figures import error_kind_ids
-from eval.scores.frames import pinhole_of
 from sensors.rig.camera import Intrinsics, unproject
 
 MAX_POINTS = 14_000
@@ -59,7 +60,7 @@ def make_scene(
     return Scene(title, np.clip(shown, -32_000, 32_000).astype(np.int16), colors)
 
 
-def points_of(frame: FrameLabels, camera: Intrinsics) -> NDArray[np.float32]:
+def points_of(frame: FrameLabels, camera: Intrinsics) -> Float32:
     """Points (h, w, 3) in metres, NaN without a reading, of a depth image or of a crop of one.
 
     Raises FormatError when the frame's notes are malformed, CalibrationError when they are another image's.
@@ -68,7 +69,7 @@ def points_of(frame: FrameLabels, camera: Intrinsics) -> NDArray[np.float32]:
     return unproject(pinhole_of(frame, camera), metres)
 
 
-def _chosen(points: NDArray[np.float32], person: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _chosen(points: Float32, person: Bool) -> Index:
     """Pixels to show, evenly thinned: the person, and what lies within `ROOM_M` of the person's box."""
     body = np.flatnonzero(person)
     if not body.size:
@@ -82,6 +83,6 @@ def _chosen(points: NDArray[np.float32], person: NDArray[np.bool_]) -> NDArray[n
     return np.concatenate([_thinned(body, MAX_POINTS - around.size), around])
 
 
-def _thinned(pixels: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+def _thinned(pixels: Index, most: int) -> Index:
     keep = np.linspace(0, pixels.size - 1, min(most, pixels.size)).round().astype(np.intp)
     return pixels[keep]

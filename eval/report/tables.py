@@ -10,12 +10,14 @@ import numpy as np
 
 from annotate.parts import BODY_PARTS, PARTS
 from eval.compare import paper
-from eval.report.estimates import SHARES, SUMMARY, Estimate, row_shares, shown, shown_parts
+from eval.report.estimates import SUMMARY, Estimate, printed, row_shares, shown, shown_parts
 from eval.report.material import Material
-from eval.report.views import View
+from eval.report.views import ResultView
 
 SUFFIXES = (".csv", ".json", ".tex")
 """Of the files beside the page, in the order of `texts`."""
+
+TEX_PERCENT = r"\,\%"
 
 COLUMNS = ("result", "score", "part", "value", "low95", "high95", "frames", "people")
 
@@ -31,7 +33,7 @@ def texts(material: Material) -> dict[str, str]:
     return dict(zip(SUFFIXES, (to_csv(views), to_json(material), to_latex(views)), strict=True))
 
 
-def to_csv(views: Sequence[View]) -> str:
+def to_csv(views: Sequence[ResultView]) -> str:
     """One score a line, with its interval; empty where there is none. The paper's recalls come last."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
@@ -55,7 +57,7 @@ def to_csv(views: Sequence[View]) -> str:
     return out.getvalue()
 
 
-def _scores(view: View) -> Iterator[tuple[str, str, Estimate]]:
+def _scores(view: ResultView) -> Iterator[tuple[str, str, Estimate]]:
     for name, found in {**view.scores, **view.inside, "miou_merged": view.left_right.merged_miou}.items():
         yield name, "", found
     for row in view.parts:
@@ -93,15 +95,15 @@ def to_json(material: Material) -> str:
     return json.dumps(value, allow_nan=False, indent=1) + "\n"
 
 
-def to_latex(views: Sequence[View]) -> str:
+def to_latex(views: Sequence[ResultView]) -> str:
     r"""Tables for \input: summary, recall by part with the paper's, one confusion matrix a result."""
     blocks = [_summary_table(views), _part_table(views), *(_confusion_table(view) for view in views)]
     return "% Needs \\usepackage{booktabs}.\n\n" + "\n".join(blocks)
 
 
-def _summary_table(views: Sequence[View]) -> str:
+def _summary_table(views: Sequence[ResultView]) -> str:
     rows = [
-        [tex(view.result.title), *(_tex_cell(name, view.scores[name]) for name in SUMMARY),
+        [tex(view.result.title), *(printed(name, view.scores[name], TEX_PERCENT) for name in SUMMARY),
          str(len(view.result.comparison.frame_ids)), str(view.result.comparison.n_subjects)]
         for view in views
     ]  # fmt: skip
@@ -114,17 +116,17 @@ def _summary_table(views: Sequence[View]) -> str:
     return _tabular(["Result", *(tex(title) for title in SUMMARY.values()), "Frames", "People"], rows)
 
 
-def _part_table(views: Sequence[View]) -> str:
+def _part_table(views: Sequence[ResultView]) -> str:
     heading = ["Recall", *(tex(view.result.title) for view in views), "Paper, synthetic", "Paper, real"]
     rows = [
-        [row.part.title, *(_tex_cell("recall", view.parts[i].scores["recall"]) for view in views),
+        [row.part.title, *(printed("recall", view.parts[i].scores["recall"]) for view in views),
          f"{row.paper_synthetic:.2f}", f"{row.paper_real:.2f}"]
         for i, row in enumerate(views[0].parts)
     ]  # fmt: skip
     return _tabular(heading, rows)
 
 
-def _confusion_table(view: View) -> str:
+def _confusion_table(view: ResultView) -> str:
     heading = [tex(view.result.title), *(_short(part.title) for part in shown_parts())]
     table = shown(row_shares(view.result.comparison.confusion))
     rows = [
@@ -145,15 +147,6 @@ def _tabular(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         r"\end{tabular}",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _tex_cell(name: str, found: Estimate) -> str:
-    if not found.known:
-        return "--"
-    scale, digits = (100, 1) if name in SHARES else (1, 3)
-    value, low, high = (f"{e * scale:.{digits}f}" for e in (found.value, found.low, found.high))
-    unit = r"\,\%" if name in SHARES else ""
-    return f"{value}{unit} [{low}, {high}]" if found.bounded else value + unit
 
 
 def _short(title: str) -> str:

@@ -1,6 +1,7 @@
 """What the page shows of a result, as plain numbers in the order they are read."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from eval.report.estimates import Estimate, estimate, quantiles, row_shares, sho
 from eval.report.figures import ERROR_KINDS
 from eval.scores import confusion
 from eval.scores.confusion import MeanIou
+from eval.scores.joint_errors import summary
 from eval.scores.summary import DISTANCES
 
 MAX_ROWS = 200
@@ -20,6 +22,10 @@ MAX_ROWS = 200
 PART_SCORES = {"recall": "Recall", "precision": "Precision", "iou": "IoU", "dice": "Dice",
                "boundary_iou_by_part": "Boundary IoU"}  # fmt: skip
 """Scores of a part, with their titles."""
+
+
+THRESHOLDS_MM = tuple(range(0, 301, 10))
+"""Distances of the PCK curve, millimetres."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +80,7 @@ class LeftRight:
 
 
 @dataclass(frozen=True)
-class View:
+class ResultView:
     """Everything the page says about one result, except its pictures."""
 
     result: Result
@@ -95,7 +101,7 @@ class View:
     absent: list[str]
 
 
-def view_of(result: Result) -> View:
+def view_of(result: Result) -> ResultView:
     """Derive all numbers of one result's sections from its counts."""
     comparison = result.comparison
     matrix = comparison.confusion
@@ -103,7 +109,7 @@ def view_of(result: Result) -> View:
     errors = _error_rows(comparison)
     scores = summary_of(comparison)
     inside = ("mean_recall_person", "miou_person", "error_rate_inside", "error_rate_near", "mean_recall_all")
-    return View(
+    return ResultView(
         result=result,
         scores=scores,
         verdict=verdict(scores["mean_recall"]),
@@ -162,7 +168,7 @@ def _left_right(comparison: Comparison, errors: list[ErrorRow]) -> LeftRight:
         swap_rate=estimate(comparison, "left_right_swap_rate"),
         share_of_errors=swapped.share,
         merged_miou=estimate(comparison, "miou_merged"),
-        flipped_frames=int(confusion.by_frame(confusion.flip_helps, comparison.matrices).sum()),
+        flipped_frames=int(confusion.flip_helps(comparison.matrices).sum()),
     )
 
 
@@ -184,3 +190,22 @@ def _frame_rows(comparison: Comparison) -> list[tuple[str, str, str, float]]:
         )
         for i in order
     ]
+
+
+@dataclass(frozen=True)
+class JointsView:
+    """A result's joints. total: see `joint_errors.summary`. pck: shares within each of `THRESHOLDS_MM`."""
+
+    title: str
+    total: dict[str, Any]
+    pck: list[float]
+
+
+def joints_of(result: Result) -> JointsView | None:
+    """None where the truth knew no joints."""
+    errors = result.comparison.joints_mm
+    if errors is None or np.isnan(errors).all():
+        return None
+    scored = errors[~np.isnan(errors)]
+    pck = [float((scored <= limit).mean()) for limit in THRESHOLDS_MM]
+    return JointsView(result.title, summary(errors), pck)

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64, Int64
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED, on_body
 from eval.scores.confusion import Counts, Labels, Scores, ratio
 from sensors.rig.nearest import Nearest
@@ -34,16 +34,11 @@ N_DISTANCES = len(DISTANCE_EDGES_PX) + 1
 
 _PART_APART = np.array([1.0, 1.0, 1e6])
 
-Distances = NDArray[np.float32]
-
 
 def border_parts(labels: Labels) -> Labels:
     """Part ids on the border pixels, 0 elsewhere: (h, w) -> (h, w)."""
     border = np.zeros(labels.shape, np.bool_)
-    for here, there in (
-        (np.s_[1:], np.s_[:-1]),
-        (np.s_[:, 1:], np.s_[:, :-1]),
-    ):
+    for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         a, b = labels[here], labels[there]
         differ = (a != b) & (a != UNDEFINED) & (b != UNDEFINED)
         border[here] |= differ
@@ -51,7 +46,7 @@ def border_parts(labels: Labels) -> Labels:
     return np.where(border & (labels != UNDEFINED), labels, np.uint8(BACKGROUND))
 
 
-def distance_to(border: Labels) -> Distances:
+def distance_to(border: Labels) -> Float32:
     """Distance of every pixel (h, w) to the nearest border pixel, Euclidean, pixels; inf without one."""
     free = (border == BACKGROUND).astype(np.uint8)
     if free.all():
@@ -73,15 +68,13 @@ def boundary_counts(of_truth: Labels, of_prediction: Labels, tolerances_px: Sequ
     return np.array([[near, len(drawn), found, len(true)] for near, found in within], np.int64)
 
 
-def _points(border: Labels) -> NDArray[np.int64]:
+def _points(border: Labels) -> Int64:
     """Row, column and part of the border pixels (n, 3)."""
     rows, columns = np.nonzero(border)
     return np.stack([rows, columns, border[rows, columns]], axis=-1).astype(np.int64)
 
 
-def _apart(
-    points: NDArray[np.int64], others: NDArray[np.int64], met: NDArray[np.bool_], reach: float
-) -> NDArray[np.float64]:
+def _apart(points: Int64, others: Int64, met: Bool, reach: float) -> Float64:
     """Distance to the nearest of the others of the same part, exact within the reach; met: where it is 0."""
     apart = np.where(met[points[:, 0], points[:, 1]], 0.0, np.inf)
     open_ = apart > 0
@@ -104,7 +97,7 @@ def boundary_f(counts: Counts) -> Scores:
 
 
 def band_counts(
-    truth: Labels, predicted: Labels, away: tuple[Distances, Distances], widths_px: Sequence[float]
+    truth: Labels, predicted: Labels, away: tuple[Float32, Float32], widths_px: Sequence[float]
 ) -> Counts:
     """Intersection and union of the bands along each part's outline: int64 (W, 12, 2).
 
@@ -125,7 +118,7 @@ def band_counts(
     return counts
 
 
-def errors_by_distance(truth: Labels, predicted: Labels, away: Distances) -> Counts:
+def errors_by_distance(truth: Labels, predicted: Labels, away: Float32) -> Counts:
     """Wrong and all person pixels of the truth by part and distance to a border: int64 (12, 7, 2).
 
     away: distance to the borders of the truth, 0 on the border itself; bins end at `DISTANCE_EDGES_PX`.

@@ -10,21 +10,17 @@ Three rules hold throughout:
 - A class without pixels has the score NaN, which means leave it out, so it is never scored 0 or 1.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float64, Int64, UInt8
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, NEIGHBOURS, UNDEFINED, swap_left_right
-from eval.scores.big_arrays import blocks
 
-K = TypeVar("K", bound=np.generic)
-
-Labels = NDArray[np.uint8]
-Counts = NDArray[np.int64]
-Scores = NDArray[np.float64]
+Labels = UInt8
+Counts = Int64
+Scores = Float64
 
 WORST_SHARE = 0.05
 """Share of the frames, the worst by mIoU, whose mean is the worst case (Wang et al. 2023, q = 5)."""
@@ -112,11 +108,6 @@ def miou(matrix: Counts) -> Scores:
     return over_parts(iou(matrix))
 
 
-def by_frame(score: Callable[[Counts], NDArray[K]], matrices: Counts) -> NDArray[K]:
-    """A score of each frame, (F, 12, 12) -> (F, ...): of few at a time, since many leave little memory."""
-    return np.concatenate([score(matrices[rows]) for rows in blocks(len(matrices))])
-
-
 @dataclass(frozen=True)
 class MeanIou:
     """Mean IoU of the body parts, averaged in the ways that answer different questions.
@@ -135,13 +126,13 @@ class MeanIou:
 
 def mean_ious(matrices: Counts) -> MeanIou:
     """The four mean IoUs of a set: (frames, 12, 12)."""
-    mious = np.sort(by_frame(miou, matrices))
+    mious = np.sort(miou(matrices))
     mious = mious[~np.isnan(mious)]
     worst = mious[: max(1, int(np.ceil(WORST_SHARE * mious.size)))]
     return MeanIou(
         over_set=float(miou(matrices.sum(0))),
         over_images=float(present_mean(mious, axis=0)),
-        over_parts=float(over_parts(present_mean(by_frame(iou, matrices), axis=0))),
+        over_parts=float(over_parts(present_mean(iou(matrices), axis=0))),
         worst=float(present_mean(worst, axis=0)),
     )
 
@@ -181,7 +172,7 @@ def left_right_swap_rate(matrix: Counts) -> Scores:
     return ratio(_swapped(matrix), matrix[..., limbs, :].sum((-1, -2)))
 
 
-def flip_helps(matrix: Counts) -> NDArray[np.bool_]:
+def flip_helps(matrix: Counts) -> Bool:
     """Whether exchanging left and right in the whole prediction would raise mIoU (...)."""
     return np.asarray(miou(matrix[..., _TWIN]) > miou(matrix))
 

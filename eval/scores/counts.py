@@ -7,11 +7,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Int64
 from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES, UNDEFINED, on_body
 from eval.scores import boundary, confusion, reliability
-from eval.scores.big_arrays import blocks, room
 from eval.scores.boundary import N_DISTANCES, TOLERANCES_MM, TOLERANCES_PX, WIDTHS_MM, WIDTHS_PX
 from eval.scores.confusion import Counts, Labels
 
@@ -35,6 +35,14 @@ SHAPES = {
 
 WIDTH = sum(math.prod(shape) for shape in SHAPES.values())
 """Numbers counted of one frame."""
+
+BLOCK = 512
+"""Rows that are worked on at once where a result would need a multiple of their memory; chosen by eye."""
+
+
+def blocks(rows: int) -> list[slice]:
+    """Slices of at most BLOCK rows, in order."""
+    return [slice(start, min(start + BLOCK, rows)) for start in range(0, rows, BLOCK)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,20 +98,14 @@ class FrameCounts:
         """The counts at an index of the leading axes."""
         return type(self)(self.flat[index])
 
-    def taken(self, frames: NDArray[np.int64]) -> Self:
+    def taken(self, frames: Int64) -> Self:
         """The counts of some frames (F,), in this order."""
-        flat: NDArray[Any] = room((len(frames), WIDTH), self.flat.dtype)
-        for rows in blocks(len(frames)):
-            flat[rows] = self.flat[frames[rows]]
-        return type(self)(flat)
+        return type(self)(self.flat[frames])
 
-    def total(self, frames: NDArray[np.bool_] | None = None) -> Self:
+    def total(self, frames: Bool | None = None) -> Self:
         """The sum over the first axis, or over some of it: a mask (F,)."""
-        total = np.zeros(self.flat.shape[1:], np.int64)
-        for rows in blocks(len(self.flat)):
-            block = self.flat[rows] if frames is None else self.flat[rows][frames[rows]]
-            total += block.sum(axis=0)
-        return type(self)(total)
+        where = True if frames is None else frames[:, None]
+        return type(self)(self.flat.sum(axis=0, dtype=np.int64, where=where))
 
 
 def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> FrameCounts:

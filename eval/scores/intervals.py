@@ -15,13 +15,12 @@ Graubard, Survey Methodology 24 (1998); Dean & Pagano, J. Survey Statistics and 
 """
 
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eval.scores.big_arrays import blocks
+from annotate.array_types import Float64, Int64
 from eval.scores.confusion import Scores
+from eval.scores.counts import blocks
 
 RESAMPLES = 2000
 AT_ONCE = 4_000_000
@@ -31,28 +30,23 @@ LEVEL = 0.95
 FEW = 4
 """Fewer subjects than this give an interval that rests on hardly anything."""
 
-Index: TypeAlias = NDArray[np.int64]
 
-
-def clusters_of(subjects: Sequence[str]) -> Index:
+def clusters_of(subjects: Sequence[str]) -> Int64:
     """Which cluster each frame is drawn with, int64 (F,): its subject, or itself where there is but one."""
     owner = np.unique(np.array(subjects), return_inverse=True)[1].astype(np.int64)
     return owner if owner.max(initial=0) > 0 else np.arange(len(subjects))
 
 
-def cluster_sums(counts: NDArray[np.int64], clusters: Index) -> NDArray[np.int64]:
+def cluster_sums(counts: Int64, clusters: Int64) -> Int64:
     """Sums of the frames' counts (F, K) by cluster: (C, K); the counts themselves where each is its own."""
     if np.array_equal(clusters, np.arange(len(counts))):
         return counts
-    sums = np.zeros((int(clusters.max()) + 1, counts.shape[1]), np.int64)
-    for rows in blocks(len(counts)):
-        np.add.at(sums, clusters[rows], counts[rows].astype(np.int64))
-    return sums
+    order = np.argsort(clusters, kind="stable")
+    own = np.split(order, np.cumsum(np.bincount(clusters))[:-1])
+    return np.stack([counts[frames].sum(axis=0, dtype=np.int64) for frames in own])
 
 
-def resampled_sums(
-    by_cluster: NDArray[np.int64], resamples: int = RESAMPLES, seed: int = SEED
-) -> NDArray[np.int64]:
+def resampled_sums(by_cluster: Int64, resamples: int = RESAMPLES, seed: int = SEED) -> Int64:
     """Sums over each resample of as many clusters as there are: (C, K) -> int64 (resamples, K)."""
     n, rng = len(by_cluster), np.random.default_rng(seed)
     sums = np.zeros((resamples, by_cluster.shape[1]), np.int64)
@@ -67,7 +61,7 @@ def resampled_sums(
     return sums
 
 
-def standard_error(resampled: Scores, n: Index | int) -> Scores:
+def standard_error(resampled: Scores, n: Int64 | int) -> Scores:
     """Standard error of a score from its resamples (R, ...), estimated from n clusters (broadcast).
 
     Resamples without a score are left out. NaN where fewer than two clusters have a say.
@@ -82,16 +76,14 @@ def standard_error(resampled: Scores, n: Index | int) -> Scores:
     return np.where((n > 1) & (count > 0), widened, np.nan)
 
 
-def quantile(degrees: NDArray[np.float64] | Index | int, level: float = LEVEL) -> NDArray[np.float64]:
+def quantile(degrees: Float64 | Int64 | int, level: float = LEVEL) -> Float64:
     """Half width of a t interval in standard errors."""
     from scipy.stats import t as student
 
     return np.asarray(student.ppf((1 + level) / 2, np.maximum(degrees, 1)), np.float64)
 
 
-def interval(
-    estimate: Scores, resampled: Scores, n: Index | int, level: float = LEVEL
-) -> NDArray[np.float64]:
+def interval(estimate: Scores, resampled: Scores, n: Int64 | int, level: float = LEVEL) -> Float64:
     """Interval of shares: estimate (...), its resamples (R, ...), n clusters behind it -> (2, ...).
 
     NaN where the estimate is NaN or rests on one cluster; the estimate itself where no resample differs.
@@ -108,20 +100,15 @@ def interval(
     return np.where(certain & ~np.isnan(error), value, ends)
 
 
-def paired_interval(
-    value: Scores, resampled: Scores, n: Index | int, level: float = LEVEL
-) -> NDArray[np.float64]:
+def paired_interval(value: Scores, resampled: Scores, n: Int64 | int, level: float = LEVEL) -> Float64:
     """Interval of a difference on the same frames: (...), its resamples (R, ...), n clusters -> (2, ...)."""
     half = standard_error(resampled, n) * quantile(np.asarray(n) - 1, level)
     return np.clip(np.stack([value - half, value + half]), -1.0, 1.0)
 
 
 def unpaired_interval(
-    value: Scores,
-    resampled: tuple[Scores, Scores],
-    n: tuple[Index | int, Index | int],
-    level: float = LEVEL,
-) -> NDArray[np.float64]:
+    value: Scores, resampled: tuple[Scores, Scores], n: tuple[Int64 | int, Int64 | int], level: float = LEVEL
+) -> Float64:
     """Interval of a difference of two samples, each with its resamples (R, ...) and clusters -> (2, ...).
 
     The errors add up, with Welch's degrees of freedom (Biometrika 34, 1947).

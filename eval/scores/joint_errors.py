@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Float64
 from annotate.frame_labels import FrameLabels
-from eval.scores.frames import pinhole_of
-from eval.scores.joints import HINGES, IN_SKELETON, JOINT_NAMES, LIMBS, N_JOINTS, Float64, Measured, measure
+from annotate.labelset.frames import pinhole_of
+from eval.scores.joints import HINGES, IN_SKELETON, JOINT_NAMES, LIMBS, N_JOINTS, Measured, measure
 from eval.scores.skeleton_fit import fit_skeletons
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics, project

@@ -8,14 +8,12 @@ one of the limb's joints to the other. ``skeleton_fit`` makes a skeleton of thes
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float64, Int64, UInt8, UInt16
 from annotate.crop import window_of
 from annotate.parts import N_CLASSES, PART_ID, on_body
 from sensors.rig.camera import Intrinsics
 from synth.body.skeleton import JOINT_ID
-
-Float64 = NDArray[np.float64]
 
 _SIDED = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 JOINT_NAMES = ("head", "neck", "pelvis", *(f"{side}_{kind}" for side in ("left", "right") for kind in _SIDED))
@@ -108,14 +106,14 @@ class Measured:
 
     borders: Float64
     middles: Float64
-    direct: NDArray[np.bool_]
+    direct: Bool
 
-    def __getitem__(self, frames: slice | NDArray[np.int64]) -> "Measured":
+    def __getitem__(self, frames: slice | Int64) -> "Measured":
         """Some of several frames."""
         return Measured(self.borders[frames], self.middles[frames], self.direct[frames])
 
 
-def measure(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], camera: Intrinsics) -> Measured:
+def measure(parts: UInt8, depth_mm: UInt16, camera: Intrinsics) -> Measured:
     """Borders and middles of the parts (h, w) over a depth image (h, w) of an undistorted camera."""
     named = on_body(parts) & (depth_mm > 0)
     borders = np.full((len(HINGES), 3), np.nan)
@@ -142,7 +140,7 @@ def measure(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], camera: Intr
     return Measured(borders, middles, direct)
 
 
-def _points(depth_mm: NDArray[np.uint16], camera: Intrinsics, top: int, left: int) -> Float64:
+def _points(depth_mm: UInt16, camera: Intrinsics, top: int, left: int) -> Float64:
     """Points (h, w, 3) of a window of a depth image; (top, left) is its corner."""
     points = np.empty((*depth_mm.shape, 3))
     height, width = depth_mm.shape
@@ -152,7 +150,7 @@ def _points(depth_mm: NDArray[np.uint16], camera: Intrinsics, top: int, left: in
     return points
 
 
-def _by_part(labels: NDArray[np.uint8], points_mm: Float64) -> dict[str, Float64]:
+def _by_part(labels: UInt8, points_mm: Float64) -> dict[str, Float64]:
     """Points (n, 3) of every part by name, at most MAX_POINTS, evenly chosen."""
     index = np.flatnonzero(labels)
     label = labels.ravel()[index]
@@ -166,7 +164,7 @@ def _by_part(labels: NDArray[np.uint8], points_mm: Float64) -> dict[str, Float64
     return of_part
 
 
-def _crossings(labels: NDArray[np.uint8], points_mm: Float64) -> dict[frozenset[int], Float64]:
+def _crossings(labels: UInt8, points_mm: Float64) -> dict[frozenset[int], Float64]:
     """Midpoints (n, 3) of neighbouring pixels of different parts that touch, by pair of part ids."""
     pairs, middles = [], []
     height, width = labels.shape

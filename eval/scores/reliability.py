@@ -7,8 +7,8 @@ names none, label sets hold no confidence.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Int64
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED, on_body
 from eval.scores.confusion import Counts, Labels, Scores, ratio
 
@@ -19,9 +19,7 @@ LEVELS = 255
 """Confidence is counted in steps of 1/255, as label sets store it: sums stay whole numbers."""
 
 
-def reliability_counts(
-    truth: Labels, predicted: Labels, confidence: NDArray[np.float32], near: NDArray[np.bool_]
-) -> Counts:
+def reliability_counts(truth: Labels, predicted: Labels, confidence: Float32, near: Bool) -> Counts:
     """Pixels, right ones, sum of confidence in 1/255, by bin, inside and near borders: int64 (2, 15, 3)."""
     told = _told(truth, predicted)
     level = _level(confidence[told])
@@ -35,7 +33,7 @@ def reliability_counts(
     return np.stack([pixels, hits, sums], axis=-1).reshape(2, N_BINS, 3).astype(np.int64)
 
 
-def label_quality(truth: Labels, predicted: Labels, confidence: NDArray[np.float32]) -> Counts:
+def label_quality(truth: Labels, predicted: Labels, confidence: Float32) -> Counts:
     """Sum of each true label's probability in 1/255, and pixels, by true part: int64 (12, 2).
 
     A label that the prediction shares has the confidence as its probability, another one at most
@@ -48,11 +46,11 @@ def label_quality(truth: Labels, predicted: Labels, confidence: NDArray[np.float
     return np.stack([sums, np.bincount(parts, minlength=N_CLASSES)], axis=-1).astype(np.int64)
 
 
-def _told(truth: Labels, predicted: Labels) -> NDArray[np.bool_]:
+def _told(truth: Labels, predicted: Labels) -> Bool:
     return np.asarray((truth != UNDEFINED) & on_body(predicted))
 
 
-def _level(confidence: NDArray[np.float32]) -> NDArray[np.int64]:
+def _level(confidence: Float32) -> Int64:
     return np.rint(np.clip(confidence, 0, 1) * LEVELS).astype(np.int64)
 
 

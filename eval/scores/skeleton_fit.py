@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eval.scores.big_arrays import blocks, room
-from eval.scores.joints import HINGES, JOINT, LIMBS, N_JOINTS, Float64, Measured, pushed
+from annotate.array_types import Bool, Float64
+from eval.scores.counts import blocks
+from eval.scores.joints import HINGES, JOINT, LIMBS, N_JOINTS, Measured, pushed
 
 _LIMB_BONES = (
     ("shoulder", "elbow", 260),
@@ -89,7 +89,7 @@ def fit_skeletons(measured: Measured, persons: Sequence[str]) -> Float64:
     persons: who is seen in each frame; frames of one person share the lengths of bones, left and right
     alike. NaN where the parts do not tell where a joint is.
     """
-    joints: Float64 = room((len(persons), N_JOINTS, 3), np.float64)
+    joints = np.empty((len(persons), N_JOINTS, 3))
     ratio = np.empty((len(persons), len(BONES)))
     for rows in blocks(len(persons)):
         frames = measured[rows]
@@ -114,7 +114,7 @@ def _terms(measured: Measured) -> _Terms:
     return _Terms(np.where(there[..., None], values, 0), there / sigma**2)
 
 
-def _known(measured: Measured) -> NDArray[np.bool_]:
+def _known(measured: Measured) -> Bool:
     """Joints (F, 15) that are determined: by a border, or along a limb from a known end, or by the hips."""
     known = np.zeros((len(measured.borders), N_JOINTS), np.bool_)
     for i, hinge in enumerate(HINGES):
@@ -132,7 +132,7 @@ def _known(measured: Measured) -> NDArray[np.bool_]:
     return known
 
 
-def _ratio(joints_mm: Float64, known: NDArray[np.bool_]) -> Float64:
+def _ratio(joints_mm: Float64, known: Bool) -> Float64:
     """Lengths of bones over the usual ones (F, bones), by joints (F, 15, 3); NaN where an end is unknown."""
     a, b = _ENDS.T
     ratio: Float64 = np.linalg.norm(joints_mm[:, a] - joints_mm[:, b], axis=-1) / _USUAL_MM

@@ -8,8 +8,8 @@ from sys import intern
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, UInt16
 from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels, Status
 from annotate.parts import on_body
@@ -20,8 +20,6 @@ INVALID_EDGES = (0.01, 0.05, 0.1, 0.2)
 MAX_CHARS, MAX_CAUSES = 100, 30
 """Bounds on what notes, which come from files, may add to a result."""
 NOTHING_HARD = "nothing named"
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,7 @@ def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) ->
     )
 
 
-def groups(subjects: Sequence[str], traits: Sequence[Traits]) -> dict[str, dict[str, Mask]]:
+def groups(subjects: Sequence[str], traits: Sequence[Traits]) -> dict[str, dict[str, Bool]]:
     """Frames (F,) by trait and value, in the order to show; kinds that no frame tells are left out.
 
     A frame with several causes of hardness is in several groups.
@@ -84,12 +82,12 @@ def groups(subjects: Sequence[str], traits: Sequence[Traits]) -> dict[str, dict[
     return {kind: masks for kind, masks in shown.items() if masks}
 
 
-def _same(values: Iterable[str]) -> dict[str, Mask]:
+def _same(values: Iterable[str]) -> dict[str, Bool]:
     array = np.array(list(values), np.str_)
     return {str(value): array == value for value in np.unique(array) if value}
 
 
-def _binned(values: Sequence[float], edges: tuple[float, ...], scale: float, unit: str) -> dict[str, Mask]:
+def _binned(values: Sequence[float], edges: tuple[float, ...], scale: float, unit: str) -> dict[str, Bool]:
     array = np.array(values, np.float64)
     first, last = (f"{edge * scale:g} {unit}" for edge in (edges[0], edges[-1]))
     bins = {f"under {first}": array < edges[0]}
@@ -99,7 +97,7 @@ def _binned(values: Sequence[float], edges: tuple[float, ...], scale: float, uni
     return bins
 
 
-def _invalid_share(depth_mm: NDArray[np.uint16], person: Mask) -> float:
+def _invalid_share(depth_mm: UInt16, person: Bool) -> float:
     box = window_of(person)
     if not depth_mm[box].size:
         return math.nan

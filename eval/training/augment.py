@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from annotate.array_types import Bool, Float32, UInt8
 from annotate.crop import MARGIN, NEAREST
 from annotate.parts import BACKGROUND, swap_left_right
-from eval.training.occluders import Depth, Mask, Parts, boarded, draped, field, noise_of, things
+from eval.training.occluders import boarded, draped, field, noise_of, things
 
 MIN_LEFT, MIN_UNCOVERED = 0.6, 0.3
 """Share of a person's pixels that occluders and cuts leave together, and a blanket with them; a worse draw is
@@ -43,7 +44,9 @@ class Augmentation:
     extras: bool = True
 
 
-def augment(depth: Depth, parts: Parts, how: Augmentation, rng: np.random.Generator) -> tuple[Depth, Parts]:
+def augment(
+    depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.Generator
+) -> tuple[Float32, UInt8]:
     """A harder copy of a crop. What is taken away has depth 0 and is background; so are things, with depth.
 
     After a cut the crop is fitted anew to what is left, as it would be around a real extraction.
@@ -71,8 +74,8 @@ def augment(depth: Depth, parts: Parts, how: Augmentation, rng: np.random.Genera
 
 
 def _incomplete(
-    depth: Depth, parts: Parts, how: Augmentation, rng: np.random.Generator
-) -> tuple[Depth, Parts]:
+    depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.Generator
+) -> tuple[Float32, UInt8]:
     """Hidden by things and cut by the extraction; as it was where too little would be left."""
     least, whole = MIN_LEFT, (depth, parts)
     if how.occluders:
@@ -88,7 +91,7 @@ def _incomplete(
     return np.where(kept, depth, np.float32(0)), np.where(kept, parts, np.uint8(BACKGROUND))
 
 
-def _taken_away(person: Mask, how: Augmentation, rng: np.random.Generator) -> Mask:
+def _taken_away(person: Bool, how: Augmentation, rng: np.random.Generator) -> Bool:
     from synth.images.occlude import cut
 
     kept = person
@@ -106,13 +109,13 @@ def _taken_away(person: Mask, how: Augmentation, rng: np.random.Generator) -> Ma
     return kept
 
 
-def _warm_enough(person: Mask, rng: np.random.Generator) -> Mask:
+def _warm_enough(person: Bool, rng: np.random.Generator) -> Bool:
     """All but the coldest patches, up to 30 % of the person: wet or thick clothes, cold limbs."""
     warmth = field(person.shape, int(rng.integers(4, 10)), rng)
     return np.asarray(warmth > np.quantile(warmth[person], rng.uniform(0, 0.3)), np.bool_)
 
 
-def _ragged(person: Mask, rng: np.random.Generator) -> Mask:
+def _ragged(person: Bool, rng: np.random.Generator) -> Bool:
     """All but bits of the rim, 1 to 5 pixels wide: a thermal camera is coarser than the depth camera."""
     side = 2 * int(rng.integers(1, 6)) + 1
     inside = cv2.erode(person.astype(np.uint8), np.ones((side, side), np.uint8))
@@ -120,7 +123,7 @@ def _ragged(person: Mask, rng: np.random.Generator) -> Mask:
     return (inside > 0) | ~torn
 
 
-def _with_extras(depth: Depth, rng: np.random.Generator) -> Depth:
+def _with_extras(depth: Float32, rng: np.random.Generator) -> Float32:
     """Flat bits of furniture stuck to the silhouette, at the depth where they touch it."""
     person = depth > 0
     rim = person & (cv2.erode(person.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
@@ -140,7 +143,9 @@ def _with_extras(depth: Depth, rng: np.random.Generator) -> Depth:
     return result
 
 
-def _placed(depth: Depth, parts: Parts, how: Augmentation, rng: np.random.Generator) -> tuple[Depth, Parts]:
+def _placed(
+    depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.Generator
+) -> tuple[Float32, UInt8]:
     """Mirror, turn, and cut out the square around what is there, nearly: one resampling for all three."""
     size = depth.shape[0]
     mirror = -1.0 if how.mirror and rng.random() < 0.5 else 1.0
@@ -162,7 +167,7 @@ def _placed(depth: Depth, parts: Parts, how: Augmentation, rng: np.random.Genera
     )
 
 
-def _noise(seen: Mask, rng: np.random.Generator) -> Depth:
+def _noise(seen: Bool, rng: np.random.Generator) -> Float32:
     """Pixel noise and slow waves of up to 6 mm, and flying pixels at the rim, in the crop's units."""
     sigma, wave = rng.uniform(0, 0.003, 2)
     noise = rng.standard_normal(seen.shape, np.float32) * np.float32(sigma)
@@ -173,7 +178,7 @@ def _noise(seen: Mask, rng: np.random.Generator) -> Depth:
     return noise
 
 
-def _holes(shape: tuple[int, ...], rng: np.random.Generator) -> Mask:
+def _holes(shape: tuple[int, ...], rng: np.random.Generator) -> Bool:
     """Single pixels, up to 4 % of them, and small patches."""
     holes = rng.random(shape, np.float32) < rng.uniform(0, 0.04)
     if rng.random() < 0.5:

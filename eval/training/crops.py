@@ -12,10 +12,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Float32, Int64, UInt8, UInt16
 from annotate.crop import network_crop, normalize, person_of
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.frames import LabelledFrames
+from annotate.labelset.open_frames import open_frames
 from annotate.parts import BACKGROUND, on_body
-from eval.scores.frames import Frames, open_frames
 from sensors.errors import CloudError
 
 K = TypeVar("K", bound=np.generic)
@@ -23,7 +25,7 @@ DEPTH_STEPS = np.float32(65535)
 """Crops are kept with depth in 1 / 65535 of its range: 0.03 mm."""
 
 
-def to_crop(frame: FrameLabels) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+def to_crop(frame: FrameLabels) -> tuple[Float32, UInt8]:
     """A frame as the network's input and target, both (212, 212): depth in [0, 1] and part ids.
 
     Raises CloudError when the frame shows no person.
@@ -43,13 +45,13 @@ class Crops:
     crc32: of all images, tells these crops from others.
     """
 
-    packed: NDArray[np.uint8]
-    ends: NDArray[np.int64]
+    packed: UInt8
+    ends: Int64
     shape: tuple[int, int]
     crc32: int
 
     @classmethod
-    def of(cls, crops: Iterable[tuple[NDArray[np.uint16], NDArray[np.uint8]]]) -> "Crops":
+    def of(cls, crops: Iterable[tuple[UInt16, UInt8]]) -> "Crops":
         """Keep crops of one shape: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w).
 
         Raises CloudError where there is none, OSError where the disk has no room.
@@ -71,12 +73,12 @@ class Crops:
     def __len__(self) -> int:
         return len(self.ends)
 
-    def depth(self, index: int) -> NDArray[np.uint16]:
+    def depth(self, index: int) -> UInt16:
         """Depth of crop ``index``, (h, w) in 1 / 65535 of its range."""
         start = int(self.ends[index - 1, 1]) if index else 0
         return self._image(start, int(self.ends[index, 0]), np.uint16)
 
-    def parts(self, index: int) -> NDArray[np.uint8]:
+    def parts(self, index: int) -> UInt8:
         """Part ids of crop ``index``, (h, w)."""
         start, end = self.ends[index].tolist()
         return self._image(start, end, np.uint8)
@@ -85,11 +87,11 @@ class Crops:
         image = bytearray(zlib.decompress(self.packed[start:end].data))
         return np.frombuffer(image, kind).reshape(self.shape)
 
-    def image(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    def image(self, index: int) -> tuple[Float32, UInt8]:
         """Crop ``index``: depth float32 (h, w) in [0, 1], parts."""
         return self.depth(index).astype(np.float32) / DEPTH_STEPS, self.parts(index)
 
-    def batches(self, size: int) -> Iterator[tuple[NDArray[np.float32], NDArray[np.uint8]]]:
+    def batches(self, size: int) -> Iterator[tuple[Float32, UInt8]]:
         """Depth (B, h, w) and parts of so many crops after the other, in order."""
         for start in range(0, len(self), size):
             images = [self.image(i) for i in range(start, min(start + size, len(self)))]
@@ -124,13 +126,13 @@ def load_crops(
         ) from error
 
 
-def _kept(frame: FrameLabels) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+def _kept(frame: FrameLabels) -> tuple[UInt16, UInt8]:
     depth, parts = to_crop(frame)
     return np.rint(depth * DEPTH_STEPS).astype(np.uint16), parts
 
 
 def _teaching(
-    frames: list[Frames], without: frozenset[str], only: frozenset[str] | None
+    frames: list[LabelledFrames], without: frozenset[str], only: frozenset[str] | None
 ) -> Iterator[FrameLabels]:
     for source in frames:
         for frame in source:

@@ -90,10 +90,7 @@ def batches(images: Images, order: Order, step: int, workers: int = 0) -> Iterat
     if workers:
         check_semaphores()
     loader: DataLoader[Any] = DataLoader(
-        images,
-        batch_sampler=_After(order, step),
-        num_workers=workers,
-        pin_memory=torch.cuda.is_available(),
+        images, batch_sampler=_After(order, step), num_workers=workers, pin_memory=torch.cuda.is_available()
     )
     yield from loader
 

@@ -5,14 +5,10 @@ They have depth, in front of what they hide, and are background. Crops as in `ev
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Int64, UInt8
 from annotate.crop import NEAREST
 from annotate.parts import BACKGROUND
-
-Depth = NDArray[np.float32]
-Parts = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 TRUNK, LEGS = (2,), (10, 11)
 """Torso; lower legs: a blanket's place is told by the way from the one to the others."""
@@ -26,13 +22,13 @@ THICK = (0.005, 0.03)
 """How far a blanket's surface stands before the nearest of what is under it: 10 to 60 mm."""
 
 
-def field(shape: tuple[int, ...], cells: int, rng: np.random.Generator) -> Depth:
+def field(shape: tuple[int, ...], cells: int, rng: np.random.Generator) -> Float32:
     """Smooth noise (h, w) of about unit deviation, ``cells`` bumps across."""
     coarse = rng.standard_normal((cells, cells), np.float32)
     return np.asarray(cv2.resize(coarse, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC), np.float32)
 
 
-def things(person: Mask, count: int, half_px: tuple[float, float], rng: np.random.Generator) -> Mask:
+def things(person: Bool, count: int, half_px: tuple[float, float], rng: np.random.Generator) -> Bool:
     """Boards, bars and discs centred on random pixels of the person (h, w), half sizes in pixels."""
     canvas = np.zeros(person.shape, np.uint8)
     v, u = np.nonzero(person)
@@ -48,7 +44,7 @@ def things(person: Mask, count: int, half_px: tuple[float, float], rng: np.rando
     return canvas > 0
 
 
-def blanket(parts: Parts, rng: np.random.Generator) -> Mask:
+def blanket(parts: UInt8, rng: np.random.Generator) -> Bool:
     """A band (h, w) across the body from about the hip to the shins or beyond the feet; none without legs."""
     trunk, legs = (np.argwhere(np.isin(parts, ids)) for ids in (TRUNK, LEGS))
     if not len(trunk) or not len(legs):
@@ -61,7 +57,7 @@ def blanket(parts: Parts, rng: np.random.Generator) -> Mask:
     return np.asarray((along > begin) & (along < begin + rng.uniform(0.3, 0.9)), np.bool_)
 
 
-def draped(depth: Depth, parts: Parts, rng: np.random.Generator) -> tuple[Depth, Parts]:
+def draped(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
     """A crop with a blanket from the trunk down: it spans between the legs, hangs beyond and has folds.
 
     Where an extraction would leave it out nothing is seen: in patches, or altogether.
@@ -86,7 +82,7 @@ def draped(depth: Depth, parts: Parts, rng: np.random.Generator) -> tuple[Depth,
     return _before(depth, parts, band & hanging, surface, taken, rng)
 
 
-def boarded(depth: Depth, parts: Parts, rng: np.random.Generator) -> tuple[Depth, Parts]:
+def boarded(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
     """A crop with a flat board or disc before it: a screen on the lap, a cushion, a tray, a table's edge."""
     person = depth > 0
     if not person.any():
@@ -107,19 +103,16 @@ def boarded(depth: Depth, parts: Parts, rng: np.random.Generator) -> tuple[Depth
 
 
 def _before(
-    depth: Depth, parts: Parts, where: Mask, surface: Depth, taken: Mask, rng: np.random.Generator
-) -> tuple[Depth, Parts]:
+    depth: Float32, parts: UInt8, where: Bool, surface: Float32, taken: Bool, rng: np.random.Generator
+) -> tuple[Float32, UInt8]:
     """A crop with a surface where it is nearer than what is there. Not taken: it hides, but is not seen."""
     seen = where & ((depth == 0) | (surface < depth))
     noise, lost = noise_of(depth, rng)
     there = np.where(taken & ~lost, (surface + noise).clip(NEAREST, 1), np.float32(0))
-    return (
-        np.where(seen, there, depth).astype(np.float32),
-        np.where(seen, np.uint8(BACKGROUND), parts),
-    )
+    return (np.where(seen, there, depth).astype(np.float32), np.where(seen, np.uint8(BACKGROUND), parts))
 
 
-def noise_of(depth: Depth, rng: np.random.Generator) -> tuple[Depth, Mask]:
+def noise_of(depth: Float32, rng: np.random.Generator) -> tuple[Float32, Bool]:
     """Noise (h, w) and lost pixels as on the person itself: else what is smooth would be a thing, no body."""
     person = (depth > 0).astype(np.uint8)
     inner = cv2.erode(person, np.ones((3, 3), np.uint8)) > 0
@@ -130,7 +123,7 @@ def noise_of(depth: Depth, rng: np.random.Generator) -> tuple[Depth, Mask]:
     return noise.astype(np.float32), np.asarray(rng.random(depth.shape, np.float32) < lost, np.bool_)
 
 
-def _folds(shape: tuple[int, ...], rng: np.random.Generator) -> Depth:
+def _folds(shape: tuple[int, ...], rng: np.random.Generator) -> Float32:
     """Waves (h, w) of up to 15 mm, long in one direction."""
     long, short = int(rng.integers(2, 5)), int(rng.integers(5, 16))
     coarse = rng.standard_normal((long, short), np.float32)
@@ -138,7 +131,7 @@ def _folds(shape: tuple[int, ...], rng: np.random.Generator) -> Depth:
     return np.asarray(waves * np.float32(rng.uniform(0, 0.0075)), np.float32)
 
 
-def _filled(image: Depth, known: Mask) -> Depth:
+def _filled(image: Float32, known: Bool) -> Float32:
     """An image (h, w) with the nearest known value wherever none is known."""
     _, label = cv2.distanceTransformWithLabels(
         (~known).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
@@ -148,6 +141,6 @@ def _filled(image: Depth, known: Mask) -> Depth:
     return np.asarray(values[label], np.float32)
 
 
-def _disc(radii: NDArray[np.int64]) -> NDArray[np.uint8]:
+def _disc(radii: Int64) -> UInt8:
     width, height = (2 * int(r) + 1 for r in radii)
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, height)), np.uint8)

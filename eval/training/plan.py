@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from annotate.array_types import UInt8
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 from eval.network.compact import CompactConfig
 from eval.network.networks import NetworkConfig, described
@@ -104,7 +104,7 @@ def one_cycle(share: float) -> float:
     return 1e-4 + (1 - 1e-4) * (1 + math.cos(math.pi * (share - up) / (1 - up))) / 2
 
 
-def class_weights(recipe: Recipe, parts: NDArray[np.uint8]) -> Tensor:
+def class_weights(recipe: Recipe, parts: UInt8) -> Tensor:
     """Weight of each class (12,) in the loss, of mean 1 over the pixels of the labels (N, h, w).
 
     Background inside a person's outline is what the extraction took too much: it weighs as the rarest part.

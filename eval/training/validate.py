@@ -4,15 +4,15 @@ from collections.abc import Iterator
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
+from annotate.array_types import Int64, UInt8
 from annotate.parts import BACKGROUND, N_CLASSES
 from eval.scores.confusion import confusion_matrix
 from eval.training.crops import Crops
 
 
-def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[NDArray[np.uint8]]:
+def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[UInt8]:
     """Part ids (B, h, w) of a network on crops, as `predict` names them: a part wherever there is depth."""
     model.eval()
     device = next(model.parameters()).device
@@ -23,7 +23,7 @@ def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[NDArr
         yield np.where(depth > 0, parts.cpu().numpy(), BACKGROUND).astype(np.uint8)
 
 
-def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> NDArray[np.int64]:
+def evaluate(model: nn.Module, crops: Crops, batch: int = 32) -> Int64:
     """Confusion matrix (12, 12) of a network on crops, rows are the truth."""
     total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
     for (_, parts), labels in zip(crops.batches(batch), predicted(model, crops, batch), strict=True):
