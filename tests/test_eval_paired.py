@@ -106,7 +106,7 @@ def test_another_truth_of_the_same_frames_is_said() -> None:
     digests = tuple(replace(d, truth="corrected") for d in a.comparison.digests)
     b = Result("Corrected", replace(a.comparison, digests=digests))
     found = difference(a, b)
-    assert found.paired and found.note == "40 of 40 frames have another truth in B than in A"
+    assert found.paired and found.note == "40 of 40 frames have different truths in A and B"
 
 
 def test_a_part_that_one_side_lacks_is_null_in_the_json() -> None:

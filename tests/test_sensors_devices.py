@@ -321,7 +321,7 @@ def test_options_of_a_virtual_pyrometer_reach_the_real_driver():
 @pytest.mark.parametrize(
     ("code", "kind", "match"),
     [
-        (errno.EACCES, DeviceAccessError, r"belongs to group \w+ and you are no member|udev rule"),
+        (errno.EACCES, DeviceAccessError, r"belongs to group \w+ and you are not a member|udev rule"),
         (errno.EBUSY, DeviceBusyError, "in use by another program; close"),
         (errno.ENODEV, DeviceNotFoundError, "does not exist; plug"),
         (errno.EIO, DeviceError, r"cannot be opened \(Input/output error\); give a device node"),

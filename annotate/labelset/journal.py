@@ -18,7 +18,7 @@ MAX_BYTES = 4_000_000_000
 # A set from outside may have a link to another file in the journal's place (not ours to write), or a pipe
 # that nobody writes to.
 FLAGS = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-REMEDY = "restore it from a copy, or move it and original/ away to go on from the labels as last saved"
+REMEDY = "restore it from a copy, or move it and original/ away to continue from the last saved labels"
 """What to do about a journal that is corrupt or incomplete."""
 
 

@@ -87,7 +87,7 @@ def _paired(a: Result, b: Result, ours: Comparison, theirs: Comparison) -> Diffe
     notes = [ours.ci_note]
     other = sum(x.truth != y.truth for x, y in zip(ours.digests, theirs.digests, strict=True))
     if other:
-        notes.append(f"{other} of {count} frames have another truth in B than in A")
+        notes.append(f"{other} of {count} frames have different truths in A and B")
     if any(left_out):
         notes.append(f"{left_out[0]} frames of A and {left_out[1]} of B are not shared: left out")
     return Difference(

@@ -124,13 +124,9 @@ def note_on(subjects: Sequence[str], unknown: str) -> str:
     """What to say of an interval over these frames' subjects; "" where nothing is to be said."""
     people = set(subjects)
     if people == {unknown}:
-        return (
-            "subjects unknown: frames were drawn as if each showed somebody else; the interval is too narrow"
-        )
+        return "subjects unknown: frames were drawn as if of different people; the interval is too narrow"
     if len(people) == 1:
-        return "one subject: the interval speaks of this person's frames only, not of other people"
+        return "one subject: the interval is for the frames of this person only, not for other people"
     if len(people) < FEW:
-        return (
-            f"{len(people)} subjects: the interval is wide and rests on hardly anything; measure more people"
-        )
+        return f"{len(people)} subjects: the interval is wide and based on very little; measure more people"
     return ""

@@ -22,10 +22,10 @@ def node_error(path: Path, code: int | None) -> DeviceError:
         group = _group(path)
         if group == "root":
             return DeviceAccessError(
-                f"{path} belongs to root alone; install the device's udev rule, plug it in anew"
+                f"{path} belongs to root alone; install the device's udev rule, then plug it in again"
             )
         return DeviceAccessError(
-            f"{path} belongs to group {group} and you are no member; "
+            f"{path} belongs to group {group} and you are not a member; "
             f"run: sudo usermod -aG {group} $USER, then log in again"
         )
     if code in (errno.EBUSY, errno.EAGAIN):

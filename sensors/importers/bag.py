@@ -66,7 +66,7 @@ class Bag:
             *how,
             "no thermal images",
             *([f"not read: {', '.join(ignored[:8])}"] if ignored else []),
-            *(f"{name} is truncated: its last moments are lost" for name in cut),
+            *(f"{name} is truncated: its end is lost" for name in cut),
         )
 
     def __len__(self) -> int:

@@ -172,7 +172,7 @@ def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, 
         notes, unit_mm = [*notes, "depth in 1/5000 m, as in every TUM dataset"], TUM_UNIT_MM
     if not found.aligned:
         return RigCalibration(found.depth), unit_mm, tuple(notes)
-    notes.append("colour taken for aligned with depth, as Open3D's recorder leaves it")
+    notes.append("colour assumed to be aligned with depth, as Open3D's recorder saves it")
     return RigCalibration(found.depth, found.depth, Pose.identity()), unit_mm, tuple(notes)
 
 

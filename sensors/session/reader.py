@@ -129,7 +129,7 @@ class Session:
             if not len(self._messages[topic].stamps_ns)
         ]
         if len(self._messages[COUNTS].stamps_ns) and not len(self._messages[THERMAL].stamps_ns):
-            notes.append("thermal counts without the camera's calibration are no temperatures")
+            notes.append("thermal counts without the camera's calibration are not temperatures")
         if self.truncated:
             notes.append(f"truncated: the recording was cut off after {len(self)} frames")
         return tuple(notes)
