@@ -38,7 +38,7 @@ def lasso(i):
     return np.stack([500 + 3 * i + 130 * np.cos(angle), 420 + 110 * np.sin(angle)], axis=1)
 
 
-def actions(editor: Editor, view: select.View, pieces):
+def actions(editor: Editor, view: select.ScreenPoints, pieces):
     """What a person does, by name; each takes its round."""
     at = int(np.flatnonzero((pieces >= 0) & (editor.parts == 2))[0])
     piece = select.supervoxel(pieces, editor.parts, at)
@@ -85,7 +85,7 @@ def bench():
         naive_s, _ = median_s(lambda i: labels.write(labels.read(second)))
         correction = Correction.open(labels.path, "bench")
         editor = correction.edit(first)
-        view = select.View.of_image(editor.depth_mm, 2.0)
+        view = select.ScreenPoints.of_image(editor.depth_mm, 2.0)
         pieces = edit_supervoxels(editor.depth_mm, editor.parts, camera)
         for name, action in actions(editor, view, pieces).items():
             seconds, worst = median_s(action)

@@ -14,14 +14,12 @@ from hypothesis import strategies as st
 
 from annotate.correction.audit import audit
 from annotate.correction.correction import Correction, RestorableError
-from annotate.correction.replay import replay
-from annotate.correction.review import disagreement, disagreements
+from annotate.correction.replay import replayed
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.claim import ClaimedError
 from annotate.labelset.journal import JOURNAL, Journal, NotSavedError
 from annotate.labelset.store import LabelSet, validate
 from annotate.labelset.stroke import Gesture, Stroke, to_line
-from annotate.parts import UNDEFINED, swap_left_right
 from sensors.errors import CloudError, FormatError
 from sensors.rig.camera import Intrinsics
 
@@ -202,7 +200,7 @@ def test_recorded_work_gives_the_same_labels_again_up_to_any_stroke(folder, cut)
                 editor.paint(dab(k), 4 + k)
                 seen.append((frame_id, editor.parts.copy()))
     np.testing.assert_array_equal(
-        [frame.parts for frame in replay(LabelSet.open(again), Journal.of(mine))],
+        [replayed(LabelSet.open(again), Journal.of(mine), frame_id).parts for frame_id in FRAMES],
         [frame.parts for frame in LabelSet.open(mine)],
     )
     lines = (mine / JOURNAL).read_bytes().splitlines(keepends=True)
@@ -370,7 +368,7 @@ def test_a_journal_of_another_set_is_refused(folder, runs, says):
     other = Stroke(FRAMES[0], "paint", np.array([[3 * W, 1, 8, 9]], np.int64), 1)
     (folder / JOURNAL).write_bytes(to_line(other))
     with pytest.raises(FormatError, match="other labels"):
-        list(replay(LabelSet.open(folder), Journal.of(folder)))
+        replayed(LabelSet.open(folder), Journal.of(folder), FRAMES[0])
 
 
 def test_what_killed_processes_left_is_swept(folder):
@@ -455,22 +453,3 @@ def test_info_names_a_corrupt_journal(folder, annotate_cloud):
     done = annotate_cloud("info", folder)
     assert (done.code, done.out) == (1, "")
     assert "journal.jsonl line 1" in done.err
-
-
-def test_two_annotators_are_compared_the_most_disputed_frame_first(folder):
-    mine, theirs = (Path(shutil.copytree(folder, folder.with_name(name))) for name in ("mine", "theirs"))
-    with Correction.open(mine, "ann") as correction:
-        correction.edit(FRAMES[0]).paint(dab(0), UNDEFINED)
-        correction.edit(FRAMES[2]).swap_left_right()
-        correction.edit(FRAMES[1]).paint(dab(2), 8)
-    a, b = LabelSet.open(mine), LabelSet.open(theirs)
-    found = disagreements(a, b)
-    assert [each.frame_id for each in found] == [FRAMES[2], FRAMES[1], FRAMES[0]]
-    assert found[0].pixels == 48 and found[0].share == 0.5
-    assert found[2].pixels == 0
-    parts = b.read(FRAMES[2]).parts
-    np.testing.assert_array_equal(disagreement(parts, swap_left_right(parts)), parts == 3)
-    with pytest.raises(CloudError, match="no frame in common"):
-        disagreements(a, LabelSet.create(folder.with_name("none"), a.intrinsics, {}))
-    with pytest.raises(CloudError, match="compare two of the same frame"):
-        disagreement(parts, parts[1:])

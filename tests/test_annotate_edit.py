@@ -14,6 +14,7 @@ from annotate.correction.edit_supervoxels import edit_supervoxels
 from annotate.correction.history import History
 from annotate.correction.replay import after
 from annotate.frame_labels import FrameLabels
+from annotate.gui.drawing import Drawing
 from annotate.labelset.stroke import Gesture, Stroke, difference, from_line, to_line
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, PART_ID, UNDEFINED, swap_left_right
 from sensors.errors import CloudError, FormatError
@@ -343,20 +344,24 @@ def test_islands_go_to_what_surrounds_them_and_the_largest_piece_stays():
 # Selections
 
 
-def view_of(points_m: np.ndarray, size_px: tuple[int, int] = (200, 150)) -> select.View:
+def view_of(points_m: np.ndarray, size_px: tuple[int, int] = (200, 150)) -> select.ScreenPoints:
     """A pinhole view of points (n, 3)."""
     xy = 100 * points_m[:, :2] / points_m[:, 2:] + np.array([100, 75])
-    return select.View(xy.astype(np.float32), points_m[:, 2].astype(np.float32), size_px)
+    return select.ScreenPoints(xy.astype(np.float32), points_m[:, 2].astype(np.float32), size_px)
 
 
-def scattered(n: int = 3000, seed: int = 0) -> select.View:
+def scattered(n: int = 3000, seed: int = 0) -> select.ScreenPoints:
     rng = np.random.default_rng(seed)
     xy = rng.uniform(-20, 220, (n, 2)).astype(np.float32)
     xy[:50] = np.nan
-    return select.View(xy, np.full(n, 2, np.float32), (200, 150))
+    return select.ScreenPoints(xy, np.full(n, 2, np.float32), (200, 150))
 
 
-def on_screen(view: select.View) -> np.ndarray:
+def rectangle(view: select.ScreenPoints, corner_px, opposite_px, through: bool = False) -> np.ndarray:
+    return Drawing("rectangle", corner_px, through=through, points_px=[corner_px, opposite_px]).pixels(view)
+
+
+def on_screen(view: select.ScreenPoints) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         return (view.xy_px >= 0).all(axis=1) & (view.xy_px < view.size_px).all(axis=1)
 
@@ -386,8 +391,8 @@ def test_a_lasso_takes_the_points_inside():
 
 
 def test_a_rectangle_on_the_depth_pane_takes_its_pixels():
-    view = select.View.of_image(np.full((H, W), 1000, np.uint16), 4.0)
-    found = select.rectangle(view, (8.5, 12.5), (23.5, 4.5))
+    view = select.ScreenPoints.of_image(np.full((H, W), 1000, np.uint16), 4.0)
+    found = rectangle(view, (8.5, 12.5), (23.5, 4.5))
     expected = np.zeros((H, W), np.bool_)
     expected[1:3, 2:6] = True
     np.testing.assert_array_equal(found, np.flatnonzero(expected))
@@ -403,9 +408,9 @@ def test_what_lies_behind_is_left_alone_unless_asked():
     hidden = np.arange(u.size, 2 * u.size)
     view = view_of(np.concatenate([front, back]))
     all_of_it = (0.0, 0.0), (200.0, 150.0)
-    found = select.rectangle(view, *all_of_it)
+    found = rectangle(view, *all_of_it)
     assert set(found) >= set(range(u.size)) and not set(found) & set(hidden)
-    np.testing.assert_array_equal(select.rectangle(view, *all_of_it, through=True), np.arange(2 * u.size))
+    np.testing.assert_array_equal(rectangle(view, *all_of_it, through=True), np.arange(2 * u.size))
     assert select.nearest(view, (100, 75)) < u.size
     assert select.nearest(view, (2, 2)) is None
 

@@ -15,12 +15,9 @@ from annotate.effort.agreement import Agreement
 from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
 from annotate.effort.hand import CAREFUL, QUICK, along, length_px, loop, outline
 from annotate.effort.keystrokes import (
-    ACCEPT_S,
-    AT_A_GLANCE,
     CLICK_S,
     KEY_S,
     MENTAL_S,
-    ONE_BY_ONE,
     POINT_S,
     STEER_S,
     Tools,
@@ -96,7 +93,7 @@ def test_a_right_frame_costs_one_look():
     for parts in (person(), np.zeros((H, W), np.uint8)):
         editor, strokes = worked(parts, parts)
         assert [stroke.operation for stroke in strokes] == ["accept"]
-        assert seconds(strokes) == pytest.approx(ACCEPT_S, abs=1e-3)
+        assert seconds(strokes) == pytest.approx(MENTAL_S + KEY_S, abs=1e-3)
         np.testing.assert_array_equal(editor.parts, parts)
 
 
@@ -132,7 +129,7 @@ def test_one_look_for_many_patches_is_the_cheaper_reading():
     readings, start = [], person()
     for u in (44, 72, 100):
         start[4:20, u : u + 14] = BACKGROUND
-    for at_once in (ONE_BY_ONE, AT_A_GLANCE):
+    for at_once in (1, 4):
         editor, strokes = worked(start, person(), at_once=at_once)
         assert Agreement(person(), EVERYWHERE).of(editor.parts) >= AGREEMENT
         readings.append(seconds(strokes))
@@ -186,7 +183,7 @@ def test_a_repair_that_fails_is_undone_and_leaves_nothing(monkeypatch):
 def test_propagated_labels_come_first_and_go_again_where_they_harm():
     _, strokes = worked(with_errors(4), person(), propagated=person())
     assert [stroke.operation for stroke in strokes] == ["propagate", "accept"]
-    assert seconds(strokes) == pytest.approx(ACCEPT_S, abs=1e-3)
+    assert seconds(strokes) == pytest.approx(MENTAL_S + KEY_S, abs=1e-3)
     editor, strokes = worked(with_errors(1), person(), propagated=with_errors(9))
     assert [stroke.operation for stroke in strokes][:2] == ["propagate", "undo"]
     assert Agreement(person(), EVERYWHERE).of(editor.parts) >= AGREEMENT
@@ -203,7 +200,7 @@ def test_a_sequence_pays_once_for_a_mistake_that_stays(tmp_path):
         efforts = list(correct_set(correction, truth, annotator, lambda frame_id: None, propagating=True))
     assert all(effort.agreement >= AGREEMENT for effort in efforts)
     assert efforts[0].seconds > 10
-    assert efforts[1].seconds == pytest.approx(ACCEPT_S, abs=1e-3)
+    assert efforts[1].seconds == pytest.approx(MENTAL_S + KEY_S, abs=1e-3)
     assert efforts[1].repairs == 0
     for effort in efforts[1:]:
         assert effort.strokes[0].operation == "propagate"

@@ -119,7 +119,7 @@ HOSTILE = {
         for name, change in {
             "another field": {"shell": "rm"},
             "a missing frame": {"frame_id": None},
-            "a long name": {"who": "x" * 1000},
+            "a name of no text": {"who": 7},
             "an unknown operation": {"operation": "format"},
             "an operation of no text": {"operation": ["paint"]},
             "part 12": {"part": 12},
@@ -161,14 +161,15 @@ def test_a_line_that_is_no_stroke_is_named(tmp_path, line):
     assert journal.path.read_bytes() == before
 
 
-def test_a_line_without_end_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("annotate.labelset.journal.MAX_LINE_BYTES", 1000)
+def test_a_journal_as_large_as_the_bound_is_read_and_a_larger_one_refused(tmp_path, monkeypatch):
     journal = Journal.of(tmp_path)
-    journal.path.write_bytes(b"x" * 1001)
-    with pytest.raises(FormatError, match="longer than 1000"):
-        Journal.of(tmp_path)
-    monkeypatch.setattr("annotate.labelset.journal.MAX_BYTES", 500)
-    with pytest.raises(FormatError, match="larger than 500"):
+    journal.add(stroke())
+    journal.flush()
+    size = journal.path.stat().st_size
+    monkeypatch.setattr("annotate.labelset.journal.MAX_BYTES", size)
+    assert len(Journal.of(tmp_path)) == 1
+    monkeypatch.setattr("annotate.labelset.journal.MAX_BYTES", size - 1)
+    with pytest.raises(FormatError, match=f"larger than {size - 1} bytes"):
         Journal.of(tmp_path)
 
 

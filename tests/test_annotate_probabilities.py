@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from annotate.crop import SIZE, Crop
 from annotate.labelset.probabilities import Probabilities, decode_probabilities, encode_probabilities
-from annotate.parts import BACKGROUND, N_CLASSES
+from annotate.parts import N_CLASSES
 from sensors.errors import FormatError
 
 law = settings(deadline=None, max_examples=10)
@@ -30,15 +30,6 @@ def test_a_malformed_crop_is_named(crop):
     data = encode_probabilities(Probabilities(Crop(0, 0, SIZE), UNIFORM))
     with pytest.raises(FormatError, match="probability_crop"):
         decode_probabilities(data, {"probability_crop": crop})
-
-
-@pytest.mark.parametrize("corner", [(-50, -20), (10, 30), (300, 10)])
-def test_over_an_image_it_is_background_outside_the_crop(corner):
-    image = Probabilities(Crop(*corner, 100), UNIFORM).over_image((120, 150))
-    v, u = np.mgrid[:120, :150]
-    inside = (v >= corner[0]) & (v < corner[0] + 100) & (u >= corner[1]) & (u < corner[1] + 100)
-    np.testing.assert_allclose(image[inside], 1 / N_CLASSES, atol=1e-6)
-    assert (image[~inside] == np.eye(N_CLASSES)[BACKGROUND]).all()
 
 
 def test_other_shapes_are_refused():

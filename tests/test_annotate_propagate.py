@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from annotate.correction.propagate import Worked, propagate
-from annotate.correction.rigid import Tagged, part_motions
+from annotate.correction.propagate import CorrectedFrame, propagate
+from annotate.correction.rigid import LabelledPoints, part_motions
 from annotate.frame_labels import FrameLabels
 from annotate.parts import UNDEFINED
 from sensors.errors import FormatError
@@ -60,7 +60,7 @@ shifts = st.tuples(*(st.floats(-0.12, 0.12) for _ in range(2)), st.floats(-0.1, 
 def test_a_correction_follows_the_movement_and_nothing_else_changes(shift):
     before, after = seen(), seen(shift, "b")
     mistaken = face_mistaken(after)
-    done = propagate([Worked(face_mistaken(before), before)], mistaken, CAMERA)
+    done = propagate([CorrectedFrame(face_mistaken(before), before)], mistaken, CAMERA)
     assert wrong(after, done.parts) <= 0.1 * wrong(after, mistaken.parts)
     np.testing.assert_array_equal(done.changed, done.parts != mistaken.parts)
     assert (mistaken.parts[done.changed] != 8).sum() <= 5
@@ -72,7 +72,7 @@ def test_a_correction_follows_the_movement_and_nothing_else_changes(shift):
 def test_what_is_right_stays_but_for_a_stray_pixel(shift):
     before, after = seen(), seen(shift, "b")
     for corrected, automatic in ((before, before), (before, face_mistaken(before))):
-        assert propagate([Worked(automatic, corrected)], after, CAMERA).changed.sum() <= 5
+        assert propagate([CorrectedFrame(automatic, corrected)], after, CAMERA).changed.sum() <= 5
 
 
 def test_what_stands_still_is_taken_away_where_it_stood():
@@ -83,7 +83,7 @@ def test_what_stands_still_is_taken_away_where_it_stood():
     def stained(frame):
         return replace(frame, parts=np.where(stain & (frame.parts == 0), np.uint8(10), frame.parts))
 
-    done = propagate([Worked(stained(before), before)], stained(after), CAMERA)
+    done = propagate([CorrectedFrame(stained(before), before)], stained(after), CAMERA)
     assert wrong(after, stained(after).parts) > 100
     assert wrong(after, done.parts) <= 0.1 * wrong(after, stained(after).parts)
 
@@ -94,14 +94,14 @@ def test_a_limb_named_otherwise_in_every_frame_gets_its_name():
     def misread(frame, name):
         return replace(frame, parts=np.where(frame.parts == 4, np.uint8(name), frame.parts))
 
-    done = propagate([Worked(misread(before, 8), before)], misread(after, 10), CAMERA)
+    done = propagate([CorrectedFrame(misread(before, 8), before)], misread(after, 10), CAMERA)
     assert wrong(after, done.parts) <= 0.1 * wrong(after, misread(after, 10).parts)
 
 
 def test_an_undefined_frame_takes_the_labels_over():
     before, after = seen(), seen((0.03, 0.02, 0), "b")
     unknown = replace(after, parts=np.where(after.parts > 0, np.uint8(UNDEFINED), after.parts))
-    done = propagate([Worked(face_mistaken(before), before)], unknown, CAMERA)
+    done = propagate([CorrectedFrame(face_mistaken(before), before)], unknown, CAMERA)
     on_body = after.parts > 0
     assert (done.parts == after.parts)[on_body].mean() > 0.9
     np.testing.assert_array_equal(done.parts[~on_body], 0)
@@ -113,8 +113,8 @@ def test_a_mistake_that_comes_back_is_put_right_as_it_was_then():
         [seen((0.02, 0, 0), f"{i}") for i in range(5)],
         seen((0.03, 0.01, 0), "z"),
     )
-    right = [Worked(frame, frame) for frame in news]
-    done = propagate([*right, Worked(face_mistaken(old), old)], face_mistaken(after), CAMERA)
+    right = [CorrectedFrame(frame, frame) for frame in news]
+    done = propagate([*right, CorrectedFrame(face_mistaken(old), old)], face_mistaken(after), CAMERA)
     assert wrong(after, done.parts) <= 0.1 * wrong(after, face_mistaken(after).parts)
 
 
@@ -122,7 +122,7 @@ def test_a_hand_that_was_missed_is_found_where_it_went():
     before, after = seen(), seen((0.03, 0.02, 0), "b")
     below = np.arange(CAMERA.height)[:, None] > 85
     missed = replace(after, parts=np.where((after.parts == 4) & below, np.uint8(0), after.parts))
-    done = propagate([Worked(face_mistaken(before), before)], missed, CAMERA)
+    done = propagate([CorrectedFrame(face_mistaken(before), before)], missed, CAMERA)
     assert wrong(after, missed.parts) > 100
     assert wrong(after, done.parts) <= 0.2 * wrong(after, missed.parts)
 
@@ -134,16 +134,16 @@ def test_what_the_labels_doubt_the_corrections_decide():
     for sure, corrected in ((1.0, False), (0.1, True)):
         confidence = np.full(CAMERA.shape, sure, np.float32)
         unsure = replace(after, parts=stained, confidence=confidence)
-        done = propagate([Worked(face_mistaken(before), before)], unsure, CAMERA)
+        done = propagate([CorrectedFrame(face_mistaken(before), before)], unsure, CAMERA)
         assert (wrong(after, done.parts) < 0.3 * wrong(after, stained)) == corrected
 
 
 def test_frames_that_are_not_one_are_refused():
     with pytest.raises(FormatError, match="before and after its correction"):
-        Worked(seen((0.1, 0, 0)), seen())
+        CorrectedFrame(seen((0.1, 0, 0)), seen())
     small = FrameLabels("s", np.ones((4, 4), np.uint16), np.zeros((4, 4), np.uint8))
     with pytest.raises(FormatError, match="one camera"):
-        propagate([Worked(seen(), seen())], small, CAMERA)
+        propagate([CorrectedFrame(seen(), seen())], small, CAMERA)
 
 
 @law
@@ -158,8 +158,8 @@ def test_motions_of_parts_are_found_again(seed):
         points.append(own + middle)
         moved.append(turn.apply(own) + middle + shift)
         parts.append(np.full(400, part, np.uint8))
-    source = Tagged(np.concatenate(points), np.concatenate(parts))
-    motions = part_motions(source, source.tags, Tagged(np.concatenate(moved), source.tags))
+    source = LabelledPoints(np.concatenate(points), np.concatenate(parts))
+    motions = part_motions(source, source.automatic, LabelledPoints(np.concatenate(moved), source.automatic))
     for part, own, goal in zip((2, 4, 6), points, moved, strict=True):
         assert np.linalg.norm(motions[part].apply(own) - goal, axis=1).mean() < 0.01
     np.testing.assert_array_equal(motions[0].translation_m, 0)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from annotate.cloud.fuse import Fuser
 from annotate.correction.correction import Correction
-from annotate.correction.select import View, polygon
+from annotate.correction.select import ScreenPoints, polygon
 from annotate.frame_labels import FrameLabels
 from annotate.gui.colors import SAME_RGB, colourings, point_colors
 from annotate.gui.drawing import Drawing
@@ -114,7 +114,7 @@ def test_a_near_surface_leaves_no_gap_when_it_is_zoomed():
 
 @given(st.floats(1, 5), st.floats(-50, 50))
 def test_a_shape_scaled_takes_what_it_took(scale, corner):
-    view = View.of_image(np.full((40, 50), 1000, np.uint16))
+    view = ScreenPoints.of_image(np.full((40, 50), 1000, np.uint16))
     lasso = Drawing("lasso", (10.0, 10.0))
     for place in ((30.0, 12.0), (25.0, 30.0), (8.0, 25.0)):
         lasso.drag(*place)

@@ -18,7 +18,7 @@ import numpy as np
 from annotate.cleanup import without_islands
 from annotate.correction.correction import Correction
 from annotate.correction.edit import ARMS, Editor
-from annotate.correction.replay import replay
+from annotate.correction.replay import replayed
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet, validate
@@ -106,8 +106,10 @@ def check(folder: Path, done: int, shadows: dict[str, "Shadow"], thorough: bool)
         for frame_id, shadow in shadows.items():
             np.testing.assert_array_equal(correction.frame(frame_id).parts, shadow.parts)
     if thorough:
-        for frame in replay(LabelSet.open(folder), Journal.of(folder)):
-            np.testing.assert_array_equal(frame.parts, shadows[frame.frame_id].parts)
+        labels, journal = LabelSet.open(folder), Journal.of(folder)
+        for frame_id in labels.frame_ids:
+            parts = replayed(labels, journal, frame_id).parts
+            np.testing.assert_array_equal(parts, shadows[frame_id].parts)
     assert not list(folder.glob("**/.*.partial"))
     return there
 

@@ -21,7 +21,6 @@ from annotate.cloud.fuse import Fuser
 from annotate.correction.correction import Correction
 from annotate.effort.agreement import Agreement
 from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
-from annotate.effort.keystrokes import AT_A_GLANCE, ONE_BY_ONE
 from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
 from sensors.session.reader import Session
@@ -97,9 +96,7 @@ def main():
         session = Session(options.session)
         fuser = Fuser(session.calibration)
         cloud_of = lambda frame_id: fuser.fuse_frame(session.frame(int(frame_id)))  # noqa: E731
-    for tolerance_px, propagating, at_once in product(
-        options.tolerance, (False, True), (ONE_BY_ONE, AT_A_GLANCE)
-    ):
+    for tolerance_px, propagating, at_once in product(options.tolerance, (False, True), (1, 4)):
         mode = "corrections carried over" if propagating else "each frame alone"
         print(f"border {tolerance_px} px, {mode}, up to {at_once} patches a look:")
         annotator = Annotator(tolerance_px=tolerance_px, at_once=at_once)

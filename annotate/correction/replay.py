@@ -1,6 +1,6 @@
-"""Recorded work done again: the labels that a journal leads to, exactly, whatever computed its strokes."""
+"""The labels that result from a journal, exactly, whatever computed its strokes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,15 +15,10 @@ from annotate.parts import BACKGROUND, UNDEFINED
 from sensors.errors import FormatError
 
 
-def replay(labels: LabelSet, journal: Journal) -> Iterator[FrameLabels]:
-    """Every frame of a label set after all entries of a journal; raises what ``replayed`` does."""
-    return (replayed(labels, journal, frame_id) for frame_id in labels.frame_ids)
-
-
 def replayed(labels: LabelSet, journal: Journal, frame_id: str) -> FrameLabels:
-    """One frame after all of its entries: exactly the labels that the recorded work gave.
+    """One frame after all of its entries, starting from its labels in ``original/``, or else from its own.
 
-    It starts from the labels kept in ``original/``, or else from the frame's own. Raises FormatError when
+    Raises FormatError when
     the entries were made on other labels.
     """
     start = labels.read(frame_id, original=labels.has_original(frame_id))
@@ -31,7 +26,7 @@ def replayed(labels: LabelSet, journal: Journal, frame_id: str) -> FrameLabels:
 
 
 def after(frame: FrameLabels, strokes: Sequence[Stroke], exact: bool = False) -> FrameLabels:
-    """A frame after more entries. exact: whether each must find the labels that it was made on.
+    """A frame after more entries. exact: whether each must meet the labels on which it was made.
 
     Raises FormatError when they do not fit the frame.
     """
@@ -47,7 +42,7 @@ def after(frame: FrameLabels, strokes: Sequence[Stroke], exact: bool = False) ->
 
 
 def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
-    """A frame as it is saved after its entries; ``before``: its status before the first."""
+    """A frame with the status and notes that its entries give it. before: its status before the first."""
     strokes = journal.strokes(frame.frame_id)
     if not strokes:
         return frame

@@ -1,4 +1,4 @@
-"""How every part of a body moved from one frame to the next: rigid motions along the part tree."""
+"""Rigid motion of every part of a body from one frame to another, along the part tree."""
 
 from dataclasses import dataclass
 
@@ -10,65 +10,63 @@ from sensors.rig.nearest import Nearest
 from sensors.rig.rig_calibration import Pose
 
 PARENTS = ((2, 2), (1, 2), (3, 2), (4, 2), (5, 3), (6, 4), (7, 2), (8, 7), (9, 7), (10, 8), (11, 9))
-"""(part, the part it hangs on), parents first: the part tree with the torso as its root."""
+"""(part, its parent), parents first: the part tree with the torso as its root."""
 GATES_M = (0.25, 0.25, 0.15, 0.15, 0.1, 0.1, 0.06, 0.06, 0.04, 0.04, 0.04)
-"""Largest distance of a pair in each step of a registration: a hand moves 0.3 m between frames at 2 Hz."""
-NEARLY = 6
-"""Steps left out where the motion is nearly known."""
+"""Largest distance of a pair in each step of a registration, in metres: a hand moves 0.3 m between frames at
+2 Hz. Chosen by eye."""
+REFINING_STEP = 6
+"""First step of a registration that refines a known motion. Chosen by eye."""
 LEAST_POINTS = 25
-"""A part seen in fewer points moves with the part it hangs on."""
-SAMPLE = 300
-"""Points of a part that are registered."""
+"""Least number of points of a part that is registered; with fewer it moves as its parent. Chosen by eye."""
+SAMPLED_POINTS = 300
+"""Number of points of a part that are registered, about. Chosen by eye."""
 STILL = Pose.identity()
 
 
 @dataclass(frozen=True)
-class Tagged:
-    """Points of a body and what the automatic labels call them.
-
-    points_m: float64 (n, 3), camera frame. tags: uint8 (n,) part ids as labelled automatically.
-    """
+class LabelledPoints:
+    """Points of a body. points_m: float64 (n, 3), camera frame. automatic: uint8 (n,), automatic part ids."""
 
     points_m: NDArray[np.float64]
-    tags: NDArray[np.uint8]
+    automatic: NDArray[np.uint8]
 
 
 def part_motions(
-    source: Tagged, parts: NDArray[np.uint8], target: Tagged, nearly: list[Pose] | None = None
+    source: LabelledPoints, parts: NDArray[np.uint8], target: LabelledPoints, known: list[Pose] | None = None
 ) -> list[Pose]:
     """Motion to_target_from_source of every class id; the background's is none.
 
-    parts: uint8 (n,), the true part of every source point. Points are paired with the nearest ones that
-    carry the same tag: the same cloth is mistaken for the same part in both frames.
-    Each part is registered point to point (Besl & McKay 1992, trimmed by distance), starting from where
-    its parent went, from no motion, and from the shift of its middle; the best fit counts.
-    nearly: the motions as known so far, which are then only made exact.
+    parts: uint8 (n,), the true part of every source point. Points are paired with the nearest ones of the
+    same automatic label: the same cloth is mistaken for the same part in both frames.
+    Each part is registered point to point (Besl & McKay 1992, trimmed by distance), starting from the motion
+    of its parent, from no motion, and from the shift of its median; the best fit counts.
+    known: approximate motions to refine instead.
     """
     trees = {
-        int(tag): Nearest(target.points_m[target.tags == tag])
-        for tag in np.unique(target.tags)
-        if tag not in (BACKGROUND, UNDEFINED)
+        int(label): Nearest(target.points_m[target.automatic == label])
+        for label in np.unique(target.automatic)
+        if label not in (BACKGROUND, UNDEFINED)
     }
     motions = [STILL] * N_CLASSES
     for part, parent in PARENTS:
-        own = np.flatnonzero((parts == part) & np.isin(source.tags, list(trees)))
+        own = np.flatnonzero((parts == part) & np.isin(source.automatic, list(trees)))
         if own.size < LEAST_POINTS:
             motions[part] = motions[parent]
             continue
-        own = own[:: max(1, own.size // SAMPLE)]
-        body = Tagged(source.points_m[own], source.tags[own])
-        if nearly:
-            fits = [_register(body, trees, nearly[part], GATES_M[NEARLY:])]
+        own = own[:: max(1, own.size // SAMPLED_POINTS)]
+        body = LabelledPoints(source.points_m[own], source.automatic[own])
+        if known:
+            fits = [_register(body, trees, known[part], GATES_M[REFINING_STEP:])]
         else:
-            starts = [motions[parent], STILL, *_middle_shift(body, part, trees)]
+            starts = [motions[parent], STILL, *_median_shift(body, part, trees)]
             fits = [_register(body, trees, start, GATES_M) for start in starts]
         motions[part] = min(fits, key=lambda fit: fit[0])[1]
     return motions
 
 
-def _middle_shift(body: Tagged, part: int, trees: dict[int, Nearest]) -> list[Pose]:
-    """The shift of the middle of the points tagged as this part, where both frames have enough."""
-    own = body.tags == part
+def _median_shift(body: LabelledPoints, part: int, trees: dict[int, Nearest]) -> list[Pose]:
+    """Shift of the median of the points labelled as this part, where both frames have enough of them."""
+    own = body.automatic == part
     if part not in trees or len(trees[part].points) < LEAST_POINTS or own.sum() < LEAST_POINTS:
         return []
     shift = np.median(trees[part].points, axis=0) - np.median(body.points_m[own], axis=0)
@@ -76,27 +74,27 @@ def _middle_shift(body: Tagged, part: int, trees: dict[int, Nearest]) -> list[Po
 
 
 def _register(
-    body: Tagged, trees: dict[int, Nearest], start: Pose, gates_m: tuple[float, ...]
+    body: LabelledPoints, trees: dict[int, Nearest], start: Pose, gates_m: tuple[float, ...]
 ) -> tuple[float, Pose]:
-    """Mean distance in metres, cut at the last gate, and the motion."""
+    """Mean distance in metres, limited to the last gate, and the motion."""
     pose = start
     for gate_m in gates_m:
-        away_m, matched = _nearest(pose.apply(body.points_m), body.tags, trees)
+        away_m, matched = _nearest(pose.apply(body.points_m), body.automatic, trees)
         paired = away_m <= gate_m
         if paired.sum() < LEAST_POINTS:
             break
         pose = _align(body.points_m[paired], matched[paired])
-    away_m, _ = _nearest(pose.apply(body.points_m), body.tags, trees)
+    away_m, _ = _nearest(pose.apply(body.points_m), body.automatic, trees)
     return float(np.minimum(away_m, gates_m[-1]).mean()), pose
 
 
 def _nearest(
-    points_m: NDArray[np.float64], tags: NDArray[np.uint8], trees: dict[int, Nearest]
+    points_m: NDArray[np.float64], labels: NDArray[np.uint8], trees: dict[int, Nearest]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distance (n,) to, and place (n, 3) of, the nearest point of the same tag."""
+    """Distance (n,) and position (n, 3) of the nearest point of the same label."""
     away_m, matched = np.empty(len(points_m)), np.empty_like(points_m)
-    for tag in np.unique(tags):
-        own, tree = tags == tag, trees[int(tag)]
+    for label in np.unique(labels):
+        own, tree = labels == label, trees[int(label)]
         away_m[own], index = tree.query(points_m[own])
         matched[own] = tree.points[index]
     return away_m, matched

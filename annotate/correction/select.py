@@ -21,7 +21,7 @@ BEHIND = 0.03
 
 
 @dataclass(frozen=True)
-class View:
+class ScreenPoints:
     """Where the cloud is seen. Taken once for every camera move.
 
     xy_px: float32 (n, 2), screen position of each pixel's point, y down; NaN = not on the screen.
@@ -40,7 +40,7 @@ class View:
             raise CloudError(f"view has points {self.xy_px.shape} for {len(self.distance_m)} distances")
 
     @classmethod
-    def of_image(cls, depth_mm: NDArray[np.uint16], scale: float = 1.0) -> "View":
+    def of_image(cls, depth_mm: NDArray[np.uint16], scale: float = 1.0) -> "ScreenPoints":
         """The depth image itself (h, w) as a pane shows it, ``scale`` screen pixels to one of its own.
 
         Pixels without depth are there too, so that they can be seen; the editor leaves them alone.
@@ -77,23 +77,15 @@ class View:
         return front
 
 
-def polygon(view: View, corners_px: NDArray[np.floating], through: bool = False) -> NDArray[np.int64]:
+def polygon(view: ScreenPoints, corners_px: NDArray[np.floating], through: bool = False) -> NDArray[np.int64]:
     """Points inside a lasso or polygon, corners (k, 2) in screen pixels; those in front, or all through."""
     shape = np.zeros(view.size_px[::-1], np.uint8)
     cv2.fillPoly(shape, [_fixed(corners_px)], 1, shift=_SHIFT)
     return _under(view, shape, through)
 
 
-def rectangle(
-    view: View, corner_px: tuple[float, float], opposite_px: tuple[float, float], through: bool = False
-) -> NDArray[np.int64]:
-    """Points inside a rectangle between two opposite corners in screen pixels."""
-    (x0, y0), (x1, y1) = corner_px, opposite_px
-    return polygon(view, np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], np.float64), through)
-
-
 def brush(
-    view: View, path_px: NDArray[np.floating], radius_px: float, through: bool = False
+    view: ScreenPoints, path_px: NDArray[np.floating], radius_px: float, through: bool = False
 ) -> NDArray[np.int64]:
     """Points within ``radius_px`` of a path (k, 2) in screen pixels; one corner is a dab."""
     shape = np.zeros(view.size_px[::-1], np.uint8)
@@ -105,7 +97,7 @@ def brush(
     return _under(view, shape, through)
 
 
-def nearest(view: View, at_px: tuple[float, float], reach_px: float = 12.0) -> int | None:
+def nearest(view: ScreenPoints, at_px: tuple[float, float], reach_px: float = 12.0) -> int | None:
     """The front point nearest to a screen position, or None within ``reach_px``: what a click means."""
     found = brush(view, np.array([at_px], np.float64), reach_px)
     if not len(found):
@@ -164,7 +156,7 @@ def _fixed(corners_px: NDArray[np.floating]) -> NDArray[np.int32]:
     return np.rint((np.clip(corners, -1e5, 1e5) - 0.5) * (1 << _SHIFT)).astype(np.int32)
 
 
-def _under(view: View, shape: NDArray[np.uint8], through: bool) -> NDArray[np.int64]:
+def _under(view: ScreenPoints, shape: NDArray[np.uint8], through: bool) -> NDArray[np.int64]:
     """Points under a drawn shape (height, width)."""
     found = view.pixels[shape.ravel()[view.cells] > 0]
     return found if through else found[view.front[found]]

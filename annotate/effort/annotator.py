@@ -20,11 +20,11 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
 from annotate.correction.edit_supervoxels import edit_supervoxels
-from annotate.correction.propagate import REMEMBERED, Worked, propagate
-from annotate.correction.select import View
+from annotate.correction.propagate import FRAMES_COMPARED, CorrectedFrame, propagate
+from annotate.correction.select import ScreenPoints
 from annotate.effort.agreement import Agreement
 from annotate.effort.hand import drawn
-from annotate.effort.keystrokes import MENTAL_S, ONE_BY_ONE, Tools, gesture, gesture_s, move_s, moves_s
+from annotate.effort.keystrokes import MENTAL_S, Tools, gesture, gesture_s, move_s, moves_s
 from annotate.effort.repairs import (
     SCALE,
     Move,
@@ -110,9 +110,7 @@ class Annotator:
     they mind. at_once: patches of one part that they take in with one look (``keystrokes``).
     """
 
-    def __init__(
-        self, goal: float = AGREEMENT, tolerance_px: int = TOLERANCE_PX, at_once: int = ONE_BY_ONE
-    ) -> None:
+    def __init__(self, goal: float = AGREEMENT, tolerance_px: int = TOLERANCE_PX, at_once: int = 1) -> None:
         self.clock, self.goal, self.tolerance_px, self.at_once = Clock(), goal, tolerance_px, at_once
         self._tools = Tools()
 
@@ -130,7 +128,7 @@ class Annotator:
         """
         agreement = Agreement(truth, editor.valid, self.tolerance_px)
         imagined, rng = np.random.default_rng(zlib.crc32(editor.frame_id.encode())).spawn(2)
-        sight = Sight(editor, View.of_image(editor.depth_mm, SCALE), supervoxels, imagined)
+        sight = Sight(editor, ScreenPoints.of_image(editor.depth_mm, SCALE), supervoxels, imagined)
         editor.time.mark("looking")
         automatic = editor.parts.copy()
         carried = propagated is not None and editor.propagate(propagated, CARRIED) is not None
@@ -254,7 +252,7 @@ def correct_set(
     correction: with the annotator's clock. cloud_of: colours and temperatures of a frame, if they are to be
     had. propagating: whether a frame begins with the corrections of those before it of the same person.
     """
-    worked: list[Worked] = []
+    worked: list[CorrectedFrame] = []
     person = None
     for frame_id in correction.frame_ids:
         automatic, true = correction.frame(frame_id), truth.read(frame_id)
@@ -275,7 +273,7 @@ def correct_set(
         seconds = sum(stroke.active_seconds for stroke in strokes)
         agreement = Agreement(true.parts, editor.valid, annotator.tolerance_px)
         yield Effort(corrected, strokes, seconds, agreement.of(corrected.parts))
-        worked = [Worked(automatic, corrected, cloud), *worked][:REMEMBERED]
+        worked = [CorrectedFrame(automatic, corrected, cloud), *worked][:FRAMES_COMPARED]
 
 
 def _apply(sight: Sight, move: Move, corners: NDArray[np.float64] | None, how: Gesture) -> Stroke | None:

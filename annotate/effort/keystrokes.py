@@ -9,8 +9,9 @@ an argument, and pointing at one takes no preparation (rule 0), nor does the but
 while pointing (rule 1); finding it would belong to acquiring the task, which their model leaves out. We
 follow Kieras (Using the keystroke-level model to estimate execution times, 1993, revised 2001), who charges
 it for finding something on the display and for a decision about strategy, since both are the work here.
-The looser reading, in which one look takes in up to AT_A_GLANCE patches of one part as a chunk (rules 1 and
-2), is ``Annotator(at_once=AT_A_GLANCE)``; figures of both: docs/adr/0009.
+The looser reading, in which one look takes in up to four patches of one part as a chunk (rules 1 and 2; as
+many as people hold in mind at a time: Cowan, The magical number 4 in short-term memory, 2001), is
+``Annotator(at_once=4)``; figures of both: docs/adr/0009.
 """
 
 from dataclasses import dataclass
@@ -34,17 +35,12 @@ NOTCH_S = KEY_S
 """The mouse wheel turned by one notch."""
 MENTAL_S = 1.35
 """Mental preparation: looking at the frame, seeing what is wrong next and deciding what to do about it."""
-ONE_BY_ONE, AT_A_GLANCE = 1, 4
-"""Patches that one look takes in, and are mended one after the other with the same key chosen: strictly, and
-as many as people hold in mind at a time (Cowan, The magical number 4 in short-term memory, 2001)."""
 STEER_S = 0.1
 """Seconds for a drawn path as long as it is wide: slope of the steering law T = b * length / width
 (Accot & Zhai, Beyond Fitts' law, CHI 1997). Our assumption: the slope depends on device and person."""
 EFFECTIVE_WIDTH = 4.133
 """Width of the path that a hand keeps to, in standard deviations of its error: it leaves it 4 % of the
 time (MacKenzie, Fitts' law as a research and design tool, 1992). So drawing carefully takes longer."""
-ACCEPT_S = MENTAL_S + KEY_S
-"""Looking at a frame that is right, and accepting it with one key."""
 PREVIEWED = ("fill_holes", "remove_islands")
 """What shows first what it would do: one more look."""
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from annotate.cleanup import filled, neighbours, without_islands
 from annotate.cloud.grid import components
 from annotate.correction.edit import ARMS, LEGS, Editor
-from annotate.correction.select import View, brush, grow, polygon, supervoxel
+from annotate.correction.select import ScreenPoints, brush, grow, polygon, supervoxel
 from annotate.effort import hand
 from annotate.effort.agreement import Agreement
 from annotate.effort.hand import CAREFUL, FINE, QUICK, Hand
@@ -93,7 +93,7 @@ class Sight:
     which they imagine how exactly the hand will draw."""
 
     editor: Editor
-    view: View
+    view: ScreenPoints
     supervoxels: NDArray[np.int32]
     imagined: np.random.Generator
 

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from pyvistaqt import QtInteractor
 
 from annotate.correction import select
-from annotate.correction.select import View
+from annotate.correction.select import ScreenPoints
 from annotate.gui.drawing import Drawing
 from annotate.gui.orbit import Orbit, front_view
 from annotate.gui.pointing import Pointing
@@ -97,7 +97,7 @@ class CloudView(QWidget):
         self.scene: Scene | None = None
         self.orbit = Orbit((0.0, 0.0, 2.0), 3.0)
         self._shown: NDArray[np.bool_] = np.empty(0, np.bool_)
-        self._seen: View | None = None
+        self._seen: ScreenPoints | None = None
         self._grip: QPointF | None = None
         # Whether the view is as it was fitted, and nobody has moved it since.
         self._fitted = False
@@ -160,7 +160,7 @@ class CloudView(QWidget):
 
     # What is chosen
 
-    def view(self) -> View:
+    def view(self) -> ScreenPoints:
         """Where every point is on the screen; computed once after every move."""
         if self._seen is None and self.scene:
             matrix = self.plotter.camera.GetCompositeProjectionTransformMatrix(self._aspect, -1, 1)

@@ -7,7 +7,7 @@ from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QR
 from PySide6.QtWidgets import QWidget
 
 from annotate.correction import select
-from annotate.correction.select import View
+from annotate.correction.select import ScreenPoints
 from annotate.crop import window_of
 from annotate.gui.cloud_view import Colors
 from annotate.gui.drawing import Drawing
@@ -32,7 +32,7 @@ class DepthPane(QWidget):
         self.scene: Scene | None = None
         self.ground = QColor("black")
         self._rgb: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)
-        self._view: View | None = None
+        self._view: ScreenPoints | None = None
         self._scale, self._corner = 1.0, QPointF(0, 0)
         self._marked: int | None = None
         self._grip: QPointF | None = None
@@ -65,8 +65,8 @@ class DepthPane(QWidget):
         """Let but these pixels be chosen, bool (h * w,)."""
         if self.scene is None:
             return
-        view = View.of_image(self.scene.labels.depth_mm)
-        self._view = View(np.where(shown[:, None], view.xy_px, np.nan), view.distance_m, view.size_px)
+        view = ScreenPoints.of_image(self.scene.labels.depth_mm)
+        self._view = ScreenPoints(np.where(shown[:, None], view.xy_px, np.nan), view.distance_m, view.size_px)
 
     def set_ground(self, rgb: tuple[int, int, int]) -> None:
         """The colour around the image."""

@@ -13,7 +13,7 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction import select
 from annotate.correction.correction import Correction
 from annotate.correction.edit import ARMS, LEGS, Editor
-from annotate.correction.propagate import REMEMBERED, Worked, propagate
+from annotate.correction.propagate import FRAMES_COMPARED, CorrectedFrame, propagate
 from annotate.frame_labels import FrameLabels
 from annotate.gui.colors import Colouring, Visibility, colourings, point_colors
 from annotate.gui.drawing import Drawing
@@ -96,7 +96,7 @@ class Desk:
         """Keep the looks of the frames laid here last: corrections that are carried over follow them."""
         self._clouds.pop(scene.labels.frame_id, None)
         self._clouds[scene.labels.frame_id] = scene.cloud
-        while len(self._clouds) > REMEMBERED + 1:
+        while len(self._clouds) > FRAMES_COMPARED + 1:
             del self._clouds[next(iter(self._clouds))]
 
     @property
@@ -287,7 +287,8 @@ class Desk:
         labels, now = self.correction.labels, self.scene.labels
         target = replace(now, parts=self.parts.copy())
         worked = [
-            Worked(self._automatic(i), self.correction.frame(i), self._clouds.get(i)) for i in frame_ids
+            CorrectedFrame(self._automatic(i), self.correction.frame(i), self._clouds.get(i))
+            for i in frame_ids
         ]
         parts = propagate(worked, target, labels.intrinsics, self.scene.cloud).parts
         return self._did(

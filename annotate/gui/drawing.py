@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.correction import select
-from annotate.correction.select import View
+from annotate.correction.select import ScreenPoints
 from annotate.labelset.stroke import Gesture, GestureKind
 
 Tool = Literal["piece", "lasso", "polygon", "rectangle", "brush"]
@@ -72,7 +72,7 @@ class Drawing:
             points = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
         return points
 
-    def pixels(self, view: View) -> NDArray[np.int64]:
+    def pixels(self, view: ScreenPoints) -> NDArray[np.int64]:
         """Flat indices (n,) of the points that it takes in a view whose coordinates it is drawn in."""
         if self.tool == "brush":
             return select.brush(view, self.outline_px(), self.radius_px, self.through)

@@ -7,7 +7,7 @@ the screen's pixel ratio: so a selection never lies beside the pointer on a fine
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.correction.select import CELL_PX, View
+from annotate.correction.select import CELL_PX, ScreenPoints
 
 CELL_SPACINGS = 2.2
 """Size of a view's cell in distances of neighbouring points: leaves no gap for what lies behind."""
@@ -19,7 +19,7 @@ def project(
     screen_from_world: NDArray[np.float64],
     size_px: tuple[int, int],
     spacing_px: float,
-) -> View:
+) -> ScreenPoints:
     """Project points (n, 3), depth-camera frame, with a VTK composite matrix (4, 4) onto a view.
 
     shown: bool (n,); the others neither hide nor can be chosen. size_px: (width, height). spacing_px:
@@ -35,4 +35,4 @@ def project(
     xy_px = np.full((len(points_m), 2), np.nan, np.float32)
     distance_m = np.full(len(points_m), np.nan, np.float32)
     xy_px[at], distance_m[at] = xy, w
-    return View(xy_px, distance_m, size_px, max(CELL_PX, round(CELL_SPACINGS * spacing_px)))
+    return ScreenPoints(xy_px, distance_m, size_px, max(CELL_PX, round(CELL_SPACINGS * spacing_px)))

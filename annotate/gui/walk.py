@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from annotate.correction.correction import Correction, RestorableError
 from annotate.correction.edit import Editor
-from annotate.correction.propagate import REMEMBERED
+from annotate.correction.propagate import FRAMES_COMPARED
 from annotate.gui.prefetch import Prefetch
 from annotate.gui.scene import Scene, SceneReader
 from sensors.errors import CloudError
@@ -83,7 +83,7 @@ class Walk:
         at = frame_ids.index(frame_id)
         near = sorted(range(len(frame_ids)), key=lambda i: (abs(i - at), i))
         done = [frame_ids[i] for i in near if self.correction.state(frame_ids[i]) not in ("auto", "rejected")]
-        if not (found := [i for i in done if i != frame_id][:REMEMBERED]):
+        if not (found := [i for i in done if i != frame_id][:FRAMES_COMPARED]):
             raise CloudError("No frame has been corrected yet: there is nothing to carry over")
         return found
 

@@ -1,4 +1,4 @@
-"""One writer for each folder of results: who has it, so that a second one can be told."""
+"""One writer at a time for each folder of results, and the name of who has it."""
 
 import fcntl
 import getpass
@@ -15,8 +15,9 @@ from sensors.errors import CloudError
 from sensors.files.atomic import sweep
 
 CLAIM = "claim.json"
-MAX_BYTES = 4096
-# A set from outside may have a link to another file in the claim's place: that file is not ours to clear.
+OWNER_BYTES = 4096
+"""Bytes of the file that are written and read. Chosen by eye."""
+# Nothing is written through a link to a file outside the folder.
 FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
@@ -27,8 +28,8 @@ class ClaimedError(CloudError):
 class Claim:
     """The right to write a label set, a dataset or a training, held while its process lives.
 
-    The kernel's lock on ``claim.json`` (flock) is the claim, so a killed process leaves none behind;
-    the file's content only says whose it is.
+    The kernel's lock on ``claim.json`` (flock) is the claim, so a killed process leaves none behind; the
+    file's content only names the owner.
     """
 
     def __init__(self, path: Path, file: int) -> None:
@@ -47,13 +48,13 @@ class Claim:
                 try:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     if _is_at(file, path):
-                        _say(file, who)
+                        _write_owner(file, who)
                         sweep(folder)
                         return cls(path, file)
                 except OSError:
                     os.close(file)
                     raise
-                # Its owner released it, and took it away, between our opening and our locking.
+                # The owner released and removed the file after it was opened here and before it was locked.
                 os.close(file)
         except BlockingIOError as error:
             raise ClaimedError(
@@ -98,7 +99,7 @@ def _is_at(file: int, path: Path) -> bool:
     return (there.st_dev, there.st_ino) == (here.st_dev, here.st_ino)
 
 
-def _say(file: int, who: str) -> None:
+def _write_owner(file: int, who: str) -> None:
     owner = {
         "who": who,
         "host": socket.gethostname(),
@@ -106,15 +107,15 @@ def _say(file: int, who: str) -> None:
         "since": datetime.now(UTC).isoformat(timespec="seconds"),
     }
     os.ftruncate(file, 0)
-    # A full disk must not keep anybody from reading on; the lock itself needs no space.
+    # The lock itself needs no space: on a full disk only the name is missing.
     with suppress(OSError):
-        os.pwrite(file, json.dumps(owner).encode()[:MAX_BYTES], 0)
+        os.pwrite(file, json.dumps(owner).encode()[:OWNER_BYTES], 0)
 
 
 def _owner(path: Path) -> str:
     try:
         with path.open("rb") as file:
-            owner = json.loads(file.read(MAX_BYTES))
+            owner = json.loads(file.read(OWNER_BYTES))
         who, host, process, since = (str(owner[k])[:60] for k in ("who", "host", "process", "since"))
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return "another process"

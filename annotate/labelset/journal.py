@@ -12,11 +12,9 @@ from annotate.labelset.stroke import Stroke, from_line, to_line
 from sensors.errors import CloudError, FormatError
 
 JOURNAL = "journal.jsonl"
-MAX_LINE_BYTES = 64_000_000
-"""Longest line: every pixel of a megapixel image a run of its own takes 25 MB."""
 MAX_BYTES = 4_000_000_000
-# A set from outside may have a link to another file in the journal's place (not ours to write), or a pipe
-# that nobody writes to.
+"""Largest journal that is read, in bytes: a stroke takes one or two kilobytes."""
+# Nothing is written through a link to a file outside the set, and no pipe is waited for.
 FLAGS = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 REMEDY = "restore it from a copy, or move it and original/ away to continue from the last saved labels"
 """What to do about a journal that is corrupt or incomplete."""
@@ -117,7 +115,7 @@ class Journal:
             os.close(file)
 
     def _lines(self) -> Iterator[bytes]:
-        """Whole lines, bounded in length."""
+        """Whole lines."""
         try:
             with open(self.path, "rb", opener=lambda name, flags: os.open(name, flags | FLAGS)) as file:
                 found = os.fstat(file.fileno())
@@ -125,10 +123,7 @@ class Journal:
                     raise FormatError(f"{self.path} is not a file; {REMEDY}")
                 if found.st_size > MAX_BYTES:
                     raise FormatError(f"{self.path} is larger than {MAX_BYTES} bytes; {REMEDY}")
-                while (line := file.readline(MAX_LINE_BYTES + 1)).endswith(b"\n"):
-                    yield line
-                if len(line) > MAX_LINE_BYTES:
-                    raise FormatError(f"{self.path} has a line longer than {MAX_LINE_BYTES} bytes; {REMEDY}")
+                yield from (line for line in file if line.endswith(b"\n"))
         except FileNotFoundError:
             return
         except OSError as error:

@@ -25,12 +25,7 @@ from annotate.labelset.images import (
     encode_persons,
 )
 from annotate.labelset.journal import Journal
-from annotate.labelset.probabilities import (
-    MAX_PNG_BYTES,
-    Probabilities,
-    decode_probabilities,
-    encode_probabilities,
-)
+from annotate.labelset.probabilities import Probabilities, decode_probabilities, encode_probabilities
 from annotate.parts import PARTS, on_body
 from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
 from sensors.files.atomic import is_taken, write_bytes
@@ -43,18 +38,19 @@ TOOLS = ("annotate-cloud", "numpy", "opencv-contrib-python-headless")
 FRAMES, ORIGINAL = "frames", "original"
 PROBABILITY = "probability.png"
 MAX_JSON_BYTES = 16_000_000
+"""Largest manifest or frame file that is read, in bytes."""
 _FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
-
 T = TypeVar("T", bound=np.generic)
+V = TypeVar("V")
 
 
 class LabelSet:
     """A label set on disk. Every write is whole or absent; a frame exists once its JSON does.
 
     intrinsics: the undistorted depth camera that all frames share.
-    info: what the manifest says of its making (source, steps). The versions of the tools that began it
-    stand beside it, for a reader: another version may go on with the set.
+    info: the manifest's record of how the set was made (source, steps). The manifest also lists the versions
+    of the tools that began it, for people: another version may go on with the set.
     """
 
     def __init__(self, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> None:
@@ -85,7 +81,6 @@ class LabelSet:
             )
         for name in (FRAMES, ORIGINAL):
             if (path / name).is_symlink():
-                # What is written there would be written elsewhere.
                 raise FormatError(
                     f"{path / name} is a link out of the label set; replace it with a copy of the folder"
                 )
@@ -166,10 +161,8 @@ class LabelSet:
         fields = _load(self._file(frame_id, "json", folder))
         depth = self._image(frame_id, "depth.png", decode_depth)
         parts = self._image(frame_id, "parts.png", decode_parts, folder)
-        has_confidence = self._file(frame_id, "confidence.png").is_file()
-        confidence = self._image(frame_id, "confidence.png", decode_confidence) if has_confidence else None
-        has_persons = self._file(frame_id, "persons.png").is_file()
-        persons = self._image(frame_id, "persons.png", decode_persons) if has_persons else None
+        confidence = self._optional_image(frame_id, "confidence.png", decode_confidence)
+        persons = self._optional_image(frame_id, "persons.png", decode_persons)
         try:
             return FrameLabels(frame_id, depth, parts, confidence, persons=persons, **fields)
         except TypeError as error:
@@ -194,11 +187,9 @@ class LabelSet:
         file = self._file(frame_id, PROBABILITY)
         if not file.is_file():
             return None
+        data, notes = read_bounded(file), self.notes(frame_id)
         try:
-            with file.open("rb") as png:
-                return decode_probabilities(png.read(MAX_PNG_BYTES), self.notes(frame_id))
-        except OSError as error:
-            raise FormatError(f"{file} cannot be read ({error.strerror}); restore it from a copy") from error
+            return decode_probabilities(data, notes)
         except FormatError as error:
             raise FormatError(f"{file}: {error}") from error
 
@@ -214,18 +205,9 @@ class LabelSet:
                 "one set holds one camera"
             )
         self._put(frame.frame_id, "depth.png", encode_depth(frame.depth_mm))
-        if frame.confidence is not None:
-            self._put(frame.frame_id, "confidence.png", encode_confidence(frame.confidence))
-        else:
-            self._file(frame.frame_id, "confidence.png").unlink(missing_ok=True)
-        if frame.persons is not None:
-            self._put(frame.frame_id, "persons.png", encode_persons(frame.persons))
-        else:
-            self._file(frame.frame_id, "persons.png").unlink(missing_ok=True)
-        if probabilities is not None:
-            self._put(frame.frame_id, PROBABILITY, encode_probabilities(probabilities))
-        else:
-            self._file(frame.frame_id, PROBABILITY).unlink(missing_ok=True)
+        self._put_or_drop(frame.frame_id, "confidence.png", encode_confidence, frame.confidence)
+        self._put_or_drop(frame.frame_id, "persons.png", encode_persons, frame.persons)
+        self._put_or_drop(frame.frame_id, PROBABILITY, encode_probabilities, probabilities)
         self.write_labels(frame)
 
     def write_labels(self, frame: FrameLabels) -> None:
@@ -253,6 +235,18 @@ class LabelSet:
 
     def _put(self, frame_id: str, suffix: str, data: bytes) -> None:
         write_bytes(self._file(frame_id, suffix), data)
+
+    def _put_or_drop(self, frame_id: str, suffix: str, encode: Callable[[V], bytes], value: V | None) -> None:
+        """Write what may be absent; without a value, remove what an earlier write left."""
+        if value is None:
+            self._file(frame_id, suffix).unlink(missing_ok=True)
+        else:
+            self._put(frame_id, suffix, encode(value))
+
+    def _optional_image(
+        self, frame_id: str, suffix: str, decode: Callable[[bytes], NDArray[T]]
+    ) -> NDArray[T] | None:
+        return self._image(frame_id, suffix, decode) if self._file(frame_id, suffix).is_file() else None
 
     def _image(
         self, frame_id: str, suffix: str, decode: Callable[[bytes], NDArray[T]], folder: str = FRAMES

@@ -11,7 +11,7 @@ from annotate.parts import N_CLASSES, UNDEFINED
 from sensors.errors import FormatError
 
 Operation = Literal[
-    # What changes labels,
+    # change labels,
     "paint",
     "fill_holes",
     "remove_islands",
@@ -20,28 +20,26 @@ Operation = Literal[
     "to_neighbour",
     "copy_previous",
     "propagate",
-    # goes back and forth among changes,
+    # take changes back and do them again,
     "undo",
     "redo",
-    # says what a person thinks of the frame,
+    # give a verdict on the frame,
     "accept",
     "agree",
     "reject",
-    # or only keeps the time spent.
+    # or only record the time spent.
     "leave",
 ]
 VERDICTS = ("accept", "agree", "reject")
-"""The annotator is done; a reviewer agrees; somebody rejects, with a reason."""
+"""Judgements of a frame: the annotator is done, a reviewer agrees, somebody rejects it with a reason."""
 
 GestureKind = Literal["supervoxel", "grow", "lasso", "polygon", "rectangle", "brush", "key"]
 Activity = Literal["looking", "painting", "navigating"]
-MAX_TEXT = 500
-"""Longest name or reason, in characters."""
 
 
 @dataclass(frozen=True)
 class Gesture:
-    """How a person chose the pixels: what the keystroke-level model needs to price it.
+    """How a person chose the pixels, in the quantities of the keystroke-level model.
 
     clicks: mouse clicks; points: vertices of a lasso, polygon or brush path; path_px: its length on the
     screen in pixels, the button held down; keys: keys pressed for it. Raises FormatError.
@@ -71,8 +69,8 @@ class Stroke:
 
     part: the part given, or None where an operation gives several. how: the gesture.
     runs: int64 (n, 4), each (start, length, old, new): the pixels [start, start + length) of the image
-    read row by row went from part id old to new. Runs are sorted and do not overlap, so a stroke replays
-    exactly whatever computed it, and its inverse undoes it. Undo and redo carry their own runs.
+    read row by row went from part id old to new. Runs are sorted and do not overlap, so a stroke can be
+    replayed exactly, and its inverse undoes it. Undo and redo carry their own runs.
     who; when: ISO 8601 UTC; seconds: active seconds since the entry before, by kind of activity.
     reason: why, for a rejection. Raises FormatError.
     """
@@ -93,8 +91,8 @@ class Stroke:
         if self.part is not None and not (type(self.part) is int and is_part(self.part)):
             raise FormatError(f"part id {str(self.part)[:40]} is unknown; use 0 to 11, or 255 for undefined")
         texts = (self.frame_id, self.who, self.when, self.reason)
-        if not all(isinstance(text, str) and len(text) <= MAX_TEXT for text in texts):
-            raise FormatError(f"a name, time or reason is not a text of at most {MAX_TEXT} characters")
+        if not all(isinstance(text, str) for text in texts):
+            raise FormatError("a name, time or reason is not a text")
         if not isinstance(self.seconds, dict) or not all(
             kind in get_args(Activity) and type(s) in (int, float) and 0 <= s < 1e9
             for kind, s in self.seconds.items()

@@ -1,4 +1,4 @@
-"""Looks: what was corrected is known again by its colour and warmth, and what was not seen is left alone."""
+"""What was corrected is known again by its colour and warmth, and what was not seen is left alone."""
 
 from dataclasses import replace
 
@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.correction.patch_colors import Looks
-from annotate.correction.propagate import Worked, propagate
+from annotate.correction.appearance import Appearance
+from annotate.correction.propagate import CorrectedFrame, propagate
 from annotate.frame_labels import FrameLabels
 from sensors.rig.camera import unproject
 from tests.test_annotate_propagate import CAMERA, seen
@@ -51,7 +51,7 @@ def with_hand(arm: FrameLabels) -> FrameLabels:
 def test_a_hand_that_was_hidden_before_is_known_by_its_looks():
     before, after = seen(), with_hand(seen((0.01, 0, 0), "b"))
     missed = replace(after, parts=seen((0.01, 0, 0), "b").parts)
-    worked = Worked(read_as(before, 1, 8, 0.5), before)
+    worked = CorrectedFrame(read_as(before, 1, 8, 0.5), before)
     blind = propagate([worked], missed, CAMERA)
     sighted = propagate([replace(worked, cloud=cloud_of(before))], missed, CAMERA, cloud_of(after))
     assert wrong(after, missed.parts) > 100
@@ -62,7 +62,7 @@ def test_a_hand_that_was_hidden_before_is_known_by_its_looks():
 def test_a_mistake_in_one_colour_casts_no_doubt_on_the_same_name_in_another():
     before, after = seen(), seen((0.01, 0, 0), "b")
     mistaken = read_as(before, 3, 2)
-    done = propagate([Worked(mistaken, before, cloud_of(before))], after, CAMERA, cloud_of(after))
+    done = propagate([CorrectedFrame(mistaken, before, cloud_of(before))], after, CAMERA, cloud_of(after))
     assert wrong(after, done.parts) <= 5
 
 
@@ -72,7 +72,7 @@ def test_without_colours_labels_are_as_they_were_without_a_cloud():
         replace(cloud_of(x), color_valid=~ALL, temperature_c=np.full(CAMERA.shape, np.nan, np.float32))
         for x in (before, after)
     ]
-    worked, missed = Worked(read_as(before, 4, 8), before), read_as(after, 4, 8)
+    worked, missed = CorrectedFrame(read_as(before, 4, 8), before), read_as(after, 4, 8)
     alone = propagate([worked], missed, CAMERA)
     done = propagate([replace(worked, cloud=dark[0])], missed, CAMERA, dark[1])
     np.testing.assert_array_equal(done.parts, alone.parts)
@@ -81,15 +81,15 @@ def test_without_colours_labels_are_as_they_were_without_a_cloud():
 colors = st.lists(st.tuples(*[st.integers(1, 255)] * 3), min_size=2, max_size=20)
 
 
-def looks(rgb: list[tuple[int, ...]]) -> Looks:
+def appearance(rgb: list[tuple[int, ...]]) -> Appearance:
     lab = np.array(rgb, np.uint8)
-    return Looks(lab, np.full(len(lab), 30, np.float32))
+    return Appearance(lab, np.full(len(lab), 30, np.float32))
 
 
 @law
 @given(colors, colors)
 def test_resemblance_is_mutual_and_whole_for_the_same(ours, theirs):
-    a, b = looks(ours), looks(theirs)
+    a, b = appearance(ours), appearance(theirs)
     every = np.tile(np.arange(len(theirs)), (len(ours), 1))
     back = np.tile(np.arange(len(ours)), (len(theirs), 1))
     ab, ba = a.resemblance(b, every), b.resemblance(a, back)
@@ -101,7 +101,7 @@ def test_resemblance_is_mutual_and_whole_for_the_same(ours, theirs):
 @law
 @given(colors)
 def test_what_a_part_was_seen_as_is_likelier_for_it_than_for_a_part_unseen(rgb):
-    a = looks(rgb)
+    a = appearance(rgb)
     likely = a.likelihood(a, np.full(len(rgb), 7, np.uint8))
     assert np.isfinite(likely).all()
     assert (likely[:, 7] > likely[:, 3]).all()
