@@ -1,145 +1,172 @@
-"""The messages of one storage file of a ROS 2 bag (MCAP or SQLite), or of anybody's MCAP file.
+"""The messages of a bag's files, topic by topic: MCAP files by their records, all others by rosbags."""
 
-Message definitions in the files are never parsed: only well-known types are decoded, by known definitions.
-"""
-
-import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
+from typing import Any
+from weakref import finalize
 
 from mcap.records import Channel, Message, Schema
 
-from sensors.errors import FormatError
-from sensors.session.mcap_records import (
-    MAX_CHANNELS,
-    MAX_RECORD_BYTES,
-    MessageReader,
-    record_offsets,
-    records_at,
-)
+from sensors.errors import CloudError, FormatError
+from sensors.importers.ros_messages import ENCODINGS, PICTURES, READ, Decoded, decode, stamp_and_frame
+from sensors.session.mcap_records import MessageReader, record_offsets, records_at
 
-MAX_TEXT = 200
-MAX_SQLITE_STEPS = 1_000_000
-"""Thousands of virtual instructions a query may take: a view can be written that never ends."""
+METADATA = "metadata.yaml"
+"""In a ROS 2 bag's folder; a recorder that was killed has not written it."""
+
+Place = tuple[int, int]
+"""Where a file has a message: offset and slot in MCAP; elsewhere the time it was logged, and how many
+messages of its topic logged at that time come before it."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One message before it is read. kind: its type without package or folder; encoding: cdr or protobuf.
-
-    place: two numbers that find it again within its file.
-    """
+    """One message. kind: its type without package or folder; encoding: ros1, cdr or protobuf."""
 
     topic: str
     kind: str
     encoding: str
     logged_ns: int
-    place: tuple[int, int]
+    place: Place
+    data: bytes
 
 
 class McapFile:
-    """An MCAP file's messages. Raises FormatError when it is damaged; one cut off simply ends early."""
+    """An MCAP file's messages; one that was cut off simply ends early. Raises FormatError."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._messages = MessageReader(path)
 
     def entries(self) -> Iterator[Entry]:
-        """Every message of the file, in the file's order."""
+        """Every message of a type that is read, in the file's order."""
         schemas: dict[int, str] = {}
-        channels: dict[int, tuple[str, int, str]] = {}  # topic, schema, encoding
+        channels: dict[int, tuple[str, str, str]] = {}  # topic, kind, encoding
         with self.path.open("rb") as file:
             for offset in record_offsets(file):
                 for slot, record in enumerate(records_at(file, offset)):
                     if isinstance(record, Schema):
-                        schemas.setdefault(record.id, record.name[:MAX_TEXT])
+                        schemas[record.id] = _bare(record.name)
                     elif isinstance(record, Channel):
-                        encoding = record.message_encoding[:MAX_TEXT]
-                        channels.setdefault(record.id, (_plain(record.topic), record.schema_id, encoding))
+                        kind, encoding = schemas.get(record.schema_id, ""), record.message_encoding
+                        if kind in READ and encoding in ENCODINGS:
+                            channels[record.id] = record.topic, kind, encoding
                     elif isinstance(record, Message) and record.channel_id in channels:
-                        topic, schema, encoding = channels[record.channel_id]
-                        kind = _bare(schemas.get(schema, ""))
-                        yield Entry(topic, kind, encoding, record.log_time, (offset, slot))
-                    if max(len(schemas), len(channels)) > MAX_CHANNELS:
-                        raise FormatError(
-                            f"{self.path} names more than {MAX_CHANNELS} channels or schemas; split it"
-                        )
+                        topic = channels[record.channel_id]
+                        yield Entry(*topic, record.log_time, (offset, slot), record.data)
 
-    def read(self, place: tuple[int, int]) -> bytes:
+    def read(self, topic: str, place: Place) -> bytes:
         """A message's bytes."""
         return self._messages.read(*place)
 
 
-class SqliteFile:
-    """The messages of a rosbag2 SQLite file. Raises FormatError when it is none."""
+class RosbagFile:
+    """The messages of a ROS 1 bag, a SQLite file, or a ROS 2 bag's folder, by rosbags (extra ``exchange``).
+
+    Its ``AnyReader`` would make Python code of the definitions in a file: not used. Raises FormatError.
+    """
 
     def __init__(self, path: Path) -> None:
+        try:
+            from rosbags import rosbag1, rosbag2
+        except ImportError as error:
+            raise FormatError(f"{path} needs rosbags; pip install 'annotate-cloud[exchange]'") from error
         self.path = path
+        self._encoding = "ros1" if path.suffix.lower() == ".bag" else "cdr"
+        with _damaged(path):
+            self._reader: Any = rosbag1.Reader(path) if self._encoding == "ros1" else rosbag2.Reader(path)
+            self._reader.open()
+        finalize(self, self._reader.close)
 
     def entries(self) -> Iterator[Entry]:
-        """Every message of the file, in the order of their log times."""
-        with closing(self._connect()) as database:
-            try:
-                self._check_tables(database)
-                query = "SELECT id, name, type, serialization_format FROM topics LIMIT 10000"
-                topics = {
-                    i: (_plain(str(name)), _bare(str(kind)[:MAX_TEXT]), str(code)[:MAX_TEXT])
-                    for i, name, kind, code in database.execute(query)
-                }
-                query = "SELECT topic_id, timestamp, rowid FROM messages ORDER BY timestamp"
-                for topic, logged_ns, row in database.execute(query):
-                    if topic in topics and isinstance(logged_ns, int) and isinstance(row, int):
-                        yield Entry(*topics[topic], logged_ns, (row, 0))
-            except sqlite3.Error as error:
-                raise self._broken(error) from error
+        """Every message of a type that is read, in the order of their log times."""
+        last: dict[str, Place] = {}
+        with _damaged(self.path):
+            wanted = [c for c in self._reader.connections if _bare(c.msgtype) in READ]
+            for connection, logged_ns, data in self._reader.messages(wanted) if wanted else ():
+                topic = str(connection.topic)
+                before_ns, count = last.get(topic, (-1, 0))
+                last[topic] = place = (logged_ns, count + 1 if before_ns == logged_ns else 0)
+                yield Entry(topic, _bare(connection.msgtype), self._encoding, logged_ns, place, bytes(data))
 
-    def read(self, place: tuple[int, int]) -> bytes:
+    def read(self, topic: str, place: Place) -> bytes:
         """A message's bytes."""
-        with closing(self._connect()) as database:
-            try:
-                query = "SELECT data FROM messages WHERE rowid = ?"
-                row = database.execute(query, place[:1]).fetchone()
-            except sqlite3.Error as error:
-                raise self._broken(error) from error
-        if row is None or not isinstance(row[0], bytes):
-            raise FormatError(f"{self.path}: message {place[0]} holds no bytes; restore it from a copy")
-        return row[0]
-
-    def _check_tables(self, database: sqlite3.Connection) -> None:
-        """Whether both tables hold what was written: no view, and no column that is computed when read."""
-        kinds = {name: kind for _, name, kind, *_ in database.execute("PRAGMA main.table_list")}
-        for table in ("topics", "messages"):
-            if kinds.get(table) != "table":
-                raise FormatError(f"{self.path} is not a ROS 2 bag (it has no tables topics and messages)")
-            for _, column, *_, hidden in database.execute(f"PRAGMA main.table_xinfo({table})"):
-                if hidden:
-                    raise FormatError(
-                        f"{self.path} is not a ROS 2 bag ({_plain(column)} of {table} is computed)"
-                    )
-
-    def _connect(self) -> sqlite3.Connection:
-        try:
-            database = sqlite3.connect(f"{self.path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
-            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_RECORD_BYTES)
-            database.text_factory = lambda text: text.decode("utf-8", "replace")
-            database.execute("PRAGMA trusted_schema = OFF")
-        except (sqlite3.Error, ValueError) as error:
-            raise self._broken(error) from error
-        steps = iter(range(MAX_SQLITE_STEPS))
-        database.set_progress_handler(lambda: int(next(steps, None) is None), 1000)
-        return database
-
-    def _broken(self, error: Exception) -> FormatError:
-        return FormatError(f"{self.path} cannot be read ({_plain(str(error))}); restore it from a copy")
+        logged_ns, number = place
+        with _damaged(self.path):
+            connections = [c for c in self._reader.connections if str(c.topic) == topic]
+            messages = self._reader.messages(connections, logged_ns, logged_ns + 1)
+            return bytes(next(islice(messages, number, None))[2])
 
 
-def _plain(text: str) -> str:
-    """Printable text of bounded length: what a file says is shown to people."""
-    return "".join(c if c.isprintable() else " " for c in text[:MAX_TEXT])
+BagFile = McapFile | RosbagFile
+
+
+@dataclass
+class Topic:
+    """One topic's messages, by the time stamps of their pictures: all of one kind and encoding."""
+
+    name: str
+    kind: str
+    encoding: str
+    stamps_ns: list[int] = field(default_factory=list)
+    places: list[tuple[BagFile, Place]] = field(default_factory=list)
+
+    def read(self, index: int) -> Decoded:
+        """A message. Raises FormatError."""
+        file, place = self.places[index]
+        return decode(self.kind, self.encoding, file.read(self.name, place))
+
+
+def storage_files(folder: Path) -> list[Path]:
+    """The MCAP and SQLite files of a folder, sorted."""
+    return sorted(f for f in folder.iterdir() if f.suffix.lower() in (".mcap", ".db3") and f.is_file())
+
+
+def open_files(path: Path) -> list[BagFile]:
+    """The files at ``path``: a bag's folder, or one file. Raises FormatError."""
+    paths = storage_files(path) if path.is_dir() else [path]
+    mcap = any(file.suffix.lower() == ".mcap" for file in paths)
+    if path.is_dir() and (path / METADATA).is_file() and not mcap:
+        paths = [path]  # may be compressed, as its metadata say
+    return [McapFile(file) if mcap else RosbagFile(file) for file in paths]
+
+
+def index_topics(files: list[BagFile]) -> dict[str, Topic]:
+    """Every topic of a kind that is read, its messages by stamp, or as logged. Raises FormatError."""
+    topics: dict[str, Topic] = {}
+    for file in files:
+        for entry in file.entries():
+            topic = topics.setdefault(entry.topic, Topic(entry.topic, entry.kind, entry.encoding))
+            if (topic.kind, topic.encoding) != (entry.kind, entry.encoding):
+                raise FormatError(f"{file.path}: topic {entry.topic[:60]!r} holds messages of two kinds")
+            stamp_ns = entry.logged_ns
+            if entry.kind in PICTURES:
+                stamp_ns = stamp_and_frame(decode(entry.kind, entry.encoding, entry.data))[0] or stamp_ns
+            if not 0 <= stamp_ns < 1 << 63:
+                raise FormatError(f"{file.path}: a message of {entry.topic[:60]!r} has an impossible time")
+            topic.stamps_ns.append(stamp_ns)
+            topic.places.append((file, entry.place))
+    for topic in topics.values():
+        order = sorted(range(len(topic.stamps_ns)), key=topic.stamps_ns.__getitem__)
+        topic.stamps_ns = [topic.stamps_ns[i] for i in order]
+        topic.places = [topic.places[i] for i in order]
+    return topics
 
 
 def _bare(kind: str) -> str:
     """``sensor_msgs/msg/Image`` or ``foxglove.RawImage`` without what stands before the type's own name."""
     return kind.replace(".", "/").rpartition("/")[2]
+
+
+@contextmanager
+def _damaged(path: Path) -> Iterator[None]:
+    """Whatever rosbags, SQLite and unpackers raise at a damaged file as FormatError."""
+    try:
+        yield
+    except CloudError:
+        raise
+    except Exception as error:
+        raise FormatError(f"{path} cannot be read ({error}); restore it from a copy") from error

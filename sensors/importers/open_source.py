@@ -15,8 +15,8 @@ Source = Session | ImageFolder | CloudFile | AzureRecording | Bag | DepthArrays
 """A ``FrameSource`` with ``len``, and ``notes`` on what is absent or assumed."""
 
 KINDS = (
-    "a session, a ROS 2 bag, an MCAP file with ROS 2 or Foxglove images, an Azure Kinect recording (.mkv), a "
-    "folder of depth PNGs, a cloud (.pcd, .ply, .las, .laz) or arrays (.npy, .npz)"
+    "a session, a ROS 1 or 2 bag, an MCAP file with ROS 2 or Foxglove images, an Azure Kinect recording "
+    "(.mkv), a folder of depth PNGs, a cloud (.pcd, .ply, .las, .laz) or arrays (.npy, .npz)"
 )
 CLOUDS = (".pcd", ".ply", ".las", ".laz")
 
@@ -31,7 +31,7 @@ def open_source(path: Path) -> Source:
     head = _head(path)
     if head.startswith(MAGIC) or path.name.lower().endswith((".mcap", ".mcap.partial")):
         return Bag(path) if head.startswith(MAGIC) and is_bag(path) else Session(path)
-    if head.startswith(b"SQLite format 3\0"):
+    if head.startswith((b"SQLite format 3\0", b"#ROSBAG V")):
         return Bag(path)
     if head.startswith(b"\x1a\x45\xdf\xa3"):
         return AzureRecording(path)

@@ -13,53 +13,57 @@ from numpy.typing import NDArray
 from sensors.errors import FormatError
 from sensors.files.limits import MAX_IMAGE_SIDE
 from sensors.files.png import PNG_MAGIC, decode_grey
-from sensors.importers.ros_messages import PackedPicture, RawPicture
+from sensors.importers.ros_messages import Picture
 from sensors.rig.frame import mm_from_metres
 
 DEPTHS = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
-COLORS = {"rgb8": cv2.COLOR_RGB2BGR, "bgr8": None, "rgba8": cv2.COLOR_RGBA2BGR, "bgra8": cv2.COLOR_BGRA2BGR,
-          "8UC3": None, "mono8": cv2.COLOR_GRAY2BGR, "8UC1": cv2.COLOR_GRAY2BGR}  # fmt: skip
-"""Encodings that are read; of colours, OpenCV's way to its own order."""
-_CHANNELS = {"rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
+COLORS = {
+    "rgb8": (3, cv2.COLOR_RGB2BGR),
+    "bgr8": (3, None),
+    "8UC3": (3, None),
+    "rgba8": (4, cv2.COLOR_RGBA2BGR),
+    "bgra8": (4, cv2.COLOR_BGRA2BGR),
+    "mono8": (1, cv2.COLOR_GRAY2BGR),
+    "8UC1": (1, cv2.COLOR_GRAY2BGR),
+}
+"""Encodings that are read; of colours, number of channels and OpenCV's way to its own order."""
 _CONFIG = struct.Struct("<iff")
 """What stands before the PNG of a compressed depth image: format (1 = inverse depth), and its two numbers."""
 
 
-def depth_mm_from(picture: RawPicture | PackedPicture) -> NDArray[np.uint16]:
+def depth_mm_from(picture: Picture) -> NDArray[np.uint16]:
     """Depth (h, w) in millimetres. Raises FormatError."""
-    if isinstance(picture, PackedPicture):
+    if picture.compressed:
         return _unpacked_depth(picture)
     kind = DEPTHS.get(picture.encoding)
     if kind is None:
-        raise FormatError(
-            f"depth image has encoding {picture.encoding[:40]!r}; only {', '.join(DEPTHS)} are read"
-        )
+        raise FormatError(f"depth image is {picture.encoding[:40]!r}; only {', '.join(DEPTHS)} are read")
     values = _values(picture, np.dtype(kind), 1)[..., 0]
     return mm_from_metres(values) if kind is np.float32 else values.astype(np.uint16)
 
 
-def color_encoded_from(picture: RawPicture | PackedPicture) -> bytes:
+def color_encoded_from(picture: Picture) -> bytes:
     """JPEG or PNG bytes: the sender's own, or a raw image as PNG, which loses nothing. Raises FormatError."""
-    if isinstance(picture, PackedPicture):
+    if picture.compressed:
         if not picture.data.startswith((b"\xff\xd8\xff", PNG_MAGIC)):
-            raise FormatError(f"colour image has format {picture.format[:40]!r}; only JPEG and PNG are read")
+            raise FormatError(
+                f"colour image has format {picture.encoding[:40]!r}; only JPEG and PNG are read"
+            )
         return picture.data
     if picture.encoding not in COLORS:
         raise FormatError(
             f"colour image has encoding {picture.encoding[:40]!r}; only {', '.join(COLORS)} are read"
         )
-    pixels, code = (
-        _values(picture, np.dtype(np.uint8), _CHANNELS.get(picture.encoding, 3)),
-        COLORS[picture.encoding],
-    )
-    bgr = np.ascontiguousarray(pixels) if code is None else cv2.cvtColor(np.ascontiguousarray(pixels), code)
+    channels, code = COLORS[picture.encoding]
+    pixels = _values(picture, np.dtype(np.uint8), channels)
+    bgr = pixels if code is None else cv2.cvtColor(pixels, code)
     ok, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not ok:
         raise FormatError(f"colour image {bgr.shape} cannot be encoded; give at most {MAX_IMAGE_SIDE} a side")
     return bytes(data)
 
 
-def _values(picture: RawPicture, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
+def _values(picture: Picture, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
     """Pixels (h, w, channels), row padding removed."""
     height, width, step = picture.height, picture.width, picture.step
     row = width * channels * dtype.itemsize
@@ -76,15 +80,15 @@ def _values(picture: RawPicture, dtype: np.dtype[Any], channels: int) -> NDArray
     return np.ascontiguousarray(rows).view(order).reshape(height, width, channels)
 
 
-def _unpacked_depth(picture: PackedPicture) -> NDArray[np.uint16]:
+def _unpacked_depth(picture: Picture) -> NDArray[np.uint16]:
     start = picture.data[:64].find(PNG_MAGIC)
     if start < 0:
         raise FormatError(
-            f"compressed depth has format {picture.format[:60]!r}; only PNG is read, not RVL: record it raw"
+            f"compressed depth has format {picture.encoding[:60]!r}; only PNG is read, not RVL: record it raw"
         )
     png = picture.data[start:]
     values: NDArray[np.uint16] = decode_grey(png, np.uint16, "compressed depth")
-    if start != _CONFIG.size or "32FC1" not in picture.format:
+    if start != _CONFIG.size or "32FC1" not in picture.encoding:
         return values
     _, a, b = _CONFIG.unpack(picture.data[: _CONFIG.size])
     if not (np.isfinite(a) and np.isfinite(b) and a > 0):

@@ -1,13 +1,11 @@
-"""Images, camera descriptions and transforms of ROS 2 (CDR) and Foxglove (protobuf) as plain values.
+"""Images, camera descriptions and transforms of ROS 1, ROS 2 (both by rosbags) and Foxglove, as plain values.
 
-CDR is read by rosbags (extra ``exchange``) with the definitions of ROS 2 itself.
+ROS messages are decoded by ROS's own definitions; rosbags would make Python code of those in a file.
 """
 
-import struct
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -16,218 +14,147 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
-from google.protobuf.message import DecodeError
-from google.protobuf.message import Message as ProtoMessage
 
 from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.lens import intrinsics_from_rational
 from sensors.rig.quaternion import rotation_of
-from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES, Pose
+from sensors.rig.rig_calibration import Pose
 
-Fields = Any
-"""A decoded message of classes that rosbags and protobuf make at run time."""
+PICTURES = frozenset({"Image", "RawImage", "CompressedImage"})
+CAMERAS = frozenset({"CameraInfo", "CameraCalibration"})
+TRANSFORMS = frozenset({"TFMessage", "tfMessage", "FrameTransforms", "FrameTransform"})
+READ = PICTURES | CAMERAS | TRANSFORMS
+"""Message types that are read, by their bare names."""
+ENCODINGS = frozenset({"ros1", "cdr", "protobuf"})
 
-
-@dataclass(frozen=True)
-class RawPicture:
-    """An uncompressed image, not yet looked at. encoding: ROS's name, e.g. 16UC1; step: bytes a row."""
-
-    height: int
-    width: int
-    encoding: str
-    step: int
-    big_endian: bool
-    data: bytes
-
-
-@dataclass(frozen=True)
-class PackedPicture:
-    """A compressed image. format: what its sender says it is, e.g. ``16UC1; compressedDepth png``."""
-
-    format: str
-    data: bytes
-
-
-@dataclass(frozen=True)
-class Stamped:
-    """What a message says beside its picture: when (0 = nothing), and in which frame."""
-
-    stamp_ns: int
-    frame_id: str
-    picture: RawPicture | PackedPicture | None = None
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A CameraInfo's content. k: 9, p: 12 or none, d: any number of coefficients of ``model``."""
-
-    width: int
-    height: int
-    model: str
-    d: tuple[float, ...]
-    k: tuple[float, ...]
-    p: tuple[float, ...]
-
-    def intrinsics(self, rectified: bool, name: str) -> Intrinsics:
-        """The pinhole with its lens, or that of the rectified image. Raises CalibrationError."""
-        k = np.array(self.k, np.float64).reshape(3, 3) if len(self.k) == 9 else np.zeros((3, 3))
-        if rectified and len(self.p) == 12 and self.p[0] > 0:
-            k = np.array(self.p, np.float64).reshape(3, 4)[:, :3]
-        numbers = float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
-        plain = Intrinsics(self.width, self.height, *numbers)
-        if rectified or not any(self.d):
-            return plain
-        if self.model in ("plumb_bob", "") and len(self.d) in (4, 5):
-            return Intrinsics(self.width, self.height, *numbers, *self.d)
-        if self.model == "rational_polynomial" and len(self.d) == 8 and np.isfinite(self.d).all():
-            return intrinsics_from_rational((self.width, self.height), k, np.array(self.d))
-        raise CalibrationError(
-            f"{name} has lens model {self.model[:40]!r} with {len(self.d)} numbers; give plumb_bob or "
-            "rational_polynomial, or record the rectified image"
-        )
-
-
-@dataclass(frozen=True)
-class Link:
-    """One transform of a tree of frames: p_parent = pose(p_child)."""
-
-    parent: str
-    child: str
-    pose: Pose
-
-
-PICTURES = {"Image": RawImage, "RawImage": RawImage, "CompressedImage": CompressedImage}
-CAMERAS = {"CameraInfo": CameraCalibration, "CameraCalibration": CameraCalibration}
-TRANSFORMS = {
-    "TFMessage": FrameTransforms,
-    "FrameTransforms": FrameTransforms,
-    "FrameTransform": FrameTransform,
-}
-"""Message types that are read, by their bare names, and the protobuf class of the Foxglove ones."""
-ENCODINGS = ("cdr", "protobuf")
-
-_UNDECODABLE = (
-    *(struct.error, ValueError, IndexError, KeyError, TypeError, AttributeError, AssertionError),
-    *(OverflowError, MemoryError),
-)
 _ROS = {
     "Image": "sensor_msgs/msg/Image",
     "CompressedImage": "sensor_msgs/msg/CompressedImage",
     "CameraInfo": "sensor_msgs/msg/CameraInfo",
     "TFMessage": "tf2_msgs/msg/TFMessage",
+    "tfMessage": "tf2_msgs/msg/TFMessage",
+}
+_FOXGLOVE = {
+    "RawImage": RawImage,
+    "CompressedImage": CompressedImage,
+    "CameraCalibration": CameraCalibration,
+    "FrameTransform": FrameTransform,
+    "FrameTransforms": FrameTransforms,
 }
 
 
-def stamp_of(kind: str, encoding: str, data: bytes) -> int:
-    """When a picture was taken (ns), without decoding the whole of it where that can be helped."""
-    if encoding == "cdr":
-        # Encapsulation (4 bytes), then std_msgs/Header, which begins with builtin_interfaces/Time.
-        if len(data) < 12:
-            raise FormatError(f"a {kind} message has {len(data)} bytes; repair the bag")
-        seconds, nanoseconds = struct.unpack("<iI" if data[1] & 1 else ">iI", data[4:12])
-        return max(0, int(seconds)) * 1_000_000_000 + int(nanoseconds) % 1_000_000_000
-    return _proto_stamp(_proto(PICTURES[kind], data))
+Decoded = Any
+"""A message of the classes that rosbags and protobuf make at run time."""
 
 
-def picture_from(kind: str, encoding: str, data: bytes) -> Stamped:
-    """An Image, RawImage or CompressedImage. Raises FormatError."""
-    if encoding == "cdr":
-        message = _ros(kind, data)
-        stamp, frame = stamp_of(kind, encoding, data), str(message.header.frame_id)
-        pixels = message.data.tobytes()
-        if kind == "CompressedImage":
-            return Stamped(stamp, frame, PackedPicture(str(message.format), pixels))
-        raw = RawPicture(
-            int(message.height), int(message.width), str(message.encoding), int(message.step),
-            bool(message.is_bigendian), pixels,
-        )  # fmt: skip
-        return Stamped(stamp, frame, raw)
-    message = _proto(PICTURES[kind], data)
-    stamp, frame = _proto_stamp(message), str(message.frame_id)
-    if kind == "CompressedImage":
-        return Stamped(stamp, frame, PackedPicture(message.format, message.data))
-    raw = RawPicture(message.height, message.width, message.encoding, message.step, False, message.data)
-    return Stamped(stamp, frame, raw)
+@dataclass(frozen=True)
+class Picture:
+    """An image message. data: pixels in rows of ``step`` bytes, or a file's bytes where it is compressed.
+
+    encoding: ROS's name of the pixels, e.g. 16UC1, or what the sender says of a compressed image.
+    frame_id: its camera's frame in the tree of transforms.
+    """
+
+    frame_id: str
+    encoding: str
+    data: bytes
+    compressed: bool
+    height: int = 0
+    width: int = 0
+    step: int = 0
+    big_endian: bool = False
 
 
-def camera_from(kind: str, encoding: str, data: bytes) -> Camera:
-    """A CameraInfo or CameraCalibration. Raises FormatError."""
-    _check_size(kind, data)
-    if encoding == "cdr":
-        m = _ros(kind, data)
-        return Camera(
-            int(m.width),
-            int(m.height),
-            str(m.distortion_model),
-            *(tuple(map(float, x)) for x in (m.d, m.k, m.p)),
-        )
-    m = _proto(CAMERAS[kind], data)
-    return Camera(m.width, m.height, m.distortion_model, *(tuple(map(float, x)) for x in (m.D, m.K, m.P)))
+def decode(kind: str, encoding: str, data: bytes) -> Decoded:
+    """A message from its type's bare name and its bytes. Raises FormatError."""
+    try:
+        if encoding == "protobuf":
+            message = _FOXGLOVE[kind]()
+            message.ParseFromString(data)
+            return message
+        store = _typestore(encoding)
+        return (store.deserialize_ros1 if encoding == "ros1" else store.deserialize_cdr)(data, _ROS[kind])
+    except FormatError:
+        raise
+    except Exception as error:  # rosbags' generated code raises whatever struct, numpy and indexing do
+        raise FormatError(f"a {kind} message is damaged ({error}); restore the bag from a copy") from error
 
 
-def links_from(kind: str, encoding: str, data: bytes) -> list[Link]:
-    """Transforms of a TFMessage, FrameTransforms or FrameTransform. Raises FormatError, CalibrationError."""
-    _check_size(kind, data)
-    if encoding == "cdr":
-        return [
-            _link(t.header.frame_id, t.child_frame_id, t.transform.translation, t.transform.rotation)
-            for t in _ros(kind, data).transforms
-        ]
-    message = _proto(TRANSFORMS[kind], data)
-    transforms = [message] if kind == "FrameTransform" else message.transforms
-    return [_link(t.parent_frame_id, t.child_frame_id, t.translation, t.rotation) for t in transforms]
+def stamp_and_frame(message: Decoded) -> tuple[int, str]:
+    """When a picture was taken (ns, 0 = not said), and its camera's frame in the tree of transforms."""
+    if hasattr(message, "header"):
+        stamp = message.header.stamp
+        return _nanoseconds(stamp.sec, stamp.nanosec), str(message.header.frame_id)
+    return _nanoseconds(message.timestamp.seconds, message.timestamp.nanos), str(message.frame_id)
 
 
-def _check_size(kind: str, data: bytes) -> None:
-    # Lists of empty messages unpack to fifty times their size.
-    if len(data) > MAX_CALIBRATION_BYTES:
-        raise FormatError(f"a {kind} message is larger than {MAX_CALIBRATION_BYTES} bytes; repair the bag")
+def picture_from(message: Decoded) -> Picture:
+    """An Image, RawImage or CompressedImage."""
+    frame, pixels = stamp_and_frame(message)[1], bytes(message.data)
+    if hasattr(message, "format"):
+        return Picture(frame, str(message.format), pixels, compressed=True)
+    size = int(message.height), int(message.width), int(message.step)
+    big_endian = bool(getattr(message, "is_bigendian", False))
+    return Picture(frame, str(message.encoding), pixels, False, *size, big_endian)
 
 
-def _link(parent: str, child: str, t: Fields, q: Fields) -> Link:
-    numbers = np.array([q.x, q.y, q.z, q.w], np.float64)
-    length = float(np.linalg.norm(numbers))
-    if not 0.5 < length < 2:
-        raise CalibrationError(f"the transform to {child[:60]!r} has no rotation; record it again")
-    rotation = rotation_of(numbers)
-    # ROS writes some names with a slash before them.
-    return Link(
-        str(parent).lstrip("/"), str(child).lstrip("/"), Pose(rotation, np.array([t.x, t.y, t.z], float))
+def intrinsics_from(message: Decoded, rectified: bool, name: str) -> Intrinsics:
+    """The pinhole of a CameraInfo or CameraCalibration with its lens, or that of the rectified image.
+
+    Raises CalibrationError, which names the topic ``name``.
+    """
+    # ROS 1 and Foxglove write large letters, ROS 2 small ones.
+    d, k, p = (
+        np.array(getattr(message, letter if hasattr(message, letter) else letter.upper()), np.float64)
+        for letter in "dkp"
+    )
+    matrix = k.reshape(3, 3) if k.size == 9 else np.zeros((3, 3))
+    if rectified and p.size == 12 and p[0] > 0:
+        matrix = p.reshape(3, 4)[:, :3]
+    size, model = (int(message.width), int(message.height)), str(message.distortion_model)
+    pinhole = [float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))]
+    if rectified or not d.any():
+        return Intrinsics(*size, *pinhole)
+    if model in ("plumb_bob", "") and d.size in (4, 5):
+        return Intrinsics(*size, *pinhole, *d.tolist())
+    if model == "rational_polynomial" and d.size == 8 and np.isfinite(d).all():
+        return intrinsics_from_rational(size, matrix, d)
+    raise CalibrationError(
+        f"{name} has lens model {model[:40]!r} with {d.size} numbers; give plumb_bob or "
+        "rational_polynomial, or record the rectified image"
     )
 
 
-def _ros(kind: str, data: bytes) -> Fields:
-    deserialize, refused = _rosbags()
-    try:
-        return deserialize(data, _ROS[kind])
-    except (refused, *_UNDECODABLE) as error:
-        raise FormatError(
-            f"a {kind} message cannot be decoded ({str(error)[:80]}); repair the bag"
-        ) from error
+def links_from(message: Decoded) -> Iterator[tuple[str, str, Pose]]:
+    """(parent, child, parent_from_child) of every transform of a message. Raises CalibrationError."""
+    for transform in getattr(message, "transforms", None) or [message]:
+        if hasattr(transform, "header"):
+            parent, child, move = transform.header.frame_id, transform.child_frame_id, transform.transform
+        else:
+            parent, child, move = transform.parent_frame_id, transform.child_frame_id, transform
+        t, q = move.translation, move.rotation
+        quaternion = np.array([q.x, q.y, q.z, q.w], np.float64)
+        if not 0.5 < float(np.linalg.norm(quaternion)) < 2:
+            raise CalibrationError(f"the transform to {child[:60]!r} has no rotation; record it again")
+        # ROS writes some names with a slash before them.
+        pose = Pose(rotation_of(quaternion), np.array([t.x, t.y, t.z], np.float64))
+        yield str(parent).lstrip("/"), str(child).lstrip("/"), pose
+
+
+def _nanoseconds(seconds: int, nanoseconds: int) -> int:
+    return max(0, int(seconds)) * 1_000_000_000 + int(nanoseconds) % 1_000_000_000
 
 
 @cache
-def _rosbags() -> tuple[Callable[[bytes, str], Any], type[Exception]]:
-    """rosbags' CDR reader for ROS 2's own message definitions, and the error it raises."""
-    if find_spec("rosbags") is None:
-        raise FormatError("ROS 2 messages need rosbags; pip install 'annotate-cloud[exchange]'")
-    from rosbags.serde import SerdeError
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr, SerdeError
-
-
-def _proto(kind: type[ProtoMessage], data: bytes) -> Fields:
-    message = kind()
+def _typestore(encoding: str) -> Decoded:
+    """ROS's own message definitions, as rosbags ships them; those of ROS 1 lack transforms."""
     try:
-        message.ParseFromString(data)
-    except DecodeError as error:
-        raise FormatError(f"{kind.__name__} cannot be decoded ({error}); repair the file") from error
-    return message
-
-
-def _proto_stamp(message: Fields) -> int:
-    return (
-        max(0, int(message.timestamp.seconds)) * 1_000_000_000 + int(message.timestamp.nanos) % 1_000_000_000
-    )
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    except ImportError as error:
+        raise FormatError("ROS messages need rosbags; pip install 'annotate-cloud[exchange]'") from error
+    if encoding == "cdr":
+        return get_typestore(Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", _ROS["TFMessage"]))
+    return store
