@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES, RigCalibration
-from sensors.session.mcap_records import MAX_CHANNELS, is_complete, record_offsets, records_at
+from sensors.session.mcap_records import is_complete, record_offsets, records_at
 from sensors.session.messages import (
     CALIBRATIONS,
     COLOR,
@@ -29,8 +29,6 @@ from sensors.session.messages import (
 
 IMAGES = (DEPTH, COLOR, THERMAL, INFRARED, COUNTS, PYROMETER)
 """Topics of which every message is kept track of."""
-MAX_EVENTS = 100_000
-MAX_TEXT = 1000
 
 
 @dataclass(frozen=True)
@@ -104,18 +102,13 @@ class _Scan:
             self.count += 1
             self._add_message(offset, slot, record)
         elif isinstance(record, Schema):
-            self._add_schema(record)
+            self.schemas.setdefault(record.id, record.name)
         elif isinstance(record, Channel):
             self._add_channel(record)
         elif isinstance(record, Statistics):
             self.expected = record.message_count
         elif isinstance(record, Metadata) and record.name == METADATA:
             self.metadata = {_plain(key): _plain(value) for key, value in record.metadata.items()}
-
-    def _add_schema(self, schema: Schema) -> None:
-        self.schemas.setdefault(schema.id, schema.name[:MAX_TEXT])
-        if len(self.schemas) > MAX_CHANNELS:
-            raise FormatError(f"{self.path} names more than {MAX_CHANNELS} schemas; give a recorded session")
 
     def _add_channel(self, channel: Channel) -> None:
         expected = SCHEMAS.get(channel.topic)
@@ -138,7 +131,7 @@ class _Scan:
         elif topic is not None and (topic in CALIBRATIONS or topic == TF):
             # One too large is kept as far as calibration_from needs to refuse it.
             self.calibrations.setdefault(topic, message.data[: MAX_CALIBRATION_BYTES + 1])
-        elif topic == EVENTS and len(self.events) < MAX_EVENTS:
+        elif topic == EVENTS:
             self.events.append((message.publish_time, _plain(event_from(message.data))))
 
 
@@ -149,5 +142,5 @@ def _messages(places: "array[int]") -> Messages:
 
 
 def _plain(text: str) -> str:
-    """Printable text of bounded length: what a file says is shown to people."""
-    return "".join(c for c in text[:MAX_TEXT] if c.isprintable())
+    """The printable characters: people are shown what a file says."""
+    return "".join(c for c in text if c.isprintable())

@@ -1,14 +1,14 @@
-"""The records of an MCAP file, whole or cut off, each bounded before it is read.
+"""The records of an MCAP file, whole or cut off.
 
-``mcap.reader`` needs the index at a file's end and trusts the lengths it finds; a recording that was killed
-has no index, and a hostile one has impossible lengths. The records themselves are parsed by ``mcap``.
+``mcap``'s own random access needs the index at a file's end, which a recording that was killed has not. So
+records are found by their lengths, in the file's order, and parsed by ``mcap``.
 """
 
 import io
 import os
 import struct
+import zlib
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO
@@ -17,36 +17,21 @@ import lz4.frame
 import zstandard
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap.records import Chunk, McapRecord, Message
+from mcap.stream_reader import StreamReader
 
 from sensors.errors import FormatError
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 1 << 28
-"""Largest record or chunk accepted: room for the largest image that a camera may have."""
-MAX_RECORDS, FREE_RECORDS = 200_000, 100
-"""Records of a chunk: never more than the first, nor than the second and one for every byte on disk. Time
-stamps and sequence numbers alone need more than that."""
-COUNTED_BYTES = 256
-"""So much of a channel's description counts as one record more: it is a table, read entry by entry."""
-MAX_CHANNELS = 1000
-"""Channels, and schemas, of a file; few have a hundred."""
+"""Bytes of a record, and of what a chunk unpacks to: room for the largest image that a camera may have."""
 CACHED_CHUNKS = 8
+"""Unpacked chunks kept: one holds a depth image and what came with it. Chosen by eye."""
 
 _HEAD = struct.Struct("<BQ")  # opcode, length (MCAP specification, "Records")
+_END = _HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MAGIC
 _WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.STATISTICS}
-_BROKEN = (
-    McapError,
-    struct.error,
-    ValueError,
-    KeyError,
-    OverflowError,
-    MemoryError,
-    RuntimeError,
-    EOFError,
-    zstandard.ZstdError,
-)
+_BROKEN = (McapError, struct.error, ValueError, RuntimeError, zstandard.ZstdError)
 
 
 def record_offsets(file: BinaryIO) -> Iterator[int]:
@@ -84,7 +69,7 @@ def is_complete(file: BinaryIO) -> bool:
 
 
 def records_at(file: BinaryIO, offset: int) -> list[McapRecord]:
-    """The ``mcap.records`` at an offset: one, a chunk's contents, or none where nobody needs them.
+    """The ``mcap.records`` at an offset: one, a chunk's contents, or none of a kind that no session needs.
 
     Raises FormatError when they are corrupt, naming file and offset.
     """
@@ -95,13 +80,14 @@ def records_at(file: BinaryIO, offset: int) -> list[McapRecord]:
         return []
     try:
         if length > MAX_RECORD_BYTES:
-            raise ValueError(f"{length} bytes long")
-        record = next(StreamReader(io.BytesIO(head + file.read(length)), True, emit_chunks=True).records)
-        return _contents(record) if isinstance(record, Chunk) else [record]
+            raise ValueError(f"a record of {length} bytes")
+        record = next(_records(head + file.read(length)))
+        return list(_records(_unpacked(record) + _END)) if isinstance(record, Chunk) else [record]
     except _BROKEN as error:
         reason = str(error) or type(error).__name__
         raise FormatError(
-            f"{file.name} is damaged at byte {offset} ({reason}); repair it, or restore it from a copy"
+            f"{file.name} is damaged at byte {offset} ({reason}); restore it from a copy, "
+            f"or save the rest of it: annotate-cloud repair {file.name}"
         ) from error
 
 
@@ -125,47 +111,23 @@ class MessageReader:
             return records_at(file, offset)
 
 
-def _contents(chunk: Chunk) -> list[McapRecord]:
-    most = min(MAX_RECORDS, FREE_RECORDS + len(chunk.data))
-    if chunk.compression == "lz4":
-        chunk = _without_lz4(chunk)
-    if chunk.compression not in ("", "zstd"):
+def _records(data: bytes) -> Iterator[McapRecord]:
+    return StreamReader(io.BytesIO(data), skip_magic=True, emit_chunks=True).records
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """A chunk's records as bytes. ``mcap``'s own unpacking has no bound on what they take."""
+    size, data = chunk.uncompressed_size, chunk.data
+    if size > MAX_RECORD_BYTES:
+        raise ValueError(f"a chunk of {size} bytes")
+    if chunk.compression == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+    elif chunk.compression:
         raise ValueError(f"compression {chunk.compression[:20]!r} is not supported, convert it to zstd")
-    size = chunk.uncompressed_size
-    # zstandard allocates what the frame itself claims, whatever maximum it is given.
-    claimed = zstandard.frame_content_size(chunk.data) if chunk.compression else len(chunk.data)
-    if size > MAX_RECORD_BYTES or claimed not in (size, -1):
-        raise ValueError(f"chunk claims {claimed} and {size} bytes")
-    return _records(chunk, most) if size else []
-
-
-def _records(chunk: Chunk, most: int) -> list[McapRecord]:
-    """What an unpacked chunk holds. Raises ValueError where it is damaged, or more than ``most`` records."""
-    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    records: list[McapRecord] = []
-    count = 0
-    while stream.count < size:
-        opcode, length = _HEAD.unpack(stream.read(_HEAD.size))
-        end = stream.count + length
-        count += 1 + (length // COUNTED_BYTES if opcode == Opcode.CHANNEL else 0)
-        if count > most:
-            raise ValueError(f"more than {most} records in a chunk")
-        if opcode == Opcode.MESSAGE:
-            records.append(Message.read(stream, length))
-        elif opcode == Opcode.CHANNEL:
-            records.append(Channel.read(stream))
-        elif opcode == Opcode.SCHEMA:
-            records.append(Schema.read(stream))
-        # mcap reads what is inside a channel or schema, whatever length the record has.
-        if not stream.count <= end <= size:
-            raise ValueError("a record reaches beyond its end")
-        stream.read(end - stream.count)
-    return records
-
-
-def _without_lz4(chunk: Chunk) -> Chunk:
-    """Ours are never so compressed, but other people's MCAP files are."""
-    if chunk.uncompressed_size > MAX_RECORD_BYTES:
-        raise ValueError(f"chunk claims {chunk.uncompressed_size} bytes")
-    data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=chunk.uncompressed_size)
-    return replace(chunk, compression="", data=data)
+    if len(data) != size:
+        raise ValueError(f"a chunk holds more or less than the {size} bytes it states")
+    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError("a chunk with a wrong checksum")
+    return data
