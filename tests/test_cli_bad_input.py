@@ -20,7 +20,7 @@ from annotate.labelset.store import MANIFEST, LabelSet
 from annotate.parts import BODY_PARTS, PART_ID, UNDEFINED
 from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
 from eval.network.predict import SHIPPED_WEIGHTS
-from sensors.session.messages import DEPTH, depth_message
+from sensors.session.messages import DEPTH, image_message
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path, truth_path
 
@@ -86,7 +86,7 @@ def test_a_session_without_calibration_is_refused(annotate_cloud, tmp_path):
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
-        message = depth_message(np.full((24, 32), 1000, np.uint16), 0)
+        message = image_message(np.full((24, 32), 1000, np.uint16), "depth", 0)
         channel = writer.register_channel(DEPTH, "protobuf", register_schema(writer, type(message)))
         writer.add_message(channel, 0, message.SerializeToString(), 0)
         writer.finish()

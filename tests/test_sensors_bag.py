@@ -31,7 +31,7 @@ from sensors.importers.ros_messages import (
 )
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
-from sensors.session.messages import calibration_messages, color_message, depth_message
+from sensors.session.messages import calibration_messages, color_message, image_message
 from sensors.session.reader import Session
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1")
@@ -194,7 +194,7 @@ def test_foxglove_mcap_of_others_is_read(tmp_path, compression):
             ("/robot/head/depth/calibration", calibrations["/depth/calibration"]),
             ("/robot/head/rgb/calibration", calibrations["/color/calibration"]),
             ("/tf", calibrations["/tf"]),
-            *[("/robot/head/depth/image", depth_message(depth_image(i), i * SECOND)) for i in range(2)],
+            *[("/robot/head/depth/image", image_message(depth_image(i), "depth", i * SECOND)) for i in range(2)],
             *[("/robot/head/rgb/compressed", color_message(jpeg, i * SECOND)) for i in range(2)],
         ]:
             if topic not in channels:

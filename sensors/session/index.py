@@ -71,7 +71,10 @@ def read_contents(path: Path) -> Contents:
     except OSError as error:
         raise FormatError(f"{path} cannot be read ({error.strerror}); give a recorded session") from error
     if not truncated and scan.expected not in (None, scan.count):
-        raise FormatError(f"{path} holds {scan.count} of its {scan.expected} messages; repair it")
+        raise FormatError(
+            f"{path} holds {scan.count} of its {scan.expected} messages; restore it from a copy, "
+            f"or save the rest of it: annotate-cloud repair {path}"
+        )
     if not scan.places[DEPTH]:
         raise FormatError(f"{path} has no depth images ({DEPTH}); give a session of a depth camera")
     return Contents(
@@ -85,7 +88,7 @@ def read_contents(path: Path) -> Contents:
 
 @dataclass
 class _Scan:
-    """What has been seen so far. places: (stamp, arrival, offset, slot) after each other, by image topic."""
+    """What was found so far. places: (stamp, arrival, offset, slot) one after another, by image topic."""
 
     path: Path
     places: dict[str, "array[int]"] = field(default_factory=lambda: {topic: array("q") for topic in IMAGES})
@@ -126,7 +129,7 @@ class _Scan:
         topic = self.topics.get(message.channel_id)
         if topic in self.places:
             if message.publish_time >= 1 << 63 or message.log_time >= 1 << 63:
-                raise FormatError(f"{self.path}: a message of {topic} has an impossible time; repair it")
+                raise FormatError(f"{self.path}: a message of {topic} has an impossible time; record it again")
             self.places[topic].extend((message.publish_time, message.log_time, offset, slot))
         elif topic is not None and (topic in CALIBRATIONS or topic == TF):
             # One too large is kept as far as calibration_from needs to refuse it.

@@ -29,6 +29,7 @@ CACHED_CHUNKS = 8
 """Unpacked chunks kept: one holds a depth image and what came with it. Chosen by eye."""
 
 _HEAD = struct.Struct("<BQ")  # opcode, length (MCAP specification, "Records")
+_TIMES = struct.Struct("<QQ")  # message_start_time, message_end_time (the same, "Chunk")
 _END = _HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MAGIC
 _WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.STATISTICS}
 _BROKEN = (McapError, struct.error, ValueError, RuntimeError, zstandard.ZstdError)
@@ -57,15 +58,29 @@ def record_offsets(file: BinaryIO) -> Iterator[int]:
         offset += _HEAD.size + length
 
 
-def is_complete(file: BinaryIO) -> bool:
-    """Whether the file ends as a finished MCAP file does: footer, then magic."""
+def end_of_records(file: BinaryIO) -> int:
+    """Offset behind the last record that is there in full."""
     last = max(record_offsets(file), default=None)
     if last is None:
-        return False
+        return len(MAGIC)
     file.seek(last)
-    opcode, length = _HEAD.unpack(file.read(_HEAD.size))
-    file.seek(length, os.SEEK_CUR)
-    return opcode == Opcode.FOOTER and file.read() == MAGIC
+    _, length = _HEAD.unpack(file.read(_HEAD.size))
+    return last + _HEAD.size + int(length)
+
+
+def is_complete(file: BinaryIO) -> bool:
+    """Whether the file ends as a finished MCAP file does, with the magic."""
+    file.seek(end_of_records(file))
+    return file.read(len(MAGIC) + 1) == MAGIC
+
+
+def chunk_end_ns(file: BinaryIO, offset: int) -> int | None:
+    """The latest log time that the chunk at ``offset``, be it damaged or cut off, states; None for no chunk."""
+    file.seek(offset)
+    head = file.read(_HEAD.size + _TIMES.size)
+    if len(head) < _HEAD.size + _TIMES.size or head[0] != Opcode.CHUNK:
+        return None
+    return int(_TIMES.unpack_from(head, _HEAD.size)[1])
 
 
 def records_at(file: BinaryIO, offset: int) -> list[McapRecord]:
@@ -125,7 +140,7 @@ def _unpacked(chunk: Chunk) -> bytes:
     elif chunk.compression == "lz4":
         data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
     elif chunk.compression:
-        raise ValueError(f"compression {chunk.compression[:20]!r} is not supported, convert it to zstd")
+        raise ValueError(f"compression {chunk.compression!r} is not supported, convert it to zstd")
     if len(data) != size:
         raise ValueError(f"a chunk holds more or less than the {size} bytes it states")
     if chunk.uncompressed_crc not in (0, zlib.crc32(data)):

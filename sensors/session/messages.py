@@ -53,29 +53,34 @@ THERMAL_STEPS_PER_C = 100.0
 _FORMATS = {b"\xff\xd8\xff": "jpeg", b"\x89PN": "png"}
 
 
-def depth_message(depth_mm: NDArray[np.uint16], stamp_ns: int) -> RawImage:
-    """uint16 (h, w) millimetres as 16UC1."""
-    return _raw_image(depth_mm, "depth", stamp_ns)
+def image_message(image: NDArray[np.uint16], frame_id: str, stamp_ns: int) -> RawImage:
+    """uint16 (h, w) as 16UC1: depth in millimetres, infrared amplitudes, a thermal camera's raw counts."""
+    height, width = image.shape
+    data = np.ascontiguousarray(image, "<u2").tobytes()
+    return RawImage(
+        timestamp=_time(stamp_ns),
+        frame_id=frame_id,
+        width=width,
+        height=height,
+        encoding="16UC1",
+        step=2 * width,
+        data=data,
+    )
 
 
-def depth_from(data: bytes) -> NDArray[np.uint16]:
-    """Inverse of ``depth_message``. Raises FormatError."""
-    return _raw_values(data, "depth")
-
-
-def infrared_message(infrared: NDArray[np.uint16], stamp_ns: int) -> RawImage:
-    """uint16 (h, w) infrared amplitude of the depth camera as 16UC1."""
-    return _raw_image(infrared, "infrared", stamp_ns)
-
-
-def infrared_from(data: bytes) -> NDArray[np.uint16]:
-    """Inverse of ``infrared_message``. Raises FormatError."""
-    return _raw_values(data, "infrared")
-
-
-def counts_message(counts: NDArray[np.uint16], stamp_ns: int) -> RawImage:
-    """uint16 (h, w) detector counts, no temperatures, as 16UC1."""
-    return _raw_image(counts, "thermal", stamp_ns)
+def image_from(data: bytes, name: str) -> NDArray[np.uint16]:
+    """Inverse of ``image_message``; ``name`` is the image's in errors. Raises FormatError."""
+    message = _decode(RawImage, data)
+    if message.encoding not in ("16UC1", "mono16"):
+        raise FormatError(f"{name} image has encoding {message.encoding!r}; only 16UC1 is read")
+    height, width, step = message.height, message.width, message.step
+    if width == 0 or height == 0 or step < 2 * width or step % 2 or len(message.data) != step * height:
+        raise FormatError(
+            f"{name} image says {width}x{height}, {step} bytes a row, but holds {len(message.data)} bytes; "
+            "record it again"
+        )
+    rows = np.frombuffer(message.data, "<u2").reshape(height, step // 2)
+    return rows[:, :width].astype(np.uint16)
 
 
 def spot_message(target_c: float, head_c: float, box_c: float, stamp_ns: int) -> RawImage:
@@ -96,18 +101,18 @@ def target_from(data: bytes) -> float:
     """The target's temperature of a ``spot_message``, Celsius. Raises FormatError."""
     message = _decode(RawImage, data)
     if message.encoding != "32FC1" or len(message.data) < 4:
-        raise FormatError(f"a pyrometer reading has encoding {message.encoding[:40]!r}; only 32FC1 is read")
+        raise FormatError(f"a pyrometer reading has encoding {message.encoding!r}; only 32FC1 is read")
     return float(np.frombuffer(message.data[:4], "<f4")[0])
 
 
 def thermal_message(thermal_c: NDArray[np.float32], stamp_ns: int) -> RawImage:
     """float32 (h, w) Celsius, NaN = no reading, as 16UC1 in steps of 0.01 C (see THERMAL_OFFSET_C)."""
-    return _raw_image(thermal_to_uint16(thermal_c), "thermal", stamp_ns)
+    return image_message(thermal_to_uint16(thermal_c), "thermal", stamp_ns)
 
 
 def thermal_from(data: bytes) -> NDArray[np.float32]:
     """Inverse of ``thermal_message``. Raises FormatError."""
-    return thermal_from_uint16(_raw_values(data, "thermal"))
+    return thermal_from_uint16(image_from(data, "thermal"))
 
 
 def thermal_to_uint16(thermal_c: NDArray[np.float32]) -> NDArray[np.uint16]:
@@ -134,7 +139,7 @@ def color_from(data: bytes) -> bytes:
     """Inverse of ``color_message``. Raises FormatError."""
     message = _decode(CompressedImage, data)
     if message.format not in _FORMATS.values():
-        raise FormatError(f"colour image has format {message.format[:40]!r}; only jpeg and png are read")
+        raise FormatError(f"colour image has format {message.format!r}; only jpeg and png are read")
     return bytes(message.data)
 
 
@@ -188,7 +193,7 @@ def _decode(kind: type[M], data: bytes) -> M:
     try:
         message.ParseFromString(data)
     except DecodeError as error:
-        raise FormatError(f"{kind.__name__} cannot be decoded ({error}); repair the session") from error
+        raise FormatError(f"{kind.__name__} cannot be decoded ({error}); record it again") from error
     return message
 
 
@@ -196,34 +201,6 @@ def _time(stamp_ns: int) -> Timestamp:
     timestamp = Timestamp()
     timestamp.FromNanoseconds(stamp_ns)
     return timestamp
-
-
-def _raw_image(image: NDArray[np.uint16], frame_id: str, stamp_ns: int) -> RawImage:
-    height, width = image.shape
-    data = np.ascontiguousarray(image, "<u2").tobytes()
-    return RawImage(
-        timestamp=_time(stamp_ns),
-        frame_id=frame_id,
-        width=width,
-        height=height,
-        encoding="16UC1",
-        step=2 * width,
-        data=data,
-    )
-
-
-def _raw_values(data: bytes, name: str) -> NDArray[np.uint16]:
-    message = _decode(RawImage, data)
-    if message.encoding not in ("16UC1", "mono16"):
-        raise FormatError(f"{name} image has encoding {message.encoding[:40]!r}; only 16UC1 is read")
-    height, width, step = message.height, message.width, message.step
-    if width == 0 or height == 0 or step < 2 * width or step % 2 or len(message.data) != step * height:
-        raise FormatError(
-            f"{name} image says {width}x{height}, {step} bytes a row, but holds {len(message.data)} bytes; "
-            "record it again"
-        )
-    rows = np.frombuffer(message.data, "<u2").reshape(height, step // 2)
-    return rows[:, :width].astype(np.uint16)
 
 
 def _camera_message(camera: Intrinsics, frame_id: str, stamp_ns: int) -> CameraCalibration:
@@ -245,7 +222,7 @@ def _camera_from(data: bytes, name: str) -> Intrinsics:
     model, coefficients = message.distortion_model, list(message.D)
     if model not in ("", "plumb_bob") or len(coefficients) > 5 or len(message.K) != 9:
         raise CalibrationError(
-            f"calibration of the {name} camera has model {model[:40]!r}, {len(coefficients)} coefficients "
+            f"calibration of the {name} camera has model {model!r}, {len(coefficients)} coefficients "
             f"and {len(message.K)} matrix entries; give plumb_bob, at most 5, and 9"
         )
     distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), coefficients, strict=False))

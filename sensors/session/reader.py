@@ -35,15 +35,16 @@ from sensors.session.messages import (
     PYROMETER,
     THERMAL,
     color_from,
-    depth_from,
-    infrared_from,
+    image_from,
     target_from,
     thermal_from,
 )
 
+from sensors.session.partial import recording_at
+
 
 @dataclass(frozen=True)
-class Stream:
+class StreamRate:
     """How many messages a topic has, and their mean rate by device stamp (0 for fewer than two)."""
 
     count: int
@@ -56,10 +57,12 @@ class Session:
     Depth is master: a frame has the colour and thermal images nearest to it in device time, if within the
     windows above; no message is used twice. Frames are in the order of their depth stamps and numbered by
     it. Opening reads the whole file once (CRCs included) but keeps only where each message lies.
+    ``path`` may name a recording that was cut off and is there as ``.partial`` alone.
     Raises FormatError for what is no session or is damaged, CalibrationError when calibration is missing.
     """
 
     def __init__(self, path: Path) -> None:
+        path = recording_at(path)
         contents = read_contents(path)
         self.path = path
         self.name = contents.metadata.pop("name", "") or path.name.split(".")[0]
@@ -86,15 +89,15 @@ class Session:
         """Frame ``index`` of 0 .. len - 1. Raises IndexError, FormatError or CalibrationError."""
         if not 0 <= index < len(self):
             raise IndexError(index)
-        depth = depth_from(self._message(DEPTH, index))
+        depth = image_from(self._message(DEPTH, index), "depth")
         _check_size("depth", depth, self.calibration.depth)
-        color, thermal, shone = int(self._color[index]), int(self._thermal[index]), int(self._infrared[index])
+        color, thermal, infrared_at = (int(p[index]) for p in (self._color, self._thermal, self._infrared))
         thermal_c = infrared = None
         if thermal >= 0:
             thermal_c = thermal_from(self._message(THERMAL, thermal))
             _check_size("thermal", thermal_c, self.calibration.thermal)
-        if shone >= 0:
-            infrared = infrared_from(self._message(INFRARED, shone))
+        if infrared_at >= 0:
+            infrared = image_from(self._message(INFRARED, infrared_at), "infrared")
             _check_size("infrared", infrared, self.calibration.depth)
         return RigFrame(
             index=index,
@@ -107,7 +110,7 @@ class Session:
 
     @cached_property
     def reference_c(self) -> NDArray[np.float64]:
-        """What the pyrometer measured at the time of every frame (n,), Celsius; NaN where it did not.
+        """float64 (n,) Celsius: the pyrometer's target at the time of every frame, NaN where none was measured.
 
         Interpolated between its two nearest readings, if these are less than ``SPOT_WINDOW_NS`` apart.
         """
@@ -116,9 +119,9 @@ class Session:
         return interpolate(times, np.array(values), self._host[DEPTH], SPOT_WINDOW_NS)
 
     @property
-    def streams(self) -> dict[str, Stream]:
+    def streams(self) -> dict[str, StreamRate]:
         """Count and rate of every image topic that has messages."""
-        return {topic: _stream(m.stamps_ns) for topic, m in self._messages.items() if len(m.stamps_ns)}
+        return {topic: _rate(m.stamps_ns) for topic, m in self._messages.items() if len(m.stamps_ns)}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -131,7 +134,10 @@ class Session:
         if len(self._messages[COUNTS].stamps_ns) and not len(self._messages[THERMAL].stamps_ns):
             notes.append("thermal counts without the camera's calibration are not temperatures")
         if self.truncated:
-            notes.append(f"truncated: the recording was cut off after {len(self)} frames")
+            notes.append(
+                f"truncated: the recording was cut off after {len(self)} frames; "
+                f"make it whole with: annotate-cloud repair {self.path}"
+            )
         return tuple(notes)
 
     @cached_property
@@ -146,9 +152,9 @@ class Session:
 
 
 def host_times(messages: dict[str, Messages], metadata: dict[str, str]) -> dict[str, NDArray[np.int64]]:
-    """When each message was made, on one clock for all: int64 (n,) by topic.
+    """int64 (n,) by topic: when each message was made, on one clock for all.
 
-    A recording says in its metadata which clock stamped a topic (``clock /depth/image``); each of those is
+    A recording's metadata name the clock that stamped a topic (``clock /depth/image``); each of those is
     fitted to the host's. Topics of no stated clock are stamped by one and the same.
     """
     host = {topic: found.stamps_ns for topic, found in messages.items()}
@@ -174,9 +180,9 @@ def _latency_ms(text: str) -> float:
     return value if 0 <= value <= MAX_LATENCY_MS else 0.0
 
 
-def _stream(stamps_ns: NDArray[np.int64]) -> Stream:
+def _rate(stamps_ns: NDArray[np.int64]) -> StreamRate:
     span_s = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9
-    return Stream(len(stamps_ns), round((len(stamps_ns) - 1) / span_s, 3) if span_s > 0 else 0.0)
+    return StreamRate(len(stamps_ns), round((len(stamps_ns) - 1) / span_s, 3) if span_s > 0 else 0.0)
 
 
 def _check_size(name: str, image: NDArray[Any], camera: Intrinsics | None) -> None:

@@ -7,24 +7,20 @@ that a killed process loses at most the frame it was writing.
 """
 
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
 
 import numpy as np
 from google.protobuf.message import Message as ProtoMessage
-from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError, FormatError
-from sensors.files.atomic import check_free, replacing
+from sensors.files.atomic import check_free
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
-from sensors.session.mcap_records import MAX_CHANNELS, is_complete, record_offsets, records_at
 from sensors.session.messages import (
     COLOR,
     COUNTS,
@@ -37,18 +33,15 @@ from sensors.session.messages import (
     THERMAL,
     calibration_messages,
     color_message,
-    counts_message,
-    depth_message,
     event_message,
-    infrared_message,
+    image_message,
     spot_message,
     thermal_message,
 )
+from sensors.session.partial import partial_of
 
 CHUNK_BYTES = 1 << 20
-MAX_DESCRIBED_BYTES, ENTRY_BYTES = 1 << 26, 100
-"""Of schemas, channels and metadata of a file that is repaired: the writer keeps them to its end.
-Python needs about the second for every text, however short."""
+"""Bytes of messages after which a chunk ends, if no depth image ends it before. Chosen by eye."""
 
 
 class SessionWriter:
@@ -70,7 +63,7 @@ class SessionWriter:
         keep_partial: bool = True,
     ) -> None:
         self.path, self.calibration = path, calibration
-        self.partial = path.with_name(path.name + ".partial")
+        self.partial = partial_of(path)
         self._metadata = {**(metadata or {}), "name": name}
         self._overwrite, self._keep_partial = overwrite, keep_partial
         self._file: BinaryIO
@@ -127,7 +120,7 @@ class SessionWriter:
                 f"depth image is {depth_mm.shape}, its calibration {self.calibration.depth.shape}; "
                 "calibrate the camera in the mode that is recorded"
             )
-        self._add(DEPTH, depth_message(depth_mm, stamp_ns), stamp_ns, arrival_ns)
+        self._add(DEPTH, image_message(depth_mm, "depth", stamp_ns), stamp_ns, arrival_ns)
         self.flush()
 
     def write_color(self, encoded: bytes, stamp_ns: int, arrival_ns: int | None = None) -> None:
@@ -144,11 +137,11 @@ class SessionWriter:
         self, infrared: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None
     ) -> None:
         """Write the amplitude image of a depth image; its stamp is the depth image's."""
-        self._add(INFRARED, infrared_message(infrared, stamp_ns), stamp_ns, arrival_ns)
+        self._add(INFRARED, image_message(infrared, "infrared", stamp_ns), stamp_ns, arrival_ns)
 
     def write_counts(self, counts: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None) -> None:
         """Write a thermal camera's raw counts (h, w)."""
-        self._add(COUNTS, counts_message(counts, stamp_ns), stamp_ns, arrival_ns)
+        self._add(COUNTS, image_message(counts, "thermal", stamp_ns), stamp_ns, arrival_ns)
 
     def write_spot(
         self,
@@ -180,82 +173,3 @@ class SessionWriter:
                 self._add(its_topic, calibration, stamp_ns, arrival)
             self.flush()
         self._writer.add_message(self._channels[topic], arrival, message.SerializeToString(), stamp_ns)
-
-
-@dataclass(frozen=True)
-class Repair:
-    """What ``repair`` saved: messages kept, damaged records dropped, and whether the end was missing."""
-
-    messages: int
-    dropped: int
-    truncated: bool
-
-
-def repair(path: Path, out: Path, *, overwrite: bool = False) -> Repair:
-    """Rewrite a truncated or damaged session as a whole one with all that can still be read.
-
-    Raises FormatError when ``path`` is no MCAP file or has too many channels, ExistsError
-    when ``out`` exists.
-    """
-    if not path.is_file():
-        raise FormatError(f"{path} does not exist; give a recorded session")
-    check_free(out, overwrite)
-    kept = dropped = 0
-    with path.open("rb") as source, replacing(out) as temporary, temporary.open("wb") as sink:
-        writer = Writer(sink, chunk_size=CHUNK_BYTES)
-        writer.start(profile="", library=METADATA)
-        add = copier(writer)
-        for offset in record_offsets(source):
-            try:
-                records = records_at(source, offset)
-            except FormatError:
-                dropped += 1
-                continue
-            kept += sum(map(add, records))
-        writer.finish()
-        return Repair(kept, dropped, truncated=not is_complete(source))
-
-
-def copier(writer: Writer) -> Callable[[McapRecord], int]:
-    """A function that copies one record and returns the number of messages copied (0 or 1).
-
-    It raises FormatError for more channels, or longer descriptions of them, than any session has.
-    """
-    schemas: dict[int, int] = {0: 0}
-    channels: dict[int, int] = {}
-    described = 0
-
-    def describe(*parts: str | bytes) -> None:
-        nonlocal described
-        described += sum(ENTRY_BYTES + len(part) for part in parts)
-        if max(len(schemas), len(channels)) > MAX_CHANNELS or described > MAX_DESCRIBED_BYTES:
-            raise FormatError(
-                f"the file names more than {MAX_CHANNELS} channels or schemas, or takes more than "
-                f"{MAX_DESCRIBED_BYTES} bytes to describe them; give a recorded session"
-            )
-
-    def add(record: McapRecord) -> int:
-        if isinstance(record, Schema) and record.id not in schemas:
-            describe(record.name, record.encoding, record.data)
-            schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-        elif isinstance(record, Channel) and record.id not in channels and record.schema_id in schemas:
-            describe(record.topic, *record.metadata.keys(), *record.metadata.values())
-            schema = schemas[record.schema_id]
-            channels[record.id] = writer.register_channel(
-                record.topic, record.message_encoding, schema, record.metadata
-            )
-        elif isinstance(record, Metadata):
-            describe(record.name)
-            writer.add_metadata(record.name, record.metadata)
-        elif isinstance(record, Message) and record.channel_id in channels:
-            writer.add_message(
-                channels[record.channel_id],
-                record.log_time,
-                record.data,
-                record.publish_time,
-                record.sequence,
-            )
-            return 1
-        return 0
-
-    return add
