@@ -147,7 +147,10 @@ def _source_problems(path: Path) -> list[str]:
     source = open_source(path)
     problems = []
     if isinstance(source, Session) and source.truncated:
-        problems.append(f"{path} is truncated: its end is lost; its {len(source)} frames can be used")
+        problems.append(
+            f"{path} is truncated: its end is lost; make its {len(source)} frames a whole session with: "
+            f"annotate-cloud repair {source.path}"
+        )
     fuser = Fuser(source.calibration)
     try:
         for frame in source:

@@ -1,4 +1,4 @@
-"""The verb ``record``: from devices into a session."""
+"""Verbs of recordings in the making: record, and repair for one that was cut off."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from cli.console import LINE_SECONDS, Json, Overwrite, finish, say
+from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say
 from cli.extras import needing
 from sensors.device.protocol import Device
 from sensors.errors import CalibrationError, DeviceError
@@ -21,6 +21,7 @@ from sensors.recording.recorder import Recorded, Recorder, clock_metadata
 from sensors.recording.rig_file import RecordingRig, load_rig
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.repair import repair as repair_session
 from sensors.session.writer import SessionWriter
 
 VIRTUAL_SEED = 7
@@ -75,6 +76,36 @@ def record(
         with writer, _preview() as show:
             done = recorder.run(_until(seconds), show)
     _report(out, done, json)
+
+
+def repair(
+    session: Annotated[
+        Path, typer.Argument(metavar="SESSION", help="Recording that was cut off, or a damaged session.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Session to write. Default: in place; NAME.mcap for NAME.mcap.partial."),
+    ] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Make a recording that was cut off whole again, with every frame that can be read."""
+    done = repair_session(session, out, overwrite=overwrite)
+    result = {
+        "session": str(done.path),
+        "frames": done.frames,
+        "lost_seconds": round(done.lost_s, 3),
+        "damaged": done.damaged,
+        "changed": done.changed,
+    }
+    text = f"{done.path} is whole, with {done.frames} frames"
+    if not done.changed:
+        text += "; nothing to repair"
+    if done.lost_s:
+        text += f"; {cell(done.lost_s, 's')} could not be saved"
+    if done.damaged:
+        text += f"; {done.damaged} damaged records left out"
+    finish(result, json, text)
 
 
 def _calibration(rig: RecordingRig, devices: list[Device], shown: Shown | None) -> RigCalibration:

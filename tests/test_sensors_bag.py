@@ -194,7 +194,10 @@ def test_foxglove_mcap_of_others_is_read(tmp_path, compression):
             ("/robot/head/depth/calibration", calibrations["/depth/calibration"]),
             ("/robot/head/rgb/calibration", calibrations["/color/calibration"]),
             ("/tf", calibrations["/tf"]),
-            *[("/robot/head/depth/image", image_message(depth_image(i), "depth", i * SECOND)) for i in range(2)],
+            *[
+                ("/robot/head/depth/image", image_message(depth_image(i), "depth", i * SECOND))
+                for i in range(2)
+            ],
             *[("/robot/head/rgb/compressed", color_message(jpeg, i * SECOND)) for i in range(2)],
         ]:
             if topic not in channels:

@@ -26,7 +26,8 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration, save_calibration
 from sensors.session.mcap_records import record_offsets, records_at
-from sensors.session.writer import SessionWriter, copier, repair
+from sensors.session.repair import Copier, repair
+from sensors.session.writer import SessionWriter
 
 CAMERA = Intrinsics(16, 12, 20.0, 21.0, 7.5, 5.5)
 RIG = RigCalibration(CAMERA, CAMERA, Pose.identity(), CAMERA, Pose.identity())
@@ -80,10 +81,10 @@ def _bare_session(folder: Path) -> Path:
     with whole.open("rb") as source, bare.open("wb") as sink:
         writer = Writer(sink, compression=CompressionType.NONE, enable_crcs=False)
         writer.start(profile="", library="")
-        add = copier(writer)
+        copier = Copier(writer)
         for offset in record_offsets(source):
             for record in records_at(source, offset):
-                add(record)
+                copier.add(record)
         writer.finish()
     whole.unlink()
     return bare

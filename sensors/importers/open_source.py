@@ -9,6 +9,7 @@ from sensors.importers.bag import Bag, is_bag
 from sensors.importers.folder import ImageFolder
 from sensors.importers.pointcloud import CloudFile
 from sensors.session.mcap_records import MAGIC
+from sensors.session.partial import recording_at
 from sensors.session.reader import Session
 
 Source = Session | ImageFolder | CloudFile | AzureRecording | Bag | DepthArrays
@@ -26,6 +27,7 @@ def open_source(path: Path) -> Source:
 
     Raises FormatError for anything else, and what the sources themselves raise.
     """
+    path = recording_at(path)
     if path.is_dir():
         return Bag(path) if is_bag(path) else ImageFolder(path)
     head = _head(path)

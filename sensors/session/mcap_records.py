@@ -15,7 +15,7 @@ from typing import BinaryIO
 
 import lz4.frame
 import zstandard
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader
@@ -30,7 +30,6 @@ CACHED_CHUNKS = 8
 
 _HEAD = struct.Struct("<BQ")  # opcode, length (MCAP specification, "Records")
 _TIMES = struct.Struct("<QQ")  # message_start_time, message_end_time (the same, "Chunk")
-_END = _HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MAGIC
 _WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.STATISTICS}
 _BROKEN = (McapError, struct.error, ValueError, RuntimeError, zstandard.ZstdError)
 
@@ -75,7 +74,7 @@ def is_complete(file: BinaryIO) -> bool:
 
 
 def chunk_end_ns(file: BinaryIO, offset: int) -> int | None:
-    """The latest log time that the chunk at ``offset``, be it damaged or cut off, states; None for no chunk."""
+    """Latest log time of a chunk, even a damaged one or one cut off, as it states it; None for no chunk."""
     file.seek(offset)
     head = file.read(_HEAD.size + _TIMES.size)
     if len(head) < _HEAD.size + _TIMES.size or head[0] != Opcode.CHUNK:
@@ -96,8 +95,8 @@ def records_at(file: BinaryIO, offset: int) -> list[McapRecord]:
     try:
         if length > MAX_RECORD_BYTES:
             raise ValueError(f"a record of {length} bytes")
-        record = next(_records(head + file.read(length)))
-        return list(_records(_unpacked(record) + _END)) if isinstance(record, Chunk) else [record]
+        records = _records(head + file.read(length))
+        return _records(_unpacked(records[0])) if isinstance(records[0], Chunk) else records
     except _BROKEN as error:
         reason = str(error) or type(error).__name__
         raise FormatError(
@@ -126,8 +125,17 @@ class MessageReader:
             return records_at(file, offset)
 
 
-def _records(data: bytes) -> Iterator[McapRecord]:
-    return StreamReader(io.BytesIO(data), skip_magic=True, emit_chunks=True).records
+def _records(data: bytes) -> list[McapRecord]:
+    """The records that lie one after another in ``data``. Raises EndOfFile where it ends within one."""
+    stream, records, end = io.BytesIO(data), list[McapRecord](), 0
+    try:
+        for record in StreamReader(stream, skip_magic=True, emit_chunks=True).records:
+            records.append(record)
+            end = stream.tell()
+    except EndOfFile:
+        if end < len(data):
+            raise
+    return records
 
 
 def _unpacked(chunk: Chunk) -> bytes:
@@ -136,7 +144,9 @@ def _unpacked(chunk: Chunk) -> bytes:
     if size > MAX_RECORD_BYTES:
         raise ValueError(f"a chunk of {size} bytes")
     if chunk.compression == "zstd":
-        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
+        # A frame gets the memory it claims, whatever the limit.
+        claimed = zstandard.frame_content_size(data)
+        data = zstandard.decompress(data, size) if claimed in (size, -1) else b""
     elif chunk.compression == "lz4":
         data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
     elif chunk.compression:

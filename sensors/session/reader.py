@@ -39,7 +39,6 @@ from sensors.session.messages import (
     target_from,
     thermal_from,
 )
-
 from sensors.session.partial import recording_at
 
 
@@ -110,7 +109,7 @@ class Session:
 
     @cached_property
     def reference_c(self) -> NDArray[np.float64]:
-        """float64 (n,) Celsius: the pyrometer's target at the time of every frame, NaN where none was measured.
+        """float64 (n,) Celsius: the pyrometer's target at the time of every frame, NaN = not measured.
 
         Interpolated between its two nearest readings, if these are less than ``SPOT_WINDOW_NS`` apart.
         """

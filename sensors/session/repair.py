@@ -37,16 +37,16 @@ class Repaired:
 def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> Repaired:
     """Rewrite a session as a whole one with all that can be read; a whole one stays as it is.
 
-    The result takes the place of the file at ``path``, or the recording's name from its ``.partial`` file, which
-    goes; or it is ``out``, and the file stays. Nothing changes before the result is whole.
+    The result takes the file's place; that of ``NAME.mcap.partial`` is called ``NAME.mcap``, and the partial
+    file goes. With ``out`` the file stays as it is. Nothing changes before the result is whole.
     Raises FormatError when nothing can be saved, ExistsError when another file has the result's name and
     ``overwrite`` is False.
     """
     source = recording_at(path)
     if not source.is_file():
         raise FormatError(f"{path} does not exist; give a recorded session")
-    if source == final_of(source) and _is_whole(source):
-        return Repaired(source, len(Session(source)), changed=False)
+    if source == final_of(source) and (frames := _whole_frames(source)):
+        return Repaired(source, frames, changed=False)
     target = out or final_of(source)
     if target != source:
         check_free(target, overwrite)
@@ -58,15 +58,17 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
     return Repaired(target, frames, lost_ns * 1e-9, damaged)
 
 
-def _is_whole(path: Path) -> bool:
+def _whole_frames(path: Path) -> int:
+    """Frames of a session that is whole; 0 of one that is not."""
     try:
-        return not Session(path).truncated
+        session = Session(path)
     except FormatError:
-        return False
+        return 0
+    return 0 if session.truncated else len(session)
 
 
 def _copy(file: BinaryIO, out: Path) -> tuple[int, int]:
-    """Copy what can be read; the nanoseconds that are lost, and the number of damaged records."""
+    """Copy what can be read. Nanoseconds that are lost, and the number of damaged records."""
     lost_ns = damaged = 0
     with out.open("wb") as sink:
         writer = Writer(sink, chunk_size=CHUNK_BYTES)
@@ -116,7 +118,11 @@ class Copier:
 
     def missing_ns(self, end_ns: int | None) -> int:
         """How long after the last message copied a chunk that ends at ``end_ns`` lasted."""
-        if end_ns is None or self._last_ns is None or not self._last_ns < end_ns <= self._last_ns + LONGEST_LOSS_NS:
+        if (
+            end_ns is None
+            or self._last_ns is None
+            or not self._last_ns < end_ns <= self._last_ns + LONGEST_LOSS_NS
+        ):
             return 0
         lost_ns, self._last_ns = end_ns - self._last_ns, end_ns
         return lost_ns
