@@ -24,7 +24,7 @@ def evaluate(
     predicted: Annotated[Path, typer.Argument(metavar="PREDICTED", help="Label set or dataset.")],
     truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Label set or dataset.")],
     out: Annotated[
-        Path | None, typer.Option(help="Result file to write, for 'compare' and 'report'.")
+        Path | None, typer.Option(help="Result file to write (.npz), for 'compare' and 'report'.")
     ] = None,
     title: Annotated[str, typer.Option(help="Name of the result in the report.")] = "Network",
     overwrite: Overwrite = False,
