@@ -3,11 +3,13 @@
 import json
 import math
 import re
+import shlex
 import shutil
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -134,6 +136,11 @@ def facts(values: Mapping[str, object]) -> str:
 def finish(result: dict[str, Any], as_json: bool, text: str) -> None:
     """Print a command's result: its JSON object or its lines."""
     print(json.dumps(result, allow_nan=False) if as_json else "\n".join(map(one_line, text.split("\n"))))
+
+
+def provenance() -> dict[str, str]:
+    """The command that is running and the version, for files that name their origin."""
+    return {"command": shlex.join(["annotate-cloud", *sys.argv[1:]]), "version": version("annotate-cloud")}
 
 
 def say(line: str) -> None:

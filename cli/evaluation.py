@@ -1,8 +1,5 @@
 """Verbs that measure labels and compare what was measured: evaluate, compare."""
 
-import shlex
-import sys
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +7,7 @@ import typer
 
 from annotate.labelset.frames import LabelledFrames
 from annotate.labelset.open_frames import open_frames
-from cli.console import Json, Overwrite, finish, progress, say
+from cli.console import Json, Overwrite, finish, progress, provenance, say
 from cli.extras import needing
 from cli.score_tables import difference_text, scores_text
 from eval.compare.compare import Comparison, compare_sets
@@ -54,8 +51,7 @@ def _facts(predicted: LabelledFrames, truth: LabelledFrames, comparison: Compari
     for key in ("steps", "predict", "weights"):
         weights = weights.get(key) if isinstance(weights, dict) else None
     facts = {
-        "command": shlex.join(["annotate-cloud", *sys.argv[1:]]),
-        "version": version("annotate-cloud"),
+        **provenance(),
         "predicted": str(predicted.path),
         "truth": str(truth.path),
         **{f"{name} hash": value for name, value in comparison.hashes.items()},

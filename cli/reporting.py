@@ -1,14 +1,11 @@
 """The verb ``report``: results on one page."""
 
-import shlex
-import sys
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cli.console import Json, Overwrite, finish
+from cli.console import Json, Overwrite, finish, provenance
 from cli.extras import needing
 from eval.compare.results import load_result
 from sensors.session.reader import Session
@@ -57,7 +54,6 @@ def report(
         )
     free_outputs(out, overwrite)
     notes = [*(note or []), *[""] * len(shown or [])]
-    facts = {"command": shlex.join(["annotate-cloud", *sys.argv[1:]]), "version": version("annotate-cloud")}
     material = gather(
         [load_result(path) for path in results],
         load_result(ceiling) if ceiling else None,
@@ -65,7 +61,7 @@ def report(
         history or [],
         audit or [],
         dict(zip(shown or [], notes, strict=False)),
-        facts,
+        provenance(),
     )
     written = write_report(out, material, overwrite)
     finish({"path": str(out), "files": [str(path) for path in written]}, json, str(out))

@@ -27,22 +27,12 @@ Without = StrEnum("Without", [field.name for field in fields(Augmentation)])  # 
 """The augmentations that can be left out."""
 
 
-class NetworkName(StrEnum):
-    """Networks that can be trained."""
-
-    COMPACT = "compact"
-    COMPACT_SMALL = "compact-small"
-    COMPACT_LARGE = "compact-large"
-    PAPER = "paper"
-    PAPER_QUARTER = "paper-quarter"
-    SMP = "smp"
-
-
-class RecipeName(StrEnum):
-    """Loss and optimiser."""
-
-    MODERN = "modern"
-    PAPER = "paper"
+NetworkName = StrEnum(
+    "NetworkName", ["compact", "compact-small", "compact-large", "paper", "paper-quarter", "smp"]
+)
+"""Networks that can be trained."""
+RecipeName = StrEnum("RecipeName", ["modern", "paper"])
+"""Losses with their optimisers."""
 
 
 class PrecisionName(StrEnum):
@@ -68,7 +58,7 @@ def train(
     network: Annotated[NetworkName | None, typer.Option(help="Architecture.", show_default="compact")] = None,
     recipe: Annotated[
         RecipeName, typer.Option(help="modern: AdamW with one cycle; paper: SGD on a summed loss.")
-    ] = RecipeName.MODERN,
+    ] = RecipeName.modern,
     init: Annotated[
         Path | None, typer.Option(help="Weights to start from (weights.safetensors), with their network.")
     ] = None,
@@ -108,7 +98,9 @@ def train(
         if team.first:
             clear(out, "plan.json", overwrite, *data, *tests, *([init] if init else []))
         with _shown(team.first, images_left(out, plan, crops)) as advance:
-            watch = Watch(advance, lambda epoch: _tell(team.first, epoch, epochs), 60 * checkpoint_minutes)
+            watch = Watch(
+                advance, lambda epoch: _print_epoch(team.first, epoch, epochs), 60 * checkpoint_minutes
+            )
             model, done = run(crops, measured, out, plan, team, watch, start, workers)
     if team.first:
         _save(model, plan, out)
@@ -149,35 +141,27 @@ def _plan(
 
     if init and network:
         raise CloudError(f"{init} determines the network; leave out --network {network}")
-    model, config = load_weights(init) if init else (None, _config(network or NetworkName.COMPACT))
+    model, config = load_weights(init) if init else (None, _config(network or "compact"))
     how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
-    chosen: Recipe
-    match recipe:
-        case RecipeName.MODERN:
-            chosen = ModernRecipe() if batch is None else ModernRecipe(batch)
-        case RecipeName.PAPER:
-            chosen = PaperRecipe() if batch is None else PaperRecipe(batch)
+    recipes: dict[str, type[Recipe]] = {"modern": ModernRecipe, "paper": PaperRecipe}
+    chosen = recipes[recipe]() if batch is None else recipes[recipe](batch)
     return Plan(config, chosen, how, epochs, seed, precision.value if precision else best_precision()), model
 
 
-def _config(network: NetworkName) -> "NetworkConfig":
+def _config(network: str) -> "NetworkConfig":
     from eval.network.compact import CompactConfig
     from eval.network.paper_fcn import PaperConfig
     from eval.network.smp_network import SmpConfig
 
-    match network:
-        case NetworkName.COMPACT:
-            return CompactConfig()
-        case NetworkName.COMPACT_SMALL:
-            return CompactConfig((16, 24, 32, 48, 64))
-        case NetworkName.COMPACT_LARGE:
-            return CompactConfig((32, 48, 64, 96, 144))
-        case NetworkName.PAPER:
-            return PaperConfig()
-        case NetworkName.PAPER_QUARTER:
-            return PaperConfig(16, 1024)
-        case NetworkName.SMP:
-            return SmpConfig()
+    configs: dict[str, NetworkConfig] = {
+        "compact": CompactConfig(),
+        "compact-small": CompactConfig((16, 24, 32, 48, 64)),
+        "compact-large": CompactConfig((32, 48, 64, 96, 144)),
+        "paper": PaperConfig(),
+        "paper-quarter": PaperConfig(16, 1024),
+        "smp": SmpConfig(),
+    }
+    return configs[network]
 
 
 def _measured(data: list[Path], tests: list[Path], hold_out: list[str], images: int) -> Crops | None:
@@ -198,7 +182,7 @@ def _shown(first: bool, images: int) -> Iterator[Callable[[int], None]]:
         yield advance
 
 
-def _tell(first: bool, epoch: "Epoch", epochs: int) -> None:
+def _print_epoch(first: bool, epoch: "Epoch", epochs: int) -> None:
     scores = "" if epoch.miou is None else f", mean recall {epoch.mean_recall:.4f}, mIoU {epoch.miou:.4f}"
     if first:
         say(f"epoch {epoch.number} of {epochs}: loss {epoch.loss:.4f}{scores}")
