@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from annotate.person.thermal_drift import measure_drift
 from cli.console import Json, Overwrite, finish, progress, say
@@ -20,26 +21,21 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    board: Annotated[
-        Path,
-        typer.Argument(metavar="BOARD", help="Session that shows the hole plate; with --check, any session."),
-    ],
+    board: Annotated[Path, Argument(help="Session that shows the hole plate; with --check, any session.")],
     out: Annotated[
-        Path | None, typer.Option(help="Calibration file to write (JSON); a plot is saved beside it.")
+        Path | None, Option(help="Calibration (JSON) to write; a plot is saved beside it.")
     ] = None,
     check: Annotated[
         bool,
-        typer.Option(
-            "--check", help="Only measure whether the calibration of the session still fits its images."
-        ),
+        Option("--check", help="Only measure whether the calibration of the session still fits its images."),
     ] = False,
     yaml: Annotated[
-        Path | None, typer.Option(help="Folder for the same calibration as YAML, for OpenCV and iai_kinect2.")
+        Path | None, Option(help="Folder for the same calibration as YAML, for OpenCV and iai_kinect2.")
     ] = None,
-    columns: Annotated[int, typer.Option(help="Holes per row.")] = 4,
-    rows: Annotated[int, typer.Option(help="Rows of holes.")] = 11,
-    pitch_mm: Annotated[float, typer.Option(help="Distance between neighbouring rows.")] = 35.0,
-    hole_mm: Annotated[float, typer.Option(help="Diameter of a hole.")] = 22.0,
+    columns: Annotated[int, Option(help="Holes per row.")] = 4,
+    rows: Annotated[int, Option(help="Rows of holes.")] = 11,
+    pitch_mm: Annotated[float, Option(help="Distance between neighbouring rows.")] = 35.0,
+    hole_mm: Annotated[float, Option(help="Diameter of a hole.")] = 22.0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:

@@ -26,13 +26,14 @@ from rich.progress import (
 )
 from rich.table import Table
 from rich.text import Text
+from typer import Option
 
 from annotate.label_source import Run
 from annotate.labelset.appearing import check_replaceable
 from sensors.errors import one_line
 
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing output.")]
+Json = Annotated[bool, Option("--json", help="Print one JSON object on stdout.")]
+Overwrite = Annotated[bool, Option("--overwrite", help="Replace existing output.")]
 
 LINE_SECONDS = 5.0
 """Seconds between two lines of progress where stderr is not a terminal; chosen by eye."""

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from annotate.cloud.fuse import Fuser
 from annotate.labelset import dataset, store
@@ -22,19 +23,19 @@ from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session
 from synth.markers.motion_file import is_motion
 
-Session_ = Annotated[Path, typer.Argument(metavar="OUT.mcap", help="Session to write.")]
+Session_ = Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")]
 Any_ = Annotated[
     Path,
-    typer.Argument(metavar="PATH", help="Session, label set, dataset, motion, or what import reads."),
+    Argument(help="Session, label set, dataset, motion, or what import reads."),
 ]
 
 
 def simulate(
     out: Session_,
-    frames: Annotated[int, typer.Option(help="Number of frames.", min=1)] = 40,
+    frames: Annotated[int, Option(help="Number of frames.", min=1)] = 40,
     subjects: Annotated[
         int | None,
-        typer.Option(
+        Option(
             help="Number of people, recorded one after another.",
             min=1,
             show_default="4, at most one per frame",
@@ -42,19 +43,16 @@ def simulate(
     ] = None,
     scene: Annotated[
         str,
-        typer.Option(
-            help="sofa, chair or bed; or plate, the target for calibrate.",
-            autocompletion=names.scenes,
-        ),
+        Option(help="sofa, chair or bed; or plate, the target for calibrate.", autocompletion=names.scenes),
     ] = "sofa",
     difficulty: Annotated[
-        str, typer.Option(help="clean, normal or hard.", autocompletion=names.difficulties)
+        str, Option(help="clean, normal or hard.", autocompletion=names.difficulties)
     ] = "normal",
-    seed: Annotated[int, typer.Option(help="The same seed gives the same session.", min=0)] = 0,
+    seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Record people in a colour-coded suit with the virtual rig; the true labels go to OUT.truth/."""
+    """Record people in a colour-coded suit with the virtual rig; the true labels go to out.truth/."""
     if scene == "plate":
         _simulate_plate(out, frames, seed, overwrite, json)
         return

@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from cli.console import Json, Overwrite, clear, finish, table
 from cli.extras import needing
@@ -14,9 +14,9 @@ MARKER = ".annotate-cloud-demo"
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for all results of the demo.")],
-    frames: Annotated[int, typer.Option(min=1, help="Number of frames, of up to four people.")] = 12,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same people and poses.")] = 1,
+    out: Annotated[Path, Option(help="Folder for all results of the demo.")],
+    frames: Annotated[int, Option(min=1, help="Number of frames, of up to four people.")] = 12,
+    seed: Annotated[int, Option(min=0, help="The same seed gives the same people and poses.")] = 1,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:

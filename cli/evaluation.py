@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from annotate.labelset.frames import LabelledFrames
 from annotate.labelset.open_frames import open_frames
@@ -18,12 +18,10 @@ from sensors.files.atomic import check_free
 
 
 def evaluate(
-    predicted: Annotated[Path, typer.Argument(metavar="PREDICTED", help="Label set or dataset.")],
-    truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Label set or dataset.")],
-    out: Annotated[
-        Path | None, typer.Option(help="Result file to write (.npz), for 'compare' and 'report'.")
-    ] = None,
-    title: Annotated[str, typer.Option(help="Name of the result in the report.")] = "Network",
+    predicted: Annotated[Path, Argument(help="Label set or dataset.")],
+    truth: Annotated[Path, Argument(help="Label set or dataset.")],
+    out: Annotated[Path | None, Option(help="Result (.npz) to write, for 'compare' and 'report'.")] = None,
+    title: Annotated[str, Option(help="Name of the result in the report.")] = "Network",
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -62,8 +60,8 @@ def _facts(predicted: LabelledFrames, truth: LabelledFrames, comparison: Compari
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(metavar="A", help="Result that 'evaluate --out' wrote.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="Result to compare it with.")],
+    a: Annotated[Path, Argument(help="Result that 'evaluate --out' wrote.")],
+    b: Annotated[Path, Argument(help="Result to compare it with.")],
     json: Json = False,
 ) -> None:
     """Show by how much result A is better than result B, and how certain that is."""

@@ -4,7 +4,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from annotate.exchange.formats import FORMATS, export_labels, import_labels
 from annotate.labelset.store import LabelSet
@@ -18,17 +18,12 @@ SESSION_SUFFIX = ".mcap"
 
 
 def import_(
-    source: Annotated[
-        Path, typer.Argument(metavar="SRC", help=f"Recording: {KINDS}. Labels: whatever export writes.")
-    ],
-    out: Annotated[
-        Path,
-        typer.Argument(metavar="OUT", help="OUT.mcap for a recording, a folder for labels."),
-    ],
+    source: Annotated[Path, Argument(help=f"Recording: {KINDS}. Labels: whatever export writes.")],
+    out: Annotated[Path, Argument(help="out.mcap for a recording, a folder for labels.")],
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Import a recording (OUT.mcap) or another tool's labels (OUT, a folder)."""
+    """Import a recording (out.mcap) or another tool's labels (a folder)."""
     if out.suffix.lower() == SESSION_SUFFIX:
         _import_images(source, out, overwrite, json)
     else:
@@ -36,12 +31,9 @@ def import_(
 
 
 def export(
-    labels: Annotated[Path, typer.Argument(metavar="LABELS", help="Label set.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder to write.")],
-    format_: Annotated[
-        str,
-        typer.Option("--format", metavar="NAME", help=f"{', '.join(FORMATS)}.", autocompletion=names.formats),
-    ],
+    labels: Annotated[Path, Argument(help="Label set.")],
+    out: Annotated[Path, Argument(help="Folder to write.")],
+    format_: Annotated[str, Option("--format", help=f"{', '.join(FORMATS)}.", autocompletion=names.formats)],
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from annotate.label_source import label_source
 from annotate.labelset import store
@@ -33,20 +34,18 @@ def _window(window_c: tuple[float, float] | None) -> tuple[float, float] | None:
 
 Window = Annotated[
     tuple[float, float] | None,
-    typer.Option(
+    Option(
         help="Lowest and highest temperature of a person, degrees Celsius. Default: found in each frame.",
         callback=_window,
     ),
 ]
-Labels = Annotated[Path, typer.Option(help="Label set to write; an interrupted run continues there.")]
+Labels = Annotated[Path, Option(help="Label set to write; an interrupted run continues there.")]
 
 
 def label(
-    session: Annotated[
-        Path, typer.Argument(metavar="SESSION", help="Session, or anything else that import reads.")
-    ],
+    session: Annotated[Path, Argument(help="Session, or anything else that import reads.")],
     out: Labels,
-    suit: Annotated[Path | None, typer.Option(help="Palette of the colour-coded suit (TOML).")] = None,
+    suit: Annotated[Path | None, Option(help="Palette of the colour-coded suit (TOML).")] = None,
     window: Window = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -75,19 +74,17 @@ def label(
 
 @suit_app.command()
 def learn(
-    out: Annotated[Path, typer.Option(help="Palette (TOML) to write.")],
-    labels: Annotated[
-        Path | None, typer.Argument(metavar="LABELS", help="Label set with corrected frames.")
-    ] = None,
-    session: Annotated[Path | None, typer.Option(help="Recording the labels were made from.")] = None,
+    out: Annotated[Path, Option(help="Palette (TOML) to write.")],
+    labels: Annotated[Path | None, Argument(help="Label set with corrected frames.")] = None,
+    session: Annotated[Path | None, Option(help="Recording the labels were made from.")] = None,
     frame: Annotated[
         list[str] | None,
-        typer.Option(help="Id of a correctly labelled frame; repeatable. Default: all corrected frames."),
+        Option(help="Id of a correctly labelled frame; repeatable. Default: all corrected frames."),
     ] = None,
     swatches: Annotated[
         Path | None,
-        typer.Option(
-            help="Instead of LABELS: photograph of the eleven cloths on plain paper, "
+        Option(
+            help="Instead of labels: photograph of the eleven cloths on plain paper, "
             "row by row from the head to the right lower leg."
         ),
     ] = None,
@@ -106,7 +103,7 @@ def learn(
         ids = frame or corrected_frames(chosen)
         palette = suit_from_labels(clouds_with(chosen, ids, open_source(session)), out.stem)
     else:
-        raise typer.BadParameter("give LABELS with --session, or --swatches alone")
+        raise typer.BadParameter("give labels with --session, or --swatches alone")
     write_bytes(out, suit_to_toml(palette).encode())
     for note in palette.notes:
         say(note)
@@ -115,8 +112,8 @@ def learn(
 
 
 def diff(
-    a: Annotated[Path, typer.Argument(metavar="A", help="Label set or dataset.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="Label set or dataset to take as the truth.")],
+    a: Annotated[Path, Argument(help="Label set or dataset.")],
+    b: Annotated[Path, Argument(help="Label set or dataset to take as the truth.")],
     json: Json = False,
 ) -> None:
     """Compare label set A with label set B in a few scores; 'evaluate' computes more scores."""

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
+from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress, say, table
 from cli.extras import needing
@@ -29,11 +29,11 @@ STATUSES = {"bridged": BRIDGED, "missing": MISSING, "ghost": GHOST, "swapped": S
 
 
 def solve(
-    markers: Annotated[Path, typer.Argument(metavar="MARKERS", help="Recording: C3D, TRC or BVH.")],
-    out: Annotated[Path, typer.Option(help="Motion file to write (.npz).")],
-    static: Annotated[Path | None, typer.Option(help="Static trial of the same person: C3D or TRC.")] = None,
+    markers: Annotated[Path, Argument(help="Recording: C3D, TRC or BVH.")],
+    out: Annotated[Path, Option(help="Motion file to write (.npz).")],
+    static: Annotated[Path | None, Option(help="Static trial of the same person: C3D or TRC.")] = None,
     markerset: Annotated[
-        Path | None, typer.Option(help="Marker-set file (TOML). Default: the shipped set that fits best.")
+        Path | None, Option(help="Marker-set file (TOML). Default: the shipped set that fits best.")
     ] = None,
     overwrite: Overwrite = False,
     json: Json = False,

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from annotate.labelset import store
 from annotate.labelset.frames import LabelledFrames
@@ -19,20 +19,14 @@ from sensors.rig.source import FrameSource
 
 
 def predict(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SRC", help="Session, label set, dataset, or anything else that import reads."
-        ),
-    ],
+    source: Annotated[Path, Argument(help="Session, label set, dataset, or what import reads.")],
     out: Labels,
     weights: Annotated[
-        Path, typer.Option(help="Network (.onnx).", show_default="the shipped one")
+        Path, Option(help="Network (.onnx).", show_default="the shipped one")
     ] = SHIPPED_WEIGHTS,
     window: Window = None,
     probabilities: Annotated[
-        bool,
-        typer.Option("--probabilities", help="Also store the probabilities of all classes, 12 kB per frame."),
+        bool, Option("--probabilities", help="Also store the probabilities of all classes, 12 kB per frame.")
     ] = False,
     overwrite: Overwrite = False,
     json: Json = False,

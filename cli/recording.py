@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from typer import Argument, Option
 
 from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say
 from cli.extras import needing
@@ -48,14 +49,12 @@ class Shown:
 
 
 def record(
-    out: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="Session to write.")],
-    rig: Annotated[Path | None, typer.Option(help="Rig file (TOML): devices and calibration.")] = None,
-    device: Annotated[
-        list[str] | None, typer.Option(help="Device address, as `devices` lists it; repeatable.")
-    ] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="Duration. Default: until Ctrl-C.")] = None,
+    out: Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")],
+    rig: Annotated[Path | None, Option(help="Rig file (TOML): devices and calibration.")] = None,
+    device: Annotated[list[str] | None, Option(help="Address, as `devices` lists it; repeatable.")] = None,
+    seconds: Annotated[float | None, Option(min=0.1, help="Duration. Default: until Ctrl-C.")] = None,
     infrared: Annotated[
-        bool, typer.Option("--infrared", help="Also record infrared images, which calibrate needs.")
+        bool, Option("--infrared", help="Record infrared images too, for calibrate.")
     ] = False,
     overwrite: Overwrite = False,
     json: Json = False,

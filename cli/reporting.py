@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, provenance
 from cli.extras import needing
@@ -12,33 +13,24 @@ from sensors.session.reader import Session
 
 
 def report(
-    results: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RESULTS", help="Results that 'evaluate --out' wrote; the first is the baseline."
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="HTML file to write; .csv, .json and .tex are saved beside it.")],
+    results: Annotated[list[Path], Argument(help="Results of 'evaluate --out'; the first is the baseline.")],
+    out: Annotated[Path, Option(help="HTML file to write; .csv, .json and .tex are saved beside it.")],
     ceiling: Annotated[
-        Path | None, typer.Option(help="Result of comparing two people's corrections of the same frames.")
+        Path | None, Option(help="Result of one person's corrections against another's.")
     ] = None,
     session: Annotated[
-        list[Path] | None,
-        typer.Option(help="Recording the labels were made from, to show its clouds; repeatable."),
+        list[Path] | None, Option(help="Recording of the labels, to show its clouds; repeatable.")
     ] = None,
     history: Annotated[
-        list[Path] | None,
-        typer.Option(help="Folder that 'train' wrote, to show loss and scores by epoch; repeatable."),
+        list[Path] | None, Option(help="Folder of 'train', to show loss and scores; repeatable.")
     ] = None,
     audit: Annotated[
-        list[Path] | None, typer.Option(help="Corrected label set, to show who corrected what; repeatable.")
+        list[Path] | None, Option(help="Corrected label set, to show who did what; repeatable.")
     ] = None,
     shown: Annotated[
-        list[Path] | None, typer.Option(help="Label set without a truth, to show its pictures; repeatable.")
+        list[Path] | None, Option(help="Label set without a truth, to show it; repeatable.")
     ] = None,
-    note: Annotated[
-        list[str] | None, typer.Option(help="Text for a --shown label set; one for each, in the same order.")
-    ] = None,
+    note: Annotated[list[str] | None, Option(help="Text for each --shown, in the same order.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:

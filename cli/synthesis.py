@@ -10,6 +10,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from typer import Option
 
 from cli import names
 from cli.console import Json, Overwrite, clear, finish, progress, table
@@ -26,22 +27,22 @@ app = typer.Typer(help="Synthetic bodies and datasets of depth images.", no_args
 
 @app.command()
 def bodies(
-    out: Annotated[Path, typer.Option(help=f"Folder for the bodies and their picture, {PICTURE}.")],
+    out: Annotated[Path, Option(help=f"Folder for the bodies and their picture, {PICTURE}.")],
     table: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="CSV file: name,height_cm,weight_kg,waist_breadth_cm. Default: the paper's eight bodies."
         ),
     ] = None,
     sample: Annotated[
         int | None,
-        typer.Option(
+        Option(
             help="Number of random adults of both sexes, all ages and builds, instead of a table.",
             min=1,
             max=1000,
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same random adults.", min=0)] = 0,
+    seed: Annotated[int, Option(help="The same seed gives the same random adults.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -92,21 +93,17 @@ def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Gen
 @app.command("generate")
 def generate_(
     preset: Annotated[
-        str,
-        typer.Option(help="sitting-train, sitting-test, recumbent or upright.", autocompletion=names.presets),
+        str, Option(help="sitting-train, sitting-test, recumbent or upright.", autocompletion=names.presets)
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the shards; an interrupted run continues there.")],
-    count: Annotated[int | None, typer.Option(help="Number of images. Default: the preset's own.")] = None,
-    workers: Annotated[int, typer.Option(help="Processes on this machine.", min=1, max=256)] = 2,
+    out: Annotated[Path, Option(help="Folder for the shards; an interrupted run continues there.")],
+    count: Annotated[int | None, Option(help="Number of images. Default: the preset's own.")] = None,
+    workers: Annotated[int, Option(help="Processes on this machine.", min=1, max=256)] = 2,
     scheduler: Annotated[
-        str | None,
-        typer.Option(help="Use a dask cluster instead: address of its scheduler, tcp://HOST:8786."),
+        str | None, Option(help="Use a dask cluster instead: address of its scheduler, tcp://HOST:8786.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same bytes.")] = 0,
-    occluders: Annotated[
-        float, typer.Option(help="Share of images with objects in front of the person.")
-    ] = 0.0,
-    cut: Annotated[float, typer.Option(help="Share of images with holes in the extracted person.")] = 0.0,
+    seed: Annotated[int, Option(help="The same seed gives the same bytes.")] = 0,
+    occluders: Annotated[float, Option(help="Share of images with objects in front of the person.")] = 0.0,
+    cut: Annotated[float, Option(help="Share of images with holes in the extracted person.")] = 0.0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:

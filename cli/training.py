@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from cli.console import Json, Overwrite, clear, finish, progress, say
 from cli.extras import needing
@@ -43,44 +43,36 @@ class PrecisionName(StrEnum):
 
 
 def train(
-    data: Annotated[list[Path], typer.Argument(metavar="DATA", help="Datasets and label sets.")],
-    out: Annotated[
-        Path, typer.Option(help="Folder for checkpoints and weights; an interrupted run continues there.")
-    ],
+    data: Annotated[list[Path], Argument(help="Datasets and label sets.")],
+    out: Annotated[Path, Option(help="Folder for weights; an interrupted run continues there.")],
     test: Annotated[
-        list[Path] | None,
-        typer.Option(help="Dataset or label set to measure on after each epoch; repeatable."),
+        list[Path] | None, Option(help="Dataset or label set to measure on after each epoch; repeatable.")
     ] = None,
-    test_images: Annotated[int, typer.Option(min=1, help="Number of test images, evenly spread.")] = 512,
+    test_images: Annotated[int, Option(min=1, help="Number of test images, evenly spread.")] = 512,
     hold_out: Annotated[
-        list[str] | None, typer.Option(help="Subject to measure on instead of training on; repeatable.")
+        list[str] | None, Option(help="Subject to measure on, not to train on; repeatable.")
     ] = None,
-    network: Annotated[NetworkName | None, typer.Option(help="Architecture.", show_default="compact")] = None,
+    network: Annotated[NetworkName | None, Option(help="Architecture.", show_default="compact")] = None,
     recipe: Annotated[
-        RecipeName, typer.Option(help="modern: AdamW with one cycle; paper: SGD on a summed loss.")
+        RecipeName, Option(help="modern: AdamW with one cycle; paper: SGD on a summed loss.")
     ] = RecipeName.modern,
-    init: Annotated[
-        Path | None, typer.Option(help="Weights to start from (weights.safetensors), with their network.")
-    ] = None,
-    without: Annotated[
-        list[Without] | None, typer.Option(help="Augmentation to leave out; repeatable.")
-    ] = None,
-    epochs: Annotated[int, typer.Option(min=1, max=10_000, help="Passes over all images.")] = 12,
+    init: Annotated[Path | None, Option(help="Weights to start from (weights.safetensors).")] = None,
+    without: Annotated[list[Without] | None, Option(help="Augmentation to leave out; repeatable.")] = None,
+    epochs: Annotated[int, Option(min=1, max=10_000, help="Passes over all images.")] = 12,
     batch: Annotated[
-        int | None,
-        typer.Option(min=1, max=1024, help="Images per step.", show_default="16, the paper's 12"),
+        int | None, Option(min=1, max=1024, help="Images per step.", show_default="16, the paper's 12")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed and data give the same network.")] = 0,
+    seed: Annotated[int, Option(min=0, help="The same seed and data give the same network.")] = 0,
     precision: Annotated[
         PrecisionName | None,
-        typer.Option(
+        Option(
             help="bfloat16 is faster where the processor supports it.",
             show_default="bfloat16 on a GPU that supports it, else float32",
         ),
     ] = None,
-    workers: Annotated[int, typer.Option(min=0, max=64, help="Processes that prepare images.")] = 0,
+    workers: Annotated[int, Option(min=0, max=64, help="Processes that prepare images.")] = 0,
     checkpoint_minutes: Annotated[
-        float, typer.Option(min=0, help="Minutes between checkpoints within an epoch.")
+        float, Option(min=0, help="Minutes between checkpoints in an epoch.")
     ] = 5.0,
     overwrite: Overwrite = False,
     json: Json = False,
