@@ -1,1 +1,1 @@
-"""The colour-coded clothing: its palette, how light changes it, how it is learnt."""
+"""Palette of the colour-coded clothing, its colours in a frame's light, and its learning."""

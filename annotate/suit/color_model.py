@@ -1,4 +1,4 @@
-"""The suit's colours in the light of one frame, and how well each part explains a colour.
+"""Colour model of a suit in the light of one frame, and the log likelihood of colours under its parts.
 
 The light of a frame (lamp, white balance) multiplies red, green and blue each by a gain, von Kries' model;
 exposure multiplies all three and leaves the chromaticity alone. The two gains, each swatch's remaining
@@ -15,49 +15,63 @@ from annotate.array_types import Bool, Float64, Index, UInt8
 from annotate.parts import BODY_PARTS
 from annotate.suit.palette import Suit, chromaticity
 
-CLIPPED, DARK = 250, 20
-"""8-bit values from which on a channel has lost its upper end, and below which a colour is only noise."""
+CLIPPED = 250
+"""8-bit value from which on a channel has lost its upper end. Chosen by eye."""
+DARK = 20
+"""8-bit value of the brightest channel below which a colour is noise. Chosen by eye."""
 CLIP_SIGMA = 0.08
-"""How far off the chromaticity of a colour with one clipped channel may be."""
+"""Standard deviation of the chromaticity of a colour with one clipped channel. Chosen by eye."""
 NOISE_RGB = 4.0
-"""Noise of an 8-bit colour channel, which blurs the chromaticity of dark pixels."""
-SIGMA, LEAST_SIGMA, SIGMA_POINTS = 0.05, 0.02, 60.0
-"""Spread of a swatch's chromaticity on folds and under several lamps; how many points that guess is worth."""
-FADE, FADE_SIGMA = 0.1, 0.2
-"""How far washing and sun have moved a cloth's chromaticity towards the light's: a share of the way."""
+"""Noise of an 8-bit colour channel, which blurs the chromaticity of dark pixels. Chosen by eye."""
+SIGMA = 0.05
+"""Expected standard deviation of a swatch's chromaticity on folds and under several lamps. Chosen by eye."""
+LEAST_SIGMA = 0.02
+"""Least fitted standard deviation. Chosen by eye."""
+SIGMA_POINTS = 60.0
+"""Number of points that the expected standard deviation is worth. Chosen by eye."""
+FADE = 0.1
+"""Expected fading by washing and sun: share of the way from a cloth's chromaticity to the light's. Chosen by
+eye."""
+FADE_SIGMA = 0.2
+"""Standard deviation of that share. Chosen by eye."""
 HUE_SIGMA = 0.03
-"""How far its chromaticity strays beside that."""
+"""Standard deviation of a cloth's chromaticity beside its fading. Chosen by eye."""
 BARE = (((176, 135, 105), ("head", "left_forearm", "right_forearm")),
         ((70, 62, 58), ("head", "left_lower_leg", "right_lower_leg")))  # fmt: skip
-"""What is no cloth of the suit: skin of face and hands (the middle of the Monk Skin Tone scale), dark hair
-and shoes."""
+"""sRGB colours that are no cloth of the suit, and the parts that show them: skin of face and hands (the
+middle of the Monk Skin Tone scale); dark hair and shoes (chosen by eye)."""
 BARE_HUE_SIGMA = 0.05
-"""People differ more than cloths do."""
+"""As HUE_SIGMA, for these: people differ more than cloths do. Chosen by eye."""
 BARE_COST = 0.7
-"""Log cost of explaining a colour by something bare instead of the suit."""
-GAIN, GAIN_SIGMA = np.array([0.0, 0.25]), 0.3
-"""The log gains to be expected between a palette and any light."""
+"""Log cost of explaining a colour by something bare instead of the suit. Chosen by eye."""
+GAIN = np.array([0.0, 0.25])
+"""Expected log gains (2,) of red and blue against green between a palette and any light. Chosen by eye."""
+GAIN_SIGMA = 0.3
+"""Standard deviation of each. Chosen by eye."""
 GAIN_STEPS = np.linspace(-0.7, 0.7, 11)
-"""Offsets from them that are tried at first; incandescent lamp to blue sky is about -0.6 to 0.6."""
+"""Offsets from them tried at first, in both; incandescent lamp to blue sky is about -0.6 to 0.6."""
 POINT_WORTH = 0.2
-"""How much a point tells of its swatch, its neighbours being under the same light and on the same fold."""
+"""Worth of a point's colour for its swatch: neighbours share their light and fold. Chosen by eye."""
 GAIN_POINTS = 100.0
-"""How many points a frame's colours are worth against the gains' prior: they are no independent witnesses."""
+"""Number of points that a frame's colours are worth against the gains' prior. Chosen by eye."""
 STRAY = 0.02
-"""Likelihood of any colour on any part, against a swatch's best: reflections, toys, a mended sleeve."""
-ROUNDS = 3
-MAX_POINTS = 2000
+"""Likelihood of any colour on any part, against a swatch's best: reflections, toys, a mended sleeve. Chosen
+by eye."""
+FIT_ROUNDS = 3
+"""Rounds of expectation maximisation. Chosen by eye."""
+FITTED_POINTS = 2000
+"""Colours fitted to, an even sample of the person's. Chosen by eye."""
 
 _N = len(BODY_PARTS)
 
 
 @dataclass(frozen=True)
 class ColorModel:
-    """Swatches as one frame shows them.
+    """K swatches in the light of one frame.
 
-    palette: (K, 2) chromaticities in white light. shift: (K, 2) from where the gains take them; unknown:
-    (K, 2, 2) covariance of what is not known of it. variance: (K,) of a swatch's colours. wears: bool
-    (K, 11), which parts show a swatch. bare: bool (K,), no cloth of the suit. log_gain: (2,) of red and blue
+    palette: (K, 2), chromaticities in white light. shift: (K, 2), offset from the palette under the gains;
+    unknown: (K, 2, 2), its covariance. variance: (K,), of a swatch's colours along one axis. wears: bool (K,
+    11), parts that show a swatch. bare: bool (K,), no cloth of the suit. log_gain: (2,), of red and blue
     against green, natural logarithm.
     """
 
@@ -76,17 +90,20 @@ class ColorModel:
 
     @property
     def fading(self) -> Float64:
-        """The way (K, 2) from the lit palette to the light's own chromaticity."""
+        """Offset (K, 2) from the lit palette to the light's own chromaticity."""
         lit, light = _lit(self.palette, self.log_gain)
         return np.asarray(light - lit)
 
     def match(self, chroma: Float64, noise: Float64) -> Float64:
-        """Log likelihood (n, K) of colours under each swatch, 0 at the middle of one as wide as SIGMA."""
+        """Log likelihood (n, K) of colours under each swatch, 0 at the middle of one as wide as SIGMA.
+
+        chroma (n, 2), noise (n,): chromaticities and their standard deviations.
+        """
         cost = np.where(self.bare, BARE_COST, 0.0)
         return np.asarray(_match(chroma, noise, self.lit + self.shift, self.variance, self.unknown, cost))
 
     def match_under(self, log_gains: Float64, chroma: Float64, noise: Float64) -> Float64:
-        """What ``under`` each of the log gains (L, 2) would ``match``, one after the other: (L * n, K)."""
+        """Log likelihood (L * n, K) by ``match`` of the unfitted model under log gains (L, 2)."""
         lit, light = _lit(self.palette, log_gains)
         fading = light - lit
         middle, unknown = (lit + FADE * fading).reshape(-1, 2), _strays(self, fading).reshape(-1, 2, 2)
@@ -96,12 +113,12 @@ class ColorModel:
         return np.asarray(match.reshape(len(chroma), lights, -1).swapaxes(0, 1).reshape(-1, len(self.bare)))
 
     def evidence(self, rgb: UInt8) -> Float64:
-        """Log likelihood (n, 11) of every part for every colour (n, 3); flat where no swatch is near."""
+        """Log likelihood (n, 11) of colours uint8 (n, 3) under every part; flat where no swatch is near."""
         match = self.match(chromaticity(rgb), blur(rgb))
         return np.asarray(np.log(np.exp(self.by_part(match)) + STRAY))
 
     def by_part(self, match: Float64) -> Float64:
-        """The best swatch's log likelihood (n, 11) of each part, from that of all (n, K)."""
+        """Log likelihood (n, 11) of each part's best swatch, from that of all swatches (n, K)."""
         return np.asarray(_best_of(match, *np.nonzero(self.wears)))
 
 
@@ -117,7 +134,7 @@ def _lit(palette: Float64, log_gain: Float64) -> tuple[Float64, Float64]:
 
 @njit(cache=True, nogil=True)
 def _best_of(match: Float64, swatch: Index, part: Index) -> Float64:
-    """The highest match (n, 11) of each part's swatches; match: (n, K). swatch[j] is part[j]'s."""
+    """Highest match (n, 11) of each part's swatches; match: (n, K); part[j] wears swatch[j]."""
     best = np.full((len(match), _N), -np.inf)
     for i in range(len(match)):
         for j in range(len(swatch)):
@@ -129,7 +146,7 @@ def _best_of(match: Float64, swatch: Index, part: Index) -> Float64:
 def _match(
     chroma: Float64, noise: Float64, middle: Float64, variance: Float64, unknown: Float64, cost: Float64
 ) -> Float64:
-    """Log density (n, K) of normal distributions less each one's cost, as ``ColorModel.match`` says."""
+    """Log density (n, K) of normal distributions less each one's cost; as ``ColorModel.match``."""
     score = np.empty((len(chroma), len(middle)))
     for i in range(len(chroma)):
         for k in range(len(middle)):
@@ -143,12 +160,12 @@ def _match(
 
 
 def readable(rgb: UInt8, seen: Bool) -> Bool:
-    """Which colours (n, 3) say anything (n,): seen, neither black nor white for want of range."""
+    """Flags (n,) of readable colours uint8 (n, 3): seen (bool (n,)), neither too dark nor clipped."""
     return np.asarray(seen & (rgb.max(axis=1) >= DARK) & ((rgb >= CLIPPED).sum(axis=1) < 2))
 
 
 def unfitted(suit: Suit) -> ColorModel:
-    """The palette as it is to be expected."""
+    """Model of a palette in the expected light, before any colour has been seen."""
     names = [part.name for part in BODY_PARTS]
     wears = [part - 1 == np.arange(_N) for part in suit.parts] + [np.isin(names, worn) for _, worn in BARE]
     palette = chromaticity(np.concatenate([suit.colors_rgb, np.array([rgb for rgb, _ in BARE])]))
@@ -161,18 +178,18 @@ def unfitted(suit: Suit) -> ColorModel:
 
 
 def under(model: ColorModel, log_gain: Float64) -> ColorModel:
-    """A palette as it is to be expected in a light, before any colour has been seen."""
+    """Model of a palette in the light of log gains (2,), before any colour has been seen."""
     model = replace(model, log_gain=log_gain)
     fading = model.fading
     return replace(model, shift=FADE * fading, unknown=_strays(model, fading))
 
 
 def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
-    """Fit all by expectation maximisation, knowing what parts the colours (n, 3) are likely on: (n, 11)."""
-    every = slice(None, None, -(-len(rgb) // MAX_POINTS))
+    """Model fitted by expectation maximisation to colours uint8 (n, 3) with beliefs (n, 11)."""
+    every = slice(None, None, -(-len(rgb) // FITTED_POINTS))
     rgb, prior = rgb[every], belief[every] @ model.wears.T
     chroma, noise = chromaticity(rgb), blur(rgb)
-    for _ in range(ROUNDS):
+    for _ in range(FIT_ROUNDS):
         match = np.exp(model.match(chroma, noise)) * prior
         share = match / (match.sum(axis=1, keepdims=True) + STRAY)
         weight = share / (noise[:, None] ** 2 + model.variance)
@@ -182,13 +199,13 @@ def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
 
 
 def blur(rgb: UInt8) -> Float64:
-    """Uncertainty (n,) of each colour's chromaticity: noise of the dark, the loss of the clipped."""
+    """Standard deviation (n,) of the chromaticity of colours uint8 (n, 3), by darkness and clipping."""
     brightest = np.maximum(rgb.max(axis=1), 1.0)
     return np.asarray(np.hypot(NOISE_RGB / brightest, CLIP_SIGMA * (rgb >= CLIPPED).sum(axis=1)))
 
 
 def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64:
-    """One Gauss-Newton step of the log gains; weight (n, K): responsibility over variance."""
+    """Log gains (2,) after one Gauss-Newton step; weight: (n, K), responsibility over variance."""
     x, y = model.lit.T
     z = 1 - x - y
     jacobian = np.stack([np.stack([x * (1 - x), -x * z], 1), np.stack([-x * y, -y * z], 1)], 1)
@@ -201,7 +218,7 @@ def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64
 
 
 def _fitted_swatches(model: ColorModel, chroma: Float64, share: Float64) -> ColorModel:
-    """The model with each swatch's shift and spread fitted to its share (n, K) of the colours (n, 2).
+    """Model with each swatch's shift and spread fitted to its share (n, K) of the colours (n, 2).
 
     A shift's prior is a normal distribution drawn out towards the light's chromaticity, for cloth fades.
     """

@@ -1,4 +1,4 @@
-"""A palette learnt from what was seen: corrected frames of a session, or a photograph of the cloths."""
+"""Palettes learnt from corrected frames of a session, or from a photograph of the cloths."""
 
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
@@ -23,20 +23,21 @@ from sensors.errors import CloudError
 from sensors.rig.source import FrameSource
 
 BORDER_PX = 2
-"""Nearer than this to another part a colour may be its neighbour's."""
-LEAST_POINTS, MAX_POINTS = 30, 4000
-"""Readable points of a part that a swatch needs, and that are looked at."""
+"""Pixels from another part within which a colour may be that part's. Chosen by eye."""
+LEAST_COLORS = 30
+"""Readable points of a part that a swatch needs. Chosen by eye."""
+MOST_COLORS = 4000
+"""Points of a part that its swatches are taken from, an even sample. Chosen by eye."""
 LEAST_SHARE = 0.15
-"""A second colour of a part, its skin, covers at least this share of it."""
-MAX_IMAGE_BYTES, MAX_SIDE = 50_000_000, 10_000
+"""Least share of a part that a second colour, its skin, covers. Chosen by eye."""
 CONTRAST = 12.0
-"""A patch differs from the paper by this much in CIELAB; 2.3 is just noticeable (Sharma 2003)."""
+"""CIELAB distance of a patch from the paper; 2.3 is just noticeable (Sharma 2003). Chosen by eye."""
 LEAST_PATCH = 0.002
-"""Share of the photograph below which a spot is no patch."""
+"""Share of the photograph below which a spot is no patch. Chosen by eye."""
 
 
 def corrected_frames(labels: LabelSet) -> list[str]:
-    """Ids of the frames that are known to be right. Raises CloudError where there is none."""
+    """Ids of the frames with checked labels. Raises CloudError where there is none."""
     ids = [i for i in labels.frame_ids if labels.read(i).status != "auto"]
     if not ids:
         raise CloudError(
@@ -48,7 +49,7 @@ def corrected_frames(labels: LabelSet) -> list[str]:
 def clouds_with(
     labels: LabelSet, frame_ids: list[str], source: FrameSource
 ) -> Iterator[tuple[ThermalCloud, FrameLabels]]:
-    """The clouds of a source's frames with their labels. Raises CloudError when either lacks one."""
+    """Clouds and labels of a source's frames ``frame_ids``. Raises CloudError when either lacks one."""
     wanted = set(frame_ids)
     if missing := sorted(wanted - set(labels.frame_ids)):
         raise CloudError(f"{labels.path} has no frame {missing[0]!r}; give one of its ids")
@@ -63,7 +64,7 @@ def clouds_with(
 
 
 def suit_from_labels(frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: str) -> Suit:
-    """Learn the palette from clouds and the right labels of their depth images.
+    """Palette of the suit in clouds, by the right labels of their depth images.
 
     Every part takes its one or two main colours. Raises CloudError when labels are of another depth image,
     or no frame shows enough of a part.
@@ -78,14 +79,14 @@ def suit_from_labels(frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: s
         inner = _inner(labels.parts)
         for part in BODY_PARTS:
             here = labels.parts == part.id
-            here = here & inner if (here & inner).sum() >= LEAST_POINTS else here
+            here = here & inner if (here & inner).sum() >= LEAST_COLORS else here
             rgb = cloud.color_rgb[here]
             seen[part.id].append(rgb[readable(rgb, cloud.color_valid[here])])
     return _suit({part: np.concatenate(colors) for part, colors in seen.items() if colors}, name)
 
 
 def suit_from_photo(path: Path, name: str) -> Suit:
-    """Learn the palette from a photograph (PNG or JPEG) of eleven patches of cloth on plain paper.
+    """Palette of a photograph (PNG or JPEG) of eleven patches of cloth on plain paper.
 
     The patches lie apart, row by row in the order of the parts: head, torso, left upper arm and so on.
     Raises CloudError when the picture cannot be read or shows another number of patches.
@@ -115,12 +116,13 @@ def suit_from_photo(path: Path, name: str) -> Suit:
 
 
 def _suit(colors: dict[int, UInt8], name: str, most: int = 2) -> Suit:
+    """Palette of the parts' colours uint8 (n, 3) by part id, with at most ``most`` swatches a part."""
     swatches = []
     for part in BODY_PARTS:
         own = colors.get(part.id, np.zeros((0, 3), np.uint8))
-        if len(own) < LEAST_POINTS:
+        if len(own) < LEAST_COLORS:
             raise CloudError(
-                f"{part.name} shows {len(own)} readable colours, {LEAST_POINTS} are needed; "
+                f"{part.name} shows {len(own)} readable colours, {LEAST_COLORS} are needed; "
                 "add a frame that shows it in even light"
             )
         swatches += [(rgb, part.id) for rgb in _main_colors(own, most)]
@@ -132,8 +134,8 @@ def _suit(colors: dict[int, UInt8], name: str, most: int = 2) -> Suit:
 
 
 def _main_colors(rgb: UInt8, most: int) -> list[tuple[int, ...]]:
-    """The mean colour of a part, or two where its chromaticities (n, 3) fall apart; the larger first."""
-    rgb = rgb[:: -(-len(rgb) // MAX_POINTS)]
+    """Typical sRGB colour of a part's colours (n, 3), or two where they fall apart; the commoner first."""
+    rgb = rgb[:: -(-len(rgb) // MOST_COLORS)]
     chroma = chromaticity(rgb)
     # Starts from the median and the point farthest from it: the same points give the same swatches.
     middle = np.median(chroma, axis=0)
@@ -151,7 +153,7 @@ def _main_colors(rgb: UInt8, most: int) -> list[tuple[int, ...]]:
 
 
 def _typical(rgb: UInt8) -> tuple[int, ...]:
-    """The median chromaticity of colours (n, 3) at their upper brightness, as sRGB."""
+    """Median chromaticity of colours (n, 3) at their upper brightness, as sRGB."""
     x, y = np.median(chromaticity(rgb), axis=0)
     shares = np.maximum([x, y, 1 - x - y], 0)
     level = np.quantile(rgb.max(axis=1), 0.9)
@@ -159,6 +161,7 @@ def _typical(rgb: UInt8) -> tuple[int, ...]:
 
 
 def _inner(parts: UInt8) -> Bool:
+    """Flags (h, w) of pixels with no other part within BORDER_PX."""
     square = np.ones((2 * BORDER_PX + 1,) * 2, np.uint8)
     return np.asarray(cv2.dilate(parts, square) == cv2.erode(parts, square))
 
@@ -175,12 +178,11 @@ def _row_by_row(stats: NDArray[Any]) -> list[int]:
 
 
 def _read(path: Path) -> UInt8:
+    """Photograph uint8 (h, w, 3), at most 1,000 pixels a side; Pillow itself bounds what it decodes."""
     try:
-        if path.stat().st_size > MAX_IMAGE_BYTES:
-            raise CloudError(f"swatches {path} are larger than {MAX_IMAGE_BYTES} bytes; give a photograph")
         with Image.open(path, formats=("JPEG", "PNG")) as image:
-            if max(image.size) > MAX_SIDE or min(image.size) < 2 * BORDER_PX + 1:
-                raise CloudError(f"swatches {path} have {image.size} pixels; give 100 to {MAX_SIDE} a side")
+            if min(image.size) < 2 * BORDER_PX + 1:
+                raise CloudError(f"swatches {path} have {image.size} pixels; give a photograph")
             image.thumbnail((1000, 1000))
             return np.array(image.convert("RGB"))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:

@@ -1,4 +1,4 @@
-"""The colour-coded clothing: which colours each part wears, as a TOML palette.
+"""Palette of the colour-coded clothing: the colours that each part wears, as a TOML file.
 
 A palette file names every part once, with every colour it shows; bare hands go without saying::
 
@@ -23,15 +23,17 @@ from sensors.errors import CloudError
 from sensors.files.toml_file import read_toml
 
 MAX_TOML_BYTES = 100_000
+"""Largest palette file read, bytes."""
 MAX_SWATCHES = 200
+"""Most colours of a palette: memory of labelling grows with it."""
 MIN_CHROMA_DISTANCE = 0.06
-"""Two swatches whose chromaticities are nearer than this cannot be told apart in a shaded image."""
+"""Distance in chromaticity below which two swatches look alike in a shaded image. Chosen by eye."""
 _HEX = re.compile(r"#[0-9a-fA-F]{6}")
 
 
 @dataclass(frozen=True)
 class Suit:
-    """A worn palette. colors_rgb: uint8 (K, 3) swatches; parts: uint8 (K,) the part wearing each.
+    """Palette of K swatches. colors_rgb: uint8 (K, 3), sRGB; parts: uint8 (K,), part id of each.
 
     Raises CloudError when a part has no colour.
     """
@@ -47,19 +49,20 @@ class Suit:
 
     @cached_property
     def look_alikes(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of parts, low id first, of which one has no colour that the other has not, but for shade."""
+        """Pairs of part ids, low id first, with all colours of one also on the other, but for shade."""
         chroma = chromaticity(self.colors_rgb)
         near = np.linalg.norm(chroma[:, None] - chroma[None], axis=2) < MIN_CHROMA_DISTANCE
         ids = [part.id for part in BODY_PARTS]
         return tuple((a, b) for a in ids for b in ids if a < b and self._covers(near, a, b))
 
     def _covers(self, near: Bool, a: int, b: int) -> bool:
+        """Whether all swatches of one part are near one of the other's; near: bool (K, K)."""
         both = near[np.ix_(self.parts == a, self.parts == b)]
         return bool(both.any(axis=1).all() or both.any(axis=0).all())
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know before wearing it: parts that look alike."""
+        """Warnings for the wearer: parts that look alike."""
         return tuple(
             f"suit {self.name!r}: {PARTS[a].name} and {PARTS[b].name} have the same colour but for "
             "brightness; where nothing else tells them apart they stay undefined: give one another hue"
@@ -68,7 +71,7 @@ class Suit:
 
 
 def chromaticity(rgb: NDArray[np.generic]) -> Float64:
-    """Colour (..., 3) sRGB -> chromaticity (..., 2), which shade does not change.
+    """Chromaticity (..., 2) of sRGB colours (..., 3), 8-bit values, independent of shade.
 
     Shares of red and green in linear light: x = R / (R + G + B). Gamma: IEC 61966-2-1, taken as 2.2.
     """
@@ -77,11 +80,12 @@ def chromaticity(rgb: NDArray[np.generic]) -> Float64:
 
 
 def _linear(rgb: NDArray[np.generic]) -> Float64:
+    """Linear light (...) of 8-bit sRGB values (...), all above 0."""
     return np.asarray(np.power(np.asarray(rgb, np.float64) / 255, 2.2) + 1e-6)
 
 
 _LINEAR = _linear(np.arange(256))
-"""Of every 8-bit value."""
+"""Linear light (256,) of every 8-bit value."""
 
 
 def load_suit(path: Path) -> Suit:
@@ -101,6 +105,7 @@ def load_suit(path: Path) -> Suit:
 
 
 def _swatch(path: Path, part: str, color: object) -> tuple[int, tuple[int, ...]]:
+    """Part id and sRGB of one entry of a palette file. Raises CloudError."""
     if part not in PART_ID or part == "background":
         raise CloudError(f"suit {path}: {part!r} is not a part; use {', '.join(p.name for p in BODY_PARTS)}")
     if not isinstance(color, str) or not _HEX.fullmatch(color):
@@ -136,4 +141,4 @@ DEFAULT_SUIT = Suit(
     ),
     np.array([1, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11], np.uint8),
 )
-"""What the virtual rig's people wear: neighbours and twins far apart in chromaticity."""
+"""Palette of the virtual rig's people: neighbours and twins far apart in chromaticity. Chosen by eye."""
