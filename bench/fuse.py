@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.cloud.fuse import Fuser
-from annotate.cloud.registration import Registration, undistortion_index
+from annotate.cloud.kinect2_undistort import undistortion_index
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.cloud.visibility import THERMAL_TOLERANCE
 from sensors.rig.camera import Intrinsics, rays
@@ -122,32 +122,6 @@ def _bilinear(image, u, v, ahead, slack, seen, nearest, front):
     return temperature
 
 
-def register_naive(depth_camera, color_params, color_rgb, depth_mm):
-    """libfreenect2's registration with whole-array NumPy: what ``Registration.apply`` must equal."""
-    c, f32 = color_params, np.float32
-    index = undistortion_index(depth_camera)
-    u, v = (g.astype(F) for g in np.meshgrid(np.arange(depth_camera.width), np.arange(depth_camera.height)))
-    x, y = (u - f32(depth_camera.cx)) * f32(0.01), (v - f32(depth_camera.cy)) * f32(0.01)
-    powers = (x * x * x, y * y * y, x * x * y, y * y * x, x * x, y * y, x * y, x, y, np.ones_like(x))
-    wx = sum(p * f32(k) for p, k in zip(powers, c.mx, strict=True))
-    wy = sum(p * f32(k) for p, k in zip(powers, c.my, strict=True))
-    rx = wx / (f32(c.f) * f32(0.002199)) - f32(c.shift_m) / f32(c.shift_d)
-    row = np.trunc(wy / f32(0.002199) + f32(c.cy) + f32(0.5)).astype(np.int64)
-    undistorted = np.where(index >= 0, depth_mm.astype(F).ravel()[index], f32(0))
-    z = np.where(undistorted > 0, undistorted, f32(1))
-    column = np.trunc((rx + f32(c.shift_m) / z) * f32(c.f) + (f32(c.cx) + f32(0.5))).astype(np.int64)
-    offset = column + c.width * row
-    hit = (undistorted > 0) & (offset >= 0) & (offset < c.width * c.height)
-    nearest = np.full(c.width * c.height, 65536, F)
-    np.minimum.at(nearest, offset[hit], undistorted[hit])
-    front = cv2.erode(nearest.reshape(c.height, c.width), np.ones((3, 5), np.uint8)).ravel()
-    seen = hit.copy()
-    seen[hit] = ~((z[hit] - front[offset[hit]]) / z[hit] > f32(0.01))
-    registered = np.zeros((*index.shape, 3), np.uint8)
-    registered[seen] = color_rgb.reshape(-1, 3)[offset[seen]]
-    return undistorted, registered
-
-
 def median_seconds(call: Callable[[], object], repeats: int) -> float:
     """Median wall time of ``repeats`` calls, after one that compiles."""
     call()
@@ -162,16 +136,11 @@ def median_seconds(call: Callable[[], object], repeats: int) -> float:
 def bench() -> list[tuple[str, float, float]]:
     """(name, seconds a frame, seconds of the naive way), full Kinect v2 and Optris sizes."""
     depth, color, thermal = random_scene(0)
-    fuser, registration = Fuser(CALIBRATION), Registration(KINECT2_DEPTH, KINECT2_COLOR)
+    fuser = Fuser(CALIBRATION)
     return [
         (
             "fuse 512x424 + 1920x1080 + 160x120",
             median_seconds(lambda: fuser.fuse(depth, color, thermal), 60),
             median_seconds(lambda: fuse_naive(CALIBRATION, depth, color, thermal), 5),
-        ),
-        (
-            "register as libfreenect2",
-            median_seconds(lambda: registration.apply(color, depth), 30),
-            median_seconds(lambda: register_naive(KINECT2_DEPTH, KINECT2_COLOR, color, depth), 5),
         ),
     ]

@@ -1,4 +1,4 @@
-"""Fusion and registration: the naive twins, closed forms, and what an occluded point must never get."""
+"""Fusion and undistortion: the naive twins, closed forms, and what an occluded point must never get."""
 
 from dataclasses import replace
 
@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from annotate.cloud.fuse import Fuser
-from annotate.cloud.registration import Registration, kinect_points, undistortion_index
-from annotate.cloud.visibility import View
-from bench.fuse import CALIBRATION, fuse_naive, random_scene, register_naive
+from annotate.cloud.kinect2_undistort import undistortion_index
+from annotate.cloud.visibility import PointView
+from bench.fuse import CALIBRATION, fuse_naive, random_scene
 from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics, project, unproject
 from sensors.rig.frame import RigFrame
 from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH, KinectColorParams
 from sensors.rig.rig_calibration import Pose, RigCalibration
-from tests.helpers.registration_twin import register_scalar
+from tests.helpers.undistortion_twin import undistort_scalar
 
 DEPTH = Intrinsics(96, 80, 70.0, 70.0, 47.3, 39.8)
 COLOR = Intrinsics(320, 260, 207.0, 207.0, 160.2, 129.4)
@@ -69,7 +69,7 @@ def test_undistortion_without_distortion_is_the_identity():
 def test_projection_agrees_with_the_double_precision_camera():
     depth, _, _ = random_scene(4)
     cloud = Fuser(CALIBRATION).fuse(depth)
-    view = View.of_color(CALIBRATION.depth, CALIBRATION.color, CALIBRATION.color_from_depth)
+    view = PointView.of_color(CALIBRATION.depth, CALIBRATION.color, CALIBRATION.color_from_depth)
     found = view.project(cloud.points_m[..., 2])
     expected = project(CALIBRATION.color, CALIBRATION.color_from_depth.apply(cloud.points_m))
     inside = np.isfinite(found.ahead_m)
@@ -223,61 +223,23 @@ def test_an_image_without_its_camera_is_refused():
         Fuser(RigCalibration(DEPTH)).fuse(wall(), np.zeros((4, 4, 3), np.uint8))
 
 
-# --- libfreenect2's registration -------------------------------------------------------------------
-
-
-SMALL_COLOR = replace(KINECT2_COLOR, width=210, height=150, cx=104.5, cy=60.0)
+# --- libfreenect2's undistortion, and the factory's colour parameters --------------------------------
 
 
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 10**6), unit=st.sampled_from([KINECT2_DEPTH, OTHER_UNIT]))
-def test_registration_equals_the_scalar_facts_bit_for_bit(seed, unit):
+def test_undistortion_equals_libfreenect2s_bit_for_bit(seed, unit):
     rng = np.random.default_rng(seed)
     depth = replace(unit, width=36, height=28, cx=17.3, cy=14.2, fx=unit.fx / 13, fy=unit.fy / 13)
-    depth_mm = rng.choice([0, 700, 701, 1500, 1510, 1530, 4000], depth.shape).astype(np.float32)
-    rgb = rng.integers(1, 256, (SMALL_COLOR.height, SMALL_COLOR.width, 3), np.uint8)
-    undistorted, registered = Registration(depth, SMALL_COLOR).apply(rgb, depth_mm)
-    expected = register_scalar(depth, SMALL_COLOR, rgb, depth_mm)
-    np.testing.assert_array_equal(undistorted, expected[0])
-    np.testing.assert_array_equal(registered, expected[1])
-    assert registered.any() and (registered[undistorted > 0] == 0).all(axis=-1).any()
+    depth_mm = rng.choice([0, 700, 701, 1500, 1510, 1530, 4000], depth.shape).astype(np.uint16)
+    fused = Fuser(RigCalibration(depth)).fuse(depth_mm)
+    np.testing.assert_array_equal(fused.depth_mm, undistort_scalar(depth, depth_mm))
+    assert fused.valid.any()
 
 
-@pytest.mark.parametrize("unit", [KINECT2_DEPTH, OTHER_UNIT])
-def test_registration_of_a_full_frame_equals_numpy(unit):
-    depth, rgb, _ = random_scene(6)
-    undistorted, registered = Registration(unit, KINECT2_COLOR).apply(rgb, depth)
-    expected = register_naive(unit, KINECT2_COLOR, rgb, depth)
-    np.testing.assert_array_equal(undistorted, expected[0])
-    np.testing.assert_array_equal(registered, expected[1])
-    assert registered.any(axis=-1).mean() > 0.5
-
-
-def test_registration_has_the_published_disparity():
+def test_the_factorys_color_parameters_have_the_published_disparity():
     """56 pixels between 1 m and infinity, a third of that at 3 m (shift_m f / z)."""
     near, far = (KINECT2_COLOR.shift_m * KINECT2_COLOR.f / z for z in (1000.0, 3000.0))
     assert near == pytest.approx(56.2, abs=0.1) and far == pytest.approx(near / 3)
-    ramp = np.zeros((1080, 1920, 3), np.uint8)
-    ramp[..., 0], ramp[..., 1] = np.arange(1920) % 256, np.arange(1920) // 256
-    apply = Registration(KINECT2_DEPTH, KINECT2_COLOR).apply
-    columns = [
-        r[212, 256].astype(int) @ (1, 256, 0)
-        for r in (apply(ramp, np.full((424, 512), z, np.float32))[1] for z in (1000, 3000))
-    ]
-    assert columns[0] - columns[1] == pytest.approx(near - far, abs=1)
-
-
-def test_kinect_points_lie_half_a_pixel_off_and_drop_a_millimetre():
-    points = kinect_points(np.float32([[0, 1], [2000, 1000]]), replace(KINECT2_DEPTH, width=2, height=2))
-    assert np.isnan(points[0]).all()
-    x = (0.5 - KINECT2_DEPTH.cx) * 2.0 / KINECT2_DEPTH.fx
-    np.testing.assert_allclose(
-        points[1, 0], (x, (1.5 - KINECT2_DEPTH.cy) * 2.0 / KINECT2_DEPTH.fy, 2.0), rtol=1e-6
-    )
-
-
-def test_registration_refuses_other_sizes_and_coefficients():
-    with pytest.raises(CalibrationError, match="this registration is for"):
-        Registration(KINECT2_DEPTH, KINECT2_COLOR).apply(np.zeros((4, 4, 3), np.uint8), wall())
     with pytest.raises(CalibrationError, match="give 10 each"):
         KinectColorParams(1, 1, 1, 1, 1, (1.0,), (1.0,))

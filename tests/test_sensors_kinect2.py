@@ -1,4 +1,4 @@
-"""Kinect v2: registration to the last bit, the compiled shim, its driver, and which device is meant."""
+"""Kinect v2: undistortion to the last bit, the compiled shim, its driver, and which device is meant."""
 
 import shutil
 import subprocess
@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from annotate.cloud.registration import Registration
+from annotate.cloud.kinect2_undistort import undistortion_index
 from sensors.device import depth_camera
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.device.ticks import RunningNumbers, WrappingCounter
@@ -23,7 +23,7 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.scene import Scene
-from tests.helpers.registration_twin import register_scalar
+from tests.helpers.undistortion_twin import undistort_scalar
 
 ROOT = Path(__file__).resolve().parents[1]
 FAKE = ROOT / "tests" / "fake_freenect2"
@@ -50,25 +50,22 @@ def random_depth(rng):
     return np.where(rng.random(plane.shape) < 0.1, 0, noisy.clip(0, 8000)).astype(np.float32)
 
 
+def undistorted(camera, depth_mm):
+    index = undistortion_index(camera)
+    return np.where(index >= 0, depth_mm.ravel()[index], np.float32(0))
+
+
 @pytest.mark.parametrize("unit", UNITS)
-def test_registration_of_a_hundred_frames_equals_the_scalar_twin_bit_for_bit(shared_data, unit):
+def test_undistortion_of_a_hundred_frames_equals_the_scalar_twin_bit_for_bit(shared_data, unit):
     camera = infrared_camera(shared_data / "kinect2_calibration", unit)
-    registration = Registration(camera, KINECT2_COLOR)
     rng = np.random.default_rng(int(unit))
-    rgb = rng.integers(1, 256, (1080, 1920, 3), np.uint8)
-    colored = hidden = 0
     for _ in range(FRAMES):
         depth = random_depth(rng)
-        undistorted, registered = registration.apply(rgb, depth)
-        expected = register_scalar(camera, KINECT2_COLOR, rgb, depth)
-        assert np.array_equal(undistorted, expected[0]) and np.array_equal(registered, expected[1])
-        seen = registered.any(axis=-1)
-        colored, hidden = colored + seen.sum(), hidden + (~seen & (undistorted > 0)).sum()
-    assert colored > 0.4 * FRAMES * 512 * 424 and hidden > 0.005 * FRAMES * 512 * 424
+        assert np.array_equal(undistorted(camera, depth), undistort_scalar(camera, depth))
 
 
 @pytest.mark.parametrize("unit", UNITS)
-def test_registration_equals_the_installed_library(shared_data, tmp_path, unit):
+def test_undistortion_equals_the_installed_library(shared_data, tmp_path, unit):
     if subprocess.run(["pkg-config", "--exists", "freenect2"], check=False).returncode:
         pytest.skip("libfreenect2 is not installed")
     flags = subprocess.run(
@@ -81,16 +78,14 @@ def test_registration_equals_the_installed_library(shared_data, tmp_path, unit):
     lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.k1, camera.k2, camera.k3, camera.p1, camera.p2)
     factory = (color.f, color.f, color.cx, color.cy, color.shift_d, color.shift_m, *color.mx, *color.my)
     infrared, colors = np.float32(lens), np.float32(factory)
-    rng, registration = np.random.default_rng(1), Registration(camera, color)
+    rng = np.random.default_rng(1)
     bgrx = rng.integers(1, 256, (1080, 1920, 4), np.uint8)
-    undistorted, registered = np.empty((424, 512), np.float32), np.empty((424, 512, 4), np.uint8)
+    theirs, registered = np.empty((424, 512), np.float32), np.empty((424, 512, 4), np.uint8)
     for _ in range(FRAMES):
         depth = random_depth(rng)
-        arrays = (infrared, colors, depth, bgrx, undistorted, registered)
+        arrays = (infrared, colors, depth, bgrx, theirs, registered)
         CDLL(str(out)).register_frame(*(array.ctypes.data_as(c_void_p) for array in arrays))
-        ours = registration.apply(np.ascontiguousarray(bgrx[..., :3]), depth)
-        np.testing.assert_array_equal(ours[0], undistorted)
-        np.testing.assert_array_equal(ours[1], registered[..., :3])
+        np.testing.assert_array_equal(undistorted(camera, depth), theirs)
 
 
 @pytest.fixture(scope="module")

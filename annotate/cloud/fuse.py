@@ -1,8 +1,7 @@
-"""Fusion: depth, colour and temperature of one moment -> the organised thermal-coloured cloud.
+"""Organised thermal-coloured cloud, fused from depth, colour and temperature of one moment.
 
-Every depth point is looked up in the colour and the thermal image where that camera sees it
-(``annotate.cloud.visibility``); elsewhere it stays without colour or temperature, so that a person's heat is
-never copied onto the wall behind.
+Every depth point has the colour and the temperature of its pixel in an image of a camera that sees it
+(``annotate.cloud.visibility``), else none, so that a person's heat is never copied onto the wall behind.
 """
 
 from typing import Any
@@ -12,9 +11,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float32, Int32, UInt8, UInt16
-from annotate.cloud.registration import undistortion_index
+from annotate.cloud.kinect2_undistort import undistortion_index
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.cloud.visibility import ONE, ZERO, Projection, View, nearest_pixel, visible
+from annotate.cloud.visibility import ONE, ZERO, PointView, Projection, nearest_pixel, visible
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, rays
 from sensors.rig.frame import RigFrame
@@ -22,10 +21,10 @@ from sensors.rig.rig_calibration import RigCalibration
 
 
 class Fuser:
-    """Fuses the frames of one calibration; its maps are computed once.
+    """Fusion of the frames of one calibration, with maps computed once.
 
-    calibration: the rig's. camera: the undistorted depth camera of the clouds it makes.
-    Safe to call from several threads: the kernels release the interpreter lock.
+    calibration: the rig's. camera: the undistorted depth camera of the clouds. Safe to call from several
+    threads: the kernels release the interpreter lock.
     """
 
     def __init__(self, calibration: RigCalibration) -> None:
@@ -34,28 +33,27 @@ class Fuser:
         self.camera = depth.undistorted()
         self._source = undistortion_index(depth)
         self._rays = rays(self.camera)[..., :2].astype(np.float32)
-        self._color: View | None = None
-        self._thermal: View | None = None
+        self._color: PointView | None = None
+        self._thermal: PointView | None = None
         if calibration.color is not None and calibration.color_from_depth is not None:
-            self._color = View.of_color(depth, calibration.color, calibration.color_from_depth)
+            self._color = PointView.of_color(depth, calibration.color, calibration.color_from_depth)
         if calibration.thermal is not None and calibration.thermal_from_depth is not None:
-            self._thermal = View.of_thermal(depth, calibration.thermal, calibration.thermal_from_depth)
+            self._thermal = PointView.of_thermal(depth, calibration.thermal, calibration.thermal_from_depth)
 
     def fuse_frame(self, frame: RigFrame) -> ThermalCloud:
-        """Decode the frame's colour image, then ``fuse``. Raises FormatError, CalibrationError."""
+        """Cloud of a frame, its colour image decoded. Raises FormatError, CalibrationError."""
         return self.fuse(frame.depth_mm, frame.decode_color(), frame.thermal_c)
 
     def fuse(
         self, depth_mm: UInt16, color_rgb: UInt8 | None = None, thermal_c: Float32 | None = None
     ) -> ThermalCloud:
-        """One moment of the rig -> organised cloud over the undistorted depth image.
+        """Organised cloud of one moment, over the undistorted depth image.
 
-        depth_mm: uint16 (h, w) as the sensor gave it, lens distortion still in; undistorted by nearest
-        neighbour as in libfreenect2. color_rgb: uint8 (h', w', 3); each point takes the nearest pixel.
-        thermal_c: float32 (h", w") degrees Celsius, NaN = no reading; each point takes the bilinear
-        mean of those of its four pixels that see its surface alone. A missing image leaves colours
-        invalid or temperatures NaN. Raises CalibrationError when an image's size is not its camera's,
-        or the calibration has no such camera.
+        depth_mm: uint16 (h, w) of the sensor, with its lens distortion; undistorted by nearest neighbour as
+        in libfreenect2. color_rgb: uint8 (h', w', 3); each point takes the nearest pixel. thermal_c: float32
+        (h", w") degrees Celsius, NaN = no reading; each point takes the bilinear mean of those of its four
+        pixels that see its surface alone. A missing image leaves colours invalid or temperatures NaN. Raises
+        CalibrationError when an image's size is not its camera's, or the calibration has no such camera.
         """
         _check("depth", depth_mm, self.camera)
         undistorted, depth_m = _undistort(np.ascontiguousarray(depth_mm).ravel(), self._source)
@@ -69,14 +67,16 @@ class Fuser:
         return ThermalCloud(self.camera, undistorted, points, color, seen, temperature)
 
 
-def _colors(view: View, depth_m: Float32, color_rgb: UInt8) -> tuple[UInt8, Bool]:
+def _colors(view: PointView, depth_m: Float32, color_rgb: UInt8) -> tuple[UInt8, Bool]:
+    """Colours uint8 (h, w, 3) of points with depths (h, w), and flags (h, w) of those in view."""
     projection = view.project(depth_m)
     slack_m = view.slack_m(projection.ahead_m)
     seen = visible(projection, view.front(view.zbuffer(projection)), slack_m)
     return _nearest(projection, seen, np.ascontiguousarray(color_rgb)), seen
 
 
-def _temperatures(view: View, depth_m: Float32, thermal_c: Float32) -> Float32:
+def _temperatures(view: PointView, depth_m: Float32, thermal_c: Float32) -> Float32:
+    """Degrees Celsius (h, w) of points with depths (h, w), NaN where out of view."""
     projection = view.project(depth_m)
     slack_m, nearest = view.slack_m(projection.ahead_m), view.zbuffer(projection)
     front = view.front(nearest)
@@ -88,7 +88,8 @@ def _temperatures(view: View, depth_m: Float32, thermal_c: Float32) -> Float32:
     return _bilinear(projection, seen, slack_m, nearest, front, image)
 
 
-def _checked(name: str, image: NDArray[Any], view: View | None) -> View:
+def _checked(name: str, image: NDArray[Any], view: PointView | None) -> PointView:
+    """The view of an image's camera. Raises CalibrationError where there is none or its size differs."""
     if view is None:
         raise CalibrationError(
             f"the frame has a {name} image but the calibration has no {name} camera; "
@@ -121,6 +122,7 @@ def _undistort(depth_mm: UInt16, source: Int32) -> tuple[UInt16, Float32]:
 
 @njit(cache=True, nogil=True)
 def _points(depth_m: Float32, rays_xy: Float32) -> Float32:
+    """Points (h, w, 3) in metres from depths (h, w) and rays (h, w, 2) at depth 1."""
     points = np.empty((*depth_m.shape, 3), np.float32)
     for v in range(depth_m.shape[0]):
         for u in range(depth_m.shape[1]):
@@ -132,6 +134,7 @@ def _points(depth_m: Float32, rays_xy: Float32) -> Float32:
 
 @njit(cache=True, nogil=True)
 def _nearest(projection: Projection, seen: Bool, image: UInt8) -> UInt8:
+    """Colours (h, w, 3) of the nearest pixels of an image (h', w', 3); 0 where not seen (h, w)."""
     columns, rows, _ = projection
     colors = np.zeros((*seen.shape, 3), np.uint8)
     for v in range(seen.shape[0]):
@@ -147,7 +150,7 @@ def _nearest(projection: Projection, seen: Bool, image: UInt8) -> UInt8:
 def _bilinear(
     projection: Projection, seen: Bool, slack_m: Float32, nearest: Float32, front: Float32, image: Float32
 ) -> Float32:
-    """Bilinear mean over the pixels with a reading that show the point's own surface and touch no nearer one.
+    """Bilinear mean (h, w) over the pixels with a reading of the point's own surface alone.
 
     nearest, front, image: z-buffer, its window's minimum and temperatures with a border of one NaN.
     """

@@ -1,4 +1,4 @@
-"""The pixel grid of a depth image as a graph: neighbours are joined where the surface goes on.
+"""Graph of a depth image's pixels, with neighbours joined where the surface goes on.
 
 Two pixels at most two apart are joined when their depths differ by no more than a share of the nearer
 one, since both the sampling distance and the noise of a depth camera grow with range. Two, because half
@@ -14,44 +14,47 @@ from numba import njit
 from annotate.array_types import Bool, Float32, Int32, Int64, UInt8
 
 JUMP = 0.025
-"""Depth difference of neighbouring pixels, as a share of the depth, above which a surface ends: 5 cm
-at 2 m, what 84 degrees of slant give at 365 pixels of focal length."""
+"""Depth difference of neighbouring pixels, as a share of the depth, above which a surface ends: 5 cm at 2 m,
+a slant of 84 degrees at 365 pixels of focal length. Chosen by eye."""
 SMOOTH = 0.004
-"""Depth steps, as a share of the depth, that count as equally smooth: 8 mm at 2 m, the sensor's noise."""
+"""Unit of depth steps, as a share of the depth: 8 mm at 2 m, the sensor's noise. Chosen by eye."""
 STEPS = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) < (0, 0)])
-"""(v, u) to the neighbours that come earlier in the image; the others are their opposites."""
+"""(v, u) to the neighbours earlier in the image; the others are their opposites."""
 AROUND = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) != (0, 0)])
 """(v, u) to all neighbours, in the order of the image."""
-STEP_BIT, PATH_BIT, PIXEL_BIT = 55, 30, 5
-"""What a flood's queue is ordered by, in one 64-bit integer: depth step, path, source, neighbour. Images of
-up to 2 ** 25 pixels."""
+STEP_BIT = 55
+"""Lowest bit of the depth step in an entry of a flood's queue; entries are ordered as 64-bit integers."""
+PATH_BIT = 30
+"""Lowest bit of the path there; below it the source, in images of up to 2 ** 25 pixels."""
+PIXEL_BIT = 5
+"""Lowest bit of the source there; below it the number of the neighbour."""
 NO_PIXEL = 255
-"""The mark of pixels that take no part in a flood."""
+"""Mark of pixels out of a flood."""
 
 
 def components(mask: Bool, depth_m: Float32, jump: float = JUMP) -> tuple[Int32, int]:
-    """Connected components of a mask (h, w), cut at depth jumps -> labels (h, w) from 1, 0 outside; count.
+    """Labels int32 (h, w) of a mask's connected components, cut at depth jumps, and their count.
 
-    depth_m: float32 (h, w), positive on the mask.
+    Labels count from 1; 0 is off the mask (bool (h, w)). depth_m: float32 (h, w), positive on the mask.
     """
     labels, count = _components(mask, depth_m.astype(np.float32), np.float32(jump))
     return labels, int(count)
 
 
 def flood(marks: UInt8, depth_m: Float32, reach_px: float, jump: float = JUMP) -> UInt8:
-    """Give every undecided pixel the mark that reaches it over the smoothest surface, then the nearest one.
+    """Marks uint8 (h, w), spread to undecided pixels over the smoothest surface, then by the shortest path.
 
-    A minimum spanning forest on the depth steps in units of SMOOTH (the watershed cut of Cousty et al.
-    2009), ties going to the shorter path. It stops at depth jumps and after ``reach_px`` steps, so that
-    no mark leaks far into the unknown.
-    marks: uint8 (h, w), 0 = undecided, NO_PIXEL = none. depth_m: float32 (h, w), positive where it counts.
-    Returns the marks (h, w); what none reaches stays 0.
+    A minimum spanning forest on the depth steps in units of SMOOTH (the watershed cut of Cousty et al. 2009),
+    ties going to the shorter path. It stops at depth jumps and after ``reach_px`` steps, so that no mark
+    leaks far; pixels out of reach stay 0. marks: uint8 (h, w), 0 = undecided, NO_PIXEL = none. depth_m:
+    float32 (h, w), positive on all but these.
     """
     return _flood(marks, depth_m.astype(np.float32), reach_px, np.float32(jump))
 
 
 @njit(cache=True, nogil=True, forceinline=True)
 def _find(parent: Int32, i: int) -> int:
+    """Root of ``i`` in a forest of parents (n,), paths halved."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -60,6 +63,7 @@ def _find(parent: Int32, i: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _components(mask: Bool, depth: Float32, jump: np.float32) -> tuple[Int32, int]:
+    """As ``components``, by union-find over the earlier neighbours."""
     height, width = mask.shape
     parent = np.arange(height * width).astype(np.int32)
     for v in range(height):
@@ -89,6 +93,7 @@ def _components(mask: Bool, depth: Float32, jump: np.float32) -> tuple[Int32, in
 
 @njit(cache=True, nogil=True)
 def _flood(marks: UInt8, depth: Float32, reach_px: float, jump: np.float32) -> UInt8:
+    """As ``flood``, by Prim's algorithm."""
     marks = marks.copy()
     width, flat = marks.shape[1], marks.reshape(-1)
     path = np.zeros(marks.size, np.int64)

@@ -1,7 +1,7 @@
 """Supervoxels and clusters of a cloud: PCL behind plain numpy arrays.
 
-Points are (n, 3) in metres in any one frame. A point that is not finite (no reading) gets id -1.
-The same input always gives the same ids.
+Points are (n, 3) in metres in any one frame. Points that are not finite (no reading) have id -1. The same
+input always gives the same ids.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from sensors.rig.nearest import Nearest
 
 @dataclass(frozen=True)
 class Supervoxels:
-    """Small pieces of a surface, alike in place, normal and colour, that tile a cloud.
+    """Tiles of a cloud: small pieces of surface, alike in place, normal and colour.
 
     ids: int32 (n,), 0 <= id < count, -1 for points without a reading; no id is unused.
     count: number of supervoxels. edges: int32 (e, 2), pairs of touching supervoxels, each pair
@@ -86,15 +86,15 @@ def supervoxels(
     normal_weight: float = 1.0,
     color_weight: float = 1.0,
 ) -> Supervoxels:
-    """Tile a cloud with supervoxels: VCCS (Papon et al., CVPR 2013) without its camera transform.
+    """Supervoxels of a cloud by VCCS (Papon et al., CVPR 2013) without its camera transform.
 
-    points_m (n, 3); colors_rgb uint8 (n, 3). voxel_m is the grid on which the surface is followed,
-    seed_m the distance between seeds, about a supervoxel's diameter. The weights are those of
-    PCL's distance (spatial relative to seed_m, 1 - |cos| of the normals, colour relative to 255).
+    points_m: float32 (n, 3). colors_rgb: uint8 (n, 3). voxel_m: spacing of the grid on which the surface is
+    followed. seed_m: distance between seeds, about a supervoxel's diameter. The weights are those of PCL's
+    distance (spatial relative to seed_m, 1 - |cos| of the normals, colour relative to 255).
 
-    Every finite point is assigned: one that VCCS leaves out joins the supervoxel of the nearest
-    assigned point within seed_m; islands farther off than that become supervoxels of their own.
-    Raises CloudError on shapes or lengths that differ, and on sizes that are not positive.
+    Every finite point is assigned: points that VCCS leaves out join the supervoxel of the nearest assigned
+    point within seed_m; islands farther off become supervoxels of their own. Raises CloudError on shapes or
+    lengths that differ, and on sizes that are not positive.
     """
     finite, points, colors = _finite(points_m, colors_rgb)
     with _one_line_errors():
@@ -112,10 +112,10 @@ def supervoxels(
 
 
 def clusters(points_m: Float32, *, tolerance_m: float, min_size: int = 1) -> Int32:
-    """Connected components of the points (n, 3) that lie within tolerance_m of one another.
+    """Numbers int32 (n,) of clusters: points (n, 3) joined within tolerance_m of one another.
 
-    Returns int32 (n,): 0 is the largest cluster, ties go by the first point, -1 for points in
-    clusters under min_size. Raises CloudError as `supervoxels` does.
+    0 is the largest cluster, ties go by the first point; -1 in clusters under min_size points. Raises
+    CloudError as `supervoxels` does.
     """
     finite, points, _ = _finite(points_m, np.zeros((len(points_m), 3), np.uint8))
     with _one_line_errors():
@@ -146,7 +146,7 @@ def _one_line_errors() -> Iterator[None]:
 
 
 def _assign_rest(points: Float32, ids: Int32, seed_m: float) -> tuple[int, Int32]:
-    """Number of supervoxels and their ids (n,) once every point that VCCS left out (-1) has one."""
+    """Number of supervoxels, and ids (n,) with one for every point that VCCS left out (-1)."""
     assigned, count = ids >= 0, int(ids.max(initial=-1)) + 1
     rest = np.flatnonzero(~assigned)
     if rest.size and count:
@@ -162,7 +162,7 @@ def _assign_rest(points: Float32, ids: Int32, seed_m: float) -> tuple[int, Int32
 
 
 def _spread(ids: Int32, finite: Bool) -> Int32:
-    """Ids of the finite points back at their place among all points, -1 elsewhere."""
+    """Ids (n,) of all points, from those of the finite ones (bool (n,)); -1 for the others."""
     spread = np.full(len(finite), -1, np.int32)
     spread[finite] = ids
     return spread

@@ -11,11 +11,11 @@ from sensors.rig.camera import Intrinsics
 class ThermalCloud:
     """Points, colours and temperatures of one rig frame; point index = pixel index [v, u].
 
-    camera: the undistorted depth camera. All arrays have its shape (h, w, ...):
-    depth_mm: uint16, 0 = no reading. points_m: float32 (h, w, 3), depth-camera frame, NaN = no reading.
-    color_rgb: uint8 (h, w, 3), (0, 0, 0) where not color_valid. color_valid: bool, False where the
-    colour camera does not see the point (occluded, out of view, no colour camera).
-    temperature_c: float32, NaN where the thermal camera does not see the point.
+    camera: the undistorted depth camera, of shape (h, w). depth_mm: uint16 (h, w), 0 = no reading. points_m:
+    float32 (h, w, 3), depth camera's frame, NaN = no reading. color_rgb: uint8 (h, w, 3), (0, 0, 0) where not
+    color_valid. color_valid: bool (h, w), False where the colour camera does not see the point (occluded, out
+    of view, no colour camera). temperature_c: float32 (h, w), degrees Celsius, NaN where the thermal camera
+    does not see the point.
     """
 
     camera: Intrinsics
@@ -39,5 +39,5 @@ class ThermalCloud:
 
     @property
     def valid(self) -> Bool:
-        """Pixels (h, w) that have a depth reading."""
+        """Flags (h, w) of pixels with a depth reading."""
         return self.depth_mm > 0

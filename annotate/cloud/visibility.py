@@ -1,7 +1,7 @@
-"""Which points of the depth camera another camera of the rig sees: projection and z-buffer.
+"""Visibility of the depth camera's points in another camera of the rig, by projection and z-buffer.
 
-A point is occluded where the z-buffer around its pixel holds something nearer by more than its slack.
-All arithmetic is float32, a few ten-thousandths of a pixel: it runs in the processor's vector units.
+A point is occluded where the z-buffer around its pixel holds a point nearer by more than its slack. All
+arithmetic is float32, accurate to a few ten-thousandths of a pixel: it runs in the processor's vector units.
 """
 
 import threading
@@ -13,32 +13,31 @@ import numpy as np
 from numba import njit
 
 from annotate.array_types import Bool, Float32
-from annotate.cloud.registration import (
-    FILTER_HALF_HEIGHT,
-    FILTER_HALF_WIDTH,
-    FILTER_TOLERANCE,
-    KINECT2_COLOR,
-    KINECT2_DEPTH,
-)
 from sensors.rig.camera import Intrinsics, rays
+from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.rig.rig_calibration import Pose
 
+COLOR_TOLERANCE = 0.01
+"""Share of its depth by which a point may lie behind the nearest one and have its colour (libfreenect2)."""
+COLOR_HALF_HEIGHT = 1
+"""Half height of the z-buffer's window in pixels of a Kinect v2's colour camera (libfreenect2: 5 x 3)."""
+COLOR_HALF_WIDTH = 2
+"""Half width of that window (libfreenect2)."""
 THERMAL_HALF_WINDOW = 1
-"""The z-buffer's window reaches one thermal pixel to each side: a pixel on a silhouette is a mixture
-of both surfaces, so the farther one gets no temperature from it and the nearer one does."""
+"""The same for temperature, in thermal pixels: a pixel on a silhouette is a mixture of both surfaces, so that
+the nearer one takes its temperature and the farther one none. Chosen by eye."""
 THERMAL_TOLERANCE = 0.03
-"""As FILTER_TOLERANCE, for temperature: 6 cm at 2 m. With 0.01 a third of a seated person's points lay
-too close behind another limb to get a temperature; 0.03 still parts a person from the wall."""
-
+"""As COLOR_TOLERANCE, for temperature: 6 cm at 2 m, which parts a person from the wall. Chosen by eye: with
+0.01 a third of a seated person's points are too close behind another limb."""
 
 HALF, ONE, TWO, ZERO = np.float32(0.5), np.float32(1), np.float32(2), np.float32(0)
 NOWHERE = np.float32(np.nan)
 
 
 class Projection(NamedTuple):
-    """Where points (h, w) appear in another camera: float32 pixels, and metres ahead of that camera.
+    """Columns, rows (h, w) of points in another camera's image, pixels, and metres (h, w) ahead of it.
 
-    ahead_m is NaN for points without depth, behind the camera or outside its image.
+    ahead_m: NaN for points without depth, behind the camera or outside its image.
     """
 
     column: Float32
@@ -47,14 +46,14 @@ class Projection(NamedTuple):
 
 
 @dataclass(frozen=True)
-class View:
-    """A camera of the rig that looks at the depth camera's points, and how it judges occlusion.
+class PointView:
+    """View of the depth camera's points from another camera of the rig, with its rule of occlusion.
 
-    camera: its intrinsics. rays: float32 (3, h, w), the depth camera's rays (z = 1) turned into its
-    frame. translation_m: float32 (3,), from the depth camera. half_window: (rows, columns) of the
-    z-buffer's window to each side. tolerance: share of its depth by which a seen point may lie behind
-    another. slope_reach: depth pixels over which a slanted surface may recede within the window without
-    counting as occluded (the slope-scaled bias of shadow mapping).
+    camera: the other camera. rays: float32 (3, h, w), the depth camera's rays (z = 1) in the other camera's
+    axes. translation_m: float32 (3,), other_from_depth. half_window: (rows, columns) of the z-buffer's window
+    to each side. tolerance: share of its depth by which a seen point may lie behind another. slope_reach:
+    depth pixels over which a slanted surface may recede within the window without counting as occluded (the
+    slope-scaled bias of shadow mapping).
     """
 
     camera: Intrinsics
@@ -66,21 +65,21 @@ class View:
     _buffers: threading.local = field(default_factory=threading.local, init=False, repr=False, compare=False)
 
     @staticmethod
-    def of_color(depth: Intrinsics, color: Intrinsics, color_from_depth: Pose) -> "View":
-        """libfreenect2's 5x3 window, scaled with the colour pixels per depth pixel; its plain tolerance."""
+    def of_color(depth: Intrinsics, color: Intrinsics, color_from_depth: Pose) -> "PointView":
+        """View of a colour camera, with libfreenect2's window, scaled by colour pixels per depth pixel."""
         scale = (color.fx / depth.fx) / (KINECT2_COLOR.f / KINECT2_DEPTH.fx)
-        half_window = round(FILTER_HALF_HEIGHT * scale), round(FILTER_HALF_WIDTH * scale)
-        return View(color, *_turned(depth, color_from_depth), half_window, FILTER_TOLERANCE, 0.0)
+        half_window = round(COLOR_HALF_HEIGHT * scale), round(COLOR_HALF_WIDTH * scale)
+        return PointView(color, *_turned(depth, color_from_depth), half_window, COLOR_TOLERANCE, 0.0)
 
     @staticmethod
-    def of_thermal(depth: Intrinsics, thermal: Intrinsics, thermal_from_depth: Pose) -> "View":
-        """One thermal pixel to each side; a floor may recede over that and half of the point's own."""
+    def of_thermal(depth: Intrinsics, thermal: Intrinsics, thermal_from_depth: Pose) -> "PointView":
+        """View of a thermal camera; a floor may recede over the window and half of the point's own pixel."""
         reach = (THERMAL_HALF_WINDOW + 0.5) * depth.fx / thermal.fx
         half_window = THERMAL_HALF_WINDOW, THERMAL_HALF_WINDOW
-        return View(thermal, *_turned(depth, thermal_from_depth), half_window, THERMAL_TOLERANCE, reach)
+        return PointView(thermal, *_turned(depth, thermal_from_depth), half_window, THERMAL_TOLERANCE, reach)
 
     def project(self, depth_m: Float32) -> Projection:
-        """Undistorted depth (h, w) in metres, NaN = no reading -> where its points appear."""
+        """Projection of the points of an undistorted depth image (h, w) in metres, NaN = no reading."""
         camera = self.camera
         lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion], np.float32)
         size = np.float32(camera.height), np.float32(camera.width)
@@ -96,7 +95,7 @@ class View:
         return _slack(ahead_m, np.float32(self.tolerance), np.float32(self.slope_reach))
 
     def zbuffer(self, projection: Projection) -> Float32:
-        """The least metres ahead of the points on each pixel (h', w'); inf where there is none.
+        """Least metres ahead (h', w') of the points on each pixel; inf where there is none.
 
         The buffer belongs to the view and the calling thread: the next call overwrites it.
         """
@@ -105,12 +104,13 @@ class View:
         return nearest
 
     def front(self, nearest: Float32) -> Float32:
-        """The z-buffer's minimum over each pixel's window (h', w'); overwritten like ``zbuffer``."""
+        """Minimum (h', w') of the z-buffer over each pixel's window; overwritten like ``zbuffer``."""
         rows, columns = self.half_window
         window = np.ones((2 * rows + 1, 2 * columns + 1), np.uint8)
         return np.asarray(cv2.erode(nearest, window, dst=self._buffer("front")), np.float32)
 
     def _buffer(self, name: str) -> Float32:
+        """An image (h', w') of this view and the calling thread, to overwrite."""
         # Kept, because fresh pages for 1920x1080 floats cost more time than all the arithmetic.
         if not hasattr(self._buffers, name):
             setattr(self._buffers, name, np.empty(self.camera.shape, np.float32))
@@ -119,6 +119,7 @@ class View:
 
 
 def _turned(depth: Intrinsics, pose: Pose) -> tuple[Float32, Float32]:
+    """Rays (3, h, w) of the depth camera in the other camera's axes, and the pose's translation (3,)."""
     turned = np.einsum("ij,hwj->ihw", pose.rotation, rays(depth.undistorted()))
     return np.ascontiguousarray(turned, np.float32), pose.translation_m.astype(np.float32)
 
@@ -140,7 +141,10 @@ def _project(
     lens: Float32,
     size: tuple[np.float32, np.float32],
 ) -> tuple[Float32, Float32, Float32]:
-    """Free of branches and shared arrays, so that it is vectorised: 0.2 ms a frame instead of 2."""
+    """Columns, rows and metres ahead (n,) of flat depths (n,), as of ``PointView.project``.
+
+    Free of branches and shared arrays, so that it is vectorised: 0.2 ms a frame instead of 2.
+    """
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens
     t_x, t_y, t_z = translation_m
     rays_x, rays_y, rays_z = turned[0], turned[1], turned[2]
@@ -163,6 +167,7 @@ def _project(
 
 @njit(cache=True, nogil=True)
 def _slack(ahead_m: Float32, tolerance: np.float32, slope_reach: np.float32) -> Float32:
+    """As ``PointView.slack_m``."""
     slack = tolerance * ahead_m
     for v in range(1, ahead_m.shape[0] - 1):
         above, row, below = ahead_m[v - 1], ahead_m[v], ahead_m[v + 1]
@@ -176,6 +181,7 @@ def _slack(ahead_m: Float32, tolerance: np.float32, slope_reach: np.float32) -> 
 
 @njit(cache=True, nogil=True)
 def _fill_zbuffer(projection: Projection, nearest: Float32) -> None:
+    """Fill ``nearest`` (h', w') as of ``PointView.zbuffer``."""
     columns, rows, ahead = projection
     nearest[:] = np.float32(np.inf)
     for v in range(ahead.shape[0]):
@@ -187,7 +193,7 @@ def _fill_zbuffer(projection: Projection, nearest: Float32) -> None:
 
 @njit(cache=True, nogil=True)
 def visible(projection: Projection, front: Float32, slack_m: Float32) -> Bool:
-    """Which points (h, w) the camera sees: those not behind the window's front by more than their slack."""
+    """Flags (h, w) of points not behind the window's front (h', w') by more than their slack (h, w)."""
     columns, rows, ahead = projection
     seen = np.zeros(ahead.shape, np.bool_)
     for v in range(ahead.shape[0]):

@@ -1,1 +1,1 @@
-"""A second look at every supervoxel: what a small network makes of all that the first one found out."""
+"""Second look: labels of every supervoxel by a small network, from all results of the first reading."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud.registration import undistortion_index
+from annotate.cloud.kinect2_undistort import undistortion_index
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES, UNDEFINED
 from sensors.rig.frame import RigFrame
