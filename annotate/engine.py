@@ -4,12 +4,16 @@ import hashlib
 from dataclasses import dataclass, field, fields
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Float32, Float64
+from sensors.errors import FormatError
+from sensors.files.atomic import replacing
+from sensors.files.npz import load_arrays
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,11 @@ class Weights:
         """All arrays by their names in the file."""
         return {**self.network, **{name: getattr(self, name) for name in REGRESSIONS}}
 
+    def save(self, path: Path) -> None:
+        """Write the weights file, which ``load_weights`` reads."""
+        with replacing(path) as unfinished, unfinished.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **self.arrays())
+
     def sha256(self) -> str:
         """Digest of all numbers."""
         digest = hashlib.sha256()
@@ -85,11 +94,34 @@ REGRESSIONS = ("confidence", "clothed", "touch")
 """Names of the other arrays."""
 
 
+WEIGHTS_BYTES = 1 << 26
+"""Size that a weights file may unpack to; the shipped one takes 0.3 MB."""
+REMEDY = "give a file that `annotate-cloud train-labels` wrote"
+
+
 @cache
 def shipped_weights() -> Weights:
     """The weights that come with the package; their model card is `annotate/weights.md`."""
     with files("annotate").joinpath("weights.npz").open("rb") as file:
         return weights_of(dict(np.load(file, allow_pickle=False)))
+
+
+def load_weights(path: Path) -> Weights:
+    """A weights file of `annotate-cloud train-labels`. Raises FormatError where it is none."""
+    arrays = load_arrays(path, WEIGHTS_BYTES, REMEDY)
+    shipped = shipped_weights().arrays()
+    for name, like in shipped.items():
+        given = arrays.get(name)
+        if given is None or given.dtype != like.dtype or not _fits(name, given.shape, like.shape):
+            raise FormatError(f"{path} has no array {name!r} as labelling needs it; {REMEDY}")
+        if not np.isfinite(given).all():
+            raise FormatError(f"{path}: {name!r} holds numbers that are not finite; {REMEDY}")
+    return weights_of(arrays)
+
+
+def _fits(name: str, shape: tuple[int, ...], like: tuple[int, ...]) -> bool:
+    """Whether an array has the shape of the shipped one; networks may have more message rounds."""
+    return shape[1:] == like[1:] and (shape[:1] == like[:1] or name == "rounds")
 
 
 def weights_of(arrays: dict[str, NDArray[np.generic]]) -> Weights:

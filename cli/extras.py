@@ -14,7 +14,7 @@ COSTS = {
     "rig": "no calibration (calibrate) and no palettes learnt from labels or photographs (suit learn)",
     "clouds": "no PCD and PLY clouds",
     "exchange": "no ROS 2 bags, LAS, LAZ or Parquet",
-    "train": "no training (train); predict only needs the extra network",
+    "train": "no training (train, train-labels); predict only needs the extra network",
     "smp": "no training of networks from segmentation-models-pytorch (train --network smp)",
     "cluster": "no generation on several machines (synth generate --scheduler)",
     "kinect": "no Azure Kinect as a device; its recordings can be imported",

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
+from annotate.engine import Engine, load_weights
 from annotate.label_source import label_source
 from annotate.labelset import store
 from annotate.labelset.open_frames import open_frames
@@ -47,19 +48,24 @@ def label(
     out: Labels,
     suit: Annotated[Path | None, Option(help="Palette of the colour-coded suit (TOML).")] = None,
     window: Window = None,
+    weights: Annotated[
+        Path | None,
+        typer.Option(help="Weights from train-labels.", show_default="the shipped ones"),
+    ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Fuse the cameras, find the person by temperature, and read the body parts from the suit."""
     palette = load_suit(suit) if suit else None
+    engine = Engine(weights=load_weights(weights)) if weights else Engine()
     source = open_source(session)
-    clear(out, store.MANIFEST, overwrite, session, *([suit] if suit else []))
+    clear(out, store.MANIFEST, overwrite, session, *(given for given in (suit, weights) if given))
     notes = [*source.notes, *(palette.notes if palette else ())]
     for note in notes:
         say(note)
     started = time.monotonic()
     with progress("label", len(source)) as advance:
-        run = label_source(source, palette, out, advance, window)
+        run = label_source(source, palette, out, advance, window, engine)
     seconds = (time.monotonic() - started) / max(1, len(source))
     review = run.review_order()
     result = {

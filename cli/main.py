@@ -15,6 +15,7 @@ from cli import (
     evaluation,
     exchange,
     fix,
+    label_training,
     labelling,
     motion,
     prediction,
@@ -48,6 +49,7 @@ app.command(rich_help_panel=RECORDINGS)(data.info)
 app.command(rich_help_panel=RECORDINGS)(data.validate)
 app.command(rich_help_panel=LABELS)(labelling.label)
 app.add_typer(labelling.suit_app, name="suit", rich_help_panel=LABELS)
+app.command("train-labels", rich_help_panel=LABELS)(label_training.train_labels)
 app.command(rich_help_panel=LABELS)(fix.fix)
 app.command(rich_help_panel=LABELS)(labelling.diff)
 app.command(rich_help_panel=LABELS)(exchange.export)

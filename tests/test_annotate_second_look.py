@@ -19,9 +19,10 @@ from annotate.second_look.look import look_again
 from annotate.second_look.network import GraphNetwork
 from annotate.segmentation.segment import segment
 from annotate.suit.palette import load_suit
+from eval.training.labelling_data import Rows
+from eval.training.labelling_graph import Graph, Joined
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path, truth_path
-from tools.fit_second_look import Graph, Joined, Rows, matrices, mirrored
 
 SHIPPED = GraphNetwork(**shipped_weights().network)
 
@@ -49,7 +50,7 @@ def test_the_network_says_what_it_was_trained_to_say(drawing):
     torch.manual_seed(drawing[0])
     trained = Graph(COLUMNS).eval()
     middle, spread = np.zeros(COLUMNS, np.float32), np.ones(COLUMNS, np.float32)
-    chance = asked(GraphNetwork(middle, spread, **matrices(trained)), rows)
+    chance = asked(GraphNetwork(middle, spread, **trained.arrays()), rows)
     with torch.no_grad():
         expected = torch.softmax(trained(torch.tensor(rows.described), Joined([rows])), 1)
     np.testing.assert_allclose(chance, expected, atol=1e-5)
@@ -68,10 +69,10 @@ def test_no_order_of_supervoxels_matters(drawing):
 @given(seeds)
 @settings(max_examples=10, deadline=None)
 def test_a_mirror_of_a_mirror_shows_the_frame(drawing):
-    rows, twice = drawn(*drawing), mirrored(mirrored(drawn(*drawing)))
+    rows, twice = drawn(*drawing), drawn(*drawing).mirrored().mirrored()
     for name in ("described", "edges", "patch", "pixels"):
         np.testing.assert_array_equal(getattr(twice, name), getattr(rows, name))
-    assert (mirrored(rows).described != rows.described).any()
+    assert (rows.mirrored().described != rows.described).any()
 
 
 @given(st.integers(1, 80), st.integers(0, 99))

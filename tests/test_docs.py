@@ -3,11 +3,14 @@
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from synth.rig.simulate import suit_path, truth_path
 
 ROOT = Path(__file__).parent.parent
 PAGES = ["README.md", *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md")))]
@@ -53,13 +56,18 @@ def test_pages_hold_commands_and_every_exception_is_met():
         assert any(command.startswith(start) for command in shown), start
 
 
-def prepare(page: str, folder: Path) -> None:
+def prepare(page: str, folder: Path, rig_session: Path) -> None:
     """What a page takes for granted: the user's own files."""
     text = (ROOT / page).read_text()
     if "my-folder" in text:
         from tools.docs_material import write_image_folder
 
         write_image_folder(folder / "my-folder")
+    if "monday.mcap" in text:
+        shutil.copy(suit_path(rig_session), folder / "ours.toml")
+        for day in ("monday", "tuesday", "wednesday"):
+            shutil.copy(rig_session, folder / f"{day}.mcap")
+            shutil.copytree(truth_path(rig_session), folder / day)
     if "walk.c3d" in text:
         from tools.docs_material import write_trials
 
@@ -67,8 +75,8 @@ def prepare(page: str, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if any(not left_out(c) for c in commands_of(page))])
-def test_the_commands_of_a_page_run_in_its_order(page, tmp_path):
-    prepare(page, tmp_path)
+def test_the_commands_of_a_page_run_in_its_order(page, tmp_path, rig_session):
+    prepare(page, tmp_path, rig_session)
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "2"}
     for command in commands_of(page):
         if left_out(command):

@@ -28,7 +28,7 @@ from sensors.rig.nearest import Nearest
 _N = len(BODY_PARTS)
 LAYOUT = {
     "belief": "parts",  # of the first reading
-    "label": "classes",  # relative_warmth of the pixels labelled so by the first reading
+    "label": "classes",  # share of the pixels labelled so by the first reading
     "colour": "parts",  # log likelihood by the suit's colours
     "distance": "parts",  # to each part's middle, in its reaches
     "shown": "parts",  # root of each part's visible surface in m2
@@ -36,23 +36,23 @@ LAYOUT = {
     "place": "xyz",  # metres from the person's median, depth camera's frame
     "normal": "xyz",  # unit
     "lab": "three",  # CIE Lab, about -1 to 1
-    "inside": "one",  # relative_warmth in the mask
+    "inside": "one",  # share in the mask
     "confidence": "one",  # of the first reading's labels
     "bare": "one",  # log odds of skin or shoe
-    "readable": "one",  # relative_warmth of readable colours
+    "readable": "one",  # share of readable colours
     "odds": "one",  # log odds of the person without the suit
     "suit odds": "one",  # log odds of the person with the suit
-    "warmth": "one",  # relative_warmth of the way from the room's temperature to the person's
-    "felt": "one",  # relative_warmth with a temperature
+    "warmth": "one",  # share of the way from the room's temperature to the person's
+    "felt": "one",  # share with a temperature
     "points": "one",  # logarithm
     "surface": "one",  # log m2
     "steps": "three",  # depth of the touching supervoxels less its own in metres: mean, farthest, nearest
     "frequency": "one",  # log frequency of the colour in the room
     "brightness": "one",  # log brightness above the room's
-    "still": "one",  # relative_warmth on a body part in the previous frame, at the same depth
+    "still": "one",  # share on a body part in the previous frame, at the same depth
     "has before": "one",  # 1 with a previous frame
     "patch surface": "one",  # log m2 of the patch
-    "patch inside": "one",  # relative_warmth of the patch in the mask
+    "patch inside": "one",  # share of the patch in the mask
     "alike": "one",  # log m2 near by of the patch's colour
     "blur": "one",  # uncertainty of the chromaticity
     "clues": "clues",  # of the patch, in the order of ``annotate.person.clothed_mask.Clue``
@@ -70,7 +70,7 @@ MOST_BARE = 8.0
 MOST_STEP_M = 0.3
 """Bound of a depth step in metres. Chosen by eye."""
 LEAST_FELT = 0.05
-"""Least relative_warmth of pixels with a temperature that the warmth is divided by. Chosen by eye."""
+"""Least share of pixels with a temperature that the warmth is divided by. Chosen by eye."""
 LEAST_BARE_BLUR = 0.02
 """Least uncertainty of a chromaticity for bareness. Chosen by eye."""
 TINY_M2 = 1e-5

@@ -1,0 +1,58 @@
+"""The verb that fits the labelling engine to another suit or rig."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cli.console import Json, Overwrite, clear, finish, progress
+from cli.extras import needing
+from sensors.errors import CloudError
+
+
+def train_labels(
+    sessions: Annotated[
+        list[Path],
+        typer.Argument(metavar="SESSION...", help="Recordings of people in the suit; two or more."),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for weights.npz; a broken run goes on there.")],
+    truth: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Corrected label set of each session, in their order.",
+            show_default="what simulate wrote beside each",
+        ),
+    ] = None,
+    suit: Annotated[
+        Path | None,
+        typer.Option(help="Palette of the suit (TOML).", show_default="what simulate wrote beside each"),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed and recordings, same weights.")] = 0,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Fit the labelling to another suit or rig; 'label --weights' uses the file. Needs the extra 'train'."""
+    with needing("train", "synth"):
+        from eval.training.labelling import PLAN, train_labels
+        from eval.training.labelling_data import Recording
+        from synth.rig.simulate import suit_path, truth_path
+    if truth and len(truth) != len(sessions):
+        raise CloudError(f"{len(truth)} label sets for {len(sessions)} sessions; give one --truth a session")
+    known = truth or [truth_path(session) for session in sessions]
+    suits = [suit or suit_path(session) for session in sessions]
+    triples = list(zip(sessions, known, suits, strict=True))
+    clear(out, PLAN, overwrite, *(path for triple in triples for path in triple))
+    done = train_labels([Recording.open(*triple) for triple in triples], out, seed, progress)
+    result = {
+        "weights": str(done.path),
+        "sha256": done.weights.sha256(),
+        "frames": done.frames,
+        "frames_held_out": done.frames_held_out,
+        "mean_recall": done.figures.recall,
+        "person_iou": done.figures.person_iou,
+    }
+    text = (
+        f"{done.path}: {done.frames} frames; on {done.frames_held_out} held out mean recall "
+        f"{done.figures.recall:.3f}, person IoU {done.figures.person_iou:.3f}"
+    )
+    finish(result, json, text)

@@ -1,0 +1,140 @@
+"""Trains the labelling engine for another suit or rig: clothed mask, second look and confidence, in turn.
+
+Each goes by what those before it make of a frame, so the order matters. Confidence is fitted to recordings
+that the network has not been trained on: of its own it would be too sure. It is itself one of the network's
+descriptors: by the shipped weights in training, by the new ones afterwards.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from annotate.engine import Engine, Steps, Weights, shipped_weights
+from annotate.person.extract import Survey
+from eval.training.labelling_data import Recording, Rows, load_rows, observed, rows_of, save_rows
+from eval.training.labelling_graph import EPOCHS, Figures, trained
+from eval.training.labelling_odds import KnownPatches, fit_clothed, fit_confidence, judged, known_patches
+from sensors.errors import CloudError, ExistsError
+from sensors.files.atomic import write_bytes
+
+PLAN, ROWS, WEIGHTS = "plan.json", "rows", "weights.npz"
+"""Files in the folder: what is trained on, rows of each recording, and the result."""
+HELD_OUT = 4
+"""One of so many recordings, the last of each four, is not trained on; chosen by eye."""
+PATCH_FRAMES = 200
+"""Frames that the clothed mask is fitted to, at most; the shipped one was fitted to 196."""
+
+Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+"""Shows a stage by name and number of steps; yields what is called with the steps done."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """Weights as written to ``path``; figures of the network on the frames held out, at the end."""
+
+    path: Path
+    weights: Weights
+    frames: int
+    frames_held_out: int
+    figures: Figures
+
+
+def train_labels(recordings: Sequence[Recording], out: Path, seed: int, progress: Progress) -> Trained:
+    """Fit all weights to recordings with known labels; writes ``out``/weights.npz.
+
+    A run that was broken off goes on with the recordings that it has read. The same recordings and seed give
+    the same weights. Raises CloudError for fewer than two recordings, ExistsError where ``out`` holds another
+    training or a finished one.
+    """
+    if len(recordings) < 2:
+        raise CloudError("one recording is too few: confidence is fitted to another; give two or more")
+    torch.set_num_threads(1)
+    _claim(out, recordings, seed)
+    held_out = recordings[::-HELD_OUT][::-1]
+    learnt = [one for one in recordings if one not in held_out]
+    weights = _clothed(learnt, shipped_weights(), progress)
+    files = {one: out / ROWS / f"{i}.npz" for i, one in enumerate(recordings)}
+    train, test = (
+        [frame for one in some for frame in _rows(one, files[one], weights, progress)]
+        for some in (learnt, held_out)
+    )
+    figures: list[Figures] = []
+    with progress("second look, epochs", EPOCHS) as advance:
+
+        def epoch_done(now: Figures) -> None:
+            figures.append(now)
+            advance(1)
+
+        weights = replace(weights, network=trained(train, test, seed, epoch_done))
+    weights = _confidence(held_out, weights, progress)
+    weights.save(out / WEIGHTS)
+    return Trained(out / WEIGHTS, weights, len(train), len(test), figures[-1])
+
+
+def _claim(out: Path, recordings: Sequence[Recording], seed: int) -> None:
+    """Take a folder for this very training."""
+    digests = [[one.source.name, one.digest()] for one in recordings]
+    plan = {"seed": seed, "start": shipped_weights().sha256(), "recordings": digests}
+    text = json.dumps(plan, indent=1).encode()
+    if (out / WEIGHTS).exists() or ((out / PLAN).exists() and (out / PLAN).read_bytes() != text):
+        raise ExistsError(f"{out} holds another training; choose another folder or pass --overwrite")
+    (out / ROWS).mkdir(parents=True, exist_ok=True)
+    write_bytes(out / PLAN, text)
+
+
+def _clothed(recordings: Sequence[Recording], start: Weights, progress: Progress) -> Weights:
+    """The weights with those of the clothed mask fitted."""
+    total = sum(len(one.frame_ids) for one in recordings)
+    every, seen = -(-total // PATCH_FRAMES), []
+    with progress("clothed mask, frames", total) as advance:
+        for recording in recordings:
+            for known in _patches(recording, start, every, advance):
+                seen.append(known)
+    if not seen:
+        raise CloudError("nobody in a suit is found in these recordings; check the palette, or record more")
+    clothed, touch = fit_clothed(seen)
+    return replace(start, clothed=clothed, touch=touch)
+
+
+def _patches(
+    recording: Recording, start: Weights, every: int, advance: Callable[[int], None]
+) -> Iterator[KnownPatches]:
+    """Patches of every so manieth frame of known labels."""
+    number = 0
+    for cloud, truth in recording.clouds():
+        if truth is None:
+            continue
+        if number % every == 0:
+            seen = Survey(cloud, None, recording.suit, Engine(weights=start)).person(None).candidates
+            if seen is not None:
+                yield known_patches(seen.clues, truth)
+        number += 1
+        advance(1)
+
+
+def _rows(recording: Recording, path: Path, weights: Weights, progress: Progress) -> list[Rows]:
+    """Rows of a recording's frames, from the file of an earlier run where there is one."""
+    if not path.exists():
+        engine = Engine(Steps(second_look=False), weights)
+        with progress(f"{recording.source.name}, frames", len(recording.source)) as advance:
+            rows = []
+            for frame in observed(recording, engine):
+                rows += [] if frame is None else [rows_of(frame)]
+                advance(1)
+        save_rows(rows, path)
+    return load_rows(path)
+
+
+def _confidence(recordings: Sequence[Recording], weights: Weights, progress: Progress) -> Weights:
+    """The weights with those of confidence fitted to recordings held out."""
+    frames = []
+    with progress("confidence, frames", sum(len(one.source) for one in recordings)) as advance:
+        for recording in recordings:
+            for frame in observed(recording, Engine(weights=weights)):
+                frames += [] if frame is None else [judged(frame)]
+                advance(1)
+    return replace(weights, confidence=fit_confidence(frames))
