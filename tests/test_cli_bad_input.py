@@ -19,7 +19,7 @@ from mcap_protobuf.schema import register_schema
 from annotate.labelset.store import MANIFEST, LabelSet
 from annotate.parts import BODY_PARTS, PART_ID, UNDEFINED
 from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
-from eval.network.predict import SHIPPED_WEIGHTS
+from eval.network.onnx_network import SHIPPED_WEIGHTS
 from sensors.session.messages import DEPTH, image_message
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path, truth_path
