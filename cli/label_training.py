@@ -1,9 +1,9 @@
-"""The verb that fits the labelling engine to another suit or rig."""
+"""The verb ``train-labels``: fit the labelling engine to another suit or rig."""
 
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from cli.console import Json, Overwrite, clear, finish, progress
 from cli.extras import needing
@@ -11,33 +11,30 @@ from sensors.errors import CloudError
 
 
 def train_labels(
-    sessions: Annotated[
-        list[Path],
-        typer.Argument(metavar="SESSION...", help="Recordings of people in the suit; two or more."),
-    ],
-    out: Annotated[Path, typer.Option(help="Folder for weights.npz; a broken run goes on there.")],
+    sessions: Annotated[list[Path], Argument(help="Two or more recordings of people in the suit.")],
+    out: Annotated[Path, Option(help="Folder for weights.npz; an interrupted run continues there.")],
     truth: Annotated[
         list[Path] | None,
-        typer.Option(
-            help="Corrected label set of each session, in their order.",
+        Option(
+            help="Corrected label set of each recording, in the same order.",
             show_default="what simulate wrote beside each",
         ),
     ] = None,
     suit: Annotated[
         Path | None,
-        typer.Option(help="Palette of the suit (TOML).", show_default="what simulate wrote beside each"),
+        Option(help="Palette of the suit (TOML).", show_default="what simulate wrote beside each"),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed and recordings, same weights.")] = 0,
+    seed: Annotated[int, Option(min=0, help="The same seed and recordings give the same weights.")] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Fit the labelling to another suit or rig; 'label --weights' uses the file. Needs the extra 'train'."""
+    """Fit the labelling to another suit or rig, for 'label --weights'. Needs the extra 'train'."""
     with needing("train", "synth"):
         from eval.training.labelling import PLAN, train_labels
         from eval.training.labelling_data import Recording
         from synth.rig.simulate import suit_path, truth_path
     if truth and len(truth) != len(sessions):
-        raise CloudError(f"{len(truth)} label sets for {len(sessions)} sessions; give one --truth a session")
+        raise CloudError(f"{len(truth)} label sets for {len(sessions)} recordings; give one --truth for each")
     known = truth or [truth_path(session) for session in sessions]
     suits = [suit or suit_path(session) for session in sessions]
     triples = list(zip(sessions, known, suits, strict=True))

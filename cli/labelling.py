@@ -49,8 +49,7 @@ def label(
     suit: Annotated[Path | None, Option(help="Palette of the colour-coded suit (TOML).")] = None,
     window: Window = None,
     weights: Annotated[
-        Path | None,
-        typer.Option(help="Weights from train-labels.", show_default="the shipped ones"),
+        Path | None, Option(help="Weights from train-labels.", show_default="the shipped ones")
     ] = None,
     overwrite: Overwrite = False,
     json: Json = False,

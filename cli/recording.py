@@ -1,4 +1,4 @@
-"""Verbs of recordings in the making: record, and repair for one that was cut off."""
+"""The verbs ``record``, from devices into a session, and ``repair``, for a session that was cut off."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -27,11 +27,11 @@ from sensors.session.writer import SessionWriter
 
 VIRTUAL_SEED = 7
 VIRTUAL_FRAMES = 30
-"""A second of the virtual rig at 30 a second, which the virtual cameras show round and round."""
+"""One second of the virtual rig at 30 frames a second, which the virtual cameras repeat."""
 
 
 class Shown:
-    """What virtual cameras see: a second of the virtual rig, rendered when the first of them looks."""
+    """The frames of the virtual cameras, rendered when the first of them is read."""
 
     def __init__(self) -> None:
         with needing("synth"):
@@ -78,17 +78,14 @@ def record(
 
 
 def repair(
-    session: Annotated[
-        Path, typer.Argument(metavar="SESSION", help="Recording that was cut off, or a damaged session.")
-    ],
+    session: Annotated[Path, Argument(help="Recording that was cut off, or a damaged session.")],
     out: Annotated[
-        Path | None,
-        typer.Option(help="Session to write. Default: in place; NAME.mcap for NAME.mcap.partial."),
+        Path | None, Option(help="Session to write. Default: in place; NAME.mcap for NAME.mcap.partial.")
     ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Make a recording that was cut off whole again, with every frame that can be read."""
+    """Repair a recording that was cut off or damaged; every frame that can be read is kept."""
     done = repair_session(session, out, overwrite=overwrite)
     result = {
         "session": str(done.path),
@@ -127,7 +124,7 @@ def _until(seconds: float | None) -> Callable[[], bool]:
 
 @contextmanager
 def _preview() -> Iterator[Callable[[Recorder], None]]:
-    """Show once a second how the recording goes; Ctrl-C ends it well."""
+    """Show the state of the recording once a second; Ctrl-C ends it."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _lines()
