@@ -1,8 +1,7 @@
-"""Verbs that make and inspect recordings: simulate, info, validate."""
+"""The verbs ``simulate``, which makes recordings, and ``validate``, which checks whatever holds frames."""
 
-from collections import Counter
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from typer import Argument, Option
@@ -11,17 +10,13 @@ from annotate.cloud.fuse import Fuser
 from annotate.labelset import dataset, store
 from annotate.labelset.dataset import Dataset
 from annotate.labelset.store import LabelSet
-from annotate.parts import PARTS
 from cli import names
-from cli.audit import audit_of, audit_text
 from cli.console import Json, Overwrite, finish, progress
 from cli.extras import needing
-from cli.motion import motion_info
 from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
 from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session
-from synth.markers.motion_file import is_motion
 
 Session_ = Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")]
 Any_ = Annotated[
@@ -77,28 +72,6 @@ def _simulate_plate(out: Path, frames: int, seed: int, overwrite: bool, json: bo
     finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
 
 
-def info(path: Any_, json: Json = False) -> None:
-    """Show what a path holds; for a label set, also who corrected what."""
-    result = audit = None
-    if (path / store.MANIFEST).is_file():
-        labels = LabelSet.open(path)
-        result, audit = _label_info(labels), audit_of(labels)
-    elif (path / dataset.MANIFEST).is_file():
-        shards = Dataset.open(path)
-        result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
-    elif is_motion(path):
-        motion, shown = motion_info(path)
-        finish(motion, json, shown)
-        return
-    if result is None:
-        result = _source_info(path)
-    lines = [f"{key}: {value}" for key, value in result.items()]
-    if audit:
-        result["audit"] = audit.to_json()
-        lines.append(audit_text(audit))
-    finish(result, json, "\n".join(lines))
-
-
 def validate(path: Any_, json: Json = False) -> None:
     """Check every frame; exits with 1 if something is wrong."""
     if (path / store.MANIFEST).is_file():
@@ -112,33 +85,6 @@ def validate(path: Any_, json: Json = False) -> None:
     )
     if problems:
         raise typer.Exit(1)
-
-
-def _label_info(labels: LabelSet) -> dict[str, Any]:
-    statuses, pixels = Counter[str](), Counter[int]()
-    for frame in labels:
-        statuses[frame.status] += 1
-        pixels.update({part.id: int((frame.parts == part.id).sum()) for part in PARTS})
-    return {
-        "kind": "label set",
-        "frames": len(labels),
-        "statuses": dict(statuses),
-        "pixels": {part.name: pixels[part.id] for part in PARTS},
-        "source": labels.info.get("source", ""),
-        "steps": labels.info.get("steps", {}),
-    }
-
-
-def _source_info(path: Path) -> dict[str, Any]:
-    source = open_source(path)
-    result: dict[str, Any] = {"kind": type(source).__name__, "name": source.name, "frames": len(source)}
-    if isinstance(source, Session):
-        result |= {"truncated": source.truncated, "sha256": source.sha256}
-        result["streams"] = {
-            topic: {"messages": s.count, "per_second": round(s.rate_hz, 2)}
-            for topic, s in source.streams.items()
-        }
-    return result | {"notes": list(source.notes)}
 
 
 def _source_problems(path: Path) -> list[str]:

@@ -15,6 +15,7 @@ from cli import (
     evaluation,
     exchange,
     fix,
+    info,
     label_training,
     labelling,
     motion,
@@ -45,7 +46,7 @@ app.command(rich_help_panel=RECORDINGS)(recording.record)
 app.command(rich_help_panel=RECORDINGS)(recording.repair)
 app.command(rich_help_panel=RECORDINGS)(calibration.calibrate)
 app.command("import", rich_help_panel=RECORDINGS)(exchange.import_)
-app.command(rich_help_panel=RECORDINGS)(data.info)
+app.command(rich_help_panel=RECORDINGS)(info.info)
 app.command(rich_help_panel=RECORDINGS)(data.validate)
 app.command(rich_help_panel=LABELS)(labelling.label)
 app.add_typer(labelling.suit_app, name="suit", rich_help_panel=LABELS)

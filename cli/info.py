@@ -1,0 +1,110 @@
+"""The verb ``info``: what a path holds."""
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from annotate.labelset import dataset, store
+from annotate.labelset.dataset import Dataset
+from annotate.labelset.store import LabelSet
+from annotate.parts import PARTS
+from cli.audit import audit_of, audit_text
+from cli.console import Json, cell, facts, finish, table
+from cli.motion import motion_info
+from sensors.importers.open_source import open_source
+from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.messages import COLOR, COUNTS, DEPTH, INFRARED, THERMAL
+from sensors.session.reader import Session
+from synth.markers.motion_file import is_motion
+
+Shown = tuple[dict[str, Any], str]
+"""What a path holds: as JSON, and as lines for people."""
+
+
+def info(
+    path: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PATH", help="Session, label set, dataset, motion, or anything that import takes."
+        ),
+    ],
+    json: Json = False,
+) -> None:
+    """Show what a path holds; for a label set, also who corrected what."""
+    if (path / store.MANIFEST).is_file():
+        result, text = _labels(LabelSet.open(path))
+    elif (path / dataset.MANIFEST).is_file():
+        shards = Dataset.open(path)
+        result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
+        text = facts(result)
+    elif is_motion(path):
+        result, text = motion_info(path)
+    else:
+        result, text = _source(path)
+    finish(result, json, text)
+
+
+def _labels(labels: LabelSet) -> Shown:
+    statuses, pixels = Counter[str](), Counter[int]()
+    for frame in labels:
+        statuses[frame.status] += 1
+        pixels.update({part.id: int((frame.parts == part.id).sum()) for part in PARTS})
+    result: dict[str, Any] = {
+        "kind": "label set",
+        "frames": len(labels),
+        "statuses": dict(statuses),
+        "pixels": {part.name: pixels[part.id] for part in PARTS},
+        "source": labels.info.get("source", ""),
+        "steps": labels.info.get("steps", {}),
+    }
+    short = {**result, "steps": list(result["steps"])}
+    per_frame = [(part.name, pixels[part.id] / max(1, len(labels))) for part in PARTS]
+    texts = [
+        facts({name: value for name, value in short.items() if name != "pixels"}),
+        table(("part", "pixels per frame"), per_frame),
+    ]
+    if audit := audit_of(labels):
+        result["audit"] = audit.to_json()
+        texts.append(audit_text(audit))
+    return result, "\n\n".join(texts)
+
+
+def _source(path: Path) -> Shown:
+    source = open_source(path)
+    result: dict[str, Any] = {"kind": type(source).__name__, "name": source.name, "frames": len(source)}
+    short, texts = dict(result), []
+    if isinstance(source, Session):
+        result |= {"truncated": source.truncated, "sha256": source.sha256}
+        result["streams"] = {
+            topic: {"messages": s.count, "per_second": round(s.rate_hz, 2)}
+            for topic, s in source.streams.items()
+        }
+        depth = source.streams[DEPTH]
+        short["duration"] = cell((depth.count - 1) / depth.rate_hz if depth.rate_hz else 0.0, "s")
+        short["recording"] = "cut off" if source.truncated else "complete"
+        short |= {"events": Counter(text for _, text in source.events), "sha256": source.sha256}
+        texts.append(_streams(source))
+    result["notes"] = list(source.notes)
+    return result, "\n\n".join([facts(short), *texts, *source.notes])
+
+
+def _streams(session: Session) -> str:
+    columns = ("stream", "messages", "per second", "size, px", "focal length, px")
+    rows = [
+        (topic, stream.count, stream.rate_hz, *_camera(session.calibration, topic))
+        for topic, stream in session.streams.items()
+    ]
+    return table(columns, rows)
+
+
+def _camera(calibration: RigCalibration, topic: str) -> tuple[str | None, float | None]:
+    """Size and focal length of the camera that a topic's images are of, as its calibration has them."""
+    cameras = {
+        **dict.fromkeys((DEPTH, INFRARED), calibration.depth),
+        **dict.fromkeys((THERMAL, COUNTS), calibration.thermal),
+        COLOR: calibration.color,
+    }
+    camera = cameras.get(topic)
+    return (None, None) if camera is None else (f"{camera.width} x {camera.height}", camera.fx)
