@@ -18,6 +18,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from annotate.correction.correction import Correction
+from annotate.gui.commands import bind
 from annotate.gui.keys import Settings
 from annotate.gui.scene import SceneReader
 from annotate.gui.window import CorrectionWindow
@@ -37,6 +38,7 @@ def main() -> None:
             correction = Correction.open(made / "labels", "mia")
             reader = SceneReader(correction, made / "people.mcap", LabelSet.open(made / "network"))
             window = CorrectionWindow(correction, reader, Settings(theme))
+            bind(window)
             window.resize(*SIZE)
             window.show()
             window.activateWindow()

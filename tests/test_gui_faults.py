@@ -17,8 +17,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from annotate.correction.correction import Correction
+from annotate.gui.dialogs import REASONS
 from annotate.gui.probe import check_opengl, check_screen
-from annotate.gui.review import REASONS
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID

@@ -289,7 +289,9 @@ def test_two_sets_are_compared(qapp, folder, rig_session):
 
 
 def test_every_key_can_be_moved(qapp, folder):
-    moved = tuple(type(b)(b.name, "Ctrl+K" if b.name == "help" else b.key, b.group, b.says) for b in BINDINGS)
+    moved = tuple(
+        type(b)(b.name, "Ctrl+K" if b.name == "help" else b.key, b.group, b.description) for b in BINDINGS
+    )
     driver = Driver(folder, settings=Settings("light", moved))
     driver.press("F1")
     assert not driver.window.key_page.isVisible()

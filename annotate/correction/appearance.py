@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Index, Int32, UInt8
 from annotate.cloud.color_odds import color_bins, frequencies, lab_of
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import N_CLASSES
@@ -31,11 +32,11 @@ WARMTH_WEIGHT = 0.8
 class Appearance:
     """Colours and temperatures of points. lab: uint8 (n, 3), 0 = none; celsius: float32 (n,), NaN = none."""
 
-    lab: NDArray[np.uint8]
-    celsius: NDArray[np.float32]
+    lab: UInt8
+    celsius: Float32
 
     @classmethod
-    def of(cls, cloud: ThermalCloud | None, mask: NDArray[np.bool_]) -> Self:
+    def of(cls, cloud: ThermalCloud | None, mask: Bool) -> Self:
         """Appearance of the masked points (h, w) of a frame; unknown without its cloud."""
         if cloud is None:
             count = int(mask.sum())
@@ -52,16 +53,16 @@ class Appearance:
         return cls(np.concatenate([x.lab for x in several]), np.concatenate([x.celsius for x in several]))
 
     @property
-    def colored(self) -> NDArray[np.bool_]:
+    def colored(self) -> Bool:
         """Whether the colour of each point (n,) is known."""
         return self.lab[:, 0] > 0
 
     @property
-    def bins(self) -> NDArray[np.int32]:
+    def bins(self) -> Int32:
         """Colour bin of each point (n,); 0 also where the colour is unknown."""
         return color_bins(self.lab)
 
-    def resemblance(self, others: "Appearance", index: NDArray[np.intp]) -> NDArray[np.float32]:
+    def resemblance(self, others: "Appearance", index: Index) -> Float32:
         """Similarity (n, k) of the colours of each point and of ``others`` at ``index`` (n, k), from 0 to 1.
 
         1 for equal colours, and where one of the two is unknown.
@@ -70,7 +71,7 @@ class Appearance:
         known = others.colored[index] & self.colored[:, None]
         return np.where(known, np.exp(-0.5 * (away**2).sum(axis=2)), np.float32(1))
 
-    def likelihood(self, others: "Appearance", parts: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def likelihood(self, others: "Appearance", parts: UInt8) -> Float32:
         """Log likelihood (n, classes) of each point's appearance, given others (m,) of known parts."""
         colors, warmths = [], []
         degrees, felt = _degrees(others.celsius), np.isfinite(others.celsius)
@@ -84,12 +85,12 @@ class Appearance:
         return np.asarray((by_color + WARMTH_WEIGHT * by_warmth).T, np.float32)
 
 
-def _degrees(celsius: NDArray[np.float32]) -> NDArray[np.intp]:
+def _degrees(celsius: Float32) -> Index:
     """Whole degrees (n,) above COLDEST_C; 0 also where the temperature is unknown."""
     return np.clip(np.nan_to_num(celsius), COLDEST_C, HOTTEST_C).astype(np.intp) - COLDEST_C
 
 
-def _degree_shares(degrees: NDArray[np.intp]) -> NDArray[Any]:
+def _degree_shares(degrees: Index) -> NDArray[Any]:
     """Share of each degree among whole degrees (n,), smoothed over its neighbours and never zero."""
     count = np.convolve(np.bincount(degrees, minlength=HOTTEST_C - COLDEST_C + 1), (0.25, 0.5, 0.25), "same")
     return (count + UNSEEN_WARMTH * max(len(degrees), 1)) / max(len(degrees), 1)

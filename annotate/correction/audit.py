@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import UInt8
 from annotate.correction.replay import after
 from annotate.correction.work import is_stroke, rejection
 from annotate.labelset.journal import Journal
@@ -72,8 +72,8 @@ class _Visit:
     """One person's entries on one frame, and what stands of them: pixels before and after, body's size."""
 
     strokes: tuple[Stroke, ...]
-    before: NDArray[np.uint8]
-    after: NDArray[np.uint8]
+    before: UInt8
+    after: UInt8
     body_px: int
     untouched: bool
 
@@ -93,9 +93,7 @@ def audit(labels: LabelSet, journal: Journal) -> Audit:
     return Audit(tuple(people), rejected)
 
 
-def _visits(
-    strokes: Sequence[Stroke], before: NDArray[np.uint8], after: NDArray[np.uint8]
-) -> Iterator[tuple[str, _Visit]]:
+def _visits(strokes: Sequence[Stroke], before: UInt8, after: UInt8) -> Iterator[tuple[str, _Visit]]:
     """Every person of a frame, a changed pixel going to who changed it last."""
     names = list(dict.fromkeys(stroke.who for stroke in strokes))
     last = np.zeros(before.size, np.intp)

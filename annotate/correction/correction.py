@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from annotate.correction.activity import ActiveTime, steady_time
 from annotate.correction.edit import Editor
@@ -161,6 +161,13 @@ class Correction:
         if frame_id not in self._statuses:
             self._statuses[frame_id] = self.labels.status(frame_id)
         return state_of(strokes, self._statuses[frame_id])
+
+    def next_verdict(self, frame_id: str) -> Literal["accept", "agree", "none"]:
+        """The verdict that accepting a frame gives now; "none" where this person gave the last one."""
+        if self.state(frame_id) not in ("accepted", "reviewed"):
+            return "accept"
+        verdicts = [stroke for stroke in self.journal.strokes(frame_id) if stroke.operation in VERDICTS]
+        return "none" if verdicts and verdicts[-1].who == self.who else "agree"
 
     def can_restore(self, frame_id: str) -> bool:
         """Whether a frame's labels from before its first correction were kept, and can be read."""

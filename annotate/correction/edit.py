@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Int64, UInt8
 from annotate.cleanup import filled, neighbours, without_islands
 from annotate.correction.activity import ActiveTime
 from annotate.correction.history import History
@@ -47,7 +48,7 @@ class Editor:
         history: History | None = None,
     ) -> None:
         self.frame_id, self.depth_mm, self.who = frame.frame_id, frame.depth_mm, who
-        self.valid: NDArray[np.bool_] = frame.depth_mm > 0
+        self.valid: Bool = frame.depth_mm > 0
         self.time = time or ActiveTime()
         self.history = history or History()
         self.locks: set[int] = set()
@@ -56,7 +57,7 @@ class Editor:
         self._record = record
 
     @property
-    def parts(self) -> NDArray[np.uint8]:
+    def parts(self) -> UInt8:
         """Part ids (h, w) as they stand; a view that cannot be written to and follows every stroke."""
         view = self._parts.view()
         view.flags.writeable = False
@@ -129,20 +130,20 @@ class Editor:
         at = at[same]
         return self._change("copy_previous", at, previous.parts.ravel()[at], None, how)
 
-    def propagate(self, parts: NDArray[np.uint8], how: Gesture = KEY) -> Stroke | None:
+    def propagate(self, parts: UInt8, how: Gesture = KEY) -> Stroke | None:
         """Replace the labels by propagated ones (h, w); undefined ones change nothing."""
         self._same_shape(parts)
         return self.replace("propagate", np.where(parts == UNDEFINED, self._parts, parts), None, how)
 
     def replace(
-        self, operation: Operation, parts: NDArray[np.uint8], part: int | None = None, how: Gesture = KEY
+        self, operation: Operation, parts: UInt8, part: int | None = None, how: Gesture = KEY
     ) -> Stroke | None:
         """Replace the labels by others (h, w), as far as locks and ``only`` allow."""
         self._same_shape(parts)
         at = np.flatnonzero(parts != self._parts)
         return self._change(operation, at, parts.ravel()[at], part, how)
 
-    def preview(self, parts: NDArray[np.uint8]) -> NDArray[np.int64]:
+    def preview(self, parts: UInt8) -> Int64:
         """Flat indices of the pixels that ``replace`` by these labels (h, w) would change."""
         self._same_shape(parts)
         at = np.flatnonzero(parts != self._parts)
@@ -194,12 +195,7 @@ class Editor:
         return self._do(operation, _NONE, None, how, reason)
 
     def _change(
-        self,
-        operation: Operation,
-        at: NDArray[np.int64],
-        new: NDArray[np.uint8],
-        part: int | None,
-        how: Gesture,
+        self, operation: Operation, at: Int64, new: UInt8, part: int | None, how: Gesture
     ) -> Stroke | None:
         allowed = self._allowed(at, new)
         at, new = at[allowed], new[allowed]
@@ -207,7 +203,7 @@ class Editor:
         return self._do(operation, runs, part, how) if len(runs) else None
 
     def _do(
-        self, operation: Operation, runs: NDArray[np.int64], part: int | None, how: Gesture, reason: str = ""
+        self, operation: Operation, runs: Int64, part: int | None, how: Gesture, reason: str = ""
     ) -> Stroke:
         self.time.mark("painting" if len(runs) else "looking")
         now, seconds = self.time.now(), self.time.take()
@@ -217,7 +213,7 @@ class Editor:
         self._record(stroke)
         return stroke
 
-    def _allowed(self, at: NDArray[np.int64], new: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    def _allowed(self, at: Int64, new: UInt8) -> Bool:
         """Which of the flat pixels may become ``new``: depth, locks and ``only``."""
         old = self._parts.ravel()[at]
         bare = (new == BACKGROUND) | (new == UNDEFINED)
@@ -230,7 +226,7 @@ class Editor:
             allowed &= old == self.only
         return np.asarray(allowed)
 
-    def _flat(self, pixels: NDArray[np.generic] | None) -> NDArray[np.int64]:
+    def _flat(self, pixels: NDArray[np.generic] | None) -> Int64:
         """Sorted flat indices, each once."""
         if pixels is None:
             return np.arange(self._parts.size)

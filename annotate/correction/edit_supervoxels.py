@@ -2,8 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Int32, UInt8, UInt16
 from annotate.cloud.supervoxels import supervoxels
 from annotate.parts import BACKGROUND, palette_rgb
 from sensors.rig.camera import Intrinsics, unproject
@@ -19,11 +19,8 @@ mends 36 % (virtual rig, hard, seed 101, 4 frames)."""
 
 
 def edit_supervoxels(
-    depth_mm: NDArray[np.uint16],
-    parts: NDArray[np.uint8],
-    camera: Intrinsics,
-    color_rgb: NDArray[np.uint8] | None = None,
-) -> NDArray[np.int32]:
+    depth_mm: UInt16, parts: UInt8, camera: Intrinsics, color_rgb: UInt8 | None = None
+) -> Int32:
     """Supervoxel ids (h, w) of the person and their margin, -1 elsewhere.
 
     depth_mm, parts: (h, w). color_rgb: uint8 (h, w, 3), or None to take the parts' palette, so that pieces
@@ -39,7 +36,7 @@ def edit_supervoxels(
     return ids
 
 
-def _near_person(depth_mm: NDArray[np.uint16], parts: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def _near_person(depth_mm: UInt16, parts: UInt8) -> Bool:
     """Pixels (h, w) with depth that are the person's, or near them in the image and in depth."""
     person = (parts != BACKGROUND) & (depth_mm > 0)
     if not person.any():

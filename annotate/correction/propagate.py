@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.cleanup import without_islands
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.appearance import Appearance
 from annotate.correction.rigid import LabelledPoints, part_motions
-from annotate.correction.votes import LEAST_WEIGHT, Candidates, Float64, Voters, gathered, poll, winners
+from annotate.correction.votes import LEAST_WEIGHT, Candidates, Voters, gathered, poll, winners
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 from sensors.errors import FormatError
@@ -77,9 +77,9 @@ class Propagated:
     changed: bool (h, w).
     """
 
-    parts: NDArray[np.uint8]
-    confidence: NDArray[np.float32]
-    changed: NDArray[np.bool_]
+    parts: UInt8
+    confidence: Float32
+    changed: Bool
 
 
 def propagate(
@@ -142,9 +142,7 @@ def _polled_twice(seen: list[Voters], candidates: Candidates) -> tuple[Float64, 
     return poll(voters, candidates), voters
 
 
-def _weighed(
-    votes: Float64, voters: Voters, candidates: Candidates, near: NDArray[np.bool_], pixel_m: Float64
-) -> Float64:
+def _weighed(votes: Float64, voters: Voters, candidates: Candidates, near: Bool, pixel_m: Float64) -> Float64:
     """Votes (n, classes) weighed with appearance, which also shows parts in places without votes.
 
     near: bool (h, w), pixels of the candidates. pixel_m: float64 (h, w), size of a pixel there in metres.
@@ -167,7 +165,7 @@ def _weighed(
     return np.asarray(again * (total / again.sum(axis=1))[:, None])
 
 
-def _decided(votes: Float64, candidates: Candidates) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+def _decided(votes: Float64, candidates: Candidates) -> tuple[UInt8, Float32]:
     """Parts and confidence (n,) of the candidates."""
     parts = winners(votes, candidates.body.automatic)
     share = (votes.max(axis=1) / np.maximum(votes.sum(axis=1), LEAST_WEIGHT)).astype(np.float32)
@@ -184,7 +182,7 @@ def _voters(frame: CorrectedFrame, weight: float, camera: Intrinsics) -> Voters:
     return Voters(points_m, automatic, parts, np.full(len(parts), weight), appearance)
 
 
-def _thin_changes(frame: CorrectedFrame) -> NDArray[np.bool_]:
+def _thin_changes(frame: CorrectedFrame) -> Bool:
     """Pixels (h, w) of borders shifted by one or two pixels, by hand or by an earlier propagation.
 
     They do not vote, or borders would drift from frame to frame.
@@ -195,19 +193,19 @@ def _thin_changes(frame: CorrectedFrame) -> NDArray[np.bool_]:
     return np.asarray(changed & (thick == 0))
 
 
-def _without_new_islands(parts: NDArray[np.uint8], target: FrameLabels) -> NDArray[np.uint8]:
+def _without_new_islands(parts: UInt8, target: FrameLabels) -> UInt8:
     """Parts (h, w) without the islands that the automatic labels did not have."""
     before = without_islands(target.parts, target.depth_mm) != target.parts
     return np.where(before & (parts == target.parts), parts, without_islands(parts, target.depth_mm))
 
 
-def _near_body(parts: Sequence[NDArray[np.uint8]]) -> NDArray[np.bool_]:
+def _near_body(parts: Sequence[UInt8]) -> Bool:
     """Pixels (h, w) within MARGIN_PX of the body in any of several labels (h, w)."""
     size = 2 * MARGIN_PX + 1
     body = np.any([p != BACKGROUND for p in parts], axis=0).astype(np.uint8)
     return np.asarray(cv2.dilate(body, np.ones((size, size), np.uint8)) > 0)
 
 
-def _points_m(frame: FrameLabels, mask: NDArray[np.bool_], camera: Intrinsics) -> Float64:
+def _points_m(frame: FrameLabels, mask: Bool, camera: Intrinsics) -> Float64:
     """Points (n, 3) of the masked pixels, camera frame, metres."""
     return np.asarray(unproject(camera, frame.depth_mm.astype(np.float32) / 1000)[mask], np.float64)

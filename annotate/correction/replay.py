@@ -3,9 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from annotate.array_types import UInt8
 from annotate.correction.work import notes_of, status_of
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.journal import Journal
@@ -49,6 +47,6 @@ def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
     return replace(frame, status=status_of(strokes, before), notes={**frame.notes, **notes_of(strokes)})
 
 
-def _fits(stroke: Stroke, parts: NDArray[np.uint8]) -> bool:
+def _fits(stroke: Stroke, parts: UInt8) -> bool:
     pixels = stroke.pixels
     return not len(pixels) or (pixels[-1] < parts.size and bool((parts.ravel()[pixels] == stroke.old).all()))

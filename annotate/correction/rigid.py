@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float64, UInt8
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 from sensors.rig.nearest import Nearest
 from sensors.rig.rig_calibration import Pose
@@ -27,12 +27,12 @@ STILL = Pose.identity()
 class LabelledPoints:
     """Points of a body. points_m: float64 (n, 3), camera frame. automatic: uint8 (n,), automatic part ids."""
 
-    points_m: NDArray[np.float64]
-    automatic: NDArray[np.uint8]
+    points_m: Float64
+    automatic: UInt8
 
 
 def part_motions(
-    source: LabelledPoints, parts: NDArray[np.uint8], target: LabelledPoints, known: list[Pose] | None = None
+    source: LabelledPoints, parts: UInt8, target: LabelledPoints, known: list[Pose] | None = None
 ) -> list[Pose]:
     """Motion to_target_from_source of every class id; the background's is none.
 
@@ -88,9 +88,7 @@ def _register(
     return float(np.minimum(away_m, gates_m[-1]).mean()), pose
 
 
-def _nearest(
-    points_m: NDArray[np.float64], labels: NDArray[np.uint8], trees: dict[int, Nearest]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _nearest(points_m: Float64, labels: UInt8, trees: dict[int, Nearest]) -> tuple[Float64, Float64]:
     """Distance (n,) and position (n, 3) of the nearest point of the same label."""
     away_m, matched = np.empty(len(points_m)), np.empty_like(points_m)
     for label in np.unique(labels):
@@ -100,7 +98,7 @@ def _nearest(
     return away_m, matched
 
 
-def _align(source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
+def _align(source: Float64, target: Float64) -> Pose:
     """The rigid motion with the least squared distances (Kabsch 1976)."""
     middle, goal = source.mean(axis=0), target.mean(axis=0)
     u, _, vt = np.linalg.svd((target - goal).T @ (source - middle))

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.cloud.grid import JUMP
+from annotate.array_types import Bool, Float32, Int32, Int64, UInt8, UInt16
+from annotate.cloud.grid import JUMP, components
 from sensors.errors import CloudError
 
 CELL_PX = 3
@@ -30,8 +31,8 @@ class ScreenPoints:
     on the screen, or what lies behind shines through. Raises CloudError on shapes that differ.
     """
 
-    xy_px: NDArray[np.float32]
-    distance_m: NDArray[np.float32]
+    xy_px: Float32
+    distance_m: Float32
     size_px: tuple[int, int]
     cell_px: int = CELL_PX
 
@@ -40,7 +41,7 @@ class ScreenPoints:
             raise CloudError(f"view has points {self.xy_px.shape} for {len(self.distance_m)} distances")
 
     @classmethod
-    def of_image(cls, depth_mm: NDArray[np.uint16], scale: float = 1.0) -> "ScreenPoints":
+    def of_image(cls, depth_mm: UInt16, scale: float = 1.0) -> "ScreenPoints":
         """The depth image itself (h, w) as a pane shows it, ``scale`` screen pixels to one of its own.
 
         Pixels without depth are there too, so that they can be seen; the editor leaves them alone.
@@ -52,19 +53,19 @@ class ScreenPoints:
         return cls(xy_px, depth_mm.ravel().astype(np.float32) / np.float32(1000), size)
 
     @cached_property
-    def pixels(self) -> NDArray[np.int64]:
+    def pixels(self) -> Int64:
         """Flat indices (m,) of the points on the screen."""
         x, y = self.xy_px.T
         return np.flatnonzero((x >= 0) & (y >= 0) & (x < self.size_px[0]) & (y < self.size_px[1]))
 
     @cached_property
-    def cells(self) -> NDArray[np.int64]:
+    def cells(self) -> Int64:
         """Screen pixel (m,), row by row, of each of ``pixels``."""
         xy = self.xy_px[self.pixels].astype(np.int64)
         return xy[:, 1] * self.size_px[0] + xy[:, 0]
 
     @cached_property
-    def front(self) -> NDArray[np.bool_]:
+    def front(self) -> Bool:
         """Which of all points (n,) are in front: none in their cell is nearer by more than BEHIND."""
         xy = self.xy_px[self.pixels].astype(np.int64) // self.cell_px
         across = self.size_px[0] // self.cell_px + 1
@@ -77,7 +78,7 @@ class ScreenPoints:
         return front
 
 
-def polygon(view: ScreenPoints, corners_px: NDArray[np.floating], through: bool = False) -> NDArray[np.int64]:
+def polygon(view: ScreenPoints, corners_px: NDArray[np.floating], through: bool = False) -> Int64:
     """Points inside a lasso or polygon, corners (k, 2) in screen pixels; those in front, or all through."""
     shape = np.zeros(view.size_px[::-1], np.uint8)
     cv2.fillPoly(shape, [_fixed(corners_px)], 1, shift=_SHIFT)
@@ -86,7 +87,7 @@ def polygon(view: ScreenPoints, corners_px: NDArray[np.floating], through: bool 
 
 def brush(
     view: ScreenPoints, path_px: NDArray[np.floating], radius_px: float, through: bool = False
-) -> NDArray[np.int64]:
+) -> Int64:
     """Points within ``radius_px`` of a path (k, 2) in screen pixels; one corner is a dab."""
     shape = np.zeros(view.size_px[::-1], np.uint8)
     path = _fixed(path_px)
@@ -106,7 +107,7 @@ def nearest(view: ScreenPoints, at_px: tuple[float, float], reach_px: float = 12
     return int(found[away.argmin()])
 
 
-def supervoxel(ids: NDArray[np.int32], parts: NDArray[np.uint8], pixel: int) -> NDArray[np.int64]:
+def supervoxel(ids: Int32, parts: UInt8, pixel: int) -> Int64:
     """The supervoxel under a pixel, as far as it has that pixel's part; empty where there is none.
 
     ids: int32 (h, w), -1 = none. parts: uint8 (h, w).
@@ -116,12 +117,14 @@ def supervoxel(ids: NDArray[np.int32], parts: NDArray[np.uint8], pixel: int) -> 
     return np.flatnonzero((ids == ids.flat[pixel]) & (parts == parts.flat[pixel]))
 
 
-def grow(
-    ids: NDArray[np.int32],
-    parts: NDArray[np.uint8],
-    depth_mm: NDArray[np.uint16],
-    pixels: NDArray[np.int64],
-) -> NDArray[np.int64]:
+def patch(parts: UInt8, depth_mm: UInt16, pixel: int) -> Int64:
+    """The connected surface of one part under a pixel; empty where there is no depth. parts: (h, w)."""
+    depth_m = depth_mm.astype(np.float32) / np.float32(1000)
+    labels, _ = components((parts == parts.flat[pixel]) & (depth_mm > 0), depth_m)
+    return np.flatnonzero(labels == labels.flat[pixel]) if labels.flat[pixel] else np.empty(0, np.int64)
+
+
+def grow(ids: Int32, parts: UInt8, depth_mm: UInt16, pixels: Int64) -> Int64:
     """The pixels and every supervoxel of the same part that their surface touches: one click more.
 
     The part is the one most of the pixels have. ids: int32 (h, w); parts: uint8 (h, w).
@@ -148,7 +151,7 @@ _AROUND = np.ones((5, 5), np.uint8)
 """Two pixels around, as in ``grid``: dropouts do not cut a surface."""
 
 
-def _fixed(corners_px: NDArray[np.floating]) -> NDArray[np.int32]:
+def _fixed(corners_px: NDArray[np.floating]) -> Int32:
     corners = np.asarray(corners_px, np.float64)
     if corners.ndim != 2 or corners.shape[1] != 2 or not np.isfinite(corners).all():
         raise CloudError(f"corners are {corners.shape}; give finite screen pixels (k, 2)")
@@ -156,7 +159,7 @@ def _fixed(corners_px: NDArray[np.floating]) -> NDArray[np.int32]:
     return np.rint((np.clip(corners, -1e5, 1e5) - 0.5) * (1 << _SHIFT)).astype(np.int32)
 
 
-def _under(view: ScreenPoints, shape: NDArray[np.uint8], through: bool) -> NDArray[np.int64]:
+def _under(view: ScreenPoints, shape: UInt8, through: bool) -> Int64:
     """Points under a drawn shape (height, width)."""
     found = view.pixels[shape.ravel()[view.cells] > 0]
     return found if through else found[view.front[found]]

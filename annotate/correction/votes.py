@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float32, Float64, Index, Int64, UInt8
 from annotate.correction.appearance import N_COLORS, Appearance
 from annotate.correction.rigid import LabelledPoints
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
@@ -45,8 +45,6 @@ COVERED_M = 0.02
 """Distance of a part's voter, in metres, within which background without background voters is strange: a hand
 that the labelling missed. Chosen by eye."""
 
-Float64 = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Voters:
@@ -54,8 +52,8 @@ class Voters:
     correction; weight: float64 (n,); appearance: of the n points."""
 
     points_m: Float64
-    automatic: NDArray[np.uint8]
-    parts: NDArray[np.uint8]
+    automatic: UInt8
+    parts: UInt8
     weight: Float64
     appearance: Appearance
 
@@ -73,7 +71,7 @@ class Candidates:
     """Points of a frame whose parts are voted on. confidence: float32 (n,) of their automatic labels."""
 
     body: LabelledPoints
-    confidence: NDArray[np.float32]
+    confidence: Float32
     appearance: Appearance
 
 
@@ -114,12 +112,12 @@ def poll(voters: Voters, candidates: Candidates) -> Float64:
     return votes
 
 
-def winners(votes: Float64, automatic: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def winners(votes: Float64, automatic: UInt8) -> UInt8:
     """Parts (n,) with most votes; the automatic labels where the votes are below LEAST_WEIGHT."""
     return np.where(votes.sum(axis=1) > LEAST_WEIGHT, votes.argmax(axis=1), automatic).astype(np.uint8)
 
 
-def _neighbours(voters: Voters, candidates: Candidates) -> tuple[Float64, NDArray[np.intp], Float64]:
+def _neighbours(voters: Voters, candidates: Candidates) -> tuple[Float64, Index, Float64]:
     """Weights and indices (n, VOTERS) of the voters beside each candidate, and nearest distances (n,)."""
     away_m, index = Nearest(voters.points_m).query(candidates.body.points_m, VOTERS, within=REACH_M)
     found = np.isfinite(away_m)
@@ -133,7 +131,7 @@ def _neighbours(voters: Voters, candidates: Candidates) -> tuple[Float64, NDArra
 def _error_shares(voters: Voters, candidates: Candidates) -> Float64:
     """Share of errors (n,) of each candidate's automatic label among voters of its colour."""
 
-    def cell(labels: NDArray[np.uint8], appearance: Appearance) -> NDArray[np.int64]:
+    def cell(labels: UInt8, appearance: Appearance) -> Int64:
         return np.minimum(labels, N_CLASSES).astype(np.int64) * N_COLORS + appearance.bins
 
     cells, size = cell(voters.automatic, voters.appearance), (N_CLASSES + 1) * N_COLORS

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Int64, UInt8
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 
 Box = tuple[slice, slice]
@@ -21,16 +22,16 @@ class Agreement:
     truth: uint8 (h, w). valid: bool (h, w), pixels with a depth reading.
     """
 
-    def __init__(self, truth: NDArray[np.uint8], valid: NDArray[np.bool_], tolerance_px: int = 0) -> None:
+    def __init__(self, truth: UInt8, valid: Bool, tolerance_px: int = 0) -> None:
         self.truth, self._valid, self._reach_px = truth, valid, tolerance_px
         self._beside = np.zeros((N_CLASSES + 1, *truth.shape), np.bool_)
         for part in range(N_CLASSES):
             self._beside[part] = self._dilated(valid & (truth == part))
 
-    def wrong(self, parts: NDArray[np.uint8], box: Box = EVERYWHERE) -> NDArray[np.bool_]:
+    def wrong(self, parts: UInt8, box: Box = EVERYWHERE) -> Bool:
         """Which pixels of labels (h, w) are counted and wrong, in a box of the image."""
         truth, labels = self.truth[box], parts[box]
-        wrong: NDArray[np.bool_] = self._counted(parts, box) & (labels != truth)
+        wrong: Bool = self._counted(parts, box) & (labels != truth)
         if not self._reach_px or not wrong.any():
             return wrong
         v, u = np.nonzero(wrong)
@@ -43,9 +44,7 @@ class Agreement:
         wrong[v, u] = ~right
         return wrong
 
-    def gains(
-        self, before: NDArray[np.uint8], pixels: NDArray[np.int64], after: NDArray[np.uint8]
-    ) -> NDArray[np.int8]:
+    def gains(self, before: UInt8, pixels: Int64, after: UInt8) -> NDArray[np.int8]:
         """Map (h, w): 1 where the labels become right when these flat pixels (n,) get the parts ``after``
         (n,), -1 where wrong, else 0.
 
@@ -58,25 +57,25 @@ class Agreement:
             gains[box] = self.wrong(before, box).astype(np.int8) - self.wrong(changed, box)
         return gains
 
-    def counted(self, parts: NDArray[np.uint8]) -> int:
+    def counted(self, parts: UInt8) -> int:
         """Number of pixels that count for these labels (h, w)."""
         return int(self._counted(parts, EVERYWHERE).sum())
 
-    def of(self, parts: NDArray[np.uint8]) -> float:
+    def of(self, parts: UInt8) -> float:
         """Share of the counted pixels of labels (h, w) that are right; 1 where nothing counts."""
         counted = self.counted(parts)
         return 1.0 - int(self.wrong(parts).sum()) / counted if counted else 1.0
 
-    def _counted(self, parts: NDArray[np.uint8], box: Box) -> NDArray[np.bool_]:
+    def _counted(self, parts: UInt8, box: Box) -> Bool:
         truth, labels = self.truth[box], parts[box]
         named = (labels != BACKGROUND) & (labels != UNDEFINED)
         return np.asarray((truth != UNDEFINED) & ((truth != BACKGROUND) | named))
 
-    def _dilated(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _dilated(self, mask: Bool) -> Bool:
         size = 2 * self._reach_px + 1
         return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
 
-    def _around(self, pixels: NDArray[np.int64]) -> Box:
+    def _around(self, pixels: Int64) -> Box:
         """The box of all pixels whose verdict these can change, and of those that have a say there."""
         v, u = np.divmod(pixels, self.truth.shape[1])
         margin = 2 * self._reach_px

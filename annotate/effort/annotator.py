@@ -14,8 +14,8 @@ from datetime import UTC, datetime
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float64, Int32, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
@@ -114,13 +114,7 @@ class Annotator:
         self.clock, self.goal, self.tolerance_px, self.at_once = Clock(), goal, tolerance_px, at_once
         self._tools = Tools()
 
-    def work(
-        self,
-        editor: Editor,
-        truth: NDArray[np.uint8],
-        supervoxels: NDArray[np.int32],
-        propagated: NDArray[np.uint8] | None = None,
-    ) -> None:
+    def work(self, editor: Editor, truth: UInt8, supervoxels: Int32, propagated: UInt8 | None = None) -> None:
         """Work on one frame until it is right enough or nothing helps, and accept it.
 
         editor: of that frame, with this annotator's clock. truth: uint8 (h, w). supervoxels: int32 (h, w).
@@ -166,7 +160,7 @@ class Annotator:
                     return max(enough, key=lambda option: min(option.gain, needed) / option.seconds)
         return None
 
-    def _needed(self, parts: NDArray[np.uint8], agreement: Agreement) -> float:
+    def _needed(self, parts: UInt8, agreement: Agreement) -> float:
         """Pixels of labels (h, w) to put right yet."""
         return int(agreement.wrong(parts).sum()) - (1 - self.goal) * agreement.counted(parts)
 
@@ -213,13 +207,7 @@ class Annotator:
             editor.only = None
         return strokes
 
-    def _harmed(
-        self,
-        carried: NDArray[np.uint8],
-        automatic: NDArray[np.uint8],
-        best: _Option | None,
-        agreement: Agreement,
-    ) -> bool:
+    def _harmed(self, carried: UInt8, automatic: UInt8, best: _Option | None, agreement: Agreement) -> bool:
         """Whether taking back what was carried over puts more right per second than the best repair."""
         needed = self._needed(carried, agreement)
         gain = int(agreement.wrong(carried).sum()) - int(agreement.wrong(automatic).sum())
@@ -276,7 +264,7 @@ def correct_set(
         worked = [CorrectedFrame(automatic, corrected, cloud), *worked][:FRAMES_COMPARED]
 
 
-def _apply(sight: Sight, move: Move, corners: NDArray[np.float64] | None, how: Gesture) -> Stroke | None:
+def _apply(sight: Sight, move: Move, corners: Float64 | None, how: Gesture) -> Stroke | None:
     """Make a move through the editor."""
     editor = sight.editor
     if move.operation == "swap_left_right":

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from annotate.array_types import Bool, Float64
 
 AROUND = np.ones((3, 3), np.uint8)
 BRUSHES_PX = (3.0, 6.0, 10.0)
@@ -36,7 +37,7 @@ FINE = Hand(sd_px=0.5, slack_px=1, notches=4)
 """A finger's breadth: the same hand before an image twice as large."""
 
 
-def outline(patch: NDArray[np.bool_], free: NDArray[np.bool_], hand: Hand) -> NDArray[np.float64]:
+def outline(patch: Bool, free: Bool, hand: Hand) -> Float64:
     """Corners (k, 2) as (u, v) of a lasso round a patch (h, w), simplified to the hand's error.
 
     free: bool (h, w), pixels on which the lasso may do what it likes. Pieces of the patch closer than
@@ -51,7 +52,7 @@ def outline(patch: NDArray[np.bool_], free: NDArray[np.bool_], hand: Hand) -> ND
     return np.asarray(cv2.approxPolyDP(largest, hand.sd_px, True).reshape(-1, 2), np.float64)
 
 
-def loop(patch: NDArray[np.bool_], hand: Hand) -> NDArray[np.float64]:
+def loop(patch: Bool, hand: Hand) -> Float64:
     """Corners (k, 2) as (u, v) of a loop right round a patch (h, w): its convex hull, with slack."""
     wide = cv2.dilate(patch.astype(np.uint8), AROUND, iterations=hand.slack_px)
     v, u = np.nonzero(wide)
@@ -59,7 +60,7 @@ def loop(patch: NDArray[np.bool_], hand: Hand) -> NDArray[np.float64]:
     return np.asarray(cv2.approxPolyDP(hull, hand.sd_px, True).reshape(-1, 2), np.float64)
 
 
-def along(patch: NDArray[np.bool_], radius_px: float) -> NDArray[np.float64]:
+def along(patch: Bool, radius_px: float) -> Float64:
     """Path (k, 2) as (u, v) of a brush over a patch (h, w): along its main axis, through its middle."""
     v, u = np.nonzero(patch)
     points = np.stack([u, v], axis=1).astype(np.float64)
@@ -72,11 +73,11 @@ def along(patch: NDArray[np.bool_], radius_px: float) -> NDArray[np.float64]:
     return np.asarray(path / count[count > 0, None])
 
 
-def drawn(corners: NDArray[np.float64], hand: Hand, rng: np.random.Generator) -> NDArray[np.float64]:
+def drawn(corners: Float64, hand: Hand, rng: np.random.Generator) -> Float64:
     """The corners (k, 2) as the hand really draws them."""
     return corners + rng.normal(0, hand.sd_px, corners.shape)
 
 
-def length_px(corners: NDArray[np.float64], closed: bool) -> float:
+def length_px(corners: Float64, closed: bool) -> float:
     """Length of the line through the corners (k, 2)."""
     return float(cv2.arcLength(corners.astype(np.float32)[:, None], closed)) if len(corners) > 1 else 0.0

@@ -16,9 +16,7 @@ many as people hold in mind at a time: Cowan, The magical number 4 in short-term
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from annotate.array_types import Float64
 from annotate.effort.hand import length_px
 from annotate.effort.repairs import SCALE, Move
 from annotate.labelset.stroke import Gesture
@@ -72,7 +70,7 @@ class Tools:
         return changed + 2 * (self.radius_px != before.radius_px)
 
 
-def gesture(move: Move, corners: NDArray[np.float64] | None, keys: int) -> Gesture:
+def gesture(move: Move, corners: Float64 | None, keys: int) -> Gesture:
     """The gesture of a move: ``keys`` for the settings, then drawn along corners (k, 2), or clicked."""
     keys += move.keys + (move.only is not None)
     if corners is not None:

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float64, Int32, Int64, UInt8
 from annotate.cleanup import filled, neighbours, without_islands
-from annotate.cloud.grid import components
+from annotate.correction import select
 from annotate.correction.edit import ARMS, LEGS, Editor
 from annotate.correction.select import ScreenPoints, brush, grow, polygon, supervoxel
 from annotate.effort import hand
@@ -32,7 +32,7 @@ class Patch:
     """Connected pixels that should be one part. mask: bool (h, w); part: what they are; was: what most of
     them are called; wrong: how many of them a person would mind."""
 
-    mask: NDArray[np.bool_]
+    mask: Bool
     part: int
     was: int
     wrong: int
@@ -48,7 +48,7 @@ class Move:
     operation: Operation
     kind: GestureKind
     part: int | None = None
-    corners: NDArray[np.float64] | None = None
+    corners: Float64 | None = None
     hand: Hand = CAREFUL
     radius_px: float = 0.0
     pixel: int | None = None
@@ -71,8 +71,8 @@ class Repair:
     """Moves to make in turn, and what they should come to: the flat pixels (n,) and their parts then."""
 
     moves: tuple[Move, ...]
-    pixels: NDArray[np.int64]
-    parts: NDArray[np.uint8]
+    pixels: Int64
+    parts: UInt8
 
     @property
     def identity(self) -> tuple[object, ...]:
@@ -94,10 +94,10 @@ class Sight:
 
     editor: Editor
     view: ScreenPoints
-    supervoxels: NDArray[np.int32]
+    supervoxels: Int32
     imagined: np.random.Generator
 
-    def chosen(self, move: Move, corners: NDArray[np.float64] | None) -> NDArray[np.int64]:
+    def chosen(self, move: Move, corners: Float64 | None) -> Int64:
         """Flat pixels that a move takes, drawn along ``corners``."""
         parts = self.editor.parts
         if corners is not None:
@@ -108,14 +108,14 @@ class Sight:
         if move.pixel is None:
             return np.arange(parts.size)
         if move.kind == "key":
-            return piece(parts, self.editor.depth_mm, move.pixel)
+            return select.patch(parts, self.editor.depth_mm, move.pixel)
         pixels = supervoxel(self.supervoxels, parts, move.pixel)
         for _ in range(move.clicks - 1):
             pixels = grow(self.supervoxels, parts, self.editor.depth_mm, pixels)
         return pixels
 
 
-def patches(parts: NDArray[np.uint8], agreement: Agreement) -> list[Patch]:
+def patches(parts: UInt8, agreement: Agreement) -> list[Patch]:
     """The wrong patches of labels (h, w), the worst first. Dropouts do not cut a patch."""
     wrong, truth = agreement.wrong(parts), agreement.truth
     found = []
@@ -155,13 +155,6 @@ def repairs_of_frame(sight: Sight, wanted: set[int]) -> Iterator[Repair]:
     yield _difference(sight, Move("remove_islands", "key", keys=4), without_islands(parts, depth_mm))
     for part in wanted - {BACKGROUND}:
         yield _difference(sight, Move("fill_holes", "key", part, keys=4), filled(parts, depth_mm, part))
-
-
-def piece(parts: NDArray[np.uint8], depth_mm: NDArray[np.uint16], pixel: int) -> NDArray[np.int64]:
-    """Flat pixels of the connected surface of one part under a pixel."""
-    depth_m = depth_mm.astype(np.float32) / np.float32(1000)
-    labels, _ = components((parts == parts.flat[pixel]) & (depth_mm > 0), depth_m)
-    return np.flatnonzero(labels == labels.flat[pixel]) if labels.flat[pixel] else np.empty(0, np.int64)
 
 
 def _drawings(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:
@@ -213,7 +206,7 @@ def _of_piece(patch: Patch, sight: Sight) -> Iterator[Repair]:
     parts, at = sight.editor.parts, int(np.flatnonzero(patch.mask & (sight.editor.parts == patch.was))[0])
     if patch.was not in {p.id for p in BODY_PARTS}:
         return
-    pixels = piece(parts, sight.editor.depth_mm, at)
+    pixels = select.patch(parts, sight.editor.depth_mm, at)
     if patch.part in neighbours(parts, pixels)[:1]:
         move = Move("to_neighbour", "key", pixel=at, keys=1)
         yield Repair((move,), pixels, np.full(len(pixels), patch.part, np.uint8))
@@ -237,10 +230,10 @@ def _painting(sight: Sight, moves: tuple[Move, ...]) -> Repair:
     return Repair(moves, pixels, np.full(len(pixels), move.part, np.uint8))
 
 
-def _imagined(sight: Sight, move: Move) -> NDArray[np.float64] | None:
+def _imagined(sight: Sight, move: Move) -> Float64 | None:
     return None if move.corners is None else hand.drawn(move.corners, move.hand, sight.imagined)
 
 
-def _difference(sight: Sight, move: Move, parts: NDArray[np.uint8]) -> Repair:
+def _difference(sight: Sight, move: Move, parts: UInt8) -> Repair:
     pixels = sight.editor.preview(parts)
     return Repair((move,), pixels, parts.ravel()[pixels])

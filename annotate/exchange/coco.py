@@ -10,9 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from annotate.array_types import Bool
 from annotate.crop import window_of
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion, load_companion
 from annotate.exchange.masks import (
@@ -119,7 +117,7 @@ def _mask(annotation: dict[str, Any], names: dict[int, str], shape: tuple[int, i
         raise FormatError(f"a mask is {height}x{width} on an image of {shape}; export it again")
     counts = segmentation["counts"]
     runs = rle_from_string(counts) if isinstance(counts, str) else [int(n) for n in counts]
-    pixels: NDArray[np.bool_] = mask_from_runs(runs, height * width).reshape((height, width), order="F")
+    pixels: Bool = mask_from_runs(runs, height * width).reshape((height, width), order="F")
     return Mask(names[int(annotation["category_id"])], int(annotation.get("person", 1)), pixels)
 
 

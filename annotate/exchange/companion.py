@@ -10,9 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from annotate.array_types import Float32, UInt8, UInt16
 from annotate.frame_labels import FrameLabels
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import read_bounded
@@ -51,10 +49,10 @@ class Companion:
     def labels(
         self,
         frame_id: str,
-        depth_mm: NDArray[np.uint16],
-        parts: NDArray[np.uint8],
-        persons: NDArray[np.uint8] | None = None,
-        confidence: NDArray[np.float32] | None = None,
+        depth_mm: UInt16,
+        parts: UInt8,
+        persons: UInt8 | None = None,
+        confidence: Float32 | None = None,
     ) -> FrameLabels:
         """A frame of these images with its subject, status and notes, as far as known. Raises FormatError."""
         fields = self.frames.get(frame_id, {})

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from defusedxml import DTDForbidden
 from defusedxml.ElementTree import fromstring
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool
 from annotate.crop import window_of
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion, load_companion
 from annotate.exchange.masks import (
@@ -132,7 +132,7 @@ def _mask(element: Element, shape: tuple[int, int]) -> Mask:
     return Mask(fields["label"], person, pixels)
 
 
-def _polygon(text: str, shape: tuple[int, int]) -> NDArray[np.bool_]:
+def _polygon(text: str, shape: tuple[int, int]) -> Bool:
     """Pixels (h, w) of a polygon. CVAT's pixel centres lie at halves, OpenCV's at whole numbers."""
     points = [[float(x) for x in point.split(",")] for point in text.split(";")]
     corners = np.array(points, np.float64) - 0.5

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import UInt8
 from annotate.exchange.companion import Companion, frame_files, load_companion
 from annotate.exchange.record_file import Records, read_pcd, read_ply, write_pcd, write_ply
 from annotate.frame_labels import FrameLabels
@@ -97,7 +98,7 @@ def _frame(frame_id: str, file: Path, kind: CloudFile, companion: Companion) -> 
     return companion.labels(frame_id, depth_mm, parts, persons, confidence)
 
 
-def _ids(file: Path, records: Records, name: str) -> NDArray[np.uint8]:
+def _ids(file: Path, records: Records, name: str) -> UInt8:
     """Whole numbers (n,) of a field. Raises FormatError for others than 0 to 255."""
     values = records[name]
     if values.dtype.kind not in "iu" or values.min() < 0 or values.max() > 255:

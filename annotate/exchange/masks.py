@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, UInt8
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BODY_PARTS, UNDEFINED
 from sensors.errors import FormatError
@@ -21,7 +21,7 @@ class Mask:
 
     name: str
     person: int
-    pixels: NDArray[np.bool_]
+    pixels: Bool
 
 
 def masks_of(frame: FrameLabels) -> Iterator[Mask]:
@@ -35,7 +35,7 @@ def masks_of(frame: FrameLabels) -> Iterator[Mask]:
             yield Mask(PERSON_NAME, int(person), frame.persons == person)
 
 
-def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[UInt8, UInt8]:
     """Parts and persons (h, w) of masks; where masks overlap, the later one wins. Raises FormatError."""
     parts, persons = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     for mask in masks:
@@ -50,14 +50,14 @@ def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[NDArray[
     return parts, persons
 
 
-def runs_of(flat: NDArray[np.bool_]) -> list[int]:
+def runs_of(flat: Bool) -> list[int]:
     """Run lengths of a flat mask (n,); the first run is of zeros and may be empty."""
     change = np.flatnonzero(np.diff(flat)) + 1
     bounds = np.concatenate([[0] if len(flat) and flat[0] else [], [0], change, [len(flat)]]).astype(np.int64)
     return [int(n) for n in np.diff(bounds)]
 
 
-def mask_from_runs(runs: list[int], size: int) -> NDArray[np.bool_]:
+def mask_from_runs(runs: list[int], size: int) -> Bool:
     """Inverse of ``runs_of`` for a mask of ``size`` pixels. Raises FormatError."""
     lengths = np.array(runs, np.int64)
     if (lengths < 0).any() or (lengths > size).any() or int(lengths.sum()) != size:

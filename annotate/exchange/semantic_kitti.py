@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float64
 from annotate.exchange.companion import Companion, frame_files, load_companion
 from annotate.frame_labels import FrameLabels
 from annotate.parts import PARTS, UNDEFINED
@@ -62,7 +62,7 @@ def read_kitti(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
     return companion, _frames(source / SEQUENCE, companion)
 
 
-def _points(frame: FrameLabels, camera: Intrinsics) -> NDArray[np.float64]:
+def _points(frame: FrameLabels, camera: Intrinsics) -> Float64:
     """(h * w, 4): the camera's right, down, forward as forward, left, up; zero where there is no depth."""
     right, down, forward = np.moveaxis(unproject(camera, frame.depth_mm / 1000.0), -1, 0)
     return np.stack([forward, -right, -down, np.zeros_like(forward)], axis=-1).reshape(-1, 4)

@@ -8,6 +8,7 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QApplication
 
 from annotate.correction.correction import Correction
+from annotate.gui.commands import bind
 from annotate.gui.keys import load_settings, settings_path
 from annotate.gui.probe import check_screen
 from annotate.gui.scene import SceneReader, find_session
@@ -15,7 +16,7 @@ from annotate.gui.window import CorrectionWindow
 from annotate.labelset.store import LabelSet
 
 LISTEN_MS = 300
-"""Python sees a signal only between two of its own steps, which Qt's loop takes none of by itself."""
+"""Interval in which Python handles signals, in milliseconds: within Qt's loop it would not. Chosen by eye."""
 
 
 def run_window(
@@ -33,6 +34,7 @@ def run_window(
         check_screen()
         app = QApplication.instance() or QApplication(sys.argv[:1])
         window = CorrectionWindow(correction, reader, settings)
+        bind(window)
     except BaseException:
         correction.abandon()
         raise

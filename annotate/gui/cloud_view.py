@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
-from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
 from PySide6.QtGui import QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from pyvistaqt import QtInteractor
 
+from annotate.array_types import Bool, Float32, Int64, UInt8
 from annotate.correction import select
 from annotate.correction.select import ScreenPoints
 from annotate.gui.drawing import Drawing
 from annotate.gui.orbit import Orbit, front_view
 from annotate.gui.pointing import Pointing
 from annotate.gui.projection import project
-from annotate.gui.scene import Scene
+from annotate.gui.scene import FrameScene
 
 MOVING_POINTS = 16_000
 """As many points are drawn while the view moves: a frame every 20 ms without a graphics card."""
@@ -28,7 +28,7 @@ IN_VIEW = 0.97
 """Share of the person that has to be on the screen for the view to stay from frame to frame."""
 MIN_POINT_PX, MAX_POINT_PX = 2.0, 14.0
 
-Colors = Callable[[NDArray[np.int64]], NDArray[np.uint8]]
+Colors = Callable[[Int64], UInt8]
 
 
 class Points:
@@ -37,9 +37,9 @@ class Points:
     def __init__(self, plotter: QtInteractor, name: str) -> None:
         self._plotter, self._name = plotter, name
         self._mesh = pv.PolyData()
-        self.pixels: NDArray[np.int64] = np.empty(0, np.int64)
+        self.pixels: Int64 = np.empty(0, np.int64)
 
-    def load(self, pixels: NDArray[np.int64], points_m: NDArray[np.float32], rgb: NDArray[np.uint8]) -> None:
+    def load(self, pixels: Int64, points_m: Float32, rgb: UInt8) -> None:
         """Show other pixels (n,) at ``points_m`` (n, 3) in colours (n, 3)."""
         self.pixels = pixels
         self._row = np.full(int(pixels.max(initial=-1)) + 1, -1, np.int64)
@@ -61,7 +61,7 @@ class Points:
         # Spares VTK the search for transparent colours: a quarter of the time of a frame.
         self.actor.ForceOpaqueOn()
 
-    def recolor(self, pixels: NDArray[np.int64], rgb: NDArray[np.uint8]) -> None:
+    def recolor(self, pixels: Int64, rgb: UInt8) -> None:
         """New colours (n, 3) for pixels (n,), those that are not drawn here left out."""
         rows = np.full(len(pixels), -1, np.int64)
         known = pixels < len(self._row)
@@ -69,7 +69,7 @@ class Points:
         colors: Any = self._mesh["rgba"]
         colors[rows[rows >= 0], :3] = rgb[rows >= 0]
 
-    def show_only(self, shown: NDArray[np.bool_]) -> None:
+    def show_only(self, shown: Bool) -> None:
         """Draw but those of ``pixels`` (n,) for which ``shown`` (n,) is set."""
         rows = np.flatnonzero(shown) if len(self.pixels) else np.empty(0, np.int64)
         self._mesh.verts = np.r_[len(rows), rows] if len(rows) else np.empty(0, np.int64)
@@ -94,9 +94,9 @@ class CloudView(QWidget):
         self._person, self._room, self._moving = (
             Points(self.plotter, name) for name in ("person", "room", "moving")
         )
-        self.scene: Scene | None = None
+        self.scene: FrameScene | None = None
         self.orbit = Orbit((0.0, 0.0, 2.0), 3.0)
-        self._shown: NDArray[np.bool_] = np.empty(0, np.bool_)
+        self._shown: Bool = np.empty(0, np.bool_)
         self._seen: ScreenPoints | None = None
         self._grip: QPointF | None = None
         # Whether the view is as it was fitted, and nobody has moved it since.
@@ -106,7 +106,7 @@ class CloudView(QWidget):
 
     # What is shown
 
-    def load(self, scene: Scene, colors: Colors, shown: NDArray[np.bool_]) -> None:
+    def load(self, scene: FrameScene, colors: Colors, shown: Bool) -> None:
         """Show another frame, seen as the last one if the person is in view. shown: bool (h * w,)."""
         first, self.scene = self.scene is None, scene
         near = np.flatnonzero(scene.near)
@@ -119,14 +119,14 @@ class CloudView(QWidget):
         if first or self._fitted or not self._in_view(scene):
             self._fit()
 
-    def recolor(self, pixels: NDArray[np.int64] | None, colors: Colors) -> None:
+    def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
         """New colours for some pixels, or for all."""
         for points in (self._person, self._room, self._moving):
             changed = points.pixels if pixels is None else pixels
             points.recolor(changed, colors(changed))
         self.plotter.update()
 
-    def set_shown(self, shown: NDArray[np.bool_]) -> None:
+    def set_shown(self, shown: Bool) -> None:
         """Draw, and let choose, but these pixels, bool (h * w,)."""
         self._shown, self._seen = shown, None
         for points in (self._person, self._room, self._moving):
@@ -153,7 +153,7 @@ class CloudView(QWidget):
         self._fitted = True
         self._apply()
 
-    def _in_view(self, scene: Scene) -> bool:
+    def _in_view(self, scene: FrameScene) -> bool:
         """Whether the person is on the screen."""
         person = np.flatnonzero(_person(scene))
         return not len(person) or float(np.isin(person, self.view().pixels).mean()) > IN_VIEW
@@ -174,7 +174,7 @@ class CloudView(QWidget):
         """The pixel whose point is drawn at a place of the view, or None."""
         return select.nearest(self.view(), (place.x(), place.y())) if self.scene else None
 
-    def pixels_in(self, drawing: Drawing) -> NDArray[np.int64]:
+    def pixels_in(self, drawing: Drawing) -> Int64:
         """The pixels that a shape drawn on the view takes."""
         return drawing.pixels(self.view())
 
@@ -269,10 +269,10 @@ class CloudView(QWidget):
         self.plotter.close()
 
 
-def _rgba(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _rgba(rgb: UInt8) -> UInt8:
     return np.concatenate([rgb, np.full((len(rgb), 1), 255, np.uint8)], axis=1)
 
 
-def _person(scene: Scene) -> NDArray[np.bool_]:
+def _person(scene: FrameScene) -> Bool:
     """Pixels (h * w,) of the person as the frame was read."""
     return np.asarray((scene.labels.parts.ravel() > 0) & (scene.labels.depth_mm.ravel() > 0))

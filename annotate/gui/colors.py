@@ -5,9 +5,9 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from annotate.gui.scene import Scene
+from annotate.array_types import Float32, Int64, UInt8
+from annotate.gui.scene import FrameScene
 from annotate.parts import BACKGROUND, palette_rgb
 
 Colouring = Literal["part", "colour", "temperature", "confidence", "disagreement"]
@@ -24,7 +24,7 @@ FADE = 0.82
 """How far a faded part goes towards the ground."""
 
 
-def colourings(scene: Scene) -> tuple[Colouring, ...]:
+def colourings(scene: FrameScene) -> tuple[Colouring, ...]:
     """The colourings for which the frame has data; "part" always, and first."""
     has: dict[Colouring, bool] = {
         "part": True,
@@ -37,13 +37,13 @@ def colourings(scene: Scene) -> tuple[Colouring, ...]:
 
 
 def point_colors(
-    scene: Scene,
-    parts: NDArray[np.uint8],
-    pixels: NDArray[np.int64],
+    scene: FrameScene,
+    parts: UInt8,
+    pixels: Int64,
     colouring: Colouring,
     visibility: Mapping[int, Visibility],
     ground: Rgb,
-) -> NDArray[np.uint8]:
+) -> UInt8:
     """Colours (n, 3) of flat ``pixels`` (n,) under the part ids ``parts`` (h, w) of this moment.
 
     visibility: of the parts that are not simply shown. ground: the colour behind, towards which faded
@@ -60,13 +60,7 @@ def point_colors(
     return np.clip(rgb, 0, 255).astype(np.uint8)
 
 
-def _plain(
-    scene: Scene,
-    part: NDArray[np.uint8],
-    pixels: NDArray[np.int64],
-    colouring: Colouring,
-    room_rgb: NDArray[np.float32],
-) -> NDArray[np.float32]:
+def _plain(scene: FrameScene, part: UInt8, pixels: Int64, colouring: Colouring, room_rgb: Float32) -> Float32:
     if colouring == "part":
         palette = palette_rgb().astype(np.float32)
         palette[BACKGROUND] = room_rgb
@@ -90,9 +84,7 @@ def _plain(
     return np.tile(room_rgb, (len(pixels), 1))
 
 
-def _mapped(
-    share: NDArray[np.float32], colormap: int, missing_rgb: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def _mapped(share: Float32, colormap: int, missing_rgb: Float32) -> Float32:
     """Colours of values in [0, 1] on one of OpenCV's maps; NaN gets ``missing_rgb``."""
     table = cv2.applyColorMap(np.arange(256, dtype=np.uint8).reshape(-1, 1), colormap)[:, 0, ::-1]
     index = np.clip(np.nan_to_num(share) * 255, 0, 255).astype(np.uint8)

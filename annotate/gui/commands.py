@@ -1,25 +1,45 @@
-"""What each key does in the window: the names of ``keys.BINDINGS`` and their actions."""
-
-from __future__ import annotations
+"""What each key and button does in the window: the names of ``keys.BINDINGS`` and their actions."""
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
-from annotate.gui.desk import NOTHING, Done
+from PySide6.QtGui import QKeySequence, QShortcut
+
+from annotate.gui.dialogs import RejectDialog
+from annotate.gui.done import NOTHING, Done
 from annotate.gui.drawing import TOOLS
-from annotate.gui.review import RejectDialog
+from annotate.gui.window import CorrectionWindow
 from annotate.parts import PARTS, UNDEFINED
 
-if TYPE_CHECKING:
-    from annotate.gui.window import CorrectionWindow
-
 BRUSHES_PX = {"small": 9.0, "medium": 18.0, "large": 30.0}
-"""Radii of the brush in logical pixels of the screen."""
+"""Radii of the brush in logical pixels of the screen. Chosen by eye."""
 Command = Callable[[], Done | None]
 _SWITCHES = ("pick", "only", "room", "through", *BRUSHES_PX)
 STROKE_SETUP = frozenset((*(part.name for part in PARTS), "undefined", *_SWITCHES, *TOOLS))
-"""Keys that belong to the stroke that follows them."""
+"""Keys that count towards the price of the stroke that follows them."""
+
+
+def bind(window: CorrectionWindow) -> None:
+    """Connect the keys and buttons of a window with their actions."""
+    actions = commands(window)
+
+    def run(name: str) -> None:
+        window.mark("looking")
+        if name in STROKE_SETUP:
+            window.desk.keys += 1 + window.settings.key(name).count("+")
+        window.act(actions[name])
+
+    for binding in window.settings.bindings:
+        QShortcut(QKeySequence(binding.key), window, partial(run, binding.name))
+    for part in PARTS:
+        key = window.settings.key(part.name)
+        if "+" not in key:
+            QShortcut(QKeySequence(f"Shift+{key}"), window, partial(window.lock, part.id))
+            QShortcut(QKeySequence(f"Alt+{key}"), window, partial(window.fade, part.id))
+    for view in window.views:
+        view.pointing.sampled.connect(lambda _: run("pick"))
+    window.tools.requested.connect(run)
+    window.header.requested.connect(run)
 
 
 def commands(window: CorrectionWindow) -> dict[str, Command]:
@@ -44,7 +64,7 @@ def commands(window: CorrectionWindow) -> dict[str, Command]:
         "remove_islands": lambda: window.desk.remove_islands(),
         "merge": lambda: window.desk.merge(point()),
         "copy_previous": lambda: window.desk.copy_previous(window.walk.before(window.frame_id)),
-        "propagate": lambda: window.desk.propagate(window.walk.worked_near(window.frame_id)),
+        "propagate": lambda: window.desk.propagate(window.walk.corrected_near(window.frame_id)),
         "carry": lambda: window.desk.toggle_carrying(),
         "accept": partial(_accept, window),
         "reject": partial(_reject, window),
@@ -75,7 +95,7 @@ def _cancel(window: CorrectionWindow) -> Done | None:
         window.toggle_help()
         return None
     if any(view.pointing.cancel() for view in window.views):
-        return Done(NOTHING, "Stroke dropped")
+        return Done(NOTHING, "Stroke cancelled")
     return window.desk.cancel()
 
 
@@ -84,9 +104,9 @@ def _accept(window: CorrectionWindow) -> Done | None:
     left = window.frame_id
     window.strip.frames.refresh(left)
     if window.step(1):
-        carrying = window.desk.carrying
-        return window.desk.carry(window.walk.worked_near(window.frame_id)) if carrying else None
-    return Done(NOTHING, f"{done.says}: that was the last frame", "good")
+        always = window.desk.carry_over.always
+        return window.desk.carry(window.walk.corrected_near(window.frame_id)) if always else None
+    return Done(NOTHING, f"{done.text}: that was the last frame", "good")
 
 
 def _reject(window: CorrectionWindow) -> Done | None:

@@ -1,18 +1,18 @@
 """The depth image in 2D: the parts over it, painting as in 3D, zoom and shift of its own."""
 
 import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import QWidget
 
+from annotate.array_types import Bool, Int64, UInt8
 from annotate.correction import select
 from annotate.correction.select import ScreenPoints
 from annotate.crop import window_of
 from annotate.gui.cloud_view import Colors
 from annotate.gui.drawing import Drawing
 from annotate.gui.pointing import Pointing
-from annotate.gui.scene import Scene
+from annotate.gui.scene import FrameScene
 
 MIN_SCALE, MAX_SCALE = 0.2, 40.0
 REACH_PX = 6.0
@@ -29,9 +29,9 @@ class DepthPane(QWidget):
         self.pointing = Pointing(self)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setMinimumSize(160, 120)
-        self.scene: Scene | None = None
+        self.scene: FrameScene | None = None
         self.ground = QColor("black")
-        self._rgb: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)
+        self._rgb: UInt8 = np.zeros((1, 1, 3), np.uint8)
         self._view: ScreenPoints | None = None
         self._scale, self._corner = 1.0, QPointF(0, 0)
         self._marked: int | None = None
@@ -41,7 +41,7 @@ class DepthPane(QWidget):
 
     # What is shown
 
-    def load(self, scene: Scene, colors: Colors, shown: NDArray[np.bool_]) -> None:
+    def load(self, scene: FrameScene, colors: Colors, shown: Bool) -> None:
         """Show another frame, at the zoom that was chosen, or else fitted. shown: bool (h * w,)."""
         self.scene = scene
         self._rgb = np.empty((*scene.labels.parts.shape, 3), np.uint8)
@@ -50,7 +50,7 @@ class DepthPane(QWidget):
         if self._fitted:
             self.fit()
 
-    def recolor(self, pixels: NDArray[np.int64] | None, colors: Colors) -> None:
+    def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
         """New colours for some pixels, or for all that have depth."""
         if self.scene is None:
             return
@@ -61,7 +61,7 @@ class DepthPane(QWidget):
         self._rgb.reshape(-1, 3)[changed] = colors(changed)
         self.update()
 
-    def set_shown(self, shown: NDArray[np.bool_]) -> None:
+    def set_shown(self, shown: Bool) -> None:
         """Let but these pixels be chosen, bool (h * w,)."""
         if self.scene is None:
             return
@@ -112,7 +112,7 @@ class DepthPane(QWidget):
             return int(under)
         return select.nearest(self._view, (at.x(), at.y()), max(1.0, REACH_PX / self._scale))
 
-    def pixels_in(self, drawing: Drawing) -> NDArray[np.int64]:
+    def pixels_in(self, drawing: Drawing) -> Int64:
         """The pixels that a shape drawn on the pane takes; nothing hides anything in an image."""
         if self._view is None:
             return np.empty(0, np.int64)

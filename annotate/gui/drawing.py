@@ -4,8 +4,8 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float64, Int64
 from annotate.correction import select
 from annotate.correction.select import ScreenPoints
 from annotate.labelset.stroke import Gesture, GestureKind
@@ -64,7 +64,7 @@ class Drawing:
         extent = np.ptp(np.array(self.points_px), axis=0)
         return bool(extent.max() < LEAST_PX) or (self.tool != "rectangle" and len(self.points_px) < 3)
 
-    def outline_px(self) -> NDArray[np.float64]:
+    def outline_px(self) -> Float64:
         """The line (n, 2) to show; a rectangle's four corners."""
         points = np.array(self.points_px, np.float64)
         if self.tool == "rectangle" and len(points) == 2:
@@ -72,7 +72,7 @@ class Drawing:
             points = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
         return points
 
-    def pixels(self, view: ScreenPoints) -> NDArray[np.int64]:
+    def pixels(self, view: ScreenPoints) -> Int64:
         """Flat indices (n,) of the points that it takes in a view whose coordinates it is drawn in."""
         if self.tool == "brush":
             return select.brush(view, self.outline_px(), self.radius_px, self.through)

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import (
     QAbstractListModel,
     QModelIndex,
@@ -19,6 +18,7 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen
 from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem
 
+from annotate.array_types import UInt8
 from annotate.correction.work import State
 from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels
@@ -28,14 +28,14 @@ from sensors.errors import CloudError
 
 THUMBNAIL = QSize(78, 66)
 CELL = QSize(90, 96)
-SAYS: dict[State, str] = {
+STATE_NAMES: dict[State, str] = {
     "auto": "automatic",
     "touched": "begun",
     "accepted": "accepted",
     "reviewed": "reviewed",
     "rejected": "rejected",
 }
-Index = QModelIndex | QPersistentModelIndex
+ModelIndex = QModelIndex | QPersistentModelIndex
 
 
 def state_color(state: State, theme: Theme) -> QColor:
@@ -49,7 +49,7 @@ def thumbnail(labels: FrameLabels) -> QImage:
     window = _window(labels.parts)
     parts, depth = labels.parts[window], labels.depth_mm[window].astype(np.float32)
     grey = np.where(depth > 0, 90 - np.clip(depth / 5000, 0, 1) * 70, 12)
-    rgb: NDArray[np.uint8] = np.where((parts > 0)[..., None], palette_rgb()[parts], grey[..., None])
+    rgb: UInt8 = np.where((parts > 0)[..., None], palette_rgb()[parts], grey[..., None])
     rgb = np.ascontiguousarray(rgb.astype(np.uint8))
     height, width = parts.shape
     image = QImage(rgb.data, width, height, 3 * width, QImage.Format.Format_RGB888)
@@ -57,7 +57,7 @@ def thumbnail(labels: FrameLabels) -> QImage:
     return image.scaled(THUMBNAIL * 2, Qt.AspectRatioMode.KeepAspectRatio, smooth)
 
 
-def _window(parts: NDArray[np.uint8]) -> tuple[slice, slice]:
+def _window(parts: UInt8) -> tuple[slice, slice]:
     """The person with a margin, at the picture's proportions as far as the image goes."""
     there = parts > 0
     rows, columns = window_of(there if there.any() else np.ones_like(there))
@@ -104,17 +104,17 @@ class Frames(QAbstractListModel):
         self.frame_ids = frame_ids
         self.endResetModel()
 
-    def rowCount(self, parent: Index | None = None) -> int:  # noqa: N802
+    def rowCount(self, parent: ModelIndex | None = None) -> int:  # noqa: N802
         """Qt's hook."""
         return len(self.frame_ids)
 
-    def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> object:
+    def data(self, index: ModelIndex, role: int = Qt.ItemDataRole.DisplayRole) -> object:
         """Qt's hook."""
         frame_id = self.frame_ids[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
             return frame_id
         if role == Qt.ItemDataRole.ToolTipRole:
-            return f"Frame {frame_id}, {SAYS[self._state(frame_id)]}"
+            return f"Frame {frame_id}, {STATE_NAMES[self._state(frame_id)]}"
         if role == Qt.ItemDataRole.StatusTipRole:
             return self._state(frame_id)
         if role == Qt.ItemDataRole.DecorationRole:
@@ -145,10 +145,10 @@ class Frames(QAbstractListModel):
 class _Cell(QStyledItemDelegate):
     theme: Theme = DARK
 
-    def sizeHint(self, option: QStyleOptionViewItem, index: Index) -> QSize:  # noqa: N802
+    def sizeHint(self, option: QStyleOptionViewItem, index: ModelIndex) -> QSize:  # noqa: N802
         return CELL
 
-    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: ModelIndex) -> None:
         theme = self.theme
         painter.save()
         painter.setRenderHints(QPainter.RenderHint.Antialiasing | QPainter.RenderHint.SmoothPixmapTransform)

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QButtonGroup, QHBoxLayout, QLabel, QSizePolicy, QT
 from annotate.correction.work import rejection
 from annotate.gui.colors import Colouring, colourings
 from annotate.gui.desk import Desk
-from annotate.gui.frame_strip import SAYS, state_color
+from annotate.gui.frame_strip import STATE_NAMES, state_color
 from annotate.gui.keys import Settings
 from annotate.gui.theme import Theme, named
 from annotate.gui.walk import Walk
@@ -29,10 +29,10 @@ MISSING: dict[Colouring, str] = {
 
 
 class Header(QWidget):
-    """coloured: a colouring was clicked. asked: a button with a command's name was."""
+    """coloured: a colouring was clicked. requested: a button with a command's name was."""
 
     coloured = Signal(str)
-    asked = Signal(str)
+    requested = Signal(str)
 
     def __init__(self, settings: Settings) -> None:
         super().__init__()
@@ -61,7 +61,7 @@ class Header(QWidget):
         row.addSpacing(10)
         for name, title in (("order", "Order"), ("theme", "Theme"), ("help", "Keys")):
             button = self._button(f"{title}  {settings.key(name)}")
-            button.clicked.connect(partial(self.asked.emit, name))
+            button.clicked.connect(partial(self.requested.emit, name))
             row.addWidget(button)
 
     def _button(self, text: str) -> QToolButton:
@@ -76,7 +76,7 @@ class Header(QWidget):
         state = desk.correction.state(frame_id)
         place = f"{walk.frame_ids.index(frame_id) + 1} of {len(walk.frame_ids)}"
         self.frame.setText(f"Frame {frame_id.lstrip('0') or '0'}")
-        self.badge.setText(SAYS[state])
+        self.badge.setText(STATE_NAMES[state])
         color = state_color(state, theme).name()
         self.badge.setStyleSheet(f"color: {color}; border: 1px solid {color}")
         why = rejection(desk.correction.journal.strokes(frame_id))

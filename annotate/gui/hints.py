@@ -1,4 +1,4 @@
-"""What the window says: the line on what the next click will do, and the page of all keys."""
+"""The status line, which describes the next click, and the page of all keys."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
-from annotate.gui.desk import Done
+from annotate.gui.done import Done
 from annotate.gui.keys import BODY_GRID, Binding, Settings, settings_path
 from annotate.gui.pointing import Pointing
 from annotate.gui.sentences import title
@@ -18,37 +18,41 @@ from annotate.parts import PART_ID, PARTS
 MOUSE = (
     ("Left button", "use the tool"),
     ("Right button", "turn the cloud"),
-    ("Middle button", "shift it"),
-    ("Wheel", "nearer, farther"),
-    ("Shift + stroke", "replace only the part it starts on"),
-    ("Ctrl + stroke", "through the body, not front only"),
-    ("Alt + click", "take the part under the pointer"),
+    ("Middle button", "shift the cloud"),
+    ("Wheel", "zoom in and out"),
+    ("Shift + stroke", "replace only the part where it starts"),
+    ("Ctrl + stroke", "through the body, not only its front"),
+    ("Alt + click", "choose the part under the pointer"),
     ("Shift + wheel", "size of the brush"),
-    ("Shift + part", "lock the part: it neither gains nor loses"),
-    ("Alt + part", "fade the part, hide it, show it"),
+    ("Shift + part", "lock the part: it cannot gain or lose pixels"),
+    ("Alt + part", "fade the part, hide it, show it again"),
 )
 
 
 def next_click(pointing: Pointing, part: int) -> str:
-    """What the left button will do now, in a sentence."""
+    """The effect of the left button now, as a sentence."""
     becomes = "is erased" if part == 0 else f"becomes {title(part)}"
     act = {
-        "piece": f"Click: the piece {becomes} · click it again: it grows",
+        "piece": f"Click: the piece {becomes} · click it again to grow it",
         "lasso": f"Drag round it: it {becomes}",
-        "polygon": f"Click corners, double-click to close: the inside {becomes}",
+        "polygon": f"Click corners, double-click to close it: the inside {becomes}",
         "rectangle": f"Drag a rectangle: the inside {becomes}",
         "brush": f"Drag over it: it {becomes} · Shift+wheel: size",
     }[pointing.tool]
     if pointing.tool != "piece":
         act += (
-            " · only the part it starts on" if pointing.only else " · the room too" if pointing.room else ""
+            " · only the part where it starts"
+            if pointing.only
+            else " · the room too"
+            if pointing.room
+            else ""
         )
         act += " · through the body" if pointing.through else " · front only"
     return act
 
 
 class StatusLine(QWidget):
-    """Left: what the next click does. Right: what the last one did, and whether all is saved."""
+    """Left: the effect of the next click. Right: the outcome of the last one, and whether all is saved."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -66,24 +70,24 @@ class StatusLine(QWidget):
         for label in (self.chip, self.next, self.last, self.space, self.saved):
             row.addWidget(label, 1 if label is self.next else 0)
 
-    def say_next(self, text: str, part: int, theme: Theme) -> None:
+    def show_next(self, text: str, part: int, theme: Theme) -> None:
         """The sentence on the next click, beside the part's colour."""
         self.next.setText(text)
         color = part_color(part, theme).name()
         self.chip.setStyleSheet(f"background: {color}; border: 1px solid {theme.quiet}; border-radius: 7px")
 
-    def say_space(self, key: str, verdict: str) -> None:
-        """What the key for accepting will do."""
+    def show_accept(self, key: str, verdict: str) -> None:
+        """The effect of the key for accepting."""
         act = {"accept": "accept and go on", "agree": "agree and go on", "none": "go on"}[verdict]
         self.space.setText(f"{escape(key)}: {act}")
 
-    def say(self, done: Done, theme: Theme) -> None:
-        """What came of the last key or stroke."""
+    def show_done(self, done: Done, theme: Theme) -> None:
+        """The outcome of the last key or stroke."""
         color = {"plain": theme.quiet, "good": theme.good, "warn": theme.warn, "bad": theme.bad}[done.tone]
-        self.last.setText(f'<span style="color:{color}">{escape(done.says)}</span>')
+        self.last.setText(f'<span style="color:{color}">{escape(done.text)}</span>')
 
-    def say_saved(self, unsaved: int, theme: Theme) -> None:
-        """How many strokes are in memory alone."""
+    def show_saved(self, unsaved: int, theme: Theme) -> None:
+        """The number of strokes that are only in memory."""
         self.saved.setText(f"{unsaved} strokes not saved" if unsaved else "✓ saved")
         self.saved.setStyleSheet(f"color: {theme.bad if unsaved else theme.good}")
 
@@ -100,7 +104,7 @@ class KeyPage(QWidget):
         column = QVBoxLayout(self.card)
         column.setContentsMargins(28, 22, 28, 22)
         column.setSpacing(14)
-        heading = "All keys lie under the left hand; the right one has the mouse"
+        heading = "All keys lie under the left hand; the right hand has the mouse"
         column.addWidget(named(QLabel(heading), "title"))
         row = QHBoxLayout()
         row.setSpacing(40)
@@ -109,14 +113,14 @@ class KeyPage(QWidget):
         for binding in settings.bindings:
             groups[binding.group].append(binding)
         parts = QVBoxLayout()
-        parts.addWidget(named(QLabel("PARTS, LIKE A BODY THAT FACES YOU"), "caption"))
+        parts.addWidget(named(QLabel("PARTS, LAID OUT LIKE A BODY THAT FACES YOU"), "caption"))
         parts.addLayout(_body(settings))
         row.addLayout(_stacked(parts, _list("Mouse", MOUSE)))
         more = [binding for binding in groups["Parts"] if binding.name not in PART_ID]
         for names in (("Tools", "View"), ("Edit", "Frames")):
-            lists = [_list(name, [(b.key, b.says) for b in groups[name]]) for name in names]
+            lists = [_list(name, [(b.key, b.description) for b in groups[name]]) for name in names]
             if "View" in names:
-                lists.append(_list("Choosing", [(b.key, b.says) for b in more]))
+                lists.append(_list("Choosing", [(b.key, b.description) for b in more]))
             row.addLayout(_stacked(*lists))
         foot = f'Keys can be changed: write  undo = "Ctrl+K"  under [keys] in {settings_path()}'
         column.addWidget(named(QLabel(foot, textFormat=Qt.TextFormat.PlainText), "quiet"))
@@ -151,9 +155,9 @@ def _list(name: str, rows: Sequence[tuple[str, str]]) -> QVBoxLayout:
     grid.setHorizontalSpacing(10)
     grid.setVerticalSpacing(3)
     grid.setColumnStretch(1, 1)
-    for i, (key, says) in enumerate(rows):
+    for i, (key, description) in enumerate(rows):
         grid.addWidget(named(QLabel(key), "key"), i, 0, Qt.AlignmentFlag.AlignRight)
-        grid.addWidget(QLabel(says), i, 1)
+        grid.addWidget(QLabel(description), i, 1)
     column.addLayout(grid)
     return column
 

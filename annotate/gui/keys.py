@@ -1,7 +1,7 @@
-"""Every key of the window: what it does, where it lies, and how a user moves it.
+"""Every key of the window: its effect, its place, and how users change it.
 
-All keys lie under the left hand while the right one holds the mouse. The parts are laid out like a body
-that faces you, so nothing has to be learnt: head on top, its right arm on the left.
+All keys lie under the left hand while the right hand holds the mouse. The parts are laid out like a body
+that faces you: head on top, its right arm on the left.
 
      1  2  3        right upper arm   head    left upper arm
      Q  W  E        right forearm     torso   left forearm
@@ -29,12 +29,12 @@ BODY_GRID = ((4, 1, 3), (6, 2, 5), (9, 7, 8), (11, 0, 10))
 
 @dataclass(frozen=True)
 class Binding:
-    """One thing a key does. name: as in window.toml; key: as Qt writes it; says: for the F1 page."""
+    """One thing a key does. name: as in window.toml; key: in Qt's notation; description: for the F1 page."""
 
     name: str
     key: str
     group: str
-    says: str
+    description: str
 
 
 def _parts() -> list[Binding]:
@@ -49,42 +49,42 @@ def _parts() -> list[Binding]:
 BINDINGS: tuple[Binding, ...] = (
     *_parts(),
     Binding("undefined", "Ctrl+X", "Parts", "Undefined"),
-    Binding("pick", "`", "Parts", "Take the part under the pointer"),
-    Binding("only", "4", "Parts", "Replace only the part a stroke starts on"),
-    Binding("solo", "Ctrl+A", "Parts", "Show the chosen part alone, and back"),
-    Binding("piece", "F", "Tools", "Piece: click, again to grow"),
+    Binding("pick", "`", "Parts", "Choose the part under the pointer"),
+    Binding("only", "4", "Parts", "Replace only the part where a stroke starts"),
+    Binding("solo", "Ctrl+A", "Parts", "Show only the chosen part, or all again"),
+    Binding("piece", "F", "Tools", "Piece: click, click again to grow it"),
     Binding("lasso", "G", "Tools", "Lasso: draw round it"),
-    Binding("polygon", "T", "Tools", "Polygon: double-click closes"),
+    Binding("polygon", "T", "Tools", "Polygon: double-click closes it"),
     Binding("rectangle", "R", "Tools", "Rectangle: drag"),
     Binding("brush", "B", "Tools", "Brush: drag over it"),
     Binding("small", "Ctrl+1", "Tools", "Small brush"),
     Binding("medium", "Ctrl+2", "Tools", "Medium brush"),
     Binding("large", "Ctrl+3", "Tools", "Large brush"),
-    Binding("through", "Tab", "Tools", "Front only, or through"),
-    Binding("room", "6", "Tools", "The body only, or the room too"),
-    Binding("cancel", "Esc", "Tools", "Drop the stroke or the preview"),
+    Binding("through", "Tab", "Tools", "Front only, or through the body"),
+    Binding("room", "6", "Tools", "Body only, or the room too"),
+    Binding("cancel", "Esc", "Tools", "Cancel the stroke or the preview"),
     Binding("undo", "Ctrl+Z", "Edit", "Undo, without limit"),
     Binding("redo", "Ctrl+Shift+Z", "Edit", "Redo"),
     Binding("swap", "V", "Edit", "Swap left and right of the limb under the pointer"),
     Binding("neighbour", "5", "Edit", "Give the patch under the pointer to its neighbour"),
-    Binding("fill_holes", "Ctrl+F", "Edit", "Fill holes: again to apply"),
-    Binding("remove_islands", "Ctrl+D", "Edit", "Remove islands: again to apply"),
+    Binding("fill_holes", "Ctrl+F", "Edit", "Fill holes: press again to apply"),
+    Binding("remove_islands", "Ctrl+D", "Edit", "Remove islands: press again to apply"),
     Binding("merge", "Ctrl+E", "Edit", "Turn the part under the pointer into the chosen one"),
     Binding("copy_previous", "Ctrl+V", "Edit", "Copy the parts of the previous frame"),
-    Binding("propagate", "Ctrl+G", "Edit", "Carry the corrections of the frames near over"),
+    Binding("propagate", "Ctrl+G", "Edit", "Carry over the corrections of nearby frames"),
     Binding("carry", "Ctrl+Shift+G", "Edit", "Do so in every frame that accepting opens"),
-    Binding("accept", "Space", "Frames", "Right: accept it, and go on"),
+    Binding("accept", "Space", "Frames", "Accept the frame and go on"),
     Binding("reject", "Ctrl+R", "Frames", "Reject, with a reason"),
-    Binding("next", "Ctrl+Space", "Frames", "Next frame, this one undecided"),
-    Binding("back", "Shift+Space", "Frames", "Frame before"),
-    Binding("save", "Ctrl+S", "Frames", "Save; every stroke is saved anyway"),
-    Binding("order", "F5", "Frames", "By time, or the worst first"),
+    Binding("next", "Ctrl+Space", "Frames", "Next frame, without a verdict"),
+    Binding("back", "Shift+Space", "Frames", "Previous frame"),
+    Binding("save", "Ctrl+S", "Frames", "Save (every stroke is saved anyway)"),
+    Binding("order", "F5", "Frames", "Order by time, or the worst first"),
     Binding("colouring", "F2", "View", "Next colouring"),
-    Binding("front_view", "F3", "View", "Look as the depth camera does"),
+    Binding("front_view", "F3", "View", "View of the depth camera"),
     Binding("theme", "F4", "View", "Light or dark"),
     Binding("help", "F1", "View", "Show or hide this page"),
 )
-"""All bindings, as the window is delivered."""
+"""All bindings, as delivered."""
 
 
 @dataclass(frozen=True)

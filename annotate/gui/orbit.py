@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from annotate.array_types import Float32, Float64
+
 DEGREES_PER_PX = 0.35
 ZOOM_PER_STEP = 1.15
 STEEPEST_DEG = 88.0
@@ -26,7 +26,7 @@ class Orbit:
     angle_deg: float = 30.0
 
     @property
-    def axes(self) -> tuple[Vector, Vector, Vector]:
+    def axes(self) -> tuple[Float64, Float64, Float64]:
         """Unit vectors right, down and forward of the view."""
         a, e = np.radians([self.azimuth_deg, self.elevation_deg])
         forward = np.array([-np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
@@ -34,7 +34,7 @@ class Orbit:
         return right, np.cross(forward, right), forward
 
     @property
-    def position_m(self) -> Vector:
+    def position_m(self) -> Float64:
         """Where the eye is."""
         return np.asarray(np.array(self.target_m) - self.distance_m * self.axes[2])
 
@@ -60,7 +60,7 @@ class Orbit:
         return replace(self, distance_m=float(np.clip(self.distance_m * ZOOM_PER_STEP**-steps, 0.15, 20.0)))
 
 
-def front_view(points_m: NDArray[np.float32], aspect: float) -> Orbit:
+def front_view(points_m: Float32, aspect: float) -> Orbit:
     """The view along the depth camera that holds these points (n, 3), with a margin; n may be 0."""
     if not len(points_m):
         return Orbit((0.0, 0.0, 2.0), 3.0)

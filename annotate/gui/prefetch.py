@@ -4,19 +4,19 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from annotate.gui.scene import Scene
+from annotate.gui.scene import FrameScene
 
-KEPT = 6
-"""Scenes kept in memory: the one shown, those around it, and the one before."""
+SCENES_KEPT = 6
+"""Number of scenes in memory: the one shown, those around it, and the one before. Chosen by eye."""
 
 
 class Prefetch:
-    """Scenes by frame id, the latest KEPT of them."""
+    """Scenes by frame id, the latest SCENES_KEPT of them."""
 
-    def __init__(self, read: Callable[[str], Scene]) -> None:
+    def __init__(self, read: Callable[[str], FrameScene]) -> None:
         self._read = read
         self._pool = ThreadPoolExecutor(1, "prefetch")
-        self._scenes: OrderedDict[str, Future[Scene]] = OrderedDict()
+        self._scenes: OrderedDict[str, Future[FrameScene]] = OrderedDict()
 
     def want(self, frame_ids: Iterable[str]) -> None:
         """Begin to read frames that will be needed."""
@@ -25,10 +25,10 @@ class Prefetch:
                 self._scenes.move_to_end(frame_id)
             else:
                 self._scenes[frame_id] = self._pool.submit(self._read, frame_id)
-        while len(self._scenes) > KEPT:
+        while len(self._scenes) > SCENES_KEPT:
             self._scenes.popitem(last=False)[1].cancel()
 
-    def take(self, frame_id: str) -> Scene:
+    def take(self, frame_id: str) -> FrameScene:
         """A frame's scene, waiting where it is not there yet. Raises what reading it raises."""
         self.want([frame_id])
         try:

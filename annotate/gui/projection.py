@@ -5,8 +5,8 @@ the screen's pixel ratio: so a selection never lies beside the pointer on a fine
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64
 from annotate.correction.select import CELL_PX, ScreenPoints
 
 CELL_SPACINGS = 2.2
@@ -14,11 +14,7 @@ CELL_SPACINGS = 2.2
 
 
 def project(
-    points_m: NDArray[np.float32],
-    shown: NDArray[np.bool_],
-    screen_from_world: NDArray[np.float64],
-    size_px: tuple[int, int],
-    spacing_px: float,
+    points_m: Float32, shown: Bool, screen_from_world: Float64, size_px: tuple[int, int], spacing_px: float
 ) -> ScreenPoints:
     """Project points (n, 3), depth-camera frame, with a VTK composite matrix (4, 4) onto a view.
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Int32, Int64, UInt8
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
@@ -28,7 +28,7 @@ ROOM_POINTS = 50_000
 
 
 @dataclass(frozen=True)
-class Scene:
+class FrameScene:
     """One frame, read and fused; arrays are (h, w, ...) or flat over its pixels.
 
     labels: as stored when it was read. cloud: its points; colours and temperatures where a session is
@@ -40,16 +40,16 @@ class Scene:
 
     labels: FrameLabels
     cloud: ThermalCloud
-    other: NDArray[np.uint8] | None
-    near: NDArray[np.bool_]
-    room: NDArray[np.int64]
+    other: UInt8 | None
+    near: Bool
+    room: Int64
     room_step: int
-    shade: NDArray[np.float32]
-    pieces: NDArray[np.int32]
+    shade: Float32
+    pieces: Int32
     remark: str = ""
 
     @property
-    def points_m(self) -> NDArray[np.float32]:
+    def points_m(self) -> Float32:
         """Points (h * w, 3) in metres, depth-camera frame, NaN where there is no reading."""
         return self.cloud.points_m.reshape(-1, 3)
 
@@ -83,7 +83,7 @@ class SceneReader:
                 f"{labels.intrinsics.shape}; compare two sets of the same recording"
             )
 
-    def read(self, frame_id: str) -> Scene:
+    def read(self, frame_id: str) -> FrameScene:
         """One frame. Raises FormatError naming the file of the label set that is missing or corrupt.
 
         Colour, temperature or the other set's parts that cannot be had are left out with a remark.
@@ -96,7 +96,7 @@ class SceneReader:
         color = cloud.color_rgb if cloud.color_valid.any() else None
         pieces = edit_supervoxels(labels.depth_mm, labels.parts, cloud.camera, color)
         remark = "; ".join(filter(None, [without, unlike]))
-        return Scene(labels, cloud, other, near, room, step, _shade(cloud), pieces, remark)
+        return FrameScene(labels, cloud, other, near, room, step, _shade(cloud), pieces, remark)
 
     def _fused(self, labels: FrameLabels) -> tuple[ThermalCloud, str]:
         why = ""
@@ -110,7 +110,7 @@ class SceneReader:
                 why = f"no colour or temperature: {error}"
         return self._bare.fuse(labels.depth_mm), why
 
-    def _compared(self, labels: FrameLabels) -> tuple[NDArray[np.uint8] | None, str]:
+    def _compared(self, labels: FrameLabels) -> tuple[UInt8 | None, str]:
         if self.other is None:
             return None, ""
         try:
@@ -140,9 +140,7 @@ def _rig_frame(source: Session | FrameSource, index: int) -> RigFrame:
     raise IndexError(f"the recording has no frame {index}")
 
 
-def _levels(
-    labels: FrameLabels, other: NDArray[np.uint8] | None
-) -> tuple[NDArray[np.bool_], NDArray[np.int64], int]:
+def _levels(labels: FrameLabels, other: UInt8 | None) -> tuple[Bool, Int64, int]:
     """What is shown in full, which of the other pixels are kept, and every how many along each side."""
     valid = labels.depth_mm > 0
     person = labels.parts > 0
@@ -158,7 +156,7 @@ def _levels(
     return near.ravel(), np.flatnonzero(rest & lattice), step
 
 
-def _shade(cloud: ThermalCloud) -> NDArray[np.float32]:
+def _shade(cloud: ThermalCloud) -> Float32:
     """Cosine between the surface and the line of sight, from central differences of the points.
 
     Colours alone show no shape where points are drawn unlit.

@@ -12,7 +12,7 @@ from annotate.gui.keys import Settings
 from annotate.gui.pointing import Pointing
 from annotate.gui.theme import Theme, named
 
-STROKES = {"through": "Through", "only": "One part", "room": "Room too"}
+SWITCHES = {"through": "Through", "only": "One part", "room": "Room too"}
 """Switches of ``Pointing``, and their titles."""
 EDITS = {
     "undo": "Undo",
@@ -133,9 +133,9 @@ class ToolButton(QToolButton):
 
 
 class ToolColumn(QWidget):
-    """asked: a button with a command's name was clicked."""
+    """requested: a button with a command's name was clicked."""
 
-    asked = Signal(str)
+    requested = Signal(str)
 
     def __init__(self, settings: Settings) -> None:
         super().__init__()
@@ -146,7 +146,7 @@ class ToolColumn(QWidget):
         self._column.setContentsMargins(8, 10, 8, 8)
         self._column.setSpacing(4)
         self.buttons: dict[str, ToolButton] = {}
-        for heading, titles in (("TOOLS", TITLES), ("STROKES", STROKES), ("EDIT", EDITS)):
+        for heading, titles in (("TOOLS", TITLES), ("STROKES", SWITCHES), ("EDIT", EDITS)):
             self._column.addWidget(named(QLabel(heading), "caption"))
             for name, title in titles.items():
                 self._column.addWidget(self._button(name, title))
@@ -155,14 +155,14 @@ class ToolColumn(QWidget):
 
     def _button(self, name: str, title: str) -> ToolButton:
         button = self.buttons[name] = ToolButton(title, self._settings.key(name))
-        button.setToolTip(next(b.says for b in self._settings.bindings if b.name == name))
+        button.setToolTip(next(b.description for b in self._settings.bindings if b.name == name))
         button.setCheckable(name not in EDITS)
-        button.clicked.connect(partial(self.asked.emit, name))
+        button.clicked.connect(partial(self.requested.emit, name))
         return button
 
     def show_state(self, pointing: Pointing, theme: Theme) -> None:
         """Press the buttons in that are on."""
-        on = {pointing.tool, *(name for name in STROKES if getattr(pointing, name))}
+        on = {pointing.tool, *(name for name in SWITCHES if getattr(pointing, name))}
         for name, button in self.buttons.items():
             button.setChecked(name in on)
             color = theme.on_accent if name in on else theme.text

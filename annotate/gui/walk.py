@@ -1,4 +1,4 @@
-"""The way through the frames: their order, what comes next, and reading ahead. No window here."""
+"""The frames of a set in order: the next one, the previous one, and reading ahead. No window here."""
 
 from collections.abc import Callable
 
@@ -6,15 +6,15 @@ from annotate.correction.correction import Correction, RestorableError
 from annotate.correction.edit import Editor
 from annotate.correction.propagate import FRAMES_COMPARED
 from annotate.gui.prefetch import Prefetch
-from annotate.gui.scene import Scene, SceneReader
+from annotate.gui.scene import FrameScene, SceneReader
 from sensors.errors import CloudError
 
-Opened = tuple[Scene, Editor | None]
-"""A frame to lay on the desk; without an editor where the set is open read-only."""
+Opened = tuple[FrameScene, Editor | None]
+"""A frame for the desk; without an editor where the set is open read-only."""
 
 
 class Walk:
-    """The frames of one set. ask_restore: says whether to rebuild a broken frame, given what is wrong.
+    """The frames of one set. ask_restore: returns whether to rebuild a broken frame, given the error.
 
     worst_first: the order, else by time. frame_ids: in this order.
     """
@@ -29,7 +29,7 @@ class Walk:
         self._others_done = 0
 
     def reorder(self) -> None:
-        """The other order."""
+        """Switch to the other order."""
         self.worst_first = not self.worst_first
         self.frame_ids = self.correction.frame_ids
         if self.worst_first:
@@ -58,7 +58,7 @@ class Walk:
         return scene, editor
 
     def done(self, frame_id: str) -> int:
-        """How many frames somebody is done with, while this one is open: only its own state can change."""
+        """Number of finished frames while this one is open: only its own state can change."""
         return self._others_done + self._is_done(frame_id)
 
     def beside(self, frame_id: str, by: int) -> str | None:
@@ -74,8 +74,8 @@ class Walk:
             raise CloudError("This is the first frame; there is none before it")
         return frame_ids[at - 1]
 
-    def worked_near(self, frame_id: str) -> list[str]:
-        """The frames nearest in time, before and after, that people worked on or held for right.
+    def corrected_near(self, frame_id: str) -> list[str]:
+        """Ids of the frames nearest in time, before and after, that people corrected or accepted.
 
         Raises CloudError where there are none.
         """
@@ -91,7 +91,7 @@ class Walk:
         """Stop reading ahead."""
         self._prefetch.close()
 
-    def _scene(self, frame_id: str) -> Scene:
+    def _scene(self, frame_id: str) -> FrameScene:
         try:
             return self._prefetch.take(frame_id)
         except RestorableError as error:
@@ -104,7 +104,7 @@ class Walk:
         return self.correction.state(frame_id) not in ("auto", "touched")
 
     def _confidence(self, frame_id: str) -> float:
-        """As the labelling noted it; frames without come last."""
+        """A frame's confidence from its notes; unreadable frames sort first, frames without one last."""
         try:
             value = self.correction.labels.notes(frame_id).get("confidence")
         except CloudError:

@@ -1,21 +1,20 @@
-"""The correction window: lays out the views and carries what happens in one of them to the others."""
+"""The correction window: lays out the views, and shows in all of them what changes in one."""
 
 from collections.abc import Callable
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, Qt
-from PySide6.QtGui import QCloseEvent, QColor, QKeySequence, QResizeEvent, QShortcut
+from PySide6.QtGui import QCloseEvent, QColor, QResizeEvent
 from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QMainWindow, QSplitter, QVBoxLayout, QWidget
 
+from annotate.array_types import Int64, UInt8
 from annotate.correction.correction import Correction
-from annotate.gui import review
+from annotate.gui import dialogs
 from annotate.gui.cloud_view import CloudView
 from annotate.gui.colors import Colouring
-from annotate.gui.commands import STROKE_SETUP, commands
 from annotate.gui.depth_pane import DepthPane
-from annotate.gui.desk import NOTHING, Desk, Done
+from annotate.gui.desk import Desk
+from annotate.gui.done import NOTHING, Done
 from annotate.gui.drawing import Drawing, Tool
 from annotate.gui.frame_strip import FrameStrip
 from annotate.gui.header import Header
@@ -27,12 +26,12 @@ from annotate.gui.theme import DARK, LIGHT, named, part_color, qt_palette, style
 from annotate.gui.tools import ToolColumn
 from annotate.gui.walk import Walk
 from annotate.labelset.journal import NotSavedError
-from annotate.parts import PARTS
+from annotate.labelset.stroke import Activity
 from sensors.errors import CloudError
 
 
 class CorrectionWindow(QMainWindow):
-    """Corrects one label set, which it closes with itself.
+    """Corrects one label set, and closes it when it is closed itself. ``commands.bind`` gives it its keys.
 
     Raises CloudError when none of its frames can be opened.
     """
@@ -40,20 +39,18 @@ class CorrectionWindow(QMainWindow):
     def __init__(self, correction: Correction, reader: SceneReader, settings: Settings) -> None:
         super().__init__()
         self.correction, self.settings = correction, settings
-        self.walk = Walk(correction, reader, lambda error: review.ask_restore(None, error))
+        self.walk = Walk(correction, reader, lambda error: dialogs.ask_restore(None, error))
         self.desk = Desk(correction, *self.walk.first())
         self.theme = theme_of(settings.theme)
         # Before there are widgets: styling them one by one is quicker than all at once.
         self._style_app()
-        self._told_unsaved = False
+        self._retry_declined = False
         self.cloud_view, self.depth_pane = CloudView(), DepthPane()
         self.views = (self.cloud_view, self.depth_pane)
         self.tools, self.palette_, self.header = ToolColumn(settings), Palette(settings), Header(settings)
         self.strip, self.status = FrameStrip(correction.frame, correction.state), StatusLine()
         self._central = self._lay_out()
         self.key_page = KeyPage(self._central, settings)
-        self.commands = commands(self)
-        self._bind()
         self._connect()
         self.setWindowTitle(f"{correction.labels.path.resolve().name} - annotate-cloud")
         self.resize(1440, 900)
@@ -70,7 +67,7 @@ class CorrectionWindow(QMainWindow):
         return self.desk.scene.labels.frame_id
 
     def open_frame(self, frame_id: str) -> bool:
-        """Open another frame; says whether it could be."""
+        """Open another frame; returns whether it could be opened."""
         left = self.frame_id
         if frame_id == left:
             return True
@@ -78,19 +75,19 @@ class CorrectionWindow(QMainWindow):
             self.desk.put(*self.walk.open(frame_id))
         except CloudError as error:
             self.strip.choose(left)
-            self.say(Done(NOTHING, str(error), "bad"))
+            self.report(Done(NOTHING, str(error), "bad"))
             return False
         self.strip.frames.refresh(left)
         self.show_frame()
         return True
 
     def step(self, by: int) -> bool:
-        """Open the frame ``by`` places on; says whether there is one that can be opened."""
+        """Open the frame ``by`` places on; returns whether there is one that can be opened."""
         frame_id = self.walk.beside(self.frame_id, by)
         return frame_id is not None and self.open_frame(frame_id)
 
     def reorder(self) -> Done:
-        """By time, or the worst first."""
+        """Switch between the order by time and the worst first."""
         self.walk.reorder()
         self.strip.frames.order(self.walk.frame_ids)
         self.strip.choose(self.frame_id)
@@ -105,13 +102,13 @@ class CorrectionWindow(QMainWindow):
             view.load(self.desk.scene, self.colors, self.desk.shown())
         self.strip.choose(self.frame_id)
         self.refresh()
-        self.say(Done(NOTHING, self.desk.scene.remark, "warn"))
+        self.report(Done(NOTHING, self.desk.scene.remark, "warn"))
 
-    def colors(self, pixels: NDArray[np.int64]) -> NDArray[np.uint8]:
+    def colors(self, pixels: Int64) -> UInt8:
         """Colours (n, 3) of flat pixels (n,) at this moment."""
         return self.desk.colors(pixels, self.theme.ground_rgb)
 
-    def recolor(self, pixels: NDArray[np.int64] | None = None) -> None:
+    def recolor(self, pixels: Int64 | None = None) -> None:
         """Show new colours of some pixels, or of all."""
         for view in self.views:
             view.recolor(pixels, self.colors)
@@ -119,26 +116,26 @@ class CorrectionWindow(QMainWindow):
             self._show_shown()
 
     def reshow(self) -> None:
-        """After a change of what is faded or hidden."""
+        """Draw all pixels again after a change of faded or hidden parts."""
         self._show_shown()
         self.recolor()
 
     def refresh(self) -> None:
-        """Palette, tools, header and sentences as things stand."""
+        """Update palette, tools, header and sentences."""
         desk, pointing = self.desk, self.cloud_view.pointing
         self.palette_.show_desk(desk, self.theme)
         self.tools.show_state(pointing, self.theme)
         self.header.show_desk(desk, self.walk, self.theme)
         text = next_click(pointing, desk.part)
         if self.correction.read_only:
-            text = "Read-only: look, turn and colour; nothing is changed"
-        self.status.say_next(text, desk.part, self.theme)
-        self.status.say_space(self.settings.key("accept"), desk.next_verdict())
-        self.status.say_saved(self.correction.unsaved, self.theme)
+            text = "Read-only: nothing can be changed"
+        self.status.show_next(text, desk.part, self.theme)
+        self.status.show_accept(self.settings.key("accept"), self.correction.next_verdict(self.frame_id))
+        self.status.show_saved(self.correction.unsaved, self.theme)
 
-    def say(self, done: Done) -> None:
-        """What came of the last key or stroke."""
-        self.status.say(done, self.theme)
+    def report(self, done: Done) -> None:
+        """Show the outcome of the last key or stroke."""
+        self.status.show_done(done, self.theme)
 
     def _show_shown(self) -> None:
         shown = self.desk.shown()
@@ -168,12 +165,12 @@ class CorrectionWindow(QMainWindow):
             self.reshow()
 
     def set_tool(self, tool: Tool) -> None:
-        """Take another tool."""
+        """Choose another tool."""
         for view in self.views:
             view.pointing.set_tool(tool)
 
     def set_radius(self, radius_px: float) -> None:
-        """Size the brush."""
+        """Set the radius of the brush in logical pixels."""
         for view in self.views:
             view.pointing.set_radius(radius_px)
 
@@ -183,18 +180,18 @@ class CorrectionWindow(QMainWindow):
             setattr(view.pointing, name, not getattr(view.pointing, name))
 
     def set_colouring(self, name: Colouring) -> None:
-        """Colour by what was clicked."""
+        """Choose a colouring."""
         self.desk.colouring = name
         self.recolor()
         self.refresh()
 
     def look_ahead(self) -> None:
-        """Look as the depth camera does."""
+        """Show the person as the depth camera sees them."""
         self.cloud_view.look_ahead()
         self.depth_pane.fit()
 
     def toggle_theme(self) -> None:
-        """Light or dark."""
+        """Switch between light and dark."""
         self.theme = LIGHT if self.theme is DARK else DARK
         self._style_app()
         self._show_theme()
@@ -208,11 +205,11 @@ class CorrectionWindow(QMainWindow):
     # What happens
 
     def act(self, action: Callable[[], Done | None]) -> None:
-        """Do something, show what came of it, and say what went wrong."""
+        """Do something, and show its outcome or error."""
         try:
             done = action()
         except NotSavedError as error:
-            # The stroke has its effect all the same.
+            # The stroke took effect nevertheless.
             self.recolor()
             done = self._not_saved(error)
         except CloudError as error:
@@ -220,16 +217,9 @@ class CorrectionWindow(QMainWindow):
         if done is not None:
             if len(done.pixels):
                 self.recolor(done.pixels)
-            self.say(done)
-        self._told_unsaved = self._told_unsaved and self.correction.unsaved > 0
+            self.report(done)
+        self._retry_declined = self._retry_declined and self.correction.unsaved > 0
         self.refresh()
-
-    def command(self, name: str) -> None:
-        """Run what a key is bound to."""
-        self._mark()
-        if name in STROKE_SETUP:
-            self.desk.keys += 1 + self.settings.key(name).count("+")
-        self.act(self.commands[name])
 
     def under_pointer(self) -> int | None:
         """The pixel under the pointer, in whichever view it is."""
@@ -239,14 +229,14 @@ class CorrectionWindow(QMainWindow):
         return None
 
     def _not_saved(self, error: NotSavedError) -> Done:
-        """The disk takes no more: ask once, until it takes strokes again."""
-        while not self._told_unsaved and review.ask_retry(self, str(error), self.correction.unsaved):
+        """Ask whether to write again what the disk refused; once declined, not until it was written."""
+        while not self._retry_declined and dialogs.ask_retry(self, str(error), self.correction.unsaved):
             try:
                 self.correction.flush()
                 return Done(NOTHING, "Everything is saved again", "good")
             except NotSavedError as again:
                 error = again
-        self._told_unsaved = True
+        self._retry_declined = True
         return Done(NOTHING, str(error), "bad")
 
     def _drawn(self, view: CloudView | DepthPane, drawing: Drawing) -> None:
@@ -260,14 +250,18 @@ class CorrectionWindow(QMainWindow):
         other = self.depth_pane if view is self.cloud_view else self.cloud_view
         other.mark(view.pixel_at(place) if place is not None else None)
 
-    def _mark(self, kind: str = "looking") -> None:
+    def mark(self, activity: Activity) -> None:
+        """Count the time since the last event for an activity."""
         if self.desk.editor:
-            self.desk.editor.time.mark("navigating" if kind == "navigating" else "looking")
+            self.desk.editor.time.mark(activity)
 
-    def _lock(self, part: int) -> None:
+    def lock(self, part: int) -> None:
+        """Lock a part, or unlock it."""
         self.act(lambda: self.desk.toggle_lock(part))
 
-    def _fade(self, part: int) -> None:
+    def fade(self, part: int) -> None:
+        """Switch a part from shown to faded, to hidden, and to shown again."""
+
         def fade() -> Done:
             done = self.desk.fade(part)
             self.reshow()
@@ -310,28 +304,16 @@ class CorrectionWindow(QMainWindow):
         self.setCentralWidget(central)
         return central
 
-    def _bind(self) -> None:
-        for binding in self.settings.bindings:
-            QShortcut(QKeySequence(binding.key), self, partial(self.command, binding.name))
-        for part in PARTS:
-            key = self.settings.key(part.name)
-            if "+" not in key:
-                QShortcut(QKeySequence(f"Shift+{key}"), self, partial(self._lock, part.id))
-                QShortcut(QKeySequence(f"Alt+{key}"), self, partial(self._fade, part.id))
-
     def _connect(self) -> None:
         for view in self.views:
             view.pointing.drawn.connect(partial(self._drawn, view))
             view.pointing.hovered.connect(partial(self._hovered, view))
-            view.pointing.sampled.connect(lambda _: self.command("pick"))
             view.pointing.resized.connect(self.set_radius)
-            view.moved.connect(partial(self._mark, "navigating"))
+            view.moved.connect(partial(self.mark, "navigating"))
         self.palette_.chosen.connect(lambda part: self.act(lambda: self.choose(part)))
-        self.palette_.locked.connect(self._lock)
-        self.palette_.faded.connect(self._fade)
-        self.tools.asked.connect(self.command)
+        self.palette_.locked.connect(self.lock)
+        self.palette_.faded.connect(self.fade)
         self.header.coloured.connect(self.set_colouring)
-        self.header.asked.connect(self.command)
         self.strip.opened.connect(self.open_frame)
 
     def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
@@ -344,7 +326,7 @@ class CorrectionWindow(QMainWindow):
         try:
             self.correction.close()
         except NotSavedError:
-            if not review.ask_close(self, self.correction.unsaved):
+            if not dialogs.ask_close(self, self.correction.unsaved):
                 event.ignore()
                 return
             self.correction.abandon()

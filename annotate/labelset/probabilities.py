@@ -5,8 +5,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Float32
 from annotate.crop import SIZE, Crop, crop_from_note
 from annotate.parts import N_CLASSES
 from sensors.errors import FormatError
@@ -31,7 +31,7 @@ class Probabilities:
     """
 
     crop: Crop
-    planes: NDArray[np.float32]
+    planes: Float32
 
     def __post_init__(self) -> None:
         if self.planes.shape != (N_CLASSES, SIZE, SIZE) or self.planes.dtype != np.float32:

@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from annotate.array_types import Int64, UInt8
 from annotate.parts import N_CLASSES, UNDEFINED
 from sensors.errors import FormatError
 
@@ -77,7 +77,7 @@ class Stroke:
 
     frame_id: str
     operation: Operation
-    runs: NDArray[np.int64]
+    runs: Int64
     part: int | None = None
     how: Gesture = KEY
     who: str = ""
@@ -106,19 +106,19 @@ class Stroke:
         return len(self.runs) > 0
 
     @property
-    def pixels(self) -> NDArray[np.int64]:
+    def pixels(self) -> Int64:
         """Flat indices (n,) of the pixels that changed, sorted."""
         start, length = self.runs[:, 0], self.runs[:, 1]
         ends = np.cumsum(length)
         return np.arange(ends[-1] if len(ends) else 0) + np.repeat(start - ends + length, length)
 
     @property
-    def old(self) -> NDArray[np.uint8]:
+    def old(self) -> UInt8:
         """Part ids (n,) before, one for each of ``pixels``."""
         return np.repeat(self.runs[:, 2], self.runs[:, 1]).astype(np.uint8)
 
     @property
-    def new(self) -> NDArray[np.uint8]:
+    def new(self) -> UInt8:
         """Part ids (n,) after, one for each of ``pixels``."""
         return np.repeat(self.runs[:, 3], self.runs[:, 1]).astype(np.uint8)
 
@@ -127,11 +127,11 @@ class Stroke:
         """Active seconds of all kinds."""
         return float(sum(self.seconds.values()))
 
-    def inverse_runs(self) -> NDArray[np.int64]:
+    def inverse_runs(self) -> Int64:
         """The runs that undo this stroke."""
         return self.runs[:, [0, 1, 3, 2]]
 
-    def apply_to(self, parts: NDArray[np.uint8]) -> None:
+    def apply_to(self, parts: UInt8) -> None:
         """Make the change in ``parts`` (h, w), contiguous. Raises FormatError where it reaches outside."""
         if self.changes and int(self.runs[-1, :2].sum()) > parts.size:
             raise FormatError(
@@ -146,9 +146,7 @@ def is_part(part: int) -> bool:
     return 0 <= part < N_CLASSES or part == UNDEFINED
 
 
-def difference(
-    pixels: NDArray[np.int64], old: NDArray[np.uint8], new: NDArray[np.uint8]
-) -> NDArray[np.int64]:
+def difference(pixels: Int64, old: UInt8, new: UInt8) -> Int64:
     """Runs (n, 4) of a change of the sorted flat ``pixels`` from ``old`` to ``new`` part ids, all (m,)."""
     differs = old != new
     pixels, old, new = pixels[differs], old[differs], new[differs]
@@ -183,7 +181,7 @@ def from_line(line: bytes) -> Stroke:
         raise FormatError(f"its fields are not those of a stroke ({str(error)[:100]})") from error
 
 
-def _runs(numbers: object) -> NDArray[np.int64]:
+def _runs(numbers: object) -> Int64:
     if not isinstance(numbers, list) or len(numbers) % 4 or not all(type(n) is int for n in numbers):
         raise FormatError("its runs are not a list of whole numbers, four for each run")
     try:
@@ -192,7 +190,7 @@ def _runs(numbers: object) -> NDArray[np.int64]:
         raise FormatError("its runs hold a number too large") from error
 
 
-def _check_runs(runs: NDArray[np.int64]) -> None:
+def _check_runs(runs: Int64) -> None:
     if runs.ndim != 2 or runs.shape[1] != 4 or runs.dtype != np.int64:
         raise FormatError(f"runs are {runs.dtype} {runs.shape}; give int64 (n, 4)")
     if not len(runs):

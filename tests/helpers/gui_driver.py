@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 
 from annotate.correction.correction import Correction
 from annotate.gui.cloud_view import CloudView
+from annotate.gui.commands import bind
 from annotate.gui.keys import Settings
 from annotate.gui.scene import SceneReader
 from annotate.gui.window import CorrectionWindow
@@ -32,6 +33,7 @@ class Driver:
         self.correction = Correction.open(path, options.pop("who", "mia"), **options)
         reader = SceneReader(self.correction, session, other)
         self.window = CorrectionWindow(self.correction, reader, settings)
+        bind(self.window)
         self.window.resize(*size)
         # The screen's own pointer, under the window, would interfere.
         QCursor.setPos(size[0] + 200, size[1] + 200)

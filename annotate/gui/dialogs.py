@@ -1,4 +1,4 @@
-"""What the window asks: the reason for a rejection, and what to do when a file or the disk fails."""
+"""Dialogs: the reason for a rejection, and what to do when a file or the disk fails."""
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence, QShortcut
@@ -7,7 +7,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QLineEdit,
-    QMessageBox,
     QPushButton,
     QVBoxLayout,
     QWidget,
@@ -18,14 +17,14 @@ from annotate.gui.theme import named
 REASONS = (
     "Body cut off or hidden",
     "Depth missing or noisy",
-    "Thermal and depth do not fit",
+    "Thermal and depth images do not match",
     "Several people touch",
-    "Parts cannot be told",
+    "Parts cannot be told apart",
 )
 
 
 class RejectDialog(QDialog):
-    """Why a frame is not to be used: one of REASONS by its number, or words of one's own."""
+    """Why a frame is not to be used: one of REASONS by its number, or a text."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -34,7 +33,7 @@ class RejectDialog(QDialog):
         column = QVBoxLayout(self)
         column.setContentsMargins(20, 18, 20, 18)
         column.setSpacing(8)
-        column.addWidget(named(QLabel("Why is this frame not to be used?"), "title"))
+        column.addWidget(named(QLabel("Why should this frame not be used?"), "title"))
         for number, reason in enumerate(REASONS, 1):
             button = QPushButton(f"{number}   {reason}", autoDefault=False)
             button.setStyleSheet("text-align: left; padding: 8px 12px")
@@ -77,33 +76,24 @@ def _ask(parent: QWidget | None, title: str, text: str, yes: str, no: str) -> bo
 
 
 def ask_restore(parent: QWidget | None, error: str) -> bool:
-    """A frame's file is corrupt and can be rebuilt."""
+    """Whether to rebuild a frame whose file is corrupt."""
     text = (
-        f"{error}\n\nThe labels from before the first correction and every stroke since are there. "
-        "Restoring replaces the broken files by what they add up to; nothing else is touched."
+        f"{error}\n\nThe labels from before the first correction and every stroke since then are intact. "
+        "Restoring rebuilds the broken files from them; nothing else is touched."
     )
-    return _ask(parent, "A frame is broken and can be restored", text, "Restore the frame", "Leave it")
+    return _ask(parent, "A broken frame can be restored", text, "Restore the frame", "Leave it")
 
 
 def ask_retry(parent: QWidget | None, error: str, strokes: int) -> bool:
-    """The disk refuses to take strokes. True to try again, False to go on and try at the next stroke."""
+    """Whether to write strokes that the disk refused again now, or to go on until the next stroke."""
     text = (
         f"{error}\n\n{strokes} strokes are kept in this window and nothing is lost while it is open. "
-        "Free some space, then try again; or go on: every further stroke tries again too."
+        "Free some space, then try again; or go on: every stroke tries again."
     )
-    return _ask(parent, "The disk takes no more", text, "Try again", "Go on")
+    return _ask(parent, "The disk is full or cannot be written", text, "Try again", "Go on")
 
 
 def ask_close(parent: QWidget | None, strokes: int) -> bool:
-    """Closing would lose strokes. True to close all the same."""
+    """Whether to close although strokes would be lost."""
     text = f"{strokes} strokes could not be written and would be lost. Free some space first, if you can."
     return _ask(parent, "Close and lose strokes?", text, "Close and lose them", "Stay")
-
-
-def tell(parent: QWidget | None, title: str, text: str) -> None:
-    """Something went wrong; nothing to choose."""
-    box = QMessageBox(parent)
-    box.setWindowTitle(title)
-    box.setTextFormat(Qt.TextFormat.PlainText)
-    box.setText(text)
-    box.exec()
