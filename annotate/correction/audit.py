@@ -1,4 +1,4 @@
-"""The audit of a label set: what each person did to it, read from its journal."""
+"""The audit of a label set: the work of each person on it, from its journal."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ _NAMES = {**{part.id: part.name for part in PARTS}, UNDEFINED: "undefined"}
 
 @dataclass(frozen=True)
 class PartWork:
-    """Work on one part: strokes that gave it, their active seconds, pixels it gained and lost in the end."""
+    """Work on one part: strokes with it, their active seconds, pixels that it gained and lost in the end."""
 
     strokes: int
     seconds: float
@@ -32,11 +32,11 @@ class PartWork:
 class PersonWork:
     """One person's work on a label set.
 
-    first, last: when they worked, ISO 8601 UTC, "" where the journal does not say. frames: number they
-    worked on; accepted: of those, accepted by them; accepted_untouched: share of the accepted whose labels
+    first, last: times of their work, ISO 8601 UTC, "" if unknown. frames: number of frames that they
+    edited; accepted: of those, accepted by them; accepted_untouched: share of the accepted whose labels
     are as they were at first. seconds_median, seconds_p90: active seconds a frame.
-    seconds: active seconds by kind. strokes, undos, operations: how many. changed: share of the body's
-    pixels in their frames that are another part in the end, by their hand. parts: by name.
+    seconds: active seconds by kind. strokes, undos, operations: counts. changed: share of the body's
+    pixels in their frames whose part they changed in the end. parts: by name.
     """
 
     who: str
@@ -57,7 +57,7 @@ class PersonWork:
 
 @dataclass(frozen=True)
 class Audit:
-    """people: who worked most first. rejected: frame id -> why it stands rejected."""
+    """people: the one with most frames first. rejected: frame id -> reason of its rejection."""
 
     people: tuple[PersonWork, ...]
     rejected: dict[str, str]
@@ -69,7 +69,7 @@ class Audit:
 
 @dataclass(frozen=True)
 class _Visit:
-    """One person's entries on one frame, and what stands of them: pixels before and after, body's size."""
+    """One person's entries on one frame. before, after: uint8 (n,), parts of the pixels they changed last."""
 
     strokes: tuple[Stroke, ...]
     before: UInt8
@@ -79,7 +79,7 @@ class _Visit:
 
 
 def audit(labels: LabelSet, journal: Journal) -> Audit:
-    """What was done to a label set. Raises FormatError when its journal or a frame is corrupt."""
+    """The audit of a label set. Raises FormatError when its journal or a frame is corrupt."""
     visits: defaultdict[str, list[_Visit]] = defaultdict(list)
     rejected = {}
     for frame_id in sorted(set(labels.frame_ids) & set(journal.frame_ids)):
@@ -88,13 +88,13 @@ def audit(labels: LabelSet, journal: Journal) -> Audit:
             visits[who].append(visit)
         if (reason := rejection(strokes)) is not None:
             rejected[frame_id] = reason
-    people = [_person(who, theirs) for who, theirs in visits.items()]
+    people = [_person(who, of_person) for who, of_person in visits.items()]
     people.sort(key=lambda person: (-person.frames, person.who))
     return Audit(tuple(people), rejected)
 
 
 def _visits(strokes: Sequence[Stroke], before: UInt8, after: UInt8) -> Iterator[tuple[str, _Visit]]:
-    """Every person of a frame, a changed pixel going to who changed it last."""
+    """The visit of every person to a frame; a changed pixel belongs to the person who changed it last."""
     names = list(dict.fromkeys(stroke.who for stroke in strokes))
     last = np.zeros(before.size, np.intp)
     for stroke in strokes:
@@ -102,9 +102,9 @@ def _visits(strokes: Sequence[Stroke], before: UInt8, after: UInt8) -> Iterator[
     changed = (before != after).ravel()
     body_px = int(((before != BACKGROUND) | (after != BACKGROUND)).sum())
     for number, who in enumerate(names):
-        theirs = tuple(stroke for stroke in strokes if stroke.who == who)
+        own = tuple(stroke for stroke in strokes if stroke.who == who)
         at = np.flatnonzero(changed & (last == number))
-        yield who, _Visit(theirs, before.ravel()[at], after.ravel()[at], body_px, not changed.any())
+        yield who, _Visit(own, before.ravel()[at], after.ravel()[at], body_px, not changed.any())
 
 
 def _person(who: str, visits: Sequence[_Visit]) -> PersonWork:
@@ -140,10 +140,10 @@ def _by_part(strokes: Sequence[Stroke], visits: Sequence[_Visit]) -> dict[str, P
     given = [stroke for stroke in strokes if is_stroke(stroke)]
     work = {}
     for part, name in _NAMES.items():
-        ours = [stroke for stroke in given if stroke.part == part]
-        seconds = round(sum(stroke.active_seconds for stroke in ours), 3)
-        if ours or gained[part] or lost[part]:
-            work[name] = PartWork(len(ours), seconds, int(gained[part]), int(lost[part]))
+        own = [stroke for stroke in given if stroke.part == part]
+        seconds = round(sum(stroke.active_seconds for stroke in own), 3)
+        if own or gained[part] or lost[part]:
+            work[name] = PartWork(len(own), seconds, int(gained[part]), int(lost[part]))
     return work
 
 

@@ -1,10 +1,11 @@
-"""A correction session over a label set: open, correct frame by frame, be killed, and go on.
+"""A correction session over a label set that can be killed at any time and continued.
 
 On disk: ``frames/`` holds the labels as last saved, ``journal.jsonl`` every stroke, ``original/`` each
-corrected frame's labels before its first one. A frame's notes say how many entries of the journal its saved
-labels include ("journal"); the later ones are applied when it is read. That is safe at every moment, since
-the journal is written first and applying an entry twice, in order, is applying it once. Frames are saved on
-a verdict, on leaving them, and when a killed session is opened again: a stroke waits for one write only.
+corrected frame's labels before its first one. A frame's note "journal" counts the entries of the journal that
+its saved labels include; the later ones are applied when it is read. That is safe at every moment, since the
+journal is written first, and applying an entry twice, in order, is the same as applying it once. Frames are
+saved on a verdict, on leaving them, and when a killed session is opened again: a stroke waits for one write
+only.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -32,11 +33,11 @@ class RestorableError(FormatError):
 
 
 class Correction:
-    """One person correcting one label set; a context manager that saves and gives the set up.
+    """One person correcting one label set; a context manager that saves and releases the set.
 
-    labels, journal: what is on the disk. who: the person. read_only: whether strokes are refused.
+    labels, journal: the set on the disk. who: the person. read_only: whether strokes are refused.
     Strokes are on the disk when an editor's operation returns. When the disk refuses them, the operation
-    raises NotSavedError after it took effect; they are kept in memory and tried again at every stroke.
+    raises NotSavedError after it took effect; they are kept in memory and written again at every stroke.
     """
 
     def __init__(
@@ -94,7 +95,7 @@ class Correction:
         return len(self.journal.pending)
 
     def frame(self, frame_id: str) -> FrameLabels:
-        """A frame as it stands, after its last stroke. Other threads may call it, to prefetch.
+        """A frame after its last stroke. Other threads may call this, to read ahead.
 
         Raises RestorableError when its labels are corrupt but can be rebuilt, FormatError when not.
         """
@@ -109,7 +110,7 @@ class Correction:
         return after(saved, self._later(frame_id, saved.notes))
 
     def edit(self, frame_id: str) -> Editor:
-        """An editor on a frame, its history as it was left; every stroke goes to the journal.
+        """An editor of a frame, with the history of its strokes; every stroke goes to the journal.
 
         Frames edited before are saved. Raises what ``frame`` raises, and CloudError when read-only.
         """
@@ -128,7 +129,7 @@ class Correction:
         return editor
 
     def save(self, frame_id: str) -> None:
-        """Save a frame's labels as they stand. Raises NotSavedError; the strokes are in the journal."""
+        """Save a frame's labels. Raises NotSavedError; the strokes are in the journal."""
         frame, editor = self._opened[frame_id]
         if not self.journal.strokes(frame_id):
             return
@@ -138,7 +139,7 @@ class Correction:
         self._unsaved.discard(frame_id)
 
     def leave(self, frame_id: str) -> None:
-        """Save a frame that was edited, if anything was done to it, and let it go."""
+        """Save a frame that was edited, and close its editor."""
         editor = self._opened[frame_id][1]
         editor.leave()
         if frame_id in self._unsaved:
@@ -146,18 +147,18 @@ class Correction:
         del self._opened[frame_id]
 
     def flush(self) -> None:
-        """Bring to the disk what it refused before. Raises NotSavedError."""
+        """Write the entries that the disk refused before. Raises NotSavedError."""
         with _saving(self.labels.path):
             for frame_id in sorted({stroke.frame_id for stroke in self.journal.pending}):
                 self.labels.keep_original(frame_id)
             self.journal.flush()
 
     def state(self, frame_id: str) -> State:
-        """How far a frame is."""
+        """The state of a frame."""
         strokes = self.journal.strokes(frame_id)
         if any(stroke.operation != "leave" for stroke in strokes):
             return state_of(strokes)
-        # Asked of every frame again and again, and nobody else writes the set.
+        # Needed again and again for every frame, and nobody else writes the set.
         if frame_id not in self._statuses:
             self._statuses[frame_id] = self.labels.status(frame_id)
         return state_of(strokes, self._statuses[frame_id])
@@ -194,22 +195,25 @@ class Correction:
         return frame
 
     def close(self) -> None:
-        """Save what is open and give the set up. Raises NotSavedError, the set still claimed, when the disk
-        refuses strokes: call it again, or ``abandon``."""
+        """Save the open frames and release the set.
+
+        Raises NotSavedError, the set still claimed, when the disk refuses strokes: call it again, or
+        ``abandon``.
+        """
         for frame_id in list(self._opened):
             self.leave(frame_id)
         self.flush()
         self.abandon()
 
     def abandon(self) -> None:
-        """Give the set up as it is on the disk."""
+        """Release the set as it is on the disk."""
         if self._claim:
             self._claim.release()
 
     def _later(self, frame_id: str, notes: dict[str, Any]) -> Sequence[Stroke]:
         """Entries that a saved frame with these notes does not include yet.
 
-        A copy of a set without its journal and originals has labels without a history: all of them count.
+        The labels of a copy without journal and originals have no history: there are no entries to apply.
         """
         strokes, included = self.journal.strokes(frame_id), notes.get("journal", 0)
         if not strokes and not self.labels.has_original(frame_id):
@@ -222,7 +226,7 @@ class Correction:
         return strokes[included:]
 
     def _begun(self, frame_id: str) -> FrameLabels:
-        """The frame; if it comes from a copy of a set without its journal, its history begins anew."""
+        """The frame; in a copy of a set without its journal, its history begins anew."""
         frame = self.frame(frame_id)
         if frame.notes.get("journal") and not self.journal.strokes(frame_id):
             frame = replace(frame, notes={k: v for k, v in frame.notes.items() if k != "journal"})
@@ -233,7 +237,7 @@ class Correction:
     def _recover(self) -> None:
         """Save the frames whose last strokes a killed session left in the journal alone."""
         for frame_id in sorted(set(self.journal.frame_ids) & set(self.labels.frame_ids)):
-            # What is corrupt blocks that frame once it is wanted; what cannot be saved is in the journal.
+            # A corrupt frame is refused when it is opened; strokes that cannot be saved are in the journal.
             with suppress(CloudError, OSError):
                 if self._later(frame_id, self.labels.notes(frame_id)):
                     self._write(self.frame(frame_id))

@@ -1,4 +1,4 @@
-"""The correction core: one frame's labels in a person's hands. No window, no file, all of it scriptable.
+"""The operations that change one frame's labels. No window and no file here.
 
 Every operation computes its result first and then replaces, by one stroke; ``undo`` takes back one stroke.
 """
@@ -18,9 +18,10 @@ from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED
 from sensors.errors import CloudError
 
 ARMS, LEGS = LEFT_RIGHT[:2], LEFT_RIGHT[2:]
-"""The limbs that a person takes for one another, as (left, right) twins."""
+"""The limbs that can be confused with each other, as (left, right) pairs."""
 SAME_DEPTH = 0.05
-"""Depths that differ by a smaller share, from one frame to the next, show the same thing: 10 cm at 2 m."""
+"""Largest depth difference of the same surface from one frame to the next, as a share of depth: 10 cm at 2 m.
+Chosen by eye."""
 
 
 class Editor:
@@ -30,12 +31,11 @@ class Editor:
     locks: part ids whose pixels stay as they are: a locked part neither loses nor gains any. With the
     background locked, the person's outline stays.
     only: the one part that may be replaced, or None for any.
-    who: the person's name. time: their active time, marked by whoever sees the events.
-    history: what can be undone and redone, without limit.
+    who: the person's name. time: their active time. history: the strokes to undo and redo, without limit.
 
     Operations return the stroke, or None when nothing would change. They raise CloudError on part ids and
-    pixels that do not exist, and what ``record`` raises: then the stroke has its effect all the same.
-    ``record`` is called with every stroke once it has its effect (``correction`` writes the journal there).
+    pixels that do not exist, and what ``record`` raises: the stroke took effect nevertheless.
+    ``record`` is called with every stroke after it took effect (``correction`` writes the journal there).
     ``pixels`` are flat indices (n,) into the image, or a mask (h, w).
     """
 
@@ -58,15 +58,15 @@ class Editor:
 
     @property
     def parts(self) -> UInt8:
-        """Part ids (h, w) as they stand; a view that cannot be written to and follows every stroke."""
+        """Part ids (h, w) after the last stroke; a read-only view that follows every stroke."""
         view = self._parts.view()
         view.flags.writeable = False
         return view
 
-    # What changes labels
+    # Changes of labels
 
     def paint(self, pixels: NDArray[np.generic], part: int, how: Gesture = KEY) -> Stroke | None:
-        """Give pixels a part; 0 takes them from the person, 255 leaves them undefined."""
+        """Give pixels a part: 0 for background, 255 for undefined."""
         _known(part)
         at = self._flat(pixels)
         return self._change("paint", at, np.full(len(at), part, np.uint8), part, how)
@@ -77,7 +77,7 @@ class Editor:
         return self.replace("fill_holes", filled(self._parts, self.depth_mm, part), part, how)
 
     def remove_islands(self, part: int | None = None, how: Gesture = KEY) -> Stroke | None:
-        """Give the islands of a part, or of all, to what they touch (``cleanup.without_islands``)."""
+        """Give the islands of a part, or of all, to the parts they touch (``cleanup.without_islands``)."""
         return self.replace("remove_islands", without_islands(self._parts, self.depth_mm, part), part, how)
 
     def swap_left_right(
@@ -86,9 +86,9 @@ class Editor:
         pixels: NDArray[np.generic] | None = None,
         how: Gesture = KEY,
     ) -> Stroke | None:
-        """Exchange left parts with their right twins: ARMS, LEGS or all; in some pixels, or in all.
+        """Exchange left and right parts: ARMS, LEGS or all; in some pixels, or in all.
 
-        A pair of which one is locked stays.
+        A pair with a locked part is not exchanged.
         """
         table = np.arange(256, dtype=np.uint8)
         for left, right in pairs:
@@ -100,7 +100,7 @@ class Editor:
     def merge(
         self, source: int, target: int, pixels: NDArray[np.generic] | None = None, how: Gesture = KEY
     ) -> Stroke | None:
-        """Make one part of another: all of ``source``, or its share of some pixels, becomes ``target``."""
+        """Turn one part into another: all of ``source``, or its pixels among some, become ``target``."""
         _known(source)
         _known(target)
         at = self._flat(pixels)
@@ -108,11 +108,11 @@ class Editor:
         return self._change("merge", at, np.full(len(at), target, np.uint8), target, how)
 
     def neighbours(self, pixels: NDArray[np.generic]) -> list[int]:
-        """Part ids that ``to_neighbour`` can send these pixels to, the one they touch most first."""
+        """Part ids that these pixels touch, the one with the longest border first."""
         return neighbours(self._parts, self._flat(pixels))
 
     def to_neighbour(self, pixels: NDArray[np.generic], choice: int = 0, how: Gesture = KEY) -> Stroke | None:
-        """Give pixels to the neighbouring part they touch most; ``choice`` 1 takes the second best."""
+        """Give pixels to the neighbouring part that they touch most. choice: 1 for the second most."""
         at = self._flat(pixels)
         found = neighbours(self._parts, at)
         if not 0 <= choice < len(found):
@@ -122,7 +122,7 @@ class Editor:
     def copy_previous(
         self, previous: FrameLabels, pixels: NDArray[np.generic] | None = None, how: Gesture = KEY
     ) -> Stroke | None:
-        """Take the labels of another frame where it shows the same thing: at nearly the same depth."""
+        """Copy the labels of another frame where it shows the same surface: at nearly the same depth."""
         self._same_shape(previous.parts)
         at = self._flat(pixels)
         now, then = (depth.ravel()[at].astype(np.float32) for depth in (self.depth_mm, previous.depth_mm))
@@ -131,7 +131,7 @@ class Editor:
         return self._change("copy_previous", at, previous.parts.ravel()[at], None, how)
 
     def propagate(self, parts: UInt8, how: Gesture = KEY) -> Stroke | None:
-        """Replace the labels by propagated ones (h, w); undefined ones change nothing."""
+        """Replace the labels by propagated ones (h, w), except where those are undefined."""
         self._same_shape(parts)
         return self.replace("propagate", np.where(parts == UNDEFINED, self._parts, parts), None, how)
 
@@ -149,7 +149,7 @@ class Editor:
         at = np.flatnonzero(parts != self._parts)
         return at[self._allowed(at, parts.ravel()[at])]
 
-    # Back and forth
+    # Undo and redo
 
     def undo(self, how: Gesture = KEY) -> Stroke | None:
         """Take back the last stroke; None when there is none."""
@@ -162,21 +162,21 @@ class Editor:
     # Verdicts and time
 
     def accept(self, how: Gesture = KEY) -> Stroke:
-        """The annotator holds the frame for right."""
-        return self._say("accept", how)
+        """The annotator accepts the frame."""
+        return self._judge("accept", how)
 
     def agree(self, how: Gesture = KEY) -> Stroke:
-        """A reviewer holds the frame for right."""
-        return self._say("agree", how)
+        """A reviewer agrees with the accepted frame."""
+        return self._judge("agree", how)
 
     def reject(self, reason: str, how: Gesture = KEY) -> Stroke:
-        """The frame is not right, or cannot be: the reason, one line. Raises CloudError without one."""
+        """Reject the frame for a reason, one line. Raises CloudError without one."""
         if not reason.strip():
             raise CloudError("a rejection needs a reason; write in a few words what is wrong")
-        return self._say("reject", how, " ".join(reason.split()))
+        return self._judge("reject", how, " ".join(reason.split()))
 
     def leave(self) -> Stroke | None:
-        """Keep the time spent since the last stroke; None when there was none."""
+        """Record the time spent since the last stroke; None when there was none."""
         seconds = self.time.take()
         if not seconds:
             return None
@@ -191,7 +191,7 @@ class Editor:
         runs = last.inverse_runs() if operation == "undo" else last.runs
         return self._do(operation, runs, last.part, how)
 
-    def _say(self, operation: Operation, how: Gesture, reason: str = "") -> Stroke:
+    def _judge(self, operation: Operation, how: Gesture, reason: str = "") -> Stroke:
         return self._do(operation, _NONE, None, how, reason)
 
     def _change(
@@ -214,7 +214,7 @@ class Editor:
         return stroke
 
     def _allowed(self, at: Int64, new: UInt8) -> Bool:
-        """Which of the flat pixels may become ``new``: depth, locks and ``only``."""
+        """Whether each of the flat pixels (n,) may become ``new``, by depth, locks and ``only``."""
         old = self._parts.ravel()[at]
         bare = (new == BACKGROUND) | (new == UNDEFINED)
         allowed = bare & (old != BACKGROUND) | self.valid.ravel()[at]

@@ -1,4 +1,4 @@
-"""What can be undone and redone on one frame, rebuilt from the journal by the rules that made it."""
+"""The strokes of one frame that can be undone and redone, rebuilt from the journal."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ class History:
 
     @classmethod
     def of(cls, strokes: Iterable[Stroke]) -> "History":
-        """The history that a frame's entries lead to. Raises FormatError as ``add`` does."""
+        """The history after a frame's entries. Raises FormatError as ``add`` does."""
         history = cls()
         for stroke in strokes:
             history.add(stroke)

@@ -1,7 +1,6 @@
-"""Which pixels a gesture means: shapes drawn on a view of the cloud, and pieces of its surface.
+"""The pixels that a gesture selects: by shapes drawn on a view of the cloud, or by pieces of its surface.
 
-Point index = pixel index: every function takes and gives flat indices (n,) into the depth image.
-Nothing here knows a window; a view is where each pixel's point lands on the screen.
+Point index = pixel index: all selections are flat indices (n,) into the depth image. No window here.
 """
 
 from dataclasses import dataclass
@@ -16,14 +15,15 @@ from annotate.cloud.grid import JUMP, components
 from sensors.errors import CloudError
 
 CELL_PX = 3
-"""Screen cells in which the nearest point hides the others."""
+"""Side of the screen cells in which the nearest point hides the others, in pixels. Chosen by eye."""
 BEHIND = 0.03
-"""Share of the distance that a point in front may lie behind its cell's nearest: 6 cm at 2 m."""
+"""Largest distance behind its cell's nearest point at which a point is still in front, as a share of its
+distance: 6 cm at 2 m. Chosen by eye."""
 
 
 @dataclass(frozen=True)
 class ScreenPoints:
-    """Where the cloud is seen. Taken once for every camera move.
+    """Screen positions of the points of a cloud, computed once for every camera move.
 
     xy_px: float32 (n, 2), screen position of each pixel's point, y down; NaN = not on the screen.
     distance_m: float32 (n,), from the eye. size_px: (width, height) of the screen. cell_px: size of the
@@ -66,7 +66,7 @@ class ScreenPoints:
 
     @cached_property
     def front(self) -> Bool:
-        """Which of all points (n,) are in front: none in their cell is nearer by more than BEHIND."""
+        """Whether each point (n,) is in front: none in its cell is nearer by more than BEHIND."""
         xy = self.xy_px[self.pixels].astype(np.int64) // self.cell_px
         across = self.size_px[0] // self.cell_px + 1
         cell = xy[:, 1] * across + xy[:, 0]
@@ -79,7 +79,7 @@ class ScreenPoints:
 
 
 def polygon(view: ScreenPoints, corners_px: NDArray[np.floating], through: bool = False) -> Int64:
-    """Points inside a lasso or polygon, corners (k, 2) in screen pixels; those in front, or all through."""
+    """Points inside a polygon with corners (k, 2) in screen pixels. through: not only those in front."""
     shape = np.zeros(view.size_px[::-1], np.uint8)
     cv2.fillPoly(shape, [_fixed(corners_px)], 1, shift=_SHIFT)
     return _under(view, shape, through)
@@ -99,7 +99,7 @@ def brush(
 
 
 def nearest(view: ScreenPoints, at_px: tuple[float, float], reach_px: float = 12.0) -> int | None:
-    """The front point nearest to a screen position, or None within ``reach_px``: what a click means."""
+    """The front point nearest to a screen position, or None if there is none within ``reach_px``."""
     found = brush(view, np.array([at_px], np.float64), reach_px)
     if not len(found):
         return None
@@ -108,7 +108,7 @@ def nearest(view: ScreenPoints, at_px: tuple[float, float], reach_px: float = 12
 
 
 def supervoxel(ids: Int32, parts: UInt8, pixel: int) -> Int64:
-    """The supervoxel under a pixel, as far as it has that pixel's part; empty where there is none.
+    """The pixels of the supervoxel under a pixel that have its part; empty where there is no supervoxel.
 
     ids: int32 (h, w), -1 = none. parts: uint8 (h, w).
     """
@@ -125,9 +125,9 @@ def patch(parts: UInt8, depth_mm: UInt16, pixel: int) -> Int64:
 
 
 def grow(ids: Int32, parts: UInt8, depth_mm: UInt16, pixels: Int64) -> Int64:
-    """The pixels and every supervoxel of the same part that their surface touches: one click more.
+    """The pixels, and every supervoxel of the same part that their surface touches.
 
-    The part is the one most of the pixels have. ids: int32 (h, w); parts: uint8 (h, w).
+    The part is that of most of the pixels. ids: int32 (h, w); parts: uint8 (h, w).
     """
     if not len(pixels):
         return pixels
@@ -135,7 +135,7 @@ def grow(ids: Int32, parts: UInt8, depth_mm: UInt16, pixels: Int64) -> Int64:
     chosen = np.zeros(parts.shape, np.uint8)
     chosen.reshape(-1)[pixels] = 1
     depth = np.where(chosen > 0, depth_mm, 0).astype(np.float32)
-    # Where the selection ends, its depth beside it: the deepest and, negated, the nearest.
+    # The greatest and the least depth of the selection beside every pixel.
     deepest = cv2.dilate(depth, _AROUND)
     near = -cv2.dilate(np.where(chosen > 0, -depth, np.float32(-1e6)), _AROUND)
     slack = JUMP * depth_mm

@@ -1,4 +1,4 @@
-"""What a frame's entries in the journal come to: its state, and what its notes say of the work."""
+"""A frame's state, and the summary of the work in its notes, from its entries in the journal."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from annotate.frame_labels import Status
 from annotate.labelset.stroke import Stroke
 
 State = Literal["auto", "touched", "accepted", "reviewed", "rejected"]
-"""Nobody has been here; begun; the annotator is done; a reviewer agrees; somebody rejects."""
+"""Not edited; edited; accepted by the annotator; agreed to by a reviewer; rejected."""
 _BASE: dict[Status, State] = {
     "auto": "auto",
     "corrected": "accepted",
@@ -18,7 +18,7 @@ _BASE: dict[Status, State] = {
 
 
 def state_of(strokes: Sequence[Stroke], saved: Status = "auto") -> State:
-    """A frame's state after its entries; ``saved`` is what it was before the first."""
+    """A frame's state after its entries. saved: its status before the first."""
     state = _BASE[saved]
     for stroke in strokes:
         if stroke.changes:
@@ -33,7 +33,7 @@ def state_of(strokes: Sequence[Stroke], saved: Status = "auto") -> State:
 
 
 def status_of(strokes: Sequence[Stroke], saved: Status = "auto") -> Status:
-    """The status that a frame is stored with after its entries."""
+    """A frame's status on disk after its entries. saved: its status before the first."""
     state = state_of(strokes, saved)
     if state == "reviewed":
         return "reviewed"
@@ -42,15 +42,15 @@ def status_of(strokes: Sequence[Stroke], saved: Status = "auto") -> Status:
 
 
 def rejection(strokes: Sequence[Stroke]) -> str | None:
-    """Why a frame stands rejected, or None."""
+    """The reason why a frame is rejected, or None."""
     if state_of(strokes) != "rejected":
         return None
     return next(stroke.reason for stroke in reversed(strokes) if stroke.operation == "reject")
 
 
 def notes_of(strokes: Sequence[Stroke]) -> dict[str, Any]:
-    """What a frame's notes say of the work: who and when last, active seconds, strokes, and how many
-    entries of the journal its labels include."""
+    """A frame's notes on the work: the last person and time, active seconds, counts of strokes, and the
+    number of entries of the journal that its labels include."""
     operations = Counter(stroke.operation for stroke in strokes if stroke.operation != "leave")
     return {
         "who": strokes[-1].who if strokes else "",
@@ -66,5 +66,5 @@ def notes_of(strokes: Sequence[Stroke]) -> dict[str, Any]:
 
 
 def is_stroke(stroke: Stroke) -> bool:
-    """Whether an entry changed labels, and not by going back or forth."""
+    """Whether an entry changed labels, other than by undo or redo."""
     return stroke.changes and stroke.operation not in ("undo", "redo")

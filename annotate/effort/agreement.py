@@ -1,4 +1,4 @@
-"""How far labels agree with a truth: the share of pixels right, strictly or with a tolerance at borders."""
+"""Agreement of labels with a truth: the share of right pixels, strictly or with a tolerance at borders."""
 
 import cv2
 import numpy as np
@@ -12,13 +12,13 @@ EVERYWHERE: Box = np.s_[:, :]
 
 
 class Agreement:
-    """A truth, to which labels are compared pixel by pixel.
+    """A truth to compare labels with, pixel by pixel.
 
     Counted are the pixels where truth or labels name a part; those undefined in the truth are left out.
-    A pixel is right where both say the same, and beside a border: where, within ``tolerance_px`` along rows
-    and columns (Chebyshev), the truth has what the labels say and the labels have what the truth says. So
-    a border may lie a little beside the true one, but whatever is missing altogether is wrong, however
-    thin. Only pixels with a reading lie beside anything, or a dropout would excuse a missing face.
+    A pixel is right where both are equal, and beside a border: where, within ``tolerance_px`` along rows
+    and columns (Chebyshev), the truth has the labelled part and the labels have the true part. So a border
+    may lie a little beside the true one, but a part that is missing altogether is wrong, however thin. Only
+    pixels with a reading count as neighbours, or a dropout would excuse a missing face.
     truth: uint8 (h, w). valid: bool (h, w), pixels with a depth reading.
     """
 
@@ -29,14 +29,14 @@ class Agreement:
             self._beside[part] = self._dilated(valid & (truth == part))
 
     def wrong(self, parts: UInt8, box: Box = EVERYWHERE) -> Bool:
-        """Which pixels of labels (h, w) are counted and wrong, in a box of the image."""
+        """Pixels (h, w) of labels that count and are wrong, in a box of the image."""
         truth, labels = self.truth[box], parts[box]
         wrong: Bool = self._counted(parts, box) & (labels != truth)
         if not self._reach_px or not wrong.any():
             return wrong
         v, u = np.nonzero(wrong)
-        said, true = np.minimum(labels[v, u], N_CLASSES), truth[v, u]
-        right = self._beside[:, *box][said, v, u]
+        given, true = np.minimum(labels[v, u], N_CLASSES), truth[v, u]
+        right = self._beside[:, *box][given, v, u]
         for part in np.unique(true[right]).tolist():
             own = np.flatnonzero(right & (true == part))
             beside = self._dilated(self._valid[box] & (labels == part))
@@ -76,7 +76,7 @@ class Agreement:
         return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
 
     def _around(self, pixels: Int64) -> Box:
-        """The box of all pixels whose verdict these can change, and of those that have a say there."""
+        """The box of all pixels whose result these can change, and of the neighbours that count there."""
         v, u = np.divmod(pixels, self.truth.shape[1])
         margin = 2 * self._reach_px
         top, left = max(0, int(v.min()) - margin), max(0, int(u.min()) - margin)

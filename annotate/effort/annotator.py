@@ -1,9 +1,9 @@
-"""The simulated annotator: how long a person would need to put a frame's labels right.
+"""The simulated annotator: the time that a person would need to correct a frame's labels.
 
-It works through the very operations the window offers (``edit``), as strokes of the one journal. It knows
-the truth only to see, as a person would, what is wrong; it then does whatever mends most per second
-(``keystrokes``), with a hand that errs (``hand``), takes back what went wrong, and stops when the frame is
-good enough or nothing helps.
+It works with the operations of the window (``edit``), as strokes of the journal. It uses the truth only to
+see, as a person would, what is wrong; it then makes the repair that corrects most pixels per second
+(``keystrokes``), with a hand that errs (``hand``), undoes repairs that went wrong, and stops when the frame
+is good enough or nothing helps.
 """
 
 import zlib
@@ -43,29 +43,30 @@ from annotate.parts import BACKGROUND
 
 WHO = "simulated"
 BEGAN_S = datetime(2026, 1, 5, 9, tzinfo=UTC).timestamp()
-"""When they sit down to work: always then, so that the same work leaves the same journal."""
+"""Start of the work, in seconds since the epoch: fixed, so that the same work gives the same journal."""
 AGREEMENT = 0.99
-"""Share of the person's pixels that has to be right before the frame is accepted."""
+"""Share of the counted pixels that must be right for the frame to be accepted. Chosen by eye."""
 TOLERANCE_PX = 2
-"""How far beside the true border a border may lie before a person minds: no hand draws more exactly than
-to a pixel or two, and the depth itself is no surer there."""
-SEEN = 5
-"""The worst patches, among which a person chooses what to do next; if nothing helps, the next worst."""
+"""Tolerance at borders, in pixels: neither a hand nor the depth itself is more exact there. Chosen by eye
+(docs/adr/0004)."""
+PATCHES_SEEN = 5
+"""Number of worst patches among which a person chooses the next repair; if none helps, the next worst. Chosen
+by eye."""
 LEAST_PX = (9, 3)
-"""Fewer pixels, three by three or 1 cm at 2 m, nobody mends while there is anything else to do; fewer than
-the second nobody at all."""
+"""Least number of wrong pixels of a patch that is repaired at first (three by three, or 1 cm at 2 m), and
+when nothing else is left. Chosen by eye."""
 MOST_REPAIRS = 60
-"""Then they give up."""
+"""Number of repairs after which a frame is accepted as it is. Chosen by eye."""
 CTRL_KEY = Gesture("key", keys=2)
-"""Ctrl and a letter: undo."""
+"""Gesture of undo: Ctrl and a letter."""
 TAKE_BACK_S = MENTAL_S + gesture_s(CTRL_KEY, 1.0)
-"""Seeing that a stroke went wrong, and undoing it."""
+"""Seconds to see that a stroke went wrong, and to undo it."""
 CARRIED = Gesture("key")
-"""What the window does by itself when accepting a frame opens the next, once that was switched on."""
+"""Gesture of corrections that the window carries over by itself when accepting a frame opens the next."""
 
 
 class Clock:
-    """The simulated annotator's own time, in seconds since the epoch."""
+    """The time of the simulated annotator, in seconds since the epoch."""
 
     def __init__(self) -> None:
         self.seconds = BEGAN_S
@@ -76,8 +77,8 @@ class Clock:
 
 @dataclass(frozen=True)
 class Effort:
-    """What a frame took. corrected: its labels afterwards; strokes: what was done, as the journal has it;
-    seconds: of a person's work; agreement: share right afterwards."""
+    """The work on a frame. corrected: its labels afterwards; strokes: its entries in the journal; seconds: of
+    a person's work; agreement: share of right pixels afterwards."""
 
     corrected: FrameLabels
     strokes: tuple[Stroke, ...]
@@ -86,13 +87,13 @@ class Effort:
 
     @property
     def repairs(self) -> int:
-        """Operations beside looking and accepting, and what the window did by itself."""
+        """Number of operations other than accepting and those that the window made by itself."""
         return sum(stroke.operation != "accept" and stroke.how != CARRIED for stroke in self.strokes)
 
 
 @dataclass(frozen=True)
 class _Option:
-    """A repair, the pixels it puts right, and the seconds it takes."""
+    """A repair, the number of pixels it corrects, and the seconds it takes."""
 
     repair: Repair
     gain: int
@@ -106,8 +107,8 @@ class _Option:
 class Annotator:
     """A simulated person at the window. clock: their time, for the editors and corrections they work in.
 
-    goal: the agreement they work to. tolerance_px: how far beside the true border a border may lie before
-    they mind. at_once: patches of one part that they take in with one look (``keystrokes``).
+    goal: the agreement at which they accept. tolerance_px: at borders. at_once: number of patches of one
+    part that they see with one look (``keystrokes``).
     """
 
     def __init__(self, goal: float = AGREEMENT, tolerance_px: int = TOLERANCE_PX, at_once: int = 1) -> None:
@@ -118,7 +119,7 @@ class Annotator:
         """Work on one frame until it is right enough or nothing helps, and accept it.
 
         editor: of that frame, with this annotator's clock. truth: uint8 (h, w). supervoxels: int32 (h, w).
-        propagated: parts (h, w) as the window carried corrections over on opening the frame.
+        propagated: parts (h, w) that the window carried over when it opened the frame.
         """
         agreement = Agreement(truth, editor.valid, self.tolerance_px)
         imagined, rng = np.random.default_rng(zlib.crc32(editor.frame_id.encode())).spawn(2)
@@ -145,7 +146,7 @@ class Annotator:
         editor.accept()
 
     def _choose(self, sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]) -> _Option | None:
-        """The repair that puts most pixels right per second; more than the goal needs counts nothing."""
+        """The repair that corrects most pixels per second; pixels beyond the goal do not count."""
         parts = sight.editor.parts
         needed = self._needed(parts, agreement)
         if needed <= 0:
@@ -153,21 +154,21 @@ class Annotator:
         found = patches(parts, agreement)
         for least_px in LEAST_PX:
             worth = [patch for patch in found if patch.wrong >= least_px]
-            for first in range(0, len(worth), SEEN):
-                options = self._options(worth[first : first + SEEN], sight, agreement, tried)
+            for first in range(0, len(worth), PATCHES_SEEN):
+                options = self._options(worth[first : first + PATCHES_SEEN], sight, agreement, tried)
                 enough = [option for option in options if option.gain >= least_px]
                 if enough:
                     return max(enough, key=lambda option: min(option.gain, needed) / option.seconds)
         return None
 
     def _needed(self, parts: UInt8, agreement: Agreement) -> float:
-        """Pixels of labels (h, w) to put right yet."""
+        """Number of pixels of labels (h, w) to correct until the goal."""
         return int(agreement.wrong(parts).sum()) - (1 - self.goal) * agreement.counted(parts)
 
     def _options(
         self, found: list[Patch], sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]
     ) -> Iterator[_Option]:
-        """Every repair of these patches that was not tried, alone and with others of the same part."""
+        """Every untried repair of these patches, alone and together with others of the same part."""
         best: dict[int, list[_Option]] = defaultdict(list)
         for patch in found:
             options = [
@@ -192,7 +193,7 @@ class Annotator:
         return _Option(repair, gain, moves_s(repair.moves, self._tools))
 
     def _carry_out(self, sight: Sight, repair: Repair, rng: np.random.Generator) -> int:
-        """Number of strokes made."""
+        """Make a repair; returns the number of its strokes."""
         editor, strokes = sight.editor, 0
         self._spend(editor, "looking", MENTAL_S)
         for move in repair.moves:
@@ -208,7 +209,7 @@ class Annotator:
         return strokes
 
     def _harmed(self, carried: UInt8, automatic: UInt8, best: _Option | None, agreement: Agreement) -> bool:
-        """Whether taking back what was carried over puts more right per second than the best repair."""
+        """Whether undoing what was carried over corrects more pixels per second than the best repair."""
         needed = self._needed(carried, agreement)
         gain = int(agreement.wrong(carried).sum()) - int(agreement.wrong(automatic).sum())
         if needed <= 0 or gain <= 0:
@@ -217,7 +218,7 @@ class Annotator:
         return best is None or undoing > min(best.gain, needed) / best.seconds
 
     def _take_back(self, editor: Editor, strokes: int) -> None:
-        """See that it went wrong, and undo it."""
+        """Undo strokes that went wrong."""
         self._spend(editor, "looking", MENTAL_S)
         for _ in range(strokes):
             self._spend(editor, "painting", gesture_s(CTRL_KEY, 1.0))
@@ -237,8 +238,8 @@ def correct_set(
 ) -> Iterator[Effort]:
     """Let a simulated annotator correct a label set, frame by frame in order.
 
-    correction: with the annotator's clock. cloud_of: colours and temperatures of a frame, if they are to be
-    had. propagating: whether a frame begins with the corrections of those before it of the same person.
+    correction: with the annotator's clock. cloud_of: colours and temperatures of a frame, if there
+    are any. propagating: whether a frame begins with the corrections of those before it of the same person.
     """
     worked: list[CorrectedFrame] = []
     person = None
@@ -265,7 +266,7 @@ def correct_set(
 
 
 def _apply(sight: Sight, move: Move, corners: Float64 | None, how: Gesture) -> Stroke | None:
-    """Make a move through the editor."""
+    """Make a move with the editor."""
     editor = sight.editor
     if move.operation == "swap_left_right":
         return editor.swap_left_right(move.pairs, how=how)

@@ -1,4 +1,4 @@
-"""The hand of the simulated annotator: what it draws round or over a patch, and how exactly."""
+"""The hand of the simulated annotator: its lines round and over a patch, and their errors."""
 
 from dataclasses import dataclass
 
@@ -9,15 +9,15 @@ from annotate.array_types import Bool, Float64
 
 AROUND = np.ones((3, 3), np.uint8)
 BRUSHES_PX = (3.0, 6.0, 10.0)
-"""Radii of the brush in image pixels, where the image is not brought nearer."""
+"""Radii of the brush in image pixels, without zoom: those of ``gui.commands`` at the window's usual scale."""
 NOTCH = 1.2
-"""Times by which one notch of the wheel enlarges the image."""
+"""Factor by which one notch of the wheel enlarges the image, as in the window."""
 
 
 @dataclass(frozen=True)
 class Hand:
-    """A way of drawing. sd_px: standard deviation of its error in image pixels; slack_px: how far outside
-    the patch it aims, where that does no harm; notches: by which the wheel brings the image nearer first."""
+    """A way of drawing. sd_px: standard deviation of its error in image pixels; slack_px: distance outside
+    the patch at which it aims where that does no harm; notches: of the wheel, to zoom in first."""
 
     sd_px: float
     slack_px: int
@@ -25,23 +25,23 @@ class Hand:
 
     @property
     def zoom(self) -> float:
-        """How many times larger the image is for it."""
+        """Factor by which the image is enlarged for it."""
         return NOTCH**self.notches
 
 
 CAREFUL = Hand(sd_px=1.0, slack_px=2)
-"""Along a border that must be kept."""
+"""Along a border that must be kept. Chosen by eye."""
 QUICK = Hand(sd_px=2.5, slack_px=5)
-"""Round a patch, two standard deviations outside it, where what lies there is kept by the tool."""
+"""Round a patch, two standard deviations outside it, where the tool keeps the surroundings. Chosen by eye."""
 FINE = Hand(sd_px=0.5, slack_px=1, notches=4)
-"""A finger's breadth: the same hand before an image twice as large."""
+"""Round details as thin as a finger: the careful hand with an image twice as large."""
 
 
 def outline(patch: Bool, free: Bool, hand: Hand) -> Float64:
     """Corners (k, 2) as (u, v) of a lasso round a patch (h, w), simplified to the hand's error.
 
-    free: bool (h, w), pixels on which the lasso may do what it likes. Pieces of the patch closer than
-    five pixels are taken together, otherwise the largest counts. Source: Douglas & Peucker 1973.
+    free: bool (h, w), pixels that the lasso may include. Pieces of the patch closer than five pixels are
+    joined, otherwise the largest counts. Source: Douglas & Peucker 1973.
     """
     mask = cv2.morphologyEx(patch.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     wide = cv2.dilate(mask, AROUND, iterations=hand.slack_px)
@@ -61,7 +61,7 @@ def loop(patch: Bool, hand: Hand) -> Float64:
 
 
 def along(patch: Bool, radius_px: float) -> Float64:
-    """Path (k, 2) as (u, v) of a brush over a patch (h, w): along its main axis, through its middle."""
+    """Path (k, 2) as (u, v) of a brush over a patch (h, w), along its main axis."""
     v, u = np.nonzero(patch)
     points = np.stack([u, v], axis=1).astype(np.float64)
     middle = points.mean(axis=0)
@@ -74,7 +74,7 @@ def along(patch: Bool, radius_px: float) -> Float64:
 
 
 def drawn(corners: Float64, hand: Hand, rng: np.random.Generator) -> Float64:
-    """The corners (k, 2) as the hand really draws them."""
+    """The corners (k, 2) with the error of the hand."""
     return corners + rng.normal(0, hand.sd_px, corners.shape)
 
 

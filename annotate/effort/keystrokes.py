@@ -1,16 +1,16 @@
-"""What a person's work costs in seconds: the keystroke-level model, with a law for drawing.
+"""The duration of a person's work in seconds: the keystroke-level model, with a law for drawing.
 
 Operators and times: Card, Moran & Newell, The Psychology of Human-Computer Interaction, 1983, chapter 8.
 Keys lie under the left hand while the right one holds the mouse (``gui.keys``): no homing is charged.
 
-Mental preparation is charged once for every look: one before each patch that is mended, to find it and to
-choose what to do about it, and one that finds nothing wrong any more. Their rules charge less: a patch is
-an argument, and pointing at one takes no preparation (rule 0), nor does the button that was anticipated
-while pointing (rule 1); finding it would belong to acquiring the task, which their model leaves out. We
-follow Kieras (Using the keystroke-level model to estimate execution times, 1993, revised 2001), who charges
-it for finding something on the display and for a decision about strategy, since both are the work here.
-The looser reading, in which one look takes in up to four patches of one part as a chunk (rules 1 and 2; as
-many as people hold in mind at a time: Cowan, The magical number 4 in short-term memory, 2001), is
+Mental preparation is charged once for every look: one before each repaired patch, to find it and to choose
+the repair, and a last one that finds nothing wrong. The rules of Card et al. charge less: a patch is an
+argument, and pointing at one takes no preparation (rule 0), nor does the button that was anticipated while
+pointing (rule 1); finding it would belong to acquiring the task, which their model leaves out. Here, as in
+Kieras (Using the keystroke-level model to estimate execution times, 1993, revised 2001), it is charged for
+finding something on the display and for a decision about strategy, since both are the work here. The looser
+reading, in which one look takes in up to four patches of one part as a chunk (rules 1 and 2; as many as
+people hold in mind at a time: Cowan, The magical number 4 in short-term memory, 2001), is
 ``Annotator(at_once=4)``; figures of both: docs/adr/0009.
 """
 
@@ -32,21 +32,21 @@ CLICK_S = 2 * BUTTON_S
 NOTCH_S = KEY_S
 """The mouse wheel turned by one notch."""
 MENTAL_S = 1.35
-"""Mental preparation: looking at the frame, seeing what is wrong next and deciding what to do about it."""
+"""Mental preparation: looking at the frame, finding the next mistake and choosing its repair."""
 STEER_S = 0.1
 """Seconds for a drawn path as long as it is wide: slope of the steering law T = b * length / width
 (Accot & Zhai, Beyond Fitts' law, CHI 1997). Our assumption: the slope depends on device and person."""
 EFFECTIVE_WIDTH = 4.133
-"""Width of the path that a hand keeps to, in standard deviations of its error: it leaves it 4 % of the
-time (MacKenzie, Fitts' law as a research and design tool, 1992). So drawing carefully takes longer."""
+"""Width of the path within which a hand stays, in standard deviations of its error: it leaves the path 4 % of
+the time (MacKenzie, Fitts' law as a research and design tool, 1992). So drawing carefully takes longer."""
 PREVIEWED = ("fill_holes", "remove_islands")
-"""What shows first what it would do: one more look."""
+"""Operations with a preview, which takes one more look."""
 
 
 @dataclass(frozen=True)
 class Tools:
-    """What is set in the window and stays set: the part to paint, the tool, the brush's radius on the
-    screen, and whether strokes take the room too."""
+    """Settings of the window: the part to paint, the tool, the brush's radius on the screen, and whether
+    strokes include the room."""
 
     part: int | None = None
     tool: str = ""
@@ -56,12 +56,12 @@ class Tools:
     def set_for(self, move: Move) -> "Tools":
         """The settings that a move needs."""
         tool = "piece" if move.kind in ("supervoxel", "grow") else move.kind
-        minds_room = move.corners is not None and move.only is None and move.part != BACKGROUND
+        depends_on_room = move.corners is not None and move.only is None and move.part != BACKGROUND
         return Tools(
             self.part if move.part is None else move.part,
             self.tool if tool == "key" else tool,
             move.radius_px * move.hand.zoom or self.radius_px,
-            not move.keep_outline if minds_room else self.room,
+            not move.keep_outline if depends_on_room else self.room,
         )
 
     def keys(self, before: "Tools") -> int:
@@ -81,15 +81,14 @@ def gesture(move: Move, corners: Float64 | None, keys: int) -> Gesture:
 
 
 def move_s(move: Move, how: Gesture) -> float:
-    """Seconds that a move takes by this gesture: the image brought nearer for it and back, its preview
-    looked at."""
+    """Seconds of a move by this gesture, with zooming in and out and looking at its preview."""
     wheel_s = 2 * move.hand.notches * NOTCH_S
     preview_s = MENTAL_S if move.operation in PREVIEWED else 0.0
     return gesture_s(how, move.hand.sd_px * SCALE * move.hand.zoom) + wheel_s + preview_s
 
 
 def moves_s(moves: tuple[Move, ...], tools: Tools) -> float:
-    """Seconds for seeing what is wrong and mending it by these moves, drawn exactly."""
+    """Seconds to find a mistake and repair it by these moves, drawn exactly."""
     seconds = MENTAL_S
     for move in moves:
         needed = tools.set_for(move)
@@ -102,8 +101,7 @@ def gesture_s(how: Gesture, hand_sd_px: float) -> float:
     """Seconds that a gesture takes, without the mental preparation for it.
 
     hand_sd_px: standard deviation of the hand's error while drawing, in the pixels of ``how.path_px``.
-    A key's single point is the place it works on: what lies under the pointer. A click that grows a
-    piece is made where the pointer is already.
+    The single point of a key is the place under the pointer. A click that grows a piece needs no pointing.
     """
     seconds = how.keys * KEY_S + how.clicks * CLICK_S
     if how.kind in ("lasso", "brush"):

@@ -1,4 +1,4 @@
-"""What could be done about a wrong patch: every way that the window offers, with its effect and its price."""
+"""Repairs of a wrong patch: every operation of the window that could correct it, with its effect."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ from annotate.labelset.stroke import GestureKind, Operation
 from annotate.parts import BACKGROUND, BODY_PARTS, swap_left_right
 
 SCALE = 3.0
-"""Screen pixels to one of the depth image: a person 250 pixels high fills the window's height."""
+"""Screen pixels per pixel of the depth image: a person 250 pixels high fills the window's height."""
 MOST_CLICKS = (1, 2, 4)
-"""How many pieces a person clicks away before looking again."""
+"""Numbers of pieces that a person clicks before looking again. Chosen by eye."""
 MOST_GROWING = 4
-"""Clicks in place that grow a piece."""
+"""Largest number of clicks that grow a piece. Chosen by eye."""
 NEAR_PX = 60
-"""Patches no longer than this are worth bringing the image nearer."""
+"""Largest extent of a patch for which zooming in is worth while, in pixels. Chosen by eye."""
 
 
 @dataclass(frozen=True)
 class Patch:
-    """Connected pixels that should be one part. mask: bool (h, w); part: what they are; was: what most of
-    them are called; wrong: how many of them a person would mind."""
+    """Connected pixels that should be one part. mask: bool (h, w); part: the true one; was: the label of most
+    of them; wrong: number of them outside the tolerance."""
 
     mask: Bool
     part: int
@@ -40,10 +40,10 @@ class Patch:
 
 @dataclass(frozen=True)
 class Move:
-    """One thing the hand does. part: given, or None. corners: (k, 2) as (u, v) of what is drawn, with the
-    hand that draws it. pixel: flat index of what is pointed at. clicks: mouse clicks made there.
-    only: replace this part alone. keep_outline: leave person and background as they are. pairs: to swap.
-    keys: pressed for the operation itself."""
+    """One action of the hand. part: given, or None. corners: (k, 2) as (u, v) of the drawn line, with the
+    hand that draws it. pixel: flat index under the pointer. clicks: number of mouse clicks there. only: the
+    one part to replace. keep_outline: whether the background stays. pairs: to swap. keys: for the operation
+    itself."""
 
     operation: Operation
     kind: GestureKind
@@ -68,7 +68,7 @@ class Move:
 
 @dataclass(frozen=True)
 class Repair:
-    """Moves to make in turn, and what they should come to: the flat pixels (n,) and their parts then."""
+    """Moves to make in turn, and their intended result: flat pixels (n,) and the parts (n,) they get."""
 
     moves: tuple[Move, ...]
     pixels: Int64
@@ -81,7 +81,7 @@ class Repair:
 
 
 def in_one_go(several: Sequence[Repair]) -> Repair:
-    """Repairs with the same part of different patches as one."""
+    """Repairs of different patches with the same part, as one."""
     pixels, first = np.unique(np.concatenate([repair.pixels for repair in several]), return_index=True)
     parts = np.concatenate([repair.parts for repair in several])[first]
     return Repair(tuple(move for repair in several for move in repair.moves), pixels, parts)
@@ -89,8 +89,8 @@ def in_one_go(several: Sequence[Repair]) -> Repair:
 
 @dataclass(frozen=True)
 class Sight:
-    """What the annotator has before the eyes. supervoxels: int32 (h, w), -1 = none. imagined: chance by
-    which they imagine how exactly the hand will draw."""
+    """The view of the annotator. supervoxels: int32 (h, w), -1 = none. imagined: random numbers for the
+    errors of the hand that they expect."""
 
     editor: Editor
     view: ScreenPoints
@@ -98,7 +98,7 @@ class Sight:
     imagined: np.random.Generator
 
     def chosen(self, move: Move, corners: Float64 | None) -> Int64:
-        """Flat pixels that a move takes, drawn along ``corners``."""
+        """Flat pixels (n,) that a move selects, drawn along ``corners``."""
         parts = self.editor.parts
         if corners is not None:
             on_screen = (corners + 0.5) * SCALE
@@ -116,7 +116,7 @@ class Sight:
 
 
 def patches(parts: UInt8, agreement: Agreement) -> list[Patch]:
-    """The wrong patches of labels (h, w), the worst first. Dropouts do not cut a patch."""
+    """The wrong patches of labels (h, w), the largest first. Dropouts do not divide a patch."""
     wrong, truth = agreement.wrong(parts), agreement.truth
     found = []
     for part in np.unique(truth[wrong]).tolist():
@@ -132,7 +132,7 @@ def patches(parts: UInt8, agreement: Agreement) -> list[Patch]:
 
 
 def repairs(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Repair]:
-    """Every way to mend one patch."""
+    """Every repair of one patch."""
     for move in (*_drawings(patch, sight, agreement), *_growings(patch, sight, agreement)):
         yield _painting(sight, (move,))
     clicks = tuple(_clicks(patch, sight, agreement))
@@ -143,7 +143,7 @@ def repairs(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Repair
 
 
 def repairs_of_frame(sight: Sight, wanted: set[int]) -> Iterator[Repair]:
-    """Every way to mend the frame as a whole. wanted: parts that lack pixels."""
+    """Every repair of the frame as a whole. wanted: parts that lack pixels."""
     parts, depth_mm = sight.editor.parts, sight.editor.depth_mm
     twins = swap_left_right(parts)
     for pairs in (ARMS, LEGS):
@@ -158,7 +158,7 @@ def repairs_of_frame(sight: Sight, wanted: set[int]) -> Iterator[Repair]:
 
 
 def _drawings(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:
-    """Lassos along the patch and right round it, and the brush."""
+    """Lassos along the patch and around it, and brush strokes."""
     parts, part = sight.editor.parts, patch.part
     free = ~sight.editor.valid | ((parts == part) & (agreement.truth == part)) | patch.mask
     careful = hand.outline(patch.mask, free, CAREFUL)
@@ -195,7 +195,7 @@ def _clicks(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:
 
 
 def _growings(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:
-    """One click on a supervoxel, and more in place that grow it."""
+    """One click on a supervoxel, and further clicks that grow it."""
     for start in list(_clicks(patch, sight, agreement))[:1]:
         for clicks in range(2, 2 + MOST_GROWING):
             yield Move("paint", "grow", patch.part, pixel=start.pixel, clicks=clicks)
@@ -216,7 +216,7 @@ def _of_piece(patch: Patch, sight: Sight) -> Iterator[Repair]:
 
 
 def _painting(sight: Sight, moves: tuple[Move, ...]) -> Repair:
-    """What painting would come to, drawn as people know their hand."""
+    """The repair by painting, drawn with the expected error of the hand."""
     pixels = np.unique(np.concatenate([sight.chosen(move, _imagined(sight, move)) for move in moves]))
     editor, move = sight.editor, moves[0]
     assert move.part is not None

@@ -21,18 +21,19 @@ from annotate.gui.projection import project
 from annotate.gui.scene import FrameScene
 
 MOVING_POINTS = 16_000
-"""As many points are drawn while the view moves: a frame every 20 ms without a graphics card."""
-SETTLED_MS = 180
-"""After a step of the wheel the view counts as moving for this long."""
+"""Number of points drawn while the view moves. Measured: a frame every 20 ms without a graphics card."""
+MOVING_MS = 180
+"""Time for which the view counts as moving after a step of the wheel, in milliseconds. Chosen by eye."""
 IN_VIEW = 0.97
-"""Share of the person that has to be on the screen for the view to stay from frame to frame."""
-MIN_POINT_PX, MAX_POINT_PX = 2.0, 14.0
+"""Share of the person that must be on the screen for the view to stay from frame to frame. Chosen by eye."""
+POINT_PX = (2.0, 14.0)
+"""Least and greatest size of a point in logical pixels. Chosen by eye."""
 
 Colors = Callable[[Int64], UInt8]
 
 
 class Points:
-    """One actor of coloured points, each of them a pixel of the depth image."""
+    """One VTK actor of coloured points, each of them a pixel of the depth image."""
 
     def __init__(self, plotter: QtInteractor, name: str) -> None:
         self._plotter, self._name = plotter, name
@@ -58,7 +59,7 @@ class Points:
             show_scalar_bar=False,
             pickable=False,
         )
-        # Spares VTK the search for transparent colours: a quarter of the time of a frame.
+        # Without a search for transparent colours, which took a quarter of the time of a frame.
         self.actor.ForceOpaqueOn()
 
     def recolor(self, pixels: Int64, rgb: UInt8) -> None:
@@ -70,13 +71,13 @@ class Points:
         colors[rows[rows >= 0], :3] = rgb[rows >= 0]
 
     def show_only(self, shown: Bool) -> None:
-        """Draw but those of ``pixels`` (n,) for which ``shown`` (n,) is set."""
+        """Draw only those of ``pixels`` (n,) for which ``shown`` (n,) is set."""
         rows = np.flatnonzero(shown) if len(self.pixels) else np.empty(0, np.int64)
         self._mesh.verts = np.r_[len(rows), rows] if len(rows) else np.empty(0, np.int64)
 
 
 class CloudView(QWidget):
-    """A frame's cloud. pointing: shapes drawn on it. moved: the view was turned, shifted or neared."""
+    """A frame's cloud. pointing: shapes drawn on it. moved: the view was turned, shifted or zoomed."""
 
     moved = Signal()
     failed = Signal(str)
@@ -88,7 +89,7 @@ class CloudView(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.plotter)
         self.pointing = Pointing(self.plotter)
-        # Asked before the drawing tools, which never see what moves the view.
+        # Installed last, so it comes before the drawing tools: they get no events that move the view.
         self.plotter.installEventFilter(self)
         self.plotter.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._person, self._room, self._moving = (
@@ -99,15 +100,15 @@ class CloudView(QWidget):
         self._shown: Bool = np.empty(0, np.bool_)
         self._seen: ScreenPoints | None = None
         self._grip: QPointF | None = None
-        # Whether the view is as it was fitted, and nobody has moved it since.
+        # Whether the view was fitted and has not been moved since.
         self._fitted = False
-        self._settle = QTimer(self, singleShot=True, interval=SETTLED_MS)
-        self._settle.timeout.connect(lambda: self._set_moving(False))
+        self._still = QTimer(self, singleShot=True, interval=MOVING_MS)
+        self._still.timeout.connect(lambda: self._set_moving(False))
 
-    # What is shown
+    # Showing
 
     def load(self, scene: FrameScene, colors: Colors, shown: Bool) -> None:
-        """Show another frame, seen as the last one if the person is in view. shown: bool (h * w,)."""
+        """Show another frame, from the same side if the person is in view. shown: bool (h * w,)."""
         first, self.scene = self.scene is None, scene
         near = np.flatnonzero(scene.near)
         mixed = np.r_[near, scene.room]
@@ -127,7 +128,7 @@ class CloudView(QWidget):
         self.plotter.update()
 
     def set_shown(self, shown: Bool) -> None:
-        """Draw, and let choose, but these pixels, bool (h * w,)."""
+        """Draw, and allow to choose, only these pixels, bool (h * w,)."""
         self._shown, self._seen = shown, None
         for points in (self._person, self._room, self._moving):
             points.show_only(shown[points.pixels])
@@ -139,12 +140,12 @@ class CloudView(QWidget):
         self.plotter.update()
 
     def look_ahead(self) -> None:
-        """See the person as the depth camera does."""
+        """Show the person as the depth camera sees them."""
         self.orbit = replace(self.orbit, azimuth_deg=0.0, elevation_deg=0.0)
         self._fit()
 
     def _fit(self) -> None:
-        """Bring the person in full into view, from the side that is looked at."""
+        """Fit the whole person into the view, from the same side."""
         if self.scene is None:
             return
         front = front_view(self.scene.points_m[_person(self.scene)], self._aspect)
@@ -158,10 +159,10 @@ class CloudView(QWidget):
         person = np.flatnonzero(_person(scene))
         return not len(person) or float(np.isin(person, self.view().pixels).mean()) > IN_VIEW
 
-    # What is chosen
+    # Choosing pixels
 
     def view(self) -> ScreenPoints:
-        """Where every point is on the screen; computed once after every move."""
+        """Screen positions of all points, computed once after every move."""
         if self._seen is None and self.scene:
             matrix = self.plotter.camera.GetCompositeProjectionTransformMatrix(self._aspect, -1, 1)
             numbers = np.array([[matrix.GetElement(r, c) for c in range(4)] for r in range(4)])
@@ -171,11 +172,11 @@ class CloudView(QWidget):
         return self._seen
 
     def pixel_at(self, place: QPointF) -> int | None:
-        """The pixel whose point is drawn at a place of the view, or None."""
+        """The pixel whose point is drawn at a position of the view, or None."""
         return select.nearest(self.view(), (place.x(), place.y())) if self.scene else None
 
     def pixels_in(self, drawing: Drawing) -> Int64:
-        """The pixels that a shape drawn on the view takes."""
+        """The pixels that a shape drawn on the view selects."""
         return drawing.pixels(self.view())
 
     def mark(self, pixel: int | None) -> None:
@@ -186,13 +187,13 @@ class CloudView(QWidget):
     # Moving the view
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: VTK's own interaction and keys are never reached."""
+        """Qt's hook: keeps all events from VTK's own interaction and keys."""
         kind = event.type()
         if isinstance(event, QWheelEvent):
             if event.modifiers() & Qt.KeyboardModifier.ShiftModifier:
                 return False
             self._move(self.orbit.neared(event.angleDelta().y() / 120))
-            self._settle.start()
+            self._still.start()
             return True
         if kind in (QEvent.Type.KeyPress, QEvent.Type.KeyRelease):
             event.ignore()
@@ -203,7 +204,7 @@ class CloudView(QWidget):
         return isinstance(event, QMouseEvent) and self._gripped(kind, event)
 
     def _gripped(self, kind: QEvent.Type, event: QMouseEvent) -> bool:
-        """Right button: turn; middle button: shift. True for what is no business of the tools."""
+        """Turn with the right button, shift with the middle one; returns whether the event was for that."""
         grips = (Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton)
         if (
             kind in (QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick)
@@ -239,14 +240,14 @@ class CloudView(QWidget):
         self._apply()
 
     def _apply(self) -> None:
-        """Put the camera where the orbit says, and the points at a size that closes the surface."""
+        """Place the camera on its orbit, and give the points a size that closes the surface."""
         if self.scene is None:
             return
         camera, orbit = self.plotter.camera, self.orbit
         camera.position, camera.focal_point = orbit.position_m.tolist(), orbit.target_m
         camera.up, camera.view_angle = (0.0, -1.0, 0.0), orbit.angle_deg
         self.plotter.renderer.ResetCameraClippingRange()
-        size_px = float(np.clip(1.25 * self._spacing_px, MIN_POINT_PX, MAX_POINT_PX))
+        size_px = float(np.clip(1.25 * self._spacing_px, *POINT_PX))
         for points, factor in ((self._person, 1.0), (self._room, self.scene.room_step), (self._moving, 2.0)):
             points.actor.prop.point_size = size_px * factor * self.devicePixelRatioF()
         self._seen = None
@@ -265,7 +266,7 @@ class CloudView(QWidget):
         return abs(spacing_m) * self.orbit.focal_px(self.plotter.height()) / self.orbit.distance_m
 
     def close_view(self) -> None:
-        """Give the graphics back; to be called before the window goes."""
+        """Release the graphics; to be called before the window closes."""
         self.plotter.close()
 
 

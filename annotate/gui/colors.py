@@ -1,4 +1,4 @@
-"""What colour every point has: part, camera colour, temperature, confidence or disagreement, shaded."""
+"""The colours of all points: by part, camera colour, temperature, confidence or disagreement, shaded."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -15,13 +15,13 @@ Visibility = Literal["shown", "faded", "hidden"]
 Rgb = tuple[int, int, int]
 
 ROOM_RGB = {True: (74, 80, 92), False: (168, 174, 184)}
-"""Background points on the dark and on the light ground."""
+"""Colours of background points on a dark (True) and on a light ground. Chosen by eye."""
 DIFFERS_RGB, SAME_RGB = (255, 176, 32), (110, 126, 150)
-"""What wants a look glows: where two sets differ, or where the labelling doubted."""
+"""Colours of points to check, where two sets differ or confidence is low, and of others. Chosen by eye."""
 COLD_C, HOT_C = 18.0, 38.0
-"""Range of the temperature colours: a cool room to a body's core."""
+"""Range of the temperature colours in degrees Celsius: from a cool room to a body's core. Chosen by eye."""
 FADE = 0.82
-"""How far a faded part goes towards the ground."""
+"""Share of the ground's colour in a faded part. Chosen by eye."""
 
 
 def colourings(scene: FrameScene) -> tuple[Colouring, ...]:
@@ -46,8 +46,8 @@ def point_colors(
 ) -> UInt8:
     """Colours (n, 3) of flat ``pixels`` (n,) under the part ids ``parts`` (h, w) of this moment.
 
-    visibility: of the parts that are not simply shown. ground: the colour behind, towards which faded
-    parts go. What a colouring has no value for is drawn in the room's grey.
+    visibility: of parts that are not fully shown. ground: the colour behind, into which faded parts blend.
+    Points without a value for the colouring are grey like the room.
     """
     part = parts.ravel()[pixels]
     dark = sum(ground) < 3 * 128

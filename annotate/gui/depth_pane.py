@@ -14,9 +14,10 @@ from annotate.gui.drawing import Drawing
 from annotate.gui.pointing import Pointing
 from annotate.gui.scene import FrameScene
 
-MIN_SCALE, MAX_SCALE = 0.2, 40.0
+SCALES = (0.2, 40.0)
+"""Least and greatest zoom, logical pixels per pixel of the image. Chosen by eye."""
 REACH_PX = 6.0
-"""How far from the pointer a click finds a pixel with depth, in the image's own pixels."""
+"""Distance from the pointer at which a click finds a pixel with depth, in logical pixels. Chosen by eye."""
 
 
 class DepthPane(QWidget):
@@ -36,13 +37,13 @@ class DepthPane(QWidget):
         self._scale, self._corner = 1.0, QPointF(0, 0)
         self._marked: int | None = None
         self._grip: QPointF | None = None
-        # Whether the person fills the pane, and nobody has zoomed or shifted it since.
+        # Whether the pane was fitted to the person and has not been moved since.
         self._fitted = True
 
-    # What is shown
+    # Showing
 
     def load(self, scene: FrameScene, colors: Colors, shown: Bool) -> None:
-        """Show another frame, at the zoom that was chosen, or else fitted. shown: bool (h * w,)."""
+        """Show another frame at the same zoom, or fitted to it. shown: bool (h * w,)."""
         self.scene = scene
         self._rgb = np.empty((*scene.labels.parts.shape, 3), np.uint8)
         self.set_shown(shown)
@@ -62,7 +63,7 @@ class DepthPane(QWidget):
         self.update()
 
     def set_shown(self, shown: Bool) -> None:
-        """Let but these pixels be chosen, bool (h * w,)."""
+        """Allow to choose only these pixels, bool (h * w,)."""
         if self.scene is None:
             return
         view = ScreenPoints.of_image(self.scene.labels.depth_mm)
@@ -81,7 +82,7 @@ class DepthPane(QWidget):
         rows, columns = window_of(there if there.any() else np.ones_like(there))
         across, down = columns.stop - columns.start, rows.stop - rows.start
         scale = 0.86 * min(self.width() / across, self.height() / down)
-        self._scale = float(np.clip(scale, MIN_SCALE, MAX_SCALE))
+        self._scale = float(np.clip(scale, *SCALES))
         middle = QPointF(columns.start + across / 2, rows.start + down / 2) * self._scale
         self._corner = QPointF(self.width() / 2, self.height() / 2) - middle
         self._fitted = True
@@ -99,10 +100,10 @@ class DepthPane(QWidget):
         size = QPointF(width, height) * self._scale
         painter.drawImage(QRectF(self._corner, self._corner + size), image)
 
-    # What is chosen
+    # Choosing pixels
 
     def pixel_at(self, place: QPointF) -> int | None:
-        """The pixel at a place of the pane, the nearest that is shown where it is not, or None."""
+        """The pixel at a position of the pane, else the nearest one shown, or None."""
         if self._view is None:
             return None
         at = (place - self._corner) / self._scale
@@ -113,7 +114,7 @@ class DepthPane(QWidget):
         return select.nearest(self._view, (at.x(), at.y()), max(1.0, REACH_PX / self._scale))
 
     def pixels_in(self, drawing: Drawing) -> Int64:
-        """The pixels that a shape drawn on the pane takes; nothing hides anything in an image."""
+        """The pixels that a shape drawn on the pane selects; an image hides none of its pixels."""
         if self._view is None:
             return np.empty(0, np.int64)
         drawing = drawing.scaled(self._corner.x(), self._corner.y(), self._scale)
@@ -121,7 +122,7 @@ class DepthPane(QWidget):
         return drawing.pixels(self._view)
 
     def place_of(self, pixel: int) -> QPointF:
-        """Where the middle of a pixel is on the pane."""
+        """The position of a pixel's centre on the pane."""
         v, u = divmod(pixel, self._rgb.shape[1])
         return self._corner + QPointF(u + 0.5, v + 0.5) * self._scale
 
@@ -135,7 +136,7 @@ class DepthPane(QWidget):
     def wheelEvent(self, event: QWheelEvent) -> None:  # noqa: N802
         """Qt's hook: zoom about the pointer."""
         at = event.position()
-        scale = float(np.clip(self._scale * 1.2 ** (event.angleDelta().y() / 120), MIN_SCALE, MAX_SCALE))
+        scale = float(np.clip(self._scale * 1.2 ** (event.angleDelta().y() / 120), *SCALES))
         self._corner = at - (at - self._corner) * (scale / self._scale)
         self._scale, self._fitted = scale, False
         self._moved()

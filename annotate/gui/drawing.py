@@ -13,18 +13,18 @@ from annotate.labelset.stroke import Gesture, GestureKind
 Tool = Literal["piece", "lasso", "polygon", "rectangle", "brush"]
 TOOLS: tuple[Tool, ...] = ("piece", "lasso", "polygon", "rectangle", "brush")
 STEP_PX = 2.0
-"""A drawn line gets a new point this far from the last one."""
+"""Distance between points of a drawn line in logical pixels. Chosen by eye."""
 LEAST_PX = 4.0
-"""A lasso or rectangle that stays smaller is a slip of the hand."""
+"""Least extent of a lasso or rectangle in logical pixels: smaller ones are slips. Chosen by eye."""
 
 
 @dataclass
 class Drawing:
-    """What has been drawn so far.
+    """A shape as drawn so far.
 
-    start_px: where it began, in logical pixels. radius_px: of the brush. through: not front-only.
-    only: replaces only the part under the start. room: takes the background too. points_px: the line,
-    corners or path. clicks: corners of a polygon, 1 for a piece or a rectangle. held_keys: held down for it.
+    start_px: its first point, in logical pixels. radius_px: of the brush. through: not only the front.
+    only: replace only the part under the start. room: include the background. points_px: its line, corners
+    or path. clicks: number of corners of a polygon, 1 for a piece or a rectangle. held_keys: number of them.
     """
 
     tool: Tool
@@ -39,7 +39,7 @@ class Drawing:
 
     def __post_init__(self) -> None:
         self.points_px = self.points_px or [self.start_px]
-        # The keystroke model charges a drawn line for its press and release itself.
+        # The keystroke-level model adds press and release of a drawn line by itself.
         self.clicks = 0 if self.tool in ("lasso", "brush") else self.clicks
 
     def drag(self, x: float, y: float) -> None:
@@ -58,14 +58,14 @@ class Drawing:
 
     @property
     def is_slip(self) -> bool:
-        """Whether it encloses nothing that anybody could have meant."""
+        """Whether the shape is too small to be meant."""
         if self.tool in ("piece", "brush"):
             return False
         extent = np.ptp(np.array(self.points_px), axis=0)
         return bool(extent.max() < LEAST_PX) or (self.tool != "rectangle" and len(self.points_px) < 3)
 
     def outline_px(self) -> Float64:
-        """The line (n, 2) to show; a rectangle's four corners."""
+        """Points (n, 2) of the line to show; the four corners of a rectangle."""
         points = np.array(self.points_px, np.float64)
         if self.tool == "rectangle" and len(points) == 2:
             (left, top), (right, bottom) = points
@@ -73,7 +73,7 @@ class Drawing:
         return points
 
     def pixels(self, view: ScreenPoints) -> Int64:
-        """Flat indices (n,) of the points that it takes in a view whose coordinates it is drawn in."""
+        """Flat indices (n,) of the points that it selects in a view, drawn in the view's coordinates."""
         if self.tool == "brush":
             return select.brush(view, self.outline_px(), self.radius_px, self.through)
         return select.polygon(view, self.outline_px(), self.through)
@@ -84,7 +84,7 @@ class Drawing:
         return replace(self, start_px=points[0], radius_px=self.radius_px / scale, points_px=points)
 
     def gesture(self, kind: GestureKind, keys: int = 0) -> Gesture:
-        """How it is written down: its clicks, points and length."""
+        """Its gesture for the journal: clicks, points and length."""
         line = np.array(self.points_px, np.float64)
         held = self.tool != "polygon" and len(line) > 1
         path_px = float(np.hypot(*np.diff(line, axis=0).T).sum()) if held else 0.0

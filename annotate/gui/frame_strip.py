@@ -1,4 +1,4 @@
-"""The frames of the set in a row: their picture, how far each is, by time or the worst first."""
+"""The frames of the set in a row, with their pictures and states, by time or the worst first."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""The bar above the views: which frame this is, how far it and the set are, and how it is coloured."""
+"""The bar above the views: the frame, its state, the progress of the set, and the colourings."""
 
 from functools import partial
 
@@ -42,7 +42,7 @@ class Header(QWidget):
         row.setContentsMargins(14, 0, 12, 0)
         row.setSpacing(8)
         self.frame, self.badge = named(QLabel(), "title"), named(QLabel(), "badge")
-        # Plain: a reason or a name is no markup.
+        # Plain text: a reason or a name is not markup.
         self.facts = named(QLabel(textFormat=Qt.TextFormat.PlainText), "quiet")
         self.facts.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         for widget in (self.frame, self.badge):
@@ -71,7 +71,7 @@ class Header(QWidget):
         return button
 
     def show_desk(self, desk: Desk, walk: Walk, theme: Theme) -> None:
-        """The frame on the desk, and its place among all."""
+        """Update the frame's name, state and place, and the colourings."""
         frame_id = desk.scene.labels.frame_id
         state = desk.correction.state(frame_id)
         place = f"{walk.frame_ids.index(frame_id) + 1} of {len(walk.frame_ids)}"

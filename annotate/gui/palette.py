@@ -12,13 +12,13 @@ from annotate.gui.keys import BODY_GRID, Settings
 from annotate.gui.theme import DARK, Theme, named, part_color
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 
-ICON_PX = 16
-HEIGHT_PX = 62
+ICON_PX, HEIGHT_PX = 16, 62
+"""Size of the lock and the eye, and height of a tile, in logical pixels. Chosen by eye."""
 
 
 @dataclass(frozen=True)
 class TileState:
-    """What a tile shows. count: pixels of the part."""
+    """The contents of a tile. count: number of pixels of the part."""
 
     count: int = 0
     chosen: bool = False
@@ -44,12 +44,12 @@ class PartTile(QWidget):
 
     @property
     def lock_rect(self) -> QRect:
-        """Where a click locks."""
+        """The lock, to click."""
         return QRect(self.width() - 2 * ICON_PX - 10, 4, ICON_PX + 2, ICON_PX + 4)
 
     @property
     def eye_rect(self) -> QRect:
-        """Where a click fades, hides and shows again."""
+        """The eye, to click."""
         return QRect(self.width() - ICON_PX - 6, 4, ICON_PX + 2, ICON_PX + 4)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
@@ -171,7 +171,7 @@ class Palette(QWidget):
         return tile
 
     def show_desk(self, desk: Desk, theme: Theme) -> None:
-        """Counts, choice, locks and eyes as they are."""
+        """Update counts, choice, locks and eyes."""
         counts = desk.counts()
         for part, tile in self.tiles.items():
             how = desk.visibility.get(part, "shown")
@@ -183,7 +183,7 @@ class Palette(QWidget):
 
 
 def _sides() -> QWidget:
-    """Whose left and right it is: the person's, who faces you."""
+    """A heading: left and right are those of the person, who faces you."""
     head = QWidget()
     row = QGridLayout(head)
     row.setContentsMargins(2, 0, 2, 0)

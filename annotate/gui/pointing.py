@@ -10,14 +10,15 @@ from PySide6.QtWidgets import QWidget
 
 from annotate.gui.drawing import Drawing, Tool
 
-MIN_BRUSH_PX, MAX_BRUSH_PX = 3.0, 120.0
+BRUSH_PX = (3.0, 120.0)
+"""Least and greatest radius of the brush in logical pixels. Chosen by eye."""
 _MODIFIER = Qt.KeyboardModifier
 
 
 class Overlay(QWidget):
-    """Drawn over a view: the shape under the hand, the brush, and the place pointed at in the other view.
+    """A layer over a view: the shape being drawn, the brush, and a ring at the position in the other view.
 
-    It repaints without the view below being rendered again.
+    It repaints without rendering the view below again.
     """
 
     def __init__(self, view: QWidget) -> None:
@@ -29,7 +30,7 @@ class Overlay(QWidget):
         self.color = QColor("white")
 
     def ring(self, place: QPointF | None) -> None:
-        """Ring a place of the view, or none."""
+        """Ring a position of the view, or none."""
         if place != self.marker:
             self.marker = place
             self.update()
@@ -63,7 +64,7 @@ class Overlay(QWidget):
                 self._stroke(painter, partial(painter.drawEllipse, corner, 3, 3))
 
     def _stroke(self, painter: QPainter, draw: Callable[[], None]) -> None:
-        """A white line on a black one, seen on any ground; filled as the painter's brush says."""
+        """A white line on a black one, visible on any ground, filled with the painter's brush."""
         brush = painter.brush()
         painter.setPen(QPen(QColor(0, 0, 0, 200), 4))
         draw()
@@ -76,7 +77,7 @@ class Overlay(QWidget):
 class Pointing(QObject):
     """Filters a view's mouse events. The left button draws; the wheel with Shift sizes the brush.
 
-    drawn: a finished Drawing. hovered: the pointer's place, or None when it left. sampled: Alt+click.
+    drawn: a finished Drawing. hovered: the pointer's position, or None when it left. sampled: Alt+click.
     """
 
     drawn = Signal(object)
@@ -96,7 +97,7 @@ class Pointing(QObject):
         view.installEventFilter(self)
 
     def cancel(self) -> bool:
-        """Drop the shape being drawn; says whether there was one."""
+        """Drop the shape being drawn; returns whether there was one."""
         had, self.overlay.drawing = self.overlay.drawing is not None, None
         self.overlay.update()
         return had
@@ -109,11 +110,11 @@ class Pointing(QObject):
 
     def set_radius(self, radius_px: float) -> None:
         """Change the brush's radius, in logical pixels."""
-        self.radius_px = float(np.clip(radius_px, MIN_BRUSH_PX, MAX_BRUSH_PX))
+        self.radius_px = float(np.clip(radius_px, *BRUSH_PX))
         self._show_brush()
 
     def eventFilter(self, view: QObject, event: QEvent) -> bool:  # noqa: N802
-        """Qt's hook: true for what is done with here."""
+        """Qt's hook: true for events that are handled here."""
         kind = event.type()
         if kind == QEvent.Type.Resize:
             self.overlay.resize(self._view.size())
@@ -171,7 +172,7 @@ class Pointing(QObject):
         self.overlay.update()
 
     def _double_clicked(self, event: QMouseEvent) -> None:
-        """Closes a polygon; for every other tool the second press is a press as any other."""
+        """Close a polygon; for every other tool the second press is a press like any other."""
         if self.tool == "polygon" and self.overlay.drawing:
             self._finish()
         else:

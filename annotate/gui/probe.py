@@ -1,4 +1,4 @@
-"""Tries the screen and the graphics in a process of its own: where they fail, Qt ends the process.
+"""A test of the screen and the graphics in a process of its own, since Qt ends the process where they fail.
 
 ``python -m annotate.gui.probe`` prints the version of OpenGL, such as "4.5", or "0.0" where there is none.
 """
@@ -12,12 +12,13 @@ from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext, QS
 from sensors.errors import CloudError
 
 OPENGL = (3, 2)
-"""The least version that VTK draws with."""
+"""Least version that VTK needs."""
 TIMEOUT_S = 60
+"""Time for the test in seconds. Chosen by eye."""
 
 
 def main() -> None:
-    """What the process does."""
+    """Print the version of OpenGL."""
     app = QGuiApplication([])
     surface_format = QSurfaceFormat()
     surface_format.setVersion(*OPENGL)
@@ -32,7 +33,7 @@ def main() -> None:
 
 
 def check_screen() -> None:
-    """Raises CloudError, saying what to do, where the window could not be shown."""
+    """Raises CloudError with the remedy where the window could not be shown."""
     names = [name for name in ("DISPLAY", "WAYLAND_DISPLAY") if os.environ.get(name)]
     if not names:
         raise CloudError(

@@ -1,7 +1,7 @@
-"""From the cloud to the screen: where each point lands, and which points a view shows. No window here.
+"""Projection of a cloud onto the screen. No window here.
 
 Screen coordinates are Qt's logical pixels, x right and y down from the view's upper left corner, whatever
-the screen's pixel ratio: so a selection never lies beside the pointer on a fine display.
+the screen's pixel ratio, so that a selection is under the pointer on high-resolution screens too.
 """
 
 import numpy as np
@@ -10,7 +10,8 @@ from annotate.array_types import Bool, Float32, Float64
 from annotate.correction.select import CELL_PX, ScreenPoints
 
 CELL_SPACINGS = 2.2
-"""Size of a view's cell in distances of neighbouring points: leaves no gap for what lies behind."""
+"""Side of a view's cells in distances of neighbouring points, without gaps for points behind. Chosen by
+eye."""
 
 
 def project(

@@ -1,4 +1,4 @@
-"""One frame as the window shows it: its points and everything they can be coloured by. No window here."""
+"""One frame as the window shows it: its points and the data for all colourings. No window here."""
 
 from dataclasses import dataclass
 from itertools import islice
@@ -22,9 +22,10 @@ from sensors.rig.source import FrameSource
 from sensors.session.reader import Session
 
 NEAR_PX = 10
-"""Room this near to the person, in pixels of the depth image, is shown in full: a limb may be missing."""
+"""Width of the room around the person that is shown in full, in pixels: a limb may be missing. Chosen by
+eye."""
 ROOM_POINTS = 50_000
-"""The rest of the room is thinned to about so many points."""
+"""Number of points, about, to which the rest of the room is thinned. Chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,8 @@ class FrameScene:
     labels: as stored when it was read. cloud: its points; colours and temperatures where a session is
     known. other: part ids (h, w) of the compared set, or None. near: bool (h * w,), points shown in
     full. room: int64 (k,), pixels of the thinned rest, every ``room_step``th along each side.
-    shade: float32 (h * w,), 0 edge-on to 1 head-on. pieces: int32 (h, w), the supervoxels that a click
-    takes, -1 = none. remark: what is missing and why, "" if nothing.
+    shade: float32 (h * w,), 0 edge-on to 1 head-on. pieces: int32 (h, w), supervoxels for clicks, -1 = none.
+    remark: the missing data and the reason, "" if none are missing.
     """
 
     labels: FrameLabels
@@ -86,8 +87,8 @@ class SceneReader:
     def read(self, frame_id: str) -> FrameScene:
         """One frame. Raises FormatError naming the file of the label set that is missing or corrupt.
 
-        Colour, temperature or the other set's parts that cannot be had are left out with a remark.
-        Raises RestorableError where the label set can be mended.
+        Colours, temperatures and parts of the other set that cannot be read are left out with a remark.
+        Raises RestorableError where the label set can be restored.
         """
         labels = self._correction.frame(frame_id)
         other, unlike = self._compared(labels)
@@ -123,7 +124,7 @@ class SceneReader:
 
 
 def find_session(labels: LabelSet) -> Path | None:
-    """The recording that the manifest names as source, if it lies beside the label set."""
+    """The recording that the manifest names as source, if it is beside the label set."""
     name = labels.info.get("source")
     if not isinstance(name, str) or not name or Path(name).name != name:
         return None
@@ -141,7 +142,7 @@ def _rig_frame(source: Session | FrameSource, index: int) -> RigFrame:
 
 
 def _levels(labels: FrameLabels, other: UInt8 | None) -> tuple[Bool, Int64, int]:
-    """What is shown in full, which of the other pixels are kept, and every how many along each side."""
+    """Pixels (h * w,) shown in full, pixels (k,) of the thinned rest, and the step between those."""
     valid = labels.depth_mm > 0
     person = labels.parts > 0
     if other is not None:
@@ -159,7 +160,7 @@ def _levels(labels: FrameLabels, other: UInt8 | None) -> tuple[Bool, Int64, int]
 def _shade(cloud: ThermalCloud) -> Float32:
     """Cosine between the surface and the line of sight, from central differences of the points.
 
-    Colours alone show no shape where points are drawn unlit.
+    Points are drawn unlit, and would show no shape by colour alone.
     """
     smooth = cv2.medianBlur(cloud.depth_mm, 5).astype(np.float32) / np.float32(1000)
     # d(point)/du = z' * ray + z * d(ray)/du: the slope per metre of surface is z' * f / z.

@@ -1,4 +1,4 @@
-"""Light and dark: a handful of named colours, and Qt's style made of them."""
+"""The light and the dark theme: named colours, and Qt's style from them."""
 
 from dataclasses import dataclass
 from typing import TypeVar
@@ -64,7 +64,7 @@ def part_color(part: int, theme: Theme) -> QColor:
 
 
 def qt_palette(theme: Theme) -> QPalette:
-    """Qt's own palette, for what no style sheet reaches."""
+    """Qt's own palette, for widgets that no style sheet reaches."""
     palette = QPalette()
     roles = QPalette.ColorRole
     for role, color in (
@@ -85,14 +85,14 @@ def qt_palette(theme: Theme) -> QPalette:
     return palette
 
 
-def named(widget: W, look: str) -> W:
-    """A widget under the name by which the style sheet knows it."""
-    widget.setObjectName(look)
+def named(widget: W, name: str) -> W:
+    """A widget with a name for the style sheet."""
+    widget.setObjectName(name)
     return widget
 
 
 def style_sheet(theme: Theme) -> str:
-    """The look of all widgets."""
+    """The style sheet of all widgets."""
     t = theme
     return f"""
     QWidget {{ color: {t.text}; font-size: 13px; }}

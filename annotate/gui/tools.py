@@ -13,7 +13,7 @@ from annotate.gui.pointing import Pointing
 from annotate.gui.theme import Theme, named
 
 SWITCHES = {"through": "Through", "only": "One part", "room": "Room too"}
-"""Switches of ``Pointing``, and their titles."""
+"""Titles of the switches of ``Pointing``."""
 EDITS = {
     "undo": "Undo",
     "redo": "Redo",
@@ -26,7 +26,7 @@ EDITS = {
     "propagate": "Carry on",
     "carry": "Always carry",
 }
-"""Commands shown with their keys; what works under the pointer, a key alone can do."""
+"""Titles of the commands; those that work at the pointer's position need their key."""
 TITLES = {tool: tool.capitalize() for tool in TOOLS}
 ROW_PX = 30
 ICON = QSize(30, 30)

@@ -93,7 +93,7 @@ class CorrectionWindow(QMainWindow):
         self.strip.choose(self.frame_id)
         return Done(NOTHING, "Frames: the worst first" if self.walk.worst_first else "Frames by time")
 
-    # What is shown
+    # Showing
 
     def show_frame(self) -> None:
         """Show the frame on the desk everywhere."""
@@ -154,7 +154,7 @@ class CorrectionWindow(QMainWindow):
         for view in self.views:
             view.set_ground(self.theme.ground_rgb)
 
-    # What keys change
+    # Settings that keys change
 
     def choose(self, part: int) -> None:
         """Choose the part that strokes give."""
@@ -202,7 +202,7 @@ class CorrectionWindow(QMainWindow):
         self.key_page.setVisible(not self.key_page.isVisible())
         self.key_page.raise_()
 
-    # What happens
+    # Actions
 
     def act(self, action: Callable[[], Done | None]) -> None:
         """Do something, and show its outcome or error."""
