@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from annotate.array_types import Bool, Float32, UInt8, UInt16
+from annotate.cloud.open3d_cloud import PointCloud, pixel_arrays, tensor_cloud
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
 
@@ -41,3 +42,21 @@ class ThermalCloud:
     def valid(self) -> Bool:
         """Flags (h, w) of pixels with a depth reading."""
         return self.depth_mm > 0
+
+    def to_open3d(self) -> PointCloud:
+        """Open3D cloud (``open3d.t.geometry.PointCloud``) of the n pixels with a reading.
+
+        positions: float32 (n, 3), metres, depth camera's frame. colors: float32 (n, 3), sRGB in [0, 1], black
+        where not ``color_valid`` (bool (n, 1)). temperature: float32 (n, 1), degrees Celsius, NaN = no
+        reading. pixel: int32 (n, 1), flat pixel index. Raises CloudError without the extra ``clouds``.
+        """
+        return tensor_cloud(self.points_m, self.color_rgb, self.color_valid, self.temperature_c)
+
+    @classmethod
+    def from_open3d(cls, cloud: PointCloud, camera: Intrinsics) -> "ThermalCloud":
+        """Inverse of ``to_open3d``, also for a selection of the points: other pixels have no reading.
+
+        camera: the undistorted depth camera. Positions must still be in its frame. Raises FormatError for a
+        cloud with an attribute missing, or pixel indices that are not unique or not of this camera.
+        """
+        return cls(camera, **pixel_arrays(cloud, camera.shape))
