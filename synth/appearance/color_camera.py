@@ -149,7 +149,7 @@ def smear(light: Float32, face: NDArray[np.int32], flow_by_face: Float32) -> Flo
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _gather(light: Float32, flow: Float32, moves: Float32) -> Float32:  # pragma: no cover
+def _gather(light: Float32, flow: Float32, moves: Float32) -> Float32:
     """Mean of ``TAPS`` places along each pixel's motion; a still pixel takes only what moves over it."""
     height, width, _ = light.shape
     result = light.copy()
@@ -196,7 +196,7 @@ def develop(
 def _expose(
     light: Float32, grain: Float32, exposure: float, balance: Float64, vignette: float, well: float,
     noise: float,
-) -> NDArray[np.uint16]:  # fmt: skip # pragma: no cover
+) -> NDArray[np.uint16]:  # fmt: skip
     """Raw mosaic (h, w), RGGB, white balance applied as the Kinect's own processor does before its JPEG."""
     height, width, _ = light.shape
     raw = np.empty((height, width), np.uint16)

@@ -167,9 +167,7 @@ def _lit(surfaces: Surfaces, scene: Mesh, places_m: Float64) -> Float32:
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _look_up(
-    point: Float32, normal: Float32, r: Float64, t: Float64, depth: Float32, lit: Float32
-) -> None:  # pragma: no cover
+def _look_up(point: Float32, normal: Float32, r: Float64, t: Float64, depth: Float32, lit: Float32) -> None:
     """0 where a map's surface lies before the point, between its four nearest pixels by their shares."""
     centre = (MAP_PX - 1) / 2
     for v in range(lit.shape[0]):
@@ -197,7 +195,7 @@ def _look_up(
 def _shine(
     albedo: Float32, normal: Float32, point: Float32, shadow: Float32, lamps: Float32, size2: Float32,
     power: Float32, ambient: Float32, sky: float, light: Float32,
-) -> None:  # fmt: skip # pragma: no cover
+) -> None:  # fmt: skip
     """Lambertian light of every lamp and of the walls, written into the last array."""
     height, width, _ = albedo.shape
     rows, columns, n = shadow.shape
@@ -225,7 +223,7 @@ def _shine(
 @numba.njit(cache=True, fastmath=EXACT)
 def _between(
     point: Float32, shadow: Float32, v: int, u: int, j: int, i: int, below: int, right: int, open_: Float32
-) -> None:  # pragma: no cover
+) -> None:
     """Shadows at a pixel from the four looked up around it, those on its own surface before others."""
     b, a = (v - j * STRIDE) / STRIDE, (u - i * STRIDE) / STRIDE
     open_[:] = 0
@@ -248,7 +246,7 @@ def _between(
 def _falling(
     at: Float32, normal: Float32, open_: Float32, lamps: Float32, size2: Float32, power: Float32,
     ambient: Float32, sky: float,
-) -> tuple[float, float, float]:  # fmt: skip # pragma: no cover
+) -> tuple[float, float, float]:  # fmt: skip
     """Light that falls on one place, as far as each lamp and, last, the walls are ``open_`` to it."""
     last = len(open_) - 1
     k = np.float32((1 + sky * (normal[2] - 1) / 2) * (BOUNCE_FLOOR + (1 - BOUNCE_FLOOR) * open_[last]))

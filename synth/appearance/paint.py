@@ -127,7 +127,7 @@ def paint(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _normals(vertices: Float32, faces: Int32, smooth: int) -> tuple[Float32, Float32]:  # pragma: no cover
+def _normals(vertices: Float32, faces: Int32, smooth: int) -> tuple[Float32, Float32]:
     """Unit normals (F, 3) of faces, and (V, 3) any length of vertices over the first ``smooth`` faces."""
     flat, rounded = np.empty((len(faces), 3), np.float32), np.zeros(vertices.shape, np.float32)
     for f in range(len(faces)):
@@ -147,7 +147,7 @@ def _normals(vertices: Float32, faces: Int32, smooth: int) -> tuple[Float32, Flo
 def _paint(
     face: Int32, depth: Float32, eye: _Eye, shell: _Shell, clothes: _Clothes, room: RoomColors,
     tile: Float32, surfaces: Surfaces,
-) -> None:  # fmt: skip # pragma: no cover
+) -> None:  # fmt: skip
     """``paint``, written into ``surfaces``."""
     height, width = face.shape
     r, translation, lens = eye.rotation, eye.translation, eye.lens
@@ -184,7 +184,7 @@ def _paint(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _furnished(tag: int, p: Triple, room: RoomColors, tile: Float32) -> Triple:  # pragma: no cover
+def _furnished(tag: int, p: Triple, room: RoomColors, tile: Float32) -> Triple:
     """Linear colour of a lifeless surface at a point of the world."""
     bright, grain, rgb = 1.0, room.grain[tag], room.rgb[tag]
     if grain[0] > 0:
@@ -194,9 +194,7 @@ def _furnished(tag: int, p: Triple, room: RoomColors, tile: Float32) -> Triple: 
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _dressed(
-    f: int, p: Triple, shell: _Shell, clothes: _Clothes, tile: Float32
-) -> tuple[Triple, Triple]:  # pragma: no cover
+def _dressed(f: int, p: Triple, shell: _Shell, clothes: _Clothes, tile: Float32) -> tuple[Triple, Triple]:
     """Linear colour and normal of a person at a point of the world on face f."""
     faces = shell.faces
     share = shares(shell.vertices, faces, f, p)
@@ -211,7 +209,7 @@ def _dressed(
 @numba.njit(cache=True, fastmath=EXACT)
 def _clothed(
     f: int, share: Triple, q: Triple, shell: _Shell, clothes: _Clothes, tile: Float32
-) -> tuple[Triple, bool]:  # pragma: no cover
+) -> tuple[Triple, bool]:
     """Linear colour at a place of a body's skin, q in its rest pose, and whether it is cloth."""
     w = clothes.wearer[f]
     zones, wear = clothes.zones[w], clothes.wear[w]
@@ -238,9 +236,7 @@ def _clothed(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _zone(
-    fields: Float32, faces: Int32, f: int, share: Triple, part: int, stray: float
-) -> int:  # pragma: no cover
+def _zone(fields: Float32, faces: Int32, f: int, share: Triple, part: int, stray: float) -> int:
     """Which zone a place of a face belongs to once every seam has moved by ``stray`` metres."""
     zone = part
     for k in range(4):
@@ -262,7 +258,7 @@ def _zone(
 @numba.njit(cache=True, fastmath=EXACT)
 def _folded(
     n: Triple, f: int, share: Triple, q: Triple, shell: _Shell, clothes: _Clothes, tile: Float32
-) -> Triple:  # pragma: no cover
+) -> Triple:
     """A normal tilted by folds: heights are noise over the rest pose, their gradient is the face's."""
     a, b, c = shell.faces[f, 0], shell.faces[f, 1], shell.faces[f, 2]
     height = share[0] * clothes.folds[a] + share[1] * clothes.folds[b] + share[2] * clothes.folds[c]
@@ -285,7 +281,7 @@ def _folded(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _rise(tile: Float32, q: Triple, here: float, edge: Triple) -> float:  # pragma: no cover
+def _rise(tile: Float32, q: Triple, here: float, edge: Triple) -> float:
     """How much folds of height 1 rise along an edge of the rest pose, from their slope at its start."""
     step = _FOLD_STEP_M / (np.sqrt(dot(edge, edge)) + 1e-9)
     there = _ridge(tile, (q[0] + step * edge[0], q[1] + step * edge[1], q[2] + step * edge[2]))
@@ -294,12 +290,12 @@ def _rise(tile: Float32, q: Triple, here: float, edge: Triple) -> float:  # prag
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _ridge(tile: Float32, q: Triple) -> float:  # pragma: no cover
+def _ridge(tile: Float32, q: Triple) -> float:
     """Folds of height 1: rounded noise, wider along the limbs' hang than across."""
     c = _FOLD_CELLS
     return smooth_noise(tile, c * q[0], c * q[1], 1.6 * c * q[2])
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _noise(tile: Float32, q: Triple, cells: float) -> float:  # pragma: no cover
+def _noise(tile: Float32, q: Triple, cells: float) -> float:
     return smooth_noise(tile, cells * q[0], cells * q[1], cells * q[2])

@@ -111,7 +111,7 @@ def _skin(
     bones: NDArray[np.uint8],
     weights: NDArray[np.float32],
     matrices: NDArray[np.float32],
-) -> NDArray[np.float32]:  # pragma: no cover
+) -> NDArray[np.float32]:
     result = np.zeros_like(vertices)
     for v in range(len(vertices)):
         x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]

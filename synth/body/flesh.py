@@ -219,9 +219,7 @@ def _vertices_of_joints(bones: _Same, weights: _Same, faces: _Same, parts: _Same
 
 
 @numba.njit(cache=True, fastmath=True)
-def _fit_chain(
-    own: NDArray[np.float32], axis: Float64, centres: Float64, radii: Float64
-) -> None:  # pragma: no cover
+def _fit_chain(own: NDArray[np.float32], axis: Float64, centres: Float64, radii: Float64) -> None:
     """Write the middle and mean radius of the vertices (n, 3) about each station of a line."""
     n = len(radii)
     along = axis[1] - axis[0]
@@ -256,7 +254,7 @@ def _fit_chain(
 
 
 @numba.njit(cache=True)
-def _slices(own: NDArray[np.float32], heights: Float64, half: float) -> Float64:  # pragma: no cover
+def _slices(own: NDArray[np.float32], heights: Float64, half: float) -> Float64:
     """(n, 4) left, right, front and back of the vertices (n, 3) about each height."""
     result = np.empty((len(heights), 4))
     result[:, 0], result[:, 1], result[:, 2], result[:, 3] = -1e3, 1e3, 1e3, -1e3

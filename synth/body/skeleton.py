@@ -130,7 +130,7 @@ def alignment(rest_joints_m: Float64) -> Float64:
 
 
 @numba.njit(cache=True)
-def _alignment(rest_joints_m: Float64) -> Float64:  # pragma: no cover
+def _alignment(rest_joints_m: Float64) -> Float64:
     result = np.empty((N_JOINTS, 3, 3))
     for i in range(N_JOINTS):
         result[i] = result[PARENTS[i]] if _FOLLOWS[i] else np.eye(3)
@@ -153,7 +153,7 @@ def forward(posture: Posture, rest_joints_m: Float64, aligned: Float64) -> tuple
 @numba.njit(cache=True)
 def kinematics(
     angles_rad: Float64, pelvis_m: Float64, rest_joints_m: Float64, aligned: Float64
-) -> tuple[Float64, Float64, Float64]:  # pragma: no cover
+) -> tuple[Float64, Float64, Float64]:
     """Compiled ``forward``, callable from compiled code. Returns (axes, frames, positions).
 
     axes (J, 3, 3): row a of a joint is the world direction about which its angle a turns all beyond it.
@@ -180,7 +180,7 @@ def kinematics(
 
 
 @numba.njit(cache=True)
-def _turn(axis: int, angle: float) -> Float64:  # pragma: no cover
+def _turn(axis: int, angle: float) -> Float64:
     """Rotation matrix about one coordinate axis."""
     result = np.zeros((3, 3))
     b, c = (axis + 1) % 3, (axis + 2) % 3
@@ -192,7 +192,7 @@ def _turn(axis: int, angle: float) -> Float64:  # pragma: no cover
 
 
 @numba.njit(cache=True)
-def shortest_arc(source: Float64, target: Float64) -> Float64:  # pragma: no cover
+def shortest_arc(source: Float64, target: Float64) -> Float64:
     """Rotation matrix of least angle that turns the direction ``source`` to ``target``."""
     a, b = source / np.linalg.norm(source), target / np.linalg.norm(target)
     cosine, axis = np.dot(a, b), np.cross(a, b)
@@ -232,7 +232,7 @@ def reach(
 def _reach(
     angles_rad: Float64, pelvis_m: Float64, rest_joints_m: Float64, aligned: Float64,
     shoulder: int, target_m: Float64, swivel_rad: float,
-) -> None:  # fmt: skip # pragma: no cover
+) -> None:  # fmt: skip
     elbow, wrist, parent = shoulder + 1, shoulder + 2, PARENTS[shoulder]
     _, frames, positions = kinematics(angles_rad, pelvis_m, rest_joints_m, aligned)
     upper = np.linalg.norm(rest_joints_m[elbow] - rest_joints_m[shoulder])
@@ -259,7 +259,7 @@ def _reach(
 
 
 @numba.njit(cache=True)
-def _about(axis: Float64, angle: float, vector: Float64) -> Float64:  # pragma: no cover
+def _about(axis: Float64, angle: float, vector: Float64) -> Float64:
     """A vector turned about a unit axis (Rodrigues)."""
     turned: Float64 = (
         vector * np.cos(angle)
@@ -270,7 +270,7 @@ def _about(axis: Float64, angle: float, vector: Float64) -> Float64:  # pragma: 
 
 
 @numba.njit(cache=True)
-def _euler_inside(rotation: Float64, signs: Float64, limits_rad: Float64) -> Float64:  # pragma: no cover
+def _euler_inside(rotation: Float64, signs: Float64, limits_rad: Float64) -> Float64:
     """The one of a rotation's two XYZ angle triples that leaves the limits least."""
     best, least = np.zeros(3), np.inf
     y = np.arcsin(min(max(rotation[0, 2], -1.0), 1.0))

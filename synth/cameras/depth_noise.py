@@ -64,7 +64,7 @@ _NORMALS = (_NORMALS / _NORMALS.std()).astype(np.float32)
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:  # pragma: no cover
+def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:
     """Standard deviation along the ray, millimetres. Source: Fankhauser et al. 2015, Kinect v2, eq. 4."""
     z = depth_m
     theta = min(incidence_rad, np.float32(CLIP_RAD))
@@ -108,7 +108,7 @@ def _kinect(
     key: np.uint64,
     normals: Float32,
     noisy: NDArray[np.uint16],
-) -> None:  # pragma: no cover
+) -> None:
     """Writes the readings of the wanted pixels into ``noisy``."""
     height, width = depth.shape
     axial, flying, grazing, darkness, lateral, offset_mm, scale = strengths
@@ -153,7 +153,7 @@ def _kinect(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _around(depth: Float32, y: int, x: int) -> tuple[Number, Number, Number, Number]:  # pragma: no cover
+def _around(depth: Float32, y: int, x: int) -> tuple[Number, Number, Number, Number]:
     """Nearest and farthest of the 3x3 neighbours; Sobel slopes along u and v, metres a pixel."""
     above, below = max(y - 1, 0), min(y + 1, depth.shape[0] - 1)
     left, right = max(x - 1, 0), min(x + 1, depth.shape[1] - 1)
@@ -168,9 +168,7 @@ def _around(depth: Float32, y: int, x: int) -> tuple[Number, Number, Number, Num
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _incidence(
-    pinhole: Float32, v: int, u: int, z: Number, z_u: Number, z_v: Number
-) -> Number:  # pragma: no cover
+def _incidence(pinhole: Float32, v: int, u: int, z: Number, z_u: Number, z_v: Number) -> Number:
     """Angle between the viewing ray and the surface normal, radians, from depth and its slopes at a pixel."""
     fx, fy, cx, cy = pinhole
     x, y = (np.float32(u) - cx) / fx, (np.float32(v) - cy) / fy
@@ -183,7 +181,7 @@ def _incidence(
 
 
 @numba.njit(cache=True)
-def _hash(key: np.uint64, counter: int) -> np.uint64:  # pragma: no cover
+def _hash(key: np.uint64, counter: int) -> np.uint64:
     """64 random bits of a key and a counter. Source: splitmix64, Steele et al. 2014."""
     z = np.uint64(key) + np.uint64(counter + 1) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -192,6 +190,6 @@ def _hash(key: np.uint64, counter: int) -> np.uint64:  # pragma: no cover
 
 
 @numba.njit(cache=True)
-def _share(bits: np.uint64) -> np.float32:  # pragma: no cover
+def _share(bits: np.uint64) -> np.float32:
     """The sixteen low bits as a number in [0, 1)."""
     return np.float32(bits & np.uint64(0xFFFF)) * np.float32(1 / 65536)

@@ -53,9 +53,7 @@ def _normals(points: Float32) -> Float32:
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _bounce(
-    points: Float32, normals: Float32, area: Float32, reflectance: float
-) -> Float32:  # pragma: no cover
+def _bounce(points: Float32, normals: Float32, area: Float32, reflectance: float) -> Float32:
     """Mean excess of path length (n,), metres, one way."""
     n = len(points)
     excess = np.zeros(n, np.float32)

@@ -69,7 +69,7 @@ def visibility(parts: NDArray[np.uint8], whole: NDArray[np.uint8]) -> Float64:
 
 
 @numba.njit(cache=True)
-def _tally(parts: NDArray[np.uint8]) -> NDArray[np.int64]:  # pragma: no cover
+def _tally(parts: NDArray[np.uint8]) -> NDArray[np.int64]:
     """Pixels (12,) of each part, and of all together at 0."""
     pixels = np.zeros(N_CLASSES, np.int64)
     for part in parts.flat:
@@ -99,7 +99,7 @@ def _to_camera(camera_from_world: Pose, vertices_m: NDArray[np.float32]) -> NDAr
 
 
 @numba.njit(cache=True)
-def _move(vertices: Float32, rotation: Float32, translation: Float32) -> Float32:  # pragma: no cover
+def _move(vertices: Float32, rotation: Float32, translation: Float32) -> Float32:
     moved = np.empty_like(vertices)
     r, t = rotation, translation
     for i in range(len(vertices)):
@@ -140,9 +140,7 @@ def _clip(low: float, high: float, size: int) -> tuple[int, int]:
 
 
 @numba.njit(cache=True)
-def _bounds(
-    points: Float32, near: float
-) -> tuple[np.float32, np.float32, np.float32, np.float32]:  # pragma: no cover
+def _bounds(points: Float32, near: float) -> tuple[np.float32, np.float32, np.float32, np.float32]:
     """Least x / z and y / z, then the greatest, of the points beyond the near plane."""
     x0 = y0 = np.float32(1e6)
     x1 = y1 = np.float32(-1e6)

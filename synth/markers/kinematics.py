@@ -77,7 +77,7 @@ def markers_at(state: State, subject: Subject) -> Float64:
 
 
 @numba.njit(cache=True)
-def place(tree: Tree, state: State, bones_m: Float64) -> tuple[Float64, Float64]:  # pragma: no cover
+def place(tree: Tree, state: State, bones_m: Float64) -> tuple[Float64, Float64]:
     """Frames (J, 3, 3), which turn anatomical zero to the world, and joints (J, 3), world, metres."""
     n = len(tree.parents)
     frames = np.empty((n, 3, 3))
@@ -100,7 +100,7 @@ def place(tree: Tree, state: State, bones_m: Float64) -> tuple[Float64, Float64]
 
 
 @numba.njit(cache=True)
-def axes_of(tree: Tree, frames: Float64, signed: Float64) -> Float64:  # pragma: no cover
+def axes_of(tree: Tree, frames: Float64, signed: Float64) -> Float64:
     """World axes (J, 3, 3) about which each of a joint's three variables turns it; rows are axes."""
     n = len(tree.parents)
     axes = np.zeros((n, 3, 3))
@@ -124,7 +124,7 @@ def axes_of(tree: Tree, frames: Float64, signed: Float64) -> Float64:  # pragma:
 
 
 @numba.njit(cache=True)
-def euler_matrix(a: float, b: float, c: float, out: Float64) -> None:  # pragma: no cover
+def euler_matrix(a: float, b: float, c: float, out: Float64) -> None:
     """Rx(a) Ry(b) Rz(c) into ``out``."""
     ca, sa, cb, sb, cc, sc = np.cos(a), np.sin(a), np.cos(b), np.sin(b), np.cos(c), np.sin(c)
     out[0, 0], out[0, 1], out[0, 2] = cb * cc, -cb * sc, sb
@@ -133,12 +133,12 @@ def euler_matrix(a: float, b: float, c: float, out: Float64) -> None:  # pragma:
 
 
 @numba.njit(cache=True)
-def _wrapped(x: float) -> float:  # pragma: no cover
+def _wrapped(x: float) -> float:
     return (x + np.pi) % (2 * np.pi) - np.pi
 
 
 @numba.njit(cache=True)
-def limit_ball(rotation: Float64, signed: Float64, limits: Float64) -> None:  # pragma: no cover
+def limit_ball(rotation: Float64, signed: Float64, limits: Float64) -> None:
     """Euler angles (3,) of a ball joint's rotation (3, 3), written into ``signed``: nearest to those before
     and inside the limits (3, 2). Where no triple is inside, both arguments are clamped."""
     best = np.inf
@@ -176,7 +176,7 @@ def limit_ball(rotation: Float64, signed: Float64, limits: Float64) -> None:  # 
 
 
 @numba.njit(cache=True)
-def turn(w: Float64, rotation: Float64) -> None:  # pragma: no cover
+def turn(w: Float64, rotation: Float64) -> None:
     """Rotation (3, 3) turned further by a rotation vector (3,), in place: exp(w) R (Rodrigues)."""
     angle = np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
     if angle < 1e-12:
@@ -200,7 +200,7 @@ def turn(w: Float64, rotation: Float64) -> None:  # pragma: no cover
 
 
 @numba.njit(cache=True)
-def chain_of(parents: Int64, j: int, chain: Int64) -> int:  # pragma: no cover
+def chain_of(parents: Int64, j: int, chain: Int64) -> int:
     """Number of joints from ``j`` to the root; they are written into ``chain``."""
     n = 0
     while j >= 0:
@@ -213,7 +213,7 @@ def chain_of(parents: Int64, j: int, chain: Int64) -> int:  # pragma: no cover
 @numba.njit(cache=True)
 def marker_columns(
     chain: Int64, n: int, axes: Float64, joints: Float64, at: Float64, columns: Float64, index: Int64
-) -> int:  # pragma: no cover
+) -> int:
     """Derivative (3, K) of one marker in the K variables ``index`` that move it; returns K."""
     for k in range(3):
         index[k] = k
@@ -234,9 +234,7 @@ def marker_columns(
 
 
 @numba.njit(cache=True)
-def marker_at(
-    frames: Float64, joints: Float64, subject: Subject, m: int, at: Float64
-) -> None:  # pragma: no cover
+def marker_at(frames: Float64, joints: Float64, subject: Subject, m: int, at: Float64) -> None:
     """Place (3,) of marker m, written into ``at``: world, metres."""
     j, offset = subject.marker_joint[m], subject.offsets_m[m]
     for i in range(3):

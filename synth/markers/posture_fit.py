@@ -100,7 +100,7 @@ def _target(observed: Observed) -> _Target:
 
 
 @numba.njit(cache=True)
-def _factor(h: Float64) -> None:  # pragma: no cover
+def _factor(h: Float64) -> None:
     """Cholesky factor in place; at this size faster than LAPACK, whose threads fight for the cores."""
     for i in range(len(h)):
         for j in range(i + 1):
@@ -111,7 +111,7 @@ def _factor(h: Float64) -> None:  # pragma: no cover
 
 
 @numba.njit(cache=True)
-def _solve(h: Float64, x: Float64) -> None:  # pragma: no cover
+def _solve(h: Float64, x: Float64) -> None:
     """Solve a positive definite system: the solution into ``x``, the factor into ``h``."""
     _factor(h)
     n = len(x)
@@ -126,9 +126,7 @@ def _solve(h: Float64, x: Float64) -> None:  # pragma: no cover
 
 
 @numba.njit(cache=True)
-def _eliminate(
-    h: Float64, g: Float64, mixed: Float64, matrix: Float64, gradient: Float64
-) -> None:  # pragma: no cover
+def _eliminate(h: Float64, g: Float64, mixed: Float64, matrix: Float64, gradient: Float64) -> None:
     """Schur complement: matrix -= B' A^-1 B, gradient -= B' A^-1 g, with A = ``h`` and B = ``mixed``."""
     _factor(h)
     n, size = mixed.shape
@@ -160,7 +158,7 @@ def solve_positive(matrix: Float64, right: Float64) -> Float64:
 def _cost(
     tree: Tree, state: State, start: _Start, frames: Float64, joints: Float64, subject: Subject,
     target: _Target, prior: Prior,
-) -> float:  # fmt: skip # pragma: no cover
+) -> float:  # fmt: skip
     """Cost of the markers' residuals, and of what the prior pulls on."""
     at = np.empty(3)
     total = 0.0
@@ -187,7 +185,7 @@ def _cost(
 def _normal(
     tree: Tree, state: State, start: _Start, frames: Float64, joints: Float64, subject: Subject,
     target: _Target, prior: Prior, h: Float64, g: Float64,
-) -> None:  # fmt: skip # pragma: no cover
+) -> None:  # fmt: skip
     """Gauss-Newton matrix (V, V) and gradient (V,) of the cost, written into the last two arguments.
 
     Angles that push against their limit are cut out.
@@ -237,9 +235,7 @@ def _normal(
 
 
 @numba.njit(cache=True)
-def _fit(
-    tree: Tree, state: State, subject: Subject, target: _Target, prior: Prior, steps: int
-) -> float:  # pragma: no cover
+def _fit(tree: Tree, state: State, subject: Subject, target: _Target, prior: Prior, steps: int) -> float:
     """Cost of the best posture found, which is written into ``state``."""
     n = 3 + 3 * len(tree.parents)
     start = _Start(state.signed_rad.copy(), state.pelvis_m.copy(), np.zeros_like(state.signed_rad))
@@ -278,7 +274,7 @@ def _fit(
 
 
 @numba.njit(cache=True)
-def _apply(tree: Tree, step: Float64, state: State, drift: Float64) -> None:  # pragma: no cover
+def _apply(tree: Tree, step: Float64, state: State, drift: Float64) -> None:
     """A step (V,), no variable farther than is safe, added to a state and to its drift."""
     for k in range(3):
         state.pelvis_m[k] += min(0.5, max(-0.5, step[k]))
@@ -301,7 +297,7 @@ def _apply(tree: Tree, step: Float64, state: State, drift: Float64) -> None:  # 
 @numba.njit(cache=True)
 def _shape_normal(
     tree: Tree, state: State, subject: Subject, target: _Target, prior: Prior, basis: Basis
-) -> tuple[Float64, Float64]:  # pragma: no cover
+) -> tuple[Float64, Float64]:
     n, groups, markers = 3 + 3 * len(tree.parents), len(basis.bones), len(subject.marker_joint)
     size = groups + 3 * markers
     frames, joints = place(tree, state, subject.bones_m)

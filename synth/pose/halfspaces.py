@@ -35,7 +35,7 @@ class Rows(NamedTuple):
 
 
 @numba.njit(cache=True)
-def no_rows() -> Rows:  # pragma: no cover
+def no_rows() -> Rows:
     """Room for ``MAX_ROWS`` rows."""
     return Rows(
         np.empty((MAX_ROWS, 3)),
@@ -46,9 +46,7 @@ def no_rows() -> Rows:  # pragma: no cover
 
 
 @numba.njit(cache=True)
-def add_pulls(
-    rows: Rows, n: int, positions: Float64, pulled: Int64, ends: Float64, strength: float
-) -> int:  # pragma: no cover
+def add_pulls(rows: Rows, n: int, positions: Float64, pulled: Int64, ends: Float64, strength: float) -> int:
     """Rows that draw joints to places; ends (k, 6): target and weight per axis. Returns the new count."""
     for k in range(len(pulled)):
         way = (ends[k, :3] - positions[pulled[k]]) * ends[k, 3:]
@@ -63,7 +61,7 @@ def add_pulls(
 
 
 @numba.njit(cache=True)
-def reaches_m(pairs: Int64, flesh: Flesh) -> Float64:  # pragma: no cover
+def reaches_m(pairs: Int64, flesh: Flesh) -> Float64:
     """(n,) how near the middle stations of a pair have to come for its flesh to touch; chains are rigid."""
     result = np.empty(len(pairs))
     for r in range(len(pairs)):
@@ -79,9 +77,7 @@ def reaches_m(pairs: Int64, flesh: Flesh) -> Float64:  # pragma: no cover
 
 
 @numba.njit(cache=True)
-def add_flesh(
-    rows: Rows, n: int, pairs: Int64, reaches: Float64, flesh: Flesh, stations: Float64
-) -> int:  # pragma: no cover
+def add_flesh(rows: Rows, n: int, pairs: Int64, reaches: Float64, flesh: Flesh, stations: Float64) -> int:
     """Rows that part flesh from flesh: each station of one chain against the nearest place of the other."""
     for r in range(len(pairs)):
         a_lo, a_hi, b_lo, b_hi = pairs[r]
@@ -102,9 +98,7 @@ def add_flesh(
 
 
 @numba.njit(cache=True, fastmath=True)
-def _deepest(
-    s: int, lo: int, hi: int, flesh: Flesh, stations: Float64
-) -> tuple[float, Float64, int]:  # pragma: no cover
+def _deepest(s: int, lo: int, hi: int, flesh: Flesh, stations: Float64) -> tuple[float, Float64, int]:
     """How deep station s is in the flesh over stations lo..hi, the place on the axis, and its joint."""
     radii = flesh.radii_m
     px, py, pz = stations[s]
@@ -126,9 +120,7 @@ def _deepest(
 
 
 @numba.njit(cache=True)
-def add_solids(
-    rows: Rows, n: int, boxes: Float64, flesh: Flesh, stations: Float64
-) -> int:  # pragma: no cover
+def add_solids(rows: Rows, n: int, boxes: Float64, flesh: Flesh, stations: Float64) -> int:
     """Rows that push limbs out of furniture; boxes (k, 17): packed ``Solid``s."""
     for k in range(len(boxes)):
         centre, half, give, bias = boxes[k, :3], boxes[k, 3:6], boxes[k, 6], boxes[k, 7]
@@ -157,7 +149,7 @@ def add_solids(
 
 
 @numba.njit(cache=True)
-def _leave(off: Float64, half: Float64, bias: float) -> tuple[float, Float64]:  # pragma: no cover
+def _leave(off: Float64, half: Float64, bias: float) -> tuple[float, Float64]:
     """How deep a point lies in a box about the origin (negative: how far from it), and the way out.
 
     The way up is taken where it is no more than ``bias`` longer than the shortest.

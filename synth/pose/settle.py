@@ -159,7 +159,7 @@ def settle(
 def _settle(
     rules: Rules, angles: Float64, pelvis: Float64, heave: float, flesh: Flesh, boxes: Float64,
     pulled: Int64, ends: Float64,
-) -> None:  # fmt: skip # pragma: no cover
+) -> None:  # fmt: skip
     rows, heaved = no_rows(), 0.0
     reaches = reaches_m(rules.pairs, flesh)
     # The pelvis' own row is its orientation and free.
@@ -184,7 +184,7 @@ def _settle(
 
 
 @numba.njit(cache=True)
-def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:  # pragma: no cover
+def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:
     """(S, 3) where a body's stations are, from ``kinematics``."""
     stations = np.empty_like(flesh.centres_m)
     for s in range(len(stations)):
@@ -196,7 +196,7 @@ def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:  #
 @numba.njit(cache=True)
 def _gradient(
     rules: Rules, axes: Float64, positions: Float64, rows: Rows, r: int, where: Int64, value: Float64
-) -> int:  # pragma: no cover
+) -> int:
     """How far row r's points part per radian of each angle that moves them; returns how many."""
     n = 0
     u, v, w = rows.normals[r]
@@ -223,7 +223,7 @@ def _gradient(
 @numba.njit(cache=True)
 def _project(
     rules: Rules, angles: Float64, axes: Float64, positions: Float64, heave: float, rows: Rows, n: int
-) -> tuple[Float64, float]:  # pragma: no cover
+) -> tuple[Float64, float]:
     """The small step towards satisfying all rows: angles (J, 3) and how far the whole body rises (m)."""
     where, value = np.empty((n, MAX_ENTRIES), np.int64), np.empty((n, MAX_ENTRIES))
     count, size, up = np.empty(n, np.int64), np.empty(n), np.zeros(n)

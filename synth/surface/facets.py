@@ -12,7 +12,7 @@ Triple = tuple[float, float, float]
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def shares(vertices: Float32, faces: Int32, f: int, p: Triple) -> Triple:  # pragma: no cover
+def shares(vertices: Float32, faces: Int32, f: int, p: Triple) -> Triple:
     """Barycentric coordinates of a point in a face's plane, kept inside the face."""
     a = faces[f, 0]
     e, g = edge(vertices, a, faces[f, 1]), edge(vertices, a, faces[f, 2])
@@ -27,7 +27,7 @@ def shares(vertices: Float32, faces: Int32, f: int, p: Triple) -> Triple:  # pra
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def mix(values: Float32, faces: Int32, f: int, s: Triple) -> Triple:  # pragma: no cover
+def mix(values: Float32, faces: Int32, f: int, s: Triple) -> Triple:
     """What three corners' values (V, 3) make at barycentric coordinates s."""
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     return (
@@ -38,7 +38,7 @@ def mix(values: Float32, faces: Int32, f: int, s: Triple) -> Triple:  # pragma: 
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def mix_column(fields: Float32, n: int, faces: Int32, f: int, s: Triple) -> float:  # pragma: no cover
+def mix_column(fields: Float32, n: int, faces: Int32, f: int, s: Triple) -> float:
     """``mix`` of column n alone of values (V, n)."""
     value: float = (
         s[0] * fields[faces[f, 0], n] + s[1] * fields[faces[f, 1], n] + s[2] * fields[faces[f, 2], n]
@@ -47,7 +47,7 @@ def mix_column(fields: Float32, n: int, faces: Int32, f: int, s: Triple) -> floa
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def edge(vertices: Float32, a: int, b: int) -> Triple:  # pragma: no cover
+def edge(vertices: Float32, a: int, b: int) -> Triple:
     """From vertex a to vertex b."""
     return (
         np.float64(vertices[b, 0]) - vertices[a, 0],
@@ -57,19 +57,19 @@ def edge(vertices: Float32, a: int, b: int) -> Triple:  # pragma: no cover
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def cross(a: Triple, b: Triple) -> Triple:  # pragma: no cover
+def cross(a: Triple, b: Triple) -> Triple:
     """Cross product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def dot(a: Triple, b: Triple) -> float:  # pragma: no cover
+def dot(a: Triple, b: Triple) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def unit(a: Triple) -> Triple:  # pragma: no cover
+def unit(a: Triple) -> Triple:
     """The same direction with length 1; a vector of length 0 stays."""
     length = np.sqrt(dot(a, a)) + 1e-12
     return (a[0] / length, a[1] / length, a[2] / length)

@@ -75,7 +75,7 @@ def rasterize(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _project(vertices: Float32, fx: float, fy: float, cx: float, cy: float) -> Float32:  # pragma: no cover
+def _project(vertices: Float32, fx: float, fy: float, cx: float, cy: float) -> Float32:
     """Pixel coordinates and nearness 1/z (V, 3); nearness 0 in front of the near plane."""
     points = np.empty((len(vertices), 3), np.float32)
     for i in range(len(vertices)):
@@ -88,9 +88,7 @@ def _project(vertices: Float32, fx: float, fy: float, cx: float, cy: float) -> F
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _candidates(
-    points: Float32, faces: Int32, width: int, height: int, closed: bool
-) -> Int32:  # pragma: no cover
+def _candidates(points: Float32, faces: Int32, width: int, height: int, closed: bool) -> Int32:
     """Faces whose bounding box holds a pixel centre; without branches, as most hold none."""
     kept = np.empty(len(faces), np.int32)
     right, bottom = np.float32(width - 1), np.float32(height - 1)
@@ -111,9 +109,7 @@ def _candidates(
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _fill(
-    points: Float32, faces: Int32, candidates: Int32, nearness: Float32, face: Int32
-) -> None:  # pragma: no cover
+def _fill(points: Float32, faces: Int32, candidates: Int32, nearness: Float32, face: Int32) -> None:
     """Nearness and index of the nearest candidate at every pixel, written into the last two arguments."""
     height, width = nearness.shape
     for f in candidates:
@@ -155,7 +151,7 @@ def _fill(
 
 
 @numba.njit(cache=True)
-def _invert(nearness: Float32) -> None:  # pragma: no cover
+def _invert(nearness: Float32) -> None:
     """Nearness to depth in place; nothing seen becomes NaN."""
     flat = nearness.ravel()
     for i in range(len(flat)):
@@ -163,7 +159,7 @@ def _invert(nearness: Float32) -> None:  # pragma: no cover
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _narrow(start: int, end: int, u0: int, value: float, step: float) -> tuple[int, int]:  # pragma: no cover
+def _narrow(start: int, end: int, u0: int, value: float, step: float) -> tuple[int, int]:
     """The part of [start, end] where ``value + step (u - u0) >= 0``, and a pixel more for rounding."""
     if step > 0:
         start = max(start, u0 + int(min(max(-value / step, 0.0), 1e6)) - 1)

@@ -31,7 +31,7 @@ def wavelength_cells(wavelength_m: float) -> float:
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def smooth_noise(tile: Float32, x: float, y: float, z: float) -> float:  # pragma: no cover
+def smooth_noise(tile: Float32, x: float, y: float, z: float) -> float:
     """Noise at a place given in cells, trilinear between them."""
     i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
     a, b, c = x - i, y - j, z - k
