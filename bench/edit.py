@@ -17,7 +17,8 @@ from annotate.correction.edit import Editor
 from annotate.correction.edit_supervoxels import edit_supervoxels
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Gesture
-from synth.rig.rig import VirtualRig, truth_labels
+from synth.rig.truth import truth_labels
+from synth.rig.virtual_rig import VirtualRig
 
 ROUNDS = 25
 

@@ -14,7 +14,8 @@ from annotate.segmentation.segment import segment
 from annotate.suit.palette import chromaticity
 from bench.fuse import fuse_naive
 from eval.scores.confusion import confusion_matrix, mean_recall
-from synth.rig.rig import VirtualRig, truth_labels
+from synth.rig.truth import truth_labels
+from synth.rig.virtual_rig import VirtualRig
 
 FRAMES = 8
 

@@ -14,7 +14,8 @@ from annotate.parts import N_CLASSES
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import BATCH, predict_frames
 from synth.images.presets import preset_named, sample
-from synth.rig.rig import VirtualRig, truth_labels
+from synth.rig.truth import truth_labels
+from synth.rig.virtual_rig import VirtualRig
 
 FRAMES, REPEATS, PAPER_REPEATS = 4, 25, 3
 CROPS = 64

@@ -52,8 +52,8 @@ def simulate(
         _simulate_plate(out, frames, seed, overwrite, json)
         return
     with needing("synth"):
-        from synth.rig.rig import VirtualRig
         from synth.rig.simulate import simulate, suit_path, truth_path
+        from synth.rig.virtual_rig import VirtualRig
     rig = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, scene)
     with progress("simulate", frames) as advance:
         simulate(rig, out, advance, overwrite=overwrite)
@@ -63,8 +63,8 @@ def simulate(
 
 def _simulate_plate(out: Path, frames: int, seed: int, overwrite: bool, json: bool) -> None:
     with needing("synth"):
+        from synth.cameras.optics import RIG_CALIBRATION
         from synth.rig.plate_views import PlateViews, record_plate
-        from synth.rig.rig import RIG_CALIBRATION
 
     with progress("simulate", frames) as advance:
         truth = record_plate(PlateViews(RIG_CALIBRATION, frames, seed), out, advance, overwrite=overwrite)

@@ -21,8 +21,8 @@ from eval.network.predict import predict_source
 from eval.report.build import write_report
 from eval.report.gather import gather
 from sensors.session.reader import Session
-from synth.rig.rig import VirtualRig
 from synth.rig.simulate import simulate, truth_path
+from synth.rig.virtual_rig import VirtualRig
 
 
 def whole_path(out: Path, frames: int, seed: int) -> dict[str, Any]:

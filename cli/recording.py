@@ -35,7 +35,7 @@ class Shown:
 
     def __init__(self) -> None:
         with needing("synth"):
-            from synth.rig.rig import VirtualRig
+            from synth.rig.virtual_rig import VirtualRig
         self._rig = VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
         self.calibration = self._rig.calibration
 

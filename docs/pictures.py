@@ -15,7 +15,9 @@ from eval.network.onnx_network import OnnxNetwork
 from eval.report.gallery import make_frame
 from synth.body.body import shipped_bodies
 from synth.body.body_picture import save_picture
-from synth.rig.rig import DIFFICULTIES, VirtualRig, truth_labels
+from synth.rig.difficulty import DIFFICULTIES
+from synth.rig.truth import truth_labels
+from synth.rig.virtual_rig import VirtualRig
 
 IMAGES = Path(__file__).parent / "images"
 SUBJECTS = 4

@@ -22,8 +22,8 @@ from cli.main import main
 from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
-from synth.rig.rig import VirtualRig
 from synth.rig.simulate import simulate
+from synth.rig.virtual_rig import VirtualRig
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

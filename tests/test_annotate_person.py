@@ -14,7 +14,8 @@ from annotate.person.extract import extract_person
 from annotate.person.warm_window import WINDOW_C
 from sensors.importers.pointcloud import CloudFile
 from sensors.rig.camera import Intrinsics, rays
-from synth.rig.rig import VirtualRig, truth_labels
+from synth.rig.truth import truth_labels
+from synth.rig.virtual_rig import VirtualRig
 
 CAMERA = Intrinsics(256, 212, 183.0, 183.0, 127.5, 105.5)
 RAYS = rays(CAMERA)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from annotate.person.thermal_drift import measure_drift
 from sensors.errors import CalibrationError
 from sensors.rig.rig_calibration import Pose
-from synth.rig.rig import VirtualRig
+from synth.rig.virtual_rig import VirtualRig
 
 FRAMES = 10
 

@@ -10,7 +10,7 @@ from synth.body.body import pose, shipped_bodies
 from synth.body.flesh import CHAINS, N_STATIONS, flesh_of
 from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, clamp, forward, kinematics
 from synth.pose.contact import height_to_rest, lift_needed
-from synth.pose.halfspaces import MAX_ROWS, add_flesh, no_rows, reaches_m
+from synth.pose.halfspaces import ROW_CAPACITY, add_flesh, no_rows, reaches_m
 from synth.pose.settle import RULES, Pull, settle, sink, stations_m
 from synth.surface.furniture import FLOOR, Solid, Surface
 from tests.helpers.penetration import furniture_penetration_m, penetrations_m, self_penetration_m
@@ -88,7 +88,7 @@ def deepest_overlap(asked: Posture) -> float:
     rows = no_rows()
     reaches = reaches_m(RULES.pairs, flesh)
     n = add_flesh(rows, 0, RULES.pairs, reaches, flesh, stations_m(flesh, frames, joints))
-    assert n < MAX_ROWS
+    assert n < ROW_CAPACITY
     return float(rows.depths_m[:n].max(initial=0.0))
 
 

@@ -13,9 +13,11 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.session.reader import Session
 from synth.cameras.depth_noise import DepthNoise
-from synth.rig.rig import DIFFICULTIES, FLAG_CLOSED, RIG_CALIBRATION, Truth, VirtualRig, truth_labels
+from synth.cameras.optics import RIG_CALIBRATION
+from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.simulate import simulate, suit_path, truth_path
-from synth.rig.truth import FLYING_MM, whose_readings
+from synth.rig.truth import FLYING_MM, Truth, truth_labels, whose_readings
+from synth.rig.virtual_rig import FLAG_CLOSED, VirtualRig
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer
 

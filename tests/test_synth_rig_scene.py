@@ -14,7 +14,7 @@ from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID
 from synth.pose.sitting import SITTING
 from synth.rig.difficulty import CLEAN, HARD, NORMAL, Clutter
-from synth.rig.place import SCENES, Place
+from synth.rig.place import SCENES
 from synth.rig.props import laptop, mug
 from synth.rig.stay import Stay
 from synth.surface.furniture import Surface
@@ -85,7 +85,7 @@ def test_blankets_lie_over_the_legs(scene):
 
 
 def test_a_laptop_is_on_free_thighs_and_else_aside():
-    rng, place = np.random.default_rng(3), Place.sample("sofa", np.random.default_rng(0))
+    rng, place = np.random.default_rng(3), SCENES["sofa"](np.random.default_rng(0))
     thing = laptop(np.array([9.0, 9.0, 0.5]), BODY, on_lap=True)
     places, legs = {}, np.zeros(len(BODY.vertices_m), bool)
     for name in ("left_upper_leg", "right_upper_leg", "left_lower_leg", "right_lower_leg"):
@@ -109,7 +109,7 @@ def test_a_laptop_is_on_free_thighs_and_else_aside():
 
 
 def test_a_mug_is_at_the_mouth_of_who_drinks_unless_it_stands():
-    rng, place = np.random.default_rng(3), Place.sample("sofa", np.random.default_rng(0))
+    rng, place = np.random.default_rng(3), SCENES["sofa"](np.random.default_rng(0))
     held, standing = (mug(np.array([9.0, 9.0, 0.5]), BODY, held=free) for free in (True, False))
     at_mouth = []
     for _ in range(8):
@@ -136,14 +136,14 @@ def test_subjects_are_of_many_builds_and_a_bad_scene_is_refused():
     heights = [float(np.ptp(outfit.rest_m[:, 2])) for outfit in outfits]
     assert len(np.unique(np.round(heights, 4))) == 8 and np.ptp(heights) > 0.1
     with pytest.raises(CloudError, match="'pool' is unknown; use sofa, chair, bed"):
-        Place.sample("pool", np.random.default_rng(0))
+        SCENES["pool"](np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_robots_look_at_the_person_from_a_robots_distance(scene):
     rng = np.random.default_rng(0)
     for _ in range(20):
-        place = Place.sample(scene, rng)
+        place = SCENES[scene](rng)
         pose = place.robot_eye(rng, 1.0)
         middle = pose.apply(np.array([[0, 0, place.furniture.height + 0.1]]))[0]
         assert 1.5 < middle[2] < 3.2 and abs(middle[0]) < 0.6 and abs(middle[1]) < 0.7

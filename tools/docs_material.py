@@ -11,7 +11,7 @@ import numpy as np
 
 from annotate.cloud.fuse import Fuser
 from synth.markers.marker_files import Markers
-from synth.rig.rig import VirtualRig
+from synth.rig.virtual_rig import VirtualRig
 from tests.helpers.marker_truth import RATE, synthesise
 
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from sensors.calibrate.bundle import Adjusted, adjust
 from sensors.calibrate.hole_plate import HolePlate
 from sensors.calibrate.plate_view import view_plate
+from synth.cameras.optics import RIG_CALIBRATION
 from synth.rig.plate_views import PlateViews
-from synth.rig.rig import RIG_CALIBRATION
 
 VIEWS = 40
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from annotate.parts import N_CLASSES, PART_ID
+from annotate.parts import BODY_PARTS, N_CLASSES, PART_ID
 from synth.body.body import Body
 from synth.body.hair import hair_faces
 from synth.body.skeleton import JOINT_ID, Float64
@@ -15,15 +15,11 @@ from synth.surface.furniture import Surface
 PART_C = {
     "head": 33.5,
     "torso": 30.5,
-    "left_upper_arm": 30.0,
-    "right_upper_arm": 30.0,
-    "left_forearm": 30.5,
-    "right_forearm": 30.5,
     "hip": 30.0,
-    "left_upper_leg": 29.5,
-    "right_upper_leg": 29.5,
-    "left_lower_leg": 28.8,
-    "right_lower_leg": 28.8,
+    "upper_arm": 30.0,
+    "forearm": 30.5,
+    "upper_leg": 29.5,
+    "lower_leg": 28.8,
 }
 """Clothed and bare surface temperatures of a person at rest in a 21 C room (tight thin clothing sits
 between skin, 32-34 C, and air; ISO 7933 annex on clothing surface temperature)."""
@@ -44,28 +40,18 @@ CONTACT_M = 0.02
 TOUCH_WARM_S, TOUCH_COOL_S = 15.0, 30.0
 """Thin cloth follows within half a minute; order of magnitude, no source."""
 SURFACE_C = {
-    Surface.RADIATOR: 46.0,
-    Surface.MUG: 50.0,
-    Surface.LAPTOP: 35.0,
-    Surface.KEYBOARD: 33.0,
-    Surface.SCREEN: 31.0,
-    Surface.WINDOW: 14.0,
-    Surface.SUNLIT: 29.0,
-    Surface.BLANKET: 25.5,
+    Surface.RADIATOR: (46.0, 7.0),
+    Surface.MUG: (50.0, 7.0),
+    Surface.LAPTOP: (35.0, 3.0),
+    Surface.KEYBOARD: (33.0, 2.5),
+    Surface.SCREEN: (31.0, 2.0),
+    Surface.WINDOW: (14.0, 2.0),
+    Surface.SUNLIT: (29.0, 2.5),
+    Surface.BLANKET: (25.5, 1.0),
 }
-"""What is not as warm as the room. Radiator: low-temperature heating, 45 C flow; laptop under load; a double
-pane in winter; a wall in the sun; a blanket over legs."""
-SURFACE_SPREAD_C = {
-    Surface.RADIATOR: 7.0,
-    Surface.MUG: 7.0,
-    Surface.LAPTOP: 3.0,
-    Surface.KEYBOARD: 2.5,
-    Surface.SCREEN: 2.0,
-    Surface.WINDOW: 2.0,
-    Surface.SUNLIT: 2.5,
-    Surface.BLANKET: 1.0,
-}
-"""How far things of a kind differ (standard deviation); no source."""
+"""Mean and standard deviation of what is not as warm as the room. Radiator: low-temperature heating, 45 C
+flow; laptop under load; a double pane in winter; a wall in the sun; a blanket over legs. No source for the
+deviations."""
 
 
 @dataclass(frozen=True)
@@ -122,18 +108,18 @@ def surface_temperatures(
 ) -> Float64:
     """Temperature (F,) of lifeless faces by tag, each kind off by ``spread`` times its own spread."""
     table = np.full(max(Surface) + 1, room_c) + 0.3 * spread * rng.normal(size=max(Surface) + 1)
-    for surface, celsius in SURFACE_C.items():
-        table[surface] = celsius + spread * SURFACE_SPREAD_C[surface] * float(rng.normal())
+    for surface, (celsius, deviation) in SURFACE_C.items():
+        table[surface] = celsius + spread * deviation * float(rng.normal())
     return np.asarray(table[tags], np.float64)
 
 
 def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generator) -> Float64:
     """Temperature (F,) of the body's faces where nothing touches them."""
     by_part = np.zeros(N_CLASSES)
-    for name, celsius in PART_C.items():
-        part = PART_ID[name]
-        by_part[part] = celsius + (0 if name == "head" else clothing.offset_c)
-        by_part[part] -= SLEEVE_DROP_C * (part in clothing.cold_sleeves)
+    for part in BODY_PARTS:
+        celsius = PART_C[part.name.removeprefix("left_").removeprefix("right_")]
+        by_part[part.id] = celsius + (0 if part.name == "head" else clothing.offset_c)
+        by_part[part.id] -= SLEEVE_DROP_C * (part.id in clothing.cold_sleeves)
     temperature = by_part[body.face_parts]
     joint = body.strongest_joints
     for ends, warm, cold, share in (

@@ -22,9 +22,9 @@ MAX_BYTES = 50_000_000
 """Of a body unpacked: a shipped one has 0.8 MB."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Body:
-    """One person's shape at rest, ready to be posed.
+    """One person's shape at rest, ready to be posed; equal to itself alone.
 
     vertices_m: float32 (V, 3) rest pose, x to the person's left, y back, z up, soles at z = 0.
     faces: int32 (F, 3). face_parts: uint8 (F,) part ids. joints_m: float64 (J, 3) at rest.

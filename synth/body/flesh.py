@@ -6,7 +6,7 @@ them. Limbs are chains along a bone; the trunk is a pile of short chains from ri
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -82,29 +82,11 @@ class Flesh(NamedTuple):
     trunk: Int64
 
 
-class _Same:
-    """Hashes an object by identity and keeps it alive, so that its identity is not given away again."""
-
-    def __init__(self, held: object) -> None:
-        self.held = held
-
-    def __hash__(self) -> int:
-        return id(self.held)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.held is self.held
-
-
-def flesh_of(body: Body) -> Flesh:
-    """The flesh of a body; the last few bodies' are remembered."""
-    return _fit(_Same(body))
-
-
 @lru_cache(maxsize=16)
-def _fit(same: _Same) -> Flesh:
-    body = cast(Body, same.held)
+def flesh_of(body: Body) -> Flesh:
+    """The flesh of a body; that of the last few is remembered."""
     centres, radii, joints = np.zeros((N_STATIONS, 3)), np.zeros(N_STATIONS), np.zeros(N_STATIONS, np.int64)
-    owned = _vertices_of_joints(*map(_Same, (body.bones, body.weights, body.faces, body.face_parts)))
+    owned = _vertices_of_joints(body)
     _fit_trunk(body, owned, centres, radii, joints)
     for side in ("left", "right"):
         for limb, (start, end) in _BONE.items():
@@ -202,20 +184,15 @@ def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, 
     joints[s] = head
 
 
-@lru_cache(maxsize=4)
-def _vertices_of_joints(bones: _Same, weights: _Same, faces: _Same, parts: _Same) -> list[Int64]:
-    """Per joint the vertices it weighs most on; builds blended of one kind share the arrays, so this too.
+def _vertices_of_joints(body: Body) -> list[Int64]:
+    """Vertices by joint, those it moves most.
 
     Those on a border between parts are left out: they stand in a dense row and would weigh in every mean.
     """
-    strongest = cast(NDArray[np.float32], weights.held).argmax(axis=1)
-    main = cast(NDArray[np.uint8], bones.held)[np.arange(len(strongest)), strongest]
-    corners, part = cast(NDArray[np.int32], faces.held), cast(NDArray[np.uint8], parts.held)
-    lowest, highest = np.full(len(main), 255, np.uint8), np.zeros(len(main), np.uint8)
-    for corner in corners.T:
-        np.minimum.at(lowest, corner, part)
-        np.maximum.at(highest, corner, part)
-    return [np.flatnonzero((main == j) & (lowest == highest)) for j in range(N_JOINTS)]
+    parts, corners = body.vertex_parts, body.faces.ravel()
+    inner = parts > 0
+    inner[corners[parts[corners] != np.repeat(body.face_parts, 3)]] = False
+    return [np.flatnonzero((body.strongest_joints == j) & inner) for j in range(N_JOINTS)]
 
 
 @numba.njit(cache=True, fastmath=True)

@@ -45,14 +45,12 @@ class DepthNoise:
         )
 
 
-MIN_RANGE_MM, MAX_RANGE_MM = 500, 4500
+RANGE_MM = (500, 4500)
 """libfreenect2's depth packet processor: valid range, nothing nearer than 500 mm."""
 EDGE_DELTA_MM = 50.0
 """Neighbouring readings further apart than this make a silhouette (libfreenect2's close edge delta)."""
 CLIP_RAD = np.radians(82.0)
 """The noise model diverges at 90 degrees; its measurements end at about 80."""
-
-
 FAR_M = 8.0
 """Where nothing is hit, there is a background this far away: out of range, but edges and slopes need it."""
 MIXED_M = 0.6
@@ -100,15 +98,9 @@ def kinect(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _kinect(
-    depth: Float32,
-    dark: Float32,
-    wanted: NDArray[np.bool_],
-    strengths: Float32,
-    pinhole: Float32,
-    key: np.uint64,
-    normals: Float32,
-    noisy: NDArray[np.uint16],
-) -> None:
+    depth: Float32, dark: Float32, wanted: NDArray[np.bool_], strengths: Float32, pinhole: Float32,
+    key: np.uint64, normals: Float32, noisy: NDArray[np.uint16],
+) -> None:  # fmt: skip
     """Writes the readings of the wanted pixels into ``noisy``."""
     height, width = depth.shape
     axial, flying, grazing, darkness, lateral, offset_mm, scale = strengths
@@ -148,7 +140,7 @@ def _kinect(
                 + offset_mm
                 + sigma * normals[(bits >> np.uint64(24)) & np.uint64(4095)]
             )
-            if MIN_RANGE_MM <= mm <= MAX_RANGE_MM:
+            if RANGE_MM[0] <= mm <= RANGE_MM[1]:
                 noisy[v, u] = int(np.rint(mm))
 
 

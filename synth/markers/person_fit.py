@@ -10,7 +10,8 @@ from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Float64, Posture, alignment, forward
 from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.markerset import MarkerSet
-from synth.markers.posture_fit import Basis, Observed, Prior, fit_posture, shape_normal, solve_positive
+from synth.markers.positive_systems import solve_positive
+from synth.markers.posture_fit import Basis, Observed, Prior, fit_posture, shape_normal
 
 REFERENCE_BODY = 4
 """The shipped body of 1.70 m on which marker sets are stated."""

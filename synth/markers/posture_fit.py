@@ -20,6 +20,7 @@ from synth.markers.kinematics import (
     place,
     turn,
 )
+from synth.markers.positive_systems import eliminate, solve_in_place
 
 MARKER_SIGMA_M = 0.005
 """Unit of a marker's residual: noise, soft tissue and the model's own error together. Chosen by eye."""
@@ -97,61 +98,6 @@ def shape_normal(
 
 def _target(observed: Observed) -> _Target:
     return _Target(observed.markers_m, observed.weights / MARKER_SIGMA_M**2, observed.robust_m**2)
-
-
-@numba.njit(cache=True)
-def _factor(h: Float64) -> None:
-    """Cholesky factor in place; at this size faster than LAPACK, whose threads fight for the cores."""
-    for i in range(len(h)):
-        for j in range(i + 1):
-            total = h[i, j]
-            for k in range(j):
-                total -= h[i, k] * h[j, k]
-            h[i, j] = np.sqrt(max(total, 1e-12)) if i == j else total / h[j, j]
-
-
-@numba.njit(cache=True)
-def _solve(h: Float64, x: Float64) -> None:
-    """Solve a positive definite system: the solution into ``x``, the factor into ``h``."""
-    _factor(h)
-    n = len(x)
-    for i in range(n):
-        for k in range(i):
-            x[i] -= h[i, k] * x[k]
-        x[i] /= h[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            x[i] -= h[k, i] * x[k]
-        x[i] /= h[i, i]
-
-
-@numba.njit(cache=True)
-def _eliminate(h: Float64, g: Float64, mixed: Float64, matrix: Float64, gradient: Float64) -> None:
-    """Schur complement: matrix -= B' A^-1 B, gradient -= B' A^-1 g, with A = ``h`` and B = ``mixed``."""
-    _factor(h)
-    n, size = mixed.shape
-    for i in range(n):
-        for k in range(i):
-            g[i] -= h[i, k] * g[k]
-            for s in range(size):
-                mixed[i, s] -= h[i, k] * mixed[k, s]
-        g[i] /= h[i, i]
-        for s in range(size):
-            mixed[i, s] /= h[i, i]
-    for i in range(n):
-        for s in range(size):
-            x = mixed[i, s]
-            if x != 0.0:
-                gradient[s] -= x * g[i]
-                for t in range(size):
-                    matrix[s, t] -= x * mixed[i, t]
-
-
-def solve_positive(matrix: Float64, right: Float64) -> Float64:
-    """Solution (n,) of a positive definite system (n, n); leaves its arguments alone."""
-    solution = right.copy()
-    _solve(matrix.copy(), solution)
-    return solution
 
 
 @numba.njit(cache=True)
@@ -251,7 +197,7 @@ def _fit(tree: Tree, state: State, subject: Subject, target: _Target, prior: Pri
             for v in range(n):
                 damped[v, v] += damping * h[v, v] + 1e-6
             step = -g
-            _solve(damped, step)
+            solve_in_place(damped, step)
             new = State(state.pelvis_m.copy(), state.signed_rad.copy(), state.local.copy())
             new_start = _Start(start.signed_rad, start.pelvis_m, start.drift.copy())
             _apply(tree, step, new, new_start.drift)
@@ -343,5 +289,5 @@ def _shape_normal(
         if h[v, v] == 1.0 and g[v] == 0.0:
             mixed[v, :] = 0.0
         h[v, v] += 1e-6
-    _eliminate(h, g, mixed, matrix, gradient)
+    eliminate(h, g, mixed, matrix, gradient)
     return matrix, gradient

@@ -15,7 +15,8 @@ SKIN_M = 0.004
 """Flesh is kept this far apart: its spheres are means, the skin is not round."""
 PULL_STEP_M = 0.06
 """A pull moves its point by no more than this a round."""
-MAX_ROWS = 256
+ROW_CAPACITY = 256
+"""Half-spaces that a round regards; further ones wait for the next. Chosen by eye."""
 SOLID, NOTHING = -1, -2
 """In place of a second point's joint: the first pushes against furniture, or against nothing at all."""
 _LAST_FIXED = 4
@@ -36,12 +37,12 @@ class Rows(NamedTuple):
 
 @numba.njit(cache=True)
 def no_rows() -> Rows:
-    """Room for ``MAX_ROWS`` rows."""
+    """Room for ``ROW_CAPACITY`` rows."""
     return Rows(
-        np.empty((MAX_ROWS, 3)),
-        np.empty(MAX_ROWS),
-        np.empty((MAX_ROWS, 2, 3)),
-        np.empty((MAX_ROWS, 2), np.int64),
+        np.empty((ROW_CAPACITY, 3)),
+        np.empty(ROW_CAPACITY),
+        np.empty((ROW_CAPACITY, 2, 3)),
+        np.empty((ROW_CAPACITY, 2), np.int64),
     )
 
 
@@ -88,7 +89,7 @@ def add_flesh(rows: Rows, n: int, pairs: Int64, reaches: Float64, flesh: Flesh, 
             depth, near, joint = _deepest(s, b_lo, b_hi, flesh, stations)
             way = stations[s] - near
             length = np.sqrt(np.dot(way, way))
-            if depth > 0 and length > 1e-6 and n < MAX_ROWS:
+            if depth > 0 and length > 1e-6 and n < ROW_CAPACITY:
                 rows.normals[n] = way / length
                 rows.depths_m[n] = depth
                 rows.points[n, 0], rows.points[n, 1] = stations[s], near
@@ -139,7 +140,7 @@ def add_solids(rows: Rows, n: int, boxes: Float64, flesh: Flesh, stations: Float
                 continue
             depth, normal = _leave(off, half, bias)
             depth += room
-            if depth > 0 and n < MAX_ROWS:
+            if depth > 0 and n < ROW_CAPACITY:
                 rows.normals[n] = turn @ normal
                 rows.depths_m[n] = depth
                 rows.points[n, 0] = stations[s]

@@ -27,10 +27,11 @@ SWEEPS = 5
 """Times each round goes over all half-spaces."""
 CLEAR_M = 0.002
 """Overlap that is left alone once nothing pulls any more."""
-MAX_ENTRIES = 36
+ENTRY_CAPACITY = 36
 """Angles that can move the two points of one row: six joints on each side."""
-MAX_STEP_RAD = 0.35
-MAX_HEAVE_M = 0.05
+STEP_LIMIT_RAD = 0.35
+"""No angle moves farther a round: there the half-spaces are still near to linear. Chosen by eye."""
+HEAVE_LIMIT_M = 0.05
 """What lies under a body lifts it by no more than this."""
 
 
@@ -145,7 +146,7 @@ def settle(
     """The posture nearest to the one asked for whose limbs keep clear of each other and of the solids.
 
     Angles come back inside their limits. The pelvis stays, but that solids may lift the whole body as readily
-    as ``heave`` (rad^2/m^2 beside a limb's 1) says, ``MAX_HEAVE_M`` at most.
+    as ``heave`` (rad^2/m^2 beside a limb's 1) says, ``HEAVE_LIMIT_M`` at most.
     """
     boxes = np.array([s.packed() for s in solids]).reshape(-1, 17)
     pulled = np.array([JOINT_ID[p.joint] for p in pulls], np.int64)
@@ -178,7 +179,7 @@ def _settle(
         # Not while limbs are drawn down, or they would lift the body off what it lies on.
         step, rise = _project(rules, angles, axes, positions, 0.0 if pulling else heave, rows, n)
         angles += step
-        rise = min(rise, MAX_HEAVE_M - heaved)
+        rise = min(rise, HEAVE_LIMIT_M - heaved)
         heaved += rise
         pelvis[2] += rise
 
@@ -225,11 +226,11 @@ def _project(
     rules: Rules, angles: Float64, axes: Float64, positions: Float64, heave: float, rows: Rows, n: int
 ) -> tuple[Float64, float]:
     """The small step towards satisfying all rows: angles (J, 3) and how far the whole body rises (m)."""
-    where, value = np.empty((n, MAX_ENTRIES), np.int64), np.empty((n, MAX_ENTRIES))
+    where, value = np.empty((n, ENTRY_CAPACITY), np.int64), np.empty((n, ENTRY_CAPACITY))
     count, size, up = np.empty(n, np.int64), np.empty(n), np.zeros(n)
     mobility, now = rules.mobility.ravel(), angles.ravel()
-    low = np.maximum(rules.limits_rad[:, :, 0].copy().ravel() - now, -MAX_STEP_RAD)
-    high = np.minimum(rules.limits_rad[:, :, 1].copy().ravel() - now, MAX_STEP_RAD)
+    low = np.maximum(rules.limits_rad[:, :, 0].copy().ravel() - now, -STEP_LIMIT_RAD)
+    high = np.minimum(rules.limits_rad[:, :, 1].copy().ravel() - now, STEP_LIMIT_RAD)
     for r in range(n):
         count[r] = _gradient(rules, axes, positions, rows, r, where[r], value[r])
         if rows.movers[r, 1] == SOLID:

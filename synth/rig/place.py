@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sensors.errors import CloudError
 from sensors.rig.rig_calibration import Pose
 from synth.body.skeleton import Float64
 from synth.pose.moment import Behaviour
@@ -37,13 +36,6 @@ class Place:
     behaviour: Behaviour
     lies: bool
     view: Viewpoint
-
-    @staticmethod
-    def sample(scene: str, rng: np.random.Generator) -> "Place":
-        """A place of that kind. Raises CloudError for an unknown scene."""
-        if scene not in SCENES:
-            raise CloudError(f"scene {scene!r} is unknown; use {', '.join(SCENES)}")
-        return SCENES[scene](rng)
 
     def cushions(self) -> list[Cushion]:
         """What of it is soft and carries: seat and back rest, arm rests, mattress and pillow."""
@@ -89,4 +81,5 @@ def _view_of_sitter(rng: np.random.Generator, stray: float) -> tuple[Float64, Fl
     return eye, np.array([0.0, 0.0, 0.68]) + stray * rng.normal(0, 0.06, 3)
 
 
-SCENES = {"sofa": _sofa, "chair": _chair, "bed": _bed}
+SCENES: dict[str, Callable[[np.random.Generator], Place]] = {"sofa": _sofa, "chair": _chair, "bed": _bed}
+"""Places by name, drawn at random."""

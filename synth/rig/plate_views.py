@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sensors.calibrate.hole_plate import HolePlate
-from sensors.errors import FormatError
 from sensors.files.atomic import check_free, replacing
 from sensors.rig.camera import Intrinsics, distort, rays
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
 from sensors.session.writer import SessionWriter
+from synth.appearance.color_camera import encode
 
 BACKING_M = 0.03
 """How far the warm backing lies behind the plate."""
@@ -127,10 +127,7 @@ class PlateViews:
         grey = self._views["color"].image(color_from_plate, self.plate, _Values(205, 40, 120))
         grey = cv2.GaussianBlur(grey, (0, 0), BLUR_PX) + rng.normal(0, GREY_SIGMA, grey.shape)
         image = np.repeat(np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
-        ok, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])
-        if not ok:
-            raise FormatError(f"colour image {image.shape} cannot be encoded as JPEG")
-        return bytes(data)
+        return encode(image)
 
     def _thermal(self, thermal_from_plate: Pose, rng: np.random.Generator) -> NDArray[np.float32]:
         image = self._views["thermal"].image(

@@ -10,7 +10,8 @@ from annotate.suit.palette import suit_to_toml
 from sensors.errors import ExistsError
 from sensors.files.atomic import check_free, replacing, sweep, temporary_of
 from sensors.session.writer import SessionWriter
-from synth.rig.rig import FLAG_CLOSED, VirtualRig, truth_labels
+from synth.rig.truth import truth_labels
+from synth.rig.virtual_rig import FLAG_CLOSED, VirtualRig
 
 
 def truth_path(session: Path) -> Path:

@@ -20,7 +20,7 @@ from synth.body.skeleton import Float64
 from synth.pose.moment import Moment
 from synth.rig.difficulty import Difficulty
 from synth.rig.furnish import ROOM_FRONT_Y_M, ROOM_HALF_WIDTH_M, furnish, invite
-from synth.rig.place import Place
+from synth.rig.place import SCENES
 from synth.surface.furniture import Surface, room
 from synth.surface.rasterize import Mesh, merge
 from synth.surface.shapes import tagged
@@ -97,7 +97,7 @@ class Stay:
         self._difficulty = difficulty
         own, like = bodies[(number + seed) % len(bodies)], bodies[int(rng.integers(len(bodies)))]
         self._body = blend(own, like, float(rng.uniform(0, MOST_BLENDED)))
-        self._place = Place.sample(scene, rng)
+        self._place = SCENES[scene](rng)
         self._room_c = float(rng.uniform(*difficulty.room_c))
         self._cushions = self._place.cushions()
         camera_from_world = self._place.robot_eye(rng, difficulty.stray)
@@ -194,20 +194,9 @@ class Stay:
         setting = set_up(look, suit, rng)
         meshes += [c.mesh for c in self._cushions] + [t.mesh for t in self._things] + [self._still]
         whole = merge(meshes)
-        dark = _darkness(bodies, outfits, setting.room.rgb[whole.tags])
-        return Cast(
-            name,
-            whole.faces,
-            whole.tags,
-            outfits,
-            len(self._body.vertices_m),
-            people,
-            setting,
-            dark,
-            camera_from_world,
-            self._room_c,
-            clothing,
-        )
+        dark, subject = _darkness(bodies, outfits, setting.room.rgb[whole.tags]), len(self._body.vertices_m)
+        scene = (name, whole.faces, whole.tags, outfits, subject, people, setting, dark)
+        return Cast(*scene, camera_from_world, self._room_c, clothing)
 
 
 def _darkness(bodies: list[Body], outfits: list[Outfit], rgb: Float64) -> NDArray[np.float32]:

@@ -33,7 +33,7 @@ from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.hardship import camera_hardships, scene_hardships
 from synth.rig.place import SCENES
 from synth.rig.stay import Cast, Stay, Tableau
-from synth.rig.truth import Truth, truth_labels, whose_readings
+from synth.rig.truth import Truth, whose_readings
 from synth.surface.rasterize import Mesh, ZBuffer
 
 FRAMES_PER_SECOND = 2.0
@@ -43,8 +43,6 @@ JUMP_M_S = 4.0
 """Nothing in a living room moves faster; what does was put elsewhere between two frames."""
 FLAG_CLOSED = "thermal flag closed"
 """The event of a frame whose temperatures the flag has hidden."""
-
-__all__ = ["DIFFICULTIES", "FLAG_CLOSED", "RIG_CALIBRATION", "SCENES", "Truth", "VirtualRig", "truth_labels"]
 
 
 class _Cameras(NamedTuple):
