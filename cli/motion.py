@@ -12,15 +12,7 @@ from cli.extras import needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free
 from synth.body.skeleton import JOINTS
-from synth.markers.motion_file import (
-    BRIDGED,
-    GHOST,
-    MISSING,
-    SWAPPED,
-    MarkerReport,
-    load_motion,
-    save_motion,
-)
+from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, MarkerReport, load_motion, save_motion
 
 ANGLES = ("flexion", "abduction", "rotation")
 """A joint's three angles, in the order of ``synth.body.skeleton``."""

@@ -12,10 +12,9 @@ from annotate.crop import window_of
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
 from synth.appearance.outfit import GAMMA
-from synth.body.skeleton import Float64
+from synth.surface.arrays import Float32, Float64, Int32, UInt8
 from synth.surface.rasterize import EXACT
 
-Float32 = NDArray[np.float32]
 JPEG_QUALITY = 90
 """The Kinect v2 encodes its own JPEG; files of like size, 300 to 600 kB, have about this quality."""
 GREY = 0.21
@@ -117,16 +116,14 @@ def first_state(mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generato
     return state
 
 
-def flow_px(
-    camera: Intrinsics, points_m: NDArray[np.float64], velocity_m_s: Float64, seconds: float
-) -> Float32:
+def flow_px(camera: Intrinsics, points_m: Float64, velocity_m_s: Float64, seconds: float) -> Float32:
     """Image motion float32 (V, 2) of points (V, 3), camera frame, during an exposure; pixels."""
     ends = [points_m + sign * seconds / 2 * velocity_m_s for sign in (-1, 1)]
     pixels = [end[:, :2] / np.maximum(end[:, 2:], 0.05) for end in ends]
     return np.asarray((pixels[1] - pixels[0]) * (camera.fx, camera.fy), np.float32)
 
 
-def smear(light: Float32, face: NDArray[np.int32], flow_by_face: Float32) -> Float32:
+def smear(light: Float32, face: Int32, flow_by_face: Float32) -> Float32:
     """Blur light (h, w, 3) along the motion of every pixel's face; flow_by_face: (F + 1, 2) pixels, last 0.
 
     What moves also spreads over still pixels beside it (gathering, after McGuire et al. 2012).
@@ -172,9 +169,7 @@ def _gather(light: Float32, flow: Float32, moves: Float32) -> Float32:
     return result
 
 
-def develop(
-    light: Float32, state: CameraState, faults: CameraFaults, rng: np.random.Generator
-) -> NDArray[np.uint8]:
+def develop(light: Float32, state: CameraState, faults: CameraFaults, rng: np.random.Generator) -> UInt8:
     """Linear light (h, w, 3), distorted already -> sRGB uint8 (h, w, 3): Bayer raw, noise, demosaicing.
 
     Shot noise has the variance of the electrons counted; gain multiplies it. Clean faults skip the mosaic.
@@ -214,12 +209,12 @@ def _expose(
 
 
 @cache
-def _curve() -> NDArray[np.uint8]:
+def _curve() -> UInt8:
     """sRGB by raw value (65536,)."""
     return np.asarray(np.rint(255 * np.power(np.clip(np.arange(65536) / RAW_TOP, 0, 1), 1 / GAMMA)), np.uint8)
 
 
-def encode(rgb: NDArray[np.uint8]) -> bytes:
+def encode(rgb: UInt8) -> bytes:
     """The camera's JPEG of an sRGB image (h, w, 3)."""
     ok, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not ok:

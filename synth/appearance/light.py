@@ -8,16 +8,14 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.rig.camera import Intrinsics
 from synth.appearance.paint import Surfaces
-from synth.body.skeleton import Float64
+from synth.surface.arrays import Float32, Float64
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import EXACT, Mesh, rasterize
 from synth.surface.viewpoint import look_at
 
-Float32 = NDArray[np.float32]
 STRIDE = 4
 """Shadows are soft: looked up at every fourth pixel and spread over the like surface between."""
 PLACES = 4

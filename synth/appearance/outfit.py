@@ -15,9 +15,9 @@ from skimage.color import lab2rgb, rgb2lab
 from annotate.parts import N_CLASSES, NEIGHBOURS, PART_ID
 from annotate.suit.palette import Suit
 from synth.body.body import Body
-from synth.body.skeleton import JOINT_ID, Float64
+from synth.body.skeleton import JOINT_ID
+from synth.surface.arrays import Float32, Float64, Int32, UInt8
 
-Float32 = NDArray[np.float32]
 SKIN, HAIR, SHOE = 12, 13, 14
 N_ZONES = 15
 SEAMS = tuple(sorted((min(pair), max(pair)) for pair in NEIGHBOURS))
@@ -78,7 +78,7 @@ class Outfit:
     """A dressed body. zone_rgb: linear (15, 3). fields_m: float32 (V, 14), see ``SEAMS``. folds_m: float32
     (V,) height of folds. rest_m: float32 (V, 3), where noise is read, apart from every other person's."""
 
-    face_parts: NDArray[np.uint8]
+    face_parts: UInt8
     rest_m: Float32
     fields_m: Float32
     folds_m: Float32
@@ -86,7 +86,7 @@ class Outfit:
     seam_sd_m: float
     patch: float
 
-    def face_rgb(self, faces: NDArray[np.int32]) -> Float64:
+    def face_rgb(self, faces: Int32) -> Float64:
         """Linear colour (F, 3) at the centre of each of the body's faces (F, 3), seams where they belong."""
         fields = self.fields_m[faces].mean(axis=1)
         zone = self.face_parts.copy()

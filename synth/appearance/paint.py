@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from annotate.parts import N_CLASSES
 from sensors.rig.camera import Intrinsics
@@ -24,13 +23,10 @@ from synth.appearance.outfit import (
     Outfit,
 )
 from synth.appearance.room_colors import RoomColors
-from synth.body.skeleton import Float64
+from synth.surface.arrays import Float32, Float64, Int32, Int64, UInt8
 from synth.surface.facets import Triple, cross, dot, edge, mix, mix_column, shares, unit
 from synth.surface.rasterize import EXACT, Mesh, ZBuffer
 from synth.surface.texture import noise_tile, smooth_noise, wavelength_cells
-
-Float32 = NDArray[np.float32]
-Int32 = NDArray[np.int32]
 
 SEAM_WAVE_M, FOLD_WAVE_M, PATCH_WAVE_M, HAIR_WAVE_M = 0.12, 0.055, 0.16, 0.008
 """How far apart a seam's swings, folds, worn patches and strands of hair are. No source: chosen by eye."""
@@ -86,8 +82,8 @@ class _Clothes(NamedTuple):
     """Outfits one after another. By face (F,): wearer, parts. By vertex: rest (V, 3), fields (V, 14), folds
     (V,). By wearer: zones (n, 15, 3) linear colour, wear (n, 2) seam's deviation and patches."""
 
-    wearer: NDArray[np.int64]
-    parts: NDArray[np.uint8]
+    wearer: Int64
+    parts: UInt8
     rest: Float32
     fields: Float32
     folds: Float32

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from annotate.suit.palette import Suit
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
-from synth.appearance.color_camera import (  # fmt: skip
+from synth.appearance.color_camera import (
     CameraFaults,
     CameraState,
     develop,
@@ -28,10 +27,8 @@ from synth.appearance.light import EVEN_LIGHT, Lighting, LightSpread, illuminate
 from synth.appearance.outfit import Outfit, Wear
 from synth.appearance.paint import paint
 from synth.appearance.room_colors import RoomColors, paint_room, plain_room
-from synth.body.skeleton import Float64
+from synth.surface.arrays import Float32, Float64, Int32
 from synth.surface.rasterize import Mesh, rasterize
-
-Float32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -139,9 +136,7 @@ class ColorCamera:
         image = np.asarray(cv2.remap(light, *self.maps, interpolation=cv2.INTER_LINEAR), np.float32)
         return encode(develop(image, state, self.faults, rng))
 
-    def _flow(
-        self, points_m: Float64, faces: NDArray[np.int32], velocity_m_s: Float64, seconds: float
-    ) -> Float32:
+    def _flow(self, points_m: Float64, faces: Int32, velocity_m_s: Float64, seconds: float) -> Float32:
         """Image motion (F + 1, 2) of every face during an exposure, pixels; the last, nothing hit, is 0."""
         turned = velocity_m_s @ self.color_from_world.rotation.T
         by_vertex = flow_px(self.pinhole, points_m, turned, seconds)

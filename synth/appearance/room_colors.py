@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from synth.appearance.outfit import GAMMA
-from synth.body.skeleton import Float64
+from synth.surface.arrays import Float64, UInt8
 from synth.surface.furniture import Surface
 from synth.surface.texture import wavelength_cells
 
@@ -63,7 +63,7 @@ def plain_room() -> RoomColors:
     return _room({}, with_grain=False)
 
 
-def paint_room(suit_rgb: NDArray[np.uint8], equal: float, rng: np.random.Generator) -> RoomColors:
+def paint_room(suit_rgb: UInt8, equal: float, rng: np.random.Generator) -> RoomColors:
     """A room of common colours; with a chance of ``equal`` each, a thing has one of the suit's (K, 3)."""
     chosen = {
         Surface.SOFA: rng.choice(SOFA_RGB),

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from annotate.parts import BODY_PARTS, N_CLASSES, PART_ID
 from synth.body.body import Body
 from synth.body.hair import hair_faces
-from synth.body.skeleton import JOINT_ID, Float64
+from synth.body.skeleton import JOINT_ID
+from synth.surface.arrays import Bool, Float32, Float64, Int32, Int64
 from synth.surface.furniture import Surface
 
 PART_C = {
@@ -91,7 +91,7 @@ class BodyWarmth:
         self._touch = np.zeros(len(body.vertices_m))
         self._limbs = _limb_vertices(body)
 
-    def update(self, vertices_m: NDArray[np.float32], pressed: NDArray[np.bool_], seconds: float) -> None:
+    def update(self, vertices_m: Float32, pressed: Bool, seconds: float) -> None:
         """Let a posed body (V, 3) stay so long; pressed: (V,) where furniture touches it."""
         touched = pressed | _touching(vertices_m, self._limbs)
         lag_s = np.where(touched, TOUCH_WARM_S, TOUCH_COOL_S)
@@ -103,9 +103,7 @@ class BodyWarmth:
         return np.asarray(self._apart + touch * np.maximum(CONTACT_C - self._apart, 0.0), np.float64)
 
 
-def surface_temperatures(
-    tags: NDArray[np.int32], room_c: float, spread: float, rng: np.random.Generator
-) -> Float64:
+def surface_temperatures(tags: Int32, room_c: float, spread: float, rng: np.random.Generator) -> Float64:
     """Temperature (F,) of lifeless faces by tag, each kind off by ``spread`` times its own spread."""
     table = np.full(max(Surface) + 1, room_c) + 0.3 * spread * rng.normal(size=max(Surface) + 1)
     for surface, (celsius, deviation) in SURFACE_C.items():
@@ -136,10 +134,10 @@ def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generat
     return np.asarray(temperature, np.float64)
 
 
-def _limb_vertices(body: Body) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+def _limb_vertices(body: Body) -> list[tuple[Int64, Int64]]:
     """Pairs of vertex sets that can touch though they are no neighbours: arm and trunk, arm and leg, legs."""
     part = body.vertex_parts
-    sides: dict[str, dict[str, NDArray[np.int64]]] = {}
+    sides: dict[str, dict[str, Int64]] = {}
     for side in ("left", "right"):
         ids = {limb: PART_ID[f"{side}_{limb}"] for limb in ("upper_arm", "forearm", "upper_leg", "lower_leg")}
         sides[side] = {limb: np.flatnonzero(part == p) for limb, p in ids.items()}
@@ -157,10 +155,8 @@ def _limb_vertices(body: Body) -> list[tuple[NDArray[np.int64], NDArray[np.int64
     return pairs
 
 
-def _touching(
-    vertices_m: NDArray[np.float32], pairs: list[tuple[NDArray[np.int64], NDArray[np.int64]]]
-) -> NDArray[np.bool_]:
-    """Vertices (V,) that are near to the other set of their pair."""
+def _touching(vertices_m: Float32, pairs: list[tuple[Int64, Int64]]) -> Bool:
+    """Float32 (V,) that are near to the other set of their pair."""
     touched = np.zeros(len(vertices_m), np.bool_)
     for one, other in pairs:
         a, b = vertices_m[one], vertices_m[other]

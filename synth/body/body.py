@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.files.atomic import replacing
 from sensors.files.npz import load_arrays
 from sensors.rig.camera import FloatArray
-from synth.body.skeleton import N_JOINTS, Float64, Posture, alignment, forward
+from synth.body.skeleton import N_JOINTS, Posture, alignment, forward
+from synth.surface.arrays import Float32, Float64, Int32, UInt8
 
 BONES_PER_VERTEX = 4
 DENSITY_KG_M3 = 980.0
@@ -33,13 +33,13 @@ class Body:
     """
 
     name: str
-    vertices_m: NDArray[np.float32]
-    faces: NDArray[np.int32]
-    face_parts: NDArray[np.uint8]
+    vertices_m: Float32
+    faces: Int32
+    face_parts: UInt8
     joints_m: Float64
-    bones: NDArray[np.uint8]
-    weights: NDArray[np.float32]
-    waist: NDArray[np.int32]
+    bones: UInt8
+    weights: Float32
+    waist: Int32
 
     def __post_init__(self) -> None:
         v, f = len(self.vertices_m), len(self.faces)
@@ -64,14 +64,14 @@ class Body:
             raise FormatError(f"body {self.name}: indices point outside; make it again")
 
     @property
-    def vertex_parts(self) -> NDArray[np.uint8]:
+    def vertex_parts(self) -> UInt8:
         """Part id of each vertex (V,); where parts meet, that of its last face."""
         parts = np.zeros(len(self.vertices_m), np.uint8)
         parts[self.faces.ravel()] = np.repeat(self.face_parts, 3)
         return parts
 
     @property
-    def strongest_joints(self) -> NDArray[np.uint8]:
+    def strongest_joints(self) -> UInt8:
         """The joint that moves each vertex (V,) most."""
         return np.asarray(self.bones[np.arange(len(self.bones)), self.weights.argmax(axis=1)])
 
@@ -91,13 +91,13 @@ class Body:
         return 100 * float(np.ptp(self.vertices_m[self.waist, 0]))
 
 
-def volume_m3(vertices_m: FloatArray, faces: NDArray[np.int32]) -> float:
+def volume_m3(vertices_m: FloatArray, faces: Int32) -> float:
     """Volume enclosed by a triangle mesh: the sum of signed tetrahedra to the origin."""
     a, b, c = (vertices_m[faces[:, i]].astype(np.float64) for i in range(3))
     return abs(float(np.einsum("ij,ij->", np.cross(a, b), c))) / 6
 
 
-def pose(body: Body, posture: Posture) -> tuple[NDArray[np.float32], Float64]:
+def pose(body: Body, posture: Posture) -> tuple[Float32, Float64]:
     """Skin a body by linear blending. Returns vertices float32 (V, 3) and joints (J, 3), world, metres."""
     frames, joints = forward(posture, body.joints_m, alignment(body.joints_m))
     offsets = joints - np.einsum("jab,jb->ja", frames, body.joints_m)
@@ -107,11 +107,11 @@ def pose(body: Body, posture: Posture) -> tuple[NDArray[np.float32], Float64]:
 
 @numba.njit(cache=True)
 def _skin(
-    vertices: NDArray[np.float32],
-    bones: NDArray[np.uint8],
-    weights: NDArray[np.float32],
-    matrices: NDArray[np.float32],
-) -> NDArray[np.float32]:
+    vertices: Float32,
+    bones: UInt8,
+    weights: Float32,
+    matrices: Float32,
+) -> Float32:
     result = np.zeros_like(vertices)
     for v in range(len(vertices)):
         x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]

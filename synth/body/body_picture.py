@@ -11,7 +11,8 @@ from annotate.parts import PARTS
 from sensors.files.atomic import write_bytes
 from sensors.rig.camera import Intrinsics
 from synth.body.body import Body
-from synth.body.skeleton import PARENTS, Float64
+from synth.body.skeleton import PARENTS
+from synth.surface.arrays import Float64, UInt8
 from synth.surface.rasterize import rasterize
 
 MOST_BODIES = 64
@@ -25,7 +26,7 @@ _COLOURS = np.array([part.rgb for part in PARTS], np.float32)
 _PAPER, _INK = 255, (40, 40, 44)
 
 
-def picture(bodies: Sequence[Body]) -> NDArray[np.uint8]:
+def picture(bodies: Sequence[Body]) -> UInt8:
     """RGB image (h, w, 3) of up to ``MOST_BODIES`` bodies at rest, eight a row, all to one scale.
 
     Under each its height, weight and waist breadth.
@@ -47,7 +48,7 @@ def save_picture(path: Path, bodies: Sequence[Body]) -> None:
     write_bytes(path, data.tobytes())
 
 
-def _view(body: Body, facing: int) -> NDArray[np.uint8]:
+def _view(body: Body, facing: int) -> UInt8:
     """One body from the front (facing 1) or from behind (-1)."""
     height, width = (_FINER * n for n in _TILE)
     scale = height / _SPAN_M
@@ -71,7 +72,7 @@ def _seen(points_m: NDArray[np.floating], facing: int) -> Float64:
     return np.stack([facing * x, 0.48 * _SPAN_M - z, _AWAY_M + facing * y], axis=1)
 
 
-def _draw_skeleton(image: NDArray[np.uint8], camera: Intrinsics, joints_m: Float64) -> None:
+def _draw_skeleton(image: UInt8, camera: Intrinsics, joints_m: Float64) -> None:
     u = camera.fx * joints_m[:, 0] / joints_m[:, 2] + camera.cx
     v = camera.fy * joints_m[:, 1] / joints_m[:, 2] + camera.cy
     at = [(int(a), int(b)) for a, b in zip(np.rint(u), np.rint(v), strict=True)]
@@ -82,7 +83,7 @@ def _draw_skeleton(image: NDArray[np.uint8], camera: Intrinsics, joints_m: Float
             cv2.circle(image, at[joint], 4 + extra // 2, colour, cv2.FILLED, cv2.LINE_AA)
 
 
-def _caption(body: Body) -> NDArray[np.uint8]:
+def _caption(body: Body) -> UInt8:
     strip = np.full((44, _TILE[1], 3), _PAPER, np.uint8)
     measures = f"{body.height_cm:.1f} cm, {body.weight_kg:.1f} kg, {body.waist_breadth_cm:.1f} cm"
     for text, y in ((body.name[:28], 14), (measures, 32)):

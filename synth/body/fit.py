@@ -4,7 +4,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
@@ -13,6 +12,7 @@ from synth.body.body import BONES_PER_VERTEX, DENSITY_KG_M3, Body, volume_m3
 from synth.body.body_table import BodySize
 from synth.body.part_border import PartSkin, cut_into_parts
 from synth.body.skeleton import JOINTS, N_JOINTS
+from synth.surface.arrays import Float32, Float64, UInt8
 
 PHENOTYPES = ("gender", "age", "muscle", "weight", "height", "proportions")
 ADULT_AGE = 0.5
@@ -37,8 +37,8 @@ class BodyModel:
         self.faces = self._model.faces.numpy().astype(np.int32)
         self.waist = np.array(anny.Anthropometry(self._model).waist_vertex_indices, np.int32)
 
-    def shape(self, phenotype: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Vertices (V, 3) and bone heads (B, 3) in metres for phenotypes (6,) in [0, 1]."""
+    def shape(self, phenotype: Float64) -> tuple[Float64, Float64]:
+        """Float32 (V, 3) and bone heads (B, 3) in metres for phenotypes (6,) in [0, 1]."""
         model = self._model
         with self._torch.no_grad():
             values = {
@@ -56,13 +56,13 @@ class BodyModel:
             )
         return vertices.numpy().astype(np.float64), heads.numpy().astype(np.float64)
 
-    def measure(self, phenotype: NDArray[np.float64]) -> NDArray[np.float64]:
+    def measure(self, phenotype: Float64) -> Float64:
         """(height cm, weight kg, waist breadth cm)."""
         vertices, _ = self.shape(phenotype)
         height, breadth = np.ptp(vertices[:, 2]), np.ptp(vertices[self.waist, 0])
         return np.array([100 * height, DENSITY_KG_M3 * volume_m3(vertices, self.faces), 100 * breadth])
 
-    def bake(self, name: str, phenotype: NDArray[np.float64]) -> Body:
+    def bake(self, name: str, phenotype: Float64) -> Body:
         """Everything a worker needs of one body."""
         vertices, joints = self._standing(phenotype)
         bones, weights = self._influences
@@ -78,7 +78,7 @@ class BodyModel:
         )
 
     @cached_property
-    def _influences(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def _influences(self) -> tuple[UInt8, Float32]:
         """The strongest joints of every vertex of the cut skin, and their weights: the same on all bodies."""
         by_joint = self._skin.recipe @ self._weights_by_joint(self._skin.recipe.shape[1])
         bones = np.argsort(-by_joint, axis=1, kind="stable")[:, :BONES_PER_VERTEX]
@@ -92,14 +92,14 @@ class BodyModel:
         vertices, joints = self._standing(AVERAGE)
         return cut_into_parts(vertices, self.faces, joints, self._weights_by_joint(len(vertices)))
 
-    def _standing(self, phenotype: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Vertices (V, 3) and joints (J, 3) with the soles on the ground."""
+    def _standing(self, phenotype: Float64) -> tuple[Float64, Float64]:
+        """Float32 (V, 3) and joints (J, 3) with the soles on the ground."""
         vertices, heads = self.shape(phenotype)
         joints = np.stack([heads[self._model.bone_labels.index(_HEAD_BONE[j.name])] for j in JOINTS])
         floor = np.array([0.0, 0.0, vertices[:, 2].min()])
         return vertices - floor, joints - floor
 
-    def _weights_by_joint(self, n_vertices: int) -> NDArray[np.float32]:
+    def _weights_by_joint(self, n_vertices: int) -> Float32:
         joint_of_bone = np.array([_joint_of(label) for label in self._model.bone_labels])
         indices = joint_of_bone[self._model.vertex_bone_indices.numpy()]
         by_joint = np.zeros((n_vertices, N_JOINTS), np.float32)
@@ -166,7 +166,7 @@ def _joint_of(bone: str) -> int:
     return names.index(f"{'left' if side == 'L' else 'right'}_{limb}")
 
 
-def fit(model: BodyModel, size: BodySize, starts: int = 8) -> NDArray[np.float64]:
+def fit(model: BodyModel, size: BodySize, starts: int = 8) -> Float64:
     """Phenotypes (6,) whose body measures as asked, by bounded least squares from several starts.
 
     The three measures leave freedom: a weak pull to the middle of every phenotype decides. Raises
@@ -175,7 +175,7 @@ def fit(model: BodyModel, size: BodySize, starts: int = 8) -> NDArray[np.float64
     asked = np.array([size.height_cm, size.weight_kg, size.waist_breadth_cm])
     low = np.array([0.0, ADULT_AGE, 0.0, 0.0, 0.0, 0.0])
 
-    def residuals(phenotype: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residuals(phenotype: Float64) -> Float64:
         return np.concatenate([model.measure(phenotype) - asked, 0.05 * (phenotype - AVERAGE)])
 
     best, cost = AVERAGE, np.inf
@@ -194,7 +194,7 @@ def fit(model: BodyModel, size: BodySize, starts: int = 8) -> NDArray[np.float64
     return best
 
 
-def random_adult(rng: np.random.Generator) -> NDArray[np.float64]:
+def random_adult(rng: np.random.Generator) -> Float64:
     """Phenotypes (6,) of a random adult: either sex, any adult age, and a build.
 
     anny's middle is tall and light: spread about 0.4 and 0.72 instead, heights come to 170 +- 10 cm and

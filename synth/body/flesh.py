@@ -10,12 +10,10 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from synth.body.body import Body
-from synth.body.skeleton import JOINT_ID, N_JOINTS, Float64, alignment
-
-Int64 = NDArray[np.int64]
+from synth.body.skeleton import JOINT_ID, N_JOINTS, alignment
+from synth.surface.arrays import Float32, Float64, Int64
 
 
 @dataclass(frozen=True)
@@ -120,20 +118,18 @@ def _carried(body: Body, owned: list[Int64]) -> Int64:
 _FRONT = np.array([0.0, -1.0, 0.0])
 
 
-def _half(own: NDArray[np.float32], start: Float64, along: Float64, towards: Float64) -> NDArray[np.float32]:
+def _half(own: Float32, start: Float64, along: Float64, towards: Float64) -> Float32:
     """The vertices of a hand or foot on that side of the line along it, across its breadth."""
     line = along.astype(np.float32)
     off = own - start.astype(np.float32)
     off -= (off @ line)[:, None] * line
     across = np.linalg.eigh(off.T @ off)[1][:, -1]
-    chosen: NDArray[np.float32] = own[(off @ across > 0) == (across @ towards > 0)]
+    chosen: Float32 = own[(off @ across > 0) == (across @ towards > 0)]
     return chosen
 
 
-def _limb(
-    body: Body, owned: Int64, joint: int, limb: str, side: str, end: str
-) -> tuple[NDArray[np.float32], Float64]:
-    """Vertices of a limb, or its half, and (2, 3) first and last station on the line it follows."""
+def _limb(body: Body, owned: Int64, joint: int, limb: str, side: str, end: str) -> tuple[Float32, Float64]:
+    """Float32 of a limb, or its half, and (2, 3) first and last station on the line it follows."""
     own, start = body.vertices_m[owned], body.joints_m[joint]
     if end:
         along = body.joints_m[JOINT_ID[f"{side}_{end}"]] - start
@@ -185,7 +181,7 @@ def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, 
 
 
 def _vertices_of_joints(body: Body) -> list[Int64]:
-    """Vertices by joint, those it moves most.
+    """Float32 by joint, those it moves most.
 
     Those on a border between parts are left out: they stand in a dense row and would weigh in every mean.
     """
@@ -196,7 +192,7 @@ def _vertices_of_joints(body: Body) -> list[Int64]:
 
 
 @numba.njit(cache=True, fastmath=True)
-def _fit_chain(own: NDArray[np.float32], axis: Float64, centres: Float64, radii: Float64) -> None:
+def _fit_chain(own: Float32, axis: Float64, centres: Float64, radii: Float64) -> None:
     """Write the middle and mean radius of the vertices (n, 3) about each station of a line."""
     n = len(radii)
     along = axis[1] - axis[0]
@@ -231,7 +227,7 @@ def _fit_chain(own: NDArray[np.float32], axis: Float64, centres: Float64, radii:
 
 
 @numba.njit(cache=True)
-def _slices(own: NDArray[np.float32], heights: Float64, half: float) -> Float64:
+def _slices(own: Float32, heights: Float64, half: float) -> Float64:
     """(n, 4) left, right, front and back of the vertices (n, 3) about each height."""
     result = np.empty((len(heights), 4))
     result[:, 0], result[:, 1], result[:, 2], result[:, 3] = -1e3, 1e3, 1e3, -1e3

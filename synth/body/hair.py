@@ -1,14 +1,14 @@
 """Where hair grows on a body."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from annotate.parts import PART_ID
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
+from synth.surface.arrays import Bool
 
 
-def hair_faces(body: Body) -> NDArray[np.bool_]:
+def hair_faces(body: Body) -> Bool:
     """Faces (F,) where hair grows: the head above the brow, and its back down to the neck."""
     _, y, z = body.vertices_m[body.faces].mean(axis=1).T
     head = body.joints_m[JOINT_ID["head"]]

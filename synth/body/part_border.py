@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array, vstack
 
 from annotate.parts import PART_ID
-from synth.body.skeleton import JOINT_ID, Float64
+from synth.body.skeleton import JOINT_ID
+from synth.surface.arrays import Float32, Float64, Int32, Int64, UInt8
 
 Level = Callable[[Float64], Float64]
-Int32 = NDArray[np.int32]
 SNAP_M = 0.001
 """A border passing a vertex nearer than this goes through it: no slivers."""
 _BISECTIONS = 24
@@ -49,7 +48,7 @@ class PartSkin:
 
     recipe: csr_array
     faces: Int32
-    face_parts: NDArray[np.uint8]
+    face_parts: UInt8
 
 
 @dataclass(frozen=True)
@@ -61,9 +60,7 @@ class Border:
     level: Level
 
 
-def cut_into_parts(
-    vertices_m: Float64, faces: Int32, joints_m: Float64, by_joint: NDArray[np.float32]
-) -> PartSkin:
+def cut_into_parts(vertices_m: Float64, faces: Int32, joints_m: Float64, by_joint: Float32) -> PartSkin:
     """Cut a skin at rest along every border.
 
     vertices_m: (V, 3); faces: int32 (F, 3); joints_m: (J, 3); by_joint: (V, J) weight of every joint.
@@ -138,7 +135,7 @@ def _groin(hip: Float64, sign: int, crotch_z: float, thigh_m: float, points: Flo
     return np.asarray(np.minimum(groin_z - z, sign * x))
 
 
-def _roughly(faces: Int32, by_joint: NDArray[np.float32]) -> NDArray[np.uint8]:
+def _roughly(faces: Int32, by_joint: Float32) -> UInt8:
     """Part (F,) whose joints weigh most at a face's centre."""
     by_part = np.zeros((len(by_joint), len(PART_ID)), np.float32)
     for name, joint in JOINT_ID.items():
@@ -201,7 +198,7 @@ def _zero(level: Level, start: Float64, end: Float64) -> Float64:
     return (low + high) / 2
 
 
-def _split(faces: Int32, edges: NDArray[np.int64], points: Float64) -> tuple[Int32, NDArray[np.int64]]:
+def _split(faces: Int32, edges: Int64, points: Float64) -> tuple[Int32, Int64]:
     """Faces with a new vertex on some edges, each new triangle's old face beside it.
 
     edges: (n, 2) sorted rows, low vertex first; their new vertices are the last n of the points. No face
@@ -234,9 +231,7 @@ def _split(faces: Int32, edges: NDArray[np.int64], points: Float64) -> tuple[Int
     return split[order], parents[order]
 
 
-def _turned(
-    faces: Int32, new: NDArray[np.int64], chosen: NDArray[np.int64], first: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], ...]:
+def _turned(faces: Int32, new: Int64, chosen: Int64, first: Int64) -> tuple[Int64, ...]:
     """Corners of chosen faces from ``first`` on, and the new vertices on their first and last edges."""
     turn = (first[:, None] + np.arange(3)) % 3
     a, b, c = np.take_along_axis(faces[chosen].astype(np.int64), turn, axis=1).T

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Float64 = NDArray[np.float64]
+from synth.surface.arrays import Float64
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from sensors.rig.camera import Intrinsics
+from synth.surface.arrays import Bool, Float32
 from synth.surface.rasterize import EXACT
 
-Float32 = NDArray[np.float32]
 Number = np.float32
 
 
@@ -73,11 +73,11 @@ def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:
 
 def kinect(
     camera: Intrinsics,
-    depth_m: NDArray[np.float32],
-    dark: NDArray[np.bool_] | NDArray[np.float32],
+    depth_m: Float32,
+    dark: Bool | Float32,
     noise: DepthNoise,
     rng: np.random.Generator,
-    only: NDArray[np.bool_] | None = None,
+    only: Bool | None = None,
 ) -> NDArray[np.uint16]:
     """Clean depth (h, w) in metres, NaN = nothing -> noisy uint16 millimetres, 0 = no reading.
 
@@ -98,7 +98,7 @@ def kinect(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _kinect(
-    depth: Float32, dark: Float32, wanted: NDArray[np.bool_], strengths: Float32, pinhole: Float32,
+    depth: Float32, dark: Float32, wanted: Bool, strengths: Float32, pinhole: Float32,
     key: np.uint64, normals: Float32, noisy: NDArray[np.uint16],
 ) -> None:  # fmt: skip
     """Writes the readings of the wanted pixels into ``noisy``."""

@@ -3,12 +3,10 @@
 import cv2
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.rig.camera import Intrinsics
+from synth.surface.arrays import Float32
 from synth.surface.rasterize import EXACT
-
-Float32 = NDArray[np.float32]
 
 STRIDE = 12
 """Bounced light is diffuse: it is computed between patches of so many pixels a side."""

@@ -4,12 +4,12 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sensors.rig.camera import Intrinsics, distort
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import Pose, RigCalibration
+from synth.surface.arrays import Float64, Int32
 from synth.surface.rasterize import ZBuffer, rasterize
 
 # A real Kinect v2 (serial 196605135147 of iai_kinect2, Apache-2.0): lens of the colour camera and its pose.
@@ -77,11 +77,11 @@ class Lens:
         self.pinhole = wide
         self.maps = ((x + left).astype(np.float32), (y + top).astype(np.float32))
 
-    def render_pinhole(self, points: NDArray[np.float64], faces: NDArray[np.int32]) -> ZBuffer:
+    def render_pinhole(self, points: Float64, faces: Int32) -> ZBuffer:
         """The wide pinhole image; points (V, 3) in the camera frame, metres."""
         return rasterize(self.pinhole, points.astype(np.float32), faces)
 
-    def render(self, points: NDArray[np.float64], faces: NDArray[np.int32]) -> ZBuffer:
+    def render(self, points: Float64, faces: Int32) -> ZBuffer:
         """The image through the lens, every pixel taking the nearest pinhole pixel."""
         wide = self.render_pinhole(points, faces)
         u, v = (np.rint(m).astype(np.intp) for m in self.maps)
@@ -92,7 +92,7 @@ lens_of = lru_cache(maxsize=4)(Lens)
 """Every rig has the same cameras, and the colour camera's map takes a second."""
 
 
-def _undistort_fast(camera: Intrinsics, distorted: NDArray[np.float64]) -> NDArray[np.float64]:
+def _undistort_fast(camera: Intrinsics, distorted: Float64) -> Float64:
     """Fixed-point inverse of the lens model in few steps: enough for mild lenses (error under 0.01 px)."""
     ideal = distorted.copy()
     for _ in range(12):

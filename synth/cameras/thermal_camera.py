@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from synth.surface.arrays import Float32, Float64
 from synth.surface.rasterize import ZBuffer
 
 SUPERSAMPLE = 3
@@ -57,13 +57,13 @@ class ThermalState:
 
 def thermograph(
     seen: ZBuffer,
-    celsius: NDArray[np.float64],
+    celsius: Float64,
     ambient_c: float,
     noise: ThermalNoise,
     drift_c: float,
-    maps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    maps: tuple[Float32, Float32],
     rng: np.random.Generator,
-) -> NDArray[np.float32]:
+) -> Float32:
     """A supersampled pinhole render and face temperatures (F,) -> float32 (h, w) degrees Celsius.
 
     maps: where each distorted supersampled pixel looks in the render (cv2.remap's x and y).

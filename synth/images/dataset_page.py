@@ -17,6 +17,7 @@ from annotate.parts import PARTS, palette_rgb
 from sensors.files.atomic import write_bytes
 from synth.body.skeleton import JOINTS
 from synth.images.statistics import AZIMUTH_EDGES_DEG, DEPTH_EDGES_MM, HEIGHT_EDGES_M, Statistics, count
+from synth.surface.arrays import Int64, UInt8
 
 PAGE = "index.html"
 SHEET_COLUMNS, SHEET_ROWS = 8, 3
@@ -67,7 +68,7 @@ def render(dataset: Dataset) -> str:
     )
 
 
-def contact_sheet(frames: list[FrameLabels]) -> NDArray[np.uint8]:
+def contact_sheet(frames: list[FrameLabels]) -> UInt8:
     """Frames as RGB (h, w, 3), labels above their depth, near bright: the layout of the paper's Fig. 4."""
     pairs = [np.vstack([palette_rgb()[frame.parts], _grey(frame)]) for frame in frames]
     blank = np.zeros((2 * SIZE, SIZE, 3), np.uint8)
@@ -76,7 +77,7 @@ def contact_sheet(frames: list[FrameLabels]) -> NDArray[np.uint8]:
     return np.vstack(rows)
 
 
-def _grey(frame: FrameLabels) -> NDArray[np.uint8]:
+def _grey(frame: FrameLabels) -> UInt8:
     depth = normalize(frame.depth_mm, frame.parts > 0)
     seen = depth > 0
     near, far = np.percentile(depth[seen], (1, 99)) if seen.any() else (0.0, 1.0)
@@ -84,7 +85,7 @@ def _grey(frame: FrameLabels) -> NDArray[np.uint8]:
     return np.repeat(np.where(seen, bright, 0).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def _data_uri(image: NDArray[np.uint8]) -> str:
+def _data_uri(image: UInt8) -> str:
     _, data = cv2.imencode(".webp", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_WEBP_QUALITY, 85])
     return f"data:image/webp;base64,{base64.b64encode(data.tobytes()).decode()}"
 
@@ -104,7 +105,7 @@ def _part_rows(statistics: Statistics) -> list[dict[str, Any]]:
     ]
 
 
-def _bars(counts: NDArray[np.int64], edges: NDArray[Any]) -> list[tuple[float, float, float]]:
+def _bars(counts: Int64, edges: NDArray[Any]) -> list[tuple[float, float, float]]:
     """(left edge, right edge, share of the highest) of a histogram, empty ends left off."""
     filled = np.flatnonzero(counts)
     first, last = (int(filled[0]), int(filled[-1])) if filled.size else (0, 0)

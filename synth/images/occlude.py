@@ -1,9 +1,8 @@
 """What keeps a person from being seen whole: things in front of the camera, and a failing extraction."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from synth.body.skeleton import Float64
+from synth.surface.arrays import Bool, Float64
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh
 from synth.surface.shapes import box
@@ -27,7 +26,7 @@ def occluder(eye_m: Float64, seen_m: Float64, rng: np.random.Generator) -> Mesh:
     return mesh.placed(rotation, centre)
 
 
-def cut(person: NDArray[np.bool_], rng: np.random.Generator) -> NDArray[np.bool_]:
+def cut(person: Bool, rng: np.random.Generator) -> Bool:
     """Take one to three ellipses out of a person's mask (h, w), as an extraction by temperature may.
 
     Cold hands and feet, wet clothes and warm furniture leave such holes: Nishi & Miura 2017, Fig. 12.

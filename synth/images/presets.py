@@ -14,7 +14,6 @@ from sensors.errors import CloudError
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body, blend, shipped_bodies
 from synth.body.hair import hair_faces
-from synth.body.skeleton import Float64
 from synth.cameras.depth_noise import DepthNoise, kinect
 from synth.images.occlude import cut, occluder
 from synth.images.view import View, inside_image, render_view, visibility
@@ -22,6 +21,7 @@ from synth.pose.moment import Posed
 from synth.pose.recumbent import FALLEN, IN_BED, lie
 from synth.pose.sitting import SITTING, sit
 from synth.pose.upright import UPRIGHT, rise
+from synth.surface.arrays import Bool, Float32, Float64, UInt8
 from synth.surface.furniture import Bed, Chair, Ground, Sofa
 from synth.surface.rasterize import Mesh, merge
 from synth.surface.viewpoint import beside, look_at
@@ -46,7 +46,7 @@ class Stage:
     """
 
     activity: str
-    vertices_m: NDArray[np.float32]
+    vertices_m: Float32
     joints_m: Float64
     around: Mesh
     eye_m: Float64
@@ -108,9 +108,7 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     return FrameLabels(f"{index:08d}", depth, labels, subject=subject, status="truth", notes=notes)
 
 
-def _look(
-    preset: Preset, stage: Stage, body: Body, hair: NDArray[np.bool_], rng: np.random.Generator
-) -> tuple[int, View]:
+def _look(preset: Preset, stage: Stage, body: Body, hair: Bool, rng: np.random.Generator) -> tuple[int, View]:
     """Render the stage, in a share of the images with occluders unless they hide all; how many stand."""
     if rng.random() < preset.occluders:
         seen = rng.choice(stage.vertices_m, int(rng.integers(1, 3))).astype(np.float64)
@@ -129,8 +127,8 @@ def _shows(view: View) -> bool:
 
 
 def _shoot(
-    view: View, person: NDArray[np.bool_], crop: Crop, rng: np.random.Generator
-) -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+    view: View, person: Bool, crop: Crop, rng: np.random.Generator
+) -> tuple[NDArray[np.uint16], UInt8]:
     """The crop's depth and parts through a noisy sensor; only the pixels that the crop reads are computed."""
     read = person & crop.reads(person.shape)
     noisy = kinect(view.camera, view.depth_m, view.dark, DepthNoise.sample(rng), rng, only=read)
@@ -152,7 +150,7 @@ def _geometry(stage: Stage) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=2)
-def _person(stream: int, seed: int, number: int) -> tuple[Body, NDArray[np.bool_], str]:
+def _person(stream: int, seed: int, number: int) -> tuple[Body, Bool, str]:
     """A build between two of the paper's bodies (one topology, so shapes blend), its hair, its name."""
     rng = np.random.default_rng((stream, seed, number, 1))
     bodies = shipped_bodies()
@@ -162,7 +160,7 @@ def _person(stream: int, seed: int, number: int) -> tuple[Body, NDArray[np.bool_
 
 
 @cache
-def _hair(i: int) -> NDArray[np.bool_]:
+def _hair(i: int) -> Bool:
     return hair_faces(shipped_bodies()[i])
 
 

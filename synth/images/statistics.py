@@ -5,11 +5,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES
-from synth.body.skeleton import JOINT_ID, N_JOINTS, Float64
+from synth.body.skeleton import JOINT_ID, N_JOINTS
+from synth.surface.arrays import Float64, Int64
 
 DEPTH_EDGES_MM = np.arange(500, 4501, 100)
 AZIMUTH_EDGES_DEG = np.arange(-180, 181, 15)
@@ -28,12 +28,12 @@ class Statistics:
     """
 
     frames: int
-    pixels: NDArray[np.int64]
+    pixels: Int64
     shown: Float64
-    depth: NDArray[np.int64]
+    depth: Int64
     visible: Float64
-    azimuth: NDArray[np.int64]
-    height: NDArray[np.int64]
+    azimuth: Int64
+    height: Int64
     joints_mm: Float64
     activities: dict[str, int]
     occluded: float

@@ -4,17 +4,15 @@ from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from annotate.parts import BACKGROUND, N_CLASSES
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE as CAMERA
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body
-from synth.body.skeleton import Float64
+from synth.surface.arrays import Bool, Float32, Float64, Int64, UInt8
 from synth.surface.rasterize import NEAR_M, Mesh, rasterize
 
-Float32 = NDArray[np.float32]
 BORDER_PX = 4
 """Kept around the person, so that edges and slopes there have neighbours."""
 
@@ -30,16 +28,16 @@ class View:
 
     camera: Intrinsics
     corner: tuple[int, int]
-    depth_m: NDArray[np.float32]
-    parts: NDArray[np.uint8]
-    whole: NDArray[np.uint8]
-    dark: NDArray[np.bool_]
+    depth_m: Float32
+    parts: UInt8
+    whole: UInt8
+    dark: Bool
 
 
 def render_view(
     body: Body,
-    hair: NDArray[np.bool_],
-    vertices_m: NDArray[np.float32],
+    hair: Bool,
+    vertices_m: Float32,
     around: Mesh,
     camera_from_world: Pose,
 ) -> View:
@@ -59,7 +57,7 @@ def render_view(
     return View(camera, corner, np.fmin(person.depth_m, others.depth_m), parts, whole, dark)
 
 
-def visibility(parts: NDArray[np.uint8], whole: NDArray[np.uint8]) -> Float64:
+def visibility(parts: UInt8, whole: UInt8) -> Float64:
     """Share (12,) of each part's pixels in ``whole`` that ``parts`` still has; 1 for a part without any.
 
     Entry 0 is over all parts together.
@@ -69,7 +67,7 @@ def visibility(parts: NDArray[np.uint8], whole: NDArray[np.uint8]) -> Float64:
 
 
 @numba.njit(cache=True)
-def _tally(parts: NDArray[np.uint8]) -> NDArray[np.int64]:
+def _tally(parts: UInt8) -> Int64:
     """Pixels (12,) of each part, and of all together at 0."""
     pixels = np.zeros(N_CLASSES, np.int64)
     for part in parts.flat:
@@ -79,7 +77,7 @@ def _tally(parts: NDArray[np.uint8]) -> NDArray[np.int64]:
     return pixels
 
 
-def inside_image(points_m: Float64) -> NDArray[np.bool_]:
+def inside_image(points_m: Float64) -> Bool:
     """Which points (n, 3) of the camera frame the whole image covers."""
     x, y, z = points_m.T
     near = np.maximum(z, NEAR_M)
@@ -93,7 +91,7 @@ def inside_image(points_m: Float64) -> NDArray[np.bool_]:
     )
 
 
-def _to_camera(camera_from_world: Pose, vertices_m: NDArray[np.float32]) -> NDArray[np.float32]:
+def _to_camera(camera_from_world: Pose, vertices_m: Float32) -> Float32:
     rotation, translation = camera_from_world.rotation, camera_from_world.translation_m
     return _move(vertices_m, rotation.astype(np.float32), translation.astype(np.float32))
 
@@ -110,7 +108,7 @@ def _move(vertices: Float32, rotation: Float32, translation: Float32) -> Float32
     return moved
 
 
-def _window(points_m: NDArray[np.float32]) -> tuple[Intrinsics, tuple[int, int]]:
+def _window(points_m: Float32) -> tuple[Intrinsics, tuple[int, int]]:
     """The part of the image that the points cover, with a border: its camera and its corner (top, left)."""
     x0, y0, x1, y1 = map(float, _bounds(points_m, NEAR_M))
     left, right = _clip(

@@ -15,9 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_bounded
-from synth.body.skeleton import JOINT_ID, Float64
+from synth.body.skeleton import JOINT_ID
 from synth.markers.marker_files import Markers
 from synth.markers.markerset import MIN_MARKERS, MarkerSet
+from synth.surface.arrays import Float64
 
 MAX_FILE_BYTES = 300_000_000
 MAX_CENTRES = 20_000_000

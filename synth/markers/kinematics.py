@@ -10,12 +10,10 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from synth.body.skeleton import _SIGNS as ANGLE_SIGNS
-from synth.body.skeleton import JOINTS, LIMITS_RAD, PARENTS, Float64, rotations
-
-Int64 = NDArray[np.int64]
+from synth.body.skeleton import JOINTS, LIMITS_RAD, PARENTS, rotations
+from synth.surface.arrays import Bool, Float64, Int64
 
 
 class Tree(NamedTuple):
@@ -23,7 +21,7 @@ class Tree(NamedTuple):
     vectors; limits_rad (J, 3, 2) of the signed angles."""
 
     parents: Int64
-    ball: NDArray[np.bool_]
+    ball: Bool
     limits_rad: Float64
 
 

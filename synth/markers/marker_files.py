@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import CloudError, FormatError
+from synth.surface.arrays import Float64
 
 MAX_FILE_BYTES = 1_000_000_000
 MAX_POSITIONS = 50_000_000
@@ -29,7 +30,7 @@ class Markers:
     """
 
     labels: tuple[str, ...]
-    positions: NDArray[np.float64]
+    positions: Float64
     frames_per_second: float
     unit: str = ""
     up: int = -1
@@ -141,7 +142,7 @@ def _read_trc(path: Path) -> Markers:
     return Markers(labels, np.stack(rows), rate, unit)
 
 
-def _trc_row(row: str, markers: int) -> NDArray[np.float64]:
+def _trc_row(row: str, markers: int) -> Float64:
     cells = row.split("\t")[2:]
     cells = [*cells[: 3 * markers], *[""] * (3 * markers - len(cells))]
     if len(row.split("\t")) < 3 or any(cell.strip() for cell in row.split("\t")[2 + 3 * markers :]):

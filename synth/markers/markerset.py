@@ -7,11 +7,11 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.errors import CloudError, FormatError
 from sensors.files.toml_file import read_toml
-from synth.body.skeleton import JOINT_ID, Float64
+from synth.body.skeleton import JOINT_ID
+from synth.surface.arrays import Float64, Int64
 
 MIN_MARKERS = 8
 """Fewer known names than this are no marker set of a person."""
@@ -29,7 +29,7 @@ class MarkerSet:
 
     name: str
     names: tuple[str, ...]
-    joint: NDArray[np.int64]
+    joint: Int64
     at_m: Float64
     spread_m: Float64
     weight: Float64

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.files.atomic import check_free, replacing
 from sensors.files.npz import array_sizes, load_arrays
 from synth.body.body import Body
-from synth.body.skeleton import N_JOINTS, Float64, Posture
+from synth.body.skeleton import N_JOINTS, Posture
 from synth.markers.person_fit import leg_length_m, zero_bones
+from synth.surface.arrays import Float32, Float64, Int64, UInt8
 
 SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
 """Status of a marker in a frame: as it is; bridged over a short gap; missing; thrown out; relabelled."""
@@ -29,8 +29,8 @@ class MarkerReport:
     thrown out. status: uint8 (F, M). unknown: labels of the file that the marker set does not know."""
 
     names: tuple[str, ...]
-    error_m: NDArray[np.float32]
-    status: NDArray[np.uint8]
+    error_m: Float32
+    status: UInt8
     unknown: tuple[str, ...] = ()
 
     @property
@@ -45,11 +45,11 @@ class MarkerReport:
         found = self.error_m[np.isfinite(self.error_m)].astype(np.float64)
         return float(np.sqrt(np.mean(found**2))) * 1000 if found.size else 0.0
 
-    def count(self, status: int) -> NDArray[np.int64]:
+    def count(self, status: int) -> Int64:
         """Frames (M,) in which each marker had a status."""
         return np.asarray((self.status == status).sum(axis=0), np.int64)
 
-    def longest_gap(self) -> NDArray[np.int64]:
+    def longest_gap(self) -> Int64:
         """Frames (M,) of the longest run in which each marker was not seen."""
         longest = np.zeros(len(self.names), np.int64)
         run = np.zeros(len(self.names), np.int64)

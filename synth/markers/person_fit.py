@@ -4,14 +4,14 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from synth.body.body import shipped_bodies
-from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Float64, Posture, alignment, forward
+from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Posture, alignment, forward
 from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.markerset import MarkerSet
 from synth.markers.positive_systems import solve_positive
 from synth.markers.posture_fit import Basis, Observed, Prior, fit_posture, shape_normal
+from synth.surface.arrays import Float64, Int64
 
 REFERENCE_BODY = 4
 """The shipped body of 1.70 m on which marker sets are stated."""
@@ -105,7 +105,7 @@ def _groups(joint: str) -> tuple[int, int]:
 class Template:
     """How shape parameters make a subject. marker_joint, spread_m: (M,) as in ``MarkerSet``."""
 
-    marker_joint: NDArray[np.int64]
+    marker_joint: Int64
     spread_m: Float64
     basis: Basis
 

@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from synth.body.skeleton import Float64
+from synth.surface.arrays import Float64
 
 
 @numba.njit(cache=True)

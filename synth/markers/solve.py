@@ -3,10 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.errors import CloudError
-from synth.body.skeleton import Float64
 from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.marker_files import Markers
 from synth.markers.markerset import MarkerSet, choose_marker_set
@@ -21,6 +19,7 @@ from synth.markers.person_fit import (
 )
 from synth.markers.posture_fit import ROBUST_M, Observed, Prior, fit_posture
 from synth.markers.trial import Trial, check_same_person, trial_of, up_direction
+from synth.surface.arrays import Float32, Float64, UInt8
 
 CALIBRATION_FRAMES = 30
 STATIC_FRAMES = 10
@@ -101,10 +100,10 @@ def _frame(
     subject: Subject,
     before: State | None,
     observed: Float64,
-    status: NDArray[np.uint8],
+    status: UInt8,
     weight: Float64,
     prior: Prior,
-) -> tuple[State, NDArray[np.float32]]:
+) -> tuple[State, Float32]:
     """Posture of one frame, and its markers' errors; marks ghosts and swaps in ``status``."""
     seen = np.asarray(status == SEEN)
     weights = np.where(seen, weight, np.where(status == BRIDGED, BRIDGE_WEIGHT * weight, 0.0))
@@ -149,7 +148,7 @@ def _refitted(
     return min((state, followed, anew), key=misfit)
 
 
-def bridge(positions_m: Float64, longest: int) -> tuple[Float64, NDArray[np.uint8]]:
+def bridge(positions_m: Float64, longest: int) -> tuple[Float64, UInt8]:
     """Fill gaps of up to ``longest`` frames by lines: positions (F, M, 3), and status uint8 (F, M)."""
     filled = positions_m.copy()
     seen = np.asarray(np.isfinite(positions_m).all(axis=2))
@@ -164,7 +163,7 @@ def bridge(positions_m: Float64, longest: int) -> tuple[Float64, NDArray[np.uint
     return filled, status
 
 
-def unswap(observed_m: Float64, predicted_m: Float64, status: NDArray[np.uint8]) -> Float64:
+def unswap(observed_m: Float64, predicted_m: Float64, status: UInt8) -> Float64:
     """Give two markers their labels back where exchanging them brings both nearer to the prediction.
 
     observed_m, predicted_m: (M, 3); marks them in ``status``. The test is the difference of summed squares,

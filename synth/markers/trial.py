@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.errors import CloudError
-from synth.body.skeleton import JOINTS, Float64, shortest_arc
+from synth.body.skeleton import JOINTS, shortest_arc
 from synth.markers.marker_files import UNITS_M, Markers
 from synth.markers.markerset import MIN_MARKERS, MarkerSet, key_of
+from synth.surface.arrays import Bool, Float64
 
 PERSON_M = (0.5, 3.0)
 """What the markers of a person, in any posture, span at least and at most (diagonal of their box)."""
@@ -29,12 +29,12 @@ class Trial:
     unknown: tuple[str, ...]
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Bool:
         """(F, M): which markers a frame holds."""
         return np.asarray(np.isfinite(self.positions_m).all(axis=2))
 
 
-def trial_of(markers: Markers, markerset: MarkerSet, up: NDArray[np.float64] | None = None) -> Trial:
+def trial_of(markers: Markers, markerset: MarkerSet, up: Float64 | None = None) -> Trial:
     """Pick the set's markers out of a recording and bring them to metres, z up.
 
     up: the file's vertical direction, when it is known from elsewhere. Raises CloudError when too few markers

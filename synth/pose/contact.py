@@ -1,14 +1,12 @@
 """A posed skin on what carries it: where a body comes to rest, and how far it has to be lifted."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from synth.surface.arrays import Bool, Float32
 from synth.surface.furniture import Solid
 
-Vertices = NDArray[np.float32]
 
-
-def height_to_rest(vertices_m: Vertices, carriers: list[Solid]) -> float:
+def height_to_rest(vertices_m: Float32, carriers: list[Solid]) -> float:
     """Rise (m, may be negative) that puts vertices (V, 3) on the upright solids under them.
 
     The vertex that needs it most ends as deep in the highest solid under it as that solid gives.
@@ -19,7 +17,7 @@ def height_to_rest(vertices_m: Vertices, carriers: list[Solid]) -> float:
     return float((top - vertices_m[:, 2]).max())
 
 
-def lift_needed(vertices_m: Vertices, carriers: list[Solid]) -> float:
+def lift_needed(vertices_m: Float32, carriers: list[Solid]) -> float:
     """Rise (m, at least 0) after which no vertex (V, 3) is deeper below an upright solid's top than it gives.
 
     A vertex nearer to a side of the solid than to its top would leave by the side and does not count.
@@ -34,7 +32,7 @@ def lift_needed(vertices_m: Vertices, carriers: list[Solid]) -> float:
     return rise
 
 
-def _over(vertices_m: Vertices, solid: Solid) -> NDArray[np.bool_]:
+def _over(vertices_m: Float32, solid: Solid) -> Bool:
     x, y = vertices_m[:, 0], vertices_m[:, 1]
     (x0, y0, _), (x1, y1, _) = solid.low, solid.high
     return (x > x0) & (x < x1) & (y > y0) & (y < y1)

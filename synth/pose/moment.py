@@ -12,14 +12,13 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from synth.body.body import Body
-from synth.body.skeleton import Float64
+from synth.surface.arrays import Float32, Float64
 
 Moment = Mapping[str, float]
 """Numbers by name: degrees, metres and shares."""
-Posed = tuple[NDArray[np.float32], Float64]
+Posed = tuple[Float32, Float64]
 """A posed body: vertices (V, 3) and joints (J, 3), world, metres."""
 Spreads = dict[str, tuple[float, float]]
 """Mean and standard deviation by name."""

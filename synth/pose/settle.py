@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from synth.body.flesh import CHAINS, Flesh, Int64
-from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, N_JOINTS, PARENTS, Float64, Posture, kinematics
+from synth.body.flesh import CHAINS, Flesh
+from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, N_JOINTS, PARENTS, Posture, kinematics
 from synth.pose.halfspaces import SOLID, Rows, add_flesh, add_pulls, add_solids, no_rows, reaches_m
+from synth.surface.arrays import Bool, Float64, Int64
 from synth.surface.furniture import Solid
 
 ROUNDS = 18
@@ -51,7 +51,7 @@ def _mobility() -> Float64:
     return np.array([by_kind.get(joint.name.rpartition("_")[2], (0.0, 0.0, 0.0)) for joint in JOINTS])
 
 
-def _ancestors() -> NDArray[np.bool_]:
+def _ancestors() -> Bool:
     """[point's joint, joint]: whether turning the joint moves the point."""
     moves = np.zeros((N_JOINTS, N_JOINTS), bool)
     for i, parent in enumerate(PARENTS):
@@ -119,7 +119,7 @@ class Rules(NamedTuple):
 
     limits_rad: Float64
     mobility: Float64
-    moved_by: NDArray[np.bool_]
+    moved_by: Bool
     pairs: Int64
 
 

@@ -3,13 +3,13 @@ moment says (``synth/data/poses/sitting.toml``), with no limb in another or in t
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from synth.body.body import Body, pose
 from synth.body.flesh import flesh_of
-from synth.body.skeleton import JOINT_ID, N_JOINTS, Float64, Posture, clamp, reach
+from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, reach
 from synth.pose.moment import Behaviour, Moment, Posed, pose_families
 from synth.pose.settle import Pull, settle, sink
+from synth.surface.arrays import Float32, Float64
 from synth.surface.furniture import FLOOR, Seat
 
 KNEE_ROOM_M = 0.07
@@ -70,7 +70,7 @@ def _sitting_angles(moment: Moment) -> Float64:
     return limited
 
 
-def _rest_on(seat: Seat, trunk: NDArray[np.float32], joints: Float64, slide: float) -> Float64:
+def _rest_on(seat: Seat, trunk: Float32, joints: Float64, slide: float) -> Float64:
     """Shift (3,) that puts the seat under the trunk, the back rest behind it, the knees before its edge."""
     up = seat.height - seat.give_m - float(trunk[:, 2].min())
     gap = seat.back_y(trunk[:, 2] + up) - trunk[:, 1]

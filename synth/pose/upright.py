@@ -1,7 +1,6 @@
 """Crouching, kneeling, getting up and standing: unusual poses on the floor, or in front of a seat."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from synth.body.body import Body, pose
 from synth.body.flesh import flesh_of
@@ -10,6 +9,7 @@ from synth.pose.attitude import posture_of, pulls_of
 from synth.pose.contact import height_to_rest
 from synth.pose.moment import Behaviour, Moment, Posed, pose_families
 from synth.pose.settle import settle
+from synth.surface.arrays import Float32
 from synth.surface.furniture import FLOOR, Seat
 
 SEAT_GAP_M = 0.02
@@ -44,7 +44,7 @@ def rise(body: Body, seat: Seat | None, moment: Moment) -> Posed:
     return vertices + shift.astype(np.float32), joints + shift
 
 
-def _behind(vertices: NDArray[np.float32], up: float, seat: Seat) -> float:
+def _behind(vertices: Float32, up: float, seat: Seat) -> float:
     """The rearmost y of what is lower than the seat when lifted by ``up``."""
     return float(vertices[vertices[:, 2] + up < seat.height, 1].max(initial=-10.0))
 

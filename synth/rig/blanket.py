@@ -2,13 +2,13 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from annotate.parts import PART_ID
 from synth.body.body import Body
-from synth.body.skeleton import JOINT_ID, Float64
+from synth.body.skeleton import JOINT_ID
 from synth.rig.place import Place
-from synth.rig.props import Thing, Vertices, Where
+from synth.rig.props import Thing, Where
+from synth.surface.arrays import Float32, Float64, Int64
 from synth.surface.furniture import Surface
 from synth.surface.shapes import grid_faces, tagged
 
@@ -35,7 +35,7 @@ def lap_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
     n, m = (round(length / CELL_M) for length in (2 * half, 0.9))
     legs = _vertices_of(body, ("upper_leg", "lower_leg"))
 
-    def where(person_m: Vertices, joints_m: Float64) -> Vertices:
+    def where(person_m: Float32, joints_m: Float64) -> Float32:
         hips, knees = (joints_m[[JOINT_ID[f"{s}_{name}"] for s in _SIDES]] for name in ("hip", "knee"))
         middle = float(np.clip(hips[:, 0].mean(), half - width, width - half))
         x = middle + np.linspace(-half, half, n)
@@ -55,7 +55,7 @@ def bed_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
     below = np.where(on_bed, height, height - BED_HANG_M)
     covered = np.union1d(_vertices_of(body, ("upper_leg", "lower_leg")), _vertices_of(body, ("torso", "hip")))
 
-    def where(person_m: Vertices, joints_m: Float64) -> Vertices:
+    def where(person_m: Float32, joints_m: Float64) -> Float32:
         return _drape(person_m[covered], x, y, below).reshape(-1, 3)
 
     return _thing(len(x), len(y), where)
@@ -64,13 +64,13 @@ def bed_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
 _SIDES = ("left", "right")
 
 
-def _vertices_of(body: Body, names: tuple[str, ...]) -> NDArray[np.int64]:
-    """Vertices of these parts, or of these limbs on both sides."""
+def _vertices_of(body: Body, names: tuple[str, ...]) -> Int64:
+    """Float32 of these parts, or of these limbs on both sides."""
     ids = [PART_ID[p] for name in names for p in (name, *(f"{s}_{name}" for s in _SIDES)) if p in PART_ID]
     return np.unique(body.faces[np.isin(body.face_parts, ids)]).astype(np.int64)
 
 
-def _drape(under_m: Vertices, x: Float64, y: Float64, base_m: Float64) -> Vertices:
+def _drape(under_m: Float32, x: Float64, y: Float64, base_m: Float64) -> Float32:
     """Grid vertices float32 (n, m, 3) of cloth over points (N, 3) and, elsewhere, a base height (n, m)."""
     i = np.rint((under_m[:, 0] - x[0]) / (x[1] - x[0])).astype(np.intp)
     j = np.rint((under_m[:, 1] - y[0]) / (y[1] - y[0])).astype(np.intp)
@@ -85,7 +85,7 @@ def _drape(under_m: Vertices, x: Float64, y: Float64, base_m: Float64) -> Vertic
     return np.stack([gx, gy, height], axis=-1).astype(np.float32)
 
 
-def _hang(cloth_m: Vertices, hem_m: float) -> Vertices:
+def _hang(cloth_m: Float32, hem_m: float) -> Float32:
     """Where cloth (n, m, 3) comes down to its hem in front, it hangs straight from the last support."""
     n, m = cloth_m.shape[:2]
     carried = cloth_m[..., 2] > hem_m + THICK_M + CARRIED_M

@@ -2,9 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from synth.body.skeleton import Float64
+from synth.surface.arrays import Float32, Float64
 from synth.surface.furniture import Side, Solid
 from synth.surface.rasterize import Mesh
 from synth.surface.shapes import grid_faces, tagged
@@ -55,7 +54,7 @@ class Cushion:
         self.heat = np.zeros((n, m))
         self.mesh = self._whole()
 
-    def press(self, points_m: NDArray[np.float32]) -> Float64:
+    def press(self, points_m: Float32) -> Float64:
         """How deep (n, m) world points (N, 3) dent each node, metres from the puffed surface."""
         along, across, up = self._axes
         local = (points_m - self._solid.translation) @ self._solid.rotation
@@ -74,7 +73,7 @@ class Cushion:
         np.maximum.at(depth, (cell[0], cell[1]), deep.astype(np.float32))
         return np.asarray(cv2.morphologyEx(depth, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), np.float64)
 
-    def vertices(self, dent_m: Float64) -> NDArray[np.float32]:
+    def vertices(self, dent_m: Float64) -> Float32:
         """World vertices of ``mesh`` with these dents (n, m) in it."""
         sag = np.maximum(dent_m, DRAPE * cv2.GaussianBlur(dent_m, (0, 0), 2.0))
         for edge in (sag[0], sag[-1], sag[:, 0], sag[:, -1]):

@@ -4,12 +4,12 @@ import numpy as np
 
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body
-from synth.body.skeleton import Float64
 from synth.rig.blanket import bed_blanket, lap_blanket
 from synth.rig.difficulty import Clutter
 from synth.rig.place import Place
-from synth.rig.props import Thing, Vertices, laptop, mug, radiator, sunlit_patch, table, window
+from synth.rig.props import Thing, laptop, mug, radiator, sunlit_patch, table, window
 from synth.rig.visitor import Visitor, find_visitor
+from synth.surface.arrays import Float32, Float64
 
 ASIDE_M, ASIDE_HEIGHT_M = 0.34, (0.42, 0.56)
 """A side table's middle from the furniture's side, and its height: as sold."""
@@ -24,7 +24,7 @@ FREE_M = 0.12
 
 
 def furnish(
-    place: Place, body: Body, prior: list[Vertices], clutter: Clutter, rng: np.random.Generator
+    place: Place, body: Body, prior: list[Float32], clutter: Clutter, rng: np.random.Generator
 ) -> list[Thing]:
     """Things about a subject whose earlier postures ``prior`` (V, 3) show how far it reaches."""
     has = {name: bool(rng.random() < share) for name, share in vars(clutter).items()}
@@ -65,7 +65,7 @@ def furnish(
 def invite(
     place: Place,
     things: list[Thing],
-    prior: list[Vertices],
+    prior: list[Float32],
     body: Body,
     camera_from_world: Pose,
     rng: np.random.Generator,

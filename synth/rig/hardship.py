@@ -1,7 +1,6 @@
 """What makes a frame hard, in words: for the truth's notes, so that results can be told apart by cause."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from annotate.parts import N_CLASSES
 from annotate.suit.palette import MIN_CHROMA_DISTANCE, chromaticity
@@ -11,6 +10,7 @@ from synth.appearance.color_camera import CameraState
 from synth.appearance.outfit import GAMMA, Outfit
 from synth.appearance.warmth import SURFACE_C
 from synth.rig.stay import Cast, Tableau
+from synth.surface.arrays import Bool
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer
 
@@ -60,7 +60,7 @@ def camera_hardships(speed_m_s: float, camera: CameraState, drift_c: float) -> l
     return [cause for cause, there in causes.items() if there]
 
 
-def _many(pixels: NDArray[np.bool_]) -> bool:
+def _many(pixels: Bool) -> bool:
     return int(np.count_nonzero(pixels)) > SEEN_PX
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sensors.rig.rig_calibration import Pose
-from synth.body.skeleton import Float64
 from synth.pose.moment import Behaviour
 from synth.pose.recumbent import in_bed
 from synth.pose.sitting import on_seat
 from synth.rig.cushion import Cushion
+from synth.surface.arrays import Float64
 from synth.surface.furniture import Bed, Chair, Furniture, Seat, Sofa, Solid
 from synth.surface.viewpoint import beside, look_at
 

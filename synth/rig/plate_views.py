@@ -9,7 +9,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sensors.calibrate.hole_plate import HolePlate
@@ -19,6 +18,7 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
 from sensors.session.writer import SessionWriter
 from synth.appearance.color_camera import encode
+from synth.surface.arrays import Bool, Float32, Float64
 
 BACKING_M = 0.03
 """How far the warm backing lies behind the plate."""
@@ -129,7 +129,7 @@ class PlateViews:
         image = np.repeat(np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
         return encode(image)
 
-    def _thermal(self, thermal_from_plate: Pose, rng: np.random.Generator) -> NDArray[np.float32]:
+    def _thermal(self, thermal_from_plate: Pose, rng: np.random.Generator) -> Float32:
         image = self._views["thermal"].image(
             thermal_from_plate, self.plate, _Values(PLATE_C, BACKING_C, ROOM_C)
         )
@@ -183,7 +183,7 @@ class _PlateCamera:
         self.camera = camera
         self.rays = rays(camera)
 
-    def image(self, camera_from_plate: Pose, plate: HolePlate, values: _Values) -> NDArray[np.float64]:
+    def image(self, camera_from_plate: Pose, plate: HolePlate, values: _Values) -> Float64:
         """Image (h, w): at edges the mean over SUBPIXELS x SUBPIXELS rays a pixel."""
         image = np.full(self.camera.shape, float(values.room))
         window = self._window(camera_from_plate, plate)
@@ -197,15 +197,13 @@ class _PlateCamera:
         image[window] = seen
         return image
 
-    def depth_m(self, camera_from_plate: Pose, plate: HolePlate) -> NDArray[np.float64]:
+    def depth_m(self, camera_from_plate: Pose, plate: HolePlate) -> Float64:
         """Depth (h, w) along z: the plate, the backing in its holes, and a wall at 2.5 m."""
         xy, z = _meet(self.rays, camera_from_plate)
         inside, hole = _inside(xy, plate)
         return np.where(inside, np.where(hole, z + BACKING_M, z), 2.5)
 
-    def _seen(
-        self, ray: NDArray[np.float64], pose: Pose, plate: HolePlate, values: _Values
-    ) -> NDArray[np.float64]:
+    def _seen(self, ray: Float64, pose: Pose, plate: HolePlate, values: _Values) -> Float64:
         inside, hole = _inside(_meet(ray, pose)[0], plate)
         seen = np.where(inside, np.where(hole, values.backing, values.plate), values.room)
         return seen.astype(np.float64)
@@ -223,7 +221,7 @@ class _PlateCamera:
         return slice(int(top), int(max(bottom, top + 2))), slice(int(left), int(max(right, left + 2)))
 
 
-def _meet(ray: NDArray[np.float64], pose: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _meet(ray: Float64, pose: Pose) -> tuple[Float64, Float64]:
     """Where rays (..., 3) meet the plate's plane: plate coordinates (..., 2) and depth (...,), metres."""
     normal = pose.rotation[:, 2]
     z = (normal @ pose.translation_m) / (ray @ normal)
@@ -231,7 +229,7 @@ def _meet(ray: NDArray[np.float64], pose: Pose) -> tuple[NDArray[np.float64], ND
     return local[..., :2], z
 
 
-def _inside(xy: NDArray[np.float64], plate: HolePlate) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _inside(xy: Float64, plate: HolePlate) -> tuple[Bool, Bool]:
     """Whether points (..., 2) of the plane lie on the plate, and whether in a hole."""
     low, high = plate.size_m
     row = np.clip(np.rint(xy[..., 1] / plate.pitch_m), 0, plate.rows - 1)

@@ -7,18 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from annotate.parts import PART_ID
 from synth.body.body import Body
-from synth.body.skeleton import JOINT_ID, Float64
+from synth.body.skeleton import JOINT_ID
+from synth.surface.arrays import Float32, Float64, Int64
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh, merge
 from synth.surface.shapes import box, tagged
 
-Vertices = NDArray[np.float32]
-Where = Callable[[Vertices, Float64], Vertices]
+Where = Callable[[Float32, Float64], Float32]
 """(vertices of the person, joints), world -> the thing's vertices."""
 
 LAPTOP_M = (0.34, 0.24, 0.022)
@@ -40,7 +39,7 @@ class Thing:
     mesh: Mesh
     where: Where | None = None
 
-    def vertices(self, person_m: Vertices, joints_m: Float64) -> Vertices:
+    def vertices(self, person_m: Float32, joints_m: Float64) -> Float32:
         """Its vertices while the person is posed so."""
         return self.mesh.vertices_m if self.where is None else self.where(person_m, joints_m)
 
@@ -75,7 +74,7 @@ def mug(stands_m: Float64, body: Body, held: bool) -> Thing:
     faces = np.concatenate([sides, fill]).astype(np.int32)
     hands = _hands(body)
 
-    def where(person_m: Vertices, joints_m: Float64) -> Vertices:
+    def where(person_m: Float32, joints_m: Float64) -> Float32:
         place = stands_m
         for side, own in hands.items():
             if np.linalg.norm(joints_m[JOINT_ID[f"{side}_wrist"]] - joints_m[JOINT_ID["head"]]) < TO_MOUTH_M:
@@ -100,7 +99,7 @@ def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:
     still = moved(mesh, aside_m)
     legs = np.isin(body.vertex_parts, [PART_ID[f"{s}_{limb}"] for s in ("left", "right") for limb in _LEG])
 
-    def where(person_m: Vertices, joints_m: Float64) -> Vertices:
+    def where(person_m: Float32, joints_m: Float64) -> Float32:
         hips, knees = (
             joints_m[[JOINT_ID[f"left_{name}"], JOINT_ID[f"right_{name}"]]].mean(axis=0)
             for name in ("hip", "knee")
@@ -144,7 +143,7 @@ def sunlit_patch(x: float, wall_y: float) -> Thing:
 _LEG = ("upper_leg", "lower_leg")
 
 
-def _hands(body: Body) -> dict[str, NDArray[np.int64]]:
+def _hands(body: Body) -> dict[str, Int64]:
     strongest = body.strongest_joints
     return {
         side: np.flatnonzero(strongest == JOINT_ID[f"{side}_wrist"]).astype(np.int64)

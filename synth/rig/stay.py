@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from annotate.suit.palette import Suit
 from sensors.rig.rig_calibration import Pose
@@ -16,16 +15,14 @@ from synth.appearance.photograph import Setting, set_up
 from synth.appearance.warmth import BodyWarmth, Clothing, surface_temperatures
 from synth.body.body import Body, blend, shipped_bodies
 from synth.body.hair import hair_faces
-from synth.body.skeleton import Float64
 from synth.pose.moment import Moment
 from synth.rig.difficulty import Difficulty
 from synth.rig.furnish import ROOM_FRONT_Y_M, ROOM_HALF_WIDTH_M, furnish, invite
 from synth.rig.place import SCENES
+from synth.surface.arrays import Float32, Float64, Int32
 from synth.surface.furniture import Surface, room
 from synth.surface.rasterize import Mesh, merge
 from synth.surface.shapes import tagged
-
-Vertices = NDArray[np.float32]
 
 MOST_BLENDED = 0.35
 """Each subject is one of the shipped bodies with up to this share of another: all builds between them."""
@@ -49,8 +46,8 @@ class Tableau:
     celsius: (F,) of every face.
     """
 
-    vertices_m: Vertices
-    following_m: Vertices
+    vertices_m: Float32
+    following_m: Float32
     joints_m: Float64
     celsius: Float64
 
@@ -65,13 +62,13 @@ class Cast:
     """
 
     name: str
-    faces: NDArray[np.int32]
-    tags: NDArray[np.int32]
+    faces: Int32
+    tags: Int32
     outfits: list[Outfit]
     subject: int
     people: int
     setting: Setting
-    dark: NDArray[np.float32]
+    dark: Float32
     camera_from_world: Pose
     room_c: float
     clothing: Clothing
@@ -143,7 +140,7 @@ class Stay:
         celsius = np.concatenate([self._warmth.celsius(), self._visitor_c, *cushions_c, self._things_c])
         return Tableau(whole, whole, joints, celsius)
 
-    def _press(self, person_m: Vertices, seconds: float) -> list[Float64]:
+    def _press(self, person_m: Float32, seconds: float) -> list[Float64]:
         """Let a posture last so long: it dents the cushions, and seat and person warm each other."""
         points = np.concatenate([person_m, person_m[self._body.faces].mean(axis=1)])
         dents = [cushion.press(points) for cushion in self._cushions]
@@ -156,7 +153,7 @@ class Stay:
             self._warmth.update(person_m, pressed, seconds)
         return dents
 
-    def _leave_warm_spot(self, person_m: Vertices, rng: np.random.Generator) -> None:
+    def _leave_warm_spot(self, person_m: Float32, rng: np.random.Generator) -> None:
         """Where there is room beside the subject, somebody got up a moment ago."""
         room = self._place.furniture.footprint.half_width_m - ROOM_TO_SIT_M
         if room > SPOT_ASIDE_M:
@@ -199,7 +196,7 @@ class Stay:
         return Cast(*scene, camera_from_world, self._room_c, clothing)
 
 
-def _darkness(bodies: list[Body], outfits: list[Outfit], rgb: Float64) -> NDArray[np.float32]:
+def _darkness(bodies: list[Body], outfits: list[Outfit], rgb: Float64) -> Float32:
     """How little infrared faces return, (F + 1,) in [0, 1]: hair little, black cloth less than others.
 
     rgb: linear (F, 3) of all faces, where those of the bodies come first and are taken from the outfits.

@@ -11,6 +11,7 @@ from annotate.parts import N_CLASSES, UNDEFINED
 from sensors.rig.frame import RigFrame
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from synth.cameras.depth_noise import DepthNoise
+from synth.surface.arrays import Float64, Int32, UInt8
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer
 
@@ -25,16 +26,16 @@ class Truth:
     joints_m: (J, 3), depth camera. hard: what makes the frame hard, in words.
     """
 
-    parts: NDArray[np.uint8]
-    persons: NDArray[np.uint8]
-    joints_m: NDArray[np.float64]
+    parts: UInt8
+    persons: UInt8
+    joints_m: Float64
     subject: str
     hard: tuple[str, ...]
 
 
 def whose_readings(
-    seen: ZBuffer, tags: NDArray[np.int32], depth_mm: NDArray[np.uint16], noise: DepthNoise
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    seen: ZBuffer, tags: Int32, depth_mm: NDArray[np.uint16], noise: DepthNoise
+) -> tuple[UInt8, UInt8]:
     """Parts and persons (h, w) of the surfaces that the readings lie on.
 
     A reading belongs to the surface behind its pixel or, where the edge has jittered, behind a neighbour;

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from annotate.parts import N_CLASSES
 from annotate.suit.palette import DEFAULT_SUIT, Suit
@@ -34,6 +33,7 @@ from synth.rig.hardship import camera_hardships, scene_hardships
 from synth.rig.place import SCENES
 from synth.rig.stay import Cast, Stay, Tableau
 from synth.rig.truth import Truth, whose_readings
+from synth.surface.arrays import Float32, Float64
 from synth.surface.rasterize import Mesh, ZBuffer
 
 FRAMES_PER_SECOND = 2.0
@@ -131,7 +131,7 @@ class VirtualRig:
         joints = cast.camera_from_world.apply(tableau.joints_m)
         return frame, Truth(parts, persons, joints, cast.name, tuple(hard))
 
-    def _see_distance(self, cast: Cast, in_depth: NDArray[np.float64]) -> ZBuffer:
+    def _see_distance(self, cast: Cast, in_depth: Float64) -> ZBuffer:
         """What the depth camera would read without noise."""
         seen = self._depth.render(in_depth, cast.faces)
         if self.difficulty.reflectance == 0:
@@ -139,9 +139,7 @@ class VirtualRig:
         longer_m = multipath_m(KINECT2_DEPTH, seen.depth_m, self.difficulty.reflectance)
         return ZBuffer(seen.depth_m + longer_m, seen.face)
 
-    def _hardships(
-        self, cast: Cast, tableau: Tableau, seen: ZBuffer, in_depth: NDArray[np.float64]
-    ) -> list[str]:
+    def _hardships(self, cast: Cast, tableau: Tableau, seen: ZBuffer, in_depth: Float64) -> list[str]:
         alone = self._depth.render(in_depth[: cast.subject], cast.faces[cast.tags < N_CLASSES])
         return scene_hardships(cast, tableau, seen, alone)
 
@@ -149,16 +147,16 @@ class VirtualRig:
         self,
         cast: Cast,
         tableau: Tableau,
-        in_depth: NDArray[np.float64],
+        in_depth: Float64,
         drift_c: float,
         rng: np.random.Generator,
-    ) -> NDArray[np.float32]:
+    ) -> Float32:
         seen = self._thermal.render_pinhole(THERMAL_FROM_DEPTH.apply(in_depth), cast.faces)
         noise = self.difficulty.thermal
         return thermograph(seen, tableau.celsius, cast.room_c, noise, drift_c, self._thermal.maps, rng)
 
 
-def _velocity_m_s(tableau: Tableau, frames_per_second: float) -> NDArray[np.float64]:
+def _velocity_m_s(tableau: Tableau, frames_per_second: float) -> Float64:
     """How fast all vertices (V, 3) move; what is put down elsewhere stands still until then."""
     velocity = (tableau.following_m - tableau.vertices_m).astype(np.float64) * frames_per_second
     velocity[np.linalg.norm(velocity, axis=1) > JUMP_M_S] = 0.0

@@ -3,16 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body
-from synth.body.skeleton import Float64
 from synth.pose.moment import Behaviour, Moment
 from synth.pose.sitting import on_seat
 from synth.pose.upright import on_legs
 from synth.rig.props import moved
+from synth.surface.arrays import Float32, Float64
 from synth.surface.furniture import Chair
 from synth.surface.rasterize import Mesh
 
@@ -40,8 +39,8 @@ class Visitor:
     at_m: Float64
     turn_rad: float
 
-    def pose(self, moment: Moment) -> NDArray[np.float32]:
-        """Vertices (V, 3), world."""
+    def pose(self, moment: Moment) -> Float32:
+        """Float32 (V, 3), world."""
         vertices, _ = self.behaviour.pose(self.body, moment)
         rotation = Rotation.from_euler("z", self.turn_rad).as_matrix()
         return np.asarray(vertices @ rotation.T + self.at_m, np.float32)

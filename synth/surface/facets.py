@@ -2,12 +2,10 @@
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from synth.surface.arrays import Float32, Int32
 from synth.surface.rasterize import EXACT
 
-Float32 = NDArray[np.float32]
-Int32 = NDArray[np.int32]
 Triple = tuple[float, float, float]
 
 

@@ -6,9 +6,9 @@ from enum import IntEnum
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from synth.surface.arrays import Float32, Float64
 from synth.surface.rasterize import Mesh, merge
 from synth.surface.shapes import box, sheet
 
@@ -50,15 +50,15 @@ class Solid:
     high: tuple[float, float, float]
     give_m: float
     tag: int
-    rotation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
-    translation: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    rotation: Float64 = field(default_factory=lambda: np.eye(3))
+    translation: Float64 = field(default_factory=lambda: np.zeros(3))
     carries_m: float = 0.0
 
     def mesh(self) -> Mesh:
         """Its twelve triangles in the world."""
         return box(self.low, self.high, self.tag).placed(self.rotation, self.translation)
 
-    def packed(self) -> NDArray[np.float64]:
+    def packed(self) -> Float64:
         """(17,) for compiled code: centre, half sizes, give, bias to the top, rotation row by row."""
         low, high = np.array(self.low), np.array(self.high)
         centre = self.rotation @ ((low + high) / 2) + self.translation
@@ -66,7 +66,7 @@ class Solid:
             [centre, (high - low) / 2, [self.give_m, self.carries_m], self.rotation.ravel()]
         )
 
-    def depth_m(self, points_m: NDArray[np.float32]) -> NDArray[np.float64]:
+    def depth_m(self, points_m: Float32) -> Float64:
         """(...,) how deep world points (..., 3) lie under its surface; 0 outside, give not yet taken off."""
         local = (points_m - self.translation) @ self.rotation
         inside = np.minimum(local - np.array(self.low), np.array(self.high) - local).min(axis=-1)
@@ -122,7 +122,7 @@ class Seat(Furniture):
     back_height: float
     back_tilt_rad: float
 
-    def back_y(self, z_m: NDArray[np.float32]) -> NDArray[np.float64]:
+    def back_y(self, z_m: Float32) -> Float64:
         """Where the back rest's front face lies at height z (world)."""
         above = np.maximum(z_m.astype(np.float64) - self.height, 0)
         return np.asarray(self.depth + np.tan(self.back_tilt_rad) * above, np.float64)

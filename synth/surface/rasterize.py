@@ -5,12 +5,9 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.rig.camera import Intrinsics
-
-Float32 = NDArray[np.float32]
-Int32 = NDArray[np.int32]
+from synth.surface.arrays import Float32, Float64, Int32
 
 NEAR_M = 0.05
 """Triangles reaching nearer than this to the camera plane are dropped: nothing useful is that close."""
@@ -25,11 +22,11 @@ WIDE_PX = 8
 class Mesh:
     """Triangles, a tag each. vertices_m: float32 (V, 3), faces: int32 (F, 3), tags: int32 (F,)."""
 
-    vertices_m: NDArray[np.float32]
-    faces: NDArray[np.int32]
-    tags: NDArray[np.int32]
+    vertices_m: Float32
+    faces: Int32
+    tags: Int32
 
-    def placed(self, rotation: NDArray[np.float64], translation_m: NDArray[np.float64]) -> "Mesh":
+    def placed(self, rotation: Float64, translation_m: Float64) -> "Mesh":
         """Turned by a rotation (3, 3), then moved by (3,)."""
         vertices = self.vertices_m @ rotation.T + translation_m
         return Mesh(vertices.astype(np.float32), self.faces, self.tags)
@@ -52,13 +49,11 @@ class ZBuffer:
     depth_m: float32 (h, w) along z, NaN where nothing is hit. face: int32 (h, w), -1 where nothing.
     """
 
-    depth_m: NDArray[np.float32]
-    face: NDArray[np.int32]
+    depth_m: Float32
+    face: Int32
 
 
-def rasterize(
-    camera: Intrinsics, vertices_m: NDArray[np.float32], faces: NDArray[np.int32], closed: bool = False
-) -> ZBuffer:
+def rasterize(camera: Intrinsics, vertices_m: Float32, faces: Int32, closed: bool = False) -> ZBuffer:
     """Render triangles given in the camera frame (x right, y down, z forward, metres).
 
     Lens distortion is ignored: pass the undistorted camera. A pixel belongs to a triangle when its

@@ -1,12 +1,12 @@
 """Plain meshes: boxes, sheets and grids of triangles."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from synth.surface.arrays import Float32, Float64, Int32
 from synth.surface.rasterize import Mesh
 
 
-def tagged(vertices_m: NDArray[np.float32], faces: NDArray[np.int32], tag: int) -> Mesh:
+def tagged(vertices_m: Float32, faces: Int32, tag: int) -> Mesh:
     """A mesh of one tag."""
     return Mesh(vertices_m, faces, np.full(len(faces), tag, np.int32))
 
@@ -20,9 +20,7 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float], tag: 
     return tagged(corners, faces, tag)
 
 
-def sheet(
-    origin: NDArray[np.float64], along: NDArray[np.float64], across: NDArray[np.float64], tag: int
-) -> Mesh:
+def sheet(origin: Float64, along: Float64, across: Float64, tag: int) -> Mesh:
     """Rectangle cut into quarter-metre cells, so that a cell behind the camera can be dropped alone."""
     n, m = (max(1, int(np.ceil(np.linalg.norm(side) / 0.25))) for side in (along, across))
     i, j = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij")
@@ -30,7 +28,7 @@ def sheet(
     return tagged(vertices, grid_faces(n + 1, m + 1), tag)
 
 
-def grid_faces(rows: int, columns: int) -> NDArray[np.int32]:
+def grid_faces(rows: int, columns: int) -> Int32:
     """Triangles (2 (rows - 1) (columns - 1), 3) between the nodes of a grid, numbered row by row."""
     a = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     b = a + columns

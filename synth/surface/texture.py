@@ -4,12 +4,11 @@ from functools import cache
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from synth.surface.arrays import Float32
 from synth.surface.rasterize import EXACT
 
-Float32 = NDArray[np.float32]
 TILE_CELLS = 64
 CORRELATION_CELLS = 2.0
 """Sigma of the filter that makes the noise smooth: wide enough that interpolation takes no variance away."""

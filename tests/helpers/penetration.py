@@ -16,8 +16,8 @@ from scipy.sparse.csgraph import connected_components
 
 from annotate.parts import BODY_PARTS, PART_ID
 from synth.body.body import Body
-from synth.body.skeleton import JOINT_ID, Float64
-from synth.pose.contact import Vertices
+from synth.body.skeleton import JOINT_ID
+from synth.surface.arrays import Float32, Float64
 from synth.surface.furniture import Solid
 
 
@@ -52,7 +52,7 @@ def self_penetration_m(body: Body, vertices_m: NDArray[np.float32], joints_m: Fl
     return max(penetrations_m(body, vertices_m, joints_m).values(), default=0.0)
 
 
-def furniture_penetration_m(vertices_m: Vertices, solids: list[Solid]) -> float:
+def furniture_penetration_m(vertices_m: Float32, solids: list[Solid]) -> float:
     """Depth of the deepest vertex (V, 3) in any solid beyond the give of that solid, 0 when there is none."""
     return max([0.0, *(float(s.depth_m(vertices_m).max()) - s.give_m for s in solids)])
 
