@@ -1,6 +1,7 @@
 """What keeps a person from being seen whole: things in front of the camera, and a failing extraction."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from synth.surface.arrays import Bool, Float64
 from synth.surface.furniture import Surface
@@ -17,8 +18,6 @@ def occluder(eye_m: Float64, seen_m: Float64, rng: np.random.Generator) -> Mesh:
     It stands at 50 to 85 % of the way. Random occluders help occluded and unoccluded tests alike
     (Sarandi et al. 2018).
     """
-    from scipy.spatial.transform import Rotation
-
     half = np.exp(rng.uniform(np.log(THING_M[0]), np.log(THING_M[1]), 3)) / 2
     mesh = box(tuple(-half), tuple(half), Surface.TABLE)
     rotation = Rotation.random(rng=rng).as_matrix()

@@ -66,14 +66,10 @@ def visibility(parts: UInt8, whole: UInt8) -> Float64:
     return np.where(there > 0, shown / np.maximum(there, 1), 1.0)
 
 
-@numba.njit(cache=True)
 def _tally(parts: UInt8) -> Int64:
     """Pixels (12,) of each part, and of all together at 0."""
-    pixels = np.zeros(N_CLASSES, np.int64)
-    for part in parts.flat:
-        if part > 0:
-            pixels[part] += 1
-            pixels[0] += 1
+    pixels = np.bincount(parts.ravel(), minlength=N_CLASSES)
+    pixels[0] = pixels[1:].sum()
     return pixels
 
 
@@ -81,14 +77,8 @@ def inside_image(points_m: Float64) -> Bool:
     """Which points (n, 3) of the camera frame the whole image covers."""
     x, y, z = points_m.T
     near = np.maximum(z, NEAR_M)
-    u, v = (
-        CAMERA.fx * x / near + CAMERA.cx,
-        CAMERA.fy * y / near + CAMERA.cy,
-    )
-    return np.asarray(
-        (z > NEAR_M) & (u >= 0) & (u < CAMERA.width) & (v >= 0) & (v < CAMERA.height),
-        np.bool_,
-    )
+    u, v = CAMERA.fx * x / near + CAMERA.cx, CAMERA.fy * y / near + CAMERA.cy
+    return np.asarray((z > NEAR_M) & (u >= 0) & (u < CAMERA.width) & (v >= 0) & (v < CAMERA.height))
 
 
 def _to_camera(camera_from_world: Pose, vertices_m: Float32) -> Float32:
@@ -111,24 +101,10 @@ def _move(vertices: Float32, rotation: Float32, translation: Float32) -> Float32
 def _window(points_m: Float32) -> tuple[Intrinsics, tuple[int, int]]:
     """The part of the image that the points cover, with a border: its camera and its corner (top, left)."""
     x0, y0, x1, y1 = map(float, _bounds(points_m, NEAR_M))
-    left, right = _clip(
-        CAMERA.fx * x0 + CAMERA.cx,
-        CAMERA.fx * x1 + CAMERA.cx,
-        CAMERA.width,
-    )
-    top, bottom = _clip(
-        CAMERA.fy * y0 + CAMERA.cy,
-        CAMERA.fy * y1 + CAMERA.cy,
-        CAMERA.height,
-    )
-    window = replace(
-        CAMERA,
-        width=right - left,
-        height=bottom - top,
-        cx=CAMERA.cx - left,
-        cy=CAMERA.cy - top,
-    )
-    return window, (top, left)
+    left, right = _clip(CAMERA.fx * x0 + CAMERA.cx, CAMERA.fx * x1 + CAMERA.cx, CAMERA.width)
+    top, bottom = _clip(CAMERA.fy * y0 + CAMERA.cy, CAMERA.fy * y1 + CAMERA.cy, CAMERA.height)
+    cx, cy = CAMERA.cx - left, CAMERA.cy - top
+    return replace(CAMERA, width=right - left, height=bottom - top, cx=cx, cy=cy), (top, left)
 
 
 def _clip(low: float, high: float, size: int) -> tuple[int, int]:

@@ -1,15 +1,13 @@
-"""What stands about the subject: chosen by chance, put where there is room, and who else is there."""
+"""What stands about the subject: chosen by chance, put where there is room."""
 
 import numpy as np
 
-from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body
 from synth.rig.blanket import bed_blanket, lap_blanket
 from synth.rig.difficulty import Clutter
 from synth.rig.place import Place
 from synth.rig.props import Thing, laptop, mug, radiator, sunlit_patch, table, window
-from synth.rig.visitor import Visitor, find_visitor
-from synth.surface.arrays import Float32, Float64
+from synth.surface.arrays import Float32
 
 ASIDE_M, ASIDE_HEIGHT_M = 0.34, (0.42, 0.56)
 """A side table's middle from the furniture's side, and its height: as sold."""
@@ -17,8 +15,6 @@ LOW_TABLE_M, LOW_HEIGHT_M = (0.9, 0.45), (0.38, 0.46)
 """A couch table's size and height: as sold."""
 ON_LAP = 0.6
 """Share of the laptops that are used on the lap; no source."""
-ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M = 3.0, -3.6
-"""Side walls, and the wall behind the robot."""
 FREE_M = 0.12
 """Between a couch table and the farthest foot."""
 
@@ -60,22 +56,3 @@ def furnish(
     elif has["sunlit"]:
         things.append(sunlit_patch(rng.uniform(-1.2, 1.2), place.wall_y))
     return things
-
-
-def invite(
-    place: Place,
-    things: list[Thing],
-    prior: list[Float32],
-    body: Body,
-    camera_from_world: Pose,
-    rng: np.random.Generator,
-) -> Visitor | None:
-    """Somebody else with room enough, or None where there is no room in view."""
-    footprint = place.furniture.footprint
-    low: Float64 = np.array([-footprint.half_width_m, footprint.front_y])
-    high: Float64 = np.array([footprint.half_width_m, footprint.back_y])
-    standing = [t.mesh.vertices_m for t in things if t.name in ("table", "radiator")]
-    for vertices in [*prior, *standing]:
-        low = np.minimum(low, vertices[:, :2].min(axis=0))
-        high = np.maximum(high, vertices[:, :2].max(axis=0))
-    return find_visitor(body, (low, high), place.wall_y, ROOM_HALF_WIDTH_M, camera_from_world, rng)

@@ -19,6 +19,8 @@ SOFA_GIVE_M = (0.015, 0.045)
 BED_AZIMUTH_RAD = (np.radians(25.0), np.radians(110.0))
 """From the foot, to either side: the head of the bed stands at the wall, and from its very foot somebody who
 lies is mostly feet."""
+ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M = 3.0, -3.6
+"""Side walls, and the wall behind the robot. No source: chosen by eye."""
 Viewpoint = Callable[[np.random.Generator, float], tuple[Float64, Float64]]
 """Draws a robot's eye and target (3,) each, world, metres; the float is how far its aim strays, 1 at best."""
 

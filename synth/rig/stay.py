@@ -17,8 +17,9 @@ from synth.body.body import Body, blend, shipped_bodies
 from synth.body.hair import hair_faces
 from synth.pose.moment import Moment
 from synth.rig.difficulty import Difficulty
-from synth.rig.furnish import ROOM_FRONT_Y_M, ROOM_HALF_WIDTH_M, furnish, invite
-from synth.rig.place import SCENES
+from synth.rig.furnish import furnish
+from synth.rig.place import ROOM_FRONT_Y_M, ROOM_HALF_WIDTH_M, SCENES
+from synth.rig.visitor import invite
 from synth.surface.arrays import Float32, Float64, Int32
 from synth.surface.furniture import Surface, room
 from synth.surface.rasterize import Mesh, merge
@@ -103,8 +104,8 @@ class Stay:
         self._things = furnish(self._place, self._body, prior, difficulty.clutter, rng)
         other = bodies[int(rng.integers(len(bodies)))]
         come = rng.random() < difficulty.clutter.company
-        reach = (self._place, self._things, prior)
-        self._visitor = invite(*reach, other, camera_from_world, rng) if come else None
+        around = (self._place, self._things, prior, other, camera_from_world, rng)
+        self._visitor = invite(*around) if come else None
         clothing = Clothing.sample(rng, difficulty.warmth)
         self._warmth = BodyWarmth(self._body, clothing, self._room_c, rng)
         if difficulty.warmth > 0:

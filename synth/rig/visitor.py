@@ -10,7 +10,8 @@ from synth.body.body import Body
 from synth.pose.moment import Behaviour, Moment
 from synth.pose.sitting import on_seat
 from synth.pose.upright import on_legs
-from synth.rig.props import moved
+from synth.rig.place import ROOM_HALF_WIDTH_M, Place
+from synth.rig.props import Thing, moved
 from synth.surface.arrays import Float32, Float64
 from synth.surface.furniture import Chair
 from synth.surface.rasterize import Mesh
@@ -50,29 +51,34 @@ class Visitor:
         return [] if self.chair is None else [moved(self.chair.mesh(), self.at_m, self.turn_rad)]
 
 
-def find_visitor(
+def invite(
+    place: Place,
+    things: list[Thing],
+    prior: list[Float32],
     body: Body,
-    reach: tuple[Float64, Float64],
-    wall_y: float,
-    half_room_m: float,
-    camera_from_world: Pose,
+    camera: Pose,
     rng: np.random.Generator,
 ) -> Visitor | None:
     """Somebody near the edge of the view who has room there, or None.
 
-    reach: lowest and highest (x, y) that the subject and the furniture come to. wall_y,
-    half_room_m: back and side walls.
+    prior: earlier postures (V, 3) of the subject, whose reach is kept free. camera: from the world.
     """
-    inverse = camera_from_world.inverse()
+    footprint = place.furniture.footprint
+    low: Float64 = np.array([-footprint.half_width_m, footprint.front_y])
+    high: Float64 = np.array([footprint.half_width_m, footprint.back_y])
+    for vertices in [*prior, *(t.mesh.vertices_m for t in things if t.name in ("table", "radiator"))]:
+        low = np.minimum(low, vertices[:, :2].min(axis=0))
+        high = np.maximum(high, vertices[:, :2].max(axis=0))
+    inverse = camera.inverse()
     eye, forward = inverse.translation_m[:2], inverse.rotation[:2, 2]
     heading = np.arctan2(forward[1], forward[0])
     for _ in range(TRIES):
         aside = rng.choice((-1, 1)) * HALF_VIEW_RAD * rng.uniform(*AT_EDGE)
         distance, sits = rng.uniform(*AWAY_M), rng.random() < 0.3
         at = eye + distance * np.array([np.cos(heading + aside), np.sin(heading + aside)])
-        outside = np.maximum(reach[0] - at, at - reach[1])
+        outside = np.maximum(low - at, at - high)
         room = KEEP_M + (0.35 if sits else 0.0)
-        indoors = abs(at[0]) < half_room_m - room and at[1] < wall_y - room
+        indoors = abs(at[0]) < ROOM_HALF_WIDTH_M - room and at[1] < place.wall_y - room
         if indoors and np.hypot(*np.maximum(outside, 0)) >= room:
             # A body faces -y; it looks roughly at the subject.
             turn = np.arctan2(-at[1], -at[0]) + np.pi / 2 + rng.normal(0, 0.5)

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,6 +14,8 @@ from synth.surface.shapes import box, sheet
 
 Side = Literal["top", "front"]
 """Of a box: the side upwards, or towards -y."""
+Ranges = dict[str, tuple[float, float]]
+"""Least and most by name."""
 
 
 class Surface(IntEnum):
@@ -91,13 +93,19 @@ class Furniture(ABC):
 
     height: of what carries, over the floor. give_m: how deep a body sinks in. puff_m: how far cushions
     bulge in their middle (no source: upholstery looks like it). soft: the soft side of each of the
-    first solids.
+    first solids. ranges: common dimensions, least and most.
     """
 
     height: float
     give_m: float
     puff_m: ClassVar[float] = 0.0
     soft: ClassVar[tuple[Side, ...]] = ("top", "front")
+    ranges: ClassVar[Ranges] = {}
+
+    @classmethod
+    def sample(cls, rng: np.random.Generator) -> Self:
+        """One with dimensions drawn from ``ranges``."""
+        return cls(**{name: rng.uniform(*between) for name, between in cls.ranges.items()})
 
     @property
     @abstractmethod
@@ -136,7 +144,7 @@ class Seat(Furniture):
 
 @dataclass(frozen=True)
 class Sofa(Seat):
-    """A sofa or arm-chair."""
+    """A sofa or arm-chair, of common furniture dimensions."""
 
     height: float = 0.42
     depth: float = 0.56
@@ -149,18 +157,14 @@ class Sofa(Seat):
 
     puff_m = 0.012
     soft = ("top", "front", "top", "top")
-
-    @staticmethod
-    def sample(rng: np.random.Generator) -> "Sofa":
-        """A sofa or arm-chair of common furniture dimensions."""
-        return Sofa(
-            height=rng.uniform(0.38, 0.47),
-            depth=rng.uniform(0.48, 0.62),
-            width=rng.uniform(0.62, 2.0),
-            back_height=rng.uniform(0.35, 0.75),
-            back_tilt_rad=rng.uniform(0.12, 0.38),
-            arm_height=rng.uniform(0.12, 0.26),
-        )
+    ranges: ClassVar[Ranges] = {
+        "height": (0.38, 0.47),
+        "depth": (0.48, 0.62),
+        "width": (0.62, 2.0),
+        "back_height": (0.35, 0.75),
+        "back_tilt_rad": (0.12, 0.38),
+        "arm_height": (0.12, 0.26),
+    }
 
     @property
     def footprint(self) -> Footprint:
@@ -180,7 +184,7 @@ class Sofa(Seat):
 
 @dataclass(frozen=True)
 class Chair(Seat):
-    """A chair without arms."""
+    """A kitchen or ward chair without arms."""
 
     height: float = 0.45
     depth: float = 0.42
@@ -188,17 +192,13 @@ class Chair(Seat):
     back_height: float = 0.45
     back_tilt_rad: float = 0.12
     give_m: float = 0.01
-
-    @staticmethod
-    def sample(rng: np.random.Generator) -> "Chair":
-        """A kitchen or ward chair of common dimensions."""
-        return Chair(
-            height=rng.uniform(0.42, 0.50),
-            depth=rng.uniform(0.38, 0.46),
-            width=rng.uniform(0.42, 0.52),
-            back_height=rng.uniform(0.35, 0.55),
-            back_tilt_rad=rng.uniform(0.05, 0.2),
-        )
+    ranges: ClassVar[Ranges] = {
+        "height": (0.42, 0.50),
+        "depth": (0.38, 0.46),
+        "width": (0.42, 0.52),
+        "back_height": (0.35, 0.55),
+        "back_tilt_rad": (0.05, 0.2),
+    }
 
     @property
     def footprint(self) -> Footprint:
@@ -219,7 +219,7 @@ class Chair(Seat):
 
 @dataclass(frozen=True)
 class Bed(Furniture):
-    """Where a person lies; centred on the world's z axis, its length along y, the pillow at +y.
+    """A single, double or nursing bed; centred on the world's z axis, its length along y, the pillow at +y.
 
     give_m: how deep a body sinks into mattress and pillow, 4 cm: between a firm and a soft foam mattress
     under a back (a stated simplification: the mattress is drawn flat).
@@ -234,17 +234,13 @@ class Bed(Furniture):
 
     puff_m = 0.006
     soft = ("top", "top")
-
-    @staticmethod
-    def sample(rng: np.random.Generator) -> "Bed":
-        """A single, double or nursing bed."""
-        return Bed(
-            height=rng.uniform(0.38, 0.70),
-            length=rng.uniform(1.95, 2.15),
-            width=rng.uniform(0.85, 1.6),
-            pillow_height=rng.uniform(0.06, 0.13),
-            board_height=rng.uniform(0.1, 0.55),
-        )
+    ranges: ClassVar[Ranges] = {
+        "height": (0.38, 0.70),
+        "length": (1.95, 2.15),
+        "width": (0.85, 1.6),
+        "pillow_height": (0.06, 0.13),
+        "board_height": (0.1, 0.55),
+    }
 
     @property
     def footprint(self) -> Footprint:
