@@ -14,10 +14,10 @@ from synth.appearance.color_camera import (
     RESTING,
     CameraFaults,
     CameraState,
+    adjusted,
     develop,
     first_state,
     metered,
-    settle,
     smear,
 )
 from synth.appearance.light import CHEST_M, EVEN_LIGHT, PLACES, Lighting, illuminate, light_room, white_rgb
@@ -35,10 +35,10 @@ from synth.appearance.outfit import (
     dress_plainly,
 )
 from synth.appearance.paint import paint
-from synth.appearance.photograph import CLEAN, HARD, NORMAL, ColorCamera, Look, set_up
+from synth.appearance.photograph import CLEAN, HARD, NORMAL, ColorCamera, ColorDifficulty, set_up
 from synth.appearance.room_colors import plain_room
 from synth.body.body import Body, shipped_bodies
-from synth.surface.furniture import Surface, room
+from synth.surface.furniture import Surface, empty_room
 from synth.surface.rasterize import Mesh, merge, rasterize
 from synth.surface.shapes import box, sheet
 from synth.surface.texture import noise_tile, smooth_noise
@@ -53,15 +53,15 @@ ABOVE = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 2.0]))
 
 def standing(body: Body) -> Mesh:
     person = Mesh(body.vertices_m, body.faces, body.face_parts.astype(np.int32))
-    return merge([person, room(1.0)])
+    return merge([person, empty_room(1.0)])
 
 
 def photographs(
-    look: Look, seed: int, number: int = 1, velocity_m_s: np.ndarray | None = None
+    color: ColorDifficulty, seed: int, number: int = 1, velocity_m_s: np.ndarray | None = None
 ) -> list[bytes]:
     body, rng = shipped_bodies()[2], np.random.default_rng(seed)
-    outfit = dress(body, DEFAULT_SUIT, look.wear, rng)
-    camera = ColorCamera(CAMERA, MAPS, FRONT, set_up(look, DEFAULT_SUIT, rng), look.camera)
+    outfit = dress(body, DEFAULT_SUIT, color.wear, rng)
+    camera = ColorCamera(CAMERA, MAPS, FRONT, set_up(color, DEFAULT_SUIT, rng), color.camera)
     return [camera.photograph(standing(body), [outfit], rng, velocity_m_s) for _ in range(number)]
 
 
@@ -84,14 +84,14 @@ def test_a_clean_photograph_shows_the_suit_as_it_is():
         assert np.abs(np.median(image[inside], axis=0) - swatch).max() <= 4
 
 
-@pytest.mark.parametrize("look", [CLEAN, NORMAL, HARD])
-def test_the_same_seed_gives_the_same_photographs(look):
+@pytest.mark.parametrize("color", [CLEAN, NORMAL, HARD])
+def test_the_same_seed_gives_the_same_photographs(color):
     velocity = np.full((100, 3), 0.5)
     velocity = np.concatenate([velocity, np.zeros((len(standing(shipped_bodies()[2]).vertices_m) - 100, 3))])
-    first, again = (photographs(look, 3, 2, velocity) for _ in range(2))
+    first, again = (photographs(color, 3, 2, velocity) for _ in range(2))
     assert first == again
-    if look is not CLEAN:
-        assert photographs(look, 4, 2, velocity) != first
+    if color is not CLEAN:
+        assert photographs(color, 4, 2, velocity) != first
 
 
 def test_colour_is_exposed_when_it_is_and_not_with_the_depth():
@@ -109,11 +109,11 @@ def test_colour_is_exposed_when_it_is_and_not_with_the_depth():
     assert then != photographs(CLEAN, 0)[0]
 
 
-@pytest.mark.parametrize("look", [CLEAN, NORMAL, HARD])
-def test_nothing_is_photographed_as_nothing(look):
+@pytest.mark.parametrize("color", [CLEAN, NORMAL, HARD])
+def test_nothing_is_photographed_as_nothing(color):
     rng = np.random.default_rng(0)
     nothing = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros(0, np.int32))
-    camera = ColorCamera(CAMERA, MAPS, FRONT, set_up(look, DEFAULT_SUIT, rng), look.camera)
+    camera = ColorCamera(CAMERA, MAPS, FRONT, set_up(color, DEFAULT_SUIT, rng), color.camera)
     image = decoded(camera.photograph(nothing, [], rng, np.zeros((0, 3))))
     assert image.shape == (480, 640, 3)
     assert image.mean() < 12
@@ -181,7 +181,7 @@ def test_exposure_and_balance_settle_on_grey(mean):
     faults, rng = CameraFaults(balanced=1.0), np.random.default_rng(0)
     state, errors = RESTING, []
     for _ in range(40):
-        state = settle(state, np.array(mean), faults, rng)
+        state = adjusted(state, np.array(mean), faults, rng)
         errors.append(abs(np.log(np.mean(mean) * state.exposure / GREY)))
     assert errors[-1] < 1e-3
     assert (np.diff(errors) <= 1e-12).all()
@@ -193,7 +193,7 @@ def test_exposure_and_balance_wander_as_far_as_stated():
     faults, rng = CameraFaults(balanced=1.0, exposure_sd=0.2, balance_sd=0.05), np.random.default_rng(0)
     state, drift = first_state(np.full(3, 0.3), faults, rng), []
     for _ in range(4000):
-        state = settle(state, np.full(3, 0.3), faults, rng)
+        state = adjusted(state, np.full(3, 0.3), faults, rng)
         drift.append(state.drift)
     np.testing.assert_allclose(np.std(drift, axis=0), (0.05, 0.2, 0.05), rtol=0.2)
 

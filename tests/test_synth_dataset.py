@@ -28,7 +28,7 @@ from sensors.errors import FormatError
 from sensors.files.atomic import write_bytes
 from synth.images.dataset_page import contact_sheet, render, write_page
 from synth.images.presets import PRESETS, sample
-from synth.images.statistics import count
+from synth.images.statistics import statistics_of
 
 FRAMES = [sample(PRESETS["sitting-train"], 0, i * 16) for i in range(6)]
 INFO = {
@@ -235,7 +235,7 @@ def test_a_bad_manifest_is_refused(dataset, text):
 
 
 def test_statistics_by_hand():
-    statistics = count(FRAMES)
+    statistics = statistics_of(FRAMES)
     person = sum((f.parts > 0).sum() for f in FRAMES)
     assert statistics.frames == 6 and statistics.pixels.sum() == 6 * 212 * 212
     assert statistics.pixels[1:].sum() == statistics.depth.sum() == person

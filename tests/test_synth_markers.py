@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from sensors.errors import CloudError, FormatError
 from synth.markers import bvh, marker_files
 from synth.markers.bvh import read_bvh
+from synth.markers.known_markers import known_markers
 from synth.markers.marker_files import Markers, read_markers
 from synth.markers.markerset import choose_marker_set, key_of, load_marker_set, shipped_marker_sets
-from synth.markers.trial import trial_of
 
 NAMES = tuple(
     f"Anna:{name}" for name in ("LASI", "RASI", "LPSI", "RPSI", "LKNE", "RKNE", "LANK", "RANK", "C7", "CLAV")
@@ -195,10 +195,10 @@ def test_wrong_unit_is_told_by_the_body():
     places = next(s for s in shipped_marker_sets() if s.name == "plug_in_gait")
     right = Markers(NAMES, positions(), 100, "m", 2)
     np.testing.assert_array_equal(
-        trial_of(Markers(NAMES, 1000 * positions(), 100), places).seen, trial_of(right, places).seen
+        known_markers(Markers(NAMES, 1000 * positions(), 100), places).seen, known_markers(right, places).seen
     )
     with pytest.raises(CloudError, match="declares 'mm'"):
-        trial_of(Markers(NAMES, positions(), 100, "mm", 2), places)
+        known_markers(Markers(NAMES, positions(), 100, "mm", 2), places)
 
 
 def test_hostile_sizes_are_refused_at_once(tmp_path):

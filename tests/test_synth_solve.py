@@ -23,7 +23,7 @@ from synth.body.skeleton import (
     rotations,
 )
 from synth.markers.bvh import read_bvh
-from synth.markers.kinematics import TREE, State, axes_of, markers_at, place
+from synth.markers.kinematics import TREE, State, axes_of, joint_frames, markers_at
 from synth.markers.marker_files import Markers, read_markers
 from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, Motion, load_motion, save_motion
 from synth.markers.person_fit import Template, posture_prior, zero_bones
@@ -43,7 +43,9 @@ def test_kinematics_agree_with_the_skeleton(seed):
     posture, rest = random_posture(seed), shipped_bodies()[seed].joints_m
     aligned = alignment(rest)
     frames, joints = forward(posture, rest, aligned)
-    found_frames, found_joints = place(TREE, State.of(posture.angles_rad, posture.pelvis_m), zero_bones(rest))
+    found_frames, found_joints = joint_frames(
+        TREE, State.of(posture.angles_rad, posture.pelvis_m), zero_bones(rest)
+    )
     np.testing.assert_allclose(found_joints, joints, atol=1e-9)
     np.testing.assert_allclose(found_frames @ aligned, frames, atol=1e-9)
 
@@ -52,7 +54,7 @@ def test_axes_are_the_derivative_of_the_frames():
     posture, step = random_posture(9), 1e-6
     bones = zero_bones(shipped_bodies()[0].joints_m)
     state = State.of(posture.angles_rad, posture.pelvis_m)
-    frames, _ = place(TREE, state, bones)
+    frames, _ = joint_frames(TREE, state, bones)
     axes = axes_of(TREE, frames, state.signed_rad)
     for j in np.flatnonzero(~TREE.ball):
         for k in range(3):
@@ -60,7 +62,7 @@ def test_axes_are_the_derivative_of_the_frames():
             signed[j, k] += step
             local = state.local.copy()
             local[j] = Rotation.from_euler("XYZ", signed[j]).as_matrix()
-            moved, _ = place(TREE, State(state.pelvis_m, signed, local), bones)
+            moved, _ = joint_frames(TREE, State(state.pelvis_m, signed, local), bones)
             turn = Rotation.from_matrix(moved[j] @ frames[j].T).as_rotvec() / step
             np.testing.assert_allclose(turn, axes[j, k], atol=1e-5)
 

@@ -90,7 +90,7 @@ def metered(light: Float32) -> Float64:
     return np.asarray(np.minimum(seen, 4 * np.median(seen, axis=0) + 1e-6).mean(axis=0), np.float64)
 
 
-def settle(
+def adjusted(
     state: CameraState, mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generator
 ) -> CameraState:
     """The controllers one frame later, having seen a mean light (3,): lagging, wandering by themselves."""
@@ -112,7 +112,7 @@ def first_state(mean_rgb: Float64, faults: CameraFaults, rng: np.random.Generato
     """The controllers of a camera that has been on for a while."""
     state = RESTING
     for _ in range(12):
-        state = settle(state, mean_rgb, faults, rng)
+        state = adjusted(state, mean_rgb, faults, rng)
     return state
 
 

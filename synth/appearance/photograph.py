@@ -1,6 +1,6 @@
 """The colour camera's view of a scene: dressed people among furniture, lit, photographed, as a JPEG.
 
-How hard it is stands in a ``Look``; the names of the three are ``CLEAN``, ``NORMAL`` and ``HARD``.
+How hard it is stands in a ``ColorDifficulty``; the names of the three are ``CLEAN``, ``NORMAL`` and ``HARD``.
 """
 
 from collections.abc import Sequence
@@ -15,12 +15,12 @@ from sensors.rig.rig_calibration import Pose
 from synth.appearance.color_camera import (
     CameraFaults,
     CameraState,
+    adjusted,
     develop,
     encode,
     first_state,
     flow_px,
     metered,
-    settle,
     smear,
 )
 from synth.appearance.light import EVEN_LIGHT, Lighting, LightSpread, illuminate, light_room
@@ -32,7 +32,7 @@ from synth.surface.rasterize import Mesh, rasterize
 
 
 @dataclass(frozen=True)
-class Look:
+class ColorDifficulty:
     """How hard colour is: what is worn, the room's light (None = even white), the camera's faults, and the
     chance ``equal`` that a thing of the room has a colour of the suit (no source: chosen by eye)."""
 
@@ -42,8 +42,8 @@ class Look:
     equal: float
 
 
-CLEAN = Look(Wear(bare=False), None, CameraFaults(), 0.0)
-NORMAL = Look(
+CLEAN = ColorDifficulty(Wear(bare=False), None, CameraFaults(), 0.0)
+NORMAL = ColorDifficulty(
     Wear(seam_sd_m=0.004, fold_m=0.0025, hue_sd_deg=3.0, lightness_sd=2.5, fade=0.12, patch=0.05),
     LightSpread(level=(1.0, 0.25), lamps=(2, 3), returned=(0.35, 0.5), kelvin=(6800.0, 3300.0)),
     CameraFaults(
@@ -52,7 +52,7 @@ NORMAL = Look(
     ),
     0.05,
 )  # fmt: skip
-HARD = Look(
+HARD = ColorDifficulty(
     Wear(
         seam_sd_m=0.009, fold_m=0.0035, hue_sd_deg=8.0, lightness_sd=6.0, fade=0.4, patch=0.12, alike=0.35,
         hood_down=0.4,
@@ -77,13 +77,13 @@ class Setting:
     offset_s: float
 
 
-def set_up(look: Look, suit: Suit, rng: np.random.Generator) -> Setting:
-    """A room to be recorded in. Sampled alike at every look, so that a seed keeps its room."""
-    room = paint_room(suit.colors_rgb, look.equal, rng)
-    offset_s = look.camera.offset_s * rng.uniform(-1, 1)
-    if look.light is None:
+def set_up(color: ColorDifficulty, suit: Suit, rng: np.random.Generator) -> Setting:
+    """A room to be recorded in. Sampled alike at every difficulty, so that a seed keeps its room."""
+    room = paint_room(suit.colors_rgb, color.equal, rng)
+    offset_s = color.camera.offset_s * rng.uniform(-1, 1)
+    if color.light is None:
         return Setting(plain_room(), EVEN_LIGHT, offset_s)
-    return Setting(room, light_room(look.light, rng), offset_s)
+    return Setting(room, light_room(color.light, rng), offset_s)
 
 
 class ColorCamera:
@@ -128,7 +128,7 @@ class ColorCamera:
         if self.state is None:
             state = first_state(metered(light), self.faults, rng)
         else:
-            state = settle(self.state, self._metered, self.faults, rng)
+            state = adjusted(self.state, self._metered, self.faults, rng)
         self.state, self._metered = state, metered(light)
         if velocity_m_s is not None and self.faults.shutter > 0:
             seconds = self.faults.shutter * state.exposure_s

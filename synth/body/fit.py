@@ -1,4 +1,4 @@
-"""Fit anny's parametric body to height, weight and waist breadth, and bake it. Needs the extra ``synth``."""
+"""Fit anny's parametric body to height, weight and waist breadth, and bake it. Needs the extra ``bodies``."""
 
 from functools import cached_property
 from typing import Any

@@ -16,7 +16,13 @@ from annotate.labelset.dataset import Dataset, read_shard
 from annotate.parts import PARTS, palette_rgb
 from sensors.files.atomic import write_bytes
 from synth.body.skeleton import JOINTS
-from synth.images.statistics import AZIMUTH_EDGES_DEG, DEPTH_EDGES_MM, HEIGHT_EDGES_M, Statistics, count
+from synth.images.statistics import (
+    AZIMUTH_EDGES_DEG,
+    DEPTH_EDGES_MM,
+    HEIGHT_EDGES_M,
+    Statistics,
+    statistics_of,
+)
 from synth.surface.arrays import Int64, UInt8
 
 PAGE = "index.html"
@@ -47,7 +53,7 @@ def render(dataset: Dataset) -> str:
     """The page as a string. Raises FormatError when a shard is corrupt."""
     step = max(1, len(dataset.shards) // COUNTED_SHARDS)
     paths = [dataset.path / name for name, _ in dataset.shards[::step][:COUNTED_SHARDS]]
-    statistics = count(frame for path in paths for frame in read_shard(path))
+    statistics = statistics_of(frame for path in paths for frame in read_shard(path))
     step = max(1, statistics.frames // (len(paths) * SHEET_COLUMNS * SHEET_ROWS))
     sheet = contact_sheet(list(islice(read_shard(paths[0]), 0, step * SHEET_COLUMNS * SHEET_ROWS, step)))
     return _PAGES.get_template("dataset.html.j2").render(

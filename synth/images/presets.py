@@ -16,7 +16,7 @@ from synth.body.body import Body, blend, shipped_bodies
 from synth.body.hair import hair_faces
 from synth.cameras.depth_noise import DepthNoise, kinect
 from synth.images.occlude import cut, occluder
-from synth.images.view import View, inside_image, render_view, visibility
+from synth.images.view import PersonView, inside_image, render_view, visibility
 from synth.pose.moment import Posed
 from synth.pose.recumbent import FALLEN, IN_BED, lie
 from synth.pose.sitting import SITTING, sit
@@ -85,7 +85,7 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     body, hair, subject = _person(preset.stream, seed, index // IMAGES_PER_PERSON)
     for _ in range(TRIES):
         stage = preset.stage(rng, body)
-        things, view = _look(preset, stage, body, hair, rng)
+        things, view = _rendered(preset, stage, body, hair, rng)
         if _shows(view) and inside_image(stage.camera_from_world.apply(stage.joints_m)).mean() >= MIN_JOINTS:
             break
     else:
@@ -108,8 +108,10 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     return FrameLabels(f"{index:08d}", depth, labels, subject=subject, status="truth", notes=notes)
 
 
-def _look(preset: Preset, stage: Stage, body: Body, hair: Bool, rng: np.random.Generator) -> tuple[int, View]:
-    """Render the stage, in a share of the images with occluders unless they hide all; how many stand."""
+def _rendered(
+    preset: Preset, stage: Stage, body: Body, hair: Bool, rng: np.random.Generator
+) -> tuple[int, PersonView]:
+    """Number of occluders, and the view: in a share of the images some stand there, unless they hide all."""
     if rng.random() < preset.occluders:
         seen = rng.choice(stage.vertices_m, int(rng.integers(1, 3))).astype(np.float64)
         things = [occluder(stage.eye_m, point, rng) for point in seen]
@@ -121,13 +123,13 @@ def _look(preset: Preset, stage: Stage, body: Body, hair: Bool, rng: np.random.G
     return 0, render_view(body, hair, stage.vertices_m, stage.around, stage.camera_from_world)
 
 
-def _shows(view: View) -> bool:
+def _shows(view: PersonView) -> bool:
     seen = np.count_nonzero(view.parts)
     return bool(seen >= max(MIN_PIXELS, MIN_VISIBLE * np.count_nonzero(view.whole)))
 
 
 def _shoot(
-    view: View, person: Bool, crop: Crop, rng: np.random.Generator
+    view: PersonView, person: Bool, crop: Crop, rng: np.random.Generator
 ) -> tuple[NDArray[np.uint16], UInt8]:
     """The crop's depth and parts through a noisy sensor; only the pixels that the crop reads are computed."""
     read = person & crop.reads(person.shape)

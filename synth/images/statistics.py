@@ -46,7 +46,7 @@ class Statistics:
         return np.asarray(np.sqrt(np.square(away).sum(axis=2).mean(axis=0)))
 
 
-def count(frames: Iterable[FrameLabels]) -> Statistics:
+def statistics_of(frames: Iterable[FrameLabels]) -> Statistics:
     """Go through generated frames once; their notes are those of ``presets``, one frame at least."""
     pixels, shown = np.zeros(N_CLASSES, np.int64), np.zeros(N_CLASSES, np.int64)
     depth = np.zeros(len(DEPTH_EDGES_MM) - 1, np.int64)

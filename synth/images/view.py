@@ -18,7 +18,7 @@ BORDER_PX = 4
 
 
 @dataclass(frozen=True)
-class View:
+class PersonView:
     """The window of the depth image that holds the person, before any noise.
 
     camera: pinhole of the window. corner: (top, left) of the window in the whole image. depth_m: float32
@@ -40,7 +40,7 @@ def render_view(
     vertices_m: Float32,
     around: Mesh,
     camera_from_world: Pose,
-) -> View:
+) -> PersonView:
     """See a posed body and the furniture around it with the Kinect's pinhole; meshes in the world frame.
 
     hair: bool (F,) as ``hair_faces`` gives it. Only the person's window of the 512 x 424 image is rendered.
@@ -54,7 +54,7 @@ def render_view(
     hidden = others.depth_m < person.depth_m
     parts = np.where(hidden, np.uint8(BACKGROUND), whole)
     dark = np.append(hair, False)[person.face] & ~hidden
-    return View(camera, corner, np.fmin(person.depth_m, others.depth_m), parts, whole, dark)
+    return PersonView(camera, corner, np.fmin(person.depth_m, others.depth_m), parts, whole, dark)
 
 
 def visibility(parts: UInt8, whole: UInt8) -> Float64:

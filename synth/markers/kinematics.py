@@ -69,13 +69,13 @@ class Subject(NamedTuple):
 
 def markers_at(state: State, subject: Subject) -> Float64:
     """Markers (M, 3) of a posed subject: world, metres."""
-    frames, joints = place(TREE, state, subject.bones_m)
+    frames, joints = joint_frames(TREE, state, subject.bones_m)
     turned = np.einsum("mij,mj->mi", frames[subject.marker_joint], subject.offsets_m)
     return np.asarray(joints[subject.marker_joint] + turned)
 
 
 @numba.njit(cache=True)
-def place(tree: Tree, state: State, bones_m: Float64) -> tuple[Float64, Float64]:
+def joint_frames(tree: Tree, state: State, bones_m: Float64) -> tuple[Float64, Float64]:
     """Frames (J, 3, 3), which turn anatomical zero to the world, and joints (J, 3), world, metres."""
     n = len(tree.parents)
     frames = np.empty((n, 3, 3))

@@ -13,10 +13,10 @@ from synth.markers.kinematics import (
     axes_of,
     chain_of,
     euler_matrix,
+    joint_frames,
     limit_ball,
     marker_at,
     marker_columns,
-    place,
     turn,
 )
 from synth.markers.positive_systems import eliminate, solve_in_place
@@ -186,7 +186,7 @@ def _fit(tree: Tree, state: State, subject: Subject, target: _Target, prior: Pri
     n = 3 + 3 * len(tree.parents)
     start = _Start(state.signed_rad.copy(), state.pelvis_m.copy(), np.zeros_like(state.signed_rad))
     h, g = np.empty((n, n)), np.empty(n)
-    frames, joints = place(tree, state, subject.bones_m)
+    frames, joints = joint_frames(tree, state, subject.bones_m)
     cost = _cost(tree, state, start, frames, joints, subject, target, prior)
     damping = 1e-3
     for _ in range(steps):
@@ -201,7 +201,7 @@ def _fit(tree: Tree, state: State, subject: Subject, target: _Target, prior: Pri
             new = State(state.pelvis_m.copy(), state.signed_rad.copy(), state.local.copy())
             new_start = _Start(start.signed_rad, start.pelvis_m, start.drift.copy())
             _apply(tree, step, new, new_start.drift)
-            new_frames, new_joints = place(tree, new, subject.bones_m)
+            new_frames, new_joints = joint_frames(tree, new, subject.bones_m)
             new_cost = _cost(tree, new, new_start, new_frames, new_joints, subject, target, prior)
             if new_cost < cost:
                 improved = True
@@ -246,7 +246,7 @@ def _shape_normal(
 ) -> tuple[Float64, Float64]:
     n, groups, markers = 3 + 3 * len(tree.parents), len(basis.bones), len(subject.marker_joint)
     size = groups + 3 * markers
-    frames, joints = place(tree, state, subject.bones_m)
+    frames, joints = joint_frames(tree, state, subject.bones_m)
     h, g = np.empty((n, n)), np.empty(n)
     start = _Start(state.signed_rad, state.pelvis_m, np.zeros_like(state.signed_rad))
     _normal(tree, state, start, frames, joints, subject, target, prior, h, g)

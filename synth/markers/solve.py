@@ -6,6 +6,7 @@ import numpy as np
 
 from sensors.errors import CloudError
 from synth.markers.kinematics import State, Subject, markers_at
+from synth.markers.known_markers import KnownMarkers, check_same_person, known_markers, up_direction
 from synth.markers.marker_files import Markers
 from synth.markers.markerset import MarkerSet, choose_marker_set
 from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SEEN, SWAPPED, MarkerReport, Motion
@@ -18,7 +19,6 @@ from synth.markers.person_fit import (
     posture_prior,
 )
 from synth.markers.posture_fit import ROBUST_M, Observed, Prior, fit_posture
-from synth.markers.trial import Trial, check_same_person, trial_of, up_direction
 from synth.surface.arrays import Float32, Float64, UInt8
 
 CALIBRATION_FRAMES = 30
@@ -47,10 +47,10 @@ def solve(
     """
     markerset = markerset or choose_marker_set(markers.labels)
     up = None if static is None else up_direction(static, markerset, _picked(static, markerset))
-    trial = trial_of(markers, markerset, up)
+    trial = known_markers(markers, markerset, up)
     frames = _calibration_frames(trial, CALIBRATION_FRAMES)
     if static is not None:
-        standing = trial_of(static, markerset, up)
+        standing = known_markers(static, markerset, up)
         check_same_person(trial, standing, markerset)
         frames = np.concatenate([frames, _calibration_frames(standing, STATIC_FRAMES)])
     weights = np.isfinite(frames).all(axis=2) * markerset.weight
@@ -60,10 +60,10 @@ def solve(
 
 
 def _picked(markers: Markers, markerset: MarkerSet) -> Float64:
-    return trial_of(markers, markerset, np.array([0.0, 0.0, 1.0])).positions_m
+    return known_markers(markers, markerset, np.array([0.0, 0.0, 1.0])).positions_m
 
 
-def _calibration_frames(trial: Trial, count: int) -> Float64:
+def _calibration_frames(trial: KnownMarkers, count: int) -> Float64:
     """Positions (K, M, 3) of the fullest frame of each of ``count`` equal stretches."""
     seen = trial.seen.sum(axis=1)
     stretches = np.array_split(np.arange(len(seen)), min(count, len(seen)))
@@ -75,7 +75,7 @@ def _calibration_frames(trial: Trial, count: int) -> Float64:
 
 
 def _track(
-    trial: Trial, subject: Subject, markerset: MarkerSet, rate: float, advance: Callable[[int], None]
+    trial: KnownMarkers, subject: Subject, markerset: MarkerSet, rate: float, advance: Callable[[int], None]
 ) -> Motion:
     positions, status = bridge(trial.positions_m, round(BRIDGE_SECONDS * rate))
     used = np.asarray(trial.seen.any(axis=0))

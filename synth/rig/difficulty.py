@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 
 from synth.appearance import photograph
-from synth.appearance.photograph import Look
+from synth.appearance.photograph import ColorDifficulty
 from synth.cameras.depth_noise import DepthNoise
 from synth.cameras.thermal_camera import ThermalNoise
 
 
 @dataclass(frozen=True)
 class Clutter:
-    """How often (share of the subjects) something stands about; no source but a look at living rooms."""
+    """Share of the subjects about whom something stands. No source: chosen by eye, after living rooms."""
 
     company: float = 0.0
     radiator: float = 0.0
@@ -27,7 +27,7 @@ class Clutter:
 class Difficulty:
     """How hard the rig makes it.
 
-    look: clothes, light and the colour camera. depth: one frame's faults. reflectance: the room's, in the
+    color: clothes, light and the colour camera. depth: one frame's faults. reflectance: the room's, in the
     infrared, for light that bounces twice (0: none does). unit_mm, unit_scale: standard deviations of the
     unit's own offset and scale. warmth: how unevenly warm people and things are, 1 as in a good room.
     room_c: air and walls, least and most. clutter: what stands about. stray: how far the robot's aim is off,
@@ -35,7 +35,7 @@ class Difficulty:
     """
 
     name: str
-    look: Look
+    color: ColorDifficulty
     depth: DepthNoise
     thermal: ThermalNoise
     clutter: Clutter
@@ -49,7 +49,7 @@ class Difficulty:
 
 CLEAN = Difficulty(
     name="clean",
-    look=photograph.CLEAN,
+    color=photograph.CLEAN,
     depth=DepthNoise(axial=0, flying=0, grazing=0, dark=0, lateral_px=0),
     thermal=ThermalNoise(netd_c=0, blur_px=0, drift_c=0, flag=False),
     clutter=Clutter(),
@@ -62,7 +62,7 @@ CLEAN = Difficulty(
 )
 NORMAL = Difficulty(
     name="normal",
-    look=photograph.NORMAL,
+    color=photograph.NORMAL,
     depth=DepthNoise(),
     thermal=ThermalNoise(),
     clutter=Clutter(
@@ -85,7 +85,7 @@ NORMAL = Difficulty(
 )
 HARD = Difficulty(
     name="hard",
-    look=photograph.HARD,
+    color=photograph.HARD,
     depth=DepthNoise(axial=2, flying=1, grazing=0.9, dark=0.7, lateral_px=0.8),
     thermal=ThermalNoise(netd_c=0.16, blur_px=1.0, drift_c=2.0),
     clutter=Clutter(

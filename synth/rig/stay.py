@@ -21,7 +21,7 @@ from synth.rig.furnish import furnish
 from synth.rig.place import ROOM_FRONT_Y_M, ROOM_HALF_WIDTH_M, SCENES
 from synth.rig.visitor import invite
 from synth.surface.arrays import Float32, Float64, Int32
-from synth.surface.furniture import Surface, room
+from synth.surface.furniture import Surface, empty_room
 from synth.surface.rasterize import Mesh, merge
 from synth.surface.shapes import tagged
 
@@ -165,7 +165,7 @@ class Stay:
 
     def _stage(self) -> Mesh:
         """What never moves: the room, and furniture that does not give."""
-        meshes = [room(self._place.wall_y, ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M)]
+        meshes = [empty_room(self._place.wall_y, ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M)]
         meshes += [solid.mesh() for solid in self._place.hard_solids()]
         return merge(meshes + (self._visitor.furniture() if self._visitor else []))
 
@@ -181,15 +181,15 @@ class Stay:
     def _cast(
         self, name: str, suit: Suit, camera_from_world: Pose, clothing: Clothing, rng: np.random.Generator
     ) -> Cast:
-        look, bodies = self._difficulty.look, [self._body]
-        outfits = [dress(self._body, suit, look.wear, rng)]
+        color, bodies = self._difficulty.color, [self._body]
+        outfits = [dress(self._body, suit, color.wear, rng)]
         meshes = [Mesh(self._body.vertices_m, self._body.faces, self._body.face_parts.astype(np.int32))]
         if self._visitor is not None:
             bodies.append(self._visitor.body)
-            outfits.append(dress_plainly(bodies[1], look.wear, rng))
+            outfits.append(dress_plainly(bodies[1], color.wear, rng))
             meshes.append(tagged(bodies[1].vertices_m, bodies[1].faces, Surface.OTHER_PERSON))
         people = sum(len(mesh.vertices_m) for mesh in meshes)
-        setting = set_up(look, suit, rng)
+        setting = set_up(color, suit, rng)
         meshes += [c.mesh for c in self._cushions] + [t.mesh for t in self._things] + [self._still]
         whole = merge(meshes)
         dark, subject = _darkness(bodies, outfits, setting.room.rgb[whole.tags]), len(self._body.vertices_m)

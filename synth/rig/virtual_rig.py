@@ -109,7 +109,7 @@ class VirtualRig:
 
     def _color_camera(self, cast: Cast) -> ColorCamera:
         lens, pose = self._color, COLOR_FROM_DEPTH @ cast.camera_from_world
-        return ColorCamera(lens.pinhole, lens.maps, pose, cast.setting, self.difficulty.look.camera)
+        return ColorCamera(lens.pinhole, lens.maps, pose, cast.setting, self.difficulty.color.camera)
 
     def _shoot(self, cast: Cast, tableau: Tableau, index: int, cameras: _Cameras) -> tuple[RigFrame, Truth]:
         rng, time_s = np.random.default_rng((self.seed, index, 11)), index / self.frames_per_second

@@ -277,7 +277,9 @@ class Ground:
         return sheet(np.array([-3.0, -3.0, 0.0]), np.array([6.0, 0, 0]), np.array([0, 6.0, 0]), Surface.FLOOR)
 
 
-def room(back_wall_y: float, half_width: float = 2.5, front_y: float = -3.5, height: float = 2.5) -> Mesh:
+def empty_room(
+    back_wall_y: float, half_width: float = 2.5, front_y: float = -3.5, height: float = 2.5
+) -> Mesh:
     """Floor and four walls; sheets nearer to a camera than it can see are not drawn."""
     depth = np.array([0, back_wall_y - front_y, 0])
     width, up = np.array([2 * half_width, 0, 0]), np.array([0, 0, height])

@@ -21,7 +21,7 @@ _LOWER = ("left_ankle", "right_ankle", "left_knee", "right_knee")
 
 
 @dataclass(frozen=True)
-class Trial:
+class KnownMarkers:
     """positions_m: float64 (F, M, 3) world, z up, NaN where not seen, one column per marker of the set;
     unknown: labels that the set does not know."""
 
@@ -34,7 +34,7 @@ class Trial:
         return np.asarray(np.isfinite(self.positions_m).all(axis=2))
 
 
-def trial_of(markers: Markers, markerset: MarkerSet, up: Float64 | None = None) -> Trial:
+def known_markers(markers: Markers, markerset: MarkerSet, up: Float64 | None = None) -> KnownMarkers:
     """Pick the set's markers out of a recording and bring them to metres, z up.
 
     up: the file's vertical direction, when it is known from elsewhere. Raises CloudError when too few markers
@@ -59,7 +59,7 @@ def trial_of(markers: Markers, markerset: MarkerSet, up: Float64 | None = None) 
     world = picked @ shortest_arc(up, np.array([0.0, 0.0, 1.0])).T
     world[np.abs(world).max(axis=2) > FAR_M] = np.nan
     unknown = tuple(label for label in markers.labels if key_of(label) not in wanted)
-    return Trial(world, unknown)
+    return KnownMarkers(world, unknown)
 
 
 def up_direction(markers: Markers, markerset: MarkerSet, positions: Float64) -> Float64:
@@ -115,7 +115,7 @@ def _span(positions: Float64) -> float:
     return float(np.median(np.linalg.norm(np.nanmax(full, axis=1) - np.nanmin(full, axis=1), axis=1)))
 
 
-def check_same_person(trial: Trial, static: Trial, markerset: MarkerSet) -> None:
+def check_same_person(trial: KnownMarkers, static: KnownMarkers, markerset: MarkerSet) -> None:
     """Raises CloudError when distances between markers on one bone differ between a trial and its static."""
     differences = []
     for joint in np.unique(markerset.joint):
@@ -136,7 +136,7 @@ def check_same_person(trial: Trial, static: Trial, markerset: MarkerSet) -> None
         )
 
 
-def _distance(trial: Trial, a: int, b: int) -> float:
+def _distance(trial: KnownMarkers, a: int, b: int) -> float:
     """Median distance of two markers over the frames that hold both, NaN when none does."""
     both = trial.seen[:, a] & trial.seen[:, b]
     if not both.any():
