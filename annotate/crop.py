@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from annotate.array_types import Bool, Float32, Index, UInt8, UInt16
 from annotate.parts import BACKGROUND
 from sensors.errors import CloudError, FormatError
-from sensors.files.limits import MAX_IMAGE_SIDE
+from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.rig.camera import Intrinsics
 
 SIZE = 212

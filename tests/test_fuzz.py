@@ -5,6 +5,7 @@ import random
 import shutil
 import tarfile
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -12,8 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from annotate.labelset.dataset import encode_shard
-from sensors.errors import FormatError
-from sensors.files.png import check_chunks
 from tools.fuzz_samples import READERS, labelled, png
 from tools.fuzz_spoil import Fuzzer, mutate, seal
 
@@ -42,9 +41,16 @@ def test_a_sealed_image_has_right_sums_where_its_chunks_are_whole(seed):
     image = png(np.zeros((9, 9), np.uint16))
     at = rng.randrange(len(image) - 40, len(image) - 16) if rng.random() < 0.5 else rng.randrange(16, 29)
     spoilt = image[:at] + bytes([image[at] ^ (1 + rng.randrange(255))]) + image[at + 1 :]
-    with pytest.raises(FormatError):
-        check_chunks(spoilt, "image")
-    check_chunks(seal(spoilt), "image")
+    assert not sums_are_right(spoilt) and sums_are_right(seal(spoilt))
+
+
+def sums_are_right(image: bytes) -> bool:
+    at, right = 8, True
+    while at < len(image):
+        end = at + 8 + int.from_bytes(image[at : at + 4])
+        right &= crc32(image[at + 4 : end]) == int.from_bytes(image[end : end + 4])
+        at = end + 4
+    return right
 
 
 @given(st.integers(0, 2**32))

@@ -135,7 +135,7 @@ def test_bad_images_are_refused(folder):
             list(open_source(folder))
 
     good = (folder / "depth" / "000.png").read_bytes()
-    refused(b"", "no PNG")
+    refused(b"", "not a PNG")
     refused(good[:60], "nothing readable|cut off")
     refused(bytes(cv2.imencode(".png", depth_image().astype(np.uint8))[1]), "uint8")
     refused(bytes(cv2.imencode(".png", np.zeros((24, 32, 3), np.uint16))[1]), r"\(24, 32, 3\)")

@@ -162,9 +162,7 @@ def test_a_rig_file_is_read(tmp_path):
         ('devices = ["a:b"]\n[latency_ms]\n"c" = 1', "none of its devices"),
         ('devices = ["a:b"]\n[latency_ms]\n"a:b" = -1', "0 to 1000"),
         ("devices = [", "TOML"),
-        ("name = {" + "." * 101 + "}", "100 full stops"),
-        ("devices." + "a." * 99 + "a = 1", "5 deep"),
-        ("devices = [0x" + "f" * 9999 + "]", "64 bits"),
+        ("devices." + "a." * 99 + "a = 1", "list of addresses"),
         (RIG_FILE, "rig.json"),
     ],
 )

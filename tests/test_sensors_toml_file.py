@@ -1,32 +1,30 @@
-"""A TOML file is what tomllib reads, or one line; nothing in it costs more than its length."""
+"""A TOML file is what tomllib reads, or one line."""
 
 import tomllib
 
 import pytest
 
 from sensors.errors import DeviceError, FormatError
-from sensors.files.toml_file import MAX_DEPTH, MAX_DOTS, read_toml
+from sensors.files.toml_file import read_toml
 
+MANY_DOTS = f"x = [{', '.join(f'{i}.5' for i in range(150))}]  # {'...' * 50}\n"
 GOOD = 'name = "a.b"\n[t."c.d"]\nx = [1.5, 2]\ny = { z = 9223372036854775807 }\n'
+DEEP = f"a{'.a' * 9} = 1\nb = {'[' * 9}{']' * 9}\n"
 
 
-def test_a_good_file_is_what_tomllib_reads(tmp_path):
+@pytest.mark.parametrize("content", [GOOD, MANY_DOTS, DEEP])
+def test_a_good_file_is_what_tomllib_reads(tmp_path, content):
     file = tmp_path / "a.toml"
-    file.write_text(GOOD)
-    assert read_toml(file, 1000, "mend it") == tomllib.loads(GOOD)
+    file.write_text(content)
+    assert read_toml(file, len(content), "mend it") == tomllib.loads(content)
+    with pytest.raises(FormatError, match=r"a\.toml is larger than \d+ bytes; mend it$"):
+        read_toml(file, len(content) - 1, "mend it")
 
 
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"a" + b".a" * (MAX_DOTS + 1) + b" = 1", "full stops"),
-        (b'x = { b = """\n\'""", a' + b".a" * (MAX_DOTS + 1) + b" = 1, c = '' }", "full stops"),
-        (b"a" + '."\u2028"'.encode() * (MAX_DOTS + 1) + b" = 1", "full stops"),
-        (b"a" + b".a" * MAX_DEPTH + b" = 1", "deep"),
-        (b"a = " + b"[" * MAX_DEPTH + b"]" * MAX_DEPTH, "deep"),
         (b"a = " + b"[" * 20_000, "recursion"),
-        (b"a = 0x8000000000000000", "64 bits"),
-        (b"a = [[-9223372036854775809]]", "64 bits"),
         (b"a = 1" + b"0" * 5000, "digits"),
         (b"a = \xff", "decode"),
         (b"a = 1\na = 2\n#", "line 2"),

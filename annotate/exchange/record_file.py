@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
-from sensors.files.limits import MAX_IMAGE_SIDE
+from sensors.files.bounded import MAX_IMAGE_SIDE
 
 Records = NDArray[Any]
 """A structured array (n,), little-endian, one scalar a field."""

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from sensors.device.protocol import DeviceReading, Flag, ThermalImage
 from sensors.drivers.optris_library import DirectLibrary, FrameMetadata, load_library
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
-from sensors.files.bounded import read_bounded
-from sensors.files.limits import MAX_IMAGE_SIDE
+from sensors.files.bounded import MAX_IMAGE_SIDE, read_bounded
 
 RATE_HZ = 128.0
 """The PI200's fastest; the XML file may choose a slower mode."""

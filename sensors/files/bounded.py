@@ -6,7 +6,10 @@ from pathlib import Path
 
 from sensors.errors import CloudError, FormatError
 
+MAX_IMAGE_SIDE = 8192
+"""Pixels of an image's side, which bound the memory a header can ask for; chosen by eye, twice a 4K image."""
 MAX_IMAGE_BYTES = 1 << 28
+"""Bytes of an image file: room for the largest image, 16 bits a pixel, twice over; chosen by eye."""
 
 
 def read_bounded(

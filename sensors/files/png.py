@@ -1,14 +1,13 @@
-"""One-channel PNG images as bytes, bounded and checked on the way in."""
+"""One-channel PNG images as bytes; sides are bounded before pixels are unpacked."""
 
 from typing import Any
-from zlib import crc32
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
-from sensors.files.limits import MAX_IMAGE_SIDE
+from sensors.files.bounded import MAX_IMAGE_SIDE
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 
@@ -25,35 +24,17 @@ def png_shape(data: bytes, name: str) -> tuple[int, int]:
     return height, width
 
 
-def check_chunks(data: bytes, name: str) -> None:
-    """Whether every chunk of a PNG lies within it and has the sum of its bytes that stands behind it.
-
-    OpenCV allocates, and clears, what a chunk claims to hold, and libpng tells stderr of a wrong CRC.
-    Only the first chunk may say the size (``png_shape``): Pillow obeys the last one that does.
-    Raises FormatError.
-    """
-    view, offset, last, whole = memoryview(data), 8, b"", True
-    while offset + 12 <= len(data) and last != b"IEND" and whole:
-        end = offset + 12 + int.from_bytes(view[offset : offset + 4], "big")
-        last = data[offset + 4 : offset + 8]
-        whole = (
-            end <= len(data)
-            and (last == b"IHDR") == (offset == 8)
-            and crc32(view[offset + 4 : end - 4]) == int.from_bytes(view[end - 4 : end])
-        )
-        offset = end
-    if last != b"IEND" or not whole:
-        raise FormatError(
-            f"{name} PNG is cut off or corrupt: it holds nothing readable; restore it from a copy"
-        )
-
-
 def decode_grey(data: bytes, dtype: type[Any], name: str) -> NDArray[Any]:
-    """Greyscale PNG of exactly ``dtype`` (uint8 or uint16) -> (h, w). Raises FormatError."""
-    png_shape(data, name)
-    check_chunks(data, name)
+    """Pixels (h, w) of a greyscale PNG of exactly ``dtype``, uint8 or uint16. Raises FormatError."""
+    shape = png_shape(data, name)
+    # Unlike Pillow, it compares the checksum of every chunk.
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None or image.ndim != 2 or image.dtype != dtype:
-        found = "nothing readable" if image is None else f"{image.dtype} {image.shape}"
-        raise FormatError(f"{name} PNG holds {found}; give one channel of {dtype.__name__}")
+    if image is None:
+        raise FormatError(
+            f"{name} PNG is cut off or corrupt: nothing in it is readable; restore it from a copy"
+        )
+    if image.shape != shape or image.dtype != dtype:
+        raise FormatError(
+            f"{name} PNG holds {image.dtype} {image.shape}; give one channel of {dtype.__name__}"
+        )
     return np.asarray(image, dtype)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError, FormatError
-from sensors.files.limits import MAX_IMAGE_SIDE
+from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.files.npz import array_sizes, load_arrays
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FRAME_PERIOD_NS, RigFrame, mm_from_metres, mm_from_units

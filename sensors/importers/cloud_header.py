@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from sensors.errors import FormatError
-from sensors.files.limits import MAX_IMAGE_SIDE
+from sensors.files.bounded import MAX_IMAGE_SIDE
 
 MAX_POINTS = 50_000_000
 MAX_UNPACKED_BYTES = 1 << 30

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
-from sensors.files.limits import MAX_IMAGE_SIDE
+from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.files.png import PNG_MAGIC, decode_grey
 from sensors.importers.ros_messages import Picture
 from sensors.rig.frame import mm_from_metres

@@ -25,9 +25,11 @@ SHIFT = "calib_depth.yaml"
 SIZES = {"depth": (512, 424), "color": (1920, 1080), "thermal": (160, 120)}
 """iai_kinect2 names no sizes: they are the Kinect v2's, and the Optris PI200's."""
 
-MAX_COLUMNS, MAX_BRACKETS = 1000, 200
-"""OpenCV's parser calls itself for every bracket and every column that a value stands further right; it
-writes lines of 80 columns and one bracket a matrix."""
+_ENTRY = re.compile(
+    r"^(\w+): *(?:([-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*$|!!opencv-matrix\s+rows:[^\[]*\bdata: *\[([^\]]*)\])",
+    re.MULTILINE,
+)
+"""A key with a number, or with a matrix as OpenCV writes it."""
 
 
 def open_calibration(path: Path) -> RigCalibration:
@@ -93,57 +95,46 @@ def _lens(folder: Path, name: str) -> Intrinsics | None:
     path = _existing(folder, FILES[name])
     if path is None:
         return None
-    matrix = _matrix(path, ("cameraMatrix", "camera_matrix"), (9,))
-    lens = _matrix(path, ("distortionCoefficients", "distortion_coefficients"), (4, 5))
-    storage = _open(path)
-    try:
-        width, height = (int(storage.getNode(f"image_{side}").real()) for side in ("width", "height"))
-    except (ValueError, OverflowError) as error:
-        raise CalibrationError(f"{path}: the image's size is not a number; restore it") from error
+    fields = _fields(path)
+    fx, _, cx, _, fy, cy = _matrix(path, fields, ("cameraMatrix", "camera_matrix"), (9,))[:6]
+    lens = _matrix(path, fields, ("distortionCoefficients", "distortion_coefficients"), (4, 5))
+    width, height = (int(fields.get(f"image_{side}", [0])[0]) for side in ("width", "height"))
     if not (width and height):
         width, height = SIZES[name]
-    k1, k2, p1, p2, k3 = np.append(lens, 0.0)[:5].tolist()
-    fx, _, cx, _, fy, cy = matrix[:6].tolist()
-    return Intrinsics(width, height, fx, fy, cx, cy, k1, k2, p1, p2, k3)
+    return Intrinsics(width, height, fx, fy, cx, cy, *lens)
 
 
 def _pose(path: Path | None) -> Pose | None:
     if path is None:
         return None
-    return Pose(_matrix(path, ("rotation",), (9,)).reshape(3, 3), _matrix(path, ("translation",), (3,)))
+    fields = _fields(path)
+    rotation = np.reshape(_matrix(path, fields, ("rotation",), (9,)), (3, 3))
+    return Pose(rotation, np.array(_matrix(path, fields, ("translation",), (3,))))
 
 
-def _matrix(path: Path, keys: tuple[str, ...], sizes: tuple[int, ...]) -> NDArray[np.float64]:
-    """The first of these entries, flattened."""
-    storage = _open(path)
-    for key in keys:
-        try:
-            values = storage.getNode(key).mat()
-        except cv2.error as error:
-            raise CalibrationError(f"{path}: {key} is not a matrix; restore it") from error
-        if values is not None:
-            if values.size not in sizes or not np.isfinite(values).all():
-                raise CalibrationError(f"{path}: {key} is {values.shape}; give {sizes[0]} finite numbers")
-            return np.asarray(values, np.float64).ravel()
-    raise CalibrationError(f"{path} has no {keys[0]}; give an OpenCV calibration file")
+def _matrix(
+    path: Path, fields: dict[str, list[float]], keys: tuple[str, ...], sizes: tuple[int, ...]
+) -> list[float]:
+    """Numbers of the first of these entries, row by row."""
+    values = next((fields[key] for key in keys if key in fields), None)
+    if values is None:
+        raise CalibrationError(f"{path} has no {keys[0]}; give an OpenCV calibration file")
+    if len(values) not in sizes:
+        raise CalibrationError(f"{path}: {keys[0]} has {len(values)} numbers; give {sizes[0]}")
+    return values
 
 
-def _open(path: Path) -> cv2.FileStorage:
+def _fields(path: Path) -> dict[str, list[float]]:
+    """Numbers, and those of matrices row by row, by key.
+
+    OpenCV's own parser writes beyond its memory where a file is corrupt.
+    """
     data = read_bounded(path, MAX_CALIBRATION_BYTES, "give a calibration file", CalibrationError)
     try:
-        return cv2.FileStorage(_flat(data.decode()), cv2.FileStorage_READ | cv2.FileStorage_MEMORY)
-    except (ValueError, cv2.error, SystemError) as error:
+        entries = [match.groups() for match in _ENTRY.finditer(data.decode())]
+        fields = {key: [float(n) for n in (number or numbers).split(",")] for key, number, numbers in entries}
+    except ValueError as error:
         raise CalibrationError(f"calibration {path} cannot be read ({error}); restore it") from error
-
-
-def _flat(text: str) -> str:
-    """The text, where its depth cannot exhaust the stack of OpenCV's parser. Raises ValueError."""
-    # OpenCV tells JSON and XML by their first characters, and their parsers recurse as well.
-    if not text.startswith("%YAML"):
-        raise ValueError("it does not start with %YAML")
-    # Brackets that close are not counted: one in a comment or a string closes nothing.
-    if text.count("[") + text.count("{") > MAX_BRACKETS:
-        raise ValueError(f"more than {MAX_BRACKETS} lists")
-    if max(map(len, re.split(r"[\r\n]", text))) > MAX_COLUMNS:
-        raise ValueError(f"a line of more than {MAX_COLUMNS} columns")
-    return text
+    if not np.isfinite([number for numbers in fields.values() for number in numbers]).all():
+        raise CalibrationError(f"calibration {path} holds numbers that are not finite; restore it")
+    return fields

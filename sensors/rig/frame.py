@@ -10,15 +10,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from sensors.errors import FormatError
-from sensors.files.limits import MAX_IMAGE_SIDE
-from sensors.files.png import PNG_MAGIC, check_chunks
+from sensors.files.bounded import MAX_IMAGE_SIDE
 
-MAX_DEPTH_MM = 65535
+FARTHEST_MM = 65535
+"""Farthest depth of 16 bits."""
 FRAME_PERIOD_NS = 33_333_333
 """Stamps of images that carry none: 30 a second."""
-MAX_SCANS = 100
-"""Of a JPEG: a progressive one has ten. Each goes over all pixels, however few bytes it has."""
-_SCAN = b"\xff\xda"  # SOS (ITU-T T.81, table B.1), which never occurs within a scan's data
 
 
 @dataclass(frozen=True)
@@ -60,10 +57,6 @@ class RigFrame:
             raise self._broken_color(str(error)) from error
         if max(size) > MAX_IMAGE_SIDE:
             raise self._broken_color(f"it claims {size[0]}x{size[1]} pixels")
-        if self.color_encoded.startswith(PNG_MAGIC):
-            check_chunks(self.color_encoded, f"colour image of frame {self.index}:")
-        elif (scans := self.color_encoded.count(_SCAN)) > MAX_SCANS:
-            raise self._broken_color(f"it has {scans} scans")
         image = cv2.imdecode(np.frombuffer(self.color_encoded, np.uint8), cv2.IMREAD_COLOR)
         if image is None:
             raise self._broken_color("it is cut off or corrupt")
@@ -90,7 +83,7 @@ def mm_from_units(depth: NDArray[np.integer[Any]], unit_mm: float) -> NDArray[np
 
 def _whole_mm(millimetres: NDArray[np.float64]) -> NDArray[np.uint16]:
     whole = np.rint(millimetres)
-    return np.where((whole > 0) & (whole <= MAX_DEPTH_MM), whole, 0).astype(np.uint16)
+    return np.where((whole > 0) & (whole <= FARTHEST_MM), whole, 0).astype(np.uint16)
 
 
 def _check(name: str, image: NDArray[np.generic], dtype: type[np.generic]) -> None:
