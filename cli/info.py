@@ -26,9 +26,7 @@ Shown = tuple[dict[str, Any], str]
 def info(
     path: Annotated[
         Path,
-        typer.Argument(
-            metavar="PATH", help="Session, label set, dataset, motion, or anything that import takes."
-        ),
+        typer.Argument(help="Session, label set, dataset, motion, or what import reads."),
     ],
     json: Json = False,
 ) -> None:
