@@ -30,6 +30,7 @@ FULL_WELL = 6000.0
 READ_E = 4.0
 """Read noise, electrons. No source: a common figure for small CMOS pixels."""
 TOP_GAIN = 16.0
+"""Greatest gain. No source: chosen by eye."""
 VISIBLE_PX = 0.7
 """A shorter motion is less than the lens' own blur."""
 TAPS = 9

@@ -25,6 +25,7 @@ SEAMS = tuple(sorted((min(pair), max(pair)) for pair in NEIGHBOURS))
 HAND, FOOT, FACE, HAIRLINE = (len(SEAMS) + i for i in range(4))
 N_FIELDS = len(SEAMS) + 4
 GAMMA = 2.2
+"""Exponent from sRGB to linear light, near enough to IEC 61966-2-1."""
 
 MONK_SKIN_RGB = np.array(
     [

@@ -1,6 +1,6 @@
 """The colour camera's view of a scene: dressed people among furniture, lit, photographed, as a JPEG.
 
-How hard it is stands in a ``ColorDifficulty``; the names of the three are ``CLEAN``, ``NORMAL`` and ``HARD``.
+A ``ColorDifficulty`` holds how hard it is: ``CLEAN``, ``NORMAL`` and ``HARD``.
 """
 
 from collections.abc import Sequence

@@ -28,11 +28,13 @@ MEAN_ROOM_C = 20.5
 FOLLOWS_ROOM = 0.4
 """Degrees of cloth per degree of room: half insulation, half boundary layer, less what skin regulates."""
 HAIR_C = 27.5
+"""Hair. No source: chosen by eye."""
 HAND_C, COLD_HAND_C = 31.0, 26.0
 """Bare hands; at rest in a cool room fingers fall to 25 C and less (thermal comfort literature)."""
 SOCK_C, COLD_FOOT_C = 27.5, 23.0
+"""Feet in socks, warm and cold. No source: chosen by eye."""
 SLEEVE_DROP_C = 4.5
-"""A loose or damp sleeve or trouser leg is so much colder than a tight one; no source."""
+"""A loose or damp sleeve or trouser leg is this much colder than a tight one; no source: chosen by eye."""
 CONTACT_C = 32.5
 """Where cloth is pressed on cloth over skin it comes near to skin."""
 CONTACT_M = 0.02

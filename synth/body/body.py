@@ -16,6 +16,7 @@ from synth.body.skeleton import N_JOINTS, Posture, alignment, forward
 from synth.surface.arrays import Float32, Float64, Int32, UInt8
 
 BONES_PER_VERTEX = 4
+"""Joints that may move a vertex; the strongest of anny's."""
 DENSITY_KG_M3 = 980.0
 """Mean density of a body, as anny's Anthropometry takes it."""
 MAX_BYTES = 50_000_000

@@ -1,4 +1,4 @@
-"""Tables of bodies: what they are asked to measure, read from CSV, and what they measure, in words."""
+"""Tables of bodies: the measures they shall have, read from CSV, and those they have."""
 
 import csv
 import re
@@ -16,7 +16,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 @dataclass(frozen=True)
 class BodySize:
-    """What a body is asked to measure. Raises CloudError for a name no file can have, or no person's size."""
+    """Measures that a body shall have. Raises CloudError for a name no file can have, or no person's size."""
 
     name: str
     height_cm: float
@@ -81,7 +81,7 @@ def read_sizes(path: Path) -> tuple[BodySize, ...]:
 
 
 def describe(body: Body, size: BodySize | None) -> dict[str, str | float]:
-    """What a body measures, and, under ``asked_*``, what it was asked to."""
+    """A body's measures, and, under ``asked_*``, those it should have."""
     row: dict[str, str | float] = {"model": body.name}
     row |= {measure: round(getattr(body, measure), 2) for measure in MEASURES}
     if size is not None:

@@ -26,26 +26,18 @@ class Chain:
 
 
 _TRUNK_SLICES = 7
-_STATIONS = {
-    "upper_arm": 4,
-    "forearm": 4,
-    "hand": 3,
-    "thumb_side": 3,
-    "thigh": 5,
-    "shank": 5,
-    "foot": 4,
-    "foot_outside": 4,
+"""Chains from the hips up to the neck. Chosen by eye."""
+_LIMBS = {
+    "upper_arm": (4, "shoulder", "elbow"),
+    "forearm": (4, "elbow", "wrist"),
+    "hand": (3, "wrist", ""),
+    "thumb_side": (3, "wrist", ""),
+    "thigh": (5, "hip", "knee"),
+    "shank": (5, "knee", "ankle"),
+    "foot": (4, "ankle", ""),
+    "foot_outside": (4, "ankle", ""),
 }
-_BONE = {
-    "upper_arm": ("shoulder", "elbow"),
-    "forearm": ("elbow", "wrist"),
-    "hand": ("wrist", ""),
-    "thumb_side": ("wrist", ""),
-    "thigh": ("hip", "knee"),
-    "shank": ("knee", "ankle"),
-    "foot": ("ankle", ""),
-    "foot_outside": ("ankle", ""),
-}
+"""Stations of a limb's chain, the joint it follows, and the joint at its other end, if there is one."""
 _HEAD_STATIONS = 3
 SOLE_M = 0.008
 """The edge of a sole stands out from the spheres under it when the foot rolls."""
@@ -56,7 +48,7 @@ FINGERS_M = 0.007
 def _chains() -> dict[str, Chain]:
     sizes = {f"slice_{i}": 3 for i in range(_TRUNK_SLICES)}
     sizes |= {"neck": 2, "head": _HEAD_STATIONS}
-    sizes |= {f"{side}_{limb}": n for side in ("left", "right") for limb, n in _STATIONS.items()}
+    sizes |= {f"{side}_{limb}": n for side in ("left", "right") for limb, (n, _, _) in _LIMBS.items()}
     ends = np.cumsum([0, *sizes.values()])
     return {name: Chain(name, int(ends[i]), int(ends[i + 1])) for i, name in enumerate(sizes)}
 
@@ -87,7 +79,7 @@ def flesh_of(body: Body) -> Flesh:
     owned = _vertices_of_joints(body)
     _fit_trunk(body, owned, centres, radii, joints)
     for side in ("left", "right"):
-        for limb, (start, end) in _BONE.items():
+        for limb, (_, start, end) in _LIMBS.items():
             j = JOINT_ID[f"{side}_{start}"]
             chain = CHAINS[f"{side}_{limb}"]
             s = slice(chain.lo, chain.hi)

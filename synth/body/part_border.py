@@ -1,7 +1,7 @@
 """Where one part of the body ends and the next begins: smooth curves on the skin, along which faces are cut.
 
-Skinning weights say roughly which face belongs to which part; landmarks of the skeleton say where exactly
-a border runs. The cut is decided once, on one body, and repeated on every other: all keep one topology.
+Skinning weights give roughly the part of each face; landmarks of the skeleton give the exact course of a
+border. The cut is decided once, on one body, and repeated on every other: all keep one topology.
 """
 
 from collections.abc import Callable

@@ -94,7 +94,7 @@ _FOLLOWS = np.array([joint.name.endswith(("elbow", "knee", "wrist")) for joint i
 class Posture:
     """Where the skeleton is: joint angles and the pelvis in the world.
 
-    angles_rad: float64 (J, 3) as the module says; the pelvis' own row is its orientation.
+    angles_rad: float64 (J, 3), see the module; the pelvis' own row is its orientation.
     pelvis_m: float64 (3,) position of the pelvis joint, world frame (z up).
     """
 

@@ -14,28 +14,16 @@ from synth.surface.rasterize import ZBuffer, rasterize
 
 # A real Kinect v2 (serial 196605135147 of iai_kinect2, Apache-2.0): lens of the colour camera and its pose.
 KINECT_COLOR = Intrinsics(
-    1920,
-    1080,
-    1081.37207,
-    1081.37207,
-    959.5,
-    539.5,
-    0.0562684,
-    -0.0741991,
-    0.00142508,
-    -0.00169517,
-    0.0241077,
-)
-COLOR_FROM_DEPTH = Pose(
-    Rotation.from_matrix(
-        [
-            [0.99979884, -0.01687134, -0.01084615],
-            [0.0168911, 0.99985583, 0.00173301],
-            [0.01081535, -0.00191586, 0.99993968],
-        ]
-    ).as_matrix(),
-    np.array([-0.05205248, -0.00046314, 0.00088807]),
-)
+    1920, 1080, 1081.37207, 1081.37207, 959.5, 539.5,
+    0.0562684, -0.0741991, 0.00142508, -0.00169517, 0.0241077,
+)  # fmt: skip
+_COLOR_TURN = [
+    [0.99979884, -0.01687134, -0.01084615],
+    [0.0168911, 0.99985583, 0.00173301],
+    [0.01081535, -0.00191586, 0.99993968],
+]
+_COLOR_SHIFT_M = np.array([-0.05205248, -0.00046314, 0.00088807])
+COLOR_FROM_DEPTH = Pose(Rotation.from_matrix(_COLOR_TURN).as_matrix(), _COLOR_SHIFT_M)
 # Optris PI200 with its 72 degree lens, mounted 6 cm above the Kinect and tilted 2 degrees down.
 OPTRIS = Intrinsics(160, 120, 110.1, 110.1, 80.3, 59.2, -0.19, 0.04)
 THERMAL_FROM_DEPTH = Pose(

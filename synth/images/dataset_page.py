@@ -28,7 +28,7 @@ from synth.surface.arrays import Int64, UInt8
 PAGE = "index.html"
 SHEET_COLUMNS, SHEET_ROWS = 8, 3
 COUNTED_SHARDS = 4
-"""Statistics are over this many shards, evenly spread: images are drawn independently, a thousand tell."""
+"""Shards that the statistics are over, evenly spread: images are independent, and a thousand suffice."""
 DOTS = 150
 """Frames whose joints are drawn."""
 DRAWN = {"head": 1, "left_wrist": 5, "right_wrist": 6, "left_knee": 8, "right_knee": 9, "left_ankle": 10,

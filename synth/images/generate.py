@@ -128,7 +128,7 @@ def _make(
 
 
 def _begin(order: Order, out: Path) -> None:
-    """Start or resume: the order file says whose half-finished folder this is."""
+    """Start or resume: the order file identifies a half-finished folder."""
     started = out / ORDER
     text = (json.dumps(order.manifest(), sort_keys=True) + "\n").encode()
     if is_taken(out):

@@ -30,8 +30,9 @@ MIN_PIXELS, MIN_VISIBLE, MIN_JOINTS = 400, 0.4, 0.9
 """Of a person's pixels, their share that furniture leaves, and joints inside the image: with less it is no
 example. What hides it is left out, or another one is drawn."""
 TRIES = 50
+"""Stages drawn at most until one shows the person. Chosen by eye."""
 IMAGES_PER_PERSON = 16
-"""So many images in a row show one build; what a build costs is spread over them."""
+"""Images in a row that show one build, whose cost they share. Chosen by eye."""
 FALLEN_SHARE = 0.2
 """Of the recumbent, those on the floor. No source: chosen by eye."""
 Viewpoint = Callable[[np.random.Generator, Float64], tuple[Float64, Float64]]

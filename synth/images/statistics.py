@@ -14,6 +14,7 @@ from synth.surface.arrays import Float64, Int64
 DEPTH_EDGES_MM = np.arange(500, 4501, 100)
 AZIMUTH_EDGES_DEG = np.arange(-180, 181, 15)
 HEIGHT_EDGES_M = np.arange(0.0, 3.01, 0.1)
+"""Edges of the histograms of depth, and of the camera's azimuth and height."""
 
 
 @dataclass(frozen=True)

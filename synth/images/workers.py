@@ -16,6 +16,7 @@ import cv2
 from sensors.errors import CloudError
 
 CONNECT_SECONDS = 10
+"""Seconds to wait for a scheduler, and for its first worker. Chosen by eye."""
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,9 @@ from synth.markers.markerset import MIN_MARKERS, MarkerSet
 from synth.surface.arrays import Float64
 
 MAX_FILE_BYTES = 300_000_000
+"""A quarter of an hour of 100 joints at 120 frames/s."""
 MAX_CENTRES = 20_000_000
-"""Frames times joints, 60 bytes and 2 us each (measured): half an hour of 100 joints at 120 frames/s."""
+"""Frames times joints, about 60 bytes and 2 us each: half an hour of 100 joints at 120 frames/s."""
 LEG_M = 0.82
 """BVH has no unit: the skeleton is scaled to this length from hip to ankle."""
 _NAMES = {
@@ -51,7 +52,7 @@ class Bone:
 
 
 def read_bvh(path: Path) -> tuple[Markers, MarkerSet]:
-    """Joint centres of a BVH as markers in metres, y up, and the marker set that says what they are.
+    """Joint centres of a BVH as markers in metres, y up, and the marker set of these joints.
 
     Raises FormatError when the file is damaged or of impossible size, CloudError when its joints are unknown.
     """
@@ -198,6 +199,6 @@ def _row(place: str) -> tuple[int, tuple[float, float, float], float]:
         return JOINT_ID[f"{side}_wrist"], (0.0, 0.0, -0.09), 0.05
     if place == "head_end":
         return JOINT_ID["head"], (0.0, 0.0, 0.15), 0.05
-    # Limbs hinge where the file says; what it calls hips, collar or neck differs from tool to tool.
+    # Limbs hinge at the joints of the file; its hips, collar and neck differ from tool to tool.
     exact = kind in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     return JOINT_ID[place], (0.0, 0.0, 0.0), 0.005 if exact else 0.03

@@ -1,4 +1,4 @@
-"""A recording seen through a marker set: the markers it knows, in metres, z up."""
+"""Markers of a recording that a marker set has: places (F, M, 3) in metres, z up."""
 
 from dataclasses import dataclass
 
@@ -11,11 +11,11 @@ from synth.markers.markerset import MIN_MARKERS, MarkerSet, key_of
 from synth.surface.arrays import Bool, Float64
 
 PERSON_M = (0.5, 3.0)
-"""What the markers of a person, in any posture, span at least and at most (diagonal of their box)."""
+"""Diagonal of the box about a person's markers in any posture, metres: least and most. Chosen by eye."""
 SAME_PERSON = 0.12
-"""Distances between markers on one bone that differ by more than this share are another person's."""
+"""Share by which distances of markers on one bone differ between two people. Chosen by eye."""
 FAR_M = 100.0
-"""A marker farther than this from the middle of all is no marker of a capture room."""
+"""Farthest coordinate of a marker in a capture room, metres. Chosen by eye."""
 _UPPER = ("head", "spine_upper", "left_clavicle", "right_clavicle")
 _LOWER = ("left_ankle", "right_ankle", "left_knee", "right_knee")
 
@@ -30,7 +30,7 @@ class KnownMarkers:
 
     @property
     def seen(self) -> Bool:
-        """(F, M): which markers a frame holds."""
+        """Flags (F, M) of the markers that a frame holds."""
         return np.asarray(np.isfinite(self.positions_m).all(axis=2))
 
 

@@ -14,6 +14,7 @@ from sensors.errors import CloudError, FormatError
 from synth.surface.arrays import Float64
 
 MAX_FILE_BYTES = 1_000_000_000
+"""Of a C3D, which may hold force plates and muscle signals too, or a TRC."""
 MAX_POSITIONS = 50_000_000
 """Frames times markers, 24 bytes each: an hour of 100 markers at 120 frames/s. Short rows of a TRC claim more
 than its size shows."""

@@ -14,9 +14,11 @@ from synth.body.skeleton import JOINT_ID
 from synth.surface.arrays import Float64, Int64
 
 MIN_MARKERS = 8
-"""Fewer known names than this are no marker set of a person."""
+"""Known names without which a set does not fit a recording. Chosen by eye."""
 MAX_FILE_BYTES = 1_000_000
+"""A shipped set has 5 kB at most."""
 DEFAULT_SPREAD_MM = 30.0
+"""Standard deviation of a marker's place where the file has none. Chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def shipped_marker_sets() -> tuple[MarkerSet, ...]:
 
 
 def choose_marker_set(labels: tuple[str, ...]) -> MarkerSet:
-    """The shipped set that knows most of the labels. Raises CloudError when none knows enough."""
+    """The shipped set with most of the labels. Raises CloudError when none has enough."""
     present = {key_of(label) for label in labels}
 
     def known(markers: MarkerSet) -> int:

@@ -17,7 +17,7 @@ SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
 """Status of a marker in a frame: as it is; bridged over a short gap; missing; thrown out; relabelled."""
 VERSION = 1
 MAX_BYTES = 500_000_000
-"""Of a motion unpacked: four hours of 40 markers at 60 frames/s."""
+"""Of a motion unpacked: three hours of 40 markers at 60 frames/s."""
 _REMEDY = "write it with 'solve'"
 _TYPES = {"angles_rad": "f8", "pelvis_m": "f8", "error_m": "f4", "status": "u1"}
 """Types of the arrays (``numpy.dtype.str`` without byte order) over frames."""

@@ -1,4 +1,4 @@
-"""A person as the solver knows one: bone lengths and where the markers sit, fitted to recorded frames."""
+"""A person for the solver: bone lengths and places of markers, fitted to recorded frames."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -16,25 +16,19 @@ from synth.surface.arrays import Float64, Int64
 REFERENCE_BODY = 4
 """The shipped body of 1.70 m on which marker sets are stated."""
 _GROUPS = (
-    "height",
-    "hip_width",
-    "pelvis",
-    "spine",
-    "head",
-    "shoulder_width",
-    "upper_arm",
-    "forearm",
-    "thigh",
-    "shank",
-)
+    "height", "hip_width", "pelvis", "spine", "head",
+    "shoulder_width", "upper_arm", "forearm", "thigh", "shank",
+)  # fmt: skip
+"""What has a scale of its own."""
 SCALE_SPREAD = 0.06
 """How far a segment's scale strays from the body's (Pheasant & Haslegrave 2005: 3 to 6 % of length)."""
 HEIGHT_SPREAD = 0.2
+"""Standard deviation of a person's scale about the reference body. Chosen by eye."""
 EFFECTIVE_FRAMES = 2.0
-"""Frames of one recording err alike (skin slides the same way every time): together they count as so many.
-At 10, an ankle marker left its place by 40 mm to gain 0.3 mm of fit, and the foot stood askew."""
+"""Frames that a recording counts as: all err alike, since skin slides the same way every time. Measured:
+at 10, an ankle marker left its place by 40 mm to gain 0.3 mm of fit, and the foot stood askew."""
 SHAPE_STEPS = 12
-"""Gauss-Newton steps at most; four to six are common. Chosen by eye."""
+"""Gauss-Newton steps at most. Chosen by eye."""
 LENIENT_M = 10.0
 """Robust residual while a posture is sought from nothing: every marker pulls. Chosen by eye."""
 
@@ -74,24 +68,16 @@ _SPREAD_DEG = {
     "knee": (180, 2, 8),
     "ankle": (30, 5, 5),
 }
-"""How far joints stray from zero, for angles that few markers tell: about half their range."""
+"""Degrees that joints stray from zero where few markers show it: about half their range."""
 
 
 _GROUPS_OF_KIND = {
-    "pelvis": ("pelvis", "pelvis"),
-    "spine_lower": ("pelvis", "spine"),
-    "spine_middle": ("spine", "spine"),
-    "spine_upper": ("spine", "spine"),
-    "neck": ("spine", "head"),
-    "head": ("head", "head"),
-    "clavicle": ("spine", "shoulder_width"),
-    "shoulder": ("shoulder_width", "upper_arm"),
-    "elbow": ("upper_arm", "forearm"),
-    "wrist": ("forearm", "forearm"),
-    "hip": ("pelvis", "thigh"),
-    "knee": ("thigh", "shank"),
-    "ankle": ("shank", "shank"),
-}
+    "pelvis": ("pelvis", "pelvis"), "spine_lower": ("pelvis", "spine"), "spine_middle": ("spine", "spine"),
+    "spine_upper": ("spine", "spine"), "neck": ("spine", "head"), "head": ("head", "head"),
+    "clavicle": ("spine", "shoulder_width"), "shoulder": ("shoulder_width", "upper_arm"),
+    "elbow": ("upper_arm", "forearm"), "wrist": ("forearm", "forearm"),
+    "hip": ("pelvis", "thigh"), "knee": ("thigh", "shank"), "ankle": ("shank", "shank"),
+}  # fmt: skip
 """By kind of joint, the group that scales the bone to it, and the group that scales markers fixed to it."""
 
 
@@ -136,7 +122,7 @@ class Template:
         )
 
     def shape(self, scale: float) -> Float64:
-        """Shape of a body ``scale`` times the reference, markers where the set says."""
+        """Shape of a body ``scale`` times the reference, markers at the places of the set."""
         return np.concatenate([np.full(len(_GROUPS), scale), np.zeros(3 * len(self.marker_joint))])
 
     def precision(self) -> Float64:

@@ -23,14 +23,17 @@ from synth.surface.arrays import Float32, Float64, UInt8
 
 CALIBRATION_FRAMES = 30
 STATIC_FRAMES = 10
+"""Frames of a recording, and of its static trial, that the person is fitted to. Chosen by eye."""
 MIN_SEEN = 4
-"""A frame with fewer markers keeps the posture before it."""
+"""Markers without which a frame keeps the posture before it. Chosen by eye."""
 BRIDGE_SECONDS = 0.25
-"""Gaps up to here are bridged by straight lines, at a low weight."""
+"""Longest gap that is bridged by a straight line. Chosen by eye."""
 BRIDGE_WEIGHT = 0.05
+"""Weight of a bridged marker beside a seen one's 1. Chosen by eye."""
 GHOST_M = 0.08
-"""A marker farther than this from where the others put it is none of the body's."""
+"""Distance from the posture of the others beyond which a marker is a ghost. Chosen by eye."""
 TRACK_STEPS = 15
+"""Levenberg-Marquardt steps a frame at most. Chosen by eye."""
 
 
 def solve(
@@ -41,7 +44,7 @@ def solve(
 ) -> Motion:
     """Joint angles of a recording; a static trial of the same person sharpens the fit of the body.
 
-    Without ``markerset`` the shipped set that knows most labels is taken; ``advance`` hears of frames done.
+    Without ``markerset`` the shipped set with most of the labels is taken; ``advance`` gets 1 a frame.
     Raises CloudError when the markers are unknown, never seen, of impossible size, or the static is another
     person's.
     """

@@ -1,4 +1,4 @@
-"""What a posture violates, as half-spaces: flesh in flesh, flesh in furniture, and joints drawn to places.
+"""Half-spaces that a posture violates: flesh in flesh, flesh in furniture, and joints drawn to places.
 
 Each is a row of ``Rows``: a point that has to move along a normal by a depth, perhaps against a second point.
 """
@@ -63,7 +63,7 @@ def add_pulls(rows: Rows, n: int, positions: Float64, pulled: Int64, ends: Float
 
 @numba.njit(cache=True)
 def reaches_m(pairs: Int64, flesh: Flesh) -> Float64:
-    """(n,) how near the middle stations of a pair have to come for its flesh to touch; chains are rigid."""
+    """Distances (n,) of the middle stations of a pair at which its flesh may touch; chains are rigid."""
     result = np.empty(len(pairs))
     for r in range(len(pairs)):
         total = SKIN_M

@@ -1,4 +1,4 @@
-"""Moments: named numbers that say how somebody sits, lies or stands; families of them, drawn and glided.
+"""Moments: named numbers that describe somebody who sits, lies or stands; families of them, drawn and glided.
 
 A family's activities are data (``synth/data/poses/*.toml``). Every family has its own way of turning a moment
 into a posed body; drawing, gliding and the stream of moments are here, once.

@@ -1,10 +1,10 @@
 """Settling: joint angles moved as little as needed so that no limb is in another or in the furniture.
 
-A posture is asked for; what it violates are inequalities that are linear for a small step: flesh that
+Where a posture violates contact, inequalities hold that are linear for a small step: flesh that
 overlaps has to part, flesh inside furniture has to leave it, a hand has to come to its target, a limb at
 rest has to sink until something carries it. Each round projects the step onto one half-space after the
 other and onto the box of the joint limits (cyclic projections; Bauschke & Borwein 1996), contacts
-last, so that they win. The result depends continuously on the posture asked for, but where a limb
+last, so that they win. The result depends continuously on the posture given, but where a limb
 would have to pass through another.
 """
 
@@ -22,7 +22,7 @@ from synth.surface.furniture import Solid
 
 ROUNDS = 18
 PULL_ROUNDS = 9
-"""Linearisations, and how many of them pull, ever less; after them only contacts act."""
+"""Linearisations, and how many of them pull, ever less; after them only contacts act. Chosen by eye."""
 SWEEPS = 5
 """Times each round goes over all half-spaces."""
 CLEAR_M = 0.002
@@ -36,7 +36,7 @@ HEAVE_LIMIT_M = 0.05
 
 
 def _mobility() -> Float64:
-    """(J, 3) how readily an angle gives way: limbs before the trunk, no joint about a hinge it has not."""
+    """Readiness (J, 3) of angles to give way: limbs before the trunk, no joint about a hinge it has not."""
     by_kind = {
         "clavicle": (0.1, 0.15, 0.1),
         "shoulder": (1.0, 1.0, 1.0),
@@ -52,7 +52,7 @@ def _mobility() -> Float64:
 
 
 def _ancestors() -> Bool:
-    """[point's joint, joint]: whether turning the joint moves the point."""
+    """Flags (J, J) [point's joint, joint]: turning the joint moves the point."""
     moves = np.zeros((N_JOINTS, N_JOINTS), bool)
     for i, parent in enumerate(PARENTS):
         moves[i] = moves[parent] if parent >= 0 else False
@@ -64,7 +64,7 @@ _HAND = ("hand", "thumb_side")
 
 
 def _pairs() -> Int64:
-    """(n, 4) stations lo..hi of one chain against the flesh over stations lo..hi of another.
+    """Pairs (n, 4): stations lo..hi of one chain against the flesh over stations lo..hi of another.
 
     Neighbours by anatomy are left out near the joint they share, where skin folds.
     """
@@ -143,10 +143,10 @@ def sink(joint: str, weight: float) -> Pull:
 def settle(
     flesh: Flesh, posture: Posture, solids: list[Solid], pulls: list[Pull], heave: float = 0.0
 ) -> Posture:
-    """The posture nearest to the one asked for whose limbs keep clear of each other and of the solids.
+    """The posture nearest to the given one whose limbs keep clear of each other and of the solids.
 
-    Angles come back inside their limits. The pelvis stays, but that solids may lift the whole body as readily
-    as ``heave`` (rad^2/m^2 beside a limb's 1) says, ``HEAVE_LIMIT_M`` at most.
+    Angles come back inside their limits. The pelvis stays, but that solids may lift the whole body by up to
+    ``HEAVE_LIMIT_M``; heave: its readiness, rad^2/m^2 beside a limb's 1.
     """
     boxes = np.array([s.packed() for s in solids]).reshape(-1, 17)
     pulled = np.array([JOINT_ID[p.joint] for p in pulls], np.int64)
@@ -186,7 +186,7 @@ def _settle(
 
 @numba.njit(cache=True)
 def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:
-    """(S, 3) where a body's stations are, from ``kinematics``."""
+    """Places (S, 3) of a body's stations, from ``kinematics``."""
     stations = np.empty_like(flesh.centres_m)
     for s in range(len(stations)):
         j = flesh.joints[s]
@@ -198,7 +198,7 @@ def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:
 def _gradient(
     rules: Rules, axes: Float64, positions: Float64, rows: Rows, r: int, where: Int64, value: Float64
 ) -> int:
-    """How far row r's points part per radian of each angle that moves them; returns how many."""
+    """Number of angles that move row r's points; how far these part per radian goes into ``value``."""
     n = 0
     u, v, w = rows.normals[r]
     for side in range(2):

@@ -1,5 +1,5 @@
-"""Sitting: postures whose pelvis rests on a seat, whose back meets the rest and whose hands are where the
-moment says (``synth/data/poses/sitting.toml``), with no limb in another or in the seat.
+"""Sitting: postures whose pelvis rests on a seat, whose back meets the rest and whose hands are at
+their targets (``synth/data/poses/sitting.toml``), with no limb in another or in the seat.
 """
 
 import numpy as np
@@ -13,9 +13,9 @@ from synth.surface.arrays import Float32, Float64
 from synth.surface.furniture import FLOOR, Seat
 
 KNEE_ROOM_M = 0.07
-"""Room for a calf between the knee joint and the seat's front edge."""
+"""Room for a calf between the knee joint and the seat's front edge. Chosen by eye."""
 HAND_HOLD = np.full(3, 0.5)
-"""How strongly a hand is drawn to its target."""
+"""Share of the way, per axis and round, by which a hand is drawn to its target. Chosen by eye."""
 
 SITTING = pose_families("sitting")["sitting"]
 

@@ -13,7 +13,7 @@ from synth.surface.arrays import Float32
 from synth.surface.furniture import FLOOR, Seat
 
 SEAT_GAP_M = 0.02
-"""Legs in front of a seat keep this far from it."""
+"""Distance of legs from a seat behind them. Chosen by eye."""
 
 UPRIGHT = pose_families("upright")["upright"]
 
@@ -50,7 +50,7 @@ def _behind(vertices: Float32, up: float, seat: Seat) -> float:
 
 
 def _soles_level(moment: Moment) -> Moment:
-    """Ankles as they have to be for level soles, plus what the moment asks for."""
+    """A moment whose ankles count from level soles."""
     level = {
         f"{side}_ankle": moment[f"{side}_knee"] - moment[f"{side}_hip"] + moment["pitch"]
         + moment[f"{side}_ankle"]

@@ -66,15 +66,8 @@ NORMAL = Difficulty(
     depth=DepthNoise(),
     thermal=ThermalNoise(),
     clutter=Clutter(
-        company=0.15,
-        radiator=0.5,
-        window=0.5,
-        sunlit=0.1,
-        mug=0.6,
-        laptop=0.3,
-        low_table=0.3,
-        blanket=0.0,
-        warm_spot=0.25,
+        company=0.15, radiator=0.5, window=0.5, sunlit=0.1, mug=0.6, laptop=0.3, low_table=0.3,
+        blanket=0.0, warm_spot=0.25,
     ),
     warmth=1.0,
     room_c=(19.0, 22.5),
@@ -82,22 +75,15 @@ NORMAL = Difficulty(
     unit_mm=4.0,
     unit_scale=0.002,
     stray=1.0,
-)
+)  # fmt: skip
 HARD = Difficulty(
     name="hard",
     color=photograph.HARD,
     depth=DepthNoise(axial=2, flying=1, grazing=0.9, dark=0.7, lateral_px=0.8),
     thermal=ThermalNoise(netd_c=0.16, blur_px=1.0, drift_c=2.0),
     clutter=Clutter(
-        company=0.7,
-        radiator=0.7,
-        window=0.7,
-        sunlit=0.4,
-        mug=0.8,
-        laptop=0.5,
-        low_table=0.6,
-        blanket=0.35,
-        warm_spot=0.8,
+        company=0.7, radiator=0.7, window=0.7, sunlit=0.4, mug=0.8, laptop=0.5, low_table=0.6,
+        blanket=0.35, warm_spot=0.8,
     ),
     warmth=2.0,
     room_c=(18.0, 25.5),
@@ -105,5 +91,6 @@ HARD = Difficulty(
     unit_mm=8.0,
     unit_scale=0.004,
     stray=2.0,
-)
+)  # fmt: skip
+"""No source for any strength but those of the cameras: chosen by eye."""
 DIFFICULTIES = {d.name: d for d in (CLEAN, NORMAL, HARD)}

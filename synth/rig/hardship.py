@@ -1,4 +1,4 @@
-"""What makes a frame hard, in words: for the truth's notes, so that results can be told apart by cause."""
+"""Causes that make a frame hard, in words, for the truth's notes: results are grouped by them."""
 
 import numpy as np
 
@@ -16,20 +16,23 @@ from synth.surface.rasterize import ZBuffer
 
 SOFT = (Surface.SOFA, Surface.BED, Surface.PILLOW)
 BODY_WARM_C = (25.0, 36.0)
-"""What a person's window may take for a person."""
+"""Temperatures that a threshold may take for a person's. Chosen by eye."""
 SEEN_PX = 150
-"""Fewer pixels of something do no harm."""
+"""Pixels of something below which it does no harm. Chosen by eye."""
 WARM_ROOM_C, DRIFTED_C = 24.0, 1.0
+"""Temperature of a warm room; thermal drift that counts. Chosen by eye."""
 HIDDEN, OUTSIDE = 0.12, 0.1
-"""Shares of the person that things hide, and of the joints out of view, above which it is said."""
+"""Shares hidden of the person, and of joints out of view, above which each is noted. Chosen by eye."""
 BLUR_M = 0.01
 """A limb that goes farther during the exposure is blurred by 5 colour pixels at 2 m."""
 DIM_GAIN = 3.0
+"""Gain of the colour camera from which on light is dim. Chosen by eye."""
 COLD = 0.5
+"""Share of the way to cold hands and feet from which on they are cold. Chosen by eye."""
 
 
 def scene_hardships(cast: Cast, tableau: Tableau, seen: ZBuffer, alone: ZBuffer) -> list[str]:
-    """What the scene does. seen: all of it, alone: the subject without what is before it; depth lens."""
+    """Causes in the scene. seen: all of it, alone: the subject without what is before it; depth lens."""
     tags, celsius = np.append(cast.tags, 0)[seen.face], np.append(tableau.celsius, -100.0)[seen.face]
     warm = (celsius > BODY_WARM_C[0]) & (celsius < BODY_WARM_C[1])
     own, whole = (tags > 0) & (tags < N_CLASSES), alone.face >= 0
@@ -51,7 +54,7 @@ def scene_hardships(cast: Cast, tableau: Tableau, seen: ZBuffer, alone: ZBuffer)
 
 
 def camera_hardships(speed_m_s: float, camera: CameraState, drift_c: float) -> list[str]:
-    """What the cameras do. speed_m_s: of the subject's fastest limb."""
+    """Causes in the cameras. speed_m_s: of the subject's fastest limb."""
     causes = {
         "motion blur": speed_m_s * camera.exposure_s > BLUR_M,
         "dim light": camera.gain > DIM_GAIN,

@@ -1,6 +1,6 @@
 """A virtual calibration: the hole plate held before the virtual rig's cameras, view after view.
 
-A ``FrameSource``, so that it can be recorded and calibrated without hardware; it knows the true poses.
+A ``FrameSource``, so that it can be recorded and calibrated without hardware, against true poses.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,24 +25,29 @@ BACKING_M = 0.03
 RANGE_M = (0.75, 1.15)
 """Distances at which the thermal camera resolves the holes (the facts' simulation)."""
 TILT_DEG, ROLL_DEG = 35.0, 25.0
+"""Greatest turns of the plate out of and in its plane. Chosen by eye."""
 PLATE_C, BACKING_C, ROOM_C = 22.0, 30.0, 21.0
 """8 K of contrast, as a heated foam sheet gives (the facts' simulation)."""
 NETD_C = 0.08
 """Noise-equivalent temperature difference of the Optris PI200 (its data sheet)."""
 BLUR_PX = 0.6
+"""Blur of a lens, standard deviation. Chosen by eye."""
 DEPTH_SIGMA_MM = 1.5
 """Axial noise of a Kinect v2 near 1 m, head-on (Fankhauser et al. 2015)."""
 GREY_SIGMA = 3.0
+"""Noise of the colour camera, grey values of 255. Chosen by eye."""
 SLIP_M, SLIP_DEG = 0.006, 1.0
 """How far the plate moves in a bad view between the cameras' exposures."""
 SUBPIXELS = 8
-_AROUND = np.ones((3, 3), np.uint8)
+"""Rays a pixel's side at edges, whose mean is the pixel."""
 FRAMES_PER_SECOND = 0.5
+"""Of the recording: a view every two seconds. Chosen by eye."""
+_AROUND = np.ones((3, 3), np.uint8)
 
 
 @dataclass(frozen=True)
 class _Values:
-    """What plate, holes and room look like in one camera."""
+    """Grey values, counts or temperatures of plate, holes and room in one camera."""
 
     plate: float
     backing: float
@@ -140,7 +145,7 @@ class PlateViews:
 def record_plate(
     views: PlateViews, out: Path, progress: Callable[[int], None], *, overwrite: bool = False
 ) -> Path:
-    """Record the views to a session that knows its cameras only roughly; returns where the truth lies.
+    """Path of the true calibration; the views are recorded to a session whose own calibration is rough.
 
     Raises ExistsError when one of the two files exists and ``overwrite`` is False.
     """
@@ -159,7 +164,7 @@ def record_plate(
 
 
 def _roughly(true: RigCalibration) -> RigCalibration:
-    """What a data sheet says: focal lengths to the pixel, the principal point in the middle, no lens."""
+    """A calibration by data sheet: focal lengths to the pixel, principal point in the middle, no lens."""
     cameras = {
         name: Intrinsics(
             camera.width,

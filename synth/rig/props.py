@@ -23,12 +23,15 @@ Where = Callable[[Float32, Float64], Float32]
 LAPTOP_M = (0.34, 0.24, 0.022)
 """Width, depth and thickness of a 15 inch laptop."""
 LID_RAD = np.radians(110.0)
+"""Angle between a laptop's keys and its lid. Chosen by eye."""
 LID_BEYOND_M = 0.03
 """Between the foremost finger and the lid's hinge."""
 MUG_RADIUS_M, MUG_HEIGHT_M = 0.042, 0.095
+"""As sold."""
 TO_MOUTH_M = 0.30
-"""A wrist so near to the head's joint is drinking."""
+"""Distance of wrist and head joint at which somebody drinks. Chosen by eye."""
 TABLE_THICK_M = 0.035
+"""Of a table's top. Chosen by eye."""
 
 
 @dataclass(frozen=True)

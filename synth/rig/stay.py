@@ -28,10 +28,11 @@ from synth.surface.shapes import tagged
 MOST_BLENDED = 0.35
 """Each subject is one of the shipped bodies with up to this share of another: all builds between them."""
 PRIOR_MOMENTS, PRIOR_S = 8, 40.0
-"""What the subject did before the recording: so many postures, each held so long. They warmed the seat."""
+"""Postures of the subject before the recording, and seconds each was held: they warmed the seat. Chosen by
+eye."""
 SPOT_ASIDE_M, ROOM_TO_SIT_M, SPOT_HEAT = 0.35, 0.4, (0.35, 0.9)
-"""Somebody sat that far beside the subject and needed half that width; a seat just left has cooled so far.
-No source."""
+"""Distance of a seat just left from the subject, half the width it needs, and what is left of its heat, least
+and most. No source: chosen by eye."""
 VISITOR_OFFSET_C = (-1.5, 1.0)
 """Ordinary clothes are thicker than the suit: mean and standard deviation; no source."""
 BLACK_LUMINANCE, BLACK_LOSS = 0.04, 0.5

@@ -1,4 +1,4 @@
-"""What the virtual rig knows and a camera does not: whose surface every reading lies on."""
+"""The truth of the virtual rig: parts and persons (h, w) of the surfaces that readings lie on."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ FLYING_MM = 60.0
 
 @dataclass(frozen=True)
 class Truth:
-    """What a camera cannot know. Over the raw depth image: parts, persons uint8 (h, w), as ``FrameLabels``.
+    """The truth of a frame. Over the raw depth image: parts, persons uint8 (h, w), as ``FrameLabels``.
 
     joints_m: (J, 3), depth camera. hard: what makes the frame hard, in words.
     """

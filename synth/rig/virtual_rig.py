@@ -1,7 +1,7 @@
 """The virtual rig: people in a colour-coded suit on sofa, chair or bed before depth, colour and heat cameras.
 
-It is a ``FrameSource`` like any device, and knows the truth of every pixel. Scene, person, suit and
-each camera's faults are apart: ``Difficulty`` says how bad each is.
+It is a ``FrameSource`` like any device, with the truth of every pixel. Scene, person, suit and each
+camera's faults are apart; ``Difficulty`` holds the strength of each.
 """
 
 from collections.abc import Iterator
@@ -37,6 +37,7 @@ from synth.surface.arrays import Float32, Float64
 from synth.surface.rasterize import Mesh, ZBuffer
 
 FRAMES_PER_SECOND = 2.0
+"""Of a simulated session: few, so that postures differ from frame to frame. Chosen by eye."""
 FASTEST = 0.95
 """Share of a body that is slower than what counts as its speed."""
 JUMP_M_S = 4.0

@@ -1,4 +1,4 @@
-"""Short names of array types, for annotations; a docstring says the shape."""
+"""Array types by their numbers, for annotations; shapes are in the docstrings."""
 
 import numpy as np
 from numpy.typing import NDArray

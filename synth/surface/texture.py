@@ -10,6 +10,7 @@ from synth.surface.arrays import Float32
 from synth.surface.rasterize import EXACT
 
 TILE_CELLS = 64
+"""Cells a side of the tile, a power of two."""
 CORRELATION_CELLS = 2.0
 """Sigma of the filter that makes the noise smooth: wide enough that interpolation takes no variance away."""
 
