@@ -124,7 +124,7 @@ def test_gaps_and_short_buffers_are_counted_to_the_image(name):
             try:
                 reading = device.read(1)
             except DeviceFaultError as fault:
-                assert f"of {2 * layout.width * layout.height} bytes; use a USB port" in str(fault)
+                assert f"of {2 * layout.width * layout.height} bytes; if this happens again, use a USB port" in str(fault)
                 faults += 1
                 continue
             dropped += reading.dropped if numbers else 0

@@ -159,7 +159,7 @@ def test_a_rig_file_is_read(tmp_path):
         ("devices = 3", "list of addresses"),
         ("devices = []", "names no devices"),
         ('devices = ["a:b", "a:b"]', "twice"),
-        ('devices = ["a:b"]\n[latency_ms]\n"c" = 1', "none of its devices"),
+        ('devices = ["a:b"]\n[latency_ms]\n"c" = 1', "not one of its devices"),
         ('devices = ["a:b"]\n[latency_ms]\n"a:b" = -1', "0 to 1000"),
         ("devices = [", "TOML"),
         ("devices." + "a." * 99 + "a = 1", "list of addresses"),

@@ -1,10 +1,9 @@
 """The C interface of sensors/cpp/kinect2_shim.h in ctypes: types, prototypes, and where the library is."""
 
-from collections.abc import Callable
 from ctypes import CDLL, CFUNCTYPE, POINTER, Structure, c_char, c_char_p, c_float, c_int, c_uint32, c_void_p
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from sensors.errors import DeviceNotFoundError
@@ -36,17 +35,8 @@ PROTOTYPES: dict[str, Any] = {
 }
 
 
-@dataclass(frozen=True)
-class Shim:
-    """The seven functions, as C function pointers: the compiled library's, or a twin's."""
-
-    k2_count: Callable[..., Any]
-    k2_serial: Callable[..., Any]
-    k2_open: Callable[..., Any]
-    k2_params: Callable[..., Any]
-    k2_start: Callable[..., Any]
-    k2_read: Callable[..., Any]
-    k2_close: Callable[..., Any]
+class Shim(SimpleNamespace):
+    """The functions of ``PROTOTYPES`` by name, C function pointers: the compiled library's, or a twin's."""
 
 
 def load_shim(path: Path | None = None) -> Shim:

@@ -25,7 +25,6 @@ LARGEST_JUMP = 1000
 """More frames than that are not lost at once: the camera's counter was reset, or wrapped around."""
 OWN_AMBIENT_C = -999.0
 """Below absolute zero the library takes its own measurement of the ambient temperature (irdirectsdk.h)."""
-_in_use: set[DirectLibrary] = set()
 
 
 class OptrisDirect:
@@ -37,7 +36,7 @@ class OptrisDirect:
     def __init__(self, config: Path, library: DirectLibrary | None = None) -> None:
         check_config(config)
         self._library = library or load_library()
-        if self._library in _in_use:
+        if self._library.in_use:
             raise DeviceBusyError(
                 "the vendor's library serves one camera at a time; close the one that is open"
             )
@@ -46,7 +45,7 @@ class OptrisDirect:
                 f"the vendor's library cannot open a camera with {config}; plug it in, "
                 "get its calibration with ir_download_calibration, and close other programs that use it"
             )
-        _in_use.add(self._library)
+        self._library.in_use = True
         self.serial, self.shape = self._read_serial(), self._read_shape()
         self.address = f"optris-direct:{config}"
         self.rates_hz: Mapping[str, float] = {ThermalImage.stream: RATE_HZ}
@@ -86,7 +85,7 @@ class OptrisDirect:
         self._library.terminate()
         if self._thread.is_alive():
             self._thread.join(SILENCE_S)
-        _in_use.discard(self._library)
+        self._library.in_use = False
         self._end()
 
     def _run(self) -> None:
@@ -138,7 +137,7 @@ class OptrisDirect:
         self._library.get_thermal_image_size(byref(width), byref(height))
         if not (0 < width.value <= MAX_IMAGE_SIDE and 0 < height.value <= MAX_IMAGE_SIDE):
             self._library.terminate()
-            _in_use.discard(self._library)
+            self._library.in_use = False
             raise DeviceError(
                 f"the thermal camera claims {width.value}x{height.value} pixels; switch it off and on"
             )

@@ -3,7 +3,6 @@
 Source: irdirectsdk.h of libirimager (Evocortex), as public bindings of it declare it.
 """
 
-from collections.abc import Callable
 from ctypes import (
     CDLL,
     CFUNCTYPE,
@@ -18,8 +17,8 @@ from ctypes import (
     c_ushort,
 )
 from ctypes.util import find_library
-from dataclasses import dataclass
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 from sensors.errors import DeviceNotFoundError
@@ -55,16 +54,13 @@ PROTOTYPES: dict[str, Any] = {
 """Each function's name without ``evo_irimager_``; all return 0 on success."""
 
 
-@dataclass(frozen=True, eq=False)
-class DirectLibrary:
-    """The functions, as C function pointers: the vendor's library's, or a twin's. It serves one camera."""
+class DirectLibrary(SimpleNamespace):
+    """The functions of ``PROTOTYPES`` by name, as C function pointers: the vendor's library's, or a twin's.
 
-    usb_init: Callable[..., int]
-    get_serial: Callable[..., int]
-    get_thermal_image_size: Callable[..., int]
-    get_thermal_image_metadata: Callable[..., int]
-    set_radiation_parameters: Callable[..., int]
-    terminate: Callable[..., int]
+    in_use: whether it has its camera open; it serves one.
+    """
+
+    in_use = False
 
 
 @lru_cache(maxsize=1)

@@ -2,10 +2,9 @@
 
 import threading
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,24 +29,8 @@ class VideoFrame:
     arrival_ns: int
 
 
-class Capture(Protocol):
-    """What is used of a ``cv2.VideoCapture``."""
-
-    def isOpened(self) -> bool: ...  # noqa: N802
-    def set(self, propId: int, value: float) -> bool: ...  # noqa: N803
-    def get(self, propId: int) -> float: ...  # noqa: N803
-    def retrieve(self) -> tuple[bool, Any]: ...
-    def release(self) -> None: ...
-
-
-class CaptureKind(Protocol):
-    """What is used of the class ``cv2.VideoCapture`` itself: the seam where a fake kernel goes in."""
-
-    def __call__(self, filename: str, apiPreference: int) -> Capture: ...  # noqa: N803
-    def waitAny(self, streams: Sequence[Any], timeoutNs: int) -> tuple[bool, Any]: ...  # noqa: N802, N803
-
-
-OPENCV = cast(CaptureKind, cv2.VideoCapture)
+CaptureKind = Any
+"""The class ``cv2.VideoCapture``, or what a fake kernel has in its place."""
 
 
 class OpenCvVideo:
@@ -57,7 +40,7 @@ class OpenCvVideo:
     layout: the frame's size and rate. Raises DeviceError for a node that does not open or has another size.
     """
 
-    def __init__(self, node: Path, layout: Layout, kind: CaptureKind = OPENCV) -> None:
+    def __init__(self, node: Path, layout: Layout, kind: CaptureKind = cv2.VideoCapture) -> None:
         check_node(node)
         self._node, self._shape, self._kind = node, (layout.height, layout.width), kind
         self._lock, self._closed = threading.Lock(), threading.Event()

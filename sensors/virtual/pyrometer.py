@@ -158,14 +158,17 @@ class VirtualPyrometer:
 
     def _reading(self, code: int) -> bytes:
         family = self.family
+        items = {
+            family.target: 1,
+            family.current_target: 1,
+            family.head: 2,
+            family.box: 3,
+            family.emissivity: 5,
+        }
         if code == family.serial:
             return self._number.to_bytes(3)
-        if code in (family.target, family.current_target):
-            return self._item(1)
-        if code == family.head:
-            return self._item(2)
-        if code == family.box:
-            return self._item(3)
+        if code in items:
+            return self._item(items[code])
         if code == family.emissivity:
             return self._item(5)
         if code == CS_PROCESSOR and not family.burst:
