@@ -65,7 +65,7 @@ def record(
     wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
     with ExitStack() as stack:
         shown = Shown() if any(a.startswith("virtual:") for a in wanted.devices) else None
-        devices = [stack.enter_context(closing(open_device(a, shown))) for a in wanted.devices]
+        devices = [stack.enter_context(closing(open_device(a, shown or ()))) for a in wanted.devices]
         for one in devices:
             one.start()
         calibration = _calibration(wanted, devices, shown)

@@ -37,6 +37,7 @@ from synth.images.generate import Order, generate
 from synth.images.presets import PRESETS
 from synth.images.workers import Workers, processes
 from synth.rig.simulate import suit_path
+from tests.helpers.swinging_ball import swinging_ball
 
 ORDER = Order(PRESETS["sitting-test"], 12, 3, shard_frames=4)
 
@@ -244,7 +245,10 @@ def test_a_clock_that_is_set_costs_nobody_any_time(monkeypatch):
 def test_a_clock_that_is_set_while_recording_moves_no_event(tmp_path, monkeypatch):
     jumped = SimpleNamespace(monotonic=time.monotonic, monotonic_ns=time.monotonic_ns, time_ns=time.time_ns)
     monkeypatch.setattr(sensors.recording.recorder, "time", jumped)
-    devices = [open_device(a) for a in ("virtual:kinect2", "virtual:optris?mode=128hz&unplug_after=0.3")]
+    devices = [
+        open_device(a, swinging_ball())
+        for a in ("virtual:kinect2", "virtual:optris?mode=128hz&unplug_after=0.3")
+    ]
     for device in devices:
         device.start()
     end = time.monotonic() + 1.0

@@ -50,6 +50,7 @@ from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
 from sensors.virtual.scene import Scene
 from sensors.virtual.schedule import Faults
+from tests.helpers.swinging_ball import swinging_ball
 
 VALUES = {
     "depth": DepthImage,
@@ -78,14 +79,14 @@ class Bench:
 
 
 def bench_kinect2(faults, folder):
-    twin = VirtualKinect2(Scene(), faults)
+    twin = VirtualKinect2(Scene(swinging_ball()), faults)
     return Bench(lambda: Kinect2(shim=twin.shim), twin.unplug)
 
 
 def bench_optris(mode):
     def make(faults, folder):
         layout = LAYOUTS[mode]
-        twin = VirtualOptris(layout, Scene(), faults)
+        twin = VirtualOptris(layout, Scene(swinging_ball()), faults)
 
         def opened():
             return Optris(twin.node, layout, OpenCvVideo(twin.node, layout, FakeKernel(twin)))
@@ -98,7 +99,7 @@ def bench_optris(mode):
 def bench_direct(faults, folder):
     config = folder / "generic.xml"
     config.write_text("<imager><serial>0</serial></imager>")
-    twin = VirtualDirect(Scene(), faults)
+    twin = VirtualDirect(Scene(swinging_ball()), faults)
     return Bench(lambda: OptrisDirect(config, twin.library), twin.unplug)
 
 
@@ -240,7 +241,7 @@ def test_contract_what_is_lost_is_reported(bench):
 
 @pytest.mark.parametrize("address", open_device_module.VIRTUAL)
 def test_every_listed_virtual_device_opens(address):
-    with closing(open_device(address)) as device:
+    with closing(open_device(address, swinging_ball())) as device:
         assert device.address == address
         device.start()
         assert {r.stream for r in read_on(device, 4)} == set(device.rates_hz)

@@ -23,6 +23,7 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.scene import Scene
+from tests.helpers.swinging_ball import swinging_ball
 from tests.helpers.undistortion_twin import undistort_scalar
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -130,7 +131,7 @@ def test_factory_parameters_are_read_in_libfreenect2s_order(compiled):
 
 
 def test_the_twin_has_real_parameters_and_shows_its_scene():
-    scene = Scene()
+    scene = Scene(swinging_ball())
     twin = VirtualKinect2(scene)
     with closing(Kinect2(shim=twin.shim)) as device:
         device.start()
@@ -143,7 +144,7 @@ def test_the_twin_has_real_parameters_and_shows_its_scene():
 
 def test_silence_is_an_unplugged_device(monkeypatch):
     monkeypatch.setattr(depth_camera, "SILENCE_S", 0.15)
-    twin = VirtualKinect2(Scene())
+    twin = VirtualKinect2(Scene(swinging_ball()))
     with closing(Kinect2(shim=twin.shim)) as device:
         device.start()
         assert isinstance(device.read(1).value, DepthImage) and isinstance(device.read(1).value, ColorImage)
@@ -165,7 +166,7 @@ def test_silence_is_an_unplugged_device(monkeypatch):
 )
 def test_which_device_is_meant(serials, wanted, match):
     with pytest.raises(DeviceError, match=match):
-        Kinect2(wanted, VirtualKinect2(Scene(), serials=serials).shim)
+        Kinect2(wanted, VirtualKinect2(Scene(swinging_ball()), serials=serials).shim)
 
 
 def test_without_the_library_one_line_says_what_to_install(tmp_path):

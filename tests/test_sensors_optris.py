@@ -31,9 +31,10 @@ from sensors.virtual.optris import FakeKernel, VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.scene import Scene
 from sensors.virtual.schedule import Faults
+from tests.helpers.swinging_ball import swinging_ball
 
 NAMES = tuple(LAYOUTS)
-SCENE = Scene()
+SCENE = Scene(swinging_ball())
 
 
 def facts_layout(name, frame):
@@ -124,7 +125,10 @@ def test_gaps_and_short_buffers_are_counted_to_the_image(name):
             try:
                 reading = device.read(1)
             except DeviceFaultError as fault:
-                assert f"of {2 * layout.width * layout.height} bytes; if this happens again, use a USB port" in str(fault)
+                assert (
+                    f"of {2 * layout.width * layout.height} bytes; if this happens again, use a USB port"
+                    in str(fault)
+                )
                 faults += 1
                 continue
             dropped += reading.dropped if numbers else 0

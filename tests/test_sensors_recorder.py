@@ -27,13 +27,14 @@ from sensors.session.writer import SessionWriter
 from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.scene import Scene
 from tests.conftest import assert_refused
+from tests.helpers.swinging_ball import swinging_ball
 
 KINECT, FIR, SPOT = "virtual:kinect2", "virtual:optris-direct", "virtual:pyrometer?family=ct"
 RIG = RigCalibration(KINECT2_DEPTH)
 
 
 def started(*addresses: str) -> list[Device]:
-    devices = [open_device(address) for address in addresses]
+    devices = [open_device(address, swinging_ball()) for address in addresses]
     for device in devices:
         device.start()
     return devices
@@ -183,7 +184,7 @@ def test_without_a_rig_file_the_depth_camera_s_own_calibration_is_recorded(
     annotate_cloud, tmp_path, monkeypatch
 ):
     """Only a camera that has started knows it."""
-    twin = VirtualKinect2(Scene())
+    twin = VirtualKinect2(Scene(swinging_ball()))
     monkeypatch.setattr("cli.recording.open_device", lambda address, shown: Kinect2(shim=twin.shim))
     done = annotate_cloud("record", tmp_path / "a.mcap", "--device", "kinect2:", "--seconds", 0.5, "--json")
     assert done.code == 0 and "calibrate" in done.err

@@ -31,10 +31,10 @@ VIRTUAL = (
 )
 
 
-def open_device(address: str, frames: Iterable[RigFrame] | None = None) -> Device:
+def open_device(address: str, frames: Iterable[RigFrame] = ()) -> Device:
     """Open the device at ``address`` (see ``docs/devices.md``).
 
-    frames: what a virtual camera sees, in a loop of at most a second; without it a simple test picture.
+    frames: what a virtual camera sees, in a loop of at most a second.
     Raises DeviceError.
     """
     parsed = Address(address)

@@ -1,7 +1,6 @@
-"""What a twin's camera sees: recorded or rendered frames in a loop, or a simple test picture."""
+"""What a twin's camera sees: recorded or rendered frames in a loop."""
 
 from collections.abc import Iterable
-from functools import lru_cache
 from itertools import islice
 from typing import TypeVar
 
@@ -27,8 +26,8 @@ class Scene:
     A frame without colour or temperatures shows those of the frame before.
     """
 
-    def __init__(self, frames: Iterable[RigFrame] | None = None) -> None:
-        shown = tuple(islice(frames, LONGEST)) if frames is not None else swinging_ball()
+    def __init__(self, frames: Iterable[RigFrame]) -> None:
+        shown = tuple(islice(frames, LONGEST))
         if not shown:
             raise DeviceError("the twin's source has no frames; give a session or the virtual rig")
         self._depth = [frame.depth_mm for frame in shown]
@@ -72,24 +71,3 @@ def _at(images: list[T], seconds: float, name: str) -> T:
     if not images:
         raise DeviceError(f"the twin's source has no {name} images; give one that has")
     return images[int(seconds * FRAMES_PER_SECOND + 1e-6) % len(images)]
-
-
-@lru_cache(maxsize=1)
-def swinging_ball(count: int = 10) -> tuple[RigFrame, ...]:
-    """A warm ball of 33 C that swings before a wall of 22 C, as depth, colour and temperature."""
-    return tuple(_frame(index, np.sin(2 * np.pi * index / count)) for index in range(count))
-
-
-def _frame(index: int, swing: float) -> RigFrame:
-    depth = np.where(_ball(424, 512, swing), 1500, 2500).astype(np.uint16)
-    color = np.where(_ball(1080, 1920, swing)[..., None], (60, 80, 200), (120, 130, 120)).astype(np.uint8)
-    thermal = np.where(_ball(HEIGHT, WIDTH, swing), 33.0, AMBIENT_C).astype(np.float32)
-    encoded = cv2.imencode(".jpg", color)[1].tobytes()
-    infrared = np.where(_ball(424, 512, swing), 9000, 3000).astype(np.uint16)
-    return RigFrame(index, round(index * 1e9 / FRAMES_PER_SECOND), depth, encoded, thermal, infrared)
-
-
-def _ball(height: int, width: int, swing: float) -> NDArray[np.bool_]:
-    v, u = np.ogrid[:height, :width]
-    away = np.hypot(u - width * (0.5 + 0.2 * swing), v - height / 2)
-    return np.asarray(away < height / 4, np.bool_)

@@ -52,9 +52,9 @@ class VirtualDevice:
         self.twin.unplug()
 
 
-def open_twin(address: Address, frames: Iterable[RigFrame] | None) -> Device:
+def open_twin(address: Address, frames: Iterable[RigFrame]) -> Device:
     """The virtual device of an address; see ``sensors.recording.open_device``. Raises DeviceError."""
-    openers: dict[str, Callable[[Address, Iterable[RigFrame] | None], Device]] = {
+    openers: dict[str, Callable[[Address, Iterable[RigFrame]], Device]] = {
         "kinect2": _kinect2,
         "optris": _optris,
         "optris-direct": _optris_direct,
@@ -67,14 +67,14 @@ def open_twin(address: Address, frames: Iterable[RigFrame] | None) -> Device:
     return openers[address.kind](address, frames)
 
 
-def _kinect2(address: Address, frames: Iterable[RigFrame] | None) -> Device:
+def _kinect2(address: Address, frames: Iterable[RigFrame]) -> Device:
     faults = _faults(address)
     address.finish()
     twin = VirtualKinect2(Scene(frames), faults)
     return VirtualDevice(address.text, Kinect2(shim=twin.shim), twin)
 
 
-def _optris(address: Address, frames: Iterable[RigFrame] | None) -> Device:
+def _optris(address: Address, frames: Iterable[RigFrame]) -> Device:
     layout, faults = address.choice("mode", LAYOUTS, "128hz"), _faults(address)
     address.finish()
     twin = VirtualOptris(layout, Scene(frames), faults)
@@ -82,7 +82,7 @@ def _optris(address: Address, frames: Iterable[RigFrame] | None) -> Device:
     return VirtualDevice(address.text, Optris(twin.node, layout, video, "virtual"), twin)
 
 
-def _optris_direct(address: Address, frames: Iterable[RigFrame] | None) -> Device:
+def _optris_direct(address: Address, frames: Iterable[RigFrame]) -> Device:
     faults = _faults(address)
     address.finish()
     twin = VirtualDirect(Scene(frames), faults)

@@ -1,0 +1,32 @@
+"""A simple picture for virtual cameras."""
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.drivers.optris_layout import HEIGHT, WIDTH
+from sensors.rig.frame import RigFrame
+from sensors.virtual.scene import AMBIENT_C, FRAMES_PER_SECOND
+
+
+@lru_cache(maxsize=1)
+def swinging_ball(count: int = 10) -> tuple[RigFrame, ...]:
+    """A warm ball of 33 C that swings before a wall of 22 C, as depth, colour and temperature."""
+    return tuple(_frame(index, np.sin(2 * np.pi * index / count)) for index in range(count))
+
+
+def _frame(index: int, swing: float) -> RigFrame:
+    depth = np.where(_ball(424, 512, swing), 1500, 2500).astype(np.uint16)
+    color = np.where(_ball(1080, 1920, swing)[..., None], (60, 80, 200), (120, 130, 120)).astype(np.uint8)
+    thermal = np.where(_ball(HEIGHT, WIDTH, swing), 33.0, AMBIENT_C).astype(np.float32)
+    encoded = cv2.imencode(".jpg", color)[1].tobytes()
+    infrared = np.where(_ball(424, 512, swing), 9000, 3000).astype(np.uint16)
+    return RigFrame(index, round(index * 1e9 / FRAMES_PER_SECOND), depth, encoded, thermal, infrared)
+
+
+def _ball(height: int, width: int, swing: float) -> NDArray[np.bool_]:
+    v, u = np.ogrid[:height, :width]
+    away = np.hypot(u - width * (0.5 + 0.2 * swing), v - height / 2)
+    return np.asarray(away < height / 4, np.bool_)
