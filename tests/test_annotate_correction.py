@@ -357,8 +357,7 @@ def test_a_copy_without_its_history_begins_anew(folder):
 
 
 @pytest.mark.parametrize(
-    ("runs", "says"),
-    [([[H * W, 1, 0, 1]], "reaches pixel"), ([[0, 2, 0, 1]], "have no depth")],
+    ("runs", "says"), [([[H * W, 1, 0, 1]], "reaches pixel"), ([[0, 2, 0, 1]], "have no depth")]
 )
 def test_a_journal_of_another_set_is_refused(folder, runs, says):
     hostile = Stroke(FRAMES[0], "paint", np.array(runs, np.int64), 1)

@@ -508,30 +508,6 @@ def test_strokes_say_who_when_how_and_how_long():
 # Strokes from outside
 
 
-@pytest.mark.parametrize(
-    "runs",
-    [
-        [[-1, 1, 0, 1]],
-        [[0, 0, 0, 1]],
-        [[0, 2, 0, 1], [1, 1, 0, 1]],
-        [[5, 1, 0, 1], [0, 1, 0, 1]],
-        [[0, 1, 0, 12]],
-        [[0, 1, 254, 1]],
-        [[0, 1, 1, 1]],
-        [[0, 1 << 40, 0, 1]],
-    ],
-)
-def test_impossible_runs_are_refused(runs):
-    with pytest.raises(FormatError):
-        Stroke("f", "paint", np.array(runs, np.int64))
-
-
-def test_a_stroke_beyond_the_image_is_refused():
-    stroke = Stroke("f", "paint", np.array([[H * W - 1, 2, 0, 1]], np.int64))
-    with pytest.raises(FormatError, match="reaches pixel"):
-        stroke.apply_to(np.zeros((H, W), np.uint8))
-
-
 def test_an_undo_of_something_else_is_refused():
     stroke = Stroke("f", "paint", np.array([[0, 1, 0, 1]], np.int64))
     other = Stroke("f", "undo", np.array([[0, 2, 1, 0]], np.int64))

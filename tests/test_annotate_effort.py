@@ -14,16 +14,7 @@ from annotate.correction.edit_supervoxels import edit_supervoxels
 from annotate.effort.agreement import Agreement
 from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
 from annotate.effort.hand import CAREFUL, QUICK, along, length_px, loop, outline
-from annotate.effort.keystrokes import (
-    CLICK_S,
-    KEY_S,
-    MENTAL_S,
-    POINT_S,
-    STEER_S,
-    Tools,
-    gesture_s,
-    moves_s,
-)
+from annotate.effort.keystrokes import CLICK_S, KEY_S, MENTAL_S, POINT_S, STEER_S, Tools, gesture_s, moves_s
 from annotate.effort.repairs import Move, Repair, in_one_go
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet

@@ -25,9 +25,10 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.journal import JOURNAL
 from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
-from sensors.errors import CloudError, ExistsError, FormatError
+from sensors.errors import CloudError, FormatError
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, unproject
+from tests.helpers.same_frame import assert_same_frame
 
 law = settings(deadline=None, max_examples=12)
 HOSTILE = [
@@ -64,21 +65,14 @@ def label_sets(draw) -> tuple[Intrinsics, list[FrameLabels]]:
         parts = rng.choice(ids, (height, width)).astype(np.uint8)
         depth = (rng.integers(0, 65536, parts.shape) * (rng.random(parts.shape) < 0.7)).astype(np.uint16)
         confidence = (rng.integers(0, 256, parts.shape) / np.float32(255)).astype(np.float32)
-        persons = rng.choice(draw(st.sampled_from([[0], [0, 1], [0, 1, 2, 200, 255]])), parts.shape).astype(
-            np.uint8
-        )
-        frames.append(
-            FrameLabels(
-                draw(st.sampled_from(["000", "a.b-", "_", "Z" * 90])) + str(number),
-                depth,
-                parts,
-                confidence if draw(st.booleans()) else None,
-                draw(st.sampled_from(["auto", "corrected", "reviewed", "truth"])),
-                draw(st.sampled_from(HOSTILE)),
-                {"why": draw(st.sampled_from(HOSTILE)), "n": [1, None, 0.5]},
-                persons if draw(st.booleans()) else None,
-            )
-        )
+        numbers = draw(st.sampled_from([[0], [0, 1], [0, 1, 2, 200, 255]]))
+        persons = rng.choice(numbers, parts.shape).astype(np.uint8)
+        frame_id = draw(st.sampled_from(["000", "a.b-", "_", "Z" * 90])) + str(number)
+        status = draw(st.sampled_from(["auto", "corrected", "reviewed", "truth"]))
+        notes = {"why": draw(st.sampled_from(HOSTILE)), "n": [1, None, 0.5]}
+        confidence, persons = (draw(st.none() | st.just(image)) for image in (confidence, persons))
+        subject = draw(st.sampled_from(HOSTILE))
+        frames.append(FrameLabels(frame_id, depth, parts, confidence, status, subject, notes, persons))
     return camera, frames
 
 
@@ -87,18 +81,6 @@ def make(path: Path, camera: Intrinsics, frames: list[FrameLabels]) -> LabelSet:
     for frame in frames:
         labels.write(frame)
     return labels
-
-
-def assert_same(got: FrameLabels, expected: FrameLabels, lacks: tuple[str, ...] = ()) -> None:
-    for name in ("depth_mm", "parts", "confidence", "persons"):
-        before = None if name in lacks else getattr(expected, name)
-        after = getattr(got, name)
-        assert (after is None) == (before is None), name
-        if before is not None:
-            assert after.dtype == before.dtype
-            np.testing.assert_array_equal(after, before)
-    for name in ("frame_id", "status", "subject", "notes"):
-        assert getattr(got, name) == getattr(expected, name)
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -118,7 +100,7 @@ def test_a_round_trip_changes_nothing(name, made):
     assert found.intrinsics == camera
     assert set(got) == {frame.frame_id for frame in frames}
     for frame in frames:
-        assert_same(got[frame.frame_id], frame, chosen.lacks)
+        assert_same_frame(got[frame.frame_id], frame, chosen.lacks)
 
 
 # A label set for the tools of others
@@ -347,7 +329,7 @@ def test_export_and_import_by_command(annotate_cloud, labels, tmp_path, name):
     assert all(f"{what}" in done.err for what in FORMATS[name].lacks)
     done = annotate_cloud("import", tmp_path / "out", tmp_path / "back", "--json")
     assert (done.code, done.result["frames"], done.result["format"]) == (0, 2, name)
-    assert_same(LabelSet.open(tmp_path / "back").read("000001"), blocks(1), FORMATS[name].lacks)
+    assert_same_frame(LabelSet.open(tmp_path / "back").read("000001"), blocks(1), FORMATS[name].lacks)
 
 
 def test_nothing_is_overwritten_unasked(annotate_cloud, labels, tmp_path):
@@ -367,6 +349,13 @@ def test_nothing_is_overwritten_unasked(annotate_cloud, labels, tmp_path):
     assert annotate_cloud("export", labels.path, out, "--format", "coco", "--overwrite").code == 0
     assert recognise(out) == "coco"
     assert annotate_cloud("import", out, tmp_path / "back").code == 0
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("years of work")
+    assert_refused(
+        annotate_cloud("export", labels.path, tmp_path / "mine", "--format", "pairs", "--overwrite"),
+        "not made",
+    )
+    assert (tmp_path / "mine" / "thesis.txt").is_file()
     (tmp_path / "back" / JOURNAL).write_text("{}\n")
     assert_refused(annotate_cloud("import", out, tmp_path / "back", "--overwrite"), "corrections")
 
@@ -432,18 +421,10 @@ def test_folders_of_others_need_only_intrinsics(export, tmp_path):
         (out / folder / "000000.png").unlink()
     back, _ = import_labels(out, tmp_path / "back", nothing)
     expected = replace(blocks(1), subject="", status="auto")
-    assert_same(back.read("000001"), expected, ("persons", "confidence"))
+    assert_same_frame(back.read("000001"), expected, ("persons", "confidence"))
     (out / "intrinsics.json").unlink()
     with pytest.raises(CloudError, match=r"intrinsics\.json"):
         import_labels(out, tmp_path / "other", nothing)
-
-
-def test_an_export_may_not_replace_what_it_did_not_make(labels, tmp_path):
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "thesis.txt").write_text("years of work")
-    with pytest.raises(ExistsError, match="not made"):
-        export_labels(labels, tmp_path / "mine", "pairs", nothing, overwrite=True)
-    assert (tmp_path / "mine" / "thesis.txt").is_file()
 
 
 # Bounds
@@ -495,4 +476,4 @@ def test_parquet_of_others_needs_no_paths_and_may_number_its_rows(tmp_path):
     table = pa.Table.from_pylist([{**row, **pictures, "id": 7}]).replace_schema_metadata(schema.metadata)
     pa.parquet.write_table(table, tmp_path / "train.parquet")
     _, frames = FORMATS["parquet"].read(tmp_path)
-    assert_same(next(frames), replace(blocks(0), frame_id="7"))
+    assert_same_frame(next(frames), replace(blocks(0), frame_id="7"))

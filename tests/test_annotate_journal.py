@@ -141,7 +141,11 @@ HOSTILE = {
             "a number beyond 64 bits": {"runs": [1 << 70, 1, 0, 1]},
             "an endless run": {"runs": [0, 1 << 40, 0, 1]},
             "overlapping runs": {"runs": [0, 5, 0, 1, 2, 5, 0, 1]},
+            "unsorted runs": {"runs": [5, 1, 0, 1, 0, 1, 0, 1]},
+            "an empty run": {"runs": [0, 0, 0, 1]},
+            "a run that changes nothing": {"runs": [0, 1, 1, 1]},
             "part 254": {"runs": [0, 1, 0, 254]},
+            "from part 254": {"runs": [0, 1, 254, 1]},
         }.items()
     },
 }

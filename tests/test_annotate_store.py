@@ -37,6 +37,7 @@ from annotate.parts import (
 )
 from sensors.errors import CloudError, ExistsError, FormatError
 from sensors.rig.camera import Intrinsics
+from tests.helpers.same_frame import assert_same_frame
 
 law = settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -54,17 +55,6 @@ def labels(frame_id: str = "a", seed: int = 0, **fields) -> FrameLabels:
     rng = np.random.default_rng(seed)
     depth = rng.integers(1, 65536, (6, 8), np.uint16)
     return FrameLabels(frame_id, depth, rng.integers(0, N_CLASSES, (6, 8), np.uint8), **fields)
-
-
-def assert_same(a: FrameLabels, b: FrameLabels) -> None:
-    for name in ("frame_id", "status", "subject", "notes"):
-        assert getattr(a, name) == getattr(b, name)
-    np.testing.assert_array_equal(a.depth_mm, b.depth_mm)
-    np.testing.assert_array_equal(a.parts, b.parts)
-    assert (a.confidence is None) == (b.confidence is None)
-    if a.confidence is not None:
-        np.testing.assert_array_equal(a.confidence, b.confidence)
-    np.testing.assert_array_equal(a.persons, b.persons)
 
 
 @pytest.fixture
@@ -213,7 +203,7 @@ def test_impossible_labels_are_refused(changes, says):
 def test_a_frame_survives_to_the_bit(label_set, depth, parts, confidence, status, subject, noted, persons):
     frame = FrameLabels("000001", depth, parts, confidence, status, subject, noted, persons)
     label_set.write(frame)
-    assert_same(LabelSet.open(label_set.path).read("000001"), frame)
+    assert_same_frame(LabelSet.open(label_set.path).read("000001"), frame)
 
 
 def test_a_label_set_reopens_as_it_was(label_set):
@@ -224,7 +214,7 @@ def test_a_label_set_reopens_as_it_was(label_set):
     assert "000001" in reopened
     assert "000009" not in reopened
     for i, frame in enumerate(reopened):
-        assert_same(frame, labels(f"{i:06}", i))
+        assert_same_frame(frame, labels(f"{i:06}", i))
     assert validate(reopened) == []
 
 
@@ -307,7 +297,7 @@ def test_a_file_that_fails_in_the_middle_keeps_the_old_one(label_set, monkeypatc
     with pytest.raises(OSError, match="No space"):
         label_set.write(labels("000001", 99))
     monkeypatch.undo()
-    assert_same(LabelSet.open(label_set.path).read("000001"), old)
+    assert_same_frame(LabelSet.open(label_set.path).read("000001"), old)
     assert not list(label_set.path.rglob("*.partial"))
 
 

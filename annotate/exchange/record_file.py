@@ -12,6 +12,7 @@ Records = NDArray[Any]
 """A structured array (n,), little-endian, one scalar a field."""
 
 MAX_HEADER_BYTES = 10_000
+"""Largest header that is read, in bytes."""
 _PLY_TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
     "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
@@ -49,14 +50,13 @@ def read_pcd(data: bytes, name: str) -> tuple[Records, tuple[int, int]]:
             raise ValueError(f"DATA is {fields['DATA']}, only binary is read")
         kinds = {"F": "f", "U": "u", "I": "i"}
         columns = zip(fields["FIELDS"], fields["TYPE"], fields["SIZE"], fields["COUNT"], strict=True)
-        layout = []
+        layout: list[Any] = []
         for number, (field, kind, size, count) in enumerate(columns):
-            # "_" is PCL's padding, under any number.
-            unique = f"_{number}" if field == "_" else field
+            dtype = f"<{kinds[kind]}{int(size)}"
             if int(count) != 1 and field != "_":
                 raise ValueError(f"field {field[:20]} has {count} values")
-            layout.append((unique, f"<{kinds[kind]}{int(size)}", (_small(count),)) if field == "_"
-                          else (unique, f"<{kinds[kind]}{int(size)}"))  # fmt: skip
+            # "_" is PCL's padding, and may occur more than once.
+            layout.append((f"_{number}", dtype, (int(count),)) if field == "_" else (field, dtype))
         shape = int(fields["HEIGHT"][0]), int(fields["WIDTH"][0])
     except (ValueError, KeyError, IndexError, TypeError) as error:
         raise _malformed(name, error) from error
@@ -116,14 +116,8 @@ def _split(data: bytes, last: bytes, name: str) -> tuple[list[list[str]], bytes]
     return [line.split() for line in lines if line.split()], data[end + 1 :]
 
 
-def _small(count: str) -> int:
-    if not 0 < int(count) <= 64:
-        raise ValueError(f"padding of {count}")
-    return int(count)
-
-
 def _records(body: bytes, layout: list[Any], shape: tuple[int, int], name: str) -> Records:
-    if not all(0 < side <= MAX_IMAGE_SIDE for side in shape) or not 0 < len(layout) <= 64:
+    if not all(0 < side <= MAX_IMAGE_SIDE for side in shape) or not layout:
         raise _malformed(name, ValueError(f"it is {shape} of {len(layout)} fields"))
     try:
         dtype = np.dtype(layout)

@@ -10,6 +10,7 @@ Format: semantic-kitti.org, "Dataset"; PRBonn/semantic-kitti-api.
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -103,24 +104,17 @@ def _words(file: Path) -> bytes:
 
 def _config() -> str:
     ids = {**{part.id: (part.name, part.rgb) for part in PARTS}, UNDEFINED: ("undefined", (128, 128, 128))}
-    learning = {number: (0 if number == UNDEFINED else number + 1) for number in ids}
-    back = {learned: number for number, learned in learning.items()}
-    return "\n".join(
-        [
-            "labels:",
-            *(f"  {number}: {name}" for number, (name, _) in ids.items()),
-            "color_map: # blue, green, red",
-            *(f"  {number}: [{rgb[2]}, {rgb[1]}, {rgb[0]}]" for number, (_, rgb) in ids.items()),
-            "learning_map:",
-            *(f"  {number}: {learned}" for number, learned in learning.items()),
-            "learning_map_inv:",
-            *(f"  {learned}: {number}" for learned, number in sorted(back.items())),
-            "learning_ignore:",
-            *(f"  {learned}: {'true' if learned == 0 else 'false'}" for learned in sorted(back)),
-            "split:",
-            "  train: [0]",
-            "  valid: [0]",
-            "  test: [0]",
-            "",
-        ]
-    )
+    learned = {number: (0 if number == UNDEFINED else number + 1) for number in ids}
+    back = sorted((index, number) for number, index in learned.items())
+    tables: dict[str, dict[Any, Any]] = {
+        "labels": {number: name for number, (name, _) in ids.items()},
+        "color_map: # blue, green, red": {number: list(rgb[::-1]) for number, (_, rgb) in ids.items()},
+        "learning_map": learned,
+        "learning_map_inv": dict(back),
+        "learning_ignore": {index: "true" if index == 0 else "false" for index, _ in back},
+        "split": {"train": [0], "valid": [0], "test": [0]},
+    }
+    lines = []
+    for name, table in tables.items():
+        lines += [name if "#" in name else f"{name}:", *(f"  {key}: {value}" for key, value in table.items())]
+    return "\n".join([*lines, ""])

@@ -1,18 +1,16 @@
 """The frames of the set in a row, with their pictures and states, by time or the worst first."""
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from PySide6.QtCore import (
     QAbstractListModel,
     QModelIndex,
-    QObject,
     QPersistentModelIndex,
     QRectF,
-    QRunnable,
     QSize,
     Qt,
-    QThreadPool,
     Signal,
 )
 from PySide6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen
@@ -68,35 +66,18 @@ def _window(parts: UInt8) -> tuple[slice, slice]:
     return slice(max(0, int(top)), int(top + height)), slice(max(0, int(left)), int(left + width))
 
 
-class _Drawn(QObject):
-    ready = Signal(str, QImage)
-
-
-class _Draw(QRunnable):
-    def __init__(self, frame_id: str, read: Callable[[str], FrameLabels], drawn: _Drawn) -> None:
-        super().__init__()
-        self._frame_id, self._read, self._drawn = frame_id, read, drawn
-
-    def run(self) -> None:
-        try:
-            image = thumbnail(self._read(self._frame_id))
-        except CloudError:
-            image = QImage()
-        self._drawn.ready.emit(self._frame_id, image)
-
-
 class Frames(QAbstractListModel):
     """The frames in the order shown. Pictures are drawn in a thread, as they come into view."""
+
+    _drawn = Signal(str, QImage)
 
     def __init__(self, read: Callable[[str], FrameLabels], state: Callable[[str], State]) -> None:
         super().__init__()
         self.frame_ids: list[str] = []
         self._read, self._state = read, state
         self._images: dict[str, QImage | None] = {}
-        self._drawn = _Drawn()
-        self._drawn.ready.connect(self._keep)
-        self.pool = QThreadPool()
-        self.pool.setMaxThreadCount(1)
+        self._drawn.connect(self._keep)
+        self._pool = ThreadPoolExecutor(1, "thumbnails")
 
     def order(self, frame_ids: list[str]) -> None:
         """Show these frames, in this order."""
@@ -126,11 +107,23 @@ class Frames(QAbstractListModel):
         self._images.pop(frame_id, None)
         self._changed(frame_id)
 
+    def close(self) -> None:
+        """Stop the thread."""
+        self._pool.shutdown(cancel_futures=True)
+
     def _image(self, frame_id: str) -> QImage | None:
         if frame_id not in self._images:
             self._images[frame_id] = None
-            self.pool.start(_Draw(frame_id, self._read, self._drawn))
+            self._pool.submit(self._draw, frame_id)
         return self._images[frame_id]
+
+    def _draw(self, frame_id: str) -> None:
+        """Draw a frame's picture, in the thread; an empty one where it cannot be read."""
+        try:
+            image = thumbnail(self._read(frame_id))
+        except CloudError:
+            image = QImage()
+        self._drawn.emit(frame_id, image)
 
     def _keep(self, frame_id: str, image: QImage) -> None:
         self._images[frame_id] = image

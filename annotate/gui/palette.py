@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 
-from PySide6.QtCore import QPointF, QRect, QRectF, Qt, Signal
+from PySide6.QtCore import QRect, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from annotate.gui.colors import Visibility
 from annotate.gui.desk import Desk
+from annotate.gui.icons import draw_tile_icon
 from annotate.gui.keys import BODY_GRID, Settings
 from annotate.gui.theme import DARK, Theme, named, part_color
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
@@ -81,8 +82,9 @@ class PartTile(QWidget):
             painter.setOpacity(0.5)
         self._write(painter)
         painter.setOpacity(1)
-        draw_lock(painter, self.lock_rect, QColor(theme.warn if state.locked else theme.line), state.locked)
-        draw_eye(painter, self.eye_rect, QColor(theme.quiet), state.visibility)
+        lock, lock_color = ("locked", theme.warn) if state.locked else ("unlocked", theme.line)
+        draw_tile_icon(painter, QRectF(self.lock_rect), lock, lock_color)
+        draw_tile_icon(painter, QRectF(self.eye_rect), state.visibility, theme.quiet)
 
     def _write(self, painter: QPainter) -> None:
         theme, inside = self.theme, self.rect().adjusted(14, 6, -7, -5)
@@ -107,36 +109,6 @@ class PartTile(QWidget):
         count = f"{self.state.count:,}" if self.state.count and self.part != BACKGROUND else ""
         side = Qt.AlignmentFlag.AlignRight if self.part == UNDEFINED else Qt.AlignmentFlag.AlignLeft
         painter.drawText(inside, side | Qt.AlignmentFlag.AlignBottom, count)
-
-
-def draw_lock(painter: QPainter, rect: QRect, color: QColor, closed: bool) -> None:
-    """A padlock, closed or open."""
-    middle, top = rect.center().x() + 0.5, rect.top() + 3.0
-    painter.setPen(QPen(color, 1.6))
-    painter.setBrush(Qt.BrushStyle.NoBrush)
-    shackle = QRectF(middle - 3 + (0 if closed else 3), top, 6, 9)
-    painter.drawArc(shackle, 0, 180 * 16)
-    painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(color)
-    painter.drawRoundedRect(QRectF(middle - 5, top + 5, 10, 7.5), 1.5, 1.5)
-    painter.setBrush(Qt.BrushStyle.NoBrush)
-
-
-def draw_eye(painter: QPainter, rect: QRect, color: QColor, how: Visibility) -> None:
-    """An eye: open, half, or struck out."""
-    middle = QPointF(rect.center()) + QPointF(0.5, 1)
-    path = QPainterPath(middle + QPointF(-7, 0))
-    path.quadTo(middle + QPointF(0, -8), middle + QPointF(7, 0))
-    path.quadTo(middle + QPointF(0, 8), middle + QPointF(-7, 0))
-    painter.setPen(QPen(color, 1.4))
-    painter.setBrush(Qt.BrushStyle.NoBrush)
-    painter.drawPath(path)
-    if how != "faded":
-        painter.setBrush(color)
-    painter.drawEllipse(middle, 2.2, 2.2)
-    painter.setBrush(Qt.BrushStyle.NoBrush)
-    if how == "hidden":
-        painter.drawLine(middle + QPointF(-6, 6), middle + QPointF(6, -6))
 
 
 class Palette(QWidget):

@@ -1,13 +1,12 @@
 """The tools in a column: one to a key, each with its picture."""
 
-from collections.abc import Callable
 from functools import partial
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap, QPolygonF
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QToolButton, QVBoxLayout, QWidget
 
 from annotate.gui.drawing import TOOLS
+from annotate.gui.icons import ICON, icon
 from annotate.gui.keys import Settings
 from annotate.gui.pointing import Pointing
 from annotate.gui.theme import Theme, named
@@ -29,88 +28,7 @@ EDITS = {
 """Titles of the commands; those that work at the pointer's position need their key."""
 TITLES = {tool: tool.capitalize() for tool in TOOLS}
 ROW_PX = 30
-ICON = QSize(30, 30)
-Draw = Callable[[QPainter], None]
-
-
-def _piece(painter: QPainter) -> None:
-    cells = ((4, 5), (13, 3), (21, 8), (6, 14), (14, 12), (22, 17), (9, 22), (17, 21))
-    for i, (x, y) in enumerate(cells):
-        shape = QRectF(x, y, 7, 7)
-        painter.setOpacity(1.0 if i == 4 else 0.35)
-        painter.fillRect(shape, painter.pen().color())
-    painter.setOpacity(1)
-
-
-def _lasso(painter: QPainter) -> None:
-    painter.drawEllipse(QRectF(4, 5, 22, 14))
-    painter.drawArc(QRectF(7, 15, 10, 12), 60 * 16, -220 * 16)
-
-
-def _polygon(painter: QPainter) -> None:
-    corners = [QPointF(5, 10), QPointF(17, 4), QPointF(26, 13), QPointF(21, 25), QPointF(8, 22)]
-    painter.drawPolygon(QPolygonF(corners))
-    for corner in corners:
-        painter.fillRect(QRectF(corner.x() - 2.5, corner.y() - 2.5, 5, 5), painter.pen().color())
-
-
-def _rectangle(painter: QPainter) -> None:
-    pen = QPen(painter.pen())
-    pen.setStyle(Qt.PenStyle.DashLine)
-    painter.setPen(pen)
-    painter.drawRect(QRectF(5, 7, 20, 16))
-
-
-def _brush(painter: QPainter) -> None:
-    painter.drawLine(QPointF(25, 4), QPointF(14, 17))
-    painter.setBrush(painter.pen().color())
-    painter.drawEllipse(QPointF(10, 21), 5, 5)
-
-
-def _through(painter: QPainter) -> None:
-    painter.drawRect(QRectF(5, 5, 13, 13))
-    pen = QPen(painter.pen())
-    pen.setStyle(Qt.PenStyle.DotLine)
-    painter.setPen(pen)
-    painter.drawRect(QRectF(12, 12, 13, 13))
-
-
-def _only(painter: QPainter) -> None:
-    painter.drawEllipse(QPointF(15, 15), 10, 10)
-    painter.setBrush(painter.pen().color())
-    painter.drawEllipse(QPointF(15, 15), 4, 4)
-
-
-def _room(painter: QPainter) -> None:
-    painter.drawEllipse(QPointF(15, 9), 4, 4)
-    painter.drawArc(QRectF(8, 15, 14, 18), 0, 180 * 16)
-    painter.drawPolyline([QPointF(4, 26), QPointF(4, 4), QPointF(26, 4), QPointF(26, 26)])
-
-
-DRAWN: dict[str, Draw] = {
-    "piece": _piece,
-    "lasso": _lasso,
-    "polygon": _polygon,
-    "rectangle": _rectangle,
-    "brush": _brush,
-    "through": _through,
-    "only": _only,
-    "room": _room,
-}
-
-
-def icon(name: str, color: str, ratio: float) -> QIcon:
-    """A tool's picture in a colour, sharp at a screen's pixel ratio; blank for what has none."""
-    pixmap = QPixmap(ICON * ratio)
-    pixmap.setDevicePixelRatio(ratio)
-    pixmap.fill(Qt.GlobalColor.transparent)
-    painter = QPainter(pixmap)
-    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    painter.setPen(QPen(QColor(color), 2))
-    if name in DRAWN:
-        DRAWN[name](painter)
-    painter.end()
-    return QIcon(pixmap)
+"""Height of a button in logical pixels. Chosen by eye."""
 
 
 class ToolButton(QToolButton):

@@ -331,7 +331,7 @@ class CorrectionWindow(QMainWindow):
                 return
             self.correction.abandon()
         self.walk.close()
-        self.strip.frames.pool.waitForDone()
+        self.strip.frames.close()
         self.cloud_view.close_view()
         event.accept()
 

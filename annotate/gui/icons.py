@@ -1,0 +1,52 @@
+"""The pictures of tools and tiles, as SVG."""
+
+from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtGui import QIcon, QPainter, QPixmap
+from PySide6.QtSvg import QSvgRenderer
+
+ICON = QSize(30, 30)
+"""Size of a tool's picture in logical pixels."""
+_TOOLS = {
+    "piece": '<g fill="COLOR" stroke="none"><path d="M14 12h7v7h-7z"/><path opacity=".35" d="M4 5h7v7h-7z'
+    'M13 3h7v7h-7zM21 8h7v7h-7zM6 14h7v7h-7zM22 17h7v7h-7zM9 22h7v7h-7zM17 21h7v7h-7z"/></g>',
+    "lasso": '<ellipse cx="15" cy="12" rx="11" ry="7"/><path d="M14.5 15.8A5 6 0 1 1 7.3 23.1"/>',
+    "polygon": '<path d="M5 10L17 4L26 13L21 25L8 22Z"/><path fill="COLOR" stroke="none" '
+    'd="M2.5 7.5h5v5h-5zM14.5 1.5h5v5h-5zM23.5 10.5h5v5h-5zM18.5 22.5h5v5h-5zM5.5 19.5h5v5h-5z"/>',
+    "rectangle": '<path d="M5 7h20v16h-20z" stroke-dasharray="8 4"/>',
+    "brush": '<path d="M25 4L14 17"/><circle cx="10" cy="21" r="5" fill="COLOR"/>',
+    "through": '<path d="M5 5h13v13h-13z"/><path d="M12 12h13v13h-13z" stroke-dasharray="2 4"/>',
+    "only": '<circle cx="15" cy="15" r="10"/><circle cx="15" cy="15" r="4" fill="COLOR"/>',
+    "room": '<circle cx="15" cy="9" r="4"/><path d="M22 24A7 9 0 0 0 8 24M4 26V4H26V26"/>',
+}
+_LOCK = '<path d="M3.5 8h10v7.5h-10z" fill="COLOR" stroke-linejoin="round"/>'
+_EYE = '<path d="M1.5 10Q8.5 2 15.5 10Q8.5 18 1.5 10"/><circle cx="8.5" cy="10" r="2.2"'
+_TILES = {
+    "locked": _LOCK + '<path d="M11.5 8A3 4.5 0 0 0 5.5 8"/>',
+    "unlocked": _LOCK + '<path d="M14.5 8A3 4.5 0 0 0 8.5 8"/>',
+    "shown": _EYE + ' fill="COLOR"/>',
+    "faded": _EYE + "/>",
+    "hidden": _EYE + ' fill="COLOR"/><path d="M2.5 16L14.5 4"/>',
+}
+
+
+def icon(name: str, color: str, ratio: float) -> QIcon:
+    """The picture of a tool in a colour, sharp at a screen's pixel ratio; blank for commands without one."""
+    pixmap = QPixmap(ICON * ratio)
+    pixmap.setDevicePixelRatio(ratio)
+    pixmap.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(pixmap)
+    _draw(painter, QRectF(0, 0, ICON.width(), ICON.height()), _TOOLS.get(name, ""), color, 2.0)
+    painter.end()
+    return QIcon(pixmap)
+
+
+def draw_tile_icon(painter: QPainter, place: QRectF, name: str, color: str) -> None:
+    """Draw "locked", "unlocked", "shown", "faded" or "hidden" on a place of 18 x 20 logical pixels."""
+    _draw(painter, place, _TILES[name], color, 1.5)
+
+
+def _draw(painter: QPainter, place: QRectF, shapes: str, color: str, line_px: float) -> None:
+    box = f'viewBox="0 0 {place.width():g} {place.height():g}"'
+    style = f'fill="none" stroke="{color}" stroke-width="{line_px}"'
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" {box} {style}>{shapes.replace("COLOR", color)}</svg>'
+    QSvgRenderer(svg.encode()).render(painter, place)
