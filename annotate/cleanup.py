@@ -1,4 +1,4 @@
-"""Tidying labels: holes filled, islands removed, and the parts a selection touches. Results, not erasures."""
+"""Labels with holes filled or islands given away, and the parts that a selection touches."""
 
 import cv2
 import numpy as np
@@ -8,24 +8,27 @@ from annotate.cloud.grid import JUMP, components
 from annotate.parts import BACKGROUND, BODY_PARTS, N_CLASSES, NEIGHBOURS, UNDEFINED
 
 MOST_HOLE_PX = 400
-"""Larger holes are no slips: something else is seen through them."""
+"""Pixels above which a hole is no slip: something else is seen through it. Chosen by eye."""
 LEAST_PIECE_PX = 120
-"""Smaller pieces of a part are islands: at 2 m a patch of 6 cm."""
-LOOSE_PX, SLIVER_PX = 250, 30
-"""In labels that nobody looked at yet: a larger island loose in the room may be a foot behind a table, one
-within the body a hand before it."""
+"""Pixels below which a piece of a part is an island: at 2 m a patch of 6 cm. Chosen by eye."""
+LOOSE_PX = 250
+"""The same in automatic labels, for islands off the body: a larger one may be a foot behind a table. Chosen
+by eye."""
+SLIVER_PX = 30
+"""The same in automatic labels, for islands within the body: a larger one may be a hand. Chosen by eye."""
 HOLE_DEPTH = 0.03
-"""A hole in a surface lies at its depth, within this share of it."""
+"""Difference of a hole's mean depth to its rim's, as a share, of a hole in a surface. Chosen by eye."""
 _LABELS = np.array([*range(N_CLASSES), UNDEFINED])
+"""All label values."""
 _INDEX = np.searchsorted(_LABELS, np.arange(256))
-"""Part id -> its place in _LABELS."""
+"""Place in _LABELS of each value (256,)."""
 
 
 def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:
-    """Labels (h, w) with the holes of one part given to it.
+    """Labels uint8 (h, w) with the holes of one part given to it.
 
-    A hole is at most MOST_HOLE_PX connected pixels of anything else that touch nothing but the part and
-    pixels without depth, mostly the part, at its depth.
+    A hole is at most MOST_HOLE_PX connected pixels of anything else, at the part's depth, with only the part
+    and pixels without depth beside them, mostly the part. depth_mm: uint16 (h, w).
     """
     valid = depth_mm > 0
     mask = valid & (parts == part)
@@ -54,7 +57,7 @@ def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:
 
 
 def tidied(parts: UInt8, depth_mm: UInt16) -> UInt8:
-    """Automatic labels (h, w) without what a person's first key would take away.
+    """Automatic labels uint8 (h, w) without islands.
 
     Islands that touch the room more than any part are the room's: rims of the seat, warmed cloth. Slivers
     within the body go to the part around them. (Virtual rig, normal, 32 frames of 8 people: 47 % are right to
@@ -69,10 +72,10 @@ def tidied(parts: UInt8, depth_mm: UInt16) -> UInt8:
 def without_islands(
     parts: UInt8, depth_mm: UInt16, part: int | None = None, least_px: int = LEAST_PIECE_PX
 ) -> UInt8:
-    """Labels (h, w) with the small islands of one part, or of every body part, given to what they touch.
+    """Labels uint8 (h, w) with the small islands of one part (None = of every body part) given away.
 
-    An island is a piece under ``least_px`` pixels that is not its part's largest. It goes to the label
-    that it touches most at its depth; one that touches nothing goes to the background.
+    An island is a piece under ``least_px`` pixels, not its part's largest. It goes to the label that it
+    touches most at its depth; an island without contact goes to the background.
     """
     depth_m = depth_mm.astype(np.float32) / np.float32(1000)
     flat_m = depth_m.ravel()
@@ -101,8 +104,10 @@ def without_islands(
 
 
 def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
-    """Body parts that the flat ``pixels`` touch, most contact first; then those joined to theirs by
-    anatomy; then the background. Without the part that most of the pixels have."""
+    """Labels beside the flat ``pixels``: body parts, most contact first, then parts joined by anatomy.
+
+    The background is last; the commonest part of the pixels themselves and undefined are left out.
+    """
     if not len(pixels):
         return []
     own = int(np.bincount(parts.ravel()[pixels]).argmax())
@@ -118,7 +123,7 @@ def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
 
 
 def _islands(parts: UInt8, depth_m: Float32, among: list[int], least_px: int) -> tuple[Int32, int]:
-    """Island ids (h, w) from 1, 0 elsewhere, and one more than the highest."""
+    """Island ids int32 (h, w) from 1, 0 elsewhere, and one more than the highest."""
     islands, count = np.zeros(parts.shape, np.int32), 1
     for part in among:
         mask = (parts == part) & (depth_m > 0)
@@ -135,7 +140,7 @@ def _islands(parts: UInt8, depth_m: Float32, among: list[int], least_px: int) ->
 
 
 def _beside(pixels: Int64, shape: tuple[int, ...], reach: int) -> list[Int64]:
-    """Flat neighbours (n,) of flat pixels for every step of up to ``reach``; the border counts for itself."""
+    """Flat neighbours (n,) of flat pixels, an array for each step up to ``reach``; clipped at the border."""
     v, u = np.divmod(pixels, shape[1])
     steps = range(-reach, reach + 1)
     return [

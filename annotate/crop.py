@@ -1,4 +1,4 @@
-"""The person's square out of a depth image, as networks see it: 212 x 212, depth in [0, 1]."""
+"""Crop of a depth image to the person's square, the input of networks: 212 x 212, depth in [0, 1]."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,29 +13,26 @@ from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.rig.camera import Intrinsics
 
 SIZE = 212
-"""Side of the network's input (Nishi & Miura 2017, section 3.1)."""
+"""Side in pixels of the network's input (Nishi & Miura 2017, section 3.1)."""
 RANGE_MM = 2000.0
-"""Depth [0, 2000] mm becomes [0, 1] (same section). The person's median is moved to the middle first:
-the paper's camera stood within 2 m, other people's do not."""
+"""Millimetres of depth scaled to [0, 1] (same section). The person's median is moved to the middle first: the
+paper's camera stood within 2 m, other people's do not."""
 NEAREST = 1 / RANGE_MM
-"""Least value of a person's pixel: 0 is kept for "nothing here"."""
+"""Least value of a person's pixel: 0 means no person."""
 MARGIN = 0.04
-"""Free border on each side, as a share of the person's larger extent."""
+"""Free border on each side, as a share of the person's larger extent. Chosen by eye."""
 
 
 @dataclass(frozen=True)
 class Crop:
-    """A square of an image: its top left corner (v, u), possibly outside the image, and its side, pixels."""
+    """Square of an image: top left corner (v, u), possibly outside the image, and side, in pixels."""
 
     top: int
     left: int
     side: int
 
     def cut(self, image: NDArray[Any], fill: int | float, size: int = SIZE) -> NDArray[Any]:
-        """The square of an image (h, w, ...) resampled to (size, size, ...); ``fill`` outside the image.
-
-        By nearest neighbour.
-        """
+        """Pixels (size, size, ...) of an image's square, by nearest neighbour; ``fill`` outside the image."""
         v, u = self._source(self.top, size), self._source(self.left, size)
         v_in, u_in = (v >= 0) & (v < image.shape[0]), (u >= 0) & (u < image.shape[1])
         result = np.full((size, size, *image.shape[2:]), fill, image.dtype)
@@ -47,7 +44,7 @@ class Crop:
         return result
 
     def reads(self, shape: tuple[int, ...], size: int = SIZE) -> Bool:
-        """Pixels (h, w) of an image of that shape that ``cut`` looks at."""
+        """Flags (h, w) of the pixels of an image of that shape that ``cut`` takes."""
         v_read, u_read = np.zeros(shape[0], np.bool_), np.zeros(shape[1], np.bool_)
         for read, start in ((v_read, self.top), (u_read, self.left)):
             source = self._source(start, size)
@@ -55,10 +52,11 @@ class Crop:
         return v_read[:, None] & u_read
 
     def _source(self, start: int, size: int) -> Index:
+        """Row or column (size,) of the image for each of the patch's; start: the square's first."""
         return start + (np.arange(size) * self.side + self.side // 2) // size
 
     def paste(self, patch: NDArray[Any], shape: tuple[int, int], fill: int | float) -> NDArray[Any]:
-        """Inverse of ``cut``: a patch (size, size, ...) spread back over an image (h, w, ...)."""
+        """Image (h, w, ...) with a patch (size, size, ...) spread over the square: inverse of ``cut``."""
         result = np.full((*shape, *patch.shape[2:]), fill, patch.dtype)
         (rows, row), (columns, column) = (
             self._within(start, length, patch.shape[0])
@@ -68,12 +66,12 @@ class Crop:
         return result
 
     def _within(self, start: int, length: int, size: int) -> tuple[slice, Index]:
-        """The run of an image's rows or columns that the square covers, and the patch's for each of them."""
+        """Slice of an image's rows or columns within the square, and the patch's index for each of them."""
         first, end = max(start, 0), max(0, start, min(start + self.side, length))
         return slice(first, end), ((np.arange(first, end) - start) * size + size // 2) // self.side
 
     def camera(self, camera: Intrinsics, size: int = SIZE) -> Intrinsics:
-        """The pinhole that sees what ``cut`` gives of an image of the undistorted ``camera``."""
+        """Pinhole camera of the images of ``cut``; camera: that of the whole image, undistorted."""
         scale = size / self.side
         return Intrinsics(
             size,
@@ -86,7 +84,7 @@ class Crop:
 
 
 def crop_from_note(note: object, name: str) -> Crop:
-    """The square that a frame's note ``name`` gives as [top, left, side], whole pixels.
+    """Square of a frame's note ``name``, [top, left, side] in whole pixels.
 
     Raises FormatError for anything else, and for a square far beyond every image.
     """
@@ -103,7 +101,7 @@ def crop_from_note(note: object, name: str) -> Crop:
 
 
 def window_of(mask: Bool, margin_px: int = 0) -> tuple[slice, slice]:
-    """The rows and columns of a mask (h, w) that hold its pixels, and so many more; none of an empty mask.
+    """Slices of the rows and columns with pixels of a mask (h, w), and ``margin_px`` more; empty for none.
 
     A margin ends at the top and left of the image; slices may pass its bottom and right.
     """
@@ -115,7 +113,7 @@ def window_of(mask: Bool, margin_px: int = 0) -> tuple[slice, slice]:
 
 
 def crop_around(mask: Bool, margin: float = MARGIN) -> Crop:
-    """The square around a person's mask (h, w), with a free border on each side, a share of its extent.
+    """Square around a person's mask (h, w), with a free border on each side as a share of its extent.
 
     Raises CloudError on an empty mask.
     """
@@ -128,7 +126,7 @@ def crop_around(mask: Bool, margin: float = MARGIN) -> Crop:
 
 
 def network_crop(mask: Bool) -> Crop:
-    """The square that a network sees of a person's mask (h, w): all of an image that is a crop already.
+    """Square of a person's mask (h, w) for a network: the whole of an image that is a crop already.
 
     Raises CloudError on an empty mask.
     """
@@ -136,7 +134,10 @@ def network_crop(mask: Bool) -> Crop:
 
 
 def normalize(depth_mm: UInt16, mask: Bool) -> Float32:
-    """Person's depth (h, w) in millimetres -> float32 in [0, 1], 0 where there is no person or reading."""
+    """Depth float32 (h, w) in [0, 1] of a person's pixels, 0 without person or reading.
+
+    depth_mm: uint16 (h, w). mask: bool (h, w), the person.
+    """
     person = mask & (depth_mm > 0)
     if not person.any():
         return np.zeros(depth_mm.shape, np.float32)
@@ -146,5 +147,5 @@ def normalize(depth_mm: UInt16, mask: Bool) -> Float32:
 
 
 def person_of(parts: UInt8) -> Bool:
-    """Pixels that belong to a person, the undefined ones too."""
+    """Flags (h, w) of a person's pixels, the undefined ones included."""
     return np.asarray(parts != BACKGROUND, np.bool_)

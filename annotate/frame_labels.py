@@ -1,4 +1,4 @@
-"""Labels over one depth image, checked once."""
+"""Labels of one depth image, checked once."""
 
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
@@ -17,10 +17,10 @@ class FrameLabels:
     """Part labels of one undistorted depth image, pixel by pixel.
 
     depth_mm: uint16 (h, w), 0 = no reading. parts: uint8 (h, w) part ids, 255 = undefined.
-    confidence: float32 (h, w) in [0, 1], or None. subject: who is seen, "" if unknown.
-    notes: free JSON values (what was left out, what makes the frame hard).
+    confidence: float32 (h, w) in [0, 1], or None. subject: the person's name, "" if unknown.
+    notes: free JSON values (omissions, difficulties).
     persons: uint8 (h, w), or None: 0 nobody, 1 the labelled person, 2 and on everybody else.
-    Raises FormatError naming shape or value.
+    Raises FormatError with the wrong shape or value.
     """
 
     frame_id: str

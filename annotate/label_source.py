@@ -1,4 +1,4 @@
-"""The labelling run: every frame of a source fused, its person extracted, its suit read, and kept."""
+"""Label set of a source: every frame fused, its person extracted, its suit read, and kept."""
 
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -30,11 +30,12 @@ from sensors.rig.source import FrameSource
 from sensors.session.reader import Session
 
 NO_SUIT = "no --suit: only the person is extracted, its parts stay undefined"
+"""Note of frames labelled without a suit."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """What a run over a source came to. failed: (frame id, why) of frames that could not be done."""
+    """Label set of a run over a source. failed: (frame id, reason) of frames without labels."""
 
     labels: LabelSet
     failed: tuple[tuple[str, str], ...]
@@ -44,7 +45,7 @@ class Run:
         return sorted(self.labels.frame_ids, key=lambda i: float(self.labels.notes(i).get("confidence", 0.0)))
 
     def remarks(self) -> dict[str, list[str]]:
-        """What was left out or went wrong, and the ids of the frames."""
+        """Notes on omissions and defects, each with the ids of its frames."""
         remarks: dict[str, list[str]] = {}
         for frame_id in self.labels.frame_ids:
             for note in self.labels.notes(frame_id)["notes"]:
@@ -53,7 +54,7 @@ class Run:
 
 
 Labeller: TypeAlias = Callable[[Any, FrameLabels | None], tuple[Segmentation, PersonMask]]
-"""What makes labels of a cloud, or what was seen in it ahead, and the labels of the frame before it."""
+"""Labels and mask of a frame, from its survey (or its cloud) and the labels of the previous frame."""
 
 
 def label_source(
@@ -64,11 +65,11 @@ def label_source(
     window_c: tuple[float, float] | None = None,
     engine: Engine | None = None,
 ) -> Run:
-    """Label every frame of ``source`` into the label set ``out``; frames already there are kept.
+    """Labels of every frame of ``source`` in the label set ``out``; frames already there are kept.
 
-    Without a suit the person is extracted and its parts stay undefined. window_c: surface temperatures of
-    a person, degrees Celsius; None: found in each frame. engine: None for the shipped one. ``progress`` is
-    called with 1 a frame. Raises what ``run`` raises.
+    Without a suit the person is extracted and its parts stay undefined. progress: called with 1 for each
+    frame. window_c: surface temperatures of a person, degrees Celsius; None = found in each frame. engine:
+    None = the shipped one. Raises the errors of ``run``.
     """
     engine = engine or Engine()
     step = {
@@ -77,7 +78,7 @@ def label_source(
         **engine.note(),
     }
 
-    def one(survey: Survey, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
+    def labeller(survey: Survey, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
         person, cloud = survey.person(before), survey.cloud
         if not person.trusted:
             return unlabelled(person.mask), person
@@ -89,7 +90,7 @@ def label_source(
         return cleaned(found, person, cloud) if engine.steps.tidying else (found, person)
 
     return run(
-        source, {"label": step}, out, one, progress, lambda cloud: Survey(cloud, window_c, suit, engine)
+        source, {"label": step}, out, labeller, progress, lambda cloud: Survey(cloud, window_c, suit, engine)
     )
 
 
@@ -97,17 +98,17 @@ def run(
     source: FrameSource,
     steps: dict[str, Any],
     out: Path,
-    one: Labeller,
+    labeller: Labeller,
     progress: Callable[[int], None],
-    look: Callable[[ThermalCloud], Any] = lambda cloud: cloud,
+    survey: Callable[[ThermalCloud], Any] = lambda cloud: cloud,
 ) -> Run:
-    """Fuse every frame of a source and keep what ``one`` makes of it; resumes, and outlives bad frames.
+    """Labels of every frame of a source, fused; an interrupted run resumes, and bad frames are listed.
 
-    ``one`` is given the labels of the frame before exactly as they are stored, None at first and after a
-    frame that failed: so a run that broke off goes on to the same bytes. ``look`` makes of a cloud what
-    ``one`` is given, beside the work on the frame before and without its labels. Raises ExistsError when
-    ``out`` holds something else than the beginning of this very run, ClaimedError while somebody else writes
-    it, CloudError when every frame is bad: then nothing is left behind.
+    labeller: labels a survey, given the labels of the previous frame exactly as stored, None at first and
+    after a failed frame, so that a resumed run ends with the same bytes. survey: everything about a cloud
+    that needs no other frame, computed beside the work on the previous frame. Raises ExistsError when ``out``
+    holds anything but the beginning of this very run, ClaimedError while another process writes it,
+    CloudError when every frame is bad: then ``out`` is removed.
     """
     fuser = Fuser(source.calibration)
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}
@@ -115,36 +116,36 @@ def run(
         info["sha256"] = source.sha256
     labels = LabelSet.resume(out, fuser.camera, info)
     with Claim.take(out, login()):
-        return finished(labels, _run(source, fuser, labels, one, progress, look))
+        return finished(labels, _run(source, fuser, labels, labeller, progress, survey))
 
 
 def _run(
     source: FrameSource,
     fuser: Fuser,
     labels: LabelSet,
-    one: Labeller,
+    labeller: Labeller,
     progress: Callable[[int], None],
-    look: Callable[[ThermalCloud], Any],
+    survey: Callable[[ThermalCloud], Any],
 ) -> list[tuple[str, str]]:
-    """Label the frames that are not done yet; (frame id, why) of those that failed."""
+    """(frame id, reason) of the failed frames, after all frames without labels have been labelled."""
     done = set(labels.frame_ids)
     failed: list[tuple[str, str]] = []
     before: FrameLabels | None = None
 
-    def fuse(frame: RigFrame) -> _Seen:
+    def fuse(frame: RigFrame) -> _Fused:
         if _id(frame) in done:
-            return _Seen(fuser.fuse(frame.depth_mm).depth_mm, None, [])
+            return _Fused(fuser.fuse(frame.depth_mm).depth_mm, None, [])
         frame, left_out = _calibrated(frame, fuser.calibration)
         cloud = fuser.fuse_frame(frame)
-        return _Seen(cloud.depth_mm, look(cloud), left_out)
+        return _Fused(cloud.depth_mm, survey(cloud), left_out)
 
-    for frame, seen in _ahead(source, fuse):
+    for frame, fused in _fused_ahead(source, fuse):
         frame_id = _id(frame)
         if frame_id in done:
-            before = check_same(labels, frame_id, seen.result().depth_mm)
+            before = check_same(labels, frame_id, fused.result().depth_mm)
         else:
             try:
-                labels.write(*_labelled(frame_id, seen.result(), one, before))
+                labels.write(*_labelled(frame_id, fused.result(), labeller, before))
                 before = labels.read(frame_id)
             except CloudError as error:
                 failed.append((frame_id, str(error)))
@@ -154,28 +155,29 @@ def _run(
 
 
 def _id(frame: RigFrame) -> str:
+    """Id of a frame's labels."""
     return f"{frame.index:06d}"
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """A fused frame. depth_mm: (h, w), undistorted. content: what the labeller is given; left_out: notes."""
+class _Fused:
+    """A fused frame. depth_mm: (h, w), undistorted. survey: the labeller's input; left_out: notes."""
 
     depth_mm: UInt16
-    content: Any
+    survey: Any
     left_out: list[str]
 
 
-def _ahead(
-    source: FrameSource, fuse: Callable[[RigFrame], _Seen]
-) -> Iterator[tuple[RigFrame, Future[_Seen]]]:
-    """The frames of a source, each read, fused and looked at beside the work on the one before it.
+def _fused_ahead(
+    source: FrameSource, fuse: Callable[[RigFrame], _Fused]
+) -> Iterator[tuple[RigFrame, Future[_Fused]]]:
+    """Frames of a source, each read, fused and surveyed beside the work on the previous one.
 
-    What the source raises is raised in the frame's turn, what ``fuse`` raises by the future.
+    Errors of the source are raised in the frame's turn, errors of ``fuse`` by the future.
     """
     frames = iter(source)
 
-    def start(pool: ThreadPoolExecutor) -> tuple[Future[RigFrame | None], Future[_Seen]]:
+    def start(pool: ThreadPoolExecutor) -> tuple[Future[RigFrame | None], Future[_Fused]]:
         read = pool.submit(next, frames, None)
         return read, pool.submit(lambda: fuse(cast(RigFrame, read.result())))
 
@@ -187,7 +189,7 @@ def _ahead(
 
 
 def cleaned(found: Segmentation, person: PersonMask, cloud: ThermalCloud) -> tuple[Segmentation, PersonMask]:
-    """Both without the islands that a person's first key would take away."""
+    """Labels and mask without the islands that ``tidied`` removes."""
     parts = tidied(found.parts, cloud.depth_mm)
     loose = (parts == BACKGROUND) & (found.parts != BACKGROUND)
     confidence = np.where(loose, np.float32(0), found.confidence)
@@ -195,7 +197,7 @@ def cleaned(found: Segmentation, person: PersonMask, cloud: ThermalCloud) -> tup
 
 
 def check_same(labels: LabelSet, frame_id: str, depth_mm: UInt16) -> FrameLabels:
-    """A frame kept by an earlier run. Raises ExistsError unless it shows this very depth image (h, w)."""
+    """Labels of a frame from an earlier run. Raises ExistsError if of another depth image (h, w)."""
     kept = labels.read(frame_id)
     if not np.array_equal(kept.depth_mm, depth_mm):
         raise ExistsError(
@@ -206,7 +208,7 @@ def check_same(labels: LabelSet, frame_id: str, depth_mm: UInt16) -> FrameLabels
 
 
 def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
-    """What a run came to. Raises CloudError when all failed, and takes the empty label set away."""
+    """Run with its failed frames. Raises CloudError when all failed, and removes the empty label set."""
     if failed and not len(labels):
         shutil.rmtree(labels.path)
         raise CloudError(
@@ -216,7 +218,7 @@ def finished(labels: LabelSet, failed: list[tuple[str, str]]) -> Run:
 
 
 def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any]:
-    """What a frame's notes say of its labels: confidence on the person, remarks, stored probabilities."""
+    """Notes of a frame's labels: mean confidence on the person, remarks, stored probabilities."""
     on_person = result.confidence[result.parts != BACKGROUND]
     return {
         "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
@@ -226,19 +228,20 @@ def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any
 
 
 def _labelled(
-    frame_id: str, seen: _Seen, one: Labeller, before: FrameLabels | None
+    frame_id: str, fused: _Fused, labeller: Labeller, before: FrameLabels | None
 ) -> tuple[FrameLabels, Probabilities | None]:
-    result, person = one(seen.content, before)
-    notes = notes_of(result, [*seen.left_out, *person.notes]) | {"extraction": person.method}
+    """Labels of a fused frame, and their probabilities if kept."""
+    result, person = labeller(fused.survey, before)
+    notes = notes_of(result, [*fused.left_out, *person.notes]) | {"extraction": person.method}
     persons = np.where(person.mask, np.uint8(1), np.where(person.others, np.uint8(2), np.uint8(0)))
     labelled = FrameLabels(
-        frame_id, seen.depth_mm, result.parts, result.confidence, notes=notes, persons=persons
+        frame_id, fused.depth_mm, result.parts, result.confidence, notes=notes, persons=persons
     )
     return labelled, result.probabilities
 
 
 def _calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame, list[str]]:
-    """The frame without images whose camera is not calibrated, and what was left out."""
+    """Frame without the images of uncalibrated cameras, and notes on these."""
     notes = []
     if frame.color_encoded is not None and calibration.color is None:
         frame = replace(frame, color_encoded=None)

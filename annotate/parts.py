@@ -11,8 +11,11 @@ import numpy as np
 from annotate.array_types import Bool, UInt8
 
 BACKGROUND = 0
+"""Id of everything but the labelled person."""
 UNDEFINED = 255
+"""Id of person pixels whose part is unknown."""
 N_CLASSES = 12
+"""The background and eleven parts."""
 
 
 @dataclass(frozen=True)
@@ -42,20 +45,22 @@ PARTS = (
 """All classes, indexed by id. Colours keep neighbours and twins apart on light and dark."""
 
 BODY_PARTS = PARTS[1:]
+"""All classes but the background."""
 PART_ID = {part.name: part.id for part in PARTS}
+"""Ids by machine name."""
 
 LEFT_RIGHT = ((3, 4), (5, 6), (8, 9), (10, 11))
-"""(left, right) twins."""
+"""(left, right) ids of twins."""
 
 NEIGHBOURS = frozenset(
     frozenset(pair)
     for pair in ((1, 2), (2, 3), (2, 4), (3, 5), (4, 6), (2, 7), (7, 8), (7, 9), (8, 10), (9, 11))
 )
-"""Pairs of parts joined by anatomy: the body's part tree."""
+"""Pairs of ids of parts joined by anatomy: the body's part tree."""
 
 
 def swap_left_right(labels: UInt8) -> UInt8:
-    """Exchange every left part with its right twin; any shape."""
+    """Labels uint8 of any shape, with every left part exchanged for its right twin."""
     table = np.arange(256, dtype=np.uint8)
     for left, right in LEFT_RIGHT:
         table[left], table[right] = right, left
@@ -63,12 +68,12 @@ def swap_left_right(labels: UInt8) -> UInt8:
 
 
 def on_body(labels: UInt8) -> Bool:
-    """Where a body part is named: neither the background nor undefined; any shape."""
+    """Flags of labels of a body part, neither background nor undefined; any shape."""
     return np.asarray((labels != BACKGROUND) & (labels != UNDEFINED))
 
 
 def palette_rgb() -> UInt8:
-    """Colours (256, 3) by id, for palette PNGs and pictures; undefined is grey, unused ids black."""
+    """Colours uint8 (256, 3) by id, for palette PNGs and pictures; undefined is grey, unused ids black."""
     palette = np.zeros((256, 3), np.uint8)
     for part in PARTS:
         palette[part.id] = part.rgb

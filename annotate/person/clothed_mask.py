@@ -65,8 +65,7 @@ class Clue(IntEnum):
 MOST_PERSON_ODDS = 6.0
 """Bound of the log odds of being the person's. Chosen by eye."""
 LOOSE = 0.5
-"""Weight of the mask's pieces apart from the largest: warm things near a person are laptops as often as legs.
-Chosen by eye."""
+"""Weight of the mask's smaller pieces: a warm thing is a laptop as often as a leg. Chosen by eye."""
 GAP_PX = 5
 """Twice the width in pixels of a gap that parts two pieces. Chosen by eye."""
 

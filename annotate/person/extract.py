@@ -40,8 +40,7 @@ from annotate.person.warm_window import WINDOW_C, find_window
 from annotate.suit.palette import Suit
 
 LOCAL_M = 0.3
-"""Half side in metres of the window in which person and background temperatures are compared. Chosen by
-eye."""
+"""Half side in metres of the window that temperatures are compared in. Chosen by eye."""
 COLD_REACH_M = 0.3
 """Metres along a surface that a cold temperature holds for pixels without one. Chosen by eye."""
 SURROUNDINGS_M = 0.4
@@ -59,11 +58,9 @@ LEARNT_PX = 10
 RIM_JUMP = 0.05
 """Depth difference, as a share of the depth, of a rim: 10 cm at 2 m. Chosen by eye."""
 EDGES_PX = 25
-"""Pixels around warm surface within which silhouettes are compared with the temperatures: four degrees.
-Chosen by eye."""
+"""Pixels around warm surface whose silhouettes are compared: four degrees. Chosen by eye."""
 BESIDE_PX = 45
-"""Pixels around the subject within which surface as cold as the room may be theirs: a lower leg. Chosen by
-eye."""
+"""Pixels around the subject that surface as cold as the room (a lower leg) may lie in. Chosen by eye."""
 LEAST_BESIDE = -3.0
 """Least log odds of such a surface: no plane of the room. Chosen by eye."""
 BODY_M = 1.3

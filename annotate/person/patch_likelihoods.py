@@ -33,8 +33,7 @@ NEVER_ALIKE = -1.0
 MOST_M2 = np.array([0.035, 0.13, 0.033, 0.033, 0.028, 0.028, 0.045, 0.06, 0.06, 0.056, 0.056])
 """Largest visible surface (11,) of each part in m2, measured over 107 frames of 36 people of the rig."""
 LARGER = 14.0
-"""Log cost of a surface e times larger than that; it grows with the square of the logarithm. Chosen by
-eye."""
+"""Log cost of a surface e times larger; grows with the logarithm's square. Chosen by eye."""
 PART_WARMTH = np.array([1.13, 0.97, 0.84, 0.84, 0.77, 0.77, 0.94, 0.86, 0.86, 0.58, 0.58])
 """Mean relative warmth (11,) of each part, measured over the same frames."""
 PART_WARMTH_SD = np.array([0.25, 0.08, 0.13, 0.13, 0.22, 0.22, 0.12, 0.13, 0.13, 0.22, 0.22])
@@ -44,11 +43,9 @@ WARMTH_SCORE_WEIGHT = 0.5
 WARMTH_COST = 8.0
 """Largest log cost of an odd temperature before the weight: a hand may have held a glass. Chosen by eye."""
 ANY_COLOR = np.where([part.id in (1, 5, 6, 10, 11) for part in BODY_PARTS], -3.0, -12.0)
-"""Log score (11,) of the oddest colour: skin, hair and shoes vary and shine more than cloth. Chosen by
-eye."""
+"""Log score (11,) of the oddest colour: skin, hair and shoes vary more. Chosen by eye."""
 ODD_M2 = np.minimum(MOST_M2, [0.035, 1, 1, 1, 0.02, 0.02, 1, 1, 1, 0.03, 0.03])
-"""Largest surface (11,) in m2 of an odd colour: a head, a hand, a shoe and half of the other. Chosen by
-eye."""
+"""Largest surface (11,) in m2 of an odd colour: head, hand, one and a half shoes. Chosen by eye."""
 PLACE_WEIGHT = 0.6
 """Weight of a patch's place among the others. Chosen by eye."""
 PLACE_COST = 10.0

@@ -16,13 +16,11 @@ from sensors.rig.nearest import Nearest
 SPECK_M2 = 0.001
 """Visible surface in m2 below which a piece is noise. Chosen by eye."""
 TRUNK_M = 0.095
-"""Radius in metres of a disc that fits on a trunk or a pelvis, and on no head, arm or thigh. Chosen by
-eye."""
+"""Radius in metres of a disc that fits on trunk or pelvis, not on head, arm or thigh. Chosen by eye."""
 CORE_M = 0.08
 """Radius in metres of the disc whose centres are a trunk's core. Chosen by eye."""
 TRUNK_JUMP = 0.08
-"""Depth step within one trunk as a share of the depth: an arm before it; another person is farther. Chosen by
-eye."""
+"""Depth step within one trunk as a share of the depth: another person is farther. Chosen by eye."""
 LEAST_CORE_M2 = 0.015
 """Least surface of a core in m2; two knees side by side are as wide, but not for long. Chosen by eye."""
 PERSON_M2 = 0.15
@@ -46,8 +44,7 @@ BESIDE_PX = 4
 PAIRS = 12
 """Pairs of nearest pixels tried: a body bends out of sight somewhere along the gap. Chosen by eye."""
 BEHIND_M = 0.05
-"""Metres behind both ends of a gap from which a reading shows that nothing joins them there. Chosen by
-eye."""
+"""Metres behind both ends of a gap of a reading that shows it open. Chosen by eye."""
 OPEN_M = 0.08
 """Length in metres of such readings up to which the join may be hidden. Chosen by eye."""
 OPEN_SHARE = 0.25

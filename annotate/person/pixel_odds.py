@@ -13,18 +13,15 @@ LEAST_CONTRAST_C = 1.0
 """Least difference in degrees Celsius between person and background that a share is taken of: a camera's
 noise and a room's unevenness are 0.3 each. Chosen by eye."""
 UNEVEN_C = 2.0
-"""Degrees Celsius by which walls and floor may be colder than the room's commonest temperature. Chosen by
-eye."""
+"""Degrees Celsius of walls and floor below the room's commonest temperature. Chosen by eye."""
 COLD_SHARE = 0.25
-"""Share of the way from the background's temperature to the person's below which a pixel is background.
-Chosen by eye."""
+"""Share of warmth (0 background, 1 person) below which a pixel is background. Chosen by eye."""
 UNSURE_SHARE = 0.22
 """The same share at which temperature is neutral: cold cloth and hair reach down to 0.2. Chosen by eye."""
 STEEPNESS = 8.0
 """Log odds per unit of that share. Chosen by eye."""
 MOST_BY_WARMTH = 3.0
-"""Bound of the log odds of temperature: the lens blurs a silhouette over a third of a person's warmth. Chosen
-by eye."""
+"""Bound of the log odds of temperature: the lens blurs silhouettes. Chosen by eye."""
 HOT_MARGIN_C = 2.0
 """Degrees Celsius above the window from which nothing is a person: a PI200's accuracy (Optris)."""
 BY_HEAT = -4.0
@@ -32,8 +29,7 @@ BY_HEAT = -4.0
 ON_PLANE = -4.0
 """Log odds of lying on a plane of the room, which is large or has cold points about. Chosen by eye."""
 ON_WARM_PLANE = -1.0
-"""Log odds of lying on a small plane that is all warm, as a chest with the back rest's slant. Chosen by
-eye."""
+"""Log odds of lying on a small, all warm plane: a chest can be flat. Chosen by eye."""
 OFF_PLANES = 0.6
 """Log odds of a surface off all planes: most of a room is flat. Chosen by eye."""
 PLANE_COLD_SHARE = 0.2

@@ -13,30 +13,24 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 MOST_PLANES = 16
 """Planes sought in one cloud. Chosen by eye."""
 MIN_PLANE_M2 = 0.12
-"""Least visible surface of a plane in m2, seen head-on: flat patches of a body (back, thigh) are smaller.
-Chosen by eye."""
+"""Least visible surface of a plane in m2: flat patches of a body (back, thigh) are smaller. Chosen by eye."""
 MIN_COLD_PLANE_M2 = 0.04
-"""The same in m2 among cold points, where no body can be meant: an arm rest, a table's edge. Chosen by
-eye."""
+"""The same among cold points, where no body can be: an arm rest, a table's edge. Chosen by eye."""
 MIN_PANEL_M2 = 0.025
 """The same in m2 among warm points, for a free-standing panel: half of a laptop's lid. Chosen by eye."""
 PANEL_RADIUS_M = 0.07
-"""Least radius in metres of a panel's largest disc: half the breadth of a shin or an arm is less. Chosen by
-eye."""
+"""Least radius in metres of a panel's largest disc: shins and arms are narrower. Chosen by eye."""
 BEND_M = 0.03
-"""Metres within which the surface beside a flat patch of a body bends away over four pixels. Chosen by
-eye."""
+"""Metres that a body's surface bends away by within four pixels of a flat patch. Chosen by eye."""
 FREE_SHARE = 0.78
 """Least share of a panel's rim with something more than ``BEND_M`` behind it. Chosen by eye."""
 TOLERANCE = 0.006
 """Distance to a plane as a share of the depth: 12 mm at 2 m, three times a Kinect v2's measured noise
 (Fankhauser et al. 2015)."""
 LEAST_COSINE = 0.94
-"""Least cosine between the normals of a point and its plane, 20 degrees: a limb on a seat is not the seat.
-Chosen by eye."""
+"""Least cosine between a point's and its plane's normals: a limb on a seat is turned. Chosen by eye."""
 NORMAL_JUMP = 0.02
-"""Depth difference, as a share of the depth, beyond which a neighbour is of another surface. Chosen by
-eye."""
+"""Depth difference, as a share of the depth, to a neighbour on another surface. Chosen by eye."""
 STRIDE = 3
 """Pixels between the rows and the columns in which planes are sought. Chosen by eye."""
 SAMPLE = 3000

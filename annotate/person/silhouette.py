@@ -21,8 +21,7 @@ STEP = 0.6 * JUMP
 CREASE = 0.08
 """1 - cosine between normals that weakens it so: 23 degrees. Chosen by eye."""
 EDGE_LAB = 18.0
-"""Standard deviation of 8-bit CIE Lab distances within one material, folds and noise included. Chosen by
-eye."""
+"""Standard deviation of 8-bit CIE Lab distances within one material. Chosen by eye."""
 COUPLING = 1.2
 """Log odds that a certain neighbour adds over a full link. Chosen by eye."""
 FIELD_ROUNDS = 6

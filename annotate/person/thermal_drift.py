@@ -21,8 +21,7 @@ from sensors.rig.rig_calibration import RigCalibration
 AROUND_PX = 40
 """Distance in pixels from warm pixels within which silhouettes count. Chosen by eye."""
 GROUPS = 8
-"""Groups of frames whose spread gives the standard deviation; the least number of frames too. Chosen by
-eye."""
+"""Groups of frames that give the standard deviation; least number of frames. Chosen by eye."""
 TOLERABLE_DEG = 0.5
 """Largest drift in degrees that fusing and extraction allow for: one pixel of a PI200 with its 72 degree
 lens."""

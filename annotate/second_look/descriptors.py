@@ -76,8 +76,7 @@ LEAST_BARE_BLUR = 0.02
 TINY_M2 = 1e-5
 """Surface in m2 added before a logarithm. Chosen by eye."""
 STILL_MM = 80
-"""Change of depth in millimetres since the previous frame within which the thing is the same. Chosen by
-eye."""
+"""Change of depth in millimetres within which a pixel shows the same thing. Chosen by eye."""
 CLEAR_BELIEF = 0.5
 """Belief from which on a supervoxel counts for its part's middle. Chosen by eye."""
 LEAST_PART_M2 = 0.002

@@ -27,8 +27,7 @@ FAR_M = 0.3
 CUFF_WEIGHT = 4.0
 """Log odds of growing out of one cuff, against another that far away. Chosen by eye."""
 LIKELY_BARE = -2.0
-"""Log odds against cloth from which on a colour may be bare: a sleeve can be orange as skin is. Chosen by
-eye."""
+"""Log odds from which on a colour may be bare: a sleeve can be orange as skin is. Chosen by eye."""
 CLEAR_PART = 0.5
 """Belief from which on a supervoxel counts as a part's. Chosen by eye."""
 

@@ -42,8 +42,7 @@ LEAST_BELIEF = 1e-4
 MOST_MARGIN = 4.0
 """Bound of ``margin``. Chosen by eye."""
 COLDEST_C = 6.0
-"""Bound of ``cold`` and, below, of ``contrast`` in degrees Celsius; half of its upper bound. Chosen by
-eye."""
+"""Bound in degrees Celsius of ``cold``, and of ``contrast``, above twice that. Chosen by eye."""
 FARTHEST_PX = 20
 """Bound of the pixels to the outline. Chosen by eye."""
 SAME_PX = 7

@@ -14,15 +14,13 @@ from annotate.suit.palette import chromaticity
 WARMTH_WEIGHT = 0.3
 """Weight of a supervoxel's temperature. Chosen by eye."""
 WARMTH_FLOOR = -4.0
-"""Least log density of a temperature before the weight: no mug held, no draught excludes a part. Chosen by
-eye."""
+"""Least log density of a temperature: no mug, no draught excludes a part. Chosen by eye."""
 EARLIER_WEIGHT = 0.5
 """Weight of the previous frame's log probabilities. Chosen by eye."""
 ANOTHER = 0.8
 """Probability that the previous frame shows another person or pose, before any comparison. Chosen by eye."""
 FULL_EVIDENCE = 3.0
-"""Number of independent colours that a large supervoxel's colours are worth: they share their light. Chosen
-by eye."""
+"""Independent colours that a large supervoxel's colours, under one light, are worth. Chosen by eye."""
 HALF_POINTS = 10.0
 """Points of a supervoxel whose colours are worth half of that. Chosen by eye."""
 LEAST_BLUR = 0.02

@@ -33,8 +33,7 @@ LEAST_POINTS = 15
 FULL_POINTS = 40
 """Points from which on a patch's colour has its full weight. Chosen by eye."""
 MEAN_BLUR = 0.5
-"""Uncertainty of a patch's mean colour as a share of its points': the light's part is common to all. Chosen
-by eye."""
+"""Uncertainty of a patch's mean colour as a share of its points'. Chosen by eye."""
 NARROW = 8
 """Labellings followed in every light at first. Chosen by eye."""
 NARROW_PATCHES = 8

@@ -17,8 +17,7 @@ STRIDE = 4
 DOUBT = 1.0
 """Weight of the uniform distribution, against one earlier point at the very place. Chosen by eye."""
 LEAST_AGREEMENT = 0.6
-"""Share of agreement between earlier parts and colours below which the frames show two persons. Chosen by
-eye."""
+"""Agreement of earlier parts with colours below which two persons are seen. Chosen by eye."""
 CLEAR_BELIEF = 0.7
 """Belief by colour from which on a supervoxel counts in that share. Chosen by eye."""
 CLEAR_EARLIER = 0.5

@@ -8,8 +8,7 @@ from annotate.array_types import Bool, Float32, Float64, Int32, UInt8
 NEIGHBOUR = 0.5
 """Log score that each of the eight neighbours adds to its own part at a pixel. Chosen by eye."""
 JUMP_M = 0.03
-"""Depth difference in metres between neighbours from which on they lie on different surfaces. Chosen by
-eye."""
+"""Depth difference in metres of neighbours on different surfaces. Chosen by eye."""
 REFINE_ROUNDS = 6
 """Rounds of iterated conditional modes at most. Chosen by eye."""
 

@@ -30,8 +30,7 @@ LEAST_SIGMA = 0.02
 SIGMA_POINTS = 60.0
 """Number of points that the expected standard deviation is worth. Chosen by eye."""
 FADE = 0.1
-"""Expected fading by washing and sun: share of the way from a cloth's chromaticity to the light's. Chosen by
-eye."""
+"""Expected fading: share of the way from a cloth's chromaticity to the light's. Chosen by eye."""
 FADE_SIGMA = 0.2
 """Standard deviation of that share. Chosen by eye."""
 HUE_SIGMA = 0.03
@@ -55,8 +54,7 @@ POINT_WORTH = 0.2
 GAIN_POINTS = 100.0
 """Number of points that a frame's colours are worth against the gains' prior. Chosen by eye."""
 STRAY = 0.02
-"""Likelihood of any colour on any part, against a swatch's best: reflections, toys, a mended sleeve. Chosen
-by eye."""
+"""Likelihood of any colour on any part, against a swatch's best: reflections, toys. Chosen by eye."""
 FIT_ROUNDS = 3
 """Rounds of expectation maximisation. Chosen by eye."""
 FITTED_POINTS = 2000
