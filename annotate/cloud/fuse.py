@@ -56,8 +56,8 @@ class Fuser:
         CalibrationError when an image's size is not its camera's, or the calibration has no such camera.
         """
         _check("depth", depth_mm, self.camera)
-        undistorted, depth_m = _undistort(np.ascontiguousarray(depth_mm).ravel(), self._source)
-        points = _points(depth_m, self._rays)
+        undistorted, points = _undistort(np.ascontiguousarray(depth_mm).ravel(), self._source, self._rays)
+        depth_m = np.ascontiguousarray(points[..., 2])
         color, seen = np.zeros(points.shape, np.uint8), np.zeros(undistorted.shape, np.bool_)
         temperature = np.full(undistorted.shape, np.nan, np.float32)
         if color_rgb is not None:
@@ -108,28 +108,21 @@ def _check(name: str, image: NDArray[Any], camera: Intrinsics) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _undistort(depth_mm: UInt16, source: Int32) -> tuple[UInt16, Float32]:
-    """Undistorted depth (h, w) in millimetres, and in metres with NaN where there is none."""
+def _undistort(depth_mm: UInt16, source: Int32, rays_xy: Float32) -> tuple[UInt16, Float32]:
+    """Undistorted depth (h, w) in millimetres, and its points (h, w, 3) in metres, NaN where there is none.
+
+    depth_mm: flat. source: (h, w), index into it, -1 = none. rays_xy: (h, w, 2), rays at depth 1.
+    """
     undistorted = np.zeros(source.shape, np.uint16)
-    depth_m = np.full(source.shape, np.float32(np.nan))
+    points = np.full((*source.shape, 3), np.float32(np.nan))
     for v in range(source.shape[0]):
         for u in range(source.shape[1]):
             if source[v, u] >= 0 and depth_mm[source[v, u]] > 0:
                 undistorted[v, u] = depth_mm[source[v, u]]
-                depth_m[v, u] = np.float32(undistorted[v, u]) / np.float32(1000)
-    return undistorted, depth_m
-
-
-@njit(cache=True, nogil=True)
-def _points(depth_m: Float32, rays_xy: Float32) -> Float32:
-    """Points (h, w, 3) in metres from depths (h, w) and rays (h, w, 2) at depth 1."""
-    points = np.empty((*depth_m.shape, 3), np.float32)
-    for v in range(depth_m.shape[0]):
-        for u in range(depth_m.shape[1]):
-            points[v, u, 0] = rays_xy[v, u, 0] * depth_m[v, u]
-            points[v, u, 1] = rays_xy[v, u, 1] * depth_m[v, u]
-            points[v, u, 2] = depth_m[v, u]
-    return points
+                z = np.float32(undistorted[v, u]) / np.float32(1000)
+                points[v, u, 0], points[v, u, 1] = rays_xy[v, u, 0] * z, rays_xy[v, u, 1] * z
+                points[v, u, 2] = z
+    return undistorted, points
 
 
 @njit(cache=True, nogil=True)

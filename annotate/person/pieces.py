@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from annotate.array_types import Bool, Float64, Index, Int32
+from annotate.array_types import Bool, Float64, Int32
 from annotate.cloud.grid import components
 from annotate.cloud.thermal_cloud import ThermalCloud
 
@@ -20,25 +20,21 @@ MOST_PERSON_M = 2.4
 class Piece:
     """One connected piece of a cloud.
 
-    label: its id in the label image. area_m2: its visible surface, taken as seen head-on.
-    window: (top, left, bottom, right) in pixels, the last two exclusive.
-    thickness_m: the least standard deviation of its points over all directions. low_m, high_m: its bounding
-    box (3,), centre_m: the mean of its points (3,), depth camera's frame.
+    label: its id in the label image. area_m2: its visible surface, taken as seen head-on. extent_m: the
+    longest side of its bounding box. thickness_m: the least standard deviation of its points over all
+    directions. centre_m: the mean of its points (3,), depth camera's frame.
     """
 
     label: int
     area_m2: float
-    window: tuple[int, int, int, int]
+    extent_m: float
     thickness_m: float
-    low_m: Float64
-    high_m: Float64
     centre_m: Float64
 
     @property
     def is_human_sized(self) -> bool:
         """Whether a person, or the visible part of one, can have this surface and extent."""
-        extent = float((self.high_m - self.low_m).max())
-        return MIN_PERSON_M2 <= self.area_m2 <= MOST_PERSON_M2 and extent <= MOST_PERSON_M
+        return MIN_PERSON_M2 <= self.area_m2 <= MOST_PERSON_M2 and self.extent_m <= MOST_PERSON_M
 
 
 def pieces_of(cloud: ThermalCloud, mask: Bool, least_m2: float) -> tuple[Int32, list[Piece]]:
@@ -56,17 +52,10 @@ def pieces_of(cloud: ThermalCloud, mask: Bool, least_m2: float) -> tuple[Int32, 
     first = np.searchsorted(label[order], np.arange(count + 2))
     pieces = []
     for i in np.flatnonzero(area >= least_m2):
-        member = order[first[i] : first[i + 1]]
-        v, u = np.divmod(index[member], mask.shape[1])
-        pieces.append(_measured(int(i), float(area[i]), v, u, points[member]))
+        own = points[order[first[i] : first[i + 1]]]
+        extent_m = float((own.max(axis=0) - own.min(axis=0)).max())
+        pieces.append(Piece(int(i), float(area[i]), extent_m, _thickness_m(own), own.mean(axis=0)))
     return labels, pieces
-
-
-def _measured(label: int, area_m2: float, v: Index, u: Index, points_m: Float64) -> Piece:
-    """Piece of the points (n, 3) in metres at rows ``v`` and columns ``u`` (n,)."""
-    window = int(v.min()), int(u.min()), int(v.max()) + 1, int(u.max()) + 1
-    low, high, centre = points_m.min(axis=0), points_m.max(axis=0), points_m.mean(axis=0)
-    return Piece(label, area_m2, window, _thickness_m(points_m), low, high, centre)
 
 
 def _thickness_m(points_m: Float64) -> float:
