@@ -8,11 +8,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Float32, Float64, Int32, UInt8
 from annotate.crop import window_of
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
 from synth.appearance.outfit import GAMMA
-from synth.surface.arrays import Float32, Float64, Int32, UInt8
 from synth.surface.rasterize import EXACT
 
 JPEG_QUALITY = 90

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from annotate.array_types import Float32, Float64
 from sensors.rig.camera import Intrinsics
 from synth.appearance.paint import Surfaces
-from synth.surface.arrays import Float32, Float64
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import EXACT, Mesh, rasterize
 from synth.surface.viewpoint import look_at

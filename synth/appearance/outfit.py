@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from skimage.color import lab2rgb, rgb2lab
 
+from annotate.array_types import Float32, Float64, Int32, UInt8
 from annotate.parts import N_CLASSES, NEIGHBOURS, PART_ID
 from annotate.suit.palette import Suit
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
-from synth.surface.arrays import Float32, Float64, Int32, UInt8
 
 SKIN, HAIR, SHOE = 12, 13, 14
 N_ZONES = 15

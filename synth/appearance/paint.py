@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from annotate.array_types import Float32, Float64, Int32, Int64, UInt8
 from annotate.parts import N_CLASSES
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
@@ -23,7 +24,6 @@ from synth.appearance.outfit import (
     Outfit,
 )
 from synth.appearance.room_colors import RoomColors
-from synth.surface.arrays import Float32, Float64, Int32, Int64, UInt8
 from synth.surface.facets import Triple, cross, dot, edge, mix, mix_column, shares, unit
 from synth.surface.rasterize import EXACT, Mesh, ZBuffer
 from synth.surface.texture import noise_tile, smooth_noise, wavelength_cells

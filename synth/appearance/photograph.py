@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from annotate.array_types import Float32, Float64, Int32
 from annotate.suit.palette import Suit
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
@@ -27,7 +28,6 @@ from synth.appearance.light import EVEN_LIGHT, Lighting, LightSpread, illuminate
 from synth.appearance.outfit import Outfit, Wear
 from synth.appearance.paint import paint
 from synth.appearance.room_colors import RoomColors, paint_room, plain_room
-from synth.surface.arrays import Float32, Float64, Int32
 from synth.surface.rasterize import Mesh, rasterize
 
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Float64, UInt8
 from synth.appearance.outfit import GAMMA
-from synth.surface.arrays import Float64, UInt8
 from synth.surface.furniture import Surface
 from synth.surface.texture import wavelength_cells
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numba
 import numpy as np
 
+from annotate.array_types import Float32, Float64, Int32, UInt8
 from sensors.errors import FormatError
 from sensors.files.atomic import replacing
 from sensors.files.npz import load_arrays
 from sensors.rig.camera import FloatArray
 from synth.body.skeleton import N_JOINTS, Posture, alignment, forward
-from synth.surface.arrays import Float32, Float64, Int32, UInt8
 
 BONES_PER_VERTEX = 4
 """Joints that may move a vertex; the strongest of anny's."""

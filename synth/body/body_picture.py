@@ -7,12 +7,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Float64, UInt8
 from annotate.parts import PARTS
 from sensors.files.atomic import write_bytes
 from sensors.rig.camera import Intrinsics
 from synth.body.body import Body
 from synth.body.skeleton import PARENTS
-from synth.surface.arrays import Float64, UInt8
 from synth.surface.rasterize import rasterize
 
 MOST_BODIES = 64

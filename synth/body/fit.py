@@ -7,12 +7,12 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
+from annotate.array_types import Float32, Float64, UInt8
 from sensors.errors import CloudError
 from synth.body.body import BONES_PER_VERTEX, DENSITY_KG_M3, Body, volume_m3
 from synth.body.body_table import BodySize
 from synth.body.part_border import PartSkin, cut_into_parts
 from synth.body.skeleton import JOINTS, N_JOINTS
-from synth.surface.arrays import Float32, Float64, UInt8
 
 PHENOTYPES = ("gender", "age", "muscle", "weight", "height", "proportions")
 ADULT_AGE = 0.5

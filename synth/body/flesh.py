@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from annotate.array_types import Float32, Float64, Int64
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID, N_JOINTS, alignment
-from synth.surface.arrays import Float32, Float64, Int64
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from annotate.array_types import Bool
 from annotate.parts import PART_ID
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
-from synth.surface.arrays import Bool
 
 
 def hair_faces(body: Body) -> Bool:

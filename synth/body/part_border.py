@@ -11,9 +11,9 @@ from functools import partial
 import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
 
+from annotate.array_types import Float32, Float64, Int32, Int64, UInt8
 from annotate.parts import PART_ID
 from synth.body.skeleton import JOINT_ID
-from synth.surface.arrays import Float32, Float64, Int32, Int64, UInt8
 
 Level = Callable[[Float64], Float64]
 SNAP_M = 0.001

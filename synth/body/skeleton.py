@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from synth.surface.arrays import Float64
+from annotate.array_types import Float64
 
 
 @dataclass(frozen=True)

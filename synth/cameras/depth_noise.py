@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from annotate.array_types import Bool, Float32
 from sensors.rig.camera import Intrinsics
-from synth.surface.arrays import Bool, Float32
 from synth.surface.rasterize import EXACT
 
 Number = np.float32

@@ -4,8 +4,8 @@ import cv2
 import numba
 import numpy as np
 
+from annotate.array_types import Float32
 from sensors.rig.camera import Intrinsics
-from synth.surface.arrays import Float32
 from synth.surface.rasterize import EXACT
 
 STRIDE = 12

@@ -6,10 +6,10 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from annotate.array_types import Float64, Int32
 from sensors.rig.camera import Intrinsics, distort
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import Pose, RigCalibration
-from synth.surface.arrays import Float64, Int32
 from synth.surface.rasterize import ZBuffer, rasterize
 
 # A real Kinect v2 (serial 196605135147 of iai_kinect2, Apache-2.0): lens of the colour camera and its pose.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from synth.surface.arrays import Float32, Float64
+from annotate.array_types import Float32, Float64
 from synth.surface.rasterize import ZBuffer
 
 SUPERSAMPLE = 3

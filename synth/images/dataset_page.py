@@ -10,6 +10,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from numpy.typing import NDArray
 
+from annotate.array_types import Int64, UInt8
 from annotate.crop import SIZE, normalize
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import Dataset, read_shard
@@ -23,7 +24,6 @@ from synth.images.statistics import (
     Statistics,
     statistics_of,
 )
-from synth.surface.arrays import Int64, UInt8
 
 PAGE = "index.html"
 SHEET_COLUMNS, SHEET_ROWS = 8, 3

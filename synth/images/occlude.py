@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from synth.surface.arrays import Bool, Float64
+from annotate.array_types import Bool, Float64
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh
 from synth.surface.shapes import box

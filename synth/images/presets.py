@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.crop import SIZE, Crop, crop_around
 from annotate.frame_labels import FrameLabels
 from sensors.errors import CloudError
@@ -21,7 +22,6 @@ from synth.pose.moment import Posed
 from synth.pose.recumbent import FALLEN, IN_BED, lie
 from synth.pose.sitting import SITTING, sit
 from synth.pose.upright import UPRIGHT, rise
-from synth.surface.arrays import Bool, Float32, Float64, UInt8
 from synth.surface.furniture import Bed, Chair, Ground, Sofa
 from synth.surface.rasterize import Mesh, merge
 from synth.surface.viewpoint import beside, look_at

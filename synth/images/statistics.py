@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from annotate.array_types import Float64, Int64
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES
 from synth.body.skeleton import JOINT_ID, N_JOINTS
-from synth.surface.arrays import Float64, Int64
 
 DEPTH_EDGES_MM = np.arange(500, 4501, 100)
 AZIMUTH_EDGES_DEG = np.arange(-180, 181, 15)

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numba
 import numpy as np
 
+from annotate.array_types import Bool, Float32, Float64, Int64, UInt8
 from annotate.parts import BACKGROUND, N_CLASSES
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE as CAMERA
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body
-from synth.surface.arrays import Bool, Float32, Float64, Int64, UInt8
 from synth.surface.rasterize import NEAR_M, Mesh, rasterize
 
 BORDER_PX = 4

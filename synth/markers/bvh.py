@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from annotate.array_types import Float64
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_bounded
 from synth.body.skeleton import JOINT_ID
 from synth.markers.marker_files import Markers
 from synth.markers.markerset import MIN_MARKERS, MarkerSet
-from synth.surface.arrays import Float64
 
 MAX_FILE_BYTES = 300_000_000
 """A quarter of an hour of 100 joints at 120 frames/s."""

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from annotate.array_types import Bool, Float64, Int64
 from synth.body.skeleton import _SIGNS as ANGLE_SIGNS
 from synth.body.skeleton import JOINTS, LIMITS_RAD, PARENTS, rotations
-from synth.surface.arrays import Bool, Float64, Int64
 
 
 class Tree(NamedTuple):

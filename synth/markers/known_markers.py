@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from annotate.array_types import Bool, Float64
 from sensors.errors import CloudError
 from synth.body.skeleton import JOINTS, shortest_arc
 from synth.markers.marker_files import UNITS_M, Markers
 from synth.markers.markerset import MIN_MARKERS, MarkerSet, key_of
-from synth.surface.arrays import Bool, Float64
 
 PERSON_M = (0.5, 3.0)
 """Diagonal of the box about a person's markers in any posture, metres: least and most. Chosen by eye."""

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Float64
 from sensors.errors import CloudError, FormatError
-from synth.surface.arrays import Float64
 
 MAX_FILE_BYTES = 1_000_000_000
 """Of a C3D, which may hold force plates and muscle signals too, or a TRC."""

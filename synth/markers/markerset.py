@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from annotate.array_types import Float64, Int64
 from sensors.errors import CloudError, FormatError
 from sensors.files.toml_file import read_toml
 from synth.body.skeleton import JOINT_ID
-from synth.surface.arrays import Float64, Int64
 
 MIN_MARKERS = 8
 """Known names without which a set does not fit a recording. Chosen by eye."""

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
+from annotate.array_types import Float32, Float64, Int64, UInt8
 from sensors.errors import FormatError
 from sensors.files.atomic import check_free, replacing
 from sensors.files.npz import array_sizes, load_arrays
 from synth.body.body import Body
 from synth.body.skeleton import N_JOINTS, Posture
 from synth.markers.person_fit import leg_length_m, zero_bones
-from synth.surface.arrays import Float32, Float64, Int64, UInt8
 
 SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
 """Status of a marker in a frame: as it is; bridged over a short gap; missing; thrown out; relabelled."""

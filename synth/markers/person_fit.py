@@ -5,13 +5,13 @@ from itertools import product
 
 import numpy as np
 
+from annotate.array_types import Float64, Int64
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Posture, alignment, forward
 from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.markerset import MarkerSet
 from synth.markers.positive_systems import solve_positive
 from synth.markers.posture_fit import Basis, Observed, Prior, fit_posture, shape_normal
-from synth.surface.arrays import Float64, Int64
 
 REFERENCE_BODY = 4
 """The shipped body of 1.70 m on which marker sets are stated."""

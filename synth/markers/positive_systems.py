@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from synth.surface.arrays import Float64
+from annotate.array_types import Float64
 
 
 @numba.njit(cache=True)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from annotate.array_types import Float64
 from synth.markers.kinematics import (
     TREE,
     State,
@@ -20,7 +21,6 @@ from synth.markers.kinematics import (
     turn,
 )
 from synth.markers.positive_systems import eliminate, solve_in_place
-from synth.surface.arrays import Float64
 
 MARKER_SIGMA_M = 0.005
 """Unit of a marker's residual: noise, soft tissue and the model's own error together. Chosen by eye."""

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from annotate.array_types import Float32, Float64, UInt8
 from sensors.errors import CloudError
 from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.known_markers import KnownMarkers, check_same_person, known_markers, up_direction
@@ -19,7 +20,6 @@ from synth.markers.person_fit import (
     posture_prior,
 )
 from synth.markers.posture_fit import ROBUST_M, Observed, Prior, fit_posture
-from synth.surface.arrays import Float32, Float64, UInt8
 
 CALIBRATION_FRAMES = 30
 STATIC_FRAMES = 10

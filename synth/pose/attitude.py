@@ -6,10 +6,10 @@ Their numbers are described in ``synth/data/poses/recumbent.toml``; flexion is f
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from annotate.array_types import Float64
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp
 from synth.pose.moment import Moment
 from synth.pose.settle import Pull, sink
-from synth.surface.arrays import Float64
 
 
 def posture_of(moment: Moment) -> Posture:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from synth.surface.arrays import Bool, Float32
+from annotate.array_types import Bool, Float32
 from synth.surface.furniture import Solid
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from annotate.array_types import Float64, Int64
 from synth.body.flesh import Flesh
-from synth.surface.arrays import Float64, Int64
 
 SKIN_M = 0.004
 """Flesh is kept this far apart: its spheres are means, the skin is not round."""

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from annotate.array_types import Float32, Float64
 from synth.body.body import Body
-from synth.surface.arrays import Float32, Float64
 
 Moment = Mapping[str, float]
 """Numbers by name: degrees, metres and shares."""

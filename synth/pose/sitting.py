@@ -4,12 +4,12 @@ their targets (``synth/data/poses/sitting.toml``), with no limb in another or in
 
 import numpy as np
 
+from annotate.array_types import Float32, Float64
 from synth.body.body import Body, pose
 from synth.body.flesh import flesh_of
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, reach
 from synth.pose.moment import Behaviour, Moment, Posed, pose_families
 from synth.pose.settle import Pull, settle, sink
-from synth.surface.arrays import Float32, Float64
 from synth.surface.furniture import FLOOR, Seat
 
 KNEE_ROOM_M = 0.07

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from annotate.array_types import Float32
 from synth.body.body import Body, pose
 from synth.body.flesh import flesh_of
 from synth.body.skeleton import Posture
@@ -9,7 +10,6 @@ from synth.pose.attitude import posture_of, pulls_of
 from synth.pose.contact import height_to_rest
 from synth.pose.moment import Behaviour, Moment, Posed, pose_families
 from synth.pose.settle import settle
-from synth.surface.arrays import Float32
 from synth.surface.furniture import FLOOR, Seat
 
 SEAT_GAP_M = 0.02

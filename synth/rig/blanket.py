@@ -3,12 +3,12 @@
 import cv2
 import numpy as np
 
+from annotate.array_types import Float32, Float64, Int64
 from annotate.parts import PART_ID
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
 from synth.rig.place import Place
 from synth.rig.props import Thing, Where
-from synth.surface.arrays import Float32, Float64, Int64
 from synth.surface.furniture import Surface
 from synth.surface.shapes import grid_faces, tagged
 

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from synth.surface.arrays import Float32, Float64
+from annotate.array_types import Float32, Float64
 from synth.surface.furniture import Side, Solid
 from synth.surface.rasterize import Mesh
 from synth.surface.shapes import grid_faces, tagged

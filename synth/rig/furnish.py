@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from annotate.array_types import Float32
 from synth.body.body import Body
 from synth.rig.blanket import bed_blanket, lap_blanket
 from synth.rig.difficulty import Clutter
 from synth.rig.place import Place
 from synth.rig.props import Thing, laptop, mug, radiator, sunlit_patch, table, window
-from synth.surface.arrays import Float32
 
 ASIDE_M, ASIDE_HEIGHT_M = 0.34, (0.42, 0.56)
 """A side table's middle from the furniture's side, and its height: as sold."""

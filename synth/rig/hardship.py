@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from annotate.array_types import Bool
 from annotate.parts import N_CLASSES
 from annotate.suit.palette import MIN_CHROMA_DISTANCE, chromaticity
 from sensors.rig.camera import project
@@ -10,7 +11,6 @@ from synth.appearance.color_camera import CameraState
 from synth.appearance.outfit import GAMMA, Outfit
 from synth.appearance.warmth import SURFACE_C
 from synth.rig.stay import Cast, Tableau
-from synth.surface.arrays import Bool
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer
 

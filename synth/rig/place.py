@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from annotate.array_types import Float64
 from sensors.rig.rig_calibration import Pose
 from synth.pose.moment import Behaviour
 from synth.pose.recumbent import in_bed
 from synth.pose.sitting import on_seat
 from synth.rig.cushion import Cushion
-from synth.surface.arrays import Float64
 from synth.surface.furniture import Bed, Chair, Furniture, Seat, Sofa, Solid
 from synth.surface.viewpoint import beside, look_at
 

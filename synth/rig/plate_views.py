@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from annotate.array_types import Bool, Float32, Float64
 from sensors.calibrate.hole_plate import HolePlate
 from sensors.files.atomic import check_free, replacing
 from sensors.rig.camera import Intrinsics, distort, rays
@@ -18,7 +19,6 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
 from sensors.session.writer import SessionWriter
 from synth.appearance.color_camera import encode
-from synth.surface.arrays import Bool, Float32, Float64
 
 BACKING_M = 0.03
 """How far the warm backing lies behind the plate."""

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from annotate.array_types import Float32, Float64, Int64
 from annotate.parts import PART_ID
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
-from synth.surface.arrays import Float32, Float64, Int64
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh, merge
 from synth.surface.shapes import box, tagged

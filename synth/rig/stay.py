@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from annotate.array_types import Float32, Float64, Int32
 from annotate.suit.palette import Suit
 from sensors.rig.rig_calibration import Pose
 from synth.appearance.outfit import Outfit, dress, dress_plainly
@@ -20,7 +21,6 @@ from synth.rig.difficulty import Difficulty
 from synth.rig.furnish import furnish
 from synth.rig.place import ROOM_FRONT_Y_M, ROOM_HALF_WIDTH_M, SCENES
 from synth.rig.visitor import invite
-from synth.surface.arrays import Float32, Float64, Int32
 from synth.surface.furniture import Surface, empty_room
 from synth.surface.rasterize import Mesh, merge
 from synth.surface.shapes import tagged

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Float64, Int32, UInt8
 from annotate.cloud.kinect2_undistort import undistortion_index
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES, UNDEFINED
 from sensors.rig.frame import RigFrame
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from synth.cameras.depth_noise import DepthNoise
-from synth.surface.arrays import Float64, Int32, UInt8
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer
 

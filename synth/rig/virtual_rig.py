@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from annotate.array_types import Float32, Float64
 from annotate.parts import N_CLASSES
 from annotate.suit.palette import DEFAULT_SUIT, Suit
 from sensors.errors import CloudError
@@ -33,7 +34,6 @@ from synth.rig.hardship import camera_hardships, scene_hardships
 from synth.rig.place import SCENES
 from synth.rig.stay import Cast, Stay, Tableau
 from synth.rig.truth import Truth, whose_readings
-from synth.surface.arrays import Float32, Float64
 from synth.surface.rasterize import Mesh, ZBuffer
 
 FRAMES_PER_SECOND = 2.0

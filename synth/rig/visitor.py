@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from annotate.array_types import Float32, Float64
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body
 from synth.pose.moment import Behaviour, Moment
@@ -12,7 +13,6 @@ from synth.pose.sitting import on_seat
 from synth.pose.upright import on_legs
 from synth.rig.place import ROOM_HALF_WIDTH_M, Place
 from synth.rig.props import Thing, moved
-from synth.surface.arrays import Float32, Float64
 from synth.surface.furniture import Chair
 from synth.surface.rasterize import Mesh
 

@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from synth.surface.arrays import Float32, Int32
+from annotate.array_types import Float32, Int32
 from synth.surface.rasterize import EXACT
 
 Triple = tuple[float, float, float]

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from synth.surface.arrays import Float32, Float64
+from annotate.array_types import Float32, Float64
 from synth.surface.rasterize import Mesh, merge
 from synth.surface.shapes import box, sheet
 

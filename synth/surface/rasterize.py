@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from annotate.array_types import Float32, Float64, Int32
 from sensors.rig.camera import Intrinsics
-from synth.surface.arrays import Float32, Float64, Int32
 
 NEAR_M = 0.05
 """Triangles reaching nearer than this to the camera plane are dropped: nothing useful is that close."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from synth.surface.arrays import Float32, Float64, Int32
+from annotate.array_types import Float32, Float64, Int32
 from synth.surface.rasterize import Mesh
 
 

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from synth.surface.arrays import Float32
+from annotate.array_types import Float32
 from synth.surface.rasterize import EXACT
 
 TILE_CELLS = 64

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from annotate.array_types import Float64
 from sensors.rig.rig_calibration import Pose
-from synth.surface.arrays import Float64
 
 
 def look_at(eye_m: Float64, target_m: Float64, roll_rad: float = 0.0) -> Pose:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from annotate.array_types import Float32, Float64
 from annotate.parts import BODY_PARTS, PART_ID
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
-from synth.surface.arrays import Float32, Float64
 from synth.surface.furniture import Solid
 
 
