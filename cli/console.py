@@ -106,7 +106,7 @@ def cell(value: object, unit: str = "") -> str:
         case list() | tuple():
             return ", ".join(map(cell, value)) or "-"
         case _:
-            return str(value) or "-"
+            return one_line(str(value)) or "-"
     return f"{text} {unit}" if unit else text
 
 
