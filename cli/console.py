@@ -102,7 +102,7 @@ def cell(value: object, unit: str = "") -> str:
             size = abs(value)
             text = f"{value:,.0f}" if size >= 99.95 else f"{value:#.3g}" if size >= 0.1 else f"{value:.3g}"
         case Mapping():
-            return ", ".join(f"{name} {cell(one)}" for name, one in value.items()) or "-"
+            return ", ".join(f"{cell(name)} {cell(one)}" for name, one in value.items()) or "-"
         case list() | tuple():
             return ", ".join(map(cell, value)) or "-"
         case _:
@@ -125,7 +125,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str =
         shown.add_row(*map(Text, line))
     console = Console(width=shutil.get_terminal_size((WIDTH, 24)).columns, no_color=True, highlight=False)
     with console.capture() as captured:
-        console.print(*([Text(title)] if title else []), shown, sep="\n")
+        console.print(*([Text(one_line(title))] if title else []), shown, sep="\n")
     return "\n".join(line.rstrip() for line in captured.get().rstrip().split("\n"))
 
 
