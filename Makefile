@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test check bench docs wheel clean
+.PHONY: help setup system demo test check bench fuzz docs wheel clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -26,6 +26,7 @@ help:
 	echo "make test    set up, then run the tests"
 	echo "make check   set up, then run the linters, the types and the import contracts"
 	echo "make bench   set up, then run the benchmarks"
+	echo "make fuzz    set up, then fuzz every reader of files for SECONDS (60)"
 	echo "make docs    set up, then build the documentation into docs/_build"
 	echo "make wheel   set up, then build a wheel that carries its libraries, into dist/"
 	echo "make setup   system packages, .venv, pinned Python packages, the native extension"
@@ -86,6 +87,11 @@ docs: $(READY)
 
 bench: $(READY)
 	$(BIN)/python -m bench.all
+
+SECONDS ?= 60
+fuzz: $(READY)
+	$(BIN)/pip install --quiet --constraint constraints.txt 'atheris>=3'
+	$(BIN)/python -m tools.fuzz "" $(SECONDS)
 
 wheel: $(READY)
 	rm -rf build/wheel

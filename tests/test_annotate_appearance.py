@@ -11,7 +11,7 @@ from annotate.correction.appearance import Appearance
 from annotate.correction.propagate import CorrectedFrame, propagate
 from annotate.frame_labels import FrameLabels
 from sensors.rig.camera import unproject
-from tests.test_annotate_propagate import CAMERA, seen
+from tests.helpers.balls import CAMERA, seen
 
 law = settings(deadline=None, max_examples=12)
 

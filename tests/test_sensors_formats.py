@@ -1,6 +1,5 @@
 """Azure Kinect recordings, arrays, LAS clouds and others' folders become frames, or one line of refusal."""
 
-import io
 import json
 import sys
 import zipfile
@@ -28,6 +27,7 @@ from tests.helpers.samples import (
     azure_jpeg,
     azure_mkv,
     element,
+    las,
 )
 
 NUMBERS = {"fx": 30, "fy": 31.0, "cx": 15.5, "cy": 11.5, "width": 32, "height": 24}
@@ -189,17 +189,6 @@ def test_of_an_archive_only_what_is_needed_is_unpacked(tmp_path, monkeypatch):
 
 
 # LAS
-
-
-def las(points: np.ndarray, offset: float, compressed: bool) -> bytes:
-    laspy = pytest.importorskip("laspy")
-    header = laspy.LasHeader(point_format=0, version="1.2")
-    header.offsets, header.scales = np.full(3, offset), np.full(3, 0.001)
-    cloud = laspy.LasData(header)
-    cloud.xyz = points + offset
-    stream = io.BytesIO()
-    cloud.write(stream, do_compress=compressed)
-    return stream.getvalue()
 
 
 @pytest.mark.parametrize("offset", [0.0, 500_000.0])

@@ -276,7 +276,7 @@ def test_real_recordings(shared_data, name, static, median_mm, rms_mm):
 
 
 def test_command(tmp_path, truth):
-    from tests.test_synth_markers import write_trc
+    from tests.helpers.marker_samples import write_trc
 
     app = typer.Typer(pretty_exceptions_enable=False)
     app.command()(cli.motion.solve)

@@ -3,8 +3,11 @@
 import json
 import shutil
 import tempfile
+import traceback
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -19,6 +22,14 @@ from annotate.labelset.dataset import validate as validate_dataset
 from annotate.labelset.store import LabelSet
 from annotate.labelset.store import validate as validate_labels
 from annotate.suit.palette import DEFAULT_SUIT, load_suit, suit_to_toml
+from eval.compare.compare import compare_sets
+from eval.compare.results import Result, load_result, save_result
+from eval.network.checkpoint import load_weights, save_weights
+from eval.network.compact import CompactConfig
+from eval.network.export import export_onnx
+from eval.network.networks import build
+from eval.network.onnx_network import OnnxNetwork
+from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
 from sensors.recording.rig_file import load_rig
 from sensors.rig.calibration_yaml import read_yaml, write_yaml
@@ -28,6 +39,14 @@ from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration, 
 from sensors.session.mcap_records import record_offsets, records_at
 from sensors.session.repair import Copier, repair
 from sensors.session.writer import SessionWriter
+from synth.body.skeleton import N_JOINTS
+from synth.markers.bvh import read_bvh
+from synth.markers.marker_files import read_markers
+from synth.markers.markerset import load_marker_set
+from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_motion
+from tests.helpers.bags import STORAGES, realsense, write_bag
+from tests.helpers.marker_samples import bvh_text, positions, write_c3d, write_trc
+from tests.helpers.samples import azure_mkv, las
 
 CAMERA = Intrinsics(16, 12, 20.0, 21.0, 7.5, 5.5)
 RIG = RigCalibration(CAMERA, CAMERA, Pose.identity(), CAMERA, Pose.identity())
@@ -96,22 +115,19 @@ def _read_session(path: Path) -> None:
     exhaust(open_source(path))
 
 
-def _bag(storage: str) -> Callable[[Path], Path]:
-    def make(folder: Path) -> Path:
-        from test_sensors_bag import STORAGES, realsense, write_bag
+def _bag(storage: str, folder: Path) -> Path:
+    plugin = next(plugin for plugin in STORAGES if plugin.name == storage)
+    bag = write_bag(folder / "bag", plugin, realsense(2))
+    return next(file for file in bag.iterdir() if file.suffix in (".db3", ".mcap"))
 
-        plugin = next(plugin for plugin in STORAGES if plugin.name == storage)
-        bag = write_bag(folder / "bag", plugin, realsense(2))
-        return next(file for file in bag.iterdir() if file.suffix in (".db3", ".mcap"))
 
-    return make
+def _written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
 
 
 def _mkv(folder: Path) -> Path:
-    from tests.helpers.samples import azure_mkv
-
-    (folder / "x.mkv").write_bytes(azure_mkv(1))
-    return folder / "x.mkv"
+    return _written(folder / "x.mkv", azure_mkv(1))
 
 
 def _npy(folder: Path) -> Path:
@@ -129,23 +145,14 @@ def _numbers() -> dict[str, float]:
     return {"fx": 20, "fy": 21, "cx": 7.5, "cy": 5.5, "width": 16, "height": 12}
 
 
-def _cloud(suffix: str) -> Callable[[Path], Path]:
-    def make(folder: Path) -> Path:
-        FORMATS[suffix].write(iter([labelled(0)]), Companion(CAMERA), folder)
-        return folder / f"000000.{suffix}"
-
-    return make
+def _cloud(suffix: str, folder: Path) -> Path:
+    FORMATS[suffix].write(iter([labelled(0)]), Companion(CAMERA), folder)
+    return folder / f"000000.{suffix}"
 
 
-def _las(suffix: str) -> Callable[[Path], Path]:
-    def make(folder: Path) -> Path:
-        from test_sensors_formats import las
-
-        points = np.random.default_rng(0).uniform(-1, 1, (200, 3))
-        (folder / f"x.{suffix}").write_bytes(las(points, 0, suffix == "laz"))
-        return folder / f"x.{suffix}"
-
-    return make
+def _las(suffix: str, folder: Path) -> Path:
+    points = np.random.default_rng(0).uniform(-1, 1, (200, 3))
+    return _written(folder / f"x.{suffix}", las(points, 0, suffix == "laz"))
 
 
 def _images(folder: Path) -> Path:
@@ -188,35 +195,18 @@ def _read_dataset(path: Path) -> None:
     exhaust(dataset)
 
 
-def _markers(suffix: str) -> Callable[[Path], Path]:
-    def make(folder: Path) -> Path:
-        from test_synth_markers import bvh_text, positions, write_c3d, write_trc
-
-        path = folder / f"x.{suffix}"
-        if suffix == "bvh":
-            path.write_text(bvh_text())
-        else:
-            {"c3d": write_c3d, "trc": write_trc}[suffix](path, positions())
-        return path
-
-    return make
+def _markers(suffix: str, folder: Path) -> Path:
+    path = folder / f"x.{suffix}"
+    {"c3d": write_c3d, "trc": write_trc}[suffix](path, positions())
+    return path
 
 
-def _read_markers(path: Path) -> None:
-    from synth.markers.marker_files import read_markers
-
-    read_markers(path)
-
-
-def _read_bvh(path: Path) -> None:
-    from synth.markers.bvh import read_bvh
-
-    read_bvh(path)
+def _bvh(folder: Path) -> Path:
+    return _written(folder / "x.bvh", bvh_text().encode())
 
 
 def _suit(folder: Path) -> Path:
-    (folder / "suit.toml").write_text(suit_to_toml(DEFAULT_SUIT))
-    return folder / "suit.toml"
+    return _written(folder / "suit.toml", suit_to_toml(DEFAULT_SUIT).encode())
 
 
 def _rig(folder: Path) -> Path:
@@ -237,9 +227,6 @@ def _yaml(folder: Path) -> Path:
 
 
 def _result(folder: Path) -> Path:
-    from eval.compare.compare import compare_sets
-    from eval.compare.results import Result, save_result
-
     labels = LabelSet.open(_labels(folder))
     result = Result("x", compare_sets(labels, labels, workers=1))
     shutil.rmtree(labels.path)
@@ -247,51 +234,22 @@ def _result(folder: Path) -> Path:
     return folder / "r.npz"
 
 
-def _read_result(path: Path) -> None:
-    from eval.compare.results import load_result
-
-    load_result(path)
-
-
 def _onnx(folder: Path) -> Path:
-    from eval.network.compact import CompactConfig
-    from eval.network.export import export_onnx
-    from eval.network.networks import build
-
     export_onnx(build(CompactConfig((4, 4, 4, 4, 4))), folder / "w.onnx")
     return folder / "w.onnx"
 
 
-def _read_onnx(path: Path) -> None:
-    from eval.network.onnx_network import OnnxNetwork
-
-    OnnxNetwork(path)
-
-
 def _weights(folder: Path) -> Path:
-    from eval.network.checkpoint import save_weights
-    from eval.network.compact import CompactConfig
-    from eval.network.networks import build
-
     config = CompactConfig((4, 4, 4, 4, 4))
     save_weights(folder / "w.safetensors", build(config), config)
     return folder / "w.safetensors"
 
 
-def _read_weights(path: Path) -> None:
-    from eval.network.checkpoint import load_weights
-
-    load_weights(path)
-
-
-def _exported(name: str) -> Callable[[Path], Path]:
-    def make(folder: Path) -> Path:
-        companion = Companion(CAMERA)
-        FORMATS[name].write(iter([labelled(0), labelled(1)]), companion, folder)
-        companion.save(folder)
-        return folder
-
-    return make
+def _exported(name: str, folder: Path) -> Path:
+    companion = Companion(CAMERA)
+    FORMATS[name].write(iter([labelled(0), labelled(1)]), companion, folder)
+    companion.save(folder)
+    return folder
 
 
 def _read_exported(path: Path) -> None:
@@ -309,19 +267,10 @@ def _read_frames(path: Path) -> None:
 
 
 def _motion(folder: Path) -> Path:
-    from synth.body.skeleton import N_JOINTS
-    from synth.markers.motion_file import MarkerReport, Motion, save_motion
-
     report = MarkerReport(("LASI", "RASI"), np.zeros((3, 2), np.float32), np.zeros((3, 2), np.uint8), ("x",))
     motion = Motion(np.zeros((3, N_JOINTS, 3)), np.zeros((3, 3)), 100.0, 0.8, report)
     save_motion(folder / "m.npz", motion)
     return folder / "m.npz"
-
-
-def _read_motion(path: Path) -> None:
-    from synth.markers.motion_file import load_motion
-
-    load_motion(path)
 
 
 def _marker_set(folder: Path) -> Path:
@@ -330,39 +279,58 @@ def _marker_set(folder: Path) -> Path:
     return folder / "m.toml"
 
 
-def _read_marker_set(path: Path) -> None:
-    from synth.markers.markerset import load_marker_set
-
-    load_marker_set(path)
-
-
 READERS = {
     "session": Reader(_session, _read_session),
     "session-bare": Reader(_bare_session, _read_session),
-    "bag-sqlite": Reader(_bag("SQLITE3"), _read_frames),
-    "bag-mcap": Reader(_bag("MCAP"), _read_frames),
+    "bag-sqlite": Reader(partial(_bag, "SQLITE3"), _read_frames),
+    "bag-mcap": Reader(partial(_bag, "MCAP"), _read_frames),
     "mkv": Reader(_mkv, _read_frames),
     "npy": Reader(_npy, _read_frames),
     "npz": Reader(_npz, _read_frames),
-    "pcd": Reader(_cloud("pcd"), _read_frames),
-    "ply": Reader(_cloud("ply"), _read_frames),
-    "las": Reader(_las("las"), _read_frames),
-    "laz": Reader(_las("laz"), _read_frames),
+    "pcd": Reader(partial(_cloud, "pcd"), _read_frames),
+    "ply": Reader(partial(_cloud, "ply"), _read_frames),
+    "las": Reader(partial(_las, "las"), _read_frames),
+    "laz": Reader(partial(_las, "laz"), _read_frames),
     "images": Reader(_images, _read_frames),
     "labels": Reader(_labels, _read_labels),
     "dataset": Reader(_dataset, _read_dataset),
-    "c3d": Reader(_markers("c3d"), _read_markers),
-    "trc": Reader(_markers("trc"), _read_markers),
-    "bvh": Reader(_markers("bvh"), _read_bvh),
-    "motion": Reader(_motion, _read_motion),
-    "marker-set": Reader(_marker_set, _read_marker_set),
+    "c3d": Reader(partial(_markers, "c3d"), read_markers),
+    "trc": Reader(partial(_markers, "trc"), read_markers),
+    "bvh": Reader(_bvh, read_bvh),
+    "motion": Reader(_motion, load_motion),
+    "marker-set": Reader(_marker_set, load_marker_set),
     "suit": Reader(_suit, load_suit),
     "rig": Reader(_rig, load_rig),
     "calibration": Reader(_calibration, load_calibration),
     "yaml": Reader(_yaml, read_yaml),
-    "result": Reader(_result, _read_result),
-    "onnx": Reader(_onnx, _read_onnx),
-    "safetensors": Reader(_weights, _read_weights),
-    **{f"export-{name}": Reader(_exported(name), _read_exported) for name in FORMATS},
+    "result": Reader(_result, load_result),
+    "onnx": Reader(_onnx, OnnxNetwork),
+    "safetensors": Reader(_weights, load_weights),
+    **{f"export-{name}": Reader(partial(_exported, name), _read_exported) for name in FORMATS},
 }
 """By name."""
+
+
+class Sample:
+    """A reader's files in a folder, of which some are replaced before they are read."""
+
+    def __init__(self, reader: Reader, folder: Path) -> None:
+        self._read = reader.read
+        folder.mkdir(exist_ok=True)
+        self._target = reader.make(folder)
+        found = (path for path in sorted(folder.rglob("*")) if path.is_file())
+        self.files = {path: path.read_bytes() for path in found}
+
+    def fault(self, changed: dict[Path, bytes]) -> str:
+        """What reading does beside these contents: "" where it goes well or is refused in one line."""
+        for path, data in (self.files | changed).items():
+            path.write_bytes(data)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                self._read(self._target)
+        except CloudError as error:
+            return "" if str(error).isprintable() else f"message of several lines: {error!r}"
+        except Exception:
+            return traceback.format_exc()
+        return ""

@@ -1,9 +1,11 @@
 """Small valid files of formats that no package at hand writes."""
 
+import io
 import json
 
 import cv2
 import numpy as np
+import pytest
 
 DEPTH_SIZE, COLOR_SIZE = (320, 288), (1280, 720)
 """Azure Kinect, narrow field of view, binned; width, height."""
@@ -69,3 +71,15 @@ def azure_mkv(frames: int = 2, color: bytes = b"MJPG", calibration: bytes | None
         blocks = block(2, 0, depth) + block(3, 0, depth) + block(1, 5000, azure_jpeg(i))
         body += element(0x1F43B675, element(0xE7, (33_333 * i).to_bytes(4, "big")) + blocks)
     return element(0x1A45DFA3, element(0x4282, b"matroska")) + element(0x18538067, body)
+
+
+def las(points: np.ndarray, offset: float, compressed: bool) -> bytes:
+    """Points (n, 3) in metres, stored relative to an offset in metres."""
+    laspy = pytest.importorskip("laspy")
+    header = laspy.LasHeader(point_format=0, version="1.2")
+    header.offsets, header.scales = np.full(3, offset), np.full(3, 0.001)
+    cloud = laspy.LasData(header)
+    cloud.xyz = points + offset
+    stream = io.BytesIO()
+    cloud.write(stream, do_compress=compressed)
+    return stream.getvalue()

@@ -1,0 +1,34 @@
+"""The measuring tools and benchmarks: each can be imported, and the quick ones print their tables."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+from annotate.engine import Engine
+from tools.ablate import labelled, row
+from tools.measure_labels import print_figures
+
+ROOT = Path(__file__).parent.parent
+ALONE = {"tools.fuzz"}
+"""Instruments what is imported after it: it needs a process of its own, and an extra."""
+PATHS = [path for folder in ("tools", "bench") for path in (ROOT / folder).glob("*.py")]
+MODULES = sorted({f"{path.parent.name}.{path.stem}" for path in PATHS} - ALONE)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_a_tool_can_be_imported(name):
+    importlib.import_module(name)
+
+
+def test_the_engine_is_measured_against_a_simulated_session(rig_session, capsys):
+    print_figures([rig_session])
+    figures = dict(line.strip("| ").split(" | ") for line in capsys.readouterr().out.splitlines()[2:])
+    assert float(figures["mean recall"]) > 0.9 and 0 <= float(figures["calibration error"]) < 0.1
+
+
+def test_without_a_difference_the_interval_of_a_row_is_empty(rig_session):
+    whole = labelled(rig_session, Engine())
+    cells = row("nothing", whole, whole).strip("| ").split(" | ")
+    assert cells[0] == "nothing" and len(cells) == 5
+    assert all(cell.endswith("]") and "+0.0" in cell for cell in cells[1:4])
