@@ -18,14 +18,16 @@ def sample(request, tmp_path_factory) -> Sample:
 
 
 def test_what_is_whole_is_read(sample):
-    assert not sample.fault({})
+    fault = sample.fault({})
+    assert not fault
 
 
 @given(data=st.data(), content=st.binary(max_size=300))
 @law
 def test_a_file_of_any_bytes_is_read_or_refused_in_one_line(sample, data, content):
     path = data.draw(st.sampled_from(sorted(sample.files)))
-    assert not sample.fault({path: content})
+    fault = sample.fault({path: content})
+    assert not fault
 
 
 @given(data=st.data(), piece=st.binary(min_size=1, max_size=40))
@@ -35,7 +37,8 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(sample, data, piece):
     whole = sample.files[path]
     begin, end = sorted(data.draw(st.tuples(*[st.integers(0, len(whole))] * 2)))
     rest = data.draw(st.sampled_from([whole[begin + len(piece) :], whole[end:], b""]))
-    assert not sample.fault({path: whole[:begin] + piece + rest})
+    fault = sample.fault({path: whole[:begin] + piece + rest})
+    assert not fault
 
 
 @pytest.mark.parametrize("kept", sorted(path.name for path in CORPUS.iterdir()))
@@ -43,4 +46,5 @@ def test_what_was_found_stays_mended(tmp_path, kept, capfd):
     name = next(name for name in sorted(READERS, key=len, reverse=True) if kept.startswith(name))
     found, sample = CORPUS / kept, Sample(READERS[name], tmp_path)
     files = {tmp_path / file.relative_to(found): file for file in found.rglob("*") if file.is_file()}
-    assert not sample.fault({path: file.read_bytes() for path, file in files.items()})
+    fault = sample.fault({path: file.read_bytes() for path, file in files.items()})
+    assert not fault

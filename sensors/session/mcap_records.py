@@ -31,7 +31,7 @@ CACHED_CHUNKS = 8
 _HEAD = struct.Struct("<BQ")  # opcode, length (MCAP specification, "Records")
 _TIMES = struct.Struct("<QQ")  # message_start_time, message_end_time (the same, "Chunk")
 _WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.STATISTICS}
-_BROKEN = (McapError, struct.error, ValueError, RuntimeError, zstandard.ZstdError)
+_BROKEN = (McapError, struct.error, ValueError, OverflowError, RuntimeError, zstandard.ZstdError)
 
 
 def record_offsets(file: BinaryIO) -> Iterator[int]:
