@@ -80,21 +80,21 @@ def train(
     """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
     started, tests = time.monotonic(), test or []
     with needing("train"):
-        from eval.training.processes import Team
+        from eval.training.processes import ProcessGroup
         from eval.training.train import Watch, images_left
         from eval.training.train import train as run
-    with Team.join() as team:
+    with ProcessGroup.join() as group:
         plan, start = _plan(network, recipe, init, without or [], epochs, batch, seed, precision)
         crops = load_crops(data, without=frozenset(hold_out or []))
         measured = _measured(data, tests, hold_out or [], test_images)
-        if team.first:
+        if group.first:
             clear(out, "plan.json", overwrite, *data, *tests, *([init] if init else []))
-        with _shown(team.first, images_left(out, plan, crops)) as advance:
+        with _shown(group.first, images_left(out, plan, crops)) as advance:
             watch = Watch(
-                advance, lambda epoch: _print_epoch(team.first, epoch, epochs), 60 * checkpoint_minutes
+                advance, lambda epoch: _print_epoch(group.first, epoch, epochs), 60 * checkpoint_minutes
             )
-            model, done = run(crops, measured, out, plan, team, watch, start, workers)
-    if team.first:
+            model, done = run(crops, measured, out, plan, group, watch, start, workers)
+    if group.first:
         _save(model, plan, out)
         _finish(done.epochs, out / "weights.onnx", round(time.monotonic() - started, 1), json)
 

@@ -9,8 +9,8 @@ from annotate.crop import network_crop
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID, swap_left_right
-from eval.scores.joint_errors import OBSERVED, joint_errors_mm, measured_of, observe, summary
-from eval.scores.joints import HINGES, IN_SKELETON, JOINT, JOINT_NAMES, N_JOINTS, Measured, measure
+from eval.scores.joint_errors import OBSERVED, joint_errors_mm, observe, summary
+from eval.scores.joints import HINGES, IN_SKELETON, JOINT, JOINT_NAMES, N_JOINTS, Evidence, joint_evidence
 from eval.scores.skeleton_fit import BONES, fit_skeletons
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics, rays
@@ -73,12 +73,12 @@ def frame(joints: np.ndarray, **kwargs) -> FrameLabels:
 
 
 def found(*frames: FrameLabels, persons=None) -> np.ndarray:
-    measured = [measure(f.parts, f.depth_mm, SMALL) for f in frames]
-    return fit_skeletons(together(*measured), persons or ["s"] * len(frames))
+    evidence = [joint_evidence(f.parts, f.depth_mm, SMALL) for f in frames]
+    return fit_skeletons(together(*evidence), persons or ["s"] * len(frames))
 
 
-def together(*measured: Measured) -> Measured:
-    return Measured(*(np.stack([vars(m)[name] for m in measured]) for name in vars(measured[0])))
+def together(*evidence: Evidence) -> Evidence:
+    return np.array(evidence)
 
 
 @pytest.mark.parametrize("turn_deg", [-40, 0, 25])
@@ -93,7 +93,7 @@ def test_a_border_on_a_wall_is_found_where_it_is():
     """Head above torso on a plane square to the view: the border's middle in closed form."""
     parts = np.zeros(SMALL.shape, np.uint8)
     parts[40:60, 50:91], parts[60:90, 50:91] = PART_ID["head"], PART_ID["torso"]
-    borders = measure(parts, np.full(SMALL.shape, 2000, np.uint16), SMALL).borders
+    borders = joint_evidence(parts, np.full(SMALL.shape, 2000, np.uint16), SMALL)["borders"]
     neck = [hinge.joint for hinge in HINGES].index("neck")
     np.testing.assert_allclose(
         borders[neck], [(70 - 80) / 140 * 2000, (59.5 - 70) / 140 * 2000, 2000], atol=3
@@ -126,10 +126,10 @@ def test_a_limb_cut_by_an_occluder_keeps_its_joint():
     row = round(70 + 380 / 2500 * 140)
     depth[row - 4 : row + 5] = 0
     hidden = FrameLabels("f", depth, there.parts)
-    measured = measure(hidden.parts, hidden.depth_mm, SMALL)
+    evidence = joint_evidence(hidden.parts, hidden.depth_mm, SMALL)
     knees = [i for i, hinge in enumerate(HINGES) if hinge.joint.endswith("knee")]
-    assert not measured.direct[knees].any()
-    off = np.linalg.norm(fit_skeletons(together(measured), ["s"])[0] - joints, axis=1)
+    assert not evidence["direct"][knees].any()
+    off = np.linalg.norm(fit_skeletons(together(evidence), ["s"])[0] - joints, axis=1)
     assert off[[JOINT["left_knee"], JOINT["right_knee"]]].max() < 60
 
 
@@ -146,7 +146,7 @@ def test_nobody_has_no_joints():
     nothing = FrameLabels("f", np.full(SMALL.shape, 2000, np.uint16), np.zeros(SMALL.shape, np.uint8))
     undefined = FrameLabels("g", nothing.depth_mm, np.full(SMALL.shape, 255, np.uint8))
     assert np.isnan(found(nothing, undefined)).all()
-    none = measured_of(np.zeros(0, OBSERVED))
+    none = np.zeros(0, OBSERVED)["evidence"]
     assert fit_skeletons(none, []).shape == (0, N_JOINTS, 3)
 
 
@@ -185,7 +185,7 @@ def test_a_crop_gives_the_joints_of_the_whole_image():
     )  # fmt: skip
     both = np.array([observe(f, f, SMALL) for f in (whole, small)])
     np.testing.assert_array_equal(*both["inside"])
-    joints = fit_skeletons(measured_of(both), ["a", "b"])
+    joints = fit_skeletons(both["evidence"], ["a", "b"])
     assert np.linalg.norm(joints[0] - joints[1], axis=1).max() < 12
 
 

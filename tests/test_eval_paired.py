@@ -14,6 +14,7 @@ from eval.compare.results import Result
 from eval.scores import confusion
 from eval.scores.counts import SHAPES, FrameCounts
 from eval.scores.traits import Traits
+from tests.helpers.naive_scores import by_name
 from tools.measure_coverage import paired_coverage, unpaired_coverage
 
 FRAMES = 5
@@ -115,7 +116,9 @@ def test_a_part_that_one_side_lacks_is_null_in_the_json() -> None:
     matrices[:, 1] = matrices[:, :, 1] = 0
     b = Result(
         "B",
-        replace(b.comparison, counts=FrameCounts.of(**b.comparison.counts.by_name | {"confusion": matrices})),
+        replace(
+            b.comparison, counts=FrameCounts.of(**by_name(b.comparison.counts) | {"confusion": matrices})
+        ),
     )
     shown = json.loads(json.dumps(difference(a, b).to_json(), allow_nan=False))
     assert shown["difference"]["recall"]["head"] is None and shown["ci95"]["recall"]["head"] == [None, None]

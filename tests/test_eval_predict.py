@@ -415,7 +415,7 @@ def bomb() -> bytes:
     ("spoil", "says"),
     [
         (lambda data: data[: len(data) // 2], "nothing readable|cut off|add up"),
-        (lambda data: b"\x80\x04K\x01." * 10, "no PNG"),
+        (lambda data: b"\x80\x04K\x01." * 10, "not a PNG"),
         (lambda data: wrong_size(), "2544 x 212"),
         (lambda data: no_sum(), "add up to one"),
         (lambda data: bomb(), "claims"),

@@ -22,7 +22,7 @@ from eval.report.gallery import make_frame, make_shown_frame, pick_frames
 from eval.report.gather import gather
 from eval.report.history import load_training
 from eval.report.material import Material
-from eval.report.scenes import MAX_POINTS, make_scene, points_of
+from eval.report.scenes import SCENE_POINTS, make_scene, points_of
 from eval.report.views import view_of
 from sensors.errors import CloudError, ExistsError, FormatError
 from tests.helpers.report_doll import (
@@ -117,7 +117,7 @@ def test_a_scene_holds_the_points_it_shows() -> None:
     truth, predicted = person(0), guessed(person(0), 0)
     scene = make_scene("doll", predicted, CAMERA, truth, cloud(truth))
     assert scene is not None and set(scene.colors) == {"truth", "predicted", "error", "temperature_c"}
-    assert len(scene.points_mm) <= MAX_POINTS and {len(v) for v in scene.colors.values()} == {
+    assert len(scene.points_mm) <= SCENE_POINTS and {len(v) for v in scene.colors.values()} == {
         len(scene.points_mm)
     }
     assert set(scene.colors["truth"].tolist()) >= {part.id for part in BODY_PARTS}

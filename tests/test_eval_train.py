@@ -31,16 +31,16 @@ from eval.network.onnx_network import OnnxNetwork  # noqa: E402
 from eval.network.paper_fcn import PaperConfig  # noqa: E402
 from eval.training.augment import Augmentation  # noqa: E402
 from eval.training.crops import Crops  # noqa: E402
-from eval.training.loader import Images, Order, batches  # noqa: E402
+from eval.training.loader import BatchOrder, Images, batches  # noqa: E402
 from eval.training.plan import ModernRecipe, PaperRecipe, Plan, class_weights, loss_of, one_cycle, rate  # noqa: E402
-from eval.training.processes import Team  # noqa: E402
+from eval.training.processes import ProcessGroup  # noqa: E402
 from eval.training.train import Watch, images_left, train  # noqa: E402
 from eval.training.validate import evaluate, predicted  # noqa: E402
 from sensors.errors import CloudError, ExistsError, FormatError  # noqa: E402
 from tests.helpers import tiny_training  # noqa: E402
 from tests.helpers.tiny_training import CROPS, PLAN, small_crops  # noqa: E402
 
-ALONE = Team(0, 1, torch.device("cpu"))
+ALONE = ProcessGroup(0, 1, torch.device("cpu"))
 TINY = PLAN.network
 ALWAYS = 0.0
 """Seconds between checkpoints: one after each step."""
@@ -133,8 +133,8 @@ def test_two_processes_train_one_network(tmp_path):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         port = str(taken.getsockname()[1])
-    team = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
-    children = [process(tmp_path / "t", RANK=str(r), LOCAL_RANK=str(r), **team) for r in (0, 1)]
+    group = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
+    children = [process(tmp_path / "t", RANK=str(r), LOCAL_RANK=str(r), **group) for r in (0, 1)]
     ended = [(child.communicate(timeout=120)[1].decode(), child.returncode) for child in children]
     assert [code for _, code in ended] == [0, 0], ended
     history = json.loads((tmp_path / "t" / "history.json").read_text())
@@ -144,30 +144,30 @@ def test_two_processes_train_one_network(tmp_path):
 
 
 def test_an_epoch_sees_every_crop_once_in_the_seeds_order():
-    order = Order(images=7, batch=3, epochs=2, seed=1)
+    order = BatchOrder(images=7, batch=3, epochs=2, seed=1)
     steps = list(order.after(0))
     assert [len(batch) for batch in steps] == [3] * 4
     for epoch in (0, 1):
         seen = [i for batch in steps for e, i in batch if e == epoch]
         assert len(set(seen)) == len(seen) == 6
-    assert steps == list(Order(7, 3, 2, 1).after(0))
-    assert steps != list(Order(7, 3, 2, 2).after(0))
+    assert steps == list(BatchOrder(7, 3, 2, 1).after(0))
+    assert steps != list(BatchOrder(7, 3, 2, 2).after(0))
 
 
 def test_fewer_crops_than_a_batch_are_one_batch():
-    assert [len(batch) for batch in Order(2, 16, 3, 0).after(0)] == [2, 2, 2]
+    assert [len(batch) for batch in BatchOrder(2, 16, 3, 0).after(0)] == [2, 2, 2]
 
 
 def test_processes_share_each_batch_and_miss_none():
-    alone = list(Order(11, 4, 2, 3).after(0))
-    shares = [list(Order(11, 4, 2, 3, rank, 2).after(0)) for rank in (0, 1)]
+    alone = list(BatchOrder(11, 4, 2, 3).after(0))
+    shares = [list(BatchOrder(11, 4, 2, 3, rank, 2).after(0)) for rank in (0, 1)]
     for batch, a, b in zip(alone, *shares, strict=True):
         assert sorted(a + b) == sorted(batch)
         assert not set(a) & set(b)
     for step in range(5):
-        assert list(Order(11, 4, 2, 3).after(step)) == alone[step:]
+        assert list(BatchOrder(11, 4, 2, 3).after(step)) == alone[step:]
     with pytest.raises(CloudError, match="2 processes"):
-        Order(1, 4, 2, 3, 0, 2)
+        BatchOrder(1, 4, 2, 3, 0, 2)
 
 
 def test_a_finished_training_is_only_read(whole):
@@ -352,7 +352,7 @@ def test_the_modern_loss_is_over_pixels_with_depth_and_a_label():
 
 
 def test_workers_make_the_same_batches():
-    images, order = Images(CROPS, Augmentation(), 5), Order(7, 2, 1, 5)
+    images, order = Images(CROPS, Augmentation(), 5), BatchOrder(7, 2, 1, 5)
     alone, ahead = (list(batches(images, order, 1, workers)) for workers in (0, 2))
     assert len(alone) == 2
     for a, b in zip(alone, ahead, strict=True):

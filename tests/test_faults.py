@@ -188,12 +188,12 @@ def test_a_read_only_place_is_left_as_it_is():
 
 def test_a_full_disk_is_one_line_of_train_and_it_goes_on(tmp_path):
     tiny = pytest.importorskip("tests.helpers.tiny_training", reason="training needs torch")
-    from eval.training.processes import Team
+    from eval.training.processes import ProcessGroup
     from eval.training.train import Watch, train
 
     def trained(out: Path) -> None:
-        with Team.join() as team:
-            train(tiny.CROPS, None, out, tiny.PLAN, team, Watch(checkpoint_s=0.0))
+        with ProcessGroup.join() as group:
+            train(tiny.CROPS, None, out, tiny.PLAN, group, Watch(checkpoint_s=0.0))
 
     with largest_file(4_000), pytest.raises(CloudError, match=r"cannot be written .*free some space"):
         trained(tmp_path / "t")
@@ -344,7 +344,7 @@ LOSE = """
 import multiprocessing, os, sys
 from pathlib import Path
 from tests.helpers.tiny_training import CROPS, PLAN
-from eval.training.processes import Team
+from eval.training.processes import ProcessGroup
 from eval.training.train import Watch, train
 from sensors.errors import CloudError
 
@@ -353,8 +353,8 @@ def lose(n):
         child.kill()
 
 try:
-    with Team.join() as team:
-        train(CROPS, None, Path(sys.argv[1]), PLAN, team, Watch(lose), workers=1)
+    with ProcessGroup.join() as group:
+        train(CROPS, None, Path(sys.argv[1]), PLAN, group, Watch(lose), workers=1)
 except CloudError as error:
     print(error, flush=True)
 os._exit(0)
@@ -380,11 +380,11 @@ def test_workers_without_shared_memory_are_one_line(tmp_path, monkeypatch):
         pass
     pytest.importorskip("torch", reason="training needs torch")
     from eval.training.augment import Augmentation
-    from eval.training.loader import Images, Order, batches
+    from eval.training.loader import BatchOrder, Images, batches
     from tests.helpers.tiny_training import CROPS
 
     with pytest.raises(CloudError, match="mount /dev/shm"):
-        next(batches(Images(CROPS, Augmentation(), 0), Order(len(CROPS), 2, 1, 0), 0, workers=1))
+        next(batches(Images(CROPS, Augmentation(), 0), BatchOrder(len(CROPS), 2, 1, 0), 0, workers=1))
 
 
 HOLD = """

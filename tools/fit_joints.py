@@ -49,9 +49,8 @@ def main(paths, every):
         for path in paths
         for frame in islice(Dataset.open(path), 0, None, every)
     ]
-    borders, middles, direct, joints = (
-        np.array(seen)[name] for name in ("borders", "middles", "direct", "truth_mm")
-    )
+    joints, evidence = np.array(seen)["truth_mm"], np.array(seen)["evidence"]
+    borders, middles, direct = (evidence[name] for name in ("borders", "middles", "direct"))
     print(f"{len(seen)} frames")
     for i, hinge in enumerate(HINGES):
         there, joint = np.isfinite(borders[:, i, 0]), joints[:, JOINT[hinge.joint]]

@@ -1,4 +1,4 @@
-"""Processes whose cost is measured: ``python -m tools.load_probes WHAT OUT.json ARGUMENTS``.
+"""ProcessGroup whose cost is measured: ``python -m tools.load_probes WHAT OUT.json ARGUMENTS``.
 
 WHAT is ``command`` (any of annotate-cloud), ``evaluate`` or ``train``. Where a run stands, and what it has
 taken by then, goes to OUT.json at its end.
@@ -90,7 +90,7 @@ def counted_once() -> None:
     """Shards of a long dataset show the same images again: between the first and the last thousand they are
     given the counts of those. Everything else is as ever."""
     count, pair_up = eval.compare.pairs._count_chunk, eval.compare.compare.pair_up
-    seen: dict[int, eval.compare.pairs.Counted] = {}
+    seen: dict[int, list[eval.compare.pairs.Counted]] = {}
     last = 0
 
     def paired(*sets: Any) -> tuple[list[Any], int]:
@@ -99,12 +99,12 @@ def counted_once() -> None:
         last = len(pairs) // SHARD - 4
         return pairs, extra
 
-    def remembered(predicted: Any, truth: Any, pairs: list[Any]) -> eval.compare.pairs.Counted:
+    def remembered(predicted: Any, truth: Any, pairs: list[Any]) -> list[eval.compare.pairs.Counted]:
         place = int(pairs[0].truth.frame_id) // SHARD
         known = seen.get(place % 4)
-        if known is None or place >= last or len(pairs) != len(known.frame_ids):
+        if known is None or place >= last or len(pairs) != len(known):
             known = seen[place % 4] = count(predicted, truth, pairs)
-        return replace(known, frame_ids=[pair.truth.frame_id for pair in pairs])
+        return known
 
     eval.compare.compare.pair_up, eval.compare.pairs._count_chunk = paired, remembered
     eval.compare.pairs.CHUNK, eval.compare.pairs.WORTH_WORKERS = SHARD, sys.maxsize
@@ -134,7 +134,7 @@ def train_ends(followed: Followed, folder: Path, images: int) -> None:
     from eval.network.compact import CompactConfig
     from eval.network.networks import build
     from eval.training.plan import ModernRecipe, Plan, optimizer_of
-    from eval.training.processes import Team
+    from eval.training.processes import ProcessGroup
     from eval.training.train import CHECKPOINT, Watch, train
 
     torch.set_num_threads(1)
@@ -152,8 +152,8 @@ def train_ends(followed: Followed, folder: Path, images: int) -> None:
                 raise KeyboardInterrupt
 
         done = 0
-        with Team.join() as team, suppress(KeyboardInterrupt):
-            train(crops, None, out, plan, team, Watch(advance, checkpoint_s=0.0))
+        with ProcessGroup.join() as group, suppress(KeyboardInterrupt):
+            train(crops, None, out, plan, group, Watch(advance, checkpoint_s=0.0))
 
     run(STEPS)
     model = build(plan.network)

@@ -14,7 +14,7 @@ import numpy as np
 
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict import predict_source
-from eval.scores.joints import JOINT, JOINT_NAMES, Measured, measure
+from eval.scores.joints import JOINT, JOINT_NAMES, joint_evidence
 from eval.scores.skeleton_fit import fit_skeletons
 from sensors.importers.open_source import open_source
 
@@ -41,9 +41,8 @@ def main(weights):
         with tempfile.TemporaryDirectory() as folder:
             labels = predict_source(source, network, Path(folder) / "p", lambda n: None).labels
             frame = labels.read("000000")
-            seen = measure(frame.parts, frame.depth_mm, labels.intrinsics)
-        one = Measured(seen.borders[None], seen.middles[None], seen.direct[None])
-        joints = fit_skeletons(one, [""])[0]
+            seen = joint_evidence(frame.parts, frame.depth_mm, labels.intrinsics)
+        joints = fit_skeletons(seen[None], [""])[0]
         off = np.linalg.norm(joints - microsofts_mm(path.with_suffix(".csv"), source.notes[0]), axis=1)
         told = ", ".join(f"{name} {off[JOINT[name]]:.0f}" for name in JOINT_NAMES)
         print(f"{path.stem}: mean {np.nanmean(off):.0f} mm; {told}")

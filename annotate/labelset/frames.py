@@ -21,9 +21,11 @@ class Entry(NamedTuple):
 class LabelledFrames(Protocol):
     """Frames with labels on disk.
 
-    info: what the manifest says of their making. intrinsics: the camera of their pixels; crops from all over
+    info: the manifest's entries on their making. intrinsics: the camera of their pixels; crops from all over
     an image share one that stands in its middle. whole_image: the undistorted camera of the image that frames
-    are, or are crops of. identity: what tells a label set made from these frames from one made from others.
+    are, or are crops of. source: name of what they
+    were made from. identity: entries by which a label set made from these frames differs from one made from
+    others.
     """
 
     @property

@@ -1,24 +1,24 @@
-"""One set of labels against another: what was counted, frame by frame, and the scores it gives."""
+"""One set of labels against another: counts of every frame, and the scores derived from them."""
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from sys import intern
 from typing import Any, Self
 
 import numpy as np
 
-from annotate.array_types import Bool, Float64, Int64
+from annotate.array_types import Float64, Index, Int64
 from annotate.labelset.frames import LabelledFrames
 from annotate.parts import BACKGROUND, BODY_PARTS, PARTS
 from eval.compare.pairs import Digests, count_pairs, pair_up
 from eval.scores import confusion, intervals
 from eval.scores.confusion import Counts, Scores
-from eval.scores.counts import FrameCounts, blocks
-from eval.scores.joint_errors import joint_errors_mm, summary
-from eval.scores.scores import PART_SCORES, scores_of
-from eval.scores.summary import named, plain
-from eval.scores.traits import Traits, writable
+from eval.scores.counts import WIDTH, FrameCounts, blocks
+from eval.scores.joint_errors import OBSERVED, joint_errors_mm, summary
+from eval.scores.scores import PART_SCORES, named, plain, scores_of
+from eval.scores.traits import Traits
 from sensors.errors import CloudError
 
 UNKNOWN_SUBJECT = "unknown"
@@ -81,7 +81,7 @@ class Comparison:
 
     @cached_property
     def by_cluster(self) -> Counts:
-        """Counts of what is drawn as one, side by side (C, K): of a subject, or of a lone subject's frame."""
+        """Counts (C, K) of what is drawn as one: a subject, or a lone subject's frame."""
         return intervals.cluster_sums(self.counts.flat, intervals.clusters_of(self.subjects))
 
     @cached_property
@@ -100,7 +100,7 @@ class Comparison:
 
     @cached_property
     def ci95(self) -> dict[str, Float64]:
-        """95 % interval of each score, (2, ...): lower and upper; NaN where one subject alone has a say."""
+        """95 % interval of each score, (2, ...): lower and upper; NaN where a score rests on one subject."""
         return {
             name: intervals.interval(self.scores[name], values, self.behind[name])
             for name, values in self.resampled.items()
@@ -143,27 +143,17 @@ class Comparison:
         """Whether the prediction came with confidence, which calibration needs."""
         return bool(self.total.reliability.any())
 
-    def only(self, frames: Bool | Int64) -> Self:
-        """The same comparison over some of its frames: a mask (F,), or indices in the order wanted.
-
-        Raises CloudError where none is left.
-        """
-        everything = np.arange(len(self.frame_ids))
-        index = everything[frames]
-        if np.array_equal(index, everything):
+    def only(self, frames: Index) -> Self:
+        """The same comparison over some frames (n,), in this order. Raises CloudError for none."""
+        if np.array_equal(frames, np.arange(len(self.frame_ids))):
             return self
-
-        def picked(values: tuple[Any, ...]) -> tuple[Any, ...]:
-            return tuple(values[i] for i in index)
-
+        names = ("frame_ids", "subjects", "traits", "digests")
+        picked: dict[str, Any] = {name: tuple(getattr(self, name)[i] for i in frames) for name in names}
         return replace(
             self,
-            frame_ids=picked(self.frame_ids),
-            subjects=picked(self.subjects),
-            traits=picked(self.traits),
-            digests=picked(self.digests),
-            counts=self.counts.taken(index),
-            joints_mm=None if self.joints_mm is None else self.joints_mm[index],
+            **picked,
+            counts=self.counts.taken(frames),
+            joints_mm=None if self.joints_mm is None else self.joints_mm[frames],
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -184,9 +174,9 @@ class Comparison:
             "frames_showing": {part.name: int(self.matrices[:, part.id].any(-1).sum()) for part in PARTS},
             "background": {name: plain(self.scores[name][BACKGROUND]) for name in PART_SCORES[:-1]},
             "absent_parts": [p.name for p in BODY_PARTS if np.isnan(self.scores["iou"][p.id])],
-            "mious": {name: plain(v) for name, v in asdict(confusion.mean_ious(self.matrices)).items()},
+            "mious": {name: plain(v) for name, v in confusion.mean_ious(self.matrices).items()},
             "error_kinds": {
-                name: int(pixels) for name, pixels in vars(confusion.error_kinds(self.confusion)).items()
+                name: int(pixels) for name, pixels in confusion.error_kinds(self.confusion).items()
             },
             "flipped_frames": int(confusion.flip_helps(self.matrices).sum()),
             "undefined": {name: plain(share) for name, share in self.undefined_shares.items()},
@@ -198,24 +188,30 @@ class Comparison:
 def compare_sets(
     predicted: LabelledFrames,
     truth: LabelledFrames,
-    advance: Callable[[int], None] = lambda _: None,
+    advance: Callable[[int], None] = lambda frames: None,
     workers: int | None = None,
 ) -> Comparison:
     """Compare every frame of the truth with the prediction of the same id, on all cores where it pays.
 
     Predicted frames without a truth are common (few of a session's frames are corrected); they are left
-    out and counted. advance: told how many more frames are done. Raises CloudError naming a frame that
-    the prediction lacks or shows otherwise than the truth, or FormatError for a corrupt one.
+    out and counted. advance: called with the number of frames just done. Raises CloudError naming a frame
+    that the prediction lacks or shows otherwise than the truth, or FormatError for a corrupt one.
     """
     pairs, extra = pair_up(predicted, truth)
-    counted = count_pairs(predicted, truth, pairs, advance, workers)
-    joints_mm = joint_errors_mm(counted.joints, counted.subjects) if counted.joints["known"].any() else None
+    counts, joints = np.empty((len(pairs), WIDTH), np.int32), np.empty(len(pairs), OBSERVED)
+    subjects, traits, digests = [], [], []
+    for i, frame in enumerate(count_pairs(predicted, truth, pairs, workers)):
+        counts[i], joints[i] = frame.counts, frame.joints
+        subjects.append(intern(frame.subject or UNKNOWN_SUBJECT))
+        traits.append(frame.traits)
+        digests.append(frame.digests)
+        advance(1)
     return Comparison(
-        frame_ids=tuple(counted.frame_ids),
-        subjects=tuple(writable(subject) or UNKNOWN_SUBJECT for subject in counted.subjects),
-        traits=tuple(counted.traits),
-        digests=tuple(counted.digests),
-        counts=FrameCounts(counted.counts),
-        joints_mm=joints_mm,
+        frame_ids=tuple(pair.truth.frame_id for pair in pairs),
+        subjects=tuple(subjects),
+        traits=tuple(traits),
+        digests=tuple(digests),
+        counts=FrameCounts(counts),
+        joints_mm=joint_errors_mm(joints, subjects) if joints["known"].any() else None,
         extra_frames=extra,
     )

@@ -1,21 +1,22 @@
 """What stands behind a comparison's scores, as JSON: by kind of frame, by confidence, and doubtful labels."""
 
-from dataclasses import asdict
-from itertools import compress
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from annotate.array_types import Bool
-from annotate.parts import PARTS
+import numpy as np
+
+from annotate.array_types import Index
+from annotate.parts import BODY_PARTS, PARTS
 from eval.compare.compare import Comparison
-from eval.compare.suspicious import suspicious
-from eval.scores.confusion import Counts
-from eval.scores.reliability import reliability_curve
-from eval.scores.scores import scores_of
-from eval.scores.summary import plain
+from eval.scores.confusion import Counts, ratio
+from eval.scores.reliability import LEVELS, reliability_curve
+from eval.scores.scores import plain, scores_of
 from eval.scores.traits import groups
 
+SEGMENT_PIXELS = 30
+"""Pixels of the smallest segment listed: along a border nobody is sure; chosen by eye."""
 SHOWN = 20
-"""Doubtful labels that are listed."""
+"""Doubtful labels that are listed; chosen by eye."""
 
 
 def details(comparison: Comparison) -> dict[str, Any]:
@@ -24,8 +25,8 @@ def details(comparison: Comparison) -> dict[str, Any]:
     reliability = comparison.total.reliability
     return {
         "by": {
-            kind: {value: _group(comparison, mask) for value, mask in masks.items()}
-            for kind, masks in kinds.items()
+            kind: {value: _group(comparison, frames) for value, frames in found.items()}
+            for kind, found in kinds.items()
         },
         "reliability": {"all": _curve(reliability.sum(0)), "near": _curve(reliability[1])}
         if comparison.has_confidence
@@ -42,14 +43,43 @@ def details(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _group(comparison: Comparison, mask: Bool) -> dict[str, Any]:
-    scores = scores_of(comparison.counts.total(mask))
+def _group(comparison: Comparison, frames: Index) -> dict[str, Any]:
+    scores = scores_of(comparison.counts.taken(frames).total())
     return {
-        "frames": int(mask.sum()),
-        "subjects": len(set(compress(comparison.subjects, mask))),
+        "frames": len(frames),
+        "subjects": len({comparison.subjects[i] for i in frames}),
         **{name: plain(scores[name]) for name in ("mean_recall", "miou", "left_right_swap_rate")},
     }
 
 
 def _curve(counts: Counts) -> dict[str, Any]:
     return {name: plain(values) for name, values in asdict(reliability_curve(counts)).items()}
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A part of a frame's truth. quality: mean probability of its label over its pixels."""
+
+    frame_id: str
+    part_id: int
+    quality: float
+    pixels: int
+
+
+def suspicious(comparison: Comparison, worst: int = 50) -> list[Suspect]:
+    """The least probable parts of all frames, the worst first; none where there is no confidence.
+
+    Each part of each frame is ranked by the mean probability that the prediction gives to its label, as
+    cleanlab ranks segments (Lad & Mueller, arXiv 2307.05080, with a soft minimum for whole images). A low
+    rank means that label and network disagree, not which of them is wrong.
+    """
+    counts = comparison.counts.label_quality[:, [part.id for part in BODY_PARTS]]
+    pixels = counts[..., 1]
+    quality = np.where(pixels >= SEGMENT_PIXELS, ratio(counts[..., 0], pixels * LEVELS), np.nan)
+    order = np.argsort(quality, axis=None, kind="stable")[:worst]
+    frames, parts = np.unravel_index(order, quality.shape)
+    return [
+        Suspect(comparison.frame_ids[f], BODY_PARTS[p].id, float(quality[f, p]), int(pixels[f, p]))
+        for f, p in zip(frames, parts, strict=True)
+        if not np.isnan(quality[f, p])
+    ]

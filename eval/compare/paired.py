@@ -11,8 +11,7 @@ from eval.compare.results import Result
 from eval.scores import intervals
 from eval.scores.confusion import Scores
 from eval.scores.counts import FrameCounts
-from eval.scores.scores import scores_of
-from eval.scores.summary import named, plain
+from eval.scores.scores import named, plain, scores_of
 
 TESTED = ("mean_recall", "miou")
 MIN_SUBJECTS = 6
@@ -63,9 +62,14 @@ def difference(a: Result, b: Result) -> Difference:
     at_b = {key: i for i, key in enumerate(_keys(b.comparison))}
     shared = [(i, at_b[key]) for i, key in enumerate(_keys(a.comparison)) if key in at_b]
     if not shared:
-        return _unpaired(a, b)
+        notes = ["no frame in common (id and depth): the two are compared as different samples"]
+        notes += [f"{one.title}: {one.comparison.ci_note}" for one in (a, b) if one.comparison.ci_note]
+        return _difference(a, b, (a.comparison, b.comparison), False, notes)
     of_a, of_b = (np.array(index, np.int64) for index in zip(*shared, strict=True))
-    return _paired(a, b, a.comparison.only(of_a), b.comparison.only(of_b))
+    first = a.comparison.only(of_a)
+    # Each resample draws the same subjects for both.
+    second = replace(b.comparison.only(of_b), subjects=first.subjects)
+    return _difference(a, b, (first, second), True, _notes_on_shared(a, b, first, second))
 
 
 def _keys(comparison: Comparison) -> list[tuple[str, str]]:
@@ -73,68 +77,49 @@ def _keys(comparison: Comparison) -> list[tuple[str, str]]:
     return list(zip(comparison.frame_ids, depths, strict=True))
 
 
-def _paired(a: Result, b: Result, ours: Comparison, theirs: Comparison) -> Difference:
-    """Both over the same frames: each resample draws the same subjects for both."""
-    theirs = replace(theirs, subjects=ours.subjects)
-    values, ci95 = {}, {}
-    for name, score in ours.scores.items():
-        values[name] = score - theirs.scores[name]
-        n = np.minimum(ours.behind[name], theirs.behind[name])
-        apart = ours.resampled[name] - theirs.resampled[name]
-        ci95[name] = intervals.paired_interval(values[name], apart, n)
-    count = len(ours.frame_ids)
-    left_out = len(a.comparison.frame_ids) - count, len(b.comparison.frame_ids) - count
-    notes = [ours.ci_note]
-    other = sum(x.truth != y.truth for x, y in zip(ours.digests, theirs.digests, strict=True))
+def _notes_on_shared(a: Result, b: Result, first: Comparison, second: Comparison) -> list[str]:
+    notes, count = [first.ci_note] if first.ci_note else [], len(first.frame_ids)
+    other = sum(x.truth != y.truth for x, y in zip(first.digests, second.digests, strict=True))
     if other:
         notes.append(f"{other} of {count} frames have different truths in A and B")
+    left_out = [len(one.comparison.frame_ids) - count for one in (a, b)]
     if any(left_out):
         notes.append(f"{left_out[0]} frames of A and {left_out[1]} of B are not shared: left out")
-    return Difference(
-        a=a.title,
-        b=b.title,
-        paired=True,
-        frames=(count, count),
-        subjects=(ours.n_subjects, ours.n_subjects),
-        values=values,
-        ci95=ci95,
-        wilcoxon_p={name: _wilcoxon_p(ours, theirs, name) for name in TESTED},
-        note="; ".join(note for note in notes if note),
-    )
+    return notes
 
 
-def _unpaired(a: Result, b: Result) -> Difference:
-    """Each over all of its own frames."""
-    ours, theirs = a.comparison, b.comparison
+def _difference(
+    a: Result, b: Result, sets: tuple[Comparison, Comparison], paired: bool, notes: list[str]
+) -> Difference:
+    first, second = sets
     values, ci95 = {}, {}
-    for name, score in ours.scores.items():
-        values[name] = score - theirs.scores[name]
-        resampled = ours.resampled[name], theirs.resampled[name]
-        n = ours.behind[name], theirs.behind[name]
-        ci95[name] = intervals.unpaired_interval(values[name], resampled, n)
-    notes = ["no frame in common (id and depth): the two are compared as different samples"]
-    notes += [
-        f"{title}: {note}" for title, note in ((a.title, ours.ci_note), (b.title, theirs.ci_note)) if note
-    ]
+    for name, score in first.scores.items():
+        values[name] = score - second.scores[name]
+        resampled, n = [one.resampled[name] for one in sets], [one.behind[name] for one in sets]
+        if paired:
+            apart = resampled[0] - resampled[1]
+            ci95[name] = intervals.paired_interval(values[name], apart, np.minimum(*n))
+        else:
+            ci95[name] = intervals.unpaired_interval(values[name], resampled, n)
     return Difference(
         a=a.title,
         b=b.title,
-        paired=False,
-        frames=(len(ours.frame_ids), len(theirs.frame_ids)),
-        subjects=(ours.n_subjects, theirs.n_subjects),
+        paired=paired,
+        frames=(len(first.frame_ids), len(second.frame_ids)),
+        subjects=(first.n_subjects, second.n_subjects),
         values=values,
         ci95=ci95,
-        wilcoxon_p=dict.fromkeys(TESTED),
+        wilcoxon_p={name: _wilcoxon_p(first, second, name) if paired else None for name in TESTED},
         note="; ".join(notes),
     )
 
 
-def _wilcoxon_p(ours: Comparison, theirs: Comparison, name: str) -> float | None:
+def _wilcoxon_p(first: Comparison, second: Comparison, name: str) -> float | None:
     from scipy.stats import wilcoxon
 
-    if ours.n_subjects < MIN_SUBJECTS:
+    if first.n_subjects < MIN_SUBJECTS:
         return None
-    means = [scores_of(FrameCounts(c.by_cluster))[name] for c in (ours, theirs)]
+    means = [scores_of(FrameCounts(c.by_cluster))[name] for c in (first, second)]
     gaps = means[0] - means[1]
     gaps = gaps[~np.isnan(gaps) & (gaps != 0)]
     return float(wilcoxon(gaps).pvalue) if gaps.size else 1.0

@@ -2,11 +2,11 @@
 
 import hashlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
-from sys import intern
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,17 +14,16 @@ from numpy.typing import NDArray
 from annotate.array_types import Int32
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.frames import Entry, LabelledFrames, camera_of, pinhole_of
-from eval.scores.counts import WIDTH, count
-from eval.scores.joint_errors import OBSERVED, Observed, observe
-from eval.scores.traits import Traits, traits_of
+from eval.scores.counts import count
+from eval.scores.joint_errors import Observed, observe
+from eval.scores.traits import Traits, traits_of, writable
 from sensors.errors import CloudError, FormatError
-from sensors.rig.camera import Intrinsics
 from synth.images.workers import processes
 
 CHUNK = 64
-"""Frames that a worker counts in one go."""
+"""Frames that a worker counts in one go; chosen by eye."""
 WORTH_WORKERS = 400
-"""Fewer frames are counted sooner than worker processes have started."""
+"""Frames from which worker processes pay: fewer are counted before these have started; chosen by eye."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,38 +36,26 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Digests:
-    """What tells whether two results are of the same frame: hashes (64 bit, hex) of its three images."""
+    """Hashes (64 bit, hex) of a frame's three images, by which two results are of the same frame."""
 
     depth: str
     truth: str
     predicted: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Counted:
-    """Frames and what is known of each: who is seen, traits, digests, counts and joints.
+    """One frame's subject, traits, digests, counts and joints.
 
-    counts: int32 (F, WIDTH), see ``FrameCounts.flat``. joints: OBSERVED (F,), what the labels show of them.
+    counts: int32 (WIDTH,), see ``FrameCounts.flat``. joints: OBSERVED ().
     """
 
-    frame_ids: list[str]
-    subjects: list[str]
-    traits: list[Traits]
-    digests: list[Digests]
+    frame_id: str
+    subject: str
+    traits: Traits
+    digests: Digests
     counts: Int32
     joints: Observed
-
-    @staticmethod
-    def room(frames: int) -> "Counted":
-        """Of no frame yet, with zeros in the arrays of so many."""
-        return Counted([], [], [], [], np.zeros((frames, WIDTH), np.int32), np.zeros(frames, OBSERVED))
-
-    def put(self, some: "Counted") -> None:
-        """Add frames behind those that are there."""
-        rows = slice(len(self.frame_ids), len(self.frame_ids) + len(some.frame_ids))
-        self.counts[rows], self.joints[rows] = some.counts, some.joints
-        for name in ("frame_ids", "subjects", "traits", "digests"):
-            getattr(self, name).extend(getattr(some, name))
 
 
 def pair_up(predicted: LabelledFrames, truth: LabelledFrames) -> tuple[list[Pair], int]:
@@ -100,13 +87,9 @@ def _entries(frames: LabelledFrames) -> dict[str, Entry]:
 
 
 def count_pairs(
-    predicted: LabelledFrames,
-    truth: LabelledFrames,
-    pairs: Sequence[Pair],
-    advance: Callable[[int], None],
-    workers: int | None = None,
-) -> Counted:
-    """Count every pair, in order. advance: told how many more are done. workers: processes to use.
+    predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequence[Pair], workers: int | None = None
+) -> Iterator[Counted]:
+    """Every pair counted, in order. workers: processes to use; all cores by default where that pays.
 
     Raises CloudError naming a frame whose two sides do not belong together, FormatError for a corrupt one.
     """
@@ -115,39 +98,31 @@ def count_pairs(
     chunks = [pairs[i : i + CHUNK] for i in range(0, len(pairs), CHUNK)]
     work = partial(_count_chunk, predicted, truth)
     with processes(workers) if workers > 1 else nullcontext() as pool:
-        counted = Counted.room(len(pairs))
-        for chunk in pool.executor.map(work, chunks) if pool else map(work, chunks):
-            counted.put(chunk)
-            advance(len(chunk.frame_ids))
-    return counted
+        yield from chain.from_iterable(pool.executor.map(work, chunks) if pool else map(work, chunks))
 
 
-def _count_chunk(predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequence[Pair]) -> Counted:
-    counted = Counted.room(len(pairs))
-    for pair in pairs:
-        target = truth.load(pair.truth)
-        counted.put(count_frame(predicted.load(pair.predicted), target, camera_of(truth, target)))
-    return counted
+def _count_chunk(predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequence[Pair]) -> list[Counted]:
+    return [count_frame(predicted.load(pair.predicted), truth.load(pair.truth), truth) for pair in pairs]
 
 
-def count_frame(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> Counted:
-    """Count one frame. camera: undistorted, of the whole image (``camera_of``).
+def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFrames) -> Counted:
+    """Count one frame. frames: the truth's, for its camera.
 
     Raises CloudError where the two are no labels of the same depth image, FormatError for malformed notes.
     """
     _check_same(predicted, truth)
+    camera = camera_of(frames, truth)
     traits = traits_of(truth, predicted, pinhole_of(truth, camera))
     counts = count(truth, predicted, traits.mm_per_px).flat
     if counts.max(initial=0) > np.iinfo(np.int32).max:
         raise CloudError(f"frame {truth.frame_id} is too large to be counted; compare smaller images")
     return Counted(
-        [truth.frame_id],
-        # One text for all frames of a person.
-        [intern(truth.subject)],
-        [traits],
-        [Digests(_digest(truth.depth_mm), _digest(truth.parts), _digest(predicted.parts))],
-        counts[None].astype(np.int32),
-        observe(predicted, truth, camera)[None],
+        truth.frame_id,
+        writable(truth.subject),
+        traits,
+        Digests(_digest(truth.depth_mm), _digest(truth.parts), _digest(predicted.parts)),
+        counts.astype(np.int32),
+        observe(predicted, truth, camera),
     )
 
 

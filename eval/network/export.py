@@ -1,4 +1,4 @@
-"""A trained network as ONNX, for whoever predicts without torch."""
+"""A trained network as ONNX, for prediction without torch."""
 
 import warnings
 from pathlib import Path

@@ -23,10 +23,11 @@ ROUNDING = 0.05
 """How far a pixel's probabilities may sum from 1: each of twelve rounded to eight bits leaves 0.024 at most,
 to half precision 0.003."""
 SURE = 2.0
-"""How many times as likely as the likeliest part background must be to leave the person: training weighs it
-as the rarest part, and what leaves gets no part at all."""
+"""Ratio of background's probability to the likeliest part's from which a pixel is no person; chosen by eye.
+Training weighs background as the rarest part, and a pixel left out gets no part at all."""
 LEAST_BODY = 0.2
-"""Share of an extraction that is a person at least: in the virtual rig's hardest frames it was half."""
+"""Least share of an extraction that is a person, chosen by eye: in the virtual rig's hardest frames it was
+half (measured)."""
 _NOWHERE = "/dev/null/no-external-data"
 """The folder of tensors outside the file, which does not exist: the file's hash would not cover them, and
 their paths are its author's choice."""
@@ -56,7 +57,7 @@ class OnnxNetwork:
         options = onnxruntime.SessionOptions()
         options.add_session_config_entry("session.model_external_initializers_file_folder_path", _NOWHERE)
         options.add_session_config_entry("session.load_model_format", "ONNX")
-        options.log_severity_level = 4  # what is wrong is said in one line
+        options.log_severity_level = 4  # errors become one line below
         try:
             self._session = onnxruntime.InferenceSession(
                 data,
@@ -125,7 +126,7 @@ class OnnxNetwork:
 
 
 def _input(depth_mm: UInt16, mask: Bool) -> tuple[Crop, Float32]:
-    """The square around a person's pixels (h, w), and what the network is shown of it."""
+    """The square around a person's pixels (h, w), and the network's input of it."""
     crop = network_crop(mask)
     return crop, normalize(crop.cut(depth_mm, 0), crop.cut(mask, False))
 

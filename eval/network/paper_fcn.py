@@ -105,7 +105,7 @@ def _initialise(layer: nn.Module) -> None:
 def _bilinear(c_in: int, c_out: int) -> Tensor:
     """Weights (c_in, c_out, 4, 4) that double a map by interpolation; mix at random where channels differ.
 
-    Small ones: scores that mean nothing yet should say little.
+    Small weights: the untrained scores are near 0.
     """
     ramp = torch.tensor([0.25, 0.75, 0.75, 0.25])
     mixture = torch.eye(c_in) if c_in == c_out else torch.randn(c_in, c_out) * 0.1 * c_in**-0.5

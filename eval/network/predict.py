@@ -21,9 +21,10 @@ from sensors.errors import CloudError, FormatError
 from sensors.rig.source import FrameSource
 
 BATCH = 8
-"""Frames through the network at once. More are no faster on a CPU; the answers are the same bytes for any."""
+"""Frames through the network at once: more are no faster on a CPU (measured by bench/predict.py). The labels
+are the same bytes for any number."""
 WRITERS = 4
-"""Frames written at once: each waits for the disk most of the time."""
+"""Frames written at once: each waits for the disk most of the time; chosen by eye."""
 
 
 def predict_source(
@@ -139,13 +140,5 @@ def _write(predicted: LabelSet, frame: FrameLabels, result: Segmentation) -> Non
     notes = notes_of(result)
     if "crop" in frame.notes:
         notes["crop"] = frame.notes["crop"]
-    labelled = FrameLabels(
-        frame.frame_id,
-        frame.depth_mm,
-        result.parts,
-        result.confidence,
-        subject=frame.subject,
-        notes=notes,
-        persons=frame.persons,
-    )
+    labelled = replace(frame, parts=result.parts, confidence=result.confidence, status="auto", notes=notes)
     predicted.write(labelled, result.probabilities)

@@ -1,4 +1,4 @@
-"""Networks of segmentation-models-pytorch, for whoever wants more than the compact one (extra 'smp')."""
+"""Networks of segmentation-models-pytorch, larger than the compact one."""
 
 from dataclasses import dataclass
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from annotate.parts import PARTS, UNDEFINED
 from eval.compare import paper
+from eval.compare.details import suspicious
 from eval.compare.results import Result
-from eval.compare.suspicious import suspicious
 from eval.report import plots, tables
 from eval.report.cloud_picture import THERMAL_RANGE_C
 from eval.report.estimates import MINUS, SHARES, SUMMARY, row_shares, shown, shown_parts
@@ -33,7 +33,8 @@ TITLE = "Body-part labels: comparison report"
 PLOTLY = files("plotly").joinpath("package_data", "plotly.min.js")
 TEMPLATES = Path(str(files("eval.report").joinpath("templates")))
 SCRIPTS = ("theme", "figures", "tables", "gallery", "scenes")
-MAX_SUSPECTS = 30
+SUSPECTS = 30
+"""Doubtful labels listed at most; chosen by eye."""
 
 SECTIONS = {
     "headline": "Headline",
@@ -66,7 +67,7 @@ _ABSENT = {
 }
 
 SURROUNDINGS_RGB = (84, 86, 94)
-"""In a cloud what is no person is grey, where a picture's background is nearly black."""
+"""In a cloud what is no person is grey, where a picture's background is nearly black; chosen by eye."""
 
 UNDEFINED_RGB = (150, 140, 120)
 
@@ -141,7 +142,7 @@ def policy(*scripts: str) -> str:
 
 
 def _numbers(material: Material) -> dict[str, Any]:
-    """What the templates show; a section's own name says whether there is anything in it."""
+    """Values of the templates; a section's own name is true where it has content."""
     results = material.results
     views, found = material.views, material.differences
     joints = [view for view in map(joints_of, results) if view is not None]
@@ -216,8 +217,8 @@ def _confusion_gaps(results: tuple[Result, ...]) -> dict[str, list[list[float]]]
 
 
 def _suspects(results: tuple[Result, ...]) -> list[tuple[str, Any]]:
-    found = [(r.title, suspect) for r in results for suspect in suspicious(r.comparison, MAX_SUSPECTS)]
-    return sorted(found, key=lambda pair: pair[1].quality)[:MAX_SUSPECTS]
+    found = [(r.title, suspect) for r in results for suspect in suspicious(r.comparison, SUSPECTS)]
+    return sorted(found, key=lambda pair: pair[1].quality)[:SUSPECTS]
 
 
 def embedded_json(value: object) -> str:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Float64
-from annotate.parts import BODY_PARTS
 from eval.compare import paper
 from eval.report.estimates import Estimate
 
@@ -22,9 +21,10 @@ SERIES = 5
 """Colours of results in the style sheet; the sixth result has the first one's again."""
 
 ROW_PX, FRAME_PX = 17, 64
+"""Pixels of a point's line and of what surrounds a figure's lines; chosen by eye."""
 
-MAX_POINTS = 1000
-"""Values that a distribution shows one by one; beyond that only the outliers."""
+SINGLE_POINTS = 1000
+"""Values that a distribution shows one by one; beyond that only the outliers; chosen by eye."""
 
 
 def plain(text: str) -> str:
@@ -205,23 +205,13 @@ def spreads(boxes: Sequence[tuple[str, Sequence[str], Float64, Sequence[str], st
     data = [
         {"type": "box", "name": short(name), "x": [short(g, 16) for g in group], "y": numbers(values),
          "text": [plain(t) for t in text], "hoverinfo": "text+y",
-         "boxpoints": boxpoints(values), "jitter": 0.5, "pointpos": 0,
+         "boxpoints": "all" if len(values) <= SINGLE_POINTS else "outliers", "jitter": 0.5, "pointpos": 0,
          "marker": {"size": 4, "color": color, "opacity": 0.75}, "line": {"width": 1.2},
          "fillcolor": "rgba(128,128,128,0.12)"}
         for name, group, values, text, color in boxes
     ]  # fmt: skip
     y = {"title": {"text": y_title}, "zeroline": False}
     return figure(data, 340, {"boxmode": "group", "yaxis": y, "xaxis": {"showgrid": False}})
-
-
-def boxpoints(values: Float64) -> str:
-    """Which values are shown as points."""
-    return "all" if len(values) <= MAX_POINTS else "outliers"
-
-
-def part_titles() -> list[str]:
-    """Titles of the eleven parts, in the order of their ids."""
-    return [part.title for part in BODY_PARTS]
 
 
 def paper_recalls() -> dict[str, list[float]]:

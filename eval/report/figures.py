@@ -12,7 +12,7 @@ from eval.scores.confusion import Labels, named
 Image = UInt8
 
 CANVAS = (24, 24, 28)
-"""Colour of nothing, as in the palette of parts."""
+"""Colour of nothing, as in the palette of parts; chosen by eye."""
 
 ERROR_KINDS = {
     "missed_person": ("Missed person", (79, 151, 255)),
@@ -21,7 +21,7 @@ ERROR_KINDS = {
     "neighbour_part": ("Neighbouring part", (240, 132, 74)),
     "other_part": ("Other part", (214, 48, 49)),
 }
-"""Title and colour of the fields of `eval.scores.confusion.ErrorKinds`."""
+"""Title and colour of the kinds of `eval.scores.confusion.error_kinds`."""
 
 _OTHERS = {"Background": CANVAS, "Correct": (92, 99, 112), "Undefined": (52, 52, 58)}
 

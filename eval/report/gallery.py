@@ -18,12 +18,12 @@ from eval.report.cloud_picture import render_thermal_cloud
 from eval.report.figures import Image
 from eval.scores import confusion
 
-ROOM_M = 0.7
-"""How far in front of and behind the person the thermal cloud shows the room."""
+AROUND_M = 0.7
+"""Metres before and behind the person that the picture of a thermal cloud shows; chosen by eye."""
 MARGIN = 0.08
-"""Free border of a picture on each side, as a share of the person's larger extent."""
+"""Free border of a picture on each side, as a share of the person's larger extent; chosen by eye."""
 EACH = 6
-"""Frames of each group: 18 a result fill a page or two, and half a megabyte."""
+"""Frames of each group: 18 a result fill a page or two, and half a megabyte; chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def _cloud_picture(cloud: ThermalCloud, person: Bool, crop: Crop) -> Image:
     points, temperature = crop.cut(cloud.points_m, np.nan, side), crop.cut(cloud.temperature_c, np.nan, side)
     shown = crop.cut(person & cloud.valid, False, side)
     if shown.any():
-        away = np.abs(points[..., 2] - np.median(points[shown][:, 2])) > ROOM_M
+        away = np.abs(points[..., 2] - np.median(points[shown][:, 2])) > AROUND_M
         points[away] = np.nan
     # More points than the picture has pixels only cost time.
     step = max(1, side // SIZE)

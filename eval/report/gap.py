@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from annotate.array_types import Bool
+from annotate.array_types import Index
 from annotate.parts import BODY_PARTS, Part
 from eval.compare import paper
 from eval.compare.paired import Difference
@@ -15,8 +15,8 @@ from eval.compare.results import Result
 from eval.report.estimates import Estimate, group_estimates, picked
 from eval.scores.traits import groups
 
-MAX_VALUES = 24
-"""Values of a trait listed at most, the most frequent ones: a thousand subjects make no table."""
+VALUES = 24
+"""Values of a trait listed at most, the most frequent ones; chosen by eye."""
 
 KIND_TITLES = {
     "subject": "Person",
@@ -85,7 +85,7 @@ def difference_of(found: Difference, name: str, *index: int) -> Estimate:
 
 
 def group_tables(results: Sequence[Result]) -> list[GroupTable]:
-    """One table for each trait that tells frames apart, be it within a result or between two."""
+    """One table for each trait that differs between frames of a result or between results."""
     by_result = [groups(r.comparison.subjects, r.comparison.traits) for r in results]
     tables = (
         _group_table(title, results, [found.get(kind, {}) for found in by_result])
@@ -94,14 +94,16 @@ def group_tables(results: Sequence[Result]) -> list[GroupTable]:
     return [table for table in tables if len(table.rows) > 1]
 
 
-def _group_table(title: str, results: Sequence[Result], masks: Sequence[Mapping[str, Bool]]) -> GroupTable:
+def _group_table(
+    title: str, results: Sequence[Result], found_by: Sequence[Mapping[str, Index]]
+) -> GroupTable:
     counts = Counter[str]()
-    for found in masks:
-        counts.update({value: int(mask.sum()) for value, mask in found.items()})
-    frequent = {value for value, _ in counts.most_common(MAX_VALUES)}
+    for found in found_by:
+        counts.update({value: len(frames) for value, frames in found.items()})
+    frequent = {value for value, _ in counts.most_common(VALUES)}
     rows = [
         GroupRow(
-            value, [_cell(result, found.get(value)) for result, found in zip(results, masks, strict=True)]
+            value, [_cell(result, found.get(value)) for result, found in zip(results, found_by, strict=True)]
         )
         for value in sorted(counts, key=_place)
         if value in frequent
@@ -115,7 +117,7 @@ def _place(value: str) -> tuple[bool, float]:
     return (False, float(start[2]) - bool(start[1]) * 1e-3) if start else (True, 0.0)
 
 
-def _cell(result: Result, mask: Bool | None) -> GroupCell:
-    if mask is None or not mask.any():
+def _cell(result: Result, frames: Index | None) -> GroupCell:
+    if frames is None:
         return GroupCell(0, {})
-    return GroupCell(int(mask.sum()), group_estimates(result.comparison, mask))
+    return GroupCell(len(frames), group_estimates(result.comparison, frames))

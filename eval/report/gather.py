@@ -22,10 +22,10 @@ from eval.report.scenes import Scene, make_scene
 from sensors.errors import CloudError
 from sensors.session.reader import Session
 
-MAX_SHOWN = 12
-"""Frames shown of a label set without a truth, evenly spread."""
-MAX_SCENES = 12
-"""Scenes of all results together: 0.2 MB each."""
+SHOWN_FRAMES = 12
+"""Frames shown of a label set without a truth, evenly spread; chosen by eye."""
+SCENES = 12
+"""Scenes of all results together, 0.2 MB each; chosen by eye."""
 
 
 class Clouds:
@@ -55,9 +55,9 @@ def gather(
     facts: Mapping[str, str] | None = None,
     each: int = EACH,
 ) -> Material:
-    """Everything for the report. shown: label sets without truth, with what is to be said of each.
+    """Everything for the report. shown: label sets without truth, each with a note on it.
 
-    A result whose label sets are no longer where it says is shown without pictures. Raises FormatError
+    A result whose label sets have been moved is shown without pictures. Raises FormatError
     for a corrupt file, CloudError where labels were changed after they were evaluated.
     """
     clouds = Clouds(sessions)
@@ -65,7 +65,7 @@ def gather(
     scenes: list[Scene] = []
     for result in results:
         galleries[result.title], own = pictures_of(result, clouds, each)
-        scenes += own[: max(1, MAX_SCENES // len(results))]
+        scenes += own[: max(1, SCENES // len(results))]
     shown_sets = [shown_set(LabelSet.open(path), note, clouds) for path, note in (shown or {}).items()]
     scenes += [scene for one in shown_sets for scene in one.scenes]
     return Material(
@@ -114,7 +114,7 @@ def _changed(result: Result, frame_id: str, sets: Sequence[Path]) -> NoReturn:
 def shown_set(labels: LabelSet, note: str, clouds: Clouds) -> ShownSet:
     """Frames of a label set to look at, evenly spread over it, and its first as a scene."""
     ids = labels.frame_ids
-    chosen = sorted({ids[i] for i in np.linspace(0, len(ids) - 1, min(MAX_SHOWN, len(ids))).astype(int)})
+    chosen = sorted({ids[i] for i in np.linspace(0, len(ids) - 1, min(SHOWN_FRAMES, len(ids))).astype(int)})
     source = str(labels.info.get("source", ""))
     title = source or labels.path.name
     frames: list[GalleryFrame] = []

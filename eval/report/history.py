@@ -19,7 +19,8 @@ from sensors.files.bounded import read_bounded
 HISTORY, FRAME = "history.json", "frame"
 """What `train` writes into its folder (``eval.training.train``)."""
 MAX_BYTES = 64_000_000
-MAX_PICTURES = 8
+"""Of a history.json: a million points."""
+PICTURES = 8
 """The paper's Fig. 7 shows the labelling at seven epochs."""
 
 _EPOCH = re.compile(r"epoch-(\d{1,9})\.parts\.png")
@@ -64,13 +65,13 @@ def _rows(entries: list[dict[str, Any]], names: tuple[str, ...]) -> Float64:
 
 
 def _pictures(folder: Path) -> dict[str, figures.Image]:
-    """Depth, labelling at up to `MAX_PICTURES` epochs spread over the training, truth."""
+    """Depth, labelling at up to `PICTURES` epochs spread over the training, truth."""
     found = {int(m[1]): p for p in folder.glob("epoch-*.parts.png") if (m := _EPOCH.fullmatch(p.name))}
     if not found:
         return {}
     numbers = sorted(found)
     # Early epochs differ most: spread by logarithm, as the paper's choice of 0 to 1,000 nearly is.
-    spread = np.geomspace(1, len(numbers), min(MAX_PICTURES, len(numbers))).round().astype(int) - 1
+    spread = np.geomspace(1, len(numbers), min(PICTURES, len(numbers))).round().astype(int) - 1
     chosen = [numbers[i] for i in sorted(set(spread.tolist()))]
     pictures = {f"Epoch {n}": figures.colorize_parts(decode_parts(read_bounded(found[n]))) for n in chosen}
     depth, truth = folder / "depth.png", folder / "truth.parts.png"
@@ -84,8 +85,8 @@ def _pictures(folder: Path) -> dict[str, figures.Image]:
 
 def _facts(value: dict[str, Any]) -> dict[str, str]:
     """What was trained, on what, flattened to lines."""
-    told = ("images", "parameters", "device", "torch")
-    facts: dict[str, str] = {name: str(value[name]) for name in told if name in value}
+    names = ("images", "parameters", "device", "torch")
+    facts: dict[str, str] = {name: str(value[name]) for name in names if name in value}
     plan = value.get("plan", {})
     return {**facts, **{str(key): _line(entry) for key, entry in plan.items()}}
 

@@ -16,7 +16,7 @@ from sensors.errors import CloudError
 
 @dataclass(frozen=True)
 class ShownSet:
-    """Labels of frames without a truth: to be looked at, not scored. note: what is to be said of them."""
+    """Labels of frames without a truth: to be shown, not scored. note: a remark on them."""
 
     title: str
     frames: Sequence[GalleryFrame]
@@ -54,7 +54,7 @@ class Material:
 
     @cached_property
     def views(self) -> list[ResultView]:
-        """What is to be said of each result."""
+        """Numbers of each result."""
         return [view_of(result) for result in self.results]
 
     @cached_property

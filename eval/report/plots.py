@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from annotate.parts import BODY_PARTS
 from eval.compare import paper
 from eval.compare.paired import Difference
 from eval.compare.results import Result
@@ -17,10 +18,12 @@ from eval.report.views import THRESHOLDS_MM, JointsView, ResultView
 from eval.scores.boundary import TOLERANCES_MM, TOLERANCES_PX
 from eval.scores.reliability import reliability_curve
 
-MAX_CURVE = 400
-"""Points of a loss curve."""
+CURVE_POINTS = 400
+"""Points of a loss curve at most; chosen by eye."""
+SPREAD_FRAMES = 10_000
+"""Frames in the distribution of scores by person, evenly spread, half a megabyte; chosen by eye."""
 RARE = 0.001
-"""A bin of confidence with a smaller share of the pixels is left out of the curve: chance rules it."""
+"""Least share of the pixels in a bin of confidence that the curve shows; chosen by eye."""
 
 
 def figures_of(material: Material, joints: Sequence[JointsView]) -> dict[str, Figure]:
@@ -67,22 +70,12 @@ def _overview(views: Sequence[ResultView], ceiling: Result | None) -> Figure:
 
 
 def _line_at(figure: Figure, x: float, text: str) -> None:
-    """A dashed line across the rows, told what it is."""
+    """Add a dashed line across the rows, with its name."""
     line = {"color": "var(--soft)", "width": 1.5, "dash": "dash"}
-    figure["layout"]["shapes"] = [
-        {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": line}
-    ]
-    figure["layout"]["annotations"] = [
-        {
-            "x": x,
-            "y": 1,
-            "yref": "paper",
-            "text": text,
-            "showarrow": False,
-            "yanchor": "bottom",
-            "xanchor": "right",
-        }
-    ]
+    ends = {"x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper"}
+    place = {"x": x, "y": 1, "yref": "paper", "yanchor": "bottom", "xanchor": "right"}
+    figure["layout"]["shapes"] = [{"type": "line", **ends, "line": line}]
+    figure["layout"]["annotations"] = [{**place, "text": text, "showarrow": False}]
     figure["layout"]["margin"]["t"] = 24
 
 
@@ -128,8 +121,8 @@ def _reliability(results: Sequence[Result]) -> Figure:
         if result.comparison.has_confidence:
             for half, where, dash in ((0, "inside", "solid"), (1, "border", "dot")):
                 curve = reliability_curve(result.comparison.total.reliability[half])
-                told = curve.pixels >= RARE * curve.pixels.sum()
-                x, y = np.where(told, curve.confidence, np.nan), np.where(told, curve.accuracy, np.nan)
+                often = curve.pixels >= RARE * curve.pixels.sum()
+                x, y = np.where(often, curve.confidence, np.nan), np.where(often, curve.accuracy, np.nan)
                 title = f"{result.title[:18]}, {where}"
                 traces.append((title, charts.numbers(x), y.tolist(), charts.series(i), dash))
     unit = {"range": [0, 1.01]}
@@ -142,10 +135,7 @@ def _reliability(results: Sequence[Result]) -> Figure:
 def _differences(found: Sequence[Difference]) -> Figure:
     titles = [one.a for one in found]
     rows = [("All parts", [difference_of(one, "mean_recall") for one in found])]
-    rows += [
-        (title, [difference_of(one, "recall", i + 1) for one in found])
-        for i, title in enumerate(charts.part_titles())
-    ]
+    rows += [(part.title, [difference_of(one, "recall", part.id) for one in found]) for part in BODY_PARTS]
     axis = f"recall less that of {charts.short(found[0].b)}"
     return charts.forest(rows, titles, axis, first_series=1, zero=True)
 
@@ -154,8 +144,10 @@ def _people(results: Sequence[Result]) -> Figure:
     boxes = []
     for i, result in enumerate(results):
         c = result.comparison
-        text = [f"{frame}, {who}" for frame, who in zip(c.frame_ids, c.subjects, strict=True)]
-        boxes.append((result.title, c.subjects, c.frame_miou, text, charts.series(i)))
+        frames = np.linspace(0, len(c.frame_ids) - 1, min(SPREAD_FRAMES, len(c.frame_ids))).astype(int)
+        people = [c.subjects[f] for f in frames]
+        text = [f"{c.frame_ids[f]}, {who}" for f, who in zip(frames, people, strict=True)]
+        boxes.append((result.title, people, c.frame_miou[frames], text, charts.series(i)))
     return charts.spreads(boxes, "mIoU of a frame")
 
 
@@ -175,7 +167,7 @@ def _pck(joints: Sequence[JointsView], results: Sequence[Result]) -> Figure:
 def _loss(trainings: Sequence[Training]) -> Figure:
     traces = []
     for i, training in enumerate(trainings):
-        points = training.points[:: max(1, len(training.points) // MAX_CURVE)]
+        points = training.points[:: max(1, len(training.points) // CURVE_POINTS)]
         traces.append(
             (training.title, charts.numbers(points[:, 0]), points[:, 1].tolist(), charts.series(i), "solid")
         )

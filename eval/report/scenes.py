@@ -14,19 +14,19 @@ from annotate.parts import on_body
 from eval.report.figures import error_kind_ids
 from sensors.rig.camera import Intrinsics, unproject
 
-MAX_POINTS = 14_000
-"""Points of a scene: turned smoothly by a laptop's own graphics, 0.2 MB in the page."""
+SCENE_POINTS = 14_000
+"""Points of a scene: turned smoothly by a laptop's own graphics, 0.2 MB in the page; chosen by eye."""
 AROUND_SHARE = 0.25
-"""Share of the points that may show the surroundings."""
-ROOM_M = 0.3
-"""How far around the person the surroundings are shown."""
+"""Share of the points that may show the surroundings; chosen by eye."""
+AROUND_M = 0.3
+"""Metres around the person in which the surroundings are shown; chosen by eye."""
 
 
 @dataclass(frozen=True)
 class Scene:
     """Points of one frame. points_mm: int16 (n, 3), depth-camera frame less the person's middle.
 
-    colors: values (n,) by what they tell ("truth", "predicted": part ids; "error": index into
+    colors: values (n,) by their meaning ("truth", "predicted": part ids; "error": index into
     `figures.ERROR_NAMES`; "temperature_c": float, NaN unknown).
     """
 
@@ -70,17 +70,17 @@ def points_of(frame: FrameLabels, camera: Intrinsics) -> Float32:
 
 
 def _chosen(points: Float32, person: Bool) -> Index:
-    """Pixels to show, evenly thinned: the person, and what lies within `ROOM_M` of the person's box."""
+    """Pixels to show, evenly thinned: the person, and what lies within `AROUND_M` of the person's box."""
     body = np.flatnonzero(person)
     if not body.size:
         return body
     flat = points.reshape(-1, 3)
-    low, high = np.percentile(flat[body], [2, 98], axis=0) + np.array([[-ROOM_M], [ROOM_M]])
+    low, high = np.percentile(flat[body], [2, 98], axis=0) + np.array([[-AROUND_M], [AROUND_M]])
     with np.errstate(invalid="ignore"):
         close = ((flat >= low) & (flat <= high)).all(-1)
     around = np.flatnonzero(close & ~person.ravel())
-    around = _thinned(around, int(MAX_POINTS * AROUND_SHARE))
-    return np.concatenate([_thinned(body, MAX_POINTS - around.size), around])
+    around = _thinned(around, int(SCENE_POINTS * AROUND_SHARE))
+    return np.concatenate([_thinned(body, SCENE_POINTS - around.size), around])
 
 
 def _thinned(pixels: Index, most: int) -> Index:

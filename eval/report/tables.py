@@ -58,7 +58,7 @@ def to_csv(views: Sequence[ResultView]) -> str:
 
 
 def _scores(view: ResultView) -> Iterator[tuple[str, str, Estimate]]:
-    for name, found in {**view.scores, **view.inside, "miou_merged": view.left_right.merged_miou}.items():
+    for name, found in {**view.scores, **view.inside}.items():
         yield name, "", found
     for row in view.parts:
         for name, found in row.scores.items():
@@ -75,7 +75,7 @@ def _safe(text: str) -> str:
 
 
 def to_json(material: Material) -> str:
-    """Everything `evaluate` and `compare` say of the results, the audits and the facts."""
+    """The results as `evaluate` and `compare` print them, the audits and the facts."""
     value: dict[str, Any] = {
         "facts": dict(material.facts),
         "results": [

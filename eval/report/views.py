@@ -12,17 +12,20 @@ from eval.compare.results import Result
 from eval.report.estimates import Estimate, estimate, quantiles, row_shares, shown, summary_of, verdict
 from eval.report.figures import ERROR_KINDS
 from eval.scores import confusion
-from eval.scores.confusion import MeanIou
 from eval.scores.joint_errors import summary
-from eval.scores.summary import DISTANCES
+from eval.scores.scores import DISTANCES
 
-MAX_ROWS = 200
-"""Frames or subjects listed at most; the rest is counted."""
+ROWS = 200
+"""Frames or subjects listed at most; chosen by eye."""
 
 PART_SCORES = {"recall": "Recall", "precision": "Precision", "iou": "IoU", "dice": "Dice",
                "boundary_iou_by_part": "Boundary IoU"}  # fmt: skip
 """Scores of a part, with their titles."""
 
+
+INSIDE = ("mean_recall_person", "miou_person", "error_rate_inside", "error_rate_near", "mean_recall_all",
+          "miou_merged")  # fmt: skip
+"""Scores that show where and of what kind the errors are."""
 
 THRESHOLDS_MM = tuple(range(0, 301, 10))
 """Distances of the PCK curve, millimetres."""
@@ -70,18 +73,8 @@ class SubjectRow:
 
 
 @dataclass(frozen=True)
-class LeftRight:
-    """How far sides are confused: see `eval.scores.confusion` for each."""
-
-    swap_rate: Estimate
-    share_of_errors: float
-    merged_miou: Estimate
-    flipped_frames: int
-
-
-@dataclass(frozen=True)
 class ResultView:
-    """Everything the page says about one result, except its pictures."""
+    """One result's numbers on the page."""
 
     result: Result
     scores: dict[str, Estimate]
@@ -92,9 +85,9 @@ class ResultView:
     errors: list[ErrorRow]
     error_share: float
     distances: list[DistanceRow]
-    left_right: LeftRight
+    flipped_frames: int
     inside: dict[str, Estimate]
-    mious: MeanIou
+    mious: dict[str, float]
     subjects: list[SubjectRow]
     frames: list[tuple[str, str, str, float]]
     undefined: dict[str, float]
@@ -108,7 +101,6 @@ def view_of(result: Result) -> ResultView:
     shares = row_shares(matrix)
     errors = _error_rows(comparison)
     scores = summary_of(comparison)
-    inside = ("mean_recall_person", "miou_person", "error_rate_inside", "error_rate_near", "mean_recall_all")
     return ResultView(
         result=result,
         scores=scores,
@@ -119,8 +111,8 @@ def view_of(result: Result) -> ResultView:
         errors=errors,
         error_share=sum(row.pixels for row in errors) / max(int(matrix.sum()), 1),
         distances=_distance_rows(comparison),
-        left_right=_left_right(comparison, errors),
-        inside={name: estimate(comparison, name) for name in inside},
+        flipped_frames=int(confusion.flip_helps(comparison.matrices).sum()),
+        inside={name: estimate(comparison, name) for name in INSIDE},
         mious=confusion.mean_ious(comparison.matrices),
         subjects=_subject_rows(comparison),
         frames=_frame_rows(comparison),
@@ -142,7 +134,7 @@ def _part_row(comparison: Comparison, part: Part) -> PartRow:
 
 
 def _error_rows(comparison: Comparison) -> list[ErrorRow]:
-    kinds = {name: int(count) for name, count in vars(confusion.error_kinds(comparison.confusion)).items()}
+    kinds = {name: int(count) for name, count in confusion.error_kinds(comparison.confusion).items()}
     wrong = max(sum(kinds.values()), 1)
     return [ErrorRow(*ERROR_KINDS[name], count, count / wrong) for name, count in kinds.items()]
 
@@ -162,25 +154,15 @@ def _distance_rows(comparison: Comparison) -> list[DistanceRow]:
     ]
 
 
-def _left_right(comparison: Comparison, errors: list[ErrorRow]) -> LeftRight:
-    swapped = next(row for row in errors if row.title == ERROR_KINDS["left_right_swap"][0])
-    return LeftRight(
-        swap_rate=estimate(comparison, "left_right_swap_rate"),
-        share_of_errors=swapped.share,
-        merged_miou=estimate(comparison, "miou_merged"),
-        flipped_frames=int(confusion.flip_helps(comparison.matrices).sum()),
-    )
-
-
 def _subject_rows(comparison: Comparison) -> list[SubjectRow]:
     owner, scores = np.array(comparison.subjects), comparison.frame_miou
-    names = sorted(set(comparison.subjects))[:MAX_ROWS]
+    names = sorted(set(comparison.subjects))[:ROWS]
     return [SubjectRow(name, int((owner == name).sum()), quantiles(scores[owner == name])) for name in names]
 
 
 def _frame_rows(comparison: Comparison) -> list[tuple[str, str, str, float]]:
     """Frames by mIoU, worst first: id, subject, what makes it hard, mIoU; without a score last."""
-    order = np.argsort(comparison.frame_miou, kind="stable")[:MAX_ROWS]
+    order = np.argsort(comparison.frame_miou, kind="stable")[:ROWS]
     return [
         (
             comparison.frame_ids[i],

@@ -5,12 +5,10 @@ score takes (..., 12, 12), so that one frame, the frames of a set, their sum, an
 a bootstrap go through the same code.
 
 Three rules hold throughout:
-- A pixel undefined in the truth is ignored; `undefined_shares` says how many there are.
+- A pixel undefined in the truth is ignored; `undefined_pixels` counts them.
 - A pixel undefined in the prediction counts as background: who names no part has missed it.
 - A class without pixels has the score NaN, which means leave it out, so it is never scored 0 or 1.
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,33 +106,23 @@ def miou(matrix: Counts) -> Scores:
     return over_parts(iou(matrix))
 
 
-@dataclass(frozen=True)
-class MeanIou:
-    """Mean IoU of the body parts, averaged in the ways that answer different questions.
+def mean_ious(matrices: Counts) -> dict[str, float]:
+    """Mean IoU of the body parts of a set (F, 12, 12), averaged in the ways that answer different questions.
 
     over_set: pixels of all frames in one matrix; large people weigh more. over_images: mean of
     the frames' own mIoU. over_parts: mean over frames of each part, then over parts; a rare part
     weighs as much as a common one. worst: mean of the worst 5 % of the frames (at least one).
     Source: Wang et al., Revisiting Evaluation Metrics for Semantic Segmentation, NeurIPS 2023.
     """
-
-    over_set: float
-    over_images: float
-    over_parts: float
-    worst: float
-
-
-def mean_ious(matrices: Counts) -> MeanIou:
-    """The four mean IoUs of a set: (frames, 12, 12)."""
     mious = np.sort(miou(matrices))
     mious = mious[~np.isnan(mious)]
     worst = mious[: max(1, int(np.ceil(WORST_SHARE * mious.size)))]
-    return MeanIou(
-        over_set=float(miou(matrices.sum(0))),
-        over_images=float(present_mean(mious, axis=0)),
-        over_parts=float(over_parts(present_mean(iou(matrices), axis=0))),
-        worst=float(present_mean(worst, axis=0)),
-    )
+    return {
+        "over_set": float(miou(matrices.sum(0))),
+        "over_images": float(present_mean(mious, axis=0)),
+        "over_parts": float(over_parts(present_mean(iou(matrices), axis=0))),
+        "worst": float(present_mean(worst, axis=0)),
+    }
 
 
 def person_iou(matrix: Counts) -> Scores:
@@ -177,25 +165,19 @@ def flip_helps(matrix: Counts) -> Bool:
     return np.asarray(miou(matrix[..., _TWIN]) > miou(matrix))
 
 
-@dataclass(frozen=True)
-class ErrorKinds:
-    """Pixels by what went wrong; each (...). Together they are everything off the diagonal."""
+def error_kinds(matrix: Counts) -> dict[str, Counts]:
+    """Wrong pixels of (..., 12, 12) by kind, each (...): together everything off the diagonal.
 
-    missed_person: Counts
-    invented_person: Counts
-    left_right_swap: Counts
-    neighbour_part: Counts
-    other_part: Counts
-
-
-def error_kinds(matrix: Counts) -> ErrorKinds:
-    """Sort the wrong pixels of (..., 12, 12) by kind; neighbours are parts joined by anatomy."""
-    missed = matrix[..., 1:, BACKGROUND].sum(-1)
-    invented = matrix[..., BACKGROUND, 1:].sum(-1)
-    swapped = _swapped(matrix)
-    neighbour = (matrix * _NEIGHBOUR).sum((-1, -2))
+    Neighbours are parts joined by anatomy.
+    """
+    kinds = {
+        "missed_person": matrix[..., 1:, BACKGROUND].sum(-1),
+        "invented_person": matrix[..., BACKGROUND, 1:].sum(-1),
+        "left_right_swap": _swapped(matrix),
+        "neighbour_part": (matrix * _NEIGHBOUR).sum((-1, -2)),
+    }
     wrong = matrix.sum((-1, -2)) - _diagonal(matrix).sum(-1)
-    return ErrorKinds(missed, invented, swapped, neighbour, wrong - missed - invented - swapped - neighbour)
+    return kinds | {"other_part": wrong - np.sum(list(kinds.values()), axis=0)}
 
 
 def _diagonal(matrix: Counts) -> Counts:

@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.array_types import Bool, Int64
+from annotate.array_types import Int64
 from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES, UNDEFINED, on_body
@@ -16,7 +16,7 @@ from eval.scores.boundary import N_DISTANCES, TOLERANCES_MM, TOLERANCES_PX, WIDT
 from eval.scores.confusion import Counts, Labels
 
 NEAR_PX = 3.0
-"""A pixel closer than this to a border of the truth is near it: half a limb's width at 4 m is farther."""
+"""Distance below which a pixel is near a border of the truth, less than half a limb at 4 m; chosen by eye."""
 
 SHAPES = {
     "confusion": (N_CLASSES, N_CLASSES),
@@ -89,23 +89,13 @@ class FrameCounts:
                 raise ValueError(f"{name} is {counts[name].shape} instead of {(*leading, *shape)}")
         return cls(np.concatenate([counts[name].reshape(*leading, -1) for name in SHAPES], axis=-1))
 
-    @property
-    def by_name(self) -> dict[str, Counts]:
-        """The arrays by name."""
-        return {name: getattr(self, name) for name in SHAPES}
-
-    def __getitem__(self, index: slice | int) -> Self:
-        """The counts at an index of the leading axes."""
-        return type(self)(self.flat[index])
-
     def taken(self, frames: Int64) -> Self:
         """The counts of some frames (F,), in this order."""
         return type(self)(self.flat[frames])
 
-    def total(self, frames: Bool | None = None) -> Self:
-        """The sum over the first axis, or over some of it: a mask (F,)."""
-        where = True if frames is None else frames[:, None]
-        return type(self)(self.flat.sum(axis=0, dtype=np.int64, where=where))
+    def total(self) -> Self:
+        """The sum over the first axis."""
+        return type(self)(self.flat.sum(axis=0, dtype=np.int64))
 
 
 def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> FrameCounts:
@@ -124,11 +114,11 @@ def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> Frame
     matched = boundary.boundary_counts(*borders, tolerances)
     bands = boundary.band_counts(target, masked, away, widths)
     near = away[0] < NEAR_PX
-    told = np.where(near, target, np.uint8(UNDEFINED))
+    close = np.where(near, target, np.uint8(UNDEFINED))
     confidence = None if predicted.confidence is None else predicted.confidence[box]
     return FrameCounts.of(
         confusion=confusion.confusion_matrix(truth.parts, predicted.parts),
-        near=confusion.confusion_matrix(told, guess),
+        near=confusion.confusion_matrix(close, guess),
         borders_px=matched[: len(TOLERANCES_PX)],
         borders_mm=matched[len(TOLERANCES_PX) :] if scaled else _zeros("borders_mm"),
         bands_px=bands[: len(WIDTHS_PX)],

@@ -3,7 +3,7 @@
 Frames of one person resemble each other, so whole subjects are drawn with replacement, each with all of
 its frames: drawing frames again inside a drawn subject would count their spread twice (Davison & Hinkley,
 Bootstrap Methods and their Application, 1997, section 3.8). With a single subject its frames are drawn,
-and the interval speaks of that person only.
+and the interval holds for that person only.
 
 With few subjects a percentile interval is too narrow: it held the true mean in 86 % of the simulated sets
 of 8 subjects. So the resamples give the standard error, times sqrt(n / (n - 1)) for the n subjects it was
@@ -23,12 +23,13 @@ from eval.scores.confusion import Scores
 from eval.scores.counts import blocks
 
 RESAMPLES = 2000
+"""Of the bootstrap; chosen by eye."""
 AT_ONCE = 4_000_000
 """Numbers drawn at a time, 32 MB: 40 resamples of 100,000 clusters, where all would take 1.6 GB."""
 SEED = 20170606
 LEVEL = 0.95
 FEW = 4
-"""Fewer subjects than this give an interval that rests on hardly anything."""
+"""Fewer subjects than this give an interval that rests on hardly anything; chosen by eye."""
 
 
 def clusters_of(subjects: Sequence[str]) -> Int64:
@@ -64,7 +65,7 @@ def resampled_sums(by_cluster: Int64, resamples: int = RESAMPLES, seed: int = SE
 def standard_error(resampled: Scores, n: Int64 | int) -> Scores:
     """Standard error of a score from its resamples (R, ...), estimated from n clusters (broadcast).
 
-    Resamples without a score are left out. NaN where fewer than two clusters have a say.
+    Resamples without a score are left out. NaN for fewer than two clusters.
     """
     known = ~np.isnan(resampled)
     count = known.sum(0)
@@ -76,21 +77,21 @@ def standard_error(resampled: Scores, n: Int64 | int) -> Scores:
     return np.where((n > 1) & (count > 0), widened, np.nan)
 
 
-def quantile(degrees: Float64 | Int64 | int, level: float = LEVEL) -> Float64:
+def quantile(degrees: Float64 | Int64 | int) -> Float64:
     """Half width of a t interval in standard errors."""
     from scipy.stats import t as student
 
-    return np.asarray(student.ppf((1 + level) / 2, np.maximum(degrees, 1)), np.float64)
+    return np.asarray(student.ppf((1 + LEVEL) / 2, np.maximum(degrees, 1)), np.float64)
 
 
-def interval(estimate: Scores, resampled: Scores, n: Int64 | int, level: float = LEVEL) -> Float64:
+def interval(estimate: Scores, resampled: Scores, n: Int64 | int) -> Float64:
     """Interval of shares: estimate (...), its resamples (R, ...), n clusters behind it -> (2, ...).
 
     NaN where the estimate is NaN or rests on one cluster; the estimate itself where no resample differs.
     """
     from scipy.special import expit, logit
 
-    error = standard_error(resampled, n) * quantile(np.asarray(n) - 1, level)
+    error = standard_error(resampled, n) * quantile(np.asarray(n) - 1)
     value = np.asarray(estimate, np.float64)
     spread = value * (1 - value)
     certain = (spread <= 0) | (error == 0)
@@ -100,15 +101,13 @@ def interval(estimate: Scores, resampled: Scores, n: Int64 | int, level: float =
     return np.where(certain & ~np.isnan(error), value, ends)
 
 
-def paired_interval(value: Scores, resampled: Scores, n: Int64 | int, level: float = LEVEL) -> Float64:
+def paired_interval(value: Scores, resampled: Scores, n: Int64 | int) -> Float64:
     """Interval of a difference on the same frames: (...), its resamples (R, ...), n clusters -> (2, ...)."""
-    half = standard_error(resampled, n) * quantile(np.asarray(n) - 1, level)
+    half = standard_error(resampled, n) * quantile(np.asarray(n) - 1)
     return np.clip(np.stack([value - half, value + half]), -1.0, 1.0)
 
 
-def unpaired_interval(
-    value: Scores, resampled: tuple[Scores, Scores], n: tuple[Int64 | int, Int64 | int], level: float = LEVEL
-) -> Float64:
+def unpaired_interval(value: Scores, resampled: Sequence[Scores], n: Sequence[Int64 | int]) -> Float64:
     """Interval of a difference of two samples, each with its resamples (R, ...) and clusters -> (2, ...).
 
     The errors add up, with Welch's degrees of freedom (Biometrika 34, 1947).
@@ -116,12 +115,12 @@ def unpaired_interval(
     a, b = (standard_error(scores, k) ** 2 for scores, k in zip(resampled, n, strict=True))
     spread = a**2 / np.maximum(np.asarray(n[0]) - 1, 1) + b**2 / np.maximum(np.asarray(n[1]) - 1, 1)
     degrees = np.divide((a + b) ** 2, spread, out=np.ones_like(spread), where=spread > 0)
-    half = np.sqrt(a + b) * quantile(degrees, level)
+    half = np.sqrt(a + b) * quantile(degrees)
     return np.clip(np.stack([value - half, value + half]), -1.0, 1.0)
 
 
 def note_on(subjects: Sequence[str], unknown: str) -> str:
-    """What to say of an interval over these frames' subjects; "" where nothing is to be said."""
+    """Why an interval over these frames' subjects is doubtful; "" where it is not."""
     people = set(subjects)
     if people == {unknown}:
         return "subjects unknown: frames were drawn as if of different people; the interval is too narrow"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from annotate.array_types import Float64
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.frames import pinhole_of
-from eval.scores.joints import HINGES, IN_SKELETON, JOINT_NAMES, LIMBS, N_JOINTS, Measured, measure
+from eval.scores.joints import EVIDENCE, IN_SKELETON, JOINT_NAMES, N_JOINTS, joint_evidence
 from eval.scores.skeleton_fit import fit_skeletons
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics, project
@@ -24,46 +24,38 @@ from synth.body import skeleton
 
 WITHIN_MM = (50.0, 100.0, 150.0)
 """Distances of the PCK."""
-MAX_MM = 100_000.0
-"""No joint is further from a camera than that."""
+FARTHEST_MM = 100_000.0
+"""No joint is further from a camera than that; chosen by eye."""
 
 
 OBSERVED = np.dtype(
     [
         ("known", np.bool_),
-        ("borders", np.float64, (len(HINGES), 3)),
-        ("middles", np.float64, (len(LIMBS), 3)),
-        ("direct", np.bool_, len(HINGES)),
+        ("evidence", EVIDENCE),
         ("truth_mm", np.float64, (N_JOINTS, 3)),
         ("inside", np.bool_, N_JOINTS),
     ]
 )
-"""A frame beside its true joints: whether these are known, what its labels show (``joints.Measured``), where
-they are in the depth camera's frame, and which of them inside the depth image."""
+"""A frame beside its true joints: whether these are known, their evidence in its labels, their places in the
+depth camera's frame, millimetres, and which of them lie inside the depth image."""
 
 Observed = NDArray[np.void]
 
 
 def observe(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> Observed:
-    """What a frame's predicted parts say of the joints, and where they truly are: one OBSERVED, ().
+    """OBSERVED (): a frame's evidence of its joints in the predicted parts, and their true places.
 
     camera: undistorted, of the whole image (``camera_of``). Raises FormatError for malformed notes.
     """
-    seen = np.zeros((), OBSERVED)
+    observed = np.zeros((), OBSERVED)
     if "joints_mm" in truth.notes:
         joints = _joints(truth)
         pixels = project(camera, joints)
-        measured = measure(predicted.parts, predicted.depth_mm, pinhole_of(truth, camera))
-        seen["known"], seen["truth_mm"] = True, joints
-        seen["inside"] = np.all((pixels >= -0.5) & (pixels < np.array(camera.shape[::-1]) - 0.5), axis=-1)
-        for name, value in vars(measured).items():
-            seen[name] = value
-    return seen
-
-
-def measured_of(observed: Observed) -> Measured:
-    """What the labels of several frames (F,) show."""
-    return Measured(observed["borders"], observed["middles"], observed["direct"])
+        observed["known"], observed["truth_mm"] = True, joints
+        observed["inside"] = np.all((pixels >= -0.5) & (pixels < np.array(camera.shape[::-1]) - 0.5), axis=-1)
+        own = pinhole_of(truth, camera)
+        observed["evidence"] = joint_evidence(predicted.parts, predicted.depth_mm, own)
+    return observed
 
 
 def _joints(truth: FrameLabels) -> Float64:
@@ -71,7 +63,7 @@ def _joints(truth: FrameLabels) -> Float64:
         joints = np.array(truth.notes["joints_mm"], np.float64)
     except (TypeError, ValueError):
         joints = np.empty(0)
-    if joints.shape != (skeleton.N_JOINTS, 3) or not (np.abs(joints) <= MAX_MM).all():
+    if joints.shape != (skeleton.N_JOINTS, 3) or not (np.abs(joints) <= FARTHEST_MM).all():
         raise FormatError(
             f"frame {truth.frame_id}: its note 'joints_mm' is malformed; give {skeleton.N_JOINTS} joints "
             "(x, y, z) in millimetres"
@@ -90,7 +82,7 @@ def joint_errors_mm(observed: Observed, persons: Sequence[str]) -> Float64:
     if len(scored) < len(observed):
         persons = list(compress(persons, observed["known"]))
         observed = observed[scored]
-    found = fit_skeletons(measured_of(observed), persons)
+    found = fit_skeletons(observed["evidence"], persons)
     for i, seen, joints in zip(scored, observed, found, strict=True):
         distance = np.linalg.norm(joints - seen["truth_mm"], axis=-1)
         errors[i, seen["inside"]] = np.where(np.isnan(distance), np.inf, distance)[seen["inside"]]

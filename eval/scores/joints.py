@@ -1,4 +1,4 @@
-"""What part labels say of a person's joints: where parts border on each other, and where each one lies.
+"""Evidence of a person's joints in part labels: where parts border on each other, and where each one lies.
 
 A joint lies between two parts, so the middle of their border, pushed from the surface into the body, is a
 measurement of it; the middle of a limb's surface, pushed in likewise, lies a known share of the way from
@@ -8,8 +8,9 @@ one of the limb's joints to the other. ``skeleton_fit`` makes a skeleton of thes
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from annotate.array_types import Bool, Float64, Int64, UInt8, UInt16
+from annotate.array_types import Float64, UInt8, UInt16
 from annotate.crop import window_of
 from annotate.parts import N_CLASSES, PART_ID, on_body
 from sensors.rig.camera import Intrinsics
@@ -17,7 +18,7 @@ from synth.body.skeleton import JOINT_ID
 
 _SIDED = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 JOINT_NAMES = ("head", "neck", "pelvis", *(f"{side}_{kind}" for side in ("left", "right") for kind in _SIDED))
-"""What eleven parts can tell of `synth.body.skeleton`'s joints: not the spine's, nor the clavicles'."""
+"""Joints of `synth.body.skeleton` that lie on the border or in the middle of a part, the clavicles' aside."""
 N_JOINTS = len(JOINT_NAMES)
 JOINT = {name: i for i, name in enumerate(JOINT_NAMES)}
 IN_SKELETON = np.array([JOINT_ID[name] for name in JOINT_NAMES])
@@ -25,16 +26,16 @@ IN_SKELETON = np.array([JOINT_ID[name] for name in JOINT_NAMES])
 
 BANDWIDTH_MM = 65.0
 """Of the mean shift that finds where most of a border's points lie (Shotton et al. 2011: 0.065 m)."""
-MAX_JUMP_MM = 60.0
-"""Neighbours further apart in depth hide each other and do not touch."""
-MIN_BORDER, MIN_PART = 6, 20
-"""Pixels with less than which a border or a part says nothing."""
-MAX_POINTS = 500
-"""Points of a part that are looked at, evenly chosen."""
+JUMP_MM = 60.0
+"""Neighbours further apart in depth hide each other and do not touch; chosen by eye."""
+BORDER_PIXELS, PART_PIXELS = 6, 20
+"""Pixels of the smallest border and the smallest part that count; chosen by eye."""
+PART_POINTS = 500
+"""Points of a part at most, evenly chosen: for speed; chosen by eye."""
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
-"""Neighbours (dv, du) compared: a line of pixels that nobody labelled may lie between."""
+"""Neighbours (dv, du) compared: a line of pixels that nobody labelled may lie between; chosen by eye."""
 _END = 0.05
-"""Share of a part that is its end."""
+"""Share of a part that is its end; chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -96,48 +97,47 @@ LIMBS = (
 )
 
 
-@dataclass(frozen=True)
-class Measured:
-    """What a frame shows, or several (F, ...), depth camera's frame, millimetres, NaN where it shows nothing.
+EVIDENCE = np.dtype(
+    [
+        ("borders", np.float64, (len(HINGES), 3)),
+        ("middles", np.float64, (len(LIMBS), 3)),
+        ("direct", np.bool_, len(HINGES)),
+    ]
+)
+"""What a frame shows of the joints, depth camera's frame, millimetres, NaN where it shows nothing.
 
-    borders: float64 (9, 3), surface points by HINGES. middles: float64 (11, 3) of parts by LIMBS.
-    direct: bool (9,), False where the border is hidden and the parts' ends stand in for it.
-    """
+borders: surface points by HINGES. middles: middles of the parts by LIMBS. direct: False where a border is
+hidden and the parts' ends stand in for it.
+"""
 
-    borders: Float64
-    middles: Float64
-    direct: Bool
-
-    def __getitem__(self, frames: slice | Int64) -> "Measured":
-        """Some of several frames."""
-        return Measured(self.borders[frames], self.middles[frames], self.direct[frames])
+Evidence = NDArray[np.void]
 
 
-def measure(parts: UInt8, depth_mm: UInt16, camera: Intrinsics) -> Measured:
-    """Borders and middles of the parts (h, w) over a depth image (h, w) of an undistorted camera."""
+def joint_evidence(parts: UInt8, depth_mm: UInt16, camera: Intrinsics) -> Evidence:
+    """EVIDENCE (): borders and middles of parts (h, w) over a depth image (h, w) of an undistorted camera."""
+    found = np.zeros((), EVIDENCE)
+    borders, middles, direct = found["borders"], found["middles"], found["direct"]
+    borders[:], middles[:] = np.nan, np.nan
     named = on_body(parts) & (depth_mm > 0)
-    borders = np.full((len(HINGES), 3), np.nan)
-    middles = np.full((len(LIMBS), 3), np.nan)
-    direct = np.zeros(len(HINGES), np.bool_)
     if not named.any():
-        return Measured(borders, middles, direct)
+        return found
     window = window_of(named)
     labels = np.where(named[window], parts[window], np.uint8(0))
     points = _points(depth_mm[window], camera, window[0].start, window[1].start)
     of_part = _by_part(labels, points)
     for i, limb in enumerate(LIMBS):
-        if len(of_part[limb.part]) >= MIN_PART:
+        if len(of_part[limb.part]) >= PART_PIXELS:
             middles[i] = np.median(of_part[limb.part], axis=0)
     crossing = _crossings(labels, points)
     for i, hinge in enumerate(HINGES):
         a, b = hinge.parts
         on_border = crossing.get(frozenset((PART_ID[a], PART_ID[b])), np.empty((0, 3)))
-        direct[i] = len(on_border) >= MIN_BORDER
+        direct[i] = len(on_border) >= BORDER_PIXELS
         if direct[i]:
             borders[i] = _mode(on_border, np.median(on_border, axis=0))
-        elif min(len(of_part[a]), len(of_part[b])) >= MIN_PART:
+        elif min(len(of_part[a]), len(of_part[b])) >= PART_PIXELS:
             borders[i] = _between(of_part[a], of_part[b])
-    return Measured(borders, middles, direct)
+    return found
 
 
 def _points(depth_mm: UInt16, camera: Intrinsics, top: int, left: int) -> Float64:
@@ -151,7 +151,7 @@ def _points(depth_mm: UInt16, camera: Intrinsics, top: int, left: int) -> Float6
 
 
 def _by_part(labels: UInt8, points_mm: Float64) -> dict[str, Float64]:
-    """Points (n, 3) of every part by name, at most MAX_POINTS, evenly chosen."""
+    """Points (n, 3) of every part by name, at most PART_POINTS, evenly chosen."""
     index = np.flatnonzero(labels)
     label = labels.ravel()[index]
     index = index[np.argsort(label, kind="stable")]
@@ -160,7 +160,7 @@ def _by_part(labels: UInt8, points_mm: Float64) -> dict[str, Float64]:
     of_part = {}
     for limb in LIMBS:
         first, end = ends[PART_ID[limb.part] - 1], ends[PART_ID[limb.part]]
-        of_part[limb.part] = flat[index[first : end : (end - first) // MAX_POINTS + 1]]
+        of_part[limb.part] = flat[index[first : end : (end - first) // PART_POINTS + 1]]
     return of_part
 
 
@@ -173,7 +173,7 @@ def _crossings(labels: UInt8, points_mm: Float64) -> dict[frozenset[int], Float6
         two = np.s_[dv:, max(0, du) : width - max(0, -du)]
         v, u = np.nonzero((labels[one] != labels[two]) & (labels[one] > 0) & (labels[two] > 0))
         a, b = points_mm[one][v, u], points_mm[two][v, u]
-        touch = np.abs(a[:, 2] - b[:, 2]) < MAX_JUMP_MM
+        touch = np.abs(a[:, 2] - b[:, 2]) < JUMP_MM
         ids = np.stack([labels[one][v, u], labels[two][v, u]], axis=1)[touch]
         pairs.append(np.sort(ids, axis=1))
         middles.append((a + b)[touch] / 2)

@@ -1,7 +1,7 @@
 """How far a prediction's confidence can be believed: reliability by bins, and labels it doubts.
 
-Looked at are the pixels where the prediction names a body part and the truth is defined: where it
-names none, label sets hold no confidence.
+Only pixels count where the prediction names a body part and the truth is defined: where it names none,
+label sets hold no confidence.
 """
 
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ LEVELS = 255
 
 def reliability_counts(truth: Labels, predicted: Labels, confidence: Float32, near: Bool) -> Counts:
     """Pixels, right ones, sum of confidence in 1/255, by bin, inside and near borders: int64 (2, 15, 3)."""
-    told = _told(truth, predicted)
-    level = _level(confidence[told])
-    where = near[told] * N_BINS + np.minimum(level * N_BINS // LEVELS, N_BINS - 1)
-    right = (truth == predicted)[told]
+    seen = _compared(truth, predicted)
+    level = _level(confidence[seen])
+    where = near[seen] * N_BINS + np.minimum(level * N_BINS // LEVELS, N_BINS - 1)
+    right = (truth == predicted)[seen]
     size = 2 * N_BINS
     pixels = np.bincount(where, minlength=size)
     hits = np.bincount(where[right], minlength=size)
@@ -39,14 +39,14 @@ def label_quality(truth: Labels, predicted: Labels, confidence: Float32) -> Coun
     A label that the prediction shares has the confidence as its probability, another one at most
     the rest. Low means: the label is wrong, or the prediction is, with conviction.
     """
-    told = _told(truth, predicted) & (truth != BACKGROUND)
-    level, parts = _level(confidence[told]), truth[told]
-    given = np.where((truth == predicted)[told], level, LEVELS - level)
+    seen = _compared(truth, predicted) & (truth != BACKGROUND)
+    level, parts = _level(confidence[seen]), truth[seen]
+    given = np.where((truth == predicted)[seen], level, LEVELS - level)
     sums = np.bincount(parts, weights=given, minlength=N_CLASSES)
     return np.stack([sums, np.bincount(parts, minlength=N_CLASSES)], axis=-1).astype(np.int64)
 
 
-def _told(truth: Labels, predicted: Labels) -> Bool:
+def _compared(truth: Labels, predicted: Labels) -> Bool:
     return np.asarray((truth != UNDEFINED) & on_body(predicted))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from annotate.array_types import Bool, Float64
 from eval.scores.counts import blocks
-from eval.scores.joints import HINGES, JOINT, LIMBS, N_JOINTS, Measured, pushed
+from eval.scores.joints import HINGES, JOINT, LIMBS, N_JOINTS, Evidence, pushed
 
 _LIMB_BONES = (
     ("shoulder", "elbow", 260),
@@ -30,19 +30,19 @@ BONES = (
 )
 """Joints and usual length in millimetres: means over the paper's eight bodies (tools/fit_joints.py)."""
 FREE_MM, KNOWN_MM = 40.0, 9.0
-"""Standard deviation of a bone's length before and after this person's bones are known."""
+"""Standard deviation of a bone's length before and after this person's bones are known; chosen by eye."""
 TRUST_FRAMES = 30.0
-"""Frames after which a person's own bone counts as much as their scale times the usual length."""
+"""Frames after which a person's own bone counts as much as scale times usual length; chosen by eye."""
 HIDDEN = 2.8
 """Uncertainty of a border that is hidden, over that of one that is seen (tools/fit_joints.py)."""
 MIDDLE_MM = 13.0
-"""Of the pelvis about the middle of the hips."""
+"""Standard deviation of the pelvis about the middle of the hips; chosen by eye."""
 CAUCHY = 3.0
-"""Standard deviations at which a term loses half of its weight."""
+"""Standard deviations at which a term loses half of its weight; chosen by eye."""
 ROUNDS = 8
-"""Of Gauss-Newton: the last moves joints by less than a millimetre."""
+"""Rounds of Gauss-Newton: the last moves joints by less than a millimetre; chosen by eye."""
 LOOSE = 1e-8
-"""Weight, 1/mm2, that keeps what is not determined from flying off: a standard deviation of 10 m."""
+"""Weight, 1/mm2, of a joint that nothing else determines: a standard deviation of 10 m; chosen by eye."""
 
 
 _ENDS = np.array([(JOINT[a], JOINT[b]) for a, b, _ in BONES])
@@ -83,43 +83,43 @@ class _Terms:
     weights: Float64
 
 
-def fit_skeletons(measured: Measured, persons: Sequence[str]) -> Float64:
-    """Joints (F, 15, 3) of F frames, depth camera's frame, millimetres, by JOINT_NAMES.
+def fit_skeletons(evidence: Evidence, persons: Sequence[str]) -> Float64:
+    """Joints (F, 15, 3) by JOINT_NAMES from EVIDENCE (F,), depth camera's frame, millimetres.
 
     persons: who is seen in each frame; frames of one person share the lengths of bones, left and right
-    alike. NaN where the parts do not tell where a joint is.
+    alike. NaN where the parts do not determine a joint.
     """
     joints = np.empty((len(persons), N_JOINTS, 3))
     ratio = np.empty((len(persons), len(BONES)))
     for rows in blocks(len(persons)):
-        frames = measured[rows]
+        frames = evidence[rows]
         joints[rows] = _solve(_terms(frames), _USUAL_MM, FREE_MM)
         ratio[rows] = _ratio(joints[rows], _known(frames))
     people, person = np.unique(np.array(persons), return_inverse=True)
     lengths = np.array([_lengths(ratio[person == i]) for i in range(len(people))])
     for rows in blocks(len(persons)):
-        frames = measured[rows]
+        frames = evidence[rows]
         fitted = _solve(_terms(frames), lengths[person[rows]], KNOWN_MM, joints[rows])
         joints[rows] = np.where(_known(frames)[..., None], fitted, np.nan)
     return joints
 
 
-def _terms(measured: Measured) -> _Terms:
-    surface = np.concatenate([measured.borders, measured.middles], axis=1)
+def _terms(evidence: Evidence) -> _Terms:
+    surface = np.concatenate([evidence["borders"], evidence["middles"]], axis=1)
     middle = np.zeros((len(surface), 1, 3))
     values = np.concatenate([pushed(surface, _PUSH_MM), middle], axis=1)
     sigma = np.tile(_SIGMA_MM, (len(surface), 1))
-    sigma[:, : len(HINGES)] *= np.where(measured.direct, 1, HIDDEN)
+    sigma[:, : len(HINGES)] *= np.where(evidence["direct"], 1, HIDDEN)
     there = np.isfinite(values).all(axis=-1)
     return _Terms(np.where(there[..., None], values, 0), there / sigma**2)
 
 
-def _known(measured: Measured) -> Bool:
+def _known(evidence: Evidence) -> Bool:
     """Joints (F, 15) that are determined: by a border, or along a limb from a known end, or by the hips."""
-    known = np.zeros((len(measured.borders), N_JOINTS), np.bool_)
+    known = np.zeros((len(evidence["borders"]), N_JOINTS), np.bool_)
     for i, hinge in enumerate(HINGES):
-        known[:, JOINT[hinge.joint]] = np.isfinite(measured.borders[:, i, 0])
-    seen = np.isfinite(measured.middles[..., 0])
+        known[:, JOINT[hinge.joint]] = np.isfinite(evidence["borders"][:, i, 0])
+    seen = np.isfinite(evidence["middles"][..., 0])
     left, right, pelvis = (JOINT[name] for name in ("left_hip", "right_hip", "pelvis"))
     for _ in range(3):
         known[:, pelvis] |= known[:, left] & known[:, right]
@@ -141,7 +141,7 @@ def _ratio(joints_mm: Float64, known: Bool) -> Float64:
 
 
 def _lengths(ratio: Float64) -> Float64:
-    """Lengths (bones,) of a person's bones from what a loose fit of their frames says (n, bones)."""
+    """Lengths (bones,) of a person's bones from the ratios of a loose fit of their frames (n, bones)."""
     both = np.concatenate([ratio, ratio[:, _TWIN]])
     frames = np.isfinite(both).sum(axis=0) / 2
     scale = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else 1.0

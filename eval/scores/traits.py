@@ -1,6 +1,7 @@
 """What kind of frame it is: who is seen, in which pose, from how far, and what makes it hard."""
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from annotate.array_types import Bool, UInt16
+from annotate.array_types import Bool, Index, UInt16
 from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels, Status
 from annotate.parts import on_body
@@ -17,8 +18,9 @@ from sensors.rig.camera import Intrinsics
 
 DISTANCE_EDGES_M = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 INVALID_EDGES = (0.01, 0.05, 0.1, 0.2)
-MAX_CHARS, MAX_CAUSES = 100, 30
-"""Bounds on what notes, which come from files, may add to a result."""
+"""Ends of the groups by distance and by share of pixels without a reading; chosen by eye."""
+NOTE_CHARS, NOTE_CAUSES = 100, 30
+"""Characters of a note and causes of hardness that a result keeps of a frame; chosen by eye."""
 NOTHING_HARD = "nothing named"
 
 
@@ -60,41 +62,42 @@ def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) ->
     )
 
 
-def groups(subjects: Sequence[str], traits: Sequence[Traits]) -> dict[str, dict[str, Bool]]:
-    """Frames (F,) by trait and value, in the order to show; kinds that no frame tells are left out.
+def groups(subjects: Sequence[str], traits: Sequence[Traits]) -> dict[str, dict[str, Index]]:
+    """Indices (n,) of frames by trait and value, in the order to show; without what no frame has.
 
     A frame with several causes of hardness is in several groups.
     """
-    causes = sorted({cause for t in traits for cause in t.hard})
-    hard = {cause: np.array([cause in t.hard for t in traits]) for cause in causes}
+    hard = _by_value(t.hard for t in traits)
     if hard:
-        hard[NOTHING_HARD] = np.array([not t.hard for t in traits])
+        hard[NOTHING_HARD] = np.flatnonzero([not t.hard for t in traits])
     kinds = {
-        "subject": _same(subjects),
-        "activity": _same([t.activity for t in traits]),
-        "view": _same([t.view for t in traits]),
+        "subject": _by_value((subject,) for subject in subjects),
+        "activity": _by_value((t.activity,) for t in traits),
+        "view": _by_value((t.view,) for t in traits),
         "distance": _binned([t.distance_m for t in traits], DISTANCE_EDGES_M, 1.0, "m"),
         "invalid depth": _binned([t.invalid_share for t in traits], INVALID_EDGES, 100.0, "%"),
-        "status": _same([t.status for t in traits]),
+        "status": _by_value((t.status,) for t in traits),
         "hard": hard,
     }
-    shown = {kind: {v: mask for v, mask in masks.items() if mask.any()} for kind, masks in kinds.items()}
-    return {kind: masks for kind, masks in shown.items() if masks}
+    shown = {kind: {v: index for v, index in found.items() if index.size} for kind, found in kinds.items()}
+    return {kind: found for kind, found in shown.items() if found}
 
 
-def _same(values: Iterable[str]) -> dict[str, Bool]:
-    array = np.array(list(values), np.str_)
-    return {str(value): array == value for value in np.unique(array) if value}
+def _by_value(values: Iterable[Sequence[str]]) -> dict[str, Index]:
+    """Indices (n,) of the frames that have each value, by value in order; "" is none."""
+    found = defaultdict(list)
+    for i, own in enumerate(values):
+        for value in own:
+            found[value].append(i)
+    return {value: np.array(found[value]) for value in sorted(found) if value}
 
 
-def _binned(values: Sequence[float], edges: tuple[float, ...], scale: float, unit: str) -> dict[str, Bool]:
-    array = np.array(values, np.float64)
-    first, last = (f"{edge * scale:g} {unit}" for edge in (edges[0], edges[-1]))
-    bins = {f"under {first}": array < edges[0]}
-    for low, high in pairwise(edges):
-        bins[f"{low * scale:g} to {high * scale:g} {unit}"] = (array >= low) & (array < high)
-    bins[f"{last} and more"] = array >= edges[-1]
-    return bins
+def _binned(values: Sequence[float], edges: tuple[float, ...], scale: float, unit: str) -> dict[str, Index]:
+    ends = [f"{edge * scale:g}" for edge in edges]
+    between = (f"{low} to {high} {unit}" for low, high in pairwise(ends))
+    names = (f"under {ends[0]} {unit}", *between, f"{ends[-1]} {unit} and more")
+    bins = np.where(np.isnan(values), -1, np.searchsorted(edges, values, side="right"))
+    return {name: np.flatnonzero(bins == i) for i, name in enumerate(names)}
 
 
 def _invalid_share(depth_mm: UInt16, person: Bool) -> float:
@@ -109,7 +112,7 @@ def _invalid_share(depth_mm: UInt16, person: Bool) -> float:
 
 def _hard(notes: Mapping[str, Any]) -> tuple[str, ...]:
     named = notes.get("hard")
-    causes = [_text(cause) for cause in named[:MAX_CAUSES]] if isinstance(named, list) else []
+    causes = [_text(cause) for cause in named[:NOTE_CAUSES]] if isinstance(named, list) else []
     # A dataset's notes give numbers instead (``synth.images.presets``).
     if _number(notes.get("occluders")) > 0:
         causes.append("things in front")
@@ -133,8 +136,8 @@ def writable(text: str) -> str:
 
 
 def _text(value: object) -> str:
-    # One text for all frames that say the same.
-    return intern(writable(value[:MAX_CHARS])) if isinstance(value, str) else ""
+    # One text for all frames that have it.
+    return intern(writable(value[:NOTE_CHARS])) if isinstance(value, str) else ""
 
 
 def _number(value: object) -> float:

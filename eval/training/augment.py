@@ -16,12 +16,12 @@ from eval.training.occluders import boarded, draped, field, noise_of, things
 
 MIN_LEFT, MIN_UNCOVERED = 0.6, 0.3
 """Share of a person's pixels that occluders and cuts leave together, and a blanket with them; a worse draw is
-not used."""
+not used; chosen by eye."""
 BLANKETS, BOARDS = 0.25, 0.25
-"""Shares of the images with a blanket and with a board before the person. Who has never seen feet apart from
-a trunk exchanges them, and gives parts to what lies on a person."""
+"""Shares of the images with a blanket and with a board before the person. A network that has never seen
+feet apart from a trunk exchanges them, and gives parts to what lies on a person; chosen by eye."""
 SMOOTH = 0.2
-"""Share of the images without their sensor's own noise: cameras and their drivers filter more or less."""
+"""Share of the images without their sensor's own noise: drivers filter more or less; chosen by eye."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ class Crops:
 
     packed: their bytes, in a nameless file that goes with the process; what the system reads of it, it can
     give back when memory is short. ends: int64 (N, 2), where each crop's depth and parts end. shape: (h, w).
-    crc32: of all images, tells these crops from others.
+    crc32: of all images, by which these crops differ from others.
     """
 
     packed: UInt8
@@ -56,19 +56,19 @@ class Crops:
 
         Raises CloudError where there is none, OSError where the disk has no room.
         """
-        ends, shape, told = array("q"), (0, 0), 0
+        ends, shape, crc32 = array("q"), (0, 0), 0
         with TemporaryFile() as file:
             for depth, parts in crops:
                 shape = depth.shape[0], depth.shape[1]
                 for data in (depth.tobytes(), parts.tobytes()):
-                    told = zlib.crc32(data, told)
+                    crc32 = zlib.crc32(data, crc32)
                     file.write(zlib.compress(data, 1))
                     ends.append(file.tell())
             file.flush()
             if not ends:
                 raise CloudError("there are no crops; give at least one image")
             packed = np.asarray(np.memmap(file, np.uint8, "r"))
-        return cls(packed, np.array(ends).reshape(-1, 2), shape, told)
+        return cls(packed, np.array(ends).reshape(-1, 2), shape, crc32)
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -92,7 +92,7 @@ class Crops:
         return self.depth(index).astype(np.float32) / DEPTH_STEPS, self.parts(index)
 
     def batches(self, size: int) -> Iterator[tuple[Float32, UInt8]]:
-        """Depth (B, h, w) and parts of so many crops after the other, in order."""
+        """Depth (B, h, w) and parts of ``size`` crops after the other, in order."""
         for start in range(0, len(self), size):
             images = [self.image(i) for i in range(start, min(start + size, len(self)))]
             yield np.stack([depth for depth, _ in images]), np.stack([parts for _, parts in images])

@@ -35,7 +35,7 @@ class Images(Dataset[tuple[Tensor, Tensor]]):
 
 
 @dataclass(frozen=True)
-class Order:
+class BatchOrder:
     """Which crops each step sees. A short rest of an epoch is dropped; fewer crops than a batch are one.
 
     rank, world: this process of how many; they share each batch.
@@ -76,16 +76,18 @@ class Order:
 
 @dataclass(frozen=True)
 class _After:
-    """``Order.after`` as torch wants it, begun anew by each reader; never as a list of all epochs."""
+    """``BatchOrder.after`` as torch wants it, begun anew by each reader; never as a list of all epochs."""
 
-    order: Order
+    order: BatchOrder
     step: int
 
     def __iter__(self) -> Iterator[list[At]]:
         return self.order.after(self.step)
 
 
-def batches(images: Images, order: Order, step: int, workers: int = 0) -> Iterator[tuple[Tensor, Tensor]]:
+def batches(
+    images: Images, order: BatchOrder, step: int, workers: int = 0
+) -> Iterator[tuple[Tensor, Tensor]]:
     """Depth (B, 1, h, w), parts (B, h, w) of every step from one on; worker processes make them ahead."""
     if workers:
         check_semaphores()

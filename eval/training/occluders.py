@@ -11,15 +11,15 @@ from annotate.crop import NEAREST
 from annotate.parts import BACKGROUND
 
 TRUNK, LEGS = (2,), (10, 11)
-"""Torso; lower legs: a blanket's place is told by the way from the one to the others."""
+"""Part ids of the torso and of the lower legs: a blanket lies on the way from the one to the others."""
 UNDER = (2, 7, 8, 9, 10, 11)
 """Trunk and legs carry a blanket; arms and hands may lie on it."""
 UNSEEN = 0.4
-"""Share of the blankets that no extraction takes along: what they hide is gone, that is all."""
+"""Share of the blankets that no extraction takes along: they hide, and are not seen; chosen by eye."""
 ROUGH = 0.006
-"""More than 12 mm beside its neighbours is a border of two surfaces, no noise."""
+"""More than 12 mm beside its neighbours is a border of two surfaces, no noise; chosen by eye."""
 THICK = (0.005, 0.03)
-"""How far a blanket's surface stands before the nearest of what is under it: 10 to 60 mm."""
+"""How far a blanket's surface stands before the nearest of what is under it: 10 to 60 mm; chosen by eye."""
 
 
 def field(shape: tuple[int, ...], cells: int, rng: np.random.Generator) -> Float32:

@@ -75,7 +75,7 @@ class Plan:
 
 
 def best_precision() -> Precision:
-    """bfloat16 on a GPU that computes in it; on a processor only whoever asks for it gets it."""
+    """bfloat16 on a GPU that computes in it; on a processor float32, which is faster on most."""
     return "bfloat16" if torch.cuda.is_available() and torch.cuda.is_bf16_supported() else "float32"
 
 
@@ -122,7 +122,7 @@ def class_weights(recipe: Recipe, parts: UInt8) -> Tensor:
 def loss_of(
     recipe: Recipe, scores: Tensor, depth: Tensor, parts: Tensor, weight: Tensor
 ) -> tuple[Tensor, float]:
-    """What to minimise, and the loss per pixel to tell: scores (B, 12, h, w), depth (B, 1, h, w), parts."""
+    """The loss to minimise, and the mean loss of a pixel: scores (B, 12, h, w), depth (B, 1, h, w), parts."""
     target = parts.long()
     if isinstance(recipe, ModernRecipe):
         target = torch.where(depth[:, 0] > 0, target, UNDEFINED)

@@ -11,7 +11,7 @@ from torch.nn.parallel import DistributedDataParallel
 
 
 @dataclass(frozen=True)
-class Team:
+class ProcessGroup:
     """This process among all: rank of world, and the device it computes on."""
 
     rank: int
@@ -20,7 +20,7 @@ class Team:
 
     @staticmethod
     @contextmanager
-    def join() -> Iterator["Team"]:
+    def join() -> Iterator["ProcessGroup"]:
         """Meet the others when torchrun's environment names any, part at the end; a GPU each, if any."""
         gpu = torch.cuda.is_available()
         world = int(os.environ.get("WORLD_SIZE", "1"))
@@ -32,7 +32,7 @@ class Team:
         if world > 1:
             distributed.init_process_group("nccl" if gpu else "gloo")
         try:
-            yield Team(int(os.environ.get("RANK", "0")), world, device)
+            yield ProcessGroup(int(os.environ.get("RANK", "0")), world, device)
         finally:
             if world > 1:
                 distributed.destroy_process_group()

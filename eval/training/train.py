@@ -18,27 +18,26 @@ from eval.network.checkpoint import Epoch, Point, Progress, load_checkpoint, sav
 from eval.network.networks import build
 from eval.scores.confusion import mean_recall, miou
 from eval.training.crops import Crops
-from eval.training.fixed_frame import FixedFrame
-from eval.training.loader import Images, Order, batches, workers_watched
+from eval.training.loader import BatchOrder, Images, batches, workers_watched
 from eval.training.plan import Plan, class_weights, loss_of, optimizer_of, rate
-from eval.training.processes import Team
-from eval.training.validate import evaluate
+from eval.training.processes import ProcessGroup
+from eval.training.validate import FixedFrame, evaluate
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 
 PLAN, CHECKPOINT, HISTORY = "plan.json", "checkpoint.safetensors", "history.json"
 POINT_STEPS = 20
-"""Steps whose mean loss is one point of the curve."""
+"""Steps whose mean loss is one point of the curve; chosen by eye."""
 WEIGHING_IMAGES = 512
-"""Images that the classes' weights are counted on."""
+"""Images that the classes' weights are counted on; chosen by eye."""
 
 
 @dataclass(frozen=True)
 class Watch:
-    """How a training is followed: images done, epochs done, and how often the disk is told."""
+    """Calls after each step and each epoch of a training, and seconds between two checkpoints."""
 
     advance: Callable[[int], None] = lambda images: None
-    told: Callable[[Epoch], None] = lambda epoch: None
+    ended: Callable[[Epoch], None] = lambda epoch: None
     checkpoint_s: float = 300.0
 
 
@@ -47,7 +46,7 @@ def train(
     measured: Crops | None,
     out: Path,
     plan: Plan,
-    team: Team,
+    group: ProcessGroup,
     watch: Watch = Watch(),
     init: nn.Module | None = None,
     workers: int = 0,
@@ -55,39 +54,26 @@ def train(
     """Train ``plan.network``, from ``init`` or from nothing, and go on with what ``out`` holds of it.
 
     ``out`` gets plan, checkpoints, history.json, and frame/: the labelling of one frame, the first measured
-    one (else the first), before the training and as it goes. Every process of a team calls this; only the
+    one (else the first), before the training and as it goes. Every process of the group calls this; only the
     first writes. Raises ExistsError when ``out`` was started otherwise, ClaimedError while another training
     writes it, FormatError on a broken checkpoint, CloudError when the loss is no longer finite.
     """
-    if team.first:
+    if group.first:
         _begin(out, plan, crops, init)
-    team.wait()
-    with workers_watched(), Claim.take(out, login()) if team.first else nullcontext():
-        return _train(crops, measured, out, plan, team, watch, init, workers)
-
-
-def _train(
-    crops: Crops,
-    measured: Crops | None,
-    out: Path,
-    plan: Plan,
-    team: Team,
-    watch: Watch,
-    init: nn.Module | None,
-    workers: int,
-) -> tuple[nn.Module, Progress]:
-    torch.manual_seed(plan.seed)
-    model = init if init is not None else build(plan.network)
-    model = model.to(team.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-    optimizer = optimizer_of(plan.recipe, model.parameters())
-    resumed = (out / CHECKPOINT).is_file()
-    progress = load_checkpoint(out / CHECKPOINT, model, optimizer) if resumed else Progress()
-    fixed = FixedFrame(out / "frame", (measured or crops).spread(1), plan.epochs)
-    run = _Run(plan, crops, measured, out, watch, team, model, optimizer, progress, fixed)
-    if team.first and not resumed:
-        fixed.begin(model)
-    run.go(workers)
-    return model, progress
+    group.wait()
+    with workers_watched(), Claim.take(out, login()) if group.first else nullcontext():
+        torch.manual_seed(plan.seed)
+        model = init if init is not None else build(plan.network)
+        model = model.to(group.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        optimizer = optimizer_of(plan.recipe, model.parameters())
+        resumed = (out / CHECKPOINT).is_file()
+        progress = load_checkpoint(out / CHECKPOINT, model, optimizer) if resumed else Progress()
+        fixed = FixedFrame(out / "frame", (measured or crops).spread(1), plan.epochs)
+        run = _Run(plan, crops, measured, out, watch, group, model, optimizer, progress, fixed)
+        if group.first and not resumed:
+            fixed.begin(model)
+        run.go(workers)
+        return model, progress
 
 
 @dataclass(frozen=True)
@@ -97,7 +83,7 @@ class _Run:
     measured: Crops | None
     out: Path
     watch: Watch
-    team: Team
+    group: ProcessGroup
     model: nn.Module
     optimizer: torch.optim.Optimizer
     progress: Progress
@@ -105,13 +91,13 @@ class _Run:
 
     def go(self, workers: int) -> None:
         plan, progress = self.plan, self.progress
-        order = Order(
-            len(self.crops), plan.recipe.batch, plan.epochs, plan.seed, self.team.rank, self.team.world
+        order = BatchOrder(
+            len(self.crops), plan.recipe.batch, plan.epochs, plan.seed, self.group.rank, self.group.world
         )
         images = Images(self.crops, plan.augmentation, plan.seed)
         _, weighed = next(self.crops.spread(WEIGHING_IMAGES).batches(WEIGHING_IMAGES))
-        weight = class_weights(plan.recipe, weighed).to(self.team.device)
-        network = self.team.together(self.model)
+        weight = class_weights(plan.recipe, weighed).to(self.group.device)
+        network = self.group.together(self.model)
         began, before = time.monotonic(), progress.seconds
         saved = began
         for depth, parts in batches(images, order, progress.step, workers):
@@ -127,32 +113,34 @@ class _Run:
                 self._save()
                 saved = now
             if ended:
-                self.watch.told(progress.epochs[-1])
+                self.watch.ended(progress.epochs[-1])
             self.watch.advance(order.step_images)
 
     def _step(self, network: nn.Module, depth: Tensor, parts: Tensor, weight: Tensor, share: float) -> None:
         """One step of the optimizer. Dropout is the step's own, so that a resumed training draws the same."""
         torch.manual_seed(
-            (self.plan.seed * 1_000_003 + self.progress.step) * self.team.world + self.team.rank
+            (self.plan.seed * 1_000_003 + self.progress.step) * self.group.world + self.group.rank
         )
         network.train()
         for group in self.optimizer.param_groups:
             group["lr"] = rate(self.plan.recipe, share)
-        depth = depth.to(self.team.device).contiguous(memory_format=torch.channels_last)
-        parts = parts.to(self.team.device)
-        with torch.autocast(self.team.device.type, torch.bfloat16, enabled=self.plan.precision == "bfloat16"):
+        depth = depth.to(self.group.device).contiguous(memory_format=torch.channels_last)
+        parts = parts.to(self.group.device)
+        with torch.autocast(
+            self.group.device.type, torch.bfloat16, enabled=self.plan.precision == "bfloat16"
+        ):
             scores = network(depth)
-        loss, told = loss_of(self.plan.recipe, scores.float(), depth, parts, weight)
-        if not math.isfinite(told):
+        loss, mean = loss_of(self.plan.recipe, scores.float(), depth, parts, weight)
+        if not math.isfinite(mean):
             raise CloudError(
                 f"the loss is no longer finite at step {self.progress.step}; train with --precision float32"
             )
         self.optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         self.optimizer.step()
-        self.progress.since_point.append(told)
+        self.progress.since_point.append(mean)
 
-    def _count(self, order: Order) -> None:
+    def _count(self, order: BatchOrder) -> None:
         progress = self.progress
         progress.step += 1
         progress.epoch_loss += progress.since_point[-1]
@@ -161,28 +149,28 @@ class _Run:
             progress.points.append(Point(progress.step * order.step_images, mean))
             progress.since_point.clear()
 
-    def _end_epoch(self, order: Order) -> None:
+    def _end_epoch(self, order: BatchOrder) -> None:
         progress = self.progress
         number = progress.step // order.epoch_steps
         loss, progress.epoch_loss = progress.epoch_loss / order.epoch_steps, 0.0
         scores: tuple[float | None, float | None] = (None, None)
-        if self.measured is not None and self.team.first:
+        if self.measured is not None and self.group.first:
             matrix = evaluate(self.model, self.measured)
             scores = float(mean_recall(matrix)), float(miou(matrix))
-        if self.team.first:
+        if self.group.first:
             self.fixed.label(self.model, number)
         progress.epochs.append(Epoch(number, loss, *scores, round(progress.seconds, 1)))
 
     def _save(self) -> None:
-        if not self.team.first:
+        if not self.group.first:
             return
         save_checkpoint(self.out / CHECKPOINT, self.model, self.optimizer, self.progress)
         history = {
             "plan": self.plan.described(),
             "images": len(self.crops),
             "parameters": sum(p.numel() for p in self.model.parameters()),
-            "processes": self.team.world,
-            "device": self.team.device.type,
+            "processes": self.group.world,
+            "device": self.group.device.type,
             "threads": torch.get_num_threads(),
             "torch": torch.__version__,
             "points": [asdict(point) for point in self.progress.points],
@@ -193,13 +181,13 @@ class _Run:
 
 def images_left(out: Path, plan: Plan, crops: Crops) -> int:
     """How many images a training in ``out`` has yet to see, for the progress; all of them in a new folder."""
-    order = Order(len(crops), plan.recipe.batch, plan.epochs, plan.seed)
+    order = BatchOrder(len(crops), plan.recipe.batch, plan.epochs, plan.seed)
     done = steps_done(out / CHECKPOINT) if (out / CHECKPOINT).is_file() else 0
     return (order.epoch_steps * plan.epochs - done) * order.step_images
 
 
 def _begin(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:
-    """Start or resume: plan, data and initial weights say whose half-finished training this is."""
+    """Start or resume: plan, data and initial weights identify the training."""
     data = {"images": len(crops), "crc32": crops.crc32}
     start = None if init is None else _crc32(init)
     order = (

@@ -8,7 +8,7 @@ import numpy as np
 
 from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED
 from eval.scores.boundary import DISTANCE_EDGES_PX, TOLERANCES_MM, TOLERANCES_PX, WIDTHS_MM, WIDTHS_PX
-from eval.scores.counts import NEAR_PX
+from eval.scores.counts import NEAR_PX, SHAPES, FrameCounts
 
 BODY = range(1, N_CLASSES)
 TWIN = {a: b for pair in LEFT_RIGHT for a, b in (pair, pair[::-1])}
@@ -22,6 +22,11 @@ class Frame:
     predicted: np.ndarray
     confidence: np.ndarray | None
     mm_per_px: float
+
+
+def by_name(counts: FrameCounts) -> dict[str, np.ndarray]:
+    """The arrays of counts by name."""
+    return {name: getattr(counts, name) for name in SHAPES}
 
 
 @dataclass

@@ -9,7 +9,7 @@ import torch
 from eval.network.compact import CompactConfig
 from eval.training.crops import Crops
 from eval.training.plan import ModernRecipe, Plan
-from eval.training.processes import Team
+from eval.training.processes import ProcessGroup
 from eval.training.train import Watch, train
 
 PLAN = Plan(CompactConfig((4, 6, 6)), ModernRecipe(batch=2), epochs=3, seed=4)
@@ -30,5 +30,5 @@ CROPS = small_crops()
 
 if __name__ == "__main__":
     torch.set_num_threads(1)
-    with Team.join() as team:
-        train(CROPS, CROPS, Path(sys.argv[1]), PLAN, team, Watch(checkpoint_s=0.0))
+    with ProcessGroup.join() as group:
+        train(CROPS, CROPS, Path(sys.argv[1]), PLAN, group, Watch(checkpoint_s=0.0))
