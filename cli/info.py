@@ -4,6 +4,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from annotate.labelset import dataset, store
@@ -83,6 +84,9 @@ def _source(path: Path) -> Shown:
         short["duration"] = cell((depth.count - 1) / depth.rate_hz if depth.rate_hz else 0.0, "s")
         short["recording"] = "cut off" if source.truncated else "complete"
         short |= {"events": Counter(text for _, text in source.events), "sha256": source.sha256}
+        known_c = source.reference_c[np.isfinite(source.reference_c)]
+        if len(known_c):
+            short["pyrometer"] = cell(float(np.median(known_c)), "C, median")
         texts.append(_streams(source))
     result["notes"] = list(source.notes)
     return result, "\n\n".join([facts(short), *texts, *source.notes])

@@ -141,12 +141,12 @@ def _table(recorder: Recorder) -> Table:
 
 
 def _lines() -> Callable[[Recorder], None]:
-    said = time.monotonic()
+    printed = time.monotonic()
 
     def show(recorder: Recorder) -> None:
-        nonlocal said
-        if time.monotonic() - said >= LINE_SECONDS:
-            said = time.monotonic()
+        nonlocal printed
+        if time.monotonic() - printed >= LINE_SECONDS:
+            printed = time.monotonic()
             parts = (
                 f"{name} {stream.rate_hz:.1f}/s, {stream.dropped} dropped, {stream.shows}"
                 for name, stream in recorder.streams.items()

@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class Address:
-    """A parsed address, whose options are taken one by one; ``finish`` refuses what nobody took.
+    """A parsed address, whose options are taken one by one; ``finish`` refuses those that were not.
 
     Raises DeviceError for an address that is none.
     """
@@ -65,7 +65,7 @@ class Address:
         return None if value is None else int(value)
 
     def finish(self) -> None:
-        """Raise DeviceError for an option that nobody took."""
+        """Raise DeviceError for an option that was not taken."""
         if unknown := sorted(set(self._options) - self._known):
             known = ", ".join(sorted(self._known)) or "none"
             raise DeviceError(f"device {self.text!r} has unknown option {unknown[0]!r}; its options: {known}")

@@ -8,7 +8,7 @@ from sensors.errors import DeviceError, DeviceNotFoundError
 def choose(kind: str, serials: list[str], wanted: str) -> str:
     """The serial number to open: ``wanted``, or where that is empty the only one there is.
 
-    Raises DeviceNotFoundError where it is not there, DeviceError where it cannot be told which is meant.
+    Raises DeviceNotFoundError where it is not there, DeviceError where several would do.
     """
     if not serials:
         raise DeviceNotFoundError(f"no {kind} is plugged in; see: annotate-cloud devices")

@@ -12,7 +12,7 @@ from sensors.errors import DeviceLostError
 from sensors.rig.rig_calibration import RigCalibration
 
 RATE_HZ = 30.0
-"""Images a second of either stream, as all three makers state."""
+"""Images a second of either stream, in the mode that the drivers set."""
 SILENCE_S = 2.0
 """Seconds without any image after which the device counts as unplugged or crashed. Chosen by eye."""
 SLICE_S = 0.1
@@ -24,7 +24,7 @@ class TimedImage:
     """An image and the device's time of it.
 
     lost: images of its stream that the device made and that were lost since the one before; None where the
-    library does not count, so that gaps between stamps tell.
+    library does not count, so that gaps between stamps count.
     """
 
     stamp_ns: int

@@ -1,4 +1,4 @@
-"""Device nodes of the system: why one cannot be opened, said in one line with the remedy."""
+"""Device nodes of the system: why one cannot be opened, in one line with the remedy."""
 
 import errno
 import grp
@@ -17,7 +17,7 @@ def check_node(path: Path) -> None:
 
 
 def node_error(path: Path, code: int | None) -> DeviceError:
-    """The error that says what the system's ``errno`` means for a device node."""
+    """The error of a device node, with the remedy, for the system's ``errno``."""
     if code in (errno.EACCES, errno.EPERM):
         group = _group(path)
         if group == "root":
@@ -39,7 +39,7 @@ def node_error(path: Path, code: int | None) -> DeviceError:
 
 
 def _group(path: Path) -> str:
-    """The group that owns the node; by name where the system knows one, else what Debian gives its kind."""
+    """The group that owns the node; by name if it has one, else the group that Debian gives its kind."""
     try:
         return grp.getgrgid(path.stat().st_gid).gr_name
     except (OSError, KeyError):

@@ -61,7 +61,7 @@ class ThermalCounts:
     """Raw detector counts, which are no temperature without the vendor's radiometric calibration.
 
     counts: uint16 (h, w). metadata: uint16 (13,), the camera's undocumented words. flag: as it was
-    recognised in the image (see ``sensors.drivers.shutter``), since the words do not tell.
+    recognised in the image (see ``sensors.drivers.shutter``), since the words do not show it.
     """
 
     stream: ClassVar[str] = "thermal"
@@ -104,7 +104,7 @@ class DeviceReading:
 
 
 class Device(Protocol):
-    """An open device. Every method may raise a DeviceError whose one line says what to do.
+    """An open device. Every method may raise a DeviceError, whose one line has the remedy.
 
     ``read`` belongs to one thread; ``close`` may be called from another, and ends a ``read`` under way
     (which then raises DeviceLostError).
@@ -117,7 +117,7 @@ class Device(Protocol):
 
     @property
     def serial(self) -> str:
-        """Serial number as printed on the device; empty where the device does not tell."""
+        """Serial number as printed on the device; empty where it cannot be read."""
         ...
 
     @property

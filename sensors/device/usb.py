@@ -1,4 +1,4 @@
-"""USB devices as Linux lists them: to tell a device that is absent from one that may not be opened."""
+"""USB devices as Linux lists them: a device that is absent differs from one that may not be opened."""
 
 from dataclasses import dataclass
 from pathlib import Path

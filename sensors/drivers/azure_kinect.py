@@ -34,7 +34,7 @@ class AzureKinect(DepthCamera):
 def azure_devices() -> list[tuple[int, str]]:
     """Index and serial number of the devices that are plugged in; none where pyk4a is not installed.
 
-    Each is opened for a moment, as its number cannot be asked otherwise; one in use is left out.
+    Each is opened for a moment, as its number cannot be read otherwise; one in use is left out.
     """
     if find_spec("pyk4a") is None:
         return []

@@ -27,7 +27,7 @@ from sensors.rig.rig_calibration import RigCalibration
 USB_IDS = ("045e:02d8", "045e:02c4")
 """A Kinect v2, and its preview version (libfreenect2.hpp)."""
 TICK_NS = 125_000
-"""Nanoseconds of one step of the device's clock (libfreenect2.hpp: Frame::timestamp)."""
+"""Nanoseconds of one step of the device's clock (see ``ticks``)."""
 DEPTH_SHAPE = (424, 512)
 BUFFER_BYTES = 8 << 20
 """libfreenect2's own packets are no longer."""
@@ -36,7 +36,7 @@ BUFFER_BYTES = 8 << 20
 class Kinect2(DepthCamera):
     """One Kinect v2. serial: which, or empty for the only one. Depth and colour are not synchronised.
 
-    Its calibration has the depth camera alone: what the firmware tells of colour is no pinhole camera.
+    Its calibration has the depth camera alone: the firmware's model of colour is no pinhole camera.
     Raises DeviceError.
     """
 
@@ -65,7 +65,7 @@ class _Library:
         self._infrared: tuple[int, NDArray[np.uint16] | None] = (-1, None)
 
     def start(self) -> RigCalibration:
-        """Begin both streams; only then the device knows its factory calibration."""
+        """Begin both streams; only then can the factory calibration be read."""
         if self._shim.k2_start(self._handle):
             raise DeviceError(f"{self._name} does not start; use a USB 3 port, and plug its power in")
         infrared, color = (c_float * INFRARED_PARAMS)(), (c_float * COLOR_PARAMS)()

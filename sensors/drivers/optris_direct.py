@@ -19,12 +19,15 @@ from sensors.files.bounded import MAX_IMAGE_SIDE, read_bounded
 RATE_HZ = 128.0
 """The PI200's fastest; the XML file may choose a slower mode."""
 QUEUE = 64
+"""Images that may wait for a slow reader, half a second of them. Chosen by eye."""
 SILENCE_S = 2.0
+"""Seconds without a new image after which the camera counts as unplugged. Chosen by eye."""
 IDLE_S = 0.002
+"""Seconds between two calls that gave no new image. Chosen by eye."""
 LARGEST_JUMP = 1000
-"""More frames than that are not lost at once: the camera's counter was reset, or wrapped around."""
+"""Frames: a larger jump of the camera's counter means that it was reset, or wrapped around. Chosen by eye."""
 OWN_AMBIENT_C = -999.0
-"""Below absolute zero the library takes its own measurement of the ambient temperature (irdirectsdk.h)."""
+"""Below absolute zero the library takes its own measurement of the ambient temperature."""
 
 
 class OptrisDirect:

@@ -35,7 +35,7 @@ YES_NO = {"yes": True, "no": False}
 POLL_HZ = 10.0
 """Readings a second: the line stays idle most of the time, and drift takes minutes. Chosen by eye."""
 BURST_HZ = 100.0
-"""Readings a second of a burst (CT communication interface, 2020-04)."""
+"""Readings a second of a burst, nominally. Chosen by eye."""
 SAME_K, APART_K = 0.3, 3.0
 """Kelvin: two readings of one target, moments apart, differ by at most the first; readings of two things by
 more than the second. Chosen by eye."""
@@ -50,7 +50,7 @@ class WrongFamilyError(DeviceError):
 
 
 class Pyrometer:
-    """One pyrometer on a serial line. Opening asks for its serial number, and checks its family.
+    """One pyrometer on a serial line. Opening reads its serial number, and checks its family.
 
     port: the line. rs485: the device's address on a bus, or None. scale: HUNDREDTHS for high-resolution
     models. burst: CT only, let the device send by itself. Neither family has a clock: stamps are arrivals.
@@ -86,7 +86,7 @@ class Pyrometer:
             raise
 
     def start(self) -> None:
-        """Begin: with burst, tell the device what to send and to start."""
+        """Begin; a burst is set up and switched on."""
         if self._burst:
             self._line.send(burst_layout((BURST_PROCESS, BURST_HEAD, BURST_BOX)))
             self._line.send(bytes([BURST_SWITCH, 1]))
@@ -147,7 +147,7 @@ class Pyrometer:
             try:
                 return self._serial_number()
             except ChatterError:
-                # Only a CT chatters, when whoever used it last was killed in the middle of a burst.
+                # Only a CT chatters: its last user was killed in the middle of a burst.
                 self._line.write(bytes([BURST_SWITCH, 0]))
             except DeviceFaultError:
                 continue

@@ -10,10 +10,11 @@ from sensors.drivers.pyrometer_protocol import prefix
 from sensors.errors import DeviceError, DeviceFaultError, DeviceLostError
 
 REPLY_S = 0.2
-"""Devices answer within some milliseconds; a USB adapter's latency timer adds 16."""
+"""Seconds to wait for a reply; devices take milliseconds, a USB adapter's timer 16. Chosen by eye."""
 QUIET_S = 0.02
-"""After so long a silence nothing is left of an earlier reply."""
+"""Seconds of silence after which nothing is left of an earlier reply. Chosen by eye."""
 CHATTER_READS = 10
+"""Full reads without silence after which the device counts as sending by itself. Chosen by eye."""
 GONE = (OSError, termios.error, TypeError, ValueError)
 """What pyserial raises on a port that has vanished, or (the last two) that another thread has closed."""
 
@@ -23,7 +24,7 @@ class SilenceError(DeviceFaultError):
 
 
 class ChatterError(DeviceFaultError):
-    """The device sends without being asked."""
+    """The device sends without a request."""
 
 
 class SerialLine:

@@ -1,4 +1,4 @@
-"""Recognises in raw thermal counts that the camera's flag is closed, for the metadata words do not tell."""
+"""Recognises in raw thermal counts that the camera's flag is closed; its metadata words do not show it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 from sensors.device.protocol import Flag
 
 FLAT_SHARE = 0.4
-"""A closed flag leaves at most this share of the scene's usual spread of counts."""
+"""A closed flag leaves at most this share of the scene's usual spread of counts. Chosen by eye."""
 FORGET = 0.02
-"""Weight of the newest image in the usual spread."""
+"""Weight of the newest image in the usual spread, 0 to 1. Chosen by eye."""
 LONGEST_S = 1.5
-"""A flag cycle takes half a second; what stays flat longer is the scene itself."""
+"""Seconds: a flag cycle takes half a second; what stays flat longer is the scene itself. Chosen by eye."""
 
 
 class FlagWatch:

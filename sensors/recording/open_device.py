@@ -156,7 +156,7 @@ def _find_serial_ports() -> list[Found]:
 
 
 def _numbered(kind: str, serials: list[str]) -> list[Found]:
-    """Devices told apart by serial number; those that are not say so."""
+    """Devices by serial number, with a note on two of one number."""
     twice = "another one has the same serial number; unplug one of them"
     return [
         Found(f"{kind}:{serial}", kind, serial, note=twice if serials.count(serial) > 1 else "")

@@ -69,7 +69,7 @@ class StreamState:
 
 @dataclass(frozen=True)
 class Recorded:
-    """How a recording ended. why: "asked" (as was meant), "disk" (full) or "lost" (the depth camera).
+    """How a recording ended. why: "asked" (by time or Ctrl-C), "disk" (full) or "lost" (the depth camera).
 
     events: how often each text was noted.
     """

@@ -147,5 +147,5 @@ def _messages(places: "array[int]") -> Messages:
 
 
 def _plain(text: str) -> str:
-    """The printable characters: people are shown what a file says."""
+    """The printable characters of a file's text, which is shown to people."""
     return "".join(c for c in text if c.isprintable())

@@ -76,7 +76,7 @@ def image_from(data: bytes, name: str) -> NDArray[np.uint16]:
     height, width, step = message.height, message.width, message.step
     if width == 0 or height == 0 or step < 2 * width or step % 2 or len(message.data) != step * height:
         raise FormatError(
-            f"{name} image says {width}x{height}, {step} bytes a row, but holds {len(message.data)} bytes; "
+            f"{name} image states {width}x{height}, {step} bytes a row, but holds {len(message.data)} bytes; "
             "record it again"
         )
     rows = np.frombuffer(message.data, "<u2").reshape(height, step // 2)

@@ -187,6 +187,6 @@ def _rate(stamps_ns: NDArray[np.int64]) -> StreamRate:
 def _check_size(name: str, image: NDArray[Any], camera: Intrinsics | None) -> None:
     if camera is not None and image.shape != camera.shape:
         raise CalibrationError(
-            f"{name} image is {image.shape[1]}x{image.shape[0]} but its calibration says "
+            f"{name} image is {image.shape[1]}x{image.shape[0]} but its calibration is of "
             f"{camera.width}x{camera.height}; give the session the calibration of this camera"
         )

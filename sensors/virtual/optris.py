@@ -15,9 +15,11 @@ from sensors.virtual.scene import Scene
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
 
 COUNTS_AT_20_C, COUNTS_PER_K, FLAG_COUNTS = 8000.0, 25.0, 8150
+"""Counts at 20 C, per kelvin above it, and of the closed flag. Chosen by eye."""
 NOISE_COUNTS = 2.0
 """0.08 K, the camera's stated NETD."""
 FLAG_EVERY_S, FLAG_CLOSED_S = 12.0, 0.5
+"""Seconds from one flag cycle to the next, and of one with the flag closed. Chosen by eye."""
 
 
 class VirtualOptris:
@@ -98,7 +100,7 @@ class FakeCapture:
             camera.schedule.start()
 
     def isOpened(self) -> bool:  # noqa: N802
-        """Whether nobody else had it."""
+        """Whether it was free."""
         return self._opened
 
     def set(self, propId: int, value: float) -> bool:  # noqa: N803

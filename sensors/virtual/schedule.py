@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 QUEUE = 4
-"""Frames kept for a slow reader unless it asks for more, as V4L2 drivers do; older ones are lost."""
+"""Frames kept for a slow reader unless its driver sets more, as V4L2 drivers do; older ones are lost."""
 
 
 class UnpluggedError(Exception):
-    """The twin has vanished; each twin turns this into what its own system says."""
+    """The twin has vanished; each twin turns this into the error of its own system."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Schedule:
         self._start_s = time.monotonic()
 
     def stop(self) -> None:
-        """Let whoever waits go."""
+        """End a ``wait`` under way, and every later one."""
         self._stopped.set()
 
     def wait(self, timeout_s: float) -> int | None:
