@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 from annotate.exchange import coco as coco_format
 from annotate.exchange import companion as companion_format
 from annotate.exchange import cvat as cvat_format
+from annotate.exchange import labelled_cloud as cloud_format
 from annotate.exchange import parquet as parquet_format
+from annotate.exchange import record_file
 from annotate.exchange.coco import ANNOTATIONS, rle_from_string, rle_to_string
 from annotate.exchange.companion import COMPANION, Companion
 from annotate.exchange.cvat import ANNOTATIONS as XML
@@ -430,20 +432,35 @@ def test_folders_of_others_need_only_intrinsics(export, tmp_path):
 # Bounds
 
 
-TEXTS = [("coco", ANNOTATIONS), ("coco", COMPANION), ("cvat", XML)]
+SIZES = [
+    ("coco", ANNOTATIONS, "MAX_TEXT_BYTES"),
+    ("coco", COMPANION, "MAX_TEXT_BYTES"),
+    ("cvat", XML, "MAX_TEXT_BYTES"),
+    ("ply", "000001.ply", "MAX_CLOUD_BYTES"),
+]
 
 
-@pytest.mark.parametrize(("name", "file"), TEXTS)
-def test_a_text_as_large_as_the_bound_is_read_and_a_larger_one_refused(
-    export, tmp_path, monkeypatch, name, file
+@pytest.mark.parametrize(("name", "file", "bound"), SIZES)
+def test_a_file_as_large_as_the_bound_is_read_and_a_larger_one_refused(
+    export, tmp_path, monkeypatch, name, file, bound
 ):
     out = export(name)
-    size = max((out / n).stat().st_size for kind, n in [*TEXTS, (name, COMPANION)] if kind == name)
-    for module in (companion_format, coco_format, cvat_format):
-        monkeypatch.setattr(module, "MAX_TEXT_BYTES", size)
+    size = max(path.stat().st_size for path in out.iterdir())
+    for module in (companion_format, coco_format, cvat_format, cloud_format):
+        monkeypatch.setattr(module, bound, size, raising=False)
     assert len(import_labels(out, tmp_path / "back", nothing)[0]) == 2
     (out / file).write_bytes((out / file).read_bytes() + b" " * size)
     with pytest.raises(FormatError, match=f"{file} is larger than {size} bytes"):
+        import_labels(out, tmp_path / "more", nothing)
+
+
+def test_a_header_as_long_as_the_bound_is_read_and_a_longer_one_refused(export, tmp_path, monkeypatch):
+    out = export("pcd")
+    length = (out / "000000.pcd").read_bytes().index(b"DATA ") + len(b"DATA ")
+    monkeypatch.setattr(record_file, "MAX_HEADER_BYTES", length)
+    assert len(import_labels(out, tmp_path / "back", nothing)[0]) == 2
+    monkeypatch.setattr(record_file, "MAX_HEADER_BYTES", length - 1)
+    with pytest.raises(FormatError, match="its header does not end"):
         import_labels(out, tmp_path / "more", nothing)
 
 

@@ -324,6 +324,15 @@ def test_a_corrupt_json_blocks_and_is_left_alone(label_set, name, content):
     assert file.read_bytes() == content
 
 
+def test_a_json_as_large_as_the_bound_is_read_and_a_larger_one_refused(label_set, monkeypatch):
+    size = max(path.stat().st_size for path in label_set.path.rglob("*.json"))
+    monkeypatch.setattr(annotate.labelset.store, "MAX_JSON_BYTES", size)
+    assert validate(LabelSet.open(label_set.path)) == []
+    monkeypatch.setattr(annotate.labelset.store, "MAX_JSON_BYTES", size - 1)
+    with pytest.raises(FormatError, match=f"larger than {size - 1} bytes"):
+        validate(LabelSet.open(label_set.path))
+
+
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),

@@ -32,7 +32,7 @@ def test_without_a_file_keys_are_as_delivered(tmp_path):
 @given(st.sampled_from([b.name for b in BINDINGS]))
 def test_one_key_moves_and_the_others_stay(tmp_path_factory, name):
     path = tmp_path_factory.mktemp("keys") / "window.toml"
-    path.write_text(f'theme = "light"\n[keys]\n{name} = "Ctrl+K"\n')
+    path.write_text(f'theme = "light"\n[keys]\n{name} = "Ctrl+K"\n#' + "x" * 99_900)
     settings = load_settings(path)
     assert settings.theme == "light" and settings.key(name) == "Ctrl+K"
     for binding in BINDINGS:

@@ -20,7 +20,7 @@ LAB_SD = np.array([30, 10, 10], np.float32)
 AVERAGED_PX = 3
 """Side of the square over which colours are averaged, in pixels: evens out camera noise. Chosen by eye."""
 COLDEST_C, HOTTEST_C = 10, 45
-"""Range of temperatures that are told apart, in degrees Celsius. Chosen by eye."""
+"""Range of distinguished temperatures in degrees Celsius. Chosen by eye."""
 UNSEEN_COLOR, UNSEEN_WARMTH = 2e-3, 0.01
 """Share added to every colour and every degree of a part: a colour that the corrected frames did not show is
 weak evidence against any part. Chosen by eye."""

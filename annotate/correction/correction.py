@@ -265,5 +265,5 @@ def _saving(path: Path) -> Iterator[None]:
     except OSError as error:
         raise NotSavedError(
             f"{error.filename or path} cannot be written ({error.strerror}); the strokes are kept: free some "
-            "space or mend the disk, and go on"
+            "space or repair the disk, and continue"
         ) from error

@@ -98,7 +98,7 @@ def poll(voters: Voters, candidates: Candidates) -> Float64:
     strange = alone & ~empty & (error_share >= PRIOR_DOUBT) & (total > LEAST_WEIGHT)
     corrected_share = (weight * (labels != parts)).sum(axis=1) / np.maximum(total, 1e-3)
     doubt = np.maximum(corrected_share, LABEL_DOUBT * error_share)
-    # The confidence of background says nothing about background.
+    # The confidence is about the body alone: it does not apply to background.
     doubt = np.maximum(doubt, np.where(empty, 0, CONFIDENCE_DOUBT * (1 - candidates.confidence)))
     doubt = np.clip(doubt, LEAST_DOUBT, 1)
     doubt[strange | (alone & empty & (nearest_m < COVERED_M)) | (own == UNDEFINED)] = 1.0

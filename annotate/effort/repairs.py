@@ -60,7 +60,7 @@ class Move:
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """What tells one move from another."""
+        """All fields of a move that distinguish it from others."""
         drawn = b"" if self.corners is None else self.corners.tobytes()
         settings = (self.part, self.radius_px, self.only, self.keep_outline, self.pairs)
         return (self.operation, self.kind, *settings, self.pixel, self.clicks, drawn)
@@ -76,7 +76,7 @@ class Repair:
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """What tells one repair from another."""
+        """The identities of its moves."""
         return tuple(move.identity for move in self.moves)
 
 

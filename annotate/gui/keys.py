@@ -19,6 +19,7 @@ from sensors.errors import CloudError
 from sensors.files.toml_file import read_toml
 
 MAX_TOML_BYTES = 100_000
+"""Largest window.toml that is read, in bytes."""
 THEMES = ("system", "light", "dark")
 
 BODY_KEYS = {"1": 4, "2": 1, "3": 3, "Q": 6, "W": 2, "E": 5, "A": 9, "S": 7, "D": 8, "Z": 11, "X": 0, "C": 10}
@@ -29,7 +30,7 @@ BODY_GRID = ((4, 1, 3), (6, 2, 5), (9, 7, 8), (11, 0, 10))
 
 @dataclass(frozen=True)
 class Binding:
-    """One thing a key does. name: as in window.toml; key: in Qt's notation; description: for the F1 page."""
+    """One action of a key. name: as in window.toml; key: in Qt's notation; description: for the F1 page."""
 
     name: str
     key: str

@@ -1,4 +1,4 @@
-"""Folders that appear when they are whole, and what may never be replaced by them."""
+"""Folders that appear when they are whole, and the folders that they must not replace."""
 
 import os
 import shutil
@@ -14,7 +14,7 @@ from sensors.files.atomic import is_taken, sweep, temporary_of
 
 
 def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
-    """Whether ``out`` may be removed for a new result: it holds ``marker``, or nothing.
+    """Check that ``out`` may be removed for a new result: it holds ``marker``, or nothing.
 
     Raises ExistsError for a folder that no run of this command made, that holds one of its ``inputs``, or
     people's corrections; ClaimedError while somebody writes it.
@@ -24,7 +24,7 @@ def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
             raise ExistsError(f"{out} holds the input {path}; choose another folder for the result")
     if not (out / marker).is_file() and (not out.is_dir() or any(out.iterdir())):
         raise ExistsError(f"{out} was not made by this command (it has no {marker}); remove it yourself")
-    # Links too, wherever they lead: both say that somebody works there.
+    # Dangling links too: both names mean that a person or a process works in the folder.
     if os.path.lexists(out / JOURNAL):
         raise ExistsError(f"{out} holds people's corrections; choose another folder, or remove it yourself")
     if os.path.lexists(out / CLAIM):

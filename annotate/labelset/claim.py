@@ -84,7 +84,7 @@ class Claim:
 
 
 def login() -> str:
-    """The name of the person at the keyboard, as the system knows it."""
+    """The name of the system's user."""
     try:
         return getpass.getuser()
     except (OSError, KeyError):

@@ -27,8 +27,8 @@ class NotSavedError(CloudError):
 class Journal:
     """An append-only file of strokes. Only one process may append (``claim``); any may read.
 
-    A line is whole once its newline is written. What stands after the last newline was cut off by a crash:
-    it is ignored, and removed by the next append.
+    A line is whole once its newline is written. Bytes after the last newline are from a write that a crash
+    cut off: they are ignored, and removed by the next append.
     """
 
     def __init__(self, path: Path) -> None:

@@ -13,7 +13,7 @@ from sensors.errors import FormatError
 from sensors.files.png import decode_grey, png_shape
 
 NOTE = "probability_crop"
-"""Name of the note that says where the crop lies in the frame: [top, left, side], pixels."""
+"""Name of the note with the crop's place in the frame: [top, left, side], pixels."""
 _PNG = [
     *(cv2.IMWRITE_PNG_COMPRESSION, 1),
     *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE),

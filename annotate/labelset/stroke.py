@@ -65,7 +65,7 @@ KEY = Gesture("key", keys=1)
 
 @dataclass(frozen=True)
 class Stroke:
-    """One thing a person did to one frame, and the difference it made.
+    """One action of a person on one frame, and the difference it made.
 
     part: the part given, or None where an operation gives several. how: the gesture.
     runs: int64 (n, 4), each (start, length, old, new): the pixels [start, start + length) of the image
