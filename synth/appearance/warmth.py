@@ -7,8 +7,7 @@ from scipy.spatial import cKDTree
 
 from annotate.array_types import Bool, Float32, Float64, Int32, Int64
 from annotate.parts import BODY_PARTS, N_CLASSES, PART_ID
-from synth.body.body import Body
-from synth.body.hair import hair_faces
+from synth.body.body import Body, hair_faces
 from synth.body.skeleton import JOINT_ID
 from synth.surface.furniture import Surface
 

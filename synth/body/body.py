@@ -8,12 +8,13 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from annotate.array_types import Float32, Float64, Int32, UInt8
+from annotate.array_types import Bool, Float32, Float64, Int32, UInt8
+from annotate.parts import PART_ID
 from sensors.errors import FormatError
 from sensors.files.atomic import replacing
 from sensors.files.npz import load_arrays
 from sensors.rig.camera import FloatArray
-from synth.body.skeleton import N_JOINTS, Posture, alignment, forward
+from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, alignment, forward
 
 BONES_PER_VERTEX = 4
 """Joints that may move a vertex; the strongest of anny's."""
@@ -90,6 +91,16 @@ class Body:
     def waist_breadth_cm(self) -> float:
         """Breadth from left to right of the waist ring."""
         return 100 * float(np.ptp(self.vertices_m[self.waist, 0]))
+
+
+def hair_faces(body: Body) -> Bool:
+    """Faces (F,) where hair grows: the head above the brow, and its back down to the neck."""
+    _, y, z = body.vertices_m[body.faces].mean(axis=1).T
+    head = body.joints_m[JOINT_ID["head"]]
+    top = body.vertices_m[:, 2].max()
+    above = z > head[2] + 0.6 * (top - head[2])
+    behind = (y > head[1] + 0.02) & (z > head[2])
+    return np.asarray((body.face_parts == PART_ID["head"]) & (above | behind), np.bool_)
 
 
 def volume_m3(vertices_m: FloatArray, faces: Int32) -> float:

@@ -13,8 +13,7 @@ from annotate.crop import SIZE, Crop, crop_around
 from annotate.frame_labels import FrameLabels
 from sensors.errors import CloudError
 from sensors.rig.rig_calibration import Pose
-from synth.body.body import Body, blend, shipped_bodies
-from synth.body.hair import hair_faces
+from synth.body.body import Body, blend, hair_faces, shipped_bodies
 from synth.cameras.depth_noise import DepthNoise, kinect
 from synth.images.occlude import cut, occluder
 from synth.images.view import PersonView, inside_image, render_view, visibility

@@ -14,8 +14,7 @@ from sensors.rig.rig_calibration import Pose
 from synth.appearance.outfit import Outfit, dress, dress_plainly
 from synth.appearance.photograph import Setting, set_up
 from synth.appearance.warmth import BodyWarmth, Clothing, surface_temperatures
-from synth.body.body import Body, blend, shipped_bodies
-from synth.body.hair import hair_faces
+from synth.body.body import Body, blend, hair_faces, shipped_bodies
 from synth.pose.moment import Moment
 from synth.rig.difficulty import Difficulty
 from synth.rig.furnish import furnish
