@@ -146,8 +146,13 @@ def _paint(
     tile: Float32, surfaces: Surfaces,
 ) -> None:  # fmt: skip
     """``paint``, written into ``surfaces``."""
+    # Taken out of the tuples once: every access in the loops would count references.
+    lens, r, translation = eye
+    vertices, faces, tags, flat, rounded = shell
+    wearer, parts, rest, fields, folds, zones, wear = clothes
+    room_rgb, grain = room
+    albedo, normal, point = surfaces
     height, width = face.shape
-    r, translation, lens = eye.rotation, eye.translation, eye.lens
     place = -r.T @ translation
     for v in range(height):
         for u in range(width):
@@ -162,58 +167,38 @@ def _paint(
                 r[0, 1] * x + r[1, 1] * y + r[2, 1] * z,
                 r[0, 2] * x + r[1, 2] * y + r[2, 2] * z,
             )
-            n: Triple = (
-                np.float64(shell.flat[f, 0]),
-                np.float64(shell.flat[f, 1]),
-                np.float64(shell.flat[f, 2]),
-            )
-            if f < len(clothes.parts):
-                rgb, n = _dressed(f, p, shell, clothes, tile)
+            n: Triple = (np.float64(flat[f, 0]), np.float64(flat[f, 1]), np.float64(flat[f, 2]))
+            if f < len(parts):
+                share = shares(vertices, faces, f, p)
+                q, w = mix(rest, faces, f, share), wearer[f]
+                n = unit(mix(rounded, faces, f, share))
+                rgb, is_cloth = _clothed(fields, faces, f, share, parts[f], q, zones[w], wear[w], tile)
+                if is_cloth and folds[faces[f, 0]] > 0:
+                    n = _folded(n, vertices, rest, faces, f, share, q, folds, tile)
             else:
-                # Both sides of furniture are seen: the normal turns to the camera.
+                tag = tags[f]
+                # Both sides of furniture are seen: the normal turns to the camera, which is at ``place``.
                 if n[0] * (p[0] - place[0]) + n[1] * (p[1] - place[1]) + n[2] * (p[2] - place[2]) > 0:
                     n = (-n[0], -n[1], -n[2])
-                rgb = _furnished(shell.tags[f], p, room, tile)
+                bright = 1.0
+                if grain[tag, 0] > 0:
+                    a, b = grain[tag, 1], grain[tag, 2]
+                    bright += grain[tag, 0] * smooth_noise(tile, a * p[0], b * p[1], a * p[2])
+                rgb = (bright * room_rgb[tag, 0], bright * room_rgb[tag, 1], bright * room_rgb[tag, 2])
             for i in range(3):
-                surfaces.albedo[v, u, i] = rgb[i]
-                surfaces.normal[v, u, i] = n[i]
-                surfaces.point_m[v, u, i] = p[i]
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _furnished(tag: int, p: Triple, room: RoomColors, tile: Float32) -> Triple:
-    """Linear colour of a lifeless surface at a point of the world."""
-    bright, grain, rgb = 1.0, room.grain[tag], room.rgb[tag]
-    if grain[0] > 0:
-        a, b = grain[1], grain[2]
-        bright += grain[0] * smooth_noise(tile, a * p[0], b * p[1], a * p[2])
-    return (bright * rgb[0], bright * rgb[1], bright * rgb[2])
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _dressed(f: int, p: Triple, shell: _Shell, clothes: _Clothes, tile: Float32) -> tuple[Triple, Triple]:
-    """Linear colour and normal of a person at a point of the world on face f."""
-    faces = shell.faces
-    share = shares(shell.vertices, faces, f, p)
-    q = mix(clothes.rest, faces, f, share)
-    n = unit(mix(shell.rounded, faces, f, share))
-    rgb, is_cloth = _clothed(f, share, q, shell, clothes, tile)
-    if is_cloth and clothes.folds[faces[f, 0]] > 0:
-        n = _folded(n, f, share, q, shell, clothes, tile)
-    return rgb, n
+                albedo[v, u, i], normal[v, u, i], point[v, u, i] = rgb[i], n[i], p[i]
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _clothed(
-    f: int, share: Triple, q: Triple, shell: _Shell, clothes: _Clothes, tile: Float32
-) -> tuple[Triple, bool]:
+    fields: Float32, faces: Int32, f: int, share: Triple, part: int, q: Triple,
+    zones: Float64, wear: Float64, tile: Float32,
+) -> tuple[Triple, bool]:  # fmt: skip
     """Linear colour at a place of a body's skin, q in its rest pose, and whether it is cloth."""
-    w = clothes.wearer[f]
-    zones, wear = clothes.zones[w], clothes.wear[w]
     stray = 0.0
     if wear[0] > 0:
         stray = wear[0] * _noise(tile, q, _SEAM_CELLS)
-    zone = _zone(clothes.fields, shell.faces, f, share, clothes.parts[f], stray)
+    zone = _zone(fields, faces, f, share, part, stray)
     is_cloth = zone < SKIN
     bright, grey = 1.0, 0.0
     if zone == HAIR:
@@ -254,19 +239,20 @@ def _zone(fields: Float32, faces: Int32, f: int, share: Triple, part: int, stray
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _folded(
-    n: Triple, f: int, share: Triple, q: Triple, shell: _Shell, clothes: _Clothes, tile: Float32
-) -> Triple:
+    n: Triple, vertices: Float32, rest: Float32, faces: Int32, f: int, share: Triple, q: Triple,
+    folds: Float32, tile: Float32,
+) -> Triple:  # fmt: skip
     """A normal tilted by folds: heights are noise over the rest pose, their gradient is the face's."""
-    a, b, c = shell.faces[f, 0], shell.faces[f, 1], shell.faces[f, 2]
-    height = share[0] * clothes.folds[a] + share[1] * clothes.folds[b] + share[2] * clothes.folds[c]
-    first, second = edge(shell.vertices, a, b), edge(shell.vertices, a, c)
+    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    height = share[0] * folds[a] + share[1] * folds[b] + share[2] * folds[c]
+    first, second = edge(vertices, a, b), edge(vertices, a, c)
     along = cross(first, second)
     area = dot(along, along)
     if area < 1e-16:
         return n
     here = _ridge(tile, q)
-    d1 = height * _rise(tile, q, here, edge(clothes.rest, a, b))
-    d2 = height * _rise(tile, q, here, edge(clothes.rest, a, c))
+    d1 = height * _rise(tile, q, here, edge(rest, a, b))
+    d2 = height * _rise(tile, q, here, edge(rest, a, c))
     g, k = cross(second, along), cross(along, first)
     return unit(
         (
