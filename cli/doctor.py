@@ -2,6 +2,7 @@
 
 import os
 import platform
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
@@ -77,11 +78,8 @@ def _problem(requirement: Requirement) -> str:
         found = version(requirement.name)
     except PackageNotFoundError:
         return f"no {requirement.name}"
-    return (
-        ""
-        if requirement.specifier.contains(found, prereleases=True)
-        else f"{requirement.name}{requirement.specifier} but {found}"
-    )
+    fits = requirement.specifier.contains(found, prereleases=True)
+    return "" if fits else f"{requirement.name}{requirement.specifier} but {found}"
 
 
 def _pcl() -> Finding:
@@ -98,25 +96,24 @@ def _pcl() -> Finding:
 def _kinect2() -> Finding:
     from sensors.drivers.kinect2_shim import load_shim
 
-    try:
-        load_shim()
-    except CloudError as error:
-        why, remedy = str(error).split("; ", 1)
-        return Finding("Kinect v2", False, why, "no Kinect v2 as a device", remedy)
-    return Finding("Kinect v2", True, "libfreenect2 can be loaded")
+    return _tried(load_shim, "Kinect v2", "libfreenect2 can be loaded", "no Kinect v2 as a device")
 
 
 def _screen() -> Finding:
     cost = "no correction window (fix)"
     if find_spec("PySide6") is None:
-        return Finding(
-            "screen", False, "not tested without the extra gui", cost, "pip install 'annotate-cloud[gui]'"
-        )
+        found = "not tested without the extra gui"
+        return Finding("screen", False, found, cost, "pip install 'annotate-cloud[gui]'")
     from annotate.gui.probe import check_screen
 
+    return _tried(check_screen, "screen", "a window can be shown", cost)
+
+
+def _tried(check: Callable[[], object], name: str, found: str, cost: str) -> Finding:
+    """Whether a check passes; else what its error says, and the remedy after the semicolon."""
     try:
-        check_screen()
+        check()
     except CloudError as error:
         why, remedy = str(error).split("; ", 1)
-        return Finding("screen", False, why, cost, remedy)
-    return Finding("screen", True, "a window can be shown")
+        return Finding(name, False, why, cost, remedy)
+    return Finding(name, True, found)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
+from typer import Argument
 
 from annotate.labelset import dataset, store
 from annotate.labelset.dataset import Dataset
@@ -27,7 +27,7 @@ Shown = tuple[dict[str, Any], str]
 def info(
     path: Annotated[
         Path,
-        typer.Argument(help="Session, label set, dataset, motion, or what import reads."),
+        Argument(help="Session, label set, dataset, motion, or what import reads."),
     ],
     json: Json = False,
 ) -> None:

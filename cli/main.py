@@ -34,33 +34,35 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-FIRST, RECORDINGS, LABELS = "Getting started", "Recordings", "Labels"
-PEOPLE, NETWORKS = "Synthetic people", "Networks and results"
-"""Headings under which ``--help`` lists the verbs, in the order in which a newcomer needs them."""
+app.add_typer(labelling.suit_app, name="suit", rich_help_panel="Labels")
+app.add_typer(synthesis.app, name="synth", rich_help_panel="Synthetic people")
+VERBS = {
+    "Getting started": (demo.demo, doctor.doctor),
+    "Recordings": (
+        data.simulate,
+        devices.devices,
+        recording.record,
+        recording.repair,
+        calibration.calibrate,
+        exchange.import_,
+        info.info,
+        data.validate,
+    ),
+    "Labels": (labelling.label, label_training.train_labels, fix.fix, labelling.diff, exchange.export),
+    "Synthetic people": (motion.solve,),
+    "Networks and results": (
+        training.train,
+        prediction.predict,
+        evaluation.evaluate,
+        evaluation.compare,
+        reporting.report,
+    ),
+}
+"""The verbs under the headings of ``--help``, in the order in which a newcomer needs them."""
 
-app.command(rich_help_panel=FIRST)(demo.demo)
-app.command(rich_help_panel=FIRST)(doctor.doctor)
-app.command(rich_help_panel=RECORDINGS)(data.simulate)
-app.command(rich_help_panel=RECORDINGS)(devices.devices)
-app.command(rich_help_panel=RECORDINGS)(recording.record)
-app.command(rich_help_panel=RECORDINGS)(recording.repair)
-app.command(rich_help_panel=RECORDINGS)(calibration.calibrate)
-app.command("import", rich_help_panel=RECORDINGS)(exchange.import_)
-app.command(rich_help_panel=RECORDINGS)(info.info)
-app.command(rich_help_panel=RECORDINGS)(data.validate)
-app.command(rich_help_panel=LABELS)(labelling.label)
-app.add_typer(labelling.suit_app, name="suit", rich_help_panel=LABELS)
-app.command("train-labels", rich_help_panel=LABELS)(label_training.train_labels)
-app.command(rich_help_panel=LABELS)(fix.fix)
-app.command(rich_help_panel=LABELS)(labelling.diff)
-app.command(rich_help_panel=LABELS)(exchange.export)
-app.add_typer(synthesis.app, name="synth", rich_help_panel=PEOPLE)
-app.command(rich_help_panel=PEOPLE)(motion.solve)
-app.command(rich_help_panel=NETWORKS)(training.train)
-app.command(rich_help_panel=NETWORKS)(prediction.predict)
-app.command(rich_help_panel=NETWORKS)(evaluation.evaluate)
-app.command(rich_help_panel=NETWORKS)(evaluation.compare)
-app.command(rich_help_panel=NETWORKS)(reporting.report)
+for heading, verbs in VERBS.items():
+    for verb in verbs:
+        app.command(verb.__name__.strip("_").replace("_", "-"), rich_help_panel=heading)(verb)
 
 INTERRUPTED = "interrupted; run the same command again, without --overwrite, to continue"
 

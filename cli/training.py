@@ -80,6 +80,8 @@ def train(
     """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
     started, tests = time.monotonic(), test or []
     with needing("train"):
+        from eval.network.checkpoint import save_weights
+        from eval.network.export import export_onnx
         from eval.training.processes import ProcessGroup
         from eval.training.train import Watch, images_left
         from eval.training.train import train as run
@@ -95,16 +97,9 @@ def train(
             )
             model, done = run(crops, measured, out, plan, group, watch, start, workers)
     if group.first:
-        _save(model, plan, out)
+        save_weights(out / "weights.safetensors", model, plan.network)
+        export_onnx(model, out / "weights.onnx")
         _finish(done.epochs, out / "weights.onnx", round(time.monotonic() - started, 1), json)
-
-
-def _save(model: "nn.Module", plan: "Plan", out: Path) -> None:
-    from eval.network.checkpoint import save_weights
-    from eval.network.export import export_onnx
-
-    save_weights(out / "weights.safetensors", model, plan.network)
-    export_onnx(model, out / "weights.onnx")
 
 
 def _finish(history: "list[Epoch]", weights: Path, seconds: float, json: bool) -> None:
