@@ -1,6 +1,6 @@
 """How often the 95 % intervals hold a known mean: simulated sets of several designs.
 
-Run: python tools/measure_coverage.py [sets]. It prints, for each design, the share of the sets whose
+Run: python -m tools.measure_coverage [sets]. It prints, for each design, the share of the sets whose
 interval holds the truth, the share where the truth lay below and above it, and, for comparison, the share
 of the percentile interval over subjects then frames that this project had first.
 """

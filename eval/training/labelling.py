@@ -24,7 +24,7 @@ from sensors.files.atomic import write_bytes
 PLAN, ROWS, WEIGHTS = "plan.json", "rows", "weights.npz"
 """Files in the folder: what is trained on, rows of each recording, and the result."""
 HELD_OUT = 4
-"""One of so many recordings, the last of each four, is not trained on; chosen by eye."""
+"""Of each four recordings, counted from the last, the last is not trained on; chosen by eye."""
 PATCH_FRAMES = 200
 """Frames that the clothed mask is fitted to, at most; the shipped one was fitted to 196."""
 
@@ -103,7 +103,7 @@ def _clothed(recordings: Sequence[Recording], start: Weights, progress: Progress
 def _patches(
     recording: Recording, start: Weights, every: int, advance: Callable[[int], None]
 ) -> Iterator[KnownPatches]:
-    """Patches of every so manieth frame of known labels."""
+    """Patches of one in ``every`` frames whose labels count; ``advance`` is called with 1 a frame."""
     number = 0
     for cloud, truth in recording.clouds():
         if truth is None:
