@@ -73,7 +73,8 @@ demo: $(READY)
 
 test: $(READY)
 	@$(MAKE) --no-print-directory system WANTED="$(OPTIONAL)"
-	$(BIN)/pytest -n 2
+	# The tests fill the cores by processes: BLAS threads beside them cost several times the work.
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2
 
 check: $(READY)
 	$(BIN)/ruff check
