@@ -17,7 +17,7 @@ SIZE = 212
 RANGE_MM = 2000.0
 """Millimetres of depth scaled to [0, 1] (same section). The person's median is moved to the middle first: the
 paper's camera stood within 2 m, other people's do not."""
-NEAREST = 1 / RANGE_MM
+LEAST_VALUE = 1 / RANGE_MM
 """Least value of a person's pixel: 0 means no person."""
 MARGIN = 0.04
 """Free border on each side, as a share of the person's larger extent. Chosen by eye."""
@@ -143,7 +143,7 @@ def normalize(depth_mm: UInt16, mask: Bool) -> Float32:
         return np.zeros(depth_mm.shape, np.float32)
     middle = float(np.median(depth_mm[person]))
     scaled = (depth_mm.astype(np.float32) - (middle - RANGE_MM / 2)) / RANGE_MM
-    return np.where(person, np.clip(scaled, NEAREST, 1), 0).astype(np.float32)
+    return np.where(person, np.clip(scaled, LEAST_VALUE, 1), 0).astype(np.float32)
 
 
 def person_of(parts: UInt8) -> Bool:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.person.alignment import STEP_PX, thermal_alignment
+from annotate.person.alignment import SHIFT_PX, thermal_alignment
 from sensors.rig.camera import Intrinsics, rays
 
 CAMERA = Intrinsics(200, 160, 150.0, 150.0, 99.5, 79.5)
@@ -28,7 +28,7 @@ def warm_disc(centre=(80, 100), radius=30, person_c=30.0, noise_c=0.08):
 
 def test_temperatures_in_their_place_are_not_off():
     alignment = thermal_alignment(warm_disc(), WINDOW_C, EVERYWHERE)
-    assert not alignment.is_off and np.hypot(*alignment.shift_px) <= 2 * STEP_PX
+    assert not alignment.is_off and np.hypot(*alignment.shift_px) <= 2 * SHIFT_PX
     assert alignment.contrast > 0.8
 
 
@@ -38,7 +38,7 @@ def test_the_shift_of_the_temperatures_is_found(shift):
     moved = replace(cloud, temperature_c=np.roll(cloud.temperature_c, shift[::-1], axis=(0, 1)))
     alignment = thermal_alignment(moved, WINDOW_C, EVERYWHERE)
     assert alignment.is_off
-    np.testing.assert_allclose(alignment.shift_px, shift, atol=2 * STEP_PX)
+    np.testing.assert_allclose(alignment.shift_px, shift, atol=2 * SHIFT_PX)
     expected = np.degrees(np.arctan(np.hypot(*alignment.shift_px) / 150.0))
     assert alignment.degrees(150.0) == pytest.approx(expected)
 

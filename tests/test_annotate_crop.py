@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.crop import NEAREST, SIZE, Crop, crop_around, network_crop, normalize, window_of
+from annotate.crop import LEAST_VALUE, SIZE, Crop, crop_around, network_crop, normalize, window_of
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics, project, rays
 
@@ -111,7 +111,7 @@ def test_depth_is_in_range_and_nothing_is_zero_but_nothing(seed, nearer):
     person = mask & (depth > 0)
     assert x.dtype == np.float32
     assert not x[~person].any()
-    assert (x[person] >= np.float32(NEAREST)).all()
+    assert (x[person] >= np.float32(LEAST_VALUE)).all()
     assert (x <= 1).all()
     assert abs(float(np.median(x[person])) - 0.5) < 1e-3
     # The whole person nearer or further looks the same.

@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.person.persons import _joined
-from annotate.segmentation.bare import FAR_M, _away_m, _bare_steps
+from annotate.segmentation.bare import LONGEST_WAY_M, _away_m, _bare_steps
 from annotate.segmentation.part_tree import _links, _weighted_sum
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -27,11 +27,11 @@ def test_ways_through_bare_supervoxels_are_the_shortest(seed, count):
     bare, start = rng.random(count) < 0.7, rng.random(count) < 0.2
     a, b, length_m = _bare_steps(bare, groups, middle_m)
     found = _away_m((a, b, length_m), start)
-    expected = np.full(count, FAR_M)
+    expected = np.full(count, LONGEST_WAY_M)
     if start.any():
         graph = csr_array((length_m, (a, b)), shape=(count, count))
         away_m = dijkstra(graph, indices=np.flatnonzero(start), min_only=True)
-        expected = np.minimum(away_m, FAR_M)
+        expected = np.minimum(away_m, LONGEST_WAY_M)
     assert np.array_equal(found, expected)
 
 

@@ -14,7 +14,12 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
 from annotate.person.extract import Survey
-from annotate.second_look.descriptors import COLUMNS, NEIGHBOURS, descriptors, neighbour_pairs
+from annotate.second_look.descriptors import (
+    DESCRIPTOR_WIDTH,
+    NEAREST_SUPERVOXELS,
+    descriptors,
+    neighbour_pairs,
+)
 from annotate.second_look.look import look_again
 from annotate.second_look.network import GraphNetwork
 from annotate.segmentation.segment import segment
@@ -31,7 +36,7 @@ def drawn(seed: int, count: int) -> Rows:
     rng = np.random.default_rng(seed)
     pairs = np.unique(np.sort(rng.integers(0, count, (3 * count, 2)), axis=1), axis=0)
     patch = np.unique(rng.integers(0, max(count // 5, 1), count), return_inverse=True)[1]
-    found = rng.standard_normal((count, COLUMNS)).astype(np.float32)
+    found = rng.standard_normal((count, DESCRIPTOR_WIDTH)).astype(np.float32)
     pixels = rng.integers(0, 20, (count, 13)).astype(np.int32) + 1
     return Rows(found, pairs[pairs[:, 0] < pairs[:, 1]].astype(np.int32), patch, pixels)
 
@@ -48,8 +53,8 @@ seeds = st.tuples(st.integers(0, 2**32 - 1), st.integers(1, 60))
 def test_the_network_says_what_it_was_trained_to_say(drawing):
     rows = drawn(*drawing)
     torch.manual_seed(drawing[0])
-    trained = Graph(COLUMNS).eval()
-    middle, spread = np.zeros(COLUMNS, np.float32), np.ones(COLUMNS, np.float32)
+    trained = Graph(DESCRIPTOR_WIDTH).eval()
+    middle, spread = np.zeros(DESCRIPTOR_WIDTH, np.float32), np.ones(DESCRIPTOR_WIDTH, np.float32)
     chance = asked(GraphNetwork(middle, spread, **trained.arrays()), rows)
     with torch.no_grad():
         expected = torch.softmax(trained(torch.tensor(rows.described), Joined([rows])), 1)
@@ -82,7 +87,7 @@ def test_neighbours_are_the_nearest_ones(count, seed):
     away = np.linalg.norm(places[:, None] - places[None], axis=2)
     expected = set()
     for i in range(count):
-        for j in np.argsort(away[i], kind="stable")[1 : NEIGHBOURS + 1]:
+        for j in np.argsort(away[i], kind="stable")[1 : NEAREST_SUPERVOXELS + 1]:
             if away[i, j] < 0.15:
                 expected.add((min(i, j), max(i, j)))
     assert {tuple(pair) for pair in neighbour_pairs(places.astype(np.float64)).tolist()} == expected
@@ -90,7 +95,7 @@ def test_neighbours_are_the_nearest_ones(count, seed):
 
 def test_the_shipped_weights_fit_what_is_described():
     network = SHIPPED
-    assert network.middle.shape == network.spread.shape == (COLUMNS,)
+    assert network.middle.shape == network.spread.shape == (DESCRIPTOR_WIDTH,)
     assert all(np.isfinite(getattr(network, name)).all() for name in vars(network))
 
 
@@ -134,4 +139,4 @@ def test_every_number_described_is_finite_whatever_is_missing(frame):
     other = FrameLabels("x", *(image[:9, :9] for image in (cloud.depth_mm, first.parts, first.confidence)))
     for before in (None, other, here):
         rows = descriptors(cloud, person.mask, person.candidates, first, before)
-        assert rows.shape[1] == COLUMNS and np.isfinite(rows).all()
+        assert rows.shape[1] == DESCRIPTOR_WIDTH and np.isfinite(rows).all()

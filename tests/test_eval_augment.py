@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.crop import NEAREST, SIZE
+from annotate.crop import LEAST_VALUE, SIZE
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
 from eval.training.augment import MIN_LEFT, MIN_UNCOVERED, Augmentation, _incomplete, augment
 from eval.training.occluders import ROUGH
@@ -37,7 +37,7 @@ def test_no_part_is_invented_where_depth_is_gone(seed, chance):
     assert (x.dtype, y.dtype, x.shape, y.shape) == (np.float32, np.uint8, depth.shape, parts.shape)
     assert (y[x == 0] == BACKGROUND).all()
     assert set(np.unique(y)) <= set(range(N_CLASSES)) | {UNDEFINED}
-    assert x[x > 0].min() >= np.float32(NEAREST)
+    assert x[x > 0].min() >= np.float32(LEAST_VALUE)
     assert x.max() <= 1
 
 
@@ -93,7 +93,7 @@ def test_without_anything_a_crop_stays_but_for_its_mean_depth(seed):
     x, y = augment(depth, parts, NOTHING, np.random.default_rng(0))
     np.testing.assert_array_equal(y, parts)
     np.testing.assert_allclose(
-        x[x > 0], (depth - np.median(depth[depth > 0]) + 0.5)[depth > 0].clip(NEAREST, 1), atol=1e-6
+        x[x > 0], (depth - np.median(depth[depth > 0]) + 0.5)[depth > 0].clip(LEAST_VALUE, 1), atol=1e-6
     )
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.crop import NEAREST, SIZE
+from annotate.crop import LEAST_VALUE, SIZE
 from annotate.parts import BACKGROUND
 from eval.training.occluders import ROUGH, THICK, blanket, boarded, draped, noise_of
 
@@ -35,7 +35,7 @@ def test_only_what_is_behind_a_thing_changes(chance, cover):
     assert (y[~same] == BACKGROUND).all()
     assert (x[hidden] < depth[hidden] + ROUGH).all()
     assert (x[beside] > 0).all()
-    assert x[x > 0].min() >= NEAREST
+    assert x[x > 0].min() >= LEAST_VALUE
 
 
 def test_a_blanket_lies_across_the_legs_and_between_them():

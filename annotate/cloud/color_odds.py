@@ -7,7 +7,7 @@ from annotate.array_types import Bool, Float32, Int32, UInt8
 
 MOST_BY_COLOR = 2.5
 """Bound of the log odds of a colour: a sofa may have a suit's colour somewhere. Chosen by eye."""
-LEAST_SHARE = 2e-4
+LEAST_FREQUENCY = 2e-4
 """Share of pixels added to every colour's, seen or not: one in five thousand. Chosen by eye."""
 LEAST_LEARNT = 200
 """Pixels of person and of background below which no colours are learnt. Chosen by eye."""
@@ -52,4 +52,4 @@ def frequencies(bins: Int32) -> Float32:
     """Share (8192,) of each bin among ``bins`` (n,), smoothed over neighbouring hues, all above 0."""
     count = np.bincount(bins, minlength=8 * 32 * 32).astype(np.float32).reshape(8, 32, 32)
     smooth = np.stack([cv2.GaussianBlur(plane, (0, 0), 0.8) for plane in count])
-    return np.asarray(smooth.ravel() / max(float(smooth.sum()), 1.0) + LEAST_SHARE, np.float32)
+    return np.asarray(smooth.ravel() / max(float(smooth.sum()), 1.0) + LEAST_FREQUENCY, np.float32)

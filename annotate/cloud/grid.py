@@ -16,11 +16,11 @@ from annotate.array_types import Bool, Float32, Int32, Int64, UInt8
 JUMP = 0.025
 """Depth difference of neighbouring pixels, as a share of the depth, above which a surface ends: 5 cm at 2 m,
 a slant of 84 degrees at 365 pixels of focal length. Chosen by eye."""
-SMOOTH = 0.004
+SMOOTH_STEP = 0.004
 """Unit of depth steps, as a share of the depth: 8 mm at 2 m, the sensor's noise. Chosen by eye."""
-STEPS = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) < (0, 0)])
+EARLIER = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) < (0, 0)])
 """(v, u) to the neighbours earlier in the image; the others are their opposites."""
-AROUND = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) != (0, 0)])
+ALL_NEIGHBOURS = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) != (0, 0)])
 """(v, u) to all neighbours, in the order of the image."""
 STEP_BIT = 55
 """Lowest bit of the depth step in an entry of a flood's queue; entries are ordered as 64-bit integers."""
@@ -44,7 +44,7 @@ def components(mask: Bool, depth_m: Float32, jump: float = JUMP) -> tuple[Int32,
 def flood(marks: UInt8, depth_m: Float32, reach_px: float, jump: float = JUMP) -> UInt8:
     """Marks uint8 (h, w), spread to undecided pixels over the smoothest surface, then by the shortest path.
 
-    A minimum spanning forest on the depth steps in units of SMOOTH (the watershed cut of Cousty et al. 2009),
+    Minimum spanning forest on the depth steps in units of SMOOTH_STEP (watershed cut of Cousty et al. 2009),
     ties going to the shorter path. It stops at depth jumps and after ``reach_px`` steps, so that no mark
     leaks far; pixels out of reach stay 0. marks: uint8 (h, w), 0 = undecided, NO_PIXEL = none. depth_m:
     float32 (h, w), positive on all but these.
@@ -70,8 +70,8 @@ def _components(mask: Bool, depth: Float32, jump: np.float32) -> tuple[Int32, in
         for u in range(width):
             if not mask[v, u]:
                 continue
-            for k in range(STEPS.shape[0]):
-                r, c = v + STEPS[k, 0], u + STEPS[k, 1]
+            for k in range(EARLIER.shape[0]):
+                r, c = v + EARLIER[k, 0], u + EARLIER[k, 1]
                 if r < 0 or c < 0 or c >= width or not mask[r, c]:
                     continue
                 if abs(depth[v, u] - depth[r, c]) <= jump * min(depth[v, u], depth[r, c]):
@@ -105,7 +105,7 @@ def _flood(marks: UInt8, depth: Float32, reach_px: float, jump: np.float32) -> U
     while queue:
         entry = heapq.heappop(queue)
         source, k = (entry >> PIXEL_BIT) & ((1 << (PATH_BIT - PIXEL_BIT)) - 1), entry & ((1 << PIXEL_BIT) - 1)
-        target = source + AROUND[k, 0] * width + AROUND[k, 1]
+        target = source + ALL_NEIGHBOURS[k, 0] * width + ALL_NEIGHBOURS[k, 1]
         if flat[target] == 0:
             flat[target] = flat[source]
             path[target] = path[source] + 1
@@ -130,14 +130,14 @@ def _queue_neighbours(
     """
     height, width = marks.shape
     v, u = source // width, source % width
-    for k in range(AROUND.shape[0]):
-        r, c = v + AROUND[k, 0], u + AROUND[k, 1]
+    for k in range(ALL_NEIGHBOURS.shape[0]):
+        r, c = v + ALL_NEIGHBOURS[k, 0], u + ALL_NEIGHBOURS[k, 1]
         if 0 <= r < height and 0 <= c < width and marks[r, c] == 0:
             target = r * width + c
             step = abs(depth[r, c] - depth[v, u]) / min(depth[r, c], depth[v, u])
             if not step <= jump:
                 continue
-            rank = (np.int64(step / SMOOTH) << STEP_BIT) + (path[source] << PATH_BIT)
+            rank = (np.int64(step / SMOOTH_STEP) << STEP_BIT) + (path[source] << PATH_BIT)
             if rank < least[target]:
                 least[target] = rank
                 heapq.heappush(queue, rank + (np.int64(source) << PIXEL_BIT) + k)

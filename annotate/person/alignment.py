@@ -22,7 +22,7 @@ OUTSIDE_PX = 4
 """The same on the far side; a thermal pixel is three depth pixels wide. Chosen by eye."""
 SEARCHED_PX = 42
 """Farthest shift tried to each side in depth pixels, 6.5 degrees of a Kinect v2. Chosen by eye."""
-STEP_PX = 3
+SHIFT_PX = 3
 """Spacing of the shifts tried in depth pixels: one thermal pixel of a PI200."""
 MOST_EDGES = 600
 """Pairs of points compared at most, for speed. Chosen by eye."""
@@ -32,7 +32,7 @@ FILL_PX = 15
 """Side in pixels of the window whose mean stands in for a missing temperature. Chosen by eye."""
 OFF_PX = 8.0
 """Least shift in pixels of a camera that counts as off. Chosen by eye."""
-GAIN = 2.1
+CONTRAST_GAIN = 2.1
 """Factor by which that shift must raise the contrast. Chosen by eye."""
 LEAST_CONTRAST = 0.12
 """Least contrast after that shift, as a share of the person's warmth above the room. Chosen by eye."""
@@ -55,7 +55,11 @@ class Alignment:
     def is_off(self) -> bool:
         """Whether the calibration misplaces the thermal image: a far shift with a much larger contrast."""
         far = float(np.hypot(*self.shift_px)) >= OFF_PX
-        return far and self.edges >= LEAST_EDGES and self.best >= max(LEAST_CONTRAST, GAIN * self.contrast)
+        return (
+            far
+            and self.edges >= LEAST_EDGES
+            and self.best >= max(LEAST_CONTRAST, CONTRAST_GAIN * self.contrast)
+        )
 
     def degrees(self, focal_px: float) -> float:
         """Angle of the shift in degrees for a depth camera of focal length ``focal_px`` pixels."""
@@ -72,18 +76,18 @@ def thermal_alignment(cloud: ThermalCloud, window_c: tuple[float, float], around
         return Alignment((0.0, 0.0), 0.0, 0.0, 0)
     row, column = np.unravel_index(int(contrast.argmax()), contrast.shape)
     middle = len(contrast) // 2
-    shift = float(STEP_PX * (column - middle)), float(STEP_PX * (row - middle))
+    shift = float(SHIFT_PX * (column - middle)), float(SHIFT_PX * (row - middle))
     return Alignment(shift, float(contrast[middle, middle]), float(contrast.max()), edges)
 
 
 def contrast_surface(cloud: ThermalCloud, window_c: tuple[float, float], around: Bool) -> tuple[Float64, int]:
     """Contrast (n, n) of every shift, down by rows and right by columns, and the number of pairs of points.
 
-    The middle is no shift; steps are ``STEP_PX`` pixels. Arguments as of ``thermal_alignment``.
+    The middle is no shift; steps are ``SHIFT_PX`` pixels. Arguments as of ``thermal_alignment``.
     """
     inside, outside = _sides(cloud.points_m[..., 2], around)
     stride = max(1, len(inside) // MOST_EDGES)
-    shifts = np.arange(-SEARCHED_PX, SEARCHED_PX + 1, STEP_PX)
+    shifts = np.arange(-SEARCHED_PX, SEARCHED_PX + 1, SHIFT_PX)
     if not len(inside):
         return np.zeros((len(shifts), len(shifts))), 0
     inside, outside = inside[::stride], outside[::stride]

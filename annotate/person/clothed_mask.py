@@ -19,10 +19,10 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.engine import Weights
 from annotate.person.patch_likelihoods import (
     ANY_COLOR,
+    COMPARED_STRIDE,
     MOST_M2,
     NEVER_ALIKE,
     ODD_M2,
-    STRIDE,
     mean_over,
     place_scores,
     relative_warmth,
@@ -64,7 +64,7 @@ class Clue(IntEnum):
 
 MOST_PERSON_ODDS = 6.0
 """Bound of the log odds of being the person's. Chosen by eye."""
-LOOSE = 0.5
+LOOSE_WEIGHT = 0.5
 """Weight of the mask's smaller pieces: a warm thing is a laptop as often as a leg. Chosen by eye."""
 GAP_PX = 5
 """Twice the width in pixels of a gap that parts two pieces. Chosen by eye."""
@@ -117,7 +117,9 @@ def patch_clues(
     be the person's. room: bool (h, w), background around both. odds: (h, w), log odds without the suit.
     """
     felt, compared = np.isfinite(cloud.temperature_c), np.zeros_like(person)
-    compared[::STRIDE, ::STRIDE] = ((person | beside) & cloud.valid & cloud.color_valid)[::STRIDE, ::STRIDE]
+    compared[::COMPARED_STRIDE, ::COMPARED_STRIDE] = ((person | beside) & cloud.valid & cloud.color_valid)[
+        ::COMPARED_STRIDE, ::COMPARED_STRIDE
+    ]
     if (compared & person).sum() < LEAST_SEEN or not (person & felt).any() or not (room & felt).any():
         return None
     rgb, celsius = cloud.color_rgb[compared], cloud.temperature_c[compared]
@@ -203,16 +205,16 @@ def touching_odds(patches: Patches, odds: Float64) -> Float64:
 
 
 def _mask_weight(person: Bool) -> Float32:
-    """Weight (h, w) of a mask's pixels: 1 in its largest piece, LOOSE in the others, 0 off it."""
+    """Weight (h, w) of a mask's pixels: 1 in its largest piece, LOOSE_WEIGHT in the others, 0 off it."""
     closed = cv2.dilate(person.astype(np.uint8), np.ones((GAP_PX, GAP_PX), np.uint8))
     pieces = cv2.connectedComponents(closed)[1]
     largest = np.bincount(pieces[person]).argmax()
-    return np.where(person, np.where(pieces == largest, 1, LOOSE), 0).astype(np.float32)
+    return np.where(person, np.where(pieces == largest, 1, LOOSE_WEIGHT), 0).astype(np.float32)
 
 
 def interpolated(values: NDArray[np.floating], compared: Bool) -> Float32:
     """Values (n,) of the compared pixels (h, w), and means of them for the pixels between: (h, w)."""
-    image, block = np.zeros(compared.shape, np.float32), (2 * STRIDE - 1, 2 * STRIDE - 1)
+    image, block = np.zeros(compared.shape, np.float32), (2 * COMPARED_STRIDE - 1, 2 * COMPARED_STRIDE - 1)
     image[compared] = values
     total, count = (
         cv2.boxFilter(plane, cv2.CV_32F, block, normalize=False, borderType=cv2.BORDER_CONSTANT)

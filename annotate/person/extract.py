@@ -35,7 +35,7 @@ from annotate.person.planes import (
 )
 from annotate.person.previous_mask import persons_before, previous_odds
 from annotate.person.silhouette import Links
-from annotate.person.subject import crowd, cut, subject_score
+from annotate.person.subject import crowd_warnings, cut_warnings, subject_score
 from annotate.person.warm_window import WINDOW_C, find_window
 from annotate.suit.palette import Suit
 
@@ -47,7 +47,7 @@ SURROUNDINGS_M = 0.4
 """Metres from warm surface that a cold sleeve or a foot behind an arm rest may reach. Chosen by eye."""
 LEGS_M = 0.9
 """Metres from warm surface of a foot seen below a blanket, off all planes. Chosen by eye."""
-FAINT = 0.25
+FAINT_FOOT = 0.25
 """Least share of a person's warmth that such a foot has. Chosen by eye."""
 SURELY_COLD = 0.12
 """Share of a person's warmth below which a surface close to a plane is no candidate. Chosen by eye."""
@@ -59,15 +59,15 @@ RIM_JUMP = 0.05
 """Depth difference, as a share of the depth, of a rim: 10 cm at 2 m. Chosen by eye."""
 EDGES_PX = 25
 """Pixels around warm surface whose silhouettes are compared: four degrees. Chosen by eye."""
-BESIDE_PX = 45
+BESIDE_SUBJECT_PX = 45
 """Pixels around the subject that surface as cold as the room (a lower leg) may lie in. Chosen by eye."""
-LEAST_BESIDE = -3.0
+LEAST_BESIDE_ODDS = -3.0
 """Least log odds of such a surface: no plane of the room. Chosen by eye."""
 BODY_M = 1.3
 """Metres from a person's middle to their warm feet, seen apart below a blanket. Chosen by eye."""
 NEIGHBOUR_M = 1.0
 """Least metres between the middles of two persons. Chosen by eye."""
-DOUBT = -0.5
+KEPT_ABOVE_ODDS = -0.5
 """Log odds by the suit down to which the mask without it stays: most rooms have no blanket. Chosen by eye."""
 BETWEEN_PX = 13
 """Side in pixels of the window that bridges gaps in a blanket of known colours. Chosen by eye."""
@@ -79,7 +79,7 @@ LOST = (
 
 
 @dataclass(frozen=True)
-class Candidates:
+class MaskCandidates:
     """Pixels that may be the subject's, for a second decision on their mask.
 
     clues: of patches of one colour; odds: log odds (h, w) by these. room: bool (h, w), background around.
@@ -112,7 +112,7 @@ class PersonMask:
     others: Bool
     notes: tuple[str, ...] = ()
     trusted: bool = True
-    candidates: Candidates | None = None
+    candidates: MaskCandidates | None = None
 
 
 @dataclass(frozen=True)
@@ -189,8 +189,8 @@ class Survey:
             )
         for person in persons[1:]:
             others |= person.mask
-        crowded = crowd(persons, before, cloud if self._suit else None)
-        warnings = [*evidence.warnings, *crowded, *cut(persons[0].mask)]
+        crowded = crowd_warnings(persons, before, cloud if self._suit else None)
+        warnings = [*evidence.warnings, *crowded, *cut_warnings(persons[0].mask)]
         notes = (*evidence.notes, *warnings)
         return PersonMask(persons[0].mask, evidence.method, others, notes, not warnings, candidates)
 
@@ -228,7 +228,7 @@ def _thermal_evidence(
     share = warmth_share(celsius, warm, (low, high), 2 * round(LOCAL_M * pixels_per_m) + 1)
     cold = share < SURELY_COLD
     near_warm = _around(warm, SURROUNDINGS_M * pixels_per_m)
-    legs = loose & (share > FAINT) & _around(warm, LEGS_M * pixels_per_m)
+    legs = loose & (share > FAINT_FOOT) & _around(warm, LEGS_M * pixels_per_m)
     candidates = cloud.valid & (near_warm & (loose | ~cold) | legs) & ~panel
     warnings: tuple[str, ...] = ()
     if alignment.is_off:
@@ -256,7 +256,7 @@ def _depth_mask(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
         return PersonMask(none, "depth", none, (note,))
     chosen = labels == max(persons, key=_centrality).label
     note = "found by depth alone: things that touch the person are in the mask"
-    warnings = cut(chosen)
+    warnings = cut_warnings(chosen)
     return PersonMask(chosen, "depth", none, (note, *warnings), not warnings)
 
 
@@ -333,7 +333,7 @@ class _Silhouettes:
         """
         first = persons[0]
         away_m = np.linalg.norm(self._cloud.points_m - first.centre_m.astype(np.float32), axis=-1)
-        beside = _around(first.mask, BESIDE_PX) & (self.odds > LEAST_BESIDE)
+        beside = _around(first.mask, BESIDE_SUBJECT_PX) & (self.odds > LEAST_BESIDE_ODDS)
         beside |= (away_m < BODY_M) & (self.odds > 0)
         beside &= self._candidates & ~first.mask
         for person in persons[1:]:
@@ -360,7 +360,9 @@ class _Silhouettes:
         Their clothes belong to the mask, however far a blanket keeps them from the rest of the body.
         """
         first = persons[0]
-        known = np.where(first.mask & (suit_odds < 0) & (suit_odds > DOUBT), np.float32(0), suit_odds)
+        known = np.where(
+            first.mask & (suit_odds < 0) & (suit_odds > KEPT_ABOVE_ODDS), np.float32(0), suit_odds
+        )
         odds = np.where(known != 0, known, self.odds + np.minimum(_between(known), 0))
         odds = np.where(known != 0, known, self._with_colors(odds))
         own = (self._links.belief(odds) > 0) & ((known > 0) | _around(first.mask, RIM_PX))
@@ -384,7 +386,7 @@ def _persons(
     suit: Suit | None,
     before: FrameLabels | None,
     engine: Engine,
-) -> tuple[list[Person], Candidates | None]:
+) -> tuple[list[Person], MaskCandidates | None]:
     """All persons, the subject first, with the subject's mask by the suit; candidates where there is a suit.
 
     before: labels of the previous frame.
@@ -404,7 +406,7 @@ def _persons(
     if not engine.steps.suit_for_person:
         odds = np.zeros_like(odds)
     dressed = silhouettes.dressed(persons, odds) if odds.any() else persons
-    return dressed, Candidates(clues, odds, room, silhouettes, persons)
+    return dressed, MaskCandidates(clues, odds, room, silhouettes, persons)
 
 
 def _rims(cloud: ThermalCloud) -> Bool:

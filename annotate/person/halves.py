@@ -19,7 +19,7 @@ NEARER_M = 0.02
 COVERED_SHARE = 0.5
 """Least share of the way between the halves with such a thing before it; beside somebody else the room is
 seen between, which is farther. Chosen by eye."""
-NEAREST = 200
+NEAREST_PIXELS = 200
 """Nearest pixels of the two halves considered. Chosen by eye."""
 
 
@@ -49,10 +49,10 @@ def _halves(cloud: ThermalCloud, one: Person, other: Person) -> bool:
     points_m, depth_m = cloud.points_m.reshape(-1, 3), cloud.points_m[..., 2]
     pixels, other_pixels = (np.flatnonzero(person.mask)[::CLOSE_EVERY] for person in (one, other))
     gap_m, nearest = Nearest(points_m[pixels]).query(points_m[other_pixels])
-    order = np.argsort(gap_m)[:NEAREST]
+    order = np.argsort(gap_m)[:NEAREST_PIXELS]
     if gap_m[order[0]] > GAP_M:
         return False
-    pairs = [(int(other_pixels[i]), int(pixels[nearest[i]])) for i in order[:: 1 + NEAREST // PAIRS]]
+    pairs = [(int(other_pixels[i]), int(pixels[nearest[i]])) for i in order[:: 1 + NEAREST_PIXELS // PAIRS]]
     return bool(np.mean([_covered(depth_m, *pair) for pair in pairs]) > COVERED_SHARE)
 
 

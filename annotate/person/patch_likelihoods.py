@@ -12,11 +12,11 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import BODY_PARTS
 from annotate.segmentation.patches import MOST_PATCHES, Patches, pair_scores
 
-STRIDE = 2
+COMPARED_STRIDE = 2
 """Pixels between the rows and the columns whose colours are compared. Chosen by eye."""
 WARMEST = 80.0
 """Percentile of a person's temperatures that half a person under a blanket has too. Chosen by eye."""
-LEAST_CONTRAST_C = 2.0
+LEAST_WARMTH_C = 2.0
 """Least difference in degrees Celsius of that percentile to the room. Chosen by eye."""
 UNFELT = 0.8
 """Relative warmth of a surface without a temperature. Chosen by eye."""
@@ -66,7 +66,7 @@ def relative_warmth(celsius: Float32, room_c: Float32, person_c: Float32) -> Flo
     reading.
     """
     middle_c = float(np.nanmedian(room_c))
-    reach_c = max(float(np.nanpercentile(person_c, WARMEST)) - middle_c, LEAST_CONTRAST_C)
+    reach_c = max(float(np.nanpercentile(person_c, WARMEST)) - middle_c, LEAST_WARMTH_C)
     return np.asarray(np.where(np.isfinite(celsius), (celsius - middle_c) / reach_c, UNFELT), np.float64)
 
 
@@ -107,7 +107,9 @@ def same_color_m2(
     may have a sleeve's colour.
     """
     rgb, points_m = cloud.color_rgb[compared], cloud.points_m[compared]
-    pixel_m2 = STRIDE**2 * points_m[:, 2].astype(np.float64) ** 2 / (cloud.camera.fx * cloud.camera.fy)
+    pixel_m2 = (
+        COMPARED_STRIDE**2 * points_m[:, 2].astype(np.float64) ** 2 / (cloud.camera.fx * cloud.camera.fy)
+    )
     surface_m2 = np.asarray(np.bincount(groups.ids, pixel_m2), np.float64)
     bright = rgb.max(axis=1).astype(np.float64)
     shade, patch_shade = (

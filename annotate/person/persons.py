@@ -31,15 +31,15 @@ CLOSE_EVERY = 7
 """Step between the pixels compared for that, for speed. Chosen by eye."""
 ONE_PERSON_M = 0.7
 """Metres between the middles of cores below which they are one person's. Chosen by eye."""
-NEAR_M = 0.40
+LIMB_M = 0.40
 """Most metres from a person to a loose warm limb of theirs. Chosen by eye."""
-NEAR_SIZES = 3.0
+LIMB_SIZES = 3.0
 """The same in sizes of the limb (roots of its surface). Chosen by eye."""
 PANEL_M = 0.006
 """Standard deviation in metres below which a loose piece is a screen or a panel. Chosen by eye."""
 TOUCH_M = 0.05
 """Width in metres of a gap that pixels without a reading make. Chosen by eye."""
-BESIDE_PX = 4
+TOUCHING_PX = 4
 """Pixels next to a person's that make a loose piece their neighbour in the image. Chosen by eye."""
 PAIRS = 12
 """Pairs of nearest pixels tried: a body bends out of sight somewhere along the gap. Chosen by eye."""
@@ -146,8 +146,8 @@ def _joined(labels: Int32, close: Int32, count: int) -> Int32:
 
 
 def _are_limbs(known_m: Sequence[Float32], points_m: Float32) -> bool:
-    """Whether points (n, 3) are within NEAR_M of any known body's points, hence its limbs; metres."""
-    near = (Nearest(body).query(points_m)[0].min() < NEAR_M for body in known_m)
+    """Whether points (n, 3) are within LIMB_M of any known body's points, hence its limbs; metres."""
+    near = (Nearest(body).query(points_m)[0].min() < LIMB_M for body in known_m)
     return any(near)
 
 
@@ -180,7 +180,7 @@ def _owners(cloud: ThermalCloud, labels: Int32, pieces: Sequence[Piece], trunks:
     for piece in pieces:
         own = labels == piece.label
         if not owner[own].any() and piece.thickness_m >= PANEL_M:
-            owner[own] = limbs.owner(own, min(NEAR_M, NEAR_SIZES * float(np.sqrt(piece.area_m2))), owner)
+            owner[own] = limbs.owner(own, min(LIMB_M, LIMB_SIZES * float(np.sqrt(piece.area_m2))), owner)
     return owner
 
 
@@ -207,7 +207,7 @@ class _Limbs:
         if not order.size:
             return 0
         beside = cv2.dilate(piece.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        if np.count_nonzero(owner[beside] == whose + 1) >= BESIDE_PX:
+        if np.count_nonzero(owner[beside] == whose + 1) >= TOUCHING_PX:
             return whose + 1
         tried = order[:: 1 + order.size // PAIRS]
         pairs = ((int(own[i]), int(self._seeds[whose][nearest[i]])) for i in tried)

@@ -38,9 +38,9 @@ PLANE_M2 = 0.15
 """Surface of such a patch in m2 above which it is the room's. Chosen by eye."""
 BY_COLD_SURFACE = -2.0
 """Log odds of a pixel without a temperature on a surface that is cold farther on. Chosen by eye."""
-WARM = 1
+WARM_MARK = 1
 """Mark of surely warm pixels in a flood."""
-COLD = 2
+COLD_MARK = 2
 """Mark of surely cold pixels in a flood."""
 
 
@@ -80,11 +80,13 @@ def cold_surface_odds(odds: Float32, cloud: ThermalCloud, candidates: Bool, reac
     temperature. candidates: bool (h, w), pixels the cold may reach. reach_px: how far, in pixels.
     """
     known = np.isfinite(cloud.temperature_c)
-    marks = np.select([odds > SURE_ODDS, odds < -SURE_ODDS], [np.uint8(WARM), np.uint8(COLD)], np.uint8(0))
+    marks = np.select(
+        [odds > SURE_ODDS, odds < -SURE_ODDS], [np.uint8(WARM_MARK), np.uint8(COLD_MARK)], np.uint8(0)
+    )
     marks[~known] = 0
     marks[~(cloud.valid & candidates)] = NO_PIXEL
     reached = flood(marks, cloud.points_m[..., 2], reach_px)
-    return np.where(~known & (reached == COLD), np.float32(BY_COLD_SURFACE), np.float32(0))
+    return np.where(~known & (reached == COLD_MARK), np.float32(BY_COLD_SURFACE), np.float32(0))
 
 
 def plane_odds(on: Bool, near: Bool, shaped: Bool, cold: Bool, surface_m2: Float32) -> Float32:

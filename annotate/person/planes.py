@@ -31,13 +31,13 @@ LEAST_COSINE = 0.94
 """Least cosine between a point's and its plane's normals: a limb on a seat is turned. Chosen by eye."""
 NORMAL_JUMP = 0.02
 """Depth difference, as a share of the depth, to a neighbour on another surface. Chosen by eye."""
-STRIDE = 3
+PLANE_STRIDE = 3
 """Pixels between the rows and the columns in which planes are sought. Chosen by eye."""
 SAMPLE = 3000
 """Points that count for or against a candidate plane. Chosen by eye."""
 TRIALS = 40
 """Points of the sample tried as the plane. Chosen by eye."""
-LEAST_POINTS = 30
+LEAST_PLANE_POINTS = 30
 """Points below which no plane is fitted. Chosen by eye."""
 
 
@@ -66,16 +66,16 @@ def find_planes(
     among: bool (h, w), pixels to search. One-point RANSAC, since a point with its normal is a plane, then
     least squares on the inliers; the same seed gives the same planes.
     """
-    rows, columns = np.nonzero((among & cloud.valid)[1::STRIDE, 1::STRIDE])
-    rows, columns = rows * STRIDE + 1, columns * STRIDE + 1
+    rows, columns = np.nonzero((among & cloud.valid)[1::PLANE_STRIDE, 1::PLANE_STRIDE])
+    rows, columns = rows * PLANE_STRIDE + 1, columns * PLANE_STRIDE + 1
     points = cloud.points_m[rows, columns]
     normals = normals_at(cloud, rows, columns)
     flat = np.isfinite(normals[:, 0])
     points, normals = points[flat], normals[flat]
-    pixel_m2 = points[:, 2] ** 2 * np.float32(STRIDE**2 / (cloud.camera.fx * cloud.camera.fy))
+    pixel_m2 = points[:, 2] ** 2 * np.float32(PLANE_STRIDE**2 / (cloud.camera.fx * cloud.camera.fy))
     rng = np.random.default_rng(seed)
     planes: list[Plane] = []
-    while len(points) >= LEAST_POINTS and len(planes) < MOST_PLANES:
+    while len(points) >= LEAST_PLANE_POINTS and len(planes) < MOST_PLANES:
         sample = rng.permutation(len(points))[:SAMPLE]
         best = sample[_best(points[sample], normals[sample], pixel_m2[sample], min(TRIALS, len(sample)))]
         plane, on = _fitted(points, normals, pixel_m2, int(best))
@@ -147,7 +147,7 @@ def _fitted(points: Float32, normals: Float32, pixel_m2: Float32, start: int) ->
     plane = Plane(normals[start], float(normals[start] @ points[start]), 0.0)
     on = _on(plane, points, normals)
     for _ in range(3):
-        if on.sum() < LEAST_POINTS:
+        if on.sum() < LEAST_PLANE_POINTS:
             break
         centre, scatter = _moments(points, on)
         normal = np.linalg.eigh(scatter)[1][:, 0]

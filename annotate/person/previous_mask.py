@@ -9,7 +9,7 @@ from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND
 
-SAME = 0.012
+UNCHANGED_DEPTH = 0.012
 """Depth difference of pure noise as a share of the depth: four standard deviations of a Kinect v2's, measured
 at 2 m (Fankhauser et al. 2015)."""
 STILL_SHARE = 0.6
@@ -38,7 +38,7 @@ def previous_odds(depth_mm: UInt16, before: FrameLabels) -> tuple[Float32, Bool]
     person = persons_before(before) > 0
     both = (depth_mm > 0) & (before.depth_mm > 0)
     behind = depth_mm.astype(np.float32) - before.depth_mm
-    slack = SAME * np.maximum(depth_mm, before.depth_mm).astype(np.float32)
+    slack = UNCHANGED_DEPTH * np.maximum(depth_mm, before.depth_mm).astype(np.float32)
     same = both & (np.abs(behind) <= slack)
     rest = both & ~person
     if not person.any() or not rest.any() or same[rest].mean() < STILL_SHARE:

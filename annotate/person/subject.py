@@ -17,9 +17,9 @@ OFF_CENTRE = 0.3
 of a Kinect v2's view is 0.7. Chosen by eye."""
 BEFORE_GAIN = 4.0
 """Factor less one by which standing where the subject stood before raises a score. Chosen by eye."""
-CLEAR = 2.0
+CLEAR_LEAD = 2.0
 """Least ratio of the best score to the next among three persons and more. Chosen by eye."""
-BORDER_PX = 4
+EDGE_STRIP_PX = 4
 """Width in pixels of the strip along a border of the image that counts as touching it. Chosen by eye."""
 CUT_PX = 12
 """Pixels of a person in that strip from which the border cuts them. Chosen by eye."""
@@ -62,12 +62,14 @@ def subject_score(person: Person, before: FrameLabels | None, wearing: ThermalCl
     return score * (1 + colors_worn(wearing, person.mask, wearing.valid))
 
 
-def crowd(persons: Sequence[Person], before: FrameLabels | None, wearing: ThermalCloud | None) -> list[str]:
+def crowd_warnings(
+    persons: Sequence[Person], before: FrameLabels | None, wearing: ThermalCloud | None
+) -> list[str]:
     """A warning where none of three or more persons is clearly the subject; persons: best first."""
     if len(persons) < 3:
         return []
     first, second = (subject_score(person, before, wearing) for person in persons[:2])
-    if first >= CLEAR * second:
+    if first >= CLEAR_LEAD * second:
         return []
     return [
         f"{len(persons)} persons in the depth and thermal images, none clearly the subject: "
@@ -75,13 +77,13 @@ def crowd(persons: Sequence[Person], before: FrameLabels | None, wearing: Therma
     ]
 
 
-def cut(mask: Bool) -> list[str]:
+def cut_warnings(mask: Bool) -> list[str]:
     """A warning where three or four borders of the image cut the person's mask (h, w)."""
     borders = {
-        "left": mask[:, :BORDER_PX],
-        "right": mask[:, -BORDER_PX:],
-        "top": mask[:BORDER_PX],
-        "bottom": mask[-BORDER_PX:],
+        "left": mask[:, :EDGE_STRIP_PX],
+        "right": mask[:, -EDGE_STRIP_PX:],
+        "top": mask[:EDGE_STRIP_PX],
+        "bottom": mask[-EDGE_STRIP_PX:],
     }
     borders_cut = [name for name, border in borders.items() if border.sum() >= CUT_PX]
     if len(borders_cut) < 3:

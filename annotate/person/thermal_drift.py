@@ -12,13 +12,13 @@ import numpy as np
 
 from annotate.array_types import Float64
 from annotate.cloud.fuse import Fuser
-from annotate.person.alignment import LEAST_EDGES, STEP_PX, contrast_surface
+from annotate.person.alignment import LEAST_EDGES, SHIFT_PX, contrast_surface
 from annotate.person.warm_window import WINDOW_C, find_window
 from sensors.errors import CalibrationError
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 
-AROUND_PX = 40
+SILHOUETTES_PX = 40
 """Distance in pixels from warm pixels within which silhouettes count. Chosen by eye."""
 GROUPS = 8
 """Groups of frames that give the standard deviation; least number of frames. Chosen by eye."""
@@ -59,7 +59,7 @@ def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> Th
         cloud = fuser.fuse(frame.depth_mm, None, frame.thermal_c)
         window = find_window(cloud, cloud.valid) or WINDOW_C
         warm = cloud.valid & (cloud.temperature_c >= window[0]) & (cloud.temperature_c <= window[1])
-        side = 2 * AROUND_PX + 1
+        side = 2 * SILHOUETTES_PX + 1
         around = cv2.dilate(warm.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
         surface, edges = contrast_surface(cloud, window, np.asarray(around))
         if edges >= LEAST_EDGES:
@@ -83,7 +83,7 @@ def _peak(surface: Float64) -> tuple[float, float]:
     row, column = np.unravel_index(int(surface.argmax()), surface.shape)
     down = row + _vertex(surface[max(row - 1, 0) : row + 2, column]) - (rows - 1) / 2
     right = column + _vertex(surface[row, max(column - 1, 0) : column + 2]) - (columns - 1) / 2
-    return float(right * STEP_PX), float(down * STEP_PX)
+    return float(right * SHIFT_PX), float(down * SHIFT_PX)
 
 
 def _vertex(three: Float64) -> float:

@@ -1,4 +1,4 @@
-"""Descriptors (G, COLUMNS) of the supervoxels on and around a person, once the suit has been read.
+"""Descriptors (G, DESCRIPTOR_WIDTH) of the supervoxels on and around a person, once the suit has been read.
 
 The supervoxels are those of ``annotate.person.clothed_mask``: the person's and those on them or beside. Every
 column is of the order of one.
@@ -14,8 +14,8 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BODY_PARTS, UNDEFINED
 from annotate.person.clothed_mask import MOST_PERSON_ODDS, Clue, PatchClues, room_contrast
-from annotate.person.extract import Candidates
-from annotate.person.patch_likelihoods import STRIDE, relative_warmth
+from annotate.person.extract import MaskCandidates
+from annotate.person.patch_likelihoods import COMPARED_STRIDE, relative_warmth
 from annotate.person.planes import normals_at
 from annotate.segmentation.bare import bareness
 from annotate.segmentation.part_tree import PART_REACH_M, middle_of
@@ -61,7 +61,7 @@ LAYOUT = {
 them."""
 WIDTHS = {"parts": _N, "classes": _N + 1, "xyz": 3, "three": 3, "one": 1, "clues": len(Clue)}
 """Number of columns of each kind."""
-COLUMNS = sum(WIDTHS[kind] for kind in LAYOUT.values())
+DESCRIPTOR_WIDTH = sum(WIDTHS[kind] for kind in LAYOUT.values())
 """Width of a descriptor."""
 MOST_CLUE = 8.0
 """Bound of a clue's value. Chosen by eye."""
@@ -77,26 +77,30 @@ TINY_M2 = 1e-5
 """Surface in m2 added before a logarithm. Chosen by eye."""
 STILL_MM = 80
 """Change of depth in millimetres within which a pixel shows the same thing. Chosen by eye."""
-CLEAR_BELIEF = 0.5
+CLEAR_PART_BELIEF = 0.5
 """Belief from which on a supervoxel counts for its part's middle. Chosen by eye."""
 LEAST_PART_M2 = 0.002
 """Least surface of such supervoxels in m2 for a part to have a middle. Chosen by eye."""
-UNSEEN = 2.0
+UNSEEN_DISTANCE = 2.0
 """Distance to parts without a middle, in reaches. Chosen by eye."""
 FARTHEST = 4.0
 """Bound of the distance, in reaches. Chosen by eye."""
-NEIGHBOURS = 6
+NEAREST_SUPERVOXELS = 6
 """Nearest supervoxels taken as neighbour_pairs: at every second pixel few touch each other. Chosen by eye."""
-NEAR_M = 0.15
+LONGEST_EDGE_M = 0.15
 """Most metres to a neighbour. Chosen by eye."""
 
 _Columns = dict[str, Float64]
 
 
 def descriptors(
-    cloud: ThermalCloud, person: Bool, candidates: Candidates, first: Segmentation, before: FrameLabels | None
+    cloud: ThermalCloud,
+    person: Bool,
+    candidates: MaskCandidates,
+    first: Segmentation,
+    before: FrameLabels | None,
 ) -> Float64:
-    """Descriptors (G, COLUMNS) of the candidates' supervoxels, in the order of LAYOUT.
+    """Descriptors (G, DESCRIPTOR_WIDTH) of the candidates' supervoxels, in the order of LAYOUT.
 
     person: bool (h, w). first: labels as read from the suit. before: labels of the previous frame.
     """
@@ -111,7 +115,11 @@ def descriptors(
 
 
 def _of_pixels(
-    cloud: ThermalCloud, person: Bool, candidates: Candidates, first: Segmentation, before: FrameLabels | None
+    cloud: ThermalCloud,
+    person: Bool,
+    candidates: MaskCandidates,
+    first: Segmentation,
+    before: FrameLabels | None,
 ) -> dict[str, NDArray[np.generic]]:
     """Columns (n, ...) of each pixel compared, by name; arguments as of ``descriptors``."""
     compared, reading = candidates.clues.compared, first.reading
@@ -146,7 +154,7 @@ def _still(cloud: ThermalCloud, compared: Bool, before: FrameLabels | None) -> B
     return np.asarray((still & (before.parts > 0) & (before.parts < UNDEFINED))[compared])
 
 
-def _of_patches(cloud: ThermalCloud, candidates: Candidates, inside: Float64) -> _Columns:
+def _of_patches(cloud: ThermalCloud, candidates: MaskCandidates, inside: Float64) -> _Columns:
     """Columns (G, ...) of each supervoxel's patch, and of its surface; inside: (G,), share in the mask."""
     clues = candidates.clues
     patch, surface_m2 = clues.patches.ids, _surface_m2(cloud, clues)
@@ -163,7 +171,7 @@ def _of_patches(cloud: ThermalCloud, candidates: Candidates, inside: Float64) ->
 def _of_supervoxels(
     cloud: ThermalCloud,
     person: Bool,
-    candidates: Candidates,
+    candidates: MaskCandidates,
     first: Segmentation,
     before: FrameLabels | None,
     means: _Columns,
@@ -198,8 +206,8 @@ def _of_supervoxels(
 def neighbour_pairs(centroids_m: Float64) -> Int32:
     """Pairs (e, 2) of supervoxels with near centroids (G, 3), metres; each pair once, the lower first."""
     nearest = Nearest(centroids_m.astype(np.float32))
-    near = nearest.query(centroids_m, NEIGHBOURS + 1, within=NEAR_M)[1].ravel()
-    own = np.repeat(np.arange(len(centroids_m)), NEIGHBOURS + 1)
+    near = nearest.query(centroids_m, NEAREST_SUPERVOXELS + 1, within=LONGEST_EDGE_M)[1].ravel()
+    own = np.repeat(np.arange(len(centroids_m)), NEAREST_SUPERVOXELS + 1)
     found = (near < len(centroids_m)) & (near != own)
     pairs = np.sort(np.column_stack([own[found], near[found]]), axis=1)
     return np.unique(pairs, axis=0).astype(np.int32)
@@ -208,7 +216,7 @@ def neighbour_pairs(centroids_m: Float64) -> Int32:
 def _surface_m2(cloud: ThermalCloud, clues: PatchClues) -> Float64:
     """Visible surface (G,) in m2 of each supervoxel."""
     z_m = cloud.points_m[clues.compared][:, 2].astype(np.float64)
-    pixels_m2 = (STRIDE * z_m) ** 2 / (cloud.camera.fx * cloud.camera.fy)
+    pixels_m2 = (COMPARED_STRIDE * z_m) ** 2 / (cloud.camera.fx * cloud.camera.fy)
     return np.asarray(np.bincount(clues.groups.ids, pixels_m2))
 
 
@@ -226,8 +234,8 @@ def _colour(rgb: UInt8, reading: SuitReading, groups: Supervoxels) -> tuple[Floa
 
 def _parts(belief: Float64, surface_m2: Float64, centroids_m: Float64) -> tuple[Float64, Float64]:
     """Surface (11,) in m2 of each part's clear supervoxels; distances (G, 11) to their middles in reaches."""
-    surface_m2 = (belief * (belief > CLEAR_BELIEF)) * surface_m2[:, None]
-    away = np.full(belief.shape, UNSEEN)
+    surface_m2 = (belief * (belief > CLEAR_PART_BELIEF)) * surface_m2[:, None]
+    away = np.full(belief.shape, UNSEEN_DISTANCE)
     for part in np.flatnonzero(surface_m2.sum(axis=0) >= LEAST_PART_M2):
         middle_m = middle_of(surface_m2[:, part], centroids_m, PART_REACH_M[part])
         away_m = np.linalg.norm(centroids_m - middle_m, axis=1)

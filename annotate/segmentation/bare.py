@@ -21,7 +21,7 @@ TWINS = tuple(
 """(left, right) part indices of the limbs whose cloth ends in something bare."""
 SHOWING_BARE = [HEAD, *(part for twins in TWINS for part in twins)]
 """Part indices of all parts that show something bare."""
-FAR_M = 0.3
+LONGEST_WAY_M = 0.3
 """Longest way in metres along bare surface: a hand and a foot end nearer to their cuffs (Drillis & Contini
 1966: 0.108 and 0.152 of the stature)."""
 CUFF_WEIGHT = 4.0
@@ -59,12 +59,12 @@ def cuff_evidence(
     """Log evidence (G, 11) of bare supervoxels by their ways from head and cuffs over bare surface.
 
     belief: (G, 11). odds: (G,), of ``bareness``. centroids_m: (G, 3). A part without visible cloth counts as
-    FAR_M away.
+    LONGEST_WAY_M away.
     """
     bare = odds > LIKELY_BARE
     steps = _bare_steps(bare, groups, centroids_m)
     likeliest, clear = belief.argmax(axis=1), belief.max(axis=1) > CLEAR_PART
-    away_m = np.full(belief.shape, FAR_M)
+    away_m = np.full(belief.shape, LONGEST_WAY_M)
     for part in SHOWING_BARE:
         source = clear & (likeliest == part)
         cloth = source & (odds < 0)
@@ -73,7 +73,7 @@ def cuff_evidence(
         away_m[:, part] = _away_m(steps, source & (patches.ids == points.argmax()))
     cost = np.zeros_like(belief)
     nearest_m = away_m.min(axis=1, keepdims=True)
-    cost[:, SHOWING_BARE] = -CUFF_WEIGHT / FAR_M * (away_m[:, SHOWING_BARE] - nearest_m)
+    cost[:, SHOWING_BARE] = -CUFF_WEIGHT / LONGEST_WAY_M * (away_m[:, SHOWING_BARE] - nearest_m)
     cost[~bare] = 0
     return cost
 
@@ -86,10 +86,10 @@ def _bare_steps(bare: Bool, groups: Supervoxels, centroids_m: Float64) -> _Steps
 
 
 def _away_m(steps: _Steps, start: Bool) -> Float64:
-    """Length (G,) in metres of the shortest way from the supervoxels ``start`` (bool (G,)), at most FAR_M."""
+    """Length (G,) in metres of the shortest way from supervoxels (bool (G,)), at most LONGEST_WAY_M."""
     a, b, length_m = steps
-    away_m = np.where(start, 0.0, FAR_M)
-    # Bellman and Ford's rounds: few, since no way is followed beyond FAR_M.
+    away_m = np.where(start, 0.0, LONGEST_WAY_M)
+    # Bellman and Ford's rounds: few, since no way is followed beyond LONGEST_WAY_M.
     while True:
         nearer_m = away_m.copy()
         np.minimum.at(nearer_m, b, away_m[a] + length_m)

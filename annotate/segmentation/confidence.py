@@ -41,26 +41,26 @@ LEAST_BELIEF = 1e-4
 """Least belief that counts in ``odds``. Chosen by eye."""
 MOST_MARGIN = 4.0
 """Bound of ``margin``. Chosen by eye."""
-COLDEST_C = 6.0
+MOST_CONTRAST_C = 6.0
 """Bound in degrees Celsius of ``cold``, and of ``contrast``, above twice that. Chosen by eye."""
 FARTHEST_PX = 20
 """Bound of the pixels to the outline. Chosen by eye."""
 SAME_PX = 7
 """Side in pixels of the window of ``same``. Chosen by eye."""
-NEAR_PX = 5
+EDGE_WINDOW_PX = 5
 """Side in pixels of the window of ``alone``, ``jump``, ``unmeasured`` and ``contact``. Chosen by eye."""
 OUTLINE_PX = 2
 """Pixels within which a point is near the outline. Chosen by eye."""
-CONTACT_M = 0.03
+SAME_SURFACE_M = 0.03
 """Depth difference in metres within which a surface goes on. Chosen by eye."""
 EDGE_M = 0.06
 """Depth difference in metres of a depth edge. Chosen by eye."""
-AROUND_PX = 31
+SURROUNDINGS_PX = 31
 """Side in pixels of the window of a pixel's surroundings. Chosen by eye."""
 LEAST_ROOM = 0.05
 """Least share of that window off the person for a contrast. Chosen by eye."""
-MARGIN_PX = 16
-"""Pixels beyond the person's mask that the features look at: half of AROUND_PX."""
+ROOM_PX = 16
+"""Pixels beyond the person's mask that the features look at: half of SURROUNDINGS_PX."""
 
 
 def features(cloud: ThermalCloud, parts: UInt8, reading: SuitReading) -> Float64:
@@ -69,7 +69,7 @@ def features(cloud: ThermalCloud, parts: UInt8, reading: SuitReading) -> Float64
     parts: uint8 (h, w), labels as chosen.
     """
     mask, groups, belief = reading.mask, reading.groups, reading.belief
-    box = window_of(mask, MARGIN_PX)
+    box = window_of(mask, ROOM_PX)
     within, chosen = mask[box], parts[box]
     depth_m = (cloud.depth_mm[box] / np.float32(1000)).astype(np.float32)
     second, first = np.sort(np.maximum(belief, LEAST_BELIEF), axis=1)[:, -2:].T
@@ -90,11 +90,11 @@ def features(cloud: ThermalCloud, parts: UInt8, reading: SuitReading) -> Float64
         "island of part": share_of_part,
         "part": part,
         "outline": np.log(np.minimum(outline_px[within], FARTHEST_PX)),
-        "alone": 1 - cv2.blur(within.astype(np.float32), (NEAR_PX, NEAR_PX))[within],
+        "alone": 1 - cv2.blur(within.astype(np.float32), (EDGE_WINDOW_PX, EDGE_WINDOW_PX))[within],
         "jump": _jumps(depth_m, within)[within],
-        "unmeasured": (near & (cv2.erode(depth_m, np.ones((NEAR_PX, NEAR_PX))) == 0))[within],
+        "unmeasured": (near & (cv2.erode(depth_m, np.ones((EDGE_WINDOW_PX, EDGE_WINDOW_PX))) == 0))[within],
         "no warmth": ~felt,
-        "cold": np.where(felt, np.clip(usual_c - celsius, 0, COLDEST_C), 0),
+        "cold": np.where(felt, np.clip(usual_c - celsius, 0, MOST_CONTRAST_C), 0),
         "contact": groups.mean(contact)[groups.ids],
         "room color": _room_color(cloud, mask),
         "contrast": _contrast_c(cloud.temperature_c[box], within),
@@ -151,7 +151,7 @@ def _islands(parts: UInt8, within: Bool) -> tuple[Float64, Float64, Float64]:
 
 def _jumps(depth_m: Float32, within: Bool) -> Bool:
     """Pixels (h, w) with a depth edge of the person in their window."""
-    window = np.ones((NEAR_PX, NEAR_PX))
+    window = np.ones((EDGE_WINDOW_PX, EDGE_WINDOW_PX))
     farthest = cv2.dilate(np.where(within, depth_m, np.float32(0)), window)
     nearest = cv2.erode(np.where(within, depth_m, np.float32(np.inf)), window)
     return np.asarray(farthest - nearest > EDGE_M)
@@ -159,7 +159,7 @@ def _jumps(depth_m: Float32, within: Bool) -> Bool:
 
 def _room_color(cloud: ThermalCloud, mask: Bool) -> Float32:
     """Log odds (n,) of each point's colour being the person's, against the surroundings'."""
-    around = cv2.dilate(mask.astype(np.uint8), np.ones((AROUND_PX, AROUND_PX))) > 0
+    around = cv2.dilate(mask.astype(np.uint8), np.ones((SURROUNDINGS_PX, SURROUNDINGS_PX))) > 0
     lab = lab_of(cloud.color_rgb, cloud.color_valid & around)
     odds = np.where(mask, np.float32(2 * SURE_ODDS), np.float32(-2 * SURE_ODDS))
     return color_odds(lab, odds, mask, cloud.valid & around)[mask]
@@ -168,18 +168,19 @@ def _room_color(cloud: ThermalCloud, mask: Bool) -> Float32:
 def _contrast_c(celsius: Float32, within: Bool) -> Float64:
     """Degrees Celsius (n,) of each point above its surroundings off the person; 0 where unknown."""
     room = ~within & np.isfinite(celsius)
-    window = (AROUND_PX, AROUND_PX)
+    window = (SURROUNDINGS_PX, SURROUNDINGS_PX)
     share = cv2.blur(room.astype(np.float32), window)
     mean_c = cv2.blur(np.where(room, celsius, np.float32(0)), window) / share.clip(1e-3)
     known = within & np.isfinite(celsius) & (share > LEAST_ROOM)
     return np.asarray(
-        np.where(known, np.clip(celsius - mean_c, -COLDEST_C, 2 * COLDEST_C), 0)[within], np.float64
+        np.where(known, np.clip(celsius - mean_c, -MOST_CONTRAST_C, 2 * MOST_CONTRAST_C), 0)[within],
+        np.float64,
     )
 
 
 def _goes_on(depth_m: Float32, within: Bool) -> Bool:
     """Pixels (h, w) with something of their own depth beside them, off the person."""
-    off, window = ~within & (depth_m > 0), np.ones((NEAR_PX, NEAR_PX))
+    off, window = ~within & (depth_m > 0), np.ones((EDGE_WINDOW_PX, EDGE_WINDOW_PX))
     farthest = cv2.dilate(np.where(off, depth_m, np.float32(-np.inf)), window)
     nearest = cv2.erode(np.where(off, depth_m, np.float32(np.inf)), window)
-    return np.asarray(np.minimum(np.abs(farthest - depth_m), np.abs(nearest - depth_m)) < CONTACT_M)
+    return np.asarray(np.minimum(np.abs(farthest - depth_m), np.abs(nearest - depth_m)) < SAME_SURFACE_M)

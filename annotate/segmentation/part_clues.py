@@ -11,7 +11,7 @@ from annotate.segmentation.previous_parts import LEAST_AGREEMENT, agreement
 from annotate.suit.color_model import blur
 from annotate.suit.palette import chromaticity
 
-WARMTH_WEIGHT = 0.3
+TEMPERATURE_WEIGHT = 0.3
 """Weight of a supervoxel's temperature. Chosen by eye."""
 WARMTH_FLOOR = -4.0
 """Least log density of a temperature: no mug, no draught excludes a part. Chosen by eye."""
@@ -23,7 +23,7 @@ FULL_EVIDENCE = 3.0
 """Independent colours that a large supervoxel's colours, under one light, are worth. Chosen by eye."""
 HALF_POINTS = 10.0
 """Points of a supervoxel whose colours are worth half of that. Chosen by eye."""
-LEAST_BLUR = 0.02
+LEAST_COLOR_BLUR = 0.02
 """Least uncertainty of a colour's chromaticity. Chosen by eye."""
 
 _N = len(BODY_PARTS)
@@ -35,7 +35,7 @@ def means_of(rgb: UInt8, usable: Bool, groups: Supervoxels) -> tuple[Float64, Fl
     rgb: uint8 (n, 3) sRGB of the points. usable: bool (n,), readable colours.
     """
     noise = blur(rgb)
-    weight = usable / (noise**2 + LEAST_BLUR**2)
+    weight = usable / (noise**2 + LEAST_COLOR_BLUR**2)
     total = np.bincount(groups.ids, weight, groups.count)
     mean = [np.bincount(groups.ids, weight * x, groups.count) for x in chromaticity(rgb).T]
     few = np.bincount(groups.ids, usable, groups.count) < 3
@@ -64,7 +64,7 @@ def warmth_evidence(temperature_c: Float32, groups: Supervoxels) -> Float64:
     count = np.bincount(groups.ids, known, groups.count)
     mean = np.bincount(groups.ids, above, groups.count) / np.maximum(count, 1)
     score = -0.5 * ((mean[:, None] - WARMTH_C) / WARMTH_SD_C) ** 2 - np.log(WARMTH_SD_C)
-    return np.asarray(WARMTH_WEIGHT * np.maximum(score, WARMTH_FLOOR) * (count > 0)[:, None])
+    return np.asarray(TEMPERATURE_WEIGHT * np.maximum(score, WARMTH_FLOOR) * (count > 0)[:, None])
 
 
 def previous_evidence(earlier: Float64) -> Float64:

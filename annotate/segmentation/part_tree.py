@@ -6,7 +6,7 @@ from annotate.array_types import Float64, Int32
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import BODY_PARTS, NEIGHBOURS
 
-SAME = 0.0
+SAME_PART = 0.0
 """Log compatibility of two touching supervoxels of one part."""
 JOINED = -1.2
 """The same of anatomical neighbours. Chosen by eye."""
@@ -99,7 +99,7 @@ def _compatibility() -> Float64:
         for j in range(_N):
             if frozenset((i + 1, j + 1)) in NEIGHBOURS:
                 table[i, j] = JOINED
-    np.fill_diagonal(table, SAME)
+    np.fill_diagonal(table, SAME_PART)
     return table
 
 

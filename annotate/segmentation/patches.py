@@ -22,13 +22,13 @@ SEED_M = 0.05
 MERGE = 0.15
 """Chromaticity by which touching supervoxels may differ in one patch, less the larger it has grown (k of
 Felzenszwalb & Huttenlocher 2004, in supervoxels). Chosen by eye."""
-LEAST_BLUR = 0.01
+LEAST_MEAN_BLUR = 0.01
 """Least uncertainty of a supervoxel's chromaticity. Chosen by eye."""
 UNREAD = 0.9
 """Uncertainty of a chromaticity from which on its patch is not read. Chosen by eye."""
 MOST_PATCHES = 32
 """Patches labelled together, the largest; the others get a uniform belief. Chosen by eye."""
-LEAST_POINTS = 15
+LEAST_PATCH_POINTS = 15
 """Points below which a patch is not labelled. Chosen by eye."""
 FULL_POINTS = 40
 """Points from which on a patch's colour has its full weight. Chosen by eye."""
@@ -81,7 +81,7 @@ class Patches:
     @property
     def is_large(self) -> Bool:
         """Flags (R,) of the patches with enough points to be labelled."""
-        return np.asarray(self.points >= LEAST_POINTS)
+        return np.asarray(self.points >= LEAST_PATCH_POINTS)
 
     def mean(self, values: Float64, sizes: Int64) -> Float64:
         """Mean (R, k) over each patch of supervoxels' values (G, k); sizes: (G,), their numbers of points."""
@@ -104,7 +104,7 @@ def patches_of(groups: Supervoxels, chroma: Float64, blur: Float64, middle_m: Fl
     np.fill_diagonal(contacts, 0)
     return Patches(
         ids,
-        _mean(ids, chroma, sizes / np.maximum(blur, LEAST_BLUR) ** 2),
+        _mean(ids, chroma, sizes / np.maximum(blur, LEAST_MEAN_BLUR) ** 2),
         _mean(ids, blur[:, None], sizes)[:, 0],
         np.bincount(ids, sizes, count).astype(np.float64),
         _mean(ids, middle_m, sizes),

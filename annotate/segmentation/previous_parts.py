@@ -10,11 +10,11 @@ from sensors.rig.nearest import Nearest
 
 MOVE_M = 0.08
 """Standard deviation in metres of a limb's motion between two frames at 2 Hz. Chosen by eye."""
-NEAREST = 5
+NEAREST_POINTS = 5
 """Nearest labelled points averaged. Chosen by eye."""
-STRIDE = 4
+POINT_STRIDE = 4
 """Step through the earlier points: neighbours agree. Chosen by eye."""
-DOUBT = 1.0
+UNIFORM_WEIGHT = 1.0
 """Weight of the uniform distribution, against one earlier point at the very place. Chosen by eye."""
 LEAST_AGREEMENT = 0.6
 """Agreement of earlier parts with colours below which two persons are seen. Chosen by eye."""
@@ -32,18 +32,18 @@ def earlier_parts(before: FrameLabels, camera: Intrinsics, at_m: Float64) -> Flo
     """
     flat = np.full((len(at_m), len(BODY_PARTS)), 1 / len(BODY_PARTS))
     labelled = (before.parts >= 1) & (before.parts <= len(BODY_PARTS)) & (before.depth_mm > 0)
-    v, u = (index[::STRIDE] for index in np.nonzero(labelled))
-    if len(v) < NEAREST or before.parts.shape != camera.shape:
+    v, u = (index[::POINT_STRIDE] for index in np.nonzero(labelled))
+    if len(v) < NEAREST_POINTS or before.parts.shape != camera.shape:
         return flat
     rays = np.column_stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(len(u))])
     points = rays * (before.depth_mm[v, u, None] / 1000)
-    away_m, nearest = Nearest(points).query(at_m, NEAREST, within=3 * MOVE_M)
+    away_m, nearest = Nearest(points).query(at_m, NEAREST_POINTS, within=3 * MOVE_M)
     found = np.isfinite(away_m)
     weight = np.where(found, np.exp(-(away_m**2) / (2 * MOVE_M**2)), 0)
     part = before.parts[v, u][np.where(found, nearest, 0)].astype(np.intp) - 1
     votes = np.zeros_like(flat)
     np.add.at(votes, (np.arange(len(at_m))[:, None], part), weight)
-    return np.asarray((votes + DOUBT * flat) / (weight.sum(axis=1, keepdims=True) + DOUBT))
+    return np.asarray((votes + UNIFORM_WEIGHT * flat) / (weight.sum(axis=1, keepdims=True) + UNIFORM_WEIGHT))
 
 
 def agreement(belief: Float64, earlier: Float64, sizes: Int64) -> float:

@@ -22,13 +22,13 @@ from annotate.suit.palette import MIN_CHROMA_DISTANCE, Suit, chromaticity
 from sensors.errors import CloudError
 from sensors.rig.source import FrameSource
 
-BORDER_PX = 2
+SEAM_PX = 2
 """Pixels from another part within which a colour may be that part's. Chosen by eye."""
 LEAST_COLORS = 30
 """Readable points of a part that a swatch needs. Chosen by eye."""
 MOST_COLORS = 4000
 """Points of a part that its swatches are taken from, an even sample. Chosen by eye."""
-LEAST_SHARE = 0.15
+LEAST_SECOND_SHARE = 0.15
 """Least share of a part that a second colour, its skin, covers. Chosen by eye."""
 CONTRAST = 12.0
 """CIELAB distance of a patch from the paper; 2.3 is just noticeable (Sharma 2003). Chosen by eye."""
@@ -143,7 +143,7 @@ def _main_colors(rgb: UInt8, most: int) -> list[tuple[int, ...]]:
     centres = np.stack([middle, far])
     for _ in range(20):
         side = np.linalg.norm(chroma[:, None] - centres, axis=2).argmin(axis=1)
-        if most == 1 or min((side == 0).mean(), (side == 1).mean()) < LEAST_SHARE:
+        if most == 1 or min((side == 0).mean(), (side == 1).mean()) < LEAST_SECOND_SHARE:
             return [_typical(rgb)]
         centres = np.stack([np.median(chroma[side == i], axis=0) for i in (0, 1)])
     if np.linalg.norm(centres[0] - centres[1]) < MIN_CHROMA_DISTANCE:
@@ -161,8 +161,8 @@ def _typical(rgb: UInt8) -> tuple[int, ...]:
 
 
 def _inner(parts: UInt8) -> Bool:
-    """Flags (h, w) of pixels with no other part within BORDER_PX."""
-    square = np.ones((2 * BORDER_PX + 1,) * 2, np.uint8)
+    """Flags (h, w) of pixels with no other part within SEAM_PX."""
+    square = np.ones((2 * SEAM_PX + 1,) * 2, np.uint8)
     return np.asarray(cv2.dilate(parts, square) == cv2.erode(parts, square))
 
 
@@ -181,7 +181,7 @@ def _read(path: Path) -> UInt8:
     """Photograph uint8 (h, w, 3), at most 1,000 pixels a side; Pillow itself bounds what it decodes."""
     try:
         with Image.open(path, formats=("JPEG", "PNG")) as image:
-            if min(image.size) < 2 * BORDER_PX + 1:
+            if min(image.size) < 2 * SEAM_PX + 1:
                 raise CloudError(f"swatches {path} have {image.size} pixels; give a photograph")
             image.thumbnail((1000, 1000))
             return np.array(image.convert("RGB"))

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32, UInt8
-from annotate.crop import MARGIN, NEAREST
+from annotate.crop import LEAST_VALUE, MARGIN
 from annotate.parts import BACKGROUND, swap_left_right
 from eval.training.occluders import boarded, draped, field, noise_of, things
 
@@ -54,7 +54,9 @@ def augment(
     if not (depth > 0).any():
         return depth.copy(), parts.copy()
     if how.noise and rng.random() < SMOOTH:
-        depth = np.where(depth > 0, np.maximum(cv2.medianBlur(depth, 5), NEAREST), depth).astype(np.float32)
+        depth = np.where(depth > 0, np.maximum(cv2.medianBlur(depth, 5), LEAST_VALUE), depth).astype(
+            np.float32
+        )
     depth, parts = _incomplete(depth, parts, how, rng)
     if how.extras and rng.random() < 0.25:
         depth = _with_extras(depth, rng)
@@ -68,7 +70,7 @@ def augment(
     if how.holes and rng.random() < 0.7:
         seen &= ~_holes(seen.shape, rng)
     return (
-        np.where(seen, depth.clip(NEAREST, 1), np.float32(0)),
+        np.where(seen, depth.clip(LEAST_VALUE, 1), np.float32(0)),
         np.where(seen, parts, np.uint8(BACKGROUND)),
     )
 
@@ -139,7 +141,7 @@ def _with_extras(depth: Float32, rng: np.random.Generator) -> Float32:
         plane = (
             np.median(shared) + rng.normal(0, 0.01) + (v - v.mean()) * slope[0] + (u - u.mean()) * slope[1]
         )
-        result[v, u] = (plane + noise[v, u]).clip(NEAREST, 1)
+        result[v, u] = (plane + noise[v, u]).clip(LEAST_VALUE, 1)
     return result
 
 

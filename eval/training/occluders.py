@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Int64, UInt8
-from annotate.crop import NEAREST
+from annotate.crop import LEAST_VALUE
 from annotate.parts import BACKGROUND
 
 TRUNK, LEGS = (2,), (10, 11)
@@ -108,7 +108,7 @@ def _before(
     """A crop with a surface where it is nearer than what is there. Not taken: it hides, but is not seen."""
     seen = where & ((depth == 0) | (surface < depth))
     noise, lost = noise_of(depth, rng)
-    there = np.where(taken & ~lost, (surface + noise).clip(NEAREST, 1), np.float32(0))
+    there = np.where(taken & ~lost, (surface + noise).clip(LEAST_VALUE, 1), np.float32(0))
     return (np.where(seen, there, depth).astype(np.float32), np.where(seen, np.uint8(BACKGROUND), parts))
 
 
