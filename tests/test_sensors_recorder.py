@@ -189,3 +189,13 @@ def test_without_a_rig_file_the_depth_camera_s_own_calibration_is_recorded(
     done = annotate_cloud("record", tmp_path / "a.mcap", "--device", "kinect2:", "--seconds", 0.5, "--json")
     assert done.code == 0 and "calibrate" in done.err
     assert Session(tmp_path / "a.mcap").calibration.depth.fx == pytest.approx(KINECT2_DEPTH.fx)
+
+
+def test_a_rig_file_is_read_up_to_the_bound(tmp_path, monkeypatch):
+    path = tmp_path / "rig.toml"
+    path.write_text(f'devices = ["{KINECT}"]')
+    monkeypatch.setattr("sensors.recording.rig_file.MAX_BYTES", path.stat().st_size)
+    assert load_rig(path).devices == (KINECT,)
+    path.write_text(f'devices = ["{KINECT}"] ')
+    with pytest.raises(DeviceError, match="larger than"):
+        load_rig(path)
