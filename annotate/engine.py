@@ -29,27 +29,27 @@ class Steps:
     joint_reading: bool = True
     """Patches are read as one body in one light. Without: each by its own colour, in white light."""
     patch_belief: bool = True
-    """A supervoxel's patch speaks for its part. Without: every part is as likely by the patch."""
+    """Evidence of a supervoxel's part by its patch. Without: every part is as likely by the patch."""
     supervoxels: bool = True
     """Points are pooled in supervoxels. Without: every point is one of its own."""
     part_tree: bool = True
     """Supervoxels are joined over the body's part tree. Without: each is read by itself."""
     skin_warmth: bool = True
-    """Temperature speaks for bare and for clothed parts. Without: colours alone do."""
+    """Evidence of bare and of clothed parts by temperature. Without: by colours alone."""
     sleeves: bool = True
     """Bare skin belongs to the sleeve that it grows out of. Without: its side follows from place alone."""
     frame_before: bool = True
-    """The suit is read with the parts of the frame before. Without: only the second look knows them."""
+    """The suit is read with the parts of the frame before. Without: only the second look has them."""
     fine_borders: bool = True
     """Borders are refined pixel by pixel. Without: they follow the supervoxels."""
     suit_for_person: bool = True
-    """The suit's colours help to find the person. Without: warmth and depth alone do."""
+    """Evidence of the person by the suit's colours. Without: by warmth and depth alone."""
     join_halves: bool = True
     """What a laptop cuts in two is one person. Without: it stays cut."""
     room_planes: bool = True
     """Walls, floor and table tops are found and left out. Without: warmth and depth jumps decide."""
     room_colors: bool = True
-    """The colours around the person speak for the room. Without: warmth and depth jumps decide."""
+    """Evidence of the room by the colours around the person. Without: by warmth and depth jumps."""
 
     def left_out(self) -> list[str]:
         """Names of the steps that do not run."""

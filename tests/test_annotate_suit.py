@@ -189,3 +189,18 @@ def test_the_command_learns_a_palette_that_label_takes(annotate_cloud, tmp_path,
     assert load_suit(out).name == "suit"
     assert_refused(annotate_cloud(*learn), out, "already exists")
     assert annotate_cloud("suit", "learn", "--out", out, "--overwrite").code == 2
+
+
+def test_a_palette_at_its_bounds_is_read_and_beyond_them_refused(tmp_path, monkeypatch):
+    path = tmp_path / "suit.toml"
+    path.write_text(suit_to_toml(DEFAULT_SUIT))
+    colors = len(DEFAULT_SUIT.parts)
+    monkeypatch.setattr("annotate.suit.palette.MAX_SWATCHES", colors)
+    monkeypatch.setattr("annotate.suit.palette.MAX_TOML_BYTES", path.stat().st_size)
+    assert len(load_suit(path).parts) == colors
+    monkeypatch.setattr("annotate.suit.palette.MAX_SWATCHES", colors - 1)
+    with pytest.raises(CloudError, match=f"has {colors} colours; give at most {colors - 1}"):
+        load_suit(path)
+    monkeypatch.setattr("annotate.suit.palette.MAX_TOML_BYTES", path.stat().st_size - 1)
+    with pytest.raises(CloudError, match="give a palette file"):
+        load_suit(path)

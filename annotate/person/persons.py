@@ -50,7 +50,7 @@ OPEN_M = 0.08
 OPEN_SHARE = 0.25
 """The same as a share of the gap. Chosen by eye."""
 MOST_PERSONS = 250
-"""Persons told apart in one frame: their numbers are 8-bit. Chosen by eye."""
+"""Most persons of one frame: their numbers are 8-bit. Chosen by eye."""
 
 
 @dataclass(frozen=True)
