@@ -245,3 +245,14 @@ def mutate(path: Path, data: bytes, changes: list[tuple[float, int]], keep: floa
         assert "\n" not in str(error)
     else:
         assert found.positions.shape[1] == len(found.labels)
+
+
+def test_a_marker_set_is_bounded_by_its_size(tmp_path, monkeypatch):
+    path = tmp_path / "m.toml"
+    place = '{ joint = "left_knee", at_m = [0.05, 0, 0] }'
+    path.write_text(f"[markers]\n{''.join(f'M{i} = {place}' + chr(10) for i in range(600))}")
+    monkeypatch.setattr("synth.markers.markerset.MAX_FILE_BYTES", path.stat().st_size)
+    assert len(load_marker_set(path).names) == 600
+    monkeypatch.setattr("synth.markers.markerset.MAX_FILE_BYTES", path.stat().st_size - 1)
+    with pytest.raises(FormatError, match="marker-set file"):
+        load_marker_set(path)
