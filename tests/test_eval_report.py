@@ -153,8 +153,13 @@ def test_pictures_come_from_the_sets_that_were_measured(
         gather([Result("Other frames", other, lying)], each=1)
 
 
-def test_a_training_is_read_back(run: Path, tmp_path: Path) -> None:
+def test_a_training_is_read_back(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eval.report.history.MAX_BYTES", (run / "history.json").stat().st_size)
     training = load_training(run)
+    monkeypatch.setattr("eval.report.history.MAX_BYTES", (run / "history.json").stat().st_size - 1)
+    with pytest.raises(FormatError, match="larger than"):
+        load_training(run)
+    monkeypatch.undo()
     assert training.points.shape == (24, 2) and training.epochs.shape == (12, 5)
     assert np.isnan(training.epochs[:, 3]).all() and training.epochs[-1, 2] == 0.8
     names = list(training.pictures)

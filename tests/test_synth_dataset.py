@@ -234,6 +234,15 @@ def test_a_bad_manifest_is_refused(dataset, text):
         Dataset.open(dataset.path)
 
 
+def test_a_manifest_is_read_up_to_its_bound(dataset, monkeypatch):
+    size = (dataset.path / MANIFEST).stat().st_size
+    monkeypatch.setattr("annotate.labelset.dataset.MAX_MANIFEST_BYTES", size)
+    assert Dataset.open(dataset.path) == dataset
+    monkeypatch.setattr("annotate.labelset.dataset.MAX_MANIFEST_BYTES", size - 1)
+    with pytest.raises(FormatError, match="larger than"):
+        Dataset.open(dataset.path)
+
+
 def test_statistics_by_hand():
     statistics = statistics_of(FRAMES)
     person = sum((f.parts > 0).sum() for f in FRAMES)
