@@ -16,7 +16,6 @@ from sensors.importers.azure_calibration import calibration_from_factory
 from sensors.importers.ebml import EbmlFile, Element
 from sensors.rig.frame import RigFrame
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
-from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES
 
 EBML, SEGMENT, INFO, SCALE = 0x1A45DFA3, 0x18538067, 0x1549A966, 0x2AD7B1
 TRACKS, TRACK, NUMBER, NAME, PRIVATE = 0x1654AE6B, 0xAE, 0xD7, 0x536E, 0x63A2
@@ -149,7 +148,7 @@ def _tracks(ebml: EbmlFile, segment: Element) -> dict[int, Track]:
         parts = {child.id: child for child in ebml.children(entry)}
         if {NUMBER, NAME, PRIVATE} <= set(parts):
             # BITMAPINFOHEADER: size, width, height, planes, bits, compression, ...
-            header = ebml.bytes(parts[PRIVATE], 1000)
+            header = ebml.bytes(parts[PRIVATE])
             width, height = (int.from_bytes(header[at : at + 4], "little") for at in (4, 8))
             track = Track(ebml.text(parts[NAME]), width, height, header[16:20])
             tracks[ebml.number(parts[NUMBER])] = track
@@ -200,5 +199,5 @@ def _attachment(ebml: EbmlFile, segment: Element, name: str) -> bytes:
     for attached in ebml.find(segment, ATTACHMENTS, ATTACHED):
         parts = {child.id: child for child in ebml.children(attached)}
         if {FILE_NAME, FILE_DATA} <= set(parts) and ebml.text(parts[FILE_NAME]) == name:
-            return ebml.bytes(parts[FILE_DATA], MAX_CALIBRATION_BYTES)
+            return ebml.bytes(parts[FILE_DATA])
     raise CalibrationError(f"the recording has no attachment {name[:60]!r}; record it with k4arecorder")

@@ -1,4 +1,4 @@
-"""What every origin of frames promises, and the one tree of errors."""
+"""``FrameSource``: the protocol of sessions, folders, clouds, the virtual rig and devices."""
 
 from collections.abc import Iterator
 from typing import Protocol
@@ -10,8 +10,7 @@ from sensors.rig.rig_calibration import RigCalibration
 class FrameSource(Protocol):
     """A finite or endless stream of synchronised rig frames.
 
-    Replayed sessions, imported folders, the virtual rig and real devices all are one; nothing
-    downstream asks which.
+    Nothing downstream depends on which kind it is.
     """
 
     @property
