@@ -17,6 +17,7 @@ from synth.rig.difficulty import CLEAN, HARD, NORMAL, Clutter
 from synth.rig.place import SCENES
 from synth.rig.props import laptop, mug
 from synth.rig.stay import Stay
+from synth.rig.virtual_rig import VirtualRig
 from synth.surface.furniture import Surface
 
 BODY = shipped_bodies()[3]
@@ -136,7 +137,7 @@ def test_subjects_are_of_many_builds_and_a_bad_scene_is_refused():
     heights = [float(np.ptp(outfit.rest_m[:, 2])) for outfit in outfits]
     assert len(np.unique(np.round(heights, 4))) == 8 and np.ptp(heights) > 0.1
     with pytest.raises(CloudError, match="'pool' is unknown; use sofa, chair, bed"):
-        SCENES["pool"](np.random.default_rng(0))
+        VirtualRig(2, 1, "clean", 0, "pool")
 
 
 @pytest.mark.parametrize("scene", SCENES)
