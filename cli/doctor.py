@@ -94,7 +94,7 @@ def _pcl() -> Finding:
 
 
 def _kinect2() -> Finding:
-    from sensors.drivers.kinect2_shim import load_shim
+    from sensors.drivers.kinect2 import load_shim
 
     return _tried(load_shim, "Kinect v2", "libfreenect2 can be loaded", "no Kinect v2 as a device")
 

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors.device import depth_camera, node, usb
+from sensors.device import depth_camera, node
 from sensors.device.address import Address
 from sensors.device.node import check_node, node_error
 from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
@@ -30,7 +30,6 @@ from sensors.drivers.optris_layout import LAYOUTS
 from sensors.drivers.orbbec import Orbbec, depth_of, orbbec_serials
 from sensors.drivers.pyrometer import Pyrometer
 from sensors.drivers.pyrometer_protocol import CS, CT
-from sensors.drivers.video import OpenCvVideo
 from sensors.errors import (
     CloudError,
     DeviceAccessError,
@@ -44,11 +43,11 @@ from sensors.recording import open_device as open_device_module
 from sensors.recording.open_device import find_devices, open_device
 from sensors.rig.frame import RigFrame
 from sensors.rig.lens import intrinsics_from_rational
+from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.optris import FakeKernel, VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
-from sensors.virtual.scene import Scene
 from sensors.virtual.schedule import Faults
 from tests.helpers.swinging_ball import swinging_ball
 
@@ -79,17 +78,17 @@ class Bench:
 
 
 def bench_kinect2(faults, folder):
-    twin = VirtualKinect2(Scene(swinging_ball()), faults)
+    twin = VirtualKinect2(FrameLoop(swinging_ball()), faults)
     return Bench(lambda: Kinect2(shim=twin.shim), twin.unplug)
 
 
 def bench_optris(mode):
     def make(faults, folder):
         layout = LAYOUTS[mode]
-        twin = VirtualOptris(layout, Scene(swinging_ball()), faults)
+        twin = VirtualOptris(layout, FrameLoop(swinging_ball()), faults)
 
         def opened():
-            return Optris(twin.node, layout, OpenCvVideo(twin.node, layout, FakeKernel(twin)))
+            return Optris(twin.node, layout, kind=FakeKernel(twin))
 
         return Bench(opened, twin.unplug)
 
@@ -99,7 +98,7 @@ def bench_optris(mode):
 def bench_direct(faults, folder):
     config = folder / "generic.xml"
     config.write_text("<imager><serial>0</serial></imager>")
-    twin = VirtualDirect(Scene(swinging_ball()), faults)
+    twin = VirtualDirect(FrameLoop(swinging_ball()), faults)
     return Bench(lambda: OptrisDirect(config, twin.library), twin.unplug)
 
 
@@ -287,6 +286,8 @@ def test_a_twin_of_a_source_without_thermal_says_so_at_once(kind):
         ("virtual:optris?drop=0&drop=1", "gives an option twice"),
         ("virtual:pyrometer?family=ir", "family 'ir' .* is unknown; use ct, cs"),
         ("virtual:pyrometer?rs485=1.5", "is not an integer; give 1 to 32"),
+        ("virtual:pyrometer?rs485=99", "rs485 '99' .* is not a number from 1 to 32"),
+        ("virtual:pyrometer?emissivity=0.09", "emissivity '0.09' .* is not a number from 0.1"),
         ("virtual:pyrometer?family=cs&burst=yes", "cs family has no burst"),
         ("virtual:pyrometer?refuse=1&emissivity=2", "emissivity '2' .* is not a number"),
         ("optris:", "names no node; give for instance optris:/dev/video0"),
@@ -355,13 +356,10 @@ def test_a_kinect_that_may_not_be_opened_is_told_from_none(monkeypatch, tmp_path
     entry.mkdir()
     for name, text in (("idVendor", "045e"), ("idProduct", "02c4"), ("busnum", "2"), ("devnum", "5")):
         (entry / name).write_text(text + "\n")
-    (entry / "serial").write_text("0123\n")
-    found = usb.usb_devices(kinect2.USB_IDS, tmp_path)
-    assert [(str(d.node), d.serial) for d in found] == [("/dev/bus/usb/002/005", "0123")]
-    assert usb.usb_devices(("0403:de37",), tmp_path) == []
-    monkeypatch.setattr(usb, "check_node", lambda path: (_ for _ in ()).throw(node_error(path, errno.EACCES)))
-    with pytest.raises(DeviceAccessError):
-        usb.check_usb(kinect2.USB_IDS, tmp_path)
+    monkeypatch.setattr(node.os, "open", lambda path, flags: (_ for _ in ()).throw(OSError(errno.EACCES, "")))
+    node.check_usb(("0403:de37",), tmp_path)
+    with pytest.raises(DeviceAccessError, match="/dev/bus/usb/002/005"):
+        node.check_usb(kinect2.USB_IDS, tmp_path)
 
 
 def test_video_nodes_of_a_camera_are_found_without_its_metadata_node(tmp_path):
@@ -373,7 +371,7 @@ def test_video_nodes_of_a_camera_are_found_without_its_metadata_node(tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "device").symlink_to(camera / "1-2:1.0")
         (tmp_path / name / "index").write_text(str(index))
-    assert usb.video_nodes("0403:de37", tmp_path) == [(Path("/dev/video0"), "77")]
+    assert node.video_nodes("0403:de37", tmp_path) == [(Path("/dev/video0"), "77")]
 
 
 def test_two_devices_with_one_serial_number_are_marked():

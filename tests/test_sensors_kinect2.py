@@ -15,14 +15,12 @@ from hypothesis import strategies as st
 from annotate.cloud.kinect2_undistort import undistortion_index
 from sensors.device import depth_camera
 from sensors.device.protocol import ColorImage, DepthImage
-from sensors.device.ticks import RunningNumbers, WrappingCounter
-from sensors.drivers.kinect2 import Kinect2, uint16_from_float
-from sensors.drivers.kinect2_shim import load_shim
+from sensors.drivers.kinect2 import DEPTH, Kinect2, WrappingCounter, load_shim, uint16_from_float
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
+from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
-from sensors.virtual.scene import Scene
 from tests.helpers.swinging_ball import swinging_ball
 from tests.helpers.undistortion_twin import undistort_scalar
 
@@ -131,7 +129,7 @@ def test_factory_parameters_are_read_in_libfreenect2s_order(compiled):
 
 
 def test_the_twin_has_real_parameters_and_shows_its_scene():
-    scene = Scene(swinging_ball())
+    scene = FrameLoop(swinging_ball())
     twin = VirtualKinect2(scene)
     with closing(Kinect2(shim=twin.shim)) as device:
         device.start()
@@ -144,7 +142,7 @@ def test_the_twin_has_real_parameters_and_shows_its_scene():
 
 def test_silence_is_an_unplugged_device(monkeypatch):
     monkeypatch.setattr(depth_camera, "SILENCE_S", 0.15)
-    twin = VirtualKinect2(Scene(swinging_ball()))
+    twin = VirtualKinect2(FrameLoop(swinging_ball()))
     with closing(Kinect2(shim=twin.shim)) as device:
         device.start()
         assert isinstance(device.read(1).value, DepthImage) and isinstance(device.read(1).value, ColorImage)
@@ -166,7 +164,7 @@ def test_silence_is_an_unplugged_device(monkeypatch):
 )
 def test_which_device_is_meant(serials, wanted, match):
     with pytest.raises(DeviceError, match=match):
-        Kinect2(wanted, VirtualKinect2(Scene(swinging_ball()), serials=serials).shim)
+        Kinect2(wanted, VirtualKinect2(FrameLoop(swinging_ball()), serials=serials).shim)
 
 
 def test_without_the_library_one_line_says_what_to_install(tmp_path):
@@ -191,11 +189,10 @@ def test_a_wrapping_clock_is_counted_on(steps, start):
         assert counter.unwrap(true % 2**32) == true
 
 
-@given(st.lists(st.integers(1, 2**31 - 1), max_size=20), st.integers(0, 2**32 - 1))
-def test_gaps_in_running_numbers_are_counted(steps, start):
-    sequence, number = RunningNumbers(), start
-    assert sequence.lost_before(start) == 0
-    for step in steps:
-        number = (number + step) % 2**32
-        assert sequence.lost_before(number) == step - 1
-        assert sequence.lost_before(number) is None and sequence.lost_before((number - 1) % 2**32) is None
+def test_gaps_in_running_numbers_are_counted_and_late_frames_left_out():
+    twin = VirtualKinect2(FrameLoop(swinging_ball()))
+    with closing(Kinect2(shim=twin.shim)) as device:
+        device.start()
+        twin._ready += [(DEPTH, 2**32 - 3 + step) for step in (0, 1, 5, 4, 5, 6, 9)]
+        readings = [device.read(1) for _ in range(5)]
+    assert [r.dropped for r in readings] == [0, 0, 3, 0, 2]

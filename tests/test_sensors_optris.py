@@ -4,7 +4,6 @@ import ctypes
 import shutil
 import subprocess
 from contextlib import closing
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,12 +13,17 @@ from hypothesis import strategies as st
 
 from sensors.device.protocol import Flag, ThermalCounts, ThermalImage
 from sensors.drivers import optris_direct
-from sensors.drivers.optris import Optris
-from sensors.drivers.optris_direct import OptrisDirect, celsius_of, check_config, flag_of
+from sensors.drivers.optris import FlagWatch, Optris
+from sensors.drivers.optris_direct import (
+    PROTOTYPES,
+    DirectLibrary,
+    FrameMetadata,
+    OptrisDirect,
+    celsius_of,
+    check_config,
+    flag_of,
+)
 from sensors.drivers.optris_layout import LAYOUTS, pack, unpack
-from sensors.drivers.optris_library import PROTOTYPES, DirectLibrary, FrameMetadata
-from sensors.drivers.shutter import FlagWatch
-from sensors.drivers.video import OpenCvVideo, VideoFrame
 from sensors.errors import (
     DeviceBusyError,
     DeviceError,
@@ -27,14 +31,14 @@ from sensors.errors import (
     DeviceLostError,
     DeviceNotFoundError,
 )
+from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.optris import FakeKernel, VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
-from sensors.virtual.scene import Scene
 from sensors.virtual.schedule import Faults
 from tests.helpers.swinging_ball import swinging_ball
 
 NAMES = tuple(LAYOUTS)
-SCENE = Scene(swinging_ball())
+SCENE = FrameLoop(swinging_ball())
 
 
 def facts_layout(name, frame):
@@ -86,16 +90,10 @@ def test_rates_are_the_published_ones():
     assert [LAYOUTS[name].thermal_hz for name in NAMES] == [128, 96, 128]
 
 
-def test_another_size_is_refused():
-    with pytest.raises(DeviceFaultError, match="sent 160x122 words in mode 128hz, which has 164x120; choose"):
-        unpack(LAYOUTS["128hz"], np.zeros((122, 160), np.uint16))
-
-
 def opened(name="128hz", faults=None, **options):
     layout = LAYOUTS[name]
     camera = VirtualOptris(layout, SCENE, faults, **options)
-    video = OpenCvVideo(camera.node, layout, FakeKernel(camera))
-    return camera, Optris(camera.node, layout, video)
+    return camera, Optris(camera.node, layout, kind=FakeKernel(camera))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -167,24 +165,19 @@ def test_a_scene_that_stays_flat_is_no_flag_and_a_frozen_image_is_one():
 def test_a_camera_in_another_mode_is_named():
     camera = VirtualOptris(LAYOUTS["128hz"], SCENE)
     with pytest.raises(DeviceError, match="gives 164x120 instead of 760x480; choose its mode"):
-        OpenCvVideo(camera.node, LAYOUTS["128hz-bispectral"], FakeKernel(camera))
+        Optris(camera.node, LAYOUTS["128hz-bispectral"], kind=FakeKernel(camera))
     camera.unplug()
     with pytest.raises(DeviceNotFoundError, match="does not exist; plug the device in"):
-        OpenCvVideo(camera.node, LAYOUTS["128hz"], FakeKernel(camera))
+        Optris(camera.node, LAYOUTS["128hz"], kind=FakeKernel(camera))
 
 
 def test_a_late_frame_is_left_out():
-    class Frames:
-        def __init__(self):
-            self.stamps = [1.0, 1.0 + 1 / 128, 1.0, 1.0 + 4 / 128]
-
-        def read(self, timeout_s):
-            words = np.zeros((120, 164), np.uint16)
-            return VideoFrame(words, round(self.stamps.pop(0) * 1e9), 0)
-
-    device = Optris(Path("/dev/video0"), LAYOUTS["128hz"], Frames())
-    readings = [device.read(1) for _ in range(4)]
-    assert [r and r.dropped for r in readings] == [0, 0, None, 2]
+    camera, device = opened()
+    stamps_s = [1.0, 1.0 + 1 / 128, 1.0, 1.0 + 4 / 128]
+    camera.schedule.device_s = lambda number: stamps_s.pop(0)
+    with closing(device):
+        assert [device.read(1).dropped for _ in range(3)] == [0, 0, 2]
+    camera.unplug()
 
 
 def test_opencv_itself_has_what_the_seam_asks_for(tmp_path):
@@ -196,7 +189,7 @@ def test_opencv_itself_has_what_the_seam_asks_for(tmp_path):
     node = tmp_path / "video0"
     node.touch()
     with pytest.raises(DeviceBusyError, match="does not stream"):
-        OpenCvVideo(node, LAYOUTS["128hz"])
+        Optris(node, LAYOUTS["128hz"])
 
 
 # --- the vendor's library --------------------------------------------------------------------------
@@ -307,6 +300,6 @@ def test_the_driver_speaks_the_abi_of_a_compiled_library(config, tmp_path):
 
 
 def test_without_the_vendors_library_one_line_says_so(monkeypatch, config):
-    monkeypatch.setattr("sensors.drivers.optris_library.find_library", lambda name: None)
+    monkeypatch.setattr("sensors.drivers.optris_direct.find_library", lambda name: None)
     with pytest.raises(DeviceNotFoundError, match=r"libirdirectsdk\.so is not installed; install"):
         OptrisDirect(config)

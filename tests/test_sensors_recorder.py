@@ -24,8 +24,8 @@ from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.rig.rig_calibration import RigCalibration, save_calibration
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
+from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
-from sensors.virtual.scene import Scene
 from tests.conftest import assert_refused
 from tests.helpers.swinging_ball import swinging_ball
 
@@ -184,7 +184,7 @@ def test_without_a_rig_file_the_depth_camera_s_own_calibration_is_recorded(
     annotate_cloud, tmp_path, monkeypatch
 ):
     """Only a camera that has started knows it."""
-    twin = VirtualKinect2(Scene(swinging_ball()))
+    twin = VirtualKinect2(FrameLoop(swinging_ball()))
     monkeypatch.setattr("cli.recording.open_device", lambda address, shown: Kinect2(shim=twin.shim))
     done = annotate_cloud("record", tmp_path / "a.mcap", "--device", "kinect2:", "--seconds", 0.5, "--json")
     assert done.code == 0 and "calibrate" in done.err

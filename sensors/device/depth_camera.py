@@ -1,14 +1,14 @@
 """A depth camera over a vendor's library that gives depth and colour: Kinect v2, Azure Kinect, Orbbec."""
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from threading import Event, Lock
 from typing import Protocol
 
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading
-from sensors.errors import DeviceLostError
+from sensors.errors import DeviceError, DeviceLostError, DeviceNotFoundError
 from sensors.rig.rig_calibration import RigCalibration
 
 RATE_HZ = 30.0
@@ -103,3 +103,21 @@ class DepthCamera:
         if lost is None:
             lost = 0 if before_ns is None else max(0, round((stamp_ns - before_ns) * 1e-9 * RATE_HZ) - 1)
         self._ready.append(DeviceReading(stamp_ns, arrival_ns, image.value, lost))
+
+
+def choose(kind: str, serials: list[str], wanted: str) -> str:
+    """The serial number to open: ``wanted``, or where that is empty the only one there is.
+
+    Raises DeviceNotFoundError where it is not there, DeviceError where several would do.
+    """
+    listed = ", ".join(sorted(set(serials)))
+    if not serials:
+        raise DeviceNotFoundError(f"no {kind} is plugged in; see: annotate-cloud devices")
+    if not wanted and len(set(serials)) > 1:
+        raise DeviceError(f"there are {len(serials)} {kind} devices ({listed}); name one by serial")
+    serial = wanted or serials[0]
+    if serial not in serials:
+        raise DeviceNotFoundError(f"no {kind} has serial {serial!r}; plugged in: {listed}")
+    if Counter(serials)[serial] > 1:
+        raise DeviceError(f"two {kind} devices have serial {serial!r}; unplug one of them")
+    return serial

@@ -1,4 +1,4 @@
-"""Device nodes of the system: why one cannot be opened, in one line with the remedy."""
+"""Device nodes of the system: which there are, and why one cannot be opened, in one line with the remedy."""
 
 import errno
 import grp
@@ -6,6 +6,30 @@ import os
 from pathlib import Path
 
 from sensors.errors import DeviceAccessError, DeviceBusyError, DeviceError, DeviceNotFoundError
+
+SYSFS, VIDEO = Path("/sys/bus/usb/devices"), Path("/sys/class/video4linux")
+
+
+def check_usb(ids: tuple[str, ...], sysfs: Path = SYSFS) -> None:
+    """Raise DeviceAccessError where a USB device is plugged in but may not be opened.
+
+    ids: its possible ``vendor:product``, hexadecimal in lower case. libusb opens a node under /dev/bus/usb.
+    """
+    for entry in sorted(sysfs.glob("*")):
+        if _usb_id(entry) in ids:
+            bus, device = (_text(entry / name) for name in ("busnum", "devnum"))
+            check_node(Path(f"/dev/bus/usb/{bus:0>3}/{device:0>3}"))
+
+
+def video_nodes(usb_id: str, sysfs: Path = VIDEO) -> list[tuple[Path, str]]:
+    """Nodes that stream images of USB cameras with this id, and the cameras' serial numbers."""
+    found = []
+    for entry in sorted(sysfs.glob("video*")):
+        # "device" is the USB interface, the camera itself is above it; index 0 are images, 1 is metadata.
+        camera = (entry / "device").resolve().parent
+        if _usb_id(camera) == usb_id and _text(entry / "index") in ("", "0"):
+            found.append((Path("/dev") / entry.name, _text(camera / "serial")))
+    return found
 
 
 def check_node(path: Path) -> None:
@@ -44,3 +68,14 @@ def _group(path: Path) -> str:
         return grp.getgrgid(path.stat().st_gid).gr_name
     except (OSError, KeyError):
         return "video" if "video" in path.name else "dialout"
+
+
+def _usb_id(device: Path) -> str:
+    return f"{_text(device / 'idVendor')}:{_text(device / 'idProduct')}"
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii", errors="replace").strip()
+    except OSError:
+        return ""

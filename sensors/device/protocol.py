@@ -61,7 +61,7 @@ class ThermalCounts:
     """Raw detector counts, which are no temperature without the vendor's radiometric calibration.
 
     counts: uint16 (h, w). metadata: uint16 (13,), the camera's undocumented words. flag: as it was
-    recognised in the image (see ``sensors.drivers.shutter``), since the words do not show it.
+    recognised in the image (see ``FlagWatch``), since the words do not show it.
     """
 
     stream: ClassVar[str] = "thermal"

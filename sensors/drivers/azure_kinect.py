@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sensors.device.choose import choose
-from sensors.device.depth_camera import DepthCamera, TimedImage
+from sensors.device.depth_camera import DepthCamera, TimedImage, choose
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
 from sensors.rig.lens import intrinsics_from_rational

@@ -1,36 +1,55 @@
 """Kinect v2 through libfreenect2 (0.2): depth with its infrared image, colour as the device's own JPEG."""
 
-from ctypes import byref, c_float, create_string_buffer
+import ctypes
+from ctypes import CDLL, CFUNCTYPE, POINTER, Structure, c_char_p, c_float, c_int, c_uint32, c_void_p
+from importlib.util import find_spec
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.device.choose import choose
-from sensors.device.depth_camera import DepthCamera, TimedImage
+from sensors.device.depth_camera import DepthCamera, TimedImage, choose
+from sensors.device.node import check_usb
 from sensors.device.protocol import ColorImage, DepthImage
-from sensors.device.ticks import RunningNumbers, WrappingCounter
-from sensors.device.usb import check_usb
-from sensors.drivers.kinect2_shim import (
-    COLOR,
-    COLOR_PARAMS,
-    DEPTH,
-    INFRARED,
-    INFRARED_PARAMS,
-    Frame,
-    Shim,
-    load_shim,
-)
-from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError
+from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceNotFoundError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
 USB_IDS = ("045e:02d8", "045e:02c4")
 """A Kinect v2, and its preview version (libfreenect2.hpp)."""
 TICK_NS = 125_000
-"""Nanoseconds of one step of the device's clock (see ``ticks``)."""
+"""Nanoseconds of one step of the device's clock."""
 DEPTH_SHAPE = (424, 512)
 BUFFER_BYTES = 8 << 20
 """libfreenect2's own packets are no longer."""
+COLOR, INFRARED, DEPTH = 1, 2, 4
+"""Frame types (libfreenect2's Frame::Type)."""
+INFRARED_PARAMS, COLOR_PARAMS = 9, 26
+
+
+class Frame(Structure):
+    """``k2_frame``: what is known of a frame beside its bytes."""
+
+    _fields_ = [
+        (name, c_uint32) for name in ("type", "timestamp", "sequence", "status", "width", "height", "bytes")
+    ]
+
+
+PROTOTYPES: dict[str, Any] = {
+    "k2_count": CFUNCTYPE(c_int),
+    "k2_serial": CFUNCTYPE(c_int, c_int, POINTER(ctypes.c_char), c_int),
+    "k2_open": CFUNCTYPE(c_void_p, c_char_p),
+    "k2_params": CFUNCTYPE(None, c_void_p, POINTER(c_float), POINTER(c_float)),
+    "k2_start": CFUNCTYPE(c_int, c_void_p),
+    "k2_read": CFUNCTYPE(c_int, c_void_p, c_int, POINTER(Frame), c_void_p, c_uint32),
+    "k2_close": CFUNCTYPE(None, c_void_p),
+}
+
+
+class Shim(SimpleNamespace):
+    """The functions of ``PROTOTYPES`` by name, C function pointers: the compiled library's, or a twin's."""
 
 
 class Kinect2(DepthCamera):
@@ -57,11 +76,10 @@ class _Library:
         self._handle = shim.k2_open(serial.encode())
         if not self._handle:
             raise DeviceBusyError(f"{self._name} cannot be opened; close the program that uses it")
-        self._buffer = create_string_buffer(BUFFER_BYTES)
+        self._buffer = ctypes.create_string_buffer(BUFFER_BYTES)
         # Both streams are stamped by one clock.
-        self._clock = WrappingCounter()
-        self._numbers = {DEPTH: RunningNumbers(), COLOR: RunningNumbers()}
-        self._lost = {DEPTH: 0, COLOR: 0}
+        self._clock, self._numbers = WrappingCounter(), {DEPTH: WrappingCounter(), COLOR: WrappingCounter()}
+        self._before: dict[int, int] = {}
         self._infrared: tuple[int, NDArray[np.uint16] | None] = (-1, None)
 
     def start(self) -> RigCalibration:
@@ -76,7 +94,7 @@ class _Library:
     def capture(self, timeout_s: float) -> list[TimedImage]:
         frame = Frame()
         wait_ms = round(1000 * timeout_s)
-        code = self._shim.k2_read(self._handle, wait_ms, byref(frame), self._buffer, BUFFER_BYTES)
+        code = self._shim.k2_read(self._handle, wait_ms, ctypes.byref(frame), self._buffer, BUFFER_BYTES)
         if code < 0:
             raise DeviceFaultError(
                 f"{self._name} sent {frame.bytes} bytes at once; unplug it and plug it in again"
@@ -92,20 +110,17 @@ class _Library:
 
     def _images(self, frame: Frame) -> list[TimedImage]:
         """The frame in the buffer; none where it is late or broken, which counts as lost."""
-        lost = self._numbers[frame.type].lost_before(frame.sequence)
-        if lost is None:
-            return []
-        self._lost[frame.type] += lost
+        number = self._numbers[frame.type].unwrap(frame.sequence)
+        before = self._before.setdefault(frame.type, number - 1)
         stamp_ns = self._clock.unwrap(frame.timestamp) * TICK_NS
-        value = self._color(frame) if frame.type == COLOR else self._depth(frame)
-        if frame.status or value is None:
-            self._lost[frame.type] += 1
+        if frame.type == COLOR:
+            value: ColorImage | DepthImage | None = ColorImage(bytes(memoryview(self._buffer)[: frame.bytes]))
+        else:
+            value = self._depth(frame)
+        if number <= before or frame.status or value is None:
             return []
-        lost, self._lost[frame.type] = self._lost[frame.type], 0
-        return [TimedImage(stamp_ns, value, lost)]
-
-    def _color(self, frame: Frame) -> ColorImage:
-        return ColorImage(bytes(memoryview(self._buffer)[: frame.bytes]))
+        self._before[frame.type] = number
+        return [TimedImage(stamp_ns, value, number - before - 1)]
 
     def _depth(self, frame: Frame) -> DepthImage | None:
         image, (number, infrared) = self._image(frame), self._infrared
@@ -121,9 +136,46 @@ class _Library:
         return uint16_from_float(values.reshape(DEPTH_SHAPE))
 
 
+class WrappingCounter:
+    """Counts on where a counter of 32 bits starts again at 0, as the clock does after 149 hours.
+
+    Neighbouring values may lie up to half the range apart, in either direction.
+    """
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+
+    def unwrap(self, value: int) -> int:
+        """The value as if the counter were endless; the first is returned as it is."""
+        if self._last is None:
+            self._last = value
+        self._last += (value - self._last + 2**31) % 2**32 - 2**31
+        return self._last
+
+
+def load_shim(path: Path | None = None) -> Shim:
+    """The compiled shim, where it was built or at ``path``. Raises DeviceNotFoundError where it is not."""
+    # It is no Python module, but lies where one would: an editable installation keeps it elsewhere.
+    spec = find_spec("sensors._kinect2")
+    if path is None and spec is not None and spec.origin is not None:
+        path = Path(spec.origin)
+    if path is None or not path.exists():
+        raise DeviceNotFoundError(
+            "this build cannot drive a Kinect v2 because libfreenect2 was not found; "
+            "install libfreenect2 and run: pip install --force-reinstall --no-deps annotate-cloud"
+        )
+    try:
+        library = CDLL(str(path))
+        return Shim(**{name: prototype((name, library)) for name, prototype in PROTOTYPES.items()})
+    except (OSError, AttributeError) as error:
+        raise DeviceNotFoundError(
+            f"{path.name} cannot be loaded ({error}); install the libfreenect2 that it was built with"
+        ) from error
+
+
 def kinect2_serials(shim: Shim) -> list[str]:
     """Serial numbers of the devices that can be opened."""
-    text = create_string_buffer(64)
+    text = ctypes.create_string_buffer(64)
     found = range(shim.k2_count())
     return [text.value.decode("ascii", "replace") for index in found if not shim.k2_serial(index, text, 64)]
 

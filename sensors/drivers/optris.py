@@ -1,68 +1,176 @@
 """Optris PI200 over V4L2: raw counts, without the vendor's library and so without temperatures."""
 
+import threading
+import time
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from sensors.device.protocol import DeviceReading, ThermalCounts
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.device.node import check_node
+from sensors.device.protocol import DeviceReading, Flag, ThermalCounts
 from sensors.drivers.optris_layout import Layout, unpack
-from sensors.drivers.shutter import FlagWatch
-from sensors.drivers.video import OpenCvVideo, VideoFrame
+from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceLostError
 
 USB_ID = "0403:de37"
 """Vendor and product of the PI cameras."""
+BUFFERS = 10
+"""Frames the kernel keeps; OpenCV allows no more. 78 ms at 128 Hz."""
+SLICE_S = 0.05
+"""Seconds a wait lasts at most before another thread may close the device. Chosen by eye."""
+FLAT_SHARE = 0.4
+"""A closed flag leaves at most this share of the scene's usual spread of counts. Chosen by eye."""
+FORGET = 0.02
+"""Weight of the newest image in the usual spread, 0 to 1. Chosen by eye."""
+LONGEST_S = 1.5
+"""Seconds: a flag cycle takes half a second; what stays flat longer is the scene itself. Chosen by eye."""
+
+CaptureKind = Any
+"""The class ``cv2.VideoCapture``, or what a fake kernel has in its place."""
 
 
 class Optris:
-    """One PI200 in one mode, read through ``video`` (which it owns).
+    """One PI200 in one mode, through OpenCV's V4L2 backend with its conversions off.
 
-    The stamp of a UVC frame is that of its last subframe. dropped counts thermal images by the gaps between
-    stamps, short buffers included.
+    OpenCV gives no running number of a frame: dropped counts thermal images by the gaps between stamps, short
+    buffers included. The stamp of a UVC frame is that of its last subframe.
+    Raises DeviceError for a node that does not open or has another size.
     """
 
-    def __init__(self, node: Path, layout: Layout, video: OpenCvVideo, serial: str = "") -> None:
-        self.address = f"optris:{node}?mode={layout.name}"
-        self.serial = serial
+    def __init__(
+        self, node: Path, layout: Layout, serial: str = "", kind: CaptureKind = cv2.VideoCapture
+    ) -> None:
+        check_node(node)
+        self.address, self.serial = f"optris:{node}?mode={layout.name}", serial
         self.rates_hz: Mapping[str, float] = {ThermalCounts.stream: layout.thermal_hz}
         self.calibration = None
-        self._layout, self._video = layout, video
+        self._node, self._layout, self._kind = node, layout, kind
         self._flag = FlagWatch(layout.thermal_hz)
         self._ready = deque[DeviceReading]()
         self._last_ns: int | None = None
+        self._lock, self._closed = threading.Lock(), threading.Event()
+        self._capture = kind(str(node), cv2.CAP_V4L2)
+        if not self._capture.isOpened():
+            raise DeviceBusyError(f"{node} does not stream; close the program that uses it")
+        self._configure()
 
     def start(self) -> None:
         """Nothing: OpenCV streams from opening on."""
 
     def read(self, timeout_s: float) -> DeviceReading | None:
         """Next thermal image; see ``Device.read``."""
-        if not self._ready:
-            frame = self._video.read(timeout_s)
-            if frame is not None:
-                self._take(frame)
-        return self._ready.popleft() if self._ready else None
+        end_s = time.monotonic() + timeout_s
+        while not self._ready:
+            left_s = end_s - time.monotonic()
+            with self._lock:
+                if self._closed.is_set():
+                    raise DeviceLostError(f"{self._node} is closed; open it again")
+                if self._wait(min(left_s, SLICE_S)):
+                    self._take(time.monotonic_ns())
+            if left_s <= SLICE_S and not self._ready:
+                return None
+        return self._ready.popleft()
 
     def close(self) -> None:
-        """Give the camera back; idempotent."""
-        self._video.close()
+        """Give the camera back; idempotent, from any thread."""
+        if not self._closed.is_set():
+            # Before the lock, which the reading thread takes again and again.
+            self._closed.set()
+            with self._lock:
+                self._capture.release()
 
-    def _take(self, frame: VideoFrame) -> None:
-        lost = self._lost_before(frame)
-        if lost is None:
+    def _configure(self) -> None:
+        wanted = self._layout.width, self._layout.height
+        for name, value in (
+            (cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"YUYV")),
+            (cv2.CAP_PROP_FRAME_WIDTH, wanted[0]),
+            (cv2.CAP_PROP_FRAME_HEIGHT, wanted[1]),
+            (cv2.CAP_PROP_FPS, self._layout.uvc_hz),
+            (cv2.CAP_PROP_CONVERT_RGB, 0),
+            (cv2.CAP_PROP_BUFFERSIZE, BUFFERS),
+        ):
+            self._capture.set(name, value)
+        sides = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
+        got = tuple(int(self._capture.get(side)) for side in sides)
+        if got != wanted:
+            self._capture.release()
+            raise DeviceError(
+                f"{self._node} gives {got[0]}x{got[1]} instead of {wanted[0]}x{wanted[1]}; choose its mode"
+            )
+
+    def _wait(self, timeout_s: float) -> bool:
+        try:
+            # 0 would mean for ever.
+            ready, _ = self._kind.waitAny([self._capture], max(1, int(timeout_s * 1e9)))
+        except cv2.error as error:
+            raise self._lost() from error
+        if not ready and not self._node.exists():
+            raise self._lost()
+        return bool(ready)
+
+    def _take(self, arrival_ns: int) -> None:
+        """Make the thermal images of the frame at hand ready; none of one that comes late."""
+        words, layout, last_ns = self._words(), self._layout, self._last_ns
+        frame_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+        if last_ns is not None and frame_ns <= last_ns:
             return
-        layout = self._layout
-        period_ns = 1e9 / layout.thermal_hz
-        for at, (counts, metadata) in enumerate(unpack(layout, frame.words)):
-            stamp_ns = frame.stamp_ns - round((layout.subframes - 1 - at) * period_ns)
+        lost = 0 if last_ns is None else max(0, round((frame_ns - last_ns) * 1e-9 * layout.uvc_hz) - 1)
+        self._last_ns = frame_ns
+        for at, (counts, metadata) in enumerate(unpack(layout, words)):
+            stamp_ns = frame_ns - round((layout.subframes - 1 - at) * 1e9 / layout.thermal_hz)
             value = ThermalCounts(counts, metadata, self._flag.see(counts))
             dropped = 0 if at else lost * layout.subframes
-            self._ready.append(DeviceReading(stamp_ns, frame.arrival_ns, value, dropped))
+            self._ready.append(DeviceReading(stamp_ns, arrival_ns, value, dropped))
 
-    def _lost_before(self, frame: VideoFrame) -> int | None:
-        """UVC frames missing before this one; None for one that comes late."""
-        last_ns = self._last_ns
-        if last_ns is not None and frame.stamp_ns <= last_ns:
-            return None
-        self._last_ns = frame.stamp_ns
-        if last_ns is None:
-            return 0
-        return max(0, round((frame.stamp_ns - last_ns) * 1e-9 * self._layout.uvc_hz) - 1)
+    def _words(self) -> NDArray[np.uint16]:
+        """uint16 (height, width): the frame at hand. Raises DeviceFaultError for a short one."""
+        good, image = self._capture.retrieve()
+        size = image.size if good and image is not None else 0
+        height, width = self._layout.height, self._layout.width
+        if size != 2 * height * width:
+            if not self._node.exists():
+                raise self._lost()
+            raise DeviceFaultError(
+                f"{self._node} sent {size} of {2 * height * width} bytes; "
+                "if this happens again, use a USB port of its own"
+            )
+        return np.ascontiguousarray(image, np.uint8).reshape(height, 2 * width).view("<u2")
+
+    def _lost(self) -> DeviceLostError:
+        return DeviceLostError(
+            f"{self._node} is no longer connected; plug the camera in again and start again"
+        )
+
+
+class FlagWatch:
+    """Recognises the closed flag in the counts of ``rate_hz`` images a second; no metadata word shows it.
+
+    The flag is taken for closed while an image repeats the one before to the last bit (the camera freezes
+    its output; a live detector is never so quiet), or while it is far flatter than the scene usually is.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._longest = round(LONGEST_S * rate_hz)
+        self._usual: float | None = None
+        self._before: NDArray[np.uint16] | None = None
+        self._flat = 0
+
+    def see(self, counts: NDArray[np.uint16]) -> Flag:
+        """State of the flag in the next image, uint16 (h, w)."""
+        frozen = self._before is not None and np.array_equal(counts, self._before)
+        self._before = counts
+        spread = float(np.std(counts[::2, ::2]))
+        if self._usual is None:
+            self._usual = spread
+        if frozen or spread < FLAT_SHARE * self._usual:
+            self._flat += 1
+            if frozen or self._flat <= self._longest:
+                return Flag.CLOSED
+            self._usual = spread
+        self._flat = 0
+        self._usual += FORGET * (spread - self._usual)
+        return Flag.OPEN

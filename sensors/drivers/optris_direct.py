@@ -1,18 +1,25 @@
-"""Optris PI cameras through the vendor's library: temperatures, and the state of the flag."""
+"""Optris PI cameras through the vendor's libirdirectsdk.so: temperatures, and the state of the flag.
 
+Source of its C interface: irdirectsdk.h of libirimager (Evocortex), as public bindings of it declare it.
+"""
+
+import ctypes
 import queue
 import re
 import threading
 import time
 from collections.abc import Mapping
-from ctypes import POINTER, byref, c_int, c_ulong, c_ushort
+from ctypes import CDLL, CFUNCTYPE, POINTER, Structure, c_char_p, c_float, c_int, c_longlong, c_uint
+from ctypes.util import find_library
+from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.device.protocol import DeviceReading, Flag, ThermalImage
-from sensors.drivers.optris_library import DirectLibrary, FrameMetadata, load_library
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
 from sensors.files.bounded import MAX_IMAGE_SIDE, read_bounded
 
@@ -28,6 +35,42 @@ LARGEST_JUMP = 1000
 """Frames: a larger jump of the camera's counter means that it was reset, or wrapped around. Chosen by eye."""
 OWN_AMBIENT_C = -999.0
 """Below absolute zero the library takes its own measurement of the ambient temperature."""
+
+
+class FrameMetadata(Structure):
+    """``EvoIRFrameMetadata``. timestamp: units of 100 ns."""
+
+    _fields_ = [
+        ("counter", c_uint),
+        ("counterHW", c_uint),
+        ("timestamp", c_longlong),
+        ("timestampMedia", c_longlong),
+        ("flagState", c_int),
+        ("tempChip", c_float),
+        ("tempFlag", c_float),
+        ("tempBox", c_float),
+    ]
+
+
+_SIZE = (POINTER(c_int), POINTER(c_int))
+PROTOTYPES: dict[str, Any] = {
+    "usb_init": CFUNCTYPE(c_int, c_char_p, c_char_p, c_char_p),
+    "get_serial": CFUNCTYPE(c_int, POINTER(ctypes.c_ulong)),
+    "get_thermal_image_size": CFUNCTYPE(c_int, *_SIZE),
+    "get_thermal_image_metadata": CFUNCTYPE(c_int, *_SIZE, POINTER(ctypes.c_ushort), POINTER(FrameMetadata)),
+    "set_radiation_parameters": CFUNCTYPE(c_int, c_float, c_float, c_float),
+    "terminate": CFUNCTYPE(c_int),
+}
+"""Each function's name without ``evo_irimager_``; all return 0 on success."""
+
+
+class DirectLibrary(SimpleNamespace):
+    """The functions of ``PROTOTYPES`` by name, as C function pointers: the vendor's library's, or a twin's.
+
+    in_use: whether it has its camera open; it serves one.
+    """
+
+    in_use = False
 
 
 class OptrisDirect:
@@ -97,9 +140,9 @@ class OptrisDirect:
         while not self._closed.is_set():
             values, metadata = np.empty(self.shape, np.uint16), FrameMetadata()
             height, width = (c_int(side) for side in self.shape)
-            pointer = values.ctypes.data_as(POINTER(c_ushort))
+            pointer = values.ctypes.data_as(POINTER(ctypes.c_ushort))
             failed = self._library.get_thermal_image_metadata(
-                byref(width), byref(height), pointer, byref(metadata)
+                ctypes.byref(width), ctypes.byref(height), pointer, ctypes.byref(metadata)
             )
             now_s, arrival_ns = time.monotonic(), time.monotonic_ns()
             if failed or metadata.timestamp <= before.timestamp:
@@ -132,12 +175,12 @@ class OptrisDirect:
                 self._queue.get_nowait()
 
     def _read_serial(self) -> str:
-        number = c_ulong()
-        return "" if self._library.get_serial(byref(number)) else str(number.value)
+        number = ctypes.c_ulong()
+        return "" if self._library.get_serial(ctypes.byref(number)) else str(number.value)
 
     def _read_shape(self) -> tuple[int, int]:
         width, height = c_int(), c_int()
-        self._library.get_thermal_image_size(byref(width), byref(height))
+        self._library.get_thermal_image_size(ctypes.byref(width), ctypes.byref(height))
         if not (0 < width.value <= MAX_IMAGE_SIDE and 0 < height.value <= MAX_IMAGE_SIDE):
             self._library.terminate()
             self._library.in_use = False
@@ -175,3 +218,22 @@ def check_config(config: Path) -> None:
             f"calibration {needed} is missing; "
             "run: sudo ir_download_calibration, or copy it from the vendor's disk"
         )
+
+
+@lru_cache(maxsize=1)
+def load_library() -> DirectLibrary:
+    """The vendor's library. Raises DeviceNotFoundError where it is not installed."""
+    path = find_library("irdirectsdk")
+    if path is None:
+        raise DeviceNotFoundError(
+            "libirdirectsdk.so is not installed; install libirimager from evocortex.org, "
+            "or read raw counts with: optris:/dev/video0"
+        )
+    try:
+        library = CDLL(path)
+        pointers = {name: kind((f"evo_irimager_{name}", library)) for name, kind in PROTOTYPES.items()}
+    except (OSError, AttributeError) as error:
+        raise DeviceNotFoundError(
+            f"{path} cannot be used ({error}); install libirimager 2 or newer"
+        ) from error
+    return DirectLibrary(**pointers)

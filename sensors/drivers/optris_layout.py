@@ -9,8 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.errors import DeviceFaultError
-
 HEIGHT, WIDTH = 120, 160
 """Size of every thermal image, in pixels."""
 METADATA_ROWS = slice(92, 117, 2)
@@ -55,15 +53,7 @@ Subframe = tuple[NDArray[np.uint16], NDArray[np.uint16]]
 
 
 def unpack(layout: Layout, words: NDArray[np.uint16]) -> list[Subframe]:
-    """UVC frame (height, width) of words -> (counts (120, 160), metadata (13,)) of every subframe.
-
-    Raises DeviceFaultError for another size.
-    """
-    if words.shape != (layout.height, layout.width):
-        raise DeviceFaultError(
-            f"the thermal camera sent {words.shape[1]}x{words.shape[0]} words in mode {layout.name}, "
-            f"which has {layout.width}x{layout.height}; choose the camera's mode"
-        )
+    """UVC frame (height, width) of words -> (counts (120, 160), metadata (13,)) of every subframe."""
     # Where a row holds 120 words, the image's 120 rows of 160 words run on from row to row.
     return [
         (

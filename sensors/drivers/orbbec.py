@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.device.choose import choose
-from sensors.device.depth_camera import RATE_HZ, DepthCamera, TimedImage
+from sensors.device.depth_camera import RATE_HZ, DepthCamera, TimedImage, choose
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.errors import (
     DeviceBusyError,

@@ -10,9 +10,7 @@ from pathlib import Path
 from sensors.device.address import Address
 from sensors.device.protocol import DeviceReading, Spot
 from sensors.drivers.pyrometer_protocol import (
-    BURST_BOX,
-    BURST_HEAD,
-    BURST_PROCESS,
+    BURST_ITEMS,
     BURST_SWITCH,
     CS,
     CS_PROCESSOR,
@@ -23,7 +21,6 @@ from sensors.drivers.pyrometer_protocol import (
     BurstParser,
     PyrometerFamily,
     Scale,
-    burst_layout,
     emissivity_command,
 )
 from sensors.drivers.serial_line import ChatterError, SerialLine, SilenceError
@@ -45,15 +42,12 @@ SILENT_READS = 3
 """Requests without any answer after which the device counts as gone. Chosen by eye."""
 
 
-class WrongFamilyError(DeviceError):
-    """The device on the line is of the other family."""
-
-
 class Pyrometer:
     """One pyrometer on a serial line. Opening reads its serial number, and checks its family.
 
     port: the line. rs485: the device's address on a bus, or None. scale: HUNDREDTHS for high-resolution
-    models. burst: CT only, let the device send by itself. Neither family has a clock: stamps are arrivals.
+    models. burst: CT only, let the device send by itself. emissivity: 0.1 to 1.1, or as the device has it.
+    Neither family has a clock: stamps are arrivals.
     Raises DeviceError.
     """
 
@@ -66,6 +60,7 @@ class Pyrometer:
         rs485: int | None = None,
         scale: Scale = TENTHS,
         burst: bool = False,
+        emissivity: float | None = None,
     ) -> None:
         if burst and not family.burst:
             raise DeviceError(f"the {family.name} family has no burst; leave burst out")
@@ -81,6 +76,8 @@ class Pyrometer:
         self._ready: list[tuple[float, ...]] = []
         try:
             self.serial = self._identify()
+            if emissivity is not None:
+                self.set_emissivity(emissivity)
         except DeviceError:
             self.close()
             raise
@@ -88,7 +85,7 @@ class Pyrometer:
     def start(self) -> None:
         """Begin; a burst is set up and switched on."""
         if self._burst:
-            self._line.send(burst_layout((BURST_PROCESS, BURST_HEAD, BURST_BOX)))
+            self._line.send(BURST_ITEMS)
             self._line.send(bytes([BURST_SWITCH, 1]))
             self._streaming = True
         self._due_s = time.monotonic()
@@ -112,9 +109,7 @@ class Pyrometer:
         return DeviceReading(arrival_ns, arrival_ns, spot, dropped)
 
     def emissivity(self) -> float:
-        """Emissivity by which the device computes its temperatures, 0.1 to 1.1. Raises DeviceError."""
-        if self._streaming:
-            raise DeviceError(f"{self._line.port} is sending a burst; set its emissivity before start")
+        """Emissivity by which the device computes its temperatures, 0.1 to 1.1; not within a burst."""
         return int.from_bytes(self._line.ask(bytes([self._family.emissivity]), 2)) / 1000
 
     def set_emissivity(self, emissivity: float) -> None:
@@ -170,7 +165,7 @@ class Pyrometer:
         suspected = same if self._family is CT else apart
         if suspected and self._has_processor() == (self._family is CT):
             other = CS if self._family is CT else CT
-            raise WrongFamilyError(
+            raise DeviceError(
                 f"{self._line.port} answers like the {other.name} family, not {self._family.name}; "
                 f"give family={other.name}"
             )
@@ -182,15 +177,13 @@ class Pyrometer:
             return False
 
     def _poll(self, end_s: float) -> Spot | None:
-        if self._closed.wait(max(0.0, min(self._due_s, end_s) - time.monotonic())):
-            raise DeviceLostError(f"{self.address} was closed; open it again")
-        if self._due_s >= end_s:
+        closed = self._closed.wait(max(0.0, min(self._due_s, end_s) - time.monotonic()))
+        if closed or self._due_s >= end_s:
             return None
-        now_s = time.monotonic()
-        self._due_s = max(self._due_s + 1 / POLL_HZ, now_s)
-        family = self._family
+        self._due_s = max(self._due_s + 1 / POLL_HZ, time.monotonic())
+        codes = self._family.target, self._family.head, self._family.box
         try:
-            spot = Spot(*(self._celsius(code) for code in (family.target, family.head, family.box)))
+            spot = Spot(*(self._celsius(code) for code in codes))
         except DeviceFaultError as error:
             self._silent += isinstance(error, SilenceError)
             self._dropped += 1
@@ -221,11 +214,4 @@ def open_pyrometer(address: Address, port: Path) -> Pyrometer:
     scale, burst = address.choice("step", SCALES, "0.1"), address.choice("burst", YES_NO, "no")
     emissivity = address.given_number("emissivity", 0.1, 1.1)
     address.finish()
-    device = Pyrometer(port, family, baud=baud, rs485=rs485, scale=scale, burst=burst)
-    try:
-        if emissivity is not None:
-            device.set_emissivity(emissivity)
-    except DeviceError:
-        device.close()
-        raise
-    return device
+    return Pyrometer(port, family, baud=baud, rs485=rs485, scale=scale, burst=burst, emissivity=emissivity)

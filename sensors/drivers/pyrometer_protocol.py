@@ -9,13 +9,10 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import xor
 
-from sensors.errors import DeviceError, DeviceFaultError
+from sensors.errors import DeviceFaultError
 
 TARGET_RANGE_C = (-50.0, 975.0)
 """What an LT head (8 to 14 um) measures; there are no error codes, so anything else is a fault."""
-
-EMISSIVITY_RANGE = (0.1, 1.1)
-"""Emissivity that the devices accept."""
 
 SYNC = b"\xaa\xaa"
 
@@ -74,15 +71,12 @@ CS_PROCESSOR = 0x09
 FAMILIES = {family.name: family for family in (CT, CS)}
 
 BURST_LAYOUT, BURST_SWITCH = 0x51, 0x52
-BURST_PROCESS, BURST_HEAD, BURST_BOX = 1, 2, 3
-"""CT only: what a burst frame can hold, as nibbles of the layout command."""
+BURST_ITEMS = bytes([BURST_LAYOUT, 0x12, 0x30, 0, 0])
+"""CT only: the command for bursts of process, head and box temperature, eight nibbles of which 0 ends."""
 
 
 def emissivity_command(family: PyrometerFamily, emissivity: float) -> bytes:
-    """The command that sets the emissivity, with the family's checksum. Raises DeviceError."""
-    low, high = EMISSIVITY_RANGE
-    if not low <= emissivity <= high:
-        raise DeviceError(f"emissivity {emissivity:g} is impossible; give {low:g} to {high:g}")
+    """The command that sets the emissivity, 0.1 to 1.1, with the family's checksum."""
     command = bytes([family.set_emissivity]) + round(emissivity * 1000).to_bytes(2)
     return command + bytes([checksum(command)]) if family.checksum else command
 
@@ -90,23 +84,6 @@ def emissivity_command(family: PyrometerFamily, emissivity: float) -> bytes:
 def checksum(command: bytes) -> int:
     """XOR of a command's bytes, RS485 prefix excluded."""
     return reduce(xor, command, 0)
-
-
-def prefix(rs485: int | None) -> bytes:
-    """What goes before every command on an RS485 bus: B0 + address. Raises DeviceError."""
-    if rs485 is None:
-        return b""
-    if not 1 <= rs485 <= 32:
-        raise DeviceError(f"RS485 address {rs485} is impossible; give 1 to 32")
-    return bytes([0xB0 + rs485])
-
-
-def burst_layout(items: tuple[int, ...]) -> bytes:
-    """The command that sets what a burst frame holds: eight nibbles, 0 ends. Raises ValueError."""
-    if not 1 <= len(items) <= 8:
-        raise ValueError("a burst frame holds 1 to 8 values")
-    nibbles = (*items, *[0] * (8 - len(items)))
-    return bytes([BURST_LAYOUT]) + bytes(a << 4 | b for a, b in zip(nibbles[::2], nibbles[1::2], strict=True))
 
 
 class BurstParser:

@@ -6,7 +6,6 @@ from pathlib import Path
 import serial
 
 from sensors.device.node import node_error
-from sensors.drivers.pyrometer_protocol import prefix
 from sensors.errors import DeviceError, DeviceFaultError, DeviceLostError
 
 REPLY_S = 0.2
@@ -28,10 +27,14 @@ class ChatterError(DeviceFaultError):
 
 
 class SerialLine:
-    """Requests and replies of fixed length on a line without framing. Any thread may ``close`` it."""
+    """Requests and replies of fixed length on a line without framing. Any thread may ``close`` it.
+
+    rs485: the device's address on a bus, 1 to 32, which goes before every command.
+    """
 
     def __init__(self, port: Path, baud: int, rs485: int | None) -> None:
-        self.port, self._prefix = port, prefix(rs485)
+        self.port = port
+        self._prefix = b"" if rs485 is None else bytes([0xB0 + rs485])
         try:
             self._serial = serial.Serial(str(port), baud, timeout=0, write_timeout=REPLY_S, exclusive=True)
         except serial.SerialException as error:

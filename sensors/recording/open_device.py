@@ -8,16 +8,15 @@ from pathlib import Path
 from serial.tools.list_ports import comports
 
 from sensors.device.address import Address
-from sensors.device.node import node_error
+from sensors.device.node import node_error, video_nodes
 from sensors.device.protocol import Device, Found
-from sensors.device.usb import video_nodes
-from sensors.drivers.kinect2 import Kinect2, kinect2_serials
-from sensors.drivers.kinect2_shim import load_shim
+from sensors.drivers.azure_kinect import AzureKinect, azure_devices
+from sensors.drivers.kinect2 import Kinect2, kinect2_serials, load_shim
 from sensors.drivers.optris import USB_ID, Optris
 from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.optris_layout import LAYOUTS
+from sensors.drivers.orbbec import Orbbec, orbbec_serials
 from sensors.drivers.pyrometer import open_pyrometer
-from sensors.drivers.video import OpenCvVideo
 from sensors.errors import DeviceError, DeviceNotFoundError
 from sensors.rig.frame import RigFrame
 from sensors.virtual.twins import open_twin
@@ -49,35 +48,31 @@ def open_device(address: str, frames: Iterable[RigFrame] = ()) -> Device:
 
 def find_devices() -> list[Found]:
     """Devices that are plugged in, then the virtual ones. Nothing is sent to any of them."""
-    finders = (_find_kinect2, _find_azure, _find_orbbec, _find_optris, _find_serial_ports)
-    real = [found for find in finders for found in find()]
-    return real + [Found(address, address.split(":")[1].split("?")[0], virtual=True) for address in VIRTUAL]
+    return [
+        *_numbered("kinect2", _kinect2_serials()),
+        *_numbered("azure", [serial for _, serial in azure_devices()]),
+        *_numbered("orbbec", orbbec_serials()),
+        *(Found(f"optris:{n}", "optris", serial, note=_access(n)) for n, serial in video_nodes(USB_ID)),
+        *_serial_ports(),
+        *(Found(address, address.split(":")[1].split("?")[0], virtual=True) for address in VIRTUAL),
+    ]
 
 
-def _open_kinect2(address: Address) -> Device:
-    address.finish()
-    return Kinect2(address.target)
+def _numbered_opener(camera: Callable[[str], Device]) -> Callable[[Address], Device]:
+    """Opens a camera that its serial number names."""
 
+    def opened(address: Address) -> Device:
+        address.finish()
+        return camera(address.target)
 
-def _open_azure(address: Address) -> Device:
-    from sensors.drivers.azure_kinect import AzureKinect
-
-    address.finish()
-    return AzureKinect(address.target)
-
-
-def _open_orbbec(address: Address) -> Device:
-    from sensors.drivers.orbbec import Orbbec
-
-    address.finish()
-    return Orbbec(address.target)
+    return opened
 
 
 def _open_optris(address: Address) -> Device:
     layout = address.choice("mode", LAYOUTS, "128hz")
     address.finish()
     node = _target(address, "/dev/video0")
-    return Optris(node, layout, OpenCvVideo(node, layout), _usb_serial(node))
+    return Optris(node, layout, dict(video_nodes(USB_ID)).get(node, ""))
 
 
 def _open_direct(address: Address) -> Device:
@@ -89,17 +84,13 @@ def _open_direct(address: Address) -> Device:
     return device
 
 
-def _open_serial(address: Address) -> Device:
-    return open_pyrometer(address, _target(address, "/dev/ttyUSB0"))
-
-
 OPENERS: Mapping[str, Callable[[Address], Device]] = {
-    "kinect2": _open_kinect2,
-    "azure": _open_azure,
-    "orbbec": _open_orbbec,
+    "kinect2": _numbered_opener(Kinect2),
+    "azure": _numbered_opener(AzureKinect),
+    "orbbec": _numbered_opener(Orbbec),
     "optris": _open_optris,
     "optris-direct": _open_direct,
-    "pyrometer": _open_serial,
+    "pyrometer": lambda address: open_pyrometer(address, _target(address, "/dev/ttyUSB0")),
 }
 """Every kind of real device, and what opens it."""
 
@@ -112,47 +103,20 @@ def _target(address: Address, example: str) -> Path:
     return Path(address.target)
 
 
-def _usb_serial(node: Path) -> str:
-    return next((serial for found, serial in video_nodes(USB_ID) if found == node), "")
-
-
-def _find_kinect2() -> list[Found]:
+def _kinect2_serials() -> list[str]:
     try:
-        return _numbered("kinect2", kinect2_serials(load_shim()))
+        return kinect2_serials(load_shim())
     except DeviceNotFoundError:
         return []
 
 
-def _find_azure() -> list[Found]:
-    from sensors.drivers.azure_kinect import azure_devices
-
-    return _numbered("azure", [serial for _, serial in azure_devices()])
-
-
-def _find_orbbec() -> list[Found]:
-    from sensors.drivers.orbbec import orbbec_serials
-
-    return _numbered("orbbec", orbbec_serials())
-
-
-def _find_optris() -> list[Found]:
-    return [
-        Found(f"optris:{node}", "optris", serial, note=_access(node)) for node, serial in video_nodes(USB_ID)
-    ]
-
-
-def _find_serial_ports() -> list[Found]:
+def _serial_ports() -> list[Found]:
     remark = "a serial port; only opening it shows whether a pyrometer answers"
-    ports = sorted(comports(), key=lambda port: str(port.device))
-    return [
-        Found(
-            f"pyrometer:{port.device}",
-            "pyrometer",
-            port.serial_number or "",
-            note=_access(Path(port.device)) or remark,
-        )
-        for port in ports
-    ]
+    found = []
+    for port in sorted(comports(), key=lambda port: str(port.device)):
+        note = _access(Path(port.device)) or remark
+        found.append(Found(f"pyrometer:{port.device}", "pyrometer", port.serial_number or "", note=note))
+    return found
 
 
 def _numbered(kind: str, serials: list[str]) -> list[Found]:

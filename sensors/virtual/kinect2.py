@@ -2,15 +2,17 @@
 
 from collections import deque
 from ctypes import c_float, memmove, pointer
+from typing import Any
 
 import numpy as np
 
-from sensors.drivers.kinect2_shim import COLOR, DEPTH, INFRARED, PROTOTYPES, Frame, Pointer, Shim
-from sensors.rig.camera import Intrinsics
+from sensors.drivers.kinect2 import COLOR, DEPTH, INFRARED, PROTOTYPES, Frame, Shim
 from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
-from sensors.virtual.scene import Scene
+from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
 
+Pointer = Any
+"""Any of ctypes' pointer types, which come into being at run time."""
 RATE_HZ = 30.0
 TICKS_PER_S = 8000
 FIRST_TICK = 2**32 - 2 * TICKS_PER_S
@@ -25,17 +27,11 @@ class VirtualKinect2:
     """One Kinect v2 with its serial number, behind ``shim``. The scene's frames must have colour."""
 
     def __init__(
-        self,
-        scene: Scene,
-        faults: Faults | None = None,
-        *,
-        serials: tuple[str, ...] = ("virtual",),
-        depth: Intrinsics = KINECT2_DEPTH,
+        self, scene: FrameLoop, faults: Faults | None = None, *, serials: tuple[str, ...] = ("virtual",)
     ) -> None:
         scene.color(0)
-        self._scene, self._serials, self._depth = scene, serials, depth
-        self.schedule = Schedule(RATE_HZ, faults or Faults())
-        self.schedule.queue = QUEUE
+        self._scene, self._serials = scene, serials
+        self.schedule = Schedule(RATE_HZ, faults, QUEUE)
         self._open = False
         self._ready = deque[tuple[int, int]]()
         self.shim = Shim(**{name: make(getattr(self, f"_{name}")) for name, make in PROTOTYPES.items()})
@@ -61,7 +57,7 @@ class VirtualKinect2:
         return _HANDLE
 
     def _k2_params(self, handle: int, infrared: Pointer, color: Pointer) -> None:
-        d, c = self._depth, KINECT2_COLOR
+        d, c = KINECT2_DEPTH, KINECT2_COLOR
         values = (
             (infrared, (d.fx, d.fy, d.cx, d.cy, d.k1, d.k2, d.k3, d.p1, d.p2)),
             (color, (c.f, c.f, c.cx, c.cy, c.shift_d, c.shift_m, *c.mx, *c.my)),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.drivers.optris_layout import HEIGHT, WIDTH, Layout, pack
-from sensors.virtual.scene import Scene
+from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
 
 COUNTS_AT_20_C, COUNTS_PER_K, FLAG_COUNTS = 8000.0, 25.0, 8150
@@ -31,14 +31,14 @@ class VirtualOptris:
     def __init__(
         self,
         layout: Layout,
-        scene: Scene,
+        scene: FrameLoop,
         faults: Faults | None = None,
         *,
         flag_every_s: float = FLAG_EVERY_S,
     ) -> None:
         scene.thermal(0)
         self.layout, self.in_use = layout, False
-        self.schedule = Schedule(layout.uvc_hz, faults or Faults())
+        self.schedule = Schedule(layout.uvc_hz, faults)
         self._scene, self._flag_every_s = scene, flag_every_s
         handle, node = tempfile.mkstemp(prefix="virtual-optris-")
         os.close(handle)

@@ -35,9 +35,9 @@ class Schedule:
     queue: how many frames wait for a slow reader.
     """
 
-    def __init__(self, rate_hz: float, faults: Faults, seed: int = 0) -> None:
-        self._rate_hz, self.faults, self.queue = rate_hz, faults, QUEUE
-        self._rng = np.random.default_rng(seed)
+    def __init__(self, rate_hz: float, faults: Faults | None, queue: int = QUEUE) -> None:
+        self._rate_hz, self.faults, self.queue = rate_hz, faults or Faults(), queue
+        self._rng = np.random.default_rng(0)
         self._next, self._delay_s = 0, 0.0
         self._start_s = float("inf")
         self._stopped = threading.Event()
@@ -54,8 +54,9 @@ class Schedule:
         """Number of the next frame once it is due, None after ``timeout_s``. Raises UnpluggedError."""
         end_s = time.monotonic() + timeout_s
         while True:
-            late = int((time.monotonic() - self._start_s) * self._rate_hz) if self._started else 0
-            self._next = max(self._next, late - self.queue)
+            if self._start_s < float("inf"):
+                late = int((time.monotonic() - self._start_s) * self._rate_hz)
+                self._next = max(self._next, late - self.queue)
             due_s = self._start_s + (self._next + 1) / self._rate_hz + self._delay_s
             unplugged_s = self._start_s + self.faults.unplug_after
             until_s = min(due_s, end_s, unplugged_s)
@@ -75,7 +76,3 @@ class Schedule:
     def device_s(self, number: int) -> float:
         """The device's clock when frame ``number`` was taken."""
         return number / self._rate_hz * (1 + self.faults.skew_ppm * 1e-6)
-
-    @property
-    def _started(self) -> bool:
-        return self._start_s != float("inf")

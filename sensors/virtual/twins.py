@@ -3,7 +3,6 @@
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Protocol
 
 from sensors.device.address import Address
 from sensors.device.protocol import Device
@@ -13,24 +12,18 @@ from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.optris_layout import LAYOUTS
 from sensors.drivers.pyrometer import SCALES, open_pyrometer
 from sensors.drivers.pyrometer_protocol import FAMILIES
-from sensors.drivers.video import OpenCvVideo
 from sensors.errors import DeviceError
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
+from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.optris import FakeKernel, VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
-from sensors.virtual.scene import Scene
 from sensors.virtual.schedule import Faults
 
-
-class Twin(Protocol):
-    """The hardware's side of a virtual device."""
-
-    def unplug(self) -> None:
-        """Vanish; idempotent."""
-        ...
+Twin = VirtualKinect2 | VirtualOptris | VirtualDirect | VirtualPyrometer
+"""The hardware's side of a virtual device."""
 
 
 class VirtualDevice:
@@ -54,7 +47,7 @@ class VirtualDevice:
 
 def open_twin(address: Address, frames: Iterable[RigFrame]) -> Device:
     """The virtual device of an address; see ``sensors.recording.open_device``. Raises DeviceError."""
-    openers: dict[str, Callable[[Address, Iterable[RigFrame]], Device]] = {
+    openers: dict[str, Callable[[Address, Iterable[RigFrame]], tuple[Device, Twin]]] = {
         "kinect2": _kinect2,
         "optris": _optris,
         "optris-direct": _optris_direct,
@@ -64,35 +57,32 @@ def open_twin(address: Address, frames: Iterable[RigFrame]) -> Device:
         raise DeviceError(
             f"device {address.text!r} has no virtual twin; use virtual: with {', '.join(openers)}"
         )
-    return openers[address.kind](address, frames)
+    return VirtualDevice(address.text, *openers[address.kind](address, frames))
 
 
-def _kinect2(address: Address, frames: Iterable[RigFrame]) -> Device:
+def _kinect2(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
     faults = _faults(address)
-    address.finish()
-    twin = VirtualKinect2(Scene(frames), faults)
-    return VirtualDevice(address.text, Kinect2(shim=twin.shim), twin)
+    twin = VirtualKinect2(FrameLoop(frames), faults)
+    return Kinect2(shim=twin.shim), twin
 
 
-def _optris(address: Address, frames: Iterable[RigFrame]) -> Device:
-    layout, faults = address.choice("mode", LAYOUTS, "128hz"), _faults(address)
-    address.finish()
-    twin = VirtualOptris(layout, Scene(frames), faults)
-    video = OpenCvVideo(twin.node, layout, FakeKernel(twin))
-    return VirtualDevice(address.text, Optris(twin.node, layout, video, "virtual"), twin)
-
-
-def _optris_direct(address: Address, frames: Iterable[RigFrame]) -> Device:
+def _optris(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
+    layout = address.choice("mode", LAYOUTS, "128hz")
     faults = _faults(address)
-    address.finish()
-    twin = VirtualDirect(Scene(frames), faults)
+    twin = VirtualOptris(layout, FrameLoop(frames), faults)
+    return Optris(twin.node, layout, "virtual", FakeKernel(twin)), twin
+
+
+def _optris_direct(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
+    faults = _faults(address)
+    twin = VirtualDirect(FrameLoop(frames), faults)
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder) / "generic.xml"
         config.write_text("<imager><serial>0</serial></imager>\n", encoding="ascii")
-        return VirtualDevice(address.text, OptrisDirect(config, twin.library), twin)
+        return OptrisDirect(config, twin.library), twin
 
 
-def _pyrometer(address: Address) -> Device:
+def _pyrometer(address: Address) -> tuple[Device, Twin]:
     family, scale = address.choice("family", FAMILIES, "ct"), address.choice("step", SCALES, "0.1")
     faults = LineFaults(
         address.number("delay", 0.0, 0.0, 10.0),
@@ -105,14 +95,17 @@ def _pyrometer(address: Address) -> Device:
         twin.unplug()
         raise
     twin.faults = faults
-    return VirtualDevice(address.text, device, twin)
+    return device, twin
 
 
 def _faults(address: Address) -> Faults:
-    return Faults(
+    """The faults that the last options of an address state."""
+    faults = Faults(
         drop=address.number("drop", 0.0, 0.0, 1.0),
         short=address.number("short", 0.0, 0.0, 1.0),
         unplug_after=address.number("unplug_after", float("inf"), 0.0, 1e6),
         skew_ppm=address.number("skew_ppm", 0.0, -1e5, 1e5),
         jitter_s=address.number("jitter_ms", 0.0, 0.0, 1e4) / 1000,
     )
+    address.finish()
+    return faults

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sensors.drivers.optris_layout import HEIGHT, WIDTH
 from sensors.rig.frame import RigFrame
-from sensors.virtual.scene import AMBIENT_C, FRAMES_PER_SECOND
+from sensors.virtual.frame_loop import AMBIENT_C, FRAMES_PER_SECOND
 
 
 @lru_cache(maxsize=1)

@@ -20,7 +20,7 @@ LONGEST = 30
 """Frames kept of a source: a second of them, 60 MB at most, made before the twin starts."""
 
 
-class Scene:
+class FrameLoop:
     """The first frames of a source, shown round and round at 30 a second. Raises DeviceError for none.
 
     A frame without colour or temperatures shows those of the frame before.
@@ -55,10 +55,10 @@ class Scene:
 def _filled(images: list[T | None]) -> list[T]:
     """Each image or, where there is none, the one before; what comes before the first takes the first."""
     there = [image for image in images if image is not None]
-    filled: list[T] = []
+    filled = there[:1]
     for image in images if there else []:
-        filled.append(image if image is not None else (filled or there)[-1 if filled else 0])
-    return filled
+        filled.append(filled[-1] if image is None else image)
+    return filled[1:]
 
 
 def _thermal(celsius: NDArray[np.float32]) -> NDArray[np.float32]:
