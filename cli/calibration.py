@@ -62,7 +62,7 @@ def calibrate(
         write_yaml(yaml, found.calibration, found.depth_shift_mm[0])
     good, findings = judge(found)
     for finding in findings:
-        say(finding.says + (f": {finding.remedy}" if finding.remedy else ""))
+        say(finding.text + (f": {finding.remedy}" if finding.remedy else ""))
     verdict = "good" if good else "not reliable yet, see above"
     finish(_result(found, good), json, f"{out}: {verdict}; errors drawn in {plot}")
 

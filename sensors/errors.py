@@ -34,11 +34,11 @@ class CalibrationError(CloudError):
 
 
 class ExistsError(CloudError):
-    """A result already exists and nobody asked for it to be replaced."""
+    """A result already exists and is not to be replaced."""
 
 
 class DeviceError(CloudError):
-    """A device cannot do what was asked of it."""
+    """A device cannot do what it should."""
 
 
 class DeviceNotFoundError(DeviceError):

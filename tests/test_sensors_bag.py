@@ -16,8 +16,7 @@ from mcap_protobuf.schema import register_schema
 
 from sensors.errors import CalibrationError, CloudError, FormatError
 from sensors.importers import ros_messages
-from sensors.importers.bag import Bag, path_between
-from sensors.importers.bag_topics import choose_color, choose_depth, described_by
+from sensors.importers.bag import Bag, choose_color, choose_depth, described_by, path_between
 from sensors.importers.open_source import open_source
 from sensors.importers.ros_images import color_encoded_from, depth_mm_from
 from sensors.importers.ros_messages import (

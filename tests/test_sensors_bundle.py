@@ -107,7 +107,7 @@ def test_holes_are_found_to_a_fraction_of_a_pixel(shot):
         assert np.degrees(turn) < 0.2
         assert 1000 * np.abs(said.translation_m - true.translation_m).max() < 3
     good, findings = judge(found)
-    assert all("%" in f.says for f in findings if f.remedy) or not good
+    assert all("%" in f.text for f in findings if f.remedy) or not good
 
 
 def test_brightness_scale_does_not_matter(shot):

@@ -22,7 +22,7 @@ from sensors.rig.rig_calibration import Pose, RigCalibration
 Array = NDArray[np.float64]
 
 LEAST_VIEWS = 8
-"""Fewer views leave nine intrinsics and six pose angles undetermined."""
+"""Fewer views leave nine intrinsics and six pose angles undetermined; chosen by eye."""
 LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 LENS_PRIOR = np.array([np.inf, np.inf, np.inf, np.inf, 0.5, 1.0, 0.002, 0.002, 1.0])
 """Standard deviations about zero: views that do not reach the image's corners leave the last terms
@@ -31,9 +31,9 @@ Kinects of iai_kinect2 are 0.0002 to 0.002."""
 SHIFT_PRIOR_MM = 30.0
 """Depth shift of a Kinect v2: -13 mm in iai_kinect2's first unit."""
 SIGMA_PX, SIGMA_MM = 0.1, 3.0
-"""First guesses of the noise; both are estimated."""
+"""First guesses of the noise in pixels and millimetres, chosen by eye; both are then estimated."""
 BAD = 4.0
-"""A view whose root mean square error in some camera is so many times that camera's usual is left out."""
+"""A view is left out above this many times a camera's median root mean square error; chosen by eye."""
 ROBUST = 1.4826
 """From the median absolute value to the standard deviation of a normal distribution."""
 
@@ -48,7 +48,7 @@ class Deviations:
 
 @dataclass(frozen=True)
 class Residuals:
-    """One camera's residuals. view: (n,) frame index; px: (n, 2) where; error_px: (n, 2), seen minus said."""
+    """One camera's residuals. view: (n,) frame index; px: (n, 2) place; error_px: (n, 2) seen - predicted."""
 
     view: NDArray[np.int64]
     px: Array
@@ -121,7 +121,7 @@ def _lens(name: str, guess: Intrinsics, views: list[PlateView], plate: HolePlate
 
 
 def _relative(name: str, lenses: dict[str, Intrinsics], views: list[PlateView], plate: HolePlate) -> Pose:
-    """name_from_depth: of the poses that the views say, the one nearest to all others."""
+    """name_from_depth: of the poses of single views, the one nearest to all others."""
     both = [view for view in views if name in view.centers_px]
     poses = [
         plate_pose(view.centers_px[name], plate, lenses[name])
@@ -281,7 +281,7 @@ class _Problem:
         )
 
     def result(self, x: Array, guess: dict[str, Intrinsics], views: int) -> Adjusted:
-        """What the solution says, with its deviations."""
+        """The rig of a solution, with its deviations."""
         sd = self._deviations(x)
         lenses = {name: _intrinsics(self._lens(x, name), guess[name]) for name in self.cameras}
         poses = {name: Pose(*self._pose(x, name)) for name in self.cameras[1:]}

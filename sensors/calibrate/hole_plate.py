@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from sensors.errors import CalibrationError
 
 FINE_PX = 640
-"""Images narrower than this are enlarged before the search: OpenCV's blobs need some pixels."""
+"""Narrower images are enlarged before the search: OpenCV's blobs need some pixels; chosen by eye."""
 FAINT = 1e-6
+"""Images whose values span less, in their own unit, show nothing; chosen by eye."""
 SMALL_PX = 28.0
-"""Distance of neighbouring holes up to which their centres are refined."""
+"""Pixels between neighbouring holes up to which their centres are refined; chosen by eye."""
 LENS_PX = 0.7
-"""Blur of lens and pixel."""
+"""Standard deviation of the blur of lens and pixel, pixels; chosen by eye."""
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose
 
 SAMPLES = 120
-"""Depth readings taken from one view; more of them say nothing new about one plane."""
+"""Depth readings taken from one view, at most: more add nothing to one plane; chosen by eye."""
 CLEAR = 1.7
-"""Readings nearer to a hole than this many radii mix plate and backing."""
+"""Readings nearer to a hole than this many radii mix plate and backing; chosen by eye."""
 
 CAMERAS = ("depth", "color", "thermal")
 
@@ -36,7 +36,7 @@ class PlateView:
 def view_plate(frame: RigFrame, plate: HolePlate, depth_camera: Intrinsics) -> PlateView:
     """Look for the plate in all of a frame's images; the depth camera's is its infrared image.
 
-    depth_camera: a rough guess suffices, it only says which readings lie on the plate.
+    depth_camera: a rough guess suffices, it only selects the readings on the plate.
     """
     color = frame.decode_color()
     images = {

@@ -11,17 +11,18 @@ from sensors.rig.camera import Intrinsics
 LIMIT_ROTATION_DEG, LIMIT_LATERAL_MM, LIMIT_AXIAL_MM = 0.1, 1.0, 2.0
 """Two deviations beyond these shift the edge of a person at 2 m by a pixel of the thermal camera's third."""
 LIMIT_PX = {"depth": 0.2, "color": 0.4, "thermal": 0.2}
-"""Root mean square errors (published: 0.06 px of a steel plate, 0.38 px of an 80 x 62 camera)."""
+"""Largest root mean square errors; chosen by eye (published: 0.06 px, steel plate; 0.38 px, 80 x 62)."""
 LIMIT_COVERAGE = 0.35
-"""Share of the image in whose cells holes were seen: outside it the lens is extrapolated."""
+"""Least share of an image's cells with holes: beyond them the lens is extrapolated; chosen by eye."""
 CELLS = 8
+"""Cells of an image's side; chosen by eye."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at. says: in words, with the number; remedy: "" where it is well."""
+    """One finding. text: in words, with the number; remedy: "" where it is well."""
 
-    says: str
+    text: str
     remedy: str = ""
 
 
@@ -33,11 +34,11 @@ def judge(found: Adjusted) -> tuple[bool, list[Finding]]:
     for name, sd in found.deviations.items():
         turn, shift = 2 * sd.rotation_deg.max(), 2 * sd.translation_mm
         weak = turn > LIMIT_ROTATION_DEG or shift[:2].max() > LIMIT_LATERAL_MM or shift[2] > LIMIT_AXIAL_MM
-        says = (
+        text = (
             f"{name}: pose known to {turn:.3f} degrees, {shift[:2].max():.2f} mm sideways, "
             f"{shift[2]:.2f} mm along the view (two standard deviations)"
         )
-        findings.append(Finding(says, "record more views, nearer, tilted up to 35 degrees" if weak else ""))
+        findings.append(Finding(text, "record more views, nearer, tilted up to 35 degrees" if weak else ""))
     findings.append(_bad_views(found))
     return not any(finding.remedy for finding in findings), findings
 
@@ -58,5 +59,5 @@ def _coverage(name: str, px: NDArray[np.float64], camera: Intrinsics) -> Finding
 def _bad_views(found: Adjusted) -> Finding:
     frames = list(found.left_out)
     many = len(frames) > 0.25 * found.views
-    says = f"{len(frames)} of {found.views} views left out" + (f" (frames {frames})" if frames else "")
-    return Finding(says, "hold the plate still while the cameras expose" if many else "")
+    text = f"{len(frames)} of {found.views} views left out" + (f" (frames {frames})" if frames else "")
+    return Finding(text, "hold the plate still while the cameras expose" if many else "")

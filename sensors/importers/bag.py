@@ -1,7 +1,8 @@
 """A ROS 1 or ROS 2 bag, or somebody else's MCAP file with ROS 2 or Foxglove images, as a source of frames."""
 
+import re
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,7 @@ from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError, FormatError
 from sensors.importers.bag_files import METADATA, McapFile, index_topics, open_files, storage_files
-from sensors.importers.bag_topics import choose_color, choose_depth, described_by
-from sensors.importers.ros_images import color_encoded_from, depth_mm_from
+from sensors.importers.ros_images import COLORS, DEPTHS, color_encoded_from, depth_mm_from
 from sensors.importers.ros_messages import (
     CAMERAS,
     PICTURES,
@@ -28,6 +28,11 @@ from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session.mcap_records import is_complete, record_offsets, records_at
 from sensors.session.messages import DEPTH
 from sensors.session.messages import METADATA as SESSION_METADATA
+
+_OTHERS = re.compile(
+    r"infra|thermal|confidence|mask|segment|label|fisheye|amplitude|(?<![a-z])ir\d?(?![a-z])"
+)
+"""Names of 16-bit or 8-bit images that are neither depth nor colour."""
 
 
 class Bag:
@@ -144,7 +149,7 @@ class Bag:
 def is_bag(path: Path) -> bool:
     """Whether a folder holds a ROS 2 bag, or an MCAP file is somebody else's rather than a session.
 
-    A file without topics is left to ``Session``, which says what is wrong with it. Raises FormatError.
+    A file without topics is left to ``Session``, whose error names the cause. Raises FormatError.
     """
     if path.is_dir():
         return bool(storage_files(path) or (path / METADATA).is_file()) and not (path / "depth").is_dir()
@@ -161,6 +166,28 @@ def is_bag(path: Path) -> bool:
                 elif isinstance(record, Message):
                     return seen
     return seen
+
+
+def choose_depth(first: dict[str, Picture]) -> str | None:
+    """The depth topic: one called so rather than not, the sensor's own pixels before resampled ones, raw
+    before compressed. first: the first message of every image topic."""
+    return _best(first, _is_depth, ("depth", "!aligned|registered|to_color|to_rgb", "!compressed", "rect"))
+
+
+def choose_color(first: dict[str, Picture]) -> str | None:
+    """The colour topic: one called so rather than not, and the camera's own JPEG before decoded pixels."""
+    return _best(first, _is_color, ("color|colour|rgb", "!depth", "compressed", "!rect"))
+
+
+def described_by(picture: str, cameras: set[str]) -> str | None:
+    """The topic that describes an image topic's camera: beside it, or beside what it was made from."""
+    parent = picture
+    while "/" in parent:
+        parent = parent.rpartition("/")[0]
+        for name in ("camera_info", "calibration", "info"):
+            if f"{parent}/{name}" in cameras:
+                return f"{parent}/{name}"
+    return next(iter(cameras)) if len(cameras) == 1 else None
 
 
 def path_between(links: dict[tuple[str, str], Pose], depth: str, color: str) -> Pose | None:
@@ -190,3 +217,29 @@ def path_between(links: dict[tuple[str, str], Pose], depth: str, color: str) -> 
 def _is_cut(path: Path) -> bool:
     with path.open("rb") as file:
         return not is_complete(file)
+
+
+def _best(
+    first: dict[str, Picture], fits: Callable[[str, Picture], bool], wishes: tuple[str, ...]
+) -> str | None:
+    """Of the topics that fit, the one with the earliest wishes fulfilled; then the shortest, then by name."""
+
+    def rank(name: str) -> tuple[object, ...]:
+        met = [bool(re.search(wish.lstrip("!"), name.lower())) != wish.startswith("!") for wish in wishes]
+        return (*(not wish for wish in met), len(name), name)
+
+    return min((name for name, image in first.items() if fits(name, image)), key=rank, default=None)
+
+
+def _is_depth(name: str, image: Picture) -> bool:
+    if image.compressed:
+        return "compressedDepth" in image.encoding
+    return image.encoding in DEPTHS and not _OTHERS.search(name.lower())
+
+
+def _is_color(name: str, image: Picture) -> bool:
+    if _OTHERS.search(name.lower()):
+        return False
+    if image.compressed:
+        return image.data.startswith((b"\xff\xd8\xff", b"\x89PNG")) and "depth" not in name.lower()
+    return image.encoding in COLORS

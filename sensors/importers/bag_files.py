@@ -130,7 +130,7 @@ def open_files(path: Path) -> list[BagFile]:
     paths = storage_files(path) if path.is_dir() else [path]
     mcap = any(file.suffix.lower() == ".mcap" for file in paths)
     if path.is_dir() and (path / METADATA).is_file() and not mcap:
-        paths = [path]  # may be compressed, as its metadata say
+        paths = [path]  # its metadata name the compression
     return [McapFile(file) if mcap else RosbagFile(file) for file in paths]
 
 

@@ -155,7 +155,7 @@ def _presence(name: str, files: dict[str, Path], frames: int, camera: Intrinsics
 
 
 def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, tuple[str, ...]]:
-    """Calibration, millimetres of a depth step, and notes that say where they are from."""
+    """Calibration, millimetres of a depth step, and notes on where they are from."""
     if (path / "calibration.json").is_file():
         return load_calibration(path / "calibration.json"), 1.0, ("calibration from calibration.json",)
     shape = png_shape(read_bounded(first_depth), str(first_depth))

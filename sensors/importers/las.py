@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
+from sensors.importers.cloud_header import MAX_POINTS
 
-MAX_POINTS = 50_000_000
-"""Points of a cloud, 24 bytes each in memory; chosen by eye, a hundred Kinect clouds a hundred times over."""
 CHUNK = 1_000_000
 """Points unpacked at once; chosen by eye."""
 _VLR_BYTES, _EVLR_BYTES, _CHUNK_BYTES = 54, 60, 20

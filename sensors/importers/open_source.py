@@ -1,4 +1,4 @@
-"""Opens whatever holds recorded frames, told by its content: see the table in ``open_source``."""
+"""Recorded frames of any kind, recognised by their content."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ CLOUDS = (".pcd", ".ply", ".las", ".laz")
 
 
 def open_source(path: Path) -> Source:
-    """The ``FrameSource`` at ``path``; files are told by their first bytes, clouds in text by their name.
+    """The ``FrameSource`` at ``path``; files are recognised by their first bytes, clouds by their name.
 
     Raises FormatError for anything else, and what the sources themselves raise.
     """

@@ -23,14 +23,16 @@ KINECT_V2 = Intrinsics(512, 424, 365.15, 365.15, 253.98, 211.09)
 """Pinhole of a typical Kinect v2 depth camera; a projected cloud has no lens distortion."""
 
 NEAREST_M = 0.5
+"""Nearest depth of a Kinect v2."""
 MARGIN = 0.05
-"""Nearest depth of a Kinect v2, and the share of the image kept free around a cloud moved into view."""
+"""Share of the image kept free at each side of a cloud moved into view; chosen by eye."""
 
 SPLAT = 0.65
 """Half-width of a projected point in point spacings: a half closes an ideal lattice; on Kinect fusion scans
 0.6 is the least that hides their far side."""
 
-MAX_COORDINATE_M = 10_000.0
+FARTHEST_M = 10_000.0
+"""Metres from the origin beyond which a coordinate counts as no reading; chosen by eye."""
 
 Axes = Literal["camera", "y-up", "z-up"]
 """Axes of a cloud: the camera's own (x right, y down, z forward); y up, z backward; or z up, y forward."""
@@ -55,7 +57,7 @@ class CloudFile:
         mapped = path.suffix.lower() in (".las", ".laz")
         header = CloudHeader(0, None) if mapped else read_header(path)
         points = read_las(path) if mapped else _read_points(path, header)
-        points[(np.abs(points) > MAX_COORDINATE_M).any(axis=-1)] = np.nan
+        points[(np.abs(points) > FARTHEST_M).any(axis=-1)] = np.nan
         finite = points[np.isfinite(points).all(axis=-1)]
         if len(finite) < 2:
             raise FormatError(f"{path} holds {len(finite)} finite points; give a surface in metres")
@@ -195,7 +197,7 @@ def _distinct(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _read_points(path: Path, header: CloudHeader) -> NDArray[np.float64]:
-    """All points (n, 3) in the file's order, NaN where not finite or farther than MAX_COORDINATE_M."""
+    """All points (n, 3) in the file's order, NaN where not finite or farther than FARTHEST_M."""
     try:
         import open3d as o3d
     except ImportError as error:

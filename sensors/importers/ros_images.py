@@ -69,7 +69,7 @@ def _values(picture: Picture, dtype: np.dtype[Any], channels: int) -> NDArray[An
     row = width * channels * dtype.itemsize
     if not (0 < height <= MAX_IMAGE_SIDE and 0 < width <= MAX_IMAGE_SIDE) or step < row:
         raise FormatError(
-            f"image says {width}x{height}, {step} bytes a row; give at most {MAX_IMAGE_SIDE} a side"
+            f"image is {width}x{height}, {step} bytes a row; give at most {MAX_IMAGE_SIDE} a side"
         )
     # The last row's padding may be missing.
     if len(picture.data) < step * (height - 1) + row or step > len(picture.data):

@@ -52,7 +52,7 @@ Decoded = Any
 class Picture:
     """An image message. data: pixels in rows of ``step`` bytes, or a file's bytes where it is compressed.
 
-    encoding: ROS's name of the pixels, e.g. 16UC1, or what the sender says of a compressed image.
+    encoding: ROS's name of the pixels, e.g. 16UC1, or the format that the sender gives a compressed image.
     frame_id: its camera's frame in the tree of transforms.
     """
 
@@ -82,7 +82,7 @@ def decode(kind: str, encoding: str, data: bytes) -> Decoded:
 
 
 def stamp_and_frame(message: Decoded) -> tuple[int, str]:
-    """When a picture was taken (ns, 0 = not said), and its camera's frame in the tree of transforms."""
+    """When a picture was taken (ns, 0 = unknown), and its camera's frame in the tree of transforms."""
     if hasattr(message, "header"):
         stamp = message.header.stamp
         return _nanoseconds(stamp.sec, stamp.nanosec), str(message.header.frame_id)

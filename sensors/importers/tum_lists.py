@@ -61,7 +61,7 @@ def _nanoseconds(text: str, file: Path) -> int:
 
 
 def _name(path: str, file: Path) -> str:
-    """Images are looked for in the folder's own subfolders, whatever a list says."""
+    """An image's name without folders: images are looked for in the folder's own subfolders alone."""
     name = PurePosixPath(path.replace("\\", "/")).name
     if not name or name == ".." or "\0" in name or len(name) > 200:
         raise FormatError(f"{file}: {path[:40]!r} names no image; correct it")

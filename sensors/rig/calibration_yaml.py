@@ -73,7 +73,7 @@ def write_yaml(folder: Path, calibration: RigCalibration, depth_shift_mm: float 
 
 
 def _write(path: Path, fields: dict[str, NDArray[np.float64] | float | int]) -> None:
-    # OpenCV tells the format by the suffix, which a temporary file lacks: it writes to memory.
+    # OpenCV takes the format from the suffix, which a temporary file lacks: it writes to memory.
     storage = cv2.FileStorage(".yaml", cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY)
     for key, value in fields.items():
         storage.write(key, value)

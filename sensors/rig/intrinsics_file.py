@@ -25,7 +25,7 @@ _PINHOLES = ("", "none", "distortion.none", "brown_conrady", "distortion.brown_c
 
 @dataclass(frozen=True)
 class FoundIntrinsics:
-    """What a file says. unit_mm: millimetres of a depth step; aligned: colour has the depth's pixels."""
+    """Intrinsics of a file. unit_mm: millimetres of a depth step; aligned: colour has the depth's pixels."""
 
     depth: Intrinsics
     unit_mm: float = 1.0

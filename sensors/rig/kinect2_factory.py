@@ -1,4 +1,4 @@
-"""What a Kinect v2's firmware tells of its cameras: the infrared camera, and how depth maps to colour."""
+"""Factory calibration of a Kinect v2: the infrared camera, and how depth maps to colour."""
 
 from dataclasses import dataclass
 

@@ -8,11 +8,11 @@ COLOR_WINDOW_NS = 17_000_000
 THERMAL_WINDOW_NS = 4_000_000
 """Thermal belongs to a depth image when at most half a period of 128 Hz away."""
 SPOT_WINDOW_NS = 1_000_000_000
-"""Readings of a pyrometer farther apart do not tell what was between them (it gives several a second)."""
+"""Between readings of a pyrometer farther apart nothing is interpolated (it gives several a second)."""
 CLOCK = "clock "
 """Metadata keys that name a topic's clock begin with it."""
 LATENCY = "latency "
-"""Metadata keys that say how many milliseconds after its exposure a topic's image arrives begin with it."""
+"""Metadata keys of the milliseconds from a topic's exposure to its arrival begin with it."""
 MAX_LATENCY_MS = 1000.0
 """Milliseconds; a recording that states more is not believed."""
 
