@@ -19,10 +19,7 @@ from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session
 
 Session_ = Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")]
-Any_ = Annotated[
-    Path,
-    Argument(help="Session, label set, dataset, motion, or what import reads."),
-]
+Any_ = Annotated[Path, Argument(help="Session, label set, dataset, motion, or what import reads.")]
 
 
 def simulate(

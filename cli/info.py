@@ -25,10 +25,7 @@ Shown = tuple[dict[str, Any], str]
 
 
 def info(
-    path: Annotated[
-        Path,
-        Argument(help="Session, label set, dataset, motion, or what import reads."),
-    ],
+    path: Annotated[Path, Argument(help="Session, label set, dataset, motion, or what import reads.")],
     json: Json = False,
 ) -> None:
     """Show what a path holds; for a label set, also who corrected what."""

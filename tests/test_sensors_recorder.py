@@ -128,7 +128,7 @@ def test_kill_9_loses_at_most_a_tenth_of_a_second(tmp_path, number):
         process.wait()
     session = Session(partial)
     assert session.truncated
-    last_ns = int(session._messages["/depth/image"].arrivals_ns[-1])
+    last_ns = int(session._places["/depth/image"]["arrival_ns"][-1])
     # A period of 30 Hz may pass before the next image comes at all.
     assert killed_ns - last_ns < 100e6 + 34e6
     assert "truncated" in " ".join(session.notes)

@@ -9,8 +9,8 @@ from sensors.importers.bag import Bag, is_bag
 from sensors.importers.folder import ImageFolder
 from sensors.importers.pointcloud import CloudFile
 from sensors.session.mcap_records import MAGIC
-from sensors.session.partial import recording_at
 from sensors.session.reader import Session
+from sensors.session.writer import recording_at
 
 Source = Session | ImageFolder | CloudFile | AzureRecording | Bag | DepthArrays
 """A ``FrameSource`` with ``len``, and ``notes`` on what is absent or assumed."""

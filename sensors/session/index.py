@@ -31,25 +31,18 @@ IMAGES = (DEPTH, COLOR, THERMAL, INFRARED, COUNTS, PYROMETER)
 """Topics of which every message is kept track of."""
 
 
-@dataclass(frozen=True)
-class Messages:
-    """Where the messages of one topic lie, sorted by device stamp; all int64 (n,).
-
-    A message is record ``slots[i]`` of the chunk at byte ``offsets[i]``; ``arrivals_ns`` is the host's time.
-    """
-
-    stamps_ns: NDArray[np.int64]
-    arrivals_ns: NDArray[np.int64]
-    offsets: NDArray[np.int64]
-    slots: NDArray[np.int64]
+PLACE = np.dtype([("stamp_ns", "i8"), ("arrival_ns", "i8"), ("offset", "i8"), ("slot", "i8")])
+"""Where a message lies: record ``slot`` of the chunk at byte ``offset``; its time by device and host."""
+Places = NDArray[np.void]
+"""PLACE (n,): the messages of one topic, sorted by device stamp."""
 
 
 @dataclass(frozen=True)
 class Contents:
-    """All of a session but its images. messages: by image topic, empty where there are none."""
+    """All of a session but its images. places: by image topic, empty where there are none."""
 
     calibration: RigCalibration
-    messages: dict[str, Messages]
+    places: dict[str, Places]
     events: tuple[tuple[int, str], ...]
     metadata: dict[str, str]
     truncated: bool
@@ -79,7 +72,7 @@ def read_contents(path: Path) -> Contents:
         raise FormatError(f"{path} has no depth images ({DEPTH}); give a session of a depth camera")
     return Contents(
         calibration=calibration_from(scan.calibrations),
-        messages={topic: _messages(places) for topic, places in scan.places.items()},
+        places={topic: _sorted(places) for topic, places in scan.places.items()},
         events=tuple(scan.events),
         metadata=scan.metadata,
         truncated=truncated,
@@ -88,7 +81,7 @@ def read_contents(path: Path) -> Contents:
 
 @dataclass
 class _Scan:
-    """What was found so far. places: (stamp, arrival, offset, slot) one after another, by image topic."""
+    """What was found so far. places: the four numbers of PLACE one after another, by image topic."""
 
     path: Path
     places: dict[str, "array[int]"] = field(default_factory=lambda: {topic: array("q") for topic in IMAGES})
@@ -101,17 +94,18 @@ class _Scan:
     expected: int | None = None
 
     def add(self, offset: int, slot: int, record: McapRecord) -> None:
-        if isinstance(record, Message):
-            self.count += 1
-            self._add_message(offset, slot, record)
-        elif isinstance(record, Schema):
-            self.schemas.setdefault(record.id, record.name)
-        elif isinstance(record, Channel):
-            self._add_channel(record)
-        elif isinstance(record, Statistics):
-            self.expected = record.message_count
-        elif isinstance(record, Metadata) and record.name == METADATA:
-            self.metadata = {_plain(key): _plain(value) for key, value in record.metadata.items()}
+        match record:
+            case Message():
+                self.count += 1
+                self._add_message(offset, slot, record)
+            case Schema():
+                self.schemas.setdefault(record.id, record.name)
+            case Channel():
+                self._add_channel(record)
+            case Statistics():
+                self.expected = record.message_count
+            case Metadata() if record.name == METADATA:
+                self.metadata = {_plain(key): _plain(value) for key, value in record.metadata.items()}
 
     def _add_channel(self, channel: Channel) -> None:
         expected = SCHEMAS.get(channel.topic)
@@ -140,10 +134,9 @@ class _Scan:
             self.events.append((message.publish_time, _plain(event_from(message.data))))
 
 
-def _messages(places: "array[int]") -> Messages:
-    columns = np.frombuffer(places, np.int64).reshape(-1, 4)
-    columns = columns[np.argsort(columns[:, 0], kind="stable")]
-    return Messages(*(np.ascontiguousarray(column) for column in columns.T))
+def _sorted(numbers: "array[int]") -> Places:
+    places = np.frombuffer(numbers, PLACE)
+    return places[np.argsort(places["stamp_ns"], kind="stable")]
 
 
 def _plain(text: str) -> str:

@@ -5,7 +5,7 @@ raise FormatError or CalibrationError.
 """
 
 from collections.abc import Iterator
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
@@ -55,17 +55,7 @@ _FORMATS = {b"\xff\xd8\xff": "jpeg", b"\x89PN": "png"}
 
 def image_message(image: NDArray[np.uint16], frame_id: str, stamp_ns: int) -> RawImage:
     """uint16 (h, w) as 16UC1: depth in millimetres, infrared amplitudes, a thermal camera's raw counts."""
-    height, width = image.shape
-    data = np.ascontiguousarray(image, "<u2").tobytes()
-    return RawImage(
-        timestamp=_time(stamp_ns),
-        frame_id=frame_id,
-        width=width,
-        height=height,
-        encoding="16UC1",
-        step=2 * width,
-        data=data,
-    )
+    return _raw_image(np.asarray(image, "<u2"), "16UC1", frame_id, stamp_ns)
 
 
 def image_from(data: bytes, name: str) -> NDArray[np.uint16]:
@@ -85,16 +75,7 @@ def image_from(data: bytes, name: str) -> NDArray[np.uint16]:
 
 def spot_message(target_c: float, head_c: float, box_c: float, stamp_ns: int) -> RawImage:
     """What a pyrometer measures as one row of 32FC1: target, head and box, Celsius, NaN = not measured."""
-    data = np.array([target_c, head_c, box_c], "<f4").tobytes()
-    return RawImage(
-        timestamp=_time(stamp_ns),
-        frame_id="pyrometer",
-        width=3,
-        height=1,
-        encoding="32FC1",
-        step=12,
-        data=data,
-    )
+    return _raw_image(np.array([[target_c, head_c, box_c]], "<f4"), "32FC1", "pyrometer", stamp_ns)
 
 
 def target_from(data: bytes) -> float:
@@ -106,19 +87,18 @@ def target_from(data: bytes) -> float:
 
 
 def thermal_message(thermal_c: NDArray[np.float32], stamp_ns: int) -> RawImage:
-    """float32 (h, w) Celsius, NaN = no reading, as 16UC1 in steps of 0.01 C (see THERMAL_OFFSET_C)."""
-    return image_message(thermal_to_uint16(thermal_c), "thermal", stamp_ns)
+    """float32 (h, w) Celsius as 16UC1 (see THERMAL_OFFSET_C).
+
+    What lies outside the scale saturates, non-finite becomes 0, no reading.
+    """
+    steps = np.rint((np.asarray(thermal_c, np.float64) + THERMAL_OFFSET_C) * THERMAL_STEPS_PER_C)
+    values = np.where(np.isfinite(steps), np.clip(steps, 1, 65535), 0).astype(np.uint16)
+    return image_message(values, "thermal", stamp_ns)
 
 
 def thermal_from(data: bytes) -> NDArray[np.float32]:
     """Inverse of ``thermal_message``. Raises FormatError."""
     return thermal_from_uint16(image_from(data, "thermal"))
-
-
-def thermal_to_uint16(thermal_c: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Celsius to the documented scale; what lies outside it saturates, non-finite becomes 0."""
-    steps = np.rint((np.asarray(thermal_c, np.float64) + THERMAL_OFFSET_C) * THERMAL_STEPS_PER_C)
-    return np.where(np.isfinite(steps), np.clip(steps, 1, 65535), 0).astype(np.uint16)
 
 
 def thermal_from_uint16(values: NDArray[np.uint16]) -> NDArray[np.float32]:
@@ -195,6 +175,18 @@ def _decode(kind: type[M], data: bytes) -> M:
     except DecodeError as error:
         raise FormatError(f"{kind.__name__} cannot be decoded ({error}); record it again") from error
     return message
+
+
+def _raw_image(image: NDArray[Any], encoding: str, frame_id: str, stamp_ns: int) -> RawImage:
+    return RawImage(
+        timestamp=_time(stamp_ns),
+        frame_id=frame_id,
+        width=image.shape[1],
+        height=image.shape[0],
+        encoding=encoding,
+        step=image.shape[1] * image.itemsize,
+        data=image.tobytes(),
+    )
 
 
 def _time(stamp_ns: int) -> Timestamp:

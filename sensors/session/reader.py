@@ -25,7 +25,7 @@ from sensors.rig.pairing import (
     pair_stamps,
 )
 from sensors.rig.rig_calibration import RigCalibration
-from sensors.session.index import Messages, read_contents
+from sensors.session.index import Places, read_contents
 from sensors.session.mcap_records import MessageReader
 from sensors.session.messages import (
     COLOR,
@@ -39,7 +39,7 @@ from sensors.session.messages import (
     target_from,
     thermal_from,
 )
-from sensors.session.partial import recording_at
+from sensors.session.writer import recording_at
 
 
 @dataclass(frozen=True)
@@ -69,17 +69,18 @@ class Session:
         self.calibration: RigCalibration = contents.calibration
         self.truncated: bool = contents.truncated
         self.events: tuple[tuple[int, str], ...] = contents.events
-        self._messages = contents.messages
-        host = host_times(self._messages, self.metadata)
+        self._places = contents.places
+        host = host_times(self._places, self.metadata)
         self._color = pair_stamps(host[DEPTH], host[COLOR], COLOR_WINDOW_NS)
         self._thermal = pair_stamps(host[DEPTH], host[THERMAL], THERMAL_WINDOW_NS)
         # One exposure gives both.
-        self._infrared = pair_stamps(self._messages[DEPTH].stamps_ns, self._messages[INFRARED].stamps_ns, 0)
+        depth_ns, infrared_ns = (self._places[topic]["stamp_ns"] for topic in (DEPTH, INFRARED))
+        self._infrared = pair_stamps(depth_ns, infrared_ns, 0)
         self._host = host
         self._reader = MessageReader(path)
 
     def __len__(self) -> int:
-        return len(self._messages[DEPTH].stamps_ns)
+        return len(self._places[DEPTH])
 
     def __iter__(self) -> Iterator[RigFrame]:
         return (self.frame(index) for index in range(len(self)))
@@ -100,7 +101,7 @@ class Session:
             _check_size("infrared", infrared, self.calibration.depth)
         return RigFrame(
             index=index,
-            stamp_ns=int(self._messages[DEPTH].stamps_ns[index]),
+            stamp_ns=int(self._places[DEPTH]["stamp_ns"][index]),
             depth_mm=depth,
             color_encoded=color_from(self._message(COLOR, color)) if color >= 0 else None,
             thermal_c=thermal_c,
@@ -120,7 +121,7 @@ class Session:
     @property
     def streams(self) -> dict[str, StreamRate]:
         """Count and rate of every image topic that has messages."""
-        return {topic: _rate(m.stamps_ns) for topic, m in self._messages.items() if len(m.stamps_ns)}
+        return {topic: _rate(found["stamp_ns"]) for topic, found in self._places.items() if len(found)}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -128,9 +129,9 @@ class Session:
         notes = [
             f"no {name} images"
             for name, topic in (("colour", COLOR), ("thermal", THERMAL))
-            if not len(self._messages[topic].stamps_ns)
+            if not len(self._places[topic])
         ]
-        if len(self._messages[COUNTS].stamps_ns) and not len(self._messages[THERMAL].stamps_ns):
+        if len(self._places[COUNTS]) and not len(self._places[THERMAL]):
             notes.append("thermal counts without the camera's calibration are not temperatures")
         if self.truncated:
             notes.append(
@@ -146,28 +147,28 @@ class Session:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
     def _message(self, topic: str, index: int) -> bytes:
-        messages = self._messages[topic]
-        return self._reader.read(int(messages.offsets[index]), int(messages.slots[index]))
+        place = self._places[topic][index]
+        return self._reader.read(int(place["offset"]), int(place["slot"]))
 
 
-def host_times(messages: dict[str, Messages], metadata: dict[str, str]) -> dict[str, NDArray[np.int64]]:
+def host_times(places: dict[str, Places], metadata: dict[str, str]) -> dict[str, NDArray[np.int64]]:
     """int64 (n,) by topic: when each message was made, on one clock for all.
 
     A recording's metadata name the clock that stamped a topic (``clock /depth/image``); each of those is
     fitted to the host's. Topics of no stated clock are stamped by one and the same.
     """
-    host = {topic: found.stamps_ns for topic, found in messages.items()}
+    host = {topic: found["stamp_ns"] for topic, found in places.items()}
     clocks: dict[str, list[str]] = {}
-    for topic, found in messages.items():
+    for topic, found in places.items():
         name = metadata.get(f"{CLOCK}{topic}")
-        if name is not None and len(found.stamps_ns):
+        if name is not None and len(found):
             clocks.setdefault(name, []).append(topic)
     for topics in clocks.values():
-        stamps = np.concatenate([messages[topic].stamps_ns for topic in topics])
-        clock = fit_clock(stamps, np.concatenate([messages[topic].arrivals_ns for topic in topics]))
+        both = np.concatenate([places[topic] for topic in topics])
+        clock = fit_clock(both["stamp_ns"], both["arrival_ns"])
         for topic in topics:
             late_ns = round(_latency_ms(metadata.get(f"{LATENCY}{topic}", "0")) * 1e6)
-            host[topic] = clock.host_ns(messages[topic].stamps_ns) - late_ns
+            host[topic] = clock.host_ns(places[topic]["stamp_ns"]) - late_ns
     return host
 
 

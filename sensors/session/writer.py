@@ -38,10 +38,25 @@ from sensors.session.messages import (
     spot_message,
     thermal_message,
 )
-from sensors.session.partial import partial_of
 
+PARTIAL = ".partial"
 CHUNK_BYTES = 1 << 20
 """Bytes of messages after which a chunk ends, if no depth image ends it before. Chosen by eye."""
+
+
+def partial_of(path: Path) -> Path:
+    """What the session ``path`` is called until it is complete."""
+    return path.with_name(path.name + PARTIAL)
+
+
+def final_of(path: Path) -> Path:
+    """The session's name once it is complete."""
+    return path.with_name(path.name.removesuffix(PARTIAL))
+
+
+def recording_at(path: Path) -> Path:
+    """The path, or its unfinished recording where that alone is there: people name what they recorded to."""
+    return partial_of(path) if not path.exists() and partial_of(path).is_file() else path
 
 
 class SessionWriter:
@@ -87,20 +102,16 @@ class SessionWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        whole = False
         try:
-            try:
+            with self._file:
                 if kind is None:
                     self._writer.finish()
                     self._file.flush()
                     os.fsync(self._file.fileno())
-            finally:
-                self._file.close()
             if kind is None:
                 self.partial.replace(self.path)
-                whole = True
         finally:
-            if not whole and not self._keep_partial:
+            if not self._keep_partial:
                 self.partial.unlink(missing_ok=True)
 
     def write(self, frame: RigFrame, arrival_ns: int | None = None) -> None:
@@ -144,12 +155,7 @@ class SessionWriter:
         self._add(COUNTS, image_message(counts, "thermal", stamp_ns), stamp_ns, arrival_ns)
 
     def write_spot(
-        self,
-        target_c: float,
-        head_c: float,
-        box_c: float,
-        stamp_ns: int,
-        arrival_ns: int | None = None,
+        self, target_c: float, head_c: float, box_c: float, stamp_ns: int, arrival_ns: int | None = None
     ) -> None:
         """Write a pyrometer's temperatures in Celsius, NaN = not measured."""
         self._add(PYROMETER, spot_message(target_c, head_c, box_c, stamp_ns), stamp_ns, arrival_ns)
