@@ -5,8 +5,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from annotate.labelset.frames import LabelledFrames
-from annotate.labelset.open_frames import open_frames
+from annotate.labelset.frames import LabelledFrames, open_frames
 from cli.console import Json, Overwrite, finish, progress, provenance, say
 from cli.extras import needing
 from cli.score_tables import difference_text, scores_text

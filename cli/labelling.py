@@ -11,7 +11,7 @@ from typer import Argument, Option
 from annotate.engine import Engine, load_weights
 from annotate.label_source import label_source
 from annotate.labelset import store
-from annotate.labelset.open_frames import open_frames
+from annotate.labelset.frames import open_frames
 from annotate.labelset.store import LabelSet
 from annotate.suit.palette import load_suit, suit_to_toml
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say

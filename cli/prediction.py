@@ -8,8 +8,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from annotate.labelset import store
-from annotate.labelset.frames import LabelledFrames
-from annotate.labelset.open_frames import holds_frames, open_frames
+from annotate.labelset.frames import LabelledFrames, holds_frames, open_frames
 from cli.console import Json, Overwrite, clear, finish_run, progress, say
 from cli.labelling import Labels, Window
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork

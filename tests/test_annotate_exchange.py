@@ -94,11 +94,13 @@ def test_a_round_trip_changes_nothing(name, made):
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
         companion = Companion(camera)
-        chosen.write(iter(frames), companion, out)
+        for frame in frames:
+            companion.add(frame)
+        chosen.write(iter(frames), camera, out)
         companion.save(out)
         assert recognise(out) == name
-        found, back = chosen.read(out)
-        got = {frame.frame_id: frame for frame in back}
+        found = chosen.companion(out)
+        got = {frame.frame_id: frame for frame in chosen.read(out, found)}
     assert found.intrinsics == camera
     assert set(got) == {frame.frame_id for frame in frames}
     for frame in frames:
@@ -492,5 +494,6 @@ def test_parquet_of_others_needs_no_paths_and_may_number_its_rows(tmp_path):
     schema = parquet_format._schema(CAMERA)
     table = pa.Table.from_pylist([{**row, **pictures, "id": 7}]).replace_schema_metadata(schema.metadata)
     pa.parquet.write_table(table, tmp_path / "train.parquet")
-    _, frames = FORMATS["parquet"].read(tmp_path)
+    chosen = FORMATS["parquet"]
+    frames = chosen.read(tmp_path, chosen.companion(tmp_path))
     assert_same_frame(next(frames), replace(blocks(0), frame_id="7"))

@@ -30,9 +30,3 @@ def test_a_malformed_crop_is_named(crop):
     data = encode_probabilities(Probabilities(Crop(0, 0, SIZE), UNIFORM))
     with pytest.raises(FormatError, match="probability_crop"):
         decode_probabilities(data, {"probability_crop": crop})
-
-
-def test_other_shapes_are_refused():
-    for planes in (UNIFORM[:11], UNIFORM[:, :-1], UNIFORM.astype(np.float64)):
-        with pytest.raises(FormatError, match="give float32"):
-            Probabilities(Crop(0, 0, SIZE), planes)

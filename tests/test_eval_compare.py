@@ -13,8 +13,7 @@ import pytest
 
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import MANIFEST, encode_shard
-from annotate.labelset.frames import LabelledFrames
-from annotate.labelset.open_frames import open_frames
+from annotate.labelset.frames import LabelledFrames, open_frames
 from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID, UNDEFINED
 from eval.compare import pairs, results

@@ -15,8 +15,7 @@ import eval.training.crops as data
 from annotate.crop import SIZE
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import MANIFEST, encode_shard
-from annotate.labelset.frames import camera_of, pinhole_of
-from annotate.labelset.open_frames import open_frames
+from annotate.labelset.frames import camera_of, open_frames, pinhole_of
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
 from eval.training.crops import DEPTH_STEPS, Crops, load_crops, to_crop

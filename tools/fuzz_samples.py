@@ -146,7 +146,7 @@ def _numbers() -> dict[str, float]:
 
 
 def _cloud(suffix: str, folder: Path) -> Path:
-    FORMATS[suffix].write(iter([labelled(0)]), Companion(CAMERA), folder)
+    FORMATS[suffix].write(iter([labelled(0)]), CAMERA, folder)
     return folder / f"000000.{suffix}"
 
 
@@ -246,8 +246,10 @@ def _weights(folder: Path) -> Path:
 
 
 def _exported(name: str, folder: Path) -> Path:
-    companion = Companion(CAMERA)
-    FORMATS[name].write(iter([labelled(0), labelled(1)]), companion, folder)
+    companion, frames = Companion(CAMERA), [labelled(0), labelled(1)]
+    for frame in frames:
+        companion.add(frame)
+    FORMATS[name].write(iter(frames), CAMERA, folder)
     companion.save(folder)
     return folder
 

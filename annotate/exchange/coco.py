@@ -12,7 +12,7 @@ from typing import Any
 
 from annotate.array_types import Bool
 from annotate.crop import window_of
-from annotate.exchange.companion import MAX_TEXT_BYTES, Companion, load_companion
+from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
 from annotate.exchange.masks import (
     MASK_IDS,
     PERSON_NAME,
@@ -26,13 +26,14 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import decode_depth, encode_depth
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
+from sensors.rig.camera import Intrinsics
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
 CATEGORIES = {**MASK_IDS, PERSON_NAME: 100}
 """Category by the name of a mask."""
 
 
-def write_coco(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+def write_coco(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write into an empty folder."""
     (out / IMAGES).mkdir()
     images: list[dict[str, Any]] = []
@@ -44,7 +45,6 @@ def write_coco(frames: Iterator[FrameLabels], companion: Companion, out: Path) -
         images.append({"id": len(images) + 1, "file_name": name, "width": width, "height": height})
         for mask in masks_of(frame):
             annotations.append(_annotation(mask, len(annotations) + 1, len(images)))
-        companion.add(frame)
     categories = [
         {"id": number, "name": name, "supercategory": "person"} for name, number in CATEGORIES.items()
     ]
@@ -52,14 +52,8 @@ def write_coco(frames: Iterator[FrameLabels], companion: Companion, out: Path) -
     (out / ANNOTATIONS).write_text(json.dumps(content), encoding="ascii")
 
 
-def is_coco(source: Path) -> bool:
-    """Whether a folder holds an ``annotations.json``."""
-    return (source / ANNOTATIONS).is_file()
-
-
-def read_coco(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
+def read_coco(source: Path, companion: Companion) -> Iterator[FrameLabels]:
     """The inverse of ``write_coco``; masks as run lengths, compressed or not. Raises FormatError."""
-    companion = load_companion(source)
     try:
         content = json.loads(read_bounded(source / ANNOTATIONS, MAX_TEXT_BYTES))
         names = {int(c["id"]): str(c["name"]) for c in content["categories"]}
@@ -69,7 +63,7 @@ def read_coco(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
             by_image[int(annotation["image_id"])].append(annotation)
     except (ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
         raise FormatError(f"{source / ANNOTATIONS} is not a COCO file ({str(error)[:80]!r})") from error
-    return companion, (_frame(source, images[n], by_image[n], names, companion) for n in images)
+    yield from (_frame(source, images[n], by_image[n], names, companion) for n in images)
 
 
 def _annotation(mask: Mask, number: int, image: int) -> dict[str, Any]:

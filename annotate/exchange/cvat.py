@@ -16,7 +16,7 @@ from defusedxml.ElementTree import fromstring
 
 from annotate.array_types import Bool
 from annotate.crop import window_of
-from annotate.exchange.companion import MAX_TEXT_BYTES, Companion, load_companion
+from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
 from annotate.exchange.masks import (
     MASK_IDS,
     PERSON_NAME,
@@ -31,12 +31,13 @@ from annotate.labelset.images import decode_depth, encode_depth
 from annotate.parts import PARTS, UNDEFINED, palette_rgb
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
+from sensors.rig.camera import Intrinsics
 
 ANNOTATIONS, IMAGES = "annotations.xml", "images"
 SHAPES = ("mask", "polygon")
 
 
-def write_cvat(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+def write_cvat(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write into an empty folder."""
     (out / IMAGES).mkdir()
     with (out / ANNOTATIONS).open("w", encoding="ascii") as xml:
@@ -49,24 +50,12 @@ def write_cvat(frames: Iterator[FrameLabels], companion: Companion, out: Path) -
             xml.write(f' <image id="{number}" name="{name}" width="{width}" height="{height}">\n')
             xml.writelines(map(_mask_xml, masks_of(frame)))
             xml.write(" </image>\n")
-            companion.add(frame)
         xml.write("</annotations>\n")
 
 
-def is_cvat(source: Path) -> bool:
-    """Whether a folder holds an ``annotations.xml``."""
-    return (source / ANNOTATIONS).is_file()
-
-
-def read_cvat(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
-    """The inverse of ``write_cvat``. Raises FormatError, CalibrationError."""
-    companion = load_companion(source)
-    images = _parse(source / ANNOTATIONS)
-    return companion, (_frame(source, image, companion) for image in images)
-
-
-def _parse(file: Path) -> list[Element]:
-    """The elements of all images of a file. Raises FormatError."""
+def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
+    """The inverse of ``write_cvat``. Raises FormatError."""
+    file = source / ANNOTATIONS
     data = read_bounded(file, MAX_TEXT_BYTES)
     try:
         images = list(fromstring(data, forbid_dtd=True).iter("image"))
@@ -78,7 +67,7 @@ def _parse(file: Path) -> list[Element]:
         raise FormatError(f"{file} is not XML ({str(error)[:80]}); export it from CVAT again") from error
     if not images:
         raise FormatError(f"{file} holds no image; give CVAT's 'CVAT for images 1.1'")
-    return images
+    yield from (_frame(source, image, companion) for image in images)
 
 
 def _labels() -> Iterator[str]:

@@ -5,55 +5,61 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from annotate.exchange.coco import is_coco, read_coco, write_coco
-from annotate.exchange.companion import COMPANION, Companion
-from annotate.exchange.cvat import is_cvat, read_cvat, write_cvat
-from annotate.exchange.image_pairs import MMSEG, PAPER, Folders, is_pairs, read_pairs, write_pairs
-from annotate.exchange.labelled_cloud import PCD, PLY, CloudFile, is_clouds, read_clouds, write_clouds
-from annotate.exchange.parquet import is_parquet, read_parquet, write_parquet
-from annotate.exchange.semantic_kitti import is_kitti, read_kitti, write_kitti
+from annotate.exchange import coco, cvat
+from annotate.exchange.coco import read_coco, write_coco
+from annotate.exchange.companion import COMPANION, Companion, load_companion
+from annotate.exchange.cvat import read_cvat, write_cvat
+from annotate.exchange.image_pairs import MMSEG, PAPER, Folders, read_pairs, write_pairs
+from annotate.exchange.labelled_cloud import PCD, PLY, CloudFile, read_clouds, write_clouds
+from annotate.exchange.parquet import camera_of_parquet, is_parquet, read_parquet, write_parquet
+from annotate.exchange.semantic_kitti import LABELS, SEQUENCE, read_kitti, write_kitti
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.appearing import appearing
 from annotate.labelset.store import MANIFEST, LabelSet
 from sensors.errors import FormatError
+from sensors.rig.camera import Intrinsics
 
-Writer = Callable[[Iterator[FrameLabels], Companion, Path], None]
-Reader = Callable[[Path], tuple[Companion, Iterator[FrameLabels]]]
+Writer = Callable[[Iterator[FrameLabels], Intrinsics, Path], None]
+Reader = Callable[[Path, Companion], Iterator[FrameLabels]]
 
 
 @dataclass(frozen=True)
 class Format:
     """One format. lacks: what of a label set it cannot carry; the rest comes back to the bit.
 
-    write: fills an empty folder and adds every frame to the companion. read: reads frames one by one.
+    write: fills an empty folder with frames of one camera. read: frames one by one. companion: of a folder.
     """
 
     write: Writer
     read: Reader
     recognise: Callable[[Path], bool]
     lacks: tuple[str, ...]
+    companion: Callable[[Path], Companion] = load_companion
+
+
+def _holds(*patterns: str) -> Callable[[Path], bool]:
+    """Whether a folder holds something by every one of these glob patterns."""
+    return lambda source: all(any(source.glob(pattern)) for pattern in patterns)
 
 
 def _pairs(folders: Folders) -> Format:
-    lacks = ("persons", "confidence")
-    return Format(
-        partial(write_pairs, folders), partial(read_pairs, folders), partial(is_pairs, folders), lacks
-    )
+    write, read = partial(write_pairs, folders), partial(read_pairs, folders)
+    return Format(write, read, _holds(*folders), ("persons", "confidence"))
 
 
 def _clouds(kind: CloudFile) -> Format:
-    return Format(partial(write_clouds, kind), partial(read_clouds, kind), partial(is_clouds, kind), ())
+    return Format(partial(write_clouds, kind), partial(read_clouds, kind), _holds(f"*{kind.suffix}"), ())
 
 
 FORMATS = {
     "pairs": _pairs(PAPER),
     "mmseg": _pairs(MMSEG),
-    "coco": Format(write_coco, read_coco, is_coco, ("confidence",)),
-    "cvat": Format(write_cvat, read_cvat, is_cvat, ("confidence",)),
+    "coco": Format(write_coco, read_coco, _holds(coco.ANNOTATIONS), ("confidence",)),
+    "cvat": Format(write_cvat, read_cvat, _holds(cvat.ANNOTATIONS), ("confidence",)),
     "pcd": _clouds(PCD),
     "ply": _clouds(PLY),
-    "semantic-kitti": Format(write_kitti, read_kitti, is_kitti, ("confidence",)),
-    "parquet": Format(write_parquet, read_parquet, is_parquet, ()),
+    "semantic-kitti": Format(write_kitti, read_kitti, _holds(f"{SEQUENCE}/{LABELS}"), ("confidence",)),
+    "parquet": Format(write_parquet, read_parquet, is_parquet, (), camera_of_parquet),
 }
 """By the name for ``export --format``. None carries the journal of corrections or the labels before them."""
 
@@ -70,17 +76,17 @@ def export_labels(
         raise FormatError(f"format {name[:40]!r} is unknown; use {', '.join(FORMATS)}")
     if not len(labels):
         raise FormatError(f"{labels.path} holds no frames; label some first")
-    chosen, had = FORMATS[name], set[str]()
+    chosen, had, companion = FORMATS[name], set[str](), Companion(labels.intrinsics)
 
     def frames() -> Iterator[FrameLabels]:
         for frame in labels:
             had.update(field for field in ("persons", "confidence") if getattr(frame, field) is not None)
+            companion.add(frame)
             yield frame
             advance(1)
 
     with appearing(out, COMPANION, labels.path, overwrite=overwrite) as folder:
-        companion = Companion(labels.intrinsics)
-        chosen.write(frames(), companion, folder)
+        chosen.write(frames(), labels.intrinsics, folder)
         companion.save(folder)
     return tuple(field for field in chosen.lacks if field in had)
 
@@ -105,11 +111,11 @@ def import_labels(
             f"{source} holds labels in no known format; give a folder of {', '.join(FORMATS)}, or name the "
             "result .mcap to import images"
         )
-    companion, frames = FORMATS[name].read(source)
+    companion = FORMATS[name].companion(source)
     info = {"source": source.resolve().name, "steps": {"import": {"format": name}}}
     with appearing(out, MANIFEST, source, overwrite=overwrite) as folder:
         labels = LabelSet.create(folder, companion.intrinsics, info)
-        for frame in frames:
+        for frame in FORMATS[name].read(source, companion):
             if frame.frame_id in labels:
                 raise FormatError(f"{source} has two frames called {frame.frame_id[:100]!r}; rename one")
             labels.write(frame)

@@ -11,12 +11,13 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from annotate.exchange.companion import Companion, frame_files, load_companion
+from annotate.exchange.companion import Companion, frame_files
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
 from annotate.parts import PARTS
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
+from sensors.rig.camera import Intrinsics
 
 Folders = tuple[str, str]
 """Names of the folders of depth images and of label images."""
@@ -25,35 +26,24 @@ MMSEG: Folders = ("img_dir", "ann_dir")
 METAINFO = "metainfo.json"
 
 
-def write_pairs(folders: Folders, frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+def write_pairs(folders: Folders, frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write into an empty folder."""
     for name in folders:
         (out / name).mkdir()
     for frame in frames:
         (out / folders[0] / f"{frame.frame_id}.png").write_bytes(encode_depth(frame.depth_mm))
         (out / folders[1] / f"{frame.frame_id}.png").write_bytes(encode_parts(frame.parts))
-        companion.add(frame)
     if folders == MMSEG:
         metainfo = {"classes": [part.name for part in PARTS], "palette": [part.rgb for part in PARTS]}
         (out / METAINFO).write_text(json.dumps(metainfo) + "\n", encoding="ascii")
 
 
-def is_pairs(folders: Folders, source: Path) -> bool:
-    """Whether a folder holds pairs of this layout."""
-    return all((source / name).is_dir() for name in folders)
-
-
-def read_pairs(folders: Folders, source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
+def read_pairs(folders: Folders, source: Path, companion: Companion) -> Iterator[FrameLabels]:
     """The inverse of ``write_pairs``; splits (train, val, ...) within the folders are read as one set.
 
-    Raises FormatError, CalibrationError.
+    Raises FormatError.
     """
-    companion = load_companion(source)
     splits = sorted(folder.name for folder in (source / folders[1]).iterdir() if folder.is_dir()) or [""]
-    return companion, _frames(source, folders, splits, companion)
-
-
-def _frames(source: Path, folders: Folders, splits: list[str], companion: Companion) -> Iterator[FrameLabels]:
     for split in splits:
         for frame_id, file in frame_files(source / folders[1] / split, ".png"):
             depth = source / folders[0] / split / file.name

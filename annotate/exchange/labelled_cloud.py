@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import UInt8
-from annotate.exchange.companion import Companion, frame_files, load_companion
+from annotate.exchange.companion import Companion, frame_files
 from annotate.exchange.record_file import Records, read_pcd, read_ply, write_pcd, write_ply
 from annotate.frame_labels import FrameLabels
 from annotate.parts import palette_rgb
@@ -43,24 +43,17 @@ PCD = CloudFile(".pcd", "<u4", write_pcd, read_pcd)
 PLY = CloudFile(".ply", "u1", write_ply, read_ply)
 
 
-def write_clouds(kind: CloudFile, frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+def write_clouds(kind: CloudFile, frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write one file a frame into an empty folder."""
     for frame in frames:
-        records = _records(frame, companion.intrinsics, kind.label_type)
+        records = _records(frame, camera, kind.label_type)
         (out / f"{frame.frame_id}{kind.suffix}").write_bytes(kind.write(records, frame.parts.shape))
-        companion.add(frame)
 
 
-def is_clouds(kind: CloudFile, source: Path) -> bool:
-    """Whether a folder holds files of this kind."""
-    return any(source.glob(f"*{kind.suffix}"))
-
-
-def read_clouds(kind: CloudFile, source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
-    """The inverse of ``write_clouds``. Raises FormatError, CalibrationError."""
-    companion = load_companion(source)
-    files = frame_files(source, kind.suffix)
-    return companion, (_frame(name, file, kind, companion) for name, file in files)
+def read_clouds(kind: CloudFile, source: Path, companion: Companion) -> Iterator[FrameLabels]:
+    """The inverse of ``write_clouds``. Raises FormatError."""
+    for name, file in frame_files(source, kind.suffix):
+        yield _frame(name, file, kind, companion)
 
 
 def _records(frame: FrameLabels, camera: Intrinsics, label_type: str) -> Records:

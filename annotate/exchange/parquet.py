@@ -16,16 +16,7 @@ from typing import Any
 
 from annotate.exchange.companion import Companion, load_companion
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.images import (
-    decode_confidence,
-    decode_depth,
-    decode_parts,
-    decode_persons,
-    encode_confidence,
-    encode_depth,
-    encode_parts,
-    encode_persons,
-)
+from annotate.labelset import images
 from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics
 
@@ -37,29 +28,20 @@ MAX_GROUP_BYTES = 1 << 31
 IMAGES = ("image", "label", "confidence", "persons")
 CAMERA = b"annotate-cloud intrinsics"
 """Key of the camera in a file's metadata."""
-MALFORMED = (
-    OSError,
-    ValueError,
-    TypeError,
-    KeyError,
-    AttributeError,
-    RecursionError,
-    MemoryError,
-    OverflowError,
-)
+MALFORMED = (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, ArithmeticError)
 """What reading a malformed file raises, beside pyarrow's own errors."""
 
 Pyarrow = Any
 """A schema or table of pyarrow, which need not be installed where the types are checked."""
 
 
-def write_parquet(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+def write_parquet(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write into an empty folder, GROUPS_A_FILE groups of frames a file."""
     _require()
     import pyarrow.parquet as pq
 
     (out / DATA).mkdir()
-    schema = _schema(companion.intrinsics)
+    schema = _schema(camera)
     files: list[Path] = []
     groups = iter(lambda: list(islice(frames, ROWS_A_GROUP)), [])
     for first in groups:
@@ -67,8 +49,6 @@ def write_parquet(frames: Iterator[FrameLabels], companion: Companion, out: Path
         with pq.ParquetWriter(files[-1], schema) as writer:
             for group in chain([first], islice(groups, GROUPS_A_FILE - 1)):
                 writer.write_table(_table(group, schema))
-                for frame in group:
-                    companion.add(frame)
     for number, file in enumerate(files):
         file.rename(file.with_name(f"train-{number:05d}-of-{len(files):05d}.parquet"))
 
@@ -78,13 +58,17 @@ def is_parquet(source: Path) -> bool:
     return bool(_files(source))
 
 
-def read_parquet(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
-    """The inverse of ``write_parquet``. Raises FormatError, CalibrationError."""
+def camera_of_parquet(source: Path) -> Companion:
+    """The camera of Parquet files, or the folder's companion. Raises FormatError, CalibrationError."""
     _require()
-    files = _files(source)
-    camera = _camera(files[0])
-    companion = Companion(camera) if camera else load_companion(source)
-    return companion, (frame for file in files for frame in _frames(file))
+    camera = _camera(_files(source)[0])
+    return Companion(camera) if camera else load_companion(source)
+
+
+def read_parquet(source: Path, companion: Companion) -> Iterator[FrameLabels]:
+    """The inverse of ``write_parquet``; the rows are complete without the companion. Raises FormatError."""
+    for file in _files(source):
+        yield from _frames(file)
 
 
 def _require() -> None:
@@ -118,15 +102,15 @@ def _table(frames: list[FrameLabels], schema: Pyarrow) -> Pyarrow:
 
 
 def _row(frame: FrameLabels) -> dict[str, Any]:
-    images = {
-        "image": encode_depth(frame.depth_mm),
-        "label": encode_parts(frame.parts),
-        "confidence": None if frame.confidence is None else encode_confidence(frame.confidence),
-        "persons": None if frame.persons is None else encode_persons(frame.persons),
+    encoded = {
+        "image": images.encode_depth(frame.depth_mm),
+        "label": images.encode_parts(frame.parts),
+        "confidence": None if frame.confidence is None else images.encode_confidence(frame.confidence),
+        "persons": None if frame.persons is None else images.encode_persons(frame.persons),
     }
     pictures = {
         name: None if data is None else {"bytes": data, "path": f"{frame.frame_id}.{name}.png"}
-        for name, data in images.items()
+        for name, data in encoded.items()
     }
     rest = {"status": frame.status, "subject": frame.subject, "notes": frame.notes}
     # UTF-8 has no lone surrogates; JSON has, and keeps the exact subject.
@@ -172,13 +156,13 @@ def _frame(row: dict[str, Any]) -> FrameLabels:
     confidence, persons = data["confidence"], data["persons"]
     return FrameLabels(
         str(row["id"]),
-        decode_depth(data["image"]),
-        decode_parts(data["label"]),
-        None if confidence is None else decode_confidence(confidence),
+        images.decode_depth(data["image"]),
+        images.decode_parts(data["label"]),
+        None if confidence is None else images.decode_confidence(confidence),
         rest["status"],
         str(rest["subject"]),
         dict(rest["notes"]),
-        None if persons is None else decode_persons(persons),
+        None if persons is None else images.decode_persons(persons),
     )
 
 

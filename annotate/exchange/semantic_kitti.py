@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from annotate.array_types import Float64
-from annotate.exchange.companion import Companion, frame_files, load_companion
+from annotate.exchange.companion import Companion, frame_files
 from annotate.frame_labels import FrameLabels
 from annotate.parts import PARTS, UNDEFINED
 from sensors.errors import FormatError
@@ -27,7 +27,7 @@ SEQUENCE = Path("sequences") / "00"
 POINTS, LABELS, INDEX, CONFIG = "velodyne", "labels", "index", "semantic-kitti.yaml"
 
 
-def write_kitti(frames: Iterator[FrameLabels], companion: Companion, out: Path) -> None:
+def write_kitti(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write into an empty folder."""
     for name in (POINTS, LABELS, INDEX):
         (out / SEQUENCE / name).mkdir(parents=True)
@@ -38,43 +38,31 @@ def write_kitti(frames: Iterator[FrameLabels], companion: Companion, out: Path) 
             frame.parts.ravel()[pixels].astype(np.uint32) | persons.ravel()[pixels].astype(np.uint32) << 16
         )
         for folder, suffix, values in (
-            (POINTS, "bin", _points(frame, companion.intrinsics)[pixels].astype("<f4")),
+            (POINTS, "bin", _points(frame, camera)[pixels].astype("<f4")),
             (LABELS, "label", labels.astype("<u4")),
             (INDEX, "index", pixels.astype("<u4")),
         ):
             (out / SEQUENCE / folder / f"{number:06d}.{suffix}").write_bytes(values.tobytes())
-        companion.add(frame)
     (out / CONFIG).write_text(_config(), encoding="ascii")
 
 
-def is_kitti(source: Path) -> bool:
-    """Whether a folder holds a sequence of SemanticKITTI."""
-    return (source / SEQUENCE / LABELS).is_dir()
-
-
-def read_kitti(source: Path) -> tuple[Companion, Iterator[FrameLabels]]:
-    """The inverse of ``write_kitti``; a lidar's scans have no index. Raises FormatError, CalibrationError."""
-    companion = load_companion(source)
-    if not (source / SEQUENCE / INDEX).is_dir():
+def read_kitti(source: Path, companion: Companion) -> Iterator[FrameLabels]:
+    """The inverse of ``write_kitti``; a lidar's scans have no index. Raises FormatError."""
+    folder, names = source / SEQUENCE, list(companion.frames)
+    if not (folder / INDEX).is_dir():
         raise FormatError(
-            f"{source / SEQUENCE} has no {INDEX}: its points are not a depth image; give a "
-            "folder that export wrote"
+            f"{folder} has no {INDEX}: its points are not a depth image; give a folder that export wrote"
         )
-    return companion, _frames(source / SEQUENCE, companion)
+    for number, file in frame_files(folder / LABELS, ".label"):
+        at = int(number) if number.isdecimal() and len(number) <= 9 else len(names)
+        frame_id = names[at] if at < len(names) else number
+        yield _frame(folder, number, frame_id, file, companion)
 
 
 def _points(frame: FrameLabels, camera: Intrinsics) -> Float64:
     """(h * w, 4): the camera's right, down, forward as forward, left, up; zero where there is no depth."""
     right, down, forward = np.moveaxis(unproject(camera, frame.depth_mm / 1000.0), -1, 0)
     return np.stack([forward, -right, -down, np.zeros_like(forward)], axis=-1).reshape(-1, 4)
-
-
-def _frames(folder: Path, companion: Companion) -> Iterator[FrameLabels]:
-    names = list(companion.frames)
-    for number, file in frame_files(folder / LABELS, ".label"):
-        at = int(number) if number.isdecimal() and len(number) <= 9 else len(names)
-        frame_id = names[at] if at < len(names) else number
-        yield _frame(folder, number, frame_id, file, companion)
 
 
 def _frame(folder: Path, number: str, frame_id: str, file: Path, companion: Companion) -> FrameLabels:

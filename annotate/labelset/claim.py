@@ -8,7 +8,6 @@ import socket
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from sensors.errors import CloudError
@@ -69,9 +68,7 @@ class Claim:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.release()
 
     def release(self) -> None:
@@ -93,19 +90,14 @@ def login() -> str:
 
 def _is_at(file: int, path: Path) -> bool:
     try:
-        there, here = path.lstat(), os.fstat(file)
+        return os.path.samestat(path.lstat(), os.fstat(file))
     except FileNotFoundError:
         return False
-    return (there.st_dev, there.st_ino) == (here.st_dev, here.st_ino)
 
 
 def _write_owner(file: int, who: str) -> None:
-    owner = {
-        "who": who,
-        "host": socket.gethostname(),
-        "process": os.getpid(),
-        "since": datetime.now(UTC).isoformat(timespec="seconds"),
-    }
+    since = datetime.now(UTC).isoformat(timespec="seconds")
+    owner = {"who": who, "host": socket.gethostname(), "process": os.getpid(), "since": since}
     os.ftruncate(file, 0)
     # The lock itself needs no space: on a full disk only the name is missing.
     with suppress(OSError):

@@ -8,15 +8,13 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from annotate.crop import SIZE, Crop
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import Entry
 from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
-from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 
 MANIFEST = "dataset.json"
@@ -35,6 +33,14 @@ FIELDS = {"subject", "status", "notes"}
 _BROKEN = (OSError, tarfile.TarError, EOFError, ValueError, LookupError, RecursionError)
 
 
+class Entry(NamedTuple):
+    """Where a frame lies: its id, its shard and the first byte there; a label set has no shards."""
+
+    frame_id: str
+    shard: str = ""
+    offset: int = 0
+
+
 def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
     """Frames as an uncompressed tar of ``<key>.depth.png``, ``<key>.parts.png``, ``<key>.json``.
 
@@ -44,10 +50,9 @@ def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
     with tarfile.open(fileobj=buffer, mode="w", format=tarfile.USTAR_FORMAT) as tar:
         for frame in frames:
             fields = {"subject": frame.subject, "status": frame.status, "notes": frame.notes}
-            for suffix, data in (
-                ("depth.png", encode_depth(frame.depth_mm)),
-                ("parts.png", encode_parts(frame.parts)),
-                ("json", json.dumps(fields, sort_keys=True).encode()),
+            images = encode_depth(frame.depth_mm), encode_parts(frame.parts)
+            for suffix, data in zip(
+                SUFFIXES, (*images, json.dumps(fields, sort_keys=True).encode()), strict=True
             ):
                 member = tarfile.TarInfo(f"{frame.frame_id}.{suffix}")
                 member.size = len(data)
@@ -123,11 +128,19 @@ def _decoded(path: Path, tar: tarfile.TarFile, members: list[tarfile.TarInfo]) -
 
 @dataclass(frozen=True)
 class Dataset:
-    """A folder of shards. shards: (file name, sha256) in order; info: the manifest's other entries."""
+    """A folder of shards. shards: (file name, sha256) in order; info: the manifest's other entries.
+
+    intrinsics: the middle of the whole image; each crop's own place is in its frame's notes.
+    whole_image: the camera that synthetic images are seen by.
+    """
 
     path: Path
     shards: tuple[tuple[str, str], ...]
     info: dict[str, Any]
+    whole_image = KINECT2_PINHOLE
+    intrinsics = Crop((KINECT2_PINHOLE.height - SIZE) // 2, (KINECT2_PINHOLE.width - SIZE) // 2, SIZE).camera(
+        KINECT2_PINHOLE
+    )
 
     @staticmethod
     def open(path: Path) -> "Dataset":
@@ -144,9 +157,7 @@ class Dataset:
                 raise FormatError(f"{manifest} is not of schema {SCHEMA}; generate the dataset again")
             shards = tuple((str(s["file"]), str(s["sha256"])) for s in info.pop("shards"))
             info["images"] = int(info["images"])
-        except (
-            ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError,
-        ) as error:  # fmt: skip
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             raise FormatError(f"{manifest} is corrupt ({error!r}); generate the dataset again") from error
         for name, _ in shards:
             if Path(name).name != name or not (path / name).is_file():
@@ -154,17 +165,6 @@ class Dataset:
                     f"{path} lacks shard {name!r} that its manifest lists; run 'synth generate' again"
                 )
         return Dataset(path, shards, info)
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """The middle of the whole image; each crop's own place is in its frame's notes."""
-        camera = self.whole_image
-        return Crop((camera.height - SIZE) // 2, (camera.width - SIZE) // 2, SIZE).camera(camera)
-
-    @property
-    def whole_image(self) -> Intrinsics:
-        """The camera that synthetic images are seen by."""
-        return KINECT2_PINHOLE
 
     @property
     def source(self) -> str:

@@ -1,62 +1,28 @@
-"""What a label set and a dataset have in common: labelled frames, where each lies, and their camera."""
+"""Labelled frames of a folder: a label set or a dataset, and the camera of their pixels."""
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import TypeAlias
 
 from annotate.crop import crop_from_note
 from annotate.frame_labels import FrameLabels
+from annotate.labelset import dataset, store
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 
-
-class Entry(NamedTuple):
-    """Where a frame lies: its id, its shard and the first byte there; a label set has no shards."""
-
-    frame_id: str
-    shard: str = ""
-    offset: int = 0
+LabelledFrames: TypeAlias = store.LabelSet | dataset.Dataset
+"""Frames with labels on disk; both kinds are read the same way."""
 
 
-class LabelledFrames(Protocol):
-    """Frames with labels on disk.
+def holds_frames(path: Path) -> bool:
+    """Whether a folder is a label set or a dataset."""
+    return any((path / manifest).is_file() for manifest in (store.MANIFEST, dataset.MANIFEST))
 
-    info: the manifest's entries on their making. intrinsics: the camera of their pixels; crops from all over
-    an image share one that stands in its middle. whole_image: the undistorted camera of the image that frames
-    are, or are crops of. source: name of what they
-    were made from. identity: entries by which a label set made from these frames differs from one made from
-    others.
-    """
 
-    @property
-    def path(self) -> Path: ...
-
-    @property
-    def info(self) -> dict[str, Any]: ...
-
-    @property
-    def intrinsics(self) -> Intrinsics: ...
-
-    @property
-    def whole_image(self) -> Intrinsics: ...
-
-    @property
-    def source(self) -> str: ...
-
-    @property
-    def identity(self) -> dict[str, str]: ...
-
-    def __len__(self) -> int: ...
-
-    def __iter__(self) -> Iterator[FrameLabels]: ...
-
-    def entries(self) -> Iterator[Entry]:
-        """Where the frames lie, in order. Raises FormatError where a shard breaks off."""
-        ...
-
-    def load(self, entry: Entry) -> FrameLabels:
-        """The frame of an entry. Raises FormatError where it cannot be read."""
-        ...
+def open_frames(path: Path) -> LabelledFrames:
+    """Open a label set or a dataset. Raises FormatError when the folder is neither."""
+    if (path / dataset.MANIFEST).is_file():
+        return dataset.Dataset.open(path)
+    return store.LabelSet.open(path)
 
 
 def camera_of(frames: LabelledFrames, frame: FrameLabels) -> Intrinsics:

@@ -13,17 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.frame_labels import FrameLabels, Status
-from annotate.labelset.frames import Entry
-from annotate.labelset.images import (
-    decode_confidence,
-    decode_depth,
-    decode_parts,
-    decode_persons,
-    encode_confidence,
-    encode_depth,
-    encode_parts,
-    encode_persons,
-)
+from annotate.labelset import images
+from annotate.labelset.dataset import Entry
 from annotate.labelset.journal import Journal
 from annotate.labelset.probabilities import Probabilities, decode_probabilities, encode_probabilities
 from annotate.parts import PARTS, on_body
@@ -159,10 +150,10 @@ class LabelSet:
         """
         folder = ORIGINAL if original else FRAMES
         fields = _load(self._file(frame_id, "json", folder))
-        depth = self._image(frame_id, "depth.png", decode_depth)
-        parts = self._image(frame_id, "parts.png", decode_parts, folder)
-        confidence = self._optional_image(frame_id, "confidence.png", decode_confidence)
-        persons = self._optional_image(frame_id, "persons.png", decode_persons)
+        depth = self._image(frame_id, "depth.png", images.decode_depth)
+        parts = self._image(frame_id, "parts.png", images.decode_parts, folder)
+        confidence = self._optional_image(frame_id, "confidence.png", images.decode_confidence)
+        persons = self._optional_image(frame_id, "persons.png", images.decode_persons)
         try:
             return FrameLabels(frame_id, depth, parts, confidence, persons=persons, **fields)
         except TypeError as error:
@@ -204,15 +195,15 @@ class LabelSet:
                 f"frame {frame.frame_id} is {frame.depth_mm.shape}, the label set {self.intrinsics.shape}; "
                 "one set holds one camera"
             )
-        self._put(frame.frame_id, "depth.png", encode_depth(frame.depth_mm))
-        self._put_or_drop(frame.frame_id, "confidence.png", encode_confidence, frame.confidence)
-        self._put_or_drop(frame.frame_id, "persons.png", encode_persons, frame.persons)
+        self._put(frame.frame_id, "depth.png", images.encode_depth(frame.depth_mm))
+        self._put_or_drop(frame.frame_id, "confidence.png", images.encode_confidence, frame.confidence)
+        self._put_or_drop(frame.frame_id, "persons.png", images.encode_persons, frame.persons)
         self._put_or_drop(frame.frame_id, PROBABILITY, encode_probabilities, probabilities)
         self.write_labels(frame)
 
     def write_labels(self, frame: FrameLabels) -> None:
         """Replace a frame's parts, status, subject and notes; its other images stay as they are."""
-        self._put(frame.frame_id, "parts.png", encode_parts(frame.parts))
+        self._put(frame.frame_id, "parts.png", images.encode_parts(frame.parts))
         fields = {"status": frame.status, "subject": frame.subject, "notes": frame.notes}
         self._put(frame.frame_id, "json", _dump(fields))
 

@@ -10,9 +10,8 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction import audit
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import camera_of
+from annotate.labelset.frames import camera_of, holds_frames, open_frames
 from annotate.labelset.journal import Journal
-from annotate.labelset.open_frames import holds_frames, open_frames
 from annotate.labelset.store import LabelSet
 from eval.compare.results import Result
 from eval.report.gallery import EACH, GalleryFrame, make_frame, make_shown_frame, pick_frames, read_pairs

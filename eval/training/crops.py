@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from annotate.array_types import Float32, Int64, UInt8, UInt16
 from annotate.crop import network_crop, normalize, person_of
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import LabelledFrames
-from annotate.labelset.open_frames import open_frames
+from annotate.labelset.frames import LabelledFrames, open_frames
 from annotate.parts import BACKGROUND, on_body
 from sensors.errors import CloudError
 
