@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from annotate.cloud.fuse import Fuser
-from annotate.cloud.kinect2_undistort import undistortion_index
+from annotate.cloud.fuse import Fuser, undistortion_index
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.cloud.visibility import THERMAL_TOLERANCE
 from sensors.rig.camera import Intrinsics, rays

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from annotate.cloud.fuse import Fuser
 from annotate.parts import N_CLASSES, UNDEFINED
-from annotate.person.extract import extract_person
+from annotate.person.extract import Survey
 from annotate.segmentation.segment import segment
 from annotate.suit.palette import chromaticity
 from bench.fuse import fuse_naive
@@ -41,7 +41,7 @@ def bench():
         color, truth = frame.decode_color(), truth_labels(frame, known).parts
         start = time.perf_counter()
         cloud = fuser.fuse(frame.depth_mm, color, frame.thermal_c)
-        person = extract_person(cloud)
+        person = Survey(cloud).person()
         parts = segment(cloud, person.mask, rig.suit).parts
         times["ours"].append(time.perf_counter() - start)
         start = time.perf_counter()

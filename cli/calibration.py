@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from annotate.person.thermal_drift import measure_drift
+from annotate.person.alignment import measure_drift
 from cli.console import Json, Overwrite, finish, progress, say
 from cli.extras import needing
 from sensors.calibrate.hole_plate import HolePlate

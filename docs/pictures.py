@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
 from annotate.parts import palette_rgb
-from annotate.person.extract import extract_person
+from annotate.person.extract import Survey
 from annotate.segmentation.segment import segment
 from eval.network.onnx_network import OnnxNetwork
 from eval.report.gallery import make_frame
@@ -35,7 +35,7 @@ def frame_picture() -> NDArray[np.uint8]:
     rows = []
     for frame, known in rig.with_truth():
         cloud = fuser.fuse_frame(frame)
-        truth, person = truth_labels(frame, known), extract_person(cloud).mask
+        truth, person = truth_labels(frame, known), Survey(cloud).person().mask
         suit = FrameLabels(truth.frame_id, truth.depth_mm, segment(cloud, person, rig.suit).parts)
         net = FrameLabels(truth.frame_id, truth.depth_mm, network.segment(cloud.depth_mm, person).parts)
         by_suit, by_net = (make_frame(truth, labels, cloud).columns for labels in (suit, net))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.person.alignment import SHIFT_PX, thermal_alignment
+from annotate.person.alignment import SHIFT_PX, degrees, thermal_alignment
 from sensors.rig.camera import Intrinsics, rays
 
 CAMERA = Intrinsics(200, 160, 150.0, 150.0, 99.5, 79.5)
@@ -40,7 +40,7 @@ def test_the_shift_of_the_temperatures_is_found(shift):
     assert alignment.is_off
     np.testing.assert_allclose(alignment.shift_px, shift, atol=2 * SHIFT_PX)
     expected = np.degrees(np.arctan(np.hypot(*alignment.shift_px) / 150.0))
-    assert alignment.degrees(150.0) == pytest.approx(expected)
+    assert degrees(alignment.shift_px, CAMERA) == pytest.approx(expected)
 
 
 def test_gaps_in_the_temperatures_do_not_matter():

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from annotate.cloud.fuse import Fuser
-from annotate.cloud.kinect2_undistort import undistortion_index
+from annotate.cloud.fuse import Fuser, undistortion_index
 from annotate.cloud.visibility import PointView
 from bench.fuse import CALIBRATION, fuse_naive, random_scene
 from sensors.errors import CalibrationError, FormatError

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.person.extract import extract_person
+from annotate.person.extract import Survey
 from annotate.person.warm_window import WINDOW_C
 from sensors.importers.pointcloud import CloudFile
 from sensors.rig.camera import Intrinsics, rays
@@ -107,7 +107,7 @@ def truth_of(scene, cloud):
 def test_a_person_on_a_sofa_is_found_and_the_sofa_is_not():
     scene = sitting()
     cloud = scene.cloud()
-    found = extract_person(cloud)
+    found = Survey(cloud).person()
     assert found.method == "thermal" and found.notes == ()
     assert iou(found.mask, truth_of(scene, cloud)) > 0.97
 
@@ -117,7 +117,7 @@ def test_hair_and_shoes_below_the_window_are_recovered():
     cloud = scene.cloud(holes=0.05)
     window_only = (cloud.temperature_c >= 25) & (cloud.temperature_c <= 35)
     truth = truth_of(scene, cloud)
-    assert iou(extract_person(cloud).mask, truth) > 0.96 > iou(window_only, truth) + 0.02
+    assert iou(Survey(cloud).person().mask, truth) > 0.96 > iou(window_only, truth) + 0.02
 
 
 def test_points_without_temperature_go_with_their_surface():
@@ -125,7 +125,7 @@ def test_points_without_temperature_go_with_their_surface():
     rng = np.random.default_rng(1)
     unseen = np.kron(rng.random((27, 32)) < 0.35, np.ones((8, 8))).astype(bool)[:212, :256]
     cloud = scene.cloud(unseen=unseen)
-    assert iou(extract_person(cloud).mask, truth_of(scene, cloud)) > 0.93
+    assert iou(Survey(cloud).person().mask, truth_of(scene, cloud)) > 0.93
 
 
 def test_small_and_flat_warm_things_are_no_persons():
@@ -133,15 +133,15 @@ def test_small_and_flat_warm_things_are_no_persons():
     scene.ellipsoid((-1.2, 0.3, 2.6), (0.05, 0.06, 0.05), 33.0, person=False)
     scene.plane((0, 0, 1), 3.3, 31.0, lambda p: (p[..., 0] > 0.5) & (abs(p[..., 1]) < 0.8))
     cloud = scene.cloud()
-    assert iou(extract_person(cloud).mask, truth_of(scene, cloud)) > 0.97
+    assert iou(Survey(cloud).person().mask, truth_of(scene, cloud)) > 0.97
 
 
 def test_nobody_there_gives_an_empty_mask_and_a_note():
-    found = extract_person(room().cloud())
+    found = Survey(room().cloud()).person()
     assert not found.mask.any() and found.mask.dtype == bool and "no person" in found.notes[0]
     nothing = np.zeros(CAMERA.shape, np.uint16)
     blind = cloud_of(nothing, np.full(CAMERA.shape, np.nan, np.float32))
-    found = extract_person(blind)
+    found = Survey(blind).person()
     assert not found.mask.any() and found.method == "depth" and "no person" in found.notes[0]
 
 
@@ -149,8 +149,8 @@ def test_nobody_there_gives_an_empty_mask_and_a_note():
 def test_drift_of_camera_and_window_changes_nothing(drift):
     cloud = sitting().cloud()
     drifted = replace(cloud, temperature_c=cloud.temperature_c + np.float32(drift))
-    found = extract_person(drifted, (25 + drift, 35 + drift))
-    assert iou(found.mask, extract_person(cloud).mask) > 0.999
+    found = Survey(drifted, (25 + drift, 35 + drift)).person()
+    assert iou(found.mask, Survey(cloud).person().mask) > 0.999
 
 
 def test_how_hot_a_radiator_far_away_is_does_not_matter():
@@ -158,14 +158,14 @@ def test_how_hot_a_radiator_far_away_is_does_not_matter():
     for celsius in (40.0, 80.0):
         scene = sitting()
         scene.plane((0, 0, 1), 3.3, celsius, lambda p: (p[..., 0] > 1.0) & (abs(p[..., 1]) < 0.4))
-        masks.append(extract_person(scene.cloud()).mask)
+        masks.append(Survey(scene.cloud()).person().mask)
     np.testing.assert_array_equal(*masks)
 
 
 def test_a_mirrored_cloud_gives_the_mirrored_mask():
     cloud = sitting().cloud()
     mirrored = cloud_of(cloud.depth_mm[:, ::-1].copy(), cloud.temperature_c[:, ::-1].copy())
-    assert iou(extract_person(mirrored).mask[:, ::-1], extract_person(cloud).mask) > 0.99
+    assert iou(Survey(mirrored).person().mask[:, ::-1], Survey(cloud).person().mask) > 0.99
 
 
 @settings(max_examples=12, deadline=None)
@@ -177,9 +177,9 @@ def test_the_mask_is_a_subset_of_the_valid_pixels(seed, warm, holes):
     celsius = np.where(rng.random(CAMERA.shape) < warm, 30, 20).astype(np.float32)
     celsius[rng.random(CAMERA.shape) < 0.2] = np.nan
     cloud = cloud_of(depth, celsius)
-    found = extract_person(cloud)
+    found = Survey(cloud).person()
     assert not found.mask[~cloud.valid].any()
-    np.testing.assert_array_equal(found.mask, extract_person(cloud).mask)
+    np.testing.assert_array_equal(found.mask, Survey(cloud).person().mask)
 
 
 def standing():
@@ -194,10 +194,10 @@ def standing():
 def test_by_depth_alone_walls_and_floor_fall_away():
     scene = standing()
     cloud = scene.cloud(unseen=np.ones(CAMERA.shape, bool))
-    found = extract_person(cloud)
+    found = Survey(cloud).person()
     assert found.method == "depth" and "depth alone" in found.notes[0]
     assert iou(found.mask, truth_of(scene, cloud)) > 0.93
-    empty = extract_person(room().cloud(unseen=np.ones(CAMERA.shape, bool)))
+    empty = Survey(room().cloud(unseen=np.ones(CAMERA.shape, bool))).person()
     assert not empty.mask.any() and "no person" in empty.notes[0]
 
 
@@ -209,7 +209,7 @@ def test_on_the_virtual_rig_the_person_is_found_where_the_fixed_window_fails():
         cloud = fuser.fuse_frame(frame)
         known, person = labels.parts != 255, labels.persons == 1
         window = cloud.valid & (cloud.temperature_c >= WINDOW_C[0]) & (cloud.temperature_c <= WINDOW_C[1])
-        found, plain = (iou(m & known, person & known) for m in (extract_person(cloud).mask, window))
+        found, plain = (iou(m & known, person & known) for m in (Survey(cloud).person().mask, window))
         assert found > max(0.85, plain + 0.05)
 
 
@@ -217,7 +217,7 @@ def test_on_the_virtual_rig_the_person_is_found_where_the_fixed_window_fails():
 def test_a_common_offset_of_all_temperatures_changes_nothing_when_the_window_is_found(drift):
     cloud = sitting().cloud()
     drifted = replace(cloud, temperature_c=cloud.temperature_c + np.float32(drift))
-    assert iou(extract_person(drifted).mask, extract_person(cloud).mask) > 0.998
+    assert iou(Survey(drifted).person().mask, Survey(cloud).person().mask) > 0.998
 
 
 def stander(scene, x, z):
@@ -231,7 +231,7 @@ def test_a_second_person_is_kept_apart():
     scene = sitting()
     stander(scene, 1.35, 2.5)
     cloud = scene.cloud()
-    found = extract_person(cloud)
+    found = Survey(cloud).person()
     assert found.trusted and iou(found.mask, truth_of(scene, cloud)) > 0.97
     aside = cloud.valid & (cloud.temperature_c > 27) & ~scene.person
     assert iou(found.others, aside) > 0.9 and not (found.others & found.mask).any()
@@ -254,13 +254,13 @@ def test_halves_above_and_below_a_thing_held_before_the_body_are_one_person():
         (0, 0, 1), 1.9, 21.5, lambda p: (abs(p[..., 0]) < 0.5) & (p[..., 1] > -0.15) & (p[..., 1] < 0.1)
     )
     cloud = scene.cloud()
-    found = extract_person(cloud)
+    found = Survey(cloud).person()
     assert not found.others.any() and iou(found.mask, truth_of(scene, cloud)) > 0.95
 
 
 def test_persons_between_whom_the_room_is_seen_are_two():
     cloud = sitting_upright().cloud()
-    assert extract_person(cloud).others.any()
+    assert Survey(cloud).person().others.any()
 
 
 def test_three_persons_alike_are_not_trusted_unless_one_was_the_subject_before():
@@ -268,26 +268,26 @@ def test_three_persons_alike_are_not_trusted_unless_one_was_the_subject_before()
     for x in (-0.75, 0.0, 0.75):
         stander(scene, x - 0.375, 2.4)
     cloud = scene.cloud()
-    found = extract_person(cloud)
+    found = Survey(cloud).person()
     assert not found.trusted and "3 persons" in found.notes[-1] and "step aside" in found.notes[-1]
     before = labels_of(cloud, found)
-    assert extract_person(cloud, before=before).trusted
+    assert Survey(cloud).person(before).trusted
 
 
 def test_a_person_larger_than_the_view_is_not_trusted():
     scene = room()
     scene.ellipsoid((0, 0, 1.0), (0.72, 1.1, 0.25), 30.0)
-    found = extract_person(scene.cloud())
+    found = Survey(scene.cloud()).person()
     assert not found.trusted and "larger than" in found.notes[-1] and "back" in found.notes[-1]
 
 
 def test_a_thermal_image_beside_the_depth_image_is_not_trusted():
     cloud = sitting().cloud()
     moved = replace(cloud, temperature_c=np.roll(cloud.temperature_c, 12, axis=1))
-    found = extract_person(moved)
+    found = Survey(moved).person()
     assert not found.trusted and "thermal" in found.notes[-1] and "calibrate" in found.notes[-1]
     assert "3.8 degrees" in found.notes[-1]
-    assert extract_person(cloud).trusted
+    assert Survey(cloud).person().trusted
 
 
 def labels_of(cloud, found):
@@ -298,24 +298,24 @@ def labels_of(cloud, found):
 
 def test_without_temperature_the_frame_before_is_carried_over():
     first = sitting().cloud()
-    before = labels_of(first, extract_person(first))
+    before = labels_of(first, Survey(first).person())
     scene = sitting()
     scene.ellipsoid((0.1, -0.1, 2.1), (0.2, 0.05, 0.06), 31.0)
     cloud = scene.cloud(seed=1, unseen=np.ones(CAMERA.shape, bool))
-    found = extract_person(cloud, before=before)
+    found = Survey(cloud).person(before)
     assert found.method == "before" and "carried over" in found.notes[0] and found.trusted
     assert iou(found.mask, truth_of(scene, cloud)) > 0.95
     turned = replace(before, depth_mm=(before.depth_mm * 0.8).astype(np.uint16))
-    assert extract_person(cloud, before=turned).method == "depth"
+    assert Survey(cloud).person(turned).method == "depth"
     felt = replace(turned, notes={"extraction": "thermal"})
-    lost = extract_person(cloud, before=felt)
+    lost = Survey(cloud).person(felt)
     assert not lost.trusted and "rig has moved" in lost.notes[0]
 
 
 def depth_only(path):
     recording = CloudFile(path)
     cloud = Fuser(recording.calibration).fuse(next(iter(recording)).depth_mm)
-    return cloud, extract_person(cloud).mask
+    return cloud, Survey(cloud).person().mask
 
 
 def test_real_standing_people_without_temperature(shared_data):

@@ -10,8 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from annotate import _pcl
-from annotate.cloud.supervoxels import Supervoxels, clusters, supervoxels
-from sensors.errors import CloudError
+from annotate.cloud.supervoxels import VOXEL_M, Supervoxels, clusters, supervoxels
 
 RED, GREEN, BLUE = (220, 30, 40), (30, 200, 60), (40, 60, 220)
 
@@ -57,12 +56,12 @@ def cloud_of(n, scale, grid, rng):
 @given(clouds, st.floats(1.1, 6.0))
 def test_supervoxels_partition_any_cloud(cloud, ratio):
     points, colors = cloud
-    found = supervoxels(points, colors, voxel_m=0.02, seed_m=0.02 * ratio)
+    found = supervoxels(points, colors, seed_m=VOXEL_M * ratio)
     assert found.ids.shape == (len(points),)
     assert (found.ids >= 0).all()
     assert found.sizes.sum() == len(points)
     assert (found.sizes > 0).all()
-    again = supervoxels(points, colors, voxel_m=0.02, seed_m=0.02 * ratio)
+    again = supervoxels(points, colors, seed_m=VOXEL_M * ratio)
     np.testing.assert_array_equal(found.ids, again.ids)
     np.testing.assert_array_equal(found.edges, again.edges)
 
@@ -150,10 +149,10 @@ def test_mean_is_the_mean_of_each_group(seed, shape):
 
 
 @settings(max_examples=40, deadline=None)
-@given(clouds, st.floats(0.01, 0.5), st.integers(1, 5))
-def test_clusters_are_components_of_the_radius_graph(cloud, tolerance_m, min_size):
+@given(clouds, st.floats(0.01, 0.5))
+def test_clusters_are_components_of_the_radius_graph(cloud, tolerance_m):
     points, _ = cloud
-    found = clusters(points, tolerance_m=tolerance_m, min_size=min_size)
+    found = clusters(points, tolerance_m=tolerance_m)
     if not len(points):
         assert not found.size
         return
@@ -163,11 +162,8 @@ def test_clusters_are_components_of_the_radius_graph(cloud, tolerance_m, min_siz
     assume(len(pairs) == len(tree.query_pairs(tolerance_m * 0.99999)))
     graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
     _, naive = connected_components(graph, directed=False)
-    kept = np.bincount(naive)[naive] >= min_size
-    assert same_partition(found[kept], naive[kept])
-    assert (found[~kept] == -1).all()
-    sizes = np.bincount(found[found >= 0])
-    assert (np.diff(sizes) <= 0).all()
+    assert same_partition(found, naive)
+    assert (np.diff(np.bincount(found)) <= 0).all()
 
 
 @pytest.mark.parametrize(
@@ -182,34 +178,10 @@ def test_clusters_are_components_of_the_radius_graph(cloud, tolerance_m, min_siz
     ],
 )
 def test_sizes_must_make_sense(change, words):
-    with pytest.raises(CloudError, match=words) as caught:
-        supervoxels(*two_patches(), **change)
+    weights = {"spatial_weight": 0.4, "normal_weight": 1.0, "color_weight": 1.0}
+    with pytest.raises(ValueError, match=words) as caught:
+        _pcl.supervoxels(*two_patches(), **{"voxel_m": 0.012, "seed_m": 0.06, **weights, **change})
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("points", "colors", "words"),
-    [
-        (np.zeros((4, 2), np.float32), np.zeros((4, 3), np.uint8), "points are"),
-        (np.zeros((4, 3), np.int32), np.zeros((4, 3), np.uint8), "points are"),
-        (np.zeros(3, np.float32), np.zeros((1, 3), np.uint8), "points are"),
-        (np.zeros((4, 3), np.float32), np.zeros((5, 3), np.uint8), "colours are"),
-        (np.zeros((4, 3), np.float32), np.zeros((4, 3), np.float32), "colours are"),
-    ],
-)
-def test_shapes_must_match(points, colors, words):
-    with pytest.raises(CloudError, match=words):
-        supervoxels(points, colors)
-
-
-def test_clusters_refuse_sizes_that_are_not_positive():
-    points, _ = two_patches()
-    with pytest.raises(CloudError, match="tolerance_m"):
-        clusters(points, tolerance_m=0.0)
-    with pytest.raises(CloudError, match="min_size"):
-        clusters(points, tolerance_m=0.1, min_size=0)
-    with pytest.raises(CloudError, match="points are"):
-        clusters(points[:, :2], tolerance_m=0.1)
 
 
 def test_the_binding_itself_refuses_bad_arrays():
@@ -220,16 +192,9 @@ def test_the_binding_itself_refuses_bad_arrays():
     points[2, 1] = np.nan
     with pytest.raises(ValueError, match="point 2 is not finite"):
         _pcl.euclidean_clusters(points, tolerance_m=0.1, min_size=1)
-
-
-def test_supervoxels_that_contradict_themselves_are_refused():
-    ids, none = np.array([0, 1, -1], np.int32), np.empty((0, 2), np.int32)
-    with pytest.raises(CloudError, match="do not run"):
-        Supervoxels(ids, 3, none)
-    with pytest.raises(CloudError, match="edge"):
-        Supervoxels(ids, 2, np.array([[0, 2]], np.int32))
-    with pytest.raises(CloudError, match="values"):
-        Supervoxels(ids, 2, none).mean(np.zeros(4))
+    for change, words in (({"tolerance_m": 0.0}, "tolerance_m"), ({"min_size": 0}, "min_size")):
+        with pytest.raises(ValueError, match=words):
+            _pcl.euclidean_clusters(points[:2], **{"tolerance_m": 0.1, "min_size": 1, **change})
 
 
 def test_a_real_person(shared_data):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from annotate.person.thermal_drift import measure_drift
+from annotate.person.alignment import measure_drift
 from sensors.errors import CalibrationError
 from sensors.rig.rig_calibration import Pose
 from synth.rig.virtual_rig import VirtualRig

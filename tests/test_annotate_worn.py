@@ -6,7 +6,7 @@ import pytest
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.engine import shipped_weights
 from annotate.person.clothed_mask import clothed_odds, patch_clues
-from annotate.person.extract import extract_person
+from annotate.person.extract import Survey
 from annotate.person.subject import colors_worn
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.rig.camera import Intrinsics, rays
@@ -92,7 +92,7 @@ def test_a_foot_far_below_a_cold_blanket_is_looked_at_and_found():
     rounded_m = 0.18 * np.cos((u - 240) / 28) + 0.1 * np.cos(v / 25) + 0.3
     depth_m = cloud.depth_mm / 1000 - np.where(person, rounded_m, 0)
     cloud.depth_mm[:], cloud.points_m[:] = depth_m * 1000, rays(CAMERA) * depth_m[..., None]
-    found = extract_person(cloud, (28.0, 34.0), None, DEFAULT_SUIT).mask
+    found = Survey(cloud, (28.0, 34.0), DEFAULT_SUIT).person().mask
     assert found[TRUNK].mean() > 0.95 and not found[LAP][:110].any()
     assert found[304:328, SHINS[0][1]].mean() > 0.5
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from annotate.cloud.kinect2_undistort import undistortion_index
+from annotate.cloud.fuse import undistortion_index
 from sensors.device import depth_camera
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.drivers.kinect2 import DEPTH, Kinect2, WrappingCounter, load_shim, uint16_from_float

@@ -43,9 +43,8 @@ def lab_of(color_rgb: UInt8, color_valid: Bool) -> UInt8:
 
 def color_bins(lab: UInt8) -> Int32:
     """Bin (...), 0 to 8191, of each colour uint8 (..., 3) of ``lab_of``."""
-    l_bits, a_bits, b_bits = LAB_BITS
-    bins = (lab[..., 0].astype(np.int32) >> l_bits) * 1024 + (lab[..., 1].astype(np.int32) >> a_bits) * 32
-    return np.asarray(bins + (lab[..., 2] >> b_bits), np.int32)
+    lightness, a, b = (lab[..., i].astype(np.int32) >> bits for i, bits in enumerate(LAB_BITS))
+    return np.asarray((lightness * 32 + a) * 32 + b, np.int32)
 
 
 def frequencies(bins: Int32) -> Float32:

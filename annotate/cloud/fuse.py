@@ -11,13 +11,35 @@ from numba import njit
 from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float32, Int32, UInt8, UInt16
-from annotate.cloud.kinect2_undistort import undistortion_index
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.cloud.visibility import ONE, ZERO, PointView, Projection, nearest_pixel, visible
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, rays
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
+
+
+def undistortion_index(camera: Intrinsics) -> Int32:
+    """Flat index int32 (h, w) into the distorted image of each undistorted pixel's source, -1 outside.
+
+    Bit for bit as libfreenect2 (``Registration::apply``): nearest neighbour in float32; x + 0.5 is truncated,
+    so that positions up to 1.5 pixels left of or above the image count as its first column or row.
+    """
+    u, v = (
+        axis.astype(np.float32) for axis in np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    )
+    fx, fy, cx, cy = (np.float32(value) for value in (camera.fx, camera.fy, camera.cx, camera.cy))
+    k1, k2, p1, p2, k3 = (np.float32(value) for value in camera.distortion)
+    x, y = (u - cx) / fx, (v - cy) / fy
+    x2, y2 = x * x, y * y
+    r2, xy2 = x2 + y2, 2 * x * y
+    radial = 1 + ((k3 * r2 + k2) * r2 + k1) * r2
+    x_distorted = fx * (x * radial + p2 * (r2 + 2 * x2) + p1 * xy2) + cx
+    y_distorted = fy * (y * radial + p1 * (r2 + 2 * y2) + p2 * xy2) + cy
+    column, row = np.trunc(x_distorted + np.float32(0.5)), np.trunc(y_distorted + np.float32(0.5))
+    inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    index = np.where(inside, row, 0).astype(np.int32) * camera.width + np.where(inside, column, 0)
+    return np.where(inside, index, -1).astype(np.int32)
 
 
 class Fuser:
@@ -61,9 +83,9 @@ class Fuser:
         color, seen = np.zeros(points.shape, np.uint8), np.zeros(undistorted.shape, np.bool_)
         temperature = np.full(undistorted.shape, np.nan, np.float32)
         if color_rgb is not None:
-            color, seen = _colors(_checked("colour", color_rgb, self._color), depth_m, color_rgb)
+            color, seen = _colors(_view_of("colour", color_rgb, self._color), depth_m, color_rgb)
         if thermal_c is not None:
-            temperature = _temperatures(_checked("thermal", thermal_c, self._thermal), depth_m, thermal_c)
+            temperature = _temperatures(_view_of("thermal", thermal_c, self._thermal), depth_m, thermal_c)
         return ThermalCloud(self.camera, undistorted, points, color, seen, temperature)
 
 
@@ -88,7 +110,7 @@ def _temperatures(view: PointView, depth_m: Float32, thermal_c: Float32) -> Floa
     return _bilinear(projection, seen, slack_m, nearest, front, image)
 
 
-def _checked(name: str, image: NDArray[Any], view: PointView | None) -> PointView:
+def _view_of(name: str, image: NDArray[Any], view: PointView | None) -> PointView:
     """The view of an image's camera. Raises CalibrationError where there is none or its size differs."""
     if view is None:
         raise CalibrationError(

@@ -8,6 +8,7 @@ of the pixels on dark hair and cloth have no reading: with four neighbours such 
 
 import heapq
 
+import cv2
 import numpy as np
 from numba import njit
 
@@ -18,18 +19,19 @@ JUMP = 0.025
 a slant of 84 degrees at 365 pixels of focal length. Chosen by eye."""
 SMOOTH_STEP = 0.004
 """Unit of depth steps, as a share of the depth: 8 mm at 2 m, the sensor's noise. Chosen by eye."""
-EARLIER = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) < (0, 0)])
-"""(v, u) to the neighbours earlier in the image; the others are their opposites."""
 ALL_NEIGHBOURS = np.array([(v, u) for v in range(-2, 3) for u in range(-2, 3) if (v, u) != (0, 0)])
-"""(v, u) to all neighbours, in the order of the image."""
-STEP_BIT = 55
-"""Lowest bit of the depth step in an entry of a flood's queue; entries are ordered as 64-bit integers."""
-PATH_BIT = 30
-"""Lowest bit of the path there; below it the source, in images of up to 2 ** 25 pixels."""
-PIXEL_BIT = 5
-"""Lowest bit of the source there; below it the number of the neighbour."""
+"""(v, u) to all neighbours, in the order of the image; the first half are earlier in it."""
+STEP_BIT, PATH_BIT, PIXEL_BIT = 55, 30, 5
+"""Lowest bits of depth step, path and source in an entry of a flood's queue, a 64-bit integer; below them the
+number of the neighbour. Images have up to 2 ** 25 pixels."""
 NO_PIXEL = 255
 """Mark of pixels out of a flood."""
+
+
+def grown(mask: Bool, reach_px: float) -> Bool:
+    """Mask (h, w) grown by ``reach_px`` pixels to every side, by a square."""
+    side = 2 * round(reach_px) + 1
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0, np.bool_)
 
 
 def components(mask: Bool, depth_m: Float32, jump: float = JUMP) -> tuple[Int32, int]:
@@ -37,11 +39,10 @@ def components(mask: Bool, depth_m: Float32, jump: float = JUMP) -> tuple[Int32,
 
     Labels count from 1; 0 is off the mask (bool (h, w)). depth_m: float32 (h, w), positive on the mask.
     """
-    labels, count = _components(mask, depth_m.astype(np.float32), np.float32(jump))
-    return labels, int(count)
+    return _components(mask, depth_m.astype(np.float32), np.float32(jump))
 
 
-def flood(marks: UInt8, depth_m: Float32, reach_px: float, jump: float = JUMP) -> UInt8:
+def flood(marks: UInt8, depth_m: Float32, reach_px: float) -> UInt8:
     """Marks uint8 (h, w), spread to undecided pixels over the smoothest surface, then by the shortest path.
 
     Minimum spanning forest on the depth steps in units of SMOOTH_STEP (watershed cut of Cousty et al. 2009),
@@ -49,7 +50,7 @@ def flood(marks: UInt8, depth_m: Float32, reach_px: float, jump: float = JUMP) -
     leaks far; pixels out of reach stay 0. marks: uint8 (h, w), 0 = undecided, NO_PIXEL = none. depth_m:
     float32 (h, w), positive on all but these.
     """
-    return _flood(marks, depth_m.astype(np.float32), reach_px, np.float32(jump))
+    return _flood(marks, depth_m.astype(np.float32), reach_px)
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -70,8 +71,8 @@ def _components(mask: Bool, depth: Float32, jump: np.float32) -> tuple[Int32, in
         for u in range(width):
             if not mask[v, u]:
                 continue
-            for k in range(EARLIER.shape[0]):
-                r, c = v + EARLIER[k, 0], u + EARLIER[k, 1]
+            for k in range(len(ALL_NEIGHBOURS) // 2):
+                r, c = v + ALL_NEIGHBOURS[k, 0], u + ALL_NEIGHBOURS[k, 1]
                 if r < 0 or c < 0 or c >= width or not mask[r, c]:
                     continue
                 if abs(depth[v, u] - depth[r, c]) <= jump * min(depth[v, u], depth[r, c]):
@@ -92,7 +93,7 @@ def _components(mask: Bool, depth: Float32, jump: np.float32) -> tuple[Int32, in
 
 
 @njit(cache=True, nogil=True)
-def _flood(marks: UInt8, depth: Float32, reach_px: float, jump: np.float32) -> UInt8:
+def _flood(marks: UInt8, depth: Float32, reach_px: float) -> UInt8:
     """As ``flood``, by Prim's algorithm."""
     marks = marks.copy()
     width, flat = marks.shape[1], marks.reshape(-1)
@@ -101,7 +102,7 @@ def _flood(marks: UInt8, depth: Float32, reach_px: float, jump: np.float32) -> U
     queue = [np.int64(0) for _ in range(0)]
     for start in range(marks.size):
         if 0 < flat[start] < NO_PIXEL:
-            _queue_neighbours(queue, marks, depth, path, least, jump, start)
+            _queue_neighbours(queue, marks, depth, path, least, start)
     while queue:
         entry = heapq.heappop(queue)
         source, k = (entry >> PIXEL_BIT) & ((1 << (PATH_BIT - PIXEL_BIT)) - 1), entry & ((1 << PIXEL_BIT) - 1)
@@ -110,19 +111,13 @@ def _flood(marks: UInt8, depth: Float32, reach_px: float, jump: np.float32) -> U
             flat[target] = flat[source]
             path[target] = path[source] + 1
             if path[target] < reach_px:
-                _queue_neighbours(queue, marks, depth, path, least, jump, target)
+                _queue_neighbours(queue, marks, depth, path, least, target)
     return marks
 
 
 @njit(cache=True, nogil=True)
 def _queue_neighbours(
-    queue: list[np.int64],
-    marks: UInt8,
-    depth: Float32,
-    path: Int64,
-    least: Int64,
-    jump: np.float32,
-    source: int,
+    queue: list[np.int64], marks: UInt8, depth: Float32, path: Int64, least: Int64, source: int
 ) -> None:
     """Queue a pixel's undecided neighbours by the depth step to them, then by the path.
 
@@ -135,7 +130,7 @@ def _queue_neighbours(
         if 0 <= r < height and 0 <= c < width and marks[r, c] == 0:
             target = r * width + c
             step = abs(depth[r, c] - depth[v, u]) / min(depth[r, c], depth[v, u])
-            if not step <= jump:
+            if not step <= np.float32(JUMP):
                 continue
             rank = (np.int64(step / SMOOTH_STEP) << STEP_BIT) + (path[source] << PATH_BIT)
             if rank < least[target]:

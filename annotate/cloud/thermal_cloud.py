@@ -1,11 +1,16 @@
 """The organised thermal-coloured cloud: one point per pixel of the undistorted depth image."""
 
 from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from annotate.array_types import Bool, Float32, UInt8, UInt16
-from annotate.cloud.open3d_cloud import PointCloud, pixel_arrays, tensor_cloud
-from sensors.errors import FormatError
+from sensors.errors import CloudError, FormatError
 from sensors.rig.camera import Intrinsics
+
+PointCloud: TypeAlias = Any
+"""An ``open3d.t.geometry.PointCloud``; Open3D is imported only where one is made."""
 
 
 @dataclass(frozen=True)
@@ -26,18 +31,6 @@ class ThermalCloud:
     color_valid: Bool
     temperature_c: Float32
 
-    def __post_init__(self) -> None:
-        for name, expected in (
-            ("depth_mm", self.camera.shape),
-            ("points_m", (*self.camera.shape, 3)),
-            ("color_rgb", (*self.camera.shape, 3)),
-            ("color_valid", self.camera.shape),
-            ("temperature_c", self.camera.shape),
-        ):
-            actual = getattr(self, name).shape
-            if actual != expected:
-                raise FormatError(f"cloud's {name} is {actual}; give {expected}")
-
     @property
     def valid(self) -> Bool:
         """Flags (h, w) of pixels with a depth reading."""
@@ -50,7 +43,18 @@ class ThermalCloud:
         where not ``color_valid`` (bool (n, 1)). temperature: float32 (n, 1), degrees Celsius, NaN = no
         reading. pixel: int32 (n, 1), flat pixel index. Raises CloudError without the extra ``clouds``.
         """
-        return tensor_cloud(self.points_m, self.color_rgb, self.color_valid, self.temperature_c)
+        try:
+            import open3d as o3d
+        except ImportError as error:
+            raise CloudError("open3d is not installed; pip install 'annotate-cloud[clouds]'") from error
+        pixel = np.flatnonzero(np.isfinite(self.points_m[..., 2]))
+        points_m = o3d.core.Tensor.from_numpy(self.points_m.reshape(-1, 3)[pixel])
+        cloud: PointCloud = o3d.t.geometry.PointCloud(points_m)
+        cloud.point.colors = self.color_rgb.reshape(-1, 3)[pixel].astype(np.float32) / np.float32(255)
+        cloud.point.color_valid = self.color_valid.reshape(-1, 1)[pixel]
+        cloud.point.temperature = self.temperature_c.reshape(-1, 1)[pixel]
+        cloud.point.pixel = pixel.astype(np.int32)[:, None]
+        return cloud
 
     @classmethod
     def from_open3d(cls, cloud: PointCloud, camera: Intrinsics) -> "ThermalCloud":
@@ -59,4 +63,21 @@ class ThermalCloud:
         camera: the undistorted depth camera. Positions must still be in its frame. Raises FormatError for a
         cloud with an attribute missing, or pixel indices that are not unique or not of this camera.
         """
-        return cls(camera, **pixel_arrays(cloud, camera.shape))
+        missing = [n for n in ("colors", "color_valid", "temperature", "pixel") if n not in cloud.point]
+        if missing:
+            raise FormatError(f"cloud has no attribute {missing[0]!r}; give one that came from to_open3d")
+        size, pixel = camera.height * camera.width, cloud.point.pixel.numpy()[:, 0]
+        if len(np.unique(pixel)) < len(pixel) or (len(pixel) and not 0 <= pixel.min() <= pixel.max() < size):
+            raise FormatError(
+                f"pixel indices are not unique from 0 to {size - 1}; give the depth camera of the cloud, and "
+                "a selection of its points"
+            )
+        shape = camera.shape
+        points_m, celsius = np.full((*shape, 3), np.nan, np.float32), np.full(shape, np.nan, np.float32)
+        color_rgb, color_valid = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.bool_)
+        points_m.reshape(-1, 3)[pixel] = cloud.point.positions.numpy()
+        color_rgb.reshape(-1, 3)[pixel] = np.rint(cloud.point.colors.numpy() * 255)
+        color_valid.flat[pixel] = cloud.point.color_valid.numpy()[:, 0]
+        celsius.flat[pixel] = cloud.point.temperature.numpy()[:, 0]
+        depth_mm = np.rint(np.nan_to_num(points_m[..., 2]) * 1000).astype(np.uint16)
+        return cls(camera, depth_mm, points_m, color_rgb, color_valid, celsius)

@@ -19,10 +19,8 @@ from sensors.rig.rig_calibration import Pose
 
 COLOR_TOLERANCE = 0.01
 """Share of its depth by which a point may lie behind the nearest one and have its colour (libfreenect2)."""
-COLOR_HALF_HEIGHT = 1
-"""Half height of the z-buffer's window in pixels of a Kinect v2's colour camera (libfreenect2: 5 x 3)."""
-COLOR_HALF_WIDTH = 2
-"""Half width of that window (libfreenect2)."""
+COLOR_HALF_HEIGHT, COLOR_HALF_WIDTH = 1, 2
+"""Half sides of the z-buffer's window in pixels of a Kinect v2's colour camera (libfreenect2: 5 x 3)."""
 THERMAL_HALF_WINDOW = 1
 """The same for temperature, in thermal pixels: a pixel on a silhouette is a mixture of both surfaces, so that
 the nearer one takes its temperature and the farther one none. Chosen by eye."""
@@ -135,11 +133,7 @@ def nearest_pixel(coordinate: np.float32) -> np.uint32:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _project(
-    depth_m: Float32,
-    turned: Float32,
-    translation_m: Float32,
-    lens: Float32,
-    size: tuple[np.float32, np.float32],
+    depth_m: Float32, turned: Float32, translation_m: Float32, lens: Float32, size: tuple[np.float32, ...]
 ) -> tuple[Float32, Float32, Float32]:
     """Columns, rows and metres ahead (n,) of flat depths (n,), as of ``PointView.project``.
 

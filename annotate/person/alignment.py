@@ -1,41 +1,52 @@
-"""Shift of the thermal image against the depth image, found where warm and cold should meet.
+"""Shift of the thermal image against the depth image, of one frame and of a session: the calibration's drift.
 
 At a person's silhouette depth jumps, and temperature with it. Points just inside and just outside of the
 jumps are looked up in the temperatures under every shift of a grid; the shift with the largest difference
-between inside and outside is the error of the thermal camera's calibration.
+between inside and outside is the error of the thermal camera's calibration. Over a session the contrasts of
+all frames add up to a peak that a parabola places between the shifts tried.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, Int64
+from annotate.cloud.fuse import Fuser
+from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.person.warm_window import WINDOW_C, find_window
+from sensors.errors import CalibrationError
+from sensors.rig.camera import Intrinsics
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
 
 SILHOUETTE_JUMP = 0.08
 """Depth difference across a silhouette as a share of the nearer depth: 16 cm at 2 m. Chosen by eye."""
-INSIDE_PX = 3
-"""Pixels from the jump to the point compared on the near side. Chosen by eye."""
-OUTSIDE_PX = 4
-"""The same on the far side; a thermal pixel is three depth pixels wide. Chosen by eye."""
+INSIDE_PX, OUTSIDE_PX = 3, 4
+"""Pixels from the jump to the points compared: a thermal pixel is three depth pixels wide. Chosen by eye."""
 SEARCHED_PX = 42
 """Farthest shift tried to each side in depth pixels, 6.5 degrees of a Kinect v2. Chosen by eye."""
 SHIFT_PX = 3
 """Spacing of the shifts tried in depth pixels: one thermal pixel of a PI200."""
-MOST_EDGES = 600
-"""Pairs of points compared at most, for speed. Chosen by eye."""
-LEAST_EDGES = 80
-"""Pairs of points below which the contrast counts as unknown. Chosen by eye."""
+LEAST_EDGES, MOST_EDGES = 80, 600
+"""Pairs of points below which the contrast counts as unknown; most compared, for speed. Chosen by eye."""
 FILL_PX = 15
 """Side in pixels of the window whose mean stands in for a missing temperature. Chosen by eye."""
-OFF_PX = 8.0
-"""Least shift in pixels of a camera that counts as off. Chosen by eye."""
-CONTRAST_GAIN = 2.1
-"""Factor by which that shift must raise the contrast. Chosen by eye."""
+OFF_PX, CONTRAST_GAIN = 8.0, 2.1
+"""Least shift in pixels of a camera that counts as off, and of its gain in contrast. Chosen by eye."""
 LEAST_CONTRAST = 0.12
 """Least contrast after that shift, as a share of the person's warmth above the room. Chosen by eye."""
+SILHOUETTES_PX = 40
+"""Distance in pixels from warm pixels within which silhouettes count. Chosen by eye."""
+GROUPS = 8
+"""Groups of frames that give the standard deviation; least number of frames. Chosen by eye."""
+TOLERABLE_DEG = 0.5
+"""Largest drift in degrees that fusing and extraction allow for: one pixel of a PI200 with its 72 degree
+lens."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +65,32 @@ class Alignment:
     @property
     def is_off(self) -> bool:
         """Whether the calibration misplaces the thermal image: a far shift with a much larger contrast."""
-        far = float(np.hypot(*self.shift_px)) >= OFF_PX
-        return (
-            far
-            and self.edges >= LEAST_EDGES
-            and self.best >= max(LEAST_CONTRAST, CONTRAST_GAIN * self.contrast)
-        )
+        far = float(np.hypot(*self.shift_px)) >= OFF_PX and self.edges >= LEAST_EDGES
+        return far and self.best >= max(LEAST_CONTRAST, CONTRAST_GAIN * self.contrast)
 
-    def degrees(self, focal_px: float) -> float:
-        """Angle of the shift in degrees for a depth camera of focal length ``focal_px`` pixels."""
-        return float(np.degrees(np.arctan2(np.hypot(*self.shift_px), focal_px)))
+
+@dataclass(frozen=True)
+class ThermalDrift:
+    """Shift (right, down) of the thermal image over the depth image, in depth pixels.
+
+    sd_px: its standard deviations by groups of frames. degrees: the angle of the shift in the depth camera.
+    frames: number of frames with enough silhouettes.
+    """
+
+    shift_px: tuple[float, float]
+    sd_px: tuple[float, float]
+    degrees: float
+    frames: int
+
+    @property
+    def is_tolerable(self) -> bool:
+        """Whether the calibration can go on being used."""
+        return self.degrees <= TOLERABLE_DEG
+
+
+def degrees(shift_px: tuple[float, float], camera: Intrinsics) -> float:
+    """Angle in degrees of a shift (right, down) over the image of a depth camera."""
+    return float(np.degrees(np.arctan2(np.hypot(*shift_px), camera.fx)))
 
 
 def thermal_alignment(cloud: ThermalCloud, window_c: tuple[float, float], around: Bool) -> Alignment:
@@ -94,6 +121,51 @@ def contrast_surface(cloud: ThermalCloud, window_c: tuple[float, float], around:
     return _contrasts(_warmth_image(cloud, window_c), inside, outside, shifts), len(inside)
 
 
+def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> ThermalDrift:
+    """Drift over all frames that have temperatures.
+
+    Raises CalibrationError where fewer than ``GROUPS`` frames show a warm person's silhouette.
+    """
+    fuser = Fuser(calibration)
+    surfaces = []
+    for frame in frames:
+        if frame.thermal_c is None or calibration.thermal is None:
+            continue
+        cloud = fuser.fuse(frame.depth_mm, None, frame.thermal_c)
+        window = find_window(cloud, cloud.valid) or WINDOW_C
+        warm = cloud.valid & (cloud.temperature_c >= window[0]) & (cloud.temperature_c <= window[1])
+        surface, edges = contrast_surface(cloud, window, grown(warm, SILHOUETTES_PX))
+        if edges >= LEAST_EDGES:
+            surfaces.append(surface)
+    if len(surfaces) < GROUPS:
+        raise CalibrationError(
+            f"{len(surfaces)} frames show a warm person's outline in depth and temperature; "
+            f"give a session with at least {GROUPS}"
+        )
+    groups = [np.mean(surfaces[i::GROUPS], axis=0) for i in range(GROUPS)]
+    shift_px = _peak(np.mean(surfaces, axis=0))
+    each = np.array([_peak(group) for group in groups])
+    sd = each.std(axis=0, ddof=1) / np.sqrt(GROUPS)
+    angle = degrees(shift_px, fuser.camera)
+    return ThermalDrift(shift_px, (float(sd[0]), float(sd[1])), angle, len(surfaces))
+
+
+def _peak(surface: Float64) -> tuple[float, float]:
+    """Shift (right, down) in pixels of the highest of contrasts (n, n), between the shifts by a parabola."""
+    rows, columns = surface.shape
+    row, column = np.unravel_index(int(surface.argmax()), surface.shape)
+    down = row + _vertex(surface[max(row - 1, 0) : row + 2, column]) - (rows - 1) / 2
+    right = column + _vertex(surface[row, max(column - 1, 0) : column + 2]) - (columns - 1) / 2
+    return float(right * SHIFT_PX), float(down * SHIFT_PX)
+
+
+def _vertex(three: Float64) -> float:
+    """Place of the maximum of a parabola through three values at -1, 0, 1; 0 at the border."""
+    if len(three) < 3 or (bend := three[0] - 2 * three[1] + three[2]) >= 0:
+        return 0.0
+    return float(0.5 * (three[0] - three[2]) / bend)
+
+
 def _warmth_image(cloud: ThermalCloud, window_c: tuple[float, float]) -> Float32:
     """Warmth (h, w) from 0 below the window to 1 in it, gaps filled by the mean around them."""
     low, high = window_c
@@ -110,27 +182,18 @@ def _warmth_image(cloud: ThermalCloud, window_c: tuple[float, float]) -> Float32
 def _sides(depth_m: Float32, around: Bool) -> tuple[Int64, Int64]:
     """Pixels [v, u] (n, 2) just inside and just outside of depth jumps; the near side is inside."""
     insides, outsides = [], []
-    for axis in (0, 1):
-        before, after = _slices(axis, depth_m.shape[axis])
+    slices: tuple[Any, ...] = (np.s_[:-2], np.s_[2:]), (np.s_[:, :-2], np.s_[:, 2:])
+    for axis, (before, after) in enumerate(slices):
         nearer = np.fmin(depth_m[before], depth_m[after])
         step = (depth_m[after] - depth_m[before]) / nearer
         for sign in (1, -1):
             v, u = np.nonzero((sign * step > SILHOUETTE_JUMP) & around[before])
-            at = np.stack([v, u], axis=1)
-            middle = at.copy()
+            middle = np.stack([v, u], axis=1)
             middle[:, axis] += 1
-            direction = np.zeros(2, np.int64)
-            direction[axis] = sign
+            direction = sign * np.eye(2, dtype=np.int64)[axis]
             insides.append(middle - INSIDE_PX * direction)
             outsides.append(middle + OUTSIDE_PX * direction)
     return np.concatenate(insides), np.concatenate(outsides)
-
-
-def _slices(axis: int, size: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Slices of an image along ``axis`` to the earlier and the later of all pixels two apart."""
-    before, after = [slice(None)] * 2, [slice(None)] * 2
-    before[axis], after[axis] = slice(0, size - 2), slice(2, size)
-    return tuple(before), tuple(after)
 
 
 @njit(cache=True, nogil=True)

@@ -14,59 +14,36 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32
 from annotate.cloud.color_odds import color_odds, lab_of
+from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.engine import Engine, Steps
 from annotate.frame_labels import FrameLabels
-from annotate.person.alignment import thermal_alignment
 from annotate.person.clothed_mask import PatchClues, clothed_odds, patch_clues
-from annotate.person.halves import with_joined_halves
-from annotate.person.persons import SPECK_M2, Person, persons_of
+from annotate.person.evidence import Evidence, previous_evidence, thermal_evidence
+from annotate.person.persons import SPECK_M2, Person, persons_of, with_joined_halves
 from annotate.person.pieces import Piece, pieces_of
-from annotate.person.pixel_odds import cold_surface_odds, plane_odds, temperature_odds, warmth_share
+from annotate.person.pixel_odds import plane_odds
 from annotate.person.planes import (
-    MIN_COLD_PLANE_M2,
-    MIN_PANEL_M2,
     Plane,
     close_to,
     find_planes,
     lies_on,
     normals_at,
-    panel_of,
 )
-from annotate.person.previous_mask import persons_before, previous_odds
 from annotate.person.silhouette import Links
 from annotate.person.subject import crowd_warnings, cut_warnings, subject_score
-from annotate.person.warm_window import WINDOW_C, find_window
 from annotate.suit.palette import Suit
 
-LOCAL_M = 0.3
-"""Half side in metres of the window that temperatures are compared in. Chosen by eye."""
-COLD_REACH_M = 0.3
-"""Metres along a surface that a cold temperature holds for pixels without one. Chosen by eye."""
-SURROUNDINGS_M = 0.4
-"""Metres from warm surface that a cold sleeve or a foot behind an arm rest may reach. Chosen by eye."""
-LEGS_M = 0.9
-"""Metres from warm surface of a foot seen below a blanket, off all planes. Chosen by eye."""
-FAINT_FOOT = 0.25
-"""Least share of a person's warmth that such a foot has. Chosen by eye."""
-SURELY_COLD = 0.12
-"""Share of a person's warmth below which a surface close to a plane is no candidate. Chosen by eye."""
-RIM_PX = 2
-"""Pixels beyond the candidates in which the background's evidence counts. Chosen by eye."""
-LEARNT_PX = 10
-"""Pixels beyond the candidates in which the background's colours are learnt. Chosen by eye."""
+RIM_PX, LEARNT_PX = 2, 10
+"""Pixels beyond the candidates in which the background counts, and in which its colours are learnt. Chosen by
+eye."""
 RIM_JUMP = 0.05
 """Depth difference, as a share of the depth, of a rim: 10 cm at 2 m. Chosen by eye."""
-EDGES_PX = 25
-"""Pixels around warm surface whose silhouettes are compared: four degrees. Chosen by eye."""
-BESIDE_SUBJECT_PX = 45
-"""Pixels around the subject that surface as cold as the room (a lower leg) may lie in. Chosen by eye."""
-LEAST_BESIDE_ODDS = -3.0
-"""Least log odds of such a surface: no plane of the room. Chosen by eye."""
-BODY_M = 1.3
-"""Metres from a person's middle to their warm feet, seen apart below a blanket. Chosen by eye."""
-NEIGHBOUR_M = 1.0
-"""Least metres between the middles of two persons. Chosen by eye."""
+BESIDE_SUBJECT_PX, LEAST_BESIDE_ODDS = 45, -3.0
+"""Pixels around the subject that surface as cold as the room (a lower leg) may lie in, with the least log
+odds: no plane of the room. Chosen by eye."""
+BODY_M, NEIGHBOUR_M = 1.3, 1.0
+"""Metres from a person's middle to their feet below a blanket, and to another's middle. Chosen by eye."""
 KEPT_ABOVE_ODDS = -0.5
 """Log odds by the suit down to which the mask without it stays: most rooms have no blanket. Chosen by eye."""
 BETWEEN_PX = 13
@@ -115,45 +92,11 @@ class PersonMask:
     candidates: MaskCandidates | None = None
 
 
-@dataclass(frozen=True)
-class _Evidence:
-    """Log odds (h, w) of being a person, planes, colours and neighbours not yet counted.
-
-    candidates: bool (h, w), pixels to decide on; the others are background. cold: bool (h, w), background if
-    close to a plane. nobody: the note where no person is found. notes: remarks on the frame. warnings:
-    reasons not to trust it.
-    """
-
-    method: Literal["thermal", "before"]
-    odds: Float32
-    candidates: Bool
-    cold: Bool
-    planes: tuple[Plane, ...]
-    nobody: str
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-
-def extract_person(
-    cloud: ThermalCloud,
-    window_c: tuple[float, float] | None = None,
-    before: FrameLabels | None = None,
-    suit: Suit | None = None,
-) -> PersonMask:
-    """The person by temperature; without any by the frame before; else by depth alone.
-
-    window_c: surface temperatures of a person, degrees Celsius; None = found from the frame itself. before:
-    labels of the previous frame of the same source. suit: palette of the person's clothing, whose colours
-    part them from things on them. Without a person the mask is empty and a note gives the reason; that is no
-    error.
-    """
-    return Survey(cloud, window_c, suit).person(before)
-
-
 class Survey:
     """Everything about the persons of one cloud that needs no other frame, for work ahead of its turn.
 
-    cloud: the cloud. Arguments as of ``extract_person``.
+    window_c: surface temperatures of a person, degrees Celsius; None = found from the frame itself. suit:
+    palette of the person's clothing, whose colours part them from things on them.
     """
 
     def __init__(
@@ -168,25 +111,29 @@ class Survey:
         self._planes = find_planes(cloud, cloud.valid) if steps.room_planes else ()
         self._warm: _Silhouettes | None = None
         if np.isfinite(cloud.temperature_c).any():
-            evidence = _thermal_evidence(cloud, window_c, self._planes, suit, steps)
+            evidence = thermal_evidence(cloud, window_c, self._planes, suit, steps)
             self._warm = _Silhouettes(cloud, evidence, steps)
 
-    def person(self, before: FrameLabels | None) -> PersonMask:
-        """The person's mask; before: labels of the previous frame. As ``extract_person``."""
+    def person(self, before: FrameLabels | None = None) -> PersonMask:
+        """The person by temperature; without any by the frame before; else by depth alone.
+
+        before: labels of the previous frame of the same source. Without a person the mask is empty and a note
+        gives the reason; that is no error.
+        """
         cloud, silhouettes = self.cloud, self._warm
         if silhouettes is None:
-            previous = _previous_evidence(cloud, before, self._planes)
+            previous = previous_evidence(cloud, before, self._planes)
             if previous is None:
                 found = _depth_mask(cloud, self._planes)
-                return replace(found, notes=(LOST,), trusted=False) if _had_temperature(before) else found
+                felt = before is not None and before.notes.get("extraction") in ("thermal", "before")
+                return replace(found, notes=(LOST,), trusted=False) if felt else found
             silhouettes = _Silhouettes(cloud, previous, self._engine.steps)
         evidence = silhouettes.evidence
-        persons, candidates = _persons(cloud, silhouettes, self._suit, before, self._engine)
+        persons, candidates = self._persons(silhouettes, before)
         mask, others = np.zeros((2, *cloud.valid.shape), np.bool_)
         if not persons:
-            return PersonMask(
-                mask, evidence.method, others, (evidence.nobody, *evidence.warnings), not evidence.warnings
-            )
+            notes = (evidence.nobody, *evidence.warnings)
+            return PersonMask(mask, evidence.method, others, notes, not evidence.warnings)
         for person in persons[1:]:
             others |= person.mask
         crowded = crowd_warnings(persons, before, cloud if self._suit else None)
@@ -194,53 +141,24 @@ class Survey:
         notes = (*evidence.notes, *warnings)
         return PersonMask(persons[0].mask, evidence.method, others, notes, not warnings, candidates)
 
-
-def _thermal_evidence(
-    cloud: ThermalCloud,
-    window_c: tuple[float, float] | None,
-    planes: tuple[Plane, ...],
-    suit: Suit | None,
-    steps: Steps,
-) -> _Evidence:
-    """Evidence by temperature; arguments as of ``extract_person``, planes: those of the whole cloud."""
-    loose = cloud.valid & ~close_to(planes, cloud.points_m)
-    low, high = window_c or find_window(cloud, loose) or WINDOW_C
-    celsius = cloud.temperature_c
-    if steps.room_planes:
-        planes += find_planes(cloud, loose & (celsius < low), MIN_COLD_PLANE_M2)
-    loose &= ~close_to(planes, cloud.points_m)
-    hot = loose & (celsius >= low)
-    panel = np.zeros_like(hot)
-    # A chest can be as flat as a screen; with a suit, colours part the two.
-    for plane in find_planes(cloud, hot, MIN_PANEL_M2) if suit is None and steps.room_planes else ():
-        panel |= panel_of(plane, cloud, hot)
-    loose &= ~panel
-    warm = loose & (celsius >= low) & (celsius <= high)
-    nobody = (
-        f"no person in the thermal and depth images: nothing of human size is {low:.1f} to {high:.1f} "
-        "degrees warm; let somebody step into the view, or give the window of temperatures"
-    )
-    if not warm.any():
-        zero = np.zeros(loose.shape, np.float32)
-        return _Evidence("thermal", zero, warm, warm, planes, nobody)
-    alignment = thermal_alignment(cloud, (low, high), _around(warm, EDGES_PX))
-    pixels_per_m = cloud.camera.fx / float(np.median(cloud.points_m[..., 2][warm]))
-    share = warmth_share(celsius, warm, (low, high), 2 * round(LOCAL_M * pixels_per_m) + 1)
-    cold = share < SURELY_COLD
-    near_warm = _around(warm, SURROUNDINGS_M * pixels_per_m)
-    legs = loose & (share > FAINT_FOOT) & _around(warm, LEGS_M * pixels_per_m)
-    candidates = cloud.valid & (near_warm & (loose | ~cold) | legs) & ~panel
-    warnings: tuple[str, ...] = ()
-    if alignment.is_off:
-        right, down = alignment.shift_px
-        warnings = (
-            f"thermal image lies {right:+.0f}, {down:+.0f} pixels (right, down) off the depth image, "
-            f"{alignment.degrees(cloud.camera.fx):.1f} degrees: calibrate the thermal camera again; "
-            "parts are undefined",
-        )
-    odds = temperature_odds(share, celsius, high)
-    odds += cold_surface_odds(odds, cloud, candidates, COLD_REACH_M * pixels_per_m)
-    return _Evidence("thermal", odds, candidates, cold, planes, nobody, warnings=warnings)
+    def _persons(
+        self, silhouettes: "_Silhouettes", before: FrameLabels | None
+    ) -> tuple[list[Person], MaskCandidates | None]:
+        """All persons, the subject first, with the mask by the suit; candidates where there is one."""
+        cloud, suit, weights = self.cloud, self._suit, self._engine.weights
+        wearing = cloud if suit else None
+        persons = sorted(silhouettes.persons, key=lambda person: -subject_score(person, before, wearing))
+        if suit is None or not persons:
+            return persons, None
+        beside, room = silhouettes.beside(persons), silhouettes.surroundings
+        clues = patch_clues(cloud, persons[0].mask, beside, room, suit, silhouettes.odds, weights)
+        if clues is None:
+            return persons, None
+        odds = clothed_odds(clues, weights)
+        if not self._engine.steps.suit_for_person:
+            odds = np.zeros_like(odds)
+        dressed = silhouettes.dressed(persons, odds) if odds.any() else persons
+        return dressed, MaskCandidates(clues, odds, room, silhouettes, persons)
 
 
 def _depth_mask(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
@@ -260,55 +178,23 @@ def _depth_mask(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
     return PersonMask(chosen, "depth", none, (note, *warnings), not warnings)
 
 
-def _had_temperature(before: FrameLabels | None) -> bool:
-    """Whether the previous frame's person rests on a temperature, its own or an earlier frame's."""
-    return before is not None and before.notes.get("extraction") in ("thermal", "before")
-
-
 def _centrality(piece: Piece) -> float:
     """Rank of a piece: its surface over its squared distance, falling off away from the view's middle."""
     x, y, z = piece.centre_m
     return float(piece.area_m2 / (z * z) * np.exp(-(x * x + y * y) / (z * z) / 0.5**2))
 
 
-def _previous_evidence(
-    cloud: ThermalCloud, before: FrameLabels | None, planes: tuple[Plane, ...]
-) -> _Evidence | None:
-    """Evidence by the previous frame's labels; None where they are no help."""
-    previous = previous_odds(cloud.depth_mm, before) if before is not None else None
-    if before is None or previous is None:
-        return None
-    odds, still = previous
-    loose = cloud.valid & ~close_to(planes, cloud.points_m)
-    there = (persons_before(before) > 0) & (before.depth_mm > 0)
-    pixels_per_m = cloud.camera.fx * 1000 / float(np.median(before.depth_mm[there]))
-    candidates = cloud.valid & _around(there, SURROUNDINGS_M * pixels_per_m) & (loose | ~still)
-    nobody = (
-        "no person: no thermal image in this frame, and whoever was in the depth image before is gone; "
-        "label again from a frame with both"
-    )
-    note = "no temperature in this frame: the person is carried over from the frame before"
-    return _Evidence("before", odds, candidates, still, planes, nobody, (note,))
-
-
-def _around(mask: Bool, reach_px: float) -> Bool:
-    """Mask (h, w) grown by ``reach_px`` pixels to every side, by a square."""
-    side = 2 * round(reach_px) + 1
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0, np.bool_)
-
-
 class _Silhouettes:
     """Persons of a cloud by its evidence, the planes, colours and neighbours of its pixels.
 
-    evidence: of temperature or of the frame before. odds: log odds (h, w) with the planes. persons: all
-    persons, in no order.
+    evidence: of temperature or of the frame before. odds: log odds (h, w) with the planes. surroundings: bool
+    (h, w), background around the candidates. persons: all persons, in no order.
     """
 
-    def __init__(self, cloud: ThermalCloud, evidence: _Evidence, steps: Steps) -> None:
+    def __init__(self, cloud: ThermalCloud, evidence: Evidence, steps: Steps) -> None:
         self._cloud, self.evidence, self._steps = cloud, evidence, steps
-        self._candidates = cloud.valid & _around(evidence.candidates, RIM_PX)
-        normals = np.full_like(cloud.points_m, np.nan)
-        own = normals_at(cloud, *np.nonzero(self._candidates))
+        self._candidates = cloud.valid & grown(evidence.candidates, RIM_PX)
+        normals, own = np.full_like(cloud.points_m, np.nan), normals_at(cloud, *np.nonzero(self._candidates))
         normals[self._candidates] = own
         near, on = close_to(evidence.planes, cloud.points_m), evidence.cold.copy()
         on[self._candidates] |= lies_on(evidence.planes, cloud.points_m[self._candidates], own)
@@ -317,36 +203,25 @@ class _Silhouettes:
         shaped = np.isfinite(normals[..., 0])
         self.odds = evidence.odds + plane_odds(on, near, shaped, evidence.cold, surface_m2)
         self._lab = lab_of(cloud.color_rgb, cloud.color_valid & ~_rims(cloud))
-        self._learnt = cloud.valid & _around(evidence.candidates, LEARNT_PX)
+        self._learnt = cloud.valid & grown(evidence.candidates, LEARNT_PX)
         self._links = Links(self._candidates, cloud.points_m[..., 2], normals, self._lab)
-        self.persons = self._persons()
-
-    @property
-    def surroundings(self) -> Bool:
-        """Pixels (h, w) of the background around the candidates."""
-        return self._learnt & ~self._candidates
+        self.surroundings = self._learnt & ~self._candidates
+        self.persons: list[Person] = []
+        if self._candidates.any():
+            self.persons = persons_of(cloud, self._links.belief(self._with_colors(self.odds)) > 0)
+            self.persons = with_joined_halves(cloud, self.persons) if steps.join_halves else self.persons
 
     def beside(self, persons: Sequence[Person]) -> Bool:
-        """Pixels (h, w) around the first person that may be theirs too.
-
-        They include persons too near to be others: feet and a blanket.
-        """
+        """Pixels (h, w) around the first person that may be theirs too, as of persons too near: feet."""
         first = persons[0]
         away_m = np.linalg.norm(self._cloud.points_m - first.centre_m.astype(np.float32), axis=-1)
-        beside = _around(first.mask, BESIDE_SUBJECT_PX) & (self.odds > LEAST_BESIDE_ODDS)
+        beside = grown(first.mask, BESIDE_SUBJECT_PX) & (self.odds > LEAST_BESIDE_ODDS)
         beside |= (away_m < BODY_M) & (self.odds > 0)
         beside &= self._candidates & ~first.mask
         for person in persons[1:]:
             if np.linalg.norm(person.centre_m - first.centre_m) > NEIGHBOUR_M:
                 beside &= ~person.mask
         return np.asarray(beside, np.bool_)
-
-    def _persons(self) -> list[Person]:
-        """Persons by all odds, halves joined."""
-        if not self._candidates.any():
-            return []
-        persons = persons_of(self._cloud, self._links.belief(self._with_colors(self.odds)) > 0)
-        return with_joined_halves(self._cloud, persons) if self._steps.join_halves else persons
 
     def _with_colors(self, odds: Float32) -> Float32:
         """Log odds (h, w) with those of the colours of person and room added."""
@@ -360,12 +235,11 @@ class _Silhouettes:
         Their clothes belong to the mask, however far a blanket keeps them from the rest of the body.
         """
         first = persons[0]
-        known = np.where(
-            first.mask & (suit_odds < 0) & (suit_odds > KEPT_ABOVE_ODDS), np.float32(0), suit_odds
-        )
+        kept = first.mask & (suit_odds < 0) & (suit_odds > KEPT_ABOVE_ODDS)
+        known = np.where(kept, np.float32(0), suit_odds)
         odds = np.where(known != 0, known, self.odds + np.minimum(_between(known), 0))
         odds = np.where(known != 0, known, self._with_colors(odds))
-        own = (self._links.belief(odds) > 0) & ((known > 0) | _around(first.mask, RIM_PX))
+        own = (self._links.belief(odds) > 0) & ((known > 0) | grown(first.mask, RIM_PX))
         for person in persons[1:]:
             own &= ~person.mask | (known > 0)
         if not own.any():
@@ -378,35 +252,6 @@ def _between(odds: Float32) -> Float32:
     """Mean (h, w) of the known log odds (h, w) around each pixel, 0 where few are known (not 0)."""
     total, count = (cv2.blur(plane, (BETWEEN_PX,) * 2) for plane in (odds, (odds != 0).astype(np.float32)))
     return np.asarray(np.where(count > 0.1, total / np.maximum(count, 0.1), 0), np.float32)
-
-
-def _persons(
-    cloud: ThermalCloud,
-    silhouettes: _Silhouettes,
-    suit: Suit | None,
-    before: FrameLabels | None,
-    engine: Engine,
-) -> tuple[list[Person], MaskCandidates | None]:
-    """All persons, the subject first, with the subject's mask by the suit; candidates where there is a suit.
-
-    before: labels of the previous frame.
-    """
-
-    def ordered(persons: list[Person]) -> list[Person]:
-        return sorted(persons, key=lambda person: -subject_score(person, before, cloud if suit else None))
-
-    persons = ordered(silhouettes.persons)
-    if suit is None or not persons:
-        return persons, None
-    beside, room = silhouettes.beside(persons), silhouettes.surroundings
-    clues = patch_clues(cloud, persons[0].mask, beside, room, suit, silhouettes.odds, engine.weights)
-    if clues is None:
-        return persons, None
-    odds = clothed_odds(clues, engine.weights)
-    if not engine.steps.suit_for_person:
-        odds = np.zeros_like(odds)
-    dressed = silhouettes.dressed(persons, odds) if odds.any() else persons
-    return dressed, MaskCandidates(clues, odds, room, silhouettes, persons)
 
 
 def _rims(cloud: ThermalCloud) -> Bool:

@@ -1,4 +1,7 @@
-"""Persons of a frame, from the warm surface: one for each trunk, with the loose limbs that belong to it."""
+"""Persons of a frame, from the warm surface: one for each trunk, with the loose limbs that belong to it.
+
+Two halves of a person, above and below a laptop or a table before the body, are joined.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +10,7 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, Index, Int32, UInt8
-from annotate.cloud.grid import NO_PIXEL, components, flood
+from annotate.cloud.grid import NO_PIXEL, components, flood, grown
 from annotate.cloud.supervoxels import clusters
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.person.pieces import MIN_PERSON_M2, MOST_PERSON_M2, Piece, pieces_of
@@ -15,26 +18,23 @@ from sensors.rig.nearest import Nearest
 
 SPECK_M2 = 0.001
 """Visible surface in m2 below which a piece is noise. Chosen by eye."""
-TRUNK_M = 0.095
-"""Radius in metres of a disc that fits on trunk or pelvis, not on head, arm or thigh. Chosen by eye."""
-CORE_M = 0.08
-"""Radius in metres of the disc whose centres are a trunk's core. Chosen by eye."""
+TRUNK_M, CORE_M = 0.095, 0.08
+"""Metres: radius of a disc that fits on trunk or pelvis, not on head, arm or thigh, and of that whose centres
+are a trunk's core. Chosen by eye."""
 TRUNK_JUMP = 0.08
 """Depth step within one trunk as a share of the depth: another person is farther. Chosen by eye."""
 LEAST_CORE_M2 = 0.015
 """Least surface of a core in m2; two knees side by side are as wide, but not for long. Chosen by eye."""
 PERSON_M2 = 0.15
 """Surface in m2 from which a piece is no loose limb: two legs together have less. Chosen by eye."""
-CLOSE_M = 0.2
-"""Metres within which pieces without a trunk belong to one body: shadows lie between. Chosen by eye."""
-CLOSE_EVERY = 7
-"""Step between the pixels compared for that, for speed. Chosen by eye."""
+CLOSE_M, CLOSE_EVERY = 0.2, 7
+"""Metres within which pieces without a trunk belong to one body, as shadows lie between, and the step between
+the pixels compared. Chosen by eye."""
 ONE_PERSON_M = 0.7
 """Metres between the middles of cores below which they are one person's. Chosen by eye."""
-LIMB_M = 0.40
-"""Most metres from a person to a loose warm limb of theirs. Chosen by eye."""
-LIMB_SIZES = 3.0
-"""The same in sizes of the limb (roots of its surface). Chosen by eye."""
+LIMB_M, LIMB_SIZES = 0.40, 3.0
+"""Most metres from a person to a loose warm limb of theirs, and most of its sizes (roots of its surface).
+Chosen by eye."""
 PANEL_M = 0.006
 """Standard deviation in metres below which a loose piece is a screen or a panel. Chosen by eye."""
 TOUCH_M = 0.05
@@ -43,14 +43,20 @@ TOUCHING_PX = 4
 """Pixels next to a person's that make a loose piece their neighbour in the image. Chosen by eye."""
 PAIRS = 12
 """Pairs of nearest pixels tried: a body bends out of sight somewhere along the gap. Chosen by eye."""
-BEHIND_M = 0.05
-"""Metres behind both ends of a gap of a reading that shows it open. Chosen by eye."""
-OPEN_M = 0.08
-"""Length in metres of such readings up to which the join may be hidden. Chosen by eye."""
-OPEN_SHARE = 0.25
-"""The same as a share of the gap. Chosen by eye."""
+BEHIND_M, OPEN_M, OPEN_SHARE = 0.05, 0.08, 0.25
+"""Metres behind both ends of a gap of a reading that shows it open; length in metres, and share of the gap,
+of such readings up to which the join may be hidden. Chosen by eye."""
 MOST_PERSONS = 250
 """Most persons of one frame: their numbers are 8-bit. Chosen by eye."""
+MIDDLES_M, GAP_M = 1.1, 0.4
+"""Most metres between the middles and between the nearest points of two halves of a person. Chosen by eye."""
+NEARER_M = 0.02
+"""Metres by which a thing before the gap is nearer than both halves. Chosen by eye."""
+COVERED_SHARE = 0.5
+"""Least share of the way between the halves with such a thing before it; beside somebody else the room is
+seen between, which is farther. Chosen by eye."""
+NEAREST_PIXELS = 200
+"""Nearest pixels of the two halves considered. Chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +74,8 @@ class Person:
 def persons_of(cloud: ThermalCloud, mask: Bool) -> list[Person]:
     """Persons that the person-like pixels of a mask (h, w) belong to; pixels of none are left out."""
     labels, pieces = pieces_of(cloud, mask, SPECK_M2)
-    trunks = _trunks(cloud, mask, labels, pieces)
-    if not trunks:
-        return []
-    owner = _owners(cloud, labels, pieces, trunks)
-    persons = []
+    persons, trunks = [], _trunks(cloud, mask, labels, pieces)
+    owner = _owners(cloud, labels, pieces, trunks) if trunks else labels
     for number in range(1, len(trunks) + 1):
         own = owner == number
         points = cloud.points_m[own].astype(np.float64)
@@ -96,11 +99,8 @@ def _trunks(cloud: ThermalCloud, mask: Bool, labels: Int32, pieces: Sequence[Pie
     radius_m = np.where(solid, radius_px * depth_m / cloud.camera.fx, 0)
     cores, count = components(radius_m >= CORE_M, depth_m, TRUNK_JUMP)
     surface_m2 = depth_m**2 / (cloud.camera.fx * cloud.camera.fy)
-    sure = []
-    for label in range(1, count + 1):
-        core = cores == label
-        if radius_m[core].max() >= TRUNK_M and surface_m2[core].sum() >= LEAST_CORE_M2:
-            sure.append(core)
+    every = (cores == label for label in range(1, count + 1))
+    sure = [c for c in every if radius_m[c].max() >= TRUNK_M and surface_m2[c].sum() >= LEAST_CORE_M2]
     sure += _slender(cloud, labels, [p for p in pieces if p.thickness_m >= PANEL_M], sure)
     trunks = _apart(cloud, sure)
     if not trunks and solid.any():
@@ -147,8 +147,7 @@ def _joined(labels: Int32, close: Int32, count: int) -> Int32:
 
 def _are_limbs(known_m: Sequence[Float32], points_m: Float32) -> bool:
     """Whether points (n, 3) are within LIMB_M of any known body's points, hence its limbs; metres."""
-    near = (Nearest(body).query(points_m)[0].min() < LIMB_M for body in known_m)
-    return any(near)
+    return any(Nearest(body).query(points_m)[0].min() < LIMB_M for body in known_m)
 
 
 def _apart(cloud: ThermalCloud, cores: Sequence[Bool]) -> list[Bool]:
@@ -196,8 +195,7 @@ class _Limbs:
     def owner(self, piece: Bool, near_m: float, owner: UInt8) -> int:
         """Number of the person within ``near_m`` metres that a piece (h, w) belongs to, 0 for nobody.
 
-        It belongs to a person beside it in the image, or where their join can be out of sight. owner: (h, w),
-        persons of the pixels so far.
+        They are beside it in the image, or the join can be out of sight. owner: (h, w), persons so far.
         """
         own = np.flatnonzero(piece)[::3]
         found = [tree.query(self._points[own], within=near_m) for tree in self._trees]
@@ -206,8 +204,7 @@ class _Limbs:
         order = np.argsort(gap)[: np.count_nonzero(gap <= min(near_m, 2 * gap.min() + TOUCH_M))]
         if not order.size:
             return 0
-        beside = cv2.dilate(piece.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        if np.count_nonzero(owner[beside] == whose + 1) >= TOUCHING_PX:
+        if np.count_nonzero(owner[grown(piece, 2)] == whose + 1) >= TOUCHING_PX:
             return whose + 1
         tried = order[:: 1 + order.size // PAIRS]
         pairs = ((int(own[i]), int(self._seeds[whose][nearest[i]])) for i in tried)
@@ -233,3 +230,43 @@ def line(shape: tuple[int, ...], one: int, other: int) -> tuple[Index, Index]:
     steps = max(abs(v1 - v0), abs(u1 - u0)) + 1
     v, u = (np.rint(np.linspace(a, b, steps)).astype(np.intp) for a, b in ((v0, v1), (u0, u1)))
     return v, u
+
+
+def with_joined_halves(cloud: ThermalCloud, persons: Sequence[Person]) -> list[Person]:
+    """Persons of a cloud, two halves of one body joined to one person."""
+    joined: list[Person] = []
+    for person in persons:
+        apart = [_halves(cloud, one, person) for one in joined]
+        parts = [person, *(one for one, half in zip(joined, apart, strict=True) if half)]
+        joined = [one for one, half in zip(joined, apart, strict=True) if not half] + [_sum(parts)]
+    return joined
+
+
+def _sum(parts: Sequence[Person]) -> Person:
+    """Person that all the parts make up."""
+    area_m2 = sum(part.area_m2 for part in parts)
+    centre_m = np.sum([part.area_m2 * part.centre_m for part in parts], axis=0) / area_m2
+    return Person(np.logical_or.reduce([part.mask for part in parts]), area_m2, centre_m)
+
+
+def _halves(cloud: ThermalCloud, one: Person, other: Person) -> bool:
+    """Whether two are halves of one person: near, together of human size, with something nearer between."""
+    too_far = np.linalg.norm(one.centre_m - other.centre_m) > MIDDLES_M
+    if too_far or one.area_m2 + other.area_m2 > MOST_PERSON_M2:
+        return False
+    points_m, depth_m = cloud.points_m.reshape(-1, 3), cloud.points_m[..., 2]
+    pixels, other_pixels = (np.flatnonzero(person.mask)[::CLOSE_EVERY] for person in (one, other))
+    gap_m, nearest = Nearest(points_m[pixels]).query(points_m[other_pixels])
+    order = np.argsort(gap_m)[:NEAREST_PIXELS]
+    if gap_m[order[0]] > GAP_M:
+        return False
+    pairs = [(int(other_pixels[i]), int(pixels[nearest[i]])) for i in order[:: 1 + NEAREST_PIXELS // PAIRS]]
+    return bool(np.mean([_covered(depth_m, *pair) for pair in pairs]) > COVERED_SHARE)
+
+
+def _covered(depth_m: Float32, one: int, other: int) -> float:
+    """Share of the readings between two pixels (flat indices) that are nearer than both."""
+    between = depth_m[line(depth_m.shape, one, other)]
+    between, nearest = between[1:-1], min(between[0], between[-1])
+    known = between[np.isfinite(between)]
+    return float((known < nearest - NEARER_M).mean()) if known.size else 0.0

@@ -7,8 +7,8 @@ import numpy as np
 from annotate.array_types import Bool
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
+from annotate.person.evidence import persons_before
 from annotate.person.persons import Person
-from annotate.person.previous_mask import persons_before
 from annotate.suit.color_model import DARK
 from annotate.suit.palette import chromaticity
 

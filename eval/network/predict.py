@@ -14,7 +14,7 @@ from annotate.label_source import Run, check_same, finished, notes_of, run
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.frames import LabelledFrames
 from annotate.labelset.store import LabelSet
-from annotate.person.extract import PersonMask, extract_person
+from annotate.person.extract import PersonMask, Survey
 from annotate.segmentation.segment import Segmentation, unlabelled
 from eval.network.onnx_network import OnnxNetwork
 from sensors.errors import CloudError, FormatError
@@ -44,7 +44,7 @@ def predict_source(
     """
 
     def one(cloud: ThermalCloud, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
-        person = extract_person(cloud, window_c, before)
+        person = Survey(cloud, window_c).person(before)
         if not person.trusted:
             return unlabelled(person.mask), person
         # A first look finds the things that were taken along, a second one labels who is left without them.

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Float64, Int32, UInt8
-from annotate.cloud.kinect2_undistort import undistortion_index
+from annotate.cloud.fuse import undistortion_index
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES, UNDEFINED
 from sensors.rig.frame import RigFrame
