@@ -69,18 +69,15 @@ def tidied(parts: UInt8, depth_mm: UInt16) -> UInt8:
     return np.where(joined == BACKGROUND, result, joined)
 
 
-def without_islands(
-    parts: UInt8, depth_mm: UInt16, part: int | None = None, least_px: int = LEAST_PIECE_PX
-) -> UInt8:
-    """Labels uint8 (h, w) with the small islands of one part (None = of every body part) given away.
+def without_islands(parts: UInt8, depth_mm: UInt16, least_px: int = LEAST_PIECE_PX) -> UInt8:
+    """Labels uint8 (h, w) with the small islands of every body part given away.
 
     An island is a piece under ``least_px`` pixels, not its part's largest. It goes to the label that it
     touches most at its depth; an island without contact goes to the background.
     """
     depth_m = depth_mm.astype(np.float32) / np.float32(1000)
     flat_m = depth_m.ravel()
-    among = [p.id for p in BODY_PARTS] if part is None else [part]
-    islands, count = _islands(parts, depth_m, among, least_px)
+    islands, count = _islands(parts, depth_m, [p.id for p in BODY_PARTS], least_px)
     result = parts.copy()
     pending = np.flatnonzero(islands)
     while len(pending):

@@ -14,7 +14,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.correction import select
 from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
-from annotate.correction.edit_supervoxels import edit_supervoxels
+from annotate.correction.select import edit_supervoxels
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Gesture
 from synth.rig.truth import truth_labels

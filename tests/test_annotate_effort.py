@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from annotate.correction.activity import ActiveTime
 from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
-from annotate.correction.edit_supervoxels import edit_supervoxels
+from annotate.correction.select import edit_supervoxels
 from annotate.effort.agreement import Agreement
 from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
 from annotate.effort.hand import CAREFUL, QUICK, along, length_px, loop, outline

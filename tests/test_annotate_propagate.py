@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -12,7 +11,6 @@ from annotate.correction.propagate import CorrectedFrame, propagate
 from annotate.correction.rigid import LabelledPoints, part_motions
 from annotate.frame_labels import FrameLabels
 from annotate.parts import UNDEFINED
-from sensors.errors import FormatError
 from tests.helpers.balls import CAMERA, seen
 
 law = settings(deadline=None, max_examples=6)
@@ -38,10 +36,8 @@ def test_a_correction_follows_the_movement_and_nothing_else_changes(shift):
     before, after = seen(), seen(shift, "b")
     mistaken = face_mistaken(after)
     done = propagate([CorrectedFrame(face_mistaken(before), before)], mistaken, CAMERA)
-    assert wrong(after, done.parts) <= 0.1 * wrong(after, mistaken.parts)
-    np.testing.assert_array_equal(done.changed, done.parts != mistaken.parts)
-    assert (mistaken.parts[done.changed] != 8).sum() <= 5
-    assert (done.confidence[done.changed] > 0.5).all()
+    assert wrong(after, done) <= 0.1 * wrong(after, mistaken.parts)
+    assert (mistaken.parts[done != mistaken.parts] != 8).sum() <= 5
 
 
 @law
@@ -49,7 +45,7 @@ def test_a_correction_follows_the_movement_and_nothing_else_changes(shift):
 def test_what_is_right_stays_but_for_a_stray_pixel(shift):
     before, after = seen(), seen(shift, "b")
     for corrected, automatic in ((before, before), (before, face_mistaken(before))):
-        assert propagate([CorrectedFrame(automatic, corrected)], after, CAMERA).changed.sum() <= 5
+        assert wrong(after, propagate([CorrectedFrame(automatic, corrected)], after, CAMERA)) <= 5
 
 
 def test_what_stands_still_is_taken_away_where_it_stood():
@@ -62,7 +58,7 @@ def test_what_stands_still_is_taken_away_where_it_stood():
 
     done = propagate([CorrectedFrame(stained(before), before)], stained(after), CAMERA)
     assert wrong(after, stained(after).parts) > 100
-    assert wrong(after, done.parts) <= 0.1 * wrong(after, stained(after).parts)
+    assert wrong(after, done) <= 0.1 * wrong(after, stained(after).parts)
 
 
 def test_a_limb_named_otherwise_in_every_frame_gets_its_name():
@@ -72,7 +68,7 @@ def test_a_limb_named_otherwise_in_every_frame_gets_its_name():
         return replace(frame, parts=np.where(frame.parts == 4, np.uint8(name), frame.parts))
 
     done = propagate([CorrectedFrame(misread(before, 8), before)], misread(after, 10), CAMERA)
-    assert wrong(after, done.parts) <= 0.1 * wrong(after, misread(after, 10).parts)
+    assert wrong(after, done) <= 0.1 * wrong(after, misread(after, 10).parts)
 
 
 def test_an_undefined_frame_takes_the_labels_over():
@@ -80,8 +76,8 @@ def test_an_undefined_frame_takes_the_labels_over():
     unknown = replace(after, parts=np.where(after.parts > 0, np.uint8(UNDEFINED), after.parts))
     done = propagate([CorrectedFrame(face_mistaken(before), before)], unknown, CAMERA)
     on_body = after.parts > 0
-    assert (done.parts == after.parts)[on_body].mean() > 0.9
-    np.testing.assert_array_equal(done.parts[~on_body], 0)
+    assert (done == after.parts)[on_body].mean() > 0.9
+    np.testing.assert_array_equal(done[~on_body], 0)
 
 
 def test_a_mistake_that_comes_back_is_put_right_as_it_was_then():
@@ -92,7 +88,7 @@ def test_a_mistake_that_comes_back_is_put_right_as_it_was_then():
     )
     right = [CorrectedFrame(frame, frame) for frame in news]
     done = propagate([*right, CorrectedFrame(face_mistaken(old), old)], face_mistaken(after), CAMERA)
-    assert wrong(after, done.parts) <= 0.1 * wrong(after, face_mistaken(after).parts)
+    assert wrong(after, done) <= 0.1 * wrong(after, face_mistaken(after).parts)
 
 
 def test_a_hand_that_was_missed_is_found_where_it_went():
@@ -101,7 +97,7 @@ def test_a_hand_that_was_missed_is_found_where_it_went():
     missed = replace(after, parts=np.where((after.parts == 4) & below, np.uint8(0), after.parts))
     done = propagate([CorrectedFrame(face_mistaken(before), before)], missed, CAMERA)
     assert wrong(after, missed.parts) > 100
-    assert wrong(after, done.parts) <= 0.2 * wrong(after, missed.parts)
+    assert wrong(after, done) <= 0.2 * wrong(after, missed.parts)
 
 
 def test_what_the_labels_doubt_the_corrections_decide():
@@ -112,15 +108,7 @@ def test_what_the_labels_doubt_the_corrections_decide():
         confidence = np.full(CAMERA.shape, sure, np.float32)
         unsure = replace(after, parts=stained, confidence=confidence)
         done = propagate([CorrectedFrame(face_mistaken(before), before)], unsure, CAMERA)
-        assert (wrong(after, done.parts) < 0.3 * wrong(after, stained)) == corrected
-
-
-def test_frames_that_are_not_one_are_refused():
-    with pytest.raises(FormatError, match="before and after its correction"):
-        CorrectedFrame(seen((0.1, 0, 0)), seen())
-    small = FrameLabels("s", np.ones((4, 4), np.uint16), np.zeros((4, 4), np.uint8))
-    with pytest.raises(FormatError, match="one camera"):
-        propagate([CorrectedFrame(seen(), seen())], small, CAMERA)
+        assert (wrong(after, done) < 0.3 * wrong(after, stained)) == corrected
 
 
 @law

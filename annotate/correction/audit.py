@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from annotate.array_types import UInt8
-from annotate.correction.replay import after
-from annotate.correction.work import is_stroke, rejection
+from annotate.correction.replay import after, is_stroke, rejection
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Stroke

@@ -12,14 +12,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Self
 
 from annotate.correction.activity import ActiveTime, steady_time
-from annotate.correction.edit import Editor
-from annotate.correction.history import History
-from annotate.correction.replay import after, noted, replayed
-from annotate.correction.work import State, state_of
+from annotate.correction.edit import Editor, History
+from annotate.correction.replay import State, after, noted, replayed, state_of
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.journal import REMEDY, Journal, NotSavedError
@@ -74,9 +71,7 @@ class Correction:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     @property

@@ -4,24 +4,59 @@ Every operation computes its result first and then replaces, by one stroke; ``un
 """
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Int64, UInt8
-from annotate.cleanup import filled, neighbours, without_islands
+from annotate.cleanup import neighbours
 from annotate.correction.activity import ActiveTime
-from annotate.correction.history import History
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.stroke import KEY, Gesture, Operation, Stroke, difference, is_part
 from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED
-from sensors.errors import CloudError
+from sensors.errors import CloudError, FormatError
 
 ARMS, LEGS = LEFT_RIGHT[:2], LEFT_RIGHT[2:]
 """The limbs that can be confused with each other, as (left, right) pairs."""
 SAME_DEPTH = 0.05
 """Largest depth difference of the same surface from one frame to the next, as a share of depth: 10 cm at 2 m.
 Chosen by eye."""
+
+
+@dataclass
+class History:
+    """Strokes of one frame that can be undone and redone, the last at the end; rebuilt from the journal."""
+
+    done: list[Stroke] = field(default_factory=list)
+    undone: list[Stroke] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, strokes: Iterable[Stroke]) -> "History":
+        """The history after a frame's entries. Raises FormatError as ``add`` does."""
+        history = cls()
+        for stroke in strokes:
+            history.add(stroke)
+        return history
+
+    def add(self, stroke: Stroke) -> None:
+        """Take one more entry. Raises FormatError for an undo or redo of anything but the last stroke."""
+        if stroke.operation == "undo":
+            self.undone.append(self._pop(self.done, stroke, undo=True))
+        elif stroke.operation == "redo":
+            self.done.append(self._pop(self.undone, stroke, undo=False))
+        elif stroke.changes:
+            self.done.append(stroke)
+            self.undone.clear()
+
+    @staticmethod
+    def _pop(stack: list[Stroke], stroke: Stroke, undo: bool) -> Stroke:
+        runs = (stack[-1].inverse_runs() if undo else stack[-1].runs) if stack else None
+        if runs is None or not np.array_equal(runs, stroke.runs):
+            raise FormatError(
+                f"frame {stroke.frame_id}: its {stroke.operation} does not belong to the last stroke"
+            )
+        return stack.pop()
 
 
 class Editor:
@@ -68,67 +103,37 @@ class Editor:
     def paint(self, pixels: NDArray[np.generic], part: int, how: Gesture = KEY) -> Stroke | None:
         """Give pixels a part: 0 for background, 255 for undefined."""
         _known(part)
+        return self._give("paint", self._flat(pixels), part, how)
+
+    def to_neighbour(self, pixels: NDArray[np.generic], how: Gesture = KEY) -> Stroke | None:
+        """Give pixels to the neighbouring part that they touch most."""
         at = self._flat(pixels)
-        return self._change("paint", at, np.full(len(at), part, np.uint8), part, how)
-
-    def fill_holes(self, part: int, how: Gesture = KEY) -> Stroke | None:
-        """Give a part the holes in its surface (``cleanup.filled``)."""
-        _known(part)
-        return self.replace("fill_holes", filled(self._parts, self.depth_mm, part), part, how)
-
-    def remove_islands(self, part: int | None = None, how: Gesture = KEY) -> Stroke | None:
-        """Give the islands of a part, or of all, to the parts they touch (``cleanup.without_islands``)."""
-        return self.replace("remove_islands", without_islands(self._parts, self.depth_mm, part), part, how)
+        found = neighbours(self._parts, at)
+        return self._give("to_neighbour", at, found[0], how) if found else None
 
     def swap_left_right(
-        self,
-        pairs: Iterable[tuple[int, int]] = LEFT_RIGHT,
-        pixels: NDArray[np.generic] | None = None,
-        how: Gesture = KEY,
+        self, pairs: Iterable[tuple[int, int]] = LEFT_RIGHT, how: Gesture = KEY
     ) -> Stroke | None:
-        """Exchange left and right parts: ARMS, LEGS or all; in some pixels, or in all.
-
-        A pair with a locked part is not exchanged.
-        """
+        """Exchange left and right parts: ARMS, LEGS or all. A pair with a locked part is not exchanged."""
         table = np.arange(256, dtype=np.uint8)
         for left, right in pairs:
             if not {left, right} & self.locks:
                 table[left], table[right] = right, left
-        at = self._flat(pixels)
-        return self._change("swap_left_right", at, table[self._parts.ravel()[at]], None, how)
+        return self.replace("swap_left_right", table[self._parts], None, how)
 
-    def merge(
-        self, source: int, target: int, pixels: NDArray[np.generic] | None = None, how: Gesture = KEY
-    ) -> Stroke | None:
-        """Turn one part into another: all of ``source``, or its pixels among some, become ``target``."""
+    def merge(self, source: int, target: int, how: Gesture = KEY) -> Stroke | None:
+        """Turn one part into another: all of ``source`` becomes ``target``."""
         _known(source)
         _known(target)
-        at = self._flat(pixels)
-        at = at[self._parts.ravel()[at] == source]
-        return self._change("merge", at, np.full(len(at), target, np.uint8), target, how)
+        merged = np.where(self._parts == source, np.uint8(target), self._parts)
+        return self.replace("merge", merged, target, how)
 
-    def neighbours(self, pixels: NDArray[np.generic]) -> list[int]:
-        """Part ids that these pixels touch, the one with the longest border first."""
-        return neighbours(self._parts, self._flat(pixels))
-
-    def to_neighbour(self, pixels: NDArray[np.generic], choice: int = 0, how: Gesture = KEY) -> Stroke | None:
-        """Give pixels to the neighbouring part that they touch most. choice: 1 for the second most."""
-        at = self._flat(pixels)
-        found = neighbours(self._parts, at)
-        if not 0 <= choice < len(found):
-            return None
-        return self._change("to_neighbour", at, np.full(len(at), found[choice], np.uint8), found[choice], how)
-
-    def copy_previous(
-        self, previous: FrameLabels, pixels: NDArray[np.generic] | None = None, how: Gesture = KEY
-    ) -> Stroke | None:
+    def copy_previous(self, previous: FrameLabels, how: Gesture = KEY) -> Stroke | None:
         """Copy the labels of another frame where it shows the same surface: at nearly the same depth."""
         self._same_shape(previous.parts)
-        at = self._flat(pixels)
-        now, then = (depth.ravel()[at].astype(np.float32) for depth in (self.depth_mm, previous.depth_mm))
+        now, then = (depth.astype(np.float32) for depth in (self.depth_mm, previous.depth_mm))
         same = (then > 0) & (np.abs(now - then) <= SAME_DEPTH * now)
-        at = at[same]
-        return self._change("copy_previous", at, previous.parts.ravel()[at], None, how)
+        return self.replace("copy_previous", np.where(same, previous.parts, self._parts), None, how)
 
     def propagate(self, parts: UInt8, how: Gesture = KEY) -> Stroke | None:
         """Replace the labels by propagated ones (h, w), except where those are undefined."""
@@ -139,8 +144,7 @@ class Editor:
         self, operation: Operation, parts: UInt8, part: int | None = None, how: Gesture = KEY
     ) -> Stroke | None:
         """Replace the labels by others (h, w), as far as locks and ``only`` allow."""
-        self._same_shape(parts)
-        at = np.flatnonzero(parts != self._parts)
+        at = self.preview(parts)
         return self._change(operation, at, parts.ravel()[at], part, how)
 
     def preview(self, parts: UInt8) -> Int64:
@@ -163,17 +167,17 @@ class Editor:
 
     def accept(self, how: Gesture = KEY) -> Stroke:
         """The annotator accepts the frame."""
-        return self._judge("accept", how)
+        return self._do("accept", _NONE, None, how)
 
     def agree(self, how: Gesture = KEY) -> Stroke:
         """A reviewer agrees with the accepted frame."""
-        return self._judge("agree", how)
+        return self._do("agree", _NONE, None, how)
 
     def reject(self, reason: str, how: Gesture = KEY) -> Stroke:
         """Reject the frame for a reason, one line. Raises CloudError without one."""
         if not reason.strip():
             raise CloudError("a rejection needs a reason; write in a few words what is wrong")
-        return self._judge("reject", how, " ".join(reason.split()))
+        return self._do("reject", _NONE, None, how, " ".join(reason.split()))
 
     def leave(self) -> Stroke | None:
         """Record the time spent since the last stroke; None when there was none."""
@@ -191,14 +195,14 @@ class Editor:
         runs = last.inverse_runs() if operation == "undo" else last.runs
         return self._do(operation, runs, last.part, how)
 
-    def _judge(self, operation: Operation, how: Gesture, reason: str = "") -> Stroke:
-        return self._do(operation, _NONE, None, how, reason)
+    def _give(self, operation: Operation, at: Int64, part: int, how: Gesture) -> Stroke | None:
+        new = np.full(len(at), part, np.uint8)
+        allowed = self._allowed(at, new)
+        return self._change(operation, at[allowed], new[allowed], part, how)
 
     def _change(
         self, operation: Operation, at: Int64, new: UInt8, part: int | None, how: Gesture
     ) -> Stroke | None:
-        allowed = self._allowed(at, new)
-        at, new = at[allowed], new[allowed]
         runs = difference(at, self._parts.ravel()[at], new)
         return self._do(operation, runs, part, how) if len(runs) else None
 
@@ -226,19 +230,15 @@ class Editor:
             allowed &= old == self.only
         return np.asarray(allowed)
 
-    def _flat(self, pixels: NDArray[np.generic] | None) -> Int64:
+    def _flat(self, pixels: NDArray[np.generic]) -> Int64:
         """Sorted flat indices, each once."""
-        if pixels is None:
-            return np.arange(self._parts.size)
         pixels = np.asarray(pixels)
         if pixels.dtype == np.bool_:
             self._same_shape(pixels)
             return np.flatnonzero(pixels)
         if pixels.size and not 0 <= int(pixels.min()) <= int(pixels.max()) < self._parts.size:
             raise CloudError(f"pixels reach outside the image of {self._parts.size}; give flat indices")
-        mask = np.zeros(self._parts.size, np.bool_)
-        mask[pixels.astype(np.int64)] = True
-        return np.flatnonzero(mask)
+        return np.unique(pixels.astype(np.int64))
 
     def _same_shape(self, image: NDArray[np.generic]) -> None:
         if image.shape != self._parts.shape:

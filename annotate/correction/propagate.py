@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Float64, UInt8
+from annotate.array_types import Bool, Float64, UInt8
 from annotate.cleanup import without_islands
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.appearance import Appearance
@@ -21,7 +21,6 @@ from annotate.correction.rigid import LabelledPoints, part_motions
 from annotate.correction.votes import LEAST_WEIGHT, Candidates, Voters, gathered, poll, winners
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
-from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics, unproject
 
 FRAMES_VOTING = 3
@@ -47,21 +46,11 @@ eye."""
 
 @dataclass(frozen=True)
 class CorrectedFrame:
-    """A frame before and after a person corrected or accepted it. cloud: its colours and temperatures.
-
-    Raises FormatError unless both show the same depth image.
-    """
+    """A frame before and after a person corrected or accepted it. cloud: its colours and temperatures."""
 
     automatic: FrameLabels
     corrected: FrameLabels
     cloud: ThermalCloud | None = None
-
-    def __post_init__(self) -> None:
-        if not np.array_equal(self.corrected.depth_mm, self.automatic.depth_mm):
-            raise FormatError(
-                f"frames {self.corrected.frame_id} and {self.automatic.frame_id} show other depth images; "
-                "give one frame before and after its correction"
-            )
 
     @property
     def changed(self) -> bool:
@@ -69,51 +58,35 @@ class CorrectedFrame:
         return not np.array_equal(self.corrected.parts, self.automatic.parts)
 
 
-@dataclass(frozen=True)
-class Propagated:
-    """A frame's parts after propagation.
-
-    parts: uint8 (h, w). confidence: float32 (h, w), share of the votes where a part changed, else as before.
-    changed: bool (h, w).
-    """
-
-    parts: UInt8
-    confidence: Float32
-    changed: Bool
-
-
 def propagate(
     frames: Sequence[CorrectedFrame],
     target: FrameLabels,
     camera: Intrinsics,
     cloud: ThermalCloud | None = None,
-) -> Propagated:
-    """Apply the corrections of frames to another of the same person, near in time.
+) -> UInt8:
+    """Parts (h, w) of a frame after the corrections of others of the same person, near in time.
 
     frames: the nearest first; of FRAMES_COMPARED, the FRAMES_VOTING most like the target vote. target: the
     frame to change, as labelled automatically. camera: the undistorted depth camera of all. cloud: colours
-    and temperatures of the target. Raises FormatError for a frame of another size than the camera's.
+    and temperatures of the target.
     """
-    for frame in (target, *(each.corrected for each in frames)):
-        if frame.parts.shape != camera.shape:
-            raise FormatError(
-                f"frame {frame.frame_id} is {frame.parts.shape}, not one camera's {camera.shape}"
-            )
-    unchanged = np.ones(target.parts.shape, np.float32) if target.confidence is None else target.confidence
-    parts, confidence = target.parts.copy(), unchanged.copy()
     frames = _most_alike(frames[:FRAMES_COMPARED], target)
-    if any(frame.changed for frame in frames):
-        bodies = [target.parts, *(x.parts for each in frames for x in (each.automatic, each.corrected))]
-        near = _near_body(bodies) & (target.depth_mm > 0)
-        seen = [_voters(frame, FADING**n, camera) for n, frame in enumerate(frames)]
-        body = LabelledPoints(_points_m(target, near, camera), target.parts[near])
-        candidates = Candidates(body, unchanged[near], Appearance.of(cloud, near))
-        votes, voters = _polled_twice(seen, candidates)
-        if candidates.appearance.colored.any():
-            votes = _weighed(votes, voters, candidates, near, target.depth_mm / (1000 * camera.fx))
-        parts[near], confidence[near] = _decided(votes, candidates)
-        parts = _without_new_islands(parts, target)
-    return Propagated(parts, confidence, parts != target.parts)
+    if not any(frame.changed for frame in frames):
+        return target.parts
+    bodies = [target.parts, *(x.parts for each in frames for x in (each.automatic, each.corrected))]
+    near = _near_body(bodies) & (target.depth_mm > 0)
+    seen = [_voters(frame, FADING**n, camera) for n, frame in enumerate(frames)]
+    body = LabelledPoints(_points_m(target, near, camera), target.parts[near])
+    confidence = np.ones(len(body.automatic), np.float32)
+    if target.confidence is not None:
+        confidence = target.confidence[near]
+    candidates = Candidates(body, confidence, Appearance.of(cloud, near))
+    votes, voters = _polled_twice(seen, candidates)
+    if candidates.appearance.colored.any():
+        votes = _weighed(votes, voters, candidates, near, target.depth_mm / (1000 * camera.fx))
+    parts = target.parts.copy()
+    parts[near] = winners(votes, body.automatic)
+    return _without_new_islands(parts, target)
 
 
 def _most_alike(frames: Sequence[CorrectedFrame], target: FrameLabels) -> list[CorrectedFrame]:
@@ -163,13 +136,6 @@ def _weighed(votes: Float64, voters: Voters, candidates: Candidates, near: Bool,
     undefined = candidates.body.automatic == UNDEFINED
     total = np.where(undefined, total, np.maximum(total, 2 * LEAST_WEIGHT))
     return np.asarray(again * (total / again.sum(axis=1))[:, None])
-
-
-def _decided(votes: Float64, candidates: Candidates) -> tuple[UInt8, Float32]:
-    """Parts and confidence (n,) of the candidates."""
-    parts = winners(votes, candidates.body.automatic)
-    share = (votes.max(axis=1) / np.maximum(votes.sum(axis=1), LEAST_WEIGHT)).astype(np.float32)
-    return parts, np.where(parts == candidates.body.automatic, candidates.confidence, share)
 
 
 def _voters(frame: CorrectedFrame, weight: float, camera: Intrinsics) -> Voters:

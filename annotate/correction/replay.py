@@ -1,23 +1,33 @@
-"""The labels that result from a journal, exactly, whatever computed its strokes."""
+"""What a journal makes of a frame: its labels, exactly, its state and its notes."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any, Literal
 
 from annotate.array_types import UInt8
-from annotate.correction.work import notes_of, status_of
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Stroke
-from annotate.parts import BACKGROUND, UNDEFINED
+from annotate.parts import on_body
 from sensors.errors import FormatError
+
+State = Literal["auto", "touched", "accepted", "reviewed", "rejected"]
+"""Not edited; edited; accepted by the annotator; agreed to by a reviewer; rejected."""
+_BASE: dict[Status, State] = {
+    "auto": "auto",
+    "corrected": "accepted",
+    "reviewed": "reviewed",
+    "truth": "reviewed",
+}
+_VERDICT: dict[str, State] = {"accept": "accepted", "agree": "reviewed", "reject": "rejected"}
 
 
 def replayed(labels: LabelSet, journal: Journal, frame_id: str) -> FrameLabels:
     """One frame after all of its entries, starting from its labels in ``original/``, or else from its own.
 
-    Raises FormatError when
-    the entries were made on other labels.
+    Raises FormatError when the entries were made on other labels.
     """
     start = labels.read(frame_id, original=labels.has_original(frame_id))
     return noted(after(start, journal.strokes(frame_id), exact=True), journal, start.status)
@@ -33,10 +43,14 @@ def after(frame: FrameLabels, strokes: Sequence[Stroke], exact: bool = False) ->
         if exact and not _fits(stroke, parts):
             raise FormatError(f"the journal's strokes on frame {frame.frame_id} were made on other labels")
         stroke.apply_to(parts)
-    bare = frame.depth_mm == 0
-    if ((parts != frame.parts) & bare & (parts != BACKGROUND) & (parts != UNDEFINED)).any():
+    if ((parts != frame.parts) & (frame.depth_mm == 0) & on_body(parts)).any():
         raise FormatError(f"the journal labels pixels of frame {frame.frame_id} that have no depth")
     return replace(frame, parts=parts)
+
+
+def _fits(stroke: Stroke, parts: UInt8) -> bool:
+    at = stroke.pixels
+    return not len(at) or (at[-1] < parts.size and bool((parts.ravel()[at] == stroke.old).all()))
 
 
 def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
@@ -47,6 +61,47 @@ def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
     return replace(frame, status=status_of(strokes, before), notes={**frame.notes, **notes_of(strokes)})
 
 
-def _fits(stroke: Stroke, parts: UInt8) -> bool:
-    pixels = stroke.pixels
-    return not len(pixels) or (pixels[-1] < parts.size and bool((parts.ravel()[pixels] == stroke.old).all()))
+def state_of(strokes: Sequence[Stroke], saved: Status = "auto") -> State:
+    """A frame's state after its entries. saved: its status before the first."""
+    state = _BASE[saved]
+    for stroke in strokes:
+        state = "touched" if stroke.changes else _VERDICT.get(stroke.operation, state)
+    return state
+
+
+def status_of(strokes: Sequence[Stroke], saved: Status = "auto") -> Status:
+    """A frame's status on disk after its entries. saved: its status before the first."""
+    state = state_of(strokes, saved)
+    if state == "reviewed":
+        return "reviewed"
+    done = any(stroke.changes or stroke.operation in ("accept", "agree") for stroke in strokes)
+    return "corrected" if done else saved
+
+
+def rejection(strokes: Sequence[Stroke]) -> str | None:
+    """The reason why a frame is rejected, or None."""
+    if state_of(strokes) != "rejected":
+        return None
+    return next(stroke.reason for stroke in reversed(strokes) if stroke.operation == "reject")
+
+
+def notes_of(strokes: Sequence[Stroke]) -> dict[str, Any]:
+    """A frame's notes on the work: the last person and time, active seconds, counts of strokes, and the
+    number of entries of the journal that its labels include."""
+    operations = Counter(stroke.operation for stroke in strokes if stroke.operation != "leave")
+    return {
+        "who": strokes[-1].who if strokes else "",
+        "when": strokes[-1].when if strokes else "",
+        "active_seconds": round(sum(stroke.active_seconds for stroke in strokes), 3),
+        "strokes": sum(is_stroke(stroke) for stroke in strokes),
+        "undos": operations["undo"],
+        "operations": dict(sorted(operations.items())),
+        "accepted": state_of(strokes) in ("accepted", "reviewed"),
+        "rejected": rejection(strokes),
+        "journal": len(strokes),
+    }
+
+
+def is_stroke(stroke: Stroke) -> bool:
+    """Whether an entry changed labels, other than by undo or redo."""
+    return stroke.changes and stroke.operation not in ("undo", "redo")

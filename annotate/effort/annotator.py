@@ -16,12 +16,12 @@ from itertools import chain
 import numpy as np
 
 from annotate.array_types import Float64, Int32, UInt8
+from annotate.cleanup import filled, without_islands
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
-from annotate.correction.edit_supervoxels import edit_supervoxels
 from annotate.correction.propagate import FRAMES_COMPARED, CorrectedFrame, propagate
-from annotate.correction.select import ScreenPoints
+from annotate.correction.select import ScreenPoints, edit_supervoxels
 from annotate.effort.agreement import Agreement
 from annotate.effort.hand import drawn
 from annotate.effort.keystrokes import MENTAL_S, Tools, gesture, gesture_s, move_s, moves_s
@@ -254,7 +254,7 @@ def correct_set(
         propagated = None
         if propagating and any(w.changed for w in worked):
             found = propagate(worked, automatic, camera, cloud)
-            propagated = found.parts if found.changed.any() else None
+            propagated = found if (found != automatic.parts).any() else None
         editor = correction.edit(frame_id)
         annotator.work(editor, true.parts, pieces, propagated)
         corrected = replace(automatic, parts=editor.parts.copy(), status="corrected")
@@ -271,10 +271,12 @@ def _apply(sight: Sight, move: Move, corners: Float64 | None, how: Gesture) -> S
     if move.operation == "swap_left_right":
         return editor.swap_left_right(move.pairs, how=how)
     if move.operation == "remove_islands":
-        return editor.remove_islands(how=how)
+        cleaned = without_islands(editor.parts, editor.depth_mm)
+        return editor.replace("remove_islands", cleaned, None, how)
     if move.operation == "fill_holes":
         assert move.part is not None
-        return editor.fill_holes(move.part, how)
+        whole = filled(editor.parts, editor.depth_mm, move.part)
+        return editor.replace("fill_holes", whole, move.part, how)
     if move.operation == "merge":
         assert move.part is not None and move.pixel is not None
         return editor.merge(int(editor.parts.flat[move.pixel]), move.part, how=how)

@@ -31,7 +31,7 @@ class CarryOver:
             CorrectedFrame(self._automatic(i), self._correction.frame(i), self._clouds.get(i))
             for i in frame_ids
         ]
-        return propagate(frames, target, self._correction.labels.intrinsics, cloud).parts
+        return propagate(frames, target, self._correction.labels.intrinsics, cloud)
 
     def _automatic(self, frame_id: str) -> FrameLabels:
         labels = self._correction.labels

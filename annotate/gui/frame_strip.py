@@ -17,7 +17,7 @@ from PySide6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen
 from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem
 
 from annotate.array_types import UInt8
-from annotate.correction.work import State
+from annotate.correction.replay import State
 from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels
 from annotate.gui.theme import DARK, Theme

@@ -5,7 +5,7 @@ from functools import partial
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QButtonGroup, QHBoxLayout, QLabel, QSizePolicy, QToolButton, QWidget
 
-from annotate.correction.work import rejection
+from annotate.correction.replay import rejection
 from annotate.gui.colors import Colouring, colourings
 from annotate.gui.desk import Desk
 from annotate.gui.frame_strip import STATE_NAMES, state_color

@@ -11,7 +11,7 @@ from annotate.array_types import Bool, Float32, Int32, Int64, UInt8
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
-from annotate.correction.edit_supervoxels import edit_supervoxels
+from annotate.correction.select import edit_supervoxels
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from sensors.errors import CloudError, FormatError
