@@ -24,9 +24,8 @@ from annotate.second_look.look import look_again
 from annotate.segmentation.segment import Segmentation, segment, unlabelled
 from annotate.suit.palette import Suit, suit_to_toml
 from sensors.errors import CloudError, ExistsError
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration, calibration_to_json
-from sensors.rig.source import FrameSource
 from sensors.session.reader import Session
 
 NO_SUIT = "no --suit: only the person is extracted, its parts stay undefined"

@@ -14,7 +14,7 @@ from cli.labelling import Labels, Window
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict import predict_frames, predict_source
 from sensors.importers.open_source import open_source
-from sensors.rig.source import FrameSource
+from sensors.rig.frame import FrameSource
 
 
 def predict(

@@ -14,7 +14,7 @@ from bench.fuse import CALIBRATION, fuse_naive, random_scene
 from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics, project, unproject
 from sensors.rig.frame import RigFrame
-from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH, KinectColorParams
+from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from tests.helpers.undistortion_twin import undistort_scalar
 
@@ -240,5 +240,3 @@ def test_the_factorys_color_parameters_have_the_published_disparity():
     """56 pixels between 1 m and infinity, a third of that at 3 m (shift_m f / z)."""
     near, far = (KINECT2_COLOR.shift_m * KINECT2_COLOR.f / z for z in (1000.0, 3000.0))
     assert near == pytest.approx(56.2, abs=0.1) and far == pytest.approx(near / 3)
-    with pytest.raises(CalibrationError, match="give 10 each"):
-        KinectColorParams(1, 1, 1, 1, 1, (1.0,), (1.0,))

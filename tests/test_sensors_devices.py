@@ -41,8 +41,8 @@ from sensors.errors import (
 )
 from sensors.recording import open_device as open_device_module
 from sensors.recording.open_device import find_devices, open_device
+from sensors.rig.camera import intrinsics_from_rational
 from sensors.rig.frame import RigFrame
-from sensors.rig.lens import intrinsics_from_rational
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.optris import FakeKernel, VirtualOptris

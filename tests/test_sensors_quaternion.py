@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sensors.rig.quaternion import quaternion_of, rotation_of
+from sensors.rig.rig_calibration import quaternion_of, rotation_of
 
 UNIT = st.floats(-1, 1, allow_subnormal=False)
 

@@ -5,7 +5,7 @@ import tomllib
 import pytest
 
 from sensors.errors import DeviceError, FormatError
-from sensors.files.toml_file import read_toml
+from sensors.files.bounded import read_toml
 
 MANY_DOTS = f"x = [{', '.join(f'{i}.5' for i in range(150))}]  # {'...' * 50}\n"
 GOOD = 'name = "a.b"\n[t."c.d"]\nx = [1.5, 2]\ny = { z = 9223372036854775807 }\n'

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from annotate.parts import PARTS
 from sensors.errors import CloudError
-from sensors.files.toml_file import read_toml
+from sensors.files.bounded import read_toml
 
 MAX_TOML_BYTES = 100_000
 """Largest window.toml that is read, in bytes."""

@@ -16,9 +16,8 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from sensors.errors import CloudError, FormatError
 from sensors.importers.open_source import open_source
-from sensors.rig.frame import RigFrame
+from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
-from sensors.rig.source import FrameSource
 from sensors.session.reader import Session
 
 NEAR_PX = 10

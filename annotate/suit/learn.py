@@ -20,7 +20,7 @@ from annotate.parts import BODY_PARTS
 from annotate.suit.color_model import readable
 from annotate.suit.palette import MIN_CHROMA_DISTANCE, Suit, chromaticity
 from sensors.errors import CloudError
-from sensors.rig.source import FrameSource
+from sensors.rig.frame import FrameSource
 
 SEAM_PX = 2
 """Pixels from another part within which a colour may be that part's. Chosen by eye."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from annotate.array_types import Bool, Float64, UInt8
 from annotate.parts import BODY_PARTS, PART_ID, PARTS
 from sensors.errors import CloudError
-from sensors.files.toml_file import read_toml
+from sensors.files.bounded import read_toml
 
 MAX_TOML_BYTES = 100_000
 """Largest palette file read, bytes."""

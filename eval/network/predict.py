@@ -18,7 +18,7 @@ from annotate.person.extract import PersonMask, Survey
 from annotate.segmentation.segment import Segmentation, unlabelled
 from eval.network.onnx_network import OnnxNetwork
 from sensors.errors import CloudError, FormatError
-from sensors.rig.source import FrameSource
+from sensors.rig.frame import FrameSource
 
 BATCH = 8
 """Frames through the network at once: more are no faster on a CPU (measured by bench/predict.py). The labels

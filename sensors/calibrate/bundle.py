@@ -6,6 +6,7 @@ hold the axial direction, in which centres alone are weak.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -34,20 +35,20 @@ SIGMA_PX, SIGMA_MM = 0.1, 3.0
 """First guesses of the noise in pixels and millimetres, chosen by eye; both are then estimated."""
 BAD = 4.0
 """A view is left out above this many times a camera's median root mean square error; chosen by eye."""
+READINGS = "readings"
+"""Depth readings among the observations, beside the cameras' holes."""
 ROBUST = 1.4826
 """From the median absolute value to the standard deviation of a normal distribution."""
 
 
-@dataclass(frozen=True)
-class Deviations:
+class Deviations(NamedTuple):
     """Standard deviations of one pose: rotation_deg (3,) about, translation_mm (3,) along x, y, z."""
 
     rotation_deg: Array
     translation_mm: Array
 
 
-@dataclass(frozen=True)
-class Residuals:
+class Residuals(NamedTuple):
     """One camera's residuals. view: (n,) frame index; px: (n, 2) place; error_px: (n, 2) seen - predicted."""
 
     view: NDArray[np.int64]
@@ -60,19 +61,16 @@ class Residuals:
         return float(np.sqrt(np.square(self.error_px).sum(axis=1).mean()))
 
 
-@dataclass(frozen=True)
-class Adjusted:
-    """A solved rig. deviations: by camera other than depth; lens_sd: (9,) by camera, in the order of LENS.
+class Adjusted(NamedTuple):
+    """A solved rig. deviations: by camera other than depth; residuals: by camera.
 
-    depth_shift_mm: what readings are too far, with its deviation; depth_rms_mm: what is left of them.
-    left_out: frame indices of bad views. views: how many showed the plate.
+    depth_shift_mm: what readings are too far, with its deviation. left_out: frame indices of bad views.
+    views: how many showed the plate.
     """
 
     calibration: RigCalibration
     deviations: dict[str, Deviations]
-    lens_sd: dict[str, Array]
     depth_shift_mm: tuple[float, float]
-    depth_rms_mm: float
     residuals: dict[str, Residuals]
     left_out: tuple[int, ...]
     views: int
@@ -91,7 +89,8 @@ def adjust(views: list[PlateView], plate: HolePlate, guess: RigCalibration) -> A
     lenses = {name: _lens(name, camera, views, plate) for name, camera in cameras.items()}
     poses = {name: _relative(name, lenses, views, plate) for name in lenses if name != "depth"}
     problem = _Problem.of(views, plate, tuple(lenses))
-    x = problem.solve(problem.pack(lenses, poses, views, plate), "soft_l1")
+    plates = [plate_pose(view.centers_px["depth"], plate, lenses["depth"]) for view in views]
+    x = problem.solve(_packed(lenses, poses, plates), "soft_l1")
     problem = problem.without_bad(x)
     for name in lenses:
         _check_enough([v for v in views if v.index not in problem.left_out and name in v.centers_px], name)
@@ -134,18 +133,26 @@ def _relative(name: str, lenses: dict[str, Intrinsics], views: list[PlateView], 
     return poses[int(np.argmin(gaps))]
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """Observations of one kind, one row each: view number, plate coordinates in metres, pixels."""
+def _packed(lenses: dict[str, Intrinsics], poses: dict[str, Pose], plates: list[Pose]) -> Array:
+    """The start as one vector, in the order of ``_Problem``."""
+    numbers = [[getattr(lens, field) for field in LENS] for lens in lenses.values()]
+    moves, views = (
+        [np.r_[Rotation.from_matrix(p.rotation).as_rotvec(), p.translation_m] for p in group]
+        for group in (poses.values(), plates)
+    )
+    return np.concatenate([*numbers, *moves, [0.0], *views]).astype(np.float64)
+
+
+class _Seen(NamedTuple):
+    """Observations of one kind, one row each: view number, pixels, and what is known of them.
+
+    known: (n, 2) plate coordinates in metres of holes, or (n,) readings in millimetres.
+    """
 
     view: NDArray[np.int64]
-    plate_m: Array
     px: Array
+    known: Array
     sigma: float
-
-    def only(self, kept: NDArray[np.bool_]) -> "_Seen":
-        """These rows (n,)."""
-        return _Seen(self.view[kept], self.plate_m[kept], self.px[kept], self.sigma)
 
 
 @dataclass(frozen=True)
@@ -156,8 +163,6 @@ class _Problem:
     indices: tuple[int, ...]
     radius_m: float
     seen: dict[str, _Seen]
-    depth: _Seen
-    depth_mm: Array
     left_out: tuple[int, ...] = ()
 
     @staticmethod
@@ -168,32 +173,11 @@ class _Problem:
             rows = [(i, view.centers_px[name]) for i, view in enumerate(views) if name in view.centers_px]
             number = np.repeat([i for i, _ in rows], len(plate.centers_m))
             points = np.tile(plate.centers_m, (len(rows), 1))
-            seen[name] = _Seen(number, points, np.concatenate([px for _, px in rows]), SIGMA_PX)
+            seen[name] = _Seen(number, np.concatenate([px for _, px in rows]), points, SIGMA_PX)
         number = np.repeat(np.arange(len(views)), [len(view.depth_mm) for view in views])
-        px = np.concatenate([view.depth_px for view in views])
-        depth = _Seen(number, np.empty((len(px), 0)), px, SIGMA_MM)
-        mm = np.concatenate([view.depth_mm for view in views])
-        indices = tuple(view.index for view in views)
-        return _Problem(cameras, indices, plate.hole_m / 2, seen, depth, mm)
-
-    @property
-    def n_shared(self) -> int:
-        """Unknowns that all views share."""
-        return 9 * len(self.cameras) + 6 * (len(self.cameras) - 1) + 1
-
-    def pack(
-        self,
-        lenses: dict[str, Intrinsics],
-        poses: dict[str, Pose],
-        views: list[PlateView],
-        plate: HolePlate,
-    ) -> Array:
-        """The start as one vector."""
-        numbers = [[getattr(lenses[name], field) for field in LENS] for name in self.cameras]
-        turns = [*poses.values(), *(plate_pose(v.centers_px["depth"], plate, lenses["depth"]) for v in views)]
-        packed = [np.r_[Rotation.from_matrix(p.rotation).as_rotvec(), p.translation_m] for p in turns]
-        split = len(poses)
-        return np.concatenate([*numbers, *packed[:split], [0.0], *packed[split:]]).astype(np.float64)
+        px, mm = (np.concatenate([getattr(v, part) for v in views]) for part in ("depth_px", "depth_mm"))
+        seen[READINGS] = _Seen(number, px, mm, SIGMA_MM)
+        return _Problem(cameras, tuple(view.index for view in views), plate.hole_m / 2, seen)
 
     def solve(self, x: Array, loss: str) -> Array:
         """Least squares from ``x`` on."""
@@ -204,60 +188,62 @@ class _Problem:
 
     def residuals(self, x: Array) -> Array:
         """All residuals in units of their deviation: centres, depths, then priors."""
-        centers = [(self.errors_px(x, name) / self.seen[name].sigma).ravel() for name in self.cameras]
-        lenses = x[: 9 * len(self.cameras)].reshape(-1, 9)[:, 4:] / LENS_PRIOR[4:]
-        shift = x[self.n_shared - 1] / SHIFT_PRIOR_MM
-        return np.concatenate([*centers, self.errors_mm(x) / self.depth.sigma, lenses.ravel(), [shift]])
+        errors = [(self.errors(x, name) / seen.sigma).ravel() for name, seen in self.seen.items()]
+        lenses, _, shift_mm, _ = self._unpacked(x)
+        priors = [lens[4:] / LENS_PRIOR[4:] for lens in lenses.values()]
+        return np.concatenate([*errors, *priors, [shift_mm / SHIFT_PRIOR_MM]])
 
-    def errors_px(self, x: Array, name: str) -> Array:
-        """Seen minus predicted centres (n, 2) of one camera."""
-        seen, lens = self.seen[name], self._lens(x, name)
-        turn, shift = self._views(x)
+    def errors(self, x: Array, name: str) -> Array:
+        """Seen minus predicted: centres (n, 2) of one camera in pixels, or readings (n,) in millimetres."""
+        return self._errors_mm(x) if name == READINGS else self._errors_px(x, name)
+
+    def _errors_px(self, x: Array, name: str) -> Array:
+        seen, (lenses, poses, _, views) = self.seen[name], self._unpacked(x)
+        turn, shift = _moved(views)
         if name != "depth":
-            to, by = self._pose(x, name)
+            to, by = _moved(poses[name])
             turn, shift = to @ turn, shift @ to.T + by
-        center = np.einsum("nij,nj->ni", turn[seen.view][:, :, :2], seen.plate_m) + shift[seen.view]
+        center = np.einsum("nij,nj->ni", turn[seen.view][:, :, :2], seen.known) + shift[seen.view]
         # Dual conic a a' + b b' - c c' of the hole with half axes a, b about c: its last column, the centre.
         half = self.radius_m * turn[seen.view][:, :, :2]
         last = (half * half[:, 2:]).sum(axis=2) - center * center[:, 2:]
         ideal = last[:, :2] / last[:, 2:]
-        fx, fy, cx, cy = lens[:4]
-        return np.asarray(seen.px - distort(_brown(lens), ideal) * (fx, fy) - (cx, cy), np.float64)
+        fx, fy, cx, cy = lenses[name][:4]
+        return np.asarray(seen.px - distort(_brown(lenses[name]), ideal) * (fx, fy) - (cx, cy), np.float64)
 
-    def errors_mm(self, x: Array) -> Array:
-        """Readings minus the plate's depth (k,) along their pixels' rays."""
-        lens = self._lens(x, "depth")
-        ray = undistort(_brown(lens), (self.depth.px - lens[2:4]) / lens[:2], iterations=15)
-        turn, shift = self._views(x)
-        normal = turn[self.depth.view][:, :, 2]
+    def _errors_mm(self, x: Array) -> Array:
+        """Readings minus the plate's depth along their pixels' rays."""
+        seen, (lenses, _, shift_mm, views) = self.seen[READINGS], self._unpacked(x)
+        lens = lenses["depth"]
+        ray = undistort(_brown(lens), (seen.px - lens[2:4]) / lens[:2], iterations=15)
+        turn, shift = _moved(views)
+        normal = turn[seen.view][:, :, 2]
         slope = (normal[:, :2] * ray).sum(axis=1) + normal[:, 2]
-        z = (normal * shift[self.depth.view]).sum(axis=1) / slope
-        return np.asarray(self.depth_mm - 1000 * z - x[self.n_shared - 1], np.float64)
+        z = (normal * shift[seen.view]).sum(axis=1) / slope
+        return np.asarray(seen.known - 1000 * z - shift_mm, np.float64)
 
     def jacobian(self, x: Array) -> Array:
         """Forward differences; a step in one number of every view's pose at once, since views are apart."""
-        base, shared = self.residuals(x), self.n_shared
-        rows = self._row_view(len(base))
+        base, shared, step = self.residuals(x), 15 * len(self.cameras) - 5, 1e-7
+        # The view of each residual: a hole has two, as its coordinates, a reading one.
+        rows = np.concatenate([np.repeat(s.view, s.known.ndim) for s in self.seen.values()])
+        inside = np.arange(len(rows))  # the others are priors
         jacobian = np.zeros((len(base), len(x)))
-        step = 1e-7
         for column in range(shared):
             moved = x.copy()
             moved[column] += (h := step * max(1.0, abs(x[column])))
             jacobian[:, column] = (self.residuals(moved) - base) / h
-        inside = np.flatnonzero(rows >= 0)
         for number in range(6):
             moved = x.copy()
             moved[shared + number :: 6] += step
             change = (self.residuals(moved) - base) / step
-            jacobian[inside, shared + 6 * rows[inside] + number] = change[inside]
+            jacobian[inside, shared + 6 * rows + number] = change[inside]
         return jacobian
 
     def weighted(self, x: Array) -> "_Problem":
         """The same with the noise that the residuals show."""
-        seen = {
-            name: replace(seen, sigma=_spread(self.errors_px(x, name))) for name, seen in self.seen.items()
-        }
-        return replace(self, seen=seen, depth=replace(self.depth, sigma=_spread(self.errors_mm(x))))
+        sigmas = {name: float(ROBUST * np.median(np.abs(self.errors(x, name)))) for name in self.seen}
+        return replace(self, seen={name: s._replace(sigma=sigmas[name]) for name, s in self.seen.items()})
 
     def without_bad(self, x: Array) -> "_Problem":
         """The same without the views in which any camera's errors stand out from its others.
@@ -265,81 +251,56 @@ class _Problem:
         There the plate slipped between the exposures, or something else was taken for holes.
         """
         bad = np.zeros(len(self.indices), bool)
-        for name, seen in self.seen.items():
-            square = np.square(self.errors_px(x, name)).sum(axis=1)
-            count = np.bincount(seen.view, minlength=len(bad))
-            rms = np.sqrt(np.bincount(seen.view, square, len(bad)) / np.maximum(count, 1))
+        for name in self.cameras:
+            view = self.seen[name].view
+            square = np.square(self.errors(x, name)).sum(axis=1)
+            count = np.bincount(view, minlength=len(bad))
+            rms = np.sqrt(np.bincount(view, square, len(bad)) / np.maximum(count, 1))
             bad |= rms > BAD * np.median(rms[count > 0])
+        seen = {}
+        for name, (view, px, known, sigma) in self.seen.items():
+            kept = ~bad[view]
+            seen[name] = _Seen(view[kept], px[kept], known[kept], sigma)
         left_out = tuple(index for index, is_bad in zip(self.indices, bad, strict=True) if is_bad)
-        kept = ~bad[self.depth.view]
-        return replace(
-            self,
-            seen={name: seen.only(~bad[seen.view]) for name, seen in self.seen.items()},
-            depth=self.depth.only(kept),
-            depth_mm=self.depth_mm[kept],
-            left_out=left_out,
-        )
+        return replace(self, seen=seen, left_out=left_out)
 
     def result(self, x: Array, guess: dict[str, Intrinsics], views: int) -> Adjusted:
         """The rig of a solution, with its deviations."""
-        sd = self._deviations(x)
-        lenses = {name: _intrinsics(self._lens(x, name), guess[name]) for name in self.cameras}
-        poses = {name: Pose(*self._pose(x, name)) for name in self.cameras[1:]}
-        deviations = {}
-        for i, name in enumerate(poses):
-            own = sd[9 * len(self.cameras) + 6 * i :][:6]
-            deviations[name] = Deviations(np.degrees(own[:3]), 1000 * own[3:])
-        residuals = {
-            name: Residuals(np.array(self.indices)[seen.view], seen.px, self.errors_px(x, name))
-            for name, seen in self.seen.items()
+        lenses, poses, shift_mm, _ = self._unpacked(x)
+        _, pose_sd, shift_sd_mm, _ = self._unpacked(self._deviations(x))
+        cameras: dict[str, Any] = {
+            name: Intrinsics(guess[name].width, guess[name].height, *map(float, lens))
+            for name, lens in lenses.items()
         }
-        return Adjusted(
-            RigCalibration(
-                lenses["depth"],
-                lenses.get("color"),
-                poses.get("color"),
-                lenses.get("thermal"),
-                poses.get("thermal"),
-            ),
-            deviations,
-            {name: sd[9 * i :][:9] for i, name in enumerate(self.cameras)},
-            (float(x[self.n_shared - 1]), float(sd[self.n_shared - 1])),
-            float(np.sqrt(np.square(self.errors_mm(x)).mean())),
-            residuals,
-            self.left_out,
-            views,
-        )
+        cameras |= {f"{name}_from_depth": Pose(*_moved(pose)) for name, pose in poses.items()}
+        deviations = {n: Deviations(np.degrees(sd[:3]), 1000 * sd[3:]) for n, sd in pose_sd.items()}
+        residuals = {
+            name: Residuals(np.array(self.indices)[seen.view], seen.px, self.errors(x, name))
+            for name, seen in self.seen.items()
+            if name != READINGS
+        }
+        shift = shift_mm, shift_sd_mm
+        return Adjusted(RigCalibration(**cameras), deviations, shift, residuals, self.left_out, views)
 
     def _deviations(self, x: Array) -> Array:
         jacobian, residuals = self.jacobian(x), self.residuals(x)
         variance = np.square(residuals).sum() / (len(residuals) - len(x))
         return np.asarray(np.sqrt(variance * np.diag(np.linalg.pinv(jacobian.T @ jacobian, hermitian=True))))
 
-    def _row_view(self, count: int) -> NDArray[np.int64]:
-        rows = [np.repeat(self.seen[name].view, 2) for name in self.cameras] + [self.depth.view]
-        views = np.concatenate(rows)
-        return np.concatenate([views, np.full(count - len(views), -1)])
+    def _unpacked(self, x: Array) -> tuple[dict[str, Array], dict[str, Array], float, Array]:
+        """Lenses (9,) and poses (6,) by camera, depth shift in millimetres, and views (n, 6)."""
+        count = len(self.cameras)
+        lenses, poses, shift, views = np.split(x, np.cumsum([9 * count, 6 * (count - 1), 1]))
+        by_lens = dict(zip(self.cameras, lenses.reshape(-1, 9), strict=True))
+        by_pose = dict(zip(self.cameras[1:], poses.reshape(-1, 6), strict=True))
+        return by_lens, by_pose, float(shift[0]), views.reshape(-1, 6)
 
-    def _lens(self, x: Array, name: str) -> Array:
-        return x[9 * self.cameras.index(name) :][:9]
 
-    def _pose(self, x: Array, name: str) -> tuple[Array, Array]:
-        own = x[9 * len(self.cameras) + 6 * (self.cameras.index(name) - 1) :][:6]
-        return Rotation.from_rotvec(own[:3]).as_matrix(), own[3:]
-
-    def _views(self, x: Array) -> tuple[Array, Array]:
-        own = x[self.n_shared :].reshape(-1, 6)
-        return Rotation.from_rotvec(own[:, :3]).as_matrix(), own[:, 3:]
+def _moved(numbers: Array) -> tuple[Array, Array]:
+    """Rotations (..., 3, 3) and translations (..., 3) of rotation vectors and translations (..., 6)."""
+    return Rotation.from_rotvec(numbers[..., :3]).as_matrix(), numbers[..., 3:]
 
 
 def _brown(lens: Array) -> Intrinsics:
     """A camera with this distortion; size and focal length are not used."""
     return Intrinsics(1, 1, 1.0, 1.0, 0.0, 0.0, *map(float, lens[4:]))
-
-
-def _intrinsics(lens: Array, size: Intrinsics) -> Intrinsics:
-    return Intrinsics(size.width, size.height, *map(float, lens))
-
-
-def _spread(errors: Array) -> float:
-    return float(ROBUST * np.median(np.abs(errors)))

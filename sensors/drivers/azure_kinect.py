@@ -9,7 +9,7 @@ import numpy as np
 from sensors.device.depth_camera import DepthCamera, TimedImage, choose
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
-from sensors.rig.lens import intrinsics_from_rational
+from sensors.rig.camera import intrinsics_from_rational
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 DEPTH_SIZE, COLOR_SIZE = (640, 576), (1920, 1080)

@@ -15,8 +15,7 @@ from sensors.errors import (
     DeviceLostError,
     DeviceNotFoundError,
 )
-from sensors.rig.camera import Intrinsics
-from sensors.rig.lens import intrinsics_from_rational
+from sensors.rig.camera import Intrinsics, intrinsics_from_rational
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 SdkObject = Any

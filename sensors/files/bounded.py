@@ -1,8 +1,10 @@
-"""Files from outside are read whole only up to a bound: what is larger is not what it claims to be."""
+"""Files from outside, read whole only up to a bound: what is larger is not what it claims to be."""
 
 import os
 import stat
+import tomllib
 from pathlib import Path
+from typing import Any
 
 from sensors.errors import CloudError, FormatError
 
@@ -43,3 +45,13 @@ def _read(path: Path, limit: int) -> bytes | None:
             # It has grown since, or is one of /proc, whose sizes are 0.
             data += file.read(limit + 1 - len(data))
         return data
+
+
+def read_toml(path: Path, limit: int, remedy: str, error: type[CloudError] = FormatError) -> dict[str, Any]:
+    """A TOML file's content. Raises ``error`` where it cannot be read, or is larger than ``limit`` bytes."""
+    data = read_bounded(path, limit, remedy, error)
+    try:
+        return tomllib.loads(data.decode())
+    except (ValueError, RecursionError) as cause:
+        # A key that stands twice is among these: tomllib says in which line.
+        raise error(f"{path} cannot be read ({cause}); {remedy}") from cause

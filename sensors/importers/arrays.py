@@ -17,7 +17,7 @@ from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.files.npz import array_sizes, load_arrays
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FRAME_PERIOD_NS, RigFrame, mm_from_metres, mm_from_units
-from sensors.rig.intrinsics_file import read_intrinsics
+from sensors.rig.intrinsics_file import first_intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 
 NPY_MAGIC, ZIP_MAGIC = b"\x93NUMPY", b"PK\x03\x04"
@@ -98,12 +98,6 @@ def _intrinsics(
             raise CalibrationError(f"{path}: K is {matrix.dtype} {matrix.shape}; give the 3x3 camera matrix")
         fx, cx, fy, cy = (float(matrix[at]) for at in ((0, 0), (0, 2), (1, 1), (1, 2)))
         return Intrinsics(width, height, fx, fy, cx, cy), 1.0, "intrinsics from the file's K"
-    for file in (path.with_suffix(".json"), path.with_name("intrinsics.json")):
-        if file.is_file():
-            found = read_intrinsics(file, (height, width))
-            return found.depth, found.unit_mm, f"intrinsics from {file.name}"
-    raise CalibrationError(
-        f"{path} has no intrinsics; add {path.with_suffix('.json')} holding "
-        f'{{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": {width}, "height": {height}}} '
-        "with the depth camera's four numbers in pixels"
-    )
+    files = [path.with_suffix(".json"), path.with_name("intrinsics.json")]
+    found, origin = first_intrinsics(files, (height, width))
+    return found.depth, found.unit_mm, origin

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from sensors.errors import CalibrationError
-from sensors.rig.camera import Intrinsics
-from sensors.rig.lens import intrinsics_from_rational
+from sensors.rig.camera import Intrinsics, intrinsics_from_rational
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 DEPTH_MODES = {
@@ -33,24 +32,14 @@ def calibration_from_factory(
         )
     try:
         entries = json.loads(data.rstrip(b"\0"))["CalibrationInformation"]["Cameras"]
-        cameras = {
-            str(entry["Purpose"]).removeprefix("CALIBRATION_CameraPurpose"): entry for entry in entries
-        }
+        cameras = {entry["Purpose"].removeprefix("CALIBRATION_CameraPurpose"): entry for entry in entries}
         side, left, top = DEPTH_MODES[depth_size]
         depth = _lens(cameras["Depth"], (side, side), (left, top), depth_size)
         if color_size is None:
             return RigCalibration(depth)
         color = _color_lens(cameras["PhotoVideo"], color_size)
         color_from_depth = _pose(cameras["PhotoVideo"]) @ _pose(cameras["Depth"]).inverse()
-    except (
-        ValueError,
-        KeyError,
-        TypeError,
-        IndexError,
-        AttributeError,
-        RecursionError,
-        OverflowError,
-    ) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise CalibrationError(
             f"calibration.json of the recording is malformed ({error!r}); record it again"
         ) from error
@@ -78,11 +67,11 @@ def _lens(
             f"lens model {str(lens['ModelType'])[:60]!r} is unknown; only Brown-Conrady is"
         )
     cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, _, _, p2, p1 = (float(x) for x in lens["ModelParameters"][:14])
-    matrix = np.eye(3)
-    matrix[0, 0], matrix[1, 1] = fx * calibrated[0], fy * calibrated[1]
-    matrix[0, 2], matrix[1, 2] = cx * calibrated[0] - crop[0] - 0.5, cy * calibrated[1] - crop[1] - 0.5
-    if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+    (width, height), (left, top) = calibrated, crop
+    fx, cx, fy, cy = fx * width, cx * width - left - 0.5, fy * height, cy * height - top - 0.5
+    if not (np.isfinite([fx, cx, fy, cy]).all() and fx > 0 and fy > 0):
         raise ValueError("focal length")
+    matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     return intrinsics_from_rational(size, matrix, np.array([k1, k2, p1, p2, k3, k4, k5, k6]))
 
 

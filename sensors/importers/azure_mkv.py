@@ -5,8 +5,8 @@ Format: Azure Kinect DK documentation, "Azure Kinect DK recording file format".
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,7 @@ WANTED = {DEPTH: b"b16g", COLOR: b"MJPG", INFRARED: b"b16g"}
 """Tracks that are read, and the only pixel format of each that is."""
 
 
-@dataclass(frozen=True)
-class Track:
+class Track(NamedTuple):
     """One video track: what its images are. fourcc: the pixel format of its BITMAPINFOHEADER."""
 
     name: str
@@ -40,12 +39,11 @@ class Track:
     fourcc: bytes
 
 
-@dataclass
-class Blocks:
+class Blocks(NamedTuple):
     """Where the images of one track lie. stamps_ns: when they were taken, on the recording's clock."""
 
-    stamps_ns: list[int] = field(default_factory=list)
-    payloads: list[Element] = field(default_factory=list)
+    stamps_ns: list[int]
+    payloads: list[Element]
 
 
 class AzureRecording:
@@ -78,7 +76,8 @@ class AzureRecording:
     def notes(self) -> tuple[str, ...]:
         """What is absent or assumed, one sentence each."""
         size = self.calibration.depth
-        absent = [f"no {name} images" for name, pairs in self._pairs() if not (pairs >= 0).any()]
+        pairs = {"colour": self._color, "infrared": self._infrared}
+        absent = [f"no {name} images" for name, indices in pairs.items() if not (indices >= 0).any()]
         return (
             f"intrinsics and poses from the camera's own calibration.json, for {self._mode} at "
             f"{size.width}x{size.height}",
@@ -86,9 +85,6 @@ class AzureRecording:
             *self._left_out,
             "no thermal images",
         )
-
-    def _pairs(self) -> tuple[tuple[str, NDArray[np.int64]], ...]:
-        return ("colour", self._color), ("infrared", self._infrared)
 
     def _scan(self, ebml: EbmlFile) -> None:
         if next(ebml.children(ebml.whole), Element(0, 0, 0)).id != EBML:

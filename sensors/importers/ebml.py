@@ -5,8 +5,7 @@ Only what a reader of raw video needs: no codec, no index, no lacing.
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from sensors.errors import FormatError
 
@@ -14,8 +13,7 @@ MAX_ELEMENT_BYTES = 1 << 26
 """Bytes of an element that is read: room for a 4096x3072 image of 16 bits; chosen by eye."""
 
 
-@dataclass(frozen=True)
-class Element:
+class Element(NamedTuple):
     """One element: its id (marker bits included) and where its payload lies."""
 
     id: int

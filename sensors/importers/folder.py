@@ -25,13 +25,14 @@ from sensors.importers.tum_lists import (
     ASSOCIATIONS,
     TUM_UNIT_MM,
     WINDOW_NS,
+    Image,
     is_tum,
     read_associations,
     read_list,
 )
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FRAME_PERIOD_NS, RigFrame, mm_from_units
-from sensors.rig.intrinsics_file import read_intrinsics
+from sensors.rig.intrinsics_file import first_intrinsics
 from sensors.rig.pairing import pair_stamps
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration
 from sensors.session.messages import thermal_from_uint16
@@ -48,8 +49,7 @@ class ImageFolder:
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.resolve().name
-        self._depth = _depth_files(path)
-        self._stamps_ns, self._color, timing = _colors(path, self._depth)
+        self._depth, self._stamps_ns, self._color, timing = _colors(path, _depth_files(path))
         self._thermal = _matching(path / "thermal", (".png",), self._depth)
         self.calibration, self._unit_mm, origin = _calibration(path, next(iter(self._depth.values())))
         self.notes = (
@@ -90,48 +90,42 @@ def _depth_files(path: Path) -> dict[str, Path]:
     return dict(sorted(files.items()))
 
 
-def _colors(path: Path, depth: dict[str, Path]) -> tuple[dict[str, int], dict[str, Path], str]:
-    """When each depth image was taken and the colour image of each, by its name; and a note on time.
+def _colors(
+    path: Path, depth: dict[str, Path]
+) -> tuple[dict[str, Path], dict[str, int], dict[str, Path], str]:
+    """Depth files, their stamps in ns, and their colour files, by the depth image's name; a note on time.
 
-    Reorders ``depth`` by time, and drops what a list leaves out. Raises FormatError.
+    Where there is a list, depth is in the order of its stamps, less what it leaves out. Raises FormatError.
     """
     folder = path / "color" if (path / "color").is_dir() else path / "rgb"
     suffixes = (".jpg", ".jpeg", ".png")
     listed = [path / name for name in ASSOCIATIONS if (path / name).is_file()]
     if listed:
         pairs = read_associations(listed[0])
-        stamped, wanted = dict(_stemmed(d) for d, _ in pairs), {Path(d[1]).stem: c[1] for d, c in pairs}
+        images = [image for image, _ in pairs]
     elif (path / "depth.txt").is_file() and (path / "rgb.txt").is_file():
-        stamped, wanted = _nearest(read_list(path / "depth.txt"), read_list(path / "rgb.txt"))
+        images = sorted(read_list(path / "depth.txt"))
+        pairs = _nearest(images, sorted(read_list(path / "rgb.txt")))
     else:
-        return {}, _matching(folder, suffixes, depth), "no time stamps: 30 frames a second assumed"
+        return depth, {}, _matching(folder, suffixes, depth), "no time stamps: 30 frames a second assumed"
+    stamped = {Path(name).stem: stamp_ns for stamp_ns, name in images}
+    wanted = {Path(name).stem: color for (_, name), (_, color) in pairs}
     order = sorted((stem for stem in stamped if stem in depth), key=lambda stem: stamped[stem])
     if not order:
         raise FormatError(f"{path}: no depth image is named in its list; give the folder the list belongs to")
-    left_out, kept = len(depth) - len(order), {stem: depth[stem] for stem in order}
-    depth.clear()
-    depth.update(kept)
     there = {file.name: file for file in folder.glob("*") if file.suffix.lower() in suffixes}
     color = {stem: there[name] for stem, name in wanted.items() if stem in depth and name in there}
+    left_out = len(depth) - len(order)
     rest = f"; {left_out} depth images that it does not name are left out" if left_out else ""
-    return stamped, color, f"times from {listed[0].name if listed else 'depth.txt'}{rest}"
+    timing = f"times from {listed[0].name if listed else 'depth.txt'}{rest}"
+    return {stem: depth[stem] for stem in order}, stamped, color, timing
 
 
-def _stemmed(image: tuple[int, str]) -> tuple[str, int]:
-    return Path(image[1]).stem, image[0]
-
-
-def _nearest(
-    depth: list[tuple[int, str]], color: list[tuple[int, str]]
-) -> tuple[dict[str, int], dict[str, str]]:
-    """Stamps of the depth images, and for each the colour image nearest in time, by name."""
-    depth, color = sorted(depth), sorted(color)
-    stamps = [np.array([stamp for stamp, _ in images], np.int64) for images in (depth, color)]
-    pairs = pair_stamps(stamps[0], stamps[1], WINDOW_NS)
-    names = [Path(name).stem for _, name in depth]
-    return dict(map(_stemmed, depth)), {
-        stem: color[at][1] for stem, at in zip(names, pairs.tolist(), strict=True) if at >= 0
-    }
+def _nearest(depth: list[Image], color: list[Image]) -> list[tuple[Image, Image]]:
+    """Depth images with the colour image nearest in time; both sorted."""
+    depth_ns, color_ns = (np.array([stamp for stamp, _ in images], np.int64) for images in (depth, color))
+    pairs = pair_stamps(depth_ns, color_ns, WINDOW_NS).tolist()
+    return [(image, color[at]) for image, at in zip(depth, pairs, strict=True) if at >= 0]
 
 
 def _matching(folder: Path, suffixes: tuple[str, ...], depth: dict[str, Path]) -> dict[str, Path]:
@@ -159,15 +153,8 @@ def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, 
     if (path / "calibration.json").is_file():
         return load_calibration(path / "calibration.json"), 1.0, ("calibration from calibration.json",)
     shape = png_shape(read_bounded(first_depth), str(first_depth))
-    file = next((path / name for name in INTRINSICS if (path / name).is_file()), None)
-    if file is None:
-        raise CalibrationError(
-            f"{path} has no intrinsics; add {path / INTRINSICS[0]} holding "
-            f'{{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": {shape[1]}, "height": {shape[0]}}} '
-            "with the depth camera's four numbers in pixels"
-        )
-    found = read_intrinsics(file, shape)
-    notes, unit_mm = [f"intrinsics from {file.name}"], found.unit_mm
+    found, origin = first_intrinsics([path / name for name in INTRINSICS], shape)
+    notes, unit_mm = [origin], found.unit_mm
     if unit_mm == 1.0 and is_tum(path):
         notes, unit_mm = [*notes, "depth in 1/5000 m, as in every TUM dataset"], TUM_UNIT_MM
     if not found.aligned:

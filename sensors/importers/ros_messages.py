@@ -16,10 +16,8 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from sensors.errors import CalibrationError, FormatError
-from sensors.rig.camera import Intrinsics
-from sensors.rig.lens import intrinsics_from_rational
-from sensors.rig.quaternion import rotation_of
-from sensors.rig.rig_calibration import Pose
+from sensors.rig.camera import Intrinsics, intrinsics_from_rational
+from sensors.rig.rig_calibration import Pose, rotation_of
 
 PICTURES = frozenset({"Image", "RawImage", "CompressedImage"})
 CAMERAS = frozenset({"CameraInfo", "CameraCalibration"})

@@ -18,24 +18,26 @@ TUM_UNIT_MM = 0.2
 MAX_BYTES = 64_000_000
 """Bytes of a list: a million images; chosen by eye."""
 
+Image = tuple[int, str]
+"""An image of a list: its stamp in ns, and its name without folders."""
+
 
 def is_tum(folder: Path) -> bool:
     """Whether the folder has the lists of a TUM dataset, header included: then depth is in TUM's unit."""
     return (folder / "depth.txt").is_file() and _text(folder / "depth.txt").startswith("# depth maps")
 
 
-def read_list(file: Path) -> list[tuple[int, str]]:
-    """(stamp in ns, name of the image without folders) for every line of a list. Raises FormatError."""
+def read_list(file: Path) -> list[Image]:
+    """The image of every line of a list. Raises FormatError."""
     return [(_nanoseconds(words[0], file), _name(words[1], file)) for words in _lines(file, 2)]
 
 
-def read_associations(file: Path) -> list[tuple[tuple[int, str], tuple[int, str]]]:
-    """((stamp, depth image), (stamp, colour image)) for every line, in whatever order a line has them."""
+def read_associations(file: Path) -> list[tuple[Image, Image]]:
+    """(depth image, colour image) of every line, in whatever order a line has them. Raises FormatError."""
     pairs = []
     for words in _lines(file, 4):
-        first, second = ((_nanoseconds(words[at], file), words[at + 1].replace("\\", "/")) for at in (0, 2))
-        depth, color = (first, second) if "depth" in first[1].lower() else (second, first)
-        pairs.append(((depth[0], _name(depth[1], file)), (color[0], _name(color[1], file))))
+        first, second = ((_nanoseconds(words[at], file), _name(words[at + 1], file)) for at in (0, 2))
+        pairs.append((first, second) if "depth" in words[1].lower() else (second, first))
     return pairs
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from sensors.device.address import Address
 from sensors.errors import DeviceError
-from sensors.files.toml_file import read_toml
+from sensors.files.bounded import read_toml
 from sensors.rig.calibration_yaml import open_calibration
 from sensors.rig.pairing import MAX_LATENCY_MS
 from sensors.rig.rig_calibration import RigCalibration

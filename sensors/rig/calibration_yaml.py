@@ -8,10 +8,10 @@ are read as well.
 
 import re
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError
 from sensors.files.atomic import replacing
@@ -39,13 +39,10 @@ def open_calibration(path: Path) -> RigCalibration:
 
 def read_yaml(folder: Path) -> RigCalibration:
     """Read a folder of YAML files; colour and thermal may be absent. Raises CalibrationError."""
-    lenses = {name: _lens(folder, name) for name in FILES}
-    if lenses["depth"] is None:
+    depth, color, thermal = (_lens(folder, name) for name in ("depth", "color", "thermal"))
+    if depth is None:
         raise CalibrationError(f"{folder} has no {FILES['depth']}; give a folder that iai_kinect2 wrote")
-    poses = {name: _pose(_existing(folder, file)) for name, file in POSES.items()}
-    return RigCalibration(
-        lenses["depth"], lenses["color"], poses["color"], lenses["thermal"], poses["thermal"]
-    )
+    return RigCalibration(depth, color, _pose(folder, "color"), thermal, _pose(folder, "thermal"))
 
 
 def write_yaml(folder: Path, calibration: RigCalibration, depth_shift_mm: float = 0.0) -> None:
@@ -56,7 +53,7 @@ def write_yaml(folder: Path, calibration: RigCalibration, depth_shift_mm: float 
         if camera is not None:
             projection = np.eye(4)
             projection[:3, :3] = camera.matrix
-            fields: dict[str, NDArray[np.float64] | float | int] = {
+            fields: dict[str, Any] = {
                 "image_width": camera.width,
                 "image_height": camera.height,
                 "cameraMatrix": camera.matrix,
@@ -72,7 +69,7 @@ def write_yaml(folder: Path, calibration: RigCalibration, depth_shift_mm: float 
     _write(folder / SHIFT, {"depthShift": float(depth_shift_mm)})
 
 
-def _write(path: Path, fields: dict[str, NDArray[np.float64] | float | int]) -> None:
+def _write(path: Path, fields: dict[str, Any]) -> None:
     # OpenCV takes the format from the suffix, which a temporary file lacks: it writes to memory.
     storage = cv2.FileStorage(".yaml", cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY)
     for key, value in fields.items():
@@ -104,7 +101,8 @@ def _lens(folder: Path, name: str) -> Intrinsics | None:
     return Intrinsics(width, height, fx, fy, cx, cy, *lens)
 
 
-def _pose(path: Path | None) -> Pose | None:
+def _pose(folder: Path, name: str) -> Pose | None:
+    path = _existing(folder, POSES[name])
     if path is None:
         return None
     fields = _fields(path)
@@ -116,8 +114,8 @@ def _matrix(
     path: Path, fields: dict[str, list[float]], keys: tuple[str, ...], sizes: tuple[int, ...]
 ) -> list[float]:
     """Numbers of the first of these entries, row by row."""
-    values = next((fields[key] for key in keys if key in fields), None)
-    if values is None:
+    values = next((fields[key] for key in keys if key in fields), [])
+    if not values:
         raise CalibrationError(f"{path} has no {keys[0]}; give an OpenCV calibration file")
     if len(values) not in sizes:
         raise CalibrationError(f"{path}: {keys[0]} has {len(values)} numbers; give {sizes[0]}")

@@ -1,8 +1,9 @@
-"""One synchronised moment of the rig: depth, colour and temperature as the cameras gave them."""
+"""Frames of the rig, each one synchronised moment of all its cameras, and the protocol of their sources."""
 
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from PIL import Image
 
 from sensors.errors import FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
+from sensors.rig.rig_calibration import RigCalibration
 
 FARTHEST_MM = 65535
 """Farthest depth of 16 bits."""
@@ -37,11 +39,17 @@ class RigFrame:
     infrared: NDArray[np.uint16] | None = None
 
     def __post_init__(self) -> None:
-        _check("depth", self.depth_mm, np.uint16)
-        if self.thermal_c is not None:
-            _check("thermal", self.thermal_c, np.float32)
-        if self.infrared is not None:
-            _check("infrared", self.infrared, np.uint16)
+        images = (
+            ("depth", self.depth_mm, np.uint16),
+            ("thermal", self.thermal_c, np.float32),
+            ("infrared", self.infrared, np.uint16),
+        )
+        for name, image, dtype in images:
+            if image is not None and (image.ndim != 2 or image.dtype != dtype):
+                raise FormatError(
+                    f"{name} image is {image.dtype} {image.shape}; give {dtype.__name__} with shape "
+                    "(height, width)"
+                )
 
     def decode_color(self) -> NDArray[np.uint8] | None:
         """Colour image (h, w, 3) RGB, or None where the frame has none.
@@ -86,8 +94,19 @@ def _whole_mm(millimetres: NDArray[np.float64]) -> NDArray[np.uint16]:
     return np.where((whole > 0) & (whole <= FARTHEST_MM), whole, 0).astype(np.uint16)
 
 
-def _check(name: str, image: NDArray[np.generic], dtype: type[np.generic]) -> None:
-    if image.ndim != 2 or image.dtype != dtype:
-        raise FormatError(
-            f"{name} image is {image.dtype} {image.shape}; give {dtype.__name__} with shape (height, width)"
-        )
+class FrameSource(Protocol):
+    """A finite or endless stream of frames: a session, a folder, a cloud, the virtual rig, or devices."""
+
+    @property
+    def name(self) -> str:
+        """Short human name: a file's stem or a device's serial."""
+        ...
+
+    @property
+    def calibration(self) -> RigCalibration:
+        """Calibration valid for every frame of the source."""
+        ...
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        """Yield frames in the order of their depth timestamps."""
+        ...

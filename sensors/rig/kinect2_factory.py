@@ -1,18 +1,16 @@
 """Factory calibration of a Kinect v2: the infrared camera, and how depth maps to colour."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
-from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics
 
 
-@dataclass(frozen=True)
-class KinectColorParams:
+class KinectColorParams(NamedTuple):
     """Factory calibration of a Kinect v2's colour camera (libfreenect2's ColorCameraParams).
 
     f, cx, cy: focal length and principal point, pixels. shift_d, shift_m: distance of the
     projection plane and baseline, mm. mx, my: cubic coefficients for x and y in the order
-    x3y0 x0y3 x2y1 x1y2 x2y0 x0y2 x1y1 x1y0 x0y1 x0y0. Raises CalibrationError for another count.
+    x3y0 x0y3 x2y1 x1y2 x2y0 x0y2 x1y1 x1y0 x0y1 x0y0.
     """
 
     f: float
@@ -24,12 +22,6 @@ class KinectColorParams:
     my: tuple[float, ...]
     width: int = 1920
     height: int = 1080
-
-    def __post_init__(self) -> None:
-        if len(self.mx) != 10 or len(self.my) != 10:
-            raise CalibrationError(
-                f"colour polynomials have {len(self.mx)} and {len(self.my)} coefficients; give 10 each"
-            )
 
 
 KINECT2_DEPTH = Intrinsics(
@@ -43,11 +35,7 @@ KINECT2_PINHOLE = KINECT2_DEPTH.undistorted()
 """The same camera without its lens: what undistorted depth images are seen with."""
 
 KINECT2_COLOR = KinectColorParams(
-    f=1081.37207,
-    cx=959.5,
-    cy=539.5,
-    shift_d=863.0,
-    shift_m=52.0,
+    *(1081.37207, 959.5, 539.5, 863.0, 52.0),
     mx=(
         *(5.23260387e-4, 2.66473307e-5, 7.26420622e-5, 3.86019994e-4, -8.80247826e-5),
         *(-8.62425368e-5, 2.60630302e-4, 0.640707493, 0.00462980801, 0.152766302),

@@ -69,10 +69,8 @@ class RigCalibration:
     thermal_from_depth: Pose | None = None
 
     def __post_init__(self) -> None:
-        for name, camera, pose in (
-            ("color", self.color, self.color_from_depth),
-            ("thermal", self.thermal, self.thermal_from_depth),
-        ):
+        for name in ("color", "thermal"):
+            camera, pose = getattr(self, name), getattr(self, f"{name}_from_depth")
             if (camera is None) != (pose is None):
                 missing = "intrinsics" if camera is None else f"pose {name}_from_depth"
                 raise CalibrationError(f"calibration of the {name} camera lacks its {missing}; give both")
@@ -85,20 +83,15 @@ def calibration_to_json(calibration: RigCalibration) -> dict[str, Any]:
         if isinstance(value, Intrinsics):
             fields[name] = asdict(value)
         elif isinstance(value, Pose):
-            fields[name] = {
-                "rotation": value.rotation.tolist(),
-                "translation_m": value.translation_m.tolist(),
-            }
+            fields[name] = {key: numbers.tolist() for key, numbers in vars(value).items()}
     return fields
 
 
 def calibration_from_json(fields: object) -> RigCalibration:
     """Inverse of ``calibration_to_json``. Raises CalibrationError naming the offending entry."""
     if not isinstance(fields, dict) or "depth" not in fields:
-        raise CalibrationError(
-            "calibration has no 'depth' entry; give at least the depth camera's intrinsics"
-        )
-    known = {"depth", "color", "thermal", "color_from_depth", "thermal_from_depth"}
+        raise CalibrationError("calibration has no 'depth' entry; give the depth camera's intrinsics")
+    known = set(RigCalibration.__dataclass_fields__)
     if unknown := sorted(set(fields) - known):
         raise CalibrationError(f"calibration has unknown entry {unknown[0]!r}; use {sorted(known)}")
     values: dict[str, Any] = {}
@@ -133,3 +126,36 @@ def _intrinsics(entry: dict[str, Any]) -> Intrinsics:
 
 def _pose(entry: dict[str, Any]) -> Pose:
     return Pose(np.asarray(entry["rotation"], np.float64), np.asarray(entry["translation_m"], np.float64))
+
+
+def quaternion_of(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit quaternion (x, y, z, w), as ROS and Foxglove write it, of a rotation matrix (3, 3).
+
+    By its largest component (Shepperd 1978).
+    """
+    m, trace = rotation, np.trace(rotation)
+    largest = int(np.argmax([*np.diag(m), trace]))
+    if largest == 3:
+        q = np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], 1 + trace])
+    else:
+        i, j, k = largest, (largest + 1) % 3, (largest + 2) % 3
+        q = np.empty(4)
+        q[i] = 1 - trace + 2 * m[i, i]
+        q[j], q[k] = m[j, i] + m[i, j], m[k, i] + m[i, k]
+        q[3] = m[k, j] - m[j, k]
+    return np.asarray(q / np.linalg.norm(q))
+
+
+def rotation_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation matrix (3, 3) of a quaternion (x, y, z, w) of any length. Raises ValueError at length 0."""
+    length = float(np.linalg.norm(quaternion))
+    if not 0 < length < np.inf:
+        raise ValueError(f"a quaternion of length {length:g}")
+    x, y, z, w = quaternion / length
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -21,8 +21,13 @@ from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics
-from sensors.rig.quaternion import quaternion_of, rotation_of
-from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES, Pose, RigCalibration
+from sensors.rig.rig_calibration import (
+    MAX_CALIBRATION_BYTES,
+    Pose,
+    RigCalibration,
+    quaternion_of,
+    rotation_of,
+)
 
 CAMERAS = ("depth", "color", "thermal")
 DEPTH, COLOR, THERMAL = (f"/{camera}/image" for camera in CAMERAS)

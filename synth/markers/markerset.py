@@ -10,7 +10,7 @@ import numpy as np
 
 from annotate.array_types import Float64, Int64
 from sensors.errors import CloudError, FormatError
-from sensors.files.toml_file import read_toml
+from sensors.files.bounded import read_toml
 from synth.body.skeleton import JOINT_ID
 
 MIN_MARKERS = 8
