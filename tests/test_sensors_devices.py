@@ -500,7 +500,7 @@ def test_an_azure_kinect_by_pyk4as_names(monkeypatch):
         assert [r.dropped for r in readings] == [0, 0, 0, 0, 2, 2]
         assert (readings[0].value.infrared == 1501).all()
         assert readings[0].stamp_ns == 10_000_000 and readings[1].value.encoded == b"\xff\xd8\xff"
-        with pytest.raises(DeviceLostError, match="has sent nothing for"):
+        with pytest.raises(DeviceLostError, match="sent nothing for"):
             while True:
                 device.read(0.05)
 
@@ -584,5 +584,5 @@ def test_an_orbbec_by_pyorbbecsdks_names(monkeypatch):
 
 def test_a_cut_depth_frame_is_a_fault():
     values = {"get_height": 2, "get_width": 3, "get_data": np.zeros(10, np.uint8), "get_depth_scale": 1.0}
-    with pytest.raises(DeviceFaultError, match="sent 5 of 6 pixels; wait for the next"):
+    with pytest.raises(DeviceFaultError, match="5 pixels came, not 6; wait for the next"):
         depth_of(SimpleNamespace(**{name: (lambda v=value: v) for name, value in values.items()}))

@@ -50,18 +50,14 @@ class Address:
         except ValueError:
             value = float("nan")
         if not low <= value <= high:
-            raise DeviceError(
-                f"{key} {text!r} of device {self.text!r} is not a number from {low:g} to {high:g}"
-            )
+            raise DeviceError(f"{key} {text!r} of {self.text!r} is not a number from {low:g} to {high:g}")
         return value
 
     def given_integer(self, key: str, low: int, high: int) -> int | None:
         """As ``given_number``, for whole numbers."""
         value = self.given_number(key, low, high)
         if value is not None and value != int(value):
-            raise DeviceError(
-                f"{key} {value:g} of device {self.text!r} is not an integer; give {low} to {high}"
-            )
+            raise DeviceError(f"{key} {value:g} of {self.text!r} is not an integer; give {low} to {high}")
         return None if value is None else int(value)
 
     def finish(self) -> None:

@@ -1,11 +1,10 @@
 """A depth camera over a vendor's library that gives depth and colour: Kinect v2, Azure Kinect, Orbbec."""
 
 import time
+from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Mapping
-from dataclasses import dataclass
 from threading import Event, Lock
-from typing import Protocol
 
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading
 from sensors.errors import DeviceError, DeviceLostError, DeviceNotFoundError
@@ -19,49 +18,37 @@ SLICE_S = 0.1
 """Seconds a wait lasts at most before another thread may close the device. Chosen by eye."""
 
 
-@dataclass(frozen=True)
-class TimedImage:
-    """An image and the device's time of it.
-
-    lost: images of its stream that the device made and that were lost since the one before; None where the
-    library does not count, so that gaps between stamps count.
-    """
-
-    stamp_ns: int
-    value: DepthImage | ColorImage
-    lost: int | None = None
+TimedImage = tuple[int, DepthImage | ColorImage, int | None]
+"""The device's time of an image in nanoseconds, the image, and how many of its stream were lost since the one
+before: None where the library does not count, so that gaps between stamps count."""
 
 
-class CaptureLibrary(Protocol):
-    """What of a vendor's library is needed once its device is open."""
+class DepthCamera(ABC):
+    """A ``Device``; each driver has the calls of one vendor's library, whose device it has opened."""
 
-    def start(self) -> RigCalibration:
-        """Begin to stream; the factory's calibration."""
-        ...
-
-    def capture(self, timeout_s: float) -> list[TimedImage]:
-        """The images of the next capture, empty when none came in time. Raises DeviceError."""
-        ...
-
-    def close(self) -> None:
-        """Stop and give the device back."""
-        ...
-
-
-class DepthCamera:
-    """A ``Device`` over a vendor's library."""
-
-    def __init__(self, address: str, serial: str, library: CaptureLibrary) -> None:
-        self.address, self.serial, self._library = address, serial, library
+    def __init__(self, address: str, serial: str) -> None:
+        self.address, self.serial = address, serial
         self.rates_hz: Mapping[str, float] = {DepthImage.stream: RATE_HZ, ColorImage.stream: RATE_HZ}
         self.calibration: RigCalibration | None = None
         self._ready = deque[DeviceReading]()
         self._before_ns: dict[str, int] = {}
         self._last_image_s, self._closed, self._lock = time.monotonic(), Event(), Lock()
 
+    @abstractmethod
+    def _begin(self) -> RigCalibration:
+        """Begin to stream; the factory's calibration."""
+
+    @abstractmethod
+    def _capture(self, timeout_s: float) -> list[TimedImage]:
+        """The images of the next capture, empty when none came in time. Raises DeviceError."""
+
+    @abstractmethod
+    def _end(self) -> None:
+        """Stop and give the device back."""
+
     def start(self) -> None:
         """Begin both streams."""
-        self.calibration = self._library.start()
+        self.calibration = self._begin()
         self._last_image_s = time.monotonic()
 
     def read(self, timeout_s: float) -> DeviceReading | None:
@@ -72,16 +59,14 @@ class DepthCamera:
             with self._lock:
                 if self._closed.is_set():
                     raise DeviceLostError(f"{self.address} is closed; open it again")
-                images = self._library.capture(max(0.0, min(left_s, SLICE_S)))
+                images = self._capture(max(0.0, min(left_s, SLICE_S)))
             arrival_ns = time.monotonic_ns()
             for image in images:
-                self._take(image, arrival_ns)
+                self._take(*image, arrival_ns)
             if images:
                 self._last_image_s = time.monotonic()
             elif time.monotonic() - self._last_image_s > SILENCE_S:
-                raise DeviceLostError(
-                    f"{self.address} has sent nothing for {SILENCE_S:g} s; check its USB 3 cable and power"
-                )
+                raise DeviceLostError(f"{self.address} sent nothing for {SILENCE_S:g} s; check its cable")
             if left_s <= 0 and not self._ready:
                 return None
         return self._ready.popleft()
@@ -91,18 +76,16 @@ class DepthCamera:
         if not self._closed.is_set():
             self._closed.set()
             with self._lock:
-                self._library.close()
+                self._end()
 
-    def _take(self, image: TimedImage, arrival_ns: int) -> None:
-        stream, stamp_ns = image.value.stream, image.stamp_ns
-        before_ns = self._before_ns.get(stream)
+    def _take(self, stamp_ns: int, value: DepthImage | ColorImage, lost: int | None, arrival_ns: int) -> None:
+        before_ns = self._before_ns.get(value.stream)
         if before_ns is not None and stamp_ns <= before_ns:
             return
-        self._before_ns[stream] = stamp_ns
-        lost = image.lost
+        self._before_ns[value.stream] = stamp_ns
         if lost is None:
             lost = 0 if before_ns is None else max(0, round((stamp_ns - before_ns) * 1e-9 * RATE_HZ) - 1)
-        self._ready.append(DeviceReading(stamp_ns, arrival_ns, image.value, lost))
+        self._ready.append(DeviceReading(stamp_ns, arrival_ns, value, lost))
 
 
 def choose(kind: str, serials: list[str], wanted: str) -> str:

@@ -45,9 +45,7 @@ def node_error(path: Path, code: int | None) -> DeviceError:
     if code in (errno.EACCES, errno.EPERM):
         group = _group(path)
         if group == "root":
-            return DeviceAccessError(
-                f"{path} belongs to root alone; install the device's udev rule, then plug it in again"
-            )
+            return DeviceAccessError(f"{path} belongs to root; install the device's udev rule")
         return DeviceAccessError(
             f"{path} belongs to group {group} and you are not a member; "
             f"run: sudo usermod -aG {group} $USER, then log in again"
@@ -55,9 +53,7 @@ def node_error(path: Path, code: int | None) -> DeviceError:
     if code in (errno.EBUSY, errno.EAGAIN):
         return DeviceBusyError(f"{path} is in use by another program; close that program")
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR):
-        return DeviceNotFoundError(
-            f"{path} does not exist; plug the device in, or see: annotate-cloud devices"
-        )
+        return DeviceNotFoundError(f"{path} does not exist; plug the device in; see: annotate-cloud devices")
     why = os.strerror(code) if code else "unknown error"
     return DeviceError(f"{path} cannot be opened ({why}); give a device node such as those in /dev")
 

@@ -21,13 +21,71 @@ class AzureKinect(DepthCamera):
 
     def __init__(self, serial: str = "") -> None:
         if find_spec("pyk4a") is None:
-            raise DeviceNotFoundError(
-                "pyk4a is not installed; install the Azure Kinect SDK, then annotate-cloud[kinect]"
-            )
+            raise DeviceNotFoundError("no pyk4a; install the Azure Kinect SDK, then annotate-cloud[kinect]")
+        import pyk4a
+
         there = azure_devices()
         chosen = choose("Azure Kinect", [number for _, number in there], serial)
         index = next(index for index, number in there if number == chosen)
-        super().__init__(f"azure:{chosen}", chosen, _Library(index))
+        super().__init__(f"azure:{chosen}", chosen)
+        self._pyk4a: Any = pyk4a
+        config = pyk4a.Config(
+            color_resolution=pyk4a.ColorResolution.RES_1080P,
+            color_format=pyk4a.ImageFormat.COLOR_MJPG,
+            depth_mode=pyk4a.DepthMode.NFOV_UNBINNED,
+            camera_fps=pyk4a.FPS.FPS_30,
+            synchronized_images_only=False,
+        )
+        self._device = pyk4a.PyK4A(config, device_id=index)
+        try:
+            self._device.open()
+        except pyk4a.K4AException as error:
+            raise DeviceBusyError(
+                f"{self.address} cannot be opened; close the program that uses it, or add its udev rule"
+            ) from error
+
+    def _begin(self) -> RigCalibration:
+        try:
+            self._device.start()
+        except self._pyk4a.K4AException as error:
+            raise DeviceError(f"{self.address} does not start; use a USB 3 port and its power") from error
+        lens, types = self._device.calibration, self._pyk4a.CalibrationType
+        cameras = [
+            intrinsics_from_rational(
+                size, lens.get_camera_matrix(kind), lens.get_distortion_coefficients(kind)
+            )
+            for size, kind in ((DEPTH_SIZE, types.DEPTH), (COLOR_SIZE, types.COLOR))
+        ]
+        # The SDK maps points in millimetres; where it takes the origin and the axes is the pose.
+        origin, *axes = (
+            np.array(lens.depth_to_color_3d(point), float) / 1000
+            for point in ((0.0, 0.0, 0.0), (1000.0, 0.0, 0.0), (0.0, 1000.0, 0.0), (0.0, 0.0, 1000.0))
+        )
+        pose = Pose(np.stack([axis - origin for axis in axes], axis=-1), origin)
+        return RigCalibration(cameras[0], cameras[1], pose)
+
+    def _capture(self, timeout_s: float) -> list[TimedImage]:
+        try:
+            capture = self._device.get_capture(timeout=round(timeout_s * 1000))
+        except self._pyk4a.K4ATimeoutException:
+            return []
+        except self._pyk4a.K4AException as error:
+            raise DeviceLostError(f"{self.address} is no longer connected; plug it in again") from error
+        images: list[TimedImage] = []
+        if capture.depth is not None:
+            infrared = None if capture.ir is None else np.array(capture.ir, np.uint16)
+            depth = DepthImage(np.array(capture.depth, np.uint16), infrared)
+            images.append((1000 * capture.depth_timestamp_usec, depth, None))
+        if capture.color is not None:
+            color = ColorImage(bytes(capture.color))
+            images.append((1000 * capture.color_timestamp_usec, color, None))
+        return images
+
+    def _end(self) -> None:
+        if self._device.is_running:
+            self._device.stop()
+        elif self._device.opened:
+            self._device.close()
 
 
 def azure_devices() -> list[tuple[int, str]]:
@@ -47,73 +105,3 @@ def azure_devices() -> list[tuple[int, str]]:
             found.append((index, str(device.serial)))
             device.close()
     return found
-
-
-class _Library:
-    """pyk4a as a ``CaptureLibrary``."""
-
-    def __init__(self, index: int) -> None:
-        import pyk4a
-
-        self._pyk4a: Any = pyk4a
-        config = pyk4a.Config(
-            color_resolution=pyk4a.ColorResolution.RES_1080P,
-            color_format=pyk4a.ImageFormat.COLOR_MJPG,
-            depth_mode=pyk4a.DepthMode.NFOV_UNBINNED,
-            camera_fps=pyk4a.FPS.FPS_30,
-            synchronized_images_only=False,
-        )
-        self._device = pyk4a.PyK4A(config, device_id=index)
-        try:
-            self._device.open()
-        except pyk4a.K4AException as error:
-            raise DeviceBusyError(
-                "the Azure Kinect cannot be opened; close the program that uses it, "
-                "or add Microsoft's udev rule"
-            ) from error
-
-    def start(self) -> RigCalibration:
-        try:
-            self._device.start()
-        except self._pyk4a.K4AException as error:
-            raise DeviceError(
-                "the Azure Kinect does not start; use a USB 3 port and its power supply"
-            ) from error
-        lens, types = self._device.calibration, self._pyk4a.CalibrationType
-        cameras = [
-            intrinsics_from_rational(
-                size, lens.get_camera_matrix(kind), lens.get_distortion_coefficients(kind)
-            )
-            for size, kind in ((DEPTH_SIZE, types.DEPTH), (COLOR_SIZE, types.COLOR))
-        ]
-        # The SDK maps points in millimetres; where it takes the origin and the axes is the pose.
-        origin, *axes = (
-            np.array(lens.depth_to_color_3d(point), float) / 1000
-            for point in ((0.0, 0.0, 0.0), (1000.0, 0.0, 0.0), (0.0, 1000.0, 0.0), (0.0, 0.0, 1000.0))
-        )
-        pose = Pose(np.stack([axis - origin for axis in axes], axis=-1), origin)
-        return RigCalibration(cameras[0], cameras[1], pose)
-
-    def capture(self, timeout_s: float) -> list[TimedImage]:
-        try:
-            capture = self._device.get_capture(timeout=round(timeout_s * 1000))
-        except self._pyk4a.K4ATimeoutException:
-            return []
-        except self._pyk4a.K4AException as error:
-            raise DeviceLostError(
-                "the Azure Kinect is no longer connected; plug it in again and start again"
-            ) from error
-        images = []
-        if capture.depth is not None:
-            infrared = None if capture.ir is None else np.array(capture.ir, np.uint16)
-            depth = DepthImage(np.array(capture.depth, np.uint16), infrared)
-            images.append(TimedImage(1000 * capture.depth_timestamp_usec, depth))
-        if capture.color is not None:
-            images.append(TimedImage(1000 * capture.color_timestamp_usec, ColorImage(bytes(capture.color))))
-        return images
-
-    def close(self) -> None:
-        if self._device.is_running:
-            self._device.stop()
-        elif self._device.opened:
-            self._device.close()

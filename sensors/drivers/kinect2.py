@@ -60,52 +60,42 @@ class Kinect2(DepthCamera):
     """
 
     def __init__(self, serial: str = "", shim: Shim | None = None) -> None:
-        library = shim or load_shim()
-        serials = kinect2_serials(library)
+        self._shim = shim or load_shim()
+        serials = kinect2_serials(self._shim)
         if not serials and shim is None:
             check_usb(USB_IDS)
         chosen = choose("Kinect v2", serials, serial)
-        super().__init__(f"kinect2:{chosen}", chosen, _Library(library, chosen))
-
-
-class _Library:
-    """The shim as a ``CaptureLibrary``: a capture is one image, of one stream."""
-
-    def __init__(self, shim: Shim, serial: str) -> None:
-        self._shim, self._name = shim, f"kinect2:{serial}"
-        self._handle = shim.k2_open(serial.encode())
+        super().__init__(f"kinect2:{chosen}", chosen)
+        self._handle = self._shim.k2_open(chosen.encode())
         if not self._handle:
-            raise DeviceBusyError(f"{self._name} cannot be opened; close the program that uses it")
+            raise DeviceBusyError(f"{self.address} cannot be opened; close the program that uses it")
         self._buffer = ctypes.create_string_buffer(BUFFER_BYTES)
         # Both streams are stamped by one clock.
         self._clock, self._numbers = WrappingCounter(), {DEPTH: WrappingCounter(), COLOR: WrappingCounter()}
         self._before: dict[int, int] = {}
         self._infrared: tuple[int, NDArray[np.uint16] | None] = (-1, None)
 
-    def start(self) -> RigCalibration:
-        """Begin both streams; only then can the factory calibration be read."""
+    def _begin(self) -> RigCalibration:
         if self._shim.k2_start(self._handle):
-            raise DeviceError(f"{self._name} does not start; use a USB 3 port, and plug its power in")
+            raise DeviceError(f"{self.address} does not start; use a USB 3 port, and plug its power in")
         infrared, color = (c_float * INFRARED_PARAMS)(), (c_float * COLOR_PARAMS)()
         self._shim.k2_params(self._handle, infrared, color)
         fx, fy, cx, cy, k1, k2, k3, p1, p2 = infrared
         return RigCalibration(Intrinsics(512, 424, fx, fy, cx, cy, k1, k2, p1, p2, k3))
 
-    def capture(self, timeout_s: float) -> list[TimedImage]:
+    def _capture(self, timeout_s: float) -> list[TimedImage]:
         frame = Frame()
         wait_ms = round(1000 * timeout_s)
         code = self._shim.k2_read(self._handle, wait_ms, ctypes.byref(frame), self._buffer, BUFFER_BYTES)
         if code < 0:
-            raise DeviceFaultError(
-                f"{self._name} sent {frame.bytes} bytes at once; unplug it and plug it in again"
-            )
+            raise DeviceFaultError(f"{self.address} sent {frame.bytes} bytes at once; plug it in again")
         if code and frame.type == INFRARED:
             # It waits for the depth image of its number.
             self._infrared = frame.sequence, self._image(frame)
             return []
         return self._images(frame) if code else []
 
-    def close(self) -> None:
+    def _end(self) -> None:
         self._shim.k2_close(self._handle)
 
     def _images(self, frame: Frame) -> list[TimedImage]:
@@ -120,7 +110,7 @@ class _Library:
         if number <= before or frame.status or value is None:
             return []
         self._before[frame.type] = number
-        return [TimedImage(stamp_ns, value, number - before - 1)]
+        return [(stamp_ns, value, number - before - 1)]
 
     def _depth(self, frame: Frame) -> DepthImage | None:
         image, (number, infrared) = self._image(frame), self._infrared

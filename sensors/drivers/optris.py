@@ -98,9 +98,7 @@ class Optris:
         got = tuple(int(self._capture.get(side)) for side in sides)
         if got != wanted:
             self._capture.release()
-            raise DeviceError(
-                f"{self._node} gives {got[0]}x{got[1]} instead of {wanted[0]}x{wanted[1]}; choose its mode"
-            )
+            raise DeviceError(f"{self._node} gives {got}, not {wanted} words; choose its mode")
 
     def _wait(self, timeout_s: float) -> bool:
         try:
@@ -141,9 +139,7 @@ class Optris:
         return np.ascontiguousarray(image, np.uint8).reshape(height, 2 * width).view("<u2")
 
     def _lost(self) -> DeviceLostError:
-        return DeviceLostError(
-            f"{self._node} is no longer connected; plug the camera in again and start again"
-        )
+        return DeviceLostError(f"{self._node} is no longer connected; plug the camera in again")
 
 
 class FlagWatch:

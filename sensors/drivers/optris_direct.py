@@ -83,16 +83,16 @@ class OptrisDirect:
         check_config(config)
         self._library = library or load_library()
         if self._library.in_use:
-            raise DeviceBusyError(
-                "the vendor's library serves one camera at a time; close the one that is open"
-            )
+            raise DeviceBusyError("the vendor's library serves one camera at a time; close the other")
         if self._library.usb_init(str(config).encode(), None, None):
             raise DeviceError(
                 f"the vendor's library cannot open a camera with {config}; plug it in, "
                 "get its calibration with ir_download_calibration, and close other programs that use it"
             )
         self._library.in_use = True
-        self.serial, self.shape = self._read_serial(), self._read_shape()
+        number = ctypes.c_ulong()
+        self.serial = "" if self._library.get_serial(ctypes.byref(number)) else str(number.value)
+        self.shape = self._read_shape()
         self.address = f"optris-direct:{config}"
         self.rates_hz: Mapping[str, float] = {ThermalImage.stream: RATE_HZ}
         self.calibration = None
@@ -113,9 +113,7 @@ class OptrisDirect:
         except queue.Empty:
             return None
         if reading is None:
-            raise DeviceLostError(
-                f"{self.address} has stopped sending; plug the camera in again and start again"
-            )
+            raise DeviceLostError(f"{self.address} has stopped sending; plug the camera in again")
         return reading
 
     def set_emissivity(self, emissivity: float) -> None:
@@ -156,15 +154,11 @@ class OptrisDirect:
             dropped += jump - 1 if before.timestamp and 1 < jump < LARGEST_JUMP else 0
             before = metadata
             value = ThermalImage(celsius_of(values), flag_of(metadata.flagState))
-            dropped = self._offer(DeviceReading(metadata.timestamp * 100, arrival_ns, value, dropped))
-
-    def _offer(self, reading: DeviceReading) -> int:
-        """Queue a reading; the number of images to count as dropped before the next."""
-        try:
-            self._queue.put_nowait(reading)
-        except queue.Full:
-            return reading.dropped + 1
-        return 0
+            try:
+                self._queue.put_nowait(DeviceReading(100 * metadata.timestamp, arrival_ns, value, dropped))
+                dropped = 0
+            except queue.Full:
+                dropped += 1
 
     def _end(self) -> None:
         """Put the end in the queue, in place of what waits there if it is full."""
@@ -174,19 +168,13 @@ class OptrisDirect:
             except queue.Full:
                 self._queue.get_nowait()
 
-    def _read_serial(self) -> str:
-        number = ctypes.c_ulong()
-        return "" if self._library.get_serial(ctypes.byref(number)) else str(number.value)
-
     def _read_shape(self) -> tuple[int, int]:
         width, height = c_int(), c_int()
         self._library.get_thermal_image_size(ctypes.byref(width), ctypes.byref(height))
         if not (0 < width.value <= MAX_IMAGE_SIDE and 0 < height.value <= MAX_IMAGE_SIDE):
             self._library.terminate()
             self._library.in_use = False
-            raise DeviceError(
-                f"the thermal camera claims {width.value}x{height.value} pixels; switch it off and on"
-            )
+            raise DeviceError(f"the camera claims {width.value}x{height.value} pixels; switch it off and on")
         return height.value, width.value
 
 
@@ -233,7 +221,5 @@ def load_library() -> DirectLibrary:
         library = CDLL(path)
         pointers = {name: kind((f"evo_irimager_{name}", library)) for name, kind in PROTOTYPES.items()}
     except (OSError, AttributeError) as error:
-        raise DeviceNotFoundError(
-            f"{path} cannot be used ({error}); install libirimager 2 or newer"
-        ) from error
+        raise DeviceNotFoundError(f"{path} cannot be used ({error}); install libirimager 2") from error
     return DirectLibrary(**pointers)

@@ -30,8 +30,53 @@ class Orbbec(DepthCamera):
     def __init__(self, serial: str = "") -> None:
         if find_spec("pyorbbecsdk") is None:
             raise DeviceNotFoundError("pyorbbecsdk2 is not installed; install annotate-cloud[orbbec]")
+        import pyorbbecsdk
+
         chosen = choose("Orbbec camera", orbbec_serials(), serial)
-        super().__init__(f"orbbec:{chosen}", chosen, _Library(chosen))
+        super().__init__(f"orbbec:{chosen}", chosen)
+        self._sdk: Any = pyorbbecsdk
+        try:
+            # The list of devices must not outlive its context.
+            self._context = pyorbbecsdk.Context()
+            device = self._context.query_devices().get_device_by_serial_number(chosen)
+            self._pipeline = pyorbbecsdk.Pipeline(device)
+        except pyorbbecsdk.OBError as error:
+            raise DeviceBusyError(
+                f"{self.address} cannot be opened ({error}); close the program that uses it, "
+                "or add Orbbec's udev rule"
+            ) from error
+
+    def _begin(self) -> RigCalibration:
+        sdk, config = self._sdk, self._sdk.Config()
+        try:
+            color = self._pipeline.get_stream_profile_list(sdk.OBSensorType.COLOR_SENSOR)
+            config.enable_stream(
+                color.get_video_stream_profile(*COLOR_SIZE, sdk.OBFormat.MJPG, round(RATE_HZ))
+            )
+            depth = self._pipeline.get_stream_profile_list(sdk.OBSensorType.DEPTH_SENSOR)
+            config.enable_stream(depth.get_default_video_stream_profile())
+            self._pipeline.start(config)
+            return calibration_of(self._pipeline.get_camera_param())
+        except sdk.OBError as error:
+            raise DeviceError(f"{self.address} does not start ({error}); use a USB 3 port") from error
+
+    def _capture(self, timeout_s: float) -> list[TimedImage]:
+        try:
+            frames = self._pipeline.wait_for_frames(max(1, round(timeout_s * 1000)))
+        except self._sdk.OBError as error:
+            raise DeviceLostError(f"{self.address} is gone ({error}); plug it in again") from error
+        if frames is None:
+            return []
+        images: list[TimedImage] = []
+        if (depth := frames.get_depth_frame()) is not None:
+            images.append((1000 * depth.get_timestamp_us(), DepthImage(depth_of(depth)), None))
+        if (color := frames.get_color_frame()) is not None:
+            encoded = np.asarray(color.get_data(), np.uint8).tobytes()
+            images.append((1000 * color.get_timestamp_us(), ColorImage(encoded), None))
+        return images
+
+    def _end(self) -> None:
+        self._pipeline.stop()
 
 
 def orbbec_serials() -> list[str]:
@@ -44,67 +89,12 @@ def orbbec_serials() -> list[str]:
     return [str(devices.get_device_serial_number_by_index(index)) for index in range(devices.get_count())]
 
 
-class _Library:
-    """pyorbbecsdk as a ``CaptureLibrary``."""
-
-    def __init__(self, serial: str) -> None:
-        import pyorbbecsdk
-
-        self._sdk: Any = pyorbbecsdk
-        try:
-            # The list of devices must not outlive its context.
-            self._context = pyorbbecsdk.Context()
-            device = self._context.query_devices().get_device_by_serial_number(serial)
-            self._pipeline = pyorbbecsdk.Pipeline(device)
-        except pyorbbecsdk.OBError as error:
-            raise DeviceBusyError(
-                f"orbbec:{serial} cannot be opened ({error}); close the program that uses it, "
-                "or add Orbbec's udev rule"
-            ) from error
-
-    def start(self) -> RigCalibration:
-        sdk, config = self._sdk, self._sdk.Config()
-        try:
-            color = self._pipeline.get_stream_profile_list(sdk.OBSensorType.COLOR_SENSOR)
-            config.enable_stream(
-                color.get_video_stream_profile(*COLOR_SIZE, sdk.OBFormat.MJPG, round(RATE_HZ))
-            )
-            depth = self._pipeline.get_stream_profile_list(sdk.OBSensorType.DEPTH_SENSOR)
-            config.enable_stream(depth.get_default_video_stream_profile())
-            self._pipeline.start(config)
-            return calibration_of(self._pipeline.get_camera_param())
-        except sdk.OBError as error:
-            raise DeviceError(f"the Orbbec camera does not start ({error}); use a USB 3 port") from error
-
-    def capture(self, timeout_s: float) -> list[TimedImage]:
-        try:
-            frames = self._pipeline.wait_for_frames(max(1, round(timeout_s * 1000)))
-        except self._sdk.OBError as error:
-            raise DeviceLostError(
-                f"the Orbbec camera is no longer connected ({error}); plug it in again"
-            ) from error
-        if frames is None:
-            return []
-        images = []
-        if (depth := frames.get_depth_frame()) is not None:
-            images.append(TimedImage(1000 * depth.get_timestamp_us(), DepthImage(depth_of(depth))))
-        if (color := frames.get_color_frame()) is not None:
-            encoded = np.asarray(color.get_data(), np.uint8).tobytes()
-            images.append(TimedImage(1000 * color.get_timestamp_us(), ColorImage(encoded)))
-        return images
-
-    def close(self) -> None:
-        self._pipeline.stop()
-
-
 def depth_of(frame: SdkObject) -> NDArray[np.uint16]:
     """A depth frame as uint16 (h, w) millimetres. Raises DeviceFaultError for a cut one."""
     shape = frame.get_height(), frame.get_width()
     values = np.frombuffer(np.asarray(frame.get_data()).tobytes(), "<u2")
     if values.size != shape[0] * shape[1]:
-        raise DeviceFaultError(
-            f"the Orbbec camera sent {values.size} of {shape[0] * shape[1]} pixels; wait for the next"
-        )
+        raise DeviceFaultError(f"{values.size} pixels came, not {shape[0] * shape[1]}; wait for the next")
     millimetres = np.rint(values.reshape(shape) * np.float32(frame.get_depth_scale()))
     return millimetres.clip(0, 65535).astype(np.uint16)
 

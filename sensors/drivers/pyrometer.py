@@ -188,9 +188,7 @@ class Pyrometer:
             self._silent += isinstance(error, SilenceError)
             self._dropped += 1
             if self._silent >= SILENT_READS:
-                raise DeviceLostError(
-                    f"{self._line.port} does not answer; check the pyrometer's power and cable"
-                ) from error
+                raise DeviceLostError(f"{self._line.port} does not answer; check power and cable") from error
             raise
         self._silent = 0
         return spot
@@ -200,7 +198,7 @@ class Pyrometer:
             left_s = end_s - time.monotonic()
             if left_s <= 0 or not (data := self._line.receive(1, left_s)):
                 return None
-            data += self._line.receive(self._line.waiting(), 0)
+            data += self._line.receive(4096, 0)
             skipped = self._parser.skipped
             self._ready += self._parser.feed(data)
             self._dropped += -(-(self._parser.skipped - skipped) // 8)

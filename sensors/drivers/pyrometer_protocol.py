@@ -103,8 +103,7 @@ class BurstParser:
     def feed(self, data: bytes) -> Iterator[tuple[float, ...]]:
         """Take more of the stream; yield each complete frame's values in Celsius."""
         self._waiting += data
-        need = self._length + (0 if self._in_step else len(SYNC) + 1)
-        while len(self._waiting) >= need:
+        while len(self._waiting) >= self._length + (0 if self._in_step else len(SYNC) + 1):
             values = self._frame_at(0)
             if values is not None and (self._in_step or self._starts_here()):
                 self._in_step = True
@@ -114,7 +113,6 @@ class BurstParser:
                 self._in_step = False
                 self.skipped += 1
                 del self._waiting[0]
-            need = self._length + (0 if self._in_step else len(SYNC) + 1)
 
     def _starts_here(self) -> bool:
         later = self._frame_at(1) is not None and self._sync_at(1 + self._length)

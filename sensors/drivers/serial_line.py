@@ -85,13 +85,6 @@ class SerialLine:
         except GONE as error:
             raise self._lost() from error
 
-    def waiting(self) -> int:
-        """Number of bytes that have come and were not read."""
-        try:
-            return int(self._serial.in_waiting)
-        except GONE as error:
-            raise self._lost() from error
-
     def close(self) -> None:
         """Give the port back; a ``receive`` under way ends."""
         if self._serial.is_open:
@@ -105,6 +98,4 @@ class SerialLine:
         raise ChatterError(f"{self.port} does not stop sending; switch the device off and on")
 
     def _lost(self) -> DeviceLostError:
-        return DeviceLostError(
-            f"{self.port} is no longer connected; plug the pyrometer in again and start again"
-        )
+        return DeviceLostError(f"{self.port} is no longer connected; plug the pyrometer in again")

@@ -40,9 +40,7 @@ def open_device(address: str, frames: Iterable[RigFrame] = ()) -> Device:
     if parsed.virtual:
         return open_twin(parsed, frames)
     if parsed.kind not in OPENERS:
-        raise DeviceError(
-            f"device {address!r} is of no known kind; use {', '.join(OPENERS)}, or virtual: before one"
-        )
+        raise DeviceError(f"{address!r} is of no known kind; use {', '.join(OPENERS)}, or virtual:KIND")
     return OPENERS[parsed.kind](parsed)
 
 
@@ -97,9 +95,7 @@ OPENERS: Mapping[str, Callable[[Address], Device]] = {
 
 def _target(address: Address, example: str) -> Path:
     if not address.target:
-        raise DeviceError(
-            f"device {address.text!r} names no node; give for instance {address.kind}:{example}"
-        )
+        raise DeviceError(f"{address.text!r} names no node; give for instance {address.kind}:{example}")
     return Path(address.target)
 
 

@@ -100,9 +100,7 @@ def _check_apart(devices: Sequence[Device]) -> None:
     for device in devices:
         for stream in device.rates_hz:
             if stream in streams:
-                raise DeviceError(
-                    f"{streams[stream]!r} and {device.address!r} both give {stream}; record one of them"
-                )
+                raise DeviceError(f"{streams[stream]} and {device.address} both give {stream}; record one")
             streams[stream] = device.address
         kind = device.address.split("?")[0].removeprefix("virtual:").split(":")[0]
         other = serials.setdefault((kind, device.serial), device.address)
@@ -128,7 +126,7 @@ class Recorder:
         self._overrun = Counter[str]()
         self._woken, self._stop = threading.Event(), threading.Event()
         self._zero_ns: dict[str, int] = {}
-        self._flag = Flag.OPEN
+        self._flag_open = True
         self._unix_from_monotonic = time.time_ns() - time.monotonic_ns()
         self.streams = {name: StreamState() for device in devices for name in device.rates_hz}
         self.events = Counter[str]()
@@ -223,41 +221,34 @@ class Recorder:
 
     def _written(self, reading: DeviceReading, stamp: int, arrival: int) -> bool:
         """Write one reading; False for what a closed flag makes worthless."""
-        stream = self.streams[reading.stream]
-        match reading.value:
-            case DepthImage() as depth:
-                if self._infrared and depth.infrared is not None:
-                    self._writer.write_infrared(depth.infrared, stamp, arrival)
-                self._writer.write_depth(depth.depth_mm, stamp, arrival)
-                stream.shows = f"{np.count_nonzero(depth.depth_mm) / depth.depth_mm.size:.0%} read"
-            case ColorImage() as color:
-                self._writer.write_color(color.encoded, stamp, arrival)
-                stream.shows = f"{len(color.encoded) / 1000:.0f} kB"
-            case Spot() as spot:
-                self._writer.write_spot(spot.target_c, spot.head_c, spot.box_c, stamp, arrival)
-                stream.shows = f"{spot.target_c:.1f} C"
-            case ThermalImage() | ThermalCounts() as image:
-                if not self._is_open(image.flag, stamp, arrival):
-                    stream.shows = "flag closed"
-                    return False
-                self._write_thermal(image, stream, stamp, arrival)
+        stream, value = self.streams[reading.stream], reading.value
+        if isinstance(value, ThermalImage | ThermalCounts):
+            is_open = value.flag is Flag.OPEN
+            if is_open != self._flag_open:
+                self._flag_open = is_open
+                self._note(stamp, FLAG_OPEN if is_open else FLAG_CLOSED, arrival)
+            if not is_open:
+                stream.shows = "flag closed"
+                return False
+        match value:
+            case DepthImage(depth_mm, infrared):
+                if self._infrared and infrared is not None:
+                    self._writer.write_infrared(infrared, stamp, arrival)
+                self._writer.write_depth(depth_mm, stamp, arrival)
+                stream.shows = f"{np.count_nonzero(depth_mm) / depth_mm.size:.0%} read"
+            case ColorImage(encoded):
+                self._writer.write_color(encoded, stamp, arrival)
+                stream.shows = f"{len(encoded) / 1000:.0f} kB"
+            case Spot(target_c, head_c, box_c):
+                self._writer.write_spot(target_c, head_c, box_c, stamp, arrival)
+                stream.shows = f"{target_c:.1f} C"
+            case ThermalImage(celsius):
+                self._writer.write_thermal(celsius, stamp, arrival)
+                stream.shows = f"{np.nanmin(celsius):.1f} to {np.nanmax(celsius):.1f} C"
+            case ThermalCounts(counts):
+                self._writer.write_counts(counts, stamp, arrival)
+                stream.shows = f"{counts.min()} to {counts.max()} counts"
         return True
-
-    def _write_thermal(
-        self, image: ThermalImage | ThermalCounts, stream: StreamState, stamp: int, arrival: int
-    ) -> None:
-        if isinstance(image, ThermalCounts):
-            self._writer.write_counts(image.counts, stamp, arrival)
-            stream.shows = f"{image.counts.min()} to {image.counts.max()} counts"
-        else:
-            self._writer.write_thermal(image.celsius, stamp, arrival)
-            stream.shows = f"{np.nanmin(image.celsius):.1f} to {np.nanmax(image.celsius):.1f} C"
-
-    def _is_open(self, flag: Flag, stamp: int, arrival: int) -> bool:
-        if (flag is Flag.OPEN) != (self._flag is Flag.OPEN):
-            self._note(stamp, FLAG_OPEN if flag is Flag.OPEN else FLAG_CLOSED, arrival)
-        self._flag = flag
-        return flag is Flag.OPEN
 
     def _now_ns(self) -> int:
         """The host's clock as it stood at the start, whatever has been set since."""

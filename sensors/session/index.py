@@ -123,9 +123,7 @@ class _Scan:
         topic = self.topics.get(message.channel_id)
         if topic in self.places:
             if message.publish_time >= 1 << 63 or message.log_time >= 1 << 63:
-                raise FormatError(
-                    f"{self.path}: a message of {topic} has an impossible time; record it again"
-                )
+                raise FormatError(f"{self.path}: an impossible time in {topic}; record it again")
             self.places[topic].extend((message.publish_time, message.log_time, offset, slot))
         elif topic is not None and (topic in CALIBRATIONS or topic == TF):
             # One too large is kept as far as calibration_from needs to refuse it.

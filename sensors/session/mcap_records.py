@@ -42,9 +42,7 @@ def record_offsets(file: BinaryIO) -> Iterator[int]:
     size = os.fstat(file.fileno()).st_size
     file.seek(0)
     if file.read(len(MAGIC)) != MAGIC:
-        raise FormatError(
-            f"{file.name} is {'empty' if size == 0 else 'no MCAP file'}; give a recorded session"
-        )
+        raise FormatError(f"{file.name} is {'empty' if size == 0 else 'no MCAP file'}; give a session")
     offset = len(MAGIC)
     while offset + _HEAD.size <= size:
         file.seek(offset)

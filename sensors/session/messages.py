@@ -155,9 +155,7 @@ def calibration_from(messages: dict[str, bytes]) -> RigCalibration:
     for topic, data in messages.items():
         # A protobuf list of empty messages unpacks to fifty times its size.
         if len(data) > MAX_CALIBRATION_BYTES:
-            raise CalibrationError(
-                f"{topic} is larger than {MAX_CALIBRATION_BYTES} bytes; record it with its calibration"
-            )
+            raise CalibrationError(f"{topic} is larger than {MAX_CALIBRATION_BYTES} bytes; record it again")
     cameras = {
         name: _camera_from(messages[topic], name) for topic, name in CALIBRATIONS.items() if topic in messages
     }
@@ -244,7 +242,5 @@ def _pose_from(message: FrameTransform) -> Pose:
     try:
         rotation = rotation_of(np.array([q.x, q.y, q.z, q.w]))
     except ValueError as error:
-        raise CalibrationError(
-            f"/tf of {message.child_frame_id} has no rotation ({error}); record it again"
-        ) from error
+        raise CalibrationError(f"/tf of {message.child_frame_id}: {error}; record it again") from error
     return Pose(rotation, np.array([t.x, t.y, t.z])).inverse()

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,8 @@ from sensors.session.messages import (
 )
 from sensors.session.writer import recording_at
 
+T = TypeVar("T", np.uint16, np.float32)
+
 
 @dataclass(frozen=True)
 class StreamRate:
@@ -71,11 +73,13 @@ class Session:
         self.events: tuple[tuple[int, str], ...] = contents.events
         self._places = contents.places
         host = host_times(self._places, self.metadata)
-        self._color = pair_stamps(host[DEPTH], host[COLOR], COLOR_WINDOW_NS)
-        self._thermal = pair_stamps(host[DEPTH], host[THERMAL], THERMAL_WINDOW_NS)
-        # One exposure gives both.
         depth_ns, infrared_ns = (self._places[topic]["stamp_ns"] for topic in (DEPTH, INFRARED))
-        self._infrared = pair_stamps(depth_ns, infrared_ns, 0)
+        self._pairs = {
+            DEPTH: np.arange(len(self)),
+            COLOR: pair_stamps(host[DEPTH], host[COLOR], COLOR_WINDOW_NS),
+            THERMAL: pair_stamps(host[DEPTH], host[THERMAL], THERMAL_WINDOW_NS),
+            INFRARED: pair_stamps(depth_ns, infrared_ns, 0),  # one exposure gives both
+        }
         self._host = host
         self._reader = MessageReader(path)
 
@@ -89,23 +93,15 @@ class Session:
         """Frame ``index`` of 0 .. len - 1. Raises IndexError, FormatError or CalibrationError."""
         if not 0 <= index < len(self):
             raise IndexError(index)
-        depth = image_from(self._message(DEPTH, index), "depth")
-        _check_size("depth", depth, self.calibration.depth)
-        color, thermal, infrared_at = (int(p[index]) for p in (self._color, self._thermal, self._infrared))
-        thermal_c = infrared = None
-        if thermal >= 0:
-            thermal_c = thermal_from(self._message(THERMAL, thermal))
-            _check_size("thermal", thermal_c, self.calibration.thermal)
-        if infrared_at >= 0:
-            infrared = image_from(self._message(INFRARED, infrared_at), "infrared")
-            _check_size("infrared", infrared, self.calibration.depth)
+        lenses = self.calibration
+        depth, color, thermal, infrared = (self._message(t, int(at[index])) for t, at in self._pairs.items())
         return RigFrame(
-            index=index,
-            stamp_ns=int(self._places[DEPTH]["stamp_ns"][index]),
-            depth_mm=depth,
-            color_encoded=color_from(self._message(COLOR, color)) if color >= 0 else None,
-            thermal_c=thermal_c,
-            infrared=infrared,
+            index,
+            int(self._places[DEPTH]["stamp_ns"][index]),
+            _sized("depth", image_from(depth, "depth"), lenses.depth),
+            color_from(color) if color else None,
+            _sized("thermal", thermal_from(thermal), lenses.thermal) if thermal else None,
+            _sized("infrared", image_from(infrared, "infrared"), lenses.depth) if infrared else None,
         )
 
     @cached_property
@@ -147,6 +143,9 @@ class Session:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
     def _message(self, topic: str, index: int) -> bytes:
+        """The bytes of a message; none where ``index`` is -1."""
+        if index < 0:
+            return b""
         place = self._places[topic][index]
         return self._reader.read(int(place["offset"]), int(place["slot"]))
 
@@ -185,9 +184,11 @@ def _rate(stamps_ns: NDArray[np.int64]) -> StreamRate:
     return StreamRate(len(stamps_ns), round((len(stamps_ns) - 1) / span_s, 3) if span_s > 0 else 0.0)
 
 
-def _check_size(name: str, image: NDArray[Any], camera: Intrinsics | None) -> None:
+def _sized(name: str, image: NDArray[T], camera: Intrinsics | None) -> NDArray[T]:
+    """The image. Raises CalibrationError where it is not of the calibrated size."""
     if camera is not None and image.shape != camera.shape:
         raise CalibrationError(
             f"{name} image is {image.shape[1]}x{image.shape[0]} but its calibration is of "
             f"{camera.width}x{camera.height}; give the session the calibration of this camera"
         )
+    return image

@@ -93,7 +93,6 @@ class FakeCapture:
 
     def __init__(self, camera: VirtualOptris) -> None:
         self._camera, self._opened = camera, not camera.in_use
-        self._properties: dict[int, float] = {}
         self._number = 0
         if self._opened:
             camera.in_use = True
@@ -104,8 +103,7 @@ class FakeCapture:
         return self._opened
 
     def set(self, propId: int, value: float) -> bool:  # noqa: N803
-        """Take any property."""
-        self._properties[propId] = value
+        """Take any property; only the number of buffers means something."""
         if propId == cv2.CAP_PROP_BUFFERSIZE:
             self._camera.schedule.queue = int(value)
         return True
@@ -118,7 +116,7 @@ class FakeCapture:
             cv2.CAP_PROP_FRAME_HEIGHT: layout.height,
             cv2.CAP_PROP_POS_MSEC: 1e3 * self._camera.schedule.device_s(self._number),
         }
-        return float(own.get(propId, self._properties.get(propId, 0.0)))
+        return float(own.get(propId, 0.0))
 
     def grab(self, timeout_s: float) -> bool:
         """Wait for the next frame. Raises cv2.error, as on POLLERR, when the camera has gone."""

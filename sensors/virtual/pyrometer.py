@@ -26,7 +26,7 @@ from sensors.drivers.pyrometer_protocol import (
 )
 from sensors.errors import DeviceError
 
-CHECKSUM_SWITCH = 0xAD
+SERIAL = 8_031_234
 BURST_PERIOD_S = 0.01
 AMBIENT_C, HEAD_C, BOX_C, PROCESSOR_C = 22.0, 27.4, 31.2, 33.5
 
@@ -59,7 +59,6 @@ class VirtualPyrometer:
         self,
         family: PyrometerFamily = CT,
         *,
-        serial: int = 8_031_234,
         rs485: int | None = None,
         scale: Scale = TENTHS,
         faults: LineFaults | None = None,
@@ -67,8 +66,7 @@ class VirtualPyrometer:
         seed: int = 0,
     ) -> None:
         self.family, self.emissivity = family, 0.97
-        self.checksum_expected = family.checksum
-        self._number, self._rs485, self._scale, self._target_c = serial, rs485, scale, target_c
+        self._rs485, self._scale, self._target_c = rs485, scale, target_c
         self.faults, self._rng = faults or LineFaults(), np.random.default_rng(seed)
         self._layout: tuple[int, ...] = ()
         self._streaming = False
@@ -115,18 +113,13 @@ class VirtualPyrometer:
 
     def _obey(self, waiting: bytearray) -> int:
         """Carry out the command at the front; the number of bytes it has, 0 while it is incomplete."""
-        start = 0
-        if waiting and 0xB0 <= waiting[0] < 0xD0:
-            start = 1
+        start = 1 if waiting and 0xB0 <= waiting[0] < 0xD0 else 0
         if len(waiting) <= start:
             return 0
         code, family = waiting[start], self.family
-        data = 0
-        if code == family.set_emissivity:
-            data = 2
-        elif code in (BURST_LAYOUT, BURST_SWITCH) and family.burst:
-            data = 4 if code == BURST_LAYOUT else 1
-        guarded = code >= 0x82 and self.checksum_expected
+        lengths = {BURST_LAYOUT: 4, BURST_SWITCH: 1} if family.burst else {}
+        data = 2 if code == family.set_emissivity else lengths.get(code, 0)
+        guarded = code >= 0x82 and family.checksum
         length = start + 1 + data + guarded
         if len(waiting) < length:
             return 0
@@ -141,45 +134,28 @@ class VirtualPyrometer:
 
     def _answer(self, command: bytes) -> bytes:
         code, data, family = command[0], command[1:], self.family
+        items = {family.target: 1, family.current_target: 1, family.head: 2, family.box: 3}
         if code == family.set_emissivity:
             self.emissivity = int.from_bytes(data) / 1000
             return data
         if code == BURST_LAYOUT and family.burst:
             nibbles = [n for byte in data for n in (byte >> 4, byte & 15)]
             self._layout = tuple(nibbles[: (*nibbles, 0).index(0)])
-            return b""
-        if code == BURST_SWITCH and family.burst:
+        elif code == BURST_SWITCH and family.burst:
             self._streaming = data == b"\x01"
-            return b""
-        if code == CHECKSUM_SWITCH and family.checksum:
-            self.checksum_expected = not self.checksum_expected
-            return b""
-        return self._reading(code)
-
-    def _reading(self, code: int) -> bytes:
-        family = self.family
-        items = {
-            family.target: 1,
-            family.current_target: 1,
-            family.head: 2,
-            family.box: 3,
-            family.emissivity: 5,
-        }
-        if code == family.serial:
-            return self._number.to_bytes(3)
-        if code in items:
+        elif code in items:
             return self._item(items[code])
-        if code == family.emissivity:
-            return self._item(5)
-        if code == CS_PROCESSOR and not family.burst:
+        elif code == family.emissivity:
+            return round(self.emissivity * 1000).to_bytes(2)
+        elif code == family.serial:
+            return SERIAL.to_bytes(3)
+        elif code == CS_PROCESSOR and not family.burst:
             return self._scale.encode(PROCESSOR_C)
         return b""
 
     def _item(self, item: int) -> bytes:
-        """Two bytes of one burst item: 1 process, 2 head, 3 box, 5 emissivity."""
-        if item == 5:
-            return round(self.emissivity * 1000).to_bytes(2)
-        if item in (2, 3):
+        """Two bytes of one burst item: 1 process, 2 head, 3 box."""
+        if item > 1:
             return self._scale.encode(HEAD_C if item == 2 else BOX_C)
         true_c = self._target_c(time.monotonic() - self._started)
         return self._scale.encode(AMBIENT_C + (true_c - AMBIENT_C) * 0.97 / self.emissivity)

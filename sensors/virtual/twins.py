@@ -54,9 +54,7 @@ def open_twin(address: Address, frames: Iterable[RigFrame]) -> Device:
         "pyrometer": lambda address, _: _pyrometer(address),
     }
     if address.kind not in openers:
-        raise DeviceError(
-            f"device {address.text!r} has no virtual twin; use virtual: with {', '.join(openers)}"
-        )
+        raise DeviceError(f"{address.text!r} has no virtual twin; use virtual: with {', '.join(openers)}")
     return VirtualDevice(address.text, *openers[address.kind](address, frames))
 
 
