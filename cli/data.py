@@ -15,7 +15,6 @@ from cli.console import Json, Overwrite, finish, progress
 from cli.extras import needing
 from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
-from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session
 
 Session_ = Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")]
@@ -95,17 +94,13 @@ def _source_problems(path: Path) -> list[str]:
     fuser = Fuser(source.calibration)
     try:
         for frame in source:
-            problems += _frame_problems(frame, fuser)
+            if not (frame.depth_mm > 0).any():
+                problems.append(f"frame {frame.index:06d} has no depth reading")
+                continue
+            try:
+                fuser.fuse_frame(frame)
+            except CloudError as error:
+                problems.append(f"frame {frame.index:06d}: {error}")
     except CloudError as error:
         problems.append(str(error))
     return problems
-
-
-def _frame_problems(frame: RigFrame, fuser: Fuser) -> list[str]:
-    if not (frame.depth_mm > 0).any():
-        return [f"frame {frame.index:06d} has no depth reading"]
-    try:
-        fuser.fuse_frame(frame)
-    except CloudError as error:
-        return [f"frame {frame.index:06d}: {error}"]
-    return []

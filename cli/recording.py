@@ -1,5 +1,6 @@
 """The verbs ``record``, from devices into a session, and ``repair``, for a session that was cut off."""
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -73,7 +74,8 @@ def record(
         writer = SessionWriter(out, calibration, wanted.name, overwrite=overwrite, metadata=metadata)
         recorder = Recorder(devices, writer, infrared)
         with writer, _preview() as show:
-            done = recorder.run(_until(seconds), show)
+            end_s = time.monotonic() + (seconds or math.inf)
+            done = recorder.run(lambda: time.monotonic() >= end_s, show)
     _report(out, done, json)
 
 
@@ -115,11 +117,6 @@ def _calibration(rig: RecordingRig, devices: list[Device], shown: Shown | None) 
         raise CalibrationError("no device reports depth intrinsics; name a calibration in a --rig file")
     say("no calibration but the depth camera's own; run `calibrate` for the other cameras")
     return factory
-
-
-def _until(seconds: float | None) -> Callable[[], bool]:
-    end = None if seconds is None else time.monotonic() + seconds
-    return lambda: end is not None and time.monotonic() >= end
 
 
 @contextmanager

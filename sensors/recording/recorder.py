@@ -96,26 +96,18 @@ def clock_metadata(devices: Sequence[Device], latency_ms: Mapping[str, float]) -
 
 def _check_apart(devices: Sequence[Device]) -> None:
     streams: dict[str, str] = {}
-    serials: dict[tuple[str, str], str] = {}
     for device in devices:
         for stream in device.rates_hz:
             if stream in streams:
                 raise DeviceError(f"{streams[stream]} and {device.address} both give {stream}; record one")
             streams[stream] = device.address
-        kind = device.address.split("?")[0].removeprefix("virtual:").split(":")[0]
-        other = serials.setdefault((kind, device.serial), device.address)
-        if device.serial and other != device.address:
-            raise DeviceError(
-                f"{other!r} and {device.address!r} have one serial number, {device.serial}; "
-                "they are one device, or one of them has to be unplugged"
-            )
 
 
 class Recorder:
     """Records devices that have started into an open session; ``run`` closes them.
 
     infrared: whether to keep the depth camera's amplitude images, which calibration needs.
-    Raises DeviceError where two devices have one stream or one serial number.
+    Raises DeviceError where two devices have one stream.
     """
 
     def __init__(self, devices: Sequence[Device], writer: SessionWriter, infrared: bool = False) -> None:
