@@ -21,7 +21,7 @@ from eval.compare.compare import Comparison, compare_sets
 from eval.compare.details import details, suspicious
 from eval.compare.results import Result, load_result, save_result
 from eval.report.build import write_report
-from eval.report.material import Material
+from eval.report.gather import Material
 from eval.scores import counts, intervals
 from eval.scores.counts import SHAPES, FrameCounts
 from eval.scores.scores import PART_SCORES

@@ -16,7 +16,7 @@ import pytest
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.results import Result
 from eval.report.build import render
-from eval.report.material import Material
+from eval.report.gather import Material
 from tests.helpers.browser import CHROMIUM, Browser
 from tests.helpers.report_doll import HOSTILE, hostile_material, label_sets, trained
 

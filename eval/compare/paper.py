@@ -6,6 +6,8 @@ sections 4.1 and 4.2. Rows are the true part and are shares of it, printed with 
 row adds up to 1 only within rounding.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from annotate.array_types import Float64
@@ -52,9 +54,18 @@ TABLE3_REAL = _by_part_id("""
 """)
 """Table 3, float64 (12, 12): the same network on 145 real images of eight people."""
 
-SYNTHETIC_FRAMES = 4984
-REAL_FRAMES = 145
-REAL_SUBJECTS = 8
+
+class Reported(NamedTuple):
+    """One of the tables, float64 (12, 12) and the numbers of its frames and people; None: not printed."""
+
+    title: str
+    table: Float64
+    frames: int
+    people: int | None
+
+
+SYNTHETIC = Reported("Paper, synthetic", TABLE2_SYNTHETIC, 4984, None)
+REAL = Reported("Paper, real", TABLE3_REAL, 145, 8)
 SECONDS_PER_FRAME = 60.0
 """Time of one manual correction of the automatic labels (section 4.2.1: about one minute)."""
 

@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
@@ -19,13 +19,13 @@ from eval.compare import paper
 from eval.compare.details import suspicious
 from eval.compare.results import Result
 from eval.report import plots, tables
-from eval.report.cloud_picture import THERMAL_RANGE_C
-from eval.report.estimates import MINUS, SHARES, SUMMARY, row_shares, shown, shown_parts
-from eval.report.figures import ERROR_NAMES, ERROR_RGB, data_uri
-from eval.report.gap import difference_of, group_tables, part_gaps
-from eval.report.material import Material
+from eval.report.estimates import SHARES, SHOWN_ORDER, SUMMARY, difference_of, estimate, shown, verdict
+from eval.report.figures import ERROR_NAMES, ERROR_RGB, THERMAL_RANGE_C, data_uri
+from eval.report.gap import group_tables
+from eval.report.gather import Material
 from eval.report.scenes import Scene
 from eval.report.views import PART_SCORES, joints_of, view_of
+from eval.scores import confusion
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, write_bytes
 
@@ -82,6 +82,20 @@ _PAGE = Environment(
     lstrip_blocks=True,
 )
 _PAGE.filters["picture"] = data_uri
+_PAGE.globals |= {
+    "parts": [PARTS[i] for i in SHOWN_ORDER],
+    "all_parts": PARTS,
+    "summary": SUMMARY,
+    "part_scores": PART_SCORES,
+    "shares": SHARES,
+    "error_kinds": list(zip(ERROR_NAMES[1:], ERROR_RGB[1:], strict=True)),
+    "paper": paper,
+    "measures": confusion,
+    "estimate": estimate,
+    "difference_of": difference_of,
+    "ordered": shown,
+    "verdict": verdict,
+}
 
 
 def write_report(path: Path, material: Material, overwrite: bool = False) -> list[Path]:
@@ -123,7 +137,7 @@ def render(material: Material) -> str:
         policy=policy(plotly, script),
         plotly=Markup(plotly),
         script=Markup(script),
-        data=Markup(embedded_json(_data(material, numbers["figures"]))),
+        data=Markup(embedded_json({"figures": numbers["figures"], **scene_json(material.scenes)})),
         contents=contents,
         absent=[why for name, why in _ABSENT.items() if name not in contents],
         **numbers,
@@ -143,40 +157,26 @@ def policy(*scripts: str) -> str:
 
 def _numbers(material: Material) -> dict[str, Any]:
     """Values of the templates; a section's own name is true where it has content."""
-    results = material.results
-    views, found = material.views, material.differences
+    results, found = material.results, material.differences
     joints = [view for view in map(joints_of, results) if view is not None]
-    calibration = plots.calibration_rows(results)
     galleries = {title: frames for title, frames in material.galleries.items() if frames}
     frames = [frame for shown_frames in galleries.values() for frame in shown_frames]
     tables_of_groups = group_tables(results)
     return {
-        "views": views,
+        "views": material.views,
         "figures": plots.figures_of(material, joints),
         "ceiling": view_of(material.ceiling) if material.ceiling else None,
         "facts": material.facts,
-        "parts": shown_parts(),
-        "all_parts": PARTS,
-        "summary": SUMMARY,
-        "part_scores": PART_SCORES,
-        "shares": SHARES,
-        "paper": _paper_tables(),
-        "citation": paper.CITATION,
-        "confusion_gaps": _confusion_gaps(results),
         "differences": found,
-        "difference_scores": {name: SUMMARY[name] for name in list(SUMMARY)[:-1]},
-        "difference_of": difference_of,
-        "part_gaps": part_gaps(results, found),
         "group_tables": tables_of_groups,
         "gap": bool(found or tables_of_groups),
-        "calibration": calibration,
+        "calibration": any(result.comparison.has_confidence for result in results),
         "suspects": _suspects(results),
         "joints": joints,
         "galleries": galleries,
         "gallery": bool(galleries),
         "gallery_groups": list(dict.fromkeys(frame.group for frame in frames if frame.group)),
         "gallery_subjects": sorted({frame.subject for frame in frames if frame.subject}),
-        "error_kinds": list(zip(ERROR_NAMES[1:], ERROR_RGB[1:], strict=True)),
         "scenes": material.scenes,
         "shown_sets": material.shown,
         "shown": bool(material.shown),
@@ -184,35 +184,6 @@ def _numbers(material: Material) -> dict[str, Any]:
         "training": bool(material.trainings),
         "audits": material.audits,
         "audit": any(audit.people for audit in material.audits.values()),
-    }
-
-
-def _data(material: Material, figures: Mapping[str, Any]) -> dict[str, Any]:
-    """What the page's script reads."""
-    return {"figures": figures, **scene_json(material.scenes)}
-
-
-def _paper_tables() -> dict[str, Any]:
-    """The paper's tables in the order they are shown, and what they sum up to."""
-    return {
-        "synthetic": shown(paper.TABLE2_SYNTHETIC),
-        "real": shown(paper.TABLE3_REAL),
-        "gap": shown(paper.TABLE3_REAL - paper.TABLE2_SYNTHETIC),
-        "synthetic_recall": paper.mean_recall_of(paper.TABLE2_SYNTHETIC),
-        "real_recall": paper.mean_recall_of(paper.TABLE3_REAL),
-        "synthetic_frames": paper.SYNTHETIC_FRAMES,
-        "real_frames": paper.REAL_FRAMES,
-        "real_subjects": paper.REAL_SUBJECTS,
-        "seconds": paper.SECONDS_PER_FRAME,
-    }
-
-
-def _confusion_gaps(results: tuple[Result, ...]) -> dict[str, list[list[float]]]:
-    """Every result's matrix less the first one's, by title."""
-    first = row_shares(results[0].comparison.confusion)
-    return {
-        f"{result.title} {MINUS} {results[0].title}": shown(row_shares(result.comparison.confusion) - first)
-        for result in results[1:]
     }
 
 

@@ -5,13 +5,13 @@ dark and paper. Text from outside goes through `plain`, since plotly reads some 
 """
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Float64
-from eval.compare import paper
 from eval.report.estimates import Estimate
 
 Figure: TypeAlias = dict[str, Any]
@@ -64,7 +64,7 @@ def forest(
     rows: Sequence[tuple[str, Sequence[Estimate]]],
     titles: Sequence[str],
     axis: str,
-    references: Mapping[str, Sequence[float]] | None = None,
+    references: Mapping[str, Sequence[float]] = MappingProxyType({}),
     ceiling: Sequence[float] | None = None,
     first_series: int = 0,
     zero: bool = False,
@@ -80,7 +80,7 @@ def forest(
         found = [estimates[k] for _, estimates in rows]
         offset = (k - (len(titles) - 1) / 2) * min(0.22, 0.7 / max(len(titles), 1))
         data.append(_points(short(title), found, offset, series(first_series + k), names))
-    for symbol, (name, values) in zip(("diamond-open", "diamond"), (references or {}).items(), strict=False):
+    for symbol, (name, values) in zip(("diamond-open", "diamond"), references.items(), strict=False):
         data.append(_marks(name, values, symbol, names))
     if ceiling is not None:
         data.append(_marks("Two people's labels", ceiling, "line-ns-open", names))
@@ -212,9 +212,3 @@ def spreads(boxes: Sequence[tuple[str, Sequence[str], Float64, Sequence[str], st
     ]  # fmt: skip
     y = {"title": {"text": y_title}, "zeroline": False}
     return figure(data, 340, {"boxmode": "group", "yaxis": y, "xaxis": {"showgrid": False}})
-
-
-def paper_recalls() -> dict[str, list[float]]:
-    """The paper's recall of the eleven parts, by table."""
-    tables = {"Paper, synthetic": paper.TABLE2_SYNTHETIC, "Paper, real": paper.TABLE3_REAL}
-    return {name: [float(v) for v in np.diagonal(table)[1:]] for name, table in tables.items()}

@@ -1,15 +1,15 @@
 """Scores with their intervals, as the page and the tables beside it print them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from annotate.array_types import Float64, Index, Int64
-from annotate.parts import BACKGROUND, BODY_PARTS, PARTS, Part
+from annotate.parts import BACKGROUND, BODY_PARTS
 from eval.compare import paper
 from eval.compare.compare import Comparison
+from eval.compare.paired import Difference
 from eval.scores import confusion, intervals
 
 SUMMARY = {
@@ -21,8 +21,6 @@ SUMMARY = {
     "ece": "Calibration error",
 }
 """Scores of a result that stand side by side, with their titles."""
-
-MINUS = "\N{MINUS SIGN}"
 
 SHARES = frozenset(("left_right_swap_rate", "ece"))
 """Scores printed as percentages, of which less is better."""
@@ -55,6 +53,11 @@ def estimate(comparison: Comparison, name: str, *index: int) -> Estimate:
     return picked(comparison.scores[name], comparison.ci95[name], index)
 
 
+def difference_of(found: Difference, name: str, *index: int) -> Estimate:
+    """One score's difference with its interval."""
+    return picked(found.values[name], found.ci95[name], index)
+
+
 def picked(values: Float64, ends: Float64, index: tuple[int, ...] = ()) -> Estimate:
     """One of many scores (...) with their intervals (2, ...)."""
     at: tuple[Any, ...] = (..., *index)
@@ -71,36 +74,22 @@ def printed(name: str, found: Estimate, percent: str = " %", sign: str = "") -> 
     return f"{value}{unit} [{low}, {high}]" if found.bounded else value + unit
 
 
-def summary_of(comparison: Comparison) -> dict[str, Estimate]:
-    """The scores of `SUMMARY`."""
-    return {name: estimate(comparison, name) for name in SUMMARY}
-
-
-def group_estimates(comparison: Comparison, frames: Index) -> dict[str, Estimate]:
-    """Mean recall and mIoU of some frames (n,) with intervals, from their confusion matrices alone.
+def group_recall(comparison: Comparison, frames: Index) -> Estimate:
+    """Mean recall of some frames (n,) with its interval, from their confusion matrices alone.
 
     Quicker by far than `Comparison.only`, which resamples every count there is.
     """
     matrices = comparison.matrices[frames]
-    subjects = [comparison.subjects[i] for i in frames]
-    by_cluster = intervals.cluster_sums(matrices.reshape(len(matrices), -1), intervals.clusters_of(subjects))
+    clusters = intervals.clusters_of([comparison.subjects[i] for i in frames])
+    by_cluster = intervals.cluster_sums(matrices.reshape(len(matrices), -1), clusters)
     resampled = intervals.resampled_sums(by_cluster).reshape(-1, *matrices.shape[1:])
-    scores = {"mean_recall": confusion.mean_recall, "miou": confusion.miou}
-    estimates = {}
-    for name, score in scores.items():
-        value = score(matrices.sum(0))
-        estimates[name] = picked(value, intervals.interval(value, score(resampled), len(by_cluster)))
-    return estimates
+    value = confusion.mean_recall(matrices.sum(0))
+    return picked(value, intervals.interval(value, confusion.mean_recall(resampled), len(by_cluster)))
 
 
 def shown(table: Float64) -> list[list[float]]:
     """A table (12, 12) by part id in the order it is shown."""
     return [[float(v) for v in row] for row in table[np.ix_(SHOWN_ORDER, SHOWN_ORDER)]]
-
-
-def shown_parts() -> list[Part]:
-    """The classes in the order they are shown."""
-    return [PARTS[i] for i in SHOWN_ORDER]
 
 
 def verdict(mean_recall: Estimate) -> str:
@@ -122,11 +111,3 @@ def verdict(mean_recall: Estimate) -> str:
 def row_shares(matrix: Int64) -> Float64:
     """A confusion matrix (12, 12) as shares of each true part's pixels, NaN for an absent part."""
     return confusion.ratio(matrix, np.broadcast_to(matrix.sum(1, keepdims=True), matrix.shape))
-
-
-def quantiles(values: Sequence[float] | Float64) -> tuple[float, ...]:
-    """5th, 25th, 50th, 75th and 95th percentile of what is not NaN."""
-    known = np.asarray(values, np.float64)
-    known = known[~np.isnan(known)]
-    spread = np.quantile(known, [0.05, 0.25, 0.5, 0.75, 0.95]) if known.size else np.full(5, np.nan)
-    return tuple(spread.tolist())

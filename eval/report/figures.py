@@ -5,7 +5,8 @@ import base64
 import cv2
 import numpy as np
 
-from annotate.array_types import Bool, Float32, UInt8, UInt16
+from annotate.array_types import Bool, Float32, Float64, UInt8, UInt16
+from annotate.crop import SIZE
 from annotate.parts import BACKGROUND, LEFT_RIGHT, NEIGHBOURS, UNDEFINED, palette_rgb
 from eval.scores.confusion import Labels, named
 
@@ -13,6 +14,9 @@ Image = UInt8
 
 CANVAS = (24, 24, 28)
 """Colour of nothing, as in the palette of parts; chosen by eye."""
+
+THERMAL_RANGE_C = (18.0, 36.0)
+"""Temperatures drawn from black to yellow: a room to warm skin (the paper extracts 25 to 35)."""
 
 ERROR_KINDS = {
     "missed_person": ("Missed person", (79, 151, 255)),
@@ -86,6 +90,75 @@ def _pairs(pairs: tuple[tuple[int, ...], ...]) -> Bool:
     for a, b in pairs:
         table[a, b] = table[b, a] = True
     return table
+
+
+def render_thermal_cloud(
+    points_m: Float32, temperature_c: Float32, yaw_deg: float = 22.0, pitch_deg: float = 10.0
+) -> Image:
+    """An organised cloud seen from slightly aside, coloured by temperature: (212, 212, 3).
+
+    points_m: (h, w, 3), depth-camera frame, NaN = no reading or not to be drawn. temperature_c:
+    (h, w), NaN is drawn grey. The viewer moves by yaw to its right and by pitch upwards around the
+    cloud's middle. Points are drawn far to near as squares that close the gaps between them.
+    """
+    drawn = np.asarray(np.isfinite(points_m).all(-1))
+    image = np.full((SIZE, SIZE, 3), CANVAS, np.uint8)
+    if not drawn.any():
+        return image
+    turned = _orbit(points_m, drawn, yaw_deg, pitch_deg)
+    color = (_thermal_colors(temperature_c) * _shade(turned)[..., None]).astype(np.uint8)[drawn]
+    flat = turned[..., :2] / turned[..., 2:]
+    low, high = np.percentile(flat[drawn], [0.5, 99.5], axis=0)
+    scale = 0.94 * SIZE / max(float((high - low).max()), 1e-3)
+    flat = (flat - (low + high) / 2) * scale + SIZE / 2
+    width = _splat_px(flat)
+    u, v = flat[drawn].T
+    z = turned[drawn][:, 2]
+    order = np.argsort(-z, kind="stable")
+    rows, columns, color = v[order].astype(int), u[order].astype(int), color[order]
+    # One splat is painted whole before the next nearer one: offsets vary fastest.
+    dy, dx = (offset.ravel() for offset in np.indices((width, width)) - width // 2)
+    rows, columns = (rows[:, None] + dy).ravel(), (columns[:, None] + dx).ravel()
+    inside = (rows >= 0) & (rows < SIZE) & (columns >= 0) & (columns < SIZE)
+    image[rows[inside], columns[inside]] = np.repeat(color, width * width, axis=0)[inside]
+    return image
+
+
+def _orbit(points_m: Float32, drawn: Bool, yaw_deg: float, pitch_deg: float) -> Float64:
+    """Points (h, w, 3) in the frame of a viewer who moved around the cloud's middle."""
+    low, high = np.percentile(points_m[drawn], [2, 98], axis=0)
+    middle = (low + high) / 2
+    yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
+    about_y = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
+    about_x = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
+    distance_m = max(float(np.linalg.norm(middle)), 2.0 * float((high - low).max()))
+    turned: Float64 = (points_m - middle) @ (about_x @ about_y).T + [0.0, 0.0, distance_m]
+    turned[..., 2] = np.maximum(turned[..., 2], 0.1)
+    return turned
+
+
+def _thermal_colors(temperature_c: Float32) -> Float64:
+    low, high = THERMAL_RANGE_C
+    share = np.clip((np.nan_to_num(temperature_c, nan=low) - low) / (high - low), 0, 1)
+    inferno = cv2.applyColorMap((40 + 215 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)[..., ::-1]
+    return np.where(np.isnan(temperature_c)[..., None], 110.0, inferno)
+
+
+def _shade(points: Float64) -> Float64:
+    """Light from the viewer (h, w): 1 facing it, 0.55 at a grazing angle or where no normal is known."""
+    across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
+    normal = np.cross(across, down)
+    length = np.linalg.norm(normal, axis=-1)
+    facing = np.divide(np.abs(normal[..., 2]), length, out=np.zeros_like(length), where=length > 0)
+    light: Float64 = 0.55 + 0.45 * facing
+    return light
+
+
+def _splat_px(flat: Float64) -> int:
+    """Side of a point's square, from points in the picture (h, w, 2): their median gap, and a bit more."""
+    gap = np.linalg.norm(np.diff(flat, axis=1), axis=-1)
+    gap = gap[np.isfinite(gap)]
+    return int(np.clip(np.ceil(np.median(gap) * 1.3), 1, 8)) if gap.size else 3
 
 
 def data_uri(image: Image) -> str:

@@ -14,8 +14,7 @@ from annotate.parts import BACKGROUND, BODY_PARTS, on_body
 from eval.compare.compare import Comparison
 from eval.compare.pairs import pair_up
 from eval.report import figures
-from eval.report.cloud_picture import render_thermal_cloud
-from eval.report.figures import Image
+from eval.report.figures import Image, render_thermal_cloud
 from eval.scores import confusion
 
 AROUND_M = 0.7

@@ -1,18 +1,13 @@
-"""The domain gap: every result beside the first one, part by part and for each kind of frame."""
+"""The domain gap: every result beside the first one, for each kind of frame."""
 
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
+from typing import NamedTuple
 
 from annotate.array_types import Index
-from annotate.parts import BODY_PARTS, Part
-from eval.compare import paper
-from eval.compare.paired import Difference
 from eval.compare.results import Result
-from eval.report.estimates import Estimate, group_estimates, picked
+from eval.report.estimates import Estimate, group_recall
 from eval.scores.traits import groups
 
 VALUES = 24
@@ -28,60 +23,16 @@ KIND_TITLES = {
     "hard": "What makes it hard",
 }
 
-
-@dataclass(frozen=True)
-class GapRow:
-    """A part's recall less its recall in the first result, for each of the others; the paper's gap beside."""
-
-    part: Part
-    base: float
-    gaps: list[Estimate]
-    paper_gap: float
+Cell = tuple[int, Estimate] | None
+"""Frames of one kind in one result, and their mean recall; None where it has none."""
 
 
-@dataclass(frozen=True)
-class GroupCell:
-    """Frames of one kind in one result; no frames, no scores."""
-
-    frames: int
-    scores: dict[str, Estimate]
-
-
-@dataclass(frozen=True)
-class GroupRow:
-    """One value of a trait, by result."""
-
-    value: str
-    cells: list[GroupCell]
-
-
-@dataclass(frozen=True)
-class GroupTable:
-    """One trait: its title, rows in the order to show, and how many values were left out."""
+class GroupTable(NamedTuple):
+    """One trait: its title, each value's cells by result in the order to show, values left out."""
 
     title: str
-    rows: list[GroupRow]
+    rows: list[tuple[str, list[Cell]]]
     left_out: int
-
-
-def part_gaps(results: Sequence[Result], found: Sequence[Difference]) -> list[GapRow]:
-    """One row a body part."""
-    gap = np.diagonal(paper.TABLE3_REAL) - np.diagonal(paper.TABLE2_SYNTHETIC)
-    recall = results[0].comparison.scores["recall"]
-    return [
-        GapRow(
-            part,
-            float(recall[part.id]),
-            [difference_of(one, "recall", part.id) for one in found],
-            float(gap[part.id]),
-        )
-        for part in BODY_PARTS
-    ]
-
-
-def difference_of(found: Difference, name: str, *index: int) -> Estimate:
-    """One score's difference with its interval."""
-    return picked(found.values[name], found.ci95[name], index)
 
 
 def group_tables(results: Sequence[Result]) -> list[GroupTable]:
@@ -102,9 +53,7 @@ def _group_table(
         counts.update({value: len(frames) for value, frames in found.items()})
     frequent = {value for value, _ in counts.most_common(VALUES)}
     rows = [
-        GroupRow(
-            value, [_cell(result, found.get(value)) for result, found in zip(results, found_by, strict=True)]
-        )
+        (value, [_cell(result, found.get(value)) for result, found in zip(results, found_by, strict=True)])
         for value in sorted(counts, key=_place)
         if value in frequent
     ]
@@ -117,7 +66,5 @@ def _place(value: str) -> tuple[bool, float]:
     return (False, float(start[2]) - bool(start[1]) * 1e-3) if start else (True, 0.0)
 
 
-def _cell(result: Result, frames: Index | None) -> GroupCell:
-    if frames is None:
-        return GroupCell(0, {})
-    return GroupCell(len(frames), group_estimates(result.comparison, frames))
+def _cell(result: Result, frames: Index | None) -> Cell:
+    return None if frames is None else (len(frames), group_recall(result.comparison, frames))

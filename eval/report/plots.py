@@ -10,10 +10,10 @@ from eval.compare.paired import Difference
 from eval.compare.results import Result
 from eval.report import charts
 from eval.report.charts import Figure
-from eval.report.estimates import Estimate, estimate
-from eval.report.gap import difference_of
+from eval.report.estimates import Estimate, difference_of
+from eval.report.figures import ERROR_KINDS
+from eval.report.gather import Material
 from eval.report.history import Training
-from eval.report.material import Material
 from eval.report.views import THRESHOLDS_MM, JointsView, ResultView
 from eval.scores.boundary import TOLERANCES_MM, TOLERANCES_PX
 from eval.scores.reliability import reliability_curve
@@ -34,7 +34,10 @@ def figures_of(material: Material, joints: Sequence[JointsView]) -> dict[str, Fi
         "parts-recall": _by_part(views, "recall", "recall", material.ceiling),
         "parts-iou": _by_part(views, "iou", "intersection over union", material.ceiling),
         "error-kinds": charts.stacked_shares(
-            [(view.result.title, [(e.title, e.rgb, e.share) for e in view.errors]) for view in views]
+            [
+                (view.result.title, [(*ERROR_KINDS[name], share) for name, share in view.errors.items()])
+                for view in views
+            ]
         ),
         "error-distance": _error_distance(views),
         "boundary": _boundary(results),
@@ -57,12 +60,9 @@ def _overview(views: Sequence[ResultView], ceiling: Result | None) -> Figure:
     rows = [
         (v.result.title, v.scores["mean_recall"], charts.series(i), "circle") for i, v in enumerate(views)
     ]
-    for name, table, symbol in (
-        ("Paper, synthetic", paper.TABLE2_SYNTHETIC, "diamond-open"),
-        ("Paper, real", paper.TABLE3_REAL, "diamond"),
-    ):
-        printed = Estimate(paper.mean_recall_of(table), np.nan, np.nan)
-        rows.append((name, printed, "var(--paper)", symbol))
+    for of_paper, symbol in ((paper.SYNTHETIC, "diamond-open"), (paper.REAL, "diamond")):
+        printed = Estimate(paper.mean_recall_of(of_paper.table), np.nan, np.nan)
+        rows.append((of_paper.title, printed, "var(--paper)", symbol))
     figure = charts.levels(rows, "mean recall")
     if ceiling is not None:
         _line_at(figure, float(ceiling.comparison.scores["mean_recall"]), "two people's labels")
@@ -85,7 +85,8 @@ def _by_part(views: Sequence[ResultView], name: str, axis: str, ceiling: Result 
         for i in range(len(views[0].parts))
     ]
     best = None if ceiling is None else ceiling.comparison.scores[name][1:].tolist()
-    references = charts.paper_recalls() if name == "recall" else None
+    of_paper = (paper.SYNTHETIC, paper.REAL) if name == "recall" else ()
+    references = {one.title: np.diagonal(one.table)[1:].tolist() for one in of_paper}
     return charts.forest(rows, [view.result.title for view in views], axis, references, best)
 
 
@@ -186,12 +187,3 @@ def _learning(trainings: Sequence[Training]) -> Figure:
                 x = charts.numbers(training.epochs[:, 0])
                 traces.append((f"{training.title}, {name}", x, scores.tolist(), charts.series(i), dash))
     return charts.lines(traces, "epoch", "on frames held out")
-
-
-def calibration_rows(results: Sequence[Result]) -> list[tuple[str, Estimate, Estimate]]:
-    """Title, calibration error of all person pixels and of those near a border, of results that have one."""
-    return [
-        (r.title, estimate(r.comparison, "ece"), estimate(r.comparison, "ece_near"))
-        for r in results
-        if r.comparison.has_confidence
-    ]

@@ -10,12 +10,14 @@ import numpy as np
 
 from annotate.parts import BODY_PARTS, PARTS
 from eval.compare import paper
-from eval.report.estimates import SUMMARY, Estimate, printed, row_shares, shown, shown_parts
-from eval.report.material import Material
+from eval.report.estimates import SHOWN_ORDER, SUMMARY, Estimate, printed, shown
+from eval.report.gather import Material
 from eval.report.views import ResultView
 
 SUFFIXES = (".csv", ".json", ".tex")
 """Of the files beside the page, in the order of `texts`."""
+
+OF_PAPER = (paper.SYNTHETIC, paper.REAL)
 
 TEX_PERCENT = r"\,\%"
 
@@ -44,14 +46,9 @@ def to_csv(views: Sequence[ResultView]) -> str:
         for name, of_part, found in _scores(view):
             ends = (_cell(e) for e in (found.value, found.low, found.high))
             writer.writerow((_safe(view.result.title), name, of_part, *ends, *size))
-    sources = (
-        ("Paper, synthetic", paper.TABLE2_SYNTHETIC, paper.SYNTHETIC_FRAMES, ""),
-        ("Paper, real", paper.TABLE3_REAL, paper.REAL_FRAMES, paper.REAL_SUBJECTS),
-    )
-    for title, table, frames, people in sources:
-        writer.writerow(
-            (title, "mean_recall", "", _cell(paper.mean_recall_of(table)), "", "", frames, people)
-        )
+    for title, table, frames, people in OF_PAPER:
+        whole = _cell(paper.mean_recall_of(table))
+        writer.writerow((title, "mean_recall", "", whole, "", "", frames, people))
         for part in BODY_PARTS:
             writer.writerow((title, "recall", part.name, table[part.id, part.id], "", "", frames, people))
     return out.getvalue()
@@ -108,31 +105,28 @@ def _summary_table(views: Sequence[ResultView]) -> str:
         for view in views
     ]  # fmt: skip
     blank = ["--"] * (len(SUMMARY) - 1)
-    for title, table, frames, people in (
-        ("Paper, synthetic", paper.TABLE2_SYNTHETIC, paper.SYNTHETIC_FRAMES, "--"),
-        ("Paper, real", paper.TABLE3_REAL, paper.REAL_FRAMES, str(paper.REAL_SUBJECTS)),
-    ):
-        rows.append([title, f"{paper.mean_recall_of(table):.3f}", *blank, str(frames), people])
+    for title, table, frames, people in OF_PAPER:
+        rows.append([title, f"{paper.mean_recall_of(table):.3f}", *blank, str(frames), str(people or "--")])
     return _tabular(["Result", *(tex(title) for title in SUMMARY.values()), "Frames", "People"], rows)
 
 
 def _part_table(views: Sequence[ResultView]) -> str:
-    heading = ["Recall", *(tex(view.result.title) for view in views), "Paper, synthetic", "Paper, real"]
+    heading = ["Recall", *(tex(view.result.title) for view in views), *(one.title for one in OF_PAPER)]
     rows = [
         [row.part.title, *(printed("recall", view.parts[i].scores["recall"]) for view in views),
-         f"{row.paper_synthetic:.2f}", f"{row.paper_real:.2f}"]
+         *(f"{one.table[row.part.id, row.part.id]:.2f}" for one in OF_PAPER)]
         for i, row in enumerate(views[0].parts)
     ]  # fmt: skip
     return _tabular(heading, rows)
 
 
 def _confusion_table(view: ResultView) -> str:
-    heading = [tex(view.result.title), *(_short(part.title) for part in shown_parts())]
-    table = shown(row_shares(view.result.comparison.confusion))
+    parts = [PARTS[i].title for i in SHOWN_ORDER]
     rows = [
-        [part.title, *("--" if np.isnan(v) else f"{v:.2f}" for v in row)]
-        for part, row in zip(shown_parts(), table, strict=True)
+        [part, *("--" if np.isnan(v) else f"{v:.2f}" for v in row)]
+        for part, row in zip(parts, shown(view.shares), strict=True)
     ]
+    heading = [tex(view.result.title), *map(_short, parts)]
     return _tabular(heading, rows)
 
 

@@ -15,9 +15,8 @@ from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED, swap_left_right
 from eval.compare.compare import Comparison
 from eval.compare.results import Result
-from eval.report.gather import Clouds, pictures_of, shown_set
+from eval.report.gather import Clouds, Material, pictures_of, shown_set
 from eval.report.history import load_training
-from eval.report.material import Material
 from sensors.rig.camera import Intrinsics
 
 CAMERA = Intrinsics(width=96, height=80, fx=90.0, fy=90.0, cx=47.5, cy=39.5)
