@@ -36,8 +36,8 @@ def paper_network(folder):
     """The paper's FCN with random weights, exported: 135 million parameters, 540 MB."""
     import torch
 
-    from eval.network.export import export_onnx
-    from eval.network.paper_fcn import PaperFcn
+    from eval.network.architectures import PaperFcn
+    from eval.network.networks import export_onnx
 
     torch.manual_seed(0)
     export_onnx(PaperFcn(), folder / "paper.onnx")

@@ -81,8 +81,8 @@ def train(
     started, tests = time.monotonic(), test or []
     with needing("train"):
         from eval.network.checkpoint import save_weights
-        from eval.network.export import export_onnx
-        from eval.training.processes import ProcessGroup
+        from eval.network.networks import export_onnx
+        from eval.training.loader import ProcessGroup
         from eval.training.train import Watch, images_left
         from eval.training.train import train as run
     with ProcessGroup.join() as group:
@@ -136,9 +136,7 @@ def _plan(
 
 
 def _config(network: str) -> "NetworkConfig":
-    from eval.network.compact import CompactConfig
-    from eval.network.paper_fcn import PaperConfig
-    from eval.network.smp_network import SmpConfig
+    from eval.network.architectures import CompactConfig, PaperConfig, SmpConfig
 
     configs: dict[str, NetworkConfig] = {
         "compact": CompactConfig(),

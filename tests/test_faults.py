@@ -188,7 +188,7 @@ def test_a_read_only_place_is_left_as_it_is():
 
 def test_a_full_disk_is_one_line_of_train_and_it_goes_on(tmp_path):
     tiny = pytest.importorskip("tests.helpers.tiny_training", reason="training needs torch")
-    from eval.training.processes import ProcessGroup
+    from eval.training.loader import ProcessGroup
     from eval.training.train import Watch, train
 
     def trained(out: Path) -> None:
@@ -344,7 +344,7 @@ LOSE = """
 import multiprocessing, os, sys
 from pathlib import Path
 from tests.helpers.tiny_training import CROPS, PLAN
-from eval.training.processes import ProcessGroup
+from eval.training.loader import ProcessGroup
 from eval.training.train import Watch, train
 from sensors.errors import CloudError
 

@@ -24,10 +24,9 @@ from annotate.labelset.store import validate as validate_labels
 from annotate.suit.palette import DEFAULT_SUIT, load_suit, suit_to_toml
 from eval.compare.compare import compare_sets
 from eval.compare.results import Result, load_result, save_result
+from eval.network.architectures import CompactConfig
 from eval.network.checkpoint import load_weights, save_weights
-from eval.network.compact import CompactConfig
-from eval.network.export import export_onnx
-from eval.network.networks import build
+from eval.network.networks import build, export_onnx
 from eval.network.onnx_network import OnnxNetwork
 from sensors.errors import CloudError
 from sensors.importers.open_source import open_source

@@ -130,11 +130,11 @@ def train_ends(followed: Followed, folder: Path, images: int) -> None:
     """The first steps of an epoch over so many images, and its last ones: resumed there by the checkpoint."""
     import torch
 
+    from eval.network.architectures import CompactConfig
     from eval.network.checkpoint import load_checkpoint, save_checkpoint
-    from eval.network.compact import CompactConfig
     from eval.network.networks import build
+    from eval.training.loader import ProcessGroup
     from eval.training.plan import ModernRecipe, Plan, optimizer_of
-    from eval.training.processes import ProcessGroup
     from eval.training.train import CHECKPOINT, Watch, train
 
     torch.set_num_threads(1)

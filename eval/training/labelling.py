@@ -8,16 +8,17 @@ descriptors: by the shipped weights in training, by the new ones afterwards.
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import torch
 
 from annotate.engine import Engine, Steps, Weights, shipped_weights
 from annotate.person.extract import Survey
-from eval.training.labelling_data import Recording, Rows, load_rows, observed, rows_of, save_rows
+from eval.training.labelling_data import Observed, Recording, Rows, load_rows, observed, rows_of, save_rows
 from eval.training.labelling_graph import EPOCHS, Figures, trained
-from eval.training.labelling_odds import KnownPatches, fit_clothed, fit_confidence, judged, known_patches
+from eval.training.labelling_odds import fit_clothed, fit_confidence, judged, known_patches
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import write_bytes
 
@@ -32,8 +33,7 @@ Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 """Shows a stage by name and number of steps; yields what is called with the steps done."""
 
 
-@dataclass(frozen=True)
-class Trained:
+class Trained(NamedTuple):
     """Weights as written to ``path``; figures of the network on the frames held out, at the end."""
 
     path: Path
@@ -62,17 +62,13 @@ def train_labels(recordings: Sequence[Recording], out: Path, seed: int, progress
         [frame for one in some for frame in _rows(one, files[one], weights, progress)]
         for some in (learnt, held_out)
     )
-    figures: list[Figures] = []
     with progress("second look, epochs", EPOCHS) as advance:
-
-        def epoch_done(now: Figures) -> None:
-            figures.append(now)
-            advance(1)
-
-        weights = replace(weights, network=trained(train, test, seed, epoch_done))
-    weights = _confidence(held_out, weights, progress)
+        network, figures = trained(train, test, seed, advance)
+    weights = replace(weights, network=network)
+    looked = [judged(frame) for frame in _read(held_out, Engine(weights=weights), "confidence", progress)]
+    weights = replace(weights, confidence=fit_confidence(looked))
     weights.save(out / WEIGHTS)
-    return Trained(out / WEIGHTS, weights, len(train), len(test), figures[-1])
+    return Trained(out / WEIGHTS, weights, len(train), len(test), figures)
 
 
 def _claim(out: Path, recordings: Sequence[Recording], seed: int) -> None:
@@ -87,54 +83,40 @@ def _claim(out: Path, recordings: Sequence[Recording], seed: int) -> None:
 
 
 def _clothed(recordings: Sequence[Recording], start: Weights, progress: Progress) -> Weights:
-    """The weights with those of the clothed mask fitted."""
+    """The weights with those of the clothed mask fitted to some of the frames whose labels count."""
     total = sum(len(one.frame_ids) for one in recordings)
     every, seen = -(-total // PATCH_FRAMES), []
     with progress("clothed mask, frames", total) as advance:
         for recording in recordings:
-            for known in _patches(recording, start, every, advance):
-                seen.append(known)
+            known = ((cloud, truth) for cloud, truth in recording.clouds() if truth is not None)
+            for number, (cloud, truth) in enumerate(known):
+                if number % every == 0:
+                    survey = Survey(cloud, None, recording.suit, Engine(weights=start))
+                    if (candidates := survey.person(None).candidates) is not None:
+                        seen.append(known_patches(candidates.clues, truth))
+                advance(1)
     if not seen:
         raise CloudError("nobody in a suit is found in these recordings; check the palette, or record more")
     clothed, touch = fit_clothed(seen)
     return replace(start, clothed=clothed, touch=touch)
 
 
-def _patches(
-    recording: Recording, start: Weights, every: int, advance: Callable[[int], None]
-) -> Iterator[KnownPatches]:
-    """Patches of one in ``every`` frames whose labels count; ``advance`` is called with 1 a frame."""
-    number = 0
-    for cloud, truth in recording.clouds():
-        if truth is None:
-            continue
-        if number % every == 0:
-            seen = Survey(cloud, None, recording.suit, Engine(weights=start)).person(None).candidates
-            if seen is not None:
-                yield known_patches(seen.clues, truth)
-        number += 1
-        advance(1)
-
-
 def _rows(recording: Recording, path: Path, weights: Weights, progress: Progress) -> list[Rows]:
     """Rows of a recording's frames, from the file of an earlier run where there is one."""
     if not path.exists():
         engine = Engine(Steps(second_look=False), weights)
-        with progress(f"{recording.source.name}, frames", len(recording.source)) as advance:
-            rows = []
-            for frame in observed(recording, engine):
-                rows += [] if frame is None else [rows_of(frame)]
-                advance(1)
-        save_rows(rows, path)
+        frames = _read([recording], engine, recording.source.name, progress)
+        save_rows([rows_of(frame) for frame in frames], path)
     return load_rows(path)
 
 
-def _confidence(recordings: Sequence[Recording], weights: Weights, progress: Progress) -> Weights:
-    """The weights with those of confidence fitted to recordings held out."""
-    frames = []
-    with progress("confidence, frames", sum(len(one.source) for one in recordings)) as advance:
+def _read(
+    recordings: Sequence[Recording], engine: Engine, what: str, progress: Progress
+) -> Iterator[Observed]:
+    """Frames of recordings as an engine reads them, the usable ones."""
+    with progress(f"{what}, frames", sum(len(one.source) for one in recordings)) as advance:
         for recording in recordings:
-            for frame in observed(recording, Engine(weights=weights)):
-                frames += [] if frame is None else [judged(frame)]
+            for frame in observed(recording, engine):
+                if frame is not None:
+                    yield frame
                 advance(1)
-    return replace(weights, confidence=fit_confidence(frames))

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -76,8 +77,7 @@ class Recording:
         return digest.hexdigest()
 
 
-@dataclass(frozen=True)
-class Observed:
+class Observed(NamedTuple):
     """A frame as the engine read it. truth: known parts (h, w). before: labels of the frame before it."""
 
     cloud: ThermalCloud

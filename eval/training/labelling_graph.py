@@ -1,7 +1,7 @@
 """The second look's network in torch, which is trained; labelling runs `annotate.second_look.network`."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -79,8 +79,7 @@ class Joined:
         return means
 
 
-@dataclass(frozen=True)
-class Figures:
+class Figures(NamedTuple):
     """How the network reads held-out supervoxels: mean recall over parts, and the person's IoU, of pixels."""
 
     recall: float
@@ -88,11 +87,12 @@ class Figures:
 
 
 def trained(
-    frames: Sequence[Rows], held_out: Sequence[Rows], seed: int, epoch_done: Callable[[Figures], None]
-) -> dict[str, Float32]:
+    frames: Sequence[Rows], held_out: Sequence[Rows], seed: int, advance: Callable[[int], None]
+) -> tuple[dict[str, Float32], Figures]:
     """Arrays of `annotate.second_look.network.GraphNetwork`, by seed and frames alone (on one thread).
 
-    Raises CloudError where there are no frames to train on or to hold out.
+    advance: called with 1 after each of `EPOCHS`; the figures are those of the last. Raises CloudError where
+    there are no frames to train on or to hold out.
     """
     if not frames or not held_out:
         raise CloudError("no frame of these recordings shows a person whose suit can be read; record more")
@@ -120,10 +120,11 @@ def trained(
             nn.utils.clip_grad_norm_(network.parameters(), CLIP)
             optimizer.step()
             schedule.step()
-        network.eval()
-        with torch.no_grad():
-            epoch_done(_figures([scores([frame]).numpy() for frame in held_out], held_out))
-    return {"middle": middle, "spread": spread, **network.arrays()}
+        advance(1)
+    network.eval()
+    with torch.no_grad():
+        figures = _figures([scores([frame]).numpy() for frame in held_out], held_out)
+    return {"middle": middle, "spread": spread, **network.arrays()}, figures
 
 
 def _loss(scores: torch.Tensor, frames: Sequence[Rows]) -> torch.Tensor:

@@ -1,7 +1,7 @@
 """The labelling engine's logistic regressions: how sure a label is, and which patches are the person's."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,33 +44,26 @@ def logistic(columns: Float64, share: Float64, weight: Float64) -> Float64:
     return np.asarray(found / spread)
 
 
-@dataclass(frozen=True)
-class Judged:
-    """Every fifth labelled point of a frame: features of confidence (n, k), which labels are right (n,)."""
+def judged(frame: Observed) -> tuple[Float32, Bool]:
+    """Features (n, k) of every fifth label of a frame, and which are right (n,).
 
-    found: Float32
-    right: Bool
-
-
-def judged(frame: Observed) -> Judged:
-    """Features of a frame's labels, and which are right; only where labels and truth name a class."""
+    Only where labels and truth name a class.
+    """
     reading, labels = frame.found.reading, frame.found.parts
     assert reading is not None
     found = features(frame.cloud, chosen_parts(frame.cloud, reading, Steps()), reading)
     counted = ((frame.truth != UNDEFINED) & (labels != UNDEFINED))[reading.mask]
     right = (frame.truth == labels)[reading.mask]
-    return Judged(found[counted][::EVERY].astype(np.float32), right[counted][::EVERY])
+    return found[counted][::EVERY].astype(np.float32), right[counted][::EVERY]
 
 
-def fit_confidence(frames: Sequence[Judged]) -> Float64:
-    """Weights (20,) of confidence's features and, last, the intercept."""
-    found = np.concatenate([frame.found for frame in frames]).astype(np.float64)
-    right = np.concatenate([frame.right for frame in frames]).astype(np.float64)
+def fit_confidence(frames: Sequence[tuple[Float32, Bool]]) -> Float64:
+    """Weights (20,) of confidence's features and, last, the intercept. frames: of `judged`."""
+    found, right = (np.concatenate(column).astype(np.float64) for column in zip(*frames, strict=True))
     return logistic(found, right, np.full(len(right), 1 / PIXELS_PER_WITNESS))
 
 
-@dataclass(frozen=True)
-class KnownPatches:
+class KnownPatches(NamedTuple):
     """Clues of a frame's R patches; pixels (R,) of each whose class is known, and the person's share (R,)."""
 
     clues: PatchClues

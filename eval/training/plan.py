@@ -11,10 +11,9 @@ from torch import Tensor, nn
 
 from annotate.array_types import UInt8
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
-from eval.network.compact import CompactConfig
+from eval.network.architectures import CompactConfig
 from eval.network.networks import NetworkConfig, described
 from eval.training.augment import Augmentation
-from sensors.errors import CloudError
 
 Precision = Literal["float32", "bfloat16"]
 
@@ -59,10 +58,6 @@ class Plan:
     epochs: int = 12
     seed: int = 0
     precision: Precision = "float32"
-
-    def __post_init__(self) -> None:
-        if self.epochs < 1 or self.recipe.batch < 1:
-            raise CloudError(f"{self.epochs} epochs of batches of {self.recipe.batch}; give at least 1")
 
     def described(self) -> dict[str, Any]:
         """As JSON values; equal exactly for equal plans."""

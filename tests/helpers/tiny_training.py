@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from eval.network.compact import CompactConfig
+from eval.network.architectures import CompactConfig
 from eval.training.crops import Crops
+from eval.training.loader import ProcessGroup
 from eval.training.plan import ModernRecipe, Plan
-from eval.training.processes import ProcessGroup
 from eval.training.train import Watch, train
 
 PLAN = Plan(CompactConfig((4, 6, 6)), ModernRecipe(batch=2), epochs=3, seed=4)

@@ -1,12 +1,65 @@
-"""The paper's network: an FCN on VGG-16 after Oliveira et al. 2016, as far as it can be reconstructed."""
+"""The networks: a compact U-Net, the paper's FCN as far as it can be rebuilt, larger U-Nets."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 
 from annotate.parts import N_CLASSES
 from sensors.errors import CloudError
+
+
+def _convolution(c_in: int, c_out: int, side: int = 3, pad: int = 1, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(c_in, c_out, side, stride, pad, bias=False), nn.BatchNorm2d(c_out), nn.ReLU(inplace=True)
+    )
+
+
+@dataclass(frozen=True)
+class CompactConfig:
+    """Channels after the stem and after each of the four halvings."""
+
+    widths: tuple[int, ...] = (24, 32, 48, 64, 96)
+
+
+class CompactUNet(nn.Module):
+    """Depth crop in [0, 1] -> class scores, at the same resolution.
+
+    The stem halves the image at once and a pixel shuffle restores it at the end: nearly all work is done
+    at a quarter of the pixels, which is what makes training on two cores affordable.
+    """
+
+    def __init__(self, config: CompactConfig = CompactConfig()) -> None:
+        super().__init__()
+        w = config.widths
+        self.stem = _convolution(1, w[0], stride=2)
+        self.down = nn.ModuleList(
+            nn.Sequential(_convolution(a, b, stride=2), _convolution(b, b)) for a, b in pairwise(w)
+        )
+        self.up = nn.ModuleList(
+            _convolution(below + skip, skip) for skip, below in zip(w[-2::-1], w[:0:-1], strict=True)
+        )
+        self.refine = _convolution(w[0] + 4, w[0])
+        self.head = nn.Conv2d(w[0], 4 * N_CLASSES, 1)
+
+    def forward(self, depth: Tensor) -> Tensor:
+        """(B, 1, H, W) float32 -> (B, 12, H, W) scores. H and W even."""
+        x = self.stem(depth)
+        skips = [x]
+        for stage in self.down:
+            x = stage(x)
+            skips.append(x)
+        skips.pop()
+        for stage in self.up:
+            skip = skips.pop()
+            x = nn.functional.interpolate(x, size=skip.shape[-2:], mode="nearest")
+            x = stage(torch.cat([x, skip], dim=1))
+        # The raw pixels again, so that the last stage sees edges at full resolution.
+        x = self.refine(torch.cat([x, nn.functional.pixel_unshuffle(depth, 2)], dim=1))
+        scores: Tensor = nn.functional.pixel_shuffle(self.head(x), 2)
+        return scores
+
 
 STAGES = ((1, 1), (2, 2), (4, 4, 4), (8, 8, 8), (8, 8, 8))
 """VGG-16: channels of each stage's 3x3 convolutions, in multiples of the base; a halving ends each stage."""
@@ -23,10 +76,6 @@ class PaperConfig:
 
     base: int = 64
     dense: int = 4096
-
-    def __post_init__(self) -> None:
-        if min(self.base, self.dense) < 1:
-            raise CloudError(f"the paper's network of {self.base} and {self.dense} channels; give at least 1")
 
 
 class PaperFcn(nn.Module):
@@ -81,14 +130,6 @@ class PaperFcn(nn.Module):
         return _centre(x, depth.shape[-2:])
 
 
-def _convolution(c_in: int, c_out: int, side: int, pad: int) -> list[nn.Module]:
-    return [
-        nn.Conv2d(c_in, c_out, side, padding=pad, bias=False),
-        nn.BatchNorm2d(c_out),
-        nn.ReLU(inplace=True),
-    ]
-
-
 def _centre(x: Tensor, size: torch.Size) -> Tensor:
     top, left = (x.shape[-2] - size[0]) // 2, (x.shape[-1] - size[1]) // 2
     return x[..., top : top + size[0], left : left + size[1]]
@@ -110,3 +151,50 @@ def _bilinear(c_in: int, c_out: int) -> Tensor:
     ramp = torch.tensor([0.25, 0.75, 0.75, 0.25])
     mixture = torch.eye(c_in) if c_in == c_out else torch.randn(c_in, c_out) * 0.1 * c_in**-0.5
     return mixture[:, :, None, None] * torch.outer(ramp, ramp)
+
+
+SMP_STRIDE = 32
+"""The encoders of segmentation-models-pytorch halve five times: sides are padded to a multiple of this."""
+
+
+@dataclass(frozen=True)
+class SmpConfig:
+    """A U-Net: its encoder by the library's name, and the channels of the five decoder stages."""
+
+    encoder: str = "tu-mobilenetv4_conv_small"
+    decoder: tuple[int, ...] = (64, 48, 32, 24, 16)
+
+
+class SmpUnet(nn.Module):
+    """As `CompactUNet`, by segmentation-models-pytorch; starts from random weights, offline.
+
+    Raises CloudError when the library is missing or knows no such encoder.
+    """
+
+    def __init__(self, config: SmpConfig = SmpConfig()) -> None:
+        super().__init__()
+        try:
+            import segmentation_models_pytorch as smp  # type: ignore[import-not-found]
+
+            self.unet: nn.Module = smp.Unet(
+                config.encoder,
+                encoder_depth=len(config.decoder),
+                encoder_weights=None,
+                decoder_channels=config.decoder,
+                in_channels=1,
+                classes=N_CLASSES,
+            )
+        except (ImportError, KeyError, ValueError, RuntimeError) as error:
+            reason = str(error).splitlines()[0][:120]
+            raise CloudError(
+                f"no network with encoder {config.encoder!r} ({reason}); "
+                "pip install segmentation-models-pytorch, or take another --network"
+            ) from error
+
+    def forward(self, depth: Tensor) -> Tensor:
+        """(B, 1, h, w) float32 -> (B, 12, h, w) scores."""
+        h, w = depth.shape[-2:]
+        down, right = -h % SMP_STRIDE, -w % SMP_STRIDE
+        padded = nn.functional.pad(depth, (right // 2, right - right // 2, down // 2, down - down // 2))
+        scores: Tensor = self.unet(padded)
+        return scores[..., down // 2 : down // 2 + h, right // 2 : right // 2 + w]
