@@ -7,7 +7,7 @@ from annotate.parts import BODY_PARTS
 from cli.console import table
 from eval.compare.compare import Comparison
 from eval.compare.paired import Difference
-from eval.report.estimates import SUMMARY, Estimate, estimate, picked, printed
+from eval.report.estimates import SUMMARY, Estimate, difference_of, estimate, printed
 from eval.scores.joint_errors import summary
 
 TITLES = SUMMARY | {"recall": "Recall", "iou": "IoU"}
@@ -52,25 +52,18 @@ def difference_text(found: Difference) -> str:
     whole = [
         (title, printed(name, one, sign="+"), p.get(name, "-"))
         for name, title in SUMMARY.items()
-        if (one := picked(found.values[name], found.ci95[name])).known
+        if (one := difference_of(found, name)).known
     ]
-    by_part = {
-        name: [picked(found.values[name], found.ci95[name], (part.id,)) for part in BODY_PARTS]
-        for name in OF_PARTS
-    }
     parts = [
-        (part.title, *(printed(name, by_part[name][i], sign="+") for name in OF_PARTS))
-        for i, part in enumerate(BODY_PARTS)
+        (part.title, *(printed(name, difference_of(found, name, part.id), sign="+") for name in OF_PARTS))
+        for part in BODY_PARTS
     ]
     frames = "the same frames" if found.paired else "different frames"
-    recall = dict(zip((part.title for part in BODY_PARTS), by_part["recall"], strict=True))
+    heading = ("score", "difference [95 % interval]", "Wilcoxon p")
+    recall = {part.title: difference_of(found, "recall", part.id) for part in BODY_PARTS}
     return "\n\n".join(
         [
-            table(
-                ("score", "difference [95 % interval]", "Wilcoxon p"),
-                whole,
-                f"{found.a} minus {found.b}, on {frames}",
-            ),
+            table(heading, whole, f"{found.a} minus {found.b}, on {frames}"),
             table(("part", *(f"{TITLES[name]} [95 % interval]" for name in OF_PARTS)), parts),
             _extremes(recall, "most gained", "least", sign="+"),
         ]

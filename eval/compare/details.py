@@ -1,7 +1,6 @@
 """What stands behind a comparison's scores, as JSON: by kind of frame, by confidence, and doubtful labels."""
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,24 +20,18 @@ SHOWN = 20
 
 def details(comparison: Comparison) -> dict[str, Any]:
     """Scores by subject, activity, distance and so on; reliability by bin; labels that look wrong."""
-    kinds = groups(comparison.subjects, comparison.traits)
     reliability = comparison.total.reliability
     return {
         "by": {
             kind: {value: _group(comparison, frames) for value, frames in found.items()}
-            for kind, found in kinds.items()
+            for kind, found in groups(comparison.subjects, comparison.traits).items()
         },
         "reliability": {"all": _curve(reliability.sum(0)), "near": _curve(reliability[1])}
         if comparison.has_confidence
         else None,
         "suspicious": [
-            {
-                "frame": suspect.frame_id,
-                "part": PARTS[suspect.part_id].name,
-                "quality": suspect.quality,
-                "pixels": suspect.pixels,
-            }
-            for suspect in suspicious(comparison, SHOWN)
+            {"frame": frame_id, "part": PARTS[part_id].name, "quality": quality, "pixels": pixels}
+            for frame_id, part_id, quality, pixels in suspicious(comparison)
         ],
     }
 
@@ -53,11 +46,10 @@ def _group(comparison: Comparison, frames: Index) -> dict[str, Any]:
 
 
 def _curve(counts: Counts) -> dict[str, Any]:
-    return {name: plain(values) for name, values in asdict(reliability_curve(counts)).items()}
+    return {name: plain(values) for name, values in reliability_curve(counts)._asdict().items()}
 
 
-@dataclass(frozen=True)
-class Suspect:
+class Suspect(NamedTuple):
     """A part of a frame's truth. quality: mean probability of its label over its pixels."""
 
     frame_id: str
@@ -66,7 +58,7 @@ class Suspect:
     pixels: int
 
 
-def suspicious(comparison: Comparison, worst: int = 50) -> list[Suspect]:
+def suspicious(comparison: Comparison, worst: int = SHOWN) -> list[Suspect]:
     """The least probable parts of all frames, the worst first; none where there is no confidence.
 
     Each part of each frame is ranked by the mean probability that the prediction gives to its label, as

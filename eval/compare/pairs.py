@@ -4,9 +4,9 @@ import hashlib
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
 from functools import partial
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,16 +27,14 @@ WORTH_WORKERS = 400
 """Frames from which worker processes pay: fewer are counted before these have started; chosen by eye."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pair:
+class Pair(NamedTuple):
     """Where a frame's prediction and its truth lie."""
 
     predicted: Entry
     truth: Entry
 
 
-@dataclass(frozen=True, slots=True)
-class Digests:
+class Digests(NamedTuple):
     """Hashes (64 bit, hex) of a frame's three images, by which two results are of the same frame."""
 
     depth: str
@@ -44,8 +42,7 @@ class Digests:
     predicted: str
 
 
-@dataclass(frozen=True, slots=True)
-class Counted:
+class Counted(NamedTuple):
     """One frame's subject, traits, digests, counts and joints.
 
     counts: int32 (WIDTH,), see ``FrameCounts.flat``. joints: OBSERVED ().

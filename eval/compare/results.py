@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from sys import intern
 from typing import Any, cast, get_args
@@ -27,7 +27,7 @@ REMEDY = "give a result of 'evaluate --out'; evaluate again where another versio
 NUMBERS = ("distance_m", "invalid_share", "mm_per_px")
 WORDS = ("activity", "view", "status", "predicted_status", "hard")
 """Fields of ``Traits``, kept as arrays and as JSON."""
-DIGESTS = tuple(one.name for one in fields(Digests))
+DIGESTS = Digests._fields
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ measurement of it; the middle of a limb's surface, pushed in likewise, lies a kn
 one of the limb's joints to the other. ``skeleton_fit`` makes a skeleton of these.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +38,7 @@ _END = 0.05
 """Share of a part that is its end; chosen by eye."""
 
 
-@dataclass(frozen=True)
-class Hinge:
+class Hinge(NamedTuple):
     """A joint between two parts. push_mm: how far it lies behind the border's surface, along the ray.
 
     sigma_mm: standard deviation of what is left then, per axis. Both fitted by tools/fit_joints.py.
@@ -51,8 +50,7 @@ class Hinge:
     sigma_mm: float
 
 
-@dataclass(frozen=True)
-class Limb:
+class Limb(NamedTuple):
     """A part that lies along a line. joints: the line's ends; share: how far along it the part's middle lies.
 
     push_mm, sigma_mm: as a ``Hinge``'s, of the middle.
@@ -65,37 +63,23 @@ class Limb:
     sigma_mm: float
 
 
-def _both(joint: str, a: str, b: str, push_mm: float, sigma_mm: float) -> tuple[Hinge, Hinge]:
-    left, right = (
-        Hinge(f"{s}_{joint}", (a.format(s), b.format(s)), push_mm, sigma_mm) for s in ("left", "right")
-    )
-    return left, right
-
-
-def _limbs(part: str, a: str, b: str, share: float, push_mm: float, sigma_mm: float) -> tuple[Limb, Limb]:
-    left, right = (
-        Limb(f"{s}_{part}", (f"{s}_{a}", f"{s}_{b}"), share, push_mm, sigma_mm) for s in ("left", "right")
-    )
-    return left, right
-
-
+_BOTH = ("left", "right")
 HINGES = (
     Hinge("neck", ("head", "torso"), 49, 17),
-    *_both("shoulder", "torso", "{}_upper_arm", 41, 24),
-    *_both("elbow", "{}_upper_arm", "{}_forearm", 31, 18),
-    *_both("hip", "hip", "{}_upper_leg", 83, 40),
-    *_both("knee", "{}_upper_leg", "{}_lower_leg", 41, 19),
+    *(Hinge(f"{s}_shoulder", ("torso", f"{s}_upper_arm"), 41, 24) for s in _BOTH),
+    *(Hinge(f"{s}_elbow", (f"{s}_upper_arm", f"{s}_forearm"), 31, 18) for s in _BOTH),
+    *(Hinge(f"{s}_hip", ("hip", f"{s}_upper_leg"), 83, 40) for s in _BOTH),
+    *(Hinge(f"{s}_knee", (f"{s}_upper_leg", f"{s}_lower_leg"), 41, 19) for s in _BOTH),
 )
 LIMBS = (
     Limb("head", ("neck", "head"), 1.18, 71, 15),
     Limb("torso", ("neck", "pelvis"), 0.40, 106, 27),
     Limb("hip", ("pelvis", "neck"), 0.04, 97, 38),
-    *_limbs("upper_arm", "shoulder", "elbow", 0.40, 37, 18),
-    *_limbs("forearm", "elbow", "wrist", 0.77, 25, 22),
-    *_limbs("upper_leg", "hip", "knee", 0.59, 83, 24),
-    *_limbs("lower_leg", "knee", "ankle", 0.67, 30, 24),
+    *(Limb(f"{s}_upper_arm", (f"{s}_shoulder", f"{s}_elbow"), 0.40, 37, 18) for s in _BOTH),
+    *(Limb(f"{s}_forearm", (f"{s}_elbow", f"{s}_wrist"), 0.77, 25, 22) for s in _BOTH),
+    *(Limb(f"{s}_upper_leg", (f"{s}_hip", f"{s}_knee"), 0.59, 83, 24) for s in _BOTH),
+    *(Limb(f"{s}_lower_leg", (f"{s}_knee", f"{s}_ankle"), 0.67, 30, 24) for s in _BOTH),
 )
-
 
 EVIDENCE = np.dtype(
     [

@@ -4,7 +4,7 @@ Only pixels count where the prediction names a body part and the truth is define
 label sets hold no confidence.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -54,8 +54,7 @@ def _level(confidence: Float32) -> Int64:
     return np.rint(np.clip(confidence, 0, 1) * LEVELS).astype(np.int64)
 
 
-@dataclass(frozen=True)
-class Curve:
+class Curve(NamedTuple):
     """Reliability by bin (..., 15): mean confidence and accuracy (NaN where empty), and pixels."""
 
     confidence: Scores

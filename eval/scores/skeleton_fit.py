@@ -6,7 +6,7 @@ in the wrong place does not drag the rest along; many frames at once.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,13 +50,13 @@ _USUAL_MM = np.array([float(mm) for _, _, mm in BONES])
 _SIDE = {"left": "right", "right": "left"}
 
 
-def _twin(name: str) -> str:
-    side, _, kind = name.partition("_")
-    return f"{_SIDE[side]}_{kind}" if side in _SIDE else name
+def _twin(joint: str) -> str:
+    side, _, kind = joint.partition("_")
+    return f"{_SIDE[side]}_{kind}" if side in _SIDE else joint
 
 
-_NAMED = [frozenset((a, b)) for a, b, _ in BONES]
-_TWIN = np.array([_NAMED.index(frozenset(map(_twin, ends))) for ends in _NAMED])
+_NAMED = [{a, b} for a, b, _ in BONES]
+_TWIN = np.array([_NAMED.index(set(map(_twin, ends))) for ends in _NAMED])
 """The bone on the other side, as long; a middle one is its own."""
 
 
@@ -75,8 +75,7 @@ _ROWS, _SIGMA_MM = _rows()
 _PUSH_MM = np.array([term.push_mm for term in (*HINGES, *LIMBS)])
 
 
-@dataclass(frozen=True)
-class _Terms:
+class _Terms(NamedTuple):
     """``_ROWS @ joints`` should be ``values`` (F, K, 3); ``weights`` (F, K) in 1/mm2, 0 where unknown."""
 
     values: Float64
@@ -169,19 +168,19 @@ def _linear(terms: _Terms) -> Float64:
     """Joints (F, 15, 3) by the linear terms alone; what they leave open stays near the body's middle."""
     middle = np.median(terms.values[:, len(HINGES) : -1], axis=1, keepdims=True)
     right = _ROWS.T @ (terms.weights[..., None] * terms.values) + LOOSE * middle
-    return np.asarray(np.linalg.solve(_squared(terms.weights) + LOOSE * np.eye(N_JOINTS), right))
+    return np.asarray(np.linalg.solve(_squared(terms.weights), right))
 
 
 def _squared(weights: Float64) -> Float64:
-    """Normal matrices (F, 15, 15) of the linear terms with weights (F, K)."""
-    return np.asarray(_ROWS.T @ (weights[..., None] * _ROWS))
+    """Normal matrices (F, 15, 15) of the linear terms with weights (F, K), of full rank."""
+    return np.asarray(_ROWS.T @ (weights[..., None] * _ROWS) + LOOSE * np.eye(N_JOINTS))
 
 
 def _add_linear(normal: Float64, right: Float64, terms: _Terms, joints: Float64) -> None:
     off = terms.values - _ROWS @ joints
     weights = terms.weights / (1 + terms.weights * np.square(off).sum(axis=-1) / (3 * CAUCHY**2))
     # A joint that nothing determines stays where it is.
-    squared = _squared(weights) + LOOSE * np.eye(N_JOINTS)
+    squared = _squared(weights)
     for axis in range(3):
         normal[:, :, axis, :, axis] += squared
     right += _ROWS.T @ (weights[..., None] * off)
