@@ -104,7 +104,7 @@ def test_wilcoxon_is_scipy_s_on_the_subjects_means() -> None:
 def test_another_truth_of_the_same_frames_is_said() -> None:
     """A network against automatic and against corrected labels."""
     a = result("Automatic", LEVELS)
-    digests = tuple(replace(d, truth="corrected") for d in a.comparison.digests)
+    digests = tuple(d._replace(truth="corrected") for d in a.comparison.digests)
     b = Result("Corrected", replace(a.comparison, digests=digests))
     found = difference(a, b)
     assert found.paired and found.note == "40 of 40 frames have different truths in A and B"

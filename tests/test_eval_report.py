@@ -18,10 +18,9 @@ from eval.compare.results import Result, save_result
 from eval.report import charts, figures, tables
 from eval.report.build import embedded_json, write_report
 from eval.report.figures import render_thermal_cloud
-from eval.report.gallery import make_frame, make_shown_frame, pick_frames
+from eval.report.gallery import SCENE_POINTS, make_frame, make_scene, make_shown_frame, pick_frames, points_of
 from eval.report.gather import Material, gather
 from eval.report.history import load_training
-from eval.report.scenes import SCENE_POINTS, make_scene, points_of
 from eval.report.views import view_of
 from sensors.errors import CloudError, ExistsError, FormatError
 from tests.helpers.report_doll import (

@@ -21,10 +21,9 @@ from eval.compare.results import Result
 from eval.report import plots, tables
 from eval.report.estimates import SHARES, SHOWN_ORDER, SUMMARY, difference_of, estimate, shown, verdict
 from eval.report.figures import ERROR_NAMES, ERROR_RGB, THERMAL_RANGE_C, data_uri
-from eval.report.gap import group_tables
+from eval.report.gallery import Scene
 from eval.report.gather import Material
-from eval.report.scenes import Scene
-from eval.report.views import PART_SCORES, joints_of, view_of
+from eval.report.views import PART_SCORES, group_tables, joints_of, view_of
 from eval.scores import confusion
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, write_bytes
@@ -37,34 +36,23 @@ SUSPECTS = 30
 """Doubtful labels listed at most; chosen by eye."""
 
 SECTIONS = {
-    "headline": "Headline",
-    "gap": "Domain gap",
-    "parts": "Parts",
-    "differences": "One against the other",
-    "confusion": "Confusion",
-    "errors": "Errors",
-    "calibration": "Calibration",
-    "joints": "Joints",
-    "people": "People",
-    "gallery": "Gallery",
-    "scenes": "3D",
-    "shown": "Without a truth",
-    "training": "Training",
-    "audit": "Corrections",
-    "method": "Method and sources",
+    "headline": ("Headline", ""),
+    "gap": ("Domain gap", ""),
+    "parts": ("Parts", ""),
+    "differences": ("One against the other", "differences (one result only)"),
+    "confusion": ("Confusion", ""),
+    "errors": ("Errors", ""),
+    "calibration": ("Calibration", "calibration (the labels came without confidence)"),
+    "joints": ("Joints", "joints (the truth knows none)"),
+    "people": ("People", ""),
+    "gallery": ("Gallery", "frames to look at (their label sets were not found)"),
+    "scenes": ("3D", "a 3D view (the label sets were not found)"),
+    "shown": ("Without a truth", "frames without a truth (--shown)"),
+    "training": ("Training", "training curves (--history)"),
+    "audit": ("Corrections", "corrections (--audit)"),
+    "method": ("Method and sources", ""),
 }
-"""Sections in the order of the page, with their names in its contents."""
-
-_ABSENT = {
-    "calibration": "calibration (the labels came without confidence)",
-    "joints": "joints (the truth knows none)",
-    "differences": "differences (one result only)",
-    "gallery": "frames to look at (their label sets were not found)",
-    "scenes": "a 3D view (the label sets were not found)",
-    "shown": "frames without a truth (--shown)",
-    "training": "training curves (--history)",
-    "audit": "corrections (--audit)",
-}
+"""Sections in the order of the page: names in its contents, and what is missing where one is left out."""
 
 SURROUNDINGS_RGB = (84, 86, 94)
 """In a cloud what is no person is grey, where a picture's background is nearly black; chosen by eye."""
@@ -128,7 +116,7 @@ def free_outputs(path: Path, overwrite: bool) -> list[Path]:
 def render(material: Material) -> str:
     """The page as a string."""
     numbers = _numbers(material)
-    contents = {name: title for name, title in SECTIONS.items() if numbers.get(name, True)}
+    contents = {name: title for name, (title, _) in SECTIONS.items() if numbers.get(name, True)}
     script = "\n".join((TEMPLATES / "scripts" / f"{name}.js").read_text() for name in SCRIPTS)
     plotly = PLOTLY.read_text()
     return _PAGE.get_template("report.html.j2").render(
@@ -139,7 +127,7 @@ def render(material: Material) -> str:
         script=Markup(script),
         data=Markup(embedded_json({"figures": numbers["figures"], **scene_json(material.scenes)})),
         contents=contents,
-        absent=[why for name, why in _ABSENT.items() if name not in contents],
+        absent=[why for name, (_, why) in SECTIONS.items() if why and name not in contents],
         **numbers,
     )
 

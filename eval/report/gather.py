@@ -17,9 +17,17 @@ from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
 from eval.compare.paired import Difference, difference
 from eval.compare.results import Result
-from eval.report.gallery import EACH, GalleryFrame, make_frame, make_shown_frame, pick_frames, read_pairs
+from eval.report.gallery import (
+    EACH,
+    GalleryFrame,
+    Scene,
+    make_frame,
+    make_scene,
+    make_shown_frame,
+    pick_frames,
+    read_pairs,
+)
 from eval.report.history import Training, load_training
-from eval.report.scenes import Scene, make_scene
 from eval.report.views import ResultView, view_of
 from sensors.errors import CloudError
 from sensors.session.reader import Session
