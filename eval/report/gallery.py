@@ -1,4 +1,4 @@
-"""Frames that a reader should see: laid out as the paper's Fig. 10 with the errors beside, or to turn in 3D."""
+"""Frames that a reader should see: laid out as the paper's Fig. 10 with their errors, or to turn in 3D."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
