@@ -1,8 +1,8 @@
 """The verb ``train``: train a network."""
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, fields
 from enum import StrEnum
 from pathlib import Path
@@ -35,11 +35,8 @@ RecipeName = StrEnum("RecipeName", ["modern", "paper"])
 """Losses with their optimisers."""
 
 
-class PrecisionName(StrEnum):
-    """Floating-point numbers of the forward pass."""
-
-    FLOAT32 = "float32"
-    BFLOAT16 = "bfloat16"
+PrecisionName = StrEnum("PrecisionName", ["float32", "bfloat16"])
+"""Floating-point numbers of the forward pass."""
 
 
 def train(
@@ -97,20 +94,17 @@ def train(
             )
             model, done = run(crops, measured, out, plan, group, watch, start, workers)
     if group.first:
-        save_weights(out / "weights.safetensors", model, plan.network)
-        export_onnx(model, out / "weights.onnx")
-        _finish(done.epochs, out / "weights.onnx", round(time.monotonic() - started, 1), json)
-
-
-def _finish(history: "list[Epoch]", weights: Path, seconds: float, json: bool) -> None:
-    result = {
-        "epochs": len(history),
-        "loss": history[-1].loss,
-        "seconds": seconds,
-        "weights": str(weights),
-        "history": [asdict(epoch) for epoch in history],
-    }
-    finish(result, json, f"{len(history)} epochs, loss {history[-1].loss:.4f}, weights in {weights}")
+        weights, loss = out / "weights.onnx", done.epochs[-1].loss
+        save_weights(weights.with_suffix(".safetensors"), model, plan.network)
+        export_onnx(model, weights)
+        result = {
+            "epochs": len(done.epochs),
+            "loss": loss,
+            "seconds": round(time.monotonic() - started, 1),
+            "weights": str(weights),
+            "history": [asdict(epoch) for epoch in done.epochs],
+        }
+        finish(result, json, f"{len(done.epochs)} epochs, loss {loss:.4f}, weights in {weights}")
 
 
 def _plan(
@@ -157,14 +151,9 @@ def _measured(data: list[Path], tests: list[Path], hold_out: list[str], images: 
     return load_crops(tests).spread(images) if tests else None
 
 
-@contextmanager
-def _shown(first: bool, images: int) -> Iterator[Callable[[int], None]]:
+def _shown(first: bool, images: int) -> AbstractContextManager[Callable[[int], None]]:
     """Progress, shown by the first of several processes only."""
-    if not first:
-        yield lambda n: None
-        return
-    with progress("train, images", images) as advance:
-        yield advance
+    return progress("train, images", images) if first else nullcontext(lambda n: None)
 
 
 def _print_epoch(first: bool, epoch: "Epoch", epochs: int) -> None:

@@ -56,8 +56,6 @@ class Comparison:
             value = getattr(self, name)
             if value is not None and len(value) != n:
                 raise ValueError(f"{len(value)} {name} for {n} frames")
-        if self.counts.undefined.shape != (n, 3):
-            raise ValueError(f"counts of {self.counts.undefined.shape[:-1]} frames for {n} ids")
 
     @property
     def matrices(self) -> Counts:
@@ -127,10 +125,8 @@ class Comparison:
     def hashes(self) -> dict[str, str]:
         """SHA-256 over all frames' digests of depth, truth and prediction."""
         return {
-            name: hashlib.sha256(
-                "".join(getattr(digests, name) for digests in self.digests).encode()
-            ).hexdigest()
-            for name in ("depth", "truth", "predicted")
+            name: hashlib.sha256("".join(of_frames).encode()).hexdigest()
+            for name, of_frames in zip(Digests._fields, zip(*self.digests, strict=True), strict=True)
         }
 
     @property
@@ -175,9 +171,7 @@ class Comparison:
             "background": {name: plain(self.scores[name][BACKGROUND]) for name in PART_SCORES[:-1]},
             "absent_parts": [p.name for p in BODY_PARTS if np.isnan(self.scores["iou"][p.id])],
             "mious": {name: plain(v) for name, v in confusion.mean_ious(self.matrices).items()},
-            "error_kinds": {
-                name: int(pixels) for name, pixels in confusion.error_kinds(self.confusion).items()
-            },
+            "error_kinds": {name: int(n) for name, n in confusion.error_kinds(self.confusion).items()},
             "flipped_frames": int(confusion.flip_helps(self.matrices).sum()),
             "undefined": {name: plain(share) for name, share in self.undefined_shares.items()},
             "joints": None if self.joints_mm is None else summary(self.joints_mm),
@@ -199,18 +193,18 @@ def compare_sets(
     """
     pairs, extra = pair_up(predicted, truth)
     counts, joints = np.empty((len(pairs), WIDTH), np.int32), np.empty(len(pairs), OBSERVED)
-    subjects, traits, digests = [], [], []
+    texts: list[tuple[str, str, Traits, Digests]] = []
     for i, frame in enumerate(count_pairs(predicted, truth, pairs, workers)):
         counts[i], joints[i] = frame.counts, frame.joints
-        subjects.append(intern(frame.subject or UNKNOWN_SUBJECT))
-        traits.append(frame.traits)
-        digests.append(frame.digests)
+        subject = intern(frame.subject or UNKNOWN_SUBJECT)
+        texts.append((pairs[i].truth.frame_id, subject, frame.traits, frame.digests))
         advance(1)
+    frame_ids, subjects, traits, digests = zip(*texts, strict=True)
     return Comparison(
-        frame_ids=tuple(pair.truth.frame_id for pair in pairs),
-        subjects=tuple(subjects),
-        traits=tuple(traits),
-        digests=tuple(digests),
+        frame_ids=frame_ids,
+        subjects=subjects,
+        traits=traits,
+        digests=digests,
         counts=FrameCounts(counts),
         joints_mm=joint_errors_mm(joints, subjects) if joints["known"].any() else None,
         extra_frames=extra,
