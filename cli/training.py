@@ -35,8 +35,11 @@ RecipeName = StrEnum("RecipeName", ["modern", "paper"])
 """Losses with their optimisers."""
 
 
-PrecisionName = StrEnum("PrecisionName", ["float32", "bfloat16"])
-"""Floating-point numbers of the forward pass."""
+class PrecisionName(StrEnum):
+    """Floating-point numbers of the forward pass."""
+
+    FLOAT32 = "float32"
+    BFLOAT16 = "bfloat16"
 
 
 def train(

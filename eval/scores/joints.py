@@ -5,7 +5,7 @@ measurement of it; the middle of a limb's surface, pushed in likewise, lies a kn
 one of the limb's joints to the other. ``skeleton_fit`` makes a skeleton of these.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,8 @@ _END = 0.05
 """Share of a part that is its end; chosen by eye."""
 
 
-class Hinge(NamedTuple):
+@dataclass(frozen=True)
+class Hinge:
     """A joint between two parts. push_mm: how far it lies behind the border's surface, along the ray.
 
     sigma_mm: standard deviation of what is left then, per axis. Both fitted by tools/fit_joints.py.
@@ -50,7 +51,8 @@ class Hinge(NamedTuple):
     sigma_mm: float
 
 
-class Limb(NamedTuple):
+@dataclass(frozen=True)
+class Limb:
     """A part that lies along a line. joints: the line's ends; share: how far along it the part's middle lies.
 
     push_mm, sigma_mm: as a ``Hinge``'s, of the middle.
