@@ -12,7 +12,7 @@ import numpy as np
 
 from annotate.array_types import Bool, Float64
 from eval.scores.counts import blocks
-from eval.scores.joints import HINGES, JOINT, LIMBS, N_JOINTS, Evidence, pushed
+from eval.scores.joints import HINGES, JOINT, LIMBS, N_JOINTS, Evidence, Hinge, Limb, pushed
 
 _LIMB_BONES = (
     ("shoulder", "elbow", 260),
@@ -60,6 +60,9 @@ _TWIN = np.array([_NAMED.index(set(map(_twin, ends))) for ends in _NAMED])
 """The bone on the other side, as long; a middle one is its own."""
 
 
+_MEASURED: tuple[Hinge | Limb, ...] = (*HINGES, *LIMBS)
+
+
 def _rows() -> tuple[Float64, Float64]:
     """Design matrix (K, 15) of the linear terms and their standard deviations (K,), millimetres per axis."""
     rows = np.zeros((len(HINGES) + len(LIMBS) + 1, N_JOINTS))
@@ -68,11 +71,11 @@ def _rows() -> tuple[Float64, Float64]:
     for row, limb in zip(rows[len(HINGES) :], LIMBS, strict=False):
         row[[JOINT[name] for name in limb.joints]] = 1 - limb.share, limb.share
     rows[-1, [JOINT[name] for name in ("left_hip", "right_hip", "pelvis")]] = 0.5, 0.5, -1
-    return rows, np.array([term.sigma_mm for term in (*HINGES, *LIMBS)] + [MIDDLE_MM])
+    return rows, np.array([term.sigma_mm for term in _MEASURED] + [MIDDLE_MM])
 
 
 _ROWS, _SIGMA_MM = _rows()
-_PUSH_MM = np.array([term.push_mm for term in (*HINGES, *LIMBS)])
+_PUSH_MM = np.array([term.push_mm for term in _MEASURED])
 
 
 class _Terms(NamedTuple):
