@@ -15,8 +15,7 @@ from annotate.parts import BACKGROUND, LEFT_RIGHT, PART_ID, UNDEFINED, swap_left
 from annotate.segmentation.bare import LIKELY_BARE, bareness, cuff_evidence, without_sides
 from annotate.segmentation.confidence import worst_first
 from annotate.segmentation.patches import patches_of
-from annotate.segmentation.refine import NEIGHBOUR, refine
-from annotate.segmentation.segment import SOME_UNDEFINED, segment
+from annotate.segmentation.segment import NEIGHBOUR, SOME_UNDEFINED, refine, segment
 from annotate.suit.color_model import BARE, under, unfitted
 from annotate.suit.palette import DEFAULT_SUIT, Suit, chromaticity
 from eval.scores.confusion import confusion_matrix, recall

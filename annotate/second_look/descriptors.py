@@ -18,9 +18,8 @@ from annotate.person.extract import MaskCandidates
 from annotate.person.patch_likelihoods import COMPARED_STRIDE, relative_warmth
 from annotate.person.planes import normals_at
 from annotate.segmentation.bare import bareness
+from annotate.segmentation.part_clues import SuitReading, earlier_parts
 from annotate.segmentation.part_tree import PART_REACH_M, middle_of
-from annotate.segmentation.previous_parts import earlier_parts
-from annotate.segmentation.reading import SuitReading
 from annotate.segmentation.segment import Segmentation
 from annotate.suit.color_model import readable
 from sensors.rig.nearest import Nearest

@@ -19,7 +19,7 @@ from annotate.person.clothed_mask import MOST_PERSON_ODDS, PatchClues, interpola
 from annotate.person.extract import PersonMask
 from annotate.second_look.descriptors import descriptors, neighbour_pairs
 from annotate.second_look.network import GraphNetwork
-from annotate.segmentation.reading import SuitReading
+from annotate.segmentation.part_clues import SuitReading
 from annotate.segmentation.segment import Segmentation, labelled
 from annotate.suit.color_model import readable
 from sensors.rig.nearest import Nearest

@@ -26,10 +26,9 @@ LONGEST_WAY_M = 0.3
 1966: 0.108 and 0.152 of the stature)."""
 CUFF_WEIGHT = 4.0
 """Log odds of growing out of one cuff, against another that far away. Chosen by eye."""
-LIKELY_BARE = -2.0
-"""Log odds from which on a colour may be bare: a sleeve can be orange as skin is. Chosen by eye."""
-CLEAR_PART = 0.5
-"""Belief from which on a supervoxel counts as a part's. Chosen by eye."""
+LIKELY_BARE, CLEAR_PART = -2.0, 0.5
+"""Log odds from which on a colour may be bare, as a sleeve can be orange like skin; belief from which on a
+supervoxel counts as a part's. Chosen by eye."""
 
 _Steps = tuple[Int32, Int32, Float64]
 """Steps (e,) between supervoxels: start, end, length in metres."""

@@ -10,10 +10,11 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, Index, UInt8
 from annotate.cloud.color_odds import SURE_ODDS, color_odds, lab_of
+from annotate.cloud.grid import grown
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.crop import window_of
-from annotate.segmentation.reading import SuitReading
+from annotate.segmentation.part_clues import SuitReading
 
 FEATURES = (
     "odds",  # log of the likeliest part's belief over the next one's
@@ -39,24 +40,16 @@ FEATURES = (
 """Columns of the features; their weights are `annotate.engine.Weights.confidence`."""
 LEAST_BELIEF = 1e-4
 """Least belief that counts in ``odds``. Chosen by eye."""
-MOST_MARGIN = 4.0
-"""Bound of ``margin``. Chosen by eye."""
-MOST_CONTRAST_C = 6.0
-"""Bound in degrees Celsius of ``cold``, and of ``contrast``, above twice that. Chosen by eye."""
-FARTHEST_PX = 20
-"""Bound of the pixels to the outline. Chosen by eye."""
-SAME_PX = 7
-"""Side in pixels of the window of ``same``. Chosen by eye."""
-EDGE_WINDOW_PX = 5
-"""Side in pixels of the window of ``alone``, ``jump``, ``unmeasured`` and ``contact``. Chosen by eye."""
+MOST_MARGIN, MOST_CONTRAST_C, FARTHEST_PX = 4.0, 6.0, 20
+"""Bounds of ``margin``; in degrees Celsius of ``cold``, and of ``contrast``, above twice that; of the pixels
+to the outline. Chosen by eye."""
+SAME_PX, EDGE_WINDOW_PX, SURROUNDINGS_PX = 7, 5, 31
+"""Sides in pixels of the windows of ``same``; of ``alone``, ``jump``, ``unmeasured``, ``contact``; of a
+pixel's surroundings. Chosen by eye."""
 OUTLINE_PX = 2
 """Pixels within which a point is near the outline. Chosen by eye."""
-SAME_SURFACE_M = 0.03
-"""Depth difference in metres within which a surface goes on. Chosen by eye."""
-EDGE_M = 0.06
-"""Depth difference in metres of a depth edge. Chosen by eye."""
-SURROUNDINGS_PX = 31
-"""Side in pixels of the window of a pixel's surroundings. Chosen by eye."""
+SAME_SURFACE_M, EDGE_M = 0.03, 0.06
+"""Depth differences in metres within which a surface goes on, and of a depth edge. Chosen by eye."""
 LEAST_ROOM = 0.05
 """Least share of that window off the person for a contrast. Chosen by eye."""
 ROOM_PX = 16
@@ -64,10 +57,7 @@ ROOM_PX = 16
 
 
 def features(cloud: ThermalCloud, parts: UInt8, reading: SuitReading) -> Float64:
-    """Features float64 (n, 19) of a reading's points, in the order of FEATURES.
-
-    parts: uint8 (h, w), labels as chosen.
-    """
+    """Features float64 (n, 19) of a reading's points, in the order of FEATURES; parts: (h, w), labels."""
     mask, groups, belief = reading.mask, reading.groups, reading.belief
     box = window_of(mask, ROOM_PX)
     within, chosen = mask[box], parts[box]
@@ -159,7 +149,7 @@ def _jumps(depth_m: Float32, within: Bool) -> Bool:
 
 def _room_color(cloud: ThermalCloud, mask: Bool) -> Float32:
     """Log odds (n,) of each point's colour being the person's, against the surroundings'."""
-    around = cv2.dilate(mask.astype(np.uint8), np.ones((SURROUNDINGS_PX, SURROUNDINGS_PX))) > 0
+    around = grown(mask, SURROUNDINGS_PX // 2)
     lab = lab_of(cloud.color_rgb, cloud.color_valid & around)
     odds = np.where(mask, np.float32(2 * SURE_ODDS), np.float32(-2 * SURE_ODDS))
     return color_odds(lab, odds, mask, cloud.valid & around)[mask]
@@ -172,10 +162,8 @@ def _contrast_c(celsius: Float32, within: Bool) -> Float64:
     share = cv2.blur(room.astype(np.float32), window)
     mean_c = cv2.blur(np.where(room, celsius, np.float32(0)), window) / share.clip(1e-3)
     known = within & np.isfinite(celsius) & (share > LEAST_ROOM)
-    return np.asarray(
-        np.where(known, np.clip(celsius - mean_c, -MOST_CONTRAST_C, 2 * MOST_CONTRAST_C), 0)[within],
-        np.float64,
-    )
+    above_c = np.where(known, np.clip(celsius - mean_c, -MOST_CONTRAST_C, 2 * MOST_CONTRAST_C), 0)
+    return np.asarray(above_c[within], np.float64)
 
 
 def _goes_on(depth_m: Float32, within: Bool) -> Bool:

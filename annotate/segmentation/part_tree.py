@@ -6,12 +6,9 @@ from annotate.array_types import Float64, Int32
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.parts import BODY_PARTS, NEIGHBOURS
 
-SAME_PART = 0.0
-"""Log compatibility of two touching supervoxels of one part."""
-JOINED = -1.2
-"""The same of anatomical neighbours. Chosen by eye."""
-TOUCHING = -2.4
-"""The same of any two other parts. Chosen by eye."""
+SAME_PART, JOINED, TOUCHING = 0.0, -1.2, -2.4
+"""Log compatibility of two touching supervoxels of one part, of anatomical neighbours, of others. Chosen by
+eye."""
 SMOOTHING = 0.6
 """Weight of one touching supervoxel, for up to four of them. Chosen by eye."""
 TREE_ROUNDS = 6
@@ -25,7 +22,10 @@ STRAYING = 1.5
 LEAST_MIDDLE_POINTS = 40
 """Points of a part below which its middle is unknown. Chosen by eye."""
 
-_N = len(BODY_PARTS)
+_IDS = [part.id for part in BODY_PARTS]
+_BESIDE = [[frozenset((a, b)) in NEIGHBOURS for a in _IDS] for b in _IDS]
+_COMPATIBILITY = np.where(_BESIDE, JOINED, TOUCHING)
+np.fill_diagonal(_COMPATIBILITY, SAME_PART)
 _Links = tuple[Int32, Int32, Float64]
 """Pairs of touching supervoxels (e,), sorted: receiver, sender, weight."""
 
@@ -90,17 +90,3 @@ def middle_of(weight: Float64, centroids_m: Float64, reach_m: float) -> Float64:
         near = weight * np.exp(-((away_m / reach_m) ** 2)) + 1e-9 * weight.max()
         middle_m = near @ centroids_m / near.sum()
     return np.asarray(middle_m)
-
-
-def _compatibility() -> Float64:
-    """Log compatibility (11, 11) of the parts of two touching supervoxels."""
-    table = np.full((_N, _N), TOUCHING)
-    for i in range(_N):
-        for j in range(_N):
-            if frozenset((i + 1, j + 1)) in NEIGHBOURS:
-                table[i, j] = JOINED
-    np.fill_diagonal(table, SAME_PART)
-    return table
-
-
-_COMPATIBILITY = _compatibility()

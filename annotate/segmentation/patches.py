@@ -22,40 +22,32 @@ SEED_M = 0.05
 MERGE = 0.15
 """Chromaticity by which touching supervoxels may differ in one patch, less the larger it has grown (k of
 Felzenszwalb & Huttenlocher 2004, in supervoxels). Chosen by eye."""
-LEAST_MEAN_BLUR = 0.01
-"""Least uncertainty of a supervoxel's chromaticity. Chosen by eye."""
-UNREAD = 0.9
-"""Uncertainty of a chromaticity from which on its patch is not read. Chosen by eye."""
+LEAST_MEAN_BLUR, UNREAD = 0.01, 0.9
+"""Least uncertainty of a supervoxel's chromaticity, and that from which on a patch is not read. Chosen by
+eye."""
 MOST_PATCHES = 32
 """Patches labelled together, the largest; the others get a uniform belief. Chosen by eye."""
-LEAST_PATCH_POINTS = 15
-"""Points below which a patch is not labelled. Chosen by eye."""
-FULL_POINTS = 40
-"""Points from which on a patch's colour has its full weight. Chosen by eye."""
+LEAST_PATCH_POINTS, FULL_POINTS = 15, 40
+"""Points below which a patch is not labelled, and from which on its colour has its full weight. Chosen by
+eye."""
 MEAN_BLUR = 0.5
 """Uncertainty of a patch's mean colour as a share of its points'. Chosen by eye."""
-NARROW = 8
-"""Labellings followed in every light at first. Chosen by eye."""
-NARROW_PATCHES = 8
-"""Patches labelled so, at most half of all. Chosen by eye."""
-LIGHTS = 12
-"""Lights followed from there on. Chosen by eye."""
-BEAM = 40
-"""Labellings followed in each of them. Chosen by eye."""
-DISTANCE_WEIGHT = 6.0
-"""Number of independent distances that all distances of a patch are worth. Chosen by eye."""
-DISTANCE_WIDER = 1.3
-"""Factor on the rig's spread of distances, for poses outside the rig. Chosen by eye."""
-CONTACT_WEIGHT = 0.7
-"""Weight of a contact between two patches. Chosen by eye."""
-FULL_CONTACT = 3.0
-"""Touching pairs of supervoxels that make one contact. Chosen by eye."""
+NARROW, NARROW_PATCHES = 8, 8
+"""Labellings followed in every light at first, and the patches labelled so, at most half of all. Chosen by
+eye."""
+LIGHTS, BEAM = 12, 40
+"""Lights followed from there on, and labellings followed in each of them. Chosen by eye."""
+DISTANCE_WEIGHT, DISTANCE_WIDER = 6.0, 1.3
+"""Number of independent distances that all distances of a patch are worth, and the factor on the rig's spread
+of distances, for poses outside the rig. Chosen by eye."""
+CONTACT_WEIGHT, FULL_CONTACT = 0.7, 3.0
+"""Weight of a contact between two patches, and the touching pairs of supervoxels that make one. Chosen by
+eye."""
 ALWAYS_SEEN = (PART_ID["head"] - 1, PART_ID["torso"] - 1)
 """Part indices in sight in 99.7 % of the rig's frames, measured over 376 frames, seeds 101 to 141."""
-ABSENT = -5.0
-"""Log odds of a labelling without one of them. Chosen by eye."""
-WHOLE = 8
-"""Patches from which on a person is taken to be seen whole. Chosen by eye."""
+ABSENT, WHOLE = -5.0, 8
+"""Log odds of a labelling without one of them, and patches from which on a person is taken to be seen whole.
+Chosen by eye."""
 STRAY_PATCH = -8.0
 """Log likelihood of a patch whose colour is no swatch's. Chosen by eye."""
 

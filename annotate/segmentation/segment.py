@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
-from annotate.array_types import Bool, Float32, Float64, UInt8
+from annotate.array_types import Bool, Float32, Float64, Int32, UInt8
 from annotate.cloud.supervoxels import Supervoxels, single_points, supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.engine import Engine, Steps
@@ -14,6 +15,8 @@ from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED
 from annotate.segmentation.bare import bareness, cuff_evidence, without_sides
 from annotate.segmentation.confidence import chance_right, features
 from annotate.segmentation.part_clues import (
+    SuitReading,
+    earlier_parts,
     means_of,
     pooled,
     previous_evidence,
@@ -22,9 +25,6 @@ from annotate.segmentation.part_clues import (
 )
 from annotate.segmentation.part_tree import softmax, tree_belief
 from annotate.segmentation.patches import SEED_M, patches_of, read_alone, read_together
-from annotate.segmentation.previous_parts import earlier_parts
-from annotate.segmentation.reading import SuitReading
-from annotate.segmentation.refine import refine
 from annotate.suit.color_model import CLIPPED, readable, refit_colors, under, unfitted
 from annotate.suit.palette import Suit
 from sensors.rig.nearest import Nearest
@@ -33,16 +33,14 @@ MIN_READABLE_SHARE = 0.05
 """Share of a person's points with a readable colour up to which the frame is not read. Chosen by eye."""
 READ_ROUNDS = 3
 """Rounds of fitting the colours and the belief to each other. Chosen by eye."""
-PATCH_WEIGHT = 1.0
-"""Weight of the patches' log beliefs. Chosen by eye."""
-PATCH_DOUBT = 0.02
-"""Probability added to them, so that no patch excludes a part. Chosen by eye."""
+PATCH_WEIGHT, PATCH_DOUBT = 1.0, 0.02
+"""Weight of the patches' log beliefs, and probability added, so that no patch excludes a part. Chosen by
+eye."""
 BAD_SHARE = 0.3
 """Share of colours lost to darkness or glare from which on a note is given. Chosen by eye."""
-LEAST_GUESS = 0.35
-"""Belief below which a supervoxel without any colour stays undefined. Chosen by eye."""
-LEAST_AGAINST_ALIKE = 0.8
-"""Belief below which a supervoxel stays undefined if its next best part looks alike. Chosen by eye."""
+LEAST_GUESS, LEAST_AGAINST_ALIKE = 0.35, 0.8
+"""Beliefs below which a supervoxel stays undefined: without any colour; if its next best part looks alike.
+Chosen by eye."""
 GUESS_M = 0.08
 """Metres to a supervoxel with a colour up to which one without takes its part from there: a forearm's
 thickness. Chosen by eye."""
@@ -50,10 +48,14 @@ UNDEFINED_SHARE = 0.05
 """Share of a person left undefined above which a note is given: specks lose their colour. Chosen by eye."""
 SOME_UNDEFINED = "some parts stay undefined: their colours cannot be read, or look alike in the suit"
 """That note."""
-OWN_COLOR = 1.0
-"""Weight of a point's own colour where the border runs within supervoxels. Chosen by eye."""
-OWN_GROUP = 0.25
-"""Weight of its supervoxel's log belief there. Chosen by eye."""
+OWN_COLOR, OWN_GROUP = 1.0, 0.25
+"""Weights, where the border runs within supervoxels, of a point's own colour and of its supervoxel's log
+belief. Chosen by eye."""
+NEIGHBOUR, JUMP_M = 0.5, 0.03
+"""Log score that each of the eight neighbours adds to its own part at a pixel, and the depth difference in
+metres of neighbours on different surfaces. Chosen by eye."""
+REFINE_ROUNDS = 6
+"""Rounds of iterated conditional modes at most. Chosen by eye."""
 
 _N = len(BODY_PARTS)
 
@@ -93,7 +95,9 @@ def segment(
     notes = _diagnosis(rgb, cloud.color_valid[mask], usable)
     if usable.sum() <= MIN_READABLE_SHARE * len(usable):
         return unlabelled(mask, *notes)
-    groups = tile(cloud, mask) if engine.steps.supervoxels else single_points(mask)
+    groups = single_points(mask)
+    if engine.steps.supervoxels:
+        groups = supervoxels(cloud.points_m[mask], rgb, seed_m=SEED_M)
     return labelled(cloud, _read(cloud, mask, usable, suit, groups, before, engine.steps), engine, notes)
 
 
@@ -129,11 +133,7 @@ def unlabelled(mask: Bool, *notes: str) -> Segmentation:
 
 
 def _diagnosis(rgb: UInt8, seen: Bool, usable: Bool) -> tuple[str, ...]:
-    """Note on a person's colours, defect and remedy; none where they are good.
-
-    rgb: uint8 (n, 3). seen, usable: bool (n,), points seen by the colour camera, and those with a readable
-    colour.
-    """
+    """Note on colours uint8 (n, 3), defect and remedy; seen, usable: bool (n,), by the camera; readable."""
     if not len(rgb):
         return ("no person: nothing to label",)
     if seen.mean() < MIN_READABLE_SHARE:
@@ -167,9 +167,8 @@ def _read(
     warmth = np.zeros((groups.count, _N))
     if steps.skin_warmth:
         warmth = warmth_evidence(cloud.temperature_c[mask], groups)
-    earlier = None
-    if before is not None and steps.frame_before:
-        earlier = earlier_parts(before, cloud.camera, centroids_m)
+    known = before if steps.frame_before else None
+    earlier = earlier_parts(known, cloud.camera, centroids_m) if known else None
     besides = warmth if earlier is None else warmth + previous_evidence(earlier)
     read = read_together if steps.joint_reading else read_alone
     by_patch, log_gain = read(patches, palette, patches.mean(besides, groups.sizes))
@@ -212,11 +211,6 @@ def _undefined(reading: SuitReading, chosen: UInt8, points_m: Float32) -> Bool:
     return np.asarray(in_group[groups.ids] | borderless[chosen])
 
 
-def tile(cloud: ThermalCloud, mask: Bool) -> Supervoxels:
-    """Supervoxels of the masked points in row-major order, the unit of ``segment``; mask: bool (h, w)."""
-    return supervoxels(cloud.points_m[mask], cloud.color_rgb[mask], seed_m=SEED_M)
-
-
 def point_scores(belief: Float64, evidence: Float64, groups: Supervoxels) -> Float64:
     """Log score (n, 11) of each point's parts: those of its supervoxel and the touching ones, else -inf.
 
@@ -226,8 +220,46 @@ def point_scores(belief: Float64, evidence: Float64, groups: Supervoxels) -> Flo
     allowed = np.zeros((groups.count, _N), bool)
     allowed[np.arange(groups.count), chosen] = True
     a, b = groups.edges.T
-    allowed[a, chosen[b]] = True
-    allowed[b, chosen[a]] = True
+    allowed[a, chosen[b]] = allowed[b, chosen[a]] = True
     score = OWN_GROUP * np.log(belief + 1e-6)[groups.ids] + OWN_COLOR * evidence
     score[~allowed[groups.ids]] = -np.inf
     return np.asarray(score)
+
+
+def refine(scores: Float64, start: UInt8, depth_m: Float32, mask: Bool) -> UInt8:
+    """Part indices uint8 (n,) of the masked pixels by iterated conditional modes (Besag 1986).
+
+    scores: (n, k), log score of each part for the masked pixels in row-major order, -inf for forbidden parts.
+    start: uint8 (n,), part indices to begin with. depth_m, mask: (h, w).
+    """
+    index = np.full(mask.shape, -1, np.int32)
+    index[mask] = np.arange(len(start))
+    return np.asarray(_modes(scores, start, depth_m.astype(np.float32), index), np.uint8)
+
+
+@njit(cache=True, nogil=True)
+def _modes(scores: Float64, start: UInt8, depth: Float32, index: Int32) -> UInt8:
+    """Part indices (n,); index: (h, w), place of each pixel in ``scores``, -1 off the mask. As ``refine``."""
+    height, width = index.shape
+    chosen = start.copy()
+    total = np.empty(scores.shape[1])
+    for _ in range(REFINE_ROUNDS):
+        last = chosen.copy()
+        for v in range(height):
+            for u in range(width):
+                i = index[v, u]
+                if i < 0:
+                    continue
+                total[:] = scores[i]
+                for dv in range(-1, 2):
+                    for du in range(-1, 2):
+                        r, c = v + dv, u + du
+                        if (dv == 0 and du == 0) or r < 0 or c < 0 or r >= height or c >= width:
+                            continue
+                        j = index[r, c]
+                        if j >= 0 and abs(depth[r, c] - depth[v, u]) <= JUMP_M:
+                            total[last[j]] += NEIGHBOUR
+                chosen[i] = np.argmax(total)
+        if np.array_equal(chosen, last):
+            break
+    return chosen
