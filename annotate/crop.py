@@ -73,14 +73,8 @@ class Crop:
     def camera(self, camera: Intrinsics, size: int = SIZE) -> Intrinsics:
         """Pinhole camera of the images of ``cut``; camera: that of the whole image, undistorted."""
         scale = size / self.side
-        return Intrinsics(
-            size,
-            size,
-            camera.fx * scale,
-            camera.fy * scale,
-            (camera.cx - self.left + 0.5) * scale - 0.5,
-            (camera.cy - self.top + 0.5) * scale - 0.5,
-        )
+        cx, cy = ((c + 0.5) * scale - 0.5 for c in (camera.cx - self.left, camera.cy - self.top))
+        return Intrinsics(size, size, camera.fx * scale, camera.fy * scale, cx, cy)
 
 
 def crop_from_note(note: object, name: str) -> Crop:

@@ -3,8 +3,6 @@
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
-import numpy as np
-
 from annotate.array_types import Float32, UInt8, UInt16
 from annotate.parts import N_CLASSES, UNDEFINED
 from sensors.errors import FormatError
@@ -33,39 +31,23 @@ class FrameLabels:
     persons: UInt8 | None = None
 
     def __post_init__(self) -> None:
-        if self.depth_mm.ndim != 2 or self.depth_mm.dtype != np.uint16:
-            raise FormatError(
-                f"frame {self.frame_id}: depth is {self.depth_mm.dtype} {self.depth_mm.shape}; "
-                "give uint16 (h, w)"
-            )
-        if self.parts.shape != self.depth_mm.shape or self.parts.dtype != np.uint8:
-            raise FormatError(
-                f"frame {self.frame_id}: parts are {self.parts.dtype} {self.parts.shape} "
-                f"over depth {self.depth_mm.shape}; give uint8 of the same shape"
-            )
-        if self.confidence is not None and self.confidence.shape != self.parts.shape:
-            raise FormatError(
-                f"frame {self.frame_id}: confidence is {self.confidence.shape}; give {self.parts.shape}"
-            )
-        if self.persons is not None and (
-            self.persons.shape != self.parts.shape or self.persons.dtype != np.uint8
+        for name, image, kind in (
+            ("depth", self.depth_mm, "uint16"),
+            ("parts", self.parts, "uint8"),
+            ("confidence", self.confidence, "float"),
+            ("persons", self.persons, "uint8"),
         ):
-            raise FormatError(
-                f"frame {self.frame_id}: persons are {self.persons.dtype} {self.persons.shape}; "
-                f"give uint8 {self.parts.shape}"
-            )
+            shape = self.depth_mm.shape if self.depth_mm.ndim == 2 else "(h, w)"
+            if image is not None and (image.shape != shape or kind not in image.dtype.name):
+                raise self._error(f"{name} is {image.dtype} {image.shape}; give {kind} {shape}")
         unknown = self.parts[(self.parts >= N_CLASSES) & (self.parts != UNDEFINED)]
         if unknown.size:
-            raise FormatError(
-                f"frame {self.frame_id}: part id {int(unknown[0])} is unknown; "
-                "use 0 to 11, or 255 for undefined"
-            )
-        if not isinstance(self.subject, str) or not isinstance(self.notes, dict):
-            raise FormatError(
-                f"frame {self.frame_id}: subject is a {type(self.subject).__name__}, notes are a "
-                f"{type(self.notes).__name__}; give a text and an object"
-            )
+            raise self._error(f"part id {int(unknown[0])} is unknown; use 0 to 11, or 255 for undefined")
+        for text, kinds in ((self.subject, str), (self.notes, dict)):
+            if not isinstance(text, kinds):
+                raise self._error(f"{str(text)[:60]!r} is a {type(text).__name__}; give a {kinds.__name__}")
         if self.status not in get_args(Status):
-            raise FormatError(
-                f"frame {self.frame_id}: status {self.status!r} is unknown; use {get_args(Status)}"
-            )
+            raise self._error(f"status {self.status!r} is unknown; use {get_args(Status)}")
+
+    def _error(self, fault: str) -> FormatError:
+        return FormatError(f"frame {self.frame_id}: {fault}")

@@ -35,10 +35,9 @@ from annotate.segmentation.patches import MEAN_BLUR, SEED_M, Patches, patches_of
 from annotate.suit.color_model import readable, under, unfitted
 from annotate.suit.palette import Suit
 
-BODY_ROUNDS = 2
-"""Readings of the body, each without the patches rejected by the one before. Chosen by eye."""
-REJECTED_ODDS = -2.0
-"""Log odds below which a patch is rejected from the body. Chosen by eye."""
+BODY_ROUNDS, REJECTED_ODDS = 2, -2.0
+"""Readings of the body, each without the patches rejected by the one before, and the log odds below which a
+patch is rejected. Chosen by eye."""
 LEAST_SEEN = 100
 """Pixels of a person below which there is nothing to compare. Chosen by eye."""
 
@@ -46,28 +45,20 @@ LEAST_SEEN = 100
 class Clue(IntEnum):
     """Columns of a patch's clues, all of the order of one; their weights are `Weights.clothed`."""
 
-    PART_SCORE = 0
-    """Log score of its best part."""
-    IN_MASK = 1
-    """Mean weight of its pixels in the mask found without the suit's colours."""
-    PIXEL_ODDS = 2
-    """Mean log odds of its pixels without the suit's colours."""
-    BRIGHTNESS = 3
-    """Log brightness above the room's median."""
-    FREQUENCY = 4
-    """Log frequency of its colours in the room."""
-    SURFACE = 5
-    """Log surface in m2 of its colour near by."""
-    ONE = 6
-    """1, for the intercept."""
+    PART_SCORE = 0  # log score of its best part
+    IN_MASK = 1  # mean weight of its pixels in the mask found without the suit's colours
+    PIXEL_ODDS = 2  # mean log odds of its pixels without the suit's colours
+    BRIGHTNESS = 3  # log brightness above the room's median
+    FREQUENCY = 4  # log frequency of its colours in the room
+    SURFACE = 5  # log surface in m2 of its colour near by
+    ONE = 6  # for the intercept
 
 
 MOST_PERSON_ODDS = 6.0
 """Bound of the log odds of being the person's. Chosen by eye."""
-LOOSE_WEIGHT = 0.5
-"""Weight of the mask's smaller pieces: a warm thing is a laptop as often as a leg. Chosen by eye."""
-GAP_PX = 5
-"""Twice the width in pixels of a gap that parts two pieces. Chosen by eye."""
+LOOSE_WEIGHT, GAP_PX = 0.5, 5
+"""Weight of the mask's smaller pieces, as a warm thing is a laptop as often as a leg, and twice the width in
+pixels of a gap that parts two pieces. Chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -117,9 +108,8 @@ def patch_clues(
     be the person's. room: bool (h, w), background around both. odds: (h, w), log odds without the suit.
     """
     felt, compared = np.isfinite(cloud.temperature_c), np.zeros_like(person)
-    compared[::COMPARED_STRIDE, ::COMPARED_STRIDE] = ((person | beside) & cloud.valid & cloud.color_valid)[
-        ::COMPARED_STRIDE, ::COMPARED_STRIDE
-    ]
+    compared[::COMPARED_STRIDE, ::COMPARED_STRIDE] = True
+    compared &= (person | beside) & cloud.valid & cloud.color_valid
     if (compared & person).sum() < LEAST_SEEN or not (person & felt).any() or not (room & felt).any():
         return None
     rgb, celsius = cloud.color_rgb[compared], cloud.temperature_c[compared]
@@ -136,9 +126,8 @@ def patch_clues(
     pixel_odds = np.clip(odds[compared], -MOST_PERSON_ODDS, MOST_PERSON_ODDS)
     by_pixel = (_mask_weight(person)[compared], pixel_odds, *room_contrast(cloud, compared, room))
     unscored, one = np.zeros(len(in_mask)), np.ones(len(in_mask))
-    columns = np.column_stack(
-        [unscored, *(mean_over(patch, values) for values in by_pixel), np.log(all_m2), one]
-    )
+    means = (mean_over(patch, values) for values in by_pixel)
+    columns = np.column_stack([unscored, *means, np.log(all_m2), one])
     by_warmth = warmth_scores(mean_over(patch, warmth))
     evidence = patches.mean(warmth_evidence(celsius, groups), groups.sizes)
     by_clue = weights.clothed[np.where(in_mask, 0, 1)]
@@ -192,9 +181,8 @@ def room_contrast(cloud: ThermalCloud, compared: Bool, room: Bool) -> tuple[Floa
 
 def _bins(cloud: ThermalCloud, among: Bool) -> Int32:
     """Colour bins (n,) of the pixels of a mask (h, w)."""
-    return color_bins(
-        lab_of(cloud.color_rgb[among][None], np.ones((1, np.count_nonzero(among)), np.bool_))[0]
-    )
+    rgb = cloud.color_rgb[among][None]
+    return color_bins(lab_of(rgb, np.ones(rgb.shape[:2], np.bool_))[0])
 
 
 def touching_odds(patches: Patches, odds: Float64) -> Float64:

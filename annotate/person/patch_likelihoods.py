@@ -14,20 +14,12 @@ from annotate.segmentation.patches import MOST_PATCHES, Patches, pair_scores
 
 COMPARED_STRIDE = 2
 """Pixels between the rows and the columns whose colours are compared. Chosen by eye."""
-WARMEST = 80.0
-"""Percentile of a person's temperatures that half a person under a blanket has too. Chosen by eye."""
-LEAST_WARMTH_C = 2.0
-"""Least difference in degrees Celsius of that percentile to the room. Chosen by eye."""
-UNFELT = 0.8
-"""Relative warmth of a surface without a temperature. Chosen by eye."""
-SAME_COLOR = 0.045
-"""Distance in chromaticity between places of one cloth. Chosen by eye."""
-SAME_COLOR_BLURS = 0.5
-"""Share of the chromaticity's uncertainty added to that distance. Chosen by eye."""
-SAME_SHADE = 0.6
-"""Difference in log brightness between places of one cloth. Chosen by eye."""
-SAME_CLOTH_M = 0.7
-"""Distance in metres between places of one cloth. Chosen by eye."""
+WARMEST, LEAST_WARMTH_C, UNFELT = 80.0, 2.0, 0.8
+"""Percentile of a person's temperatures that half a person under a blanket has too; its least difference to
+the room in degrees Celsius; relative warmth of a surface without a temperature. Chosen by eye."""
+SAME_COLOR, SAME_COLOR_BLURS, SAME_SHADE, SAME_CLOTH_M = 0.045, 0.5, 0.6, 0.7
+"""Distances between places of one cloth: in chromaticity, with a share of its uncertainty added; in log
+brightness; in metres. Chosen by eye."""
 NEVER_ALIKE = -1.0
 """Blur of a supervoxel that is alike to no patch but its own."""
 MOST_M2 = np.array([0.035, 0.13, 0.033, 0.033, 0.028, 0.028, 0.045, 0.06, 0.06, 0.056, 0.056])
@@ -38,20 +30,16 @@ PART_WARMTH = np.array([1.13, 0.97, 0.84, 0.84, 0.77, 0.77, 0.94, 0.86, 0.86, 0.
 """Mean relative warmth (11,) of each part, measured over the same frames."""
 PART_WARMTH_SD = np.array([0.25, 0.08, 0.13, 0.13, 0.22, 0.22, 0.12, 0.13, 0.13, 0.22, 0.22])
 """Standard deviation (11,) of that, measured likewise."""
-WARMTH_SCORE_WEIGHT = 0.5
-"""Weight of the relative warmth's log density. Chosen by eye."""
-WARMTH_COST = 8.0
-"""Largest log cost of an odd temperature before the weight: a hand may have held a glass. Chosen by eye."""
+WARMTH_SCORE_WEIGHT, WARMTH_COST = 0.5, 8.0
+"""Weight of the relative warmth's log density, and the largest log cost of an odd temperature before it: a
+hand may have held a glass. Chosen by eye."""
 ANY_COLOR = np.where([part.id in (1, 5, 6, 10, 11) for part in BODY_PARTS], -3.0, -12.0)
 """Log score (11,) of the oddest colour: skin, hair and shoes vary more. Chosen by eye."""
 ODD_M2 = np.minimum(MOST_M2, [0.035, 1, 1, 1, 0.02, 0.02, 1, 1, 1, 0.03, 0.03])
 """Largest surface (11,) in m2 of an odd colour: head, hand, one and a half shoes. Chosen by eye."""
-PLACE_WEIGHT = 0.6
-"""Weight of a patch's place among the others. Chosen by eye."""
-PLACE_COST = 10.0
-"""Largest log cost of a place before the weight. Chosen by eye."""
-LEAST_LIKELY = 1e-4
-"""Least likelihood of a place given one other part of the body. Chosen by eye."""
+PLACE_WEIGHT, PLACE_COST, LEAST_LIKELY = 0.6, 10.0, 1e-4
+"""Weight of a patch's place among the others; largest log cost of a place before it; least likelihood of a
+place given one other part of the body. Chosen by eye."""
 
 
 def mean_over(patch: NDArray[np.integer[Any]], values: NDArray[np.generic]) -> Float64:
@@ -60,11 +48,7 @@ def mean_over(patch: NDArray[np.integer[Any]], values: NDArray[np.generic]) -> F
 
 
 def relative_warmth(celsius: Float32, room_c: Float32, person_c: Float32) -> Float64:
-    """Warmth (n,) of temperatures (n,): 0 at the room's median, 1 at the person's warm parts.
-
-    celsius, room_c, person_c: degrees Celsius of points, of room pixels and of person pixels, NaN = no
-    reading.
-    """
+    """Warmth (n,): 0 at the room's median, 1 at the person's warm parts; all degrees Celsius, NaN = none."""
     middle_c = float(np.nanmedian(room_c))
     reach_c = max(float(np.nanpercentile(person_c, WARMEST)) - middle_c, LEAST_WARMTH_C)
     return np.asarray(np.where(np.isfinite(celsius), (celsius - middle_c) / reach_c, UNFELT), np.float64)

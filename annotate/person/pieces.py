@@ -10,10 +10,9 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 
 MIN_PERSON_M2 = 0.03
 """Least visible surface of a person in m2: a head with a shoulder. Chosen by eye."""
-MOST_PERSON_M2 = 2.5
-"""Largest visible surface of a person in m2: twice the front of a tall adult. Chosen by eye."""
-MOST_PERSON_M = 2.4
-"""Longest side of a person's bounding box in metres, arms raised. Chosen by eye."""
+MOST_PERSON_M2, MOST_PERSON_M = 2.5, 2.4
+"""Largest visible surface of a person in m2, twice the front of a tall adult, and longest side of their
+bounding box in metres, arms raised. Chosen by eye."""
 
 
 @dataclass(frozen=True)

@@ -16,32 +16,24 @@ UNEVEN_C = 2.0
 """Degrees Celsius of walls and floor below the room's commonest temperature. Chosen by eye."""
 COLD_SHARE = 0.25
 """Share of warmth (0 background, 1 person) below which a pixel is background. Chosen by eye."""
-UNSURE_SHARE = 0.22
-"""The same share at which temperature is neutral: cold cloth and hair reach down to 0.2. Chosen by eye."""
-STEEPNESS = 8.0
-"""Log odds per unit of that share. Chosen by eye."""
+UNSURE_SHARE, STEEPNESS = 0.22, 8.0
+"""The same share at which temperature is neutral, as cold cloth and hair reach down to 0.2, and the log odds
+per unit of it. Chosen by eye."""
 MOST_BY_WARMTH = 3.0
 """Bound of the log odds of temperature: the lens blurs silhouettes. Chosen by eye."""
-HOT_MARGIN_C = 2.0
-"""Degrees Celsius above the window from which nothing is a person: a PI200's accuracy (Optris)."""
-BY_HEAT = -4.0
-"""Log odds of a pixel that hot. Chosen by eye."""
-ON_PLANE = -4.0
-"""Log odds of lying on a plane of the room, which is large or has cold points about. Chosen by eye."""
-ON_WARM_PLANE = -1.0
-"""Log odds of lying on a small, all warm plane: a chest can be flat. Chosen by eye."""
-OFF_PLANES = 0.6
-"""Log odds of a surface off all planes: most of a room is flat. Chosen by eye."""
-PLANE_COLD_SHARE = 0.2
-"""Share of a connected patch on planes that is cold, above which it is the room's. Chosen by eye."""
-PLANE_M2 = 0.15
-"""Surface of such a patch in m2 above which it is the room's. Chosen by eye."""
+HOT_MARGIN_C, BY_HEAT = 2.0, -4.0
+"""Degrees Celsius above the window from which nothing is a person (a PI200's accuracy, Optris), and the log
+odds of a pixel that hot (chosen by eye)."""
+ON_PLANE, ON_WARM_PLANE, OFF_PLANES = -4.0, -1.0, 0.6
+"""Log odds of lying on a plane of the room, which is large or has cold points about; on a small, all warm
+one, as a chest can be flat; and off all planes, as most of a room is flat. Chosen by eye."""
+PLANE_COLD_SHARE, PLANE_M2 = 0.2, 0.15
+"""Share of a connected patch on planes that is cold, and its surface in m2, above which it is the room's.
+Chosen by eye."""
 BY_COLD_SURFACE = -2.0
 """Log odds of a pixel without a temperature on a surface that is cold farther on. Chosen by eye."""
-WARM_MARK = 1
-"""Mark of surely warm pixels in a flood."""
-COLD_MARK = 2
-"""Mark of surely cold pixels in a flood."""
+WARM_MARK, COLD_MARK = 1, 2
+"""Marks of surely warm and of surely cold pixels in a flood."""
 
 
 def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], size_px: int) -> Float32:
@@ -80,10 +72,8 @@ def cold_surface_odds(odds: Float32, cloud: ThermalCloud, candidates: Bool, reac
     temperature. candidates: bool (h, w), pixels the cold may reach. reach_px: how far, in pixels.
     """
     known = np.isfinite(cloud.temperature_c)
-    marks = np.select(
-        [odds > SURE_ODDS, odds < -SURE_ODDS], [np.uint8(WARM_MARK), np.uint8(COLD_MARK)], np.uint8(0)
-    )
-    marks[~known] = 0
+    marks = np.zeros(odds.shape, np.uint8)
+    marks[known & (odds > SURE_ODDS)], marks[known & (odds < -SURE_ODDS)] = WARM_MARK, COLD_MARK
     marks[~(cloud.valid & candidates)] = NO_PIXEL
     reached = flood(marks, cloud.points_m[..., 2], reach_px)
     return np.where(~known & (reached == COLD_MARK), np.float32(BY_COLD_SURFACE), np.float32(0))
@@ -108,15 +98,10 @@ def plane_odds(on: Bool, near: Bool, shaped: Bool, cold: Bool, surface_m2: Float
 
 def _local_mean(values: Float32, mask: Bool, size: int) -> Float32:
     """Mean (h, w) over the masked pixels of a square window, ``size`` pixels wide; else over all masked."""
-    kept = np.where(mask, values, np.float32(0))
-    total = _sum(kept, size)
-    count = _sum(mask.astype(np.float32), size)
+    kept, window, border = np.where(mask, values, np.float32(0)), (size, size), cv2.BORDER_CONSTANT
+    total, count = (
+        cv2.boxFilter(plane, cv2.CV_32F, window, normalize=False, borderType=border)
+        for plane in (kept, mask.astype(np.float32))
+    )
     overall = np.float32(kept.sum() / max(mask.sum(), 1))
     return np.where(count > 0.5, total / np.maximum(count, 1), overall).astype(np.float32)
-
-
-def _sum(values: Float32, size: int) -> Float32:
-    """Sum (h, w) over a square window of ``size`` pixels around each pixel; 0 beyond the image."""
-    border = cv2.BORDER_CONSTANT
-    total = cv2.boxFilter(values, cv2.CV_32F, (size, size), normalize=False, borderType=border)
-    return np.asarray(total, np.float32)

@@ -8,22 +8,20 @@ import numpy as np
 from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, Index
+from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
 
-MOST_PLANES = 16
-"""Planes sought in one cloud. Chosen by eye."""
-MIN_PLANE_M2 = 0.12
-"""Least visible surface of a plane in m2: flat patches of a body (back, thigh) are smaller. Chosen by eye."""
-MIN_COLD_PLANE_M2 = 0.04
-"""The same among cold points, where no body can be: an arm rest, a table's edge. Chosen by eye."""
-MIN_PANEL_M2 = 0.025
-"""The same in m2 among warm points, for a free-standing panel: half of a laptop's lid. Chosen by eye."""
+MOST_PLANES, LEAST_PLANE_POINTS = 16, 30
+"""Planes sought in one cloud, and points below which none is fitted. Chosen by eye."""
+MIN_PLANE_M2, MIN_COLD_PLANE_M2, MIN_PANEL_M2 = 0.12, 0.04, 0.025
+"""Least visible surface of a plane in m2: among all points, as flat patches of a body (back, thigh) are
+smaller; among cold ones, where no body can be (an arm rest); among warm ones, for a free-standing panel (half
+of a laptop's lid). Chosen by eye."""
 PANEL_RADIUS_M = 0.07
 """Least radius in metres of a panel's largest disc: shins and arms are narrower. Chosen by eye."""
-BEND_M = 0.03
-"""Metres that a body's surface bends away by within four pixels of a flat patch. Chosen by eye."""
-FREE_SHARE = 0.78
-"""Least share of a panel's rim with something more than ``BEND_M`` behind it. Chosen by eye."""
+BEND_M, FREE_SHARE = 0.03, 0.78
+"""Metres that a body's surface bends away by within four pixels of a flat patch, and the least share of a
+panel's rim with something farther behind it. Chosen by eye."""
 TOLERANCE = 0.006
 """Distance to a plane as a share of the depth: 12 mm at 2 m, three times a Kinect v2's measured noise
 (Fankhauser et al. 2015)."""
@@ -33,12 +31,9 @@ NORMAL_JUMP = 0.02
 """Depth difference, as a share of the depth, to a neighbour on another surface. Chosen by eye."""
 PLANE_STRIDE = 3
 """Pixels between the rows and the columns in which planes are sought. Chosen by eye."""
-SAMPLE = 3000
-"""Points that count for or against a candidate plane. Chosen by eye."""
-TRIALS = 40
-"""Points of the sample tried as the plane. Chosen by eye."""
-LEAST_PLANE_POINTS = 30
-"""Points below which no plane is fitted. Chosen by eye."""
+SAMPLE, TRIALS = 3000, 40
+"""Points that count for or against a candidate plane, and points of these tried as the plane. Chosen by
+eye."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +53,11 @@ class Plane:
         return np.asarray(distance <= np.float32(TOLERANCE) * points_m[..., 2], np.bool_)
 
 
-def find_planes(
-    cloud: ThermalCloud, among: Bool, least_m2: float = MIN_PLANE_M2, seed: int = 0
-) -> tuple[Plane, ...]:
+def find_planes(cloud: ThermalCloud, among: Bool, least_m2: float = MIN_PLANE_M2) -> tuple[Plane, ...]:
     """Planes of at least ``least_m2`` visible surface, the best supported first.
 
     among: bool (h, w), pixels to search. One-point RANSAC, since a point with its normal is a plane, then
-    least squares on the inliers; the same seed gives the same planes.
+    least squares on the inliers; the same cloud gives the same planes.
     """
     rows, columns = np.nonzero((among & cloud.valid)[1::PLANE_STRIDE, 1::PLANE_STRIDE])
     rows, columns = rows * PLANE_STRIDE + 1, columns * PLANE_STRIDE + 1
@@ -73,7 +66,7 @@ def find_planes(
     flat = np.isfinite(normals[:, 0])
     points, normals = points[flat], normals[flat]
     pixel_m2 = points[:, 2] ** 2 * np.float32(PLANE_STRIDE**2 / (cloud.camera.fx * cloud.camera.fy))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     planes: list[Plane] = []
     while len(points) >= LEAST_PLANE_POINTS and len(planes) < MOST_PLANES:
         sample = rng.permutation(len(points))[:SAMPLE]
@@ -99,14 +92,14 @@ def panel_of(plane: Plane, cloud: ThermalCloud, among: Bool) -> Bool:
         return nothing
     patch = (patches == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())).astype(np.uint8)
     behind_m = np.float32(plane.offset_m) - cloud.points_m @ plane.normal
-    grown = cv2.dilate(patch, np.ones((9, 9), np.uint8)) > 0
-    rim_m = behind_m[grown & ~(cv2.dilate(patch, np.ones((3, 3), np.uint8)) > 0)]
+    with_rim = grown(patch > 0, 4)
+    rim_m = behind_m[with_rim & ~grown(patch > 0, 1)]
     behind, beside = np.count_nonzero(rim_m > BEND_M), np.count_nonzero(np.abs(rim_m) <= BEND_M)
     closed = cv2.morphologyEx(patch, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     radius_m = cv2.distanceTransform(np.pad(closed, 1), cv2.DIST_L2, 3)[1:-1, 1:-1] * cloud.points_m[..., 2]
     if np.nanmax(radius_m) < PANEL_RADIUS_M * cloud.camera.fx or behind <= FREE_SHARE * (behind + beside):
         return nothing
-    return np.asarray(grown & (np.abs(behind_m) <= BEND_M), np.bool_)
+    return np.asarray(with_rim & (np.abs(behind_m) <= BEND_M), np.bool_)
 
 
 def close_to(planes: Sequence[Plane], points_m: Float32) -> Bool:
@@ -121,10 +114,8 @@ def close_to(planes: Sequence[Plane], points_m: Float32) -> Bool:
 
 def lies_on(planes: Sequence[Plane], points_m: Float32, normals: Float32) -> Bool:
     """Flags (...) of points (..., 3) with unit normals (..., 3) close and parallel to any of the planes."""
-    on = np.zeros(points_m.shape[:-1], np.bool_)
-    for plane in planes:
-        on |= _on(plane, points_m, normals)
-    return on
+    each = [_on(plane, points_m, normals) for plane in planes]
+    return np.asarray(np.logical_or.reduce([np.zeros(points_m.shape[:-1], np.bool_), *each]))
 
 
 def _on(plane: Plane, points_m: Float32, normals: Float32) -> Bool:

@@ -16,18 +16,16 @@ OFFSETS = np.array([(0, 1), (1, -1), (1, 0), (1, 1), (0, 2), (2, 0), (2, 1), (2,
 """(v, u) from a pixel to its later neighbours; some two apart, to bridge pixels without a reading."""
 REACH = int(np.abs(OFFSETS).max())
 """Largest offset in pixels along an axis."""
-STEP = 0.6 * JUMP
-"""Depth step, as a share of the depth, that weakens a link to 1/e. Chosen by eye."""
-CREASE = 0.08
-"""1 - cosine between normals that weakens it so: 23 degrees. Chosen by eye."""
+STEP, CREASE = 0.6 * JUMP, 0.08
+"""Depth step, as a share of the depth, and 1 - cosine between normals (23 degrees), that each weaken a link
+to 1/e. Chosen by eye."""
 EDGE_LAB = 18.0
 """Standard deviation of 8-bit CIE Lab distances within one material. Chosen by eye."""
 COUPLING = 1.2
 """Log odds that a certain neighbour adds over a full link. Chosen by eye."""
-FIELD_ROUNDS = 6
-"""Rounds of mean field. Chosen by eye."""
-DAMPING = 0.3
-"""Share of the old belief in a round's new one, for convergence. Chosen by eye."""
+FIELD_ROUNDS, DAMPING = 6, 0.3
+"""Rounds of mean field, and the share of the old belief in a round's new one, for convergence. Chosen by
+eye."""
 
 
 class Links:
@@ -57,10 +55,7 @@ class Links:
 
 @njit(cache=True, nogil=True)
 def _links(candidates: Bool, depth_m: Float32, normals: Float32, lab: UInt8, offsets: Int64) -> Float32:
-    """Strength (8, h, w) in [0, 1] of the link from each pixel to that at each offset; 0 = none.
-
-    candidates: with a border of ``REACH`` pixels, as the result has; the other images: without.
-    """
+    """Strength (8, h, w) of links in [0, 1]; candidates and result have a border of ``REACH`` pixels."""
     height, width = candidates.shape
     strength = np.zeros((offsets.shape[0], height, width), np.float32)
     for v in range(height - 2 * REACH):

@@ -19,14 +19,12 @@ BEFORE_GAIN = 4.0
 """Factor less one by which standing where the subject stood before raises a score. Chosen by eye."""
 CLEAR_LEAD = 2.0
 """Least ratio of the best score to the next among three persons and more. Chosen by eye."""
-EDGE_STRIP_PX = 4
-"""Width in pixels of the strip along a border of the image that counts as touching it. Chosen by eye."""
-CUT_PX = 12
-"""Pixels of a person in that strip from which the border cuts them. Chosen by eye."""
-HUE_CELL = 0.06
-"""Side of the cells of chromaticity that count as different colours. Chosen by eye."""
-GREYISH = 0.15
-"""Distance in chromaticity from the light's own below which a colour is none. Chosen by eye."""
+EDGE_STRIP_PX, CUT_PX = 4, 12
+"""Width in pixels of the strip along a border of the image that counts as touching it, and pixels of a person
+in it from which the border cuts them. Chosen by eye."""
+HUE_CELL, GREYISH = 0.06, 0.15
+"""Side of the cells of chromaticity that count as different colours, and distance from the light's own below
+which a colour is none. Chosen by eye."""
 
 
 def colors_worn(cloud: ThermalCloud, person: Bool, room: Bool) -> float:

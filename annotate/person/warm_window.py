@@ -9,19 +9,15 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 WINDOW_C = (25.0, 35.0)
 """Least and most surface temperature in degrees Celsius of a dressed person in a room, where the frame itself
 gives none (Nishi & Miura 2017, section 4.2.1)."""
-BIN_C = 0.25
-"""Width of a histogram's bin in degrees Celsius. Chosen by eye."""
-REACH_C = 40.0
-"""Reach of the histogram to both sides of the median, degrees Celsius. Chosen by eye."""
-ROOM_SPREAD_C = 0.5
-"""Smoothing of the room's histogram in degrees Celsius: walls are even. Chosen by eye."""
-PERSON_SPREAD_C = 1.0
-"""Smoothing of the person's histogram in degrees Celsius: a dressed person is uneven. Chosen by eye."""
-CONTRAST_C = 9.0
-"""Expected degrees Celsius of clothes above the room, 20 and 29 degrees for most. Chosen by eye."""
-CONTRAST_SPREAD_C = 3.0
-"""Standard deviation of that in degrees Celsius: 6 above a hot room, 14 for skin in a cold one; a blanket or
-a sofa near a radiator is some 3 above. Chosen by eye."""
+BIN_C, REACH_C = 0.25, 40.0
+"""Degrees Celsius of a histogram's bin, and of its reach to both sides of the median. Chosen by eye."""
+ROOM_SPREAD_C, PERSON_SPREAD_C = 0.5, 1.0
+"""Smoothing of the histograms of room and person in degrees Celsius: walls are even, a dressed person is not.
+Chosen by eye."""
+CONTRAST_C, CONTRAST_SPREAD_C = 9.0, 3.0
+"""Expected degrees Celsius of clothes above the room, 20 and 29 degrees for most, and their standard
+deviation: 6 above a hot room, 14 for skin in a cold one; a blanket or a sofa near a radiator is some 3 above.
+Chosen by eye."""
 LEAST_M2 = 0.02
 """Warm surface in m2, weighted by its contrast, below which no window is found. Chosen by eye."""
 HALFWAY = 0.5

@@ -62,32 +62,21 @@ WIDTHS = {"parts": _N, "classes": _N + 1, "xyz": 3, "three": 3, "one": 1, "clues
 """Number of columns of each kind."""
 DESCRIPTOR_WIDTH = sum(WIDTHS[kind] for kind in LAYOUT.values())
 """Width of a descriptor."""
-MOST_CLUE = 8.0
-"""Bound of a clue's value. Chosen by eye."""
-MOST_BARE = 8.0
-"""Bound of the log odds of bareness. Chosen by eye."""
-MOST_STEP_M = 0.3
-"""Bound of a depth step in metres. Chosen by eye."""
-LEAST_FELT = 0.05
-"""Least share of pixels with a temperature that the warmth is divided by. Chosen by eye."""
-LEAST_BARE_BLUR = 0.02
-"""Least uncertainty of a chromaticity for bareness. Chosen by eye."""
-TINY_M2 = 1e-5
-"""Surface in m2 added before a logarithm. Chosen by eye."""
+MOST_CLUE, MOST_BARE, MOST_STEP_M = 8.0, 8.0, 0.3
+"""Bounds of a clue's value, of the log odds of bareness, and of a depth step in metres. Chosen by eye."""
+LEAST_FELT, LEAST_BARE_BLUR, TINY_M2 = 0.05, 0.02, 1e-5
+"""Least share of pixels with a temperature that the warmth is divided by; least uncertainty of a chromaticity
+for bareness; surface in m2 added before a logarithm. Chosen by eye."""
 STILL_MM = 80
 """Change of depth in millimetres within which a pixel shows the same thing. Chosen by eye."""
-CLEAR_PART_BELIEF = 0.5
-"""Belief from which on a supervoxel counts for its part's middle. Chosen by eye."""
-LEAST_PART_M2 = 0.002
-"""Least surface of such supervoxels in m2 for a part to have a middle. Chosen by eye."""
-UNSEEN_DISTANCE = 2.0
-"""Distance to parts without a middle, in reaches. Chosen by eye."""
-FARTHEST = 4.0
-"""Bound of the distance, in reaches. Chosen by eye."""
-NEAREST_SUPERVOXELS = 6
-"""Nearest supervoxels taken as neighbour_pairs: at every second pixel few touch each other. Chosen by eye."""
-LONGEST_EDGE_M = 0.15
-"""Most metres to a neighbour. Chosen by eye."""
+CLEAR_PART_BELIEF, LEAST_PART_M2 = 0.5, 0.002
+"""Belief from which on a supervoxel counts for its part's middle, and least surface of such supervoxels in m2
+for a part to have a middle. Chosen by eye."""
+UNSEEN_DISTANCE, FARTHEST = 2.0, 4.0
+"""Distance to parts without a middle, and bound of the distance, in reaches. Chosen by eye."""
+NEAREST_SUPERVOXELS, LONGEST_EDGE_M = 6, 0.15
+"""Nearest supervoxels taken as neighbour_pairs, as at every second pixel few touch each other, and most
+metres to one. Chosen by eye."""
 
 _Columns = dict[str, Float64]
 
@@ -183,15 +172,12 @@ def _of_supervoxels(
     colour, usable = _colour(cloud.color_rgb[clues.compared], reading, groups)
     shown_m2, distance = _parts(means["belief"], _surface_m2(cloud, clues) * means["inside"], centroids_m)
     bare = bareness(reading.model, clues.chroma, np.maximum(clues.blur, LEAST_BARE_BLUR))
-    if before is None:
-        earlier = np.full((groups.count, _N), 1 / _N)
-    else:
-        earlier = earlier_parts(before, cloud.camera, centroids_m)
+    unknown = np.full((groups.count, _N), 1 / _N)
     return {
         "colour": colour,
         "distance": distance,
         "shown": np.tile(np.sqrt(shown_m2), (groups.count, 1)),
-        "earlier": earlier,
+        "earlier": earlier_parts(before, cloud.camera, centroids_m) if before else unknown,
         "place": centroids_m - np.median(on_person_m, axis=0),
         "bare": np.clip(bare, -MOST_BARE, MOST_BARE),
         "readable": usable,

@@ -57,18 +57,9 @@ def look_again(
 
 
 def _second_reading(
-    cloud: ThermalCloud,
-    mask: Bool,
-    clues: PatchClues,
-    belief: Float64,
-    odds: Float64,
-    first: SuitReading,
+    cloud: ThermalCloud, mask: Bool, clues: PatchClues, belief: Float64, odds: Float64, first: SuitReading
 ) -> SuitReading:
-    """Reading of the points of a mask (h, w) by the network's beliefs.
-
-    belief (G, 11), odds (G,): parts and log odds of being the person's, of the clues' supervoxels,
-    which cover every second pixel. first: the first reading.
-    """
+    """Reading of the points of a mask (h, w) by the network's belief (G, 11) and log odds (G,)."""
     nearest = Nearest(cloud.points_m[clues.compared]).query(cloud.points_m[mask])[1]
     used, ids = np.unique(clues.groups.ids[nearest], return_inverse=True)
     renumbered = np.full(clues.groups.count, -1, np.int32)

@@ -15,24 +15,18 @@ from annotate.array_types import Bool, Float64, Index, UInt8
 from annotate.parts import BODY_PARTS
 from annotate.suit.palette import Suit, chromaticity
 
-CLIPPED = 250
-"""8-bit value from which on a channel has lost its upper end. Chosen by eye."""
-DARK = 20
-"""8-bit value of the brightest channel below which a colour is noise. Chosen by eye."""
-CLIP_SIGMA = 0.08
-"""Standard deviation of the chromaticity of a colour with one clipped channel. Chosen by eye."""
-NOISE_RGB = 4.0
-"""Noise of an 8-bit colour channel, which blurs the chromaticity of dark pixels. Chosen by eye."""
-SIGMA = 0.05
-"""Expected standard deviation of a swatch's chromaticity on folds and under several lamps. Chosen by eye."""
-LEAST_SIGMA = 0.02
-"""Least fitted standard deviation. Chosen by eye."""
-SIGMA_POINTS = 60.0
-"""Number of points that the expected standard deviation is worth. Chosen by eye."""
-FADE = 0.1
-"""Expected fading: share of the way from a cloth's chromaticity to the light's. Chosen by eye."""
-FADE_SIGMA = 0.2
-"""Standard deviation of that share. Chosen by eye."""
+CLIPPED, DARK = 250, 20
+"""8-bit value from which on a channel has lost its upper end, and that of the brightest channel below which a
+colour is noise. Chosen by eye."""
+CLIP_SIGMA, NOISE_RGB = 0.08, 4.0
+"""Standard deviation of the chromaticity of a colour with one clipped channel; noise of an 8-bit channel,
+which blurs the chromaticity of dark pixels. Chosen by eye."""
+SIGMA, LEAST_SIGMA, SIGMA_POINTS = 0.05, 0.02, 60.0
+"""Standard deviation of a swatch's chromaticity: expected, on folds and under several lamps; least fitted;
+and the number of points that the expected one is worth. Chosen by eye."""
+FADE, FADE_SIGMA = 0.1, 0.2
+"""Expected fading and its standard deviation: share of the way from a cloth's chromaticity to the light's.
+Chosen by eye."""
 HUE_SIGMA = 0.03
 """Standard deviation of a cloth's chromaticity beside its fading. Chosen by eye."""
 BARE = (((176, 135, 105), ("head", "left_forearm", "right_forearm")),
@@ -55,10 +49,9 @@ GAIN_POINTS = 100.0
 """Number of points that a frame's colours are worth against the gains' prior. Chosen by eye."""
 STRAY = 0.02
 """Likelihood of any colour on any part, against a swatch's best: reflections, toys. Chosen by eye."""
-FIT_ROUNDS = 3
-"""Rounds of expectation maximisation. Chosen by eye."""
-FITTED_POINTS = 2000
-"""Colours fitted to, an even sample of the person's. Chosen by eye."""
+FIT_ROUNDS, FITTED_POINTS = 3, 2000
+"""Rounds of expectation maximisation, and colours fitted to, an even sample of the person's. Chosen by
+eye."""
 
 _N = len(BODY_PARTS)
 
@@ -121,10 +114,7 @@ class ColorModel:
 
 
 def _lit(palette: Float64, log_gain: Float64) -> tuple[Float64, Float64]:
-    """Chromaticities (..., K, 2) of a palette (K, 2), and of the lights themselves (..., 1, 2).
-
-    log_gain: (..., 2) of the lights.
-    """
+    """Chromaticities (..., K, 2) of a palette (K, 2) in lights (..., 2), and of the lights (..., 1, 2)."""
     light = np.exp(log_gain[..., [0, 0, 1]] * (1, 0, 1))[..., None, :]
     rgb = np.column_stack([palette, 1 - palette.sum(axis=1)]) * light
     return rgb[..., :2] / rgb.sum(axis=-1, keepdims=True), light[..., :2] / light.sum(axis=-1, keepdims=True)
@@ -233,14 +223,9 @@ def _fitted_swatches(model: ColorModel, chroma: Float64, share: Float64) -> Colo
 
 
 def _strays(model: ColorModel, fading: Float64) -> Float64:
-    """Covariance (..., K, 2, 2) of the swatches' shifts before any colour has been seen.
-
-    fading: (..., K, 2).
-    """
-    hue = np.where(model.bare, BARE_HUE_SIGMA, HUE_SIGMA)
-    return np.asarray(
-        FADE_SIGMA**2 * fading[..., :, None] * fading[..., None, :] + hue[:, None, None] ** 2 * np.eye(2)
-    )
+    """Covariance (..., K, 2, 2) of the swatches' shifts of fading (..., K, 2) before any colour is seen."""
+    hue = np.where(model.bare, BARE_HUE_SIGMA, HUE_SIGMA)[:, None, None]
+    return np.asarray(FADE_SIGMA**2 * fading[..., :, None] * fading[..., None, :] + hue**2 * np.eye(2))
 
 
 def _variance(model: ColorModel, chroma: Float64, share: Float64, mass: Float64) -> Float64:

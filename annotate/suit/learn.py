@@ -24,10 +24,9 @@ from sensors.rig.frame import FrameSource
 
 SEAM_PX = 2
 """Pixels from another part within which a colour may be that part's. Chosen by eye."""
-LEAST_COLORS = 30
-"""Readable points of a part that a swatch needs. Chosen by eye."""
-MOST_COLORS = 4000
-"""Points of a part that its swatches are taken from, an even sample. Chosen by eye."""
+LEAST_COLORS, MOST_COLORS = 30, 4000
+"""Readable points of a part that a swatch needs, and the most it is taken from, an even sample. Chosen by
+eye."""
 LEAST_SECOND_SHARE = 0.15
 """Least share of a part that a second colour, its skin, covers. Chosen by eye."""
 CONTRAST = 12.0
@@ -105,14 +104,11 @@ def suit_from_photo(path: Path, name: str) -> Suit:
         )
     inner = cv2.erode(spots, np.ones((5, 5), np.uint8), borderValue=0) > 0
     ordered = _row_by_row(stats[patches])
-    found = {
-        part.id: rgb[inner & (labels == patches[i])] for part, i in zip(BODY_PARTS, ordered, strict=True)
-    }
-    return _suit(
-        {part: colors[readable(colors, np.ones(len(colors), np.bool_))] for part, colors in found.items()},
-        name,
-        1,
-    )
+    found = {}
+    for part, i in zip(BODY_PARTS, ordered, strict=True):
+        colors = rgb[inner & (labels == patches[i])]
+        found[part.id] = colors[readable(colors, np.ones(len(colors), np.bool_))]
+    return _suit(found, name, 1)
 
 
 def _suit(colors: dict[int, UInt8], name: str, most: int = 2) -> Suit:
@@ -126,11 +122,8 @@ def _suit(colors: dict[int, UInt8], name: str, most: int = 2) -> Suit:
                 "add a frame that shows it in even light"
             )
         swatches += [(rgb, part.id) for rgb in _main_colors(own, most)]
-    return Suit(
-        name,
-        np.array([rgb for rgb, _ in swatches], np.uint8),
-        np.array([part for _, part in swatches], np.uint8),
-    )
+    colors_rgb, parts = (np.array(column, np.uint8) for column in zip(*swatches, strict=True))
+    return Suit(name, colors_rgb, parts)
 
 
 def _main_colors(rgb: UInt8, most: int) -> list[tuple[int, ...]]:

@@ -130,15 +130,9 @@ def _as_list(value: object) -> list[object]:
 
 DEFAULT_SUIT = Suit(
     "ten-colour suit with a grey hood",
-    np.array(
-        [
-            *((216, 216, 216), (201, 143, 115), (230, 200, 20)),
-            *((220, 30, 40), (30, 60, 210), (20, 190, 195), (240, 125, 10)),
-            *((115, 40, 175), (30, 160, 50), (220, 40, 150)),
-            *((90, 160, 240), (165, 225, 40)),
-        ],
-        np.uint8,
-    ),
+    np.array([(216, 216, 216), (201, 143, 115), (230, 200, 20), (220, 30, 40), (30, 60, 210), (20, 190, 195),
+              (240, 125, 10), (115, 40, 175), (30, 160, 50), (220, 40, 150), (90, 160, 240), (165, 225, 40)],
+             np.uint8),
     np.array([1, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11], np.uint8),
-)
+)  # fmt: skip
 """Palette of the virtual rig's people: neighbours and twins far apart in chromaticity. Chosen by eye."""
