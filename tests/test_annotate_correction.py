@@ -276,12 +276,9 @@ def test_a_full_disk_loses_no_stroke(folder):
             with pytest.raises(NotSavedError, match="free some space"):
                 editor.paint(dab(k), 9)
         other = correction.edit(FRAMES[1])
-        with pytest.raises(NotSavedError):
-            other.paint(dab(3), 9)
-        with pytest.raises(NotSavedError):
-            other.accept()
-        with pytest.raises(NotSavedError):
-            correction.close()
+        for refused in (lambda: other.paint(dab(3), 9), other.accept, correction.close):
+            with pytest.raises(NotSavedError):
+                refused()
         # Two strokes, then, on another frame that has no original yet, a stroke and a verdict.
         assert correction.unsaved == 4
         assert files(folder) == before
@@ -307,7 +304,7 @@ def test_a_corrupt_frame_blocks_opening_and_is_rebuilt(folder, suffix, spoil):
     path.write_bytes(data[: len(data) // 2] if spoil == "cut" else b"")
     with Correction.open(folder, "bob") as correction:
         spoilt = files(folder)
-        with pytest.raises(RestorableError, match=rf"{path.name}.*rebuilt from its original"):
+        with pytest.raises(RestorableError, match=rf"{path.name}.*rebuilt from original"):
             correction.edit(FRAMES[0])
         assert files(folder) == spoilt
         np.testing.assert_array_equal(correction.restore(FRAMES[0]).parts, parts)
@@ -383,13 +380,9 @@ def test_what_killed_processes_left_is_swept(folder):
 
 def test_kill_at_random_moments(tmp_path):
     command = [sys.executable, "-m", "tools.kill_editor", str(tmp_path / "set"), "--kills", "15"]
-    done = subprocess.run(
-        [*command, "--size", "106", "128"],
-        cwd=Path(__file__).resolve().parents[1],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command += ["--size", "106", "128"]
+    root = Path(__file__).resolve().parents[1]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "none lost" in done.stderr
 

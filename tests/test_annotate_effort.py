@@ -52,14 +52,7 @@ def with_errors(n: int) -> np.ndarray:
     return parts
 
 
-def worked(
-    start: np.ndarray,
-    truth: np.ndarray,
-    goal: float = AGREEMENT,
-    tolerance_px: int = 0,
-    at_once: int = 1,
-    **more,
-):
+def worked(start: np.ndarray, truth: np.ndarray, goal=AGREEMENT, tolerance_px=0, at_once=1, **more):
     """The editor and the strokes after the annotator has worked on a frame."""
     strokes, annotator = [], Annotator(goal, tolerance_px, at_once)
     editor = Editor(frame(start), WHO, strokes.append, ActiveTime(annotator.clock))
@@ -216,10 +209,8 @@ def test_agreement_is_what_a_plain_loop_says(seed, tolerance_px):
         if t == UNDEFINED or (t == BACKGROUND and p in (BACKGROUND, UNDEFINED)):
             continue
         counted += 1
-        both = near(valid & (truth == p), v, u, tolerance_px) and near(
-            valid & (parts == t), v, u, tolerance_px
-        )
-        right += p != UNDEFINED and bool(t == p or both)
+        both = (near(valid & same, v, u, tolerance_px) for same in (truth == p, parts == t))
+        right += p != UNDEFINED and bool(t == p or all(both))
     agreement = Agreement(truth, valid, tolerance_px)
     assert agreement.of(parts) == pytest.approx(right / counted if counted else 1.0)
 

@@ -52,6 +52,15 @@ def stroke(i: int = 0, frame_id: str = "a", n: int = 1) -> Stroke:
     )
 
 
+def written(folder, *strokes: Stroke) -> Journal:
+    """The journal of a folder after these strokes."""
+    journal = Journal.of(folder)
+    for each in strokes:
+        journal.add(each)
+    journal.flush()
+    return journal
+
+
 def lines_of(journal: Journal) -> list[bytes]:
     return [to_line(each) for each in journal]
 
@@ -78,31 +87,22 @@ def test_strokes_are_found_again_by_frame(tmp_path):
 
 
 def test_a_line_cut_off_anywhere_costs_that_line_only(tmp_path):
-    journal = Journal.of(tmp_path)
-    journal.add(stroke(0))
-    journal.add(stroke(1))
-    journal.flush()
+    journal = written(tmp_path, stroke(0), stroke(1))
     whole = journal.path.read_bytes()
     first = len(to_line(stroke(0)))
     for cut in range(first, len(whole)):
         journal.path.write_bytes(whole[:cut])
-        torn = Journal.of(tmp_path)
-        assert len(torn) == 1
+        assert len(Journal.of(tmp_path)) == 1
         assert journal.path.read_bytes() == whole[:cut]
-        torn.add(stroke(2))
-        torn.flush()
+        written(tmp_path, stroke(2))
         assert lines_of(Journal.of(tmp_path)) == [to_line(stroke(0)), to_line(stroke(2))]
 
 
 def test_a_torn_line_longer_than_the_next_is_cut_off(tmp_path):
-    journal = Journal.of(tmp_path)
-    journal.add(stroke(0))
-    journal.flush()
+    journal = written(tmp_path, stroke(0))
     with journal.path.open("ab") as file:
         file.write(to_line(stroke(1, n=200))[:-1])
-    torn = Journal.of(tmp_path)
-    torn.add(stroke(2))
-    torn.flush()
+    written(tmp_path, stroke(2))
     assert journal.path.read_bytes() == to_line(stroke(0)) + to_line(stroke(2))
 
 
@@ -153,9 +153,7 @@ HOSTILE = {
 
 @pytest.mark.parametrize("line", HOSTILE.values(), ids=HOSTILE.keys())
 def test_a_line_that_is_no_stroke_is_named(tmp_path, line):
-    journal = Journal.of(tmp_path)
-    journal.add(stroke())
-    journal.flush()
+    journal = written(tmp_path, stroke())
     with journal.path.open("ab") as file:
         file.write(line + b"\n" + to_line(stroke()))
     before = journal.path.read_bytes()
@@ -166,9 +164,7 @@ def test_a_line_that_is_no_stroke_is_named(tmp_path, line):
 
 
 def test_a_journal_as_large_as_the_bound_is_read_and_a_larger_one_refused(tmp_path, monkeypatch):
-    journal = Journal.of(tmp_path)
-    journal.add(stroke())
-    journal.flush()
+    journal = written(tmp_path, stroke())
     size = journal.path.stat().st_size
     monkeypatch.setattr("annotate.labelset.journal.MAX_BYTES", size)
     assert len(Journal.of(tmp_path)) == 1
@@ -178,9 +174,7 @@ def test_a_journal_as_large_as_the_bound_is_read_and_a_larger_one_refused(tmp_pa
 
 
 def test_a_full_disk_keeps_whole_lines_and_the_rest_waits_in_memory(tmp_path):
-    journal = Journal.of(tmp_path)
-    journal.add(stroke(0))
-    journal.flush()
+    journal = written(tmp_path, stroke(0))
     whole = journal.path.read_bytes()
     with largest_file(len(whole) + 50):
         for i in (1, 2):
@@ -195,9 +189,7 @@ def test_a_full_disk_keeps_whole_lines_and_the_rest_waits_in_memory(tmp_path):
 
 
 def test_a_journal_that_something_else_shortened_is_not_written_over(tmp_path):
-    journal = Journal.of(tmp_path)
-    journal.add(stroke())
-    journal.flush()
+    journal = written(tmp_path, stroke())
     journal.path.write_bytes(b"")
     journal.add(stroke())
     with pytest.raises(NotSavedError, match="shortened"):

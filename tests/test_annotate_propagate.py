@@ -81,12 +81,8 @@ def test_an_undefined_frame_takes_the_labels_over():
 
 
 def test_a_mistake_that_comes_back_is_put_right_as_it_was_then():
-    old, news, after = (
-        seen((0.02, 0, 0)),
-        [seen((0.02, 0, 0), f"{i}") for i in range(5)],
-        seen((0.03, 0.01, 0), "z"),
-    )
-    right = [CorrectedFrame(frame, frame) for frame in news]
+    old, after = seen((0.02, 0, 0)), seen((0.03, 0.01, 0), "z")
+    right = [CorrectedFrame(frame, frame) for frame in (seen((0.02, 0, 0), f"{i}") for i in range(5))]
     done = propagate([*right, CorrectedFrame(face_mistaken(old), old)], face_mistaken(after), CAMERA)
     assert wrong(after, done) <= 0.1 * wrong(after, face_mistaken(after).parts)
 

@@ -37,9 +37,7 @@ class Correction:
     raises NotSavedError after it took effect; they are kept in memory and written again at every stroke.
     """
 
-    def __init__(
-        self, labels: LabelSet, who: str, claim: Claim | None, clock: Callable[[], float] = steady_time
-    ) -> None:
+    def __init__(self, labels: LabelSet, who: str, claim: Claim | None, clock: Callable[[], float]) -> None:
         """Prefer ``open``."""
         self.labels, self.who, self.journal = labels, who, Journal.of(labels.path)
         self._claim, self._clock = claim, clock
@@ -98,9 +96,7 @@ class Correction:
             saved = self.labels.read(frame_id)
         except FormatError as error:
             if self.can_restore(frame_id):
-                raise RestorableError(
-                    f"{error}, or have it rebuilt from its original and the journal"
-                ) from error
+                raise RestorableError(f"{error}, or have it rebuilt from original and journal") from error
             raise
         return after(saved, self._later(frame_id, saved.notes))
 

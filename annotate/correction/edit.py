@@ -53,9 +53,7 @@ class History:
     def _pop(stack: list[Stroke], stroke: Stroke, undo: bool) -> Stroke:
         runs = (stack[-1].inverse_runs() if undo else stack[-1].runs) if stack else None
         if runs is None or not np.array_equal(runs, stroke.runs):
-            raise FormatError(
-                f"frame {stroke.frame_id}: its {stroke.operation} does not belong to the last stroke"
-            )
+            raise FormatError(f"frame {stroke.frame_id}: its {stroke.operation} is not of the last stroke")
         return stack.pop()
 
 

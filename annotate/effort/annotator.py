@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from annotate.effort.hand import drawn
 from annotate.effort.keystrokes import MENTAL_S, Tools, gesture, gesture_s, move_s, moves_s
 from annotate.effort.repairs import (
     SCALE,
+    Identity,
     Move,
     Patch,
     Repair,
@@ -91,8 +93,7 @@ class Effort:
         return sum(stroke.operation != "accept" and stroke.how != CARRIED for stroke in self.strokes)
 
 
-@dataclass(frozen=True)
-class _Option:
+class _Option(NamedTuple):
     """A repair, the number of pixels it corrects, and the seconds it takes."""
 
     repair: Repair
@@ -123,17 +124,18 @@ class Annotator:
         """
         agreement = Agreement(truth, editor.valid, self.tolerance_px)
         imagined, rng = np.random.default_rng(zlib.crc32(editor.frame_id.encode())).spawn(2)
-        sight = Sight(editor, ScreenPoints.of_image(editor.depth_mm, SCALE), supervoxels, imagined)
+        view = ScreenPoints.of_image(editor.depth_mm, SCALE)
+        sight = Sight(editor, agreement, view, supervoxels, imagined)
         editor.time.mark("looking")
         automatic = editor.parts.copy()
         carried = propagated is not None and editor.propagate(propagated, CARRIED) is not None
         self._spend(editor, "looking", MENTAL_S)
-        tried: set[tuple[object, ...]] = set()
+        tried: set[Identity] = set()
         for _ in range(MOST_REPAIRS):
-            best = self._choose(sight, agreement, tried)
+            best = self._choose(sight, tried)
             if carried and self._harmed(editor.parts, automatic, best, agreement):
                 self._take_back(editor, 1)
-                best = self._choose(sight, agreement, tried)
+                best = self._choose(sight, tried)
             carried = False
             if best is None:
                 break
@@ -145,9 +147,9 @@ class Annotator:
         self._spend(editor, "painting", gesture_s(KEY, 1.0))
         editor.accept()
 
-    def _choose(self, sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]) -> _Option | None:
+    def _choose(self, sight: Sight, tried: set[Identity]) -> _Option | None:
         """The repair that corrects most pixels per second; pixels beyond the goal do not count."""
-        parts = sight.editor.parts
+        parts, agreement = sight.editor.parts, sight.agreement
         needed = self._needed(parts, agreement)
         if needed <= 0:
             return None
@@ -155,7 +157,7 @@ class Annotator:
         for least_px in LEAST_PX:
             worth = [patch for patch in found if patch.wrong >= least_px]
             for first in range(0, len(worth), PATCHES_SEEN):
-                options = self._options(worth[first : first + PATCHES_SEEN], sight, agreement, tried)
+                options = self._options(worth[first : first + PATCHES_SEEN], sight, tried)
                 enough = [option for option in options if option.gain >= least_px]
                 if enough:
                     return max(enough, key=lambda option: min(option.gain, needed) / option.seconds)
@@ -165,15 +167,13 @@ class Annotator:
         """Number of pixels of labels (h, w) to correct until the goal."""
         return int(agreement.wrong(parts).sum()) - (1 - self.goal) * agreement.counted(parts)
 
-    def _options(
-        self, found: list[Patch], sight: Sight, agreement: Agreement, tried: set[tuple[object, ...]]
-    ) -> Iterator[_Option]:
+    def _options(self, found: list[Patch], sight: Sight, tried: set[Identity]) -> Iterator[_Option]:
         """Every untried repair of these patches, alone and together with others of the same part."""
         best: dict[int, list[_Option]] = defaultdict(list)
         for patch in found:
             options = [
-                self._priced(repair, sight, agreement)
-                for repair in repairs(patch, sight, agreement)
+                self._priced(repair, sight)
+                for repair in repairs(patch, sight)
                 if repair.identity not in tried
             ]
             yield from options
@@ -186,10 +186,10 @@ class Annotator:
         )
         for repair in chain(together, repairs_of_frame(sight, {patch.part for patch in found})):
             if repair.identity not in tried:
-                yield self._priced(repair, sight, agreement)
+                yield self._priced(repair, sight)
 
-    def _priced(self, repair: Repair, sight: Sight, agreement: Agreement) -> _Option:
-        gain = int(agreement.gains(sight.editor.parts, repair.pixels, repair.parts).sum())
+    def _priced(self, repair: Repair, sight: Sight) -> _Option:
+        gain = int(sight.agreement.gains(sight.editor.parts, repair.pixels, repair.parts).sum())
         return _Option(repair, gain, moves_s(repair.moves, self._tools))
 
     def _carry_out(self, sight: Sight, repair: Repair, rng: np.random.Generator) -> int:

@@ -13,7 +13,7 @@ from annotate.correction.edit import ARMS, LEGS, Editor
 from annotate.correction.select import ScreenPoints, brush, grow, polygon, supervoxel
 from annotate.effort import hand
 from annotate.effort.agreement import Agreement
-from annotate.effort.hand import CAREFUL, FINE, QUICK, Hand
+from annotate.effort.hand import CAREFUL, FINE, QUICK, Hand, drawn
 from annotate.labelset.stroke import GestureKind, Operation
 from annotate.parts import BACKGROUND, BODY_PARTS, swap_left_right
 
@@ -25,6 +25,10 @@ MOST_GROWING = 4
 """Largest number of clicks that grow a piece. Chosen by eye."""
 NEAR_PX = 60
 """Largest extent of a patch for which zooming in is worth while, in pixels. Chosen by eye."""
+
+
+Identity = tuple[object, ...]
+"""What distinguishes a move or a repair from others."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ class Move:
     keys: int = 0
 
     @property
-    def identity(self) -> tuple[object, ...]:
+    def identity(self) -> Identity:
         """All fields of a move that distinguish it from others."""
         drawn = b"" if self.corners is None else self.corners.tobytes()
         settings = (self.part, self.radius_px, self.only, self.keep_outline, self.pairs)
@@ -75,7 +79,7 @@ class Repair:
     parts: UInt8
 
     @property
-    def identity(self) -> tuple[object, ...]:
+    def identity(self) -> Identity:
         """The identities of its moves."""
         return tuple(move.identity for move in self.moves)
 
@@ -90,9 +94,10 @@ def in_one_go(several: Sequence[Repair]) -> Repair:
 @dataclass(frozen=True)
 class Sight:
     """The view of the annotator. supervoxels: int32 (h, w), -1 = none. imagined: random numbers for the
-    errors of the hand that they expect."""
+    errors of the hand that they expect. agreement: with the truth, as they see it."""
 
     editor: Editor
+    agreement: Agreement
     view: ScreenPoints
     supervoxels: Int32
     imagined: np.random.Generator
@@ -131,11 +136,11 @@ def patches(parts: UInt8, agreement: Agreement) -> list[Patch]:
     return sorted(found, key=lambda patch: -patch.wrong)
 
 
-def repairs(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Repair]:
+def repairs(patch: Patch, sight: Sight) -> Iterator[Repair]:
     """Every repair of one patch."""
-    for move in (*_drawings(patch, sight, agreement), *_growings(patch, sight, agreement)):
+    for move in (*_drawings(patch, sight), *_growings(patch, sight)):
         yield _painting(sight, (move,))
-    clicks = tuple(_clicks(patch, sight, agreement))
+    clicks = tuple(_clicks(patch, sight))
     for count in MOST_CLICKS:
         if count <= len(clicks):
             yield _painting(sight, clicks[:count])
@@ -157,10 +162,10 @@ def repairs_of_frame(sight: Sight, wanted: set[int]) -> Iterator[Repair]:
         yield _difference(sight, Move("fill_holes", "key", part, keys=4), filled(parts, depth_mm, part))
 
 
-def _drawings(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:
+def _drawings(patch: Patch, sight: Sight) -> Iterator[Move]:
     """Lassos along the patch and around it, and brush strokes."""
     parts, part = sight.editor.parts, patch.part
-    free = ~sight.editor.valid | ((parts == part) & (agreement.truth == part)) | patch.mask
+    free = ~sight.editor.valid | ((parts == part) & (sight.agreement.truth == part)) | patch.mask
     careful = hand.outline(patch.mask, free, CAREFUL)
     quick = hand.loop(patch.mask, QUICK)
     small = max(np.ptp(axis) for axis in np.nonzero(patch.mask)) < NEAR_PX
@@ -180,23 +185,23 @@ def _drawings(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move
                 yield Move("paint", "brush", part, path, drawing, radius_px / drawing.zoom, only=only)
 
 
-def _clicks(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:
+def _clicks(patch: Patch, sight: Sight) -> Iterator[Move]:
     """Clicks on supervoxels, the most useful first."""
     parts, ids = sight.editor.parts, sight.supervoxels
     key = np.where(ids >= 0, ids * 256 + parts.astype(np.int32), -1).ravel()
     inside = np.flatnonzero(patch.mask & (ids >= 0))
     touched, first = np.unique(key[inside], return_index=True)
     pixels = np.flatnonzero(np.isin(key, touched))
-    gains = agreement.gains(parts, pixels, np.full(len(pixels), patch.part, np.uint8))
+    gains = sight.agreement.gains(parts, pixels, np.full(len(pixels), patch.part, np.uint8))
     total = np.bincount(np.searchsorted(touched, key[pixels]), gains.ravel()[pixels], len(touched))
     for best in np.argsort(-total, kind="stable")[: MOST_CLICKS[-1]]:
         if total[best] > 0:
             yield Move("paint", "supervoxel", patch.part, pixel=int(inside[first[best]]), clicks=1)
 
 
-def _growings(patch: Patch, sight: Sight, agreement: Agreement) -> Iterator[Move]:
+def _growings(patch: Patch, sight: Sight) -> Iterator[Move]:
     """One click on a supervoxel, and further clicks that grow it."""
-    for start in list(_clicks(patch, sight, agreement))[:1]:
+    for start in list(_clicks(patch, sight))[:1]:
         for clicks in range(2, 2 + MOST_GROWING):
             yield Move("paint", "grow", patch.part, pixel=start.pixel, clicks=clicks)
 
@@ -217,7 +222,8 @@ def _of_piece(patch: Patch, sight: Sight) -> Iterator[Repair]:
 
 def _painting(sight: Sight, moves: tuple[Move, ...]) -> Repair:
     """The repair by painting, drawn with the expected error of the hand."""
-    pixels = np.unique(np.concatenate([sight.chosen(move, _imagined(sight, move)) for move in moves]))
+    lines = [m.corners if m.corners is None else drawn(m.corners, m.hand, sight.imagined) for m in moves]
+    pixels = np.unique(np.concatenate([sight.chosen(*each) for each in zip(moves, lines, strict=True)]))
     editor, move = sight.editor, moves[0]
     assert move.part is not None
     old = editor.parts.ravel()[pixels]
@@ -228,10 +234,6 @@ def _painting(sight: Sight, moves: tuple[Move, ...]) -> Repair:
         allowed = allowed & (old != BACKGROUND)
     pixels = pixels[allowed]
     return Repair(moves, pixels, np.full(len(pixels), move.part, np.uint8))
-
-
-def _imagined(sight: Sight, move: Move) -> Float64 | None:
-    return None if move.corners is None else hand.drawn(move.corners, move.hand, sight.imagined)
 
 
 def _difference(sight: Sight, move: Move, parts: UInt8) -> Repair:

@@ -13,15 +13,7 @@ from typing import Any
 from annotate.array_types import Bool
 from annotate.crop import window_of
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
-from annotate.exchange.masks import (
-    MASK_IDS,
-    PERSON_NAME,
-    Mask,
-    images_from,
-    mask_from_runs,
-    masks_of,
-    runs_of,
-)
+from annotate.exchange.masks import MASK_IDS, PERSON, Mask, images_from, mask_from_runs, masks_of, runs_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import decode_depth, encode_depth
 from sensors.errors import FormatError
@@ -29,7 +21,7 @@ from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
-CATEGORIES = {**MASK_IDS, PERSON_NAME: 100}
+CATEGORIES = {**MASK_IDS, PERSON: 100}
 """Category by the name of a mask."""
 
 
@@ -45,9 +37,7 @@ def write_coco(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> 
         images.append({"id": len(images) + 1, "file_name": name, "width": width, "height": height})
         for mask in masks_of(frame):
             annotations.append(_annotation(mask, len(annotations) + 1, len(images)))
-    categories = [
-        {"id": number, "name": name, "supercategory": "person"} for name, number in CATEGORIES.items()
-    ]
+    categories = [{"id": n, "name": name, "supercategory": "person"} for name, n in CATEGORIES.items()]
     content = {"images": images, "annotations": annotations, "categories": categories}
     (out / ANNOTATIONS).write_text(json.dumps(content), encoding="ascii")
 
@@ -70,7 +60,7 @@ def _annotation(mask: Mask, number: int, image: int) -> dict[str, Any]:
     height, width = mask.pixels.shape
     rows, columns = window_of(mask.pixels)
     counts = rle_to_string(runs_of(mask.pixels.ravel(order="F")))
-    extra = {"person": mask.person} if mask.name == PERSON_NAME else {}
+    extra = {"person": mask.person} if mask.name == PERSON else {}
     return {
         "id": number,
         "image_id": image,
@@ -96,9 +86,7 @@ def _frame(
         masks = (_mask(annotation, names, depth_mm.shape) for annotation in annotations)
         parts, persons = images_from(masks, depth_mm.shape)
     except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
-        raise FormatError(
-            f"{source / ANNOTATIONS}: image {name[:100]!r} is malformed ({str(error)[:80]!r})"
-        ) from error
+        raise FormatError(f"{source / ANNOTATIONS}, image {name[:100]!r}: {str(error)[:80]!r}") from error
     return companion.labels(name.removesuffix(".png"), depth_mm, parts, persons)
 
 

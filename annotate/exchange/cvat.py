@@ -17,18 +17,10 @@ from defusedxml.ElementTree import fromstring
 from annotate.array_types import Bool
 from annotate.crop import window_of
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
-from annotate.exchange.masks import (
-    MASK_IDS,
-    PERSON_NAME,
-    Mask,
-    images_from,
-    mask_from_runs,
-    masks_of,
-    runs_of,
-)
+from annotate.exchange.masks import MASK_IDS, PERSON, Mask, images_from, mask_from_runs, masks_of, runs_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import decode_depth, encode_depth
-from annotate.parts import PARTS, UNDEFINED, palette_rgb
+from annotate.parts import UNDEFINED, palette_rgb
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
@@ -56,13 +48,10 @@ def write_cvat(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> 
 def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
     """The inverse of ``write_cvat``. Raises FormatError."""
     file = source / ANNOTATIONS
-    data = read_bounded(file, MAX_TEXT_BYTES)
     try:
-        images = list(fromstring(data, forbid_dtd=True).iter("image"))
+        images = list(fromstring(read_bounded(file, MAX_TEXT_BYTES), forbid_dtd=True).iter("image"))
     except DTDForbidden as error:
-        raise FormatError(
-            f"{file} has a document type, which is not read; export it from CVAT again"
-        ) from error
+        raise FormatError(f"{file} has a document type; export it from CVAT again") from error
     except (ParseError, ValueError, LookupError) as error:
         raise FormatError(f"{file} is not XML ({str(error)[:80]}); export it from CVAT again") from error
     if not images:
@@ -71,12 +60,11 @@ def read_cvat(source: Path, companion: Companion) -> Iterator[FrameLabels]:
 
 
 def _labels() -> Iterator[str]:
-    colors = palette_rgb()
-    for name, part in {**MASK_IDS, PERSON_NAME: UNDEFINED}.items():
-        color = "#{:02x}{:02x}{:02x}".format(*(PARTS[part].rgb if part < len(PARTS) else colors[part]))
+    for name, part in {**MASK_IDS, PERSON: UNDEFINED}.items():
+        color = "#{:02x}{:02x}{:02x}".format(*palette_rgb()[part])
         number = "<attribute><name>number</name><mutable>False</mutable><input_type>number</input_type>"
         number += "<default_value>1</default_value><values>1\n255\n1</values></attribute>"
-        attributes = number if name == PERSON_NAME else ""
+        attributes = number if name == PERSON else ""
         yield f"<label><name>{name}</name><color>{color}</color><type>mask</type>"
         yield f"<attributes>{attributes}</attributes></label>"
 
@@ -86,8 +74,8 @@ def _mask_xml(mask: Mask) -> str:
     box = mask.pixels[rows, columns]
     rle = ", ".join(map(str, runs_of(box.ravel())))
     # Persons lie below the parts, or they would hide them.
-    order = 0 if mask.name == PERSON_NAME else 1
-    attribute = f'<attribute name="number">{mask.person}</attribute>' if mask.name == PERSON_NAME else ""
+    order = 0 if mask.name == PERSON else 1
+    attribute = f'<attribute name="number">{mask.person}</attribute>' if mask.name == PERSON else ""
     place = f'left="{columns.start}" top="{rows.start}" width="{box.shape[1]}" height="{box.shape[0]}"'
     head = f'<mask label="{mask.name}" source="auto" occluded="0" rle="{rle}" {place} z_order="{order}">'
     return f"  {head}{attribute}</mask>\n"
@@ -115,9 +103,8 @@ def _mask(element: Element, shape: tuple[int, int]) -> Mask:
     if not (0 <= left < left + width <= shape[1] and 0 <= top < top + height <= shape[0]):
         raise FormatError(f"a mask lies at {left}, {top}, {width}x{height} on an image of {shape}")
     pixels = np.zeros(shape, bool)
-    runs = [int(n) for n in fields["rle"].split(",")]
-    box = mask_from_runs(runs, width * height).reshape(height, width)
-    pixels[top : top + height, left : left + width] = box
+    box = mask_from_runs([int(n) for n in fields["rle"].split(",")], width * height)
+    pixels[top : top + height, left : left + width] = box.reshape(height, width)
     return Mask(fields["label"], person, pixels)
 
 

@@ -13,10 +13,8 @@ from pathlib import Path
 
 from annotate.exchange.companion import Companion, frame_files
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
+from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts, read_image
 from annotate.parts import PARTS
-from sensors.errors import FormatError
-from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
 
 Folders = tuple[str, str]
@@ -46,9 +44,5 @@ def read_pairs(folders: Folders, source: Path, companion: Companion) -> Iterator
     splits = sorted(folder.name for folder in (source / folders[1]).iterdir() if folder.is_dir()) or [""]
     for split in splits:
         for frame_id, file in frame_files(source / folders[1] / split, ".png"):
-            depth = source / folders[0] / split / file.name
-            try:
-                depth_mm, parts = decode_depth(read_bounded(depth)), decode_parts(read_bounded(file))
-            except FormatError as error:
-                raise FormatError(f"{file}: {error}") from error
-            yield companion.labels(frame_id, depth_mm, parts)
+            depth_mm = read_image(source / folders[0] / split / file.name, decode_depth)
+            yield companion.labels(frame_id, depth_mm, read_image(file, decode_parts))

@@ -10,14 +10,15 @@ from annotate.frame_labels import FrameLabels
 from annotate.parts import BODY_PARTS, UNDEFINED
 from sensors.errors import FormatError
 
-UNDEFINED_NAME, PERSON_NAME = "undefined", "person"
-MASK_IDS = {**{part.name: part.id for part in BODY_PARTS}, UNDEFINED_NAME: UNDEFINED}
+PERSON = "person"
+"""Name of the mask of a whole person."""
+MASK_IDS = {**{part.name: part.id for part in BODY_PARTS}, "undefined": UNDEFINED}
 """Part id by the name of a mask of the parts image; the background is what no mask covers."""
 
 
 @dataclass(frozen=True)
 class Mask:
-    """One mask: its category's name, the number of the person for PERSON_NAME, and its pixels (h, w)."""
+    """One mask: its category's name, the number of the person for PERSON, and its pixels (h, w)."""
 
     name: str
     person: int
@@ -32,14 +33,14 @@ def masks_of(frame: FrameLabels) -> Iterator[Mask]:
             yield Mask(name, 0, pixels)
     if frame.persons is not None:
         for person in np.unique(frame.persons[frame.persons > 0]):
-            yield Mask(PERSON_NAME, int(person), frame.persons == person)
+            yield Mask(PERSON, int(person), frame.persons == person)
 
 
 def images_from(masks: Iterable[Mask], shape: tuple[int, int]) -> tuple[UInt8, UInt8]:
     """Parts and persons (h, w) of masks; where masks overlap, the later one wins. Raises FormatError."""
     parts, persons = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     for mask in masks:
-        if mask.name == PERSON_NAME:
+        if mask.name == PERSON:
             if not 1 <= mask.person <= 255:
                 raise FormatError(f"person number {mask.person} is impossible; use 1 to 255")
             persons[mask.pixels] = mask.person

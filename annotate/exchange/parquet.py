@@ -138,9 +138,7 @@ def _frames(file: Path) -> Iterator[FrameLabels]:
             # Group by group: one pass over the file would keep everything in memory.
             for group in range(parquet.num_row_groups):
                 if parquet.metadata.row_group(group).total_byte_size > MAX_GROUP_BYTES:
-                    raise FormatError(
-                        f"{file} has a row group of more than {MAX_GROUP_BYTES} bytes; split it"
-                    )
+                    raise FormatError(f"{file} has a row group above {MAX_GROUP_BYTES} bytes; split it")
                 for batch in parquet.iter_batches(ROWS_A_GROUP, [group], ["id", *IMAGES, "annotation"]):
                     yield from map(_frame, batch.to_pylist())
     except (*MALFORMED, pa.ArrowException) as error:

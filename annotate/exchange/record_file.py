@@ -127,6 +127,4 @@ def _records(body: bytes, layout: list[Any], shape: tuple[int, int], name: str) 
 
 
 def _malformed(name: str, error: Exception) -> FormatError:
-    return FormatError(
-        f"{name} is malformed ({str(error)[:100]}); give an organised binary cloud with labels"
-    )
+    return FormatError(f"{name} is malformed ({str(error)[:100]}); give an organised cloud with labels")

@@ -17,7 +17,7 @@ import numpy as np
 from annotate.array_types import Float64
 from annotate.exchange.companion import Companion, frame_files
 from annotate.frame_labels import FrameLabels
-from annotate.parts import PARTS, UNDEFINED
+from annotate.parts import PARTS, UNDEFINED, palette_rgb
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics, unproject
@@ -34,9 +34,7 @@ def write_kitti(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) ->
     for number, frame in enumerate(frames):
         persons = np.zeros_like(frame.parts) if frame.persons is None else frame.persons
         pixels = np.flatnonzero((frame.depth_mm > 0) | (frame.parts > 0) | (persons > 0))
-        labels = (
-            frame.parts.ravel()[pixels].astype(np.uint32) | persons.ravel()[pixels].astype(np.uint32) << 16
-        )
+        labels = (frame.parts.astype(np.uint32) | persons.astype(np.uint32) << 16).ravel()[pixels]
         for folder, suffix, values in (
             (POINTS, "bin", _points(frame, camera)[pixels].astype("<f4")),
             (LABELS, "label", labels.astype("<u4")),
@@ -50,9 +48,7 @@ def read_kitti(source: Path, companion: Companion) -> Iterator[FrameLabels]:
     """The inverse of ``write_kitti``; a lidar's scans have no index. Raises FormatError."""
     folder, names = source / SEQUENCE, list(companion.frames)
     if not (folder / INDEX).is_dir():
-        raise FormatError(
-            f"{folder} has no {INDEX}: its points are not a depth image; give a folder that export wrote"
-        )
+        raise FormatError(f"{folder} has no {INDEX} of a depth image; give a folder that export wrote")
     for number, file in frame_files(folder / LABELS, ".label"):
         at = int(number) if number.isdecimal() and len(number) <= 9 else len(names)
         frame_id = names[at] if at < len(names) else number
@@ -91,12 +87,12 @@ def _words(file: Path) -> bytes:
 
 
 def _config() -> str:
-    ids = {**{part.id: (part.name, part.rgb) for part in PARTS}, UNDEFINED: ("undefined", (128, 128, 128))}
+    ids = {**{part.id: part.name for part in PARTS}, UNDEFINED: "undefined"}
     learned = {number: (0 if number == UNDEFINED else number + 1) for number in ids}
     back = sorted((index, number) for number, index in learned.items())
     tables: dict[str, dict[Any, Any]] = {
-        "labels": {number: name for number, (name, _) in ids.items()},
-        "color_map: # blue, green, red": {number: list(rgb[::-1]) for number, (_, rgb) in ids.items()},
+        "labels": ids,
+        "color_map: # blue, green, red": {number: palette_rgb()[number, ::-1].tolist() for number in ids},
         "learning_map": learned,
         "learning_map_inv": dict(back),
         "learning_ignore": {index: "true" if index == 0 else "false" for index, _ in back},

@@ -50,10 +50,9 @@ def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
     with tarfile.open(fileobj=buffer, mode="w", format=tarfile.USTAR_FORMAT) as tar:
         for frame in frames:
             fields = {"subject": frame.subject, "status": frame.status, "notes": frame.notes}
-            images = encode_depth(frame.depth_mm), encode_parts(frame.parts)
-            for suffix, data in zip(
-                SUFFIXES, (*images, json.dumps(fields, sort_keys=True).encode()), strict=True
-            ):
+            text = json.dumps(fields, sort_keys=True).encode()
+            contents = encode_depth(frame.depth_mm), encode_parts(frame.parts), text
+            for suffix, data in zip(SUFFIXES, contents, strict=True):
                 member = tarfile.TarInfo(f"{frame.frame_id}.{suffix}")
                 member.size = len(data)
                 tar.addfile(member, io.BytesIO(data))
@@ -84,7 +83,7 @@ def _opened(path: Path, offset: int = 0) -> Iterator[tarfile.TarFile]:
             with tarfile.open(fileobj=file, mode="r:") as tar:
                 yield tar
     except _BROKEN as error:
-        raise FormatError(f"shard {path} cannot be read ({error}); delete it and generate again") from error
+        raise FormatError(f"shard {path} cannot be read ({error}); generate it again") from error
 
 
 def _frames(path: Path, tar: tarfile.TarFile) -> Iterator[list[tarfile.TarInfo]]:
@@ -94,7 +93,7 @@ def _frames(path: Path, tar: tarfile.TarFile) -> Iterator[list[tarfile.TarInfo]]
         # A negative size would lead in circles.
         if not member.isfile() or not 0 <= member.size <= MAX_MEMBER_BYTES:
             raise FormatError(
-                f"shard {path} holds {member.name!r}, not an image or too large; delete it and generate again"
+                f"shard {path} holds {member.name!r}, not an image or too large; generate it again"
             )
         suffix = member.name.partition(".")[2]
         if suffix in SUFFIXES:
@@ -103,7 +102,7 @@ def _frames(path: Path, tar: tarfile.TarFile) -> Iterator[list[tarfile.TarInfo]]
             yield members
             members = []
     if members:
-        raise FormatError(f"shard {path} ends in the middle of a frame; delete it and generate again")
+        raise FormatError(f"shard {path} ends in the middle of a frame; generate it again")
 
 
 def _key(members: list[tarfile.TarInfo]) -> str:
@@ -121,9 +120,7 @@ def _decoded(path: Path, tar: tarfile.TarFile, members: list[tarfile.TarInfo]) -
             raise ValueError(f"its JSON may hold {sorted(FIELDS)} only")
         return FrameLabels(key, decode_depth(data["depth.png"]), decode_parts(data["parts.png"]), **fields)
     except (FormatError, KeyError, ValueError, TypeError, RecursionError) as error:
-        raise FormatError(
-            f"shard {path}, frame {key!r} is malformed ({error}); delete it and generate again"
-        ) from error
+        raise FormatError(f"shard {path}, frame {key!r} is malformed ({error}); generate it again") from error
 
 
 @dataclass(frozen=True)
@@ -147,9 +144,7 @@ class Dataset:
         """Read the manifest. Raises FormatError when there is none, it is corrupt, or shards are missing."""
         manifest = path / MANIFEST
         if not manifest.is_file():
-            raise FormatError(
-                f"{path} is not a finished dataset (it has no {MANIFEST}); run 'synth generate' again"
-            )
+            raise FormatError(f"{path} is not a finished dataset (it has no {MANIFEST}); generate it again")
         data = read_bounded(manifest, MAX_MANIFEST_BYTES)
         try:
             info = json.loads(data)
@@ -161,9 +156,7 @@ class Dataset:
             raise FormatError(f"{manifest} is corrupt ({error!r}); generate the dataset again") from error
         for name, _ in shards:
             if Path(name).name != name or not (path / name).is_file():
-                raise FormatError(
-                    f"{path} lacks shard {name!r} that its manifest lists; run 'synth generate' again"
-                )
+                raise FormatError(f"{path} lacks shard {name!r} that its manifest lists; generate it again")
         return Dataset(path, shards, info)
 
     @property
@@ -199,9 +192,7 @@ def validate(dataset: Dataset) -> list[str]:
     for name, expected in dataset.shards:
         try:
             if sha256(dataset.path / name) != expected:
-                problems.append(
-                    f"shard {name} differs from its hash in the manifest; delete it and generate again"
-                )
+                problems.append(f"shard {name} differs from its hash in the manifest; generate it again")
             for _ in read_shard(dataset.path / name):
                 pass
         except FormatError as error:

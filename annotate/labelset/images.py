@@ -2,6 +2,9 @@
 
 import io
 import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -10,10 +13,22 @@ from PIL import Image
 from annotate.array_types import Float32, UInt8, UInt16
 from annotate.parts import palette_rgb
 from sensors.errors import FormatError
+from sensors.files.bounded import read_bounded
 from sensors.files.png import decode_grey, png_shape
+
+V = TypeVar("V")
 
 PNG_LEVEL = 1
 """zlib level of all PNGs. Measured: the highest takes ten times the time and saves little on noisy depth."""
+
+
+def read_image(file: Path, decode: Callable[[bytes], V]) -> V:
+    """The decoded content of an image file. Raises FormatError naming it."""
+    data = read_bounded(file)
+    try:
+        return decode(data)
+    except FormatError as error:
+        raise FormatError(f"{file}: {error}") from error
 
 
 def encode_depth(depth_mm: UInt16) -> bytes:
@@ -57,9 +72,7 @@ def decode_parts(data: bytes) -> UInt8:
     except Exception as error:  # Pillow's readers of odd chunks raise almost anything
         raise FormatError(f"parts PNG cannot be decoded ({error}); restore it from a copy") from error
     if parts is None or parts.shape != (height, width):
-        raise FormatError(
-            f"parts PNG is {mode} {size}; give 8-bit palette or greyscale ids {(width, height)}"
-        )
+        raise FormatError(f"parts PNG is {mode} {size}; give 8-bit palette or grey ids {(width, height)}")
     return parts
 
 

@@ -45,9 +45,7 @@ def encode_probabilities(probabilities: Probabilities) -> bytes:
 def decode_probabilities(data: bytes, notes: dict[str, Any]) -> Probabilities:
     """Inverse of ``encode_probabilities`` but for rounding; notes: the frame's. Raises FormatError."""
     if png_shape(data, "probability") != (N_CLASSES * SIZE, SIZE):
-        raise FormatError(
-            f"probability PNG is not {N_CLASSES * SIZE} x {SIZE} pixels; restore it or predict again"
-        )
+        raise FormatError(f"probability PNG is not {N_CLASSES * SIZE} x {SIZE} pixels; predict again")
     stored = decode_grey(data, np.uint8, "probability").reshape(N_CLASSES, SIZE, SIZE)
     total = stored.sum(axis=0, dtype=np.int64)
     # Each of the twelve was rounded by half a step at most.

@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self, TypeVar, cast, get_args
@@ -34,6 +35,7 @@ _FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
 T = TypeVar("T", bound=np.generic)
 V = TypeVar("V")
+Decode = Callable[[bytes], NDArray[T]]
 
 
 class LabelSet:
@@ -67,14 +69,10 @@ class LabelSet:
     def open(cls, path: Path) -> Self:
         """Open an existing label set. Raises FormatError when it is none, or is corrupt."""
         if not (path / MANIFEST).is_file():
-            raise FormatError(
-                f"{path} is not a label set (it has no {MANIFEST}); give the folder that label wrote"
-            )
+            raise FormatError(f"{path} is not a label set (it has no {MANIFEST}); give one that label wrote")
         for name in (FRAMES, ORIGINAL):
             if (path / name).is_symlink():
-                raise FormatError(
-                    f"{path / name} is a link out of the label set; replace it with a copy of the folder"
-                )
+                raise FormatError(f"{path / name} is a link out of the label set; copy the folder there")
         manifest = _load(path / MANIFEST)
         if manifest.pop("schema", None) != SCHEMA:
             raise FormatError(f"{path / MANIFEST} is not of schema {SCHEMA}; use the version that wrote it")
@@ -157,9 +155,7 @@ class LabelSet:
         try:
             return FrameLabels(frame_id, depth, parts, confidence, persons=persons, **fields)
         except TypeError as error:
-            raise FormatError(
-                f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it"
-            ) from error
+            raise FormatError(f"{self._file(frame_id, 'json')} has unknown fields ({error})") from error
 
     def notes(self, frame_id: str) -> dict[str, Any]:
         """A frame's notes alone, without its images."""
@@ -178,11 +174,7 @@ class LabelSet:
         file = self._file(frame_id, PROBABILITY)
         if not file.is_file():
             return None
-        data, notes = read_bounded(file), self.notes(frame_id)
-        try:
-            return decode_probabilities(data, notes)
-        except FormatError as error:
-            raise FormatError(f"{file}: {error}") from error
+        return images.read_image(file, partial(decode_probabilities, notes=self.notes(frame_id)))
 
     def write(self, frame: FrameLabels, probabilities: Probabilities | None = None) -> None:
         """Add or replace one frame, with a network's probabilities where they are to be kept.
@@ -234,24 +226,14 @@ class LabelSet:
         else:
             self._put(frame_id, suffix, encode(value))
 
-    def _optional_image(
-        self, frame_id: str, suffix: str, decode: Callable[[bytes], NDArray[T]]
-    ) -> NDArray[T] | None:
+    def _optional_image(self, frame_id: str, suffix: str, decode: Decode[T]) -> NDArray[T] | None:
         return self._image(frame_id, suffix, decode) if self._file(frame_id, suffix).is_file() else None
 
-    def _image(
-        self, frame_id: str, suffix: str, decode: Callable[[bytes], NDArray[T]], folder: str = FRAMES
-    ) -> NDArray[T]:
+    def _image(self, frame_id: str, suffix: str, decode: Decode[T], folder: str = FRAMES) -> NDArray[T]:
         file = self._file(frame_id, suffix, folder)
-        data = read_bounded(file)
-        try:
-            image = decode(data)
-        except FormatError as error:
-            raise FormatError(f"{file}: {error}") from error
+        image = images.read_image(file, decode)
         if image.shape != self.intrinsics.shape:
-            raise FormatError(
-                f"{file} is {image.shape}, the label set {self.intrinsics.shape}; restore it from a copy"
-            )
+            raise FormatError(f"{file} is {image.shape}, the label set {self.intrinsics.shape}; restore it")
         return image
 
 
@@ -284,9 +266,7 @@ def _journal_problems(labels: LabelSet) -> list[str]:
         ]
     except CloudError as error:
         return [str(error)]
-    return [
-        f"frame {i}: its labels lack strokes of {journal.path}; open the set once with fix" for i in behind
-    ]
+    return [f"frame {i}: labels lack strokes of {journal.path}; open the set once with fix" for i in behind]
 
 
 def _dump(value: dict[str, Any]) -> bytes:
