@@ -24,9 +24,8 @@ from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, Therma
 from sensors.drivers import kinect2, optris_direct, pyrometer, serial_line
 from sensors.drivers.azure_kinect import AzureKinect, azure_devices
 from sensors.drivers.kinect2 import Kinect2
-from sensors.drivers.optris import Optris
+from sensors.drivers.optris import LAYOUTS, Optris
 from sensors.drivers.optris_direct import OptrisDirect
-from sensors.drivers.optris_layout import LAYOUTS
 from sensors.drivers.orbbec import Orbbec, depth_of, orbbec_serials
 from sensors.drivers.pyrometer import Pyrometer
 from sensors.drivers.pyrometer_protocol import CS, CT

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from sensors.device.protocol import Flag, ThermalCounts, ThermalImage
 from sensors.drivers import optris_direct
-from sensors.drivers.optris import FlagWatch, Optris
+from sensors.drivers.optris import LAYOUTS, FlagWatch, Optris, pack, unpack
 from sensors.drivers.optris_direct import (
     PROTOTYPES,
     DirectLibrary,
@@ -23,7 +23,6 @@ from sensors.drivers.optris_direct import (
     check_config,
     flag_of,
 )
-from sensors.drivers.optris_layout import LAYOUTS, pack, unpack
 from sensors.errors import (
     DeviceBusyError,
     DeviceError,

@@ -103,20 +103,17 @@ class Kinect2(DepthCamera):
         number = self._numbers[frame.type].unwrap(frame.sequence)
         before = self._before.setdefault(frame.type, number - 1)
         stamp_ns = self._clock.unwrap(frame.timestamp) * TICK_NS
+        image, (infrared_number, infrared) = self._image(frame), self._infrared
         if frame.type == COLOR:
-            value: ColorImage | DepthImage | None = ColorImage(bytes(memoryview(self._buffer)[: frame.bytes]))
+            value: ColorImage | DepthImage = ColorImage(bytes(memoryview(self._buffer)[: frame.bytes]))
+        elif image is None:
+            return []
         else:
-            value = self._depth(frame)
-        if number <= before or frame.status or value is None:
+            value = DepthImage(image, infrared if infrared_number == frame.sequence else None)
+        if number <= before or frame.status:
             return []
         self._before[frame.type] = number
         return [(stamp_ns, value, number - before - 1)]
-
-    def _depth(self, frame: Frame) -> DepthImage | None:
-        image, (number, infrared) = self._image(frame), self._infrared
-        if image is None:
-            return None
-        return DepthImage(image, infrared if number == frame.sequence else None)
 
     def _image(self, frame: Frame) -> NDArray[np.uint16] | None:
         """uint16 (424, 512): the float image in the buffer, rounded; None for one of another size."""

@@ -1,6 +1,8 @@
 """A serial line to one device: requests, and replies of a length that is known beforehand."""
 
 import termios
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import serial
@@ -71,19 +73,15 @@ class SerialLine:
 
     def write(self, command: bytes) -> None:
         """Send a command at once, even to a device that does not stop sending."""
-        try:
+        with self._connected():
             self._serial.reset_input_buffer()
             self._serial.write(self._prefix + command)
-        except GONE as error:
-            raise self._lost() from error
 
     def receive(self, most: int, timeout_s: float) -> bytes:
         """Up to ``most`` bytes, as many as come within ``timeout_s`` seconds."""
-        try:
+        with self._connected():
             self._serial.timeout = timeout_s
             return bytes(self._serial.read(most))
-        except GONE as error:
-            raise self._lost() from error
 
     def close(self) -> None:
         """Give the port back; a ``receive`` under way ends."""
@@ -97,5 +95,9 @@ class SerialLine:
                 return
         raise ChatterError(f"{self.port} does not stop sending; switch the device off and on")
 
-    def _lost(self) -> DeviceLostError:
-        return DeviceLostError(f"{self.port} is no longer connected; plug the pyrometer in again")
+    @contextmanager
+    def _connected(self) -> Iterator[None]:
+        try:
+            yield
+        except GONE as error:
+            raise DeviceLostError(f"{self.port} is no longer connected; plug it in again") from error

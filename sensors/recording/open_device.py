@@ -12,9 +12,8 @@ from sensors.device.node import node_error, video_nodes
 from sensors.device.protocol import Device, Found
 from sensors.drivers.azure_kinect import AzureKinect, azure_devices
 from sensors.drivers.kinect2 import Kinect2, kinect2_serials, load_shim
-from sensors.drivers.optris import USB_ID, Optris
+from sensors.drivers.optris import LAYOUTS, USB_ID, Optris
 from sensors.drivers.optris_direct import OptrisDirect
-from sensors.drivers.optris_layout import LAYOUTS
 from sensors.drivers.orbbec import Orbbec, orbbec_serials
 from sensors.drivers.pyrometer import open_pyrometer
 from sensors.errors import DeviceError, DeviceNotFoundError

@@ -85,12 +85,12 @@ def clock_metadata(devices: Sequence[Device], latency_ms: Mapping[str, float]) -
 
     latency_ms: by address.
     """
-    metadata = {}
+    metadata: dict[str, str] = {}
     for device in devices:
-        for topic in (topic for stream in device.rates_hz for topic in TOPICS[stream]):
-            metadata[f"{CLOCK}{topic}"] = device.address
-            if device.address in latency_ms:
-                metadata[f"{LATENCY}{topic}"] = f"{latency_ms[device.address]:g}"
+        topics = [topic for stream in device.rates_hz for topic in TOPICS[stream]]
+        metadata |= {f"{CLOCK}{topic}": device.address for topic in topics}
+        if device.address in latency_ms:
+            metadata |= {f"{LATENCY}{topic}": f"{latency_ms[device.address]:g}" for topic in topics}
     return metadata
 
 

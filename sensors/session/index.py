@@ -13,23 +13,15 @@ from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES, RigCalibration
 from sensors.session.mcap_records import is_complete, record_offsets, records_at
 from sensors.session.messages import (
     CALIBRATIONS,
-    COLOR,
-    COUNTS,
     DEPTH,
     EVENTS,
-    INFRARED,
+    IMAGES,
     METADATA,
-    PYROMETER,
     SCHEMAS,
     TF,
-    THERMAL,
     calibration_from,
     event_from,
 )
-
-IMAGES = (DEPTH, COLOR, THERMAL, INFRARED, COUNTS, PYROMETER)
-"""Topics of which every message is kept track of."""
-
 
 PLACE = np.dtype([("stamp_ns", "i8"), ("arrival_ns", "i8"), ("offset", "i8"), ("slot", "i8")])
 """Where a message lies: record ``slot`` of the chunk at byte ``offset``; its time by device and host."""

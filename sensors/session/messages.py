@@ -32,6 +32,7 @@ from sensors.rig.rig_calibration import (
 CAMERAS = ("depth", "color", "thermal")
 DEPTH, COLOR, THERMAL = (f"/{camera}/image" for camera in CAMERAS)
 INFRARED, COUNTS, PYROMETER = "/infrared/image", "/thermal/counts", "/pyrometer"
+IMAGES = (DEPTH, COLOR, THERMAL, INFRARED, COUNTS, PYROMETER)
 CALIBRATIONS = {f"/{camera}/calibration": camera for camera in CAMERAS}
 TF, EVENTS = "/tf", "/events"
 

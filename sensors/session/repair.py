@@ -1,5 +1,6 @@
 """Makes a session whole again that was cut off while it was recorded, or is damaged."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -44,8 +45,9 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
     source = recording_at(path)
     if not source.is_file():
         raise FormatError(f"{path} does not exist; give a recorded session")
-    if source == final_of(source) and (frames := _whole_frames(source)):
-        return Repaired(source, frames, changed=False)
+    with suppress(FormatError):
+        if source == final_of(source) and not (whole := Session(source)).truncated:
+            return Repaired(source, len(whole), changed=False)
     target = out or final_of(source)
     if target != source:
         check_free(target, overwrite)
@@ -55,15 +57,6 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
     if out is None and target != source:
         source.unlink()
     return Repaired(target, frames, lost_ns * 1e-9, damaged)
-
-
-def _whole_frames(path: Path) -> int:
-    """Frames of a session that is whole; 0 of one that is not."""
-    try:
-        session = Session(path)
-    except FormatError:
-        return 0
-    return 0 if session.truncated else len(session)
 
 
 def _copy(file: BinaryIO, out: Path) -> tuple[int, int]:

@@ -8,7 +8,6 @@ that a killed process loses at most the frame it was writing.
 
 import os
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO, Self
 
 import numpy as np
@@ -99,9 +98,7 @@ class SessionWriter:
         self._writer.add_metadata(METADATA, self._metadata)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             with self._file:
                 if kind is None:

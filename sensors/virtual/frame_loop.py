@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.drivers.optris_layout import HEIGHT, WIDTH
+from sensors.drivers.optris import HEIGHT, WIDTH
 from sensors.errors import DeviceError
 from sensors.rig.frame import RigFrame
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.drivers.optris_layout import HEIGHT, WIDTH, Layout, pack
+from sensors.drivers.optris import HEIGHT, WIDTH, Layout, pack
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
 
@@ -18,23 +18,19 @@ COUNTS_AT_20_C, COUNTS_PER_K, FLAG_COUNTS = 8000.0, 25.0, 8150
 """Counts at 20 C, per kelvin above it, and of the closed flag. Chosen by eye."""
 NOISE_COUNTS = 2.0
 """0.08 K, the camera's stated NETD."""
-FLAG_EVERY_S, FLAG_CLOSED_S = 12.0, 0.5
-"""Seconds from one flag cycle to the next, and of one with the flag closed. Chosen by eye."""
+FLAG_CLOSED_S = 0.5
+"""Seconds of a flag cycle with the flag closed. Chosen by eye."""
 
 
 class VirtualOptris:
     """The camera: its node (an empty file that vanishes with it) and its frames.
 
-    unit of the clock: the kernel's monotonic one, here seconds since the start. One reader at a time.
+    flag_every_s: seconds from one flag cycle to the next, 12 chosen by eye. The kernel's clock counts seconds
+    since the start here. One reader at a time.
     """
 
     def __init__(
-        self,
-        layout: Layout,
-        scene: FrameLoop,
-        faults: Faults | None = None,
-        *,
-        flag_every_s: float = FLAG_EVERY_S,
+        self, layout: Layout, scene: FrameLoop, faults: Faults | None = None, flag_every_s: float = 12.0
     ) -> None:
         scene.thermal(0)
         self.layout, self.in_use = layout, False
@@ -63,13 +59,10 @@ class VirtualOptris:
 
     def uvc_frame(self, number: int) -> NDArray[np.uint16]:
         """UVC frame ``number`` as words (height, width); metadata is the running number, then its index."""
-        first = number * self.layout.subframes
-        metadata = np.arange(13, dtype=np.uint16)
-        subframes = []
-        for at in range(first, first + self.layout.subframes):
-            metadata[0] = at & 0xFFFF
-            subframes.append((self.counts(at), metadata.copy()))
-        return pack(self.layout, subframes)
+        n = self.layout.subframes
+        images = range(n * number, n * (number + 1))
+        words = [np.array([at & 0xFFFF, *range(1, 13)], np.uint16) for at in images]
+        return pack(self.layout, [(self.counts(at), w) for at, w in zip(images, words, strict=True)])
 
 
 class FakeKernel:

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.device.protocol import Flag
+from sensors.drivers.optris import HEIGHT, WIDTH
 from sensors.drivers.optris_direct import PROTOTYPES, DirectLibrary, FrameMetadata
-from sensors.drivers.optris_layout import HEIGHT, WIDTH
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import Pointer
-from sensors.virtual.optris import FLAG_CLOSED_S, FLAG_EVERY_S
+from sensors.virtual.optris import FLAG_CLOSED_S
 from sensors.virtual.schedule import Faults, Schedule, UnpluggedError
 
 RATE_HZ = 128.0
@@ -23,9 +23,7 @@ QUEUE = 16
 class VirtualDirect:
     """One PI200 behind ``library``: the scene's temperatures with noise, frozen while the flag is closed."""
 
-    def __init__(
-        self, scene: FrameLoop, faults: Faults | None = None, *, flag_every_s: float = FLAG_EVERY_S
-    ) -> None:
+    def __init__(self, scene: FrameLoop, faults: Faults | None = None, flag_every_s: float = 12.0) -> None:
         scene.thermal(0)
         self._scene, self._flag_every_s = scene, flag_every_s
         self.schedule = Schedule(RATE_HZ, faults, QUEUE)

@@ -7,9 +7,8 @@ from pathlib import Path
 from sensors.device.address import Address
 from sensors.device.protocol import Device
 from sensors.drivers.kinect2 import Kinect2
-from sensors.drivers.optris import Optris
+from sensors.drivers.optris import LAYOUTS, Optris
 from sensors.drivers.optris_direct import OptrisDirect
-from sensors.drivers.optris_layout import LAYOUTS
 from sensors.drivers.pyrometer import SCALES, open_pyrometer
 from sensors.drivers.pyrometer_protocol import FAMILIES
 from sensors.errors import DeviceError

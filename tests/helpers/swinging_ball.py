@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.drivers.optris_layout import HEIGHT, WIDTH
+from sensors.drivers.optris import HEIGHT, WIDTH
 from sensors.rig.frame import RigFrame
 from sensors.virtual.frame_loop import AMBIENT_C, FRAMES_PER_SECOND
 
