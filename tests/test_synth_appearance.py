@@ -38,11 +38,9 @@ from synth.appearance.paint import paint
 from synth.appearance.photograph import CLEAN, HARD, NORMAL, ColorCamera, ColorDifficulty, set_up
 from synth.appearance.room_colors import plain_room
 from synth.body.body import Body, shipped_bodies
+from synth.surface.facets import noise_tile, smooth_noise
 from synth.surface.furniture import Surface, empty_room
-from synth.surface.rasterize import Mesh, merge, rasterize
-from synth.surface.shapes import box, sheet
-from synth.surface.texture import noise_tile, smooth_noise
-from synth.surface.viewpoint import look_at
+from synth.surface.rasterize import Mesh, box, look_at, merge, rasterize, sheet
 
 CAMERA = Intrinsics(640, 480, 480.0, 480.0, 319.5, 239.5)
 MAPS = tuple(m.astype(np.float32) for m in np.meshgrid(np.arange(640), np.arange(480)))

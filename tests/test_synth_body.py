@@ -18,7 +18,7 @@ from synth.body.body_picture import picture
 from synth.body.body_table import PAPER_BODIES, BodySize, describe, read_sizes
 from synth.body.part_border import SNAP_M, borders, cut_into_parts
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, alignment
-from synth.surface.shapes import box
+from synth.surface.rasterize import box
 
 MEASURES = ("height_cm", "weight_kg", "waist_breadth_cm")
 HARMONICS, SMOOTH_M = 4, 0.0015

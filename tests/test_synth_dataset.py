@@ -26,9 +26,8 @@ from annotate.labelset.dataset import (
 from annotate.labelset.images import decode_parts, encode_depth, encode_parts
 from sensors.errors import FormatError
 from sensors.files.atomic import write_bytes
-from synth.images.dataset_page import contact_sheet, render, write_page
+from synth.images.dataset_page import contact_sheet, render, statistics_of, write_page
 from synth.images.presets import PRESETS, sample
-from synth.images.statistics import statistics_of
 
 FRAMES = [sample(PRESETS["sitting-train"], 0, i * 16) for i in range(6)]
 INFO = {

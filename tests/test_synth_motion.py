@@ -12,12 +12,20 @@ from synth.body.body import shipped_bodies
 from synth.body.flesh import flesh_of
 from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, alignment, forward, reach
 from synth.pose import recumbent, sitting, upright
-from synth.pose.contact import height_to_rest, lift_needed
 from synth.pose.moment import Behaviour, glide, mirrored
-from synth.pose.recumbent import FALLEN, IN_BED, in_bed, lie
+from synth.pose.off_seat import (
+    FALLEN,
+    IN_BED,
+    UPRIGHT,
+    height_to_rest,
+    in_bed,
+    lie,
+    lift_needed,
+    on_legs,
+    rise,
+)
 from synth.pose.settle import settle
 from synth.pose.sitting import SITTING, on_seat, sit
-from synth.pose.upright import UPRIGHT, on_legs, rise
 from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa
 
 BODIES = shipped_bodies()

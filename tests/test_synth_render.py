@@ -13,9 +13,7 @@ from synth.body.body import shipped_bodies
 from synth.images.view import _window
 from synth.pose.sitting import SITTING, sit
 from synth.surface.furniture import Sofa
-from synth.surface.rasterize import merge, rasterize
-from synth.surface.shapes import box
-from synth.surface.viewpoint import look_at
+from synth.surface.rasterize import box, look_at, merge, rasterize
 
 SMALL = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 

@@ -12,9 +12,8 @@ from sensors.errors import CloudError
 from sensors.rig.camera import project
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE as CAMERA
 from synth.body.skeleton import N_JOINTS
-from synth.images.occlude import cut, occluder
 from synth.images.presets import PRESETS, preset_named, sample
-from synth.images.view import inside_image, visibility
+from synth.images.view import cut, inside_image, occluder, visibility
 from synth.surface.rasterize import NEAR_M
 
 NAMES = sorted(PRESETS)

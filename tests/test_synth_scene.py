@@ -8,9 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from synth.images.presets import view_around
 from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa, Solid, Surface
-from synth.surface.rasterize import Mesh
-from synth.surface.shapes import box, sheet
-from synth.surface.viewpoint import look_at
+from synth.surface.rasterize import Mesh, box, look_at, sheet
 
 FURNITURE = [Sofa(), Chair(), Bed()]
 

@@ -17,7 +17,7 @@ from annotate.labelset.frames import open_frames
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
 from eval.network.onnx_network import OnnxNetwork
 from eval.scores.confusion import confusion_matrix, mean_recall, miou
-from synth.images.occlude import cut
+from synth.images.view import cut
 
 REMOVED = 0.2
 IMAGES = 1024

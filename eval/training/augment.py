@@ -94,7 +94,7 @@ def _incomplete(
 
 
 def _taken_away(person: Bool, how: Augmentation, rng: np.random.Generator) -> Bool:
-    from synth.images.occlude import cut
+    from synth.images.view import cut
 
     kept = person
     if not person.any():

@@ -13,8 +13,7 @@ from annotate.array_types import Float32, Float64
 from sensors.rig.camera import Intrinsics
 from synth.appearance.paint import Surfaces
 from synth.surface.furniture import Surface
-from synth.surface.rasterize import EXACT, Mesh, rasterize
-from synth.surface.viewpoint import look_at
+from synth.surface.rasterize import EXACT, Mesh, look_at, rasterize
 
 STRIDE = 4
 """Shadows are soft: looked up at every fourth pixel and spread over the like surface between."""

@@ -17,6 +17,7 @@ from annotate.parts import N_CLASSES, NEIGHBOURS, PART_ID
 from annotate.suit.palette import Suit
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
+from synth.shipped import table
 
 SKIN, HAIR, SHOE = 12, 13, 14
 N_ZONES = 15
@@ -27,25 +28,12 @@ N_FIELDS = len(SEAMS) + 4
 GAMMA = 2.2
 """Exponent from sRGB to linear light, near enough to IEC 61966-2-1."""
 
-MONK_SKIN_RGB = np.array(
-    [
-        (0xF6, 0xED, 0xE4), (0xF3, 0xE7, 0xDB), (0xF7, 0xEA, 0xD0), (0xEA, 0xDA, 0xBA), (0xD7, 0xBD, 0x96),
-        (0xA0, 0x7E, 0x56), (0x82, 0x5C, 0x43), (0x60, 0x41, 0x34), (0x3A, 0x31, 0x2A), (0x29, 0x24, 0x20),
-    ]
-)  # fmt: skip
-"""The Monk Skin Tone scale, all ten tones (Monk 2022, skintone.google), sRGB."""
+SKIN_RGB, HAIR_RGB, SHOE_RGB, SHIRT_RGB, TROUSERS_RGB = (
+    np.array(table("people")[what]) for what in ("skin", "hair", "shoe", "shirt", "trousers")
+)
+"""sRGB (n, 3) of people and everyday clothes; sources in ``synth/data/people.toml``."""
 BLUSH = np.array([1.04, 0.94, 0.90])
 """The scale's swatches are greyer than lit skin, whose blood is red. No source: chosen by eye."""
-HAIR_RGB = np.array(
-    [(28, 24, 22), (52, 38, 30), (86, 60, 42), (128, 92, 58), (176, 140, 92), (120, 60, 34), (150, 148, 146)]
-)
-"""Black, three browns to dark blond, blond, red, grey. No source: chosen by eye."""
-SHOE_RGB = np.array([(58, 58, 62), (46, 44, 42), (84, 80, 78), (70, 56, 46)])
-SHIRT_RGB = np.array(
-    [(70, 84, 116), (150, 48, 46), (198, 196, 190), (60, 64, 60), (92, 120, 92), (186, 152, 90), (44, 46, 54)]
-)
-TROUSERS_RGB = np.array([(48, 58, 84), (40, 40, 44), (120, 108, 88), (72, 72, 76)])
-"""Everyday clothes of a second person. No source: chosen by eye."""
 FOLD_REACH_M = 0.14
 """How far from a bending joint its folds die out."""
 SEAM_REACH_M = 0.08
@@ -139,10 +127,10 @@ def _zones(cloth_rgb: Float64, rng: np.random.Generator) -> Float64:
     """Linear colours (15, 3): cloth by part, then skin, hair and shoes."""
     zones = np.zeros((N_ZONES, 3))
     zones[:N_CLASSES] = cloth_rgb
-    tone = rng.uniform(0, len(MONK_SKIN_RGB) - 1)
-    below = min(int(tone), len(MONK_SKIN_RGB) - 2)
+    tone = rng.uniform(0, len(SKIN_RGB) - 1)
+    below = min(int(tone), len(SKIN_RGB) - 2)
     share = tone - below
-    zones[SKIN] = BLUSH * ((1 - share) * MONK_SKIN_RGB[below] + share * MONK_SKIN_RGB[below + 1])
+    zones[SKIN] = BLUSH * ((1 - share) * SKIN_RGB[below] + share * SKIN_RGB[below + 1])
     zones[HAIR] = rng.choice(HAIR_RGB) * rng.uniform(0.85, 1.15)
     zones[SHOE] = rng.choice(SHOE_RGB) * rng.uniform(0.8, 1.2)
     return np.asarray(np.power(np.clip(zones, 0, 255) / 255, GAMMA))

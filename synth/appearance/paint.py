@@ -24,9 +24,20 @@ from synth.appearance.outfit import (
     Outfit,
 )
 from synth.appearance.room_colors import RoomColors
-from synth.surface.facets import Triple, cross, dot, edge, mix, mix_column, shares, unit
+from synth.surface.facets import (
+    Triple,
+    cross,
+    dot,
+    edge,
+    mix,
+    mix_column,
+    noise_tile,
+    shares,
+    smooth_noise,
+    unit,
+    wavelength_cells,
+)
 from synth.surface.rasterize import EXACT, Mesh, ZBuffer
-from synth.surface.texture import noise_tile, smooth_noise, wavelength_cells
 
 SEAM_WAVE_M, FOLD_WAVE_M, PATCH_WAVE_M, HAIR_WAVE_M = 0.12, 0.055, 0.16, 0.008
 """How far apart a seam's swings, folds, worn patches and strands of hair are. No source: chosen by eye."""

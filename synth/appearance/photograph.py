@@ -5,6 +5,7 @@ A ``ColorDifficulty`` holds how hard it is: ``CLEAN``, ``NORMAL`` and ``HARD``.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -28,6 +29,7 @@ from synth.appearance.light import EVEN_LIGHT, Lighting, LightSpread, illuminate
 from synth.appearance.outfit import Outfit, Wear
 from synth.appearance.paint import paint
 from synth.appearance.room_colors import RoomColors, paint_room, plain_room
+from synth.shipped import table
 from synth.surface.rasterize import Mesh, rasterize
 
 
@@ -42,30 +44,13 @@ class ColorDifficulty:
     equal: float
 
 
-CLEAN = ColorDifficulty(Wear(bare=False), None, CameraFaults(), 0.0)
-NORMAL = ColorDifficulty(
-    Wear(seam_sd_m=0.004, fold_m=0.0025, hue_sd_deg=3.0, lightness_sd=2.5, fade=0.12, patch=0.05),
-    LightSpread(level=(1.0, 0.25), lamps=(2, 3), returned=(0.35, 0.5), kelvin=(6800.0, 3300.0)),
-    CameraFaults(
-        noise=1.0, blur_px=0.7, exposure_sd=0.1, balance_sd=0.02, balanced=0.8, vignette=0.15,
-        offset_s=0.017, shutter=1.0,
-    ),
-    0.05,
-)  # fmt: skip
-HARD = ColorDifficulty(
-    Wear(
-        seam_sd_m=0.009, fold_m=0.0035, hue_sd_deg=8.0, lightness_sd=6.0, fade=0.4, patch=0.12, alike=0.35,
-        hood_down=0.4,
-    ),
-    LightSpread(level=(0.08, 0.5), lamps=(1, 3), returned=(0.12, 0.3), kelvin=(8500.0, 2700.0)),
-    CameraFaults(
-        noise=1.3, blur_px=1.1, exposure_sd=0.3, balance_sd=0.06, balanced=0.75, vignette=0.3,
-        offset_s=0.017, shutter=1.0,
-    ),
-    0.3,
-)  # fmt: skip
-"""The chest's light is 1 in a good living room by day, a twelfth by a lamp at night: 500 to 40 lux.
-Offset: facts/sensors.md, nearest colour within 17 ms."""
+def _color(entry: dict[str, Any]) -> ColorDifficulty:
+    light = LightSpread(**entry["light"]) if "light" in entry else None
+    return ColorDifficulty(Wear(**entry["wear"]), light, CameraFaults(**entry["camera"]), entry["equal"])
+
+
+COLORS = {name: _color(entry["color"]) for name, entry in table("difficulties").items()}
+CLEAN, NORMAL, HARD = COLORS.values()
 
 
 @dataclass(frozen=True)

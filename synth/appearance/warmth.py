@@ -9,7 +9,7 @@ from annotate.array_types import Bool, Float32, Float64, Int32, Int64
 from annotate.parts import BODY_PARTS, N_CLASSES, PART_ID
 from synth.body.body import Body, hair_faces
 from synth.body.skeleton import JOINT_ID
-from synth.surface.furniture import Surface
+from synth.surface.furniture import SURFACES, Surface
 
 PART_C = {
     "head": 33.5,
@@ -40,19 +40,8 @@ CONTACT_M = 0.02
 """Nearer than this two limbs warm each other."""
 TOUCH_WARM_S, TOUCH_COOL_S = 15.0, 30.0
 """Thin cloth follows within half a minute; order of magnitude, no source."""
-SURFACE_C = {
-    Surface.RADIATOR: (46.0, 7.0),
-    Surface.MUG: (50.0, 7.0),
-    Surface.LAPTOP: (35.0, 3.0),
-    Surface.KEYBOARD: (33.0, 2.5),
-    Surface.SCREEN: (31.0, 2.0),
-    Surface.WINDOW: (14.0, 2.0),
-    Surface.SUNLIT: (29.0, 2.5),
-    Surface.BLANKET: (25.5, 1.0),
-}
-"""Mean and standard deviation of what is not as warm as the room. Radiator: low-temperature heating, 45 C
-flow; laptop under load; a double pane in winter; a wall in the sun; a blanket over legs. No source for the
-deviations."""
+SURFACE_C = {surface: entry["celsius"] for surface, entry in SURFACES.items() if "celsius" in entry}
+"""Mean and standard deviation of what is not as warm as the room."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 
 import numba
@@ -15,6 +14,7 @@ from sensors.files.atomic import replacing
 from sensors.files.npz import load_arrays
 from sensors.rig.camera import FloatArray
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, alignment, forward
+from synth.shipped import shipped
 
 BONES_PER_VERTEX = 4
 """Joints that may move a vertex; the strongest of anny's."""
@@ -157,8 +157,7 @@ def load_body(path: Path) -> Body:
 @cache
 def shipped_bodies() -> tuple[Body, ...]:
     """The paper's eight bodies (Table 1), baked from anny and shipped with the package."""
-    folder = Path(str(files("synth").joinpath("data")))
-    return tuple(load_body(path) for path in sorted(folder.glob("body_*.npz")))
+    return tuple(load_body(path) for path in sorted(shipped().glob("body_*.npz")))
 
 
 def blend(a: Body, b: Body, share: float) -> Body:

@@ -15,15 +15,12 @@ from sensors.errors import CloudError
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body, blend, hair_faces, shipped_bodies
 from synth.cameras.depth_noise import DepthNoise, kinect
-from synth.images.occlude import cut, occluder
-from synth.images.view import PersonView, inside_image, render_view, visibility
+from synth.images.view import PersonView, cut, inside_image, occluder, render_view, visibility
 from synth.pose.moment import Posed
-from synth.pose.recumbent import FALLEN, IN_BED, lie
+from synth.pose.off_seat import FALLEN, IN_BED, UPRIGHT, lie, rise
 from synth.pose.sitting import SITTING, sit
-from synth.pose.upright import UPRIGHT, rise
 from synth.surface.furniture import Bed, Chair, Ground, Sofa
-from synth.surface.rasterize import Mesh, merge
-from synth.surface.viewpoint import beside, look_at
+from synth.surface.rasterize import Mesh, beside, look_at, merge
 
 MIN_PIXELS, MIN_VISIBLE, MIN_JOINTS = 400, 0.4, 0.9
 """Of a person's pixels, their share that furniture leaves, and joints inside the image: with less it is no

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Bool, Float32, Float64, Int64, UInt8
 from annotate.parts import BACKGROUND, N_CLASSES
@@ -11,7 +12,8 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE as CAMERA
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body
-from synth.surface.rasterize import NEAR_M, Mesh, rasterize
+from synth.surface.furniture import Surface
+from synth.surface.rasterize import NEAR_M, Mesh, box, rasterize
 
 BORDER_PX = 4
 """Kept around the person, so that edges and slopes there have neighbours."""
@@ -123,3 +125,40 @@ def _bounds(points: Float32, near: float) -> tuple[np.float32, np.float32, np.fl
             x0, x1 = min(x0, x / z), max(x1, x / z)
             y0, y1 = min(y0, y / z), max(y1, y / z)
     return x0, y0, x1, y1
+
+
+THING_M = (0.04, 0.45)
+"""Edge lengths of an occluder: from a pole to a chair's back."""
+
+
+def occluder(eye_m: Float64, seen_m: Float64, rng: np.random.Generator) -> Mesh:
+    """A box at any angle between the camera and the point ``seen_m`` of the person, world frame.
+
+    It stands at 50 to 85 % of the way. Random occluders help occluded and unoccluded tests alike
+    (Sarandi et al. 2018).
+    """
+    half = np.exp(rng.uniform(np.log(THING_M[0]), np.log(THING_M[1]), 3)) / 2
+    mesh = box(tuple(-half), tuple(half), Surface.TABLE)
+    rotation = Rotation.random(rng=rng).as_matrix()
+    centre = eye_m + rng.uniform(0.5, 0.85) * (seen_m - eye_m)
+    return mesh.placed(rotation, centre)
+
+
+def cut(person: Bool, rng: np.random.Generator) -> Bool:
+    """Take one to three ellipses out of a person's mask (h, w), as an extraction by temperature may.
+
+    Cold hands and feet, wet clothes and warm furniture leave such holes: Nishi & Miura 2017, Fig. 12.
+    """
+    v, u = np.nonzero(person)
+    extent = max(np.ptp(v), np.ptp(u)) + 1
+    rows, columns = np.ogrid[: person.shape[0], : person.shape[1]]
+    left = person.copy()
+    for _ in range(int(rng.integers(1, 4))):
+        i = int(rng.integers(len(v)))
+        long, short = extent * rng.uniform(0.06, 0.22), extent * rng.uniform(0.03, 0.12)
+        turn = rng.uniform(0, np.pi)
+        y, x = rows - v[i], columns - u[i]
+        along = (np.cos(turn) * x + np.sin(turn) * y) / long
+        across = (np.cos(turn) * y - np.sin(turn) * x) / short
+        left &= along**2 + across**2 > 1
+    return left

@@ -3,7 +3,6 @@
 import re
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from annotate.array_types import Float64, Int64
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_toml
 from synth.body.skeleton import JOINT_ID
+from synth.shipped import shipped
 
 MIN_MARKERS = 8
 """Known names without which a set does not fit a recording. Chosen by eye."""
@@ -81,8 +81,7 @@ def _place(path: Path, name: str, entry: object) -> tuple[int, list[float], floa
 @cache
 def shipped_marker_sets() -> tuple[MarkerSet, ...]:
     """The sets that come with the package: Plug-in-Gait, CMU-41, a Vicon set of 53 and OpenSim's of 51."""
-    folder = Path(str(files("synth").joinpath("data", "markersets")))
-    return tuple(load_marker_set(path) for path in sorted(folder.glob("*.toml")))
+    return tuple(load_marker_set(path) for path in sorted(shipped("markersets").glob("*.toml")))
 
 
 def choose_marker_set(labels: tuple[str, ...]) -> MarkerSet:

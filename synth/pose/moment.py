@@ -4,17 +4,16 @@ A family's activities are data (``synth/data/poses/*.toml``). Every family has i
 into a posed body; drawing, gliding and the stream of moments are here, once.
 """
 
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
-from typing import Any
 
 import numpy as np
 
 from annotate.array_types import Float32, Float64
 from synth.body.body import Body
+from synth.shipped import table
 
 Moment = Mapping[str, float]
 """Numbers by name: degrees, metres and shares."""
@@ -89,8 +88,7 @@ def glide(start: Moment, end: Moment, share: float) -> Moment:
 @cache
 def pose_families(file: str) -> dict[str, PoseFamily]:
     """Families of ``synth/data/poses/FILE.toml`` by the table that holds their activities."""
-    data = files("synth").joinpath("data", "poses", f"{file}.toml")
-    tables: dict[str, Any] = tomllib.loads(data.read_text(encoding="utf-8"))
+    tables = deepcopy(table(f"poses/{file}"))
     base = _spreads(tables.pop("base"))
     known: dict[str, Spreads] = {}
     for activities in tables.values():

@@ -10,7 +10,7 @@ from synth.body.skeleton import JOINT_ID
 from synth.rig.place import Place
 from synth.rig.props import Thing, Where
 from synth.surface.furniture import Surface
-from synth.surface.shapes import grid_faces, tagged
+from synth.surface.rasterize import grid_faces, tagged
 
 CELL_M = 0.03
 """Distance of the cloth's nodes. Chosen by eye."""

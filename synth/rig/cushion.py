@@ -5,8 +5,7 @@ import numpy as np
 
 from annotate.array_types import Float32, Float64
 from synth.surface.furniture import Side, Solid
-from synth.surface.rasterize import Mesh
-from synth.surface.shapes import grid_faces, tagged
+from synth.surface.rasterize import Mesh, grid_faces, tagged
 
 CELL_M = 0.025
 """Grid step: a thermal pixel covers 1.8 cm at 2 m."""

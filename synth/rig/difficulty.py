@@ -1,11 +1,12 @@
 """How hard the virtual rig makes it: nothing wrong, a good living room, or all at once."""
 
 from dataclasses import dataclass
+from typing import Any
 
-from synth.appearance import photograph
-from synth.appearance.photograph import ColorDifficulty
+from synth.appearance.photograph import COLORS, ColorDifficulty
 from synth.cameras.depth_noise import DepthNoise
 from synth.cameras.thermal_camera import ThermalNoise
+from synth.shipped import table
 
 
 @dataclass(frozen=True)
@@ -47,35 +48,12 @@ class Difficulty:
     stray: float
 
 
-CLEAN = Difficulty(
-    name="clean",
-    color=photograph.CLEAN,
-    depth=DepthNoise(axial=0, flying=0, grazing=0, dark=0, lateral_px=0),
-    thermal=ThermalNoise(netd_c=0, blur_px=0, drift_c=0, flag=False),
-    clutter=Clutter(),
-    warmth=0.0, room_c=(20.5, 20.5), reflectance=0.0, unit_mm=0.0, unit_scale=0.0, stray=1.0,
-)  # fmt: skip
-NORMAL = Difficulty(
-    name="normal",
-    color=photograph.NORMAL,
-    depth=DepthNoise(),
-    thermal=ThermalNoise(),
-    clutter=Clutter(
-        company=0.15, radiator=0.5, window=0.5, sunlit=0.1, mug=0.6, laptop=0.3, low_table=0.3,
-        blanket=0.0, warm_spot=0.25,
-    ),
-    warmth=1.0, room_c=(19.0, 22.5), reflectance=0.4, unit_mm=4.0, unit_scale=0.002, stray=1.0,
-)  # fmt: skip
-HARD = Difficulty(
-    name="hard",
-    color=photograph.HARD,
-    depth=DepthNoise(axial=2, flying=1, grazing=0.9, dark=0.7, lateral_px=0.8),
-    thermal=ThermalNoise(netd_c=0.16, blur_px=1.0, drift_c=2.0),
-    clutter=Clutter(
-        company=0.7, radiator=0.7, window=0.7, sunlit=0.4, mug=0.8, laptop=0.5, low_table=0.6,
-        blanket=0.35, warm_spot=0.8,
-    ),
-    warmth=2.0, room_c=(18.0, 25.5), reflectance=0.6, unit_mm=8.0, unit_scale=0.004, stray=2.0,
-)  # fmt: skip
-"""No source for any strength but those of the cameras: chosen by eye."""
-DIFFICULTIES = {d.name: d for d in (CLEAN, NORMAL, HARD)}
+def _difficulty(name: str, entry: dict[str, Any]) -> Difficulty:
+    made = {kind: _PARTS[kind](**entry[kind]) for kind in _PARTS}
+    return Difficulty(name, **{**entry, **made, "color": COLORS[name]})
+
+
+_PARTS = {"depth": DepthNoise, "thermal": ThermalNoise, "clutter": Clutter}
+DIFFICULTIES = {name: _difficulty(name, entry) for name, entry in table("difficulties").items()}
+"""Clean, normal and hard, described in ``synth/data/difficulties.toml``."""
+CLEAN, NORMAL, HARD = DIFFICULTIES.values()

@@ -8,19 +8,17 @@ import numpy as np
 from annotate.array_types import Float64
 from sensors.rig.rig_calibration import Pose
 from synth.pose.moment import Behaviour
-from synth.pose.recumbent import in_bed
+from synth.pose.off_seat import in_bed
 from synth.pose.sitting import on_seat
 from synth.rig.cushion import Cushion
 from synth.surface.furniture import Bed, Chair, Furniture, Seat, Sofa, Solid
-from synth.surface.viewpoint import beside, look_at
+from synth.surface.rasterize import beside, look_at
 
 SOFA_GIVE_M = (0.015, 0.045)
 """How deep a sitter sinks: from firm to soft foam; no source."""
 BED_AZIMUTH_RAD = (np.radians(25.0), np.radians(110.0))
 """From the foot, to either side: the head of the bed stands at the wall, and from its very foot somebody who
 lies is mostly feet."""
-ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M = 3.0, -3.6
-"""Side walls, and the wall behind the robot. No source: chosen by eye."""
 Viewpoint = Callable[[np.random.Generator, float], tuple[Float64, Float64]]
 """Draws a robot's eye and target (3,) each, world, metres; the float is how far its aim strays, 1 at best."""
 

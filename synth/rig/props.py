@@ -14,8 +14,7 @@ from annotate.parts import PART_ID
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
 from synth.surface.furniture import Surface
-from synth.surface.rasterize import Mesh, merge
-from synth.surface.shapes import box, tagged
+from synth.surface.rasterize import Mesh, box, merge, tagged
 
 Where = Callable[[Float32, Float64], Float32]
 """(vertices of the person, joints), world -> the thing's vertices."""

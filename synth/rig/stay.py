@@ -17,12 +17,10 @@ from synth.appearance.warmth import BodyWarmth, Clothing, surface_temperatures
 from synth.body.body import Body, blend, hair_faces, shipped_bodies
 from synth.pose.moment import Moment
 from synth.rig.difficulty import Difficulty
-from synth.rig.furnish import furnish
-from synth.rig.place import ROOM_FRONT_Y_M, ROOM_HALF_WIDTH_M, SCENES
-from synth.rig.visitor import invite
+from synth.rig.furnish import furnish, invite
+from synth.rig.place import SCENES
 from synth.surface.furniture import Surface, empty_room
-from synth.surface.rasterize import Mesh, merge
-from synth.surface.shapes import tagged
+from synth.surface.rasterize import Mesh, merge, tagged
 
 MOST_BLENDED = 0.35
 """Each subject is one of the shipped bodies with up to this share of another: all builds between them."""
@@ -165,7 +163,7 @@ class Stay:
 
     def _stage(self) -> Mesh:
         """What never moves: the room, and furniture that does not give."""
-        meshes = [empty_room(self._place.wall_y, ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M)]
+        meshes = [empty_room(self._place.wall_y)]
         meshes += [solid.mesh() for solid in self._place.hard_solids()]
         return merge(meshes + (self._visitor.furniture() if self._visitor else []))
 

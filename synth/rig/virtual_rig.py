@@ -30,10 +30,9 @@ from synth.cameras.optics import (
 )
 from synth.cameras.thermal_camera import SUPERSAMPLE, ThermalState, thermograph
 from synth.rig.difficulty import DIFFICULTIES
-from synth.rig.hardship import camera_hardships, scene_hardships
 from synth.rig.place import SCENES
 from synth.rig.stay import Cast, Stay, Tableau
-from synth.rig.truth import Truth, whose_readings
+from synth.rig.truth import Truth, camera_hardships, scene_hardships, whose_readings
 from synth.surface.rasterize import Mesh, ZBuffer
 
 FRAMES_PER_SECOND = 2.0

@@ -3,19 +3,19 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float32, Float64
-from synth.surface.rasterize import Mesh, merge
-from synth.surface.shapes import box, sheet
+from synth.shipped import table
+from synth.surface.rasterize import Mesh, box, merge, sheet
 
+ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M = 3.0, -3.6
+"""Side walls, and the wall behind the robot. No source: chosen by eye."""
 Side = Literal["top", "front"]
 """Of a box: the side upwards, or towards -y."""
-Ranges = dict[str, tuple[float, float]]
-"""Least and most by name."""
 
 
 class Surface(IntEnum):
@@ -37,6 +37,12 @@ class Surface(IntEnum):
     BLANKET = 29
     PILLOW = 30
     OTHER_PERSON = 31
+
+
+SURFACES: dict[Surface, dict[str, Any]] = {
+    Surface[k.upper()]: entry for k, entry in table("surfaces").items()
+}
+"""Looks and temperatures of surfaces, described in ``synth/data/surfaces.toml``."""
 
 
 @dataclass(frozen=True)
@@ -93,19 +99,19 @@ class Furniture(ABC):
 
     height: of what carries, over the floor. give_m: how deep a body sinks in. puff_m: how far cushions
     bulge in their middle (no source: upholstery looks like it). soft: the soft side of each of the
-    first solids. ranges: common dimensions, least and most.
+    first solids.
     """
 
     height: float
     give_m: float
     puff_m: ClassVar[float] = 0.0
     soft: ClassVar[tuple[Side, ...]] = ("top", "front")
-    ranges: ClassVar[Ranges] = {}
 
     @classmethod
     def sample(cls, rng: np.random.Generator) -> Self:
-        """One with dimensions drawn from ``ranges``."""
-        return cls(**{name: rng.uniform(*between) for name, between in cls.ranges.items()})
+        """One of common dimensions."""
+        ranges = table("furniture")[cls.__name__.lower()]
+        return cls(**{name: rng.uniform(*between) for name, between in ranges.items()})
 
     @property
     @abstractmethod
@@ -157,14 +163,6 @@ class Sofa(Seat):
 
     puff_m = 0.012
     soft = ("top", "front", "top", "top")
-    ranges: ClassVar[Ranges] = {
-        "height": (0.38, 0.47),
-        "depth": (0.48, 0.62),
-        "width": (0.62, 2.0),
-        "back_height": (0.35, 0.75),
-        "back_tilt_rad": (0.12, 0.38),
-        "arm_height": (0.12, 0.26),
-    }
 
     @property
     def footprint(self) -> Footprint:
@@ -192,13 +190,6 @@ class Chair(Seat):
     back_height: float = 0.45
     back_tilt_rad: float = 0.12
     give_m: float = 0.01
-    ranges: ClassVar[Ranges] = {
-        "height": (0.42, 0.50),
-        "depth": (0.38, 0.46),
-        "width": (0.42, 0.52),
-        "back_height": (0.35, 0.55),
-        "back_tilt_rad": (0.05, 0.2),
-    }
 
     @property
     def footprint(self) -> Footprint:
@@ -234,13 +225,6 @@ class Bed(Furniture):
 
     puff_m = 0.006
     soft = ("top", "top")
-    ranges: ClassVar[Ranges] = {
-        "height": (0.38, 0.70),
-        "length": (1.95, 2.15),
-        "width": (0.85, 1.6),
-        "pillow_height": (0.06, 0.13),
-        "board_height": (0.1, 0.55),
-    }
 
     @property
     def footprint(self) -> Footprint:
@@ -263,10 +247,8 @@ class Bed(Furniture):
 class Ground:
     """The bare floor as a place to lie on; ``mesh`` is what a camera sees of it."""
 
-    height: float = 0.0
     length: float = 2.0
     width: float = 1.0
-    give_m: float = FLOOR.give_m
 
     def solids(self) -> list[Solid]:
         """None but the floor, which is always there."""
@@ -277,13 +259,11 @@ class Ground:
         return sheet(np.array([-3.0, -3.0, 0.0]), np.array([6.0, 0, 0]), np.array([0, 6.0, 0]), Surface.FLOOR)
 
 
-def empty_room(
-    back_wall_y: float, half_width: float = 2.5, front_y: float = -3.5, height: float = 2.5
-) -> Mesh:
+def empty_room(back_wall_y: float) -> Mesh:
     """Floor and four walls; sheets nearer to a camera than it can see are not drawn."""
-    depth = np.array([0, back_wall_y - front_y, 0])
-    width, up = np.array([2 * half_width, 0, 0]), np.array([0, 0, height])
-    corner = np.array([-half_width, front_y, 0])
+    depth = np.array([0, back_wall_y - ROOM_FRONT_Y_M, 0])
+    width, up = np.array([2 * ROOM_HALF_WIDTH_M, 0, 0]), np.array([0, 0, 2.5])
+    corner = np.array([-ROOM_HALF_WIDTH_M, ROOM_FRONT_Y_M, 0])
     return merge(
         [
             sheet(corner, width, depth, Surface.FLOOR),

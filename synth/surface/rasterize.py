@@ -5,9 +5,11 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float32, Float64, Int32
 from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import Pose
 
 NEAR_M = 0.05
 """Triangles reaching nearer than this to the camera plane are dropped: nothing useful is that close."""
@@ -163,3 +165,52 @@ def _narrow(start: int, end: int, u0: int, value: float, step: float) -> tuple[i
     elif value < -1e-9:
         end = start - 1
     return max(start, u0), end
+
+
+def tagged(vertices_m: Float32, faces: Int32, tag: int) -> Mesh:
+    """A mesh of one tag."""
+    return Mesh(vertices_m, faces, np.full(len(faces), tag, np.int32))
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float], tag: int) -> Mesh:
+    """Axis-aligned box as 12 triangles."""
+    x, y, z = zip(low, high, strict=True)
+    corners = np.array([(a, b, c) for a in x for b in y for c in z], np.float32)
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)
+    return tagged(corners, faces, tag)
+
+
+def sheet(origin: Float64, along: Float64, across: Float64, tag: int) -> Mesh:
+    """Rectangle cut into quarter-metre cells, so that a cell behind the camera can be dropped alone."""
+    n, m = (max(1, int(np.ceil(np.linalg.norm(side) / 0.25))) for side in (along, across))
+    i, j = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij")
+    vertices = (origin + i[..., None] * along + j[..., None] * across).reshape(-1, 3).astype(np.float32)
+    return tagged(vertices, grid_faces(n + 1, m + 1), tag)
+
+
+def grid_faces(rows: int, columns: int) -> Int32:
+    """Triangles (2 (rows - 1) (columns - 1), 3) between the nodes of a grid, numbered row by row."""
+    a = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    b = a + columns
+    halves = [np.stack([a, a + 1, b + 1], axis=1), np.stack([a, b + 1, b], axis=1)]
+    return np.concatenate(halves).astype(np.int32)
+
+
+def look_at(eye_m: Float64, target_m: Float64, roll_rad: float = 0.0) -> Pose:
+    """``camera_from_world`` of a camera at ``eye_m`` looking at ``target_m``; x is level but for roll."""
+    forward = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    if np.linalg.norm(right) < 1e-6:
+        right = np.array([1.0, 0.0, 0.0])
+    right = right / np.linalg.norm(right)
+    level = np.stack([right, np.cross(forward, right), forward])
+    rotation = Rotation.from_euler("z", roll_rad).as_matrix() @ level
+    return Pose(rotation, -rotation @ eye_m)
+
+
+def beside(centre_m: Float64, azimuth_rad: float, distance_m: float, height_m: float) -> Float64:
+    """A place (3,) so far from a centre (3,) on the level, at a height; azimuth 0 is before the person."""
+    place = centre_m + distance_m * np.array([np.sin(azimuth_rad), -np.cos(azimuth_rad), 0.0])
+    place[2] = height_m
+    return place

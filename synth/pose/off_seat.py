@@ -1,0 +1,172 @@
+"""Lying in bed or fallen: supine, prone, on a side, curled up, half off the bed, on the floor."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from annotate.array_types import Bool, Float32, Float64
+from synth.body.body import Body, pose
+from synth.body.flesh import flesh_of
+from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp
+from synth.pose.moment import Behaviour, Moment, Posed, pose_families
+from synth.pose.settle import Pull, settle, sink
+from synth.surface.furniture import FLOOR, Bed, Ground, Seat, Solid
+
+HEAD_FROM_EDGE_M = 0.20
+"""The head joint lies this far from the bed's upper end where ``along`` is 0: in the middle of the pillow."""
+HEAVE = 0.03
+"""Readiness of the body to rise off an arm under it, rad^2/m^2 beside a limb's 1. Chosen by eye."""
+
+_FAMILIES = pose_families("recumbent")
+IN_BED, FALLEN = _FAMILIES["in_bed"], _FAMILIES["fallen"]
+
+
+def in_bed(bed: Bed) -> Behaviour:
+    """Lying in a bed."""
+    return Behaviour(IN_BED, tuple(IN_BED.activities), lambda body, moment: lie(body, bed, moment))
+
+
+def lie(body: Body, support: Bed | Ground, moment: Moment) -> Posed:
+    """A lying body: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
+
+    The trunk rests on the support, sunk in by its give; limbs and head sink until something carries them.
+    """
+    flesh, posture = flesh_of(body), posture_of(moment)
+    carriers = [FLOOR, *support.solids()[:1]]
+    vertices, joints = pose(body, posture)
+    place = _place(support, moment, joints)
+    place[2] = height_to_rest(vertices[flesh.trunk] + place.astype(np.float32), carriers)
+    solids = [FLOOR, *support.solids()]
+    settled = settle(flesh, Posture(posture.angles_rad, place), solids, pulls_of(moment), HEAVE)
+    vertices, joints = pose(body, settled)
+    up = lift_needed(vertices, carriers)
+    return vertices + np.array([0, 0, up], np.float32), joints + np.array([0, 0, up])
+
+
+def _place(support: Bed | Ground, moment: Moment, joints: Float64) -> Float64:
+    """Place (3,) of the pelvis, its height left open: the head lies near the support's upper end."""
+    half = support.length / 2 - HEAD_FROM_EDGE_M
+    spine = joints[JOINT_ID["head"]] - joints[JOINT_ID["pelvis"]]
+    along = half - float(np.hypot(spine[0], spine[1])) - moment["along"]
+    return np.array([moment["off"] * (support.width / 2), along, 0.0])
+
+
+SEAT_GAP_M = 0.02
+"""Distance of legs from a seat behind them. Chosen by eye."""
+
+UPRIGHT = pose_families("upright")["upright"]
+
+
+def on_legs(seat: Seat | None, *activities: str) -> Behaviour:
+    """Doing these activities, by default all of the family, on the floor, perhaps before a seat."""
+    chosen = activities or tuple(UPRIGHT.activities)
+    return Behaviour(UPRIGHT, chosen, lambda body, moment: rise(body, seat, moment))
+
+
+def rise(body: Body, seat: Seat | None, moment: Moment) -> Posed:
+    """A body on the floor: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
+
+    The lowest skin stands on the floor; with a seat behind, the legs keep before its front edge (y = 0).
+    """
+    flesh, posture = flesh_of(body), posture_of(_soles_level(moment))
+    vertices, joints = pose(body, posture)
+    place = np.array([moment["off"] / 2, -moment["along"], height_to_rest(vertices, [FLOOR])])
+    solids = [FLOOR]
+    if seat is not None:
+        place[1] = min(place[1], -SEAT_GAP_M - _behind(vertices, place[2], seat))
+        solids += seat.solids()
+    settled = settle(flesh, Posture(posture.angles_rad, place), solids, pulls_of(moment))
+    vertices, joints = pose(body, settled)
+    shift = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
+    if seat is not None:
+        shift[1] = min(0.0, -_behind(vertices, shift[2], seat))
+    return vertices + shift.astype(np.float32), joints + shift
+
+
+def _behind(vertices: Float32, up: float, seat: Seat) -> float:
+    """The rearmost y of what is lower than the seat when lifted by ``up``."""
+    return float(vertices[vertices[:, 2] + up < seat.height, 1].max(initial=-10.0))
+
+
+def _soles_level(moment: Moment) -> Moment:
+    """A moment whose ankles count from level soles."""
+    level = {
+        f"{side}_ankle": moment[f"{side}_knee"] - moment[f"{side}_hip"] + moment["pitch"]
+        + moment[f"{side}_ankle"]
+        for side in ("left", "right")
+    }  # fmt: skip
+    return {**moment, **level}
+
+
+def posture_of(moment: Moment) -> Posture:
+    """Posture of a moment inside all joint limits, the pelvis at the origin, nothing yet carried."""
+    angles = np.zeros((N_JOINTS, 3))
+    for joint in ("spine_lower", "spine_middle", "spine_upper"):
+        angles[JOINT_ID[joint]] = np.array([moment["bend"], moment["lean"], moment["twist"]]) / 3
+    for joint in ("neck", "head"):
+        angles[JOINT_ID[joint]] = np.array([moment["nod"], 0.0, moment["turn"]]) / 2
+    for side in ("left", "right"):
+        at = {name: moment[f"{side}_{name}"] for name in _LIMB_FIELDS}
+        angles[JOINT_ID[f"{side}_hip"]] = (at["hip"], at["spread"], at["hip_twist"])
+        angles[JOINT_ID[f"{side}_knee"], 0] = -at["knee"]
+        angles[JOINT_ID[f"{side}_ankle"], 0] = at["ankle"]
+        # Beyond a right angle the arm's height is the shoulder girdle's too.
+        lift = max(at["arm"] - 90, at["arm_spread"] - 60, 0) / 4
+        angles[JOINT_ID[f"{side}_clavicle"], 1] = lift
+        angles[JOINT_ID[f"{side}_shoulder"]] = (at["arm"], at["arm_spread"], at["arm_twist"])
+        angles[JOINT_ID[f"{side}_elbow"]] = (at["elbow"], 0, at["pronation"])
+    return Posture(_with_pelvis(clamp(np.radians(angles)), moment), np.zeros(3))
+
+
+_LIMB_FIELDS = (
+    "hip", "spread", "hip_twist", "knee", "ankle", "arm", "arm_spread", "arm_twist", "elbow", "pronation",
+)  # fmt: skip
+
+
+def _with_pelvis(angles: Float64, moment: Moment) -> Float64:
+    """Angles (J, 3) with the pelvis turned by roll about the long axis, then pitch, then heading."""
+    turn = Rotation.from_euler("ZXZ", [moment["heading"], moment["pitch"], moment["roll"]], degrees=True)
+    angles[0] = turn.as_euler("XYZ")
+    angles[0, 1] *= -1  # the pelvis' abduction turns by Ry(-abduction)
+    return angles
+
+
+def pulls_of(moment: Moment) -> list[Pull]:
+    """Pulls of gravity on head and limbs."""
+    pulls = [sink("head", moment["head_sink"])]
+    for side in ("left", "right"):
+        leg, arm = moment[f"{side}_leg_sink"], moment[f"{side}_arm_sink"]
+        pulls += [sink(f"{side}_knee", leg), sink(f"{side}_ankle", leg)]
+        pulls += [sink(f"{side}_elbow", arm), sink(f"{side}_wrist", arm)]
+    return [pull for pull in pulls if pull.weight[2] > 0.02]
+
+
+def height_to_rest(vertices_m: Float32, carriers: list[Solid]) -> float:
+    """Rise (m, may be negative) that puts vertices (V, 3) on the upright solids under them.
+
+    The vertex that needs it most ends as deep in the highest solid under it as that solid gives.
+    """
+    top = np.full(len(vertices_m), -np.inf, np.float32)
+    for solid in carriers:
+        top = np.maximum(top, np.where(_over(vertices_m, solid), solid.high[2] - solid.give_m, -np.inf))
+    return float((top - vertices_m[:, 2]).max())
+
+
+def lift_needed(vertices_m: Float32, carriers: list[Solid]) -> float:
+    """Rise (m, at least 0) after which no vertex (V, 3) is deeper below an upright solid's top than it gives.
+
+    A vertex nearer to a side of the solid than to its top would leave by the side and does not count.
+    """
+    rise = 0.0
+    for solid in carriers:
+        below = solid.high[2] - vertices_m[:, 2]
+        sunk = below > solid.give_m
+        through_top = below[sunk] <= solid.depth_m(vertices_m[sunk]) + 1e-6
+        if through_top.any():
+            rise = max(rise, float(below[sunk][through_top].max()) - solid.give_m)
+    return rise
+
+
+def _over(vertices_m: Float32, solid: Solid) -> Bool:
+    x, y = vertices_m[:, 0], vertices_m[:, 1]
+    (x0, y0, _), (x1, y1, _) = solid.low, solid.high
+    return (x > x0) & (x < x1) & (y > y0) & (y < y1)
