@@ -67,13 +67,16 @@ def test_flesh_follows_the_skin(index):
     assert flesh.centres_m.shape == (N_STATIONS, 3)
     distance = np.linalg.norm(body.vertices_m[None] - flesh.centres_m[:, None], axis=-1).min(axis=1)
     limbs = [
-        s for name, c in CHAINS.items() if name.endswith(("arm", "thigh", "shank")) for s in range(c.lo, c.hi)
+        s
+        for name, c in CHAINS.items()
+        if name.endswith(("arm", "thigh", "shank"))
+        for s in range(c.start, c.stop)
     ]
     assert (flesh.radii_m > 0.01).all() and (flesh.radii_m < 0.2).all()
     assert (np.abs(distance - flesh.radii_m)[limbs] < 0.04).all()
     left, right = CHAINS["left_thigh"], CHAINS["right_thigh"]
-    mirrored = flesh.centres_m[right.lo : right.hi] * (-1, 1, 1)
-    assert np.allclose(flesh.centres_m[left.lo : left.hi], mirrored, atol=5e-3)
+    mirrored = flesh.centres_m[right] * (-1, 1, 1)
+    assert np.allclose(flesh.centres_m[left], mirrored, atol=5e-3)
 
 
 def test_flesh_is_remembered_by_body_and_not_mixed_up():

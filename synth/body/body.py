@@ -118,12 +118,7 @@ def pose(body: Body, posture: Posture) -> tuple[Float32, Float64]:
 
 
 @numba.njit(cache=True)
-def _skin(
-    vertices: Float32,
-    bones: UInt8,
-    weights: Float32,
-    matrices: Float32,
-) -> Float32:
+def _skin(vertices: Float32, bones: UInt8, weights: Float32, matrices: Float32) -> Float32:
     result = np.zeros_like(vertices)
     for v in range(len(vertices)):
         x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]

@@ -12,7 +12,8 @@ from sensors.errors import CloudError
 from synth.body.body import BONES_PER_VERTEX, DENSITY_KG_M3, Body, volume_m3
 from synth.body.body_table import BodySize
 from synth.body.part_border import PartSkin, cut_into_parts
-from synth.body.skeleton import JOINTS, N_JOINTS
+from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, Joint
+from synth.shipped import table
 
 PHENOTYPES = ("gender", "age", "muscle", "weight", "height", "proportions")
 ADULT_AGE = 0.5
@@ -95,7 +96,7 @@ class BodyModel:
     def _standing(self, phenotype: Float64) -> tuple[Float64, Float64]:
         """Float32 (V, 3) and joints (J, 3) with the soles on the ground."""
         vertices, heads = self.shape(phenotype)
-        joints = np.stack([heads[self._model.bone_labels.index(_HEAD_BONE[j.name])] for j in JOINTS])
+        joints = np.stack([heads[self._model.bone_labels.index(_head_bone(j))] for j in JOINTS])
         floor = np.array([0.0, 0.0, vertices[:, 2].min()])
         return vertices - floor, joints - floor
 
@@ -109,41 +110,16 @@ class BodyModel:
         return by_joint
 
 
-_TRUNK_BONE = {
-    "pelvis": "root", "spine_lower": "spine04", "spine_middle": "spine03", "spine_upper": "spine02",
-    "neck": "neck01", "head": "head",
-}  # fmt: skip
-_LIMB_BONE = {
-    "clavicle": "clavicle", "shoulder": "upperarm01", "elbow": "lowerarm01", "wrist": "wrist",
-    "hip": "upperleg01", "knee": "lowerleg01", "ankle": "foot",
-}  # fmt: skip
-_HEAD_BONE = _TRUNK_BONE | {
-    f"{side}_{joint}": f"{bone}.{side[0].upper()}"
-    for side in ("left", "right")
-    for joint, bone in _LIMB_BONE.items()
-}
-"""anny's bone whose head is a joint, by joint."""
-_LIMB = {
-    "clavicle": "clavicle", "shoulder": "clavicle", "upperarm": "shoulder", "lowerarm": "elbow",
-    "wrist": "wrist", "finger": "wrist", "metacarpal": "wrist",
-    "upperleg": "hip", "lowerleg": "knee", "foot": "ankle", "toe": "ankle",
-}  # fmt: skip
-_TRUNK = {
-    "root": "pelvis", "pelvis": "pelvis", "spine05": "pelvis", "spine04": "spine_lower",
-    "spine03": "spine_middle", "spine02": "spine_upper", "spine01": "spine_upper",
-    "neck": "neck", "head": "head", "eye": "head",
-}  # fmt: skip
-"""The joint that anny's bones follow, by the beginning of their name: limbs, trunk."""
-
-
 def _joint_of(bone: str) -> int:
     stem, _, side = bone.partition(".")
-    names = [j.name for j in JOINTS]
-    for prefix, joint in _TRUNK.items():
-        if stem.startswith(prefix):
-            return names.index(joint)
-    limb = next(joint for prefix, joint in _LIMB.items() if stem.startswith(prefix))
-    return names.index(f"{'left' if side == 'L' else 'right'}_{limb}")
+    kind = next(k for k, entry in table("joints").items() if stem.startswith(tuple(entry["bones"])))
+    return JOINT_ID[kind if kind in JOINT_ID else f"{'left' if side == 'L' else 'right'}_{kind}"]
+
+
+def _head_bone(joint: Joint) -> str:
+    """anny's bone whose head is a joint."""
+    bone: str = table("joints")[joint.kind]["head"]
+    return bone if joint.kind == joint.name else f"{bone}.{joint.name[0].upper()}"
 
 
 def fit(model: BodyModel, size: BodySize, starts: int = 8) -> Float64:

@@ -4,7 +4,6 @@ A chain is a row of stations (centre, radius), and the flesh between two neighbo
 them. Limbs are chains along a bone; the trunk is a pile of short chains from right to left, one a height.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -14,16 +13,6 @@ import numpy as np
 from annotate.array_types import Float32, Float64, Int64
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID, N_JOINTS, alignment
-
-
-@dataclass(frozen=True)
-class Chain:
-    """Stations lo to hi (exclusive) that follow one part of the body."""
-
-    name: str
-    lo: int
-    hi: int
-
 
 _TRUNK_SLICES = 7
 """Chains from the hips up to the neck. Chosen by eye."""
@@ -45,16 +34,17 @@ FINGERS_M = 0.007
 """Fingers stand out from the mean of a hand."""
 
 
-def _chains() -> dict[str, Chain]:
+def _chains() -> dict[str, slice]:
     sizes = {f"slice_{i}": 3 for i in range(_TRUNK_SLICES)}
     sizes |= {"neck": 2, "head": _HEAD_STATIONS}
     sizes |= {f"{side}_{limb}": n for side in ("left", "right") for limb, (n, _, _) in _LIMBS.items()}
     ends = np.cumsum([0, *sizes.values()])
-    return {name: Chain(name, int(ends[i]), int(ends[i + 1])) for i, name in enumerate(sizes)}
+    return {name: slice(int(ends[i]), int(ends[i + 1])) for i, name in enumerate(sizes)}
 
 
 CHAINS = _chains()
-N_STATIONS = max(chain.hi for chain in CHAINS.values())
+"""Stations that follow one part of the body, by its name."""
+N_STATIONS = max(chain.stop for chain in CHAINS.values())
 
 
 class Flesh(NamedTuple):
@@ -81,8 +71,7 @@ def flesh_of(body: Body) -> Flesh:
     for side in ("left", "right"):
         for limb, (_, start, end) in _LIMBS.items():
             j = JOINT_ID[f"{side}_{start}"]
-            chain = CHAINS[f"{side}_{limb}"]
-            s = slice(chain.lo, chain.hi)
+            s = CHAINS[f"{side}_{limb}"]
             own, axis = _limb(body, owned[j], j, limb, side, end)
             _fit_chain(own, axis, centres[s], radii[s])
             joints[s] = j
@@ -150,21 +139,21 @@ def _fit_trunk(body: Body, owned: list[Int64], centres: Float64, radii: Float64,
         chain = CHAINS[f"slice_{i}"]
         radius = min((back - front) / 2, (left - right) / 2)
         half = (left - right) / 2 - radius
-        centres[chain.lo : chain.hi] = [(x, (front + back) / 2, heights[i]) for x in (-half, 0.0, half)]
-        radii[chain.lo : chain.hi] = radius
+        centres[chain] = [(x, (front + back) / 2, heights[i]) for x in (-half, 0.0, half)]
+        radii[chain] = radius
         below = [j for j in range(4) if rest[j, 2] <= heights[i]]
-        joints[chain.lo : chain.hi] = max(below, default=0)
+        joints[chain] = max(below, default=0)
     _fit_head(body, owned, centres, radii, joints)
 
 
 def _fit_head(body: Body, owned: list[Int64], centres: Float64, radii: Float64, joints: Int64) -> None:
     neck, head = JOINT_ID["neck"], JOINT_ID["head"]
     low, high = body.joints_m[neck] + (0, 0, 0.02), body.joints_m[head]
-    s = slice(CHAINS["neck"].lo, CHAINS["neck"].hi)
+    s = CHAINS["neck"]
     _fit_chain(body.vertices_m[owned[neck]], np.stack([low, high]), centres[s], radii[s])
     joints[s] = neck
     # Eyes and teeth weigh in a mean, so the head goes by its extents; the nose may stand out.
-    s = slice(CHAINS["head"].lo, CHAINS["head"].hi)
+    s = CHAINS["head"]
     heights = np.linspace(high[2], body.vertices_m[:, 2].max() - 0.075, _HEAD_STATIONS)
     left, right, front, back = _slices(body.vertices_m[owned[head]], heights, 0.02).T
     radii[s] = (left - right + back - front) / 4
@@ -218,17 +207,10 @@ def _fit_chain(own: Float32, axis: Float64, centres: Float64, radii: Float64) ->
             radii[k] += np.sqrt(max(squared - reach * reach, 0.0)) / count[k]
 
 
-@numba.njit(cache=True)
 def _slices(own: Float32, heights: Float64, half: float) -> Float64:
     """(n, 4) left, right, front and back of the vertices (n, 3) about each height."""
-    result = np.empty((len(heights), 4))
-    result[:, 0], result[:, 1], result[:, 2], result[:, 3] = -1e3, 1e3, 1e3, -1e3
-    for v in range(len(own)):
-        x, y, z = own[v]
-        for k in range(len(heights)):
-            if abs(z - heights[k]) < half:
-                result[k, 0] = max(result[k, 0], x)
-                result[k, 1] = min(result[k, 1], x)
-                result[k, 2] = min(result[k, 2], y)
-                result[k, 3] = max(result[k, 3], y)
-    return result
+    near = [own[np.abs(own[:, 2] - height) < half, :2].T for height in heights]
+    return np.array(
+        [(x.max(initial=-1e3), x.min(initial=1e3), y.min(initial=1e3), y.max(initial=-1e3)) for x, y in near],
+        np.float64,
+    )

@@ -7,13 +7,15 @@ border. The cut is decided once, on one body, and repeated on every other: all k
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
 
 from annotate.array_types import Float32, Float64, Int32, Int64, UInt8
 from annotate.parts import PART_ID
-from synth.body.skeleton import JOINT_ID
+from synth.body.skeleton import JOINT_ID, JOINTS
+from synth.shipped import table
 
 Level = Callable[[Float64], Float64]
 SNAP_M = 0.001
@@ -51,8 +53,7 @@ class PartSkin:
     face_parts: UInt8
 
 
-@dataclass(frozen=True)
-class Border:
+class Border(NamedTuple):
     """Between two parts (ids): the zero of a level over points (n, 3), positive in ``beyond``."""
 
     before: int
@@ -138,23 +139,11 @@ def _groin(hip: Float64, sign: int, crotch_z: float, thigh_m: float, points: Flo
 def _roughly(faces: Int32, by_joint: Float32) -> UInt8:
     """Part (F,) whose joints weigh most at a face's centre."""
     by_part = np.zeros((len(by_joint), len(PART_ID)), np.float32)
-    for name, joint in JOINT_ID.items():
-        by_part[:, _part_of_joint(name)] += by_joint[:, joint]
+    for joint, weights in zip(JOINTS, by_joint.T, strict=True):
+        part = table("joints")[joint.kind]["part"]
+        sided = joint.name.replace(joint.kind, part)
+        by_part[:, PART_ID[sided if sided in PART_ID else part]] += weights
     return np.asarray(by_part[faces].mean(axis=1).argmax(axis=1), np.uint8)
-
-
-def _part_of_joint(joint: str) -> int:
-    side, _, kind = joint.partition("_")
-    names = {
-        "shoulder": f"{side}_upper_arm",
-        "elbow": f"{side}_forearm",
-        "wrist": f"{side}_forearm",
-        "hip": f"{side}_upper_leg",
-        "knee": f"{side}_lower_leg",
-        "ankle": f"{side}_lower_leg",
-    }
-    trunk = {"pelvis": "hip", "neck": "head", "head": "head"}
-    return PART_ID[names.get(kind) or trunk.get(joint, "torso")]
 
 
 def _cut(skin: PartSkin, vertices_m: Float64, border: Border) -> PartSkin:
@@ -218,11 +207,7 @@ def _split(faces: Int32, edges: Int64, points: Float64) -> tuple[Int32, Int64]:
     ones = np.stack([np.stack([a, m, c], 1), np.stack([m, b, c], 1)], 1).reshape(-1, 3)
     a, b, c, m, k = _turned(faces, new, twice, (on[twice].argmin(axis=1) + 2) % 3)
     slant = np.linalg.norm(points[m] - points[c], axis=1) < np.linalg.norm(points[b] - points[k], axis=1)
-    corners = (
-        (a, m, k),
-        (m, b, np.where(slant, c, k)),
-        (np.where(slant, m, b), c, k),
-    )
+    corners = ((a, m, k), (m, b, np.where(slant, c, k)), (np.where(slant, m, b), c, k))
     twos = np.stack([np.stack(corner, 1) for corner in corners], 1).reshape(-1, 3)
     whole = np.flatnonzero(cuts == 0)
     parents = np.concatenate([whole, np.repeat(once, 2), np.repeat(twice, 3)])

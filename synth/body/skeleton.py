@@ -27,6 +27,11 @@ class Joint:
     side: int
     limits_deg: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
+    @property
+    def kind(self) -> str:
+        """Its name without the side: a key of ``synth/data/joints.toml``."""
+        return self.name.removeprefix("left_").removeprefix("right_")
+
 
 _FREE = ((-180.0, 180.0), (-180.0, 180.0), (-180.0, 180.0))
 # Norkin & White, Measurement of Joint Motion (2016), appendix of AAOS ranges; the trunk's ranges are
@@ -77,16 +82,12 @@ LIMITS_RAD = np.radians([joint.limits_deg for joint in JOINTS])
 _TRUNK = ("pelvis", "spine_lower", "spine_middle", "spine_upper", "neck", "head")
 _SIGNS = np.stack([np.where([j.name in _TRUNK for j in JOINTS], 1, -1), -SIDES, SIDES], axis=1)
 
-_DISTAL = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-def _child(joint: Joint) -> int:
-    side, _, kind = joint.name.partition("_")
-    return JOINT_ID[f"{side}_{_DISTAL[kind]}"] if kind in _DISTAL else -1
-
-
-_CHILD = np.array([_child(joint) for joint in JOINTS])
+_CHILD = np.array(
+    [i + 1 if joint.kind in ("shoulder", "elbow", "hip", "knee") else -1 for i, joint in enumerate(JOINTS)]
+)
 _FOLLOWS = np.array([joint.name.endswith(("elbow", "knee", "wrist")) for joint in JOINTS])
 
 
@@ -119,17 +120,13 @@ def clamp(angles_rad: Float64) -> Float64:
     return np.clip(angles_rad, LIMITS_RAD[..., 0], LIMITS_RAD[..., 1])
 
 
+@numba.njit(cache=True)
 def alignment(rest_joints_m: Float64) -> Float64:
     """Rotations (J, 3, 3) that bring a body's rest limbs to anatomical zero, limbs hanging down.
 
     rest_joints_m: (J, 3) joint positions in the rest pose. Feet and trunk stay as they rest; a
     forearm follows its upper arm first, so that the elbow straightens about its own hinge.
     """
-    return _alignment(rest_joints_m)
-
-
-@numba.njit(cache=True)
-def _alignment(rest_joints_m: Float64) -> Float64:
     result = np.empty((N_JOINTS, 3, 3))
     for i in range(N_JOINTS):
         result[i] = result[PARENTS[i]] if _FOLLOWS[i] else np.eye(3)

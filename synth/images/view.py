@@ -17,6 +17,8 @@ from synth.surface.rasterize import NEAR_M, Mesh, box, rasterize
 
 BORDER_PX = 4
 """Kept around the person, so that edges and slopes there have neighbours."""
+THING_M = (0.04, 0.45)
+"""Edge lengths of an occluder: from a pole to a chair's back."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +39,7 @@ class PersonView:
 
 
 def render_view(
-    body: Body,
-    hair: Bool,
-    vertices_m: Float32,
-    around: Mesh,
-    camera_from_world: Pose,
+    body: Body, hair: Bool, vertices_m: Float32, around: Mesh, camera_from_world: Pose
 ) -> PersonView:
     """See a posed body and the furniture around it with the Kinect's pinhole; meshes in the world frame.
 
@@ -102,7 +100,9 @@ def _move(vertices: Float32, rotation: Float32, translation: Float32) -> Float32
 
 def _window(points_m: Float32) -> tuple[Intrinsics, tuple[int, int]]:
     """The part of the image that the points cover, with a border: its camera and its corner (top, left)."""
-    x0, y0, x1, y1 = map(float, _bounds(points_m, NEAR_M))
+    before = points_m[points_m[:, 2] > NEAR_M]
+    slopes = before[:, :2] / before[:, 2:]
+    (x0, y0), (x1, y1) = slopes.min(axis=0, initial=1e6).tolist(), slopes.max(axis=0, initial=-1e6).tolist()
     left, right = _clip(CAMERA.fx * x0 + CAMERA.cx, CAMERA.fx * x1 + CAMERA.cx, CAMERA.width)
     top, bottom = _clip(CAMERA.fy * y0 + CAMERA.cy, CAMERA.fy * y1 + CAMERA.cy, CAMERA.height)
     cx, cy = CAMERA.cx - left, CAMERA.cy - top
@@ -113,22 +113,6 @@ def _clip(low: float, high: float, size: int) -> tuple[int, int]:
     """First pixel, and the one after the last, between two coordinates and inside an image's side."""
     start = int(np.clip(low - BORDER_PX, 0, size - 1))
     return start, int(np.clip(high + BORDER_PX + 1, start + 1, size))
-
-
-@numba.njit(cache=True)
-def _bounds(points: Float32, near: float) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-    """Least x / z and y / z, then the greatest, of the points beyond the near plane."""
-    x0 = y0 = np.float32(1e6)
-    x1 = y1 = np.float32(-1e6)
-    for x, y, z in points:
-        if z > near:
-            x0, x1 = min(x0, x / z), max(x1, x / z)
-            y0, y1 = min(y0, y / z), max(y1, y / z)
-    return x0, y0, x1, y1
-
-
-THING_M = (0.04, 0.45)
-"""Edge lengths of an occluder: from a pole to a chair's back."""
 
 
 def occluder(eye_m: Float64, seen_m: Float64, rng: np.random.Generator) -> Mesh:

@@ -19,6 +19,7 @@ from sensors.files.bounded import read_bounded
 from synth.body.skeleton import JOINT_ID
 from synth.markers.marker_files import Markers
 from synth.markers.markerset import MIN_MARKERS, MarkerSet
+from synth.shipped import table
 
 MAX_FILE_BYTES = 300_000_000
 """A quarter of an hour of 100 joints at 120 frames/s."""
@@ -26,18 +27,8 @@ MAX_CENTRES = 20_000_000
 """Frames times joints, about 60 bytes and 2 us each: half an hour of 100 joints at 120 frames/s."""
 LEG_M = 0.82
 """BVH has no unit: the skeleton is scaled to this length from hip to ankle."""
-_NAMES = {
-    "hips": "pelvis", "pelvis": "pelvis", "hip": "pelvis", "root": "pelvis",
-    "neck": "neck", "neck1": "neck", "head": "head",
-    "shoulder": "clavicle", "collar": "clavicle", "clavicle": "clavicle",
-    "arm": "shoulder", "upperarm": "shoulder", "uparm": "shoulder",
-    "forearm": "elbow", "lowerarm": "elbow", "lowarm": "elbow", "elbow": "elbow",
-    "hand": "wrist", "wrist": "wrist",
-    "upleg": "hip", "thigh": "hip", "upperleg": "hip",
-    "leg": "knee", "lowleg": "knee", "lowerleg": "knee", "shin": "knee", "calf": "knee", "knee": "knee",
-    "foot": "ankle", "ankle": "ankle", "toebase": "toe", "toe": "toe", "toes": "toe",
-}  # fmt: skip
-"""Names of joints in the CMU, Mixamo, 3ds Max and MotionBuilder dialects, without side and prefix."""
+_NAMES = {name: kind for kind, names in table("bvh").items() for name in names}
+"""Kinds of joints by their names in BVH files, without side and prefix."""
 
 
 @dataclass(frozen=True)

@@ -25,14 +25,10 @@ class Tree(NamedTuple):
     limits_rad: Float64
 
 
-def _tree() -> Tree:
-    ball = np.array([j.name == "pelvis" or j.name.endswith("_shoulder") for j in JOINTS])
-    limits = np.sort(LIMITS_RAD * ANGLE_SIGNS[..., None], axis=-1)
-    limits[0] = (-np.inf, np.inf)
-    return Tree(PARENTS.astype(np.int64), ball, limits)
-
-
-TREE = _tree()
+_LIMITS_RAD = np.sort(LIMITS_RAD * ANGLE_SIGNS[..., None], axis=-1)
+_LIMITS_RAD[0] = (-np.inf, np.inf)
+_BALL = np.array([joint.kind in ("pelvis", "shoulder") for joint in JOINTS])
+TREE = Tree(PARENTS.astype(np.int64), _BALL, _LIMITS_RAD)
 
 
 class State(NamedTuple):

@@ -7,11 +7,12 @@ import numpy as np
 
 from annotate.array_types import Float64, Int64
 from synth.body.body import shipped_bodies
-from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Posture, alignment, forward
+from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Joint, Posture, alignment, forward
 from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.markerset import MarkerSet
 from synth.markers.positive_systems import solve_positive
 from synth.markers.posture_fit import Basis, Observed, Prior, fit_posture, shape_normal
+from synth.shipped import table
 
 REFERENCE_BODY = 4
 """The shipped body of 1.70 m on which marker sets are stated."""
@@ -51,40 +52,13 @@ def posture_prior(rest_deg: float, hold_deg: float) -> Prior:
     """Pulls that let a joint stray ``rest_deg`` from zero and ``hold_deg`` from its start at one sigma."""
     spread = np.full((N_JOINTS, 3), rest_deg)
     for j, joint in enumerate(JOINTS):
-        kind = joint.name.removeprefix("left_").removeprefix("right_")
-        spread[j] = np.minimum(spread[j], _SPREAD_DEG.get(kind, 180))
+        spread[j] = np.minimum(spread[j], table("joints")[joint.kind].get("stray_deg", 180))
     return Prior(np.radians(spread) ** -2, np.full(N_JOINTS, np.radians(hold_deg) ** -2), 1.0)
 
 
-_SPREAD_DEG = {
-    "spine_lower": (30, 15, 15),
-    "spine_middle": (30, 15, 15),
-    "spine_upper": (30, 15, 15),
-    "neck": (40, 25, 40),
-    "head": (40, 25, 40),
-    "clavicle": (20, 20, 20),
-    "elbow": (180, 3, 90),
-    "wrist": (40, 15, 90),
-    "knee": (180, 2, 8),
-    "ankle": (30, 5, 5),
-}
-"""Degrees that joints stray from zero where few markers show it: about half their range."""
-
-
-_GROUPS_OF_KIND = {
-    "pelvis": ("pelvis", "pelvis"), "spine_lower": ("pelvis", "spine"), "spine_middle": ("spine", "spine"),
-    "spine_upper": ("spine", "spine"), "neck": ("spine", "head"), "head": ("head", "head"),
-    "clavicle": ("spine", "shoulder_width"), "shoulder": ("shoulder_width", "upper_arm"),
-    "elbow": ("upper_arm", "forearm"), "wrist": ("forearm", "forearm"),
-    "hip": ("pelvis", "thigh"), "knee": ("thigh", "shank"), "ankle": ("shank", "shank"),
-}  # fmt: skip
-"""By kind of joint, the group that scales the bone to it, and the group that scales markers fixed to it."""
-
-
-def _groups(joint: str) -> tuple[int, int]:
-    kind = joint if joint in _GROUPS_OF_KIND else joint.partition("_")[2]
-    bone, marker = _GROUPS_OF_KIND[kind]
-    return _GROUPS.index(bone), _GROUPS.index(marker)
+def _groups(joint: Joint) -> list[int]:
+    """The group that scales the bone to a joint, and the group that scales markers fixed to it."""
+    return [_GROUPS.index(group) for group in table("joints")[joint.kind]["scaled_by"]]
 
 
 @dataclass(frozen=True)
@@ -101,14 +75,14 @@ class Template:
         reference = zero_bones(shipped_bodies()[REFERENCE_BODY].joints_m)
         bones = np.zeros((len(_GROUPS), N_JOINTS, 3))
         for j, joint in enumerate(JOINTS):
-            bones[_groups(joint.name)[0], j] = reference[j]
+            bones[_groups(joint)[0], j] = reference[j]
             if joint.name.endswith(("_hip", "_clavicle")):
                 bones[:, j, 0] = 0
                 width = "hip_width" if joint.name.endswith("_hip") else "shoulder_width"
                 bones[_GROUPS.index(width), j, 0] = reference[j, 0]
         offsets = np.zeros((len(_GROUPS), len(markers.names), 3))
         for m, joint_id in enumerate(markers.joint):
-            offsets[_groups(JOINTS[joint_id].name)[1], m] = markers.at_m[m]
+            offsets[_groups(JOINTS[joint_id])[1], m] = markers.at_m[m]
         return Template(markers.joint, markers.spread_m, Basis(bones, offsets))
 
     def subject(self, shape: Float64) -> Subject:

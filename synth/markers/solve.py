@@ -100,12 +100,7 @@ def _track(
 
 
 def _frame(
-    subject: Subject,
-    before: State | None,
-    observed: Float64,
-    status: UInt8,
-    weight: Float64,
-    prior: Prior,
+    subject: Subject, before: State | None, observed: Float64, status: UInt8, weight: Float64, prior: Prior
 ) -> tuple[State, Float32]:
     """Posture of one frame, and its markers' errors; marks ghosts and swaps in ``status``."""
     seen = np.asarray(status == SEEN)

@@ -38,12 +38,8 @@ class Rows(NamedTuple):
 @numba.njit(cache=True)
 def no_rows() -> Rows:
     """Room for ``ROW_CAPACITY`` rows."""
-    return Rows(
-        np.empty((ROW_CAPACITY, 3)),
-        np.empty(ROW_CAPACITY),
-        np.empty((ROW_CAPACITY, 2, 3)),
-        np.empty((ROW_CAPACITY, 2), np.int64),
-    )
+    n = ROW_CAPACITY
+    return Rows(np.empty((n, 3)), np.empty(n), np.empty((n, 2, 3)), np.empty((n, 2), np.int64))
 
 
 @numba.njit(cache=True)

@@ -18,6 +18,7 @@ from annotate.array_types import Bool, Float64, Int64
 from synth.body.flesh import CHAINS, Flesh
 from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, N_JOINTS, PARENTS, Posture, kinematics
 from synth.pose.halfspaces import SOLID, Rows, add_flesh, add_pulls, add_solids, no_rows, reaches_m
+from synth.shipped import table
 from synth.surface.furniture import Solid
 
 ROUNDS = 18
@@ -33,22 +34,6 @@ STEP_LIMIT_RAD = 0.35
 """No angle moves farther a round: there the half-spaces are still near to linear. Chosen by eye."""
 HEAVE_LIMIT_M = 0.05
 """What lies under a body lifts it by no more than this."""
-
-
-def _mobility() -> Float64:
-    """Readiness (J, 3) of angles to give way: limbs before the trunk, no joint about a hinge it has not."""
-    by_kind = {
-        "clavicle": (0.1, 0.15, 0.1),
-        "shoulder": (1.0, 1.0, 1.0),
-        "elbow": (1.0, 0.0, 0.1),
-        "wrist": (0.5, 0.5, 0.0),
-        "hip": (0.7, 0.7, 0.7),
-        "knee": (1.0, 0.0, 0.0),
-        "ankle": (0.5, 0.2, 0.0),
-        "neck": (0.2, 0.2, 0.1),
-        "head": (0.2, 0.2, 0.1),
-    }
-    return np.array([by_kind.get(joint.name.rpartition("_")[2], (0.0, 0.0, 0.0)) for joint in JOINTS])
 
 
 def _ancestors() -> Bool:
@@ -72,7 +57,8 @@ def _pairs() -> Int64:
     rows = []
 
     def against(a: str, b: str, a_from: int = 0, b_from: int = 0, b_drop: int = 0) -> None:
-        rows.append((CHAINS[a].lo + a_from, CHAINS[a].hi, CHAINS[b].lo + b_from, CHAINS[b].hi - b_drop))
+        first, second = CHAINS[a], CHAINS[b]
+        rows.append((first.start + a_from, first.stop, second.start + b_from, second.stop - b_drop))
 
     for side, other in (("left", "right"), ("right", "left")):
         for limb in ("upper_arm", "forearm", *_HAND):
@@ -123,7 +109,8 @@ class Rules(NamedTuple):
     pairs: Int64
 
 
-RULES = Rules(LIMITS_RAD, _mobility(), _ancestors(), _pairs())
+_MOBILITY = np.array([table("joints")[joint.kind].get("mobility", (0.0, 0.0, 0.0)) for joint in JOINTS])
+RULES = Rules(LIMITS_RAD, _MOBILITY, _ancestors(), _pairs())
 
 
 @dataclass(frozen=True)

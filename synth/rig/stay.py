@@ -80,13 +80,7 @@ class Stay:
     """
 
     def __init__(
-        self,
-        scene: str,
-        difficulty: Difficulty,
-        suit: Suit,
-        seed: int,
-        number: int,
-        frames_per_second: float,
+        self, scene: str, difficulty: Difficulty, suit: Suit, seed: int, number: int, frames_per_second: float
     ) -> None:
         rng, bodies = np.random.default_rng((seed, number)), shipped_bodies()
         self._fps, self._motion = frames_per_second, np.random.default_rng((seed, number, 7))

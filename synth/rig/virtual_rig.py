@@ -144,12 +144,7 @@ class VirtualRig:
         return scene_hardships(cast, tableau, seen, alone)
 
     def _see_thermal(
-        self,
-        cast: Cast,
-        tableau: Tableau,
-        in_depth: Float64,
-        drift_c: float,
-        rng: np.random.Generator,
+        self, cast: Cast, tableau: Tableau, in_depth: Float64, drift_c: float, rng: np.random.Generator
     ) -> Float32:
         seen = self._thermal.render_pinhole(THERMAL_FROM_DEPTH.apply(in_depth), cast.faces)
         noise = self.difficulty.thermal

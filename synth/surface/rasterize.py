@@ -64,10 +64,11 @@ def rasterize(camera: Intrinsics, vertices_m: Float32, faces: Int32, closed: boo
     nobody can see: the same image in half the time. Source: Pineda 1988, edge functions.
     """
     points = _project(vertices_m, camera.fx, camera.fy, camera.cx, camera.cy)
-    depth = np.zeros(camera.shape, np.float32)
+    nearness = np.zeros(camera.shape, np.float32)
     face = np.full(camera.shape, -1, np.int32)
-    _fill(points, faces, _candidates(points, faces, camera.width, camera.height, closed), depth, face)
-    _invert(depth)
+    _fill(points, faces, _candidates(points, faces, camera.width, camera.height, closed), nearness, face)
+    depth = np.full(camera.shape, np.nan, np.float32)
+    np.divide(np.float32(1), nearness, out=depth, where=nearness > 0)
     return ZBuffer(depth, face)
 
 
@@ -145,14 +146,6 @@ def _fill(points: Float32, faces: Int32, candidates: Int32, nearness: Float32, f
                 lb += lb_u
                 lc += lc_u
                 w += w_u
-
-
-@numba.njit(cache=True)
-def _invert(nearness: Float32) -> None:
-    """Nearness to depth in place; nothing seen becomes NaN."""
-    flat = nearness.ravel()
-    for i in range(len(flat)):
-        flat[i] = np.float32(1) / flat[i] if flat[i] > 0 else np.float32(np.nan)
 
 
 @numba.njit(cache=True, fastmath=EXACT)
