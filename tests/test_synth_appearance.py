@@ -34,7 +34,7 @@ from synth.appearance.outfit import (
     dress,
     dress_plainly,
 )
-from synth.appearance.paint import paint
+from synth.appearance.paint import Surfaces, paint
 from synth.appearance.photograph import CLEAN, HARD, NORMAL, ColorCamera, ColorDifficulty, set_up
 from synth.appearance.room_colors import plain_room
 from synth.body.body import Body, shipped_bodies
@@ -71,6 +71,11 @@ def parts_seen() -> np.ndarray:
     scene = standing(shipped_bodies()[2])
     seen = rasterize(CAMERA, FRONT.apply(scene.vertices_m).astype(np.float32), scene.faces)
     return np.where(seen.face >= 0, scene.tags[seen.face], 0)
+
+
+def painted(scene: Mesh, outfits: list[Outfit], camera: Intrinsics = CAMERA, pose: Pose = ABOVE) -> Surfaces:
+    seen = rasterize(camera, pose.apply(scene.vertices_m).astype(np.float32), scene.faces)
+    return paint(seen, camera, pose, scene, outfits, plain_room())
 
 
 def test_a_clean_photograph_shows_the_suit_as_it_is():
@@ -127,8 +132,7 @@ def test_light_falls_off_as_it_should_and_a_shadow_is_dark():
     """A point lamp: E = E_chest d_chest^2 cos / d^2 in the open; ambient alone in the umbra."""
     scene, lamp = slab(), np.array([1.0, 0.0, 2.0])
     lighting = Lighting(np.tile(lamp, (1, PLACES, 1)), np.array([[0.8, 0.6, 0.4]]), np.full(3, 0.1), 0.3)
-    seen = rasterize(CAMERA, ABOVE.apply(scene.vertices_m).astype(np.float32), scene.faces)
-    surfaces = paint(seen, CAMERA, ABOVE, scene, [], plain_room())
+    surfaces = painted(scene, [])
     light = illuminate(surfaces, scene, lighting) / np.maximum(surfaces.albedo, 1e-6)
     at = surfaces.point_m
     # The slab's shadow lies where the line to the lamp passes it, at x = -1/3.
@@ -144,16 +148,8 @@ def test_light_falls_off_as_it_should_and_a_shadow_is_dark():
 
 def test_a_person_has_a_lit_and_a_shadow_side():
     body = shipped_bodies()[2]
-    scene = standing(body)
-    seen = rasterize(CAMERA, FRONT.apply(scene.vertices_m).astype(np.float32), scene.faces)
-    surfaces = paint(
-        seen,
-        CAMERA,
-        FRONT,
-        scene,
-        [dress(body, DEFAULT_SUIT, Wear(), np.random.default_rng(0))],
-        plain_room(),
-    )
+    scene, outfit = standing(body), dress(body, DEFAULT_SUIT, Wear(), np.random.default_rng(0))
+    surfaces = painted(scene, [outfit], pose=FRONT)
     lamp = np.tile([2.0, -1.0, 1.2], (1, PLACES, 1))
     light = illuminate(surfaces, scene, Lighting(lamp, np.ones((1, 3)), np.full(3, 0.05), 0.0))
     bright = light.sum(axis=-1) / np.maximum(surfaces.albedo.sum(axis=-1), 1e-6)
@@ -163,8 +159,7 @@ def test_a_person_has_a_lit_and_a_shadow_side():
 
 def test_even_light_changes_nothing():
     scene = slab()
-    seen = rasterize(CAMERA, ABOVE.apply(scene.vertices_m).astype(np.float32), scene.faces)
-    surfaces = paint(seen, CAMERA, ABOVE, scene, [], plain_room())
+    surfaces = painted(scene, [])
     np.testing.assert_array_equal(illuminate(surfaces, scene, EVEN_LIGHT), surfaces.albedo)
 
 
@@ -251,11 +246,7 @@ def cloth_sheet(seam_sd_m: float, place_m: np.ndarray) -> tuple[Mesh, Outfit]:
     parts = np.where(flat.vertices_m[flat.faces][..., 0].mean(axis=1) < 0, 2, 7).astype(np.uint8)
     fields = np.full((len(flat.vertices_m), N_FIELDS), -1, np.float32)
     fields[:, SEAMS.index((2, 7))] = flat.vertices_m[:, 0]
-    for other, pair in enumerate(SEAMS):
-        if 7 in pair and pair[0] == 7:
-            fields[:, other] = -1
-        elif 2 in pair and pair[1] == 2:
-            fields[:, other] = 1
+    fields[:, [n for n, pair in enumerate(SEAMS) if pair[1] == 2]] = 1
     zones = np.zeros((N_ZONES, 3))
     zones[7] = 1
     rest = flat.vertices_m + place_m.astype(np.float32)
@@ -266,8 +257,7 @@ def test_a_seam_strays_by_the_stated_distance():
     camera, rng, offsets = Intrinsics(800, 800, 1600.0, 1600.0, 399.5, 399.5), np.random.default_rng(0), []
     for _ in range(12):
         flat, outfit = cloth_sheet(0.01, rng.uniform(0, 20, 3))
-        seen = rasterize(camera, ABOVE.apply(flat.vertices_m).astype(np.float32), flat.faces)
-        albedo = paint(seen, camera, ABOVE, flat, [outfit], plain_room()).albedo[..., 0]
+        albedo = painted(flat, [outfit], camera).albedo[..., 0]
         offsets.append(0.5 - albedo[20:-20].mean(axis=1) / 1.0)
     assert np.std(offsets) == pytest.approx(0.01, rel=0.25)
     assert abs(np.mean(offsets)) < 0.004
@@ -293,11 +283,8 @@ def test_hands_faces_and_feet_are_bare_and_no_more():
         axis=1,
     )
     fields = outfit.fields_m[body.faces].mean(axis=1)
-    for field, parts, least, most in (
-        (HAND, (5, 6), 0.3, 0.65),
-        (FOOT, (10, 11), 0.2, 0.5),
-        (FACE, (1,), 0.1, 0.6),
-    ):
+    bare = ((HAND, (5, 6), 0.3, 0.65), (FOOT, (10, 11), 0.2, 0.5), (FACE, (1,), 0.1, 0.6))
+    for field, parts, least, most in bare:
         own = np.isin(body.face_parts, parts)
         share = area[own & (fields[:, field] > 0)].sum() / area[own].sum()
         assert least < share < most
@@ -312,11 +299,10 @@ def test_skin_covers_the_human_range():
     assert (np.array(skin)[:, 0] > np.array(skin)[:, 2]).all()
 
 
-def noise_at(places: np.ndarray) -> np.ndarray:
-    return np.array([smooth_noise(noise_tile(), *place) for place in places])
-
-
 def test_noise_is_unit_smooth_and_seamless():
+    def noise_at(places: np.ndarray) -> np.ndarray:
+        return np.array([smooth_noise(noise_tile(), *place) for place in places])
+
     places = np.random.default_rng(0).uniform(-500, 500, (20_000, 3))
     values = noise_at(places)
     assert abs(values.mean()) < 0.05
@@ -328,8 +314,6 @@ def test_rooms_differ_in_their_light_and_hard_ones_are_dim():
     def level(lighting: Lighting) -> float:
         return float(lighting.rgb.sum(axis=0).mean() + lighting.ambient.mean())
 
-    assert NORMAL.light is not None
-    assert HARD.light is not None
     normal, hard = (
         [level(light_room(spread, np.random.default_rng(seed))) for seed in range(40)]
         for spread in (NORMAL.light, HARD.light)

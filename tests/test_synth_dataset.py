@@ -40,6 +40,15 @@ INFO = {
 }
 
 
+def tar_of(path, entries, mode="w"):
+    """Write a tar of these names and bytes, or add them to one."""
+    with tarfile.open(path, mode) as tar:
+        for name, data in entries.items():
+            member = tarfile.TarInfo(name)
+            member.size = len(data)
+            tar.addfile(member, io.BytesIO(data))
+
+
 @pytest.fixture
 def dataset(tmp_path):
     """Two shards of three frames, with their manifest."""
@@ -111,10 +120,7 @@ def test_shards_from_outside_are_bounded(tmp_path):
     with pytest.raises(FormatError, match="not an image"):
         list(read_shard(path))
     for fields in (b"[" * 100_000, b'{"status": "king"}', b"{}", b'{"frame_id": "x"}'):
-        with tarfile.open(path, "w") as tar:
-            member = tarfile.TarInfo("k.json")
-            member.size = len(fields)
-            tar.addfile(member, io.BytesIO(fields))
+        tar_of(path, {"k.json": fields})
         with pytest.raises(FormatError, match="malformed"):
             list(read_shard(path))
 
@@ -122,15 +128,8 @@ def test_shards_from_outside_are_bounded(tmp_path):
 @pytest.mark.parametrize("fields", [{"confidence": 1}, {"persons": "x"}, [], "subject"])
 def test_a_frame_says_no_more_than_is_written(tmp_path, fields):
     path = tmp_path / "s.tar"
-    with tarfile.open(path, "w") as tar:
-        for name, data in (
-            ("k.depth.png", encode_depth(FRAMES[0].depth_mm)),
-            ("k.parts.png", encode_parts(FRAMES[0].parts)),
-            ("k.json", json.dumps(fields).encode()),
-        ):
-            member = tarfile.TarInfo(name)
-            member.size = len(data)
-            tar.addfile(member, io.BytesIO(data))
+    images = {"k.depth.png": encode_depth(FRAMES[0].depth_mm), "k.parts.png": encode_parts(FRAMES[0].parts)}
+    tar_of(path, {**images, "k.json": json.dumps(fields).encode()})
     with pytest.raises(FormatError, match="malformed"):
         list(read_shard(path))
 
@@ -156,12 +155,8 @@ def test_long_names_of_other_writers_are_read(tmp_path, form):
 def tar_header(name: str, size: bytes = b"00000000000\0", kind: bytes = b"0") -> bytes:
     """One block of a tar, with a right sum."""
     block = bytearray(512)
-    block[: len(name)], block[124:136], block[156:157], block[257:265] = (
-        name.encode(),
-        size,
-        kind,
-        b"ustar\x0000",
-    )
+    block[: len(name)], block[124:136] = name.encode(), size
+    block[156:157], block[257:265] = kind, b"ustar\x0000"
     block[148:156] = b" " * 8
     block[148:156] = b"%06o\0 " % sum(block)
     return bytes(block)
@@ -209,24 +204,14 @@ def test_a_shard_is_bounded_as_a_whole_and_image_by_image(dataset, monkeypatch):
 def test_files_that_are_no_frame_s_are_passed_over(tmp_path):
     path = tmp_path / "s.tar"
     path.write_bytes(encode_shard(FRAMES[:1]))
-    with tarfile.open(path, "a") as tar:
-        for name in ("readme.txt", f"{FRAMES[0].frame_id}.rgb.jpg"):
-            member = tarfile.TarInfo(name)
-            member.size = 3
-            tar.addfile(member, io.BytesIO(b"abc"))
+    tar_of(path, {"readme.txt": b"abc", f"{FRAMES[0].frame_id}.rgb.jpg": b"abc"}, "a")
     assert [frame.frame_id for frame in read_shard(path)] == [FRAMES[0].frame_id]
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "[]",
-        "{}",
-        '{"schema": 9, "shards": []}',
-        '{"schema": 1, "shards": [{"file": "../x", "sha256": ""}]}',
-    ],
-)
+FOREIGN_SHARD = '{"schema": 1, "shards": [{"file": "../x", "sha256": ""}]}'
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": 9, "shards": []}', FOREIGN_SHARD])
 def test_a_bad_manifest_is_refused(dataset, text):
     (dataset.path / MANIFEST).write_text(text)
     with pytest.raises(FormatError):

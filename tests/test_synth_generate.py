@@ -166,19 +166,8 @@ def dask():
     pytest.importorskip("distributed", reason="distributed is missing; install the extra 'cluster'")
     port = free_port()
     address = f"tcp://127.0.0.1:{port}"
-    scheduler = spawn(
-        "dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard", "--no-show"
-    )
-    worker = (
-        "dask_worker",
-        address,
-        "--nthreads",
-        "1",
-        "--no-dashboard",
-        "--no-nanny",
-        "--host",
-        "127.0.0.1",
-    )
+    scheduler = spawn(*f"dask_scheduler --host 127.0.0.1 --port {port} --no-dashboard --no-show".split())
+    worker = f"dask_worker {address} --nthreads 1 --no-dashboard --no-nanny --host 127.0.0.1".split()
     running = [scheduler, spawn(*worker), spawn(*worker)]
     yield address, scheduler, running[1:]
     for process in running:
@@ -224,11 +213,7 @@ def test_a_scheduler_that_dies_is_one_line_and_the_run_goes_on_elsewhere(tmp_pat
 def test_a_dead_scheduler_is_one_line(monkeypatch):
     pytest.importorskip("distributed", reason="distributed is missing; install the extra 'cluster'")
     monkeypatch.setattr("synth.images.workers.CONNECT_SECONDS", 1)
-    with (
-        pytest.raises(CloudError, match="does not answer") as caught,
-        cluster(f"tcp://127.0.0.1:{free_port()}"),
-    ):
-        pass
-    assert "\n" not in str(caught.value)
-    with pytest.raises(CloudError, match="does not answer"), cluster("nonsense://:::"):
-        pass
+    for address in (f"tcp://127.0.0.1:{free_port()}", "nonsense://:::"):
+        with pytest.raises(CloudError, match="does not answer") as caught, cluster(address):
+            pass
+        assert "\n" not in str(caught.value)

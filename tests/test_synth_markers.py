@@ -33,18 +33,14 @@ def test_a_trc_may_hold_blank_lines_but_no_more_frames_than_it_claims(tmp_path):
         read_markers(path)
 
 
-def test_trc_round_trip(tmp_path):
-    write_trc(tmp_path / "a.trc", positions())
-    found = read_markers(tmp_path / "a.trc")
-    assert found.labels == NAMES and found.unit == "m" and found.frames_per_second == 100
-    np.testing.assert_allclose(found.positions, positions(), atol=1e-6)
-
-
-def test_c3d_round_trip(tmp_path):
-    write_c3d(tmp_path / "a.c3d", positions())
-    found = read_markers(tmp_path / "a.c3d")
-    assert found.labels == NAMES and found.unit == "mm" and found.frames_per_second == 100
-    np.testing.assert_allclose(found.positions, 1000 * positions(), atol=1e-3)
+@pytest.mark.parametrize(
+    ("suffix", "write", "unit", "scale"), [("trc", write_trc, "m", 1), ("c3d", write_c3d, "mm", 1000)]
+)
+def test_marker_files_round_trip(tmp_path, suffix, write, unit, scale):
+    write(tmp_path / f"a.{suffix}", positions())
+    found = read_markers(tmp_path / f"a.{suffix}")
+    assert found.labels == NAMES and found.unit == unit and found.frames_per_second == 100
+    np.testing.assert_allclose(found.positions / scale, positions(), atol=1e-6)
 
 
 def test_bvh_joints_stand_where_the_offsets_put_them(tmp_path):
@@ -206,39 +202,30 @@ def read(path: Path) -> Markers:
     return read_bvh(path)[0] if path.suffix == ".bvh" else read_markers(path)
 
 
+CHANGES = st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8)
+
+
 @pytest.mark.parametrize("suffix", [".c3d", ".trc", ".bvh"])
 @MUTATIONS
-@given(
-    changes=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8),
-    cut=st.floats(0, 1),
-)
+@given(changes=CHANGES, cut=st.floats(0, 1))
 def test_changed_bytes_are_read_or_refused(tmp_path, suffix, changes, cut):
     path = tmp_path / f"m{suffix}"
-    mutate(path, original(path), changes, 1.0 if cut > 0.3 else cut / 0.3, 3000)
+    mutate(path, original(path), changes, cut, 3000)
 
 
 @pytest.mark.parametrize("name", ["nim_cmu_02_05.c3d", "static1.trc"])
 @settings(MUTATIONS, max_examples=12)
-@given(
-    changes=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8),
-    cut=st.floats(0, 1),
-)
+@given(changes=CHANGES, cut=st.floats(0, 1))
 def test_changed_bytes_of_real_files_are_read_or_refused(tmp_path, shared_data, name, changes, cut):
-    mutate(
-        tmp_path / name,
-        (shared_data / "mocap" / name).read_bytes(),
-        changes,
-        1.0 if cut > 0.3 else cut / 0.3,
-        6000,
-    )
+    mutate(tmp_path / name, (shared_data / "mocap" / name).read_bytes(), changes, cut, 6000)
 
 
-def mutate(path: Path, data: bytes, changes: list[tuple[float, int]], keep: float, head: int) -> None:
-    """Change bytes near the start, where the headers are, cut, and read."""
+def mutate(path: Path, data: bytes, changes: list[tuple[float, int]], cut: float, head: int) -> None:
+    """Change bytes near the start, where the headers are, cut some files, and read."""
     changed = bytearray(data)
     for where, value in changes:
         changed[int(where * (min(head, len(data)) - 1))] = value
-    path.write_bytes(changed[: int(keep * len(changed))])
+    path.write_bytes(changed[: int(min(cut / 0.3, 1.0) * len(changed))])
     try:
         found = read(path)
     except CloudError as error:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from synth.body.body import shipped_bodies
 from synth.body.flesh import flesh_of
 from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, alignment, forward, reach
-from synth.pose import recumbent, sitting, upright
+from synth.pose import off_seat, sitting
 from synth.pose.moment import Behaviour, glide, mirrored
 from synth.pose.off_seat import (
     FALLEN,
@@ -59,7 +59,7 @@ BEHAVIOURS = [
 @pytest.mark.parametrize(("made", "activity"), BEHAVIOURS, ids=[name for _, name in BEHAVIOURS])
 def test_every_activity_settles_inside_the_joint_limits(monkeypatch, made, activity):
     postures = []
-    for module in (sitting, recumbent, upright):
+    for module in (sitting, off_seat):
         monkeypatch.setattr(module, "settle", lambda *args: postures.append(settle(*args)) or postures[-1])
     for seed in range(6):
         rng = np.random.default_rng(seed)

@@ -226,13 +226,9 @@ def bvh_of(angles_rad: np.ndarray, pelvis_m: np.ndarray, bones: np.ndarray) -> s
 
     def node(j: int, depth: int) -> str:
         order.append(j)
-        side, _, kind = JOINTS[j].name.partition("_")
-        name = (
-            side.capitalize() + BVH_NAMES.get(kind, kind.capitalize())
-            if kind and side in ("left", "right")
-            else JOINTS[j].name
-        )
-        name = "Hips" if j == 0 else name
+        kind, name = JOINTS[j].kind, "Hips" if j == 0 else JOINTS[j].name
+        if kind != JOINTS[j].name:
+            name = name.partition("_")[0].capitalize() + BVH_NAMES.get(kind, kind.capitalize())
         offset = " ".join(f"{v:.6f}" for v in 100 * to_y_up @ bones[j])
         place = "Xposition Yposition Zposition " if j == 0 else ""
         head = f"{'ROOT' if j == 0 else 'JOINT'} {name}\n{{\nOFFSET {offset}\n"
