@@ -12,8 +12,7 @@ from annotate.correction.select import ScreenPoints, polygon
 from annotate.frame_labels import FrameLabels
 from annotate.gui.colors import SAME_RGB, colourings, point_colors
 from annotate.gui.drawing import Drawing
-from annotate.gui.orbit import Orbit, front_view
-from annotate.gui.projection import project
+from annotate.gui.orbit import Orbit, front_view, project
 from annotate.gui.scene import ROOM_POINTS, SceneReader, find_session
 from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS

@@ -15,9 +15,8 @@ from annotate.array_types import Bool, Float32, Int64, UInt8
 from annotate.correction import select
 from annotate.correction.select import ScreenPoints
 from annotate.gui.drawing import Drawing
-from annotate.gui.orbit import Orbit, front_view
+from annotate.gui.orbit import Orbit, front_view, project
 from annotate.gui.pointing import Pointing
-from annotate.gui.projection import project
 from annotate.gui.scene import FrameScene
 
 MOVING_POINTS = 16_000

@@ -5,9 +5,9 @@ from functools import partial
 
 from PySide6.QtGui import QKeySequence, QShortcut
 
-from annotate.gui.dialogs import RejectDialog
-from annotate.gui.done import NOTHING, Done
+from annotate.gui.dialogs import ask_reason
 from annotate.gui.drawing import TOOLS
+from annotate.gui.outcome import Done
 from annotate.gui.window import CorrectionWindow
 from annotate.parts import PARTS, UNDEFINED
 
@@ -95,7 +95,7 @@ def _cancel(window: CorrectionWindow) -> Done | None:
         window.toggle_help()
         return None
     if any(view.pointing.cancel() for view in window.views):
-        return Done(NOTHING, "Stroke cancelled")
+        return Done("Stroke cancelled")
     return window.desk.cancel()
 
 
@@ -104,16 +104,15 @@ def _accept(window: CorrectionWindow) -> Done | None:
     left = window.frame_id
     window.strip.frames.refresh(left)
     if window.step(1):
-        always = window.desk.carry_over.always
-        return window.desk.carry(window.walk.corrected_near(window.frame_id)) if always else None
-    return Done(NOTHING, f"{done.text}: that was the last frame", "good")
+        carrying = window.desk.carrying
+        return window.desk.carry(window.walk.corrected_near(window.frame_id)) if carrying else None
+    return Done(f"{done.text}: that was the last frame", "good")
 
 
 def _reject(window: CorrectionWindow) -> Done | None:
-    dialog = RejectDialog(window)
-    if not dialog.exec():
-        return Done(NOTHING, "Not rejected")
-    done = window.desk.reject(dialog.reason)
+    if not (reason := ask_reason(window)):
+        return Done("Not rejected")
+    done = window.desk.reject(reason)
     window.strip.frames.refresh(window.frame_id)
     return None if window.step(1) else done
 
@@ -121,13 +120,13 @@ def _reject(window: CorrectionWindow) -> Done | None:
 def _save(window: CorrectionWindow) -> Done:
     if window.desk.editor:
         window.correction.save(window.frame_id)
-    return Done(NOTHING, "Everything is saved", "good")
+    return Done("Everything is saved", "good")
 
 
 def _step(window: CorrectionWindow, by: int) -> Done | None:
     if window.step(by):
         return None
-    return Done(NOTHING, "That was the last frame" if by > 0 else "This is the first frame", "warn")
+    return Done("That was the last frame" if by > 0 else "This is the first frame", "warn")
 
 
 def _colouring(window: CorrectionWindow) -> None:

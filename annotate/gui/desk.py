@@ -7,16 +7,16 @@ import numpy as np
 
 from annotate.array_types import Bool, Int64, UInt8
 from annotate.cleanup import filled, without_islands
+from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction import select
 from annotate.correction.correction import Correction
 from annotate.correction.edit import ARMS, LEGS, Editor
-from annotate.gui.carry_over import CarryOver
+from annotate.correction.propagate import FRAMES_COMPARED, CorrectedFrame, propagate
 from annotate.gui.colors import Colouring, Visibility, colourings, point_colors
-from annotate.gui.done import NOTHING, Done
 from annotate.gui.drawing import Drawing
+from annotate.gui.outcome import NOTHING, Done, described, title
 from annotate.gui.scene import FrameScene
-from annotate.gui.sentences import described, title
-from annotate.labelset.stroke import Gesture, Operation, Stroke
+from annotate.labelset.stroke import KEY, Gesture, Operation, Stroke
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 from sensors.errors import CloudError
 
@@ -48,7 +48,8 @@ class Desk:
     """One frame being corrected.
 
     editor: None where the set is open read-only. part: the chosen one. visibility: parts that are faded or
-    hidden. alone: whether the chosen part is shown alone. keys: number of keys pressed since the last stroke.
+    hidden. alone: whether the chosen part is shown alone. carrying: whether every frame that accepting opens
+    gets the corrections of others without a key. keys: number of keys pressed since the last stroke.
     """
 
     correction: Correction
@@ -59,18 +60,22 @@ class Desk:
     visibility: dict[int, Visibility] = field(default_factory=dict)
     locks: set[int] = field(default_factory=set)
     alone: bool = False
+    carrying: bool = False
     keys: int = 0
     preview: Preview | None = None
     _grown: _Grown | None = None
+    _clouds: dict[str, ThermalCloud] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.carry_over = CarryOver(self.correction)
         self.put(self.scene, self.editor)
 
     def put(self, scene: FrameScene, editor: Editor | None) -> None:
         """Lay another frame on the desk; the tools stay as they are."""
         self.scene, self.editor, self.preview, self._grown, self.keys = scene, editor, None, None, 0
-        self.carry_over.remember(scene)
+        self._clouds.pop(scene.labels.frame_id, None)
+        self._clouds[scene.labels.frame_id] = scene.cloud
+        for frame_id in list(self._clouds)[: -FRAMES_COMPARED - 1]:
+            del self._clouds[frame_id]
         if editor:
             editor.locks = self.locks
         if self.colouring not in colourings(scene):
@@ -111,13 +116,13 @@ class Desk:
         """Lock a part, or unlock it."""
         self.locks ^= {part}
         state = "locked: it cannot gain or lose pixels" if part in self.locks else "unlocked"
-        return Done(NOTHING, f"{title(part).capitalize()} {state}")
+        return Done(f"{title(part).capitalize()} {state}")
 
     def fade(self, part: int) -> Done:
         """Switch a part from shown to faded, to hidden, and to shown again."""
         turn: dict[Visibility, Visibility] = {"shown": "faded", "faded": "hidden", "hidden": "shown"}
         how = self.visibility[part] = turn[self.visibility.get(part, "shown")]
-        return Done(NOTHING, f"{title(part).capitalize()} {how}")
+        return Done(f"{title(part).capitalize()} {how}")
 
     # Strokes with the mouse
 
@@ -132,38 +137,32 @@ class Desk:
         old = self.parts.ravel()[pixels]
         from_part = BACKGROUND if start is None else int(self.parts.ravel()[start])
         taken = old == from_part if drawing.only else drawing.room | (old != BACKGROUND)
-        how = self._gesture(drawing)
         self._grown = None
-        return self._did(
-            editor.paint(pixels[taken], self.part, how), self._why_nothing(pixels, taken, drawing)
-        )
+        stroke = editor.paint(pixels[taken], self.part, self._gesture(drawing))
+        return self._did(stroke, self._why_nothing(pixels, taken, drawing))
 
     def piece(self, pixel: int | None, drawing: Drawing) -> Done:
         """Give the piece under a click the chosen part; grow the piece that was just painted."""
         editor = self._editor()
         if pixel is None:
-            return Done(NOTHING, "There is no point here: click on the body", "warn")
+            return Done("There is no point here: click on the body", "warn")
         if self._grown and self._grown.part == self.part and pixel in self._grown.pixels:
-            return self._grow(editor, self._grown, drawing)
+            return self._grow(self._grown, drawing)
         before = self.parts.copy()
         pixels = select.supervoxel(self.scene.pieces, before, pixel)
         if not len(pixels):
-            return Done(NOTHING, "There is no piece here: draw round it instead", "warn")
-        done = self._did(
-            editor.paint(pixels, self.part, self._gesture(drawing)), self._already(int(before.flat[pixel]))
-        )
+            return Done("There is no piece here: draw round it instead", "warn")
+        stroke = editor.paint(pixels, self.part, self._gesture(drawing))
+        done = self._did(stroke, self._already(int(before.flat[pixel])))
         self._grown = _Grown(self.part, pixels, before) if len(done.pixels) else None
         return done
 
-    def _grow(self, editor: Editor, grown: _Grown, drawing: Drawing) -> Done:
+    def _grow(self, grown: _Grown, drawing: Drawing) -> Done:
         pixels = select.grow(self.scene.pieces, grown.parts, self.scene.labels.depth_mm, grown.pixels)
         self.keys = 0
-        done = self._did(
-            editor.paint(pixels, self.part, drawing.gesture("grow")),
-            "It cannot grow further: its part ends here",
-        )
         self._grown = _Grown(self.part, pixels, grown.parts)
-        return done
+        stroke = self._editor().paint(pixels, self.part, drawing.gesture("grow"))
+        return self._did(stroke, "It cannot grow further: its part ends here")
 
     # Keys that work on the place under the pointer
 
@@ -172,40 +171,38 @@ class Desk:
         part = self.part if pixel is None or not self.parts.flat[pixel] else int(self.parts.flat[pixel])
         pairs = next((limb for limb in (ARMS, LEGS) if part in np.ravel(limb)), None)
         if pairs is None:
-            return Done(NOTHING, "Point at an arm or a leg to swap left and right", "warn")
+            return Done("Point at an arm or a leg to swap left and right", "warn")
         limb = "arms" if pairs is ARMS else "legs"
-        return self._did(
-            self._editor().swap_left_right(pairs, how=self._key(pixel)), f"There are no {limb} to swap", limb
-        )
+        stroke = self._editor().swap_left_right(pairs, how=self._key(pixel))
+        return self._did(stroke, f"There are no {limb} to swap", limb)
 
     def to_neighbour(self, pixel: int | None) -> Done:
         """Give the connected patch under the pointer to the part it touches most."""
-        patch = self._patch(pixel)
-        if not len(patch):
-            return Done(NOTHING, "Point at a patch of the body to give it to its neighbour", "warn")
+        if pixel is None or self.parts.flat[pixel] == BACKGROUND:
+            return Done("Point at a patch of the body to give it to its neighbour", "warn")
+        patch = select.patch(self.parts, self.scene.labels.depth_mm, pixel)
         return self._did(self._editor().to_neighbour(patch, how=self._key(pixel)), "It touches no other part")
 
     def merge(self, pixel: int | None) -> Done:
         """Turn the part under the pointer into the chosen one."""
         source = BACKGROUND if pixel is None else int(self.parts.flat[pixel])
         if source in (BACKGROUND, self.part):
-            return Done(NOTHING, f"Point at the part that should become {title(self.part)}", "warn")
+            return Done(f"Point at the part that should become {title(self.part)}", "warn")
         return self._did(self._editor().merge(source, self.part, how=self._key(pixel)), self._locked())
 
     def pick(self, pixel: int | None) -> Done:
         """Choose the part under the pointer."""
         if pixel is None:
-            return Done(NOTHING, "Point at a part to choose it", "warn")
+            return Done("Point at a part to choose it", "warn")
         self.part = int(self.parts.flat[pixel])
-        return Done(NOTHING, f"{title(self.part).capitalize()} chosen")
+        return Done(f"{title(self.part).capitalize()} chosen")
 
     # Clean-up, previewed first
 
     def fill_holes(self) -> Done:
         """Show the holes of the chosen part at the first call, fill them at the second."""
-        return self._previewed(
-            "fill_holes", self.part, filled(self.parts, self._editor().depth_mm, self.part)
-        )
+        parts = filled(self.parts, self._editor().depth_mm, self.part)
+        return self._previewed("fill_holes", self.part, parts)
 
     def remove_islands(self) -> Done:
         """Show the islands of all parts at the first call, give them to their surroundings at the second."""
@@ -214,90 +211,88 @@ class Desk:
     def cancel(self) -> Done:
         """Drop a preview."""
         self._grown = None
-        pixels = self.cancel_preview()
-        return Done(pixels, "Preview cancelled" if len(pixels) else "")
-
-    def cancel_preview(self) -> Int64:
-        """Drop a preview; returns the pixels (n,) that were marked."""
-        pixels = self.preview.pixels if self.preview else NOTHING
-        self.preview = None
-        return pixels
+        pixels = self._drop_preview()
+        return Done("Preview cancelled" if len(pixels) else "", pixels=pixels)
 
     def _previewed(self, operation: Operation, part: int | None, parts: UInt8) -> Done:
         editor, shown = self._editor(), self.preview
         self.keys += 1
         if shown and (shown.operation, shown.part) == (operation, part):
             self.preview = None
-            stroke = editor.replace(operation, shown.parts, part, Gesture("key", keys=self._take_keys()))
+            stroke = editor.replace(operation, shown.parts, part, self._key(keys=self.keys))
             return self._did(stroke, "Nothing to change")
         dropped = self.cancel().pixels
         pixels = editor.preview(parts)
         name = "holes" if operation == "fill_holes" else "islands"
         name += f" in {title(part)}" if part is not None else ""
         if not len(pixels):
-            return Done(dropped, f"There are no {name}")
+            return Done(f"There are no {name}", pixels=dropped)
         self.preview = Preview(operation, part, parts, pixels)
         text = f"{len(pixels):,} pixels of {name} marked: the same key applies it, Esc cancels"
-        return Done(np.union1d(dropped, pixels), text, "warn")
+        return Done(text, "warn", np.union1d(dropped, pixels))
 
     # From other frames
 
     def copy_previous(self, frame_id: str) -> Done:
         """Take the parts of another frame where it shows the same surface."""
         previous = self.correction.frame(frame_id)
-        stroke = self._editor().copy_previous(previous, how=self._key(None, 2))
+        stroke = self._editor().copy_previous(previous, how=self._key(keys=2))
         return self._did(stroke, "The previous frame has the same labels")
 
     def toggle_carrying(self) -> Done:
         """Carry corrections over to every frame that accepting opens, or only by the key."""
-        self.carry_over.always = not self.carry_over.always
-        text = (
-            "carried over to every next frame" if self.carry_over.always else "carried over only by the key"
+        self.carrying = not self.carrying
+        return Done(
+            f"Corrections are carried over {'to every next frame' if self.carrying else 'only by the key'}"
         )
-        return Done(NOTHING, f"Corrections are {text}")
 
     def carry(self, frame_ids: Sequence[str]) -> Done:
         """As ``propagate``, for a frame that was just opened and that nobody edited: without a key."""
         if self.correction.state(self.scene.labels.frame_id) != "auto":
-            return Done(NOTHING, "")
+            return Done("")
         return self.propagate(frame_ids, keys=0)
 
     def propagate(self, frame_ids: Sequence[str], keys: int = 2) -> Done:
         """Carry the corrections of other frames over, the nearest first."""
-        target = replace(self.scene.labels, parts=self.parts.copy())
-        parts = self.carry_over.parts(target, self.scene.cloud, frame_ids)
-        stroke = self._editor().propagate(parts, self._key(None, keys))
+        labels, target = self.correction.labels, replace(self.scene.labels, parts=self.parts.copy())
+        automatic = (labels.read(i, original=labels.has_original(i)) for i in frame_ids)
+        frames = [
+            CorrectedFrame(before, self.correction.frame(i), self._clouds.get(i))
+            for before, i in zip(automatic, frame_ids, strict=True)
+        ]
+        parts = propagate(frames, target, labels.intrinsics, self.scene.cloud)
+        stroke = self._editor().propagate(parts, self._key(keys=keys))
         return self._did(stroke, "The corrections of the frames nearby change nothing here")
 
     # Back and forth, verdicts
 
     def undo(self) -> Done:
         """Take back the last stroke."""
-        self._grown = None
-        dropped = self.cancel().pixels
-        if len(dropped):
-            return Done(dropped, "Preview cancelled")
-        return self._did(self._editor().undo(self._key(None, 2)), "Nothing to undo")
+        cancelled = self.cancel()
+        return (
+            cancelled
+            if cancelled.text
+            else self._did(self._editor().undo(self._key(keys=2)), "Nothing to undo")
+        )
 
     def redo(self) -> Done:
         """Do again what was undone last."""
-        return self._did(self._editor().redo(self._key(None, 3)), "Nothing to redo")
+        return self._did(self._editor().redo(self._key(keys=3)), "Nothing to redo")
 
     def accept(self) -> Done:
         """Accept the frame, or agree where another person accepted it."""
-        editor, how = self._editor(), Gesture("key", keys=1)
-        verdict = self.correction.next_verdict(self.scene.labels.frame_id)
+        editor, verdict = self._editor(), self.correction.next_verdict(self.scene.labels.frame_id)
         if verdict == "accept":
-            editor.accept(how)
+            editor.accept(KEY)
         elif verdict == "agree":
-            editor.agree(how)
+            editor.agree(KEY)
         texts = {"accept": "Accepted", "agree": "Agreed", "none": "Already accepted"}
-        return Done(NOTHING, texts[verdict], "good")
+        return Done(texts[verdict], "good")
 
     def reject(self, reason: str) -> Done:
         """Reject the frame, for a reason."""
         self._editor().reject(reason, Gesture("key", keys=2))
-        return Done(NOTHING, f"Rejected: {reason}", "warn")
+        return Done(f"Rejected: {reason}", "warn")
 
     # Within
 
@@ -309,13 +304,13 @@ class Desk:
     def _did(self, stroke: Stroke | None, nothing: str, limb: str = "") -> Done:
         """The outcome of an operation; a preview of the labels before it is no longer valid."""
         if stroke is None:
-            return Done(NOTHING, nothing, "warn")
-        return Done(np.union1d(stroke.pixels, self.cancel_preview()), described(stroke, limb))
+            return Done(nothing, "warn")
+        return Done(described(stroke, limb), pixels=np.union1d(stroke.pixels, self._drop_preview()))
 
-    def _patch(self, pixel: int | None) -> Int64:
-        if pixel is None or self.parts.flat[pixel] == BACKGROUND:
-            return NOTHING
-        return select.patch(self.parts, self.scene.labels.depth_mm, pixel)
+    def _drop_preview(self) -> Int64:
+        """The pixels (n,) that were marked."""
+        shown, self.preview = self.preview, None
+        return shown.pixels if shown else NOTHING
 
     def _why_nothing(self, pixels: Int64, taken: Bool, drawing: Drawing) -> str:
         if not len(pixels):
@@ -334,15 +329,10 @@ class Desk:
         locked = f"Nothing changed: {names} locked (Shift and the part's key unlocks)"
         return locked if names else "Nothing to change"
 
-    def _take_keys(self) -> int:
-        keys, self.keys = self.keys, 0
-        return keys
-
-    def _key(self, pixel: int | None, keys: int = 1) -> Gesture:
-        self._take_keys()
+    def _key(self, pixel: int | None = None, keys: int = 1) -> Gesture:
+        self.keys = 0
         return Gesture("key", points=int(pixel is not None), keys=keys)
 
     def _gesture(self, drawing: Drawing) -> Gesture:
-        held = drawing.held_keys
-        kind = "supervoxel" if drawing.tool == "piece" else drawing.tool
-        return drawing.gesture(kind, self._take_keys() + held)
+        keys, self.keys = self.keys + drawing.held_keys, 0
+        return drawing.gesture("supervoxel" if drawing.tool == "piece" else drawing.tool, keys)

@@ -1,10 +1,12 @@
 """Dialogs: the reason for a rejection, and what to do when a file or the disk fails."""
 
+from functools import partial
+
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidget
 
-from annotate.gui.theme import named
+from annotate.gui.widgets import laid, named
 
 REASONS = (
     "Body cut off or hidden",
@@ -15,55 +17,46 @@ REASONS = (
 )
 
 
-class RejectDialog(QDialog):
-    """Why a frame is not to be used: one of REASONS by its number, or a text."""
+def ask_reason(parent: QWidget) -> str | None:
+    """Why a frame is not to be used: one of REASONS by its number, or a text; None keeps the frame."""
+    dialog = QDialog(parent)
+    dialog.setWindowTitle("Reject the frame")
+    dialog.setMinimumWidth(360)
+    given: list[str] = []
 
-    def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.reason = ""
-        self.setWindowTitle("Reject the frame")
-        column = QVBoxLayout(self)
-        column.setContentsMargins(20, 18, 20, 18)
-        column.setSpacing(8)
-        column.addWidget(named(QLabel("Why should this frame not be used?"), "title"))
-        for number, reason in enumerate(REASONS, 1):
-            button = QPushButton(f"{number}   {reason}", autoDefault=False)
-            button.setStyleSheet("text-align: left; padding: 8px 12px")
-            button.clicked.connect(lambda _=False, reason=reason: self._choose(reason))
-            QShortcut(QKeySequence(str(number)), self, lambda reason=reason: self._choose(reason))
-            column.addWidget(button)
-        self.words = QLineEdit(placeholderText="…or in your own words, then Enter", maxLength=200)
-        self.words.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
-        self.words.returnPressed.connect(lambda: self._choose(self.words.text()))
-        column.addWidget(self.words)
-        column.addWidget(named(QLabel("Esc keeps the frame"), "quiet"))
-        self.setMinimumWidth(360)
-
-    def _choose(self, reason: str) -> None:
+    def choose(reason: str) -> None:
         if reason.strip():
-            self.reason = reason.strip()
-            self.accept()
+            given.append(reason.strip())
+            dialog.accept()
+
+    buttons = [QPushButton(f"{i}   {reason}", autoDefault=False) for i, reason in enumerate(REASONS, 1)]
+    for number, (button, reason) in enumerate(zip(buttons, REASONS, strict=True), 1):
+        button.setStyleSheet("text-align: left; padding: 8px 12px")
+        button.clicked.connect(partial(choose, reason))
+        QShortcut(QKeySequence(str(number)), dialog, partial(choose, reason))
+    words = QLineEdit(placeholderText="…or in your own words, then Enter", maxLength=200)
+    words.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
+    words.returnPressed.connect(lambda: choose(words.text()))
+    question = named(QLabel("Why should this frame not be used?"), "title")
+    keep = named(QLabel("Esc keeps the frame"), "quiet")
+    laid(QVBoxLayout(dialog), question, *buttons, words, keep, gap=8, margins=(20, 18, 20, 18))
+    dialog.exec()
+    return given[0] if given else None
 
 
 def _ask(parent: QWidget | None, title: str, text: str, yes: str, no: str) -> bool:
     """A question with two answers; Escape is ``no``."""
     dialog = QDialog(parent)
     dialog.setWindowTitle(title)
-    column = QVBoxLayout(dialog)
-    column.setContentsMargins(22, 20, 22, 18)
-    column.setSpacing(12)
-    column.addWidget(named(QLabel(title), "title"))
     # Plain: a file's name is no markup.
     words = QLabel(text, textFormat=Qt.TextFormat.PlainText, wordWrap=True)
     words.setMinimumWidth(440)
-    column.addWidget(words)
-    row = QHBoxLayout()
-    row.addStretch(1)
-    column.addLayout(row)
-    for label, slot in ((no, dialog.reject), (yes, dialog.accept)):
-        button = QPushButton(label, default=label == yes)
-        button.clicked.connect(slot)
-        row.addWidget(button)
+    decline, agree = QPushButton(no), QPushButton(yes, default=True)
+    decline.clicked.connect(dialog.reject)
+    agree.clicked.connect(dialog.accept)
+    answers = laid(QHBoxLayout(), None, decline, agree, gap=12)
+    heading = named(QLabel(title), "title")
+    laid(QVBoxLayout(dialog), heading, words, answers, gap=12, margins=(22, 20, 22, 18))
     return dialog.exec() == QDialog.DialogCode.Accepted
 
 

@@ -4,16 +4,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from PySide6.QtCore import (
-    QAbstractListModel,
-    QModelIndex,
-    QPersistentModelIndex,
-    QRectF,
-    QSize,
-    Qt,
-    Signal,
-)
-from PySide6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen
+from PySide6.QtCore import QAbstractListModel, QModelIndex, QPersistentModelIndex, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QPainter
 from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem
 
 from annotate.array_types import UInt8
@@ -21,6 +13,7 @@ from annotate.correction.replay import State
 from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels
 from annotate.gui.theme import DARK, Theme
+from annotate.gui.widgets import draw_card
 from annotate.parts import palette_rgb
 from sensors.errors import CloudError
 
@@ -144,14 +137,9 @@ class _Cell(QStyledItemDelegate):
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: ModelIndex) -> None:
         theme = self.theme
         painter.save()
-        painter.setRenderHints(QPainter.RenderHint.Antialiasing | QPainter.RenderHint.SmoothPixmapTransform)
         cell = QRectF(option.rect).adjusted(3, 3, -3, -3)
-        path = QPainterPath()
-        path.addRoundedRect(cell, 7, 7)
-        painter.fillPath(path, QColor(theme.raised))
         chosen = bool(option.state & QStyle.StateFlag.State_Selected)
-        painter.setPen(QPen(QColor(theme.accent if chosen else theme.line), 2.5 if chosen else 1))
-        painter.drawPath(path)
+        draw_card(painter, cell, 7, theme, chosen)
         image = index.data(Qt.ItemDataRole.DecorationRole)
         if isinstance(image, QImage) and not image.isNull():
             size = QSize(image.size()).scaled(THUMBNAIL, Qt.AspectRatioMode.KeepAspectRatio)
@@ -167,8 +155,7 @@ class _Cell(QStyledItemDelegate):
         font.setPixelSize(11)
         painter.setFont(font)
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-        number = (str(index.data()).lstrip("0") or "0")[-8:]
-        painter.drawText(foot, right, number)
+        painter.drawText(foot, right, (str(index.data()).lstrip("0") or "0")[-8:])
         painter.restore()
 
 

@@ -10,8 +10,9 @@ from annotate.gui.colors import Colouring, colourings
 from annotate.gui.desk import Desk
 from annotate.gui.frame_strip import STATE_NAMES, state_color
 from annotate.gui.keys import Settings
-from annotate.gui.theme import Theme, named
+from annotate.gui.theme import Theme
 from annotate.gui.walk import Walk
+from annotate.gui.widgets import laid, named
 
 TITLES: dict[Colouring, str] = {
     "part": "Parts",
@@ -38,37 +39,28 @@ class Header(QWidget):
         super().__init__()
         self.setObjectName("panel")
         self.setFixedHeight(48)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(14, 0, 12, 0)
-        row.setSpacing(8)
         self.frame, self.badge = named(QLabel(), "title"), named(QLabel(), "badge")
         # Plain text: a reason or a name is not markup.
         self.facts = named(QLabel(textFormat=Qt.TextFormat.PlainText), "quiet")
         self.facts.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        for widget in (self.frame, self.badge):
-            row.addWidget(widget, 0, Qt.AlignmentFlag.AlignVCenter)
-        row.addWidget(self.facts, 1)
         key = named(QLabel(settings.key("colouring")), "key")
-        row.addWidget(key, 0, Qt.AlignmentFlag.AlignVCenter)
+        row = laid(QHBoxLayout(self), self.frame, self.badge, self.facts, key, gap=8, margins=(14, 0, 12, 0))
+        for widget in (self.frame, self.badge, key):
+            row.setAlignment(widget, Qt.AlignmentFlag.AlignVCenter)
+        row.setStretchFactor(self.facts, 1)
         self.colourings: dict[Colouring, QToolButton] = {}
         group = QButtonGroup(self)
         for colouring, title in TITLES.items():
-            button = self.colourings[colouring] = self._button(title)
+            button = self.colourings[colouring] = _button(title)
             button.setCheckable(True)
             button.clicked.connect(partial(self.coloured.emit, colouring))
             group.addButton(button)
             row.addWidget(button)
         row.addSpacing(10)
         for name, title in (("order", "Order"), ("theme", "Theme"), ("help", "Keys")):
-            button = self._button(f"{title}  {settings.key(name)}")
+            button = _button(f"{title}  {settings.key(name)}")
             button.clicked.connect(partial(self.requested.emit, name))
             row.addWidget(button)
-
-    def _button(self, text: str) -> QToolButton:
-        button = QToolButton()
-        button.setText(text)
-        button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        return button
 
     def show_desk(self, desk: Desk, walk: Walk, theme: Theme) -> None:
         """Update the frame's name, state and place, and the colourings."""
@@ -89,3 +81,10 @@ class Header(QWidget):
             button.setEnabled(colouring in there)
             button.setChecked(colouring == desk.colouring)
             button.setToolTip("" if colouring in there else MISSING[colouring])
+
+
+def _button(text: str) -> QToolButton:
+    button = QToolButton()
+    button.setText(text)
+    button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    return button

@@ -1,6 +1,5 @@
 """The status line, which describes the next click, and the page of all keys."""
 
-from collections import defaultdict
 from collections.abc import Sequence
 from html import escape
 
@@ -8,12 +7,12 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
-from annotate.gui.done import Done
-from annotate.gui.keys import BODY_GRID, Binding, Settings, settings_path
+from annotate.gui.keys import BODY_GRID, Settings, settings_path
+from annotate.gui.outcome import Done, title
 from annotate.gui.pointing import Pointing
-from annotate.gui.sentences import title
-from annotate.gui.theme import DARK, Theme, named, part_color
-from annotate.parts import PART_ID, PARTS
+from annotate.gui.theme import DARK, Theme, part_color
+from annotate.gui.widgets import laid, named
+from annotate.parts import PARTS
 
 MOUSE = (
     ("Left button", "use the tool"),
@@ -40,13 +39,8 @@ def next_click(pointing: Pointing, part: int) -> str:
         "brush": f"Drag over it: it {becomes} · Shift+wheel: size",
     }[pointing.tool]
     if pointing.tool != "piece":
-        act += (
-            " · only the part where it starts"
-            if pointing.only
-            else " · the room too"
-            if pointing.room
-            else ""
-        )
+        if pointing.only or pointing.room:
+            act += " · only the part where it starts" if pointing.only else " · the room too"
         act += " · through the body" if pointing.through else " · front only"
     return act
 
@@ -58,17 +52,13 @@ class StatusLine(QWidget):
         super().__init__()
         self.setObjectName("panel")
         self.setFixedHeight(36)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(14, 0, 14, 0)
-        row.setSpacing(10)
         self.chip = QLabel()
         self.chip.setFixedSize(14, 14)
-        self.next, self.last, self.saved = QLabel(), QLabel(), named(QLabel(), "quiet")
-        self.space = QLabel()
-        self.next.setObjectName("title")
+        self.next, self.saved = named(QLabel(), "title"), named(QLabel(), "quiet")
+        self.last, self.space = QLabel(), QLabel()
         self.next.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        for label in (self.chip, self.next, self.last, self.space, self.saved):
-            row.addWidget(label, 1 if label is self.next else 0)
+        labels = self.chip, self.next, self.last, self.space, self.saved
+        laid(QHBoxLayout(self), *labels, gap=10, margins=(14, 0, 14, 0)).setStretchFactor(self.next, 1)
 
     def show_next(self, text: str, part: int, theme: Theme) -> None:
         """The sentence on the next click, beside the part's colour."""
@@ -99,31 +89,21 @@ class KeyPage(QWidget):
         super().__init__(parent)
         self.theme = DARK
         self.card = named(QFrame(self), "panel")
-        outer = QVBoxLayout(self)
-        outer.addWidget(self.card, 0, Qt.AlignmentFlag.AlignCenter)
-        column = QVBoxLayout(self.card)
-        column.setContentsMargins(28, 22, 28, 22)
-        column.setSpacing(14)
-        heading = "All keys lie under the left hand; the right hand has the mouse"
-        column.addWidget(named(QLabel(heading), "title"))
-        row = QHBoxLayout()
-        row.setSpacing(40)
-        column.addLayout(row)
-        groups: dict[str, list[Binding]] = defaultdict(list)
-        for binding in settings.bindings:
-            groups[binding.group].append(binding)
-        parts = QVBoxLayout()
-        parts.addWidget(named(QLabel("PARTS, LAID OUT LIKE A BODY THAT FACES YOU"), "caption"))
-        parts.addLayout(_body(settings))
-        row.addLayout(_stacked(parts, _list("Mouse", MOUSE)))
-        more = [binding for binding in groups["Parts"] if binding.name not in PART_ID]
-        for names in (("Tools", "View"), ("Edit", "Frames")):
-            lists = [_list(name, [(b.key, b.description) for b in groups[name]]) for name in names]
-            if "View" in names:
-                lists.append(_list("Choosing", [(b.key, b.description) for b in more]))
-            row.addLayout(_stacked(*lists))
-        foot = f'Keys can be changed: write  undo = "Ctrl+K"  under [keys] in {settings_path()}'
-        column.addWidget(named(QLabel(foot, textFormat=Qt.TextFormat.PlainText), "quiet"))
+        QVBoxLayout(self).addWidget(self.card, 0, Qt.AlignmentFlag.AlignCenter)
+        caption = _caption("Parts, laid out like a body that faces you")
+        parts = laid(QVBoxLayout(), caption, _body(settings), gap=14)
+        columns = [laid(QVBoxLayout(), parts, _list("Mouse", MOUSE), None, gap=14)]
+        for groups in (("Tools", "View", "Choosing"), ("Edit", "Frames")):
+            lists = [
+                _list(group, [(b.key, b.description) for b in settings.bindings if b.group == group])
+                for group in groups
+            ]
+            columns.append(laid(QVBoxLayout(), *lists, None, gap=14))
+        head = named(QLabel("All keys lie under the left hand; the right hand has the mouse"), "title")
+        text = f'Keys can be changed: write  undo = "Ctrl+K"  under [keys] in {settings_path()}'
+        foot = named(QLabel(text, textFormat=Qt.TextFormat.PlainText), "quiet")
+        row = laid(QHBoxLayout(), *columns, gap=40)
+        laid(QVBoxLayout(self.card), head, row, foot, gap=14, margins=(28, 22, 28, 22))
         self.hide()
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
@@ -137,20 +117,12 @@ class KeyPage(QWidget):
         self.hide()
 
 
-def _stacked(*layouts: QVBoxLayout) -> QVBoxLayout:
-    column = QVBoxLayout()
-    column.setSpacing(14)
-    for layout in layouts:
-        column.addLayout(layout)
-    column.addStretch(1)
-    return column
+def _caption(text: str) -> QLabel:
+    return named(QLabel(text.upper()), "caption")
 
 
 def _list(name: str, rows: Sequence[tuple[str, str]]) -> QVBoxLayout:
     """A heading, and what each key does."""
-    column = QVBoxLayout()
-    column.setSpacing(5)
-    column.addWidget(named(QLabel(name.upper()), "caption"))
     grid = QGridLayout()
     grid.setHorizontalSpacing(10)
     grid.setVerticalSpacing(3)
@@ -158,8 +130,7 @@ def _list(name: str, rows: Sequence[tuple[str, str]]) -> QVBoxLayout:
     for i, (key, description) in enumerate(rows):
         grid.addWidget(named(QLabel(key), "key"), i, 0, Qt.AlignmentFlag.AlignRight)
         grid.addWidget(QLabel(description), i, 1)
-    column.addLayout(grid)
-    return column
+    return laid(QVBoxLayout(), _caption(name), grid, gap=5)
 
 
 def _body(settings: Settings) -> QGridLayout:

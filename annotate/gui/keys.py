@@ -12,6 +12,7 @@ that faces you: head on top, its right arm on the left.
 import os
 from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 from annotate.parts import PARTS
@@ -22,10 +23,9 @@ MAX_TOML_BYTES = 100_000
 """Largest window.toml that is read, in bytes."""
 THEMES = ("system", "light", "dark")
 
-BODY_KEYS = {"1": 4, "2": 1, "3": 3, "Q": 6, "W": 2, "E": 5, "A": 9, "S": 7, "D": 8, "Z": 11, "X": 0, "C": 10}
-"""Key -> part id, row by row as the keys lie."""
+BODY_KEYS = "123QWEASDZXC"
 BODY_GRID = ((4, 1, 3), (6, 2, 5), (9, 7, 8), (11, 0, 10))
-"""Part ids as a body that faces you."""
+"""Part ids as a body that faces you, and their keys row by row."""
 
 
 @dataclass(frozen=True)
@@ -38,21 +38,15 @@ class Binding:
     description: str
 
 
-def _parts() -> list[Binding]:
-    key_of = {part: key for key, part in BODY_KEYS.items()}
-    return [
-        Binding(part.name, key_of[part.id], "Parts", part.title if part.id else "Background: erase")
-        for row in BODY_GRID
-        for part in (PARTS[i] for i in row)
-    ]
-
-
 BINDINGS: tuple[Binding, ...] = (
-    *_parts(),
-    Binding("undefined", "Ctrl+X", "Parts", "Undefined"),
-    Binding("pick", "`", "Parts", "Choose the part under the pointer"),
-    Binding("only", "4", "Parts", "Replace only the part where a stroke starts"),
-    Binding("solo", "Ctrl+A", "Parts", "Show only the chosen part, or all again"),
+    *(
+        Binding(PARTS[i].name, key, "Parts", PARTS[i].title if i else "Background: erase")
+        for i, key in zip(chain(*BODY_GRID), BODY_KEYS, strict=True)
+    ),
+    Binding("undefined", "Ctrl+X", "Choosing", "Undefined"),
+    Binding("pick", "`", "Choosing", "Choose the part under the pointer"),
+    Binding("only", "4", "Choosing", "Replace only the part where a stroke starts"),
+    Binding("solo", "Ctrl+A", "Choosing", "Show only the chosen part, or all again"),
     Binding("piece", "F", "Tools", "Piece: click, click again to grow it"),
     Binding("lasso", "G", "Tools", "Lasso: draw round it"),
     Binding("polygon", "T", "Tools", "Polygon: double-click closes it"),

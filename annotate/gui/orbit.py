@@ -1,10 +1,16 @@
-"""A camera that turns around the person, shifts and zooms. No window here."""
+"""A camera that turns around the person, shifts and zooms, and the projection of a cloud onto its screen.
+
+Screen coordinates are Qt's logical pixels, x right and y down from the view's upper left corner, whatever
+the screen's pixel ratio, so that a selection is under the pointer on high-resolution screens too. No window
+here.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from annotate.array_types import Float32, Float64
+from annotate.array_types import Bool, Float32, Float64
+from annotate.correction.select import CELL_PX, ScreenPoints
 
 DEGREES_PER_PX = 0.35
 """Angle by which one pixel of dragging turns the view. Chosen by eye."""
@@ -12,6 +18,9 @@ ZOOM_PER_STEP = 1.15
 """Factor of one step of the wheel. Chosen by eye."""
 STEEPEST_DEG = 88.0
 """Largest elevation in degrees: at 90 the view would have no upright. Chosen by eye."""
+CELL_SPACINGS = 2.2
+"""Side of a view's cells in distances of neighbouring points, without gaps for points behind. Chosen by
+eye."""
 
 
 @dataclass(frozen=True)
@@ -73,3 +82,24 @@ def front_view(points_m: Float32, aspect: float) -> Orbit:
     half = max((high - low)[1] / 2, (high - low)[0] / 2 / aspect) * 1.18
     away = half / np.tan(np.radians(orbit.angle_deg / 2)) + float(target[2] - low[2])
     return replace(orbit, distance_m=float(max(away, 0.3)))
+
+
+def project(
+    points_m: Float32, shown: Bool, screen_from_world: Float64, size_px: tuple[int, int], spacing_px: float
+) -> ScreenPoints:
+    """Project points (n, 3), depth-camera frame, with a VTK composite matrix (4, 4) onto a view.
+
+    shown: bool (n,); the others neither hide nor can be chosen. size_px: (width, height). spacing_px:
+    distance of neighbouring points on the screen. Points at or behind the eye are not on the screen.
+    """
+    matrix = screen_from_world.astype(np.float32)
+    at = np.flatnonzero(shown)
+    points = points_m[at]
+    x, y, w = (points @ matrix[row, :3] + matrix[row, 3] for row in (0, 1, 3))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        w = np.where(w > 0, w, np.float32(np.nan))
+        xy = np.stack([(x / w + 1) / 2 * size_px[0], (1 - y / w) / 2 * size_px[1]], axis=1)
+    xy_px = np.full((len(points_m), 2), np.nan, np.float32)
+    distance_m = np.full(len(points_m), np.nan, np.float32)
+    xy_px[at], distance_m[at] = xy, w
+    return ScreenPoints(xy_px, distance_m, size_px, max(CELL_PX, round(CELL_SPACINGS * spacing_px)))

@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 
 from PySide6.QtCore import QRect, QRectF, Qt, Signal
-from PySide6.QtGui import QColor, QFont, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPen
-from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtGui import QColor, QFont, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from annotate.gui.colors import Visibility
 from annotate.gui.desk import Desk
-from annotate.gui.icons import draw_tile_icon
 from annotate.gui.keys import BODY_GRID, Settings
-from annotate.gui.theme import DARK, Theme, named, part_color
+from annotate.gui.theme import DARK, Theme, part_color
+from annotate.gui.widgets import draw_card, draw_tile_icon, laid, named
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 
 ICON_PX, HEIGHT_PX = 16, 62
@@ -66,18 +66,8 @@ class PartTile(QWidget):
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
         """Qt's hook."""
         painter, theme, state = QPainter(self), self.theme, self.state
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         body = QRectF(self.rect()).adjusted(1.5, 1.5, -1.5, -1.5)
-        path = QPainterPath()
-        path.addRoundedRect(body, 8, 8)
-        painter.fillPath(path, QColor(theme.raised))
-        color = part_color(self.part, theme)
-        painter.setClipPath(path)
-        painter.fillRect(QRectF(body.left(), body.top(), 6, body.height()), color)
-        painter.setClipping(False)
-        edge = QColor(theme.accent) if state.chosen else QColor(theme.line)
-        painter.setPen(QPen(edge, 2.5 if state.chosen else 1))
-        painter.drawPath(path)
+        draw_card(painter, body, 8, theme, state.chosen, part_color(self.part, theme))
         if state.visibility == "hidden":
             painter.setOpacity(0.5)
         self._write(painter)
@@ -87,28 +77,26 @@ class PartTile(QWidget):
         draw_tile_icon(painter, QRectF(self.eye_rect), state.visibility, theme.quiet)
 
     def _write(self, painter: QPainter) -> None:
-        theme, inside = self.theme, self.rect().adjusted(14, 6, -7, -5)
-        font = QFont(self.font())
-        font.setPixelSize(12)
-        font.setBold(True)
-        painter.setFont(font)
-        painter.setPen(QColor(theme.quiet))
-        painter.drawText(inside, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop, self.key)
-        font.setBold(self.state.chosen)
-        painter.setFont(font)
-        painter.setPen(QColor(theme.text))
+        """The key above, the name in the middle, and the count beneath."""
+        count, chosen, quiet = self.state.count, self.state.chosen, self.theme.quiet
+        above, low, left = Qt.AlignmentFlag.AlignTop, Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignLeft
+        inside, middle = self.rect().adjusted(14, 6, -7, -5), Qt.AlignmentFlag.AlignVCenter
+        centre = inside.adjusted(0, 12, 0, -6 if count > 0 and self.part != UNDEFINED else 0)
+        side = Qt.AlignmentFlag.AlignRight if self.part == UNDEFINED else left
         name = {BACKGROUND: "Erase", UNDEFINED: "Undefined"}.get(self.part, "")
         name = name or PARTS[self.part].title.replace("Left ", "").replace("Right ", "").capitalize()
-        low = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
-        beneath = self.state.count > 0 and self.part != UNDEFINED
-        painter.drawText(inside.adjusted(0, 12, 0, -6 if beneath else 0), low, name)
-        font.setPixelSize(10)
-        font.setBold(False)
-        painter.setFont(font)
-        painter.setPen(QColor(theme.quiet))
-        count = f"{self.state.count:,}" if self.state.count and self.part != BACKGROUND else ""
-        side = Qt.AlignmentFlag.AlignRight if self.part == UNDEFINED else Qt.AlignmentFlag.AlignLeft
-        painter.drawText(inside, side | Qt.AlignmentFlag.AlignBottom, count)
+        number = f"{count:,}" if count and self.part != BACKGROUND else ""
+        for place, align, text, size_px, bold, color in (
+            (inside, left | above, self.key, 12, True, quiet),
+            (centre, left | middle, name, 12, chosen, self.theme.text),
+            (inside, side | low, number, 10, False, quiet),
+        ):
+            font = QFont(self.font())
+            font.setPixelSize(size_px)
+            font.setBold(bold)
+            painter.setFont(font)
+            painter.setPen(QColor(color))
+            painter.drawText(place, align, text)
 
 
 class Palette(QWidget):
@@ -120,13 +108,11 @@ class Palette(QWidget):
 
     def __init__(self, settings: Settings) -> None:
         super().__init__()
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(12, 8, 12, 10)
-        layout.setSpacing(4)
-        layout.addWidget(_sides())
+        sides = [named(QLabel(text), "caption") for text in ("THEIR RIGHT", "PARTS", "THEIR LEFT")]
+        heading = laid(QHBoxLayout(), sides[0], None, sides[1], None, sides[2], margins=(2, 0, 2, 0))
         grid = QGridLayout()
         grid.setSpacing(5)
-        layout.addLayout(grid)
+        laid(QVBoxLayout(self), heading, grid, gap=4, margins=(12, 8, 12, 10))
         self.tiles: dict[int, PartTile] = {}
         for row, parts in enumerate(BODY_GRID):
             for column, part in enumerate(parts):
@@ -152,15 +138,3 @@ class Palette(QWidget):
             tile.theme = theme
             tile.state = TileState(counts[part], part == desk.part, part in desk.locks, how)
             tile.update()
-
-
-def _sides() -> QWidget:
-    """A heading: left and right are those of the person, who faces you."""
-    head = QWidget()
-    row = QGridLayout(head)
-    row.setContentsMargins(2, 0, 2, 0)
-    aligns = Qt.AlignmentFlag.AlignLeft, Qt.AlignmentFlag.AlignCenter, Qt.AlignmentFlag.AlignRight
-    for column, (text, align) in enumerate(zip(("THEIR RIGHT", "PARTS", "THEIR LEFT"), aligns, strict=True)):
-        label = named(QLabel(text), "caption")
-        row.addWidget(label, 0, column, align)
-    return head

@@ -1,16 +1,13 @@
 """The light and the dark theme: named colours, and Qt's style from them."""
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QGuiApplication, QPalette
-from PySide6.QtWidgets import QWidget
 
 from annotate.parts import PARTS, UNDEFINED
 
 Rgb = tuple[int, int, int]
-W = TypeVar("W", bound=QWidget)
 
 
 @dataclass(frozen=True)
@@ -66,29 +63,17 @@ def part_color(part: int, theme: Theme) -> QColor:
 def qt_palette(theme: Theme) -> QPalette:
     """Qt's own palette, for widgets that no style sheet reaches."""
     palette = QPalette()
-    roles = QPalette.ColorRole
-    for role, color in (
-        (roles.Window, theme.surface),
-        (roles.WindowText, theme.text),
-        (roles.Base, theme.surface),
-        (roles.AlternateBase, theme.raised),
-        (roles.Text, theme.text),
-        (roles.Button, theme.raised),
-        (roles.ButtonText, theme.text),
-        (roles.Highlight, theme.accent),
-        (roles.HighlightedText, theme.on_accent),
-        (roles.ToolTipBase, theme.raised),
-        (roles.ToolTipText, theme.text),
-        (roles.PlaceholderText, theme.quiet),
+    for color, roles in (
+        (theme.surface, ("Window", "Base")),
+        (theme.raised, ("AlternateBase", "Button", "ToolTipBase")),
+        (theme.text, ("WindowText", "Text", "ButtonText", "ToolTipText")),
+        (theme.quiet, ("PlaceholderText",)),
+        (theme.accent, ("Highlight",)),
+        (theme.on_accent, ("HighlightedText",)),
     ):
-        palette.setColor(role, QColor(color))
+        for role in roles:
+            palette.setColor(QPalette.ColorRole[role], QColor(color))
     return palette
-
-
-def named(widget: W, name: str) -> W:
-    """A widget with a name for the style sheet."""
-    widget.setObjectName(name)
-    return widget
 
 
 def style_sheet(theme: Theme) -> str:

@@ -6,10 +6,10 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QToolButton, QVBoxLayout, QWidget
 
 from annotate.gui.drawing import TOOLS
-from annotate.gui.icons import ICON, icon
 from annotate.gui.keys import Settings
 from annotate.gui.pointing import Pointing
-from annotate.gui.theme import Theme, named
+from annotate.gui.theme import Theme
+from annotate.gui.widgets import ICON, icon, laid, named
 
 SWITCHES = {"through": "Through", "only": "One part", "room": "Room too"}
 """Titles of the switches of ``Pointing``."""
@@ -45,9 +45,7 @@ class ToolButton(QToolButton):
         self.setStyleSheet("text-align: left; padding: 2px 6px; font-size: 12px")
         self.key = QLabel(key.replace("Ctrl+", "^").replace("Shift+", "\u21e7"))
         self.key.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 8, 0)
-        row.addWidget(self.key, 0, Qt.AlignmentFlag.AlignRight)
+        laid(QHBoxLayout(self), None, self.key, margins=(0, 0, 8, 0))
 
 
 class ToolColumn(QWidget):
@@ -59,24 +57,19 @@ class ToolColumn(QWidget):
         super().__init__()
         self.setObjectName("panel")
         self.setFixedWidth(142)
-        self._settings = settings
-        self._column = QVBoxLayout(self)
-        self._column.setContentsMargins(8, 10, 8, 8)
-        self._column.setSpacing(4)
+        column = laid(QVBoxLayout(self), gap=4, margins=(8, 10, 8, 8))
         self.buttons: dict[str, ToolButton] = {}
+        descriptions = {binding.name: binding.description for binding in settings.bindings}
         for heading, titles in (("TOOLS", TITLES), ("STROKES", SWITCHES), ("EDIT", EDITS)):
-            self._column.addWidget(named(QLabel(heading), "caption"))
+            column.addWidget(named(QLabel(heading), "caption"))
             for name, title in titles.items():
-                self._column.addWidget(self._button(name, title))
-            self._column.addSpacing(8)
-        self._column.addStretch(1)
-
-    def _button(self, name: str, title: str) -> ToolButton:
-        button = self.buttons[name] = ToolButton(title, self._settings.key(name))
-        button.setToolTip(next(b.description for b in self._settings.bindings if b.name == name))
-        button.setCheckable(name not in EDITS)
-        button.clicked.connect(partial(self.requested.emit, name))
-        return button
+                button = self.buttons[name] = ToolButton(title, settings.key(name))
+                button.setToolTip(descriptions[name])
+                button.setCheckable(name not in EDITS)
+                button.clicked.connect(partial(self.requested.emit, name))
+                column.addWidget(button)
+            column.addSpacing(8)
+        column.addStretch(1)
 
     def show_state(self, pointing: Pointing, theme: Theme) -> None:
         """Press the buttons in that are on."""

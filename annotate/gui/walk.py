@@ -1,14 +1,16 @@
 """The frames of a set in order: the next one, the previous one, and reading ahead. No window here."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 
 from annotate.correction.correction import Correction, RestorableError
 from annotate.correction.edit import Editor
 from annotate.correction.propagate import FRAMES_COMPARED
-from annotate.gui.prefetch import Prefetch
 from annotate.gui.scene import FrameScene, SceneReader
 from sensors.errors import CloudError
 
+SCENES_KEPT = 6
+"""Number of scenes in memory: the one shown, those around it, and the one before. Chosen by eye."""
 Opened = tuple[FrameScene, Editor | None]
 """A frame for the desk; without an editor where the set is open read-only."""
 
@@ -23,7 +25,8 @@ class Walk:
         self, correction: Correction, reader: SceneReader, ask_restore: Callable[[str], bool]
     ) -> None:
         self.correction, self._ask_restore = correction, ask_restore
-        self._prefetch = Prefetch(reader.read)
+        self._read, self._pool = reader.read, ThreadPoolExecutor(1, "prefetch")
+        self._scenes: dict[str, Future[FrameScene]] = {}
         self.worst_first = False
         self.frame_ids = correction.frame_ids
         self._others_done = 0
@@ -53,7 +56,7 @@ class Walk:
         scene = self._scene(frame_id)
         editor = None if self.correction.read_only else self.correction.edit(frame_id)
         at = self.frame_ids.index(frame_id)
-        self._prefetch.want([*self.frame_ids[max(0, at - 1) : at + 3], frame_id])
+        self._want([*self.frame_ids[max(0, at - 1) : at + 3], frame_id])
         self._others_done = sum(self._is_done(i) for i in self.frame_ids if i != frame_id)
         return scene, editor
 
@@ -89,16 +92,33 @@ class Walk:
 
     def close(self) -> None:
         """Stop reading ahead."""
-        self._prefetch.close()
+        self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _scene(self, frame_id: str) -> FrameScene:
         try:
-            return self._prefetch.take(frame_id)
+            return self._take(frame_id)
         except RestorableError as error:
             if self.correction.read_only or not self._ask_restore(str(error)):
                 raise
             self.correction.restore(frame_id)
-            return self._prefetch.take(frame_id)
+            return self._take(frame_id)
+
+    def _want(self, frame_ids: Iterable[str]) -> None:
+        """Begin to read frames that will be needed, and forget those that were needed longest ago."""
+        for frame_id in frame_ids:
+            known = self._scenes.pop(frame_id, None)
+            self._scenes[frame_id] = known or self._pool.submit(self._read, frame_id)
+        for frame_id in list(self._scenes)[:-SCENES_KEPT]:
+            self._scenes.pop(frame_id).cancel()
+
+    def _take(self, frame_id: str) -> FrameScene:
+        """A frame's scene, waited for where it is not there yet; read anew next time where reading fails."""
+        self._want([frame_id])
+        try:
+            return self._scenes[frame_id].result()
+        except BaseException:
+            del self._scenes[frame_id]
+            raise
 
     def _is_done(self, frame_id: str) -> bool:
         return self.correction.state(frame_id) not in ("auto", "touched")

@@ -14,17 +14,18 @@ from annotate.gui.cloud_view import CloudView
 from annotate.gui.colors import Colouring
 from annotate.gui.depth_pane import DepthPane
 from annotate.gui.desk import Desk
-from annotate.gui.done import NOTHING, Done
 from annotate.gui.drawing import Drawing, Tool
 from annotate.gui.frame_strip import FrameStrip
 from annotate.gui.header import Header
 from annotate.gui.hints import KeyPage, StatusLine, next_click
 from annotate.gui.keys import Settings
+from annotate.gui.outcome import Done
 from annotate.gui.palette import Palette
 from annotate.gui.scene import SceneReader
-from annotate.gui.theme import DARK, LIGHT, named, part_color, qt_palette, style_sheet, theme_of
+from annotate.gui.theme import DARK, LIGHT, part_color, qt_palette, style_sheet, theme_of
 from annotate.gui.tools import ToolColumn
 from annotate.gui.walk import Walk
+from annotate.gui.widgets import laid, named
 from annotate.labelset.journal import NotSavedError
 from annotate.labelset.stroke import Activity
 from sensors.errors import CloudError
@@ -75,7 +76,7 @@ class CorrectionWindow(QMainWindow):
             self.desk.put(*self.walk.open(frame_id))
         except CloudError as error:
             self.strip.choose(left)
-            self.report(Done(NOTHING, str(error), "bad"))
+            self.report(Done(str(error), "bad"))
             return False
         self.strip.frames.refresh(left)
         self.show_frame()
@@ -91,7 +92,7 @@ class CorrectionWindow(QMainWindow):
         self.walk.reorder()
         self.strip.frames.order(self.walk.frame_ids)
         self.strip.choose(self.frame_id)
-        return Done(NOTHING, "Frames: the worst first" if self.walk.worst_first else "Frames by time")
+        return Done("Frames: the worst first" if self.walk.worst_first else "Frames by time")
 
     # Showing
 
@@ -102,7 +103,7 @@ class CorrectionWindow(QMainWindow):
             view.load(self.desk.scene, self.colors, self.desk.shown())
         self.strip.choose(self.frame_id)
         self.refresh()
-        self.report(Done(NOTHING, self.desk.scene.remark, "warn"))
+        self.report(Done(self.desk.scene.remark, "warn"))
 
     def colors(self, pixels: Int64) -> UInt8:
         """Colours (n, 3) of flat pixels (n,) at this moment."""
@@ -213,7 +214,7 @@ class CorrectionWindow(QMainWindow):
             self.recolor()
             done = self._not_saved(error)
         except CloudError as error:
-            done = Done(NOTHING, str(error), "bad")
+            done = Done(str(error), "bad")
         if done is not None:
             if len(done.pixels):
                 self.recolor(done.pixels)
@@ -233,11 +234,11 @@ class CorrectionWindow(QMainWindow):
         while not self._retry_declined and dialogs.ask_retry(self, str(error), self.correction.unsaved):
             try:
                 self.correction.flush()
-                return Done(NOTHING, "Everything is saved again", "good")
+                return Done("Everything is saved again", "good")
             except NotSavedError as again:
                 error = again
         self._retry_declined = True
-        return Done(NOTHING, str(error), "bad")
+        return Done(str(error), "bad")
 
     def _drawn(self, view: CloudView | DepthPane, drawing: Drawing) -> None:
         start = view.pixel_at(QPointF(*drawing.start_px))
@@ -273,34 +274,21 @@ class CorrectionWindow(QMainWindow):
 
     def _lay_out(self) -> QWidget:
         """Everything in its place; the widget that holds it."""
-        side = QSplitter(Qt.Orientation.Vertical)
-        side.setObjectName("panel")
-        side.addWidget(self.depth_pane)
-        side.addWidget(self.palette_)
-        side.setStretchFactor(0, 1)
-        side.setMinimumWidth(318)
+        side = named(QSplitter(Qt.Orientation.Vertical), "panel")
         middle = QSplitter(Qt.Orientation.Horizontal)
-        middle.addWidget(self.cloud_view)
-        middle.addWidget(side)
-        middle.setStretchFactor(0, 1)
-        middle.setSizes([1030, 318])
-        for splitter in (side, middle):
+        for splitter, *views in ((side, self.depth_pane, self.palette_), (middle, self.cloud_view, side)):
+            for view in views:
+                splitter.addWidget(view)
+            splitter.setStretchFactor(0, 1)
             splitter.setHandleWidth(1)
             splitter.setChildrenCollapsible(False)
-        row = QHBoxLayout()
-        row.setSpacing(0)
-        row.addWidget(self.tools)
-        row.addWidget(_line(vertical=True))
-        row.addWidget(middle, 1)
+        side.setMinimumWidth(318)
+        middle.setSizes([1030, 318])
+        row = laid(QHBoxLayout(), self.tools, _line(vertical=True), middle)
+        row.setStretchFactor(middle, 1)
         central = named(QWidget(), "panel")
-        column = QVBoxLayout(central)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(0)
-        column.addWidget(self.header)
-        column.addWidget(_line())
-        column.addLayout(row, 1)
-        for widget in (_line(), self.status, _line(), self.strip):
-            column.addWidget(widget)
+        beneath = _line(), self.status, _line(), self.strip
+        laid(QVBoxLayout(central), self.header, _line(), row, *beneath).setStretchFactor(row, 1)
         self.setCentralWidget(central)
         return central
 

@@ -1,8 +1,16 @@
-"""The pictures of tools and tiles, as SVG."""
+"""The parts of all widgets: layouts, cards, lines of text, and the pictures of tools and tiles as SVG."""
+
+from typing import TypeVar
 
 from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QIcon, QPainter, QPixmap
+from PySide6.QtGui import QColor, QIcon, QPainter, QPainterPath, QPen, QPixmap
 from PySide6.QtSvg import QSvgRenderer
+from PySide6.QtWidgets import QBoxLayout, QLayout, QWidget
+
+from annotate.gui.theme import Theme
+
+B = TypeVar("B", bound=QBoxLayout)
+W = TypeVar("W", bound=QWidget)
 
 ICON = QSize(30, 30)
 """Size of a tool's picture in logical pixels."""
@@ -27,6 +35,52 @@ _TILES = {
     "faded": _EYE + "/>",
     "hidden": _EYE + ' fill="COLOR"/><path d="M2.5 16L14.5 4"/>',
 }
+
+
+def named(widget: W, name: str) -> W:
+    """A widget with a name for the style sheet."""
+    widget.setObjectName(name)
+    return widget
+
+
+def laid(
+    layout: B,
+    *items: QWidget | QLayout | int | None,
+    gap: int = 0,
+    margins: tuple[int, int, int, int] = (0, 0, 0, 0),
+) -> B:
+    """A layout of widgets, layouts, spaces in logical pixels, and None for all the space that is left.
+
+    margins: left, top, right, bottom.
+    """
+    layout.setSpacing(gap)
+    layout.setContentsMargins(*margins)
+    for item in items:
+        if isinstance(item, QWidget):
+            layout.addWidget(item)
+        elif isinstance(item, QLayout):
+            layout.addLayout(item)
+        elif item is None:
+            layout.addStretch(1)
+        else:
+            layout.addSpacing(item)
+    return layout
+
+
+def draw_card(
+    painter: QPainter, place: QRectF, radius: float, theme: Theme, chosen: bool, stripe: QColor | None = None
+) -> None:
+    """Draw a raised area with round corners, its edge in the accent if it is chosen. stripe: at its left."""
+    painter.setRenderHints(QPainter.RenderHint.Antialiasing | QPainter.RenderHint.SmoothPixmapTransform)
+    path = QPainterPath()
+    path.addRoundedRect(place, radius, radius)
+    painter.fillPath(path, QColor(theme.raised))
+    if stripe:
+        painter.setClipPath(path)
+        painter.fillRect(QRectF(place.left(), place.top(), 6, place.height()), stripe)
+        painter.setClipping(False)
+    painter.setPen(QPen(QColor(theme.accent if chosen else theme.line), 2.5 if chosen else 1))
+    painter.drawPath(path)
 
 
 def icon(name: str, color: str, ratio: float) -> QIcon:

@@ -1,9 +1,23 @@
-"""Parts and strokes in words."""
+"""The outcome of a key or a stroke, and parts and strokes in words."""
+
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from annotate.array_types import Int64
 from annotate.labelset.stroke import Stroke
 from annotate.parts import PARTS, UNDEFINED
+
+NOTHING: Int64 = np.empty(0, np.int64)
+"""No pixels."""
+
+
+class Done(NamedTuple):
+    """An outcome. text: a sentence for the status line. pixels: flat indices (n,) that look different now."""
+
+    text: str
+    tone: Literal["plain", "good", "warn", "bad"] = "plain"
+    pixels: Int64 = NOTHING
 
 
 def title(part: int) -> str:
