@@ -116,13 +116,13 @@ class Hand(Annotator):
 
     def _draw(self, move, corners) -> None:
         self._tool(move.kind)
-        pointing = self.pane.pointing
+        hand = self.driver.window.hand
         if move.kind == "brush":
             wanted_px = move.radius_px * move.hand.zoom * SCALE
             name, px = min(BRUSHES_PX.items(), key=lambda item: abs(item[1] - wanted_px))
-            if pointing.radius_px != px:
+            if hand.radius_px != px:
                 self.key(name)
-        if move.only is None and move.part != BACKGROUND and pointing.room == move.keep_outline:
+        if move.only is None and move.part != BACKGROUND and hand.room == move.keep_outline:
             self.key("room")
         line = [tuple(corner) for corner in corners]
         if move.kind == "lasso":
@@ -178,7 +178,7 @@ class Hand(Annotator):
         return [start, *line, start] if closed else [start, *line]
 
     def _tool(self, name: str) -> None:
-        if self.pane.pointing.tool != name:
+        if self.driver.window.hand.tool != name:
             self.key(name)
 
     def key(self, name: str) -> None:

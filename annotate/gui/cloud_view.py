@@ -16,8 +16,9 @@ from annotate.correction import select
 from annotate.correction.select import ScreenPoints
 from annotate.gui.drawing import Drawing
 from annotate.gui.orbit import Orbit, front_view, project
-from annotate.gui.pointing import Pointing
+from annotate.gui.pointing import Hand, Pointing
 from annotate.gui.scene import FrameScene
+from annotate.gui.widgets import laid
 
 MOVING_POINTS = 16_000
 """Number of points drawn while the view moves. Measured: a frame every 20 ms without a graphics card."""
@@ -34,10 +35,15 @@ Colors = Callable[[Int64], UInt8]
 class Points:
     """One VTK actor of coloured points, each of them a pixel of the depth image."""
 
-    def __init__(self, plotter: QtInteractor, name: str) -> None:
-        self._plotter, self._name = plotter, name
-        self._mesh = pv.PolyData()
+    def __init__(self, plotter: QtInteractor) -> None:
+        self._mesh = pv.PolyData(np.zeros((1, 3), np.float32))
+        self._mesh["rgb"] = np.zeros((1, 3), np.uint8)
         self.pixels: Int64 = np.empty(0, np.int64)
+        self.actor = plotter.add_mesh(
+            self._mesh, scalars="rgb", rgb=True, style="points", lighting=False, render=False
+        )
+        # Without a search for transparent colours, which took a quarter of the time of a frame.
+        self.actor.ForceOpaqueOn()
 
     def load(self, pixels: Int64, points_m: Float32, rgb: UInt8) -> None:
         """Show other pixels (n,) at ``points_m`` (n, 3) in colours (n, 3)."""
@@ -45,29 +51,16 @@ class Points:
         self._row = np.full(int(pixels.max(initial=-1)) + 1, -1, np.int64)
         self._row[pixels] = np.arange(len(pixels))
         self._mesh = pv.PolyData(points_m if len(points_m) else np.zeros((1, 3), np.float32))
-        self._mesh["rgba"] = _rgba(rgb if len(rgb) else np.zeros((1, 3), np.uint8))
-        self.actor = self._plotter.add_mesh(
-            self._mesh,
-            name=self._name,
-            scalars="rgba",
-            rgba=True,
-            style="points",
-            lighting=False,
-            reset_camera=False,
-            render=False,
-            show_scalar_bar=False,
-            pickable=False,
-        )
-        # Without a search for transparent colours, which took a quarter of the time of a frame.
-        self.actor.ForceOpaqueOn()
+        self._mesh["rgb"] = rgb if len(rgb) else np.zeros((1, 3), np.uint8)
+        self.actor.mapper.dataset = self._mesh
 
     def recolor(self, pixels: Int64, rgb: UInt8) -> None:
         """New colours (n, 3) for pixels (n,), those that are not drawn here left out."""
         rows = np.full(len(pixels), -1, np.int64)
         known = pixels < len(self._row)
         rows[known] = self._row[pixels[known]]
-        colors: Any = self._mesh["rgba"]
-        colors[rows[rows >= 0], :3] = rgb[rows >= 0]
+        colors: Any = self._mesh["rgb"]
+        colors[rows[rows >= 0]] = rgb[rows >= 0]
 
     def show_only(self, shown: Bool) -> None:
         """Draw only those of ``pixels`` (n,) for which ``shown`` (n,) is set."""
@@ -79,28 +72,23 @@ class CloudView(QWidget):
     """A frame's cloud. pointing: shapes drawn on it. moved: the view was turned, shifted or zoomed."""
 
     moved = Signal()
-    failed = Signal(str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, scene: FrameScene, hand: Hand) -> None:
+        super().__init__()
+        self.scene = scene
         self.plotter = QtInteractor(self, auto_update=False, multi_samples=0)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.plotter)
-        self.pointing = Pointing(self.plotter)
+        laid(QVBoxLayout(self), self.plotter)
+        self.pointing = Pointing(self.plotter, hand)
         # Installed last, so it comes before the drawing tools: they get no events that move the view.
         self.plotter.installEventFilter(self)
         self.plotter.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self._person, self._room, self._moving = (
-            Points(self.plotter, name) for name in ("person", "room", "moving")
-        )
-        self.scene: FrameScene | None = None
+        self._person, self._room, self._moving = (Points(self.plotter) for _ in range(3))
         self.orbit = Orbit((0.0, 0.0, 2.0), 3.0)
-        self._shown: Bool = np.empty(0, np.bool_)
+        self._shown: Bool = np.zeros(scene.labels.depth_mm.size, np.bool_)
         self._seen: ScreenPoints | None = None
         self._grip: QPointF | None = None
         # Whether the view was fitted and has not been moved since.
-        self._fitted = False
+        self._fitted = True
         self._still = QTimer(self, singleShot=True, interval=MOVING_MS)
         self._still.timeout.connect(lambda: self._set_moving(False))
 
@@ -108,7 +96,7 @@ class CloudView(QWidget):
 
     def load(self, scene: FrameScene, colors: Colors, shown: Bool) -> None:
         """Show another frame, from the same side if the person is in view. shown: bool (h * w,)."""
-        first, self.scene = self.scene is None, scene
+        self.scene = scene
         near = np.flatnonzero(scene.near)
         mixed = np.r_[near, scene.room]
         few = mixed[np.linspace(0, len(mixed) - 1, min(len(mixed), MOVING_POINTS)).astype(np.intp)]
@@ -116,7 +104,7 @@ class CloudView(QWidget):
             points.load(pixels, scene.points_m[pixels], colors(pixels))
         self.set_shown(shown)
         self._set_moving(False)
-        if first or self._fitted or not self._in_view(scene):
+        if self._fitted or not self._in_view(scene):
             self._fit()
 
     def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
@@ -145,8 +133,6 @@ class CloudView(QWidget):
 
     def _fit(self) -> None:
         """Fit the whole person into the view, from the same side."""
-        if self.scene is None:
-            return
         front = front_view(self.scene.points_m[_person(self.scene)], self._aspect)
         turned = self.orbit.azimuth_deg, self.orbit.elevation_deg
         self.orbit = replace(front, azimuth_deg=turned[0], elevation_deg=turned[1])
@@ -162,17 +148,16 @@ class CloudView(QWidget):
 
     def view(self) -> ScreenPoints:
         """Screen positions of all points, computed once after every move."""
-        if self._seen is None and self.scene:
+        if self._seen is None:
             matrix = self.plotter.camera.GetCompositeProjectionTransformMatrix(self._aspect, -1, 1)
             numbers = np.array([[matrix.GetElement(r, c) for c in range(4)] for r in range(4)])
             size = self.plotter.width(), self.plotter.height()
             self._seen = project(self.scene.points_m, self._shown, numbers, size, self._spacing_px)
-        assert self._seen is not None
         return self._seen
 
     def pixel_at(self, place: QPointF) -> int | None:
         """The pixel whose point is drawn at a position of the view, or None."""
-        return select.nearest(self.view(), (place.x(), place.y())) if self.scene else None
+        return select.nearest(self.view(), (place.x(), place.y()))
 
     def pixels_in(self, drawing: Drawing) -> Int64:
         """The pixels that a shape drawn on the view selects."""
@@ -180,8 +165,8 @@ class CloudView(QWidget):
 
     def mark(self, pixel: int | None) -> None:
         """Ring the point of a pixel, or none."""
-        xy = self.view().xy_px[pixel] if pixel is not None and self.scene else np.array([np.nan])
-        self.pointing.overlay.ring(QPointF(float(xy[0]), float(xy[1])) if np.isfinite(xy).all() else None)
+        x, y = self.view().xy_px[pixel].tolist() if pixel is not None else (np.nan, np.nan)
+        self.pointing.ring(QPointF(x, y) if np.isfinite(x) else None)
 
     # Moving the view
 
@@ -205,10 +190,8 @@ class CloudView(QWidget):
     def _gripped(self, kind: QEvent.Type, event: QMouseEvent) -> bool:
         """Turn with the right button, shift with the middle one; returns whether the event was for that."""
         grips = (Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton)
-        if (
-            kind in (QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick)
-            and event.button() in grips
-        ):
+        pressed = QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick
+        if kind in pressed and event.button() in grips:
             self._grip = event.position()
             return True
         if kind == QEvent.Type.MouseButtonRelease and event.button() in grips:
@@ -217,12 +200,10 @@ class CloudView(QWidget):
             return True
         if kind == QEvent.Type.MouseMove and self._grip is not None:
             by, self._grip = event.position() - self._grip, event.position()
-            turning = bool(event.buttons() & Qt.MouseButton.RightButton)
-            height = self.plotter.height()
-            orbit = (
-                self.orbit.turned(by.x(), by.y()) if turning else self.orbit.shifted(by.x(), by.y(), height)
-            )
-            self._move(orbit)
+            if event.buttons() & Qt.MouseButton.RightButton:
+                self._move(self.orbit.turned(by.x(), by.y()))
+            else:
+                self._move(self.orbit.shifted(by.x(), by.y(), self.plotter.height()))
             return True
         return False
 
@@ -232,16 +213,12 @@ class CloudView(QWidget):
         self.moved.emit()
 
     def _set_moving(self, moving: bool) -> None:
-        if self.scene is None:
-            return
         for points, visible in ((self._person, not moving), (self._room, not moving), (self._moving, moving)):
             points.actor.SetVisibility(visible)
         self._apply()
 
     def _apply(self) -> None:
         """Place the camera on its orbit, and give the points a size that closes the surface."""
-        if self.scene is None:
-            return
         camera, orbit = self.plotter.camera, self.orbit
         camera.position, camera.focal_point = orbit.position_m.tolist(), orbit.target_m
         camera.up, camera.view_angle = (0.0, -1.0, 0.0), orbit.angle_deg
@@ -259,18 +236,12 @@ class CloudView(QWidget):
     @property
     def _spacing_px(self) -> float:
         """Distance of neighbouring points of the person on the screen."""
-        if self.scene is None:
-            return 1.0
         spacing_m = self.orbit.target_m[2] * self.scene.spacing
         return abs(spacing_m) * self.orbit.focal_px(self.plotter.height()) / self.orbit.distance_m
 
     def close_view(self) -> None:
         """Release the graphics; to be called before the window closes."""
         self.plotter.close()
-
-
-def _rgba(rgb: UInt8) -> UInt8:
-    return np.concatenate([rgb, np.full((len(rgb), 1), 255, np.uint8)], axis=1)
 
 
 def _person(scene: FrameScene) -> Bool:

@@ -37,7 +37,7 @@ def bind(window: CorrectionWindow) -> None:
             QShortcut(QKeySequence(f"Shift+{key}"), window, partial(window.lock, part.id))
             QShortcut(QKeySequence(f"Alt+{key}"), window, partial(window.fade, part.id))
     for view in window.views:
-        view.pointing.sampled.connect(lambda _: run("pick"))
+        view.pointing.sampled.connect(lambda: run("pick"))
     window.tools.requested.connect(run)
     window.header.requested.connect(run)
 
@@ -53,7 +53,7 @@ def commands(window: CorrectionWindow) -> dict[str, Command]:
         "only": partial(window.toggle, "only"),
         "through": partial(window.toggle, "through"),
         "room": partial(window.toggle, "room"),
-        **{size: partial(window.set_radius, px) for size, px in BRUSHES_PX.items()},
+        **{size: partial(window.hand.set_radius, px) for size, px in BRUSHES_PX.items()},
         "solo": partial(_solo, window),
         "cancel": partial(_cancel, window),
         "undo": lambda: window.desk.undo(),
@@ -94,7 +94,7 @@ def _cancel(window: CorrectionWindow) -> Done | None:
     if window.key_page.isVisible():
         window.toggle_help()
         return None
-    if any(view.pointing.cancel() for view in window.views):
+    if window.cancel_stroke():
         return Done("Stroke cancelled")
     return window.desk.cancel()
 

@@ -11,7 +11,7 @@ from annotate.correction.select import ScreenPoints
 from annotate.crop import window_of
 from annotate.gui.cloud_view import Colors
 from annotate.gui.drawing import Drawing
-from annotate.gui.pointing import Pointing
+from annotate.gui.pointing import Hand, Pointing
 from annotate.gui.scene import FrameScene
 
 SCALES = (0.2, 40.0)
@@ -25,15 +25,15 @@ class DepthPane(QWidget):
 
     moved = Signal()
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.pointing = Pointing(self)
+    def __init__(self, scene: FrameScene, hand: Hand) -> None:
+        super().__init__()
+        self.scene = scene
+        self.pointing = Pointing(self, hand)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setMinimumSize(160, 120)
-        self.scene: FrameScene | None = None
         self.ground = QColor("black")
-        self._rgb: UInt8 = np.zeros((1, 1, 3), np.uint8)
-        self._view: ScreenPoints | None = None
+        self._rgb: UInt8 = np.zeros((*scene.labels.parts.shape, 3), np.uint8)
+        self._view = ScreenPoints.of_image(scene.labels.depth_mm)
         self._scale, self._corner = 1.0, QPointF(0, 0)
         self._marked: int | None = None
         self._grip: QPointF | None = None
@@ -45,7 +45,6 @@ class DepthPane(QWidget):
     def load(self, scene: FrameScene, colors: Colors, shown: Bool) -> None:
         """Show another frame at the same zoom, or fitted to it. shown: bool (h * w,)."""
         self.scene = scene
-        self._rgb = np.empty((*scene.labels.parts.shape, 3), np.uint8)
         self.set_shown(shown)
         self.recolor(None, colors)
         if self._fitted:
@@ -53,8 +52,6 @@ class DepthPane(QWidget):
 
     def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
         """New colours for some pixels, or for all that have depth."""
-        if self.scene is None:
-            return
         changed = pixels
         if changed is None:
             changed = np.flatnonzero(self.scene.labels.depth_mm)
@@ -64,8 +61,6 @@ class DepthPane(QWidget):
 
     def set_shown(self, shown: Bool) -> None:
         """Allow to choose only these pixels, bool (h * w,)."""
-        if self.scene is None:
-            return
         view = ScreenPoints.of_image(self.scene.labels.depth_mm)
         self._view = ScreenPoints(np.where(shown[:, None], view.xy_px, np.nan), view.distance_m, view.size_px)
 
@@ -76,8 +71,6 @@ class DepthPane(QWidget):
 
     def fit(self) -> None:
         """Zoom to the person, or to the whole image where there is none."""
-        if self.scene is None or not self.width():
-            return
         there = self.scene.labels.parts > 0
         rows, columns = window_of(there if there.any() else np.ones_like(there))
         across, down = columns.stop - columns.start, rows.stop - rows.start
@@ -92,8 +85,6 @@ class DepthPane(QWidget):
         """Qt's hook."""
         painter = QPainter(self)
         painter.fillRect(self.rect(), self.ground)
-        if self.scene is None:
-            return
         height, width = self._rgb.shape[:2]
         image = QImage(self._rgb.data, width, height, 3 * width, QImage.Format.Format_RGB888)
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, self._scale < 2)
@@ -104,8 +95,6 @@ class DepthPane(QWidget):
 
     def pixel_at(self, place: QPointF) -> int | None:
         """The pixel at a position of the pane, else the nearest one shown, or None."""
-        if self._view is None:
-            return None
         at = (place - self._corner) / self._scale
         (height, width), (u, v) = self._rgb.shape[:2], (int(at.x() // 1), int(at.y() // 1))
         under = v * width + u
@@ -115,8 +104,6 @@ class DepthPane(QWidget):
 
     def pixels_in(self, drawing: Drawing) -> Int64:
         """The pixels that a shape drawn on the pane selects; an image hides none of its pixels."""
-        if self._view is None:
-            return np.empty(0, np.int64)
         drawing = drawing.scaled(self._corner.x(), self._corner.y(), self._scale)
         drawing.through = True
         return drawing.pixels(self._view)
@@ -129,7 +116,7 @@ class DepthPane(QWidget):
     def mark(self, pixel: int | None) -> None:
         """Ring a pixel, or none."""
         self._marked = pixel
-        self.pointing.overlay.ring(self.place_of(pixel) if pixel is not None and self.scene else None)
+        self.pointing.ring(self.place_of(pixel) if pixel is not None else None)
 
     # Moving the view
 

@@ -1,7 +1,5 @@
 """Dialogs: the reason for a rejection, and what to do when a file or the disk fails."""
 
-from functools import partial
-
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidget
@@ -32,8 +30,8 @@ def ask_reason(parent: QWidget) -> str | None:
     buttons = [QPushButton(f"{i}   {reason}", autoDefault=False) for i, reason in enumerate(REASONS, 1)]
     for number, (button, reason) in enumerate(zip(buttons, REASONS, strict=True), 1):
         button.setStyleSheet("text-align: left; padding: 8px 12px")
-        button.clicked.connect(partial(choose, reason))
-        QShortcut(QKeySequence(str(number)), dialog, partial(choose, reason))
+        button.clicked.connect(lambda _=False, reason=reason: choose(reason))
+        QShortcut(QKeySequence(str(number)), dialog, button.click)
     words = QLineEdit(placeholderText="…or in your own words, then Enter", maxLength=200)
     words.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
     words.returnPressed.connect(lambda: choose(words.text()))

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QSizePol
 
 from annotate.gui.keys import BODY_GRID, Settings, settings_path
 from annotate.gui.outcome import Done, title
-from annotate.gui.pointing import Pointing
+from annotate.gui.pointing import Hand
 from annotate.gui.theme import DARK, Theme, part_color
 from annotate.gui.widgets import laid, named
 from annotate.parts import PARTS
@@ -28,7 +28,7 @@ MOUSE = (
 )
 
 
-def next_click(pointing: Pointing, part: int) -> str:
+def next_click(hand: Hand, part: int) -> str:
     """The effect of the left button now, as a sentence."""
     becomes = "is erased" if part == 0 else f"becomes {title(part)}"
     act = {
@@ -37,11 +37,11 @@ def next_click(pointing: Pointing, part: int) -> str:
         "polygon": f"Click corners, double-click to close it: the inside {becomes}",
         "rectangle": f"Drag a rectangle: the inside {becomes}",
         "brush": f"Drag over it: it {becomes} · Shift+wheel: size",
-    }[pointing.tool]
-    if pointing.tool != "piece":
-        if pointing.only or pointing.room:
-            act += " · only the part where it starts" if pointing.only else " · the room too"
-        act += " · through the body" if pointing.through else " · front only"
+    }[hand.tool]
+    if hand.tool != "piece":
+        if hand.only or hand.room:
+            act += " · only the part where it starts" if hand.only else " · the room too"
+        act += " · through the body" if hand.through else " · front only"
     return act
 
 

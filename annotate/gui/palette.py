@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from PySide6.QtCore import QRect, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from annotate.gui.colors import Visibility
 from annotate.gui.desk import Desk
@@ -108,9 +108,11 @@ class Palette(QWidget):
 
     def __init__(self, settings: Settings) -> None:
         super().__init__()
-        sides = [named(QLabel(text), "caption") for text in ("THEIR RIGHT", "PARTS", "THEIR LEFT")]
-        heading = laid(QHBoxLayout(), sides[0], None, sides[1], None, sides[2], margins=(2, 0, 2, 0))
-        grid = QGridLayout()
+        heading, grid = QGridLayout(), QGridLayout()
+        heading.setContentsMargins(2, 0, 2, 0)
+        aligns = Qt.AlignmentFlag.AlignLeft, Qt.AlignmentFlag.AlignCenter, Qt.AlignmentFlag.AlignRight
+        for column, text in enumerate(("THEIR RIGHT", "PARTS", "THEIR LEFT")):
+            heading.addWidget(named(QLabel(text), "caption"), 0, column, aligns[column])
         grid.setSpacing(5)
         laid(QVBoxLayout(self), heading, grid, gap=4, margins=(12, 8, 12, 10))
         self.tiles: dict[int, PartTile] = {}

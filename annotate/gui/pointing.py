@@ -1,6 +1,7 @@
 """The mouse over a view: draws shapes with the left button, and leaves moving the view to the view itself."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -15,24 +16,51 @@ BRUSH_PX = (3.0, 120.0)
 _MODIFIER = Qt.KeyboardModifier
 
 
-class Overlay(QWidget):
-    """A layer over a view: the shape being drawn, the brush, and a ring at the position in the other view.
+@dataclass
+class Hand:
+    """The tool and its settings, shared by all views; see ``Drawing``."""
 
-    It repaints without rendering the view below again.
+    tool: Tool = "piece"
+    radius_px: float = 18.0
+    through: bool = False
+    only: bool = False
+    room: bool = False
+    color: QColor = field(default_factory=lambda: QColor("white"))
+
+    def set_radius(self, radius_px: float) -> None:
+        """Change the brush's radius, in logical pixels."""
+        self.radius_px = float(np.clip(radius_px, *BRUSH_PX))
+
+
+class Pointing(QWidget):
+    """A layer over a view that draws with the left button; the wheel with Shift sizes the brush.
+
+    It shows the shape being drawn, the brush, and a ring at the position in the other view, and repaints
+    without rendering the view below again. drawn: a finished Drawing. hovered: the pointer's position, or
+    None when it left. sampled: Alt+click.
     """
 
-    def __init__(self, view: QWidget) -> None:
+    drawn = Signal(object)
+    hovered = Signal(object)
+    sampled = Signal()
+
+    def __init__(self, view: QWidget, hand: Hand) -> None:
         super().__init__(view)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.hand = hand
         self.drawing: Drawing | None = None
-        self.brush: tuple[QPointF, float] | None = None
-        self.marker: QPointF | None = None
-        self.color = QColor("white")
+        self.place: QPointF | None = None
+        self._marker: QPointF | None = None
+        self._view = view
+        view.setMouseTracking(True)
+        view.installEventFilter(self)
+
+    # Showing
 
     def ring(self, place: QPointF | None) -> None:
         """Ring a position of the view, or none."""
-        if place != self.marker:
-            self.marker = place
+        if place != self._marker:
+            self._marker = place
             self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
@@ -41,150 +69,108 @@ class Overlay(QWidget):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if self.drawing:
             self._draw_shape(painter, self.drawing)
-        if self.brush:
-            self._stroke(painter, partial(painter.drawEllipse, self.brush[0], self.brush[1], self.brush[1]))
-        if self.marker:
-            self._stroke(painter, partial(painter.drawEllipse, self.marker, 6, 6))
+        radius_px = self.hand.radius_px
+        if self.place and self.hand.tool == "brush":
+            _stroke(painter, partial(painter.drawEllipse, self.place, radius_px, radius_px))
+        if self._marker:
+            _stroke(painter, partial(painter.drawEllipse, self._marker, 6, 6))
 
     def _draw_shape(self, painter: QPainter, drawing: Drawing) -> None:
         points = [QPointF(x, y) for x, y in drawing.outline_px()]
         if drawing.tool == "brush":
-            color = QColor(self.color)
+            color = QColor(self.hand.color)
             color.setAlpha(110)
             round_ = Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin
             painter.setPen(QPen(color, 2 * drawing.radius_px, Qt.PenStyle.SolidLine, *round_))
             painter.drawPolyline(QPolygonF(points)) if len(points) > 1 else painter.drawPoint(points[0])
             return
-        fill = QColor(self.color)
+        fill = QColor(self.hand.color)
         fill.setAlpha(90)
         painter.setBrush(fill)
-        self._stroke(painter, partial(painter.drawPolygon, QPolygonF(points)))
+        _stroke(painter, partial(painter.drawPolygon, QPolygonF(points)))
         if drawing.tool == "polygon":
             for corner in points:
-                self._stroke(painter, partial(painter.drawEllipse, corner, 3, 3))
+                _stroke(painter, partial(painter.drawEllipse, corner, 3, 3))
 
-    def _stroke(self, painter: QPainter, draw: Callable[[], None]) -> None:
-        """A white line on a black one, visible on any ground, filled with the painter's brush."""
-        brush = painter.brush()
-        painter.setPen(QPen(QColor(0, 0, 0, 200), 4))
-        draw()
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.setPen(QPen(QColor("white"), 2))
-        draw()
-        painter.setBrush(brush)
-
-
-class Pointing(QObject):
-    """Filters a view's mouse events. The left button draws; the wheel with Shift sizes the brush.
-
-    drawn: a finished Drawing. hovered: the pointer's position, or None when it left. sampled: Alt+click.
-    """
-
-    drawn = Signal(object)
-    hovered = Signal(object)
-    sampled = Signal(object)
-    resized = Signal(float)
-
-    def __init__(self, view: QWidget) -> None:
-        super().__init__(view)
-        self.tool: Tool = "piece"
-        self.radius_px = 18.0
-        self.through = self.only = self.room = False
-        self.overlay = Overlay(view)
-        self.place: QPointF | None = None
-        self._view = view
-        view.setMouseTracking(True)
-        view.installEventFilter(self)
+    # Drawing
 
     def cancel(self) -> bool:
         """Drop the shape being drawn; returns whether there was one."""
-        had, self.overlay.drawing = self.overlay.drawing is not None, None
-        self.overlay.update()
+        had, self.drawing = self.drawing is not None, None
+        self.update()
         return had
-
-    def set_tool(self, tool: Tool) -> None:
-        """Change the tool; a shape begun with another one is dropped."""
-        self.cancel()
-        self.tool = tool
-        self._show_brush()
-
-    def set_radius(self, radius_px: float) -> None:
-        """Change the brush's radius, in logical pixels."""
-        self.radius_px = float(np.clip(radius_px, *BRUSH_PX))
-        self._show_brush()
 
     def eventFilter(self, view: QObject, event: QEvent) -> bool:  # noqa: N802
         """Qt's hook: true for events that are handled here."""
         kind = event.type()
         if kind == QEvent.Type.Resize:
-            self.overlay.resize(self._view.size())
+            self.resize(self._view.size())
         elif kind == QEvent.Type.Leave:
             self.place = None
-            self._show_brush()
+            self.update()
             self.hovered.emit(None)
         elif isinstance(event, QMouseEvent):
             return self._mouse(kind, event)
         elif isinstance(event, QWheelEvent) and event.modifiers() & _MODIFIER.ShiftModifier:
             # With Alt, and on some desktops with Shift, Qt turns the wheel sideways.
             turned = event.angleDelta().y() or event.angleDelta().x()
-            self.resized.emit(self.radius_px * (1.15 if turned > 0 else 1 / 1.15))
+            self.hand.set_radius(self.hand.radius_px * (1.15 if turned > 0 else 1 / 1.15))
+            self.update()
             return True
         return False
 
     def _mouse(self, kind: QEvent.Type, event: QMouseEvent) -> bool:
         self.place = event.position()
-        left = event.button() == Qt.MouseButton.LeftButton
         if kind == QEvent.Type.MouseMove:
             return self._moved(event)
-        if kind == QEvent.Type.MouseButtonPress and left:
-            self._pressed(event)
-        elif kind == QEvent.Type.MouseButtonRelease and left:
-            if self.overlay.drawing and self.overlay.drawing.tool != "polygon":
-                self._finish()
-        elif kind == QEvent.Type.MouseButtonDblClick and left:
-            self._double_clicked(event)
-        else:
+        if event.button() != Qt.MouseButton.LeftButton:
             return False
+        polygon = self.drawing is not None and self.drawing.tool == "polygon"
+        if kind == QEvent.Type.MouseButtonRelease:
+            if not polygon:
+                self._finish()
+        elif kind == QEvent.Type.MouseButtonDblClick and polygon:
+            self._finish()
+        else:
+            # For every tool but the polygon, the second press of a double click is one like any other.
+            self._pressed(event)
         return True
 
     def _moved(self, event: QMouseEvent) -> bool:
-        drawing, place = self.overlay.drawing, event.position()
         dragging = bool(event.buttons() & Qt.MouseButton.LeftButton)
-        if drawing and dragging:
-            drawing.drag(place.x(), place.y())
-        self._show_brush()
+        if self.drawing and dragging:
+            self.drawing.drag(event.position().x(), event.position().y())
+        self.update()
         if not event.buttons():
             self.hovered.emit(self.place)
         return dragging
 
     def _pressed(self, event: QMouseEvent) -> None:
-        x, y, held = event.position().x(), event.position().y(), event.modifiers()
+        x, y, held, hand = event.position().x(), event.position().y(), event.modifiers(), self.hand
         if held & _MODIFIER.AltModifier:
-            self.sampled.emit(event.position())
-        elif self.overlay.drawing and self.tool == "polygon":
-            self.overlay.drawing.corner(x, y)
+            self.sampled.emit()
+        elif self.drawing and hand.tool == "polygon":
+            self.drawing.corner(x, y)
         else:
             ctrl, shift = (bool(held & m) for m in (_MODIFIER.ControlModifier, _MODIFIER.ShiftModifier))
-            through, only = self.through ^ ctrl, self.only ^ shift
-            self.overlay.drawing = Drawing(
-                self.tool, (x, y), self.radius_px, through, only, self.room, held_keys=ctrl + shift
-            )
-        self.overlay.update()
-
-    def _double_clicked(self, event: QMouseEvent) -> None:
-        """Close a polygon; for every other tool the second press is a press like any other."""
-        if self.tool == "polygon" and self.overlay.drawing:
-            self._finish()
-        else:
-            self._pressed(event)
+            through, only = hand.through ^ ctrl, hand.only ^ shift
+            options = hand.radius_px, through, only, hand.room
+            self.drawing = Drawing(hand.tool, (x, y), *options, held_keys=ctrl + shift)
+        self.update()
 
     def _finish(self) -> None:
-        drawing, self.overlay.drawing = self.overlay.drawing, None
-        self.overlay.update()
+        drawing, self.drawing = self.drawing, None
+        self.update()
         if drawing and not drawing.is_slip:
             self.drawn.emit(drawing)
 
-    def _show_brush(self) -> None:
-        shown = self.tool == "brush" and self.place is not None
-        self.overlay.brush = (self.place, self.radius_px) if shown and self.place else None
-        self.overlay.update()
+
+def _stroke(painter: QPainter, draw: Callable[[], None]) -> None:
+    """A white line on a black one, visible on any ground, filled with the painter's brush."""
+    brush = painter.brush()
+    painter.setPen(QPen(QColor(0, 0, 0, 200), 4))
+    draw()
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.setPen(QPen(QColor("white"), 2))
+    draw()
+    painter.setBrush(brush)

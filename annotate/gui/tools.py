@@ -7,12 +7,12 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QToolButton, QVB
 
 from annotate.gui.drawing import TOOLS
 from annotate.gui.keys import Settings
-from annotate.gui.pointing import Pointing
+from annotate.gui.pointing import Hand
 from annotate.gui.theme import Theme
 from annotate.gui.widgets import ICON, icon, laid, named
 
 SWITCHES = {"through": "Through", "only": "One part", "room": "Room too"}
-"""Titles of the switches of ``Pointing``."""
+"""Titles of the switches of ``Hand``."""
 EDITS = {
     "undo": "Undo",
     "redo": "Redo",
@@ -71,9 +71,9 @@ class ToolColumn(QWidget):
             column.addSpacing(8)
         column.addStretch(1)
 
-    def show_state(self, pointing: Pointing, theme: Theme) -> None:
+    def show_state(self, hand: Hand, theme: Theme) -> None:
         """Press the buttons in that are on."""
-        on = {pointing.tool, *(name for name in SWITCHES if getattr(pointing, name))}
+        on = {hand.tool, *(name for name in SWITCHES if getattr(hand, name))}
         for name, button in self.buttons.items():
             button.setChecked(name in on)
             color = theme.on_accent if name in on else theme.text

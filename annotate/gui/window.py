@@ -21,6 +21,7 @@ from annotate.gui.hints import KeyPage, StatusLine, next_click
 from annotate.gui.keys import Settings
 from annotate.gui.outcome import Done
 from annotate.gui.palette import Palette
+from annotate.gui.pointing import Hand
 from annotate.gui.scene import SceneReader
 from annotate.gui.theme import DARK, LIGHT, part_color, qt_palette, style_sheet, theme_of
 from annotate.gui.tools import ToolColumn
@@ -46,7 +47,9 @@ class CorrectionWindow(QMainWindow):
         # Before there are widgets: styling them one by one is quicker than all at once.
         self._style_app()
         self._retry_declined = False
-        self.cloud_view, self.depth_pane = CloudView(), DepthPane()
+        self.hand = Hand()
+        scene = self.desk.scene
+        self.cloud_view, self.depth_pane = CloudView(scene, self.hand), DepthPane(scene, self.hand)
         self.views = (self.cloud_view, self.depth_pane)
         self.tools, self.palette_, self.header = ToolColumn(settings), Palette(settings), Header(settings)
         self.strip, self.status = FrameStrip(correction.frame, correction.state), StatusLine()
@@ -123,11 +126,11 @@ class CorrectionWindow(QMainWindow):
 
     def refresh(self) -> None:
         """Update palette, tools, header and sentences."""
-        desk, pointing = self.desk, self.cloud_view.pointing
+        desk = self.desk
         self.palette_.show_desk(desk, self.theme)
-        self.tools.show_state(pointing, self.theme)
+        self.tools.show_state(self.hand, self.theme)
         self.header.show_desk(desk, self.walk, self.theme)
-        text = next_click(pointing, desk.part)
+        text = next_click(self.hand, desk.part)
         if self.correction.read_only:
             text = "Read-only: nothing can be changed"
         self.status.show_next(text, desk.part, self.theme)
@@ -160,25 +163,22 @@ class CorrectionWindow(QMainWindow):
     def choose(self, part: int) -> None:
         """Choose the part that strokes give."""
         self.desk.part = part
-        for view in self.views:
-            view.pointing.overlay.color = part_color(part, self.theme) if part else QColor("white")
+        self.hand.color = part_color(part, self.theme) if part else QColor("white")
         if self.desk.alone:
             self.reshow()
 
     def set_tool(self, tool: Tool) -> None:
-        """Choose another tool."""
-        for view in self.views:
-            view.pointing.set_tool(tool)
+        """Choose another tool; a shape begun with the last one is dropped."""
+        self.hand.tool = tool
+        self.cancel_stroke()
 
-    def set_radius(self, radius_px: float) -> None:
-        """Set the radius of the brush in logical pixels."""
-        for view in self.views:
-            view.pointing.set_radius(radius_px)
+    def cancel_stroke(self) -> bool:
+        """Drop the shapes being drawn; returns whether there were any."""
+        return sum(view.pointing.cancel() for view in self.views) > 0
 
     def toggle(self, name: str) -> None:
         """Switch "through", "only" or "room", until it is switched back."""
-        for view in self.views:
-            setattr(view.pointing, name, not getattr(view.pointing, name))
+        setattr(self.hand, name, not getattr(self.hand, name))
 
     def set_colouring(self, name: Colouring) -> None:
         """Choose a colouring."""
@@ -296,7 +296,6 @@ class CorrectionWindow(QMainWindow):
         for view in self.views:
             view.pointing.drawn.connect(partial(self._drawn, view))
             view.pointing.hovered.connect(partial(self._hovered, view))
-            view.pointing.resized.connect(self.set_radius)
             view.moved.connect(partial(self.mark, "navigating"))
         self.palette_.chosen.connect(lambda part: self.act(lambda: self.choose(part)))
         self.palette_.locked.connect(self.lock)
