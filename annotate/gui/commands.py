@@ -8,20 +8,19 @@ from PySide6.QtGui import QKeySequence, QShortcut
 from annotate.gui.dialogs import ask_reason
 from annotate.gui.drawing import TOOLS
 from annotate.gui.outcome import Done
+from annotate.gui.tools import SWITCHES
 from annotate.gui.window import CorrectionWindow
 from annotate.parts import PARTS, UNDEFINED
 
 BRUSHES_PX = {"small": 9.0, "medium": 18.0, "large": 30.0}
 """Radii of the brush in logical pixels of the screen. Chosen by eye."""
-Command = Callable[[], Done | None]
-_SWITCHES = ("pick", "only", "room", "through", *BRUSHES_PX)
-STROKE_SETUP = frozenset((*(part.name for part in PARTS), "undefined", *_SWITCHES, *TOOLS))
+STROKE_SETUP = {*(part.name for part in PARTS), "undefined", "pick", *SWITCHES, *BRUSHES_PX, *TOOLS}
 """Keys that count towards the price of the stroke that follows them."""
 
 
 def bind(window: CorrectionWindow) -> None:
     """Connect the keys and buttons of a window with their actions."""
-    actions = commands(window)
+    actions = _actions(window)
 
     def run(name: str) -> None:
         window.mark("looking")
@@ -37,35 +36,33 @@ def bind(window: CorrectionWindow) -> None:
             QShortcut(QKeySequence(f"Shift+{key}"), window, partial(window.lock, part.id))
             QShortcut(QKeySequence(f"Alt+{key}"), window, partial(window.fade, part.id))
     for view in window.views:
-        view.pointing.sampled.connect(lambda: run("pick"))
+        view.pointing.sampled.connect(partial(run, "pick"))
     window.tools.requested.connect(run)
     window.header.requested.connect(run)
 
 
-def commands(window: CorrectionWindow) -> dict[str, Command]:
+def _actions(window: CorrectionWindow) -> dict[str, Callable[[], Done | None]]:
     """Name -> action for every binding."""
-    point = window.under_pointer
+    desk, walk, point = window.desk, window.walk, window.under_pointer
     return {
         **{part.name: partial(window.choose, part.id) for part in PARTS},
         "undefined": partial(window.choose, UNDEFINED),
         "pick": partial(_pick, window),
         **{tool: partial(window.set_tool, tool) for tool in TOOLS},
-        "only": partial(window.toggle, "only"),
-        "through": partial(window.toggle, "through"),
-        "room": partial(window.toggle, "room"),
+        **{name: partial(window.toggle, name) for name in SWITCHES},
         **{size: partial(window.hand.set_radius, px) for size, px in BRUSHES_PX.items()},
         "solo": partial(_solo, window),
         "cancel": partial(_cancel, window),
-        "undo": lambda: window.desk.undo(),
-        "redo": lambda: window.desk.redo(),
-        "swap": lambda: window.desk.swap(point()),
-        "neighbour": lambda: window.desk.to_neighbour(point()),
-        "fill_holes": lambda: window.desk.fill_holes(),
-        "remove_islands": lambda: window.desk.remove_islands(),
-        "merge": lambda: window.desk.merge(point()),
-        "copy_previous": lambda: window.desk.copy_previous(window.walk.before(window.frame_id)),
-        "propagate": lambda: window.desk.propagate(window.walk.corrected_near(window.frame_id)),
-        "carry": lambda: window.desk.toggle_carrying(),
+        "undo": desk.undo,
+        "redo": desk.redo,
+        "swap": lambda: desk.swap(point()),
+        "neighbour": lambda: desk.to_neighbour(point()),
+        "fill_holes": desk.fill_holes,
+        "remove_islands": desk.remove_islands,
+        "merge": lambda: desk.merge(point()),
+        "copy_previous": lambda: desk.copy_previous(walk.before(window.frame_id)),
+        "propagate": lambda: desk.propagate(walk.corrected_near(window.frame_id)),
+        "carry": desk.toggle_carrying,
         "accept": partial(_accept, window),
         "reject": partial(_reject, window),
         "next": partial(_step, window, 1),
@@ -87,7 +84,7 @@ def _pick(window: CorrectionWindow) -> Done:
 
 def _solo(window: CorrectionWindow) -> None:
     window.desk.alone = not window.desk.alone
-    window.reshow()
+    window.recolor()
 
 
 def _cancel(window: CorrectionWindow) -> Done | None:
@@ -101,12 +98,12 @@ def _cancel(window: CorrectionWindow) -> Done | None:
 
 def _accept(window: CorrectionWindow) -> Done | None:
     done = window.desk.accept()
-    left = window.frame_id
-    window.strip.frames.refresh(left)
-    if window.step(1):
-        carrying = window.desk.carrying
-        return window.desk.carry(window.walk.corrected_near(window.frame_id)) if carrying else None
-    return Done(f"{done.text}: that was the last frame", "good")
+    window.strip.frames.refresh(window.frame_id)
+    if not window.step(1):
+        return Done(f"{done.text}: that was the last frame", "good")
+    if not window.desk.carrying:
+        return None
+    return window.desk.carry(window.walk.corrected_near(window.frame_id))
 
 
 def _reject(window: CorrectionWindow) -> Done | None:

@@ -122,7 +122,8 @@ class Desk:
         """Switch a part from shown to faded, to hidden, and to shown again."""
         turn: dict[Visibility, Visibility] = {"shown": "faded", "faded": "hidden", "hidden": "shown"}
         how = self.visibility[part] = turn[self.visibility.get(part, "shown")]
-        return Done(f"{title(part).capitalize()} {how}")
+        changed = np.flatnonzero((self.parts == part) & (self.scene.labels.depth_mm > 0))
+        return Done(f"{title(part).capitalize()} {how}", pixels=changed)
 
     # Strokes with the mouse
 

@@ -7,6 +7,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
+from annotate.gui.desk import Desk
 from annotate.gui.keys import BODY_GRID, Settings, settings_path
 from annotate.gui.outcome import Done, title
 from annotate.gui.pointing import Hand
@@ -48,8 +49,9 @@ def next_click(hand: Hand, part: int) -> str:
 class StatusLine(QWidget):
     """Left: the effect of the next click. Right: the outcome of the last one, and whether all is saved."""
 
-    def __init__(self) -> None:
+    def __init__(self, settings: Settings) -> None:
         super().__init__()
+        self._accept_key = escape(settings.key("accept"))
         self.setObjectName("panel")
         self.setFixedHeight(36)
         self.chip = QLabel()
@@ -60,26 +62,23 @@ class StatusLine(QWidget):
         labels = self.chip, self.next, self.last, self.space, self.saved
         laid(QHBoxLayout(self), *labels, gap=10, margins=(14, 0, 14, 0)).setStretchFactor(self.next, 1)
 
-    def show_next(self, text: str, part: int, theme: Theme) -> None:
-        """The sentence on the next click, beside the part's colour."""
-        self.next.setText(text)
-        color = part_color(part, theme).name()
+    def show_desk(self, desk: Desk, hand: Hand, theme: Theme) -> None:
+        """Update the next click beside the part's colour, the key for accepting, and the unsaved strokes."""
+        correction, color = desk.correction, part_color(desk.part, theme).name()
         self.chip.setStyleSheet(f"background: {color}; border: 1px solid {theme.quiet}; border-radius: 7px")
-
-    def show_accept(self, key: str, verdict: str) -> None:
-        """The effect of the key for accepting."""
+        read_only = "Read-only: nothing can be changed"
+        self.next.setText(read_only if correction.read_only else next_click(hand, desk.part))
+        verdict = correction.next_verdict(desk.scene.labels.frame_id)
         act = {"accept": "accept and go on", "agree": "agree and go on", "none": "go on"}[verdict]
-        self.space.setText(f"{escape(key)}: {act}")
+        self.space.setText(f"{self._accept_key}: {act}")
+        unsaved = correction.unsaved
+        self.saved.setText(f"{unsaved} strokes not saved" if unsaved else "✓ saved")
+        self.saved.setStyleSheet(f"color: {theme.bad if unsaved else theme.good}")
 
     def show_done(self, done: Done, theme: Theme) -> None:
         """The outcome of the last key or stroke."""
         color = {"plain": theme.quiet, "good": theme.good, "warn": theme.warn, "bad": theme.bad}[done.tone]
         self.last.setText(f'<span style="color:{color}">{escape(done.text)}</span>')
-
-    def show_saved(self, unsaved: int, theme: Theme) -> None:
-        """The number of strokes that are only in memory."""
-        self.saved.setText(f"{unsaved} strokes not saved" if unsaved else "✓ saved")
-        self.saved.setStyleSheet(f"color: {theme.bad if unsaved else theme.good}")
 
 
 class KeyPage(QWidget):

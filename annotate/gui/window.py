@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 
+import numpy as np
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QCloseEvent, QColor, QResizeEvent
 from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QMainWindow, QSplitter, QVBoxLayout, QWidget
@@ -17,7 +18,7 @@ from annotate.gui.desk import Desk
 from annotate.gui.drawing import Drawing, Tool
 from annotate.gui.frame_strip import FrameStrip
 from annotate.gui.header import Header
-from annotate.gui.hints import KeyPage, StatusLine, next_click
+from annotate.gui.hints import KeyPage, StatusLine
 from annotate.gui.keys import Settings
 from annotate.gui.outcome import Done
 from annotate.gui.palette import Palette
@@ -52,7 +53,7 @@ class CorrectionWindow(QMainWindow):
         self.cloud_view, self.depth_pane = CloudView(scene, self.hand), DepthPane(scene, self.hand)
         self.views = (self.cloud_view, self.depth_pane)
         self.tools, self.palette_, self.header = ToolColumn(settings), Palette(settings), Header(settings)
-        self.strip, self.status = FrameStrip(correction.frame, correction.state), StatusLine()
+        self.strip, self.status = FrameStrip(correction.frame, correction.state), StatusLine(settings)
         self._central = self._lay_out()
         self.key_page = KeyPage(self._central, settings)
         self._connect()
@@ -101,9 +102,10 @@ class CorrectionWindow(QMainWindow):
 
     def show_frame(self) -> None:
         """Show the frame on the desk everywhere."""
+        self._shown = self.desk.shown()
         for view in self.views:
             view.pointing.cancel()
-            view.load(self.desk.scene, self.colors, self.desk.shown())
+            view.load(self.desk.scene, self.colors, self._shown)
         self.strip.choose(self.frame_id)
         self.refresh()
         self.report(Done(self.desk.scene.remark, "warn"))
@@ -113,16 +115,12 @@ class CorrectionWindow(QMainWindow):
         return self.desk.colors(pixels, self.theme.ground_rgb)
 
     def recolor(self, pixels: Int64 | None = None) -> None:
-        """Show new colours of some pixels, or of all."""
+        """Show new colours of some pixels, or of all, and what is hidden or shown with them."""
+        before, self._shown = self._shown, self.desk.shown()
         for view in self.views:
             view.recolor(pixels, self.colors)
-        if self.desk.alone or self.desk.visibility:
-            self._show_shown()
-
-    def reshow(self) -> None:
-        """Draw all pixels again after a change of faded or hidden parts."""
-        self._show_shown()
-        self.recolor()
+            if not np.array_equal(before, self._shown):
+                view.set_shown(self._shown)
 
     def refresh(self) -> None:
         """Update palette, tools, header and sentences."""
@@ -130,21 +128,13 @@ class CorrectionWindow(QMainWindow):
         self.palette_.show_desk(desk, self.theme)
         self.tools.show_state(self.hand, self.theme)
         self.header.show_desk(desk, self.walk, self.theme)
-        text = next_click(self.hand, desk.part)
-        if self.correction.read_only:
-            text = "Read-only: nothing can be changed"
-        self.status.show_next(text, desk.part, self.theme)
-        self.status.show_accept(self.settings.key("accept"), self.correction.next_verdict(self.frame_id))
-        self.status.show_saved(self.correction.unsaved, self.theme)
+        self.status.show_desk(desk, self.hand, self.theme)
+        for view in self.views:
+            view.pointing.update()
 
     def report(self, done: Done) -> None:
         """Show the outcome of the last key or stroke."""
         self.status.show_done(done, self.theme)
-
-    def _show_shown(self) -> None:
-        shown = self.desk.shown()
-        for view in self.views:
-            view.set_shown(shown)
 
     def _style_app(self) -> None:
         app = QApplication.instance()
@@ -165,7 +155,7 @@ class CorrectionWindow(QMainWindow):
         self.desk.part = part
         self.hand.color = part_color(part, self.theme) if part else QColor("white")
         if self.desk.alone:
-            self.reshow()
+            self.recolor()
 
     def set_tool(self, tool: Tool) -> None:
         """Choose another tool; a shape begun with the last one is dropped."""
@@ -258,17 +248,11 @@ class CorrectionWindow(QMainWindow):
 
     def lock(self, part: int) -> None:
         """Lock a part, or unlock it."""
-        self.act(lambda: self.desk.toggle_lock(part))
+        self.act(partial(self.desk.toggle_lock, part))
 
     def fade(self, part: int) -> None:
         """Switch a part from shown to faded, to hidden, and to shown again."""
-
-        def fade() -> Done:
-            done = self.desk.fade(part)
-            self.reshow()
-            return done
-
-        self.act(fade)
+        self.act(partial(self.desk.fade, part))
 
     # Building
 
