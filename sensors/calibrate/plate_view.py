@@ -46,13 +46,10 @@ def view_plate(frame: RigFrame, plate: HolePlate, depth_camera: Intrinsics) -> P
     }
     found = {name: find_holes(image, plate) for name, image in images.items() if image is not None}
     centers = {name: px for name, px in found.items() if px is not None}
-    empty = np.empty((0, 2)), np.empty(0)
-    on_plate = empty
-    if "depth" in centers:
-        on_plate = _readings(
-            frame.depth_mm, plate_pose(centers["depth"], plate, depth_camera), plate, depth_camera
-        )
-    return PlateView(frame.index, centers, *on_plate)
+    if "depth" not in centers:
+        return PlateView(frame.index, centers, np.empty((0, 2)), np.empty(0))
+    pose = plate_pose(centers["depth"], plate, depth_camera)
+    return PlateView(frame.index, centers, *_readings(frame.depth_mm, pose, plate, depth_camera))
 
 
 def plate_pose(centers_px: NDArray[np.float64], plate: HolePlate, camera: Intrinsics) -> Pose:

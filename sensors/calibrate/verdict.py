@@ -1,6 +1,6 @@
 """Whether a calibration can be relied on, and if not, what to record."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,7 @@ CELLS = 8
 """Cells of an image's side; chosen by eye."""
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """One finding. text: in words, with the number; remedy: "" where it is well."""
 
     text: str

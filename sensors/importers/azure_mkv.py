@@ -5,6 +5,7 @@ Format: Azure Kinect DK documentation, "Azure Kinect DK recording file format".
 """
 
 from collections.abc import Iterator
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,24 +27,22 @@ CLUSTER, TIMESTAMP, SIMPLE_BLOCK, BLOCK_GROUP, BLOCK = 0x1F43B675, 0xE7, 0xA3, 0
 
 DEFAULT_SCALE_NS = 1_000_000
 DEPTH, COLOR, INFRARED = "DEPTH", "COLOR", "IR"
+WINDOWS_NS = {COLOR: COLOR_WINDOW_NS, INFRARED: 0}
 WANTED = {DEPTH: b"b16g", COLOR: b"MJPG", INFRARED: b"b16g"}
 """Tracks that are read, and the only pixel format of each that is."""
 
 
 class Track(NamedTuple):
-    """One video track: what its images are. fourcc: the pixel format of its BITMAPINFOHEADER."""
+    """One video track. fourcc: the pixel format of its BITMAPINFOHEADER.
+
+    images: when each was taken, ns on the recording's clock, and where it lies; in this order.
+    """
 
     name: str
     width: int
     height: int
     fourcc: bytes
-
-
-class Blocks(NamedTuple):
-    """Where the images of one track lie. stamps_ns: when they were taken, on the recording's clock."""
-
-    stamps_ns: list[int]
-    payloads: list[Element]
+    images: list[tuple[int, Element]]
 
 
 class AzureRecording:
@@ -60,78 +59,68 @@ class AzureRecording:
                 self._scan(EbmlFile(file))
         except OSError as error:
             raise FormatError(f"{path} cannot be read ({error.strerror}); give a recording") from error
-        self._color = self._paired(COLOR, COLOR_WINDOW_NS)
-        self._infrared = self._paired(INFRARED, 0)
 
     def __len__(self) -> int:
-        return len(self._blocks[DEPTH].stamps_ns)
+        return len(self._depth.images)
 
     def __iter__(self) -> Iterator[RigFrame]:
         with self.path.open("rb") as file:
             ebml = EbmlFile(file)
-            for index in range(len(self)):
-                yield self._frame(ebml, index)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What is absent or assumed, one sentence each."""
-        size = self.calibration.depth
-        pairs = {"colour": self._color, "infrared": self._infrared}
-        absent = [f"no {name} images" for name, indices in pairs.items() if not (indices >= 0).any()]
-        return (
-            f"intrinsics and poses from the camera's own calibration.json, for {self._mode} at "
-            f"{size.width}x{size.height}",
-            *absent,
-            *self._left_out,
-            "no thermal images",
-        )
+            for index, (stamp_ns, payload) in enumerate(self._depth.images):
+                color, infrared = self._belonging(COLOR, index), self._belonging(INFRARED, index)
+                yield RigFrame(
+                    index=index,
+                    stamp_ns=stamp_ns,
+                    depth_mm=self._grey(ebml, self._depth, payload),
+                    color_encoded=ebml.bytes(color) if color else None,
+                    infrared=self._grey(ebml, self._tracks[INFRARED], infrared) if infrared else None,
+                )
 
     def _scan(self, ebml: EbmlFile) -> None:
         if next(ebml.children(ebml.whole), Element(0, 0, 0)).id != EBML:
             raise FormatError(f"{self.path} is not a Matroska file; give a recording of k4arecorder")
         segment = next(ebml.find(ebml.whole, SEGMENT), Element(0, 0, 0))
         tracks = _tracks(ebml, segment)
+        self._tracks = {t.name: t for t in tracks.values() if WANTED.get(t.name) == t.fourcc}
         if DEPTH not in {track.name for track in tracks.values()}:
             raise FormatError(f"{self.path} has no DEPTH track; give an Azure Kinect recording with depth")
-        self._left_out = tuple(
-            f"{track.name} images are {track.fourcc.decode('ascii', 'replace')!r}: left out"
-            for track in tracks.values()
-            if track.name in WANTED and track.fourcc != WANTED[track.name]
-        )
-        tracks = {n: track for n, track in tracks.items() if WANTED.get(track.name) == track.fourcc}
-        self._tracks = {track.name: track for track in tracks.values()}
-        self._blocks = _blocks(ebml, segment, {number: track.name for number, track in tracks.items()})
-        tags = _tags(ebml, segment)
-        self._mode = tags.get("K4A_DEPTH_MODE", "")
-        depth, color = self._tracks.get(DEPTH), self._tracks.get(COLOR)
-        if depth is None or not self._blocks[DEPTH].stamps_ns:
+        if DEPTH not in self._tracks or not self._tracks[DEPTH].images:
             raise FormatError(f"{self.path} holds no readable depth image; record with a depth mode")
+        self._depth, color, tags = self._tracks[DEPTH], self._tracks.get(COLOR), _tags(ebml, segment)
+        mode, size = tags.get("K4A_DEPTH_MODE", ""), (self._depth.width, self._depth.height)
         self.calibration = calibration_from_factory(
             _attachment(ebml, segment, tags.get("K4A_CALIBRATION_FILE", "calibration.json")),
-            (depth.width, depth.height),
+            size,
             (color.width, color.height) if color else None,
-            self._mode,
+            mode,
+        )
+        self._pairs = {name: self._paired(name, window) for name, window in WINDOWS_NS.items()}
+        words = {COLOR: "colour", INFRARED: "infrared"}
+        self.notes = (
+            f"intrinsics and poses from the camera's own calibration.json, for {mode} at {size[0]}x{size[1]}",
+            *(f"no {words[name]} images" for name, pairs in self._pairs.items() if not (pairs >= 0).any()),
+            *(
+                f"{track.name} images are {track.fourcc.decode('ascii', 'replace')!r}: left out"
+                for track in tracks.values()
+                if track.name in WANTED and track.fourcc != WANTED[track.name]
+            ),
+            "no thermal images",
         )
 
     def _paired(self, name: str, window_ns: int) -> NDArray[np.int64]:
-        stamps = [np.array(self._blocks[track].stamps_ns, np.int64) for track in (DEPTH, name)]
-        return pair_stamps(stamps[0], stamps[1], window_ns)
+        """For each depth image the index of the track's image that belongs to it, or -1."""
+        images = self._depth.images, self._tracks[name].images if name in self._tracks else []
+        depth_ns, other_ns = (np.array([stamp for stamp, _ in found], np.int64) for found in images)
+        return pair_stamps(depth_ns, other_ns, window_ns)
 
-    def _frame(self, ebml: EbmlFile, index: int) -> RigFrame:
-        color, infrared = int(self._color[index]), int(self._infrared[index])
-        return RigFrame(
-            index=index,
-            stamp_ns=self._blocks[DEPTH].stamps_ns[index],
-            depth_mm=self._grey(ebml, DEPTH, index),
-            color_encoded=ebml.bytes(self._blocks[COLOR].payloads[color]) if color >= 0 else None,
-            infrared=self._grey(ebml, INFRARED, infrared) if infrared >= 0 else None,
-        )
+    def _belonging(self, name: str, index: int) -> Element | None:
+        pair = int(self._pairs[name][index])
+        return self._tracks[name].images[pair][1] if pair >= 0 else None
 
-    def _grey(self, ebml: EbmlFile, name: str, index: int) -> NDArray[np.uint16]:
-        track, payload = self._tracks[name], self._blocks[name].payloads[index]
+    def _grey(self, ebml: EbmlFile, track: Track, payload: Element) -> NDArray[np.uint16]:
         if payload.size != 2 * track.width * track.height:
             raise FormatError(
-                f"{self.path}: {name} image {index} has {payload.size} bytes, not "
+                f"{self.path}: a {track.name} image has {payload.size} bytes, not "
                 f"{track.width}x{track.height} of 16 bits; record it again"
             )
         values = np.frombuffer(ebml.bytes(payload), ">u2").astype(np.uint16)
@@ -139,6 +128,7 @@ class AzureRecording:
 
 
 def _tracks(ebml: EbmlFile, segment: Element) -> dict[int, Track]:
+    """Tracks by number, with their images; those cut off at the end left out."""
     tracks = {}
     for entry in ebml.find(segment, TRACKS, TRACK):
         parts = {child.id: child for child in ebml.children(entry)}
@@ -146,15 +136,9 @@ def _tracks(ebml: EbmlFile, segment: Element) -> dict[int, Track]:
             # BITMAPINFOHEADER: size, width, height, planes, bits, compression, ...
             header = ebml.bytes(parts[PRIVATE])
             width, height = (int.from_bytes(header[at : at + 4], "little") for at in (4, 8))
-            track = Track(ebml.text(parts[NAME]), width, height, header[16:20])
+            track = Track(ebml.text(parts[NAME]), width, height, header[16:20], [])
             tracks[ebml.number(parts[NUMBER])] = track
-    return tracks
-
-
-def _blocks(ebml: EbmlFile, segment: Element, names: dict[int, str]) -> dict[str, Blocks]:
-    """The images of these tracks (number -> name), sorted by stamp; those cut off at the end left out."""
     scale = next(map(ebml.number, ebml.find(segment, INFO, SCALE)), DEFAULT_SCALE_NS)
-    found: dict[str, list[tuple[int, Element]]] = {name: [] for name in WANTED}
     for cluster in ebml.find(segment, CLUSTER):
         start = 0
         for child in ebml.children(cluster):
@@ -164,13 +148,11 @@ def _blocks(ebml: EbmlFile, segment: Element, names: dict[int, str]) -> dict[str
             for block in (child,) if child.id == SIMPLE_BLOCK else grouped:
                 number, ticks, payload = _block(ebml, block)
                 stamp_ns = (start + ticks) * scale
-                if number in names and 0 <= stamp_ns < 1 << 62:
-                    found[names[number]].append((stamp_ns, payload))
-    result = {}
-    for name, blocks in found.items():
-        blocks.sort(key=lambda block: block[0])
-        result[name] = Blocks([stamp for stamp, _ in blocks], [payload for _, payload in blocks])
-    return result
+                if number in tracks and 0 <= stamp_ns < 1 << 62:
+                    tracks[number].images.append((stamp_ns, payload))
+    for track in tracks.values():
+        track.images.sort(key=itemgetter(0))
+    return tracks
 
 
 def _block(ebml: EbmlFile, block: Element) -> tuple[int, int, Element]:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from mcap.records import Channel, Message, Metadata
-from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError, FormatError
 from sensors.importers.bag_files import METADATA, McapFile, index_topics, open_files, storage_files
@@ -56,7 +55,8 @@ class Bag:
         color = choose_color(pictures)
         self._depth, self._color = self._topics[depth], self._topics[color] if color else None
         self.calibration, how = self._calibrate(depth, color, pictures)
-        self._pairs = self._paired()
+        color_ns = self._color.stamps_ns if self._color else np.empty(0, np.int64)
+        self._pairs = pair_stamps(self._depth.stamps_ns, color_ns, COLOR_WINDOW_NS)
         cut = [file.path.name for file in files if isinstance(file, McapFile) and _is_cut(file.path)]
         ignored = sorted(set(pictures) - {depth, color})
         self.notes = (
@@ -69,7 +69,7 @@ class Bag:
         )
 
     def __len__(self) -> int:
-        return len(self._depth.stamps_ns)
+        return len(self._depth.messages)
 
     def __iter__(self) -> Iterator[RigFrame]:
         return (self._frame(index) for index in range(len(self)))
@@ -84,12 +84,7 @@ class Bag:
         encoded, pair = None, int(self._pairs[index])
         if self._color is not None and pair >= 0:
             encoded = color_encoded_from(picture_from(self._color.read(pair)))
-        return RigFrame(index, self._depth.stamps_ns[index], depth_mm, encoded)
-
-    def _paired(self) -> NDArray[np.int64]:
-        color = [] if self._color is None else self._color.stamps_ns
-        stamps = [np.array(stamps, np.int64) for stamps in (self._depth.stamps_ns, color)]
-        return pair_stamps(stamps[0], stamps[1], COLOR_WINDOW_NS)
+        return RigFrame(index, self._depth.messages[index][0], depth_mm, encoded)
 
     def _calibrate(
         self, depth: str, color: str | None, pictures: dict[str, Picture]
@@ -142,7 +137,7 @@ class Bag:
     def _links(self) -> Iterator[tuple[str, str, Pose]]:
         topics = [topic for topic in self._topics.values() if topic.kind in TRANSFORMS]
         for topic in sorted(topics, key=lambda topic: ("static" not in topic.name, topic.name)):
-            for index in range(len(topic.places)):
+            for index in range(len(topic.messages)):
                 yield from links_from(topic.read(index))
 
 

@@ -2,13 +2,15 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import finalize
 
+import numpy as np
 from mcap.records import Channel, Message, Schema
+from numpy.typing import NDArray
 
 from sensors.errors import CloudError, FormatError
 from sensors.importers.ros_messages import ENCODINGS, PICTURES, READ, Decoded, decode, stamp_and_frame
@@ -22,8 +24,7 @@ Place = tuple[int, int]
 messages of its topic logged at that time come before it."""
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """One message. kind: its type without package or folder; encoding: ros1, cdr or protobuf."""
 
     topic: str
@@ -104,19 +105,22 @@ class RosbagFile:
 BagFile = McapFile | RosbagFile
 
 
-@dataclass
-class Topic:
-    """One topic's messages, by the time stamps of their pictures: all of one kind and encoding."""
+class Topic(NamedTuple):
+    """One topic's messages, all of one kind and encoding: each one's time stamp in ns, file and place."""
 
     name: str
     kind: str
     encoding: str
-    stamps_ns: list[int] = field(default_factory=list)
-    places: list[tuple[BagFile, Place]] = field(default_factory=list)
+    messages: list[tuple[int, BagFile, Place]]
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Time stamps (n,) of the messages, sorted."""
+        return np.array([stamp_ns for stamp_ns, _, _ in self.messages], np.int64)
 
     def read(self, index: int) -> Decoded:
         """A message. Raises FormatError."""
-        file, place = self.places[index]
+        _, file, place = self.messages[index]
         return decode(self.kind, self.encoding, file.read(self.name, place))
 
 
@@ -139,7 +143,7 @@ def index_topics(files: list[BagFile]) -> dict[str, Topic]:
     topics: dict[str, Topic] = {}
     for file in files:
         for entry in file.entries():
-            topic = topics.setdefault(entry.topic, Topic(entry.topic, entry.kind, entry.encoding))
+            topic = topics.setdefault(entry.topic, Topic(entry.topic, entry.kind, entry.encoding, []))
             if (topic.kind, topic.encoding) != (entry.kind, entry.encoding):
                 raise FormatError(f"{file.path}: topic {entry.topic[:60]!r} holds messages of two kinds")
             stamp_ns = entry.logged_ns
@@ -147,12 +151,9 @@ def index_topics(files: list[BagFile]) -> dict[str, Topic]:
                 stamp_ns = stamp_and_frame(decode(entry.kind, entry.encoding, entry.data))[0] or stamp_ns
             if not 0 <= stamp_ns < 1 << 63:
                 raise FormatError(f"{file.path}: a message of {entry.topic[:60]!r} has an impossible time")
-            topic.stamps_ns.append(stamp_ns)
-            topic.places.append((file, entry.place))
+            topic.messages.append((stamp_ns, file, entry.place))
     for topic in topics.values():
-        order = sorted(range(len(topic.stamps_ns)), key=topic.stamps_ns.__getitem__)
-        topic.stamps_ns = [topic.stamps_ns[i] for i in order]
-        topic.places = [topic.places[i] for i in order]
+        topic.messages.sort(key=itemgetter(0))
     return topics
 
 

@@ -4,8 +4,8 @@ open3d forgets an organised cloud's grid, and makes up the points that a file wh
 """
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from sensors.errors import FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
@@ -22,8 +22,7 @@ _PLY_BYTES = {
 }
 
 
-@dataclass(frozen=True)
-class CloudHeader:
+class CloudHeader(NamedTuple):
     """Number of points, and (height, width) where the cloud is organised."""
 
     points: int

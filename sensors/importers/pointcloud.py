@@ -38,7 +38,7 @@ Axes = Literal["camera", "y-up", "z-up"]
 """Axes of a cloud: the camera's own (x right, y down, z forward); y up, z backward; or z up, y forward."""
 
 _CAMERA_FROM = {
-    "camera": np.diag([1.0, 1.0, 1.0]),
+    "camera": np.eye(3),
     "y-up": np.diag([1.0, -1.0, -1.0]),
     "z-up": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
 }
@@ -61,7 +61,8 @@ class CloudFile:
         finite = points[np.isfinite(points).all(axis=-1)]
         if len(finite) < 2:
             raise FormatError(f"{path} holds {len(finite)} finite points; give a surface in metres")
-        known_axes: Axes = axes or _guess_axes(finite, mapped)
+        seen: Axes = "y-up" if np.median(finite[:, 2]) < 0 else "camera"
+        known_axes = axes or ("z-up" if mapped else seen)
         if header.shape is not None and known_axes == "camera":
             camera, depth_m, how = _organised(path, points.reshape(*header.shape, 3))
         else:
@@ -128,21 +129,13 @@ def shift_into_view(points_m: NDArray[np.float64], camera: Intrinsics) -> NDArra
         u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
         if u.min() >= 0 and u.max() <= camera.width - 1 and v.min() >= 0 and v.max() <= camera.height - 1:
             return np.zeros(3)
-    low, high = points_m.min(axis=0), points_m.max(axis=0)
-    shift = np.asarray(-(low + high) / 2, np.float64)
+    shift = np.asarray(-(points_m.min(axis=0) + points_m.max(axis=0)) / 2, np.float64)
     # The camera's field is not symmetric about its axis: its narrower half counts.
-    half_u = min(camera.cx, camera.width - 1 - camera.cx) * (1 - 2 * MARGIN)
-    half_v = min(camera.cy, camera.height - 1 - camera.cy) * (1 - 2 * MARGIN)
-    needed_u = np.abs(x + shift[0]) * camera.fx / half_u - z
-    needed_v = np.abs(y + shift[1]) * camera.fy / half_v - z
-    shift[2] = max(needed_u.max(), needed_v.max(), NEAREST_M - z.min())
+    center, size = np.array([camera.cx, camera.cy]), np.array([camera.width, camera.height])
+    half = np.minimum(center, size - 1 - center) * (1 - 2 * MARGIN)
+    needed = np.abs(points_m[:, :2] + shift[:2]) * (camera.fx, camera.fy) / half - z[:, None]
+    shift[2] = max(needed.max(), NEAREST_M - z.min())
     return shift
-
-
-def _guess_axes(points_m: NDArray[np.float64], mapped: bool) -> Axes:
-    if mapped:
-        return "z-up"
-    return "y-up" if np.median(points_m[:, 2]) < 0 else "camera"
 
 
 def _organised(path: Path, points_m: NDArray[np.float64]) -> tuple[Intrinsics, NDArray[np.float64], str]:

@@ -4,9 +4,8 @@ ROS messages are decoded by ROS's own definitions; rosbags would make Python cod
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
@@ -40,14 +39,11 @@ _FOXGLOVE = {
     "FrameTransform": FrameTransform,
     "FrameTransforms": FrameTransforms,
 }
-
-
 Decoded = Any
 """A message of the classes that rosbags and protobuf make at run time."""
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """An image message. data: pixels in rows of ``step`` bytes, or a file's bytes where it is compressed.
 
     encoding: ROS's name of the pixels, e.g. 16UC1, or the format that the sender gives a compressed image.
