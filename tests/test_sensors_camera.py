@@ -38,9 +38,8 @@ def points_in_view(camera: Intrinsics, seed: int, n: int = 50) -> np.ndarray:
 @given(seed=seeds)
 def test_project_agrees_with_opencv(camera, seed):
     points = points_in_view(camera, seed)
-    expected, _ = cv2.projectPoints(
-        points, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.distortion)
-    )
+    still, lens = np.zeros(3), np.array(camera.distortion)
+    expected, _ = cv2.projectPoints(points, still, still, camera.matrix, lens)
     np.testing.assert_allclose(project(camera, points), expected[:, 0], atol=1e-6)
 
 
@@ -87,20 +86,9 @@ def test_undistorted_keeps_the_pinhole():
 @pytest.mark.parametrize(
     "changes",
     [
-        {"width": 0},
-        {"height": 8193},
-        {"fx": 0.0},
-        {"fy": -1.0},
-        {"cx": float("nan")},
-        {"k3": float("inf")},
-        {"width": 16.0},
-        {"height": "16"},
-        {"width": None},
-        {"fx": [1, 2]},
-        {"fy": "365"},
-        {"k1": 10**400},
-        {"cx": None},
-        {"p2": 1j},
+        *({"width": 0}, {"width": 16.0}, {"width": None}, {"height": 8193}, {"height": "16"}, {"fx": 0.0}),
+        *({"fx": [1, 2]}, {"fy": -1.0}, {"fy": "365"}, {"cx": float("nan")}, {"cx": None}, {"p2": 1j}),
+        *({"k1": 10**400}, {"k3": float("inf")}),
     ],
 )
 def test_impossible_cameras_are_refused(changes):

@@ -5,11 +5,10 @@ import sys
 import zipfile
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
-from sensors.errors import CalibrationError, CloudError, FormatError
+from sensors.errors import CalibrationError, FormatError
 from sensors.files.png import decode_grey
 from sensors.importers import arrays, tum_lists
 from sensors.importers.azure_mkv import AzureRecording
@@ -19,6 +18,7 @@ from sensors.importers.tum_lists import read_associations, read_list
 from sensors.rig.camera import Intrinsics, project, unproject
 from sensors.rig.frame import RigFrame
 from sensors.rig.intrinsics_file import read_intrinsics
+from tests.helpers.depth_files import CAMERA, NUMBERS, assert_refused, depth_image, png, write
 from tests.helpers.samples import (
     COLOR_SIZE,
     DEPTH_SIZE,
@@ -29,30 +29,6 @@ from tests.helpers.samples import (
     element,
     las,
 )
-
-NUMBERS = {"fx": 30, "fy": 31.0, "cx": 15.5, "cy": 11.5, "width": 32, "height": 24}
-CAMERA = Intrinsics(32, 24, 30.0, 31.0, 15.5, 11.5)
-
-
-def depth_image(seed: int = 0) -> np.ndarray:
-    return np.random.default_rng(seed).integers(0, 5000, (24, 32), np.uint16)
-
-
-def write(path: Path, content: bytes) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(content)
-    return path
-
-
-def png(image: np.ndarray) -> bytes:
-    return bytes(cv2.imencode(".png", image)[1])
-
-
-def assert_refused(path: Path, says: str = "") -> None:
-    with pytest.raises(CloudError, match=says or None) as error:
-        list(open_source(path))
-    assert "\n" not in str(error.value)
-
 
 # Azure Kinect
 
@@ -86,9 +62,8 @@ def test_what_an_azure_recording_lacks_is_said(tmp_path):
     raw = open_source(write(tmp_path / "yuy2.mkv", azure_mkv(1, b"YUY2")))
     assert {"no colour images", "COLOR images are 'YUY2': left out"} <= set(raw.notes)
     assert next(iter(raw)).color_encoded is None
-    assert_refused(
-        write(tmp_path / "film.mkv", element(0x1A45DFA3, b"") + element(0x18538067, b"")), "no DEPTH"
-    )
+    film = element(0x1A45DFA3, b"") + element(0x18538067, b"")
+    assert_refused(write(tmp_path / "film.mkv", film), "no DEPTH")
     other = azure_calibration().replace(b"BrownConrady", b"Theta")
     assert_refused(write(tmp_path / "theta.mkv", azure_mkv(1, calibration=other)), "Theta")
     for broken in (b"{", b"[]", b'{"CalibrationInformation": {"Cameras": [{}]}}', b"null"):
@@ -210,11 +185,9 @@ def test_las_clouds_stand_upright(tmp_path, suffix, offset):
 @pytest.mark.parametrize("suffix", ["las", "laz"])
 def test_las_files_that_lie_are_refused(tmp_path, suffix):
     good = las(np.random.default_rng(0).uniform(0, 1, (50, 3)), 0, suffix == "laz")
-    path = tmp_path / f"x.{suffix}"
-    assert_refused(write(path, good[:100]))
-    assert_refused(write(path, good[: len(good) // 2 + 100]))
-    assert_refused(write(path, good[:107] + (4_000_000_000).to_bytes(4, "little") + good[111:]))
-    assert_refused(write(path, b""))
+    many = good[:107] + (4_000_000_000).to_bytes(4, "little") + good[111:]
+    for content in (good[:100], good[: len(good) // 2 + 100], many, b""):
+        assert_refused(write(tmp_path / f"x.{suffix}", content))
 
 
 # Folders of others
@@ -226,10 +199,8 @@ def test_a_realsense_folder_of_open3d(tmp_path):
         write(tmp_path / "depth" / f"{i:06}.png", png(depth_image(i)))
         write(tmp_path / "color" / f"{i:06}.jpg", azure_jpeg(i))
     matrix = CAMERA.matrix.T.ravel().tolist()
-    write(
-        tmp_path / "camera_intrinsic.json",
-        json.dumps({"width": 32, "height": 24, "intrinsic_matrix": matrix}).encode(),
-    )
+    fields = {"width": 32, "height": 24, "intrinsic_matrix": matrix}
+    write(tmp_path / "camera_intrinsic.json", json.dumps(fields).encode())
     source = open_source(tmp_path)
     assert (source.calibration.depth, source.calibration.color, len(source)) == (CAMERA, CAMERA, 2)
     assert any("aligned" in note for note in source.notes)
@@ -246,10 +217,8 @@ def test_intrinsics_of_librealsense(tmp_path):
         "height": 24,
         "model": "Brown_Conrady",
     }
-    file = write(
-        tmp_path / "i.json",
-        json.dumps({**fields, "coeffs": [0.1, 0.2, 0, 0, 0], "depth_scale": 0.0001}).encode(),
-    )
+    content = {**fields, "coeffs": [0.1, 0.2, 0, 0, 0], "depth_scale": 0.0001}
+    file = write(tmp_path / "i.json", json.dumps(content).encode())
     found = read_intrinsics(file)
     assert found.depth == Intrinsics(32, 24, 30, 31, 15.5, 11.5, 0.1, 0.2)
     assert found.unit_mm == pytest.approx(0.1)
@@ -300,16 +269,7 @@ def test_lists_name_images_and_never_paths(tum):
     assert read_associations(write(list_file, b"1.000000001 depth/a.png 2 rgb/b.png")) == [
         ((1_000_000_001, "a.png"), (2_000_000_000, "b.png"))
     ]
-    for line in (
-        b"x depth/a.png",
-        b"1",
-        b"nan a.png",
-        b"1e5 a.png",
-        b"-1 a.png",
-        b"99999999999 a.png",
-        b"1 ..",
-        b"1 \0",
-    ):
+    for line in b"x depth/a.png|1|nan a.png|1e5 a.png|-1 a.png|99999999999 a.png|1 ..|1 \0".split(b"|"):
         with pytest.raises(FormatError):
             read_list(write(list_file, line))
     assert_refused(tum)
