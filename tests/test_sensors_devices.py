@@ -476,13 +476,8 @@ class FakeAzure:
                 raise FakeAzure.K4ATimeoutException
             stamp = self.stamps.pop(0)
             depth, jpeg = np.full((576, 640), 1500, np.uint16), np.frombuffer(b"\xff\xd8\xff", np.uint8)
-            return SimpleNamespace(
-                depth=depth,
-                ir=depth + 1,
-                color=jpeg,
-                depth_timestamp_usec=stamp,
-                color_timestamp_usec=stamp + 100,
-            )
+            stamps = {"depth_timestamp_usec": stamp, "color_timestamp_usec": stamp + 100}
+            return SimpleNamespace(depth=depth, ir=depth + 1, color=jpeg, **stamps)
 
 
 def test_an_azure_kinect_by_pyk4as_names(monkeypatch):
@@ -546,13 +541,9 @@ class FakeOrbbec:
             lens = SimpleNamespace(fx=500.0, fy=500.0, cx=320.0, cy=288.0, width=640, height=576)
             none = SimpleNamespace(**dict.fromkeys(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), 0.0))
             pose = SimpleNamespace(rot=np.eye(3), transform=np.array([-32.0, 0, 0]))
-            return SimpleNamespace(
-                depth_intrinsic=lens,
-                depth_distortion=none,
-                rgb_intrinsic=lens,
-                rgb_distortion=none,
-                transform=pose,
-            )
+            lenses = dict.fromkeys(("depth_intrinsic", "rgb_intrinsic"), lens)
+            lenses |= dict.fromkeys(("depth_distortion", "rgb_distortion"), none)
+            return SimpleNamespace(**lenses, transform=pose)
 
         def wait_for_frames(self, timeout_ms):
             self.left -= 1

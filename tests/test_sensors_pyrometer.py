@@ -93,20 +93,16 @@ def test_burst_after_lost_and_foreign_bytes_in_its_middle(values, at, noise, los
     assert seen[len(seen) - len(expected) :] == expected
 
 
-def test_the_sync_trap_of_19_4_degrees():
-    """04 AA before AA AA reads AA AA AA: the last pair is the sync, wherever one starts to listen."""
-    stream = bytes.fromhex("AAAA04AA") * 6
-    for start in range(4):
-        seen = list(BurstParser(1).feed(stream[start:]))
-        assert len(seen) >= 4 and all(value == pytest.approx(19.4) for (value,) in seen)
+@pytest.mark.parametrize(("low", "scale", "celsius"), [("04", TENTHS, 19.4), ("30", HUNDREDTHS, 24.58)])
+def test_the_sync_trap_of_a_low_byte_aa(low, scale, celsius):
+    """04 AA before AA AA reads AA AA AA: the last pair is the sync, wherever one starts to listen.
 
-
-def test_the_sync_trap_where_a_high_byte_aa_is_possible():
-    """At high resolution AA 30 would be 335.68 C: only that a later pair does as well tells 24.58 C."""
-    stream = bytes.fromhex("AAAA30AA") * 6
+    At high resolution AA 30 would be 335.68 C: only that a later pair does as well tells 24.58 C.
+    """
+    stream = bytes.fromhex(f"AAAA{low}AA") * 6
     for start in range(4):
-        seen = list(BurstParser(1, HUNDREDTHS).feed(stream[start:]))
-        assert len(seen) >= 4 and all(value == pytest.approx(24.58) for (value,) in seen)
+        seen = list(BurstParser(1, scale).feed(stream[start:]))
+        assert len(seen) >= 4 and all(value == pytest.approx(celsius) for (value,) in seen)
 
 
 def test_one_sync_alone_makes_no_frame():
