@@ -33,20 +33,8 @@ from sensors.rig.camera import Intrinsics, unproject
 from tests.helpers.same_frame import assert_same_frame
 
 law = settings(deadline=None, max_examples=12)
-HOSTILE = [
-    "",
-    "P1",
-    "../../etc",
-    "<b>x</b>",
-    '"; DROP',
-    "a\0b",
-    "\ud800",
-    "]]>",
-    "&amp;",
-    "名前",
-    "x\r\ny",
-    "=1+1",
-]
+HOSTILE = ["", "P1", "../../etc", "<b>x</b>", '"; DROP', "a\0b", "\ud800", "]]>", "&amp;", "名前"]
+HOSTILE += ["x\r\ny", "=1+1"]
 
 
 def nothing(_: int) -> None:
@@ -57,9 +45,8 @@ def nothing(_: int) -> None:
 def label_sets(draw) -> tuple[Intrinsics, list[FrameLabels]]:
     """One to three frames of any odd size: empty persons, undefined pixels, hostile subjects."""
     height, width = draw(st.integers(1, 9)), draw(st.integers(1, 11))
-    camera = Intrinsics(
-        width, height, draw(st.floats(5, 600)), draw(st.floats(5, 600)), width / 3, height / 2
-    )
+    fx, fy = draw(st.floats(5, 600)), draw(st.floats(5, 600))
+    camera = Intrinsics(width, height, fx, fy, width / 3, height / 2)
     frames = []
     for number in range(draw(st.integers(1, 3))):
         rng = np.random.default_rng(draw(st.integers(0, 10**6)))
@@ -237,15 +224,13 @@ def test_semantic_kitti_is_read_as_its_own_tools_do(export):
     label = np.fromfile(out / "sequences/00/labels/000000.label", np.uint32)
     assert len(scan) == len(label)
     seen = expected.depth_mm > 0
-    np.testing.assert_array_equal(
-        np.sort(label & 0xFFFF), np.sort(expected.parts[seen | (expected.parts > 0)])
-    )
+    labelled = expected.parts[seen | (expected.parts > 0)]
+    np.testing.assert_array_equal(np.sort(label & 0xFFFF), np.sort(labelled))
     np.testing.assert_allclose(scan[:, 0].max(), expected.depth_mm.max() / 1000)
     config = yaml.safe_load((out / "semantic-kitti.yaml").read_text())
     assert config["labels"][3] == "left_upper_arm"
-    assert {config["learning_map_inv"][config["learning_map"][i]] for i in config["labels"]} == set(
-        config["labels"]
-    )
+    learned, back = config["learning_map"], config["learning_map_inv"]
+    assert {back[learned[i]] for i in config["labels"]} == set(config["labels"])
 
 
 def test_mmsegmentation_finds_pairs_of_the_same_name(export):
@@ -456,24 +441,26 @@ def test_a_file_as_large_as_the_bound_is_read_and_a_larger_one_refused(
         import_labels(out, tmp_path / "more", nothing)
 
 
-def test_a_header_as_long_as_the_bound_is_read_and_a_longer_one_refused(export, tmp_path, monkeypatch):
-    out = export("pcd")
-    length = (out / "000000.pcd").read_bytes().index(b"DATA ") + len(b"DATA ")
-    monkeypatch.setattr(record_file, "MAX_HEADER_BYTES", length)
+@pytest.mark.parametrize(
+    ("name", "module", "bound", "says"),
+    [
+        ("pcd", record_file, "MAX_HEADER_BYTES", "its header does not end"),
+        ("parquet", parquet_format, "MAX_GROUP_BYTES", "row group"),
+    ],
+)
+def test_a_part_as_large_as_the_bound_is_read_and_a_larger_one_refused(
+    export, tmp_path, monkeypatch, name, module, bound, says
+):
+    out = export(name)
+    if name == "pcd":
+        size = (out / "000000.pcd").read_bytes().index(b"DATA ") + len(b"DATA ")
+    else:
+        pq = pytest.importorskip("pyarrow.parquet")
+        size = pq.read_metadata(next((out / "data").iterdir())).row_group(0).total_byte_size
+    monkeypatch.setattr(module, bound, size)
     assert len(import_labels(out, tmp_path / "back", nothing)[0]) == 2
-    monkeypatch.setattr(record_file, "MAX_HEADER_BYTES", length - 1)
-    with pytest.raises(FormatError, match="its header does not end"):
-        import_labels(out, tmp_path / "more", nothing)
-
-
-def test_a_row_group_as_large_as_the_bound_is_read_and_a_larger_one_refused(export, tmp_path, monkeypatch):
-    pq = pytest.importorskip("pyarrow.parquet")
-    out = export("parquet")
-    size = pq.read_metadata(next((out / "data").iterdir())).row_group(0).total_byte_size
-    monkeypatch.setattr(parquet_format, "MAX_GROUP_BYTES", size)
-    assert len(import_labels(out, tmp_path / "back", nothing)[0]) == 2
-    monkeypatch.setattr(parquet_format, "MAX_GROUP_BYTES", size - 1)
-    with pytest.raises(FormatError, match="row group"):
+    monkeypatch.setattr(module, bound, size - 1)
+    with pytest.raises(FormatError, match=says):
         import_labels(out, tmp_path / "more", nothing)
 
 

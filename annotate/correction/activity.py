@@ -32,12 +32,8 @@ class ActiveTime:
         """Count the time since the previous event (a key, a click, a camera move) for an activity."""
         now = self.clock()
         if self._last is not None and 0 < now - self._last <= IDLE_S:
-            self.add(kind, now - self._last)
+            self._seconds[kind] = self._seconds.get(kind, 0.0) + (now - self._last)
         self._last = now
-
-    def add(self, kind: Activity, seconds: float) -> None:
-        """Count seconds for an activity."""
-        self._seconds[kind] = self._seconds.get(kind, 0.0) + seconds
 
     def take(self) -> dict[Activity, float]:
         """Seconds by activity since the last call, to the millisecond."""

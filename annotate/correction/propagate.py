@@ -40,8 +40,7 @@ BESIDE_SHARE, BESIDE_M = 0.1, 0.08
 APPEARANCE_WEIGHT = 0.6
 """Weight of the appearance against the votes: neighbouring pixels are not independent. Chosen by eye."""
 LEAST_PX, LEAST_SHARE = 20, 1e-4
-"""Least number of pixels of a part that gets a share beside it, and the least share of any part. Chosen by
-eye."""
+"""Least pixels of a part that gets a share beside it, and the least share of any part. Chosen by eye."""
 
 
 @dataclass(frozen=True)

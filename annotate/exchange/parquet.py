@@ -38,6 +38,7 @@ Pyarrow = Any
 def write_parquet(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write into an empty folder, GROUPS_A_FILE groups of frames a file."""
     _require()
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
     (out / DATA).mkdir()
@@ -48,7 +49,7 @@ def write_parquet(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) 
         files.append(out / DATA / f"{len(files):05d}")
         with pq.ParquetWriter(files[-1], schema) as writer:
             for group in chain([first], islice(groups, GROUPS_A_FILE - 1)):
-                writer.write_table(_table(group, schema))
+                writer.write_table(pa.Table.from_pylist([*map(_row, group)], schema))
     for number, file in enumerate(files):
         file.rename(file.with_name(f"train-{number:05d}-of-{len(files):05d}.parquet"))
 
@@ -93,12 +94,6 @@ def _schema(camera: Intrinsics) -> Pyarrow:
         CAMERA: json.dumps(asdict(camera)).encode(),
     }
     return pa.schema(columns, metadata)
-
-
-def _table(frames: list[FrameLabels], schema: Pyarrow) -> Pyarrow:
-    import pyarrow as pa
-
-    return pa.Table.from_pylist([_row(frame) for frame in frames], schema)
 
 
 def _row(frame: FrameLabels) -> dict[str, Any]:

@@ -191,8 +191,6 @@ def _runs(numbers: object) -> Int64:
 
 
 def _check_runs(runs: Int64) -> None:
-    if runs.ndim != 2 or runs.shape[1] != 4 or runs.dtype != np.int64:
-        raise FormatError(f"runs are {runs.dtype} {runs.shape}; give int64 (n, 4)")
     if not len(runs):
         return
     start, length, old, new = runs.T
