@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from annotate.parts import PARTS, UNDEFINED
 from eval.compare import paper
 from eval.compare.details import suspicious
-from eval.compare.results import Result
 from eval.report import plots, tables
 from eval.report.estimates import SHARES, SHOWN_ORDER, SUMMARY, difference_of, estimate, shown, verdict
 from eval.report.figures import ERROR_NAMES, ERROR_RGB, THERMAL_RANGE_C, data_uri
@@ -146,6 +145,7 @@ def policy(*scripts: str) -> str:
 def _numbers(material: Material) -> dict[str, Any]:
     """Values of the templates; a section's own name is true where it has content."""
     results, found = material.results, material.differences
+    suspects = ((r.title, one) for r in results for one in suspicious(r.comparison, SUSPECTS))
     joints = [view for view in map(joints_of, results) if view is not None]
     galleries = {title: frames for title, frames in material.galleries.items() if frames}
     frames = [frame for shown_frames in galleries.values() for frame in shown_frames]
@@ -159,7 +159,7 @@ def _numbers(material: Material) -> dict[str, Any]:
         "group_tables": tables_of_groups,
         "gap": bool(found or tables_of_groups),
         "calibration": any(result.comparison.has_confidence for result in results),
-        "suspects": _suspects(results),
+        "suspects": sorted(suspects, key=lambda pair: pair[1].quality)[:SUSPECTS],
         "joints": joints,
         "galleries": galleries,
         "gallery": bool(galleries),
@@ -173,11 +173,6 @@ def _numbers(material: Material) -> dict[str, Any]:
         "audits": material.audits,
         "audit": any(audit.people for audit in material.audits.values()),
     }
-
-
-def _suspects(results: tuple[Result, ...]) -> list[tuple[str, Any]]:
-    found = [(r.title, suspect) for r in results for suspect in suspicious(r.comparison, SUSPECTS)]
-    return sorted(found, key=lambda pair: pair[1].quality)[:SUSPECTS]
 
 
 def embedded_json(value: object) -> str:
@@ -204,17 +199,13 @@ def scene_json(scenes: Sequence[Scene]) -> dict[str, Any]:
         "scenes": [
             {
                 "points_mm": packed(scene.points_mm),
-                "colors": {name: packed(_tight(values)) for name, values in scene.colors.items()},
+                "colors": {name: packed(values) for name, values in scene.colors.items()},
             }
             for scene in scenes
         ],
         "palettes": {"truth": parts, "predicted": parts, "error": errors},
         "temperature": THERMAL_RANGE_C,
     }
-
-
-def _tight(values: NDArray[np.generic]) -> NDArray[np.generic]:
-    return values if values.dtype == np.uint8 else values.astype(np.float32)
 
 
 def _css(rgb: tuple[int, int, int]) -> str:

@@ -41,8 +41,8 @@ def confusion_matrix(truth: Labels, predicted: Labels) -> Counts:
     highest = max(rows.max(initial=0), columns.max(initial=0))
     if highest >= N_CLASSES:
         raise ValueError(f"label {highest} is not a part id; use 0 to {N_CLASSES - 1}, or {UNDEFINED}")
-    flat: Counts = np.bincount(rows * N_CLASSES + columns, minlength=N_CLASSES**2).astype(np.int64)
-    return flat.reshape(N_CLASSES, N_CLASSES)
+    flat = np.bincount(rows * N_CLASSES + columns, minlength=N_CLASSES**2)
+    return flat.astype(np.int64).reshape(N_CLASSES, N_CLASSES)
 
 
 def named(predicted: Labels) -> Labels:
@@ -59,10 +59,8 @@ def undefined_pixels(truth: Labels, predicted: Labels) -> Counts:
 
 def ratio(part: NDArray[np.generic], whole: NDArray[np.generic]) -> Scores:
     """part / whole, NaN where whole is 0; arrays of one shape."""
-    over = np.asarray(part, np.float64)
-    under = np.asarray(whole, np.float64)
-    quotient: Scores = np.divide(over, under, out=np.full(over.shape, np.nan), where=under > 0)
-    return quotient
+    over, under = np.asarray(part, np.float64), np.asarray(whole, np.float64)
+    return np.asarray(np.divide(over, under, out=np.full(over.shape, np.nan), where=under > 0))
 
 
 def recall(matrix: Counts) -> Scores:
@@ -150,8 +148,7 @@ def without_background(matrix: Counts) -> Counts:
 def merge_left_right(matrix: Counts) -> Counts:
     """Confusion of the eight classes left when twins are one: (..., 12, 12) -> (..., 8, 8)."""
     group = np.eye(_MERGED_ID.max() + 1, dtype=np.int64)[_MERGED_ID]
-    merged: Counts = group.T @ matrix @ group
-    return merged
+    return np.asarray(group.T @ matrix @ group)
 
 
 def left_right_swap_rate(matrix: Counts) -> Scores:

@@ -33,7 +33,8 @@ SHAPES = {
 """Shape of each array for one frame."""
 
 
-WIDTH = sum(math.prod(shape) for shape in SHAPES.values())
+_SIZES = [math.prod(shape) for shape in SHAPES.values()]
+WIDTH = sum(_SIZES)
 """Numbers counted of one frame."""
 
 BLOCK = 512
@@ -73,12 +74,9 @@ class FrameCounts:
     def __post_init__(self) -> None:
         if self.flat.shape[-1] != WIDTH:
             raise ValueError(f"{self.flat.shape[-1]} counts of a frame instead of {WIDTH}")
-        start = 0
-        for name, shape in SHAPES.items():
-            end = start + math.prod(shape)
-            view = self.flat[..., start:end].reshape(*self.flat.shape[:-1], *shape)
-            object.__setattr__(self, name, view)
-            start = end
+        views = np.split(self.flat, np.cumsum(_SIZES)[:-1], axis=-1)
+        for (name, shape), view in zip(SHAPES.items(), views, strict=True):
+            object.__setattr__(self, name, view.reshape(*self.flat.shape[:-1], *shape))
 
     @classmethod
     def of(cls, **counts: Counts) -> Self:
@@ -115,7 +113,11 @@ def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> Frame
     bands = boundary.band_counts(target, masked, away, widths)
     near = away[0] < NEAR_PX
     close = np.where(near, target, np.uint8(UNDEFINED))
-    confidence = None if predicted.confidence is None else predicted.confidence[box]
+    sure = {name: _zeros(name) for name in ("reliability", "label_quality")}
+    if predicted.confidence is not None:
+        confidence = predicted.confidence[box]
+        sure["reliability"] = reliability.reliability_counts(target, guess, confidence, near)
+        sure["label_quality"] = reliability.label_quality(target, guess, confidence)
     return FrameCounts.of(
         confusion=confusion.confusion_matrix(truth.parts, predicted.parts),
         near=confusion.confusion_matrix(close, guess),
@@ -124,12 +126,7 @@ def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> Frame
         bands_px=bands[: len(WIDTHS_PX)],
         bands_mm=bands[len(WIDTHS_PX) :] if scaled else _zeros("bands_mm"),
         by_distance=boundary.errors_by_distance(target, guess, away[0]),
-        reliability=_zeros("reliability")
-        if confidence is None
-        else reliability.reliability_counts(target, guess, confidence, near),
-        label_quality=_zeros("label_quality")
-        if confidence is None
-        else reliability.label_quality(target, guess, confidence),
+        **sure,
         undefined=confusion.undefined_pixels(truth.parts, predicted.parts),
     )
 

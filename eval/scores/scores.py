@@ -36,7 +36,12 @@ def scores_of(counts: FrameCounts) -> dict[str, Scores]:
     of the truth. person: pixels that truth and prediction both call a person. all: background counts
     as a twelfth class. merged: left and right are one.
     """
-    return {**_pixel_scores(counts), **_border_scores(counts), **_calibration_scores(counts)}
+    ece = {"ece": counts.reliability.sum(-3), "ece_near": counts.reliability[..., 1, :, :]}
+    return {
+        **_pixel_scores(counts),
+        **_border_scores(counts),
+        **{name: calibration_error(bins) for name, bins in ece.items()},
+    }
 
 
 def _pixel_scores(counts: FrameCounts) -> dict[str, Scores]:
@@ -76,13 +81,6 @@ def _border_scores(counts: FrameCounts) -> dict[str, Scores]:
         "boundary_iou_mm": confusion.over_parts(_boundary_iou(counts.bands_mm)),
         "error_by_distance": error_rate(counts.by_distance.sum(-3)),
         "error_by_distance_by_part": error_rate(counts.by_distance),
-    }
-
-
-def _calibration_scores(counts: FrameCounts) -> dict[str, Scores]:
-    return {
-        "ece": calibration_error(counts.reliability.sum(-3)),
-        "ece_near": calibration_error(counts.reliability[..., 1, :, :]),
     }
 
 
