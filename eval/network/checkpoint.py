@@ -74,10 +74,7 @@ def load_checkpoint(path: Path, model: nn.Module, optimizer: torch.optim.Optimiz
         fields["epochs"] = [Epoch(**epoch) for epoch in fields["epochs"]]
         return Progress(**fields)
     except (ValueError, KeyError, RuntimeError, TypeError, FormatError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise FormatError(
-            f"checkpoint {path} cannot be resumed ({reason}); remove it or choose another folder"
-        ) from error
+        raise _unusable(path, error) from error
 
 
 def steps_done(path: Path) -> int:
@@ -86,9 +83,12 @@ def steps_done(path: Path) -> int:
         with safe_open(path, framework="pt") as file:
             return int(json.loads(file.metadata()["progress"])["step"])
     except (OSError, SafetensorError, ValueError, KeyError, TypeError) as error:
-        raise FormatError(
-            f"checkpoint {path} cannot be resumed ({error!r}); remove it or choose another folder"
-        ) from error
+        raise _unusable(path, error) from error
+
+
+def _unusable(path: Path, error: Exception) -> FormatError:
+    reason = str(error).partition("\n")[0] or type(error).__name__
+    return FormatError(f"checkpoint {path} cannot be resumed ({reason}); remove it or choose another folder")
 
 
 def save_weights(path: Path, model: nn.Module, config: NetworkConfig) -> None:

@@ -98,8 +98,8 @@ def verdict(mean_recall: Estimate) -> str:
         return "no body part in the truth"
     real = paper.mean_recall_of(paper.TABLE3_REAL)
     synthetic = paper.mean_recall_of(paper.TABLE2_SYNTHETIC)
-    low = mean_recall.low if mean_recall.bounded else mean_recall.value
-    high = mean_recall.high if mean_recall.bounded else mean_recall.value
+    one = mean_recall
+    low, high = (one.low, one.high) if one.bounded else (one.value, one.value)
     for level, name in ((synthetic, "synthetic"), (real, "real")):
         if low > level:
             return f"above the paper's {name} {level:.3f}"

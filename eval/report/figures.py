@@ -7,8 +7,8 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, UInt8, UInt16
 from annotate.crop import SIZE
-from annotate.parts import BACKGROUND, LEFT_RIGHT, NEIGHBOURS, UNDEFINED, palette_rgb
-from eval.scores.confusion import Labels, named
+from annotate.parts import BACKGROUND, UNDEFINED, palette_rgb
+from eval.scores.confusion import NEIGHBOUR, TWIN, Labels, named
 
 Image = UInt8
 
@@ -69,12 +69,12 @@ def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
     guess = named(predicted)
     person, seen = truth != BACKGROUND, guess != BACKGROUND
     wrong = (truth != guess) & person & seen
-    twin, neighbour = _pairs(LEFT_RIGHT), _pairs(tuple(tuple(pair) for pair in NEIGHBOURS))
+    part = np.where(truth == UNDEFINED, BACKGROUND, truth)
     masks = {
         "Correct": person & (truth == guess),
         "other_part": wrong,
-        "neighbour_part": wrong & neighbour[truth, guess],
-        "left_right_swap": wrong & twin[truth, guess],
+        "neighbour_part": wrong & NEIGHBOUR[part, guess],
+        "left_right_swap": wrong & (TWIN[part] == guess),
         "missed_person": person & ~seen,
         "invented_person": ~person & seen,
         "Undefined": truth == UNDEFINED,
@@ -83,13 +83,6 @@ def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
     for name, mask in masks.items():
         kinds[mask] = ERROR_NAMES.index(ERROR_KINDS[name][0] if name in ERROR_KINDS else name)
     return kinds
-
-
-def _pairs(pairs: tuple[tuple[int, ...], ...]) -> Bool:
-    table = np.zeros((256, 256), np.bool_)
-    for a, b in pairs:
-        table[a, b] = table[b, a] = True
-    return table
 
 
 def render_thermal_cloud(

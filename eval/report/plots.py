@@ -80,10 +80,8 @@ def _line_at(figure: Figure, x: float, text: str) -> None:
 
 
 def _by_part(views: Sequence[ResultView], name: str, axis: str, ceiling: Result | None) -> Figure:
-    rows = [
-        (views[0].parts[i].part.title, [view.parts[i].scores[name] for view in views])
-        for i in range(len(views[0].parts))
-    ]
+    by_part = zip(*(view.parts for view in views), strict=True)
+    rows = [(found[0].part.title, [row.scores[name] for row in found]) for found in by_part]
     best = None if ceiling is None else ceiling.comparison.scores[name][1:].tolist()
     of_paper = (paper.SYNTHETIC, paper.REAL) if name == "recall" else ()
     references = {one.title: np.diagonal(one.table)[1:].tolist() for one in of_paper}

@@ -23,9 +23,11 @@ Scores = Float64
 WORST_SHARE = 0.05
 """Share of the frames, the worst by mIoU, whose mean is the worst case (Wang et al. 2023, q = 5)."""
 
-_TWIN = swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))
-_MERGED_ID = np.unique(np.minimum(np.arange(N_CLASSES), _TWIN), return_inverse=True)[1]
-_NEIGHBOUR = np.array([[frozenset((a, b)) in NEIGHBOURS for b in range(N_CLASSES)] for a in range(N_CLASSES)])
+TWIN = swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))
+"""Part id (12,) of each part's other side; a middle part is its own."""
+NEIGHBOUR = np.array([[frozenset((a, b)) in NEIGHBOURS for b in range(N_CLASSES)] for a in range(N_CLASSES)])
+"""Bool (12, 12): parts joined by anatomy."""
+_MERGED_ID = np.unique(np.minimum(np.arange(N_CLASSES), TWIN), return_inverse=True)[1]
 
 
 def confusion_matrix(truth: Labels, predicted: Labels) -> Counts:
@@ -159,7 +161,7 @@ def left_right_swap_rate(matrix: Counts) -> Scores:
 
 def flip_helps(matrix: Counts) -> Bool:
     """Whether exchanging left and right in the whole prediction would raise mIoU (...)."""
-    return np.asarray(miou(matrix[..., _TWIN]) > miou(matrix))
+    return np.asarray(miou(matrix[..., TWIN]) > miou(matrix))
 
 
 def error_kinds(matrix: Counts) -> dict[str, Counts]:
@@ -171,7 +173,7 @@ def error_kinds(matrix: Counts) -> dict[str, Counts]:
         "missed_person": matrix[..., 1:, BACKGROUND].sum(-1),
         "invented_person": matrix[..., BACKGROUND, 1:].sum(-1),
         "left_right_swap": _swapped(matrix),
-        "neighbour_part": (matrix * _NEIGHBOUR).sum((-1, -2)),
+        "neighbour_part": (matrix * NEIGHBOUR).sum((-1, -2)),
     }
     wrong = matrix.sum((-1, -2)) - _diagonal(matrix).sum(-1)
     return kinds | {"other_part": wrong - np.sum(list(kinds.values()), axis=0)}

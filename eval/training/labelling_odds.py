@@ -83,12 +83,8 @@ def known_patches(clues: PatchClues, truth: UInt8) -> KnownPatches:
 def fit_clothed(frames: Sequence[KnownPatches]) -> tuple[Float64, Float64]:
     """Weights (2, 7) of the clues for patches in the mask and off it, and (2,) of a patch's own log odds and
     those of what touches it."""
-    columns, in_mask, share, pixels = (
-        np.concatenate(column)
-        for column in zip(
-            *((f.clues.columns, f.clues.in_mask, f.share, f.pixels) for f in frames), strict=True
-        )
-    )
+    rows = ((f.clues.columns, f.clues.in_mask, f.share, f.pixels) for f in frames)
+    columns, in_mask, share, pixels = (np.concatenate(column) for column in zip(*rows, strict=True))
     weight = np.minimum(pixels, MOST_PIXELS) / PATCH_PIXELS
     clothed = np.stack([logistic(columns[m, :-1], share[m], weight[m]) for m in (in_mask, ~in_mask)])
     own, around = [], []

@@ -161,19 +161,16 @@ class _Run:
 
     def _step(self, network: nn.Module, depth: Tensor, parts: Tensor, weight: Tensor, share: float) -> None:
         """One step of the optimizer. Dropout is the step's own, so that a resumed training draws the same."""
-        torch.manual_seed(
-            (self.plan.seed * 1_000_003 + self.progress.step) * self.group.world + self.group.rank
-        )
+        processes, plan = self.group, self.plan
+        torch.manual_seed((plan.seed * 1_000_003 + self.progress.step) * processes.world + processes.rank)
         network.train()
         for group in self.optimizer.param_groups:
-            group["lr"] = rate(self.plan.recipe, share)
-        depth = depth.to(self.group.device).contiguous(memory_format=torch.channels_last)
-        parts = parts.to(self.group.device)
-        with torch.autocast(
-            self.group.device.type, torch.bfloat16, enabled=self.plan.precision == "bfloat16"
-        ):
+            group["lr"] = rate(plan.recipe, share)
+        depth = depth.to(processes.device).contiguous(memory_format=torch.channels_last)
+        parts = parts.to(processes.device)
+        with torch.autocast(processes.device.type, torch.bfloat16, enabled=plan.precision == "bfloat16"):
             scores = network(depth)
-        loss, mean = loss_of(self.plan.recipe, scores.float(), depth, parts, weight)
+        loss, mean = loss_of(plan.recipe, scores.float(), depth, parts, weight)
         if not math.isfinite(mean):
             raise CloudError(
                 f"the loss is no longer finite at step {self.progress.step}; train with --precision float32"
@@ -232,11 +229,8 @@ def images_left(out: Path, plan: Plan, crops: Crops) -> int:
 def _begin(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:
     """Start or resume: plan, data and initial weights identify the training."""
     data = {"images": len(crops), "crc32": crops.crc32}
-    start = None if init is None else _crc32(init)
-    order = (
-        json.dumps({**plan.described(), "data": data, "init": start}, sort_keys=True, indent=1).encode()
-        + b"\n"
-    )
+    whole = {**plan.described(), "data": data, "init": None if init is None else _crc32(init)}
+    order = json.dumps(whole, sort_keys=True, indent=1).encode() + b"\n"
     if (out / PLAN).is_file():
         if (out / PLAN).read_bytes() != order:
             raise ExistsError(
