@@ -1,6 +1,5 @@
 """Comparing sets, keeping results, telling frames apart: whatever holds the labels, and whatever is wrong."""
 
-import hashlib
 import json
 import math
 from collections.abc import Callable
@@ -12,8 +11,6 @@ import numpy as np
 import pytest
 
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.dataset import MANIFEST, encode_shard
-from annotate.labelset.frames import LabelledFrames, open_frames
 from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID, UNDEFINED
 from eval.compare import pairs, results
@@ -30,6 +27,7 @@ from sensors.errors import CloudError, ExistsError, FormatError
 from sensors.files.npz import array_sizes
 from sensors.rig.camera import Intrinsics
 from tests.helpers.naive_scores import by_name
+from tests.helpers.shards import write_dataset
 
 CAMERA = Intrinsics(width=30, height=24, fx=300.0, fy=300.0, cx=14.5, cy=11.5)
 PEOPLE = ("anna", "ben", "cem")
@@ -63,18 +61,6 @@ def label_set(path: Path, frames: list[FrameLabels]) -> LabelSet:
     return labels
 
 
-def dataset(path: Path, frames: list[FrameLabels], per_shard: int) -> LabelledFrames:
-    path.mkdir()
-    shards = []
-    for start in range(0, len(frames), per_shard):
-        data = encode_shard(frames[start : start + per_shard])
-        name = f"shard-{start:06d}.tar"
-        (path / name).write_bytes(data)
-        shards.append({"file": name, "sha256": hashlib.sha256(data).hexdigest()})
-    (path / MANIFEST).write_text(json.dumps({"schema": 1, "images": len(frames), "shards": shards}))
-    return open_frames(path)
-
-
 @pytest.fixture(scope="module")
 def sets(tmp_path_factory: pytest.TempPathFactory) -> tuple[LabelSet, LabelSet]:
     folder = tmp_path_factory.mktemp("sets")
@@ -98,8 +84,8 @@ def test_label_sets_and_datasets_serve_on_either_side(
 ) -> None:
     """Even where the shards hold the frames in another order."""
     frames = [truth_frame(i) for i in range(6)]
-    ordered = dataset(tmp_path / "ordered", frames, 4)
-    turned = dataset(tmp_path / "turned", frames[::-1], 2)
+    ordered = write_dataset(tmp_path / "ordered", frames, 4)
+    turned = write_dataset(tmp_path / "turned", frames[::-1], 2)
     assert compare_sets(turned, ordered).scores["miou"] == 1.0
     mixed = compare_sets(sets[0], ordered)
     assert mixed.hashes == compared.hashes
@@ -111,8 +97,8 @@ def test_worker_processes_count_the_same(
     tmp_path: Path, compared: Comparison, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     frames = [guess_frame(i) for i in range(6)]
-    guesses = dataset(tmp_path / "guess", frames, 6)
-    truth = dataset(tmp_path / "truth", [truth_frame(i) for i in range(6)], 2)
+    guesses = write_dataset(tmp_path / "guess", frames, 6)
+    truth = write_dataset(tmp_path / "truth", [truth_frame(i) for i in range(6)], 2)
     alone, done = compare_sets(guesses, truth, workers=1), []
     monkeypatch.setattr(pairs, "CHUNK", 2)
     both = compare_sets(guesses, truth, done.append, workers=2)
@@ -151,7 +137,7 @@ def test_a_broken_shard_and_a_repeated_frame_are_refused(
     tmp_path: Path, sets: tuple[LabelSet, LabelSet]
 ) -> None:
     frames = [truth_frame(i) for i in range(6)]
-    broken = dataset(tmp_path / "broken", frames, 3)
+    broken = write_dataset(tmp_path / "broken", frames, 3)
     shard = tmp_path / "broken" / "shard-000003.tar"
     whole = shard.read_bytes()
     for kept in (700, 3000, 5000):
@@ -159,7 +145,7 @@ def test_a_broken_shard_and_a_repeated_frame_are_refused(
         with pytest.raises(CloudError, match=r"shard-000003|lacks"):
             compare_sets(broken, sets[1])
     with pytest.raises(FormatError, match="holds frame '000000' twice"):
-        compare_sets(sets[0], dataset(tmp_path / "twice", [*frames, frames[0]], 4))
+        compare_sets(sets[0], write_dataset(tmp_path / "twice", [*frames, frames[0]], 4))
 
 
 def test_one_frame_or_one_person_says_what_it_cannot_say(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """Training data: crops as networks see them, from shards and label sets, every one once an epoch."""
 
-import hashlib
-import json
 import zlib
 from pathlib import Path
 
@@ -14,7 +12,6 @@ from hypothesis.extra import numpy as hnp
 import eval.training.crops as data
 from annotate.crop import SIZE
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.dataset import MANIFEST, encode_shard
 from annotate.labelset.frames import camera_of, open_frames, pinhole_of
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
@@ -22,6 +19,7 @@ from eval.training.crops import DEPTH_STEPS, Crops, load_crops, to_crop
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE
+from tests.helpers.shards import write_dataset
 
 
 def of(depth, parts):
@@ -101,24 +99,17 @@ def test_subjects_are_held_out_and_measured_on(rig_session):
         load_crops([truth], only=frozenset({"nobody"}))
 
 
-def dataset(path, images: int, said: int) -> None:
-    path.mkdir()
+def test_shards_are_read_and_what_is_wrong_with_them_is_said(tmp_path):
     parts = np.zeros((SIZE, SIZE), np.uint8)
     parts[50:150, 50:150] = 3
     depth = np.where(parts > 0, np.uint16(1500), np.uint16(0))
-    shard = encode_shard(FrameLabels(f"{i}", depth, parts) for i in range(images))
-    (path / "s.tar").write_bytes(shard)
-    shards = [{"file": "s.tar", "sha256": hashlib.sha256(shard).hexdigest()}]
-    (path / MANIFEST).write_text(json.dumps({"schema": 1, "images": said, "shards": shards}))
-
-
-def test_shards_are_read_and_what_is_wrong_with_them_is_said(tmp_path):
-    dataset(tmp_path / "a", 3, 3)
+    frames = [FrameLabels(f"{i}", depth, parts) for i in range(3)]
+    write_dataset(tmp_path / "a", frames)
     assert len(load_crops([tmp_path / "a"])) == 3
-    dataset(tmp_path / "b", 3, 10**14)
+    write_dataset(tmp_path / "b", frames, images=10**14)
     assert len(load_crops([tmp_path / "b"])) == 3
-    (tmp_path / "a" / "s.tar").unlink()
-    with pytest.raises(CloudError, match=r"lacks shard 's\.tar'"):
+    (tmp_path / "a" / "shard-000000.tar").unlink()
+    with pytest.raises(CloudError, match=r"lacks shard 'shard-000000\.tar'"):
         load_crops([tmp_path / "a"])
 
 

@@ -1,6 +1,5 @@
 """The network at work: it labels the person and nothing else, wherever and however far away they are."""
 
-import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -13,7 +12,7 @@ from conftest import assert_refused, tree
 from annotate.crop import SIZE, crop_around
 from annotate.frame_labels import FrameLabels
 from annotate.labelset import dataset
-from annotate.labelset.dataset import Dataset, encode_shard
+from annotate.labelset.dataset import Dataset
 from annotate.labelset.images import encode_depth
 from annotate.labelset.store import LabelSet, validate
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
@@ -24,6 +23,7 @@ from eval.training.crops import to_crop
 from sensors.errors import CloudError, ExistsError, FormatError
 from sensors.importers.open_source import open_source
 from sensors.session.reader import Session
+from tests.helpers.shards import write_dataset
 
 
 def silent(n: int) -> None:
@@ -262,17 +262,6 @@ def crop_frame(truth: LabelSet, frame_id: str, name: str) -> FrameLabels:
         status="truth",
         notes={"crop": [crop.top, crop.left, crop.side]},
     )
-
-
-def write_dataset(path: Path, frames: list[FrameLabels]) -> Dataset:
-    path.mkdir()
-    shard = encode_shard(frames)
-    (path / "shard-000000.tar").write_bytes(shard)
-    listed = [{"file": "shard-000000.tar", "sha256": hashlib.sha256(shard).hexdigest()}]
-    (path / dataset.MANIFEST).write_text(
-        json.dumps({"schema": dataset.SCHEMA, "shards": listed, "images": len(frames)})
-    )
-    return Dataset.open(path)
 
 
 @pytest.fixture(scope="module")

@@ -22,21 +22,20 @@ from tests.helpers.report_doll import HOSTILE, hostile_material, label_sets, tra
 
 
 @pytest.fixture(scope="module")
-def compared_and_page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, str]:
+def material(tmp_path_factory: pytest.TempPathFactory) -> Material:
     folder = tmp_path_factory.mktemp("page")
     sets = label_sets(folder)
-    compared = compare_sets(*sets)
-    return compared, render(hostile_material(sets, compared, trained(folder / "compact")))
+    return hostile_material(sets, compare_sets(*sets), trained(folder / "compact"))
 
 
 @pytest.fixture(scope="module")
-def compared(compared_and_page: tuple[Comparison, str]) -> Comparison:
-    return compared_and_page[0]
+def compared(material: Material) -> Comparison:
+    return material.results[0].comparison
 
 
 @pytest.fixture(scope="module")
-def page(compared_and_page: tuple[Comparison, str]) -> str:
-    return compared_and_page[1]
+def page(material: Material) -> str:
+    return render(material)
 
 
 class Page(HTMLParser):

@@ -148,9 +148,7 @@ def test_an_epoch_sees_every_crop_once_in_the_seeds_order():
         assert len(set(seen)) == len(seen) == 6
     assert steps == list(BatchOrder(7, 3, 2, 1).after(0))
     assert steps != list(BatchOrder(7, 3, 2, 2).after(0))
-
-
-def test_fewer_crops_than_a_batch_are_one_batch():
+    # Fewer crops than a batch are one batch.
     assert [len(batch) for batch in BatchOrder(2, 16, 3, 0).after(0)] == [2, 2, 2]
 
 
