@@ -91,10 +91,7 @@ class Settings:
 
     def key(self, name: str) -> str:
         """The key of a binding. Raises KeyError for a name that does not exist."""
-        for binding in self.bindings:
-            if binding.name == name:
-                return binding.key
-        raise KeyError(name)
+        return {binding.name: binding.key for binding in self.bindings}[name]
 
 
 def settings_path() -> Path:

@@ -10,7 +10,7 @@ from annotate.gui.colors import Visibility
 from annotate.gui.desk import Desk
 from annotate.gui.keys import BODY_GRID, Settings
 from annotate.gui.theme import DARK, Theme, part_color
-from annotate.gui.widgets import draw_card, draw_tile_icon, laid, named
+from annotate.gui.widgets import draw_card, draw_icon, laid, named
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 
 ICON_PX, HEIGHT_PX = 16, 62
@@ -73,8 +73,8 @@ class PartTile(QWidget):
         self._write(painter)
         painter.setOpacity(1)
         lock, lock_color = ("locked", theme.warn) if state.locked else ("unlocked", theme.line)
-        draw_tile_icon(painter, QRectF(self.lock_rect), lock, lock_color)
-        draw_tile_icon(painter, QRectF(self.eye_rect), state.visibility, theme.quiet)
+        draw_icon(painter, QRectF(self.lock_rect), lock, lock_color, 1.5)
+        draw_icon(painter, QRectF(self.eye_rect), state.visibility, theme.quiet, 1.5)
 
     def _write(self, painter: QPainter) -> None:
         """The key above, the name in the middle, and the count beneath."""

@@ -77,16 +77,14 @@ class Pointing(QWidget):
 
     def _draw_shape(self, painter: QPainter, drawing: Drawing) -> None:
         points = [QPointF(x, y) for x, y in drawing.outline_px()]
+        color = QColor(self.hand.color)
+        color.setAlpha(110 if drawing.tool == "brush" else 90)
         if drawing.tool == "brush":
-            color = QColor(self.hand.color)
-            color.setAlpha(110)
             round_ = Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin
             painter.setPen(QPen(color, 2 * drawing.radius_px, Qt.PenStyle.SolidLine, *round_))
             painter.drawPolyline(QPolygonF(points)) if len(points) > 1 else painter.drawPoint(points[0])
             return
-        fill = QColor(self.hand.color)
-        fill.setAlpha(90)
-        painter.setBrush(fill)
+        painter.setBrush(color)
         _stroke(painter, partial(painter.drawPolygon, QPolygonF(points)))
         if drawing.tool == "polygon":
             for corner in points:

@@ -14,7 +14,9 @@ W = TypeVar("W", bound=QWidget)
 
 ICON = QSize(30, 30)
 """Size of a tool's picture in logical pixels."""
-_TOOLS = {
+_LOCK = '<path d="M3.5 8h10v7.5h-10z" fill="COLOR" stroke-linejoin="round"/>'
+_EYE = '<path d="M1.5 10Q8.5 2 15.5 10Q8.5 18 1.5 10"/><circle cx="8.5" cy="10" r="2.2"'
+_SHAPES = {
     "piece": '<g fill="COLOR" stroke="none"><path d="M14 12h7v7h-7z"/><path opacity=".35" d="M4 5h7v7h-7z'
     'M13 3h7v7h-7zM21 8h7v7h-7zM6 14h7v7h-7zM22 17h7v7h-7zM9 22h7v7h-7zM17 21h7v7h-7z"/></g>',
     "lasso": '<ellipse cx="15" cy="12" rx="11" ry="7"/><path d="M14.5 15.8A5 6 0 1 1 7.3 23.1"/>',
@@ -25,10 +27,6 @@ _TOOLS = {
     "through": '<path d="M5 5h13v13h-13z"/><path d="M12 12h13v13h-13z" stroke-dasharray="2 4"/>',
     "only": '<circle cx="15" cy="15" r="10"/><circle cx="15" cy="15" r="4" fill="COLOR"/>',
     "room": '<circle cx="15" cy="9" r="4"/><path d="M22 24A7 9 0 0 0 8 24M4 26V4H26V26"/>',
-}
-_LOCK = '<path d="M3.5 8h10v7.5h-10z" fill="COLOR" stroke-linejoin="round"/>'
-_EYE = '<path d="M1.5 10Q8.5 2 15.5 10Q8.5 18 1.5 10"/><circle cx="8.5" cy="10" r="2.2"'
-_TILES = {
     "locked": _LOCK + '<path d="M11.5 8A3 4.5 0 0 0 5.5 8"/>',
     "unlocked": _LOCK + '<path d="M14.5 8A3 4.5 0 0 0 8.5 8"/>',
     "shown": _EYE + ' fill="COLOR"/>',
@@ -89,18 +87,15 @@ def icon(name: str, color: str, ratio: float) -> QIcon:
     pixmap.setDevicePixelRatio(ratio)
     pixmap.fill(Qt.GlobalColor.transparent)
     painter = QPainter(pixmap)
-    _draw(painter, QRectF(0, 0, ICON.width(), ICON.height()), _TOOLS.get(name, ""), color, 2.0)
+    draw_icon(painter, QRectF(0, 0, ICON.width(), ICON.height()), name, color, 2.0)
     painter.end()
     return QIcon(pixmap)
 
 
-def draw_tile_icon(painter: QPainter, place: QRectF, name: str, color: str) -> None:
-    """Draw "locked", "unlocked", "shown", "faded" or "hidden" on a place of 18 x 20 logical pixels."""
-    _draw(painter, place, _TILES[name], color, 1.5)
-
-
-def _draw(painter: QPainter, place: QRectF, shapes: str, color: str, line_px: float) -> None:
+def draw_icon(painter: QPainter, place: QRectF, name: str, color: str, line_px: float) -> None:
+    """Draw the picture of a tool, or of a lock or an eye, which take a place of 18 x 20 logical pixels."""
+    shapes = _SHAPES.get(name, "").replace("COLOR", color)
     box = f'viewBox="0 0 {place.width():g} {place.height():g}"'
     style = f'fill="none" stroke="{color}" stroke-width="{line_px}"'
-    svg = f'<svg xmlns="http://www.w3.org/2000/svg" {box} {style}>{shapes.replace("COLOR", color)}</svg>'
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" {box} {style}>{shapes}</svg>'
     QSvgRenderer(svg.encode()).render(painter, place)
