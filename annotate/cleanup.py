@@ -11,17 +11,14 @@ MOST_HOLE_PX = 400
 """Pixels above which a hole is no slip: something else is seen through it. Chosen by eye."""
 LEAST_PIECE_PX = 120
 """Pixels below which a piece of a part is an island: at 2 m a patch of 6 cm. Chosen by eye."""
-LOOSE_PX = 250
-"""The same in automatic labels, for islands off the body: a larger one may be a foot behind a table. Chosen
-by eye."""
-SLIVER_PX = 30
-"""The same in automatic labels, for islands within the body: a larger one may be a hand. Chosen by eye."""
+LOOSE_PX, SLIVER_PX = 250, 30
+"""The same in automatic labels, for islands off the body, as a larger one may be a foot behind a table, and
+for those within it, as a larger one may be a hand. Chosen by eye."""
 HOLE_DEPTH = 0.03
 """Difference of a hole's mean depth to its rim's, as a share, of a hole in a surface. Chosen by eye."""
 _LABELS = np.array([*range(N_CLASSES), UNDEFINED])
-"""All label values."""
 _INDEX = np.searchsorted(_LABELS, np.arange(256))
-"""Place in _LABELS of each value (256,)."""
+"""All label values, and the place of each value (256,) among them."""
 
 
 def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:

@@ -10,10 +10,8 @@ import numpy as np
 
 from annotate.array_types import Bool, UInt8
 
-BACKGROUND = 0
-"""Id of everything but the labelled person."""
-UNDEFINED = 255
-"""Id of person pixels whose part is unknown."""
+BACKGROUND, UNDEFINED = 0, 255
+"""Ids of everything but the labelled person, and of person pixels whose part is unknown."""
 N_CLASSES = 12
 """The background and eleven parts."""
 

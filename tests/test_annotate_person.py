@@ -11,7 +11,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.extract import Survey
-from annotate.person.warm_window import WINDOW_C
+from annotate.person.pixel_odds import WINDOW_C
 from sensors.importers.pointcloud import CloudFile
 from sensors.rig.camera import Intrinsics, rays
 from synth.rig.truth import truth_labels

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from annotate.cloud.fuse import Fuser
-from annotate.engine import shipped_weights
+from annotate.engine import Engine, shipped_weights
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
@@ -111,13 +111,13 @@ def test_a_second_look_mends_labels_and_keeps_within_what_is_measured(frame):
     person = Survey(cloud, None, suit).person(None)
     first = segment(cloud, person.mask, suit)
     spoilt = replace(first, parts=np.where(first.parts == 7, 2, first.parts).astype(np.uint8))
-    labels, again = look_again(cloud, person, spoilt, None)
+    labels, again = look_again(cloud, person, spoilt, None, Engine())
     known = truth != UNDEFINED
     assert (labels.parts == truth)[known & (truth == 7)].mean() > 0.5
     assert (labels.parts == truth)[known].mean() >= (first.parts == truth)[known].mean() - 0.002
     assert not (again.mask & ~cloud.valid).any() and not (again.mask & again.others).any()
     assert ((labels.parts > 0) == again.mask).all() and ((labels.confidence > 0) <= again.mask).all()
-    twice, _ = look_again(cloud, person, spoilt, None)
+    twice, _ = look_again(cloud, person, spoilt, None, Engine())
     assert np.array_equal(twice.parts, labels.parts)
 
 
@@ -127,7 +127,7 @@ def test_without_a_suit_or_temperatures_there_is_no_second_look(frame):
     first = segment(cloud, person.mask, suit)
     unfelt = replace(cloud, temperature_c=np.full_like(cloud.temperature_c, np.nan))
     for one in (Survey(cloud).person(None), Survey(unfelt, None, suit).person(None)):
-        labels, again = look_again(cloud, one, first, None)
+        labels, again = look_again(cloud, one, first, None, Engine())
         assert labels is first and again is one
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from annotate.engine import Engine, Steps
 from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
-from annotate.person.warm_window import WINDOW_C
+from annotate.person.pixel_odds import WINDOW_C
 from annotate.suit.palette import load_suit
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.paired import difference

@@ -9,10 +9,9 @@ MOST_BY_COLOR = 2.5
 """Bound of the log odds of a colour: a sofa may have a suit's colour somewhere. Chosen by eye."""
 LEAST_FREQUENCY = 2e-4
 """Share of pixels added to every colour's, seen or not: one in five thousand. Chosen by eye."""
-LEAST_LEARNT = 200
-"""Pixels of person and of background below which no colours are learnt. Chosen by eye."""
-SURE_ODDS = 1.5
-"""Log odds from which on a pixel counts as person or as background. Chosen by eye."""
+LEAST_LEARNT, SURE_ODDS = 200, 1.5
+"""Pixels of person and of background below which no colours are learnt, and the log odds from which on a
+pixel counts as one of these. Chosen by eye."""
 LAB_BITS = (5, 3, 3)
 """Bits of each Lab channel that a colour's bin leaves out: 8 x 32 x 32 bins. Chosen by eye."""
 

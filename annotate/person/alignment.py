@@ -18,7 +18,7 @@ from annotate.array_types import Bool, Float32, Float64, Int64
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.person.warm_window import WINDOW_C, find_window
+from annotate.person.pixel_odds import WINDOW_C, find_window
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
@@ -28,10 +28,9 @@ SILHOUETTE_JUMP = 0.08
 """Depth difference across a silhouette as a share of the nearer depth: 16 cm at 2 m. Chosen by eye."""
 INSIDE_PX, OUTSIDE_PX = 3, 4
 """Pixels from the jump to the points compared: a thermal pixel is three depth pixels wide. Chosen by eye."""
-SEARCHED_PX = 42
-"""Farthest shift tried to each side in depth pixels, 6.5 degrees of a Kinect v2. Chosen by eye."""
-SHIFT_PX = 3
-"""Spacing of the shifts tried in depth pixels: one thermal pixel of a PI200."""
+SEARCHED_PX, SHIFT_PX = 42, 3
+"""Farthest shift tried to each side in depth pixels, 6.5 degrees of a Kinect v2 (chosen by eye), and spacing
+of the shifts: one thermal pixel of a PI200."""
 LEAST_EDGES, MOST_EDGES = 80, 600
 """Pairs of points below which the contrast counts as unknown; most compared, for speed. Chosen by eye."""
 FILL_PX = 15

@@ -149,9 +149,8 @@ def _part_score(
 ) -> Float64:
     """Log score (R,) of each patch's best part, the body being the patches not yet rejected.
 
-    evidence, by_warmth: (R, 11), log evidence of the temperatures against the body's median, and their log
-    scores against the room's. own_m2: (R,). columns: (R, 7), clues without this one; weights: (R, 7), of the
-    clues.
+    evidence, by_warmth: (R, 11), of temperatures against the body's median, and against the room's. columns:
+    (R, 7), clues without this one; weights: (R, 7).
     """
     odd = ANY_COLOR + size_scores(own_m2, ODD_M2)
     best, accepted = np.full(len(in_mask), -np.inf), in_mask

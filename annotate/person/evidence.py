@@ -16,9 +16,14 @@ from annotate.engine import Steps
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND
 from annotate.person.alignment import degrees, thermal_alignment
-from annotate.person.pixel_odds import cold_surface_odds, temperature_odds, warmth_share
+from annotate.person.pixel_odds import (
+    WINDOW_C,
+    cold_surface_odds,
+    find_window,
+    temperature_odds,
+    warmth_share,
+)
 from annotate.person.planes import MIN_COLD_PLANE_M2, MIN_PANEL_M2, Plane, close_to, find_planes, panel_of
-from annotate.person.warm_window import WINDOW_C, find_window
 from annotate.suit.palette import Suit
 
 LOCAL_M, COLD_REACH_M = 0.3, 0.3
@@ -28,10 +33,9 @@ SURROUNDINGS_M = 0.4
 """Metres from warm surface that a cold sleeve or a foot behind an arm rest may reach. Chosen by eye."""
 LEGS_M, FAINT_FOOT = 0.9, 0.25
 """Metres from warm surface of a foot seen below a blanket, and its least share of warmth. Chosen by eye."""
-SURELY_COLD = 0.12
-"""Share of a person's warmth below which a surface close to a plane is no candidate. Chosen by eye."""
-EDGES_PX = 25
-"""Pixels around warm surface whose silhouettes are compared: four degrees. Chosen by eye."""
+SURELY_COLD, EDGES_PX = 0.12, 25
+"""Share of a person's warmth below which a surface close to a plane is no candidate; pixels around warm
+surface whose silhouettes are compared, four degrees. Chosen by eye."""
 UNCHANGED_DEPTH = 0.012
 """Depth difference of pure noise as a share of the depth: four standard deviations of a Kinect v2's, measured
 at 2 m (Fankhauser et al. 2015)."""
@@ -86,8 +90,7 @@ def thermal_evidence(
         "degrees warm; let somebody step into the view, or give the window of temperatures"
     )
     if not warm.any():
-        zero = np.zeros(loose.shape, np.float32)
-        return Evidence("thermal", zero, warm, warm, planes, nobody)
+        return Evidence("thermal", np.zeros(loose.shape, np.float32), warm, warm, planes, nobody)
     alignment = thermal_alignment(cloud, (low, high), grown(warm, EDGES_PX))
     pixels_per_m = cloud.camera.fx / float(np.median(cloud.points_m[..., 2][warm]))
     share = warmth_share(celsius, warm, (low, high), 2 * round(LOCAL_M * pixels_per_m) + 1)

@@ -23,13 +23,7 @@ from annotate.person.evidence import Evidence, previous_evidence, thermal_eviden
 from annotate.person.persons import SPECK_M2, Person, persons_of, with_joined_halves
 from annotate.person.pieces import Piece, pieces_of
 from annotate.person.pixel_odds import plane_odds
-from annotate.person.planes import (
-    Plane,
-    close_to,
-    find_planes,
-    lies_on,
-    normals_at,
-)
+from annotate.person.planes import Plane, close_to, find_planes, lies_on, normals_at
 from annotate.person.silhouette import Links
 from annotate.person.subject import crowd_warnings, cut_warnings, subject_score
 from annotate.suit.palette import Suit
@@ -44,10 +38,9 @@ BESIDE_SUBJECT_PX, LEAST_BESIDE_ODDS = 45, -3.0
 odds: no plane of the room. Chosen by eye."""
 BODY_M, NEIGHBOUR_M = 1.3, 1.0
 """Metres from a person's middle to their feet below a blanket, and to another's middle. Chosen by eye."""
-KEPT_ABOVE_ODDS = -0.5
-"""Log odds by the suit down to which the mask without it stays: most rooms have no blanket. Chosen by eye."""
-BETWEEN_PX = 13
-"""Side in pixels of the window that bridges gaps in a blanket of known colours. Chosen by eye."""
+KEPT_ABOVE_ODDS, BETWEEN_PX = -0.5, 13
+"""Log odds by the suit down to which the mask without it stays, as most rooms have no blanket; side in pixels
+of the window that bridges gaps in one. Chosen by eye."""
 LOST = (
     "no temperature in this frame, and the rig has moved since the one before: depth alone would take "
     "furniture for the person, parts are undefined; label it by hand, or hold still while the flag is closed"

@@ -27,9 +27,8 @@ MOST_M2 = np.array([0.035, 0.13, 0.033, 0.033, 0.028, 0.028, 0.045, 0.06, 0.06, 
 LARGER = 14.0
 """Log cost of a surface e times larger; grows with the logarithm's square. Chosen by eye."""
 PART_WARMTH = np.array([1.13, 0.97, 0.84, 0.84, 0.77, 0.77, 0.94, 0.86, 0.86, 0.58, 0.58])
-"""Mean relative warmth (11,) of each part, measured over the same frames."""
 PART_WARMTH_SD = np.array([0.25, 0.08, 0.13, 0.13, 0.22, 0.22, 0.12, 0.13, 0.13, 0.22, 0.22])
-"""Standard deviation (11,) of that, measured likewise."""
+"""Mean relative warmth (11,) of each part, and its standard deviation, measured over the same frames."""
 WARMTH_SCORE_WEIGHT, WARMTH_COST = 0.5, 8.0
 """Weight of the relative warmth's log density, and the largest log cost of an odd temperature before it: a
 hand may have held a glass. Chosen by eye."""

@@ -23,48 +23,40 @@ TRUNK_M, CORE_M = 0.095, 0.08
 are a trunk's core. Chosen by eye."""
 TRUNK_JUMP = 0.08
 """Depth step within one trunk as a share of the depth: another person is farther. Chosen by eye."""
-LEAST_CORE_M2 = 0.015
-"""Least surface of a core in m2; two knees side by side are as wide, but not for long. Chosen by eye."""
-PERSON_M2 = 0.15
-"""Surface in m2 from which a piece is no loose limb: two legs together have less. Chosen by eye."""
+LEAST_CORE_M2, PERSON_M2 = 0.015, 0.15
+"""Least surface in m2 of a core, as two knees are as wide, but not for long, and of what is no loose limb.
+Chosen by eye."""
 CLOSE_M, CLOSE_EVERY = 0.2, 7
 """Metres within which pieces without a trunk belong to one body, as shadows lie between, and the step between
 the pixels compared. Chosen by eye."""
-ONE_PERSON_M = 0.7
-"""Metres between the middles of cores below which they are one person's. Chosen by eye."""
+ONE_PERSON_M, MOST_PERSONS = 0.7, 250
+"""Metres between the middles of cores below which they are one person's; most persons of one frame. Chosen by
+eye."""
 LIMB_M, LIMB_SIZES = 0.40, 3.0
 """Most metres from a person to a loose warm limb of theirs, and most of its sizes (roots of its surface).
 Chosen by eye."""
 PANEL_M = 0.006
 """Standard deviation in metres below which a loose piece is a screen or a panel. Chosen by eye."""
-TOUCH_M = 0.05
-"""Width in metres of a gap that pixels without a reading make. Chosen by eye."""
-TOUCHING_PX = 4
-"""Pixels next to a person's that make a loose piece their neighbour in the image. Chosen by eye."""
+TOUCH_M, TOUCHING_PX = 0.05, 4
+"""Metres of a gap that pixels without a reading make; pixels beside a person that make a piece theirs. Chosen
+by eye."""
 PAIRS = 12
 """Pairs of nearest pixels tried: a body bends out of sight somewhere along the gap. Chosen by eye."""
 BEHIND_M, OPEN_M, OPEN_SHARE = 0.05, 0.08, 0.25
 """Metres behind both ends of a gap of a reading that shows it open; length in metres, and share of the gap,
 of such readings up to which the join may be hidden. Chosen by eye."""
-MOST_PERSONS = 250
-"""Most persons of one frame: their numbers are 8-bit. Chosen by eye."""
 MIDDLES_M, GAP_M = 1.1, 0.4
 """Most metres between the middles and between the nearest points of two halves of a person. Chosen by eye."""
-NEARER_M = 0.02
-"""Metres by which a thing before the gap is nearer than both halves. Chosen by eye."""
-COVERED_SHARE = 0.5
-"""Least share of the way between the halves with such a thing before it; beside somebody else the room is
-seen between, which is farther. Chosen by eye."""
+NEARER_M, COVERED_SHARE = 0.02, 0.5
+"""Metres by which a thing before the gap is nearer than both halves, and least share of the way covered so:
+beside somebody else the room is seen between, which is farther. Chosen by eye."""
 NEAREST_PIXELS = 200
 """Nearest pixels of the two halves considered. Chosen by eye."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """One person.
-
-    mask: bool (h, w). area_m2: visible surface. centre_m: mean of its points (3,), depth camera's frame.
-    """
+    """One person: mask (h, w), visible surface in m2, mean of the points (3,) in the depth camera's frame."""
 
     mask: Bool
     area_m2: float
@@ -86,10 +78,7 @@ def persons_of(cloud: ThermalCloud, mask: Bool) -> list[Person]:
 
 
 def _trunks(cloud: ThermalCloud, mask: Bool, labels: Int32, pieces: Sequence[Piece]) -> list[Bool]:
-    """Cores (h, w) of the trunks, one a person; without any, the widest piece.
-
-    labels: (h, w), number of the piece of each pixel.
-    """
+    """Cores (h, w) of the trunks, one a person; without any, the widest piece; labels: (h, w), of pieces."""
     solid = np.isin(labels, [piece.label for piece in pieces if piece.thickness_m >= PANEL_M])
     # Closed, because the pixels between an arm and the trunk behind it often have no reading.
     closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
@@ -111,10 +100,7 @@ def _trunks(cloud: ThermalCloud, mask: Bool, labels: Int32, pieces: Sequence[Pie
 def _slender(
     cloud: ThermalCloud, labels: Int32, pieces: Sequence[Piece], cores: Sequence[Bool]
 ) -> list[Bool]:
-    """Masks (h, w) of bodies without a wide trunk (from the side, lying): much surface in close pieces.
-
-    labels: (h, w), number of the piece of each pixel. cores: (h, w), trunks already found.
-    """
+    """Masks (h, w) of bodies without a wide trunk (lying): much surface in close pieces; cores: found."""
     taken = np.unique(np.concatenate([labels[core] for core in cores])) if cores else np.zeros(0, np.int32)
     loose = [piece for piece in pieces if piece.label not in taken]
     large = [labels == piece.label for piece in loose if piece.area_m2 >= PERSON_M2]
@@ -128,7 +114,9 @@ def _slender(
     of_pixel = np.where(np.isin(labels, [piece.label for piece in loose]), body[labels], -1)
     bodies = [of_pixel == number for number in np.flatnonzero(area >= PERSON_M2)]
     known = [cloud.points_m[mask][::CLOSE_EVERY] for mask in (*cores, *large)]
-    return large + [body for body in bodies if not _are_limbs(known, cloud.points_m[body][::CLOSE_EVERY])]
+    points = ((body, cloud.points_m[body][::CLOSE_EVERY]) for body in bodies)
+    # What is near a known body is its limb.
+    return large + [b for b, m in points if all(Nearest(o).query(m)[0].min() >= LIMB_M for o in known)]
 
 
 def _joined(labels: Int32, close: Int32, count: int) -> Int32:
@@ -143,11 +131,6 @@ def _joined(labels: Int32, close: Int32, count: int) -> Int32:
         if (lowest[close] == body[labels]).all():
             return body
         np.minimum.at(body, labels, lowest[close])
-
-
-def _are_limbs(known_m: Sequence[Float32], points_m: Float32) -> bool:
-    """Whether points (n, 3) are within LIMB_M of any known body's points, hence its limbs; metres."""
-    return any(Nearest(body).query(points_m)[0].min() < LIMB_M for body in known_m)
 
 
 def _apart(cloud: ThermalCloud, cores: Sequence[Bool]) -> list[Bool]:
@@ -166,10 +149,7 @@ def _apart(cloud: ThermalCloud, cores: Sequence[Bool]) -> list[Bool]:
 
 
 def _owners(cloud: ThermalCloud, labels: Int32, pieces: Sequence[Piece], trunks: Sequence[Bool]) -> UInt8:
-    """Person (h, w) of each pixel: 1 and on for the trunks in their order, 0 for nobody.
-
-    labels: (h, w), number of the piece of each pixel.
-    """
+    """Person (h, w) of each pixel: 1 and on for the trunks in their order, 0 for nobody."""
     marks = np.where(np.isin(labels, [piece.label for piece in pieces]), 0, NO_PIXEL).astype(np.uint8)
     for number, trunk in enumerate(trunks, 1):
         marks[trunk] = number
@@ -213,10 +193,7 @@ class _Limbs:
 
 
 def _hidden_between(depth_m: Float32, one: int, other: int, pixel_rad: float) -> bool:
-    """Whether the join of two pixels (flat indices) can be out of sight: little between them is farther.
-
-    depth_m: (h, w). pixel_rad: angle of a pixel.
-    """
+    """Whether the join of two pixels (flat indices) can be out of sight: little between them is farther."""
     v, u = line(depth_m.shape, one, other)
     steps, v0, u0, v1, u1 = len(v), v[0], u[0], v[-1], u[-1]
     farther = depth_m[v, u] > np.linspace(depth_m[v0, u0], depth_m[v1, u1], steps) + BEHIND_M

@@ -1,4 +1,4 @@
-"""Log odds (h, w) of a person at each pixel, by its temperature and by the planes of the room."""
+"""Log odds (h, w) of a person at each pixel, by temperature and the room's planes."""
 
 import cv2
 import numpy as np
@@ -7,8 +7,27 @@ from annotate.array_types import Bool, Float32
 from annotate.cloud.color_odds import SURE_ODDS
 from annotate.cloud.grid import NO_PIXEL, flood
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.person.warm_window import ABOVE_C
 
+WINDOW_C = (25.0, 35.0)
+"""Least and most surface temperature in degrees Celsius of a dressed person in a room, where the frame itself
+gives none (Nishi & Miura 2017, section 4.2.1)."""
+BIN_C, REACH_C = 0.25, 40.0
+"""Degrees Celsius of a histogram's bin, and of its reach to both sides of the median. Chosen by eye."""
+ROOM_SPREAD_C, PERSON_SPREAD_C = 0.5, 1.0
+"""Smoothing of the histograms of room and person in degrees Celsius: walls are even, a dressed person is not.
+Chosen by eye."""
+CONTRAST_C, CONTRAST_SPREAD_C = 9.0, 3.0
+"""Expected degrees Celsius of clothes above the room, 20 and 29 degrees for most, and their standard
+deviation: 6 above a hot room, 14 for skin in a cold one; a blanket or a sofa near a radiator is some 3 above.
+Chosen by eye."""
+LEAST_M2 = 0.02
+"""Warm surface in m2, weighted by its contrast, below which no window is found. Chosen by eye."""
+HALFWAY = 0.5
+"""Beginning of the window on the way from the room's temperature to the person's, as a share; gives the
+paper's 25 degrees for a room of 20 and a person of 30."""
+ABOVE_C = 5.0
+"""End of the window above the person's commonest temperature in degrees Celsius: bare skin is 3 to 4 degrees
+warmer than clothes (ISO 7933), plus a camera's noise."""
 LEAST_CONTRAST_C = 1.0
 """Least difference in degrees Celsius between person and background that a share is taken of: a camera's
 noise and a room's unevenness are 0.3 each. Chosen by eye."""
@@ -34,6 +53,39 @@ BY_COLD_SURFACE = -2.0
 """Log odds of a pixel without a temperature on a surface that is cold farther on. Chosen by eye."""
 WARM_MARK, COLD_MARK = 1, 2
 """Marks of surely warm and of surely cold pixels in a flood."""
+
+
+def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
+    """Least and most degrees Celsius of a person in this frame, or None where nothing stands out.
+
+    loose: bool (h, w), pixels off the room's planes: a sunlit wall is no person. The room has the commonest
+    temperature of all pixels, the person the commonest of the loose and warmer ones, by surface. An offset of
+    all temperatures moves the window by as much.
+    """
+    known = cloud.valid & np.isfinite(cloud.temperature_c)
+    if not known.any():
+        return None
+    depth_m = cloud.points_m[..., 2]
+    surface_m2 = np.asarray(depth_m**2 / (cloud.camera.fx * cloud.camera.fy), np.float32)
+    room_c = _mode(cloud.temperature_c[known], surface_m2[known], ROOM_SPREAD_C)
+    above = cloud.temperature_c - room_c
+    belief = surface_m2 * np.exp(-0.5 * np.square((above - CONTRAST_C) / CONTRAST_SPREAD_C))
+    warm = known & loose & (np.abs(above - CONTRAST_C) < 2.5 * CONTRAST_SPREAD_C)
+    if belief[warm].sum() < LEAST_M2:
+        return None
+    person_c = _mode(cloud.temperature_c[warm], belief[warm].astype(np.float32), PERSON_SPREAD_C)
+    return room_c + HALFWAY * (person_c - room_c), person_c + ABOVE_C
+
+
+def _mode(celsius: Float32, weight: Float32, spread_c: float) -> float:
+    """Commonest temperature in degrees Celsius of temperatures (n,) with weights (n,), histogram smoothed."""
+    # Bins around the median: a common offset of all temperatures moves them along.
+    middle, bins = np.median(celsius), round(2 * REACH_C / BIN_C)
+    place = ((celsius - middle).astype(np.float64) + REACH_C) / BIN_C
+    within = (place >= 0) & (place < bins)
+    count = np.bincount(place[within].astype(np.intp), weight[within], bins)
+    smooth = cv2.GaussianBlur(count.astype(np.float32)[None], (0, 0), spread_c / BIN_C)[0]
+    return float(middle) + (int(smooth.argmax()) + 0.5) * BIN_C - REACH_C
 
 
 def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], size_px: int) -> Float32:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from annotate.array_types import Bool, Float32, Int64, UInt8
+from annotate.array_types import Bool, Float32, UInt8
 from annotate.cloud.grid import JUMP
 
 OFFSETS = np.array([(0, 1), (1, -1), (1, 0), (1, 1), (0, 2), (2, 0), (2, 1), (2, -1)])
@@ -19,10 +19,9 @@ REACH = int(np.abs(OFFSETS).max())
 STEP, CREASE = 0.6 * JUMP, 0.08
 """Depth step, as a share of the depth, and 1 - cosine between normals (23 degrees), that each weaken a link
 to 1/e. Chosen by eye."""
-EDGE_LAB = 18.0
-"""Standard deviation of 8-bit CIE Lab distances within one material. Chosen by eye."""
-COUPLING = 1.2
-"""Log odds that a certain neighbour adds over a full link. Chosen by eye."""
+EDGE_LAB, COUPLING = 18.0, 1.2
+"""Standard deviation of 8-bit CIE Lab distances within one material; log odds of a neighbour over a full
+link. Chosen by eye."""
 FIELD_ROUNDS, DAMPING = 6, 0.3
 """Rounds of mean field, and the share of the old belief in a round's new one, for convergence. Chosen by
 eye."""
@@ -40,30 +39,28 @@ class Links:
         self._box = np.s_[top : top + height, left : left + width]
         self._candidates = np.pad(candidates[self._box], REACH)  # so that no neighbour is off the image
         depth_m, normals = (np.ascontiguousarray(plane[self._box]) for plane in (depth_m, normals))
-        self._strength = _links(
-            self._candidates, depth_m, normals, np.ascontiguousarray(lab[self._box]), OFFSETS
-        )
+        self._strength = _links(self._candidates, depth_m, normals, np.ascontiguousarray(lab[self._box]))
 
     def belief(self, evidence: Float32) -> Float32:
         """Belief (h, w) in [-1, 1] by log odds (h, w), positive = person; -1 off the candidates."""
         belief = np.full(evidence.shape, np.float32(-1))
         odds = np.where(self._candidates, np.pad(evidence[self._box], REACH), 0).astype(np.float32)
-        smooth = _mean_field(odds, self._strength, OFFSETS)[REACH:-REACH, REACH:-REACH]
+        smooth = _mean_field(odds, self._strength)[REACH:-REACH, REACH:-REACH]
         belief[self._box] = np.where(self._candidates[REACH:-REACH, REACH:-REACH], smooth, np.float32(-1))
         return belief
 
 
 @njit(cache=True, nogil=True)
-def _links(candidates: Bool, depth_m: Float32, normals: Float32, lab: UInt8, offsets: Int64) -> Float32:
+def _links(candidates: Bool, depth_m: Float32, normals: Float32, lab: UInt8) -> Float32:
     """Strength (8, h, w) of links in [0, 1]; candidates and result have a border of ``REACH`` pixels."""
     height, width = candidates.shape
-    strength = np.zeros((offsets.shape[0], height, width), np.float32)
+    strength = np.zeros((len(OFFSETS), height, width), np.float32)
     for v in range(height - 2 * REACH):
         for u in range(width - 2 * REACH):
             if not candidates[v + REACH, u + REACH]:
                 continue
-            for k in range(offsets.shape[0]):
-                r, c = v + offsets[k, 0], u + offsets[k, 1]
+            for k in range(len(OFFSETS)):
+                r, c = v + OFFSETS[k, 0], u + OFFSETS[k, 1]
                 if not candidates[r + REACH, c + REACH]:
                     continue
                 step = abs(depth_m[v, u] - depth_m[r, c]) / min(depth_m[v, u], depth_m[r, c])
@@ -92,7 +89,7 @@ def _tanh(x: Float32) -> Float32:
 
 
 @njit(cache=True, nogil=True)
-def _mean_field(evidence: Float32, strength: Float32, offsets: Int64) -> Float32:
+def _mean_field(evidence: Float32, strength: Float32) -> Float32:
     """Belief (h, w) by log odds (h, w), 0 off the candidates; strength: (8, h, w) of ``_links``."""
     height, width = evidence.shape
     inner = width - 2 * REACH
@@ -100,8 +97,8 @@ def _mean_field(evidence: Float32, strength: Float32, offsets: Int64) -> Float32
     for _ in range(FIELD_ROUNDS):
         support = np.zeros_like(evidence)
         for v in range(REACH, height - REACH):
-            for k in range(offsets.shape[0]):
-                r, c = v + offsets[k, 0], REACH + offsets[k, 1]
+            for k in range(len(OFFSETS)):
+                r, c = v + OFFSETS[k, 0], REACH + OFFSETS[k, 1]
                 link = strength[k, v, REACH : REACH + inner]
                 earlier, later = belief[v, REACH : REACH + inner], belief[r, c : c + inner]
                 earlier_sum, later_sum = support[v, REACH : REACH + inner], support[r, c : c + inner]

@@ -15,10 +15,9 @@ from annotate.suit.palette import chromaticity
 OFF_CENTRE = 0.3
 """Tangent of the angle off the view's middle column at which a score falls to 1/e: people are aimed at, half
 of a Kinect v2's view is 0.7. Chosen by eye."""
-BEFORE_GAIN = 4.0
-"""Factor less one by which standing where the subject stood before raises a score. Chosen by eye."""
-CLEAR_LEAD = 2.0
-"""Least ratio of the best score to the next among three persons and more. Chosen by eye."""
+BEFORE_GAIN, CLEAR_LEAD = 4.0, 2.0
+"""Factor less one by which standing where the subject stood before raises a score, and least ratio of the
+best to the next among three persons and more. Chosen by eye."""
 EDGE_STRIP_PX, CUT_PX = 4, 12
 """Width in pixels of the strip along a border of the image that counts as touching it, and pixels of a person
 in it from which the border cuts them. Chosen by eye."""
@@ -77,12 +76,8 @@ def crowd_warnings(
 
 def cut_warnings(mask: Bool) -> list[str]:
     """A warning where three or four borders of the image cut the person's mask (h, w)."""
-    borders = {
-        "left": mask[:, :EDGE_STRIP_PX],
-        "right": mask[:, -EDGE_STRIP_PX:],
-        "top": mask[:EDGE_STRIP_PX],
-        "bottom": mask[-EDGE_STRIP_PX:],
-    }
+    first, last = slice(EDGE_STRIP_PX), slice(-EDGE_STRIP_PX, None)
+    borders = {"left": mask[:, first], "right": mask[:, last], "top": mask[first], "bottom": mask[last]}
     borders_cut = [name for name, border in borders.items() if border.sum() >= CUT_PX]
     if len(borders_cut) < 3:
         return []

@@ -56,8 +56,7 @@ LAYOUT = {
     "blur": "one",  # uncertainty of the chromaticity
     "clues": "clues",  # of the patch, in the order of ``annotate.person.clothed_mask.Clue``
 }
-"""Columns of a descriptor, in order, and their kind, which gives their width and what a mirror does to
-them."""
+"""Columns of a descriptor, in order, and their kind: their width, and what a mirror does to them."""
 WIDTHS = {"parts": _N, "classes": _N + 1, "xyz": 3, "three": 3, "one": 1, "clues": len(Clue)}
 """Number of columns of each kind."""
 DESCRIPTOR_WIDTH = sum(WIDTHS[kind] for kind in LAYOUT.values())
@@ -206,10 +205,7 @@ def _surface_m2(cloud: ThermalCloud, clues: PatchClues) -> Float64:
 
 
 def _colour(rgb: UInt8, reading: SuitReading, groups: Supervoxels) -> tuple[Float64, Float64]:
-    """Mean log likelihood (G, 11) of the readable colours under each part, and the share (G,) of these.
-
-    rgb: uint8 (n, 3), colours of the points.
-    """
+    """Mean log likelihood (G, 11) of the readable colours (n, 3) under each part, and their share (G,)."""
     usable = readable(rgb, np.ones(len(rgb), np.bool_))
     evidence = np.zeros((len(rgb), _N))
     evidence[usable] = reading.model.evidence(rgb[usable])

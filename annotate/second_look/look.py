@@ -29,17 +29,13 @@ LEAST = 1e-4
 
 
 def look_again(
-    cloud: ThermalCloud,
-    person: PersonMask,
-    first: Segmentation,
-    before: FrameLabels | None,
-    engine: Engine | None = None,
+    cloud: ThermalCloud, person: PersonMask, first: Segmentation, before: FrameLabels | None, engine: Engine
 ) -> tuple[Segmentation, PersonMask]:
     """Better labels and a better mask; the given ones where the suit was not read or no temperature is known.
 
     person, first: mask and labels of the first reading. before: labels of the previous frame.
     """
-    engine, reading, candidates = engine or Engine(), first.reading, person.candidates
+    reading, candidates = first.reading, person.candidates
     if reading is None or candidates is None:
         return first, person
     clues, groups = candidates.clues, candidates.clues.groups

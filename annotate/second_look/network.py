@@ -35,9 +35,8 @@ class GraphNetwork:
         described: (G, F), descriptors. edges: (e, 2), pairs of neighbours. patch, sizes: (G,), patch and
         number of points of each.
         """
-        x = np.clip((described - self.middle) / self.spread, -MOST_DEVIATIONS, MOST_DEVIATIONS).astype(
-            np.float32
-        )
+        scaled = np.clip((described - self.middle) / self.spread, -MOST_DEVIATIONS, MOST_DEVIATIONS)
+        x = scaled.astype(np.float32)
         hidden = np.maximum(_dense(self.enter, x), 0)
         a, b = np.concatenate([edges, edges[:, ::-1]]).T
         near = _Means(a, np.ones(len(a), np.float32), len(x), b)

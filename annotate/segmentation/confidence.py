@@ -38,20 +38,17 @@ FEATURES = (
     "person odds",  # log odds of the supervoxel being the person's at all
 )
 """Columns of the features; their weights are `annotate.engine.Weights.confidence`."""
-LEAST_BELIEF = 1e-4
-"""Least belief that counts in ``odds``. Chosen by eye."""
+LEAST_BELIEF, OUTLINE_PX, LEAST_ROOM = 1e-4, 2, 0.05
+"""Least belief that counts in ``odds``; pixels within which a point is near the outline; least share of the
+surroundings off the person for a contrast. Chosen by eye."""
 MOST_MARGIN, MOST_CONTRAST_C, FARTHEST_PX = 4.0, 6.0, 20
 """Bounds of ``margin``; in degrees Celsius of ``cold``, and of ``contrast``, above twice that; of the pixels
 to the outline. Chosen by eye."""
 SAME_PX, EDGE_WINDOW_PX, SURROUNDINGS_PX = 7, 5, 31
 """Sides in pixels of the windows of ``same``; of ``alone``, ``jump``, ``unmeasured``, ``contact``; of a
 pixel's surroundings. Chosen by eye."""
-OUTLINE_PX = 2
-"""Pixels within which a point is near the outline. Chosen by eye."""
 SAME_SURFACE_M, EDGE_M = 0.03, 0.06
 """Depth differences in metres within which a surface goes on, and of a depth edge. Chosen by eye."""
-LEAST_ROOM = 0.05
-"""Least share of that window off the person for a contrast. Chosen by eye."""
 ROOM_PX = 16
 """Pixels beyond the person's mask that the features look at: half of SURROUNDINGS_PX."""
 
@@ -96,10 +93,7 @@ def features(cloud: ThermalCloud, parts: UInt8, reading: SuitReading) -> Float64
 
 
 def chance_right(columns: Float64, weights: Float64) -> Float64:
-    """Chance (n,) in [0, 1] that a label is right, by ``features`` (n, 19): a logistic curve.
-
-    weights: (20,), of the features and, last, the intercept.
-    """
+    """Chance (n,) that a label is right, by ``features`` (n, 19) and weights (20,), last the intercept."""
     return np.asarray(1 / (1 + np.exp(-(columns @ weights[:-1] + weights[-1]))))
 
 

@@ -18,22 +18,20 @@ from sensors.rig.nearest import Nearest
 TEMPERATURE_WEIGHT, WARMTH_FLOOR = 0.3, -4.0
 """Weight of a supervoxel's temperature, and least log density: no mug, no draught excludes a part. Chosen by
 eye."""
-EARLIER_WEIGHT = 0.5
-"""Weight of the previous frame's log probabilities. Chosen by eye."""
-ANOTHER = 0.8
-"""Probability that the previous frame shows another person or pose, before any comparison. Chosen by eye."""
+EARLIER_WEIGHT, ANOTHER = 0.5, 0.8
+"""Weight of the previous frame's log probabilities, and chance of another person or pose in it, before any
+comparison. Chosen by eye."""
 FULL_EVIDENCE, HALF_POINTS = 3.0, 10.0
 """Independent colours that a large supervoxel's colours, under one light, are worth, and the points of one
 whose colours are worth half of that. Chosen by eye."""
 LEAST_COLOR_BLUR = 0.02
 """Least uncertainty of a colour's chromaticity. Chosen by eye."""
-MOVE_M = 0.08
-"""Standard deviation in metres of a limb's motion between two frames at 2 Hz. Chosen by eye."""
+MOVE_M, UNIFORM_WEIGHT = 0.08, 1.0
+"""Standard deviation in metres of a limb's motion between two frames at 2 Hz; weight of the uniform
+distribution, against one earlier point at the very place. Chosen by eye."""
 NEAREST_POINTS, POINT_STRIDE = 5, 4
 """Nearest labelled points averaged, and the step through the earlier points: neighbours agree. Chosen by
 eye."""
-UNIFORM_WEIGHT = 1.0
-"""Weight of the uniform distribution, against one earlier point at the very place. Chosen by eye."""
 LEAST_AGREEMENT = 0.6
 """Agreement of earlier parts with colours below which two persons are seen. Chosen by eye."""
 CLEAR_BELIEF, CLEAR_EARLIER = 0.7, 0.5

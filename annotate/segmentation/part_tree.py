@@ -9,18 +9,15 @@ from annotate.parts import BODY_PARTS, NEIGHBOURS
 SAME_PART, JOINED, TOUCHING = 0.0, -1.2, -2.4
 """Log compatibility of two touching supervoxels of one part, of anatomical neighbours, of others. Chosen by
 eye."""
-SMOOTHING = 0.6
-"""Weight of one touching supervoxel, for up to four of them. Chosen by eye."""
-TREE_ROUNDS = 6
-"""Rounds of mean field. Chosen by eye."""
+SMOOTHING, TREE_ROUNDS = 0.6, 6
+"""Weight of one touching supervoxel, for up to four of them, and rounds of mean field. Chosen by eye."""
 PART_REACH_M = np.array([0.17, 0.28, 0.22, 0.22, 0.27, 0.27, 0.22, 0.3, 0.3, 0.35, 0.35])
 """Reach (11,) of each part from its middle in metres: half the segment lengths of a tall man (Drillis &
 Contini 1966: upper arm 0.186 of the stature, forearm with hand 0.254, thigh 0.245, shank with foot 0.285) and
 a margin."""
-STRAYING = 1.5
-"""Log cost of a supervoxel one reach beyond its part's reach; it grows with the square. Chosen by eye."""
-LEAST_MIDDLE_POINTS = 40
-"""Points of a part below which its middle is unknown. Chosen by eye."""
+STRAYING, LEAST_MIDDLE_POINTS = 1.5, 40
+"""Log cost of a supervoxel one reach beyond its part's reach, growing with the square; points of a part below
+which its middle is unknown. Chosen by eye."""
 
 _IDS = [part.id for part in BODY_PARTS]
 _BESIDE = [[frozenset((a, b)) in NEIGHBOURS for a in _IDS] for b in _IDS]

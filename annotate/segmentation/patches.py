@@ -30,8 +30,9 @@ MOST_PATCHES = 32
 LEAST_PATCH_POINTS, FULL_POINTS = 15, 40
 """Points below which a patch is not labelled, and from which on its colour has its full weight. Chosen by
 eye."""
-MEAN_BLUR = 0.5
-"""Uncertainty of a patch's mean colour as a share of its points'. Chosen by eye."""
+MEAN_BLUR, STRAY_PATCH = 0.5, -8.0
+"""Uncertainty of a patch's mean colour as a share of its points'; log likelihood if it is no swatch's. Chosen
+by eye."""
 NARROW, NARROW_PATCHES = 8, 8
 """Labellings followed in every light at first, and the patches labelled so, at most half of all. Chosen by
 eye."""
@@ -48,8 +49,6 @@ ALWAYS_SEEN = (PART_ID["head"] - 1, PART_ID["torso"] - 1)
 ABSENT, WHOLE = -5.0, 8
 """Log odds of a labelling without one of them, and patches from which on a person is taken to be seen whole.
 Chosen by eye."""
-STRAY_PATCH = -8.0
-"""Log likelihood of a patch whose colour is no swatch's. Chosen by eye."""
 
 _N = len(BODY_PARTS)
 
@@ -94,14 +93,9 @@ def patches_of(groups: Supervoxels, chroma: Float64, blur: Float64, middle_m: Fl
     np.add.at(contacts, tuple(ids[groups.edges].T), 1)
     contacts = contacts + contacts.T
     np.fill_diagonal(contacts, 0)
-    return Patches(
-        ids,
-        _mean(ids, chroma, sizes / np.maximum(blur, LEAST_MEAN_BLUR) ** 2),
-        _mean(ids, blur[:, None], sizes)[:, 0],
-        np.bincount(ids, sizes, count).astype(np.float64),
-        _mean(ids, middle_m, sizes),
-        contacts,
-    )
+    chroma = _mean(ids, chroma, sizes / np.maximum(blur, LEAST_MEAN_BLUR) ** 2)
+    blur, points = _mean(ids, blur[:, None], sizes)[:, 0], np.bincount(ids, sizes, count)
+    return Patches(ids, chroma, blur, points.astype(np.float64), _mean(ids, middle_m, sizes), contacts)
 
 
 def _joined(groups: Supervoxels, chroma: Float64) -> Index:

@@ -29,15 +29,15 @@ from annotate.suit.color_model import CLIPPED, readable, refit_colors, under, un
 from annotate.suit.palette import Suit
 from sensors.rig.nearest import Nearest
 
-MIN_READABLE_SHARE = 0.05
-"""Share of a person's points with a readable colour up to which the frame is not read. Chosen by eye."""
-READ_ROUNDS = 3
-"""Rounds of fitting the colours and the belief to each other. Chosen by eye."""
+MIN_READABLE_SHARE, BAD_SHARE = 0.05, 0.3
+"""Share of a person's points with a readable colour up to which the frame is not read, and share of colours
+lost to darkness or glare from which on a note is given. Chosen by eye."""
+READ_ROUNDS, REFINE_ROUNDS = 3, 6
+"""Rounds of fitting colours and belief to each other, and most rounds of iterated conditional modes. Chosen
+by eye."""
 PATCH_WEIGHT, PATCH_DOUBT = 1.0, 0.02
 """Weight of the patches' log beliefs, and probability added, so that no patch excludes a part. Chosen by
 eye."""
-BAD_SHARE = 0.3
-"""Share of colours lost to darkness or glare from which on a note is given. Chosen by eye."""
 LEAST_GUESS, LEAST_AGAINST_ALIKE = 0.35, 0.8
 """Beliefs below which a supervoxel stays undefined: without any colour; if its next best part looks alike.
 Chosen by eye."""
@@ -45,17 +45,15 @@ GUESS_M = 0.08
 """Metres to a supervoxel with a colour up to which one without takes its part from there: a forearm's
 thickness. Chosen by eye."""
 UNDEFINED_SHARE = 0.05
-"""Share of a person left undefined above which a note is given: specks lose their colour. Chosen by eye."""
 SOME_UNDEFINED = "some parts stay undefined: their colours cannot be read, or look alike in the suit"
-"""That note."""
+"""Share of a person left undefined above which a note is given, as specks lose their colour, and the note.
+Chosen by eye."""
 OWN_COLOR, OWN_GROUP = 1.0, 0.25
 """Weights, where the border runs within supervoxels, of a point's own colour and of its supervoxel's log
 belief. Chosen by eye."""
 NEIGHBOUR, JUMP_M = 0.5, 0.03
 """Log score that each of the eight neighbours adds to its own part at a pixel, and the depth difference in
 metres of neighbours on different surfaces. Chosen by eye."""
-REFINE_ROUNDS = 6
-"""Rounds of iterated conditional modes at most. Chosen by eye."""
 
 _N = len(BODY_PARTS)
 

@@ -27,26 +27,23 @@ and the number of points that the expected one is worth. Chosen by eye."""
 FADE, FADE_SIGMA = 0.1, 0.2
 """Expected fading and its standard deviation: share of the way from a cloth's chromaticity to the light's.
 Chosen by eye."""
-HUE_SIGMA = 0.03
-"""Standard deviation of a cloth's chromaticity beside its fading. Chosen by eye."""
+HUE_SIGMA, BARE_HUE_SIGMA = 0.03, 0.05
+"""Standard deviations of chromaticity beside fading, of cloths and of what is bare: people differ more.
+Chosen by eye."""
 BARE = (((176, 135, 105), ("head", "left_forearm", "right_forearm")),
         ((70, 62, 58), ("head", "left_lower_leg", "right_lower_leg")))  # fmt: skip
 """sRGB colours that are no cloth of the suit, and the parts that show them: skin of face and hands (the
 middle of the Monk Skin Tone scale); dark hair and shoes (chosen by eye)."""
-BARE_HUE_SIGMA = 0.05
-"""As HUE_SIGMA, for these: people differ more than cloths do. Chosen by eye."""
 BARE_COST = 0.7
 """Log cost of explaining a colour by something bare instead of the suit. Chosen by eye."""
-GAIN = np.array([0.0, 0.25])
-"""Expected log gains (2,) of red and blue against green between a palette and any light. Chosen by eye."""
-GAIN_SIGMA = 0.3
-"""Standard deviation of each. Chosen by eye."""
+GAIN, GAIN_SIGMA = np.array([0.0, 0.25]), 0.3
+"""Expected log gains (2,) of red and blue against green between a palette and any light, and the standard
+deviation of each. Chosen by eye."""
 GAIN_STEPS = np.linspace(-0.7, 0.7, 11)
 """Offsets from them tried at first, in both; incandescent lamp to blue sky is about -0.6 to 0.6."""
-POINT_WORTH = 0.2
-"""Worth of a point's colour for its swatch: neighbours share their light and fold. Chosen by eye."""
-GAIN_POINTS = 100.0
-"""Number of points that a frame's colours are worth against the gains' prior. Chosen by eye."""
+POINT_WORTH, GAIN_POINTS = 0.2, 100.0
+"""Worth of a point's colour for its swatch, as neighbours share their light and fold; number of points that a
+frame's colours are worth against the gains' prior. Chosen by eye."""
 STRAY = 0.02
 """Likelihood of any colour on any part, against a swatch's best: reflections, toys. Chosen by eye."""
 FIT_ROUNDS, FITTED_POINTS = 3, 2000
@@ -212,8 +209,10 @@ def _fitted_swatches(model: ColorModel, chroma: Float64, share: Float64) -> Colo
     """
     prior = np.linalg.inv(_strays(model, model.fading))
     mass = share.sum(axis=0)
-    gaps = _variance(model, chroma, share, mass)
-    own = (gaps * mass + SIGMA_POINTS * SIGMA**2) / (mass + SIGMA_POINTS)
+    mean = share.T @ chroma / np.maximum(mass, 1e-9)[:, None]
+    gaps = (chroma[:, :1] - mean[:, 0]) ** 2 + (chroma[:, 1:] - mean[:, 1]) ** 2
+    variance = (share * gaps).sum(axis=0) / np.maximum(mass, 1e-9) / 2
+    own = (variance * mass + SIGMA_POINTS * SIGMA**2) / (mass + SIGMA_POINTS)
     precision = POINT_WORTH * mass / own
     pull = np.einsum("kij,kj->ki", prior, FADE * model.fading)
     pull += (POINT_WORTH / own)[:, None] * (share.T @ chroma - mass[:, None] * model.lit)
@@ -226,10 +225,3 @@ def _strays(model: ColorModel, fading: Float64) -> Float64:
     """Covariance (..., K, 2, 2) of the swatches' shifts of fading (..., K, 2) before any colour is seen."""
     hue = np.where(model.bare, BARE_HUE_SIGMA, HUE_SIGMA)[:, None, None]
     return np.asarray(FADE_SIGMA**2 * fading[..., :, None] * fading[..., None, :] + hue**2 * np.eye(2))
-
-
-def _variance(model: ColorModel, chroma: Float64, share: Float64, mass: Float64) -> Float64:
-    """Variance (K,) of the colours a swatch explains about their own mean, along one axis."""
-    mean = share.T @ chroma / np.maximum(mass, 1e-9)[:, None]
-    gaps = (chroma[:, :1] - mean[:, 0]) ** 2 + (chroma[:, 1:] - mean[:, 1]) ** 2
-    return np.asarray((share * gaps).sum(axis=0) / np.maximum(mass, 1e-9) / 2)

@@ -1,7 +1,6 @@
 """Palettes learnt from corrected frames of a session, or from a photograph of the cloths."""
 
 from collections.abc import Iterable, Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from skimage.color import rgb2lab
 
-from annotate.array_types import Bool, UInt8
+from annotate.array_types import UInt8
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
@@ -29,10 +28,9 @@ LEAST_COLORS, MOST_COLORS = 30, 4000
 eye."""
 LEAST_SECOND_SHARE = 0.15
 """Least share of a part that a second colour, its skin, covers. Chosen by eye."""
-CONTRAST = 12.0
-"""CIELAB distance of a patch from the paper; 2.3 is just noticeable (Sharma 2003). Chosen by eye."""
-LEAST_PATCH = 0.002
-"""Share of the photograph below which a spot is no patch. Chosen by eye."""
+CONTRAST, LEAST_PATCH = 12.0, 0.002
+"""CIELAB distance of a patch from the paper, where 2.3 is just noticeable (Sharma 2003), and the share of the
+photograph below which a spot is no patch. Chosen by eye."""
 
 
 def corrected_frames(labels: LabelSet) -> list[str]:
@@ -68,6 +66,7 @@ def suit_from_labels(frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: s
     Every part takes its one or two main colours. Raises CloudError when labels are of another depth image,
     or no frame shows enough of a part.
     """
+    beside = np.ones((2 * SEAM_PX + 1,) * 2, np.uint8)
     seen: dict[int, list[UInt8]] = {part.id: [] for part in BODY_PARTS}
     for cloud, labels in frames:
         if not np.array_equal(cloud.depth_mm, labels.depth_mm):
@@ -75,7 +74,7 @@ def suit_from_labels(frames: Iterable[tuple[ThermalCloud, FrameLabels]], name: s
                 f"frame {labels.frame_id} of the labels shows another depth image than the session's; "
                 "give the session they were made from"
             )
-        inner = _inner(labels.parts)
+        inner = cv2.dilate(labels.parts, beside) == cv2.erode(labels.parts, beside)
         for part in BODY_PARTS:
             here = labels.parts == part.id
             here = here & inner if (here & inner).sum() >= LEAST_COLORS else here
@@ -153,20 +152,12 @@ def _typical(rgb: UInt8) -> tuple[int, ...]:
     return tuple(int(c) for c in np.rint(level * (shares / shares.max()) ** (1 / 2.2)))
 
 
-def _inner(parts: UInt8) -> Bool:
-    """Flags (h, w) of pixels with no other part within SEAM_PX."""
-    square = np.ones((2 * SEAM_PX + 1,) * 2, np.uint8)
-    return np.asarray(cv2.dilate(parts, square) == cv2.erode(parts, square))
-
-
 def _row_by_row(stats: NDArray[Any]) -> list[int]:
     """Indices of patches in reading order; a row ends where the next patch starts below its middle."""
     top, height = stats[:, cv2.CC_STAT_TOP], stats[:, cv2.CC_STAT_HEIGHT]
-    middle = top + height / 2
-    row = np.zeros(len(stats), int)
+    middle, row = top + height / 2, np.zeros(len(stats), int)
     order = np.argsort(middle)
-    for last, this in pairwise(order.tolist()):
-        row[this] = row[last] + (middle[this] - middle[last] > np.median(height) / 2)
+    row[order[1:]] = np.cumsum(np.diff(middle[order]) > np.median(height) / 2)
     return [int(i) for i in np.lexsort((stats[:, cv2.CC_STAT_LEFT], row))]
 
 

@@ -94,7 +94,8 @@ def load_suit(path: Path) -> Suit:
     colors = fields.get("colors")
     if not isinstance(colors, dict):
         raise CloudError(f"suit {path} has no [colors] table; list the eleven parts there")
-    swatches = [_swatch(path, part, color) for part, value in colors.items() for color in _as_list(value)]
+    entries = ((part, own if isinstance(own, list) else [own]) for part, own in colors.items())
+    swatches = [_swatch(path, part, color) for part, own in entries for color in own]
     if len(swatches) > MAX_SWATCHES:
         raise CloudError(f"suit {path} has {len(swatches)} colours; give at most {MAX_SWATCHES}")
     return Suit(
@@ -122,10 +123,6 @@ def suit_to_toml(suit: Suit) -> str:
         )
         lines.append(f"{part.name} = [{swatches}]")
     return "\n".join(lines) + "\n"
-
-
-def _as_list(value: object) -> list[object]:
-    return value if isinstance(value, list) else [value]
 
 
 DEFAULT_SUIT = Suit(
