@@ -35,8 +35,7 @@ from synth.appearance.outfit import (
     dress_plainly,
 )
 from synth.appearance.paint import Surfaces, paint
-from synth.appearance.photograph import CLEAN, HARD, NORMAL, ColorCamera, ColorDifficulty, set_up
-from synth.appearance.room_colors import plain_room
+from synth.appearance.photograph import CLEAN, HARD, NORMAL, ColorCamera, ColorDifficulty, plain_room, set_up
 from synth.body.body import Body, shipped_bodies
 from synth.surface.facets import noise_tile, smooth_noise
 from synth.surface.furniture import Surface, empty_room

@@ -12,9 +12,14 @@ from hypothesis import strategies as st
 from sensors.errors import CloudError, FormatError
 from synth.markers import bvh, marker_files
 from synth.markers.bvh import read_bvh
-from synth.markers.known_markers import known_markers
 from synth.markers.marker_files import Markers, read_markers
-from synth.markers.markerset import choose_marker_set, key_of, load_marker_set, shipped_marker_sets
+from synth.markers.markerset import (
+    choose_marker_set,
+    key_of,
+    known_markers,
+    load_marker_set,
+    shipped_marker_sets,
+)
 from tests.helpers.marker_samples import NAMES, bvh_text, positions, write_c3d, write_trc
 
 MUTATIONS = settings(

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sensors.rig.camera import Intrinsics, rays
-from synth.cameras.depth_noise import DepthNoise, axial_sigma_mm, kinect
+from synth.cameras.depth_camera import DepthNoise, axial_sigma_mm, kinect
 
 CAMERA = Intrinsics(160, 120, 365.0, 365.0, 79.5, 59.5)
 OFF = DepthNoise(axial=0, flying=0, grazing=0, dark=0, lateral_px=0)

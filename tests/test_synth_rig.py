@@ -12,7 +12,7 @@ from sensors.rig.camera import project
 from sensors.rig.frame import RigFrame
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.session.reader import Session
-from synth.cameras.depth_noise import DepthNoise
+from synth.cameras.depth_camera import DepthNoise
 from synth.cameras.optics import RIG_CALIBRATION
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.simulate import simulate, suit_path, truth_path

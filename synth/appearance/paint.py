@@ -23,7 +23,6 @@ from synth.appearance.outfit import (
     SKIN,
     Outfit,
 )
-from synth.appearance.room_colors import RoomColors
 from synth.surface.facets import (
     Triple,
     cross,
@@ -69,6 +68,13 @@ class Surfaces(NamedTuple):
     albedo: Float32
     normal: Float32
     point_m: Float32
+
+
+class RoomColors(NamedTuple):
+    """Colours of furniture by tag, linear (T, 3); grain: (T, 3) share, cells a metre across and along y."""
+
+    rgb: Float64
+    grain: Float64
 
 
 class _Eye(NamedTuple):

@@ -42,18 +42,16 @@ class BodyModel:
         """Float32 (V, 3) and bone heads (B, 3) in metres for phenotypes (6,) in [0, 1]."""
         model = self._model
         with self._torch.no_grad():
-            values = {
-                k: self._torch.tensor([v], dtype=model.dtype)
-                for k, v in zip(PHENOTYPES, phenotype, strict=True)
-            }
+            numbers = (self._torch.tensor([v], dtype=model.dtype) for v in phenotype)
+            values = dict(zip(PHENOTYPES, numbers, strict=True))
             coefficients = model.get_phenotype_blendshape_coefficients(**values)[0]
             used = self._torch.nonzero(coefficients)[:, 0]
-            part = coefficients[used]
-            vertices = model.template_vertices + self._torch.einsum(
-                "k,kvd->vd", part, model.blendshapes[used]
-            )
-            heads = model.template_bone_heads + self._torch.einsum(
-                "k,kvd->vd", part, model.bone_heads_blendshapes[used]
+            vertices, heads = (
+                template + self._torch.einsum("k,kvd->vd", coefficients[used], shapes[used])
+                for template, shapes in (
+                    (model.template_vertices, model.blendshapes),
+                    (model.template_bone_heads, model.bone_heads_blendshapes),
+                )
             )
         return vertices.numpy().astype(np.float64), heads.numpy().astype(np.float64)
 
@@ -67,16 +65,9 @@ class BodyModel:
         """Everything a worker needs of one body."""
         vertices, joints = self._standing(phenotype)
         bones, weights = self._influences
-        return Body(
-            name=name,
-            vertices_m=(self._skin.recipe @ vertices).astype(np.float32),
-            faces=self._skin.faces,
-            face_parts=self._skin.face_parts,
-            joints_m=joints,
-            bones=bones,
-            weights=weights,
-            waist=self.waist,
-        )
+        recipe, faces, face_parts = self._skin
+        skin = (recipe @ vertices).astype(np.float32)
+        return Body(name, skin, faces, face_parts, joints, bones, weights, self.waist)
 
     @cached_property
     def _influences(self) -> tuple[UInt8, Float32]:
@@ -104,9 +95,8 @@ class BodyModel:
         joint_of_bone = np.array([_joint_of(label) for label in self._model.bone_labels])
         indices = joint_of_bone[self._model.vertex_bone_indices.numpy()]
         by_joint = np.zeros((n_vertices, N_JOINTS), np.float32)
-        np.add.at(
-            by_joint, (np.arange(n_vertices)[:, None], indices), self._model.vertex_bone_weights.numpy()
-        )
+        rows, weights = np.arange(n_vertices)[:, None], self._model.vertex_bone_weights.numpy()
+        np.add.at(by_joint, (rows, indices), weights)
         return by_joint
 
 

@@ -5,7 +5,6 @@ border. The cut is decided once, on one body, and repeated on every other: all k
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -40,8 +39,7 @@ _SIDE_M = 0.12
 _CROTCH_M = 0.006
 
 
-@dataclass(frozen=True)
-class PartSkin:
+class PartSkin(NamedTuple):
     """Faces cut at the borders of the parts.
 
     recipe: sparse (W, V), rows sum to 1: a vertex of the cut skin as a mixture of a model's, whose own V

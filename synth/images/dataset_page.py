@@ -19,7 +19,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import Dataset, read_shard
 from annotate.parts import N_CLASSES, PARTS, palette_rgb
 from sensors.files.atomic import write_bytes
-from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS
+from synth.body.skeleton import JOINT_ID, N_JOINTS
 
 PAGE = "index.html"
 SHEET_COLUMNS, SHEET_ROWS = 8, 3
@@ -95,14 +95,13 @@ def render(dataset: Dataset) -> str:
         sheet=_data_uri(sheet),
         sheet_size=sheet.shape[1::-1],
         statistics=statistics,
-        parts=_part_rows(statistics),
+        parts=PARTS,
+        person=max(1, int(statistics.pixels[1:].sum())),
         depth=_bars(statistics.depth, DEPTH_EDGES_MM / 1000),
         azimuth=_bars(statistics.azimuth, AZIMUTH_EDGES_DEG),
         height=_bars(statistics.height, HEIGHT_EDGES_M),
-        dots=_dots(statistics),
-        spread=[(joint.name, mm) for joint, mm in zip(JOINTS, statistics.spread_mm.tolist(), strict=True)][
-            1:
-        ],
+        dots={part: statistics.joints_mm[:DOTS, JOINT_ID[name]].tolist() for name, part in DRAWN.items()},
+        spread=list(zip(JOINT_ID, statistics.spread_mm.tolist(), strict=True))[1:],
     )
 
 
@@ -128,37 +127,12 @@ def _data_uri(image: UInt8) -> str:
     return f"data:image/webp;base64,{base64.b64encode(data.tobytes()).decode()}"
 
 
-def _part_rows(statistics: Statistics) -> list[dict[str, Any]]:
-    person = max(1, int(statistics.pixels[1:].sum()))
-    return [
-        {
-            "title": part.title,
-            "rgb": "rgb({}, {}, {})".format(*part.rgb),
-            "pixels": statistics.pixels[part.id] / statistics.frames,
-            "share": statistics.pixels[part.id] / person,
-            "shown": statistics.shown[part.id],
-            "visible": statistics.visible[part.id],
-        }
-        for part in PARTS[1:]
-    ]
-
-
 def _bars(counts: Int64, edges: NDArray[Any]) -> list[tuple[float, float, float]]:
     """(left edge, right edge, share of the highest) of a histogram, empty ends left off."""
     filled = np.flatnonzero(counts)
     first, last = (int(filled[0]), int(filled[-1])) if filled.size else (0, 0)
     top = max(1, int(counts.max()))
     return [(float(edges[i]), float(edges[i + 1]), counts[i] / top) for i in range(first, last + 1)]
-
-
-def _dots(statistics: Statistics) -> list[tuple[float, float, str]]:
-    """(x, y, colour) in millimetres about the pelvis, x right and y down as the camera sees it."""
-    names = [joint.name for joint in JOINTS]
-    return [
-        (round(x), round(y), "rgb({}, {}, {})".format(*PARTS[part].rgb))
-        for name, part in DRAWN.items()
-        for x, y, _ in statistics.joints_mm[:DOTS, names.index(name)].tolist()
-    ]
 
 
 def statistics_of(frames: Iterable[FrameLabels]) -> Statistics:

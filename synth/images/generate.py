@@ -7,7 +7,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
@@ -66,8 +66,7 @@ class Order:
         }
 
 
-@dataclass(frozen=True)
-class Made:
+class Made(NamedTuple):
     """A finished dataset, and how many of its images this run made; earlier ones made the others."""
 
     dataset: Dataset

@@ -14,7 +14,7 @@ from annotate.frame_labels import FrameLabels
 from sensors.errors import CloudError
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body, blend, hair_faces, shipped_bodies
-from synth.cameras.depth_noise import DepthNoise, kinect
+from synth.cameras.depth_camera import DepthNoise, kinect
 from synth.images.view import PersonView, cut, inside_image, occluder, render_view, visibility
 from synth.pose.moment import Posed
 from synth.pose.off_seat import FALLEN, IN_BED, UPRIGHT, lie, rise

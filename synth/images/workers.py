@@ -6,10 +6,9 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.process import BaseProcess
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 
@@ -19,8 +18,7 @@ CONNECT_SECONDS = 10
 """Seconds to wait for a scheduler, and for its first worker. Chosen by eye."""
 
 
-@dataclass(frozen=True)
-class Workers:
+class Workers(NamedTuple):
     """An executor and how many tasks it can work on at once."""
 
     executor: Executor

@@ -7,8 +7,8 @@ turns about a bone without moving a joint (the forearm, the head on its axis) is
 
 import math
 import re
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -29,10 +29,10 @@ LEG_M = 0.82
 """BVH has no unit: the skeleton is scaled to this length from hip to ankle."""
 _NAMES = {name: kind for kind, names in table("bvh").items() for name in names}
 """Kinds of joints by their names in BVH files, without side and prefix."""
+_CHANNEL = re.compile("[xyz](position|rotation)")
 
 
-@dataclass(frozen=True)
-class Bone:
+class Bone(NamedTuple):
     """One joint of a BVH: parent (-1 root), offset in the file's unit, channels and their first column."""
 
     name: str
@@ -85,12 +85,9 @@ def _hierarchy(tokens: list[str]) -> list[Bone]:
             if tokens[at].upper() == "CHANNELS":
                 count = int(tokens[at + 1])
                 channels = tuple(c.lower() for c in tokens[at + 2 : at + 2 + count])
-                if len(channels) != count or not all(
-                    re.fullmatch("[xyz](position|rotation)", c) for c in channels
-                ):
-                    raise FormatError(
-                        f"joint {name[:40]!r} has channels {' '.join(channels)[:60]}; export it again"
-                    )
+                if len(channels) != count or not all(map(_CHANNEL.fullmatch, channels)):
+                    shown = " ".join(channels)[:60]
+                    raise FormatError(f"joint {name[:40]!r} has channels {shown}; export it again")
                 at += 2 + count
             bones.append(Bone(name, open_bones[-1] if open_bones else -1, (x, y, z), channels, columns))
             open_bones.append(len(bones) - 1)
@@ -161,7 +158,7 @@ def _markers(path: Path, bones: list[Bone], centres: Float64, rate: float) -> tu
         if place:
             places.setdefault(place, i)
     for end, of in (("head_end", "head"), ("left_hand_end", "left_wrist"), ("right_hand_end", "right_wrist")):
-        tip = _tip(bones, places[of]) if of in places else None
+        tip = next((i for i, bone in enumerate(bones) if bone.parent == places.get(of)), None)
         if tip is not None and math.hypot(*bones[tip].offset) > 0:
             places[end] = tip
     legs = [places.get(f"left_{joint}") for joint in ("hip", "knee", "ankle")]
@@ -175,10 +172,6 @@ def _markers(path: Path, bones: list[Bone], centres: Float64, rate: float) -> tu
     names = tuple(places)
     markers = Markers(names, centres[:, list(places.values())] * LEG_M / leg, rate, "m", 1)
     return markers, MarkerSet("bvh", names, joint.astype(np.int64), at, spread, np.ones(len(names)))
-
-
-def _tip(bones: list[Bone], of: int) -> int | None:
-    return next((i for i, bone in enumerate(bones) if bone.parent == of), None)
 
 
 def _row(place: str) -> tuple[int, tuple[float, float, float], float]:

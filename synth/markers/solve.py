@@ -7,9 +7,15 @@ import numpy as np
 from annotate.array_types import Float32, Float64, UInt8
 from sensors.errors import CloudError
 from synth.markers.kinematics import State, Subject, markers_at
-from synth.markers.known_markers import KnownMarkers, check_same_person, known_markers, up_direction
 from synth.markers.marker_files import Markers
-from synth.markers.markerset import MarkerSet, choose_marker_set
+from synth.markers.markerset import (
+    KnownMarkers,
+    MarkerSet,
+    check_same_person,
+    choose_marker_set,
+    known_markers,
+    up_direction,
+)
 from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SEEN, SWAPPED, MarkerReport, Motion
 from synth.markers.person_fit import (
     LENIENT_M,

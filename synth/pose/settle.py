@@ -45,55 +45,20 @@ def _ancestors() -> Bool:
     return moves
 
 
-_HAND = ("hand", "thumb_side")
-
-
 def _pairs() -> Int64:
-    """Pairs (n, 4): stations lo..hi of one chain against the flesh over stations lo..hi of another.
-
-    Neighbours by anatomy are left out near the joint they share, where skin folds.
-    """
-    slices = [name for name in CHAINS if name.startswith("slice")]
+    """Pairs (n, 4): stations lo..hi of one chain against the flesh over stations lo..hi of another."""
     rows = []
-
-    def against(a: str, b: str, a_from: int = 0, b_from: int = 0, b_drop: int = 0) -> None:
-        first, second = CHAINS[a], CHAINS[b]
-        rows.append((first.start + a_from, first.stop, second.start + b_from, second.stop - b_drop))
-
-    for side, other in (("left", "right"), ("right", "left")):
-        for limb in ("upper_arm", "forearm", *_HAND):
-            for i, trunk in enumerate(slices):
-                first = 0 if limb != "upper_arm" else (2 if i >= 5 else 1)
-                against(f"{side}_{limb}", trunk, first)
-            for leg in ("thigh", "shank", "foot"):
-                for s in (side, other):
-                    against(f"{side}_{limb}", f"{s}_{leg}", 1 if limb == "upper_arm" else 0)
-        against(f"{side}_upper_arm", "head", 1)
-        for limb in ("forearm", *_HAND):
-            against(f"{side}_{limb}", "head")
-            against(f"{side}_{limb}", "neck")
-            against(f"{side}_{limb}", f"{other}_upper_arm")
-        for half in _HAND:
-            against(f"{side}_{half}", f"{other}_forearm")
-            against(f"{side}_{half}", f"{side}_upper_arm")
-            against(f"{side}_{half}", f"{other}_hand")
-        against(f"{side}_forearm", f"{side}_upper_arm", 2, 0, 2)
-        for trunk in slices:
-            against(f"{side}_shank", trunk)
-            against(f"{side}_foot", trunk)
-        for trunk in slices[2:]:
-            against(f"{side}_thigh", trunk, 2)
-        against(f"{side}_shank", f"{side}_thigh", 2, 0, 1)
-        against(f"{side}_foot", f"{side}_thigh")
-        against(f"{side}_shank", f"{other}_thigh")
-        against(f"{side}_foot", f"{other}_thigh")
-        for half in ("foot", "foot_outside"):
-            against(f"{side}_{half}", f"{other}_shank")
-            against(f"{side}_{half}", f"{other}_foot")
-        against(f"{side}_foot_outside", f"{other}_thigh")
-    for a, b in (("thumb_side", "thumb_side"), ("forearm", "forearm"), ("shank", "shank")):
-        against(f"left_{a}", f"right_{b}")
-    against("left_thigh", "right_thigh", 1, 1)
+    for side, other, rules in (
+        ("left", "right", "on_each_side"),
+        ("right", "left", "on_each_side"),
+        ("left", "right", "between_the_sides"),
+    ):
+        for rule in table("contacts")[rules]:
+            a = CHAINS[f"{side}_{rule['chain']}"]
+            for name in rule["touches"].split():
+                b = CHAINS[name.replace("own_", f"{side}_").replace("other_", f"{other}_")]
+                there = (b.start + rule.get("skip_there", 0), b.stop - rule.get("drop_there", 0))
+                rows.append((a.start + rule.get("skip", 0), a.stop, *there))
     return np.array(rows, np.int64)
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from synth.appearance.photograph import COLORS, ColorDifficulty
-from synth.cameras.depth_noise import DepthNoise
+from synth.cameras.depth_camera import DepthNoise
 from synth.cameras.thermal_camera import ThermalNoise
 from synth.shipped import table
 

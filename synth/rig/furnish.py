@@ -14,7 +14,7 @@ from synth.pose.sitting import on_seat
 from synth.rig.blanket import bed_blanket, lap_blanket
 from synth.rig.difficulty import Clutter
 from synth.rig.place import Place
-from synth.rig.props import Thing, laptop, moved, mug, radiator, sunlit_patch, table, window
+from synth.rig.props import Thing, laptop, moved, mug, on_wall, table
 from synth.surface.furniture import ROOM_HALF_WIDTH_M, Chair
 from synth.surface.rasterize import Mesh
 
@@ -59,11 +59,11 @@ def furnish(
         things.append(cover(place, body, rng))
     beside = footprint.half_width_m + rng.uniform(0.3, 0.7)
     if has["radiator"]:
-        things.append(radiator(-side * beside, place.wall_y))
+        things.append(on_wall("radiator", -side * beside, place.wall_y))
     if has["window"]:
-        things.append(window(rng.uniform(-1.4, 1.4), place.wall_y))
+        things.append(on_wall("window", rng.uniform(-1.4, 1.4), place.wall_y))
     elif has["sunlit"]:
-        things.append(sunlit_patch(rng.uniform(-1.2, 1.2), place.wall_y))
+        things.append(on_wall("sunlit wall", rng.uniform(-1.2, 1.2), place.wall_y))
     return things
 
 

@@ -4,11 +4,12 @@ A ``FrameSource``, so that it can be recorded and calibrated without hardware, a
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Bool, Float32, Float64
@@ -42,11 +43,13 @@ SUBPIXELS = 8
 """Rays a pixel's side at edges, whose mean is the pixel."""
 FRAMES_PER_SECOND = 0.5
 """Of the recording: a view every two seconds. Chosen by eye."""
+PLATE = HolePlate()
+DEPTH_SHIFT_MM = -8.0
+"""Added to every reading, as real units have it. Chosen by eye."""
 _AROUND = np.ones((3, 3), np.uint8)
 
 
-@dataclass(frozen=True)
-class _Values:
+class _Values(NamedTuple):
     """Grey values, counts or temperatures of plate, holes and room in one camera."""
 
     plate: float
@@ -57,41 +60,23 @@ class _Values:
 class PlateViews:
     """``count`` frames of the plate; a share of them is bad: the plate slips between the exposures.
 
-    calibration: the true one. depth_shift_mm: added to every reading, as real units have it.
-    Deterministic in the seed.
+    calibration: the true one, of three cameras. Deterministic in the seed.
     """
 
-    def __init__(
-        self,
-        calibration: RigCalibration,
-        count: int,
-        seed: int,
-        plate: HolePlate | None = None,
-        bad_share: float = 0.1,
-        depth_shift_mm: float = -8.0,
-    ) -> None:
-        self.calibration, self.count, self.seed = calibration, count, seed
-        self.plate = plate or HolePlate()
-        self.bad_share, self.depth_shift_mm = bad_share, depth_shift_mm
+    def __init__(self, calibration: RigCalibration, count: int, seed: int, bad_share: float = 0.1) -> None:
+        self.calibration, self.count, self.seed, self.bad_share = calibration, count, seed, bad_share
         self.name = f"virtual-plate-{seed}"
-        self._views = {
-            name: _PlateCamera(camera)
-            for name in ("depth", "color", "thermal")
-            if (camera := getattr(calibration, name)) is not None
-        }
+        self._views = {name: _PlateCamera(camera) for name, camera in _cameras(calibration).items()}
 
     def __len__(self) -> int:
         return self.count
 
     def __iter__(self) -> Iterator[RigFrame]:
-        bad = set(np.random.default_rng((self.seed, 1)).permutation(self.count)[: self._bad].tolist())
+        count = round(self.bad_share * self.count)
+        bad = set(np.random.default_rng((self.seed, 1)).permutation(self.count)[:count].tolist())
         for index in range(self.count):
             rng = np.random.default_rng((self.seed, 2, index))
             yield self._shoot(index, self._pose(rng), index in bad, rng)
-
-    @property
-    def _bad(self) -> int:
-        return round(self.bad_share * self.count)
 
     def _pose(self, rng: np.random.Generator) -> Pose:
         """depth_from_plate: in the middle two thirds of the view, tilted, at arm's length."""
@@ -100,7 +85,7 @@ class PlateViews:
         z = rng.uniform(*RANGE_M)
         center = np.array([rng.uniform(-0.28, 0.28) * z, rng.uniform(-0.18, 0.18) * z, z])
         rotation = (tilt * spin).as_matrix()
-        middle = np.array([*self.plate.size_m.mean(axis=0), 0.0])
+        middle = np.array([*PLATE.size_m.mean(axis=0), 0.0])
         return Pose(rotation, center - rotation @ middle)
 
     def _shoot(self, index: int, depth_from_plate: Pose, bad: bool, rng: np.random.Generator) -> RigFrame:
@@ -110,34 +95,23 @@ class PlateViews:
             turn = Rotation.from_rotvec(rng.normal(0, SLIP_DEG, 3), degrees=True).as_matrix()
             return depth_from_plate @ Pose(turn, rng.normal(0, SLIP_M, 3))
 
-        infrared = self._views["depth"].image(depth_from_plate, self.plate, _Values(9000, 1500, 4000))
+        infrared = self._views["depth"].image(depth_from_plate, _Values(9000, 1500, 4000))
         infrared += rng.normal(0, 80, infrared.shape)
-        depth = 1000 * self._views["depth"].depth_m(depth_from_plate, self.plate) + self.depth_shift_mm
+        depth = 1000 * self._views["depth"].depth_m(depth_from_plate) + DEPTH_SHIFT_MM
         depth += rng.normal(0, DEPTH_SIGMA_MM, depth.shape)
-        color = thermal = None
-        if "color" in self._views and (pose := self.calibration.color_from_depth) is not None:
-            color = self._color(pose @ slipped(), rng)
-        if "thermal" in self._views and (pose := self.calibration.thermal_from_depth) is not None:
-            thermal = self._thermal(pose @ slipped(), rng)
-        return RigFrame(
-            index,
-            round(index * 1e9 / FRAMES_PER_SECOND),
-            np.clip(np.rint(depth), 0, 65535).astype(np.uint16),
-            color,
-            thermal,
-            np.clip(np.rint(infrared), 0, 65535).astype(np.uint16),
-        )
+        color = self._color(_pose_of(self.calibration, "color") @ slipped(), rng)
+        thermal = self._thermal(_pose_of(self.calibration, "thermal") @ slipped(), rng)
+        stamp_ns = round(index * 1e9 / FRAMES_PER_SECOND)
+        return RigFrame(index, stamp_ns, _counts(depth), color, thermal, _counts(infrared))
 
     def _color(self, color_from_plate: Pose, rng: np.random.Generator) -> bytes:
-        grey = self._views["color"].image(color_from_plate, self.plate, _Values(205, 40, 120))
+        grey = self._views["color"].image(color_from_plate, _Values(205, 40, 120))
         grey = cv2.GaussianBlur(grey, (0, 0), BLUR_PX) + rng.normal(0, GREY_SIGMA, grey.shape)
         image = np.repeat(np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
         return encode(image)
 
     def _thermal(self, thermal_from_plate: Pose, rng: np.random.Generator) -> Float32:
-        image = self._views["thermal"].image(
-            thermal_from_plate, self.plate, _Values(PLATE_C, BACKING_C, ROOM_C)
-        )
+        image = self._views["thermal"].image(thermal_from_plate, _Values(PLATE_C, BACKING_C, ROOM_C))
         image = cv2.GaussianBlur(image, (0, 0), BLUR_PX) + rng.normal(0, NETD_C, image.shape)
         return image.astype(np.float32)
 
@@ -166,19 +140,24 @@ def record_plate(
 def _roughly(true: RigCalibration) -> RigCalibration:
     """A calibration by data sheet: focal lengths to the pixel, principal point in the middle, no lens."""
     cameras = {
-        name: Intrinsics(
-            camera.width,
-            camera.height,
-            round(camera.fx),
-            round(camera.fy),
-            camera.width / 2,
-            camera.height / 2,
-        )
-        for name in ("depth", "color", "thermal")
-        if (camera := getattr(true, name)) is not None
+        name: Intrinsics(c.width, c.height, round(c.fx), round(c.fy), c.width / 2, c.height / 2)
+        for name, c in _cameras(true).items()
     }
-    poses = {f"{name}_from_depth": Pose.identity() for name in cameras if name != "depth"}
+    poses = {f"{name}_from_depth": Pose.identity() for name in ("color", "thermal")}
     return RigCalibration(**cameras, **poses)  # type: ignore[arg-type]
+
+
+def _cameras(calibration: RigCalibration) -> dict[str, Intrinsics]:
+    return {name: getattr(calibration, name) for name in ("depth", "color", "thermal")}
+
+
+def _pose_of(calibration: RigCalibration, name: str) -> Pose:
+    pose: Pose = getattr(calibration, f"{name}_from_depth")
+    return pose
+
+
+def _counts(image: Float64) -> NDArray[np.uint16]:
+    return np.clip(np.rint(image), 0, 65535).astype(np.uint16)
 
 
 class _PlateCamera:
@@ -188,42 +167,41 @@ class _PlateCamera:
         self.camera = camera
         self.rays = rays(camera)
 
-    def image(self, camera_from_plate: Pose, plate: HolePlate, values: _Values) -> Float64:
+    def image(self, camera_from_plate: Pose, values: _Values) -> Float64:
         """Image (h, w): at edges the mean over SUBPIXELS x SUBPIXELS rays a pixel."""
         image = np.full(self.camera.shape, float(values.room))
-        window = self._window(camera_from_plate, plate)
+        window = self._window(camera_from_plate)
         rays = self.rays[window]
-        seen = self._seen(rays, camera_from_plate, plate, values)
+        seen = self._seen(rays, camera_from_plate, values)
         mixed = cv2.dilate(seen, _AROUND) != cv2.erode(seen, _AROUND)
         right, down = np.gradient(rays, axis=1)[mixed], np.gradient(rays, axis=0)[mixed]
         step = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
         fine = [rays[mixed] + du * right + dv * down for dv in step for du in step]
-        seen[mixed] = self._seen(np.stack(fine), camera_from_plate, plate, values).mean(axis=0)
+        seen[mixed] = self._seen(np.stack(fine), camera_from_plate, values).mean(axis=0)
         image[window] = seen
         return image
 
-    def depth_m(self, camera_from_plate: Pose, plate: HolePlate) -> Float64:
+    def depth_m(self, camera_from_plate: Pose) -> Float64:
         """Depth (h, w) along z: the plate, the backing in its holes, and a wall at 2.5 m."""
         xy, z = _meet(self.rays, camera_from_plate)
-        inside, hole = _inside(xy, plate)
+        inside, hole = _inside(xy)
         return np.where(inside, np.where(hole, z + BACKING_M, z), 2.5)
 
-    def _seen(self, ray: Float64, pose: Pose, plate: HolePlate, values: _Values) -> Float64:
-        inside, hole = _inside(_meet(ray, pose)[0], plate)
+    def _seen(self, ray: Float64, pose: Pose, values: _Values) -> Float64:
+        inside, hole = _inside(_meet(ray, pose)[0])
         seen = np.where(inside, np.where(hole, values.backing, values.plate), values.room)
         return seen.astype(np.float64)
 
-    def _window(self, pose: Pose, plate: HolePlate) -> tuple[slice, slice]:
-        low, high = plate.size_m
+    def _window(self, pose: Pose) -> tuple[slice, slice]:
+        low, high = PLATE.size_m
         corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
         points = pose.apply(corners)
         xy = distort(self.camera, points[:, :2] / points[:, 2:])
-        u = xy[:, 0] * self.camera.fx + self.camera.cx
-        v = xy[:, 1] * self.camera.fy + self.camera.cy
+        pixels = xy * (self.camera.fx, self.camera.fy) + (self.camera.cx, self.camera.cy)
         height, width = self.camera.shape
-        left, right = np.clip([u.min() - 8, u.max() + 9], 0, width).astype(int)
-        top, bottom = np.clip([v.min() - 8, v.max() + 9], 0, height).astype(int)
-        return slice(int(top), int(max(bottom, top + 2))), slice(int(left), int(max(right, left + 2)))
+        left, top = np.clip(pixels.min(axis=0) - 8, 0, (width, height)).astype(int).tolist()
+        right, bottom = np.clip(pixels.max(axis=0) + 9, 0, (width, height)).astype(int).tolist()
+        return slice(top, max(bottom, top + 2)), slice(left, max(right, left + 2))
 
 
 def _meet(ray: Float64, pose: Pose) -> tuple[Float64, Float64]:
@@ -234,11 +212,11 @@ def _meet(ray: Float64, pose: Pose) -> tuple[Float64, Float64]:
     return local[..., :2], z
 
 
-def _inside(xy: Float64, plate: HolePlate) -> tuple[Bool, Bool]:
+def _inside(xy: Float64) -> tuple[Bool, Bool]:
     """Whether points (..., 2) of the plane lie on the plate, and whether in a hole."""
-    low, high = plate.size_m
-    row = np.clip(np.rint(xy[..., 1] / plate.pitch_m), 0, plate.rows - 1)
-    column = np.clip(np.rint((xy[..., 0] / plate.pitch_m - row % 2) / 2), 0, plate.columns - 1)
-    center = np.stack([2 * column + row % 2, row], axis=-1) * plate.pitch_m
-    hole = np.square(xy - center).sum(axis=-1) < (plate.hole_m / 2) ** 2
+    low, high = PLATE.size_m
+    row = np.clip(np.rint(xy[..., 1] / PLATE.pitch_m), 0, PLATE.rows - 1)
+    column = np.clip(np.rint((xy[..., 0] / PLATE.pitch_m - row % 2) / 2), 0, PLATE.columns - 1)
+    center = np.stack([2 * column + row % 2, row], axis=-1) * PLATE.pitch_m
+    hole = np.square(xy - center).sum(axis=-1) < (PLATE.hole_m / 2) ** 2
     return np.asarray(((xy > low) & (xy < high)).all(axis=-1)), np.asarray(hole)

@@ -124,22 +124,18 @@ def laptop(aside_m: Float64, body: Body, on_lap: bool) -> Thing:
     return Thing("laptop", still, where if on_lap else None)
 
 
-def radiator(x: float, wall_y: float) -> Thing:
-    """A panel radiator on the back wall: 45 to 75 cm high, as sold."""
-    return Thing(
-        "radiator", box((x - 0.45, wall_y - 0.12, 0.12), (x + 0.45, wall_y - 0.03, 0.70), Surface.RADIATOR)
-    )
+_ON_WALL = {
+    "radiator": (Surface.RADIATOR, (-0.45, -0.12, 0.12), (0.45, -0.03, 0.70)),
+    "window": (Surface.WINDOW, (-0.5, -0.02, 0.95), (0.5, 0.0, 2.1)),
+    "sunlit wall": (Surface.SUNLIT, (-0.35, -0.004, 0.5), (0.35, 0.0, 1.5)),
+}
+"""Boxes about a place of the back wall; panel radiators are 45 to 75 cm high, as sold."""
 
 
-def window(x: float, wall_y: float) -> Thing:
-    """A window in the back wall."""
-    return Thing("window", box((x - 0.5, wall_y - 0.02, 0.95), (x + 0.5, wall_y, 2.1), Surface.WINDOW))
-
-
-def sunlit_patch(x: float, wall_y: float) -> Thing:
-    """Where the sun falls on the back wall."""
-    patch = box((x - 0.35, wall_y - 0.004, 0.5), (x + 0.35, wall_y, 1.5), Surface.SUNLIT)
-    return Thing("sunlit wall", patch)
+def on_wall(name: str, x: float, wall_y: float) -> Thing:
+    """A radiator, a window or a sunlit patch at the back wall."""
+    tag, (x0, y0, z0), (x1, y1, z1) = _ON_WALL[name]
+    return Thing(name, box((x + x0, wall_y + y0, z0), (x + x1, wall_y + y1, z1), tag))
 
 
 _LEG = ("upper_leg", "lower_leg")

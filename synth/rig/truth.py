@@ -16,7 +16,7 @@ from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from synth.appearance.color_camera import CameraState
 from synth.appearance.outfit import GAMMA, Outfit
 from synth.appearance.warmth import SURFACE_C
-from synth.cameras.depth_noise import DepthNoise
+from synth.cameras.depth_camera import DepthNoise
 from synth.rig.stay import Cast, Tableau
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from annotate.array_types import Float32, Float64
+from annotate.array_types import Float64
 from annotate.parts import N_CLASSES
 from annotate.suit.palette import DEFAULT_SUIT, Suit
 from sensors.errors import CloudError
@@ -18,8 +18,7 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from synth.appearance.color_camera import RESTING
 from synth.appearance.photograph import ColorCamera
-from synth.cameras.depth_noise import DepthNoise, kinect
-from synth.cameras.multipath import multipath_m
+from synth.cameras.depth_camera import DepthNoise, kinect, multipath_m
 from synth.cameras.optics import (
     COLOR_FROM_DEPTH,
     KINECT_COLOR,
@@ -121,10 +120,13 @@ class VirtualRig:
         color = cameras.color.photograph(scene, cast.outfits, rng, velocity)
         drift_c, temperatures = cameras.thermal.drift_c(time_s), None
         if not cameras.thermal.flag_closed(time_s):
-            temperatures = self._see_thermal(cast, tableau, in_depth, drift_c, rng)
+            warm = self._thermal.render_pinhole(THERMAL_FROM_DEPTH.apply(in_depth), cast.faces)
+            state = (self.difficulty.thermal, drift_c, self._thermal.maps, rng)
+            temperatures = thermograph(warm, tableau.celsius, cast.room_c, *state)
         frame = RigFrame(index, round(time_s * 1e9), depth_mm, color, temperatures)
         parts, persons = whose_readings(seen, cast.tags, depth_mm, cameras.depth)
-        hard = self._hardships(cast, tableau, seen, in_depth)
+        alone = self._depth.render(in_depth[: cast.subject], cast.faces[cast.tags < N_CLASSES])
+        hard = scene_hardships(cast, tableau, seen, alone)
         speed = np.quantile(np.linalg.norm(velocity[: cast.subject], axis=1), FASTEST)
         hard += camera_hardships(float(speed), cameras.color.state or RESTING, drift_c)
         hard += [FLAG_CLOSED] * (temperatures is None)
@@ -138,17 +140,6 @@ class VirtualRig:
             return seen
         longer_m = multipath_m(KINECT2_DEPTH, seen.depth_m, self.difficulty.reflectance)
         return ZBuffer(seen.depth_m + longer_m, seen.face)
-
-    def _hardships(self, cast: Cast, tableau: Tableau, seen: ZBuffer, in_depth: Float64) -> list[str]:
-        alone = self._depth.render(in_depth[: cast.subject], cast.faces[cast.tags < N_CLASSES])
-        return scene_hardships(cast, tableau, seen, alone)
-
-    def _see_thermal(
-        self, cast: Cast, tableau: Tableau, in_depth: Float64, drift_c: float, rng: np.random.Generator
-    ) -> Float32:
-        seen = self._thermal.render_pinhole(THERMAL_FROM_DEPTH.apply(in_depth), cast.faces)
-        noise = self.difficulty.thermal
-        return thermograph(seen, tableau.celsius, cast.room_c, noise, drift_c, self._thermal.maps, rng)
 
 
 def _velocity_m_s(tableau: Tableau, frames_per_second: float) -> Float64:

@@ -18,27 +18,13 @@ Side = Literal["top", "front"]
 """Of a box: the side upwards, or towards -y."""
 
 
-class Surface(IntEnum):
-    """Tags of rendered faces that are no body part (body faces carry their part id, 1 to 11)."""
-
-    FLOOR = 16
-    WALL = 17
-    SOFA = 18
-    BED = 19
-    TABLE = 20
-    RADIATOR = 21
-    MUG = 22
-    HAIR = 23
-    LAPTOP = 24
-    KEYBOARD = 25
-    SCREEN = 26
-    WINDOW = 27
-    SUNLIT = 28
-    BLANKET = 29
-    PILLOW = 30
-    OTHER_PERSON = 31
-
-
+Surface = IntEnum(
+    "Surface",
+    "FLOOR WALL SOFA BED TABLE RADIATOR MUG HAIR LAPTOP KEYBOARD SCREEN WINDOW SUNLIT BLANKET PILLOW "
+    "OTHER_PERSON",
+    start=16,
+)
+"""Tags of rendered faces that are no body part (body faces carry their part id, 1 to 11)."""
 SURFACES: dict[Surface, dict[str, Any]] = {
     Surface[k.upper()]: entry for k, entry in table("surfaces").items()
 }
