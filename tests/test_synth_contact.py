@@ -10,7 +10,7 @@ from synth.body.body import pose, shipped_bodies
 from synth.body.flesh import CHAINS, N_STATIONS, flesh_of
 from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, clamp, forward, kinematics
 from synth.pose.halfspaces import ROW_CAPACITY, add_flesh, no_rows, reaches_m
-from synth.pose.off_seat import height_to_rest, lift_needed
+from synth.pose.postures import height_to_rest, lift_needed
 from synth.pose.settle import RULES, Pull, settle, sink, stations_m
 from synth.surface.furniture import FLOOR, Solid, Surface
 from tests.helpers.penetration import furniture_penetration_m, penetrations_m, self_penetration_m

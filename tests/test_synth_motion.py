@@ -11,21 +11,23 @@ from hypothesis import strategies as st
 from synth.body.body import shipped_bodies
 from synth.body.flesh import flesh_of
 from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, alignment, forward, reach
-from synth.pose import off_seat, sitting
+from synth.pose import postures
 from synth.pose.moment import Behaviour, glide, mirrored
-from synth.pose.off_seat import (
+from synth.pose.postures import (
     FALLEN,
     IN_BED,
+    SITTING,
     UPRIGHT,
     height_to_rest,
     in_bed,
     lie,
     lift_needed,
     on_legs,
+    on_seat,
     rise,
+    sit,
 )
 from synth.pose.settle import settle
-from synth.pose.sitting import SITTING, on_seat, sit
 from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa
 
 BODIES = shipped_bodies()
@@ -58,14 +60,13 @@ BEHAVIOURS = [
 
 @pytest.mark.parametrize(("made", "activity"), BEHAVIOURS, ids=[name for _, name in BEHAVIOURS])
 def test_every_activity_settles_inside_the_joint_limits(monkeypatch, made, activity):
-    postures = []
-    for module in (sitting, off_seat):
-        monkeypatch.setattr(module, "settle", lambda *args: postures.append(settle(*args)) or postures[-1])
+    settled = []
+    monkeypatch.setattr(postures, "settle", lambda *args: settled.append(settle(*args)) or settled[-1])
     for seed in range(6):
         rng = np.random.default_rng(seed)
         behaviour = made(rng, activity)
         behaviour.pose(BODIES[seed], behaviour.draw(rng))
-    angles = np.array([posture.angles_rad for posture in postures])
+    angles = np.array([posture.angles_rad for posture in settled])
     assert len(angles) == 6 and np.isfinite(angles).all()
     assert (angles[:, 1:] >= LIMITS_RAD[1:, :, 0] - 1e-9).all()
     assert (angles[:, 1:] <= LIMITS_RAD[1:, :, 1] + 1e-9).all()

@@ -11,7 +11,7 @@ from sensors.rig.camera import Intrinsics, rays
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 from synth.body.body import shipped_bodies
 from synth.images.view import _window
-from synth.pose.sitting import SITTING, sit
+from synth.pose.postures import SITTING, sit
 from synth.surface.furniture import Sofa
 from synth.surface.rasterize import box, look_at, merge, rasterize
 

@@ -12,7 +12,7 @@ from annotate.suit.palette import DEFAULT_SUIT
 from sensors.errors import CloudError
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID
-from synth.pose.sitting import SITTING
+from synth.pose.postures import SITTING
 from synth.rig.difficulty import CLEAN, HARD, NORMAL, Clutter
 from synth.rig.place import SCENES
 from synth.rig.props import laptop, mug

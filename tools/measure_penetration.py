@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from annotate.parts import PARTS
 from synth.body.body import Body, shipped_bodies
-from synth.pose.off_seat import FALLEN, IN_BED, UPRIGHT, lie, rise
-from synth.pose.sitting import SITTING, sit
+from synth.pose.postures import FALLEN, IN_BED, SITTING, UPRIGHT, lie, rise, sit
 from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa, Solid
 from tests.helpers.penetration import furniture_penetration_m, penetrations_m
 

@@ -17,8 +17,7 @@ from synth.body.body import Body, blend, hair_faces, shipped_bodies
 from synth.cameras.depth_camera import DepthNoise, kinect
 from synth.images.view import PersonView, cut, inside_image, occluder, render_view, visibility
 from synth.pose.moment import Posed
-from synth.pose.off_seat import FALLEN, IN_BED, UPRIGHT, lie, rise
-from synth.pose.sitting import SITTING, sit
+from synth.pose.postures import FALLEN, IN_BED, SITTING, UPRIGHT, lie, rise, sit
 from synth.surface.furniture import Bed, Chair, Ground, Sofa
 from synth.surface.rasterize import Mesh, beside, look_at, merge
 

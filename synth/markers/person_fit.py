@@ -8,9 +8,8 @@ import numpy as np
 from annotate.array_types import Float64, Int64
 from synth.body.body import shipped_bodies
 from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Joint, Posture, alignment, forward
-from synth.markers.kinematics import State, Subject, markers_at
+from synth.markers.kinematics import State, Subject, markers_at, solve_positive
 from synth.markers.markerset import MarkerSet
-from synth.markers.positive_systems import solve_positive
 from synth.markers.posture_fit import Basis, Observed, Prior, fit_posture, shape_normal
 from synth.shipped import table
 

@@ -13,14 +13,15 @@ from synth.markers.kinematics import (
     Tree,
     axes_of,
     chain_of,
+    eliminate,
     euler_matrix,
     joint_frames,
     limit_ball,
     marker_at,
     marker_columns,
+    solve_in_place,
     turn,
 )
-from synth.markers.positive_systems import eliminate, solve_in_place
 
 MARKER_SIGMA_M = 0.005
 """Unit of a marker's residual: noise, soft tissue and the model's own error together. Chosen by eye."""

@@ -9,8 +9,7 @@ from annotate.array_types import Float32, Float64
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body
 from synth.pose.moment import Behaviour, Moment
-from synth.pose.off_seat import on_legs
-from synth.pose.sitting import on_seat
+from synth.pose.postures import on_legs, on_seat
 from synth.rig.blanket import bed_blanket, lap_blanket
 from synth.rig.difficulty import Clutter
 from synth.rig.place import Place

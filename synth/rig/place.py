@@ -8,8 +8,7 @@ import numpy as np
 from annotate.array_types import Float64
 from sensors.rig.rig_calibration import Pose
 from synth.pose.moment import Behaviour
-from synth.pose.off_seat import in_bed
-from synth.pose.sitting import on_seat
+from synth.pose.postures import in_bed, on_seat
 from synth.rig.cushion import Cushion
 from synth.surface.furniture import Bed, Chair, Furniture, Seat, Sofa, Solid
 from synth.surface.rasterize import beside, look_at

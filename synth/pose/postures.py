@@ -1,15 +1,85 @@
-"""Lying in bed or fallen: supine, prone, on a side, curled up, half off the bed, on the floor."""
+"""Sitting, lying, crouching and standing: moments become bodies that rest on what carries them.
+
+Numbers of a moment are described in ``synth/data/poses``; flexion is forwards, a knee's positive. No limb is
+in another or in the furniture.
+"""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from annotate.array_types import Bool, Float32, Float64
+from annotate.array_types import Float32, Float64
 from synth.body.body import Body, pose
 from synth.body.flesh import flesh_of
-from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp
+from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, reach
 from synth.pose.moment import Behaviour, Moment, Posed, pose_families
 from synth.pose.settle import Pull, settle, sink
 from synth.surface.furniture import FLOOR, Bed, Ground, Seat, Solid
+
+KNEE_ROOM_M = 0.07
+"""Room for a calf between the knee joint and the seat's front edge. Chosen by eye."""
+HAND_HOLD = np.full(3, 0.5)
+"""Share of the way, per axis and round, by which a hand is drawn to its target. Chosen by eye."""
+
+_SPINE = [JOINT_ID[name] for name in ("spine_lower", "spine_middle", "spine_upper")]
+_NECK, _KNEES = [JOINT_ID["neck"], JOINT_ID["head"]], [JOINT_ID["left_knee"], JOINT_ID["right_knee"]]
+SITTING = pose_families("sitting")["sitting"]
+
+
+def on_seat(seat: Seat, *activities: str) -> Behaviour:
+    """Doing these activities, by default all of the family, on a seat."""
+    chosen = activities or tuple(SITTING.activities)
+    return Behaviour(SITTING, chosen, lambda body, moment: sit(body, seat, moment))
+
+
+def sit(body: Body, seat: Seat, moment: Moment) -> Posed:
+    """A body on a seat: vertices float32 (V, 3) and joints (J, 3) of a moment, world, metres.
+
+    The trunk rests on the seat, hands are at their targets, feet on the floor, limbs clear.
+    """
+    flesh, scale = flesh_of(body), body.height_cm / 170
+    posture = Posture(_sitting_angles(moment), np.zeros(3))
+    vertices, joints = pose(body, posture)
+    place = _rest_on(seat, vertices[flesh.trunk], joints, moment["slide"])
+    middle = (joints[JOINT_ID["left_hip"]] + joints[JOINT_ID["right_hip"]]) / 2 + place
+    posture = Posture(posture.angles_rad, place)
+    pulls = []
+    for side in ("left", "right"):
+        hand = middle + scale * np.array([moment[f"{side}_hand_{k}"] for k in "xyz"])
+        swivel = np.radians(moment[f"{side}_swivel"])
+        posture = reach(posture, flesh.rest_joints_m, flesh.aligned, side, hand, swivel)
+        down = moment[f"{side}_hand_sink"]
+        pulls.append(Pull(f"{side}_wrist", hand, HAND_HOLD * (1, 1, 1 - down)))
+        pulls.append(sink(f"{side}_wrist", down))
+        pulls.append(sink(f"{side}_ankle", moment[f"{side}_foot_sink"]))
+    return pose(body, settle(flesh, posture, [FLOOR, *seat.solids()], pulls))
+
+
+def _sitting_angles(moment: Moment) -> Float64:
+    angles = np.zeros((N_JOINTS, 3))
+    angles[JOINT_ID["pelvis"]] = (-moment["recline"], 0, 0)
+    angles[_SPINE] = np.array([moment["bend"], moment["lean"], moment["twist"]]) / 3
+    angles[_NECK] = np.array([moment["nod"], -moment["lean"] / 2, moment["turn"]]) / 2
+    for side in ("left", "right"):
+        thigh, spread, twist, knee = (moment[f"{side}_{k}"] for k in ("thigh", "spread", "hip_twist", "knee"))
+        # The thigh's height counts from the horizontal, whatever the pelvis does.
+        angles[JOINT_ID[f"{side}_hip"]] = (90 + thigh - moment["recline"], spread, twist)
+        angles[JOINT_ID[f"{side}_knee"], 0] = -knee
+        # Feet stay flat as far as the ankle lets them.
+        angles[JOINT_ID[f"{side}_ankle"], 0] = knee - 90 - thigh
+        angles[JOINT_ID[f"{side}_elbow"], 2] = moment["pronation"]
+    limited = clamp(np.radians(angles))
+    limited[0] = np.radians(angles[0])
+    return limited
+
+
+def _rest_on(seat: Seat, trunk: Float32, joints: Float64, slide: float) -> Float64:
+    """Shift (3,) that puts the seat under the trunk, the back rest behind it, the knees before its edge."""
+    up = seat.height - seat.give_m - float(trunk[:, 2].min())
+    gap = seat.back_y(trunk[:, 2] + up) - trunk[:, 1]
+    leant_back = float(gap.min()) + seat.give_m - max(slide, 0.0)
+    knees_free = -KNEE_ROOM_M - float(joints[_KNEES, 1].max())
+    return np.array([0.0, min(leant_back, knees_free), up])
+
 
 HEAD_FROM_EDGE_M = 0.20
 """The head joint lies this far from the bed's upper end where ``along`` is 0: in the middle of the pillow."""
@@ -100,10 +170,8 @@ def _soles_level(moment: Moment) -> Moment:
 def posture_of(moment: Moment) -> Posture:
     """Posture of a moment inside all joint limits, the pelvis at the origin, nothing yet carried."""
     angles = np.zeros((N_JOINTS, 3))
-    for joint in ("spine_lower", "spine_middle", "spine_upper"):
-        angles[JOINT_ID[joint]] = np.array([moment["bend"], moment["lean"], moment["twist"]]) / 3
-    for joint in ("neck", "head"):
-        angles[JOINT_ID[joint]] = np.array([moment["nod"], 0.0, moment["turn"]]) / 2
+    angles[_SPINE] = np.array([moment["bend"], moment["lean"], moment["twist"]]) / 3
+    angles[_NECK] = np.array([moment["nod"], 0.0, moment["turn"]]) / 2
     for side in ("left", "right"):
         at = {name: moment[f"{side}_{name}"] for name in _LIMB_FIELDS}
         angles[JOINT_ID[f"{side}_hip"]] = (at["hip"], at["spread"], at["hip_twist"])
@@ -114,20 +182,16 @@ def posture_of(moment: Moment) -> Posture:
         angles[JOINT_ID[f"{side}_clavicle"], 1] = lift
         angles[JOINT_ID[f"{side}_shoulder"]] = (at["arm"], at["arm_spread"], at["arm_twist"])
         angles[JOINT_ID[f"{side}_elbow"]] = (at["elbow"], 0, at["pronation"])
-    return Posture(_with_pelvis(clamp(np.radians(angles)), moment), np.zeros(3))
+    limited = clamp(np.radians(angles))
+    # Roll about the long axis, then pitch, then heading; the pelvis' abduction turns by Ry(-abduction).
+    turn = Rotation.from_euler("ZXZ", [moment["heading"], moment["pitch"], moment["roll"]], degrees=True)
+    limited[0] = turn.as_euler("XYZ") * (1, -1, 1)
+    return Posture(limited, np.zeros(3))
 
 
 _LIMB_FIELDS = (
     "hip", "spread", "hip_twist", "knee", "ankle", "arm", "arm_spread", "arm_twist", "elbow", "pronation",
 )  # fmt: skip
-
-
-def _with_pelvis(angles: Float64, moment: Moment) -> Float64:
-    """Angles (J, 3) with the pelvis turned by roll about the long axis, then pitch, then heading."""
-    turn = Rotation.from_euler("ZXZ", [moment["heading"], moment["pitch"], moment["roll"]], degrees=True)
-    angles[0] = turn.as_euler("XYZ")
-    angles[0, 1] *= -1  # the pelvis' abduction turns by Ry(-abduction)
-    return angles
 
 
 def pulls_of(moment: Moment) -> list[Pull]:
@@ -147,7 +211,9 @@ def height_to_rest(vertices_m: Float32, carriers: list[Solid]) -> float:
     """
     top = np.full(len(vertices_m), -np.inf, np.float32)
     for solid in carriers:
-        top = np.maximum(top, np.where(_over(vertices_m, solid), solid.high[2] - solid.give_m, -np.inf))
+        low, high = np.array([solid.low[:2], solid.high[:2]], np.float32)
+        over = ((vertices_m[:, :2] > low) & (vertices_m[:, :2] < high)).all(axis=1)
+        top = np.maximum(top, np.where(over, solid.high[2] - solid.give_m, -np.inf))
     return float((top - vertices_m[:, 2]).max())
 
 
@@ -164,9 +230,3 @@ def lift_needed(vertices_m: Float32, carriers: list[Solid]) -> float:
         if through_top.any():
             rise = max(rise, float(below[sunk][through_top].max()) - solid.give_m)
     return rise
-
-
-def _over(vertices_m: Float32, solid: Solid) -> Bool:
-    x, y = vertices_m[:, 0], vertices_m[:, 1]
-    (x0, y0, _), (x1, y1, _) = solid.low, solid.high
-    return (x > x0) & (x < x1) & (y > y0) & (y < y1)
