@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from annotate.cleanup import filled, without_islands
 from annotate.cloud.fuse import Fuser
 from annotate.correction import select
 from annotate.correction.correction import Correction
@@ -48,7 +49,11 @@ def actions(editor: Editor, view: select.ScreenPoints, pieces):
 
     def tidy(i):
         editor.paint(grown[::37], 3 + i % 2)
-        editor.remove_islands()
+        editor.replace("remove_islands", without_islands(editor.parts, editor.depth_mm))
+
+    def fill(i):
+        part = 1 + i % 11
+        editor.replace("fill_holes", filled(editor.parts, editor.depth_mm, part), part)
 
     return {
         "lasso and paint": lambda i: editor.paint(
@@ -59,7 +64,7 @@ def actions(editor: Editor, view: select.ScreenPoints, pieces):
         "click a supervoxel": lambda i: editor.paint(select.supervoxel(pieces, editor.parts, at), 1 + i % 11),
         "grow": lambda i: select.grow(pieces, editor.parts, editor.depth_mm, piece),
         "two strokes: specks, islands away": tidy,
-        "fill holes": lambda i: editor.fill_holes(1 + i % 11),
+        "fill holes": fill,
         "swap left and right": lambda i: editor.swap_left_right(),
         "paint every point": lambda i: editor.paint(everywhere, 1 + i % 11),
     }
