@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError
 
+Array = NDArray[np.float64]
+
 FINE_PX = 640
 """Narrower images are enlarged before the search: OpenCV's blobs need some pixels; chosen by eye."""
 FAINT = 1e-6
@@ -71,22 +73,17 @@ def find_holes(image: NDArray[np.generic], plate: HolePlate) -> NDArray[np.float
     if scale > 1:
         fine = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
         grey = np.asarray(fine, np.uint8)
+    size, flags = (plate.columns, plate.rows), cv2.CALIB_CB_ASYMMETRIC_GRID | cv2.CALIB_CB_CLUSTERING
     for bright in (255, 0):
-        found, centers = cv2.findCirclesGrid(
-            grey,
-            (plate.columns, plate.rows),
-            flags=cv2.CALIB_CB_ASYMMETRIC_GRID | cv2.CALIB_CB_CLUSTERING,
-            blobDetector=_blobs(bright, grey.shape[1]),
-        )
+        blobs = _blobs(bright, grey.shape[1])
+        found, centers = cv2.findCirclesGrid(grey, size, flags=flags, blobDetector=blobs)
         if found and centers is not None:
             coarse = np.asarray((centers.reshape(-1, 2) + 0.5) / scale - 0.5, np.float64)
             return _refined(np.asarray(image, np.float64), coarse, plate)
     return None
 
 
-def _refined(
-    image: NDArray[np.float64], coarse: NDArray[np.float64], plate: HolePlate
-) -> NDArray[np.float64]:
+def _refined(image: Array, coarse: Array, plate: HolePlate) -> Array:
     """Centres (n, 2) of small holes to the noise: means of the contrast, weighted by a Gaussian of its size.
 
     Moments with a matched weight (Bernstein & Jarvis 2002, section 3): where holes are a few pixels wide,
@@ -101,9 +98,7 @@ def _refined(
     return np.stack([_moment(image, *one) for one in zip(coarse, gap, sigma, strict=True)])
 
 
-def _moment(
-    image: NDArray[np.float64], start: NDArray[np.float64], gap: float, sigma: float
-) -> NDArray[np.float64]:
+def _moment(image: Array, start: Array, gap: float, sigma: float) -> Array:
     center, reach = start, min(0.7 * gap, 4 * sigma)
     for _ in range(6):
         (left, top), (right, bottom) = np.floor(center - reach), np.ceil(center + reach) + 1

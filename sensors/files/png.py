@@ -18,9 +18,7 @@ def png_shape(data: bytes, name: str) -> tuple[int, int]:
         raise FormatError(f"{name} image is not a PNG or is cut off; restore it from a copy")
     width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     if not (0 < width <= MAX_IMAGE_SIDE and 0 < height <= MAX_IMAGE_SIDE):
-        raise FormatError(
-            f"{name} PNG claims {width}x{height} pixels; at most {MAX_IMAGE_SIDE} a side are read"
-        )
+        raise FormatError(f"{name} PNG claims {width}x{height} pixels; give at most {MAX_IMAGE_SIDE} a side")
     return height, width
 
 
@@ -30,11 +28,8 @@ def decode_grey(data: bytes, dtype: type[Any], name: str) -> NDArray[Any]:
     # Unlike Pillow, it compares the checksum of every chunk.
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise FormatError(
-            f"{name} PNG is cut off or corrupt: nothing in it is readable; restore it from a copy"
-        )
+        raise FormatError(f"{name} PNG is cut off or corrupt, nothing readable; restore it from a copy")
     if image.shape != shape or image.dtype != dtype:
-        raise FormatError(
-            f"{name} PNG holds {image.dtype} {image.shape}; give one channel of {dtype.__name__}"
-        )
+        held = f"{image.dtype} {image.shape}"
+        raise FormatError(f"{name} PNG holds {held}; give one channel of {dtype.__name__}")
     return np.asarray(image, dtype)

@@ -26,10 +26,8 @@ def calibration_from_factory(
 ) -> RigCalibration:
     """A rig's calibration for images of these sizes (width, height). Raises CalibrationError."""
     if depth_size not in DEPTH_MODES:
-        width, height = depth_size
-        raise CalibrationError(
-            f"depth images of {width}x{height} ({mode[:40]!r}) belong to no mode of the camera"
-        )
+        size = "x".join(map(str, depth_size))
+        raise CalibrationError(f"depth images of {size} ({mode[:40]!r}) belong to no mode of the camera")
     try:
         entries = json.loads(data.rstrip(b"\0"))["CalibrationInformation"]["Cameras"]
         cameras = {entry["Purpose"].removeprefix("CALIBRATION_CameraPurpose"): entry for entry in entries}
@@ -40,9 +38,8 @@ def calibration_from_factory(
         color = _color_lens(cameras["PhotoVideo"], color_size)
         color_from_depth = _pose(cameras["PhotoVideo"]) @ _pose(cameras["Depth"]).inverse()
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError) as error:
-        raise CalibrationError(
-            f"calibration.json of the recording is malformed ({error!r}); record it again"
-        ) from error
+        message = f"calibration.json of the recording is malformed ({error!r}); record it again"
+        raise CalibrationError(message) from error
     return RigCalibration(depth, color, color_from_depth)
 
 
@@ -63,9 +60,7 @@ def _lens(
     """Unit-square intrinsics with corners at 0 to pixels with centres at whole numbers, cropped."""
     lens = entry["Intrinsics"]
     if lens["ModelType"] != "CALIBRATION_LensDistortionModelBrownConrady":
-        raise CalibrationError(
-            f"lens model {str(lens['ModelType'])[:60]!r} is unknown; only Brown-Conrady is"
-        )
+        raise CalibrationError(f"lens model {str(lens['ModelType'])[:60]!r} is unknown; use Brown-Conrady")
     cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, _, _, p2, p1 = (float(x) for x in lens["ModelParameters"][:14])
     (width, height), (left, top) = calibrated, crop
     fx, cx, fy, cy = fx * width, cx * width - left - 0.5, fy * height, cy * height - top - 0.5

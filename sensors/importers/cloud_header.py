@@ -79,8 +79,7 @@ def _ply(lines: list[list[str]]) -> tuple[int, int, int, int, bool]:
     properties = [words[1:] for words in lines[vertex : next(following)] if words[0] == "property"]
     is_text = "format ascii" in fields
     # A list has its count at least.
-    least = sum(
-        1 if is_text else _PLY_BYTES[kind[1] if kind[0] == "list" else kind[0]] for kind in properties
-    )
+    kinds = [words[1] if words[0] == "list" else words[0] for words in properties]
+    least = len(kinds) if is_text else sum(_PLY_BYTES[kind] for kind in kinds)
     width, height = (int(fields.get(f"obj_info num_{side}", ["0"])[0]) for side in ("cols", "rows"))
     return int(fields["element vertex"][0]), width, height, least, is_text

@@ -60,9 +60,8 @@ class EbmlFile:
     def bytes(self, element: Element, limit: int = MAX_ELEMENT_BYTES) -> bytes:
         """An element's payload."""
         if element.size > limit:
-            raise FormatError(
-                f"{self._file.name} has an element of {element.size} bytes; at most {limit} are read"
-            )
+            name = self._file.name
+            raise FormatError(f"{name} has an element of {element.size} bytes; at most {limit} are read")
         self._file.seek(element.start)
         return self._file.read(element.size)
 

@@ -142,10 +142,9 @@ def _matching(folder: Path, suffixes: tuple[str, ...], depth: dict[str, Path]) -
 def _presence(name: str, files: dict[str, Path], frames: int, camera: Intrinsics | None) -> tuple[str, ...]:
     if not files:
         return (f"no {name} images",)
-    notes = (
-        () if len(files) == frames else (f"{frames - len(files)} of {frames} frames have no {name} image",)
-    )
-    return notes if camera else (*notes, f"no calibration of the {name} camera: its images cannot be fused")
+    missing = frames - len(files)
+    absent = (f"{missing} of {frames} frames have no {name} image",) if missing else ()
+    return absent if camera else (*absent, f"no calibration of the {name} camera: its images cannot be fused")
 
 
 def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, tuple[str, ...]]:

@@ -103,9 +103,8 @@ def project_cloud(points_m: NDArray[np.float64], camera: Intrinsics, spacing_m: 
     at that spacing shows no holes through which its far side would be seen.
     """
     points = points_m[points_m[:, 2] > 0]
-    z = points[:, 2]
-    u = camera.fx * points[:, 0] / z + camera.cx
-    v = camera.fy * points[:, 1] / z + camera.cy
+    x, y, z = points.T
+    u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
     radius = np.clip(camera.fx * SPLAT * spacing_m / z, 0.5, 8.0)
     depth = np.full(camera.shape, np.inf)
     reach = int(np.ceil(radius.max(initial=0.5)))

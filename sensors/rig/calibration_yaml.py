@@ -82,9 +82,7 @@ def _existing(folder: Path, file: str) -> Path | None:
     """The file by its name, or with a device's name before it; None where there is none."""
     found = sorted(path for path in folder.glob(f"*{file}") if path.is_file())
     if len(found) > 1:
-        raise CalibrationError(
-            f"{folder} has {len(found)} files for {file}; keep the files of one device in a folder"
-        )
+        raise CalibrationError(f"{folder} has {len(found)} files for {file}; keep those of one device there")
     return found[0] if found else None
 
 

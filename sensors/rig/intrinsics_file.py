@@ -56,9 +56,7 @@ def read_intrinsics(file: Path, shape: tuple[int, int] = (0, 0)) -> FoundIntrins
     except (TypeError, ValueError, KeyError, AttributeError, OverflowError, RecursionError) as error:
         raise CalibrationError(f"{file} is malformed ({error}); correct it") from error
     if not 0 < found.unit_mm <= 1000:
-        raise CalibrationError(
-            f"{file} gives depth steps of {found.unit_mm} mm; give a number above 0, up to 1000"
-        )
+        raise CalibrationError(f"{file} has depth steps of {found.unit_mm} mm; give more than 0, up to 1000")
     return found
 
 

@@ -29,10 +29,8 @@ class Pose:
     def __post_init__(self) -> None:
         rotation, translation = np.asarray(self.rotation, float), np.asarray(self.translation_m, float)
         if rotation.shape != (3, 3) or translation.shape != (3,):
-            raise CalibrationError(
-                f"pose has rotation {rotation.shape} and translation {translation.shape}; "
-                "give (3, 3) and (3,)"
-            )
+            shapes = f"{rotation.shape} and {translation.shape}"
+            raise CalibrationError(f"rotation and translation are {shapes}; give (3, 3) and (3,)")
         orthonormal = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4)
         if not orthonormal or np.linalg.det(rotation) < 0 or not np.isfinite(translation).all():
             raise CalibrationError("pose is not a rigid transform; give a rotation matrix and finite metres")
