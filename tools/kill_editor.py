@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from annotate.cleanup import without_islands
+from annotate.cleanup import without_islands
 from annotate.correction.correction import Correction
 from annotate.correction.edit import ARMS, Editor
 from annotate.correction.replay import replayed
@@ -55,7 +56,7 @@ def do(editor: Editor, step: int) -> None:
     others = [
         editor.undo,
         editor.redo,
-        editor.remove_islands,
+        lambda: editor.replace("remove_islands", without_islands(editor.parts, editor.depth_mm)),
         lambda: editor.swap_left_right(ARMS),
         lambda: editor.to_neighbour(disc),
         editor.accept,
