@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 
 from annotate.cleanup import without_islands
-from annotate.cleanup import without_islands
 from annotate.correction.correction import Correction
 from annotate.correction.edit import ARMS, Editor
 from annotate.correction.replay import replayed
