@@ -30,8 +30,8 @@ def train_labels(
 ) -> None:
     """Fit the labelling to another suit or rig, for 'label --weights'. Needs the extra 'train'."""
     with needing("train", "synth"):
-        from eval.training.labelling import PLAN, train_labels
-        from eval.training.labelling_data import Recording
+        from eval.training.engine_data import Recording
+        from eval.training.fit_engine import PLAN, train_labels
         from synth.rig.simulate import suit_path, truth_path
     if truth and len(truth) != len(sessions):
         raise CloudError(f"{len(truth)} label sets for {len(sessions)} recordings; give one --truth for each")

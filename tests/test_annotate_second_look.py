@@ -24,8 +24,8 @@ from annotate.second_look.look import look_again
 from annotate.second_look.network import GraphNetwork
 from annotate.segmentation.segment import segment
 from annotate.suit.palette import load_suit
-from eval.training.labelling_data import Rows
-from eval.training.labelling_graph import Graph, Joined
+from eval.training.engine_data import Rows
+from eval.training.engine_graph import Graph, Joined
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path, truth_path
 

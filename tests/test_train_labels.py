@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from annotate.engine import Engine, load_weights, shipped_weights
 from annotate.label_source import label_source
 from annotate.suit.palette import DEFAULT_SUIT
-from eval.training.labelling import train_labels
-from eval.training.labelling_data import Recording
-from eval.training.labelling_odds import logistic
+from eval.training.engine_data import Recording
+from eval.training.engine_odds import logistic
+from eval.training.fit_engine import train_labels
 from sensors.errors import CloudError, ExistsError, FormatError
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path, truth_path

@@ -1,4 +1,4 @@
-"""ProcessGroup whose cost is measured: ``python -m tools.load_probes WHAT OUT.json ARGUMENTS``.
+"""Processes whose time and memory are measured: ``python -m tools.load_probes WHAT OUT.json ARGUMENTS``.
 
 WHAT is ``command`` (any of annotate-cloud), ``evaluate`` or ``train``. Where a run stands, and what it has
 taken by then, goes to OUT.json at its end.

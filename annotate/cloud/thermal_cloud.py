@@ -21,7 +21,7 @@ class ThermalCloud:
     float32 (h, w, 3), depth camera's frame, NaN = no reading. color_rgb: uint8 (h, w, 3), (0, 0, 0) where not
     color_valid. color_valid: bool (h, w), False where the colour camera does not see the point (occluded, out
     of view, no colour camera). temperature_c: float32 (h, w), degrees Celsius, NaN where the thermal camera
-    does not see the point.
+    does not see the point. Raises FormatError for another shape.
     """
 
     camera: Intrinsics
@@ -30,6 +30,18 @@ class ThermalCloud:
     color_rgb: UInt8
     color_valid: Bool
     temperature_c: Float32
+
+    def __post_init__(self) -> None:
+        for name, channels in (
+            ("depth_mm", ()),
+            ("points_m", (3,)),
+            ("color_rgb", (3,)),
+            ("color_valid", ()),
+            ("temperature_c", ()),
+        ):
+            actual, expected = getattr(self, name).shape, (*self.camera.shape, *channels)
+            if actual != expected:
+                raise FormatError(f"cloud's {name} is {actual}; give {expected}")
 
     @property
     def valid(self) -> Bool:

@@ -117,9 +117,9 @@ class OptrisDirect:
         return reading
 
     def set_emissivity(self, emissivity: float) -> None:
-        """Set the emissivity, 0 to 1.1, behind the library's temperatures. Raises DeviceError."""
+        """Set the emissivity, 0.1 to 1.1, behind the library's temperatures. Raises DeviceError."""
         if self._library.set_radiation_parameters(emissivity, 1.0, OWN_AMBIENT_C):
-            raise DeviceError(f"{self.address} refused emissivity {emissivity:g}; give 0.1 to 1")
+            raise DeviceError(f"{self.address} refused emissivity {emissivity:g}; give 0.1 to 1.1")
 
     def close(self) -> None:
         """Give the camera back; idempotent."""

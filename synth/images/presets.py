@@ -1,4 +1,4 @@
-"""One synthetic depth image with part labels: a pure function of (preset, seed, index)."""
+"""Presets, datasets by name; and one image of a preset: a pure function of (preset, seed, index)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

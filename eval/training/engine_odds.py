@@ -1,4 +1,4 @@
-"""The labelling engine's logistic regressions: how sure a label is, and which patches are the person's."""
+"""Logistic regressions of the labelling engine: confidence of a label, odds that a patch is the person's."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from annotate.parts import BACKGROUND, UNDEFINED
 from annotate.person.clothed_mask import PatchClues, touching_odds
 from annotate.segmentation.confidence import features
 from annotate.segmentation.segment import chosen_parts
-from eval.training.labelling_data import Observed
+from eval.training.engine_data import Observed
 
 EVERY, PIXELS_PER_WITNESS = 5, 20.0
 """Confidence is fitted to every fifth pixel; neighbours are right or wrong together, so that twenty of these

@@ -10,7 +10,7 @@ from torch.nn.functional import dropout, log_softmax, relu
 
 from annotate.array_types import Float32
 from annotate.second_look.network import MOST_DEVIATIONS
-from eval.training.labelling_data import CLASSES, Rows
+from eval.training.engine_data import CLASSES, Rows
 from sensors.errors import CloudError
 
 HIDDEN, ROUNDS, DROPPED = 64, 3, 0.2

@@ -1,8 +1,8 @@
-"""Trains the labelling engine for another suit or rig: clothed mask, second look and confidence, in turn.
+"""Weights of the labelling engine, fitted to another suit or rig: clothed mask, second look, confidence.
 
-Each goes by what those before it make of a frame, so the order matters. Confidence is fitted to recordings
-that the network has not been trained on: of its own it would be too sure. It is itself one of the network's
-descriptors: by the shipped weights in training, by the new ones afterwards.
+Each step works on what those before it make of a frame, so the order matters. Confidence is fitted to
+recordings that the network has not been trained on, since it would come out too high on others. It is itself
+one of the network's descriptors: by the shipped weights in training, by the new ones afterwards.
 """
 
 import json
@@ -16,9 +16,9 @@ import torch
 
 from annotate.engine import Engine, Steps, Weights, shipped_weights
 from annotate.person.extract import Survey
-from eval.training.labelling_data import Observed, Recording, Rows, load_rows, observed, rows_of, save_rows
-from eval.training.labelling_graph import EPOCHS, Figures, trained
-from eval.training.labelling_odds import fit_clothed, fit_confidence, judged, known_patches
+from eval.training.engine_data import Observed, Recording, Rows, load_rows, observed, rows_of, save_rows
+from eval.training.engine_graph import EPOCHS, Figures, trained
+from eval.training.engine_odds import fit_clothed, fit_confidence, judged, known_patches
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import write_bytes
 

@@ -1,4 +1,4 @@
-"""What the labelling engine is trained on: recordings with known labels, and their frames as it sees them."""
+"""Training material of the labelling engine: recordings with known labels, and the inputs of each frame."""
 
 import hashlib
 from collections.abc import Iterator
