@@ -85,7 +85,8 @@ def kill_once(folder: Path, delay_s: float, at_once: bool) -> int:
     first = b"" if at_once else os.read(heard, 1)
     time.sleep(delay_s)
     os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
+    _, ended = os.waitpid(child, 0)
+    assert os.WIFSIGNALED(ended), f"the child ended by itself, with status {ended}"
     with os.fdopen(heard, "rb") as file:
         return len(first + file.read())
 

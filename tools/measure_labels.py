@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from annotate.cloud.fuse import Fuser
+from annotate.cloud.supervoxels import supervoxels
 from annotate.effort.agreement import Agreement
 from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
 from annotate.segmentation.confidence import worst_first
-from annotate.segmentation.segment import tile
+from annotate.segmentation.segment import SEED_M
 from annotate.suit.palette import load_suit
 from eval.compare.compare import compare_sets
 from sensors.session.reader import Session
@@ -56,7 +57,8 @@ def reliability(labels: LabelSet, truth: LabelSet, session: Session) -> Reliabil
             continue
         right, counted = (guess.parts == known)[named], (known != UNDEFINED)[named]
         rows.append((guess.confidence[named][counted], right[counted]))
-        groups = tile(fuser.fuse_frame(frame), named)
+        cloud = fuser.fuse_frame(frame)
+        groups = supervoxels(cloud.points_m[named], cloud.color_rgb[named], seed_m=SEED_M)
         wrong = np.bincount(groups.ids, counted & ~right, groups.count)
         order = worst_first(guess.confidence[named], groups)
         found += wrong[order[: int(np.ceil(FIRST_SHARE * groups.count))]].sum()

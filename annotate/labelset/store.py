@@ -155,7 +155,9 @@ class LabelSet:
         try:
             return FrameLabels(frame_id, depth, parts, confidence, persons=persons, **fields)
         except TypeError as error:
-            raise FormatError(f"{self._file(frame_id, 'json')} has unknown fields ({error})") from error
+            raise FormatError(
+                f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it"
+            ) from error
 
     def notes(self, frame_id: str) -> dict[str, Any]:
         """A frame's notes alone, without its images."""
