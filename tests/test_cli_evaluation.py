@@ -5,16 +5,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from test_eval_compare import dataset, guess_frame, label_set, truth_frame
 
 from eval.compare.results import load_result
+from tests.helpers.shards import write_dataset
+from tests.test_eval_compare import guess_frame, label_set, truth_frame
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dataset as the truth, two predictions of it, and one of another session."""
     out = tmp_path_factory.mktemp("evaluated")
-    dataset(out / "truth", [truth_frame(i) for i in range(6)], 4)
+    write_dataset(out / "truth", [truth_frame(i) for i in range(6)], 4)
     label_set(out / "good", [guess_frame(i, better=True) for i in range(6)])
     label_set(out / "bad", [guess_frame(i) for i in range(6)])
     other = [guess_frame(i) for i in range(6)]

@@ -203,7 +203,7 @@ def test_others_are_refused(tmp_path, text, says):
 
 
 def test_calibrate_from_a_recording(annotate_cloud, tmp_path):
-    made = annotate_cloud("simulate", tmp_path / "board.mcap", "--scene", "plate", "--frames", 16, "--json")
+    made = annotate_cloud("simulate", tmp_path / "board.mcap", "--scene", "plate", "--frames", 12, "--json")
     assert made.code == 0, made.err
     true = open_calibration(Path(made.result["truth"]))
     arguments = ("calibrate", tmp_path / "board.mcap", "--out", tmp_path / "rig.json")
