@@ -17,11 +17,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors.device import depth_camera, node
+from sensors.device import node
 from sensors.device.address import Address
 from sensors.device.node import check_node, node_error
 from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
-from sensors.drivers import kinect2, optris_direct, pyrometer, serial_line
+from sensors.device.streaming_camera import StreamingCamera
+from sensors.drivers import kinect2, pyrometer, serial_line
 from sensors.drivers.azure_kinect import AzureKinect, azure_devices
 from sensors.drivers.kinect2 import Kinect2
 from sensors.drivers.optris import LAYOUTS, Optris
@@ -61,8 +62,7 @@ VALUES = {
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
     """Twins answer at once; what is silent for a fifth of a second is gone."""
-    monkeypatch.setattr(depth_camera, "SILENCE_S", 0.2)
-    monkeypatch.setattr(optris_direct, "SILENCE_S", 0.2)
+    monkeypatch.setattr(StreamingCamera, "silence_s", 0.2)
     monkeypatch.setattr(serial_line, "REPLY_S", 0.05)
     monkeypatch.setattr(serial_line, "QUIET_S", 0.005)
     monkeypatch.setattr(pyrometer, "POLL_HZ", 100.0)
@@ -482,7 +482,7 @@ class FakeAzure:
 
 def test_an_azure_kinect_by_pyk4as_names(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyk4a", FakeAzure)
-    monkeypatch.setattr(depth_camera, "SILENCE_S", 0.1)
+    monkeypatch.setattr(StreamingCamera, "silence_s", 0.1)
     assert [found.address for found in find_devices() if found.kind == "azure"] == ["azure:000042"]
     with closing(open_device("azure:")) as device:
         assert device.address == "azure:000042" and device.calibration is None

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from sensors.device.depth_camera import DepthCamera, TimedImage, choose
 from sensors.device.protocol import ColorImage, DepthImage
+from sensors.device.streaming_camera import DEPTH_CAMERA_RATES_HZ, StreamingCamera, choose
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
 from sensors.rig.camera import intrinsics_from_rational
 from sensors.rig.rig_calibration import Pose, RigCalibration
@@ -16,7 +16,7 @@ DEPTH_SIZE, COLOR_SIZE = (640, 576), (1920, 1080)
 """Narrow field of view, unbinned; 1080p as the device's own JPEG."""
 
 
-class AzureKinect(DepthCamera):
+class AzureKinect(StreamingCamera):
     """One Azure Kinect. serial: which, or empty for the only one. Raises DeviceError."""
 
     def __init__(self, serial: str = "") -> None:
@@ -27,7 +27,7 @@ class AzureKinect(DepthCamera):
         there = azure_devices()
         chosen = choose("Azure Kinect", [number for _, number in there], serial)
         index = next(index for index, number in there if number == chosen)
-        super().__init__(f"azure:{chosen}", chosen)
+        super().__init__(f"azure:{chosen}", chosen, DEPTH_CAMERA_RATES_HZ)
         self._pyk4a: Any = pyk4a
         config = pyk4a.Config(
             color_resolution=pyk4a.ColorResolution.RES_1080P,
@@ -64,22 +64,19 @@ class AzureKinect(DepthCamera):
         pose = Pose(np.stack([axis - origin for axis in axes], axis=-1), origin)
         return RigCalibration(cameras[0], cameras[1], pose)
 
-    def _capture(self, timeout_s: float) -> list[TimedImage]:
+    def _receive(self, timeout_s: float) -> None:
         try:
             capture = self._device.get_capture(timeout=round(timeout_s * 1000))
         except self._pyk4a.K4ATimeoutException:
-            return []
+            return
         except self._pyk4a.K4AException as error:
             raise DeviceLostError(f"{self.address} is no longer connected; plug it in again") from error
-        images: list[TimedImage] = []
         if capture.depth is not None:
             infrared = None if capture.ir is None else np.array(capture.ir, np.uint16)
             depth = DepthImage(np.array(capture.depth, np.uint16), infrared)
-            images.append((1000 * capture.depth_timestamp_usec, depth, None))
+            self._take(1000 * capture.depth_timestamp_usec, depth)
         if capture.color is not None:
-            color = ColorImage(bytes(capture.color))
-            images.append((1000 * capture.color_timestamp_usec, color, None))
-        return images
+            self._take(1000 * capture.color_timestamp_usec, ColorImage(bytes(capture.color)))
 
     def _end(self) -> None:
         if self._device.is_running:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.device.depth_camera import DepthCamera, TimedImage, choose
 from sensors.device.node import check_usb
 from sensors.device.protocol import ColorImage, DepthImage
+from sensors.device.streaming_camera import DEPTH_CAMERA_RATES_HZ, StreamingCamera, choose
 from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceNotFoundError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
@@ -52,7 +52,7 @@ class Shim(SimpleNamespace):
     """The functions of ``PROTOTYPES`` by name, C function pointers: the compiled library's, or a twin's."""
 
 
-class Kinect2(DepthCamera):
+class Kinect2(StreamingCamera):
     """One Kinect v2. serial: which, or empty for the only one. Depth and colour are not synchronised.
 
     Its calibration has the depth camera alone: the firmware's model of colour is no pinhole camera.
@@ -65,7 +65,7 @@ class Kinect2(DepthCamera):
         if not serials and shim is None:
             check_usb(USB_IDS)
         chosen = choose("Kinect v2", serials, serial)
-        super().__init__(f"kinect2:{chosen}", chosen)
+        super().__init__(f"kinect2:{chosen}", chosen, DEPTH_CAMERA_RATES_HZ)
         self._handle = self._shim.k2_open(chosen.encode())
         if not self._handle:
             raise DeviceBusyError(f"{self.address} cannot be opened; close the program that uses it")
@@ -83,7 +83,7 @@ class Kinect2(DepthCamera):
         fx, fy, cx, cy, k1, k2, k3, p1, p2 = infrared
         return RigCalibration(Intrinsics(512, 424, fx, fy, cx, cy, k1, k2, p1, p2, k3))
 
-    def _capture(self, timeout_s: float) -> list[TimedImage]:
+    def _receive(self, timeout_s: float) -> None:
         frame = Frame()
         wait_ms = round(1000 * timeout_s)
         code = self._shim.k2_read(self._handle, wait_ms, ctypes.byref(frame), self._buffer, BUFFER_BYTES)
@@ -92,14 +92,14 @@ class Kinect2(DepthCamera):
         if code and frame.type == INFRARED:
             # It waits for the depth image of its number.
             self._infrared = frame.sequence, self._image(frame)
-            return []
-        return self._images(frame) if code else []
+        elif code:
+            self._take_frame(frame)
 
     def _end(self) -> None:
         self._shim.k2_close(self._handle)
 
-    def _images(self, frame: Frame) -> list[TimedImage]:
-        """The frame in the buffer; none where it is late or broken, which counts as lost."""
+    def _take_frame(self, frame: Frame) -> None:
+        """Take the frame in the buffer; none that is late or broken, which counts as lost."""
         number = self._numbers[frame.type].unwrap(frame.sequence)
         before = self._before.setdefault(frame.type, number - 1)
         stamp_ns = self._clock.unwrap(frame.timestamp) * TICK_NS
@@ -107,13 +107,12 @@ class Kinect2(DepthCamera):
         if frame.type == COLOR:
             value: ColorImage | DepthImage = ColorImage(bytes(memoryview(self._buffer)[: frame.bytes]))
         elif image is None:
-            return []
+            return
         else:
             value = DepthImage(image, infrared if infrared_number == frame.sequence else None)
-        if number <= before or frame.status:
-            return []
-        self._before[frame.type] = number
-        return [(stamp_ns, value, number - before - 1)]
+        if number > before and not frame.status:
+            self._before[frame.type] = number
+            self._take(stamp_ns, value, number - before - 1)
 
     def _image(self, frame: Frame) -> NDArray[np.uint16] | None:
         """uint16 (424, 512): the float image in the buffer, rounded; None for one of another size."""

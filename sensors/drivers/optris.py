@@ -4,11 +4,8 @@ The camera calls its format YUYV, but each 16-bit little-endian word is one raw 
 and no temperatures: (v - 1000) / 10 holds for what the vendor's library puts out only.
 """
 
-import threading
-import time
-from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.device.node import check_node
-from sensors.device.protocol import DeviceReading, Flag, ThermalCounts
+from sensors.device.protocol import Flag, ThermalCounts
+from sensors.device.streaming_camera import StreamingCamera
 from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceLostError
 
 USB_ID = "0403:de37"
 """Vendor and product of the PI cameras."""
 BUFFERS = 10
 """Frames the kernel keeps; OpenCV allows no more. 78 ms at 128 Hz."""
-SLICE_S = 0.05
-"""Seconds a wait lasts at most before another thread may close the device. Chosen by eye."""
 FLAT_SHARE = 0.4
 """A closed flag leaves at most this share of the scene's usual spread of counts. Chosen by eye."""
 FORGET = 0.02
@@ -78,7 +74,7 @@ LAYOUTS = {
 """The PI200's modes by name. The PI160 differs (160x122, metadata in its last rows) and is not supported."""
 
 
-class Optris:
+class Optris(StreamingCamera):
     """One PI200 in one mode, through OpenCV's V4L2 backend with its conversions off.
 
     OpenCV gives no running number of a frame: dropped counts thermal images by the gaps between stamps, short
@@ -86,47 +82,27 @@ class Optris:
     Raises DeviceError for a node that does not open or has another size.
     """
 
+    silence_s = inf  # an unplugged camera has no node
+
     def __init__(
         self, node: Path, layout: Layout, serial: str = "", kind: CaptureKind = cv2.VideoCapture
     ) -> None:
         check_node(node)
-        self.address, self.serial = f"optris:{node}?mode={layout.name}", serial
-        self.rates_hz: Mapping[str, float] = {ThermalCounts.stream: layout.thermal_hz}
-        self.calibration = None
+        rates_hz = {ThermalCounts.stream: layout.thermal_hz}
+        super().__init__(f"optris:{node}?mode={layout.name}", serial, rates_hz)
         self._node, self._layout, self._kind = node, layout, kind
         self._flag = FlagWatch(layout.thermal_hz)
-        self._ready = deque[DeviceReading]()
         self._last_ns: int | None = None
-        self._lock, self._closed = threading.Lock(), threading.Event()
         self._capture = kind(str(node), cv2.CAP_V4L2)
         if not self._capture.isOpened():
             raise DeviceBusyError(f"{node} does not stream; close the program that uses it")
         self._configure()
 
-    def start(self) -> None:
+    def _begin(self) -> None:
         """Nothing: OpenCV streams from opening on."""
 
-    def read(self, timeout_s: float) -> DeviceReading | None:
-        """Next thermal image; see ``Device.read``."""
-        end_s = time.monotonic() + timeout_s
-        while not self._ready:
-            left_s = end_s - time.monotonic()
-            with self._lock:
-                if self._closed.is_set():
-                    raise DeviceLostError(f"{self._node} is closed; open it again")
-                if self._wait(min(left_s, SLICE_S)):
-                    self._take(time.monotonic_ns())
-            if left_s <= SLICE_S and not self._ready:
-                return None
-        return self._ready.popleft()
-
-    def close(self) -> None:
-        """Give the camera back; idempotent, from any thread."""
-        if not self._closed.is_set():
-            # Before the lock, which the reading thread takes again and again.
-            self._closed.set()
-            with self._lock:
-                self._capture.release()
+    def _end(self) -> None:
+        self._capture.release()
 
     def _configure(self) -> None:
         wanted = self._layout.width, self._layout.height
@@ -145,18 +121,19 @@ class Optris:
             self._capture.release()
             raise DeviceError(f"{self._node} gives {got}, not {wanted} words; choose its mode")
 
-    def _wait(self, timeout_s: float) -> bool:
+    def _receive(self, timeout_s: float) -> None:
         try:
             # 0 would mean for ever.
             ready, _ = self._kind.waitAny([self._capture], max(1, int(timeout_s * 1e9)))
         except cv2.error as error:
             raise self._lost() from error
-        if not ready and not self._node.exists():
+        if ready:
+            self._take_frame()
+        elif not self._node.exists():
             raise self._lost()
-        return bool(ready)
 
-    def _take(self, arrival_ns: int) -> None:
-        """Make the thermal images of the frame at hand ready; none of one that comes late."""
+    def _take_frame(self) -> None:
+        """Take the thermal images of the frame at hand; none of one that comes late."""
         words, layout, last_ns = self._words(), self._layout, self._last_ns
         frame_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
         if last_ns is not None and frame_ns <= last_ns:
@@ -166,8 +143,7 @@ class Optris:
         for at, (counts, metadata) in enumerate(unpack(layout, words)):
             stamp_ns = frame_ns - round((layout.subframes - 1 - at) * 1e9 / layout.thermal_hz)
             value = ThermalCounts(counts, metadata, self._flag.see(counts))
-            dropped = 0 if at else lost * layout.subframes
-            self._ready.append(DeviceReading(stamp_ns, arrival_ns, value, dropped))
+            self._take(stamp_ns, value, 0 if at else lost * layout.subframes)
 
     def _words(self) -> NDArray[np.uint16]:
         """uint16 (height, width): the frame at hand. Raises DeviceFaultError for a short one."""

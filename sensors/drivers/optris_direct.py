@@ -8,7 +8,7 @@ import queue
 import re
 import threading
 import time
-from collections.abc import Mapping
+from contextlib import suppress
 from ctypes import CDLL, CFUNCTYPE, POINTER, Structure, c_char_p, c_float, c_int, c_longlong, c_uint
 from ctypes.util import find_library
 from functools import lru_cache
@@ -19,16 +19,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.device.protocol import DeviceReading, Flag, ThermalImage
-from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
+from sensors.device.protocol import Flag, ThermalImage
+from sensors.device.streaming_camera import StreamingCamera
+from sensors.errors import DeviceBusyError, DeviceError, DeviceNotFoundError
 from sensors.files.bounded import MAX_IMAGE_SIDE, read_bounded
 
 RATE_HZ = 128.0
 """The PI200's fastest; the XML file may choose a slower mode."""
 QUEUE = 64
 """Images that may wait for a slow reader, half a second of them. Chosen by eye."""
-SILENCE_S = 2.0
-"""Seconds without a new image after which the camera counts as unplugged. Chosen by eye."""
 IDLE_S = 0.002
 """Seconds between two calls that gave no new image. Chosen by eye."""
 LARGEST_JUMP = 1000
@@ -73,7 +72,7 @@ class DirectLibrary(SimpleNamespace):
     in_use = False
 
 
-class OptrisDirect:
+class OptrisDirect(StreamingCamera):
     """The camera that the vendor's ``config`` (generic.xml) names. Raises DeviceError.
 
     The library's call blocks for an unknown time, so a thread makes it.
@@ -91,50 +90,32 @@ class OptrisDirect:
             )
         self._library.in_use = True
         number = ctypes.c_ulong()
-        self.serial = "" if self._library.get_serial(ctypes.byref(number)) else str(number.value)
+        serial = "" if self._library.get_serial(ctypes.byref(number)) else str(number.value)
+        super().__init__(f"optris-direct:{config}", serial, {ThermalImage.stream: RATE_HZ})
         self.shape = self._read_shape()
-        self.address = f"optris-direct:{config}"
-        self.rates_hz: Mapping[str, float] = {ThermalImage.stream: RATE_HZ}
-        self.calibration = None
-        self._queue: queue.Queue[DeviceReading | None] = queue.Queue(QUEUE)
-        self._closed = threading.Event()
+        self._queue: queue.Queue[tuple[int, ThermalImage, int, int]] = queue.Queue(QUEUE)
         self._thread = threading.Thread(target=self._run, name=self.address, daemon=True)
 
-    def start(self) -> None:
-        """Begin to stream."""
+    def _begin(self) -> None:
         self._thread.start()
 
-    def read(self, timeout_s: float) -> DeviceReading | None:
-        """Next thermal image; see ``Device.read``."""
-        if self._closed.is_set():
-            raise DeviceLostError(f"{self.address} is closed; open it again")
-        try:
-            reading = self._queue.get(timeout=max(timeout_s, 1e-6))
-        except queue.Empty:
-            return None
-        if reading is None:
-            raise DeviceLostError(f"{self.address} has stopped sending; plug the camera in again")
-        return reading
+    def _receive(self, timeout_s: float) -> None:
+        with suppress(queue.Empty):
+            self._take(*self._queue.get(timeout=max(timeout_s, 1e-6)))
 
     def set_emissivity(self, emissivity: float) -> None:
         """Set the emissivity, 0.1 to 1.1, behind the library's temperatures. Raises DeviceError."""
         if self._library.set_radiation_parameters(emissivity, 1.0, OWN_AMBIENT_C):
             raise DeviceError(f"{self.address} refused emissivity {emissivity:g}; give 0.1 to 1.1")
 
-    def close(self) -> None:
-        """Give the camera back; idempotent."""
-        if self._closed.is_set():
-            return
-        self._closed.set()
+    def _end(self) -> None:
         self._library.terminate()
         if self._thread.is_alive():
-            self._thread.join(SILENCE_S)
+            self._thread.join(self.silence_s)
         self._library.in_use = False
-        self._end()
 
     def _run(self) -> None:
-        last_image_s, before = time.monotonic(), FrameMetadata()
-        dropped = 0
+        before, dropped = FrameMetadata(), 0
         while not self._closed.is_set():
             values, metadata = np.empty(self.shape, np.uint16), FrameMetadata()
             height, width = (c_int(side) for side in self.shape)
@@ -142,31 +123,19 @@ class OptrisDirect:
             failed = self._library.get_thermal_image_metadata(
                 ctypes.byref(width), ctypes.byref(height), pointer, ctypes.byref(metadata)
             )
-            now_s, arrival_ns = time.monotonic(), time.monotonic_ns()
+            arrival_ns = time.monotonic_ns()
             if failed or metadata.timestamp <= before.timestamp:
-                if now_s - last_image_s > SILENCE_S:
-                    self._end()
-                    return
                 self._closed.wait(IDLE_S)
                 continue
-            last_image_s = now_s
             jump = metadata.counterHW - before.counterHW
             dropped += jump - 1 if before.timestamp and 1 < jump < LARGEST_JUMP else 0
             before = metadata
             value = ThermalImage(celsius_of(values), flag_of(metadata.flagState))
             try:
-                self._queue.put_nowait(DeviceReading(100 * metadata.timestamp, arrival_ns, value, dropped))
+                self._queue.put_nowait((100 * metadata.timestamp, value, dropped, arrival_ns))
                 dropped = 0
             except queue.Full:
                 dropped += 1
-
-    def _end(self) -> None:
-        """Put the end in the queue, in place of what waits there if it is full."""
-        while True:
-            try:
-                return self._queue.put_nowait(None)
-            except queue.Full:
-                self._queue.get_nowait()
 
     def _read_shape(self) -> tuple[int, int]:
         width, height = c_int(), c_int()

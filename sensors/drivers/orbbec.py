@@ -6,8 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.device.depth_camera import RATE_HZ, DepthCamera, TimedImage, choose
 from sensors.device.protocol import ColorImage, DepthImage
+from sensors.device.streaming_camera import (
+    DEPTH_CAMERA_RATES_HZ,
+    DEPTH_RATE_HZ,
+    StreamingCamera,
+    choose,
+)
 from sensors.errors import (
     DeviceBusyError,
     DeviceError,
@@ -24,7 +29,7 @@ SdkObject = Any
 COLOR_SIZE = (1920, 1080)
 
 
-class Orbbec(DepthCamera):
+class Orbbec(StreamingCamera):
     """One Orbbec camera. serial: which, or empty for the only one. Raises DeviceError."""
 
     def __init__(self, serial: str = "") -> None:
@@ -33,7 +38,7 @@ class Orbbec(DepthCamera):
         import pyorbbecsdk
 
         chosen = choose("Orbbec camera", orbbec_serials(), serial)
-        super().__init__(f"orbbec:{chosen}", chosen)
+        super().__init__(f"orbbec:{chosen}", chosen, DEPTH_CAMERA_RATES_HZ)
         self._sdk: Any = pyorbbecsdk
         try:
             # The list of devices must not outlive its context.
@@ -51,7 +56,7 @@ class Orbbec(DepthCamera):
         try:
             color = self._pipeline.get_stream_profile_list(sdk.OBSensorType.COLOR_SENSOR)
             config.enable_stream(
-                color.get_video_stream_profile(*COLOR_SIZE, sdk.OBFormat.MJPG, round(RATE_HZ))
+                color.get_video_stream_profile(*COLOR_SIZE, sdk.OBFormat.MJPG, round(DEPTH_RATE_HZ))
             )
             depth = self._pipeline.get_stream_profile_list(sdk.OBSensorType.DEPTH_SENSOR)
             config.enable_stream(depth.get_default_video_stream_profile())
@@ -60,20 +65,18 @@ class Orbbec(DepthCamera):
         except sdk.OBError as error:
             raise DeviceError(f"{self.address} does not start ({error}); use a USB 3 port") from error
 
-    def _capture(self, timeout_s: float) -> list[TimedImage]:
+    def _receive(self, timeout_s: float) -> None:
         try:
             frames = self._pipeline.wait_for_frames(max(1, round(timeout_s * 1000)))
         except self._sdk.OBError as error:
             raise DeviceLostError(f"{self.address} is gone ({error}); plug it in again") from error
         if frames is None:
-            return []
-        images: list[TimedImage] = []
+            return
         if (depth := frames.get_depth_frame()) is not None:
-            images.append((1000 * depth.get_timestamp_us(), DepthImage(depth_of(depth)), None))
+            self._take(1000 * depth.get_timestamp_us(), DepthImage(depth_of(depth)))
         if (color := frames.get_color_frame()) is not None:
             encoded = np.asarray(color.get_data(), np.uint8).tobytes()
-            images.append((1000 * color.get_timestamp_us(), ColorImage(encoded), None))
-        return images
+            self._take(1000 * color.get_timestamp_us(), ColorImage(encoded))
 
     def _end(self) -> None:
         self._pipeline.stop()

@@ -1,4 +1,4 @@
-"""A depth camera over a vendor's library that gives depth and colour: Kinect v2, Azure Kinect, Orbbec."""
+"""A camera that streams images over a library of its vendor's or the system's."""
 
 import time
 from abc import ABC, abstractmethod
@@ -6,85 +6,95 @@ from collections import Counter, deque
 from collections.abc import Mapping
 from threading import Event, Lock
 
-from sensors.device.protocol import ColorImage, DepthImage, DeviceReading
+from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, ThermalCounts, ThermalImage
 from sensors.errors import DeviceError, DeviceLostError, DeviceNotFoundError
 from sensors.rig.rig_calibration import RigCalibration
 
-RATE_HZ = 30.0
-"""Images a second of either stream, in the mode that the drivers set."""
-SILENCE_S = 2.0
-"""Seconds without any image after which the device counts as unplugged or crashed. Chosen by eye."""
 SLICE_S = 0.1
 """Seconds a wait lasts at most before another thread may close the device. Chosen by eye."""
+DEPTH_RATE_HZ = 30.0
+"""Images a second of either stream of a depth camera, in the mode that the drivers set."""
+DEPTH_CAMERA_RATES_HZ = {DepthImage.stream: DEPTH_RATE_HZ, ColorImage.stream: DEPTH_RATE_HZ}
 
 
-TimedImage = tuple[int, DepthImage | ColorImage, int | None]
-"""The device's time of an image in nanoseconds, the image, and how many of its stream were lost since the one
-before: None where the library does not count, so that gaps between stamps count."""
+class StreamingCamera(ABC):
+    """A ``Device``; each driver has the calls of one library, whose camera it has opened.
 
+    silence_s: seconds without any image after which it counts as unplugged or crashed. Chosen by eye.
+    """
 
-class DepthCamera(ABC):
-    """A ``Device``; each driver has the calls of one vendor's library, whose device it has opened."""
+    silence_s = 2.0
 
-    def __init__(self, address: str, serial: str) -> None:
-        self.address, self.serial = address, serial
-        self.rates_hz: Mapping[str, float] = {DepthImage.stream: RATE_HZ, ColorImage.stream: RATE_HZ}
+    def __init__(self, address: str, serial: str, rates_hz: Mapping[str, float]) -> None:
+        self.address, self.serial, self.rates_hz = address, serial, rates_hz
         self.calibration: RigCalibration | None = None
         self._ready = deque[DeviceReading]()
         self._before_ns: dict[str, int] = {}
         self._last_image_s, self._closed, self._lock = time.monotonic(), Event(), Lock()
 
     @abstractmethod
-    def _begin(self) -> RigCalibration:
-        """Begin to stream; the factory's calibration."""
+    def _begin(self) -> RigCalibration | None:
+        """Begin to stream; the factory's calibration of a depth camera."""
 
     @abstractmethod
-    def _capture(self, timeout_s: float) -> list[TimedImage]:
-        """The images of the next capture, empty when none came in time. Raises DeviceError."""
+    def _receive(self, timeout_s: float) -> None:
+        """Wait for images and ``_take`` them. Raises DeviceError."""
 
     @abstractmethod
     def _end(self) -> None:
         """Stop and give the device back."""
 
     def start(self) -> None:
-        """Begin both streams."""
+        """Begin all streams."""
         self.calibration = self._begin()
         self._last_image_s = time.monotonic()
 
     def read(self, timeout_s: float) -> DeviceReading | None:
-        """Next depth or colour image; see ``Device.read``."""
+        """Next image; see ``Device.read``."""
         end_s = time.monotonic() + timeout_s
         while not self._ready:
             left_s = end_s - time.monotonic()
             with self._lock:
                 if self._closed.is_set():
                     raise DeviceLostError(f"{self.address} is closed; open it again")
-                images = self._capture(max(0.0, min(left_s, SLICE_S)))
-            arrival_ns = time.monotonic_ns()
-            for image in images:
-                self._take(*image, arrival_ns)
-            if images:
-                self._last_image_s = time.monotonic()
-            elif time.monotonic() - self._last_image_s > SILENCE_S:
-                raise DeviceLostError(f"{self.address} sent nothing for {SILENCE_S:g} s; check its cable")
+                self._receive(max(0.0, min(left_s, SLICE_S)))
+            if time.monotonic() - self._last_image_s > self.silence_s:
+                raise DeviceLostError(
+                    f"{self.address} sent nothing for {self.silence_s:g} s; check its cable"
+                )
             if left_s <= 0 and not self._ready:
                 return None
         return self._ready.popleft()
 
     def close(self) -> None:
-        """Give the device back; idempotent."""
+        """Give the device back; idempotent, from any thread."""
         if not self._closed.is_set():
+            # Before the lock, which the reading thread takes again and again.
             self._closed.set()
             with self._lock:
                 self._end()
 
-    def _take(self, stamp_ns: int, value: DepthImage | ColorImage, lost: int | None, arrival_ns: int) -> None:
+    def _take(
+        self,
+        stamp_ns: int,
+        value: DepthImage | ColorImage | ThermalImage | ThermalCounts,
+        lost: int | None = None,
+        arrival_ns: int | None = None,
+    ) -> None:
+        """Make an image ready; none that comes late.
+
+        lost: how many of its stream were lost since the one before; None where the library does not count, so
+        that gaps between stamps count. arrival_ns: None for now.
+        """
+        self._last_image_s = time.monotonic()
         before_ns = self._before_ns.get(value.stream)
         if before_ns is not None and stamp_ns <= before_ns:
             return
         self._before_ns[value.stream] = stamp_ns
         if lost is None:
-            lost = 0 if before_ns is None else max(0, round((stamp_ns - before_ns) * 1e-9 * RATE_HZ) - 1)
+            gap_ns = 0 if before_ns is None else stamp_ns - before_ns
+            lost = max(0, round(gap_ns * 1e-9 * self.rates_hz[value.stream]) - 1)
+        arrival_ns = time.monotonic_ns() if arrival_ns is None else arrival_ns
         self._ready.append(DeviceReading(stamp_ns, arrival_ns, value, lost))
 
 
