@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 from typer import Argument, Option
 
@@ -49,7 +50,6 @@ def calibrate(
     for path in (out, plot, *([yaml] if yaml else [])):
         check_free(path, overwrite)
     with needing("rig"):
-        from cli.calibration_plot import plot_residuals
         from sensors.calibrate.verdict import judge
 
     plate = HolePlate(columns, rows, pitch_mm / 1000, hole_mm / 1000)
@@ -57,7 +57,7 @@ def calibrate(
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as temporary:
         save_calibration(temporary, found.calibration)
-    plot_residuals(plot, found)
+    _plot_residuals(plot, found)
     if yaml is not None:
         write_yaml(yaml, found.calibration, found.depth_shift_mm[0])
     good, findings = judge(found)
@@ -114,3 +114,36 @@ def _result(found: "Adjusted", good: bool) -> dict[str, Any]:
         "left_out": list(found.left_out),
         "good": good,
     }
+
+
+LONGER = {"depth": 200, "color": 400, "thermal": 60}
+"""How much longer than true the arrows are drawn."""
+
+
+def _plot_residuals(path: Path, found: "Adjusted") -> None:
+    """Write a PNG: above the residuals as arrows in each image, below their size by view."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5 * len(found.residuals), 7), layout="constrained")
+    axes = figure.subplots(2, len(found.residuals), squeeze=False)
+    for column, (name, seen) in enumerate(found.residuals.items()):
+        camera = getattr(found.calibration, name)
+        image, bars = axes[0, column], axes[1, column]
+        image.quiver(
+            *seen.px.T,
+            *(LONGER[name] * seen.error_px).T,
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            width=0.002,
+            color="#1f6f8b",
+        )
+        image.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")
+        image.set_title(f"{name}: {seen.rms_px:.3f} px rms, arrows {LONGER[name]} times longer")
+        views = np.unique(seen.view)
+        square = np.square(seen.error_px).sum(axis=1)
+        rms = [float(np.sqrt(square[seen.view == view].mean())) for view in views]
+        bars.bar(views, rms, color="#1f6f8b")
+        bars.set(xlabel="frame", ylabel="rms, px")
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=100)

@@ -1,8 +1,9 @@
-"""Verbs that measure labels and compare what was measured: evaluate, compare."""
+"""Verbs that measure labels and show what was measured: evaluate, compare, diff, report."""
 
 from pathlib import Path
 from typing import Annotated
 
+import typer
 from typer import Argument, Option
 
 from annotate.labelset.frames import LabelledFrames, open_frames
@@ -14,6 +15,7 @@ from eval.compare.details import details
 from eval.compare.paired import difference
 from eval.compare.results import Result, load_result, save_result
 from sensors.files.atomic import check_free
+from sensors.session.reader import Session
 
 
 def evaluate(
@@ -71,3 +73,62 @@ def compare(
     if found.note:
         say(found.note)
     finish(found.to_json(), json, difference_text(found))
+
+
+def diff(
+    a: Annotated[Path, Argument(help="Label set or dataset.")],
+    b: Annotated[Path, Argument(help="Label set or dataset to take as the truth.")],
+    json: Json = False,
+) -> None:
+    """Compare label set A with label set B in a few scores; 'evaluate' computes more scores."""
+    sets = open_frames(a), open_frames(b)
+    with progress("compare", len(sets[1])) as advance:
+        comparison = compare_sets(*sets, advance)
+    finish(comparison.to_json(), json, scores_text(comparison, intervals=False))
+
+
+def report(
+    results: Annotated[list[Path], Argument(help="Results of 'evaluate --out'; the first is the baseline.")],
+    out: Annotated[Path, Option(help="HTML file to write; .csv, .json and .tex are saved beside it.")],
+    ceiling: Annotated[
+        Path | None, Option(help="Result of one person's corrections against another's.")
+    ] = None,
+    session: Annotated[
+        list[Path] | None, Option(help="Recording of the labels, to show its clouds; repeatable.")
+    ] = None,
+    history: Annotated[
+        list[Path] | None, Option(help="Folder of 'train', to show loss and scores; repeatable.")
+    ] = None,
+    audit: Annotated[
+        list[Path] | None, Option(help="Corrected label set, to show who did what; repeatable.")
+    ] = None,
+    shown: Annotated[
+        list[Path] | None, Option(help="Label set without a truth, to show it; repeatable.")
+    ] = None,
+    note: Annotated[list[str] | None, Option(help="Text for each --shown, in the same order.")] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Write one page with all results beside those of the paper; it opens offline."""
+    # These imports take a second, which the other verbs need not spend.
+    with needing("report"):
+        from eval.report.build import free_outputs, write_report
+        from eval.report.gather import gather
+
+    if len(note or []) > len(shown or []):
+        raise typer.BadParameter(
+            f"{len(note or [])} notes for {len(shown or [])} label sets; give --shown for each"
+        )
+    free_outputs(out, overwrite)
+    notes = [*(note or []), *[""] * len(shown or [])]
+    material = gather(
+        [load_result(path) for path in results],
+        load_result(ceiling) if ceiling else None,
+        [Session(path) for path in session or []],
+        history or [],
+        audit or [],
+        dict(zip(shown or [], notes, strict=False)),
+        provenance(),
+    )
+    written = write_report(out, material, overwrite)
+    finish({"path": str(out), "files": [str(path) for path in written]}, json, str(out))

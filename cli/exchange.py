@@ -8,7 +8,6 @@ from typer import Argument, Option
 
 from annotate.exchange.formats import FORMATS, export_labels, import_labels
 from annotate.labelset.store import LabelSet
-from cli import names
 from cli.console import Json, Overwrite, finish, progress, say
 from sensors.importers.open_source import KINDS, open_source
 from sensors.rig.frame import RigFrame
@@ -33,7 +32,9 @@ def import_(
 def export(
     labels: Annotated[Path, Argument(help="Label set.")],
     out: Annotated[Path, Argument(help="Folder to write.")],
-    format_: Annotated[str, Option("--format", help=f"{', '.join(FORMATS)}.", autocompletion=names.formats)],
+    format_: Annotated[
+        str, Option("--format", help=f"{', '.join(FORMATS)}.", autocompletion=lambda: [*FORMATS])
+    ],
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:

@@ -7,11 +7,12 @@ from typing import Annotated, Any
 import numpy as np
 from typer import Argument
 
+from annotate.correction.audit import Audit, PersonWork, audit
 from annotate.labelset import dataset, store
 from annotate.labelset.dataset import Dataset
+from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
-from cli.audit import audit_of, audit_text
 from cli.console import Json, cell, facts, finish, table
 from cli.motion import motion_info
 from sensors.importers.open_source import open_source
@@ -61,9 +62,10 @@ def _labels(labels: LabelSet) -> Shown:
         facts({name: value for name, value in short.items() if name != "pixels"}),
         table(("part", "pixels per frame"), per_frame),
     ]
-    if audit := audit_of(labels):
-        result["audit"] = audit.to_json()
-        texts.append(audit_text(audit))
+    found = audit(labels, Journal.of(labels.path))
+    if found.people:
+        result["audit"] = found.to_json()
+        texts.append(_audit_text(found))
     return result, "\n\n".join(texts)
 
 
@@ -107,3 +109,37 @@ def _camera(calibration: RigCalibration, topic: str) -> tuple[str | None, float 
     }
     camera = cameras.get(topic)
     return (None, None) if camera is None else (f"{camera.width} x {camera.height}", camera.fx)
+
+
+def _audit_text(found: Audit) -> str:
+    """Tables: one row for each person, then for each person one row for each part; rejected frames last."""
+    tables = [_people(found), *(_parts(person) for person in found.people if person.parts)]
+    rejected = [f"rejected {frame_id}: {reason}" for frame_id, reason in found.rejected.items()]
+    return "\n\n".join([*tables, *rejected])
+
+
+def _people(found: Audit) -> str:
+    names = ("person", "frames", "accepted", "untouched", "s median", "s p90", "strokes", "undos", "changed")
+    rows = [
+        (
+            person.who,
+            person.frames,
+            person.accepted,
+            f"{person.accepted_untouched:.0%}",
+            f"{person.seconds_median:.1f}",
+            f"{person.seconds_p90:.1f}",
+            person.strokes,
+            person.undos,
+            f"{person.changed:.1%}",
+        )
+        for person in found.people
+    ]
+    return table(names, rows, "Corrections")
+
+
+def _parts(person: PersonWork) -> str:
+    rows = [
+        (name, work.strokes, f"{work.seconds:.1f}", work.gained_px, work.lost_px)
+        for name, work in person.parts.items()
+    ]
+    return table(("part", "strokes", "seconds", "px gained", "px lost"), rows, f"Parts, {person.who}")

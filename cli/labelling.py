@@ -1,7 +1,8 @@
-"""Verbs on labels: label, suit learn, diff."""
+"""Verbs that make labels and correct them: label, predict, suit learn, fix."""
 
 import math
 import time
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -11,15 +12,16 @@ from typer import Argument, Option
 from annotate.engine import Engine, load_weights
 from annotate.label_source import label_source
 from annotate.labelset import store
-from annotate.labelset.frames import open_frames
+from annotate.labelset.frames import LabelledFrames, holds_frames, open_frames
 from annotate.labelset.store import LabelSet
 from annotate.suit.palette import load_suit, suit_to_toml
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from cli.extras import needing
-from cli.score_tables import scores_text
-from eval.compare.compare import compare_sets
+from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.predict import predict_frames, predict_source
 from sensors.files.atomic import check_free, write_bytes
 from sensors.importers.open_source import open_source
+from sensors.rig.frame import FrameSource
 
 suit_app = typer.Typer(help="Palettes of the colour-coded suit.", no_args_is_help=True)
 
@@ -116,13 +118,51 @@ def learn(
     finish(result, json, f"{len(palette.parts)} colours in {out}")
 
 
-def diff(
-    a: Annotated[Path, Argument(help="Label set or dataset.")],
-    b: Annotated[Path, Argument(help="Label set or dataset to take as the truth.")],
+def predict(
+    source: Annotated[Path, Argument(help="Session, label set, dataset, or what import reads.")],
+    out: Labels,
+    weights: Annotated[
+        Path, Option(help="Network (.onnx).", show_default="the shipped one")
+    ] = SHIPPED_WEIGHTS,
+    window: Window = None,
+    probabilities: Annotated[
+        bool, Option("--probabilities", help="Also store the probabilities of all classes, 12 kB per frame.")
+    ] = False,
+    overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Compare label set A with label set B in a few scores; 'evaluate' computes more scores."""
-    sets = open_frames(a), open_frames(b)
-    with progress("compare", len(sets[1])) as advance:
-        comparison = compare_sets(*sets, advance)
-    finish(comparison.to_json(), json, scores_text(comparison, intervals=False))
+    """Label depth images with a network; label sets and datasets keep their outlines of the person."""
+    network = OnnxNetwork(weights)
+    frames: LabelledFrames | FrameSource
+    if holds_frames(source):
+        frames = open_frames(source)
+        work = partial(predict_frames, frames, network, out, probabilities=probabilities)
+    else:
+        frames = open_source(source)
+        for note in frames.notes:
+            say(note)
+        work = partial(predict_source, frames, network, out, window_c=window, probabilities=probabilities)
+    clear(out, store.MANIFEST, overwrite, source, weights)
+    started, total = time.monotonic(), len(frames)
+    with progress("predict", total) as advance:
+        run = work(progress=advance)
+    ms = 1000 * (time.monotonic() - started) / max(1, total)
+    result = {"frames": len(run.labels), "ms_per_frame": round(ms, 2)}
+    finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")
+
+
+def fix(
+    labels: Annotated[Path, Argument(help="Label set to correct.")],
+    session: Annotated[
+        Path | None,
+        Option(help="Recording of these labels, for colour and temperature. Default: the one beside them."),
+    ] = None,
+    compare: Annotated[Path | None, Option(help="Another label set, to show the differences.")] = None,
+    who: Annotated[str, Option(help="Name of the person who corrects. Default: the system user.")] = "",
+    read_only: Annotated[bool, Option("--read-only", help="Open without changing anything.")] = False,
+) -> None:
+    """Correct part labels in a window; F1 shows the keys. Every stroke is saved at once."""
+    with needing("gui"):
+        from annotate.gui.app import run_window
+    states = run_window(labels, session, compare, who, read_only)
+    print(f"{labels}: " + ", ".join(f"{count} {state}" for state, count in states.items()))

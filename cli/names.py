@@ -2,8 +2,6 @@
 
 from contextlib import suppress
 
-from annotate.exchange.formats import FORMATS
-
 
 def scenes() -> list[str]:
     """Scenes of the virtual rig, and the plate for calibration."""
@@ -30,8 +28,3 @@ def presets() -> list[str]:
 
         return list(PRESETS)
     return []
-
-
-def formats() -> list[str]:
-    """Formats of `export`."""
-    return list(FORMATS)

@@ -1,9 +1,10 @@
-"""The verbs ``record``, from devices into a session, and ``repair``, for a session that was cut off."""
+"""Verbs on devices and what they record: devices, record, repair."""
 
 import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated
@@ -14,11 +15,11 @@ from rich.live import Live
 from rich.table import Table
 from typer import Argument, Option
 
-from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say
+from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say, table
 from cli.extras import needing
 from sensors.device.protocol import Device
 from sensors.errors import CalibrationError, DeviceError
-from sensors.recording.open_device import open_device
+from sensors.recording.open_device import find_devices, open_device
 from sensors.recording.recorder import Recorded, Recorder, clock_metadata
 from sensors.recording.rig_file import RecordingRig, load_rig
 from sensors.rig.frame import RigFrame
@@ -171,3 +172,12 @@ def _report(out: Path, done: Recorded, json: bool) -> None:
     finish(result, json, f"{frames} frames in {out}, {done.seconds:.1f} s, {dropped} messages dropped")
     if done.why != "asked":
         raise typer.Exit(3)
+
+
+def devices(json: Json = False) -> None:
+    """List the devices that are plugged in, and the virtual ones."""
+    found = find_devices()
+    title = "no device is plugged in; virtual devices:" if all(one.virtual for one in found) else ""
+    rows = [(one.address, one.serial, one.note) for one in found]
+    text = table(("address", "serial", "note"), rows, title)
+    finish({"devices": [asdict(one) for one in found]}, json, text)

@@ -1,4 +1,4 @@
-"""The verb ``train``: train a network."""
+"""Verbs that train: train, a network; train-labels, the labelling engine."""
 
 import time
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Option
 
@@ -21,25 +21,13 @@ if TYPE_CHECKING:
 
     from eval.network.checkpoint import Epoch
     from eval.network.networks import NetworkConfig
-    from eval.training.plan import Plan, Recipe
+    from eval.training.plan import Plan, Precision
 
 Without = StrEnum("Without", [field.name for field in fields(Augmentation)])  # type: ignore[misc]
 """The augmentations that can be left out."""
 
-
-NetworkName = StrEnum(
-    "NetworkName", ["compact", "compact-small", "compact-large", "paper", "paper-quarter", "smp"]
-)
-"""Networks that can be trained."""
-RecipeName = StrEnum("RecipeName", ["modern", "paper"])
-"""Losses with their optimisers."""
-
-
-class PrecisionName(StrEnum):
-    """Floating-point numbers of the forward pass."""
-
-    FLOAT32 = "float32"
-    BFLOAT16 = "bfloat16"
+NetworkName = Literal["compact", "compact-small", "compact-large", "paper", "paper-quarter", "smp"]
+RecipeName = Literal["modern", "paper"]
 
 
 def train(
@@ -55,7 +43,7 @@ def train(
     network: Annotated[NetworkName | None, Option(help="Architecture.", show_default="compact")] = None,
     recipe: Annotated[
         RecipeName, Option(help="modern: AdamW with one cycle; paper: SGD on a summed loss.")
-    ] = RecipeName.modern,
+    ] = "modern",
     init: Annotated[Path | None, Option(help="Weights to start from (weights.safetensors).")] = None,
     without: Annotated[list[Without] | None, Option(help="Augmentation to leave out; repeatable.")] = None,
     epochs: Annotated[int, Option(min=1, max=10_000, help="Passes over all images.")] = 12,
@@ -64,7 +52,7 @@ def train(
     ] = None,
     seed: Annotated[int, Option(min=0, help="The same seed and data give the same network.")] = 0,
     precision: Annotated[
-        PrecisionName | None,
+        Literal["float32", "bfloat16"] | None,
         Option(
             help="bfloat16 is faster where the processor supports it.",
             show_default="bfloat16 on a GPU that supports it, else float32",
@@ -118,7 +106,7 @@ def _plan(
     epochs: int,
     batch: int | None,
     seed: int,
-    precision: PrecisionName | None,
+    precision: "Precision | None",
 ) -> "tuple[Plan, nn.Module | None]":
     from eval.network.checkpoint import load_weights
     from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
@@ -127,15 +115,15 @@ def _plan(
         raise CloudError(f"{init} determines the network; leave out --network {network}")
     model, config = load_weights(init) if init else (None, _config(network or "compact"))
     how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
-    recipes: dict[str, type[Recipe]] = {"modern": ModernRecipe, "paper": PaperRecipe}
-    chosen = recipes[recipe]() if batch is None else recipes[recipe](batch)
-    return Plan(config, chosen, how, epochs, seed, precision.value if precision else best_precision()), model
+    kind = PaperRecipe if recipe == "paper" else ModernRecipe
+    chosen = kind() if batch is None else kind(batch)
+    return Plan(config, chosen, how, epochs, seed, precision or best_precision()), model
 
 
-def _config(network: str) -> "NetworkConfig":
+def _config(network: NetworkName) -> "NetworkConfig":
     from eval.network.architectures import CompactConfig, PaperConfig, SmpConfig
 
-    configs: dict[str, NetworkConfig] = {
+    configs: dict[NetworkName, NetworkConfig] = {
         "compact": CompactConfig(),
         "compact-small": CompactConfig((16, 24, 32, 48, 64)),
         "compact-large": CompactConfig((32, 48, 64, 96, 144)),
@@ -163,3 +151,48 @@ def _print_epoch(first: bool, epoch: "Epoch", epochs: int) -> None:
     scores = "" if epoch.miou is None else f", mean recall {epoch.mean_recall:.4f}, mIoU {epoch.miou:.4f}"
     if first:
         say(f"epoch {epoch.number} of {epochs}: loss {epoch.loss:.4f}{scores}")
+
+
+def train_labels(
+    sessions: Annotated[list[Path], Argument(help="Two or more recordings of people in the suit.")],
+    out: Annotated[Path, Option(help="Folder for weights.npz; an interrupted run continues there.")],
+    truth: Annotated[
+        list[Path] | None,
+        Option(
+            help="Corrected label set of each recording, in the same order.",
+            show_default="what simulate wrote beside each",
+        ),
+    ] = None,
+    suit: Annotated[
+        Path | None,
+        Option(help="Palette of the suit (TOML).", show_default="what simulate wrote beside each"),
+    ] = None,
+    seed: Annotated[int, Option(min=0, help="The same seed and recordings give the same weights.")] = 0,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Fit the labelling to another suit or rig, for 'label --weights'. Needs the extra 'train'."""
+    with needing("train", "synth"):
+        from eval.training.engine_data import Recording
+        from eval.training.fit_engine import PLAN, train_labels
+        from synth.rig.simulate import suit_path, truth_path
+    if truth and len(truth) != len(sessions):
+        raise CloudError(f"{len(truth)} label sets for {len(sessions)} recordings; give one --truth for each")
+    known = truth or [truth_path(session) for session in sessions]
+    suits = [suit or suit_path(session) for session in sessions]
+    triples = list(zip(sessions, known, suits, strict=True))
+    clear(out, PLAN, overwrite, *(path for triple in triples for path in triple))
+    done = train_labels([Recording.open(*triple) for triple in triples], out, seed, progress)
+    result = {
+        "weights": str(done.path),
+        "sha256": done.weights.sha256(),
+        "frames": done.frames,
+        "frames_held_out": done.frames_held_out,
+        "mean_recall": done.figures.recall,
+        "person_iou": done.figures.person_iou,
+    }
+    text = (
+        f"{done.path}: {done.frames} frames; on {done.frames_held_out} held out mean recall "
+        f"{done.figures.recall:.3f}, person IoU {done.figures.person_iou:.3f}"
+    )
+    finish(result, json, text)
