@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -143,3 +144,15 @@ def normalize(depth_mm: UInt16, mask: Bool) -> Float32:
 def person_of(parts: UInt8) -> Bool:
     """Flags (h, w) of a person's pixels, the undefined ones included."""
     return np.asarray(parts != BACKGROUND, np.bool_)
+
+
+def nearest_seen(seen: Bool) -> Index:
+    """Flat index (h, w) of the ``seen`` pixel nearest to each; its own where none is seen at all."""
+    if not seen.any():
+        return np.arange(seen.size).reshape(seen.shape)
+    _, label = cv2.distanceTransformWithLabels(
+        (~seen).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    index = np.zeros(int(label.max()) + 1, np.intp)
+    index[label[seen]] = np.flatnonzero(seen)
+    return np.asarray(index[label])

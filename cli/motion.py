@@ -90,8 +90,8 @@ def motion_info(path: Path) -> tuple[dict[str, Any], str]:
         joint.name: dict(zip(ANGLES, own, strict=True)) for joint, own in zip(JOINTS, ranges, strict=True)
     }
     rows = [
-        (joint.name, *(f"{low:.0f} to {high:.0f}" for low, high in own))
-        for joint, own in zip(JOINTS, ranges, strict=True)
+        (name, *(f"{low:.0f} to {high:.0f}" for low, high in own.values()))
+        for name, own in result["joints_deg"].items()
     ]
     lines.append(table(("joint", *(f"{angle}, deg" for angle in ANGLES)), rows))
     return result, "\n".join(lines)

@@ -141,12 +141,12 @@ def test_wrong_maps_are_refused() -> None:
 
 
 def test_the_paper_tables_are_the_paper_s() -> None:
-    assert paper.mean_recall_of(paper.TABLE2_SYNTHETIC) == pytest.approx(0.8636, abs=5e-5)
-    assert paper.mean_recall_of(paper.TABLE3_REAL) == pytest.approx(0.7318, abs=5e-5)
-    for table in (paper.TABLE2_SYNTHETIC, paper.TABLE3_REAL):
+    assert paper.SYNTHETIC.mean_recall == pytest.approx(0.8636, abs=5e-5)
+    assert paper.REAL.mean_recall == pytest.approx(0.7318, abs=5e-5)
+    for table in (paper.SYNTHETIC.table, paper.REAL.table):
         np.testing.assert_allclose(table.sum(1), 1.0, atol=0.021)
         assert table[0, 0] == 1.0
-    assert paper.TABLE3_REAL[1, 2] == 0.22 and paper.TABLE3_REAL[7, 2] == 0.25  # quoted in section 4.2.2
+    assert paper.REAL.table[1, 2] == 0.22 and paper.REAL.table[7, 2] == 0.25  # quoted in section 4.2.2
 
 
 def f_of(truth: np.ndarray, predicted: np.ndarray, tolerance: float) -> float:

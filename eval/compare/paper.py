@@ -15,6 +15,20 @@ from annotate.array_types import Float64
 CITATION = "Nishi & Miura, Pattern Recognition 71 (2017), doi:10.1016/j.patcog.2017.06.006"
 
 
+class Reported(NamedTuple):
+    """One of the tables, float64 (12, 12), and the numbers of its frames and people; None: not printed."""
+
+    title: str
+    table: Float64
+    frames: int
+    people: int | None
+
+    @property
+    def mean_recall(self) -> float:
+        """Mean of the diagonal over the eleven body parts: 0.8636 for Table 2, 0.7318 for Table 3."""
+        return float(np.diagonal(self.table)[1:].mean())
+
+
 def _by_part_id(percent: str) -> Float64:
     printed = np.array(percent.split(), np.float64).reshape(12, 12) / 100
     table = np.roll(printed, 1, axis=(0, 1))
@@ -22,7 +36,7 @@ def _by_part_id(percent: str) -> Float64:
     return table
 
 
-TABLE2_SYNTHETIC = _by_part_id("""
+_TABLE2 = _by_part_id("""
   92   4   0   0   0   0   0   0   0   0   0   4
    0  95   1   2   0   0   1   0   0   0   0   1
    0  10  83   0   2   0   0   0   0   0   0   5
@@ -36,9 +50,7 @@ TABLE2_SYNTHETIC = _by_part_id("""
    0   0   0   0   0   0   0   0   2   1  93   4
    0   0   0   0   0   0   0   0   0   0   0 100
 """)
-"""Table 2, float64 (12, 12): the network on 4,984 synthetic test images."""
-
-TABLE3_REAL = _by_part_id("""
+_TABLE3 = _by_part_id("""
   69  22   5   0   1   0   0   0   0   0   0   3
    0  83   5   6   0   0   3   0   0   0   0   3
    0   9  74   0  10   0   0   0   0   0   0   7
@@ -52,24 +64,7 @@ TABLE3_REAL = _by_part_id("""
    0   0   0   0   0   1   0   0   4   1  87   7
    0   0   0   0   0   0   0   0   0   0   0 100
 """)
-"""Table 3, float64 (12, 12): the same network on 145 real images of eight people."""
-
-
-class Reported(NamedTuple):
-    """One of the tables, float64 (12, 12) and the numbers of its frames and people; None: not printed."""
-
-    title: str
-    table: Float64
-    frames: int
-    people: int | None
-
-
-SYNTHETIC = Reported("Paper, synthetic", TABLE2_SYNTHETIC, 4984, None)
-REAL = Reported("Paper, real", TABLE3_REAL, 145, 8)
-SECONDS_PER_FRAME = 60.0
-"""Time of one manual correction of the automatic labels (section 4.2.1: about one minute)."""
-
-
-def mean_recall_of(table: Float64) -> float:
-    """Mean of the diagonal over the eleven body parts: 0.8636 for Table 2, 0.7318 for Table 3."""
-    return float(np.diagonal(table)[1:].mean())
+SYNTHETIC = Reported("Paper, synthetic", _TABLE2, 4984, None)
+"""Table 2: the network on 4,984 synthetic test images."""
+REAL = Reported("Paper, real", _TABLE3, 145, 8)
+"""Table 3: the same network on 145 real images of eight people."""

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Index, UInt16
-from annotate.crop import SIZE, Crop, network_crop, normalize
+from annotate.array_types import Bool, Float32, UInt16
+from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
 from annotate.labelset.probabilities import Probabilities
 from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.segmentation.segment import Segmentation
@@ -121,7 +120,7 @@ class OnnxNetwork:
         crop, depth = _input(depth_mm, mask)
         planes = self.probabilities(depth[None])[0]
         body = planes[BACKGROUND] <= SURE * planes[1:].max(axis=0)
-        left = mask & crop.paste(body.ravel()[_nearest(depth > 0)], mask.shape, False)
+        left = mask & crop.paste(body.ravel()[nearest_seen(depth > 0)], mask.shape, False)
         return left if np.count_nonzero(left) >= LEAST_BODY * np.count_nonzero(mask) else person
 
 
@@ -142,20 +141,8 @@ def _over(mask: Bool, crop: Crop, seen: Bool, planes: Float32, given: Probabilit
     body = planes[1:]
     best, certain = (body.argmax(axis=0) + 1).astype(np.uint8), body.max(axis=0)
     # A smaller crop drops pixels: on a rim the one that stands for a pixel of the person may show the room.
-    nearest = _nearest(seen)
+    nearest = nearest_seen(seen)
     best = crop.paste(best.ravel()[nearest], mask.shape, BACKGROUND)
     certain = crop.paste(certain.ravel()[nearest], mask.shape, 0.0)
     best[~mask], certain[~mask] = BACKGROUND, 0.0
     return Segmentation(best, certain, probabilities=given)
-
-
-def _nearest(seen: Bool) -> Index:
-    """Flat index (h, w) of the ``seen`` pixel nearest to each; its own where none is seen at all."""
-    if not seen.any():
-        return np.arange(seen.size).reshape(seen.shape)
-    _, label = cv2.distanceTransformWithLabels(
-        (~seen).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    index = np.zeros(int(label.max()) + 1, np.intp)
-    index[label[seen]] = np.flatnonzero(seen)
-    return np.asarray(index[label])

@@ -1,8 +1,9 @@
 """A trained network at work: the person's crop in, part labels over the depth image out."""
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -93,14 +94,15 @@ def _predict(
     failed: list[tuple[str, str]] = []
     todo = _todo(frames, predicted, failed, progress)
     with ThreadPoolExecutor(WRITERS) as writers:
-        writing: list[Future[None]] = []
+        writing: Iterator[None] = iter(())
         while some := list(islice(todo, batch)):
-            results = network.segment_all(
-                [(frame.depth_mm, person_of(frame.parts)) for frame in some], probabilities=probabilities
-            )
-            _wait(writing, progress)
-            writing = [writers.submit(_write, predicted, *pair) for pair in zip(some, results, strict=True)]
-        _wait(writing, progress)
+            images = [(frame.depth_mm, person_of(frame.parts)) for frame in some]
+            results = network.segment_all(images, probabilities=probabilities)
+            for _ in writing:
+                progress(1)
+            writing = writers.map(partial(_write, predicted), some, results)
+        for _ in writing:
+            progress(1)
     return failed
 
 
@@ -128,12 +130,6 @@ def _todo(
             progress(1)
         else:
             yield frame
-
-
-def _wait(writing: Sequence[Future[None]], progress: Callable[[int], None]) -> None:
-    for written in writing:
-        written.result()
-        progress(1)
 
 
 def _write(predicted: LabelSet, frame: FrameLabels, result: Segmentation) -> None:

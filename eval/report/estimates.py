@@ -96,16 +96,12 @@ def verdict(mean_recall: Estimate) -> str:
     """Where a mean recall stands between the paper's two, in words."""
     if not mean_recall.known:
         return "no body part in the truth"
-    real = paper.mean_recall_of(paper.TABLE3_REAL)
-    synthetic = paper.mean_recall_of(paper.TABLE2_SYNTHETIC)
     one = mean_recall
     low, high = (one.low, one.high) if one.bounded else (one.value, one.value)
-    for level, name in ((synthetic, "synthetic"), (real, "real")):
-        if low > level:
-            return f"above the paper's {name} {level:.3f}"
-        if low <= level <= high:
-            return f"about the paper's {name} {level:.3f}"
-    return f"below the paper's real {real:.3f}"
+    for level, name in ((paper.SYNTHETIC.mean_recall, "synthetic"), (paper.REAL.mean_recall, "real")):
+        if high >= level:
+            return f"{'above' if low > level else 'about'} the paper's {name} {level:.3f}"
+    return f"below the paper's real {paper.REAL.mean_recall:.3f}"
 
 
 def row_shares(matrix: Int64) -> Float64:

@@ -1,6 +1,6 @@
 """Frames that a reader should see: laid out as the paper's Fig. 10 with their errors, or to turn in 3D."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,10 +10,9 @@ from annotate.array_types import Bool, Float32, Index, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.crop import SIZE, Crop, crop_around
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.frames import LabelledFrames, pinhole_of
+from annotate.labelset.frames import pinhole_of
 from annotate.parts import BACKGROUND, BODY_PARTS, on_body
 from eval.compare.compare import Comparison
-from eval.compare.pairs import pair_up
 from eval.report import figures
 from eval.report.figures import Image, error_kind_ids, render_thermal_cloud
 from eval.scores import confusion
@@ -58,20 +57,6 @@ def pick_frames(comparison: Comparison, each: int = EACH, seed: int = 0) -> dict
     drawn = np.random.default_rng(seed).permutation(rest)[:each]
     groups = {"Worst": worst, "Random": drawn, "Best": best}
     return {name: [comparison.frame_ids[i] for i in picked] for name, picked in groups.items()}
-
-
-def read_pairs(
-    predicted: LabelledFrames, truth: LabelledFrames, frame_ids: Collection[str]
-) -> dict[str, tuple[FrameLabels, FrameLabels]]:
-    """Prediction and truth of some frames by id.
-
-    Raises FormatError where a frame is corrupt, CloudError where one is missing.
-    """
-    return {
-        pair.truth.frame_id: (predicted.load(pair.predicted), truth.load(pair.truth))
-        for pair in pair_up(predicted, truth)[0]
-        if pair.truth.frame_id in frame_ids
-    }
 
 
 def make_frame(

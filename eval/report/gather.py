@@ -16,6 +16,7 @@ from annotate.labelset.frames import camera_of, holds_frames, open_frames
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
 from eval.compare.paired import Difference, difference
+from eval.compare.pairs import pair_up
 from eval.compare.results import Result
 from eval.report.gallery import (
     EACH,
@@ -25,7 +26,6 @@ from eval.report.gallery import (
     make_scene,
     make_shown_frame,
     pick_frames,
-    read_pairs,
 )
 from eval.report.history import Training, load_training
 from eval.report.views import ResultView, view_of
@@ -146,12 +146,13 @@ def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[Gallery
         return [], []
     predicted, truth = (open_frames(path) for path in sets)
     picked = pick_frames(result.comparison, each)
-    pairs = read_pairs(predicted, truth, {frame_id for ids in picked.values() for frame_id in ids})
+    pairs = {pair.truth.frame_id: pair for pair in pair_up(predicted, truth)[0]}
     scores = dict(zip(result.comparison.frame_ids, result.comparison.frame_miou, strict=True))
     frames, scenes = [], []
     for group, frame_ids in picked.items():
         for place, frame_id in enumerate(frame_ids):
-            guess, target = pairs.get(frame_id) or _changed(result, frame_id, sets)
+            pair = pairs.get(frame_id) or _changed(result, frame_id, sets)
+            guess, target = predicted.load(pair.predicted), truth.load(pair.truth)
             cloud = clouds.of(str(truth.info.get("source", "")), target)
             frame = make_frame(target, guess, cloud, group)
             if not np.isclose(frame.miou, scores[frame_id], rtol=0, atol=1e-9):
@@ -176,12 +177,10 @@ def shown_set(labels: LabelSet, note: str, clouds: Clouds) -> ShownSet:
     chosen = sorted({ids[i] for i in np.linspace(0, len(ids) - 1, min(SHOWN_FRAMES, len(ids))).astype(int)})
     source = str(labels.info.get("source", ""))
     title = source or labels.path.name
-    frames: list[GalleryFrame] = []
-    scenes: list[Scene | None] = []
-    for frame_id in chosen:
-        frame = labels.read(frame_id)
-        cloud = clouds.of(source, frame)
-        frames.append(make_shown_frame(frame, cloud))
-        if not scenes:
-            scenes.append(make_scene(f"{title} · {frame_id}", frame, camera_of(labels, frame), None, cloud))
+    seen = [(frame, clouds.of(source, frame)) for frame in map(labels.read, chosen)]
+    scenes = [
+        make_scene(f"{title} · {frame.frame_id}", frame, camera_of(labels, frame), None, cloud)
+        for frame, cloud in seen[:1]
+    ]
+    frames = [make_shown_frame(*one) for one in seen]
     return ShownSet(title, frames, [scene for scene in scenes if scene is not None], note)

@@ -61,7 +61,7 @@ def _overview(views: Sequence[ResultView], ceiling: Result | None) -> Figure:
         (v.result.title, v.scores["mean_recall"], charts.series(i), "circle") for i, v in enumerate(views)
     ]
     for of_paper, symbol in ((paper.SYNTHETIC, "diamond-open"), (paper.REAL, "diamond")):
-        printed = Estimate(paper.mean_recall_of(of_paper.table), np.nan, np.nan)
+        printed = Estimate(of_paper.mean_recall, np.nan, np.nan)
         rows.append((of_paper.title, printed, "var(--paper)", symbol))
     figure = charts.levels(rows, "mean recall")
     if ceiling is not None:

@@ -46,11 +46,11 @@ def to_csv(views: Sequence[ResultView]) -> str:
         for name, of_part, found in _scores(view):
             ends = (_cell(e) for e in (found.value, found.low, found.high))
             writer.writerow((_safe(view.result.title), name, of_part, *ends, *size))
-    for title, table, frames, people in OF_PAPER:
-        whole = _cell(paper.mean_recall_of(table))
-        writer.writerow((title, "mean_recall", "", whole, "", "", frames, people))
+    for one in OF_PAPER:
+        size = one.frames, one.people
+        writer.writerow((one.title, "mean_recall", "", _cell(one.mean_recall), "", "", *size))
         for part in BODY_PARTS:
-            writer.writerow((title, "recall", part.name, table[part.id, part.id], "", "", frames, people))
+            writer.writerow((one.title, "recall", part.name, one.table[part.id, part.id], "", "", *size))
     return out.getvalue()
 
 
@@ -85,8 +85,8 @@ def to_json(material: Material) -> str:
         "paper": {
             "citation": paper.CITATION,
             "parts": [part.name for part in PARTS],
-            "synthetic": paper.TABLE2_SYNTHETIC.tolist(),
-            "real": paper.TABLE3_REAL.tolist(),
+            "synthetic": paper.SYNTHETIC.table.tolist(),
+            "real": paper.REAL.table.tolist(),
         },
     }
     return json.dumps(value, allow_nan=False, indent=1) + "\n"
@@ -105,8 +105,8 @@ def _summary_table(views: Sequence[ResultView]) -> str:
         for view in views
     ]  # fmt: skip
     blank = ["--"] * (len(SUMMARY) - 1)
-    for title, table, frames, people in OF_PAPER:
-        rows.append([title, f"{paper.mean_recall_of(table):.3f}", *blank, str(frames), str(people or "--")])
+    for one in OF_PAPER:
+        rows.append([one.title, f"{one.mean_recall:.3f}", *blank, str(one.frames), str(one.people or "--")])
     return _tabular(["Result", *(tex(title) for title in SUMMARY.values()), "Frames", "People"], rows)
 
 

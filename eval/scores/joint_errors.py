@@ -7,7 +7,6 @@ any alignment; PCK@d the share of all scored joints found within d, so that a jo
 """
 
 from collections.abc import Sequence
-from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -79,11 +78,9 @@ def joint_errors_mm(observed: Observed, persons: Sequence[str]) -> Float64:
     """
     errors = np.full((len(observed), N_JOINTS), np.nan)
     scored = np.flatnonzero(observed["known"])
-    if len(scored) < len(observed):
-        persons = list(compress(persons, observed["known"]))
-        observed = observed[scored]
-    found = fit_skeletons(observed["evidence"], persons)
-    for i, seen, joints in zip(scored, observed, found, strict=True):
+    known = observed[scored]
+    found = fit_skeletons(known["evidence"], [persons[i] for i in scored])
+    for i, seen, joints in zip(scored, known, found, strict=True):
         distance = np.linalg.norm(joints - seen["truth_mm"], axis=-1)
         errors[i, seen["inside"]] = np.where(np.isnan(distance), np.inf, distance)[seen["inside"]]
     return errors

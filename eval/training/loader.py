@@ -76,17 +76,6 @@ class BatchOrder:
                 yield [(epoch, int(i)) for i in batch[self.rank :: self.world]]
 
 
-@dataclass(frozen=True)
-class _After:
-    """``BatchOrder.after`` as torch wants it, begun anew by each reader; never as a list of all epochs."""
-
-    order: BatchOrder
-    step: int
-
-    def __iter__(self) -> Iterator[list[At]]:
-        return self.order.after(self.step)
-
-
 def batches(
     images: Images, order: BatchOrder, step: int, workers: int = 0
 ) -> Iterator[tuple[Tensor, Tensor]]:
@@ -94,7 +83,7 @@ def batches(
     if workers:
         check_semaphores()
     loader: DataLoader[Any] = DataLoader(
-        images, batch_sampler=_After(order, step), num_workers=workers, pin_memory=torch.cuda.is_available()
+        images, batch_sampler=order.after(step), num_workers=workers, pin_memory=torch.cuda.is_available()
     )
     yield from loader
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Int64, UInt8
-from annotate.crop import LEAST_VALUE
+from annotate.crop import LEAST_VALUE, nearest_seen
 from annotate.parts import BACKGROUND
 
 TRUNK, LEGS = (2,), (10, 11)
@@ -75,7 +75,7 @@ def draped(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Floa
     # What is nearest around carries the cloth; min filter and blur are its span and its stiffness.
     nearest = cv2.erode(np.where(under, depth, np.float32(1)), _disc(rng.integers(3, 20, 2)))
     carried = np.asarray(nearest, np.float32)
-    spread = _filled(carried, carried < 1)
+    spread = carried.ravel()[nearest_seen(carried < 1)]
     surface = cv2.GaussianBlur(spread, (0, 0), float(rng.uniform(1.5, 6))) - np.float32(rng.uniform(*THICK))
     surface += _folds(parts.shape, rng)
     taken = field(parts.shape, cells, rng) > (np.inf if rng.random() < UNSEEN else rng.uniform(-3, 0.5))
@@ -129,16 +129,6 @@ def _folds(shape: tuple[int, ...], rng: np.random.Generator) -> Float32:
     coarse = rng.standard_normal((long, short), np.float32)
     waves = cv2.resize(coarse if rng.random() < 0.7 else coarse.T, shape[::-1], interpolation=cv2.INTER_CUBIC)
     return np.asarray(waves * np.float32(rng.uniform(0, 0.0075)), np.float32)
-
-
-def _filled(image: Float32, known: Bool) -> Float32:
-    """An image (h, w) with the nearest known value wherever none is known."""
-    _, label = cv2.distanceTransformWithLabels(
-        (~known).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    values = np.zeros(int(label.max()) + 1, np.float32)
-    values[label[known]] = image[known]
-    return np.asarray(values[label], np.float32)
 
 
 def _disc(radii: Int64) -> UInt8:
