@@ -30,7 +30,8 @@ class Finding:
 
 def doctor(json: Json = False) -> None:
     """Show what is installed, what is missing, what does not work without it, and how to install it."""
-    findings = [_python(), *_extras(), _pcl(), _kinect2(), _screen()]
+    machine = f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} processors"
+    findings = [Finding("machine", True, machine), *_extras(), _pcl(), _kinect2(), _screen()]
     width = max(len(one.name) for one in findings)
     lines = []
     for one in findings:
@@ -44,32 +45,19 @@ def doctor(json: Json = False) -> None:
     finish(answer, json, "\n".join(lines))
 
 
-def _python() -> Finding:
-    return Finding("machine", True, f"Python {platform.python_version()}, {platform.machine()}, "
-                   f"{os.cpu_count()} processors")  # fmt: skip
-
-
 def _extras() -> list[Finding]:
     wanted = [Requirement(line) for line in requires("annotate-cloud") or ()]
-    findings = [_extra("", [one for one in wanted if one.marker is None])]
-    for extra in COSTS:
-        of_it = [one for one in wanted if one.marker and one.marker.evaluate({"extra": extra})]
-        findings.append(_extra(extra, of_it))
-    return findings
+    base = _extra("", [one for one in wanted if one.marker is None])
+    extras = {e: [one for one in wanted if one.marker and one.marker.evaluate({"extra": e})] for e in COSTS}
+    return [base, *(_extra(extra, needed) for extra, needed in extras.items())]
 
 
 def _extra(extra: str, needed: list[Requirement]) -> Finding:
     wrong = [problem for problem in map(_problem, needed) if problem]
-    target = f"annotate-cloud[{extra}]" if extra else "annotate-cloud"
+    name, target = (f"extra {extra}", f"annotate-cloud[{extra}]") if extra else ("packages", "annotate-cloud")
     known = f"{len(needed)} package" + "s" * (len(needed) > 1) if needed else "unknown to this installation"
-    found = ", ".join(wrong) or known
-    return Finding(
-        f"extra {extra}" if extra else "packages",
-        bool(needed) and not wrong,
-        found,
-        COSTS.get(extra, "nothing works"),
-        f"pip install '{target}'",
-    )
+    ok, cost = bool(needed) and not wrong, COSTS.get(extra, "nothing works")
+    return Finding(name, ok, ", ".join(wrong) or known, cost, f"pip install '{target}'")
 
 
 def _problem(requirement: Requirement) -> str:

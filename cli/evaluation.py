@@ -1,5 +1,6 @@
 """Verbs that measure labels and show what was measured: evaluate, compare, diff, report."""
 
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated
 
@@ -115,19 +116,17 @@ def report(
         from eval.report.build import free_outputs, write_report
         from eval.report.gather import gather
 
-    if len(note or []) > len(shown or []):
-        raise typer.BadParameter(
-            f"{len(note or [])} notes for {len(shown or [])} label sets; give --shown for each"
-        )
+    notes, sets = note or [], shown or []
+    if len(notes) > len(sets):
+        raise typer.BadParameter(f"{len(notes)} notes for {len(sets)} label sets; give --shown for each")
     free_outputs(out, overwrite)
-    notes = [*(note or []), *[""] * len(shown or [])]
     material = gather(
         [load_result(path) for path in results],
         load_result(ceiling) if ceiling else None,
         [Session(path) for path in session or []],
         history or [],
         audit or [],
-        dict(zip(shown or [], notes, strict=False)),
+        dict(zip_longest(sets, notes, fillvalue="")),
         provenance(),
     )
     written = write_report(out, material, overwrite)

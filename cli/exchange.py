@@ -71,20 +71,11 @@ def _import_labels(source: Path, out: Path, overwrite: bool, json: bool) -> None
     with progress("import", 0) as advance:
         labels, name = import_labels(source, out, advance, overwrite=overwrite)
     frames = len(labels)
-    result = {
-        "frames": frames,
-        "streams": {"depth": frames, "parts": frames},
-        "format": name,
-        "path": str(out),
-    }
+    streams = {"depth": frames, "parts": frames}
+    result = {"frames": frames, "streams": streams, "format": name, "path": str(out)}
     finish(result, json, f"{frames} labelled frames of {name} in {out}")
 
 
 def _streams_of(frame: RigFrame) -> list[str]:
-    present = {
-        "depth": True,
-        "color": frame.color_encoded is not None,
-        "thermal": frame.thermal_c is not None,
-        "infrared": frame.infrared is not None,
-    }
-    return [name for name, there in present.items() if there]
+    images = {"color": frame.color_encoded, "thermal": frame.thermal_c, "infrared": frame.infrared}
+    return ["depth", *(name for name, image in images.items() if image is not None)]

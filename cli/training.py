@@ -1,8 +1,8 @@
 """Verbs that train: train, a network; train-labels, the labelling engine."""
 
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, fields
 from enum import StrEnum
 from pathlib import Path
@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
     from eval.network.checkpoint import Epoch
     from eval.network.networks import NetworkConfig
+    from eval.training.loader import ProcessGroup
     from eval.training.plan import Plan, Precision
+    from eval.training.train import Watch
 
 Without = StrEnum("Without", [field.name for field in fields(Augmentation)])  # type: ignore[misc]
 """The augmentations that can be left out."""
@@ -71,7 +73,7 @@ def train(
         from eval.network.checkpoint import save_weights
         from eval.network.networks import export_onnx
         from eval.training.loader import ProcessGroup
-        from eval.training.train import Watch, images_left
+        from eval.training.train import images_left
         from eval.training.train import train as run
     with ProcessGroup.join() as group:
         plan, start = _plan(network, recipe, init, without or [], epochs, batch, seed, precision)
@@ -79,23 +81,16 @@ def train(
         measured = _measured(data, tests, hold_out or [], test_images)
         if group.first:
             clear(out, "plan.json", overwrite, *data, *tests, *([init] if init else []))
-        with _shown(group.first, images_left(out, plan, crops)) as advance:
-            watch = Watch(
-                advance, lambda epoch: _print_epoch(group.first, epoch, epochs), 60 * checkpoint_minutes
-            )
+        with _watching(group, images_left(out, plan, crops), epochs, checkpoint_minutes) as watch:
             model, done = run(crops, measured, out, plan, group, watch, start, workers)
     if group.first:
         weights, loss = out / "weights.onnx", done.epochs[-1].loss
         save_weights(weights.with_suffix(".safetensors"), model, plan.network)
         export_onnx(model, weights)
-        result = {
-            "epochs": len(done.epochs),
-            "loss": loss,
-            "seconds": round(time.monotonic() - started, 1),
-            "weights": str(weights),
-            "history": [asdict(epoch) for epoch in done.epochs],
-        }
-        finish(result, json, f"{len(done.epochs)} epochs, loss {loss:.4f}, weights in {weights}")
+        seconds, history = round(time.monotonic() - started, 1), [asdict(epoch) for epoch in done.epochs]
+        result = {"epochs": len(history), "loss": loss, "seconds": seconds, "weights": str(weights)}
+        text = f"{len(history)} epochs, loss {loss:.4f}, weights in {weights}"
+        finish({**result, "history": history}, json, text)
 
 
 def _plan(
@@ -142,15 +137,20 @@ def _measured(data: list[Path], tests: list[Path], hold_out: list[str], images: 
     return load_crops(tests).spread(images) if tests else None
 
 
-def _shown(first: bool, images: int) -> AbstractContextManager[Callable[[int], None]]:
-    """Progress, shown by the first of several processes only."""
-    return progress("train, images", images) if first else nullcontext(lambda n: None)
+@contextmanager
+def _watching(group: "ProcessGroup", images: int, epochs: int, minutes: float) -> "Iterator[Watch]":
+    """Where a training reports, and when it is saved; only the first of several processes reports."""
+    from eval.training.train import Watch
 
-
-def _print_epoch(first: bool, epoch: "Epoch", epochs: int) -> None:
-    scores = "" if epoch.miou is None else f", mean recall {epoch.mean_recall:.4f}, mIoU {epoch.miou:.4f}"
-    if first:
+    def ended(epoch: "Epoch") -> None:
+        scores = "" if epoch.miou is None else f", mean recall {epoch.mean_recall:.4f}, mIoU {epoch.miou:.4f}"
         say(f"epoch {epoch.number} of {epochs}: loss {epoch.loss:.4f}{scores}")
+
+    if group.first:
+        with progress("train, images", images) as advance:
+            yield Watch(advance, ended, 60 * minutes)
+    else:
+        yield Watch(checkpoint_s=60 * minutes)
 
 
 def train_labels(

@@ -19,19 +19,18 @@ THERMAL_RANGE_C = (18.0, 36.0)
 """Temperatures drawn from black to yellow: a room to warm skin (the paper extracts 25 to 35)."""
 
 ERROR_KINDS = {
+    "background": ("Background", CANVAS),
+    "correct": ("Correct", (92, 99, 112)),
+    "undefined": ("Undefined", (52, 52, 58)),
     "missed_person": ("Missed person", (79, 151, 255)),
     "invented_person": ("Invented person", (247, 201, 72)),
     "left_right_swap": ("Left-right swap", (236, 96, 204)),
     "neighbour_part": ("Neighbouring part", (240, 132, 74)),
     "other_part": ("Other part", (214, 48, 49)),
 }
-"""Title and colour of the kinds of `eval.scores.confusion.error_kinds`."""
-
-_OTHERS = {"Background": CANVAS, "Correct": (92, 99, 112), "Undefined": (52, 52, 58)}
-
-ERROR_NAMES = (*_OTHERS, *(title for title, _ in ERROR_KINDS.values()))
-ERROR_RGB = (*_OTHERS.values(), *(rgb for _, rgb in ERROR_KINDS.values()))
-"""Titles and colours of what an error picture shows; the background is first."""
+"""Title and colour of what an error picture shows: the kinds of `eval.scores.confusion.error_kinds`, and
+where there is none; the background is first."""
+ERROR_NAMES, ERROR_RGB = zip(*ERROR_KINDS.values(), strict=True)
 
 
 def colorize_depth(depth_mm: UInt16) -> Image:
@@ -71,17 +70,17 @@ def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
     wrong = (truth != guess) & person & seen
     part = np.where(truth == UNDEFINED, BACKGROUND, truth)
     masks = {
-        "Correct": person & (truth == guess),
+        "correct": person & (truth == guess),
         "other_part": wrong,
         "neighbour_part": wrong & NEIGHBOUR[part, guess],
         "left_right_swap": wrong & (TWIN[part] == guess),
         "missed_person": person & ~seen,
         "invented_person": ~person & seen,
-        "Undefined": truth == UNDEFINED,
+        "undefined": truth == UNDEFINED,
     }
     kinds = np.zeros(truth.shape, np.uint8)
     for name, mask in masks.items():
-        kinds[mask] = ERROR_NAMES.index(ERROR_KINDS[name][0] if name in ERROR_KINDS else name)
+        kinds[mask] = list(ERROR_KINDS).index(name)
     return kinds
 
 

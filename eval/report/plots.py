@@ -29,16 +29,14 @@ RARE = 0.001
 def figures_of(material: Material, joints: Sequence[JointsView]) -> dict[str, Figure]:
     """Every figure by its id; those without data are left out."""
     results, views, found = material.results, material.views, material.differences
+    errors = [
+        (v.result.title, [(*ERROR_KINDS[kind], share) for kind, share in v.errors.items()]) for v in views
+    ]
     figures = {
         "overview": _overview(views, material.ceiling),
         "parts-recall": _by_part(views, "recall", "recall", material.ceiling),
         "parts-iou": _by_part(views, "iou", "intersection over union", material.ceiling),
-        "error-kinds": charts.stacked_shares(
-            [
-                (view.result.title, [(*ERROR_KINDS[name], share) for name, share in view.errors.items()])
-                for view in views
-            ]
-        ),
+        "error-kinds": charts.stacked_shares(errors),
         "error-distance": _error_distance(views),
         "boundary": _boundary(results),
         "people": _people(results),
@@ -155,12 +153,8 @@ def _pck(joints: Sequence[JointsView], results: Sequence[Result]) -> Figure:
     traces = [
         (j.title, list(THRESHOLDS_MM), j.pck, charts.series(order.index(j.title)), "solid") for j in joints
     ]
-    return charts.lines(
-        traces,
-        "distance to the true joint, mm",
-        "share of the joints",
-        {"yaxis": {"tickformat": ".0%", "range": [0, 1.01]}},
-    )
+    layout = {"yaxis": {"tickformat": ".0%", "range": [0, 1.01]}}
+    return charts.lines(traces, "distance to the true joint, mm", "share of the joints", layout)
 
 
 def _loss(trainings: Sequence[Training]) -> Figure:

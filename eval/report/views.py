@@ -98,12 +98,9 @@ def _distance_rows(comparison: Comparison) -> list[DistanceRow]:
     by_part = comparison.scores["error_by_distance_by_part"]
     return [
         DistanceRow(
-            distance.replace(" px", ""),
-            estimate(comparison, "error_by_distance", i),
-            float(shares[i]),
-            by_part[:, i],
+            name.replace(" px", ""), estimate(comparison, "error_by_distance", i), share, by_part[:, i]
         )
-        for i, distance in enumerate(DISTANCES)
+        for i, (name, share) in enumerate(zip(DISTANCES, shares.tolist(), strict=True))
     ]
 
 
