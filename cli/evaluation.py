@@ -1,6 +1,5 @@
 """Verbs that measure labels and show what was measured: evaluate, compare, diff, report."""
 
-from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated
 
@@ -126,7 +125,7 @@ def report(
         [Session(path) for path in session or []],
         history or [],
         audit or [],
-        dict(zip_longest(sets, notes, fillvalue="")),
+        dict(zip(sets, [*notes, *[""] * len(sets)], strict=False)),
         provenance(),
     )
     written = write_report(out, material, overwrite)

@@ -1,12 +1,14 @@
-"""The verb ``info``: what a path holds."""
+"""The verbs ``info`` and ``validate``: what a path holds, and whether it is sound."""
 
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import typer
 from typer import Argument
 
+from annotate.cloud.fuse import Fuser
 from annotate.correction.audit import Audit, PersonWork, audit
 from annotate.labelset import dataset, store
 from annotate.labelset.dataset import Dataset
@@ -15,18 +17,20 @@ from annotate.labelset.store import LabelSet
 from annotate.parts import PARTS
 from cli.console import Json, cell, facts, finish, table
 from cli.motion import motion_info
+from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.messages import COLOR, COUNTS, DEPTH, INFRARED, THERMAL
 from sensors.session.reader import Session
 from synth.markers.motion_file import is_motion
 
+Held = Annotated[Path, Argument(help="Session, label set, dataset, motion, or what import reads.")]
 Shown = tuple[dict[str, Any], str]
 """What a path holds: as JSON, and as lines for people."""
 
 
 def info(
-    path: Annotated[Path, Argument(help="Session, label set, dataset, motion, or what import reads.")],
+    path: Held,
     json: Json = False,
 ) -> None:
     """Show what a path holds; for a label set, also who corrected what."""
@@ -143,3 +147,41 @@ def _parts(person: PersonWork) -> str:
         for name, work in person.parts.items()
     ]
     return table(("part", "strokes", "seconds", "px gained", "px lost"), rows, f"Parts, {person.who}")
+
+
+def validate(path: Held, json: Json = False) -> None:
+    """Check every frame; exits with 1 if something is wrong."""
+    if (path / store.MANIFEST).is_file():
+        problems = store.validate(LabelSet.open(path))
+    elif (path / dataset.MANIFEST).is_file():
+        problems = dataset.validate(Dataset.open(path))
+    else:
+        problems = _source_problems(path)
+    finish(
+        {"ok": not problems, "problems": problems}, json, "\n".join(problems) or f"{path}: no problems found"
+    )
+    if problems:
+        raise typer.Exit(1)
+
+
+def _source_problems(path: Path) -> list[str]:
+    source = open_source(path)
+    problems = []
+    if isinstance(source, Session) and source.truncated:
+        problems.append(
+            f"{path} is truncated: its end is lost; make its {len(source)} frames a whole session with: "
+            f"annotate-cloud repair {source.path}"
+        )
+    fuser = Fuser(source.calibration)
+    try:
+        for frame in source:
+            if not (frame.depth_mm > 0).any():
+                problems.append(f"frame {frame.index:06d} has no depth reading")
+                continue
+            try:
+                fuser.fuse_frame(frame)
+            except CloudError as error:
+                problems.append(f"frame {frame.index:06d}: {error}")
+    except CloudError as error:
+        problems.append(str(error))
+    return problems

@@ -68,14 +68,9 @@ def label(
     with progress("label", len(source)) as advance:
         run = label_source(source, palette, out, advance, window, engine)
     seconds = (time.monotonic() - started) / max(1, len(source))
-    review = run.review_order()
-    result = {
-        "frames": len(run.labels),
-        "seconds_per_frame": round(seconds, 4),
-        "review": review,
-        "notes": notes,
-    }
-    text = f"{len(run.labels)} frames in {out}, {seconds:.2f} s each; review first: {', '.join(review[:5])}"
+    frames, review = len(run.labels), run.review_order()
+    result = {"frames": frames, "seconds_per_frame": round(seconds, 4), "review": review, "notes": notes}
+    text = f"{frames} frames in {out}, {seconds:.2f} s each; review first: {', '.join(review[:5])}"
     finish_run(result, run, json, text)
 
 

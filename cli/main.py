@@ -8,7 +8,6 @@ import typer
 
 from cli import (
     calibration,
-    data,
     demo,
     doctor,
     evaluation,
@@ -34,14 +33,14 @@ app.add_typer(synthesis.app, name="synth", rich_help_panel="Synthetic people")
 VERBS = {
     "Getting started": (demo.demo, doctor.doctor),
     "Recordings": (
-        data.simulate,
+        synthesis.simulate,
         recording.devices,
         recording.record,
         recording.repair,
         calibration.calibrate,
         exchange.import_,
         info.info,
-        data.validate,
+        info.validate,
     ),
     "Labels": (labelling.label, training.train_labels, labelling.fix, evaluation.diff, exchange.export),
     "Synthetic people": (motion.solve,),

@@ -14,7 +14,7 @@ from annotate.effort.annotator import WHO, Annotator, correct_set
 from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from cli.console import progress
-from eval.compare.compare import Comparison, compare_sets
+from eval.compare.compare import compare_sets
 from eval.compare.results import Result, save_result
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import predict_source
@@ -53,7 +53,10 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, Any]:
         save_result(out / f"{name.lower()}.npz", results[-1])
     material = gather(results, sessions=[session], audited=[corrected.path], facts=facts)
     write_report(out / "report.html", material)
-    summary = {name: _summary(comparison) for name, comparison in compared.items()}
+    summary = {
+        name: {score: float(one.scores[score]) for score in ("mean_recall", "miou")}
+        for name, one in compared.items()
+    }
     return {
         "frames": frames,
         "auto": summary["Automatic"],
@@ -74,7 +77,3 @@ def _correct_all(
     with Correction.open(out, WHO, clock=annotator.clock) as correction:
         efforts = correct_set(correction, truth, annotator, cloud_of)
         return correction.labels, [effort.seconds for effort in efforts]
-
-
-def _summary(comparison: Comparison) -> dict[str, float]:
-    return {name: float(comparison.scores[name]) for name in ("mean_recall", "miou")}

@@ -28,8 +28,9 @@ def scores_text(comparison: Comparison, *, intervals: bool) -> str:
     whole = [(title, printed(name, of(name))) for name, title in SUMMARY.items() if of(name).known]
     if comparison.joints_mm is not None:
         joints = summary(comparison.joints_mm)
-        whole += [("Joint error", _unit(joints["mpjpe_mm"], 1, "mm"))]
-        whole += [("Joints within 100 mm", _unit(joints["pck_100mm"], 100, "%"))]
+        scored = {"Joint error": ("mpjpe_mm", 1, "mm"), "Joints within 100 mm": ("pck_100mm", 100, "%")}
+        for title, (name, scale, unit) in scored.items():
+            whole.append((title, "-" if joints[name] is None else f"{joints[name] * scale:.1f} {unit}"))
     parts = [
         (part.title, *(printed(name, of(name, part.id)) for name in OF_PARTS), int(pixels))
         for part, pixels in zip(BODY_PARTS, comparison.confusion.sum(1)[1:], strict=True)
@@ -78,7 +79,3 @@ def _extremes(recall: Mapping[str, Estimate], best: str, worst: str, sign: str =
     ends = ((best, max(known, key=known.__getitem__)), (worst, min(known, key=known.__getitem__)))
     named = (f"{word} {title} ({known[title]:{sign}.3f})" for word, title in ends)
     return f"Recall by part: {', '.join(named)}"
-
-
-def _unit(value: float | None, scale: float, unit: str) -> str:
-    return "-" if value is None else f"{value * scale:.1f} {unit}"

@@ -1,18 +1,17 @@
-"""Verbs on synthetic people: synth bodies, synth generate."""
+"""Verbs on synthetic people: simulate, synth bodies, synth generate."""
 
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from typer import Option
+from typer import Argument, Option
 
-from cli import names
 from cli.console import Json, Overwrite, clear, finish, progress, table
 from cli.extras import needing
 from sensors.errors import CloudError
@@ -23,6 +22,80 @@ from synth.images.workers import cluster, processes
 
 PICTURE = "bodies.png"
 app = typer.Typer(help="Synthetic bodies and datasets of depth images.", no_args_is_help=True)
+
+
+def _scenes() -> list[str]:
+    """Scenes of the virtual rig, and the plate for calibration."""
+    with suppress(ImportError):
+        from synth.rig.place import SCENES
+
+        return [*SCENES, "plate"]
+    return []
+
+
+def _difficulties() -> list[str]:
+    """Difficulties of the virtual rig."""
+    with suppress(ImportError):
+        from synth.rig.difficulty import DIFFICULTIES
+
+        return list(DIFFICULTIES)
+    return []
+
+
+def _presets() -> list[str]:
+    """Presets of `synth generate`."""
+    with suppress(ImportError):
+        from synth.images.presets import PRESETS
+
+        return list(PRESETS)
+    return []
+
+
+def simulate(
+    out: Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")],
+    frames: Annotated[int, Option(help="Number of frames.", min=1)] = 40,
+    subjects: Annotated[
+        int | None,
+        Option(
+            help="Number of people, recorded one after another.",
+            min=1,
+            show_default="4, at most one per frame",
+        ),
+    ] = None,
+    scene: Annotated[
+        str,
+        Option(help="sofa, chair or bed; or plate, the target for calibrate.", autocompletion=_scenes),
+    ] = "sofa",
+    difficulty: Annotated[
+        str, Option(help="clean, normal or hard.", autocompletion=_difficulties)
+    ] = "normal",
+    seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Record people in a colour-coded suit with the virtual rig; the true labels go to out.truth/."""
+    if scene == "plate":
+        _simulate_plate(out, frames, seed, overwrite, json)
+        return
+    with needing("synth"):
+        from synth.rig.simulate import simulate, suit_path, truth_path
+        from synth.rig.virtual_rig import VirtualRig
+    rig = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, scene)
+    with progress("simulate", frames) as advance:
+        simulate(rig, out, advance, overwrite=overwrite)
+    result = {"frames": frames, "truth": str(truth_path(out)), "suit": str(suit_path(out))}
+    finish(result, json, f"{frames} frames in {out}, truth in {truth_path(out)}, suit in {suit_path(out)}")
+
+
+def _simulate_plate(out: Path, frames: int, seed: int, overwrite: bool, json: bool) -> None:
+    with needing("synth"):
+        from synth.cameras.optics import RIG_CALIBRATION
+        from synth.rig.plate_views import PlateViews, record_plate
+
+    with progress("simulate", frames) as advance:
+        truth = record_plate(PlateViews(RIG_CALIBRATION, frames, seed), out, advance, overwrite=overwrite)
+    result = {"frames": frames, "truth": str(truth), "suit": None}
+    finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
 
 
 @app.command()
@@ -93,7 +166,7 @@ def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Gen
 @app.command("generate")
 def generate_(
     preset: Annotated[
-        str, Option(help="sitting-train, sitting-test, recumbent or upright.", autocompletion=names.presets)
+        str, Option(help="sitting-train, sitting-test, recumbent or upright.", autocompletion=_presets)
     ],
     out: Annotated[Path, Option(help="Folder for the shards; an interrupted run continues there.")],
     count: Annotated[int | None, Option(help="Number of images. Default: the preset's own.")] = None,

@@ -1,11 +1,11 @@
 """A comparison kept on disk: an .npz file of the frames' counts and of their texts as JSON."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from sys import intern
-from typing import Any, cast, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +100,10 @@ def _comparison(arrays: dict[str, NDArray[Any]], texts: dict[str, Any]) -> Compa
     for name in NUMBERS:
         _check(arrays[name], np.float64, (frames,))
     columns: dict[str, Iterable[Any]] = {name: arrays[name].tolist() for name in NUMBERS}
-    columns |= {name: map(_WORDS.get(name, _text), texts["traits"][name]) for name in WORDS}
+    columns |= {name: map(_text, texts["traits"][name]) for name in WORDS}
+    columns["hard"] = (tuple(map(_text, causes)) for causes in texts["traits"]["hard"])
+    if not set(texts["traits"]["status"] + texts["traits"]["predicted_status"]) <= set(get_args(Status)):
+        raise ValueError("it has frames of unknown status")
     digests = [map(_text, texts["digests"][name]) for name in DIGESTS]
     if texts["extra_frames"] < 0:
         raise ValueError(f"{texts['extra_frames']} frames left over")
@@ -127,17 +130,3 @@ def _text(value: object) -> str:
     text = str(value)
     text.encode()
     return intern(text)
-
-
-def _status(value: object) -> Status:
-    if value not in get_args(Status):
-        raise ValueError(f"status {str(value)[:40]!r} is unknown")
-    return cast(Status, _text(value))
-
-
-_WORDS: dict[str, Callable[[Any], object]] = {
-    "status": _status,
-    "predicted_status": _status,
-    "hard": lambda causes: tuple(map(_text, causes)),
-}
-"""How the fields are read that are no plain text."""

@@ -178,9 +178,9 @@ def shown_set(labels: LabelSet, note: str, clouds: Clouds) -> ShownSet:
     source = str(labels.info.get("source", ""))
     title = source or labels.path.name
     seen = [(frame, clouds.of(source, frame)) for frame in map(labels.read, chosen)]
+    frames = [make_shown_frame(*one) for one in seen]
     scenes = [
         make_scene(f"{title} · {frame.frame_id}", frame, camera_of(labels, frame), None, cloud)
         for frame, cloud in seen[:1]
     ]
-    frames = [make_shown_frame(*one) for one in seen]
     return ShownSet(title, frames, [scene for scene in scenes if scene is not None], note)

@@ -47,10 +47,10 @@ def to_csv(views: Sequence[ResultView]) -> str:
             ends = (_cell(e) for e in (found.value, found.low, found.high))
             writer.writerow((_safe(view.result.title), name, of_part, *ends, *size))
     for one in OF_PAPER:
-        size = one.frames, one.people
-        writer.writerow((one.title, "mean_recall", "", _cell(one.mean_recall), "", "", *size))
+        of = one.frames, one.people
+        writer.writerow((one.title, "mean_recall", "", _cell(one.mean_recall), "", "", *of))
         for part in BODY_PARTS:
-            writer.writerow((one.title, "recall", part.name, one.table[part.id, part.id], "", "", *size))
+            writer.writerow((one.title, "recall", part.name, one.table[part.id, part.id], "", "", *of))
     return out.getvalue()
 
 

@@ -79,7 +79,7 @@ def joint_errors_mm(observed: Observed, persons: Sequence[str]) -> Float64:
     errors = np.full((len(observed), N_JOINTS), np.nan)
     scored = np.flatnonzero(observed["known"])
     known = observed[scored]
-    found = fit_skeletons(known["evidence"], [persons[i] for i in scored])
+    found = fit_skeletons(known["evidence"], [persons[i] for i in scored.tolist()])
     for i, seen, joints in zip(scored, known, found, strict=True):
         distance = np.linalg.norm(joints - seen["truth_mm"], axis=-1)
         errors[i, seen["inside"]] = np.where(np.isnan(distance), np.inf, distance)[seen["inside"]]

@@ -4,7 +4,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -82,10 +81,8 @@ def batches(
     """Depth (B, 1, h, w), parts (B, h, w) of every step from one on; worker processes make them ahead."""
     if workers:
         check_semaphores()
-    loader: DataLoader[Any] = DataLoader(
-        images, batch_sampler=order.after(step), num_workers=workers, pin_memory=torch.cuda.is_available()
-    )
-    yield from loader
+    pinned = torch.cuda.is_available()
+    yield from DataLoader(images, batch_sampler=order.after(step), num_workers=workers, pin_memory=pinned)
 
 
 @contextmanager
