@@ -104,13 +104,10 @@ def _streams(session: Session) -> str:
     return table(columns, rows)
 
 
-def _camera(calibration: RigCalibration, topic: str) -> tuple[str | None, float | None]:
+def _camera(rig: RigCalibration, topic: str) -> tuple[str | None, float | None]:
     """Size and focal length of the camera that a topic's images are of, as its calibration has them."""
-    cameras = {
-        **dict.fromkeys((DEPTH, INFRARED), calibration.depth),
-        **dict.fromkeys((THERMAL, COUNTS), calibration.thermal),
-        COLOR: calibration.color,
-    }
+    depth, thermal = rig.depth, rig.thermal
+    cameras = {DEPTH: depth, INFRARED: depth, THERMAL: thermal, COUNTS: thermal, COLOR: rig.color}
     camera = cameras.get(topic)
     return (None, None) if camera is None else (f"{camera.width} x {camera.height}", camera.fx)
 

@@ -54,9 +54,8 @@ def augment(
     if not (depth > 0).any():
         return depth.copy(), parts.copy()
     if how.noise and rng.random() < SMOOTH:
-        depth = np.where(depth > 0, np.maximum(cv2.medianBlur(depth, 5), LEAST_VALUE), depth).astype(
-            np.float32
-        )
+        smooth = np.maximum(cv2.medianBlur(depth, 5), LEAST_VALUE)
+        depth = np.where(depth > 0, smooth, depth).astype(np.float32)
     depth, parts = _incomplete(depth, parts, how, rng)
     if how.extras and rng.random() < 0.25:
         depth = _with_extras(depth, rng)
