@@ -30,6 +30,7 @@ Without = StrEnum("Without", [field.name for field in fields(Augmentation)])  # 
 
 NetworkName = Literal["compact", "compact-small", "compact-large", "paper", "paper-quarter", "smp"]
 RecipeName = Literal["modern", "paper"]
+"""Networks that can be trained; losses with their optimisers."""
 
 
 def train(
