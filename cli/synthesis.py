@@ -24,7 +24,7 @@ PICTURE = "bodies.png"
 app = typer.Typer(help="Synthetic bodies and datasets of depth images.", no_args_is_help=True)
 
 
-def _scenes() -> list[str]:
+def scenes() -> list[str]:
     """Scenes of the virtual rig, and the plate for calibration."""
     with suppress(ImportError):
         from synth.rig.place import SCENES
@@ -33,7 +33,7 @@ def _scenes() -> list[str]:
     return []
 
 
-def _difficulties() -> list[str]:
+def difficulties() -> list[str]:
     """Difficulties of the virtual rig."""
     with suppress(ImportError):
         from synth.rig.difficulty import DIFFICULTIES
@@ -42,7 +42,7 @@ def _difficulties() -> list[str]:
     return []
 
 
-def _presets() -> list[str]:
+def presets() -> list[str]:
     """Presets of `synth generate`."""
     with suppress(ImportError):
         from synth.images.presets import PRESETS
@@ -64,11 +64,9 @@ def simulate(
     ] = None,
     scene: Annotated[
         str,
-        Option(help="sofa, chair or bed; or plate, the target for calibrate.", autocompletion=_scenes),
+        Option(help="sofa, chair or bed; or plate, the target for calibrate.", autocompletion=scenes),
     ] = "sofa",
-    difficulty: Annotated[
-        str, Option(help="clean, normal or hard.", autocompletion=_difficulties)
-    ] = "normal",
+    difficulty: Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)] = "normal",
     seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -166,7 +164,7 @@ def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Gen
 @app.command("generate")
 def generate_(
     preset: Annotated[
-        str, Option(help="sitting-train, sitting-test, recumbent or upright.", autocompletion=_presets)
+        str, Option(help="sitting-train, sitting-test, recumbent or upright.", autocompletion=presets)
     ],
     out: Annotated[Path, Option(help="Folder for the shards; an interrupted run continues there.")],
     count: Annotated[int | None, Option(help="Number of images. Default: the preset's own.")] = None,
