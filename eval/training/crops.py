@@ -53,7 +53,7 @@ class Crops:
     def of(cls, crops: Iterable[tuple[UInt16, UInt8]]) -> "Crops":
         """Keep crops of one shape: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w).
 
-        At least one. Raises OSError where the disk has no room.
+        Raises CloudError where there is none, OSError where the disk has no room.
         """
         ends, shape, crc32 = array("q"), (0, 0), 0
         with TemporaryFile() as file:
@@ -64,6 +64,8 @@ class Crops:
                     file.write(zlib.compress(data, 1))
                     ends.append(file.tell())
             file.flush()
+            if not ends:
+                raise CloudError("there are no crops; give at least one image")
             packed = np.asarray(np.memmap(file, np.uint8, "r"))
         return cls(packed, np.array(ends).reshape(-1, 2), shape, crc32)
 
