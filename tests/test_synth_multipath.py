@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sensors.rig.camera import Intrinsics
-from synth.cameras.depth_camera import STRIDE, multipath_m
+from synth.cameras.multipath import STRIDE, multipath_m
 
 CAMERA = Intrinsics(192, 144, 180.0, 180.0, 95.5, 71.5)
 X = (np.arange(192) - 95.5) / 180.0 + np.zeros((144, 1))

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sensors.rig.camera import Intrinsics, rays
-from synth.cameras.depth_camera import DepthNoise, axial_sigma_mm, kinect
+from synth.cameras.time_of_flight import TimeOfFlight, axial_sigma_mm
 
 CAMERA = Intrinsics(160, 120, 365.0, 365.0, 79.5, 59.5)
-OFF = DepthNoise(axial=0, flying=0, grazing=0, dark=0, lateral_px=0)
+OFF = TimeOfFlight(axial=0, flying=0, grazing=0, dark=0, lateral_px=0)
 NOTHING_DARK = np.zeros(CAMERA.shape, bool)
 
 
@@ -26,7 +26,8 @@ def fankhauser_mm(z, theta):
 
 
 def noise(depth, faults, seed=0, **more):
-    return kinect(CAMERA, depth, more.pop("dark", NOTHING_DARK), faults, np.random.default_rng(seed), **more)
+    dark, rng = more.pop("dark", NOTHING_DARK), np.random.default_rng(seed)
+    return faults.read(CAMERA, depth, dark, rng, **more).depth_mm
 
 
 @given(z=st.floats(0.5, 4.5), theta=st.floats(0, 1.4))
@@ -49,7 +50,7 @@ def test_measured_noise_has_the_formulas_sigma(distance, slope):
     dark = np.zeros(depth.shape, bool)
     rng = np.random.default_rng(1)
     faults = replace(OFF, axial=1)
-    images = np.stack([kinect(window, depth, dark, faults, rng) for _ in range(120)]).astype(float)
+    images = np.stack([faults.read(window, depth, dark, rng).depth_mm for _ in range(120)]).astype(float)
     measured = images[:, 2:-2, 2:-2].std(axis=0)
     ray = rays(window)[2:-2, 2:-2]
     normal = np.array([slope, 0, -1]) / np.hypot(slope, 1)
@@ -118,7 +119,7 @@ def test_lateral_noise_moves_edges_by_a_pixel_and_leaves_flat_parts():
 
 
 def test_one_seed_one_image_and_wanted_pixels_do_not_depend_on_the_others():
-    depth, faults = plane(2.0, 0.5), DepthNoise()
+    depth, faults = plane(2.0, 0.5), TimeOfFlight()
     whole = noise(depth, faults, 7)
     np.testing.assert_array_equal(whole, noise(depth, faults, 7))
     assert (whole != noise(depth, faults, 8)).any()

@@ -12,8 +12,8 @@ from sensors.rig.camera import project
 from sensors.rig.frame import RigFrame
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.session.reader import Session
-from synth.cameras.depth_camera import DepthNoise
 from synth.cameras.optics import RIG_CALIBRATION
+from synth.cameras.time_of_flight import TimeOfFlight
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.simulate import simulate, suit_path, truth_path
 from synth.rig.truth import FLYING_MM, Truth, truth_labels, whose_readings
@@ -209,7 +209,7 @@ def test_a_reading_is_whose_surface_it_lies_on():
     face[2:7, 3:6], face[2:7, 6:9], face[:, 11] = 2, 1, 3
     face[0, 0] = -1
     depth_m = np.choose(face + 1, (np.nan, 3.0, 2.0, 1.9, 1.2)).astype(np.float32)
-    noise = DepthNoise(offset_mm=10.0, scale=1.002)
+    noise = TimeOfFlight(offset_mm=10.0, scale=1.002)
     rng = np.random.default_rng(0)
     exact = np.nan_to_num(depth_m) * 1002 + 10
     depth_mm = np.maximum(exact + rng.choice((0, 20, -900, 300, -500), face.shape), 0).astype(np.uint16)

@@ -14,7 +14,7 @@ from annotate.frame_labels import FrameLabels
 from sensors.errors import CloudError
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body, blend, hair_faces, shipped_bodies
-from synth.cameras.depth_camera import DepthNoise, kinect
+from synth.cameras.time_of_flight import TimeOfFlight
 from synth.images.view import PersonView, cut, inside_image, occluder, render_view, visibility
 from synth.pose.moment import Posed
 from synth.pose.postures import FALLEN, IN_BED, SITTING, UPRIGHT, lie, rise, sit
@@ -129,7 +129,7 @@ def _shoot(
 ) -> tuple[NDArray[np.uint16], UInt8]:
     """The crop's depth and parts through a noisy sensor; only the pixels that the crop reads are computed."""
     read = person & crop.reads(person.shape)
-    noisy = kinect(view.camera, view.depth_m, view.dark, DepthNoise.sample(rng), rng, only=read)
+    noisy, _ = TimeOfFlight.kinect2(rng).read(view.camera, view.depth_m, view.dark, rng, only=read)
     depth = crop.cut(noisy, 0, SIZE)
     return depth, np.where(depth > 0, crop.cut(view.parts, 0, SIZE), np.uint8(0))
 

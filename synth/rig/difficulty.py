@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from synth.appearance.photograph import COLORS, ColorDifficulty
-from synth.cameras.depth_camera import DepthNoise
 from synth.cameras.thermal_camera import ThermalNoise
+from synth.cameras.time_of_flight import TimeOfFlight
 from synth.shipped import table
 
 
@@ -37,7 +37,7 @@ class Difficulty:
 
     name: str
     color: ColorDifficulty
-    depth: DepthNoise
+    depth: TimeOfFlight
     thermal: ThermalNoise
     clutter: Clutter
     warmth: float
@@ -53,7 +53,7 @@ def _difficulty(name: str, entry: dict[str, Any]) -> Difficulty:
     return Difficulty(name, **{**entry, **made, "color": COLORS[name]})
 
 
-_PARTS = {"depth": DepthNoise, "thermal": ThermalNoise, "clutter": Clutter}
+_PARTS = {"depth": TimeOfFlight, "thermal": ThermalNoise, "clutter": Clutter}
 DIFFICULTIES = {name: _difficulty(name, entry) for name, entry in table("difficulties").items()}
 """Clean, normal and hard, described in ``synth/data/difficulties.toml``."""
 CLEAN, NORMAL, HARD = DIFFICULTIES.values()

@@ -16,7 +16,7 @@ from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from synth.appearance.color_camera import CameraState
 from synth.appearance.outfit import GAMMA, Outfit
 from synth.appearance.warmth import SURFACE_C
-from synth.cameras.depth_camera import DepthNoise
+from synth.cameras.time_of_flight import TimeOfFlight
 from synth.rig.stay import Cast, Tableau
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer
@@ -40,7 +40,7 @@ class Truth:
 
 
 def whose_readings(
-    seen: ZBuffer, tags: Int32, depth_mm: NDArray[np.uint16], noise: DepthNoise
+    seen: ZBuffer, tags: Int32, depth_mm: NDArray[np.uint16], noise: TimeOfFlight
 ) -> tuple[UInt8, UInt8]:
     """Parts and persons (h, w) of the surfaces that the readings lie on.
 

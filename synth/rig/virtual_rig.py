@@ -18,7 +18,7 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from synth.appearance.color_camera import RESTING
 from synth.appearance.photograph import ColorCamera
-from synth.cameras.depth_camera import DepthNoise, kinect, multipath_m
+from synth.cameras.multipath import multipath_m
 from synth.cameras.optics import (
     COLOR_FROM_DEPTH,
     KINECT_COLOR,
@@ -28,6 +28,7 @@ from synth.cameras.optics import (
     lens_of,
 )
 from synth.cameras.thermal_camera import SUPERSAMPLE, ThermalState, thermograph
+from synth.cameras.time_of_flight import TimeOfFlight
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.place import SCENES
 from synth.rig.stay import Cast, Stay, Tableau
@@ -47,7 +48,7 @@ FLAG_CLOSED = "thermal flag closed"
 class _Cameras(NamedTuple):
     """The faults and states of one recording's cameras."""
 
-    depth: DepthNoise
+    depth: TimeOfFlight
     color: ColorCamera
     thermal: ThermalState
 
@@ -114,7 +115,7 @@ class VirtualRig:
         rng, time_s = np.random.default_rng((self.seed, index, 11)), index / self.frames_per_second
         in_depth = cast.camera_from_world.apply(tableau.vertices_m)
         seen = self._see_distance(cast, in_depth)
-        depth_mm = kinect(KINECT2_DEPTH, seen.depth_m, cast.dark[seen.face], cameras.depth, rng)
+        depth_mm, _ = cameras.depth.read(KINECT2_DEPTH, seen.depth_m, cast.dark[seen.face], rng)
         velocity = _velocity_m_s(tableau, self.frames_per_second)
         scene = Mesh(tableau.vertices_m, cast.faces, cast.tags)
         color = cameras.color.photograph(scene, cast.outfits, rng, velocity)

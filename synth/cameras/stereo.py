@@ -1,0 +1,162 @@
+"""What a stereo camera makes of a clean depth image: RealSense, Gemini, OAK."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import cv2
+import numba
+import numpy as np
+
+from annotate.array_types import Bool, Float32, Int32, UInt16
+from sensors.rig.camera import Intrinsics
+from synth.cameras.pixel_random import NORMALS, hashed, share_of, smooth_noise
+from synth.cameras.relief import EDGE_M, FAR_M, Number, filled, shadow_reach, shadowed, slant_of
+from synth.cameras.sensor import (
+    REACH_PX,
+    Reading,
+    blank,
+    drawn_camera,
+    key_of,
+    pinhole_of,
+    shown_of,
+    strength,
+    wanted_of,
+)
+from synth.surface.rasterize import EXACT
+
+D435 = Intrinsics(848, 480, 427.0, 427.0, 423.5, 239.5)
+"""A RealSense D435 in the mode that its maker recommends."""
+
+
+@dataclass(frozen=True)
+class Stereo:
+    """A stereo depth camera's faults, each with its own strength; 0 switches it off.
+
+    noise_px, wave_px: standard deviations of the disparity over a matching window and over a wide region.
+    fattened_px: by how much silhouettes grow. steps: of disparity a pixel, 0 for any. shadow: share of the
+    strip hidden from the other eye, ``baseline_m`` to the right, that stays empty. grazing, dark: share lost
+    at 90 degrees of incidence, and where infrared is swallowed. patches: share lost in patches without
+    texture.
+    """
+
+    noise_px: float = 0.06
+    wave_px: float = 0.05
+    fattened_px: float = 1.5
+    steps: int = 32
+    shadow: float = 1.0
+    grazing: float = 0.5
+    dark: float = 0.3
+    patches: float = 0.0
+    baseline_m: float = 0.050
+    camera: Intrinsics = D435
+    model: str = "realsense-d435"
+    kind: ClassVar[str] = "stereo"
+
+    @staticmethod
+    def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "Stereo":
+        """A unit of a model of ``sensors.toml`` with more or fewer filters; every strength reaches zero."""
+        return Stereo(
+            noise_px=strength(rng, 0.12),
+            wave_px=strength(rng, 0.12),
+            fattened_px=strength(rng, 3.0),
+            steps=entry["steps"],
+            shadow=strength(rng, 1.0),
+            grazing=strength(rng, 0.9),
+            dark=strength(rng, 0.5, absent=0.75),
+            patches=strength(rng, 0.9, absent=0.6),
+            baseline_m=entry["baseline_m"],
+            camera=drawn_camera(entry, rng),
+            model=entry["model"],
+        )
+
+    def read(
+        self,
+        window: Intrinsics,
+        depth_m: Float32,
+        dark: Bool | Float32,
+        rng: np.random.Generator,
+        only: Bool | None = None,
+        person: Bool | None = None,
+    ) -> Reading:
+        """What the sensor makes of clean depth (h, w); see ``Sensor.read``."""
+        reading, depth = blank(depth_m.shape), filled(depth_m)
+        parallax = window.fx * self.baseline_m
+        side = 2 * REACH_PX + 1
+        faults = (self.noise_px, self.wave_px, self.fattened_px, self.steps, parallax, parallax * self.shadow)
+        _read(
+            depth,
+            np.asarray(cv2.erode(depth, np.ones((side, side), np.uint8)), np.float32),
+            dark.astype(np.float32),
+            wanted_of(depth_m.shape, only, person, REACH_PX),
+            shown_of(depth_m.shape, person),
+            np.array((*faults, self.grazing, self.dark, self.patches), np.float32),
+            shadow_reach(depth, parallax * self.shadow),
+            pinhole_of(window),
+            key_of(rng),
+            NORMALS,
+            *reading,
+        )
+        return reading
+
+
+MATCH_PX, WAVE_PX, PATCH_PX = 5, 24, 12
+"""Sizes of the matching window, of waves on flat walls, and of patches without texture. Chosen by eye."""
+PATCH_LEAST = 1.3
+"""Value of smooth noise from which on there is a patch: on a tenth of a surface. Chosen by eye."""
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _read(
+    depth: Float32, nearest: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32,
+    reach_px: int, pinhole: Float32, key: np.uint64, normals: Float32, depth_mm: UInt16, source: Int32,
+) -> None:  # fmt: skip
+    """Writes the readings of the wanted pixels into the last two arguments."""
+    height, width = depth.shape
+    noise, wave, fattened, steps, parallax, hidden, grazing, darkness, patches = strengths
+    keys = hashed(key, 0), hashed(key, 1), hashed(key, 2), hashed(key, 3)
+    for v in range(height):
+        for u in range(width):
+            if not wanted[v, u]:
+                continue
+            y, x = v, u
+            if fattened > 0 and depth[v, u] - nearest[v, u] > np.float32(EDGE_M):
+                uneven = np.float32(1) + np.float32(0.4) * smooth_noise(keys[0], v, u, MATCH_PX, normals)
+                y, x = _fattened(depth, v, u, fattened * uneven)
+            if not shown[y, x] or shadowed(depth, y, x, hidden, reach_px):
+                continue
+            z = depth[y, x]
+            slant = slant_of(depth, pinhole, y, x)
+            bits = hashed(keys[1], v * width + u)
+            if share_of(bits) < grazing * slant:
+                continue
+            if share_of(bits >> np.uint64(16)) < darkness * dark[y, x]:
+                continue
+            if (
+                patches > 0
+                and smooth_noise(keys[2], v, u, PATCH_PX, normals) > np.float32(PATCH_LEAST)
+                and share_of(bits >> np.uint64(32)) < patches
+            ):
+                continue
+            disparity = parallax / z
+            if noise > 0:
+                disparity += noise * smooth_noise(keys[3], v, u, MATCH_PX, normals)
+            if wave > 0:
+                disparity += wave * smooth_noise(keys[0], v, u, WAVE_PX, normals)
+            if steps > 0:
+                disparity = np.rint(disparity * steps) / steps
+            mm = np.float32(1000) * parallax / max(disparity, np.float32(0.1))
+            if mm < 1000 * FAR_M - 100:
+                depth_mm[v, u] = int(np.rint(mm))
+                source[v, u] = y * width + x
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _fattened(depth: Float32, v: int, u: int, radius: Number) -> tuple[int, int]:
+    """The nearest surface's pixel within a radius of (v, u), if it is another surface."""
+    y, x, best = v, u, depth[v, u] - np.float32(EDGE_M)
+    reach = min(int(radius), REACH_PX)
+    for i in range(max(v - reach, 0), min(v + reach + 1, depth.shape[0])):
+        for j in range(max(u - reach, 0), min(u + reach + 1, depth.shape[1])):
+            if (i - v) ** 2 + (j - u) ** 2 <= radius * radius and depth[i, j] < best:
+                y, x, best = i, j, depth[i, j]
+    return y, x

@@ -1,0 +1,203 @@
+"""What a time-of-flight camera makes of a clean depth image: Kinect v2, Azure Kinect, Orbbec Femto."""
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numba
+import numpy as np
+
+from annotate.array_types import Bool, Float32, Int32, UInt16
+from sensors.rig.camera import Intrinsics
+from sensors.rig.kinect2_factory import KINECT2_PINHOLE
+from synth.cameras.pixel_random import NORMALS, hashed, share_of, smooth_noise
+from synth.cameras.relief import Number, around, filled, incidence
+from synth.cameras.sensor import (
+    Reading,
+    blank,
+    drawn_camera,
+    key_of,
+    pinhole_of,
+    shown_of,
+    strength,
+    wanted_of,
+)
+from synth.surface.rasterize import EXACT
+
+
+@dataclass(frozen=True)
+class TimeOfFlight:
+    """A time-of-flight depth camera's faults, each with its own strength; 0 switches it off.
+
+    axial: factor on the axial noise of Fankhauser 2015. flying: share of silhouette pixels that mix
+    foreground and background. grazing: share lost at an incidence of 90 degrees. dark: share lost on
+    hair (low infrared return). lateral_px: jitter of edges. offset_mm and scale: the unit's error.
+    patches: share lost in patches on any surface. range_mm: nearest and farthest reading.
+    """
+
+    axial: float = 1.0
+    flying: float = 0.7
+    grazing: float = 0.6
+    dark: float = 0.35
+    lateral_px: float = 0.5
+    offset_mm: float = 0.0
+    scale: float = 1.0
+    patches: float = 0.0
+    range_mm: tuple[int, int] = (500, 4500)
+    camera: Intrinsics = KINECT2_PINHOLE
+    model: str = "kinect-v2"
+    kind: ClassVar[str] = "time of flight"
+
+    @staticmethod
+    def kinect2(rng: np.random.Generator) -> "TimeOfFlight":
+        """A Kinect v2 and a moment somewhere between good and bad, never perfect: the first presets' draw."""
+        return TimeOfFlight(
+            axial=rng.uniform(0.5, 2.0),
+            flying=rng.uniform(0.2, 1.0),
+            grazing=rng.uniform(0.2, 0.9),
+            dark=rng.uniform(0.0, 0.7),
+            lateral_px=rng.uniform(0.2, 0.8),
+            offset_mm=rng.normal(0, 8),
+            scale=rng.normal(1, 0.004),
+        )
+
+    @staticmethod
+    def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "TimeOfFlight":
+        """A unit of a model of ``sensors.toml``, between perfect and bad; every strength reaches zero.
+
+        Hair is lost in few images and patches of any surface in as many, so that holes do not tell the back
+        of a head from a face.
+        """
+        return TimeOfFlight(
+            axial=strength(rng, 2.0),
+            flying=strength(rng, 1.0),
+            grazing=strength(rng, 0.9),
+            dark=strength(rng, 0.7, absent=0.75),
+            lateral_px=strength(rng, 0.8),
+            offset_mm=float(rng.normal(0, 8)),
+            scale=float(rng.normal(1, 0.004)),
+            patches=strength(rng, 0.7, absent=0.6),
+            range_mm=tuple(entry["range_mm"]),
+            camera=drawn_camera(entry, rng),
+            model=entry["model"],
+        )
+
+    @staticmethod
+    def azure_kinect(rng: np.random.Generator, entry: dict[str, Any]) -> "TimeOfFlight":
+        """An Azure Kinect or Orbbec Femto: half the noise, and silhouettes that are left out, not mixed."""
+        drawn = TimeOfFlight.sample(rng, entry)
+        return replace(drawn, axial=0.5 * drawn.axial, flying=0.5 * drawn.flying)
+
+    def read(
+        self,
+        window: Intrinsics,
+        depth_m: Float32,
+        dark: Bool | Float32,
+        rng: np.random.Generator,
+        only: Bool | None = None,
+        person: Bool | None = None,
+    ) -> Reading:
+        """What the sensor makes of clean depth (h, w); see ``Sensor.read``.
+
+        Order as in a real device: edges jitter and mix, then axial noise, then what the driver rejects.
+        """
+        reading = blank(depth_m.shape)
+        faults = (
+            self.axial,
+            self.flying,
+            self.grazing,
+            self.dark,
+            self.lateral_px,
+            self.offset_mm,
+            self.scale,
+        )
+        _read(
+            filled(depth_m),
+            dark.astype(np.float32),
+            wanted_of(depth_m.shape, only, person, 0),
+            shown_of(depth_m.shape, person),
+            np.array((*faults, self.patches, *self.range_mm), np.float32),
+            pinhole_of(window),
+            key_of(rng),
+            NORMALS,
+            *reading,
+        )
+        return reading
+
+
+EDGE_DELTA_MM = 50.0
+"""Neighbouring readings further apart than this make a silhouette (libfreenect2's close edge delta)."""
+CLIP_RAD = np.radians(82.0)
+"""The noise model diverges at 90 degrees; its measurements end at about 80."""
+MIXED_M = 0.6
+"""A flying pixel floats at most this far behind its foreground."""
+PATCH_RAD = 0.03
+"""Size of patches that return little, seen from the camera: 6 cm at 2 m. Chosen by eye."""
+PATCH_LEAST = 1.0
+"""Value of smooth noise from which on there is a patch: on a sixth of a surface. Chosen by eye."""
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:
+    """Standard deviation along the ray, millimetres. Source: Fankhauser et al. 2015, Kinect v2, eq. 4."""
+    z = depth_m
+    theta = min(incidence_rad, np.float32(CLIP_RAD))
+    tilt = theta / (np.float32(np.pi / 2) - theta)
+    straight = np.float32(1.5) - np.float32(0.5) * z + np.float32(0.3) * z * z
+    return np.float32(straight + np.float32(0.1) * z * np.sqrt(z) * tilt * tilt)
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _read(
+    depth: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32, pinhole: Float32,
+    key: np.uint64, normals: Float32, depth_mm: UInt16, source: Int32,
+) -> None:  # fmt: skip
+    """Writes the readings of the wanted pixels into the last two arguments."""
+    height, width = depth.shape
+    axial, flying, grazing, darkness, lateral, offset_mm, scale, patches, nearest_mm, farthest_mm = strengths
+    patch_px, patch_key = max(2, int(PATCH_RAD * pinhole[0])), hashed(key, 2 * height * width)
+    for v in range(height):
+        for u in range(width):
+            if not wanted[v, u]:
+                continue
+            bits = hashed(key, 2 * (v * width + u))
+            more = hashed(key, 2 * (v * width + u) + 1)
+            # Lateral noise: a pixel reads a neighbour now and then.
+            y = v + int(np.rint(normals[bits & np.uint64(4095)] * lateral * np.float32(0.6)))
+            x = u + int(
+                np.rint(normals[(bits >> np.uint64(12)) & np.uint64(4095)] * lateral * np.float32(0.6))
+            )
+            y, x = min(max(y, 0), height - 1), min(max(x, 0), width - 1)
+            if not shown[y, x]:
+                continue
+            z = depth[y, x]
+            near, far, z_u, z_v = around(depth, y, x)
+            theta = incidence(pinhole, y, x, z, z_u, z_v)
+            if far - near > np.float32(EDGE_DELTA_MM / 1000):
+                chance = share_of(bits >> np.uint64(48))
+                if chance < np.float32(0.6) * flying:
+                    continue  # rejected by the driver
+                if chance < flying:
+                    near_share = share_of(more) ** np.float32(0.35)
+                    z = near * near_share + min(far, near + np.float32(MIXED_M)) * (
+                        np.float32(1) - near_share
+                    )
+            if dark[v, u] > 0 and share_of(more >> np.uint64(16)) < darkness * dark[v, u]:
+                continue
+            slant = theta / np.float32(np.pi / 2)
+            slant = slant * slant * slant * slant
+            if share_of(more >> np.uint64(32)) < grazing * slant * slant:
+                continue
+            if (
+                patches > 0
+                and smooth_noise(patch_key, v, u, patch_px, normals) > np.float32(PATCH_LEAST)
+                and share_of(more >> np.uint64(48)) < patches
+            ):
+                continue
+            sigma, normal = (
+                axial * axial_sigma_mm(z, theta),
+                normals[(bits >> np.uint64(24)) & np.uint64(4095)],
+            )
+            mm = z * np.float32(1000) * scale + offset_mm + sigma * normal
+            if nearest_mm <= mm <= farthest_mm:
+                depth_mm[v, u] = int(np.rint(mm))
+                source[v, u] = y * width + x
