@@ -77,7 +77,7 @@ def worked(folder: Path) -> np.ndarray:
         editor = correction.edit(FRAMES[0])
         editor.paint(dab(1), 5)
         editor.swap_left_right()
-        editor.accept()
+        editor.judge("accept")
     return editor.parts
 
 
@@ -161,7 +161,7 @@ def test_frames_are_saved_on_a_verdict_and_on_leaving(folder):
         editor = correction.edit(FRAMES[0])
         editor.paint(dab(0), 5)
         assert "journal" not in labels.notes(FRAMES[0])
-        editor.accept()
+        editor.judge("accept")
         assert labels.notes(FRAMES[0])["journal"] == 2
         editor.undo()
         assert labels.notes(FRAMES[0])["journal"] == 2
@@ -221,16 +221,16 @@ def test_states(folder):
             (editor.accept, "accepted", "corrected"),
             (editor.agree, "reviewed", "reviewed"),
             (editor.undo, "touched", "corrected"),
-            (lambda: editor.reject("the arms\nare swapped"), "rejected", "corrected"),
+            (lambda: editor.judge("reject", "the arms\nare swapped"), "rejected", "corrected"),
         ]
         for operation, state, status in expected:
             operation()
             correction.save(FRAMES[0])
             assert (correction.state(FRAMES[0]), correction.labels.status(FRAMES[0])) == (state, status)
         assert correction.labels.notes(FRAMES[0])["rejected"] == "the arms are swapped"
-        correction.edit(FRAMES[1]).reject("blurred")
+        correction.edit(FRAMES[1]).judge("reject", "blurred")
         assert correction.labels.status(FRAMES[1]) == "auto"
-        correction.edit(FRAMES[1]).accept()
+        correction.edit(FRAMES[1]).judge("accept")
         assert correction.labels.status(FRAMES[1]) == "corrected"
         assert correction.labels.notes(FRAMES[1])["rejected"] is None
 
@@ -400,16 +400,16 @@ def audited(folder: Path) -> Path:
         clock.now += 3
         editor.undo()
         editor.redo()
-        editor.accept()
+        editor.judge("accept")
         editor = correction.edit(FRAMES[1])
         clock.now += 5
-        editor.accept()
+        editor.judge("accept")
     with Correction.open(folder, "[b]bob", clock=clock) as correction:
         editor = correction.edit(FRAMES[0])
         clock.now += 4
         editor.paint(np.arange(2 * W + 2, 2 * W + 4), 2)
         editor.paint(np.arange(2 * W + 4, 2 * W + 5), 8)
-        editor.reject("the hip is a guess")
+        editor.judge("reject", "the hip is a guess")
     return folder
 
 

@@ -156,7 +156,7 @@ def test_a_new_stroke_leaves_nothing_to_redo():
     editor.paint(np.array([1]), 1)
     assert editor.redo() is None
     editor.undo()
-    editor.accept()
+    editor.judge("accept")
     assert editor.redo().operation == "redo"
     assert editor.redo() is None and editor.parts.flat[1] == 1
 
@@ -183,7 +183,7 @@ def test_painting_takes_masks_and_indices_in_any_order_and_more_than_once():
         lambda e: e.merge(2, -1),
         lambda e: e.propagate(np.zeros((H, W + 1), np.uint8)),
         lambda e: e.copy_previous(blank(np.zeros((2, 2), np.uint8))),
-        lambda e: e.reject("  "),
+        lambda e: e.judge("reject", "  "),
     ],
 )
 def test_a_mistake_changes_nothing(wrong):

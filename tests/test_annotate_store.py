@@ -19,8 +19,8 @@ from annotate.labelset.images import (
     decode_depth,
     decode_parts,
     encode_confidence,
-    encode_depth,
     encode_parts,
+    encode_png,
 )
 from annotate.labelset.store import MANIFEST, LabelSet, validate
 from annotate.parts import (
@@ -104,7 +104,7 @@ def test_left_right_exchange_is_its_own_inverse(parts):
 @given(depth=depths, parts=part_maps, confidence=arrays(np.uint8, (6, 8)))
 @law
 def test_images_survive_png_to_the_bit(depth, parts, confidence):
-    np.testing.assert_array_equal(decode_depth(encode_depth(depth)), depth)
+    np.testing.assert_array_equal(decode_depth(encode_png(depth)), depth)
     np.testing.assert_array_equal(decode_parts(encode_parts(parts)), parts)
     values = confidence.astype(np.float32) / np.float32(255)
     np.testing.assert_array_equal(decode_confidence(encode_confidence(values)), values)
@@ -121,7 +121,7 @@ def test_any_viewer_shows_the_parts_colours(tmp_path):
 @given(data=st.data())
 @law
 def test_a_corrupt_image_is_an_image_or_a_format_error(decode, data):
-    encoded = bytearray(encode_depth(np.arange(48, dtype=np.uint16).reshape(6, 8)))
+    encoded = bytearray(encode_png(np.arange(48, dtype=np.uint16).reshape(6, 8)))
     if decode is not decode_depth:
         encoded = bytearray(encode_parts(np.zeros((6, 8), np.uint8)))
     for _ in range(data.draw(st.integers(1, 3))):
@@ -134,7 +134,7 @@ def test_a_corrupt_image_is_an_image_or_a_format_error(decode, data):
 
 
 def test_an_impossible_size_is_refused_before_it_is_allocated():
-    data = bytearray(encode_depth(np.zeros((6, 8), np.uint16)))
+    data = bytearray(encode_png(np.zeros((6, 8), np.uint16)))
     data[16:20] = (1 << 30).to_bytes(4, "big")
     for decode in (decode_depth, decode_parts, decode_confidence):
         with pytest.raises(FormatError, match="1073741824x6"):
@@ -148,7 +148,7 @@ def chunk(kind: bytes, content: bytes) -> bytes:
 @pytest.mark.parametrize("side", [20_000, 12_000])
 @pytest.mark.parametrize("decode", [decode_depth, decode_parts])
 def test_an_image_that_says_its_size_twice_is_refused(decode, side):
-    encode = encode_depth if decode is decode_depth else encode_parts
+    encode = encode_png if decode is decode_depth else encode_parts
     data = encode(np.zeros((6, 6), np.uint16 if decode is decode_depth else np.uint8))
     decode(data)
     size = side.to_bytes(4, "big")
@@ -363,10 +363,10 @@ def test_validate_finds_every_planted_fault(label_set):
     (frames / "000001.parts.png").write_bytes(b"no PNG")
     (frames / "000002.json").write_text("{")
     (frames / "000003.parts.png").write_bytes(encode_parts(np.full((6, 8), 77, np.uint8)))
-    (frames / "000004.depth.png").write_bytes(encode_depth(np.ones((5, 8), np.uint16)))
-    (frames / "000005.depth.png").write_bytes(encode_depth(np.zeros((6, 8), np.uint16)))
+    (frames / "000004.depth.png").write_bytes(encode_png(np.ones((5, 8), np.uint16)))
+    (frames / "000005.depth.png").write_bytes(encode_png(np.zeros((6, 8), np.uint16)))
     (frames / "000005.parts.png").write_bytes(encode_parts(np.full((6, 8), 3, np.uint8)))
-    (frames / "000006.depth.png").write_bytes(encode_depth(labels().depth_mm)[:50])
+    (frames / "000006.depth.png").write_bytes(encode_png(labels().depth_mm)[:50])
     (frames / "000007.json").write_text(json.dumps({"status": "guessed", "subject": "", "notes": {}}))
     problems = validate(label_set)
     assert len(problems) == 8

@@ -13,7 +13,7 @@ from annotate.crop import SIZE, crop_around
 from annotate.frame_labels import FrameLabels
 from annotate.labelset import dataset
 from annotate.labelset.dataset import Dataset
-from annotate.labelset.images import encode_depth
+from annotate.labelset.images import encode_png
 from annotate.labelset.store import LabelSet, validate
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
 from eval.compare.compare import compare_sets
@@ -429,7 +429,7 @@ def test_predict_takes_a_dataset_and_a_folder_of_depth_images(annotate_cloud, tm
     assert LabelSet.open(tmp_path / "a").probabilities("0000000") is not None
     folder = tmp_path / "folder"
     folder.mkdir()
-    (folder / "0.png").write_bytes(encode_depth(truth.read("000000").depth_mm))
+    (folder / "0.png").write_bytes(encode_png(truth.read("000000").depth_mm))
     camera = truth.intrinsics
     numbers = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
     (folder / "intrinsics.json").write_text(json.dumps(numbers))

@@ -23,7 +23,7 @@ from annotate.labelset.dataset import (
     sha256,
     validate,
 )
-from annotate.labelset.images import decode_parts, encode_depth, encode_parts
+from annotate.labelset.images import decode_parts, encode_parts, encode_png
 from sensors.errors import FormatError
 from sensors.files.atomic import write_bytes
 from synth.images.dataset_page import contact_sheet, render, statistics_of, write_page
@@ -94,7 +94,7 @@ def test_parts_are_palette_pngs_and_both_images_small():
     data = encode_parts(FRAMES[0].parts)
     assert data[25] == 3  # colour type: palette
     np.testing.assert_array_equal(decode_parts(data), FRAMES[0].parts)
-    assert len(data) + len(encode_depth(FRAMES[0].depth_mm)) < 25_000
+    assert len(data) + len(encode_png(FRAMES[0].depth_mm)) < 25_000
 
 
 @pytest.mark.parametrize("damage", ["flip", "cut", "empty", "foreign"])
@@ -128,7 +128,7 @@ def test_shards_from_outside_are_bounded(tmp_path):
 @pytest.mark.parametrize("fields", [{"confidence": 1}, {"persons": "x"}, [], "subject"])
 def test_a_frame_says_no_more_than_is_written(tmp_path, fields):
     path = tmp_path / "s.tar"
-    images = {"k.depth.png": encode_depth(FRAMES[0].depth_mm), "k.parts.png": encode_parts(FRAMES[0].parts)}
+    images = {"k.depth.png": encode_png(FRAMES[0].depth_mm), "k.parts.png": encode_parts(FRAMES[0].parts)}
     tar_of(path, {**images, "k.json": json.dumps(fields).encode()})
     with pytest.raises(FormatError, match="malformed"):
         list(read_shard(path))

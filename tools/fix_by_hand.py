@@ -269,7 +269,7 @@ def at_window(path: Path) -> list[tuple[str, float, float, float, float]]:
     driver.window.palette_.hide()
     driver.settle()
     hand = Hand(driver)
-    for frame_id in driver.correction.frame_ids:
+    for frame_id in driver.correction.labels.frame_ids:
         driver.window.open_frame(frame_id)
         zoom(driver)
         known = truth.read(frame_id)

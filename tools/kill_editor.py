@@ -63,7 +63,7 @@ def do(editor: Editor, step: int) -> None:
     if step % 3 or others[step // 3 % len(others)]() is None:
         part = int(rng.integers(0, 12))
         if editor.paint(disc, part, Gesture("brush", points=9)) is None:
-            editor.accept()
+            editor.judge("accept")
 
 
 def work(folder: Path, said: int) -> None:

@@ -78,11 +78,6 @@ class Correction:
         return self._claim is None
 
     @property
-    def frame_ids(self) -> list[str]:
-        """Ids of the frames, sorted."""
-        return self.labels.frame_ids
-
-    @property
     def unsaved(self) -> int:
         """Number of entries that are only in memory because the disk refused them."""
         return len(self.journal.pending)

@@ -13,7 +13,7 @@ from annotate.array_types import Bool, Int64, UInt8
 from annotate.cleanup import neighbours
 from annotate.correction.activity import ActiveTime
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.stroke import KEY, Gesture, Operation, Stroke, difference, is_part
+from annotate.labelset.stroke import KEY, Gesture, Operation, Stroke, Verdict, difference, is_part
 from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED
 from sensors.errors import CloudError, FormatError
 
@@ -163,19 +163,11 @@ class Editor:
 
     # Verdicts and time
 
-    def accept(self, how: Gesture = KEY) -> Stroke:
-        """The annotator accepts the frame."""
-        return self._do("accept", _NONE, None, how)
-
-    def agree(self, how: Gesture = KEY) -> Stroke:
-        """A reviewer agrees with the accepted frame."""
-        return self._do("agree", _NONE, None, how)
-
-    def reject(self, reason: str, how: Gesture = KEY) -> Stroke:
-        """Reject the frame for a reason, one line. Raises CloudError without one."""
-        if not reason.strip():
+    def judge(self, verdict: Verdict, reason: str = "", how: Gesture = KEY) -> Stroke:
+        """Accept the frame, agree with its annotator, or reject it. Raises CloudError for no reason then."""
+        if verdict == "reject" and not reason.strip():
             raise CloudError("a rejection needs a reason; write in a few words what is wrong")
-        return self._do("reject", _NONE, None, how, " ".join(reason.split()))
+        return self._do(verdict, _NONE, None, how, " ".join(reason.split()))
 
     def leave(self) -> Stroke | None:
         """Record the time spent since the last stroke; None when there was none."""

@@ -58,7 +58,12 @@ def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
     strokes = journal.strokes(frame.frame_id)
     if not strokes:
         return frame
-    return replace(frame, status=status_of(strokes, before), notes={**frame.notes, **notes_of(strokes)})
+    status: Status = (
+        "corrected" if any(s.changes or s.operation in ("accept", "agree") for s in strokes) else before
+    )
+    if state_of(strokes, before) == "reviewed":
+        status = "reviewed"
+    return replace(frame, status=status, notes={**frame.notes, **_notes_of(strokes)})
 
 
 def state_of(strokes: Sequence[Stroke], saved: Status = "auto") -> State:
@@ -69,15 +74,6 @@ def state_of(strokes: Sequence[Stroke], saved: Status = "auto") -> State:
     return state
 
 
-def status_of(strokes: Sequence[Stroke], saved: Status = "auto") -> Status:
-    """A frame's status on disk after its entries. saved: its status before the first."""
-    state = state_of(strokes, saved)
-    if state == "reviewed":
-        return "reviewed"
-    done = any(stroke.changes or stroke.operation in ("accept", "agree") for stroke in strokes)
-    return "corrected" if done else saved
-
-
 def rejection(strokes: Sequence[Stroke]) -> str | None:
     """The reason why a frame is rejected, or None."""
     if state_of(strokes) != "rejected":
@@ -85,13 +81,13 @@ def rejection(strokes: Sequence[Stroke]) -> str | None:
     return next(stroke.reason for stroke in reversed(strokes) if stroke.operation == "reject")
 
 
-def notes_of(strokes: Sequence[Stroke]) -> dict[str, Any]:
+def _notes_of(strokes: Sequence[Stroke]) -> dict[str, Any]:
     """A frame's notes on the work: the last person and time, active seconds, counts of strokes, and the
     number of entries of the journal that its labels include."""
     operations = Counter(stroke.operation for stroke in strokes if stroke.operation != "leave")
     return {
-        "who": strokes[-1].who if strokes else "",
-        "when": strokes[-1].when if strokes else "",
+        "who": strokes[-1].who,
+        "when": strokes[-1].when,
         "active_seconds": round(sum(stroke.active_seconds for stroke in strokes), 3),
         "strokes": sum(is_stroke(stroke) for stroke in strokes),
         "undos": operations["undo"],

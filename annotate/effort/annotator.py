@@ -67,16 +67,6 @@ CARRIED = Gesture("key")
 """Gesture of corrections that the window carries over by itself when accepting a frame opens the next."""
 
 
-class Clock:
-    """The time of the simulated annotator, in seconds since the epoch."""
-
-    def __init__(self) -> None:
-        self.seconds = BEGAN_S
-
-    def __call__(self) -> float:
-        return self.seconds
-
-
 @dataclass(frozen=True)
 class Effort:
     """The work on a frame. corrected: its labels afterwards; strokes: its entries in the journal; seconds: of
@@ -106,15 +96,19 @@ class _Option(NamedTuple):
 
 
 class Annotator:
-    """A simulated person at the window. clock: their time, for the editors and corrections they work in.
+    """A simulated person at the window.
 
     goal: the agreement at which they accept. tolerance_px: at borders. at_once: number of patches of one
     part that they see with one look (``keystrokes``).
     """
 
     def __init__(self, goal: float = AGREEMENT, tolerance_px: int = TOLERANCE_PX, at_once: int = 1) -> None:
-        self.clock, self.goal, self.tolerance_px, self.at_once = Clock(), goal, tolerance_px, at_once
+        self._now_s, self.goal, self.tolerance_px, self.at_once = BEGAN_S, goal, tolerance_px, at_once
         self._tools = Tools()
+
+    def clock(self) -> float:
+        """Their time, in seconds since the epoch, for the editors and corrections they work in."""
+        return self._now_s
 
     def work(self, editor: Editor, truth: UInt8, supervoxels: Int32, propagated: UInt8 | None = None) -> None:
         """Work on one frame until it is right enough or nothing helps, and accept it.
@@ -145,7 +139,7 @@ class Annotator:
                 self._take_back(editor, strokes)
                 tried.add(best.repair.identity)
         self._spend(editor, "painting", gesture_s(KEY, 1.0))
-        editor.accept()
+        editor.judge("accept")
 
     def _choose(self, sight: Sight, tried: set[Identity]) -> _Option | None:
         """The repair that corrects most pixels per second; pixels beyond the goal do not count."""
@@ -225,7 +219,7 @@ class Annotator:
             editor.undo(CTRL_KEY)
 
     def _spend(self, editor: Editor, activity: Activity, seconds: float) -> None:
-        self.clock.seconds += seconds
+        self._now_s += seconds
         editor.time.mark(activity)
 
 
@@ -243,7 +237,7 @@ def correct_set(
     """
     worked: list[CorrectedFrame] = []
     person = None
-    for frame_id in correction.frame_ids:
+    for frame_id in correction.labels.frame_ids:
         automatic, true = correction.frame(frame_id), truth.read(frame_id)
         camera = correction.labels.intrinsics
         cloud = cloud_of(frame_id)

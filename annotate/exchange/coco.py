@@ -15,7 +15,7 @@ from annotate.crop import window_of
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
 from annotate.exchange.masks import MASK_IDS, PERSON, Mask, images_from, mask_from_runs, masks_of, runs_of
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.images import decode_depth, encode_depth
+from annotate.labelset.images import decode_depth, encode_png
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
@@ -33,7 +33,7 @@ def write_coco(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> 
     for frame in frames:
         height, width = frame.parts.shape
         name = f"{frame.frame_id}.png"
-        (out / IMAGES / name).write_bytes(encode_depth(frame.depth_mm))
+        (out / IMAGES / name).write_bytes(encode_png(frame.depth_mm))
         images.append({"id": len(images) + 1, "file_name": name, "width": width, "height": height})
         for mask in masks_of(frame):
             annotations.append(_annotation(mask, len(annotations) + 1, len(images)))

@@ -19,7 +19,7 @@ from annotate.crop import window_of
 from annotate.exchange.companion import MAX_TEXT_BYTES, Companion
 from annotate.exchange.masks import MASK_IDS, PERSON, Mask, images_from, mask_from_runs, masks_of, runs_of
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.images import decode_depth, encode_depth
+from annotate.labelset.images import decode_depth, encode_png
 from annotate.parts import UNDEFINED, palette_rgb
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
@@ -37,7 +37,7 @@ def write_cvat(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> 
         xml.write(f" <meta><task><labels>{''.join(_labels())}</labels></task></meta>\n")
         for number, frame in enumerate(frames):
             name = f"{frame.frame_id}.png"
-            (out / IMAGES / name).write_bytes(encode_depth(frame.depth_mm))
+            (out / IMAGES / name).write_bytes(encode_png(frame.depth_mm))
             height, width = frame.parts.shape
             xml.write(f' <image id="{number}" name="{name}" width="{width}" height="{height}">\n')
             xml.writelines(map(_mask_xml, masks_of(frame)))

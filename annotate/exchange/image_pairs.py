@@ -13,7 +13,7 @@ from pathlib import Path
 
 from annotate.exchange.companion import Companion, frame_files
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts, read_image
+from annotate.labelset.images import decode_depth, decode_parts, encode_parts, encode_png, read_image
 from annotate.parts import PARTS
 from sensors.rig.camera import Intrinsics
 
@@ -29,7 +29,7 @@ def write_pairs(folders: Folders, frames: Iterator[FrameLabels], camera: Intrins
     for name in folders:
         (out / name).mkdir()
     for frame in frames:
-        (out / folders[0] / f"{frame.frame_id}.png").write_bytes(encode_depth(frame.depth_mm))
+        (out / folders[0] / f"{frame.frame_id}.png").write_bytes(encode_png(frame.depth_mm))
         (out / folders[1] / f"{frame.frame_id}.png").write_bytes(encode_parts(frame.parts))
     if folders == MMSEG:
         metainfo = {"classes": [part.name for part in PARTS], "palette": [part.rgb for part in PARTS]}

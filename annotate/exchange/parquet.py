@@ -9,7 +9,6 @@ Format: Hugging Face datasets, "Features"; parquet with ``huggingface`` in its s
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
-from importlib.util import find_spec
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -32,22 +31,19 @@ MALFORMED = (OSError, ValueError, TypeError, KeyError, AttributeError, Recursion
 """What reading a malformed file raises, beside pyarrow's own errors."""
 
 Pyarrow = Any
-"""A schema or table of pyarrow, which need not be installed where the types are checked."""
+"""pyarrow, its schemas or tables; it need not be installed where the types are checked."""
 
 
 def write_parquet(frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write into an empty folder, GROUPS_A_FILE groups of frames a file."""
-    _require()
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    pa = _pyarrow()
     (out / DATA).mkdir()
     schema = _schema(camera)
     files: list[Path] = []
     groups = iter(lambda: list(islice(frames, ROWS_A_GROUP)), [])
     for first in groups:
         files.append(out / DATA / f"{len(files):05d}")
-        with pq.ParquetWriter(files[-1], schema) as writer:
+        with pa.parquet.ParquetWriter(files[-1], schema) as writer:
             for group in chain([first], islice(groups, GROUPS_A_FILE - 1)):
                 writer.write_table(pa.Table.from_pylist([*map(_row, group)], schema))
     for number, file in enumerate(files):
@@ -61,7 +57,6 @@ def is_parquet(source: Path) -> bool:
 
 def camera_of_parquet(source: Path) -> Companion:
     """The camera of Parquet files, or the folder's companion. Raises FormatError, CalibrationError."""
-    _require()
     camera = _camera(_files(source)[0])
     return Companion(camera) if camera else load_companion(source)
 
@@ -72,9 +67,12 @@ def read_parquet(source: Path, companion: Companion) -> Iterator[FrameLabels]:
         yield from _frames(file)
 
 
-def _require() -> None:
-    if find_spec("pyarrow") is None:
-        raise FormatError("Parquet needs pyarrow; pip install 'annotate-cloud[exchange]'")
+def _pyarrow() -> Pyarrow:
+    try:
+        import pyarrow.parquet
+    except ImportError as error:
+        raise FormatError("Parquet needs pyarrow; pip install 'annotate-cloud[exchange]'") from error
+    return pyarrow
 
 
 def _files(source: Path) -> list[Path]:
@@ -82,8 +80,7 @@ def _files(source: Path) -> list[Path]:
 
 
 def _schema(camera: Intrinsics) -> Pyarrow:
-    import pyarrow as pa
-
+    pa = _pyarrow()
     picture = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
     columns = [("id", pa.string()), *((name, picture) for name in IMAGES)]
     columns += [("subject", pa.string()), ("annotation", pa.string())]
@@ -98,10 +95,10 @@ def _schema(camera: Intrinsics) -> Pyarrow:
 
 def _row(frame: FrameLabels) -> dict[str, Any]:
     encoded = {
-        "image": images.encode_depth(frame.depth_mm),
+        "image": images.encode_png(frame.depth_mm),
         "label": images.encode_parts(frame.parts),
         "confidence": None if frame.confidence is None else images.encode_confidence(frame.confidence),
-        "persons": None if frame.persons is None else images.encode_persons(frame.persons),
+        "persons": None if frame.persons is None else images.encode_png(frame.persons),
     }
     pictures = {
         name: None if data is None else {"bytes": data, "path": f"{frame.frame_id}.{name}.png"}
@@ -114,22 +111,18 @@ def _row(frame: FrameLabels) -> dict[str, Any]:
 
 
 def _camera(file: Path) -> Intrinsics | None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    pa = _pyarrow()
     try:
-        metadata = pq.read_schema(file).metadata or {}
+        metadata = pa.parquet.read_schema(file).metadata or {}
         return Intrinsics(**json.loads(metadata[CAMERA])) if CAMERA in metadata else None
     except (*MALFORMED, CalibrationError, pa.ArrowException) as error:
         raise _broken(file, error) from error
 
 
 def _frames(file: Path) -> Iterator[FrameLabels]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    pa = _pyarrow()
     try:
-        with pq.ParquetFile(file) as parquet:
+        with pa.parquet.ParquetFile(file) as parquet:
             # Group by group: one pass over the file would keep everything in memory.
             for group in range(parquet.num_row_groups):
                 if parquet.metadata.row_group(group).total_byte_size > MAX_GROUP_BYTES:

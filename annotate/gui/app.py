@@ -41,7 +41,7 @@ def run_window(
     window.show()
     _close_on_signals(window)
     app.exec()
-    states = [correction.state(frame_id) for frame_id in correction.frame_ids]
+    states = [correction.state(frame_id) for frame_id in correction.labels.frame_ids]
     return {state: states.count(state) for state in sorted(set(states))}
 
 

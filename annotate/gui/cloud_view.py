@@ -236,12 +236,8 @@ class CloudView(QWidget):
     @property
     def _spacing_px(self) -> float:
         """Distance of neighbouring points of the person on the screen."""
-        spacing_m = self.orbit.target_m[2] * self.scene.spacing
+        spacing_m = self.orbit.target_m[2] / self.scene.cloud.camera.fx
         return abs(spacing_m) * self.orbit.focal_px(self.plotter.height()) / self.orbit.distance_m
-
-    def close_view(self) -> None:
-        """Release the graphics; to be called before the window closes."""
-        self.plotter.close()
 
 
 def _person(scene: FrameScene) -> Bool:

@@ -16,7 +16,7 @@ Rgb = tuple[int, int, int]
 
 ROOM_RGB = {True: (74, 80, 92), False: (168, 174, 184)}
 """Colours of background points on a dark (True) and on a light ground. Chosen by eye."""
-DIFFERS_RGB, SAME_RGB = (255, 176, 32), (110, 126, 150)
+DIFFERS_RGB, SAME_RGB = np.array([(255, 176, 32), (110, 126, 150)], np.float32)
 """Colours of points to check, where two sets differ or confidence is low, and of others. Chosen by eye."""
 COLD_C, HOT_C = 18.0, 38.0
 """Range of the temperature colours in degrees Celsius: from a cool room to a body's core. Chosen by eye."""
@@ -73,13 +73,11 @@ def _plain(scene: FrameScene, part: UInt8, pixels: Int64, colouring: Colouring, 
         return _mapped((celsius - COLD_C) / (HOT_C - COLD_C), cv2.COLORMAP_INFERNO, room_rgb)
     if colouring == "confidence" and scene.labels.confidence is not None:
         doubt = np.sqrt(1 - np.clip(scene.labels.confidence.ravel()[pixels], 0, 1))[:, None]
-        rgb = (1 - doubt) * np.array(SAME_RGB, np.float32) + doubt * np.array(DIFFERS_RGB, np.float32)
+        rgb = (1 - doubt) * SAME_RGB + doubt * DIFFERS_RGB
         return np.where((part == BACKGROUND)[:, None], room_rgb, rgb)
     if colouring == "disagreement" and scene.other is not None:
         other = scene.other.ravel()[pixels]
-        rgb = np.where(
-            (part != other)[:, None], np.array(DIFFERS_RGB, np.float32), np.array(SAME_RGB, np.float32)
-        )
+        rgb = np.where((part != other)[:, None], DIFFERS_RGB, SAME_RGB)
         return np.where(((part == BACKGROUND) & (other == BACKGROUND))[:, None], room_rgb, rgb)
     return np.tile(room_rgb, (len(pixels), 1))
 

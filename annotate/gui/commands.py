@@ -69,7 +69,7 @@ def _actions(window: CorrectionWindow) -> dict[str, Callable[[], Done | None]]:
         "back": partial(_step, window, -1),
         "save": partial(_save, window),
         "order": window.reorder,
-        "colouring": partial(_colouring, window),
+        "colouring": lambda: window.set_colouring(desk.next_colouring()),
         "front_view": window.look_ahead,
         "theme": window.toggle_theme,
         "help": window.toggle_help,
@@ -124,8 +124,3 @@ def _step(window: CorrectionWindow, by: int) -> Done | None:
     if window.step(by):
         return None
     return Done("That was the last frame" if by > 0 else "This is the first frame", "warn")
-
-
-def _colouring(window: CorrectionWindow) -> None:
-    window.desk.next_colouring()
-    window.recolor()

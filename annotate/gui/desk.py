@@ -16,7 +16,7 @@ from annotate.gui.colors import Colouring, Visibility, colourings, point_colors
 from annotate.gui.drawing import Drawing
 from annotate.gui.outcome import NOTHING, Done, described, title
 from annotate.gui.scene import FrameScene
-from annotate.labelset.stroke import KEY, Gesture, Operation, Stroke
+from annotate.labelset.stroke import Gesture, Operation, Stroke
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 from sensors.errors import CloudError
 
@@ -107,10 +107,10 @@ class Desk:
             rgb[np.isin(pixels, self.preview.pixels)] = PREVIEW_RGB
         return rgb
 
-    def next_colouring(self) -> None:
-        """Switch to the next colouring for which the frame has data."""
+    def next_colouring(self) -> Colouring:
+        """The next colouring for which the frame has data."""
         there = colourings(self.scene)
-        self.colouring = there[(there.index(self.colouring) + 1) % len(there)]
+        return there[(there.index(self.colouring) + 1) % len(there)]
 
     def toggle_lock(self, part: int) -> Done:
         """Lock a part, or unlock it."""
@@ -243,9 +243,8 @@ class Desk:
     def toggle_carrying(self) -> Done:
         """Carry corrections over to every frame that accepting opens, or only by the key."""
         self.carrying = not self.carrying
-        return Done(
-            f"Corrections are carried over {'to every next frame' if self.carrying else 'only by the key'}"
-        )
+        where = "to every next frame" if self.carrying else "only by the key"
+        return Done(f"Corrections are carried over {where}")
 
     def carry(self, frame_ids: Sequence[str]) -> Done:
         """As ``propagate``, for a frame that was just opened and that nobody edited: without a key."""
@@ -269,12 +268,9 @@ class Desk:
 
     def undo(self) -> Done:
         """Take back the last stroke."""
-        cancelled = self.cancel()
-        return (
-            cancelled
-            if cancelled.text
-            else self._did(self._editor().undo(self._key(keys=2)), "Nothing to undo")
-        )
+        if (cancelled := self.cancel()).text:
+            return cancelled
+        return self._did(self._editor().undo(self._key(keys=2)), "Nothing to undo")
 
     def redo(self) -> Done:
         """Do again what was undone last."""
@@ -283,16 +279,14 @@ class Desk:
     def accept(self) -> Done:
         """Accept the frame, or agree where another person accepted it."""
         editor, verdict = self._editor(), self.correction.next_verdict(self.scene.labels.frame_id)
-        if verdict == "accept":
-            editor.accept(KEY)
-        elif verdict == "agree":
-            editor.agree(KEY)
+        if verdict != "none":
+            editor.judge(verdict)
         texts = {"accept": "Accepted", "agree": "Agreed", "none": "Already accepted"}
         return Done(texts[verdict], "good")
 
     def reject(self, reason: str) -> Done:
         """Reject the frame, for a reason."""
-        self._editor().reject(reason, Gesture("key", keys=2))
+        self._editor().judge("reject", reason, Gesture("key", keys=2))
         return Done(f"Rejected: {reason}", "warn")
 
     # Within

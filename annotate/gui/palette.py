@@ -1,7 +1,5 @@
 """The part palette: twelve tiles laid out like a body that faces you, as the keys are."""
 
-from dataclasses import dataclass
-
 from PySide6.QtCore import QRect, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
@@ -17,26 +15,14 @@ ICON_PX, HEIGHT_PX = 16, 62
 """Size of the lock and the eye, and height of a tile, in logical pixels. Chosen by eye."""
 
 
-@dataclass(frozen=True)
-class TileState:
-    """The contents of a tile. count: number of pixels of the part."""
-
-    count: int = 0
-    chosen: bool = False
-    locked: bool = False
-    visibility: Visibility = "shown"
-
-
 class PartTile(QWidget):
-    """One part: its key, colour, name and count, with a lock and an eye to click."""
+    """One part: its key, colour, name and number of pixels, with a lock and an eye to click."""
 
-    chosen = Signal(int)
-    lock_clicked = Signal(int)
-    eye_clicked = Signal(int)
-
-    def __init__(self, part: int, key: str) -> None:
+    def __init__(self, part: int, key: str, palette: "Palette") -> None:
         super().__init__()
-        self.part, self.key, self.theme, self.state = part, key, DARK, TileState()
+        self.part, self.key, self.theme, self._palette = part, key, DARK, palette
+        self.count, self.chosen, self.locked = 0, False, False
+        self.visibility: Visibility = "shown"
         self.setFixedHeight(HEIGHT_PX)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setMouseTracking(True)
@@ -57,28 +43,28 @@ class PartTile(QWidget):
         """Qt's hook."""
         place = event.position().toPoint()
         if self.lock_rect.contains(place):
-            self.lock_clicked.emit(self.part)
+            self._palette.locked.emit(self.part)
         elif self.eye_rect.contains(place):
-            self.eye_clicked.emit(self.part)
+            self._palette.faded.emit(self.part)
         else:
-            self.chosen.emit(self.part)
+            self._palette.chosen.emit(self.part)
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
         """Qt's hook."""
-        painter, theme, state = QPainter(self), self.theme, self.state
+        painter, theme = QPainter(self), self.theme
         body = QRectF(self.rect()).adjusted(1.5, 1.5, -1.5, -1.5)
-        draw_card(painter, body, 8, theme, state.chosen, part_color(self.part, theme))
-        if state.visibility == "hidden":
+        draw_card(painter, body, 8, theme, self.chosen, part_color(self.part, theme))
+        if self.visibility == "hidden":
             painter.setOpacity(0.5)
         self._write(painter)
         painter.setOpacity(1)
-        lock, lock_color = ("locked", theme.warn) if state.locked else ("unlocked", theme.line)
+        lock, lock_color = ("locked", theme.warn) if self.locked else ("unlocked", theme.line)
         draw_icon(painter, QRectF(self.lock_rect), lock, lock_color, 1.5)
-        draw_icon(painter, QRectF(self.eye_rect), state.visibility, theme.quiet, 1.5)
+        draw_icon(painter, QRectF(self.eye_rect), self.visibility, theme.quiet, 1.5)
 
     def _write(self, painter: QPainter) -> None:
         """The key above, the name in the middle, and the count beneath."""
-        count, chosen, quiet = self.state.count, self.state.chosen, self.theme.quiet
+        count, chosen, quiet = self.count, self.chosen, self.theme.quiet
         above, low, left = Qt.AlignmentFlag.AlignTop, Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignLeft
         inside, middle = self.rect().adjusted(14, 6, -7, -5), Qt.AlignmentFlag.AlignVCenter
         centre = inside.adjusted(0, 12, 0, -6 if count > 0 and self.part != UNDEFINED else 0)
@@ -122,21 +108,17 @@ class Palette(QWidget):
         grid.addWidget(self._tile(UNDEFINED, settings.key("undefined")), len(BODY_GRID), 0, 1, 3)
 
     def _tile(self, part: int, key: str) -> PartTile:
-        tile = self.tiles[part] = PartTile(part, key)
+        tile = self.tiles[part] = PartTile(part, key, self)
         if part == UNDEFINED:
             tile.setFixedHeight(44)
-        tile.chosen.connect(self.chosen)
-        tile.lock_clicked.connect(self.locked)
-        tile.eye_clicked.connect(self.faded)
         return tile
 
     def show_desk(self, desk: Desk, theme: Theme) -> None:
         """Update counts, choice, locks and eyes."""
         counts = desk.counts()
         for part, tile in self.tiles.items():
-            how = desk.visibility.get(part, "shown")
-            if desk.alone and part != desk.part:
-                how = "hidden"
-            tile.theme = theme
-            tile.state = TileState(counts[part], part == desk.part, part in desk.locks, how)
+            tile.theme, tile.count = theme, counts[part]
+            tile.chosen, tile.locked = part == desk.part, part in desk.locks
+            alone = desk.alone and not tile.chosen
+            tile.visibility = "hidden" if alone else desk.visibility.get(part, "shown")
             tile.update()

@@ -53,11 +53,6 @@ class FrameScene:
         """Points (h * w, 3) in metres, depth-camera frame, NaN where there is no reading."""
         return self.cloud.points_m.reshape(-1, 3)
 
-    @property
-    def spacing(self) -> float:
-        """Distance of neighbouring points seen head-on, as a share of their depth."""
-        return 1.0 / self.cloud.camera.fx
-
 
 class SceneReader:
     """Reads scenes of the set that is being corrected; also from a thread beside the window's."""

@@ -15,7 +15,6 @@ class Theme:
     """Colours as "#rrggbb". ground: behind the cloud; surface: panels; raised: buttons; line: borders;
     text, quiet: words; accent: what is chosen; good, warn, bad: states."""
 
-    name: str
     ground: str
     surface: str
     raised: str
@@ -36,11 +35,11 @@ class Theme:
 
 
 DARK = Theme(
-    *("dark", "#14161b", "#1c1f26", "#272b34", "#353a46", "#e8eaf0", "#98a0b0"),
+    *("#14161b", "#1c1f26", "#272b34", "#353a46", "#e8eaf0", "#98a0b0"),
     *("#5b9dff", "#08101e", "#4cc38a", "#f5b73d", "#f2706b"),
 )
 LIGHT = Theme(
-    *("light", "#eef0f4", "#ffffff", "#f0f2f6", "#d4d8e0", "#1b1f27", "#5c6472"),
+    *("#eef0f4", "#ffffff", "#f0f2f6", "#d4d8e0", "#1b1f27", "#5c6472"),
     *("#1f66d6", "#ffffff", "#18794e", "#9a5b00", "#c62f2f"),
 )
 

@@ -28,13 +28,13 @@ class Walk:
         self._read, self._pool = reader.read, ThreadPoolExecutor(1, "prefetch")
         self._scenes: dict[str, Future[FrameScene]] = {}
         self.worst_first = False
-        self.frame_ids = correction.frame_ids
+        self.frame_ids = correction.labels.frame_ids
         self._others_done = 0
 
     def reorder(self) -> None:
         """Switch to the other order."""
         self.worst_first = not self.worst_first
-        self.frame_ids = self.correction.frame_ids
+        self.frame_ids = self.correction.labels.frame_ids
         if self.worst_first:
             self.frame_ids.sort(key=self._confidence)
 
@@ -71,7 +71,7 @@ class Walk:
 
     def before(self, frame_id: str) -> str:
         """The frame before in time. Raises CloudError for the first."""
-        frame_ids = self.correction.frame_ids
+        frame_ids = self.correction.labels.frame_ids
         at = frame_ids.index(frame_id)
         if not at:
             raise CloudError("This is the first frame; there is none before it")
@@ -82,7 +82,7 @@ class Walk:
 
         Raises CloudError where there are none.
         """
-        frame_ids = self.correction.frame_ids
+        frame_ids = self.correction.labels.frame_ids
         at = frame_ids.index(frame_id)
         near = sorted(range(len(frame_ids)), key=lambda i: (abs(i - at), i))
         done = [frame_ids[i] for i in near if self.correction.state(frame_ids[i]) not in ("auto", "rejected")]

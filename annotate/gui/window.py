@@ -303,7 +303,7 @@ class CorrectionWindow(QMainWindow):
             self.correction.abandon()
         self.walk.close()
         self.strip.frames.close()
-        self.cloud_view.close_view()
+        self.cloud_view.plotter.close()
         event.accept()
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from annotate.crop import SIZE, Crop
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.images import decode_depth, decode_parts, encode_depth, encode_parts
+from annotate.labelset.images import decode_depth, decode_parts, encode_parts, encode_png
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE
@@ -51,7 +51,7 @@ def encode_shard(frames: Iterable[FrameLabels]) -> bytes:
         for frame in frames:
             fields = {"subject": frame.subject, "status": frame.status, "notes": frame.notes}
             text = json.dumps(fields, sort_keys=True).encode()
-            contents = encode_depth(frame.depth_mm), encode_parts(frame.parts), text
+            contents = encode_png(frame.depth_mm), encode_parts(frame.parts), text
             for suffix, data in zip(SUFFIXES, contents, strict=True):
                 member = tarfile.TarInfo(f"{frame.frame_id}.{suffix}")
                 member.size = len(data)

@@ -31,11 +31,6 @@ def read_image(file: Path, decode: Callable[[bytes], V]) -> V:
         raise FormatError(f"{file}: {error}") from error
 
 
-def encode_depth(depth_mm: UInt16) -> bytes:
-    """uint16 (h, w) millimetres -> 16-bit greyscale PNG."""
-    return encode_png(depth_mm)
-
-
 def decode_depth(data: bytes) -> UInt16:
     """16-bit greyscale PNG -> uint16 (h, w) millimetres. Raises FormatError."""
     return decode_grey(data, np.uint16, "depth")
@@ -76,13 +71,8 @@ def decode_parts(data: bytes) -> UInt8:
     return parts
 
 
-def encode_persons(persons: UInt8) -> bytes:
-    """uint8 (h, w) person numbers -> 8-bit greyscale PNG."""
-    return encode_png(persons)
-
-
 def decode_persons(data: bytes) -> UInt8:
-    """Inverse of ``encode_persons``. Raises FormatError."""
+    """8-bit greyscale PNG -> uint8 (h, w) person numbers. Raises FormatError."""
     return decode_grey(data, np.uint8, "persons")
 
 

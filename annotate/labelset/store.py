@@ -189,17 +189,17 @@ class LabelSet:
                 f"frame {frame.frame_id} is {frame.depth_mm.shape}, the label set {self.intrinsics.shape}; "
                 "one set holds one camera"
             )
-        self._put(frame.frame_id, "depth.png", images.encode_depth(frame.depth_mm))
-        self._put_or_drop(frame.frame_id, "confidence.png", images.encode_confidence, frame.confidence)
-        self._put_or_drop(frame.frame_id, "persons.png", images.encode_persons, frame.persons)
-        self._put_or_drop(frame.frame_id, PROBABILITY, encode_probabilities, probabilities)
+        self._put(frame.frame_id, "depth.png", images.encode_png, frame.depth_mm)
+        self._put(frame.frame_id, "confidence.png", images.encode_confidence, frame.confidence)
+        self._put(frame.frame_id, "persons.png", images.encode_png, frame.persons)
+        self._put(frame.frame_id, PROBABILITY, encode_probabilities, probabilities)
         self.write_labels(frame)
 
     def write_labels(self, frame: FrameLabels) -> None:
         """Replace a frame's parts, status, subject and notes; its other images stay as they are."""
-        self._put(frame.frame_id, "parts.png", images.encode_parts(frame.parts))
+        self._put(frame.frame_id, "parts.png", images.encode_parts, frame.parts)
         fields = {"status": frame.status, "subject": frame.subject, "notes": frame.notes}
-        self._put(frame.frame_id, "json", _dump(fields))
+        self._put(frame.frame_id, "json", _dump, fields)
 
     def keep_original(self, frame_id: str) -> None:
         """Copy a frame's parts and JSON to ``original/``, once: what a correction starts from."""
@@ -218,15 +218,12 @@ class LabelSet:
             raise FormatError(f"frame id {frame_id!r} is unsafe; use letters, digits, '_', '-' and '.'")
         return self.path / folder / f"{frame_id}.{suffix}"
 
-    def _put(self, frame_id: str, suffix: str, data: bytes) -> None:
-        write_bytes(self._file(frame_id, suffix), data)
-
-    def _put_or_drop(self, frame_id: str, suffix: str, encode: Callable[[V], bytes], value: V | None) -> None:
-        """Write what may be absent; without a value, remove what an earlier write left."""
+    def _put(self, frame_id: str, suffix: str, encode: Callable[[V], bytes], value: V | None) -> None:
+        """Write one file of a frame; without a value, remove what an earlier write left."""
         if value is None:
             self._file(frame_id, suffix).unlink(missing_ok=True)
         else:
-            self._put(frame_id, suffix, encode(value))
+            write_bytes(self._file(frame_id, suffix), encode(value))
 
     def _optional_image(self, frame_id: str, suffix: str, decode: Decode[T]) -> NDArray[T] | None:
         return self._image(frame_id, suffix, decode) if self._file(frame_id, suffix).is_file() else None

@@ -30,7 +30,8 @@ Operation = Literal[
     # or only record the time spent.
     "leave",
 ]
-VERDICTS = ("accept", "agree", "reject")
+Verdict = Literal["accept", "agree", "reject"]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 """Judgements of a frame: the annotator is done, a reviewer agrees, somebody rejects it with a reason."""
 
 GestureKind = Literal["supervoxel", "grow", "lasso", "polygon", "rectangle", "brush", "key"]

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from annotate.array_types import Int64, UInt8
 from annotate.labelset.claim import Claim, login
-from annotate.labelset.images import encode_depth, encode_parts
+from annotate.labelset.images import encode_parts, encode_png
 from annotate.parts import BACKGROUND, N_CLASSES
 from eval.network.checkpoint import Epoch, Point, Progress, load_checkpoint, save_checkpoint, steps_done
 from eval.network.networks import build
@@ -63,7 +63,7 @@ class FixedFrame:
     def begin(self, model: nn.Module) -> None:
         """Write the frame itself and what the untrained network makes of it."""
         self.folder.mkdir(exist_ok=True)
-        write_bytes(self.folder / "depth.png", encode_depth(self.crop.depth(0)))
+        write_bytes(self.folder / "depth.png", encode_png(self.crop.depth(0)))
         write_bytes(self.folder / "truth.parts.png", encode_parts(self.crop.parts(0)))
         self.label(model, 0)
 

@@ -10,7 +10,7 @@ import numpy as np
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.audit import Audit, PersonWork
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.images import encode_depth, encode_parts
+from annotate.labelset.images import encode_parts, encode_png
 from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED, swap_left_right
 from eval.compare.compare import Comparison
@@ -97,7 +97,7 @@ def trained(folder: Path) -> Path:
     }
     (folder / "history.json").write_text(json.dumps(history))
     frame = person(0)
-    (folder / "frame" / "depth.png").write_bytes(encode_depth(frame.depth_mm))
+    (folder / "frame" / "depth.png").write_bytes(encode_png(frame.depth_mm))
     (folder / "frame" / "truth.parts.png").write_bytes(encode_parts(frame.parts))
     for epoch in range(13):
         (folder / "frame" / f"epoch-{epoch:03d}.parts.png").write_bytes(encode_parts(frame.parts))
