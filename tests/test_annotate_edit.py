@@ -37,8 +37,8 @@ operations = st.one_of(
     st.tuples(st.just("to_neighbour"), masks),
     st.tuples(st.just("copy_previous"), st.builds(FrameLabels, st.just("p"), depths, maps)),
     st.tuples(st.just("propagate"), maps),
-    st.tuples(st.sampled_from(["undo", "redo", "accept", "agree", "leave"])),
-    st.tuples(st.just("reject"), st.just("blurred")),
+    st.tuples(st.sampled_from(["undo", "redo", "leave"])),
+    st.tuples(st.just("judge"), st.sampled_from(["accept", "agree", "reject"]), st.just("blurred")),
 )
 works = st.lists(operations, max_size=12)
 

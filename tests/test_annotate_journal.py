@@ -62,7 +62,7 @@ def written(folder, *strokes: Stroke) -> Journal:
 
 
 def lines_of(journal: Journal) -> list[bytes]:
-    return [to_line(each) for each in journal]
+    return [to_line(each) for i in journal.frame_ids for each in journal.strokes(i)]
 
 
 @given(one=strokes())

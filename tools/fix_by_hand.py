@@ -210,8 +210,8 @@ class AtWindow:
     def __getattr__(self, name: str):
         return getattr(self._editor, name)
 
-    def accept(self) -> None:
-        self._hand.key("accept")
+    def judge(self, verdict: str) -> None:
+        self._hand.key(verdict)
 
 
 def middle_of(line: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -58,11 +58,9 @@ def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
     strokes = journal.strokes(frame.frame_id)
     if not strokes:
         return frame
-    status: Status = (
-        "corrected" if any(s.changes or s.operation in ("accept", "agree") for s in strokes) else before
-    )
-    if state_of(strokes, before) == "reviewed":
-        status = "reviewed"
+    done = any(stroke.changes or stroke.operation in ("accept", "agree") for stroke in strokes)
+    reviewed = state_of(strokes, before) == "reviewed"
+    status: Status = "reviewed" if reviewed else "corrected" if done else before
     return replace(frame, status=status, notes={**frame.notes, **_notes_of(strokes)})
 
 

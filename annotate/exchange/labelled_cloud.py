@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from annotate.array_types import UInt8
 from annotate.exchange.companion import Companion, frame_files
-from annotate.exchange.record_file import Records, read_pcd, read_ply, write_pcd, write_ply
+from annotate.exchange.record_file import Records, Shape, read_pcd, read_ply, write_pcd, write_ply
 from annotate.frame_labels import FrameLabels
 from annotate.parts import palette_rgb
 from sensors.errors import FormatError
@@ -31,22 +31,34 @@ MAX_CLOUD_BYTES = 1 << 31
 
 @dataclass(frozen=True)
 class CloudFile:
-    """One file format of clouds. suffix: of its files; label_type: dtype of labels and person numbers."""
+    """One file format of clouds. suffix: of its files; label_type: dtype of labels and person numbers;
+    colors: its fields for colours uint8 (n, 3)."""
 
     suffix: str
     label_type: str
-    write: Callable[[Records, tuple[int, int]], bytes]
-    read: Callable[[bytes, str], tuple[Records, tuple[int, int]]]
+    colors: Callable[[UInt8], dict[str, NDArray[Any]]]
+    write: Callable[[Records, Shape], bytes]
+    read: Callable[[bytes, str], tuple[Records, Shape]]
 
 
-PCD = CloudFile(".pcd", "<u4", write_pcd, read_pcd)
-PLY = CloudFile(".ply", "u1", write_ply, read_ply)
+def _packed(rgb: UInt8) -> dict[str, NDArray[Any]]:
+    """PCL's one field: the bits of a whole number as a float."""
+    red, green, blue = rgb.astype(np.uint32).T
+    return {"rgb": (red << 16 | green << 8 | blue).view(np.float32)}
+
+
+def _separate(rgb: UInt8) -> dict[str, NDArray[Any]]:
+    return dict(zip(("red", "green", "blue"), rgb.T, strict=True))
+
+
+PCD = CloudFile(".pcd", "<u4", _packed, write_pcd, read_pcd)
+PLY = CloudFile(".ply", "u1", _separate, write_ply, read_ply)
 
 
 def write_clouds(kind: CloudFile, frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
     """Write one file a frame into an empty folder."""
     for frame in frames:
-        records = _records(frame, camera, kind.label_type)
+        records = _records(frame, camera, kind)
         (out / f"{frame.frame_id}{kind.suffix}").write_bytes(kind.write(records, frame.parts.shape))
 
 
@@ -56,20 +68,18 @@ def read_clouds(kind: CloudFile, source: Path, companion: Companion) -> Iterator
         yield _frame(name, file, kind, companion)
 
 
-def _records(frame: FrameLabels, camera: Intrinsics, label_type: str) -> Records:
+def _records(frame: FrameLabels, camera: Intrinsics, kind: CloudFile) -> Records:
     """Records (h * w,) of a frame, row by row."""
     points_m = unproject(camera, np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)).reshape(-1, 3)
-    rgb = palette_rgb()[frame.parts.ravel()]
-    columns: dict[str, tuple[str, NDArray[Any]]]
-    columns = {name: ("<f4", points_m[:, axis]) for axis, name in enumerate("xyz")}
-    columns |= {name: ("u1", rgb[:, channel]) for channel, name in enumerate(("red", "green", "blue"))}
-    columns["label"] = (label_type, frame.parts)
+    columns: dict[str, NDArray[Any]] = dict(zip("xyz", points_m.astype("<f4").T, strict=True))
+    columns |= kind.colors(palette_rgb()[frame.parts.ravel()])
+    columns["label"] = frame.parts.astype(kind.label_type)
     if frame.confidence is not None:
-        columns["confidence"] = ("<f4", frame.confidence)
+        columns["confidence"] = frame.confidence.astype("<f4")
     if frame.persons is not None:
-        columns["person"] = (label_type, frame.persons)
-    records = np.zeros(len(points_m), [(name, dtype) for name, (dtype, _) in columns.items()])
-    for name, (_, values) in columns.items():
+        columns["person"] = frame.persons.astype(kind.label_type)
+    records = np.zeros(len(points_m), [(name, values.dtype) for name, values in columns.items()])
+    for name, values in columns.items():
         records[name] = values.ravel()
     return records
 

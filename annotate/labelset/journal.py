@@ -37,15 +37,15 @@ class Journal:
         Raises FormatError naming the first line that is no stroke.
         """
         self.path = path
-        self._strokes: list[Stroke] = []
         self._by_frame: defaultdict[str, list[Stroke]] = defaultdict(list)
         self._pending: list[Stroke] = []
         self._end = 0
         for number, line in enumerate(self._lines(), 1):
             try:
-                self._keep(from_line(line))
+                stroke = from_line(line)
             except FormatError as error:
                 raise FormatError(f"{path} line {number}: {error}; {REMEDY}") from error
+            self._by_frame[stroke.frame_id].append(stroke)
             self._end += len(line)
 
     @classmethod
@@ -53,11 +53,8 @@ class Journal:
         """The journal of the label set in ``folder``."""
         return cls(folder / JOURNAL)
 
-    def __iter__(self) -> Iterator[Stroke]:
-        return iter(self._strokes)
-
     def __len__(self) -> int:
-        return len(self._strokes)
+        return sum(map(len, self._by_frame.values()))
 
     def strokes(self, frame_id: str) -> Sequence[Stroke]:
         """A frame's entries, the oldest first; those not yet on the disk included."""
@@ -75,7 +72,7 @@ class Journal:
 
     def add(self, stroke: Stroke) -> None:
         """Take one more entry; ``flush`` brings it to the disk."""
-        self._keep(stroke)
+        self._by_frame[stroke.frame_id].append(stroke)
         self._pending.append(stroke)
 
     def flush(self) -> None:
@@ -128,10 +125,6 @@ class Journal:
             return
         except OSError as error:
             raise FormatError(f"{self.path} cannot be read ({error.strerror}); check it") from error
-
-    def _keep(self, stroke: Stroke) -> None:
-        self._strokes.append(stroke)
-        self._by_frame[stroke.frame_id].append(stroke)
 
 
 def _write(file: int, data: bytes, offset: int) -> None:
