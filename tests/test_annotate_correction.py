@@ -112,7 +112,12 @@ def test_a_saved_frame_says_what_was_done_and_by_whom(folder):
     clock, before = Clock(), files(folder)
     with Correction.open(folder, "ann", clock=clock) as correction:
         editor = correction.edit(FRAMES[1])
-        for operation in (lambda: editor.paint(dab(0), 5), editor.undo, editor.redo, editor.accept):
+        for operation in (
+            lambda: editor.paint(dab(0), 5),
+            editor.undo,
+            editor.redo,
+            lambda: editor.judge("accept"),
+        ):
             clock.now += 2
             operation()
     frame = LabelSet.open(folder).read(FRAMES[1])
