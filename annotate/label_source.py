@@ -16,7 +16,7 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.engine import Engine
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.claim import Claim, login
-from annotate.labelset.probabilities import Probabilities
+from annotate.labelset.images import Probabilities
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask, Survey

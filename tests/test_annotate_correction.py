@@ -223,8 +223,8 @@ def test_states(folder):
         expected = [
             (lambda: None, "auto", "auto"),
             (lambda: editor.paint(dab(0), 9), "touched", "corrected"),
-            (editor.accept, "accepted", "corrected"),
-            (editor.agree, "reviewed", "reviewed"),
+            (lambda: editor.judge("accept"), "accepted", "corrected"),
+            (lambda: editor.judge("agree"), "reviewed", "reviewed"),
             (editor.undo, "touched", "corrected"),
             (lambda: editor.judge("reject", "the arms\nare swapped"), "rejected", "corrected"),
         ]
@@ -281,7 +281,7 @@ def test_a_full_disk_loses_no_stroke(folder):
             with pytest.raises(NotSavedError, match="free some space"):
                 editor.paint(dab(k), 9)
         other = correction.edit(FRAMES[1])
-        for refused in (lambda: other.paint(dab(3), 9), other.accept, correction.close):
+        for refused in (lambda: other.paint(dab(3), 9), lambda: other.judge("accept"), correction.close):
             with pytest.raises(NotSavedError):
                 refused()
         # Two strokes, then, on another frame that has no original yet, a stroke and a verdict.

@@ -8,8 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from annotate import cleanup
 from annotate.correction import select
-from annotate.correction.activity import IDLE_S, ActiveTime
-from annotate.correction.edit import ARMS, LEGS, Editor, History
+from annotate.correction.edit import ARMS, IDLE_S, LEGS, ActiveTime, Editor, History
 from annotate.correction.replay import after
 from annotate.correction.select import edit_supervoxels
 from annotate.frame_labels import FrameLabels

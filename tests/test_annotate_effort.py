@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.correction.activity import ActiveTime
 from annotate.correction.correction import Correction
-from annotate.correction.edit import Editor
+from annotate.correction.edit import ActiveTime, Editor
 from annotate.correction.select import edit_supervoxels
 from annotate.effort.agreement import Agreement
 from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from annotate.crop import SIZE, Crop
-from annotate.labelset.probabilities import Probabilities, decode_probabilities, encode_probabilities
+from annotate.labelset.images import Probabilities, decode_probabilities, encode_probabilities
 from annotate.parts import N_CLASSES
 from sensors.errors import FormatError
 

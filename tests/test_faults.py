@@ -19,8 +19,8 @@ from test_cli_nothing_lost import ordinary_user
 
 import sensors.recording.recorder
 from annotate.correction import activity
-from annotate.correction.activity import ActiveTime, steady_time
 from annotate.correction.correction import Correction
+from annotate.correction.edit import ActiveTime, steady_time
 from annotate.label_source import label_source
 from annotate.labelset.claim import CLAIM, Claim, ClaimedError
 from annotate.labelset.store import LabelSet, validate

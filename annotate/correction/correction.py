@@ -14,8 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from annotate.correction.activity import ActiveTime, steady_time
-from annotate.correction.edit import Editor, History
+from annotate.correction.edit import ActiveTime, Editor, History, steady_time
 from annotate.correction.replay import State, after, noted, replayed, state_of
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.claim import Claim, login

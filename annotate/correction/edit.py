@@ -1,19 +1,20 @@
-"""The operations that change one frame's labels. No window and no file here.
+"""The operations that change one frame's labels, and the time they take. No window and no file here.
 
 Every operation computes its result first and then replaces, by one stroke; ``undo`` takes back one stroke.
 """
 
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Int64, UInt8
 from annotate.cleanup import neighbours
-from annotate.correction.activity import ActiveTime
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.stroke import KEY, Gesture, Operation, Stroke, Verdict, difference, is_part
+from annotate.labelset.stroke import KEY, Activity, Gesture, Operation, Stroke, Verdict, difference, is_part
 from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED
 from sensors.errors import CloudError, FormatError
 
@@ -22,6 +23,42 @@ ARMS, LEGS = LEFT_RIGHT[:2], LEFT_RIGHT[2:]
 SAME_DEPTH = 0.05
 """Largest depth difference of the same surface from one frame to the next, as a share of depth: 10 cm at 2 m.
 Chosen by eye."""
+IDLE_S = 120.0
+"""Longest gap between two events that counts, in seconds: longer ones are breaks (inception #5909)."""
+_EPOCH_S = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+def steady_time() -> float:
+    """Seconds since the epoch by a clock that does not jump when a person or NTP sets the host's clock."""
+    return _EPOCH_S + time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+class ActiveTime:
+    """Sums of the gaps between a person's events, by activity.
+
+    clock: seconds since the epoch; ``steady_time``, or the clock of the simulated annotator.
+    """
+
+    def __init__(self, clock: Callable[[], float] = steady_time) -> None:
+        self.clock = clock
+        self._last: float | None = None
+        self._seconds: dict[Activity, float] = {}
+
+    def mark(self, kind: Activity) -> None:
+        """Count the time since the previous event (a key, a click, a camera move) for an activity."""
+        now = self.clock()
+        if self._last is not None and 0 < now - self._last <= IDLE_S:
+            self._seconds[kind] = self._seconds.get(kind, 0.0) + (now - self._last)
+        self._last = now
+
+    def take(self) -> dict[Activity, float]:
+        """Seconds by activity since the last call, to the millisecond."""
+        taken, self._seconds = self._seconds, {}
+        return {kind: round(seconds, 3) for kind, seconds in taken.items()}
+
+    def now(self) -> str:
+        """The clock as ISO 8601 in UTC."""
+        return datetime.fromtimestamp(self.clock(), UTC).isoformat(timespec="milliseconds")
 
 
 @dataclass

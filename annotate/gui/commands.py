@@ -5,10 +5,10 @@ from functools import partial
 
 from PySide6.QtGui import QKeySequence, QShortcut
 
+from annotate.gui.bars import SWITCHES
 from annotate.gui.dialogs import ask_reason
 from annotate.gui.drawing import TOOLS
 from annotate.gui.outcome import Done
-from annotate.gui.tools import SWITCHES
 from annotate.gui.window import CorrectionWindow
 from annotate.parts import PARTS, UNDEFINED
 

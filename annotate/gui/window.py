@@ -11,13 +11,13 @@ from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QMainWindow, QS
 from annotate.array_types import Int64, UInt8
 from annotate.correction.correction import Correction
 from annotate.gui import dialogs
+from annotate.gui.bars import Header, ToolColumn
 from annotate.gui.cloud_view import CloudView
 from annotate.gui.colors import Colouring
 from annotate.gui.depth_pane import DepthPane
 from annotate.gui.desk import Desk
 from annotate.gui.drawing import Drawing, Tool
 from annotate.gui.frame_strip import FrameStrip
-from annotate.gui.header import Header
 from annotate.gui.hints import KeyPage, StatusLine
 from annotate.gui.keys import Settings
 from annotate.gui.outcome import Done
@@ -25,7 +25,6 @@ from annotate.gui.palette import Palette
 from annotate.gui.pointing import Hand
 from annotate.gui.scene import SceneReader
 from annotate.gui.theme import DARK, LIGHT, part_color, qt_palette, style_sheet, theme_of
-from annotate.gui.tools import ToolColumn
 from annotate.gui.walk import Walk
 from annotate.gui.widgets import laid, named
 from annotate.labelset.journal import NotSavedError
@@ -80,7 +79,7 @@ class CorrectionWindow(QMainWindow):
             self.desk.put(*self.walk.open(frame_id))
         except CloudError as error:
             self.strip.choose(left)
-            self.report(Done(str(error), "bad"))
+            self.status.show_done(Done(str(error), "bad"), self.theme)
             return False
         self.strip.frames.refresh(left)
         self.show_frame()
@@ -108,7 +107,7 @@ class CorrectionWindow(QMainWindow):
             view.load(self.desk.scene, self.colors, self._shown)
         self.strip.choose(self.frame_id)
         self.refresh()
-        self.report(Done(self.desk.scene.remark, "warn"))
+        self.status.show_done(Done(self.desk.scene.remark, "warn"), self.theme)
 
     def colors(self, pixels: Int64) -> UInt8:
         """Colours (n, 3) of flat pixels (n,) at this moment."""
@@ -131,10 +130,6 @@ class CorrectionWindow(QMainWindow):
         self.status.show_desk(desk, self.hand, self.theme)
         for view in self.views:
             view.pointing.update()
-
-    def report(self, done: Done) -> None:
-        """Show the outcome of the last key or stroke."""
-        self.status.show_done(done, self.theme)
 
     def _style_app(self) -> None:
         app = QApplication.instance()
@@ -208,7 +203,7 @@ class CorrectionWindow(QMainWindow):
         if done is not None:
             if len(done.pixels):
                 self.recolor(done.pixels)
-            self.report(done)
+            self.status.show_done(done, self.theme)
         self._retry_declined = self._retry_declined and self.correction.unsaved > 0
         self.refresh()
 

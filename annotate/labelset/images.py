@@ -1,23 +1,27 @@
-"""Depth, part and confidence images as PNG bytes, bounded and checked on the way in."""
+"""Depth, part, confidence and probability images as PNG bytes, bounded and checked on the way in."""
 
 import io
 import zlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
 from PIL import Image
 
 from annotate.array_types import Float32, UInt8, UInt16
-from annotate.parts import palette_rgb
+from annotate.crop import SIZE, Crop, crop_from_note
+from annotate.parts import N_CLASSES, palette_rgb
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.png import decode_grey, png_shape
 
 V = TypeVar("V")
 
+NOTE = "probability_crop"
+"""Name of the note with the crop's place in the frame: [top, left, side], pixels."""
 PNG_LEVEL = 1
 """zlib level of all PNGs. Measured: the highest takes ten times the time and saves little on noisy depth."""
 
@@ -87,3 +91,40 @@ def encode_png(image: UInt8 | UInt16, filtering: int = cv2.IMWRITE_PNG_FILTER_UP
     if not ok:
         raise FormatError(f"image {image.dtype} {image.shape} cannot be encoded as PNG; give uint8 or uint16")
     return bytes(data)
+
+
+@dataclass(frozen=True)
+class Probabilities:
+    """Class probabilities of a crop. crop: where it lies in the depth image.
+
+    planes: float32 (12, 212, 212), by part id, adding up to one at every pixel.
+    """
+
+    crop: Crop
+    planes: Float32
+
+    def note(self) -> dict[str, list[int]]:
+        """Where the crop lies, for the frame's notes."""
+        return {NOTE: [self.crop.top, self.crop.left, self.crop.side]}
+
+
+def encode_probabilities(probabilities: Probabilities) -> bytes:
+    """The planes below each other, in steps of 1/255, as a greyscale PNG (12 * 212, 212).
+
+    Nearly all values are 0 or 255. Measured: plain runs take 1 ms and 12 kB a frame, differences 1.3 ms and
+    16 kB.
+    """
+    tall = np.rint(np.clip(probabilities.planes, 0, 1) * 255).astype(np.uint8).reshape(-1, SIZE)
+    return encode_png(tall, cv2.IMWRITE_PNG_FILTER_NONE)
+
+
+def decode_probabilities(data: bytes, notes: dict[str, Any]) -> Probabilities:
+    """Inverse of ``encode_probabilities`` but for rounding; notes: the frame's. Raises FormatError."""
+    if png_shape(data, "probability") != (N_CLASSES * SIZE, SIZE):
+        raise FormatError(f"probability PNG is not {N_CLASSES * SIZE} x {SIZE} pixels; predict again")
+    stored = decode_grey(data, np.uint8, "probability").reshape(N_CLASSES, SIZE, SIZE)
+    total = stored.sum(axis=0, dtype=np.int64)
+    # Each of the twelve was rounded by half a step at most.
+    if np.abs(total - 255).max() > N_CLASSES / 2:
+        raise FormatError("probabilities do not add up to one; restore the PNG or predict again")
+    return Probabilities(crop_from_note(notes.get(NOTE), NOTE), (stored / total).astype(np.float32))

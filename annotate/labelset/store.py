@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset import images
 from annotate.labelset.dataset import Entry
+from annotate.labelset.images import Probabilities
 from annotate.labelset.journal import Journal
-from annotate.labelset.probabilities import Probabilities, decode_probabilities, encode_probabilities
 from annotate.parts import PARTS, on_body
 from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError
 from sensors.files.atomic import is_taken, write_bytes
@@ -176,7 +176,7 @@ class LabelSet:
         file = self._file(frame_id, PROBABILITY)
         if not file.is_file():
             return None
-        return images.read_image(file, partial(decode_probabilities, notes=self.notes(frame_id)))
+        return images.read_image(file, partial(images.decode_probabilities, notes=self.notes(frame_id)))
 
     def write(self, frame: FrameLabels, probabilities: Probabilities | None = None) -> None:
         """Add or replace one frame, with a network's probabilities where they are to be kept.
@@ -192,7 +192,7 @@ class LabelSet:
         self._put(frame.frame_id, "depth.png", images.encode_png, frame.depth_mm)
         self._put(frame.frame_id, "confidence.png", images.encode_confidence, frame.confidence)
         self._put(frame.frame_id, "persons.png", images.encode_png, frame.persons)
-        self._put(frame.frame_id, PROBABILITY, encode_probabilities, probabilities)
+        self._put(frame.frame_id, PROBABILITY, images.encode_probabilities, probabilities)
         self.write_labels(frame)
 
     def write_labels(self, frame: FrameLabels) -> None:

@@ -10,7 +10,7 @@ from annotate.cloud.supervoxels import Supervoxels, single_points, supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.engine import Engine, Steps
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.probabilities import Probabilities
+from annotate.labelset.images import Probabilities
 from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED
 from annotate.segmentation.bare import bareness, cuff_evidence, without_sides
 from annotate.segmentation.confidence import chance_right, features

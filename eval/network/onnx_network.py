@@ -9,7 +9,7 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, UInt16
 from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
-from annotate.labelset.probabilities import Probabilities
+from annotate.labelset.images import Probabilities
 from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.segmentation.segment import Segmentation
 from sensors.errors import CloudError, FormatError
