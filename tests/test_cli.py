@@ -14,6 +14,7 @@ from conftest import tree
 from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS
 from cli.console import cell, table
+from sensors.session.messages import COLOR, THERMAL, color_message, thermal_message
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 from synth.rig.simulate import suit_path, truth_path
@@ -38,8 +39,8 @@ def half_corrupt(tmp_path, rig_session) -> Path:
     with SessionWriter(path, source.calibration, "half") as writer:
         for frame in source:
             color = frame.color_encoded[:500] if frame.index == 1 else frame.color_encoded
-            writer.write_color(color, frame.stamp_ns)
-            writer.write_thermal(frame.thermal_c, frame.stamp_ns)
+            writer.add(COLOR, color_message(color, frame.stamp_ns), frame.stamp_ns)
+            writer.add(THERMAL, thermal_message(frame.thermal_c, frame.stamp_ns), frame.stamp_ns)
             writer.write_depth(frame.depth_mm, frame.stamp_ns)
     return path
 

@@ -39,8 +39,10 @@ from sensors.session.messages import (
     THERMAL,
     calibration_from,
     calibration_messages,
+    color_message,
     image_from,
     image_message,
+    spot_message,
     thermal_from_uint16,
     thermal_message,
 )
@@ -85,8 +87,9 @@ def record(path: Path, recorded: list[RigFrame], calibration: RigCalibration = R
             writer.write(frame)
         writer.event(recorded[0].stamp_ns, "flag closed")
         for i, stamp in enumerate((recorded[0].stamp_ns, recorded[-1].stamp_ns)):
-            writer.write_spot(30.0 + i, 25.0, float("nan"), stamp)
-        writer.write_counts(np.arange(48, dtype=np.uint16).reshape(6, 8), recorded[0].stamp_ns)
+            writer.add(PYROMETER, spot_message(30.0 + i, 25.0, float("nan"), stamp), stamp)
+        counts = image_message(np.arange(48, dtype=np.uint16).reshape(6, 8), "thermal", stamp)
+        writer.add(COUNTS, counts, recorded[0].stamp_ns)
     return path
 
 
@@ -205,7 +208,8 @@ def test_unsynchronised_streams_pair_by_device_time(tmp_path):
         for i in range(1, 7):
             writer.write_depth(depth * i, i * PERIOD_NS, arrival_ns=10**15 + i * PERIOD_NS)
             if i % 2:  # colour at half the rate, arriving after its depth image
-                writer.write_color(JPEG, i * PERIOD_NS + late, arrival_ns=10**15 + i * PERIOD_NS + 9)
+                stamp = i * PERIOD_NS + late
+                writer.add(COLOR, color_message(JPEG, stamp), stamp, 10**15 + i * PERIOD_NS + 9)
     with_color = [frame.color_encoded is not None for frame in Session(path)]
     assert late < COLOR_WINDOW_NS
     assert with_color == [True, False] * 3
@@ -521,10 +525,10 @@ def test_a_calibration_that_would_unpack_to_much_is_never_decoded(tmp_path, monk
 
 def test_the_writer_refuses_what_it_could_not_read_back(tmp_path):
     with SessionWriter(tmp_path / "a.mcap", RIG, "rig") as writer:
-        with pytest.raises(CalibrationError, match=r"\(3, 3\)"):
+        with pytest.raises(CalibrationError, match="is 3x3 but"):
             writer.write_depth(np.ones((3, 3), np.uint16), 0)
         with pytest.raises(FormatError, match="JPEG or PNG"):
-            writer.write_color(b"GIF89a", 0)
+            writer.add(COLOR, color_message(b"GIF89a", 0), 0)
         with pytest.raises(FormatError, match="time -1"):
             writer.write_depth(np.ones((24, 32), np.uint16), -1)
         writer.write(frames(1)[0])

@@ -36,6 +36,7 @@ from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, load_calibration, save_calibration
 from sensors.session.mcap_records import record_offsets, records_at
+from sensors.session.messages import PYROMETER, spot_message
 from sensors.session.repair import Copier, repair
 from sensors.session.writer import SessionWriter
 from synth.body.skeleton import N_JOINTS
@@ -87,7 +88,7 @@ def _session(folder: Path) -> Path:
         for i in range(3):
             warm = np.full(CAMERA.shape, 20.5, np.float32)
             writer.write(RigFrame(i, i * 10**8, depth_image(i), color, warm, depth_image(i)))
-            writer.write_spot(30.0, 20.0, 21.0, i * 10**8)
+            writer.add(PYROMETER, spot_message(30.0, 20.0, 21.0, i * 10**8), i * 10**8)
             writer.event(i * 10**8, "flag closed")
     return folder / "x.mcap"
 

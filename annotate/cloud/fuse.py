@@ -77,7 +77,7 @@ class Fuser:
         pixels that see its surface alone. A missing image leaves colours invalid or temperatures NaN. Raises
         CalibrationError when an image's size is not its camera's, or the calibration has no such camera.
         """
-        _check("depth", depth_mm, self.camera)
+        self.camera.check_size("depth image", depth_mm.shape)
         undistorted, points = _undistort(np.ascontiguousarray(depth_mm).ravel(), self._source, self._rays)
         depth_m = np.ascontiguousarray(points[..., 2])
         color, seen = np.zeros(points.shape, np.uint8), np.zeros(undistorted.shape, np.bool_)
@@ -117,16 +117,8 @@ def _view_of(name: str, image: NDArray[Any], view: PointView | None) -> PointVie
             f"the frame has a {name} image but the calibration has no {name} camera; "
             "calibrate it or leave the image out"
         )
-    _check(name, image, view.camera)
+    view.camera.check_size(f"{name} image", image.shape)
     return view
-
-
-def _check(name: str, image: NDArray[Any], camera: Intrinsics) -> None:
-    if image.shape[:2] != camera.shape:
-        raise CalibrationError(
-            f"{name} image is {image.shape[1]}x{image.shape[0]} but its calibration is for "
-            f"{camera.width}x{camera.height}; give the calibration of this camera"
-        )
 
 
 @njit(cache=True, nogil=True)

@@ -76,15 +76,11 @@ class Bag:
 
     def _frame(self, index: int) -> RigFrame:
         depth_mm = depth_mm_from(picture_from(self._depth.read(index)))
-        if depth_mm.shape != self.calibration.depth.shape:
-            raise CalibrationError(
-                f"depth image {index} of {self.path} is {depth_mm.shape}, its calibration "
-                f"{self.calibration.depth.shape}; record one mode"
-            )
         encoded, pair = None, int(self._pairs[index])
         if self._color is not None and pair >= 0:
             encoded = color_encoded_from(picture_from(self._color.read(pair)))
-        return RigFrame(index, self._depth.messages[index][0], depth_mm, encoded)
+        frame = RigFrame(index, self._depth.messages[index][0], depth_mm, encoded)
+        return frame.sized_as(self.calibration)
 
     def _calibrate(
         self, depth: str, color: str | None, pictures: dict[str, Picture]

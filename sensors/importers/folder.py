@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.errors import CalibrationError, FormatError
+from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.png import decode_grey, png_shape
 from sensors.importers.tum_lists import (
@@ -66,15 +66,14 @@ class ImageFolder:
         return (self._frame(index, stem) for index, stem in enumerate(self._depth))
 
     def _frame(self, index: int, stem: str) -> RigFrame:
-        depth = _grey16(self._depth[stem], self.calibration.depth)
         thermal, color = self._thermal.get(stem), self._color.get(stem)
         return RigFrame(
             index=index,
             stamp_ns=self._stamps_ns.get(stem, index * FRAME_PERIOD_NS),
-            depth_mm=mm_from_units(depth, self._unit_mm),
+            depth_mm=mm_from_units(_grey16(self._depth[stem]), self._unit_mm),
             color_encoded=read_bounded(color) if color else None,
-            thermal_c=thermal_from_uint16(_grey16(thermal, self.calibration.thermal)) if thermal else None,
-        )
+            thermal_c=thermal_from_uint16(_grey16(thermal)) if thermal else None,
+        ).sized_as(self.calibration)
 
 
 def _depth_files(path: Path) -> dict[str, Path]:
@@ -162,11 +161,5 @@ def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, 
     return RigCalibration(found.depth, found.depth, Pose.identity()), unit_mm, tuple(notes)
 
 
-def _grey16(file: Path, camera: Intrinsics | None) -> NDArray[np.uint16]:
-    image: NDArray[np.uint16] = decode_grey(read_bounded(file), np.uint16, str(file))
-    if camera is not None and image.shape != camera.shape:
-        raise CalibrationError(
-            f"{file} is {image.shape[1]}x{image.shape[0]} but its calibration says "
-            f"{camera.width}x{camera.height}; give the calibration of this camera"
-        )
-    return image
+def _grey16(file: Path) -> NDArray[np.uint16]:
+    return decode_grey(read_bounded(file), np.uint16, str(file))

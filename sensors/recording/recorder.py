@@ -27,7 +27,18 @@ from sensors.device.protocol import (
 )
 from sensors.errors import DeviceError, DeviceFaultError
 from sensors.rig.pairing import CLOCK, LATENCY
-from sensors.session.messages import COLOR, COUNTS, DEPTH, INFRARED, PYROMETER, THERMAL
+from sensors.session.messages import (
+    COLOR,
+    COUNTS,
+    DEPTH,
+    INFRARED,
+    PYROMETER,
+    THERMAL,
+    color_message,
+    image_message,
+    spot_message,
+    thermal_message,
+)
 from sensors.session.writer import SessionWriter
 
 BACKLOG = 64
@@ -225,20 +236,20 @@ class Recorder:
         match value:
             case DepthImage(depth_mm, infrared):
                 if self._infrared and infrared is not None:
-                    self._writer.write_infrared(infrared, stamp, arrival)
+                    self._writer.add(INFRARED, image_message(infrared, "infrared", stamp), stamp, arrival)
                 self._writer.write_depth(depth_mm, stamp, arrival)
                 stream.shows = f"{np.count_nonzero(depth_mm) / depth_mm.size:.0%} read"
             case ColorImage(encoded):
-                self._writer.write_color(encoded, stamp, arrival)
+                self._writer.add(COLOR, color_message(encoded, stamp), stamp, arrival)
                 stream.shows = f"{len(encoded) / 1000:.0f} kB"
             case Spot(target_c, head_c, box_c):
-                self._writer.write_spot(target_c, head_c, box_c, stamp, arrival)
+                self._writer.add(PYROMETER, spot_message(target_c, head_c, box_c, stamp), stamp, arrival)
                 stream.shows = f"{target_c:.1f} C"
             case ThermalImage(celsius):
-                self._writer.write_thermal(celsius, stamp, arrival)
+                self._writer.add(THERMAL, thermal_message(celsius, stamp), stamp, arrival)
                 stream.shows = f"{np.nanmin(celsius):.1f} to {np.nanmax(celsius):.1f} C"
             case ThermalCounts(counts):
-                self._writer.write_counts(counts, stamp, arrival)
+                self._writer.add(COUNTS, image_message(counts, "thermal", stamp), stamp, arrival)
                 stream.shows = f"{counts.min()} to {counts.max()} counts"
         return True
 

@@ -66,6 +66,14 @@ class Intrinsics:
         """The 3x3 camera matrix."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
 
+    def check_size(self, name: str, shape: tuple[int, ...]) -> None:
+        """Raise CalibrationError where the shape (height, width, ...) of the image ``name`` is another."""
+        if shape[:2] != self.shape:
+            raise CalibrationError(
+                f"{name} is {shape[1]}x{shape[0]} but its calibration is of {self.width}x{self.height}; "
+                "give the calibration of this camera in this mode"
+            )
+
     def undistorted(self) -> "Intrinsics":
         """The same pinhole without distortion."""
         return replace(self, k1=0.0, k2=0.0, p1=0.0, p2=0.0, k3=0.0)
@@ -121,11 +129,7 @@ def unproject(camera: Intrinsics, depth_m: FloatArray) -> NDArray[np.float32]:
 
     Depth is along z. NaN stays NaN in all three coordinates. Lens distortion is undone.
     """
-    if depth_m.shape != camera.shape:
-        raise CalibrationError(
-            f"depth image is {depth_m.shape[1]}x{depth_m.shape[0]} but the intrinsics say "
-            f"{camera.width}x{camera.height}; give the intrinsics of this camera"
-        )
+    camera.check_size("depth image", depth_m.shape)
     return (rays(camera) * depth_m[..., None]).astype(np.float32)
 
 

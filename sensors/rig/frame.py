@@ -3,7 +3,7 @@
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import cv2
 import numpy as np
@@ -50,6 +50,15 @@ class RigFrame:
                     f"{name} image is {image.dtype} {image.shape}; give {dtype.__name__} with shape "
                     "(height, width)"
                 )
+
+    def sized_as(self, calibration: RigCalibration) -> Self:
+        """This frame. Raises CalibrationError where an image is not of its camera's calibrated size."""
+        images = {"depth": self.depth_mm, "thermal": self.thermal_c, "infrared": self.infrared}
+        cameras = {"thermal": calibration.thermal}
+        for name, image in images.items():
+            if image is not None and (camera := cameras.get(name, calibration.depth)) is not None:
+                camera.check_size(f"{name} image of frame {self.index}", image.shape)
+        return self
 
     def decode_color(self) -> NDArray[np.uint8] | None:
         """Colour image (h, w, 3) RGB, or None where the frame has none.

@@ -5,13 +5,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.errors import CalibrationError
-from sensors.rig.camera import Intrinsics
 from sensors.rig.clock import fit_clock
 from sensors.rig.frame import RigFrame
 from sensors.rig.pairing import (
@@ -24,8 +21,7 @@ from sensors.rig.pairing import (
     interpolate,
     pair_stamps,
 )
-from sensors.rig.rig_calibration import RigCalibration
-from sensors.session.index import Places, read_contents
+from sensors.session.index import Contents, Places
 from sensors.session.mcap_records import MessageReader
 from sensors.session.messages import (
     COLOR,
@@ -40,8 +36,6 @@ from sensors.session.messages import (
     thermal_from,
 )
 from sensors.session.writer import recording_at
-
-T = TypeVar("T", np.uint16, np.float32)
 
 
 @dataclass(frozen=True)
@@ -64,13 +58,11 @@ class Session:
 
     def __init__(self, path: Path) -> None:
         path = recording_at(path)
-        contents = read_contents(path)
+        contents = Contents(path)
         self.path = path
         self.name = contents.metadata.pop("name", "") or path.name.split(".")[0]
-        self.metadata: dict[str, str] = contents.metadata
-        self.calibration: RigCalibration = contents.calibration
-        self.truncated: bool = contents.truncated
-        self.events: tuple[tuple[int, str], ...] = contents.events
+        self.metadata, self.events = contents.metadata, tuple(contents.events)
+        self.calibration, self.truncated = contents.calibration, contents.truncated
         self._places = contents.places
         host = host_times(self._places, self.metadata)
         depth_ns, infrared_ns = (self._places[topic]["stamp_ns"] for topic in (DEPTH, INFRARED))
@@ -93,16 +85,15 @@ class Session:
         """Frame ``index`` of 0 .. len - 1. Raises IndexError, FormatError or CalibrationError."""
         if not 0 <= index < len(self):
             raise IndexError(index)
-        lenses = self.calibration
         depth, color, thermal, infrared = (self._message(t, int(at[index])) for t, at in self._pairs.items())
         return RigFrame(
             index,
             int(self._places[DEPTH]["stamp_ns"][index]),
-            _sized("depth", image_from(depth, "depth"), lenses.depth),
+            image_from(depth, "depth"),
             color_from(color) if color else None,
-            _sized("thermal", thermal_from(thermal), lenses.thermal) if thermal else None,
-            _sized("infrared", image_from(infrared, "infrared"), lenses.depth) if infrared else None,
-        )
+            thermal_from(thermal) if thermal else None,
+            image_from(infrared, "infrared") if infrared else None,
+        ).sized_as(self.calibration)
 
     @cached_property
     def reference_c(self) -> NDArray[np.float64]:
@@ -182,13 +173,3 @@ def _latency_ms(text: str) -> float:
 def _rate(stamps_ns: NDArray[np.int64]) -> StreamRate:
     span_s = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9
     return StreamRate(len(stamps_ns), round((len(stamps_ns) - 1) / span_s, 3) if span_s > 0 else 0.0)
-
-
-def _sized(name: str, image: NDArray[T], camera: Intrinsics | None) -> NDArray[T]:
-    """The image. Raises CalibrationError where it is not of the calibrated size."""
-    if camera is not None and image.shape != camera.shape:
-        raise CalibrationError(
-            f"{name} image is {image.shape[1]}x{image.shape[0]} but its calibration is of "
-            f"{camera.width}x{camera.height}; give the session the calibration of this camera"
-        )
-    return image

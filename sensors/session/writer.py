@@ -16,25 +16,22 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 from numpy.typing import NDArray
 
-from sensors.errors import CalibrationError, FormatError
+from sensors.errors import FormatError
 from sensors.files.atomic import check_free
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.messages import (
     COLOR,
-    COUNTS,
     DEPTH,
     EVENTS,
     INFRARED,
     METADATA,
-    PYROMETER,
     SCHEMAS,
     THERMAL,
     calibration_messages,
     color_message,
     event_message,
     image_message,
-    spot_message,
     thermal_message,
 )
 
@@ -113,59 +110,31 @@ class SessionWriter:
 
     def write(self, frame: RigFrame, arrival_ns: int | None = None) -> None:
         """Write all that a frame has, stamped with the depth camera's time. Raises FormatError."""
+        stamp_ns = frame.stamp_ns
         if frame.color_encoded is not None:
-            self.write_color(frame.color_encoded, frame.stamp_ns, arrival_ns)
+            self.add(COLOR, color_message(frame.color_encoded, stamp_ns), stamp_ns, arrival_ns)
         if frame.thermal_c is not None:
-            self.write_thermal(frame.thermal_c, frame.stamp_ns, arrival_ns)
+            self.add(THERMAL, thermal_message(frame.thermal_c, stamp_ns), stamp_ns, arrival_ns)
         if frame.infrared is not None:
-            self.write_infrared(frame.infrared, frame.stamp_ns, arrival_ns)
-        self.write_depth(frame.depth_mm, frame.stamp_ns, arrival_ns)
+            self.add(INFRARED, image_message(frame.infrared, "infrared", stamp_ns), stamp_ns, arrival_ns)
+        self.write_depth(frame.depth_mm, stamp_ns, arrival_ns)
 
     def write_depth(self, depth_mm: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None) -> None:
         """Write a depth image of the calibrated size, and hand everything so far to the system."""
-        if depth_mm.shape != self.calibration.depth.shape:
-            raise CalibrationError(
-                f"depth image is {depth_mm.shape}, its calibration {self.calibration.depth.shape}; "
-                "calibrate the camera in the mode that is recorded"
-            )
-        self._add(DEPTH, image_message(depth_mm, "depth", stamp_ns), stamp_ns, arrival_ns)
+        self.calibration.depth.check_size("depth image", depth_mm.shape)
+        self.add(DEPTH, image_message(depth_mm, "depth", stamp_ns), stamp_ns, arrival_ns)
         self.flush()
-
-    def write_color(self, encoded: bytes, stamp_ns: int, arrival_ns: int | None = None) -> None:
-        """Write the colour camera's own JPEG or PNG bytes. Raises FormatError for others."""
-        self._add(COLOR, color_message(encoded, stamp_ns), stamp_ns, arrival_ns)
-
-    def write_thermal(
-        self, thermal_c: NDArray[np.float32], stamp_ns: int, arrival_ns: int | None = None
-    ) -> None:
-        """Write temperatures in Celsius, NaN = no reading."""
-        self._add(THERMAL, thermal_message(thermal_c, stamp_ns), stamp_ns, arrival_ns)
-
-    def write_infrared(
-        self, infrared: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None
-    ) -> None:
-        """Write the amplitude image of a depth image; its stamp is the depth image's."""
-        self._add(INFRARED, image_message(infrared, "infrared", stamp_ns), stamp_ns, arrival_ns)
-
-    def write_counts(self, counts: NDArray[np.uint16], stamp_ns: int, arrival_ns: int | None = None) -> None:
-        """Write a thermal camera's raw counts (h, w)."""
-        self._add(COUNTS, image_message(counts, "thermal", stamp_ns), stamp_ns, arrival_ns)
-
-    def write_spot(
-        self, target_c: float, head_c: float, box_c: float, stamp_ns: int, arrival_ns: int | None = None
-    ) -> None:
-        """Write a pyrometer's temperatures in Celsius, NaN = not measured."""
-        self._add(PYROMETER, spot_message(target_c, head_c, box_c, stamp_ns), stamp_ns, arrival_ns)
 
     def event(self, stamp_ns: int, text: str, arrival_ns: int | None = None) -> None:
         """Note something that happened at ``stamp_ns``."""
-        self._add(EVENTS, event_message(stamp_ns, text), stamp_ns, arrival_ns)
+        self.add(EVENTS, event_message(stamp_ns, text), stamp_ns, arrival_ns)
 
     def flush(self) -> None:
         """End the chunk and hand it to the system: from here on it survives the death of the process."""
         self._writer.flush()
 
-    def _add(self, topic: str, message: ProtoMessage, stamp_ns: int, arrival_ns: int | None) -> None:
+    def add(self, topic: str, message: ProtoMessage, stamp_ns: int, arrival_ns: int | None = None) -> None:
+        """Write one of ``messages``, made at ``stamp_ns``. Raises FormatError for an impossible time."""
         arrival = stamp_ns if arrival_ns is None else arrival_ns
         if not (0 <= stamp_ns < 1 << 63 and 0 <= arrival < 1 << 63):
             raise FormatError(f"time {stamp_ns} ns is impossible; give 0 to 2^63 - 1")
@@ -173,6 +142,6 @@ class SessionWriter:
             # First of all, and with the first stamp: the session's time range is that of its images.
             self._calibrated = True
             for its_topic, calibration in calibration_messages(self.calibration, stamp_ns):
-                self._add(its_topic, calibration, stamp_ns, arrival)
+                self.add(its_topic, calibration, stamp_ns, arrival)
             self.flush()
         self._writer.add_message(self._channels[topic], arrival, message.SerializeToString(), stamp_ns)
