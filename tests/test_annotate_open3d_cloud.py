@@ -16,7 +16,7 @@ CLOUD = Fuser(CALIBRATION).fuse(*random_scene(3))
 o3d = pytest.importorskip("open3d")
 
 
-def same(cloud, other):
+def assert_same(cloud, other):
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(cloud, name), getattr(other, name))
 
@@ -28,7 +28,8 @@ def test_a_selection_comes_back_to_its_pixels(share):
     back = ThermalCloud.from_open3d(cloud.select_by_index(o3d.core.Tensor(chosen)), CLOUD.camera)
     kept = np.zeros(CLOUD.valid.shape, bool)
     kept.ravel()[cloud.point.pixel.numpy()[chosen, 0]] = True
-    same(back, without(~kept))
+    assert back.valid.sum() == len(chosen)
+    assert_same(back, without(~kept))
 
 
 def without(hidden):
@@ -44,7 +45,7 @@ def test_the_whole_cloud_comes_back_as_it_was():
     cloud = CLOUD.to_open3d()
     assert str(cloud.point.positions.dtype) == "Float32" and len(cloud.point.pixel) == CLOUD.valid.sum()
     assert cloud.point.colors.numpy().max() <= 1
-    same(ThermalCloud.from_open3d(cloud, CLOUD.camera), CLOUD)
+    assert_same(ThermalCloud.from_open3d(cloud, CLOUD.camera), CLOUD)
 
 
 def test_a_plane_of_open3d_is_a_plane_of_pixels():

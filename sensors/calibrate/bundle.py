@@ -188,10 +188,15 @@ class _Problem:
 
     def residuals(self, x: Array) -> Array:
         """All residuals in units of their deviation: centres, depths, then priors."""
-        errors = [(self.errors(x, name) / seen.sigma).ravel() for name, seen in self.seen.items()]
+        return np.concatenate([*(self._weighed(x, name) for name in self.seen), self._priors(x)])
+
+    def _priors(self, x: Array) -> Array:
         lenses, _, shift_mm, _ = self._unpacked(x)
         priors = [lens[4:] / LENS_PRIOR[4:] for lens in lenses.values()]
-        return np.concatenate([*errors, *priors, [shift_mm / SHIFT_PRIOR_MM]])
+        return np.concatenate([*priors, [shift_mm / SHIFT_PRIOR_MM]])
+
+    def _weighed(self, x: Array, name: str) -> Array:
+        return np.asarray(self.errors(x, name) / self.seen[name].sigma).ravel()
 
     def errors(self, x: Array, name: str) -> Array:
         """Seen minus predicted: centres (n, 2) of one camera in pixels, or readings (n,) in millimetres."""
@@ -226,19 +231,32 @@ class _Problem:
         """Forward differences; a step in one number of every view's pose at once, since views are apart."""
         base, shared, step = self.residuals(x), 15 * len(self.cameras) - 5, 1e-7
         # The view of each residual: a hole has two, as its coordinates, a reading one.
-        rows = np.concatenate([np.repeat(s.view, s.known.ndim) for s in self.seen.values()])
-        inside = np.arange(len(rows))  # the others are priors
+        views = [np.repeat(s.view, s.known.ndim) for s in self.seen.values()]
+        rows, ends = np.concatenate(views), np.cumsum([len(view) for view in views])
+        of = {name: slice(e - len(v), e) for name, v, e in zip(self.seen, views, ends, strict=True)}
+        inside, priors = np.arange(len(rows)), slice(len(rows), None)
         jacobian = np.zeros((len(base), len(x)))
         for column in range(shared):
             moved = x.copy()
             moved[column] += (h := step * max(1.0, abs(x[column])))
-            jacobian[:, column] = (self.residuals(moved) - base) / h
+            for name in self._touched(column):
+                jacobian[of[name], column] = (self._weighed(moved, name) - base[of[name]]) / h
+            jacobian[priors, column] = (self._priors(moved) - base[priors]) / h
         for number in range(6):
             moved = x.copy()
             moved[shared + number :: 6] += step
             change = (self.residuals(moved) - base) / step
             jacobian[inside, shared + 6 * rows + number] = change[inside]
         return jacobian
+
+    def _touched(self, column: int) -> tuple[str, ...]:
+        """Kinds of observations that one of the unknowns before the views' moves."""
+        poses, shift = 9 * len(self.cameras), 15 * len(self.cameras) - 6
+        if column < 9:
+            return "depth", READINGS
+        if column == shift:
+            return (READINGS,)
+        return (self.cameras[column // 9 if column < poses else 1 + (column - poses) // 6],)
 
     def weighted(self, x: Array) -> "_Problem":
         """The same with the noise that the residuals show."""

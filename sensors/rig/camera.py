@@ -105,11 +105,19 @@ def undistort(camera: Intrinsics, xy: FloatArray, iterations: int = 40) -> NDArr
 
     Meaningless, perhaps not finite, where a lens model has no inverse: in corners beyond a round view.
     """
-    distorted = np.asarray(xy, np.float64)
-    ideal = distorted.copy()
+    goal = np.asarray(xy, np.float64)
+    ideal = goal.copy()
+    at, still = ideal.reshape(-1, 2).copy(), np.arange(ideal.size // 2)
+    goal = goal.reshape(-1, 2)
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(iterations):
-            ideal += distorted - distort(camera, ideal)
+            before, at = at, at + (goal - distort(camera, at))
+            moves = (at != before).any(axis=1)
+            # Points that have come to rest stay there; the work goes on with the others.
+            if 2 * np.count_nonzero(moves) < len(moves):
+                ideal.reshape(-1, 2)[still] = at
+                at, goal, still = at[moves], goal[moves], still[moves]
+    ideal.reshape(-1, 2)[still] = at
     return ideal
 
 
