@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from synth.body.body import shipped_bodies
 from synth.body.flesh import flesh_of
-from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, alignment, forward, reach
+from synth.body.inverse import reach
+from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, alignment, forward
 from synth.pose import postures
 from synth.pose.moment import Behaviour, glide, mirrored
 from synth.pose.postures import (

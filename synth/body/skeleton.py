@@ -1,4 +1,4 @@
-"""The paper's skeleton: joints, their limits, forward kinematics and the reach of an arm.
+"""The paper's skeleton: joints, their limits and forward kinematics.
 
 Body frame of a posture in anatomical zero (standing, arms hanging): x to the person's left, y to the
 back, z up, metres. An angle triple of a joint is (flexion, abduction, axial rotation) in radians:
@@ -80,7 +80,8 @@ LIMITS_RAD = np.radians([joint.limits_deg for joint in JOINTS])
 """(J, 3, 2): low and high per angle."""
 
 _TRUNK = ("pelvis", "spine_lower", "spine_middle", "spine_upper", "neck", "head")
-_SIGNS = np.stack([np.where([j.name in _TRUNK for j in JOINTS], 1, -1), -SIDES, SIDES], axis=1)
+SIGNS = np.stack([np.where([j.name in _TRUNK for j in JOINTS], 1, -1), -SIDES, SIDES], axis=1)
+"""(J, 3): the sense in which each angle of a joint turns about its axis."""
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -112,7 +113,7 @@ def rotations(angles_rad: Float64) -> Float64:
     """Joint rotations (J, 3, 3) of angle triples (J, 3)."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_euler("XYZ", angles_rad * _SIGNS).as_matrix())
+    return np.asarray(Rotation.from_euler("XYZ", angles_rad * SIGNS).as_matrix())
 
 
 def clamp(angles_rad: Float64) -> Float64:
@@ -168,8 +169,8 @@ def kinematics(
             before = turned[parent]
         for a in range(3):
             # The axes of XYZ Euler angles are columns of the frame turned so far.
-            axes[i, a] = _SIGNS[i, a] * before[:, a]
-            before = before @ _turn(a, _SIGNS[i, a] * angles_rad[i, a])
+            axes[i, a] = SIGNS[i, a] * before[:, a]
+            before = before @ _turn(a, SIGNS[i, a] * angles_rad[i, a])
         turned[i] = before
         frames[i] = before @ aligned[i]
     return axes, frames, positions
@@ -203,78 +204,3 @@ def shortest_arc(source: Float64, target: Float64) -> Float64:
     skew = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
     matrix: Float64 = np.eye(3) + skew + skew @ skew / (1 + cosine)
     return matrix
-
-
-def reach(
-    posture: Posture,
-    rest_joints_m: Float64,
-    aligned: Float64,
-    side: str,
-    target_m: Float64,
-    swivel_rad: float,
-) -> Posture:
-    """Bend one arm so that its wrist comes to ``target_m`` (world), or as near as the limits allow.
-
-    swivel_rad turns the elbow about the line from shoulder to wrist; 0 = elbow hanging straight down,
-    positive = elbow away from the body. Two-bone closed form, then clamped.
-    """
-    angles = posture.angles_rad.copy()
-    shoulder = JOINT_ID[f"{side}_shoulder"]
-    _reach(angles, posture.pelvis_m, rest_joints_m, aligned, shoulder, target_m, swivel_rad)
-    return Posture(clamp(angles), posture.pelvis_m)
-
-
-@numba.njit(cache=True)
-def _reach(
-    angles_rad: Float64, pelvis_m: Float64, rest_joints_m: Float64, aligned: Float64,
-    shoulder: int, target_m: Float64, swivel_rad: float,
-) -> None:  # fmt: skip
-    elbow, wrist, parent = shoulder + 1, shoulder + 2, PARENTS[shoulder]
-    _, frames, positions = kinematics(angles_rad, pelvis_m, rest_joints_m, aligned)
-    upper = np.linalg.norm(rest_joints_m[elbow] - rest_joints_m[shoulder])
-    fore = np.linalg.norm(rest_joints_m[wrist] - rest_joints_m[elbow])
-    line = target_m - positions[shoulder]
-    along = line / np.linalg.norm(line)
-    distance = min(max(np.linalg.norm(line), abs(upper - fore) + 1e-3), 0.999 * (upper + fore))
-    flexion = np.pi - np.arccos((upper**2 + fore**2 - distance**2) / (2 * upper * fore))
-    at_shoulder = np.arctan2(fore * np.sin(flexion), upper + fore * np.cos(flexion))
-    # Frame of the arm: down the line, the elbow's hinge across it.
-    hinge = np.cross(DOWN, along)
-    if np.linalg.norm(hinge) < 1e-6:
-        hinge[0] = 1.0
-    hinge = _about(along, SIDES[shoulder] * swivel_rad, hinge / np.linalg.norm(hinge))
-    upper_down = _about(hinge, -at_shoulder, along)
-    # Columns: body x is the hinge reversed (flexion turns about -x), z points up the bone.
-    turned = np.empty((3, 3))
-    turned[:, 0], turned[:, 1], turned[:, 2] = -hinge, np.cross(upper_down, hinge), -upper_down
-    before = frames[parent] @ np.ascontiguousarray(aligned[parent].T)
-    local = np.ascontiguousarray(before.T) @ turned
-    angles_rad[shoulder] = _euler_inside(local, _SIGNS[shoulder], LIMITS_RAD[shoulder])
-    angles_rad[elbow, 0] = flexion
-    angles_rad[elbow, 1] = 0.0
-
-
-@numba.njit(cache=True)
-def _about(axis: Float64, angle: float, vector: Float64) -> Float64:
-    """A vector turned about a unit axis (Rodrigues)."""
-    turned: Float64 = (
-        vector * np.cos(angle)
-        + np.cross(axis, vector) * np.sin(angle)
-        + axis * np.dot(axis, vector) * (1 - np.cos(angle))
-    )
-    return turned
-
-
-@numba.njit(cache=True)
-def _euler_inside(rotation: Float64, signs: Float64, limits_rad: Float64) -> Float64:
-    """The one of a rotation's two XYZ angle triples that leaves the limits least."""
-    best, least = np.zeros(3), np.inf
-    y = np.arcsin(min(max(rotation[0, 2], -1.0), 1.0))
-    x, z = np.arctan2(-rotation[1, 2], rotation[2, 2]), np.arctan2(-rotation[0, 1], rotation[0, 0])
-    for other in range(2):
-        triple = np.array([x + other * np.pi, (np.pi - y) if other else y, z + other * np.pi]) * signs
-        triple -= 2 * np.pi * np.rint(triple / (2 * np.pi))
-        beyond = np.maximum(limits_rad[:, 0] - triple, 0) + np.maximum(triple - limits_rad[:, 1], 0)
-        if np.sum(beyond) < least - 1e-9:
-            best, least = triple, np.sum(beyond)
-    return best

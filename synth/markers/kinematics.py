@@ -12,8 +12,8 @@ import numba
 import numpy as np
 
 from annotate.array_types import Bool, Float64, Int64
-from synth.body.skeleton import _SIGNS as ANGLE_SIGNS
 from synth.body.skeleton import JOINTS, LIMITS_RAD, PARENTS, rotations
+from synth.body.skeleton import SIGNS as ANGLE_SIGNS
 
 
 class Tree(NamedTuple):

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from annotate.array_types import Float32, Float64
 from synth.body.body import Body, pose
 from synth.body.flesh import flesh_of
-from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, reach
+from synth.body.inverse import reach
+from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp
 from synth.pose.moment import Behaviour, Moment, Posed, pose_families
 from synth.pose.settle import Pull, settle, sink
 from synth.surface.furniture import FLOOR, Bed, Ground, Seat, Solid

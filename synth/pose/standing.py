@@ -1,0 +1,330 @@
+"""Standing about: how legs, trunk and hands of a standing person are drawn, and the body that follows from it.
+
+The numbers are described in ``synth/data/poses/standing.toml``. Feet are put on the floor and hands to their
+places by inverse kinematics, the trunk's mass stands over the feet, and no limb is in another.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from annotate.array_types import Float32, Float64
+from synth.body.body import Body, pose
+from synth.body.flesh import CHAINS, Flesh, flesh_of
+from synth.body.inverse import place_hand, plant
+from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, forward
+from synth.pose.moment import Moment
+from synth.pose.postures import height_to_rest
+from synth.pose.settle import Pull, settle
+from synth.shipped import table
+from synth.surface.furniture import FLOOR, Surface
+from synth.surface.rasterize import Mesh, box
+
+SIDES = ("left", "right")
+OTHER = {"left": "right", "right": "left"}
+SIGN = {"left": 1.0, "right": -1.0}
+GREATEST_TURN_DEG = 60.0
+"""The head turns no farther by itself."""
+ANKLES_M = (0.05, 0.9)
+"""Least and greatest lateral distance of the ankles."""
+BALANCE = 0.75
+"""Share of the trunk's shift forwards that the hips make up for: the legs below are a third of the mass."""
+FOOT_HOLD = np.array([0.5, 0.5, 0.5])
+"""Share of the way, per axis and round of settling, by which a foot is kept in its place. Chosen by eye."""
+_SPINE = [JOINT_ID[name] for name in ("spine_lower", "spine_middle", "spine_upper")]
+_NECK = [JOINT_ID["neck"], JOINT_ID["head"]]
+_MASSES = {"pelvis": 0.3, "spine_middle": 0.25, "spine_upper": 0.15, "neck": 0.2, "head": 0.1}
+"""Shares of the trunk's mass by joint, roughly those of Winter 2009 (table 4.1)."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How somebody stands. stance, hands: names in the data; stands: the side of the leg that carries more.
+
+    legs: the stance's numbers. arms: each side's, by side. sizes_m: (3,) of what is carried, by its kind.
+    """
+
+    stance: str
+    stands: str
+    legs: Moment
+    hands: Mapping[str, str]
+    arms: Mapping[str, Moment]
+    sizes_m: Mapping[str, Float64]
+
+    @property
+    def activity(self) -> str:
+        """Stance and hands, e.g. ``quiet thigh-hip``, the first hand that of the standing leg."""
+        return f"{self.stance} {self.hands[self.stands]}-{self.hands[OTHER[self.stands]]}"
+
+
+class Stood(NamedTuple):
+    """A standing body: vertices float32 (V, 3), joints (J, 3), world, metres, and what it carries."""
+
+    vertices_m: Float32
+    joints_m: Float64
+    things: list[Mesh]
+
+
+@cache
+def stances() -> dict[str, dict[str, Any]]:
+    """Stances by name, each with all its numbers."""
+    known: dict[str, dict[str, Any]] = {}
+    for name, entry in table("poses/standing")["stances"].items():
+        known[name] = {**known.get(entry.get("like", ""), {}), **entry}
+    return known
+
+
+def _chosen(weights: Mapping[str, float], rng: np.random.Generator) -> str:
+    shares = np.array(list(weights.values()), float)
+    return list(weights)[int(rng.choice(len(shares), p=shares / shares.sum()))]
+
+
+def _numbers(entry: Mapping[str, Any], rng: np.random.Generator) -> dict[str, float]:
+    return {name: float(rng.normal(*spread)) for name, spread in entry.items() if isinstance(spread, list)}
+
+
+def draw_standing(rng: np.random.Generator) -> Standing:
+    """A random way of standing."""
+    data = table("poses/standing")
+    stance = _chosen({name: entry["share"] for name, entry in stances().items()}, rng)
+    entry = stances()[stance]
+    legs = _numbers(entry, rng)
+    median, deviation = entry["ankles"]
+    apart = float(np.clip(abs(median) * np.exp(deviation * rng.standard_normal()), *ANKLES_M))
+    legs["ankles"] = np.copysign(apart, median)
+    while abs(legs["turn"]) > GREATEST_TURN_DEG:
+        legs["turn"] = float(rng.normal(*entry["turn"]))
+    stands, first = (SIDES[int(rng.integers(2))] for _ in range(2))
+    pair = _chosen(data["arms"][entry["arms"]], rng).split("-")
+    hands = {first: pair[0], OTHER[first]: pair[1]}
+    arms = {side: _numbers(data["hands"][hands[side]], rng) for side in SIDES}
+    sizes = {kind: np.array([rng.uniform(*span) for span in spans]) for kind, spans in data["things"].items()}
+    return Standing(stance, stands, legs, hands, arms, sizes)
+
+
+def stand(body: Body, how: Standing) -> Stood:
+    """A body on the floor, its pelvis facing -y, its feet about the origin."""
+    flesh, scale = flesh_of(body), body.height_cm / 170
+    feet = _feet(flesh, how, scale)
+    posture = _on_feet(flesh, how, _upper_body(how), feet)
+    posture, pulls = _with_arms(flesh, how, posture, scale)
+    pulls += [Pull(f"{side}_ankle", feet[side].ankle(flesh, side, 0.0), FOOT_HOLD) for side in SIDES]
+    settled = settle(flesh, posture, [FLOOR], pulls)
+    vertices, joints = pose(body, _hands_off(how, settled, scale))
+    up = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
+    vertices, joints = vertices + up.astype(np.float32), joints + up
+    return Stood(vertices, joints, _things(how, joints))
+
+
+def _upper_body(how: Standing) -> Float64:
+    """Angles (J, 3) of pelvis, spine and head; limbs at zero."""
+    angles, legs, sign = np.zeros((N_JOINTS, 3)), how.legs, SIGN[how.stands]
+    # The spine makes up for the pelvis' tilt, and a little more or less: lean.
+    spine = (legs["bend"], -sign * (legs["lean"] + legs["tilt"]), legs["twist"])
+    angles[_SPINE] = np.array(spine) / 3
+    angles[_NECK] = np.array([legs["nod"] - 0.4 * legs["pitch"], legs["head_lean"], legs["turn"]]) / 2
+    limited = clamp(np.radians(angles))
+    turn = Rotation.from_euler("YX", [-sign * legs["tilt"], legs["pitch"]], degrees=True)
+    limited[0] = turn.as_euler("XYZ") * (1, -1, 1)
+    return limited
+
+
+@dataclass(frozen=True)
+class Foot:
+    """A foot on the floor. place_m: (3,) where its ankle would stand were it flat; yaw_rad; heel_rad: up."""
+
+    place_m: Float64
+    yaw_rad: float
+    heel_rad: float
+
+    def rotation(self, more_rad: float) -> Float64:
+        """Rotation (3, 3) to the world, the heel raised by ``more_rad`` above its own."""
+        return np.asarray(Rotation.from_euler("ZX", [self.yaw_rad, self.heel_rad + more_rad]).as_matrix())
+
+    def ankle(self, flesh: Flesh, side: str, more_rad: float) -> Float64:
+        """Place (3,) of the ankle: a foot rolls over its toes, or backwards over its heel."""
+        chain, joint = CHAINS[f"{side}_foot"], JOINT_ID[f"{side}_ankle"]
+        y, radii = flesh.centres_m[chain, 1], flesh.radii_m[chain]
+        heel = self.heel_rad + more_rad
+        end = (y - radii).min() + 0.02 if heel > 0 else (y + radii).max()
+        pivot = np.array([0.0, end - flesh.rest_joints_m[joint, 1], -flesh.rest_joints_m[joint, 2]])
+        flat = Rotation.from_euler("Z", self.yaw_rad).as_matrix()
+        return np.asarray(self.place_m + flat @ pivot - self.rotation(more_rad) @ pivot)
+
+
+def _feet(flesh: Flesh, how: Standing, scale: float) -> dict[str, Foot]:
+    """Both feet by side; the turn of the pelvis against them turns them the other way."""
+    legs, turned = how.legs, np.radians(how.legs["turned"])
+    result = {}
+    for side in SIDES:
+        sign, kind = SIGN[side], "stand" if side == how.stands else "free"
+        ahead = legs["ahead"] * (kind == "free")
+        place = (
+            np.array([sign * legs["ankles"] / 2, -ahead, max(legs["lift"], 0.0) * (kind == "free")]) * scale
+        )
+        place[2] += flesh.rest_joints_m[JOINT_ID[f"{side}_ankle"], 2]
+        c, s = np.cos(-turned), np.sin(-turned)
+        place[:2] = c * place[0] - s * place[1], s * place[0] + c * place[1]
+        yaw = sign * np.radians(legs[f"{kind}_toe_out"]) - turned
+        result[side] = Foot(place, yaw, np.radians(legs[f"{kind}_heel"]))
+    return result
+
+
+def _on_feet(flesh: Flesh, how: Standing, angles: Float64, feet: Mapping[str, Foot]) -> Posture:
+    """The posture whose pelvis is over the feet and whose feet are in their places.
+
+    Where an ankle cannot bend so far, the heel comes up instead.
+    """
+    posture = Posture(angles, np.zeros(3))
+    _, joints = forward(posture, flesh.rest_joints_m, flesh.aligned)
+    share = min(max(how.legs["weight"], 0.0), 1.0)
+    over = share * feet[how.stands].place_m + (1 - share) * feet[OTHER[how.stands]].place_m
+    mass = sum(m * joints[JOINT_ID[name]] for name, m in _MASSES.items())
+    # The ankles are behind the middle of the feet.
+    pelvis = over - BALANCE * np.asarray(mass) + (0.0, -0.02, 0.0)
+    pelvis[2] = 0.0
+    ankles = {side: feet[side].ankle(flesh, side, 0.0) for side in SIDES}
+    heights = [
+        _height_over(
+            flesh, joints, pelvis, side, ankles[side], how.legs["knee"] if side == how.stands else 2.0
+        )
+        for side in SIDES
+    ]
+    posture = Posture(angles, pelvis + (0.0, 0.0, min(heights)))
+    for side in SIDES:
+        posture = _planted(flesh, posture, side, feet[side], np.radians(how.legs["knee_out"]))
+    return posture
+
+
+def _height_over(
+    flesh: Flesh, joints: Float64, pelvis: Float64, side: str, ankle: Float64, knee_deg: float
+) -> float:
+    """Height of the pelvis at which a leg stands on its ankle with that much flexion of the knee."""
+    hip, knee, foot = (JOINT_ID[f"{side}_{name}"] for name in ("hip", "knee", "ankle"))
+    rest = flesh.rest_joints_m
+    thigh, shank = np.linalg.norm(rest[knee] - rest[hip]), np.linalg.norm(rest[foot] - rest[knee])
+    square = thigh**2 + shank**2 + 2 * thigh * shank * np.cos(np.radians(max(knee_deg, 2.0)))
+    off = joints[hip] + pelvis - ankle
+    level = min(off[0] ** 2 + off[1] ** 2, 0.8 * square)
+    return float(ankle[2] + np.sqrt(square - level) - joints[hip, 2])
+
+
+def _planted(flesh: Flesh, posture: Posture, side: str, foot: Foot, knee_out_rad: float) -> Posture:
+    heel = 0.0
+    for _ in range(3):
+        ankle, rotation = foot.ankle(flesh, side, heel), foot.rotation(heel)
+        planted, beyond = plant(
+            posture, flesh.rest_joints_m, flesh.aligned, side, ankle, rotation, knee_out_rad
+        )
+        if beyond < 0.02:
+            break
+        heel += beyond
+    return planted
+
+
+def _with_arms(flesh: Flesh, how: Standing, posture: Posture, scale: float) -> tuple[Posture, list[Pull]]:
+    """The posture with both hands in their places, and pulls that keep them there while it settles."""
+    pulls = []
+    frames, joints = forward(posture, flesh.rest_joints_m, flesh.aligned)
+    for side in SIDES:
+        arm, entry = how.arms[side], table("poses/standing")["hands"][how.hands[side]]
+        elbow, wrist = JOINT_ID[f"{side}_elbow"], JOINT_ID[f"{side}_wrist"]
+        if "arm" in arm:
+            posture = _hung(how, posture, frames, joints, side)
+        else:
+            target = _target(flesh, arm, entry, frames, joints, side, scale)
+            swivel = np.radians(arm["swivel"])
+            posture = place_hand(posture, flesh.rest_joints_m, flesh.aligned, side, target, swivel)
+            if arm.get("hold", 0.0) > 0:
+                pulls.append(Pull(f"{side}_wrist", target, np.full(3, arm["hold"])))
+        angles = posture.angles_rad.copy()
+        angles[elbow, 2] = np.radians(arm.get("pronation", 0.0))
+        angles[wrist, :2] = np.radians([arm.get("wrist", 0.0), arm.get("wrist_spread", 0.0)])
+        posture = Posture(clamp(angles), posture.pelvis_m)
+    return posture, pulls
+
+
+def _hung(how: Standing, posture: Posture, frames: Float64, joints: Float64, side: str) -> Posture:
+    """The posture with one arm hanging; flexion counts from the vertical, whatever the trunk does."""
+    arm, angles = how.arms[side], posture.angles_rad.copy()
+    chest = frames[JOINT_ID["spine_upper"]]
+    forwards = np.degrees(np.arctan2(-chest[1, 2], chest[2, 2]))
+    pelvis, foot = joints[0], joints[JOINT_ID[f"{side}_ankle"]]
+    swing = arm.get("swing", 0.0) * (foot[1] - pelvis[1])
+    shoulder = (arm["arm"] + forwards + swing, arm["arm_spread"], arm["arm_twist"])
+    angles[JOINT_ID[f"{side}_shoulder"]] = np.radians(shoulder)
+    angles[JOINT_ID[f"{side}_elbow"], 0] = np.radians(arm["elbow"])
+    return Posture(clamp(angles), posture.pelvis_m)
+
+
+def _target(
+    flesh: Flesh,
+    arm: Moment,
+    entry: Mapping[str, Any],
+    frames: Float64,
+    joints: Float64,
+    side: str,
+    scale: float,
+) -> Float64:
+    """Place (3,) of a wrist in the world."""
+    if "azimuth" in arm:
+        azimuth, elevation = np.radians([arm["azimuth"], arm["elevation"]])
+        level = np.cos(elevation)
+        way = np.array([SIGN[side] * level * np.sin(azimuth), -level * np.cos(azimuth), np.sin(elevation)])
+        shoulder, elbow, wrist = (JOINT_ID[f"{side}_{name}"] for name in ("shoulder", "elbow", "wrist"))
+        rest = flesh.rest_joints_m
+        length = np.linalg.norm(rest[elbow] - rest[shoulder]) + np.linalg.norm(rest[wrist] - rest[elbow])
+        far = float(np.clip(arm["distance"], 0.3, 0.99)) * length
+        return np.asarray(joints[shoulder] + frames[JOINT_ID["spine_upper"]] @ (far * way))
+    origin, axes = _anchor(entry["at"], frames, joints, side)
+    off = np.array([SIGN[side] * arm["out"], arm["back"], arm["up"]])
+    return np.asarray(origin + axes @ (scale * off))
+
+
+def _anchor(at: str, frames: Float64, joints: Float64, side: str) -> tuple[Float64, Float64]:
+    """Origin (3,) and axes (3, 3) that a hand's place counts from."""
+    if at in ("knee", "ankle"):
+        return joints[JOINT_ID[f"{side}_{at}"]], np.eye(3)
+    if at == "head":
+        return joints[JOINT_ID["head"]], frames[JOINT_ID["head"]]
+    pair, carrier = {"chest": ("shoulder", "spine_upper"), "pelvis": ("hip", "pelvis")}[at]
+    middle = (joints[JOINT_ID[f"left_{pair}"]] + joints[JOINT_ID[f"right_{pair}"]]) / 2
+    return middle, frames[JOINT_ID[carrier]]
+
+
+def _hands_off(how: Standing, posture: Posture, scale: float) -> Posture:
+    """Hands that hang beside a thigh leave it by their gap."""
+    angles = posture.angles_rad.copy()
+    for side in SIDES:
+        gap = max(how.arms[side].get("gap", 0.0), 0.0)
+        angles[JOINT_ID[f"{side}_shoulder"], 1] += gap / 0.62 if gap else 0.0
+    return Posture(clamp(angles), posture.pelvis_m)
+
+
+def _things(how: Standing, joints: Float64) -> list[Mesh]:
+    """What the hands carry, in the world."""
+    wrists = {side: joints[JOINT_ID[f"{side}_wrist"]] for side in SIDES}
+    across = wrists["left"] - wrists["right"]
+    heading = Rotation.from_euler("z", np.arctan2(across[1], across[0])).as_matrix()
+    things = []
+    for kind in ("box", "tray"):
+        if how.hands["left"] == how.hands["right"] == kind:
+            size = how.sizes_m[kind].copy()
+            size[0] = max(0.1, np.hypot(*across[:2]) - (0.05 if kind == "box" else -0.12))
+            middle = (wrists["left"] + wrists["right"]) / 2
+            lift = size[2] / 2 + 0.03 if kind == "tray" else 0.0
+            things.append(_block(size, middle + heading @ (0.0, -0.05 - size[1] / 2 + 0.06, lift), heading))
+    for side in SIDES:
+        if how.hands[side] == "bag":
+            size = how.sizes_m["bag"]
+            things.append(_block(size, wrists[side] - (0.0, 0.0, 0.12 + size[2] / 2), np.eye(3)))
+    return things
+
+
+def _block(size: Float64, centre: Float64, rotation: Float64) -> Mesh:
+    half = tuple(size / 2)
+    return box((-half[0], -half[1], -half[2]), half, Surface.TABLE).placed(rotation, centre)
