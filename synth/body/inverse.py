@@ -51,8 +51,8 @@ def place_hand(
 ) -> Posture:
     """Bend one arm as ``reach`` does, the elbow where it is natural: also for arms that hang or rise.
 
-    swivel_rad turns the elbow away from the body; 0 = behind an arm that hangs, below one stretched out, before
-    one raised. Where the limits would keep the wrist from its place, the nearest swivel that lets it come there.
+    swivel_rad turns the elbow away from the body; 0 = behind an arm that hangs, below one stretched out,
+    before one raised. Where the limits keep the wrist from its place, the nearest swivel that lets it come.
     """
     angles = posture.angles_rad.copy()
     shoulder = JOINT_ID[f"{side}_shoulder"]
@@ -75,7 +75,7 @@ def _place_hand(
     side, parent = SIDES[shoulder], PARENTS[shoulder]
     line = target_m - positions[shoulder]
     along = line / np.linalg.norm(line)
-    # An elbow's hinge lies across the trunk, but for an arm stretched sideways, whose elbow looks back and down.
+    # The hinge lies across the trunk; the elbow of an arm stretched sideways looks back and down.
     hinge = frames[parent] @ np.array([-1.0, -0.3 * side, -0.3 * side])
     hinge -= along * np.dot(along, hinge)
     hinge /= np.linalg.norm(hinge)
