@@ -88,7 +88,7 @@ def _place_hand(
             low, high = LIMITS_RAD[shoulder, a]
             tried[shoulder, a] = min(max(tried[shoulder, a], low), high)
         _, _, joints = kinematics(tried, pelvis_m, rest_joints_m, aligned)
-        off = np.linalg.norm(joints[shoulder + 2] - target_m)
+        off = float(np.linalg.norm(joints[shoulder + 2] - target_m))
         if off < least - 0.005:
             best, least = tried, off
         if least < _NEAR_M:
@@ -172,7 +172,7 @@ def _plant(
     _, frames, _ = kinematics(angles_rad, pelvis_m, rest_joints_m, aligned)
     level = np.ascontiguousarray(frames[ankle].T) @ foot
     angles_rad[ankle] = _euler_inside(level, SIGNS[ankle], LIMITS_RAD[ankle])
-    return max(angles_rad[ankle, 0] - LIMITS_RAD[ankle, 0, 1], 0.0)
+    return float(max(angles_rad[ankle, 0] - LIMITS_RAD[ankle, 0, 1], 0.0))
 
 
 @numba.njit(cache=True)
