@@ -74,7 +74,7 @@ def test_a_foot_is_planted_and_a_hand_is_placed_where_they_are_wanted(side):
     _, joints = forward(posture, flesh.rest_joints_m, flesh.aligned)
     hip, shoulder = joints[JOINT_ID[f"{side}_hip"]], joints[JOINT_ID[f"{side}_shoulder"]]
     foot = Rotation.from_euler("z", sign * 0.2).as_matrix()
-    ankle = hip + (sign * 0.05, -0.1, -0.7)
+    ankle = hip + np.array([sign * 0.05, -0.1, -0.7])
     posture, beyond = plant(posture, flesh.rest_joints_m, flesh.aligned, side, ankle, foot, 0.1)
     assert beyond == 0
     for hand in ((0.1, -0.3, 0.1), (0.02, -0.05, -0.5), (0.1, 0.15, -0.4), (0.2, -0.1, 0.4)):

@@ -163,9 +163,8 @@ def _feet(flesh: Flesh, how: Standing, scale: float) -> dict[str, Foot]:
     for side in SIDES:
         sign, kind = SIGN[side], "stand" if side == how.stands else "free"
         ahead = legs["ahead"] * (kind == "free")
-        place = (
-            np.array([sign * legs["ankles"] / 2, -ahead, max(legs["lift"], 0.0) * (kind == "free")]) * scale
-        )
+        lift = max(legs["lift"], 0.0) * (kind == "free")
+        place = scale * np.array([sign * legs["ankles"] / 2, -ahead, lift])
         place[2] += flesh.rest_joints_m[JOINT_ID[f"{side}_ankle"], 2]
         c, s = np.cos(-turned), np.sin(-turned)
         place[:2] = c * place[0] - s * place[1], s * place[0] + c * place[1]
@@ -188,13 +187,9 @@ def _on_feet(flesh: Flesh, how: Standing, angles: Float64, feet: Mapping[str, Fo
     pelvis = over - BALANCE * np.asarray(mass) + (0.0, -0.02, 0.0)
     pelvis[2] = 0.0
     ankles = {side: feet[side].ankle(flesh, side, 0.0) for side in SIDES}
-    heights = [
-        _height_over(
-            flesh, joints, pelvis, side, ankles[side], how.legs["knee"] if side == how.stands else 2.0
-        )
-        for side in SIDES
-    ]
-    posture = Posture(angles, pelvis + (0.0, 0.0, min(heights)))
+    knees = {how.stands: how.legs["knee"], OTHER[how.stands]: 2.0}
+    pelvis[2] = min(_height_over(flesh, joints, pelvis, side, ankles[side], knees[side]) for side in SIDES)
+    posture = Posture(angles, pelvis)
     for side in SIDES:
         posture = _planted(flesh, posture, side, feet[side], np.radians(how.legs["knee_out"]))
     return posture
@@ -231,12 +226,12 @@ def _with_arms(flesh: Flesh, how: Standing, posture: Posture, scale: float) -> t
     pulls = []
     frames, joints = forward(posture, flesh.rest_joints_m, flesh.aligned)
     for side in SIDES:
-        arm, entry = how.arms[side], table("poses/standing")["hands"][how.hands[side]]
+        arm = how.arms[side]
         elbow, wrist = JOINT_ID[f"{side}_elbow"], JOINT_ID[f"{side}_wrist"]
         if "arm" in arm:
             posture = _hung(how, posture, frames, joints, side)
         else:
-            target = _target(flesh, arm, entry, frames, joints, side, scale)
+            target = _target(flesh, how, frames, joints, side, scale)
             swivel = np.radians(arm["swivel"])
             posture = place_hand(posture, flesh.rest_joints_m, flesh.aligned, side, target, swivel)
             if arm.get("hold", 0.0) > 0:
@@ -262,15 +257,10 @@ def _hung(how: Standing, posture: Posture, frames: Float64, joints: Float64, sid
 
 
 def _target(
-    flesh: Flesh,
-    arm: Moment,
-    entry: Mapping[str, Any],
-    frames: Float64,
-    joints: Float64,
-    side: str,
-    scale: float,
+    flesh: Flesh, how: Standing, frames: Float64, joints: Float64, side: str, scale: float
 ) -> Float64:
     """Place (3,) of a wrist in the world."""
+    arm = how.arms[side]
     if "azimuth" in arm:
         azimuth, elevation = np.radians([arm["azimuth"], arm["elevation"]])
         level = np.cos(elevation)
@@ -280,7 +270,8 @@ def _target(
         length = np.linalg.norm(rest[elbow] - rest[shoulder]) + np.linalg.norm(rest[wrist] - rest[elbow])
         far = float(np.clip(arm["distance"], 0.3, 0.99)) * length
         return np.asarray(joints[shoulder] + frames[JOINT_ID["spine_upper"]] @ (far * way))
-    origin, axes = _anchor(entry["at"], frames, joints, side)
+    at = table("poses/standing")["hands"][how.hands[side]]["at"]
+    origin, axes = _anchor(at, frames, joints, side)
     off = np.array([SIGN[side] * arm["out"], arm["back"], arm["up"]])
     return np.asarray(origin + axes @ (scale * off))
 
@@ -314,7 +305,7 @@ def _things(how: Standing, joints: Float64) -> list[Mesh]:
     for kind in ("box", "tray"):
         if how.hands["left"] == how.hands["right"] == kind:
             size = how.sizes_m[kind].copy()
-            size[0] = max(0.1, np.hypot(*across[:2]) - (0.05 if kind == "box" else -0.12))
+            size[0] = np.clip(np.hypot(*across[:2]) + (-0.05 if kind == "box" else 0.12), 0.1, 0.6)
             middle = (wrists["left"] + wrists["right"]) / 2
             lift = size[2] / 2 + 0.03 if kind == "tray" else 0.0
             things.append(_block(size, middle + heading @ (0.0, -0.05 - size[1] / 2 + 0.06, lift), heading))
