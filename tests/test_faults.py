@@ -18,9 +18,8 @@ from conftest import assert_refused, largest_file, tree
 from test_cli_nothing_lost import ordinary_user
 
 import sensors.recording.recorder
-from annotate.correction import activity
 from annotate.correction.correction import Correction
-from annotate.correction.edit import ActiveTime, steady_time
+from annotate.correction.edit import IDLE_S, ActiveTime, steady_time
 from annotate.label_source import label_source
 from annotate.labelset.claim import CLAIM, Claim, ClaimedError
 from annotate.labelset.store import LabelSet, validate
@@ -239,7 +238,7 @@ def test_a_clock_that_is_set_costs_nobody_any_time(monkeypatch):
     spent.mark("looking")
     assert 0.02 <= spent.take()["looking"] < 30
     assert abs(steady_time() - real()) < 60
-    assert activity.IDLE_S > 60, "a jump of a minute would have counted"
+    assert IDLE_S > 60, "a jump of a minute would have counted"
 
 
 def test_a_clock_that_is_set_while_recording_moves_no_event(tmp_path, monkeypatch):
