@@ -74,7 +74,8 @@ demo: $(READY)
 test: $(READY)
 	@$(MAKE) --no-print-directory system WANTED="$(OPTIONAL)"
 	# The tests fill the cores by processes: BLAS threads beside them cost several times the work.
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2
+	# A file stays on one core, with what its tests share; in order, as the longest is in the middle.
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 check: $(READY)
 	$(BIN)/ruff check

@@ -1,5 +1,7 @@
 """Speed of the window on a made label set, drawn on the screen there is or under xvfb-run (llvmpipe).
 
+python -m bench.window
+
 Every time is from the event to the repainted screen. The second column of seconds is the bar.
 """
 

@@ -17,8 +17,10 @@ MODULES = sorted({f"{path.parent.name}.{path.stem}" for path in PATHS} - ALONE)
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_a_tool_can_be_imported(name):
-    importlib.import_module(name)
+def test_a_tool_can_be_imported_and_shows_how_it_is_run(name):
+    module = importlib.import_module(name)
+    runs = "__main__" in Path(module.__file__).read_text()
+    assert runs == (f"python -m {name}" in module.__doc__)
 
 
 def test_the_engine_is_measured_against_a_simulated_session(rig_session, capsys):
