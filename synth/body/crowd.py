@@ -1,0 +1,78 @@
+"""The shipped crowd: adults of both sexes, all ages and builds, on one mesh, so that any of them blend."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annotate.array_types import Bool, Float32
+from sensors.files.npz import load_arrays
+from synth.body.body import Body, shipped_bodies
+from synth.shipped import shipped
+
+STEP_M = 1e-4
+"""Vertices of the crowd are stored in steps of 0.1 mm: far below what a depth camera sees."""
+MAX_BYTES = 50_000_000
+"""Of a shipped file unpacked: the crowd's has 3 MB."""
+BASE_VERTICES = 19_158
+"""Vertices of MakeHuman's base mesh hm08, helpers included."""
+
+
+EVERY = 40
+"""Of the skin's vertices so many make one that a mixture of bodies is fitted to. Chosen by eye."""
+
+
+@cache
+def crowd() -> tuple[Body, ...]:
+    """28 adults, women and men in turn, ages 16 to 80, 1.50 to 1.91 m, body mass index 17 to 36.9.
+
+    Baked from anny by ``python -m tools.bake_crowd``; mesh, parts and skinning are those of the paper's bodies.
+    """
+    like, joints = shipped_bodies()[0], _arrays()["joints_m"]
+    own = _vertices_m()[:, : len(like.vertices_m)]
+    return tuple(
+        replace(like, name=f"crowd_{i:02}", vertices_m=own[i], joints_m=joints[i]) for i in range(len(own))
+    )
+
+
+def base_mesh_m(body: Body) -> Float32:
+    """Vertices (19158, 3) of MakeHuman's base mesh hm08 around a body at rest, metres, body frame.
+
+    Those of the skin are the body's own. Helpers, which garments are fitted to, are the crowd's, in the mixture
+    that comes nearest to the body's skin: exact for two of the crowd blended.
+    """
+    skin, vertices = _arrays()["skin"], _vertices_m()
+    some = vertices[:, : len(skin) : EVERY].reshape(len(vertices), -1).T
+    first = some[:, :1]
+    asked = body.vertices_m[: len(skin) : EVERY].reshape(-1, 1) - first
+    shares = np.linalg.lstsq(some[:, 1:] - first, asked, rcond=1e-4)[0][:, 0]
+    helpers = np.einsum("n,nhd->hd", np.append(1 - shares.sum(), shares), vertices[:, len(body.vertices_m) :])
+    base = np.empty((BASE_VERTICES, 3), np.float32)
+    base[skin], base[_arrays()["helpers"]] = body.vertices_m[: len(skin)], helpers
+    return base
+
+
+def covered_skin(body: Body, hidden: Bool) -> Bool:
+    """Flags (V,) of a body's vertices for flags (19158,) of hm08's; on a cut, where all around are flagged."""
+    skin = _arrays()["skin"]
+    flags = np.ones(len(body.vertices_m), np.bool_)
+    flags[: len(skin)] = hidden[skin]
+    bare = ~flags[body.faces].all(axis=1)
+    flags[len(skin) :] = False
+    flags[len(skin) :][~np.isin(np.arange(len(skin), len(flags)), body.faces[bare])] = True
+    return flags
+
+
+@cache
+def _arrays() -> dict[str, NDArray[Any]]:
+    return load_arrays(shipped("crowd.npz"), MAX_BYTES, "install again")
+
+
+@cache
+def _vertices_m() -> Float32:
+    """Skin, and behind it the helpers, of everybody at rest (28, V + H, 3)."""
+    arrays = _arrays()
+    whole = arrays["mean"].astype(np.float32) + arrays["differences"]
+    return np.asarray(np.float32(STEP_M) * whole, np.float32)

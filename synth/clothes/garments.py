@@ -1,0 +1,212 @@
+"""Garments made for MakeHuman's base mesh, from a folder of ``.mhclo`` and ``.obj`` files, on any body.
+
+The project ships none; MakeHuman's own are CC0. Source of the format: makehuman/shared/proxy.py.
+"""
+
+from dataclasses import dataclass
+from itertools import takewhile
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
+from sensors.errors import CloudError, FormatError
+from sensors.files.bounded import read_bounded
+from synth.body.body import BONES_PER_VERTEX, Body
+from synth.body.crowd import BASE_VERTICES, base_mesh_m, covered_skin
+from synth.body.skeleton import JOINT_ID, N_JOINTS
+
+BASE_MESH = "hm08"
+MAX_FILE_BYTES = 100_000_000
+"""Of a garment's two text files each: MakeHuman's largest has 2 MB."""
+SKIN_NEIGHBOURS = 6
+"""Skin vertices whose joints move a garment's vertex: their mean keeps a skirt whole between the legs. Chosen by
+eye."""
+KINDS = ("clothes", "shoes", "hair")
+"""What a garment is, by where it sits; of each kind one is worn at most."""
+WORN = {"clothes": 1.0, "shoes": 0.7, "hair": 0.8}
+"""Shares of the people who wear a garment of each kind. No source: chosen by eye."""
+DRAWN_IN_M = 0.012
+"""By so much covered skin draws in: it neither shows through a garment nor leaves a hole. Chosen by eye."""
+SHOE_M, HEAD_M = 0.35, 0.12
+"""A shoe is what stays below this height; hair and hats reach no lower than this below the head's joint, in the
+middle of their vertices. Chosen by eye."""
+
+
+@dataclass(frozen=True, eq=False)
+class Garment:
+    """A garment bound to hm08.
+
+    corners: int32 (n, 3) vertices of hm08 and their shares (n, 3) under each of its own; offsets (n, 3) in the
+    file's units and axes: x left, y up, z forward. spans: (3, 3) of each axis two vertices of hm08, and the
+    distance in the file's units that their distance along that axis has. faces: int32 (F, 3).
+    hidden: bool (19158,) vertices of hm08 that it covers.
+    """
+
+    name: str
+    corners: Int32
+    shares: Float64
+    offsets: Float64
+    spans: Float64
+    faces: Int32
+    hidden: Bool
+
+    def place(self, base_m: Float32) -> Float32:
+        """Own vertices (n, 3) about hm08's vertices (19158, 3) of a body at rest, body frame, metres."""
+        pairs = base_m[self.spans[:, :2].astype(int)]
+        # The file's x, y, z are the body's x, z, -y.
+        axes = np.array([0, 2, 1])
+        scale = np.abs(pairs[np.arange(3), 0, axes] - pairs[np.arange(3), 1, axes]) / self.spans[:, 2]
+        x, y, z = (self.offsets * scale).T
+        on_skin = np.einsum("nk,nkd->nd", self.shares, base_m[self.corners].astype(np.float64))
+        return np.asarray(on_skin + np.stack([x, -z, y], axis=1), np.float32)
+
+
+def read_garments(folder: Path) -> tuple[Garment, ...]:
+    """Every garment of a folder and its subfolders, by path. Raises CloudError where there is none."""
+    paths = sorted(folder.rglob("*.mhclo"))
+    if not paths:
+        raise CloudError(f"{folder} holds no .mhclo garment; give a folder of MakeHuman's clothes")
+    return tuple(read_garment(path) for path in paths)
+
+
+def read_garment(path: Path) -> Garment:
+    """A ``.mhclo`` file and the ``.obj`` beside it that it names.
+
+    Raises FormatError when either is damaged, they do not belong together, or the base mesh is another one.
+    """
+    try:
+        return _parse(path, _text(path))
+    except (ValueError, IndexError, KeyError) as error:
+        raise FormatError(
+            f"{path} is no garment ({str(error)[:120]}); export it from MakeHuman again"
+        ) from error
+
+
+def _text(path: Path) -> list[str]:
+    return read_bounded(path, MAX_FILE_BYTES, "export it again").decode("utf-8", "replace").splitlines()
+
+
+def _parse(path: Path, lines: list[str]) -> Garment:
+    words = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    head = {row[0]: row[1:] for row in words}
+    if head.get("basemesh") != [BASE_MESH]:
+        mesh = " ".join(head.get("basemesh", ["no named mesh"]))
+        raise FormatError(f"{path} is made for {mesh[:40]}; give garments for {BASE_MESH}")
+    first = next(i for i, row in enumerate(words) if row[0] == "verts") + 1
+    rows = []
+    for row in words[first:]:
+        if len(row) not in (1, 9) or not row[0].isdigit():
+            break
+        rows.append([*map(float, row)] if len(row) == 9 else [float(row[0])] * 3 + [1.0] + [0.0] * 5)
+    table = np.array(rows).reshape(-1, 9)
+    spans = np.array([[float(v) for v in head[f"{axis}_scale"]] for axis in "xyz"])
+    ids = np.concatenate([table[:, :3].ravel(), spans[:, :2].ravel()])
+    if not len(table) or not np.isfinite(table).all() or (spans[:, 2] <= 0).any():
+        raise ValueError("numbers that are none, or a scale that is not positive")
+    if ids.min() < 0 or ids.max() >= BASE_VERTICES:
+        raise ValueError(f"vertices beyond the {BASE_VERTICES} of {BASE_MESH}")
+    # A name only: what lies elsewhere is not read.
+    faces = _faces(path.parent / Path(head["obj_file"][0]).name, len(table))
+    return Garment(
+        path.stem, table[:, :3].astype(np.int32), table[:, 3:6], table[:, 6:], spans, faces, _hidden(words)
+    )
+
+
+def _hidden(words: list[list[str]]) -> Bool:
+    """Flags (19158,) of ``delete_verts``: numbers, and ranges as FIRST - LAST, in the rows that follow it."""
+    hidden = np.zeros(BASE_VERTICES, np.bool_)
+    start = next((i + 1 for i, row in enumerate(words) if row[0] == "delete_verts"), len(words))
+    tokens = [t for row in takewhile(lambda row: row[0].isdigit(), words[start:]) for t in row]
+    for before, token, after in zip(["", *tokens], tokens, [*tokens[1:], ""], strict=False):
+        if token == "-":
+            hidden[int(before) : int(after) + 1] = True
+        else:
+            hidden[int(token)] = True
+    return hidden
+
+
+def _faces(path: Path, n_vertices: int) -> Int32:
+    """Triangles (F, 3) of an ``.obj`` file; polygons are cut into fans."""
+    triangles = []
+    for line in _text(path):
+        if line.startswith("f "):
+            corners = [int(corner.split("/")[0]) - 1 for corner in line.split()[1:]]
+            triangles += [(corners[0], b, c) for b, c in zip(corners[1:], corners[2:], strict=False)]
+    faces = np.array(triangles, np.int32).reshape(-1, 3)
+    if not len(faces) or faces.min() < 0 or faces.max() >= n_vertices:
+        raise ValueError(f"faces of {path.name} do not belong to {n_vertices} vertices")
+    return faces
+
+
+def kind_of(garment: Garment, body: Body) -> str:
+    """One of ``KINDS``, by where the garment sits on a body."""
+    z = garment.place(base_mesh_m(body))[:, 2]
+    if z.max() < SHOE_M:
+        return "shoes"
+    return "hair" if np.median(z) > body.joints_m[JOINT_ID["head"], 2] - HEAD_M else "clothes"
+
+
+def choose(garments: tuple[Garment, ...], body: Body, rng: np.random.Generator) -> list[Garment]:
+    """What somebody wears of a folder: of each kind one, shoes and hair not always."""
+    kinds = [kind_of(garment, body) for garment in garments]
+    chosen = []
+    for kind in KINDS:
+        own = [g for g, its in zip(garments, kinds, strict=True) if its == kind]
+        if own and rng.random() < WORN[kind]:
+            chosen.append(own[int(rng.integers(len(own)))])
+    return chosen
+
+
+def wear(body: Body, garments: list[Garment]) -> Body:
+    """A body in garments: their vertices and faces, seen from both sides, behind the body's own.
+
+    Garments move with the skin next to them, and their faces are of the part of that skin. Skin that they cover
+    draws in by ``DRAWN_IN_M``.
+    """
+    base = base_mesh_m(body)
+    skin = _inwards(body, np.logical_or.reduce([g.hidden for g in garments]))
+    vertices, faces, parts, bones, weights = (
+        [skin],
+        [body.faces],
+        [body.face_parts],
+        [body.bones],
+        [body.weights],
+    )
+    outer = np.flatnonzero(body.vertex_parts > 0)
+    tree = cKDTree(body.vertices_m[outer])
+    count = len(skin)
+    for garment in garments:
+        own = garment.place(base)
+        near = outer[tree.query(own, SKIN_NEIGHBOURS)[1]]
+        moved_by, shares = _mean_influences(body, near)
+        centres = outer[tree.query(own[garment.faces].mean(axis=1))[1]]
+        both_sides = np.concatenate([garment.faces, garment.faces[:, ::-1]]) + np.int32(count)
+        vertices.append(own)
+        faces.append(both_sides)
+        parts.append(np.tile(body.vertex_parts[centres], 2))
+        bones.append(moved_by)
+        weights.append(shares)
+        count += len(own)
+    joined = [np.concatenate(arrays) for arrays in (vertices, faces, parts, bones, weights)]
+    return Body(body.name, joined[0], joined[1], joined[2], body.joints_m, joined[3], joined[4], body.waist)
+
+
+def _inwards(body: Body, hidden: Bool) -> Float32:
+    """Rest vertices (V, 3) with those of the covered skin drawn in along their normals."""
+    covered = covered_skin(body, hidden)
+    return np.where(
+        covered[:, None], body.vertices_m - np.float32(DRAWN_IN_M) * vertex_normals(body), body.vertices_m
+    )
+
+
+def _mean_influences(body: Body, near: Int64) -> tuple[UInt8, Float32]:
+    """Bones and weights (n, 4) of the mean of skin vertices (n, k)."""
+    n = len(near)
+    by_joint = np.zeros((n, N_JOINTS), np.float32)
+    rows = np.repeat(np.arange(n), near.shape[1] * BONES_PER_VERTEX)
+    np.add.at(by_joint, (rows, body.bones[near].ravel()), body.weights[near].ravel())
+    bones = np.argsort(-by_joint, axis=1, kind="stable")[:, :BONES_PER_VERTEX]
+    weights = np.take_along_axis(by_joint, bones, axis=1)
+    return bones.astype(np.uint8), weights / weights.sum(axis=1, keepdims=True)

@@ -1,0 +1,126 @@
+"""Bakes the shipped crowd and its binding to MakeHuman's base mesh: python -m tools.bake_crowd (extra ``bodies``).
+
+Writes ``synth/data/crowd.npz``; takes some minutes.
+"""
+
+import sys
+import warnings
+from contextlib import redirect_stdout
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import qmc
+
+from annotate.array_types import Float64, Int64
+from synth.body.body import Body
+from synth.body.crowd import STEP_M
+from synth.body.fit import BodyModel
+from synth.shipped import shipped
+
+PEOPLE = 28
+HEIGHT_CM = {"woman": (163.0, 6.5), "man": (176.0, 7.0)}
+"""Mean and standard deviation of adults' heights, and their ends below. Source: NCD-RisC 2016, Europe, rounded."""
+HEIGHT_ENDS_CM = (150.0, 195.0)
+AGE_YEARS, BMI = (16.0, 80.0), (17.0, 38.0)
+
+
+def sketches() -> list[tuple[float, float, float, float]]:
+    """(gender, age, height cm, BMI) of everybody: sexes in turn, the others spread evenly (Sobol)."""
+    from scipy.stats import norm
+
+    draws = qmc.Sobol(3, seed=2).random(32)[:PEOPLE]
+    ranks = np.argsort(np.argsort(draws[:, 2]))
+    bmi = np.exp(np.interp(ranks, (0, PEOPLE - 1), np.log(BMI)))
+    people = []
+    for i, (age, height, _) in enumerate(draws):
+        sex = ("woman", "man")[i % 2]
+        mean, deviation = HEIGHT_CM[sex]
+        cm = float(np.clip(norm.ppf(height, mean, deviation), *HEIGHT_ENDS_CM))
+        people.append(
+            (
+                0.92 if sex == "woman" else 0.08,
+                anny_age(float(np.interp(age, (0, 1), AGE_YEARS))),
+                cm,
+                float(bmi[i]),
+            )
+        )
+    return people
+
+
+def anny_age(years: float) -> float:
+    """anny's number of an age: child (10) at 1/3, young (25) at 2/3, old (90) at 1."""
+    return float(np.interp(years, (10, 25, 90), (1 / 3, 2 / 3, 1)))
+
+
+def fitted(model: BodyModel, gender: float, age: float, height_cm: float, bmi: float) -> Float64:
+    """Phenotypes (6,) nearest to a height and a body mass index; muscle and proportions as little off as needed."""
+    kg = bmi * (height_cm / 100) ** 2
+
+    def whole(free: Float64) -> Float64:
+        muscle, weight, height, proportions = free
+        return np.array([gender, age, muscle, weight, height, proportions])
+
+    def residuals(free: Float64) -> Float64:
+        cm, found, _ = model.measure(whole(free))
+        return np.array([cm - height_cm, found - kg, free[0] - 0.45, free[3] - 0.5])
+
+    best = min(
+        (
+            least_squares(residuals, (muscle, 0.5, 0.45, 0.5), bounds=(0, 1), diff_step=1e-3, max_nfev=25)
+            for muscle in (0.15, 0.55)
+        ),
+        key=lambda result: result.cost,
+    )
+    return whole(best.x)
+
+
+def full_mesh(anny: Any) -> Any:  # noqa: ANN401 - anny has no types
+    """anny with all vertices of hm08, helpers too."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return anny.create_fullbody_model(remove_unattached_vertices=False)
+
+
+def main() -> None:
+    with redirect_stdout(sys.stderr):
+        import anny
+
+        model = BodyModel()
+        phenotypes = [fitted(model, *sketch) for sketch in sketches()]
+        for sketch, phenotype in zip(sketches(), phenotypes, strict=True):
+            cm, kg, _ = model.measure(phenotype)
+            print(
+                np.round(sketch, 2),
+                np.round(phenotype, 2),
+                f"{cm:.1f} cm, BMI {kg / (cm / 100) ** 2:.1f}",
+                flush=True,
+            )
+        bodies = [model.bake(f"crowd_{i:02}", p) for i, p in enumerate(phenotypes)]
+        skin = model._model.base_mesh_vertex_indices.numpy()
+        model._model = full_mesh(anny)
+        base = np.array([model.shape(phenotype)[0] for phenotype in phenotypes])
+    # Bodies stand on the floor, shapes about anny's origin.
+    base -= (base[:, skin].mean(axis=1) - np.array([b.vertices_m[: len(skin)].mean(axis=0) for b in bodies]))[
+        :, None
+    ]
+    save_crowd(bodies, base, skin)
+
+
+def save_crowd(bodies: list[Body], base: Float64, skin: Int64) -> None:
+    """Write the crowd: vertices, and helpers of hm08, in steps of ``STEP_M``, as a mean and everybody's differences.
+
+    base: (n, 19158, 3) hm08 about each body; skin: its vertices that are the first of a body's own.
+    """
+    helpers = np.setdiff1d(np.arange(base.shape[1]), skin)
+    own = np.array([body.vertices_m for body in bodies])
+    vertices = np.rint(np.concatenate([own, base[:, helpers]], axis=1) / STEP_M)
+    mean = np.rint(vertices.mean(axis=0)).astype(np.int16)
+    np.savez_compressed(
+        shipped("crowd.npz"), mean=mean, differences=(vertices - mean).astype(np.int16),
+        joints_m=np.array([body.joints_m for body in bodies]), skin=skin.astype(np.int32), helpers=helpers.astype(np.int32),
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
