@@ -1,6 +1,6 @@
-"""Bakes the shipped crowd and its binding to MakeHuman's base mesh: python -m tools.bake_crowd (extra ``bodies``).
+"""Bakes the shipped crowd, ``synth/data/crowd.npz``: python -m tools.bake_crowd (extra ``bodies``).
 
-Writes ``synth/data/crowd.npz``; takes some minutes.
+It takes some minutes.
 """
 
 import sys
@@ -20,7 +20,7 @@ from synth.shipped import shipped
 
 PEOPLE = 28
 HEIGHT_CM = {"woman": (163.0, 6.5), "man": (176.0, 7.0)}
-"""Mean and standard deviation of adults' heights, and their ends below. Source: NCD-RisC 2016, Europe, rounded."""
+"""Mean and standard deviation of adults' heights. Source: NCD-RisC 2016, Europe, rounded."""
 HEIGHT_ENDS_CM = (150.0, 195.0)
 AGE_YEARS, BMI = (16.0, 80.0), (17.0, 38.0)
 
@@ -54,7 +54,7 @@ def anny_age(years: float) -> float:
 
 
 def fitted(model: BodyModel, gender: float, age: float, height_cm: float, bmi: float) -> Float64:
-    """Phenotypes (6,) nearest to a height and a body mass index; muscle and proportions as little off as needed."""
+    """Phenotypes (6,) nearest to a height and a body mass index; muscle and proportions near the middle."""
     kg = bmi * (height_cm / 100) ** 2
 
     def whole(free: Float64) -> Float64:
@@ -75,7 +75,7 @@ def fitted(model: BodyModel, gender: float, age: float, height_cm: float, bmi: f
     return whole(best.x)
 
 
-def full_mesh(anny: Any) -> Any:  # noqa: ANN401 - anny has no types
+def full_mesh(anny: Any) -> Any:
     """anny with all vertices of hm08, helpers too."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -108,7 +108,7 @@ def main() -> None:
 
 
 def save_crowd(bodies: list[Body], base: Float64, skin: Int64) -> None:
-    """Write the crowd: vertices, and helpers of hm08, in steps of ``STEP_M``, as a mean and everybody's differences.
+    """Write the crowd: vertices and helpers of hm08 in steps of ``STEP_M``: a mean and differences.
 
     base: (n, 19158, 3) hm08 about each body; skin: its vertices that are the first of a body's own.
     """
@@ -118,7 +118,8 @@ def save_crowd(bodies: list[Body], base: Float64, skin: Int64) -> None:
     mean = np.rint(vertices.mean(axis=0)).astype(np.int16)
     np.savez_compressed(
         shipped("crowd.npz"), mean=mean, differences=(vertices - mean).astype(np.int16),
-        joints_m=np.array([body.joints_m for body in bodies]), skin=skin.astype(np.int32), helpers=helpers.astype(np.int32),
+        joints_m=np.array([body.joints_m for body in bodies]),
+        skin=skin.astype(np.int32), helpers=helpers.astype(np.int32),
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ EVERY = 40
 def crowd() -> tuple[Body, ...]:
     """28 adults, women and men in turn, ages 16 to 80, 1.50 to 1.91 m, body mass index 17 to 36.9.
 
-    Baked from anny by ``python -m tools.bake_crowd``; mesh, parts and skinning are those of the paper's bodies.
+    Baked from anny by ``python -m tools.bake_crowd``, on the mesh of the paper's bodies.
     """
     like, joints = shipped_bodies()[0], _arrays()["joints_m"]
     own = _vertices_m()[:, : len(like.vertices_m)]
@@ -40,8 +40,8 @@ def crowd() -> tuple[Body, ...]:
 def base_mesh_m(body: Body) -> Float32:
     """Vertices (19158, 3) of MakeHuman's base mesh hm08 around a body at rest, metres, body frame.
 
-    Those of the skin are the body's own. Helpers, which garments are fitted to, are the crowd's, in the mixture
-    that comes nearest to the body's skin: exact for two of the crowd blended.
+    Those of the skin are the body's own. Helpers, which garments are fitted to, are the crowd's, in the
+    mixture that comes nearest to the body's skin: exact for two of the crowd blended.
     """
     skin, vertices = _arrays()["skin"], _vertices_m()
     some = vertices[:, : len(skin) : EVERY].reshape(len(vertices), -1).T
@@ -55,7 +55,7 @@ def base_mesh_m(body: Body) -> Float32:
 
 
 def covered_skin(body: Body, hidden: Bool) -> Bool:
-    """Flags (V,) of a body's vertices for flags (19158,) of hm08's; on a cut, where all around are flagged."""
+    """Flags (V,) of a body's vertices for (19158,) of hm08's; on a cut, where all around are flagged."""
     skin = _arrays()["skin"]
     flags = np.ones(len(body.vertices_m), np.bool_)
     flags[: len(skin)] = hidden[skin]

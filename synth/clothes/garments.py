@@ -4,7 +4,7 @@ The project ships none; MakeHuman's own are CC0. Source of the format: makehuman
 """
 
 from dataclasses import dataclass
-from itertools import takewhile
+from itertools import dropwhile, pairwise, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -13,34 +13,36 @@ from scipy.spatial import cKDTree
 from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_bounded
-from synth.body.body import BONES_PER_VERTEX, Body
+from synth.body.body import BONES_PER_VERTEX, Body, hair_faces
 from synth.body.crowd import BASE_VERTICES, base_mesh_m, covered_skin
 from synth.body.skeleton import JOINT_ID, N_JOINTS
+from synth.clothes.cloth import smooth_normals
+from synth.clothes.dressed import Dressed, assembled
 
 BASE_MESH = "hm08"
 MAX_FILE_BYTES = 100_000_000
 """Of a garment's two text files each: MakeHuman's largest has 2 MB."""
 SKIN_NEIGHBOURS = 6
-"""Skin vertices whose joints move a garment's vertex: their mean keeps a skirt whole between the legs. Chosen by
-eye."""
+"""Skin vertices whose joints move a garment's vertex: their mean keeps a skirt whole between the legs.
+Chosen by eye."""
 KINDS = ("clothes", "shoes", "hair")
 """What a garment is, by where it sits; of each kind one is worn at most."""
 WORN = {"clothes": 1.0, "shoes": 0.7, "hair": 0.8}
 """Shares of the people who wear a garment of each kind. No source: chosen by eye."""
 DRAWN_IN_M = 0.012
 """By so much covered skin draws in: it neither shows through a garment nor leaves a hole. Chosen by eye."""
-SHOE_M, HEAD_M = 0.35, 0.12
-"""A shoe is what stays below this height; hair and hats reach no lower than this below the head's joint, in the
-middle of their vertices. Chosen by eye."""
+SHOE_M, CROWN_M = 0.35, 0.10
+"""A shoe stays below this height; hair and hats alone reach so far over the joint of the head. Chosen by
+eye."""
 
 
 @dataclass(frozen=True, eq=False)
 class Garment:
     """A garment bound to hm08.
 
-    corners: int32 (n, 3) vertices of hm08 and their shares (n, 3) under each of its own; offsets (n, 3) in the
-    file's units and axes: x left, y up, z forward. spans: (3, 3) of each axis two vertices of hm08, and the
-    distance in the file's units that their distance along that axis has. faces: int32 (F, 3).
+    corners: int32 (n, 3) vertices of hm08 under each of its own, and their shares (n, 3); offsets (n, 3) in
+    the file's units and axes: x left, y up, z forward. spans: (3, 3) of each axis two vertices of hm08, and
+    how far they are from each other along it in the file's units. faces: int32 (F, 3).
     hidden: bool (19158,) vertices of hm08 that it covers.
     """
 
@@ -94,12 +96,9 @@ def _parse(path: Path, lines: list[str]) -> Garment:
     if head.get("basemesh") != [BASE_MESH]:
         mesh = " ".join(head.get("basemesh", ["no named mesh"]))
         raise FormatError(f"{path} is made for {mesh[:40]}; give garments for {BASE_MESH}")
-    first = next(i for i, row in enumerate(words) if row[0] == "verts") + 1
-    rows = []
-    for row in words[first:]:
-        if len(row) not in (1, 9) or not row[0].isdigit():
-            break
-        rows.append([*map(float, row)] if len(row) == 9 else [float(row[0])] * 3 + [1.0] + [0.0] * 5)
+    after = words[next(i for i, row in enumerate(words) if row[0] == "verts") + 1 :]
+    numbers = takewhile(lambda row: row[0].isdigit(), dropwhile(lambda row: not row[0].isdigit(), after))
+    rows = [[float(v) for v in (row if len(row) > 1 else [*row * 3, 1, *"00000"])] for row in numbers]
     table = np.array(rows).reshape(-1, 9)
     spans = np.array([[float(v) for v in head[f"{axis}_scale"]] for axis in "xyz"])
     ids = np.concatenate([table[:, :3].ravel(), spans[:, :2].ravel()])
@@ -133,7 +132,7 @@ def _faces(path: Path, n_vertices: int) -> Int32:
     for line in _text(path):
         if line.startswith("f "):
             corners = [int(corner.split("/")[0]) - 1 for corner in line.split()[1:]]
-            triangles += [(corners[0], b, c) for b, c in zip(corners[1:], corners[2:], strict=False)]
+            triangles += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
     faces = np.array(triangles, np.int32).reshape(-1, 3)
     if not len(faces) or faces.min() < 0 or faces.max() >= n_vertices:
         raise ValueError(f"faces of {path.name} do not belong to {n_vertices} vertices")
@@ -145,7 +144,7 @@ def kind_of(garment: Garment, body: Body) -> str:
     z = garment.place(base_mesh_m(body))[:, 2]
     if z.max() < SHOE_M:
         return "shoes"
-    return "hair" if np.median(z) > body.joints_m[JOINT_ID["head"], 2] - HEAD_M else "clothes"
+    return "hair" if z.max() > body.joints_m[JOINT_ID["head"], 2] + CROWN_M else "clothes"
 
 
 def choose(garments: tuple[Garment, ...], body: Body, rng: np.random.Generator) -> list[Garment]:
@@ -159,11 +158,11 @@ def choose(garments: tuple[Garment, ...], body: Body, rng: np.random.Generator) 
     return chosen
 
 
-def wear(body: Body, garments: list[Garment]) -> Body:
+def wear(body: Body, garments: list[Garment]) -> Dressed:
     """A body in garments: their vertices and faces, seen from both sides, behind the body's own.
 
-    Garments move with the skin next to them, and their faces are of the part of that skin. Skin that they cover
-    draws in by ``DRAWN_IN_M``.
+    Garments move with the skin next to them, and their faces are of the part of that skin. Skin that they
+    cover draws in by ``DRAWN_IN_M``.
     """
     base = base_mesh_m(body)
     skin = _inwards(body, np.logical_or.reduce([g.hidden for g in garments]))
@@ -174,6 +173,7 @@ def wear(body: Body, garments: list[Garment]) -> Body:
         [body.bones],
         [body.weights],
     )
+    dark = [hair_faces(body)]
     outer = np.flatnonzero(body.vertex_parts > 0)
     tree = cKDTree(body.vertices_m[outer])
     count = len(skin)
@@ -188,16 +188,18 @@ def wear(body: Body, garments: list[Garment]) -> Body:
         parts.append(np.tile(body.vertex_parts[centres], 2))
         bones.append(moved_by)
         weights.append(shares)
+        dark.append(np.full(len(both_sides), kind_of(garment, body) == "hair"))
         count += len(own)
     joined = [np.concatenate(arrays) for arrays in (vertices, faces, parts, bones, weights)]
-    return Body(body.name, joined[0], joined[1], joined[2], body.joints_m, joined[3], joined[4], body.waist)
+    worn = Body(body.name, joined[0], joined[1], joined[2], body.joints_m, joined[3], joined[4], body.waist)
+    return assembled(worn, np.concatenate(dark))
 
 
 def _inwards(body: Body, hidden: Bool) -> Float32:
     """Rest vertices (V, 3) with those of the covered skin drawn in along their normals."""
     covered = covered_skin(body, hidden)
     return np.where(
-        covered[:, None], body.vertices_m - np.float32(DRAWN_IN_M) * vertex_normals(body), body.vertices_m
+        covered[:, None], body.vertices_m - np.float32(DRAWN_IN_M) * smooth_normals(body), body.vertices_m
     )
 
 
