@@ -190,8 +190,16 @@ def wear(body: Body, garments: list[Garment]) -> Dressed:
         weights.append(shares)
         dark.append(np.full(len(both_sides), kind_of(garment, body) == "hair"))
         count += len(own)
-    joined = [np.concatenate(arrays) for arrays in (vertices, faces, parts, bones, weights)]
-    worn = Body(body.name, joined[0], joined[1], joined[2], body.joints_m, joined[3], joined[4], body.waist)
+    worn = Body(
+        body.name,
+        np.concatenate(vertices),
+        np.concatenate(faces),
+        np.concatenate(parts),
+        body.joints_m,
+        np.concatenate(bones),
+        np.concatenate(weights),
+        body.waist,
+    )
     return assembled(worn, np.concatenate(dark))
 
 
