@@ -15,6 +15,7 @@ from sensors.files.npz import array_sizes
 from synth.body.skeleton import JOINT_ID, N_JOINTS
 from synth.markers import motion_file
 from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_motion
+from synth.markers.person_body import bones_of_leg
 
 
 def motion(frames: int = 5, names: tuple[str, ...] = ("LASI", "größer")) -> Motion:
@@ -26,7 +27,7 @@ def motion(frames: int = 5, names: tuple[str, ...] = ("LASI", "größer")) -> Mo
         ("unknown",),
     )
     angles, pelvis = rng.random((frames, N_JOINTS, 3)), rng.random((frames, 3))
-    return Motion(angles, pelvis, 100.0, 0.8, report)
+    return Motion(angles, pelvis, 100.0, bones_of_leg(0.8), report)
 
 
 def spoilt(path: Path, name: str, content: bytes) -> Path:
@@ -52,11 +53,19 @@ def test_a_motion_comes_back(tmp_path, names):
     save_motion(tmp_path / "m.npz", saved)
     found = load_motion(tmp_path / "m.npz")
     assert (found.report.names, found.report.unknown) == (names, ("unknown",))
-    assert (found.leg_m, found.frames_per_second) == (saved.leg_m, saved.frames_per_second)
-    for name in ("angles_rad", "pelvis_m"):
+    assert found.frames_per_second == saved.frames_per_second
+    for name in ("angles_rad", "pelvis_m", "bones_m"):
         np.testing.assert_array_equal(getattr(found, name), getattr(saved, name))
     for name in ("error_m", "status"):
         np.testing.assert_array_equal(getattr(found.report, name), getattr(saved.report, name))
+
+
+def test_a_file_that_knows_only_the_leg_still_loads(tmp_path):
+    save_motion(tmp_path / "m.npz", motion())
+    arrays = dict(np.load(tmp_path / "m.npz"))
+    del arrays["bones_m"]
+    np.savez(tmp_path / "old.npz", **arrays, leg_m=np.float64(0.7))
+    assert load_motion(tmp_path / "old.npz").leg_m == pytest.approx(0.7)
 
 
 EVIL = {
@@ -66,7 +75,7 @@ EVIL = {
     "texts as angles": ("angles_rad", npy(np.zeros((5, N_JOINTS, 3), "<U1"))),
     "narrow numbers, which would grow": ("angles_rad", npy(np.zeros((5, N_JOINTS, 3), np.uint8))),
     "fewer numbers than claimed": ("pelvis_m", npy(np.zeros((5, 3)))[:-8]),
-    "two legs": ("leg_m", npy(np.zeros(2))),
+    "two bones": ("bones_m", npy(np.zeros((2, 3)))),
     "another version": ("version", npy(np.int64(2))),
     "nothing": ("status", b""),
 }

@@ -44,6 +44,7 @@ from synth.markers.bvh import read_bvh
 from synth.markers.marker_files import read_markers
 from synth.markers.markerset import load_marker_set
 from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_motion
+from synth.markers.person_body import bones_of_leg
 from tests.helpers.bags import STORAGES, realsense, write_bag
 from tests.helpers.marker_samples import bvh_text, positions, write_c3d, write_trc
 from tests.helpers.samples import azure_mkv, las
@@ -270,7 +271,7 @@ def _read_frames(path: Path) -> None:
 
 def _motion(folder: Path) -> Path:
     report = MarkerReport(("LASI", "RASI"), np.zeros((3, 2), np.float32), np.zeros((3, 2), np.uint8), ("x",))
-    motion = Motion(np.zeros((3, N_JOINTS, 3)), np.zeros((3, 3)), 100.0, 0.8, report)
+    motion = Motion(np.zeros((3, N_JOINTS, 3)), np.zeros((3, 3)), 100.0, bones_of_leg(0.8), report)
     save_motion(folder / "m.npz", motion)
     return folder / "m.npz"
 

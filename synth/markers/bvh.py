@@ -1,11 +1,5 @@
-"""BVH files: a skeleton's own rotations become points on its bones, and those are solved like markers.
+"""BVH files: a skeleton's own rotations become points at its joints, and those are solved like markers."""
 
-Bone lengths, rest poses and axes of BVH files differ from tool to tool; what they share is where the joints
-are. So every joint of a known name gives a point at its centre, head and hands also at the bone's end. What
-turns about a bone without moving a joint (the forearm, the head on its axis) is lost.
-"""
-
-import math
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -16,10 +10,9 @@ from scipy.spatial.transform import Rotation
 from annotate.array_types import Float64
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_bounded
-from synth.body.skeleton import JOINT_ID
+from synth.markers.joint_places import marker_set_of_joints
 from synth.markers.marker_files import Markers
-from synth.markers.markerset import MIN_MARKERS, MarkerSet
-from synth.shipped import table
+from synth.markers.markerset import MarkerSet, upright_axis
 
 MAX_FILE_BYTES = 300_000_000
 """A quarter of an hour of 100 joints at 120 frames/s."""
@@ -27,8 +20,6 @@ MAX_CENTRES = 20_000_000
 """Frames times joints, about 60 bytes and 2 us each: half an hour of 100 joints at 120 frames/s."""
 LEG_M = 0.82
 """BVH has no unit: the skeleton is scaled to this length from hip to ankle."""
-_NAMES = {name: kind for kind, names in table("bvh").items() for name in names}
-"""Kinds of joints by their names in BVH files, without side and prefix."""
 _CHANNEL = re.compile("[xyz](position|rotation)")
 
 
@@ -140,49 +131,12 @@ def _centres(bones: list[Bone], rows: Float64) -> Float64:
     return positions
 
 
-def _place_of(name: str) -> str | None:
-    """Our joint ("left_knee", "head", "left_toe") of a BVH joint's name, None if it is none of them."""
-    plain = re.sub(r"[^a-z0-9]", "", name.rpartition(":")[2].casefold())
-    for prefix, side in (("left", "left_"), ("right", "right_"), ("l", "left_"), ("r", "right_")):
-        kind = _NAMES.get(plain.removeprefix(prefix)) if plain.startswith(prefix) else None
-        if kind not in (None, "pelvis", "neck", "head"):
-            return f"{side}{kind}"
-    kind = _NAMES.get(plain)
-    return kind if kind in ("pelvis", "neck", "head") else None
-
-
 def _markers(path: Path, bones: list[Bone], centres: Float64, rate: float) -> tuple[Markers, MarkerSet]:
-    places: dict[str, int] = {}
-    for i, bone in enumerate(bones):
-        place = _place_of(bone.name)
-        if place:
-            places.setdefault(place, i)
-    for end, of in (("head_end", "head"), ("left_hand_end", "left_wrist"), ("right_hand_end", "right_wrist")):
-        tip = next((i for i, bone in enumerate(bones) if bone.parent == places.get(of)), None)
-        if tip is not None and math.hypot(*bones[tip].offset) > 0:
-            places[end] = tip
-    legs = [places.get(f"left_{joint}") for joint in ("hip", "knee", "ankle")]
-    if len(places) < MIN_MARKERS or None in legs:
-        raise CloudError(f"{path}: unknown joints ({', '.join(b.name for b in bones[:6])}, ...); rename them")
-    leg = sum(math.hypot(*bones[i].offset) for i in legs[1:] if i is not None)
-    if not leg > 0:
-        raise FormatError(f"{path}: its legs have no length; export it again")
-    rows = [_row(place) for place in places]
-    joint, at, spread = (np.array(column) for column in zip(*rows, strict=True))
-    names = tuple(places)
-    markers = Markers(names, centres[:, list(places.values())] * LEG_M / leg, rate, "m", 1)
-    return markers, MarkerSet("bvh", names, joint.astype(np.int64), at, spread, np.ones(len(names)))
-
-
-def _row(place: str) -> tuple[int, tuple[float, float, float], float]:
-    """Joint, place in metres from it and spread of one point."""
-    side, _, kind = place.partition("_")
-    if kind == "toe":
-        return JOINT_ID[f"{side}_ankle"], (0.0, -0.15, -0.05), 0.05
-    if kind == "hand_end":
-        return JOINT_ID[f"{side}_wrist"], (0.0, 0.0, -0.09), 0.05
-    if place == "head_end":
-        return JOINT_ID["head"], (0.0, 0.0, 0.15), 0.05
-    # Limbs hinge at the joints of the file; its hips, collar and neck differ from tool to tool.
-    exact = kind in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-    return JOINT_ID[place], (0.0, 0.0, 0.0), 0.005 if exact else 0.03
+    parents = np.array([bone.parent for bone in bones])
+    try:
+        columns, places, leg = marker_set_of_joints([bone.name for bone in bones], parents, centres)
+    except CloudError as error:
+        raise type(error)(f"{path}: {error}") from error
+    still = _centres(bones, np.zeros((1, sum(len(bone.channels) for bone in bones))))
+    up = upright_axis(still[:, columns], places)
+    return Markers(places.names, centres[:, columns] * LEG_M / leg, rate, "m", up), places

@@ -153,18 +153,29 @@ def known_markers(markers: Markers, markerset: MarkerSet, up: Float64 | None = N
 
 def up_direction(markers: Markers, markerset: MarkerSet, positions: Float64) -> Float64:
     """Vertical direction (3,) of a file: as declared, else where the trunk stands over the legs, else y."""
-    result = np.zeros(3)
     if markers.up >= 0:
-        result[markers.up] = 1.0
-        return result
+        return np.asarray(np.eye(3)[markers.up])
+    upright = _trunk_rise(positions, markerset)
+    axis = int(np.argmax(np.abs(upright)))
+    clear = np.isfinite(upright).all() and abs(upright[axis]) > 0.7 * np.linalg.norm(upright)
+    result = np.zeros(3)
+    result[axis if clear else 1] = np.sign(upright[axis]) if clear else 1.0
+    return result
+
+
+def upright_axis(positions: Float64, markerset: MarkerSet) -> int:
+    """Axis 0, 1 or 2 along which the trunk of skeletons (F, M, 3) rises over their legs, -1 if none."""
+    rise = _trunk_rise(positions, markerset)
+    axis = int(np.argmax(rise))
+    return axis if rise[axis] > 0.7 * np.linalg.norm(rise) else -1
+
+
+def _trunk_rise(positions: Float64, markerset: MarkerSet) -> Float64:
+    """Mean way (3,) from the lower to the upper markers, NaN where there are none."""
     names = np.array([JOINTS[j].name for j in markerset.joint])
     upper = _mean(positions[:, np.isin(names, _UPPER)])
     lower = _mean(positions[:, np.isin(names, _LOWER)])
-    rise = _mean((upper - lower)[:, None].swapaxes(0, 1))[0]
-    axis = int(np.argmax(np.abs(rise)))
-    clear = np.isfinite(rise).all() and abs(rise[axis]) > 0.7 * np.linalg.norm(rise)
-    result[axis if clear else 1] = np.sign(rise[axis]) if clear else 1.0
-    return result
+    return np.asarray(_mean((upper - lower)[:, None].swapaxes(0, 1))[0])
 
 
 def _mean(positions: Float64) -> Float64:

@@ -11,6 +11,7 @@ from sensors.files.atomic import check_free, replacing
 from sensors.files.npz import array_sizes, load_arrays
 from synth.body.body import Body
 from synth.body.skeleton import N_JOINTS, Posture
+from synth.markers.person_body import bones_of_leg
 from synth.markers.person_fit import leg_length_m, zero_bones
 
 SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
@@ -64,14 +65,15 @@ class Motion:
     """Joint angles over time.
 
     angles_rad: float64 (F, J, 3) as ``skeleton`` counts them. pelvis_m: float64 (F, 3) world, z up.
-    leg_m: of the recorded person from hip to ankle, by which a body of another size strides.
+    bones_m: float64 (J, 3) of the recorded person, joint from parent in anatomical zero, by whose legs a body
+    of another size strides.
     report: how the markers fared. Raises FormatError when shapes or numbers are impossible.
     """
 
     angles_rad: Float64
     pelvis_m: Float64
     frames_per_second: float
-    leg_m: float
+    bones_m: Float64
     report: MarkerReport
 
     def __post_init__(self) -> None:
@@ -84,11 +86,18 @@ class Motion:
             raise FormatError(f"the motion's marker report is not {marked}; solve again")
         if not (np.isfinite(self.angles_rad).all() and np.isfinite(self.pelvis_m).all()):
             raise FormatError("the motion holds numbers that are not finite; solve again")
+        if self.bones_m.shape != (N_JOINTS, 3) or not np.isfinite(self.bones_m).all():
+            raise FormatError(f"the person's bones are {self.bones_m.shape}; give ({N_JOINTS}, 3)")
         if not (0 < self.leg_m < 3 and 0 < self.frames_per_second <= 10_000):
             raise FormatError(f"a leg of {self.leg_m} m at {self.frames_per_second} frames/s; solve again")
 
     def __len__(self) -> int:
         return len(self.angles_rad)
+
+    @property
+    def leg_m(self) -> float:
+        """Length of the recorded person's leg from hip to ankle."""
+        return leg_length_m(self.bones_m)
 
     def posture(self, frame: int, body: Body) -> Posture:
         """One frame on a body: the same angles, the pelvis' path scaled to its legs (the floor is z = 0)."""
@@ -107,7 +116,7 @@ def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
             angles_rad=motion.angles_rad,
             pelvis_m=motion.pelvis_m,
             frames_per_second=np.float64(motion.frames_per_second),
-            leg_m=np.float64(motion.leg_m),
+            bones_m=motion.bones_m,
             names=np.array(report.names, np.str_),
             unknown=np.array(report.unknown, np.str_),
             error_m=report.error_m,
@@ -131,8 +140,10 @@ def load_motion(path: Path) -> Motion:
                 raise ValueError(f"{name} is {arrays[name].dtype}")
         names, unknown = (tuple(str(name) for name in arrays[which]) for which in ("names", "unknown"))
         report = MarkerReport(names, arrays["error_m"], arrays["status"], unknown)
-        rate, leg_m = float(arrays["frames_per_second"]), float(arrays["leg_m"])
-        return Motion(arrays["angles_rad"], arrays["pelvis_m"], rate, leg_m, report)
+        rate = float(arrays["frames_per_second"])
+        # Files of version 0.2 and before hold of the person only the leg.
+        bones = arrays["bones_m"] if "bones_m" in arrays else bones_of_leg(float(arrays["leg_m"]))
+        return Motion(arrays["angles_rad"], arrays["pelvis_m"], rate, bones.astype(np.float64), report)
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError, OverflowError) as error:

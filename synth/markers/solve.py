@@ -1,5 +1,6 @@
 """From markers to joint angles: fit the person to the recording, then pose it frame after frame."""
 
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -22,7 +23,6 @@ from synth.markers.person_fit import (
     Template,
     fit_from_nothing,
     fit_shape,
-    leg_length_m,
     posture_prior,
 )
 from synth.markers.posture_fit import ROBUST_M, Observed, Prior, fit_posture
@@ -38,6 +38,8 @@ BRIDGE_WEIGHT = 0.05
 """Weight of a bridged marker beside a seen one's 1. Chosen by eye."""
 GHOST_M = 0.08
 """Distance from the posture of the others beyond which a marker is a ghost. Chosen by eye."""
+SAME_LENGTHS_M = 0.004
+"""Median difference of the bones of one person in two takes, at most. Chosen by eye."""
 TRACK_STEPS = 15
 """Levenberg-Marquardt steps a frame at most. Chosen by eye."""
 
@@ -62,10 +64,57 @@ def solve(
         standing = known_markers(static, markerset, up)
         check_same_person(trial, standing, markerset)
         frames = np.concatenate([frames, _calibration_frames(standing, STATIC_FRAMES)])
+    person = _person(frames, markerset)
+    return _track(trial, person, markerset, markers.frames_per_second, advance)
+
+
+def solve_takes(
+    takes: dict[str, Markers], markerset: MarkerSet, advance: Callable[[int], None] = lambda _: None
+) -> dict[str, Motion]:
+    """Joint angles of many takes of joint positions; takes of one person are fitted together.
+
+    ``advance`` gets 1 a frame. Raises CloudError as ``solve`` does.
+    """
+    trials = {name: known_markers(take, markerset) for name, take in takes.items()}
+    people: list[tuple[Float64, list[str]]] = []
+    for name, trial in trials.items():
+        lengths = _lengths(trial)
+        alike = next((names for known, names in people if _same(known, lengths)), None)
+        if alike is None:
+            people.append((lengths, [name]))
+        else:
+            alike.append(name)
+    motions = {}
+    for _, names in people:
+        each = max(1, CALIBRATION_FRAMES // len(names))
+        chosen = names[:: -(-len(names) // CALIBRATION_FRAMES)]
+        frames = np.concatenate([_calibration_frames(trials[name], each) for name in chosen])
+        person = _person(frames, markerset)
+        for name in names:
+            rate = takes[name].frames_per_second
+            motions[name] = _track(trials[name], person, markerset, rate, advance)
+    return {name: motions[name] for name in takes}
+
+
+def _lengths(trial: KnownMarkers) -> Float64:
+    """Median distances (M - 1,) of neighbouring joints."""
+    apart = np.linalg.norm(np.diff(trial.positions_m, axis=1), axis=2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.asarray(np.nanmedian(apart, axis=0))
+
+
+def _same(a: Float64, b: Float64) -> bool:
+    """Whether two skeletons are one person's: limbs keep their lengths, other distances nearly do."""
+    return bool(np.nanmedian(np.abs(a - b)) < SAME_LENGTHS_M)
+
+
+def _person(frames: Float64, markerset: MarkerSet) -> Subject:
+    """The person fitted to frames (K, M, 3)."""
     weights = np.isfinite(frames).all(axis=2) * markerset.weight
     template = Template.of(markerset)
     shape, _ = fit_shape(template, template.shape(1.0), frames, weights)
-    return _track(trial, template.subject(shape), markerset, markers.frames_per_second, advance)
+    return template.subject(shape)
 
 
 def _picked(markers: Markers, markerset: MarkerSet) -> Float64:
@@ -102,7 +151,7 @@ def _track(
         advance(1)
     names = tuple(name for name, here in zip(markerset.names, used, strict=True) if here)
     report = MarkerReport(names, error[:, used], status[:, used], trial.unknown)
-    return Motion(np.array(angles), np.array(pelvis), rate, leg_length_m(subject.bones_m), report)
+    return Motion(np.array(angles), np.array(pelvis), rate, subject.bones_m, report)
 
 
 def _frame(

@@ -1,0 +1,152 @@
+"""A motion ready for any body: how high everything is over the floor, when somebody sits, what was mended."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from annotate.array_types import Bool, Float64
+from synth.body.flesh import flesh_of
+from synth.body.skeleton import JOINT_ID, rotations
+from synth.markers.motion_file import Motion
+from synth.markers.person_body import person_body
+from synth.motion.floor import LIMP_M, Traces, clearance_m, lasting, runs
+
+_SEGMENTS = [(JOINT_ID["head"], JOINT_ID["head"], 6.9), (JOINT_ID["pelvis"], JOINT_ID["neck"], 43.5)] + [
+    (JOINT_ID[f"{side}_{start}"], JOINT_ID[f"{side}_{end}"], percent)
+    for side in ("left", "right")
+    for start, end, percent in (
+        ("shoulder", "elbow", 2.7),
+        ("elbow", "wrist", 2.2),
+        ("hip", "knee", 14.3),
+        ("knee", "ankle", 4.3),
+        ("ankle", "ankle", 1.4),
+    )
+]
+"""From joint to joint, share of the body's mass in percent: de Leva 1996, means of both sexes, rounded."""
+SEAT_RANGE = (0.2, 0.75)
+"""Height of the hips over the ankles of a sitter, of the leg's length: from a low stool to a bar stool."""
+HEEL_M = 0.06
+"""Nobody stands whose mass is farther behind the ankles than the heels are. Chosen by eye."""
+SEATED_S, SEATED_M_S = 0.3, 0.3
+"""Shortest stay on a seat and fastest hips there: who falls, jumps or kicks is out of balance too. Chosen by
+eye."""
+FASTEST_TURN_RAD_S = 15.0
+"""A pelvis turns no faster: a figure skater's comes to it."""
+FREE_FALL_M_S2 = (-16.0, -4.0)
+"""Acceleration of whoever is in the air: gravity, and the error of a fit to few frames. Chosen by eye."""
+SKIP_M = 0.12
+"""Lifted no higher, feet shuffle, and nobody need fall. Chosen by eye."""
+GRAVITY_M_S2 = 9.81
+
+
+@dataclass(frozen=True, eq=False)
+class Grounded:
+    """A motion that knows its floor, ready for any body.
+
+    angles_rad: float64 (F, J, 3). path_m: float64 (F, 2) of the pelvis over the ground, world.
+    clear_m: float64 (F, 3), height over the floor of the lowest of left foot, right foot and all else, 0
+    where one stands. sits: bool (F,). sound: bool (F,), False where it was a glitch. leg_m: of the person.
+    """
+
+    angles_rad: Float64
+    path_m: Float64
+    clear_m: Float64
+    sits: Bool
+    sound: Bool
+    leg_m: float
+    frames_per_second: float
+
+    def __len__(self) -> int:
+        return len(self.angles_rad)
+
+
+def ground(motion: Motion) -> Grounded:
+    """Find the floor under a motion, frame by frame, and where its person sits; bridge what nobody can do."""
+    flesh, rate = flesh_of(person_body(motion.bones_m)), motion.frames_per_second
+    sound = np.ones(len(motion), np.bool_)
+    for again in (True, True, False):
+        traces = Traces.of(flesh, motion.angles_rad, motion.pelvis_m)
+        clear, _ = clearance_m(traces, rate)
+        wrong = _impossible(motion, traces, clear)
+        if not again or not wrong.any() or not (sound & ~wrong).any():
+            break
+        sound &= ~wrong
+        motion = bridged(motion, sound)
+    sound &= ~wrong
+    clear[~sound] -= clear[~sound].min(axis=1, keepdims=True)
+    slow = _speed_m_s(traces.joints_m[:, JOINT_ID["pelvis"]], rate) < SEATED_M_S
+    sits = _unbalanced(traces.joints_m, motion.leg_m) & slow & (clear[:, :2].min(axis=1) < LIMP_M)
+    path = motion.pelvis_m[:, :2]
+    return Grounded(motion.angles_rad, path, clear, lasting(sits, SEATED_S, rate), sound, motion.leg_m, rate)
+
+
+def bridged(motion: Motion, sound: Bool) -> Motion:
+    """The motion with all frames but the sound ones (F,) taken from the way between their neighbours."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    at, frames = np.flatnonzero(sound), np.arange(len(motion))
+    inside = np.clip(frames, at[0], at[-1])
+    angles = np.apply_along_axis(lambda values: np.interp(frames, at, values[at]), 0, motion.angles_rad)
+    if len(at) > 1:
+        turns = Rotation.from_matrix(np.array([rotations(motion.angles_rad[f])[0] for f in at]))
+        angles[:, 0] = Slerp(at, turns)(inside).as_euler("XYZ") * (1, -1, 1)
+    angles[sound] = motion.angles_rad[sound]
+    pelvis = np.apply_along_axis(lambda values: np.interp(frames, at, values[at]), 0, motion.pelvis_m)
+    return replace(motion, angles_rad=angles, pelvis_m=pelvis)
+
+
+def _impossible(motion: Motion, traces: Traces, clear: Float64) -> Bool:
+    """Flags (F,) of frames between turns that are too fast, and of those in the air that do not fall."""
+    from scipy.spatial.transform import Rotation
+
+    frames, rate = len(motion), motion.frames_per_second
+    wrong = np.zeros(frames, np.bool_)
+    if frames < 3:
+        return wrong
+    turns = Rotation.from_matrix(np.array([rotations(angles)[0] for angles in motion.angles_rad]))
+    fast = (turns[1:] * turns[:-1].inv()).magnitude() * rate > FASTEST_TURN_RAD_S
+    wrong[1:] |= fast
+    wrong[:-1] |= fast
+    mass = mass_centre(traces.joints_m)[:, 2]
+    for start, end in runs(clear.min(axis=1) > SKIP_M / 2):
+        highest = clear[start:end].min(axis=1).max()
+        if highest < SKIP_M:
+            continue
+        seconds = np.arange(end - start) / rate
+        if end - start >= 5:
+            falls = 2 * np.polyfit(seconds, mass[start:end], 2)[0]
+            wrong[start:end] |= not FREE_FALL_M_S2[0] < falls < FREE_FALL_M_S2[1]
+        else:
+            # Feet that are drawn up are higher than the fall.
+            wrong[start:end] |= highest > SKIP_M + GRAVITY_M_S2 * (seconds[-1] + 2 / rate) ** 2 / 8
+    return wrong
+
+
+def _speed_m_s(places_m: Float64, rate: float) -> Float64:
+    """Speed (F,) of a point (F, 3), over a tenth of a second."""
+    frames = np.arange(len(places_m))
+    reach = max(1, round(0.05 * rate))
+    after, before = (np.clip(frames + k, 0, len(frames) - 1) for k in (reach, -reach))
+    way = np.linalg.norm(places_m[after] - places_m[before], axis=1)
+    return np.asarray(way * rate / np.maximum(after - before, 1))
+
+
+def _unbalanced(joints_m: Float64, leg_m: float) -> Bool:
+    """Flags (F,) of frames whose hips are at a seat's height and whose mass is behind the heels."""
+    hips, knees, ankles = (
+        (joints_m[:, JOINT_ID[f"left_{name}"]] + joints_m[:, JOINT_ID[f"right_{name}"]]) / 2
+        for name in ("hip", "knee", "ankle")
+    )
+    ahead = (knees - hips)[:, :2]
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
+    behind = ((ankles - mass_centre(joints_m))[:, :2] * ahead).sum(axis=1)
+    height = (hips - ankles)[:, 2] / leg_m
+    return np.asarray((height > SEAT_RANGE[0]) & (height < SEAT_RANGE[1]) & (behind > HEEL_M))
+
+
+def mass_centre(joints_m: Float64) -> Float64:
+    """Centre of mass (..., 3) of joints (..., J, 3)."""
+    middles = [
+        percent * (joints_m[..., start, :] + joints_m[..., end, :]) / 2 for start, end, percent in _SEGMENTS
+    ]
+    return np.asarray(sum(middles) / sum(percent for _, _, percent in _SEGMENTS))
