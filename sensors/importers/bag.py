@@ -11,16 +11,9 @@ from mcap.records import Channel, Message, Metadata
 from sensors.errors import CalibrationError, FormatError
 from sensors.importers.bag_files import METADATA, McapFile, index_topics, open_files, storage_files
 from sensors.importers.ros_images import COLORS, DEPTHS, color_encoded_from, depth_mm_from
-from sensors.importers.ros_messages import (
-    CAMERAS,
-    PICTURES,
-    TRANSFORMS,
-    Picture,
-    intrinsics_from,
-    links_from,
-    picture_from,
-)
+from sensors.importers.ros_messages import CAMERAS, PICTURES, TRANSFORMS, Picture, picture_from
 from sensors.rig.camera import Intrinsics
+from sensors.rig.camera_messages import intrinsics_from, links_from
 from sensors.rig.frame import RigFrame
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 from sensors.rig.rig_calibration import Pose, RigCalibration

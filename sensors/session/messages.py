@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics
+from sensors.rig.camera_messages import intrinsics_from, links_from
 from sensors.rig.rig_calibration import (
     MAX_CALIBRATION_BYTES,
     Pose,
     RigCalibration,
     quaternion_of,
-    rotation_of,
 )
 
 CAMERAS = ("depth", "color", "thermal")
@@ -158,14 +158,16 @@ def calibration_from(messages: dict[str, bytes]) -> RigCalibration:
         if len(data) > MAX_CALIBRATION_BYTES:
             raise CalibrationError(f"{topic} is larger than {MAX_CALIBRATION_BYTES} bytes; record it again")
     cameras = {
-        name: _camera_from(messages[topic], name) for topic, name in CALIBRATIONS.items() if topic in messages
+        name: intrinsics_from(_decode(CameraCalibration, messages[topic]), False, f"the {name} camera")
+        for topic, name in CALIBRATIONS.items()
+        if topic in messages
     }
     if "depth" not in cameras:
         raise CalibrationError("the session has no /depth/calibration; record it with its calibration")
     poses = {}
-    for transform in _decode(FrameTransforms, messages.get(TF, b"")).transforms:
-        if transform.parent_frame_id == "depth" and transform.child_frame_id in ("color", "thermal"):
-            poses[f"{transform.child_frame_id}_from_depth"] = _pose_from(transform)
+    for parent, child, depth_from_child in links_from(_decode(FrameTransforms, messages.get(TF, b""))):
+        if parent == "depth" and child in ("color", "thermal"):
+            poses[f"{child}_from_depth"] = depth_from_child.inverse()
     return RigCalibration(**cameras, **poses)  # type: ignore[arg-type]
 
 
@@ -213,19 +215,6 @@ def _camera_message(camera: Intrinsics, frame_id: str, stamp_ns: int) -> CameraC
     )
 
 
-def _camera_from(data: bytes, name: str) -> Intrinsics:
-    message = _decode(CameraCalibration, data)
-    model, coefficients = message.distortion_model, list(message.D)
-    if model not in ("", "plumb_bob") or len(coefficients) > 5 or len(message.K) != 9:
-        raise CalibrationError(
-            f"calibration of the {name} camera has model {model!r}, {len(coefficients)} coefficients "
-            f"and {len(message.K)} matrix entries; give plumb_bob, at most 5, and 9"
-        )
-    distortion = dict(zip(("k1", "k2", "p1", "p2", "k3"), coefficients, strict=False))
-    k = message.K
-    return Intrinsics(message.width, message.height, k[0], k[4], k[2], k[5], **distortion)
-
-
 def _transform(child: str, child_from_depth: Pose, stamp_ns: int) -> FrameTransform:
     # Foxglove's transform places the child in the parent: p_parent = R p_child + t. One parent (depth)
     # for all keeps the frames a tree.
@@ -236,12 +225,3 @@ def _transform(child: str, child_from_depth: Pose, stamp_ns: int) -> FrameTransf
     q = quaternion_of(depth_from_child.rotation)
     message.rotation.x, message.rotation.y, message.rotation.z, message.rotation.w = q
     return message
-
-
-def _pose_from(message: FrameTransform) -> Pose:
-    q, t = message.rotation, message.translation
-    try:
-        rotation = rotation_of(np.array([q.x, q.y, q.z, q.w]))
-    except ValueError as error:
-        raise CalibrationError(f"/tf of {message.child_frame_id}: {error}; record it again") from error
-    return Pose(rotation, np.array([t.x, t.y, t.z])).inverse()
