@@ -53,15 +53,15 @@ class Sensor(Protocol):
 
         window: pinhole of the image, as a rule cut out of ``camera``. dark: (h, w) share of the infrared that
         a surface swallows, 1 or True for hair. only: pixels that are wanted; the others have no reading.
-        person: pixels of one person; then there are readings of this person alone, up to ``REACH_PX``
-        outside these pixels where the sensor's rims grow. Default of both: all.
+        person: pixels of one person; then there are readings of this person alone, and some pixels outside
+        where the sensor's rims grow. Default of both: all.
         Randomness is a hash of one number drawn from ``rng`` and the pixel: no pixel depends on another.
         """
         ...
 
 
 REACH_PX = 4
-"""Pixels by which rims grow at most."""
+"""Pixels by which rims grow at most; what melts into the ground reaches further."""
 
 
 def wanted_of(shape: tuple[int, ...], only: Bool | None, person: Bool | None, reach_px: int) -> Bool:
@@ -73,9 +73,15 @@ def wanted_of(shape: tuple[int, ...], only: Bool | None, person: Bool | None, re
     return near if only is None else near & only
 
 
-def shown_of(shape: tuple[int, ...], person: Bool | None) -> Bool:
-    """Pixels (h, w) whose surfaces are read."""
-    return np.ones(shape, np.bool_) if person is None else person
+def shown_of(shape: tuple[int, ...], person: Bool | None, least_px: int = 1) -> Bool:
+    """Pixels (h, w) whose surfaces are read: of a person, the squares of ``least_px`` that fit inside."""
+    if person is None:
+        return np.ones(shape, np.bool_)
+    if least_px == 1:
+        return person
+    square, first, last = np.ones((least_px, least_px), np.uint8), (0, 0), (least_px - 1, least_px - 1)
+    fits = cv2.erode(person.view(np.uint8), square, anchor=first)
+    return cv2.dilate(fits, square, anchor=last).view(np.bool_)
 
 
 def blank(shape: tuple[int, ...]) -> Reading:

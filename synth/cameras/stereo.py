@@ -9,8 +9,8 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, Int32, UInt16
 from sensors.rig.camera import Intrinsics
-from synth.cameras.pixel_random import NORMALS, hashed, share_of, smooth_noise
-from synth.cameras.relief import EDGE_M, FAR_M, Number, filled, shadow_reach, shadowed, slant_of
+from synth.cameras.pixel_random import NORMALS, chance_of, hashed, lattice, ramps, smooth
+from synth.cameras.relief import EDGE_M, FARTHEST_MM, Number, filled, grazed, shadow_reach, shadowed
 from synth.cameras.sensor import (
     REACH_PX,
     Reading,
@@ -36,7 +36,7 @@ class Stereo:
     fattened_px: by how much silhouettes grow. steps: of disparity a pixel, 0 for any. shadow: share of the
     strip hidden from the other eye, ``baseline_m`` to the right, that stays empty. grazing, dark: share lost
     at 90 degrees of incidence, and where infrared is swallowed. patches: share lost in patches without
-    texture.
+    texture. All losses are blobs as large as the matching window, patches larger.
     """
 
     noise_px: float = 0.06
@@ -63,7 +63,7 @@ class Stereo:
             shadow=strength(rng, 1.0),
             grazing=strength(rng, 0.9),
             dark=strength(rng, 0.5, absent=0.75),
-            patches=strength(rng, 0.9, absent=0.6),
+            patches=strength(rng, 0.1, absent=0.5),
             baseline_m=entry["baseline_m"],
             camera=drawn_camera(entry, rng),
             model=entry["model"],
@@ -94,58 +94,56 @@ class Stereo:
             pinhole_of(window),
             key_of(rng),
             NORMALS,
+            ramps(MATCH_LOG2),
+            ramps(WAVE_LOG2),
             *reading,
         )
         return reading
 
 
-MATCH_PX, WAVE_PX, PATCH_PX = 5, 24, 12
-"""Sizes of the matching window, of waves on flat walls, and of patches without texture. Chosen by eye."""
-PATCH_LEAST = 1.3
-"""Value of smooth noise from which on there is a patch: on a tenth of a surface. Chosen by eye."""
+MATCH_LOG2, WAVE_LOG2 = 2, 4
+"""Sizes of what a matching window makes alike, 4 pixels, of waves on flat walls and of patches without
+texture, 16. Chosen by eye."""
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _read(
     depth: Float32, nearest: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32,
-    reach_px: int, pinhole: Float32, key: np.uint64, normals: Float32, depth_mm: UInt16, source: Int32,
+    reach_px: int, pinhole: Float32, key: np.uint64, normals: Float32, matched: Float32,
+    waved: Float32, depth_mm: UInt16, source: Int32,
 ) -> None:  # fmt: skip
     """Writes the readings of the wanted pixels into the last two arguments."""
     height, width = depth.shape
     noise, wave, fattened, steps, parallax, hidden, grazing, darkness, patches = strengths
-    keys = hashed(key, 0), hashed(key, 1), hashed(key, 2), hashed(key, 3)
+    fine = lattice(hashed(key, 0), height, width, MATCH_LOG2, normals)
+    rims = lattice(hashed(key, 1), height, width, MATCH_LOG2, normals)
+    blobs = lattice(hashed(key, 4), height, width, MATCH_LOG2, normals)
+    waves = lattice(hashed(key, 2), height, width, WAVE_LOG2, normals)
+    spots = lattice(hashed(key, 3), height, width, WAVE_LOG2, normals)
     for v in range(height):
         for u in range(width):
             if not wanted[v, u]:
                 continue
             y, x = v, u
             if fattened > 0 and depth[v, u] - nearest[v, u] > np.float32(EDGE_M):
-                uneven = np.float32(1) + np.float32(0.4) * smooth_noise(keys[0], v, u, MATCH_PX, normals)
+                uneven = np.float32(1) + np.float32(0.4) * smooth(rims, matched, v, u, MATCH_LOG2)
                 y, x = _fattened(depth, v, u, fattened * uneven)
             if not shown[y, x] or shadowed(depth, y, x, hidden, reach_px):
                 continue
             z = depth[y, x]
-            slant = slant_of(depth, pinhole, y, x)
-            bits = hashed(keys[1], v * width + u)
-            if share_of(bits) < grazing * slant:
+            blob = smooth(blobs, matched, v, u, MATCH_LOG2)
+            steep = grazing * grazed(depth, pinhole, y, x) if grazing > 0 else np.float32(0)
+            if chance_of(blob) < max(steep, darkness * dark[y, x]):
                 continue
-            if share_of(bits >> np.uint64(16)) < darkness * dark[y, x]:
+            ragged = np.float32(0.9) * smooth(spots, waved, v, u, WAVE_LOG2) + np.float32(0.44) * blob
+            if chance_of(ragged) < patches:
                 continue
-            if (
-                patches > 0
-                and smooth_noise(keys[2], v, u, PATCH_PX, normals) > np.float32(PATCH_LEAST)
-                and share_of(bits >> np.uint64(32)) < patches
-            ):
-                continue
-            disparity = parallax / z
-            if noise > 0:
-                disparity += noise * smooth_noise(keys[3], v, u, MATCH_PX, normals)
-            if wave > 0:
-                disparity += wave * smooth_noise(keys[0], v, u, WAVE_PX, normals)
+            disparity = parallax / z + noise * smooth(fine, matched, v, u, MATCH_LOG2)
+            disparity += wave * smooth(waves, waved, v, u, WAVE_LOG2)
             if steps > 0:
                 disparity = np.rint(disparity * steps) / steps
             mm = np.float32(1000) * parallax / max(disparity, np.float32(0.1))
-            if mm < 1000 * FAR_M - 100:
+            if mm <= FARTHEST_MM:
                 depth_mm[v, u] = int(np.rint(mm))
                 source[v, u] = y * width + x
 

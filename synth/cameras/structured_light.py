@@ -8,8 +8,8 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, Int32, UInt16
 from sensors.rig.camera import Intrinsics
-from synth.cameras.pixel_random import NORMALS, block_bits, hashed, normal_of, share_of, smooth_noise
-from synth.cameras.relief import EDGE_M, Number, filled, shadow_reach, shadowed, slant_of
+from synth.cameras.pixel_random import NORMALS, block_bits, hashed, lattice, ramps, share_of, smooth
+from synth.cameras.relief import EDGE_M, FARTHEST_MM, filled, grazed, shadow_reach, shadowed
 from synth.cameras.sensor import (
     REACH_PX,
     Reading,
@@ -33,17 +33,19 @@ class StructuredLight:
 
     step_per_m: depth's steps over its square, 1/m (0.0029: 23 mm at 2.8 m). speckle: standard deviation of
     the disparity in steps, alike within a correlation window. rim_px, ragged_px: by how much silhouettes
-    grow, and its standard deviation over blocks of ``block_px``. shadow: share of the strip hidden from the
-    projector, ``baseline_m`` to the right, that stays empty. grazing, dark: share of blocks lost at 90
-    degrees of incidence, and where infrared is swallowed. holes: share of all blocks lost. melted: share of
-    blocks in which a person and what touches it are exchanged.
+    grow, and its standard deviation over blocks. block_log2: logarithm of a block's side in pixels.
+    least_px: width below which a person's fingers are lost, 1 for none. shadow: share of the strip hidden
+    from the projector, ``baseline_m`` to the right (negative: in a mirrored image), that stays empty.
+    grazing, dark: share of blocks lost at 90 degrees of incidence, and where infrared is swallowed. holes:
+    share of all blocks lost. melted: share of blocks in which a person and what touches it are exchanged.
     """
 
     step_per_m: float = 0.0029
     speckle: float = 0.3
     rim_px: float = 0.0
     ragged_px: float = 0.4
-    block_px: int = 2
+    block_log2: int = 1
+    least_px: int = 1
     shadow: float = 1.0
     grazing: float = 0.5
     dark: float = 0.3
@@ -58,21 +60,21 @@ class StructuredLight:
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "StructuredLight":
         """A unit of a model of ``sensors.toml`` and what a tracker leaves of its image; see the class."""
         camera = drawn_camera(entry, rng)
-        fine = camera.width / 320
-        # Drivers mirror their images, or do not.
-        side = -1 if rng.random() < 0.5 else 1
+        fine = camera.width // 320
+        mirror = -1 if rng.random() < 0.5 else 1
         return StructuredLight(
-            step_per_m=0.0 if rng.random() < 0.1 else float(rng.uniform(0.0025, 0.0033)),
+            step_per_m=0.0 if rng.random() < 0.1 else float(rng.uniform(*entry["step_per_m"])),
             speckle=strength(rng, 0.6),
             rim_px=fine * float(rng.uniform(-0.8, 0.8)),
-            ragged_px=fine * strength(rng, 0.8),
-            block_px=round(fine * rng.uniform(1, 3)),
+            ragged_px=fine * strength(rng, 0.6),
+            block_log2=int(rng.integers(fine - 1, fine + 2)),
+            least_px=int(rng.integers(1, 3 + fine)),
             shadow=strength(rng, 1.0),
             grazing=strength(rng, 0.9),
             dark=strength(rng, 0.5, absent=0.75),
             holes=strength(rng, 0.01, absent=0.5),
             melted=float(rng.uniform(0.3, 1.0)) if rng.random() < 0.15 else 0.0,
-            baseline_m=side * entry["baseline_m"],
+            baseline_m=mirror * entry["baseline_m"],
             camera=camera,
             model=entry["model"],
         )
@@ -93,80 +95,75 @@ class StructuredLight:
         reading, depth = blank(depth_m.shape), filled(depth_m)
         parallax = window.fx * self.baseline_m * self.shadow
         faults = (self.step_per_m, self.speckle, self.rim_px, self.ragged_px, parallax)
-        losses = (self.grazing, self.dark, self.holes, self.melted if person is not None else 0.0)
+        melted = self.melted if person is not None else 0.0
+        losses = (self.grazing, self.dark, self.holes, melted)
+        reach_px = max(REACH_PX, 2 << self.block_log2) if melted else REACH_PX
         _read(
             depth,
             dark.astype(np.float32),
-            wanted_of(depth_m.shape, only, person, REACH_PX),
-            shown_of(depth_m.shape, person),
+            wanted_of(depth_m.shape, only, person, reach_px),
+            shown_of(depth_m.shape, person, self.least_px),
             np.array((*faults, *losses), np.float32),
-            self.block_px,
+            self.block_log2,
             shadow_reach(depth, parallax),
             pinhole_of(window),
             key_of(rng),
             NORMALS,
+            ramps(WINDOW_LOG2),
             *reading,
         )
         return reading
 
 
-RANGE_MM = (400, 8000)
-"""Readings of a Kinect v1 (OpenNI: 0.4 to about 8 m; better than 3 cm only to 3.5 m)."""
-WINDOW_PX = 3
-"""Size of the correlation window's speckle. Khoshelham & Elberink 2012: 9 pixels of 640, filtered."""
+NEAREST_MM = 400
+"""A Kinect v1 reads nothing nearer (OpenNI, near mode)."""
+WINDOW_LOG2 = 2
+"""Size of what a correlation window makes alike: 4 pixels. Chosen by eye; the window is 9 of 640 wide."""
 MELT_M = 0.06
 """What is no further from a person in depth melts into it: three steps at 2.5 m. Chosen by eye."""
 
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _read(
-    depth: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32, block_px: int,
-    reach_px: int, pinhole: Float32, key: np.uint64, normals: Float32, depth_mm: UInt16, source: Int32,
+    depth: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32, block_log2: int,
+    reach_px: int, pinhole: Float32, key: np.uint64, normals: Float32, weights: Float32,
+    depth_mm: UInt16, source: Int32,
 ) -> None:  # fmt: skip
     """Writes the readings of the wanted pixels into the last two arguments."""
     height, width = depth.shape
     step, speckle, rim, ragged, parallax, grazing, darkness, holes, melted = strengths
-    speckle_key, loss_key = hashed(key, 0), hashed(key, 1)
+    loss_key = hashed(key, 0)
+    speckles = lattice(hashed(key, 1), height, width, WINDOW_LOG2, normals)
     for v in range(height):
         for u in range(width):
             if not wanted[v, u]:
                 continue
-            bits = block_bits(key, v, u, block_px)
-            grown = int(np.rint(rim + ragged * normal_of(bits, normals)))
+            bits = block_bits(key, v, u, block_log2)
+            grown = int(np.rint(rim + ragged * normals[bits & np.uint64(4095)]))
             y, x = _rim(depth, v, u, grown)
+            i, j = y, x
             if melted > 0 and share_of(bits >> np.uint64(12)) < melted:
                 grows = bool(share_of(bits >> np.uint64(28)) < np.float32(0.5))
-                y, x = _melted(depth, shown, y, x, 2 * block_px, grows)
-            if y < 0 or not shown[y, x]:
+                i, j = _melted(depth, shown, y, x, 2 << block_log2, grows)
+            if i < 0 or not shown[i, j]:
                 continue
             z = depth[y, x]
             if shadowed(depth, y, x, parallax, reach_px):
                 continue
-            slant = slant_of(depth, pinhole, y, x)
-            lost = block_bits(loss_key, v, u, block_px)
-            if share_of(lost) < grazing * slant:
+            lost = block_bits(loss_key, v, u, block_log2)
+            if grazing > 0 and share_of(lost) < grazing * grazed(depth, pinhole, y, x):
                 continue
             if share_of(lost >> np.uint64(16)) < darkness * dark[y, x]:
                 continue
             if share_of(lost >> np.uint64(32)) < holes:
                 continue
-            mm = np.float32(1000) * _stepped(z, step, speckle, speckle_key, v, u, normals)
-            if RANGE_MM[0] <= mm <= RANGE_MM[1]:
+            if step > 0:
+                steps = np.float32(1) / (step * z) + speckle * smooth(speckles, weights, v, u, WINDOW_LOG2)
+                z = np.float32(1) / (step * np.rint(steps))
+            mm = np.float32(1000) * z
+            if NEAREST_MM <= mm <= FARTHEST_MM:
                 depth_mm[v, u] = int(np.rint(mm))
-                source[v, u] = y * width + x
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _stepped(
-    z: Number, step: Number, speckle: Number, key: np.uint64, v: int, u: int, normals: Float32
-) -> Number:
-    """Depth, m, whose disparity has noise and whole steps."""
-    if step == 0:
-        return z
-    steps = np.float32(1) / (step * z)
-    if speckle > 0:
-        steps += speckle * smooth_noise(key, v, u, WINDOW_PX, normals)
-    return np.float32(np.float32(1) / (step * np.rint(steps)))
+                source[v, u] = i * width + j
 
 
 @numba.njit(cache=True, fastmath=EXACT)
@@ -187,7 +184,7 @@ def _rim(depth: Float32, v: int, u: int, grown: int) -> tuple[int, int]:
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _melted(depth: Float32, shown: Bool, y: int, x: int, reach: int, grows: bool) -> tuple[int, int]:
-    """The pixel whose surface (y, x) is taken for, where the person and what it touches are as far away.
+    """The pixel as whose surface that of (y, x) counts, where the person and what it touches are as far away.
 
     grows: the person takes the ground; else the ground takes the person, and the row is -1.
     """

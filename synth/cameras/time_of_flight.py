@@ -9,8 +9,8 @@ import numpy as np
 from annotate.array_types import Bool, Float32, Int32, UInt16
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE
-from synth.cameras.pixel_random import NORMALS, hashed, share_of, smooth_noise
-from synth.cameras.relief import Number, around, filled, incidence
+from synth.cameras.pixel_random import NORMALS, hashed, lattice, ramps, share_of, smooth
+from synth.cameras.relief import Number, filled
 from synth.cameras.sensor import (
     Reading,
     blank,
@@ -31,7 +31,8 @@ class TimeOfFlight:
     axial: factor on the axial noise of Fankhauser 2015. flying: share of silhouette pixels that mix
     foreground and background. grazing: share lost at an incidence of 90 degrees. dark: share lost on
     hair (low infrared return). lateral_px: jitter of edges. offset_mm and scale: the unit's error.
-    patches: share lost in patches on any surface. range_mm: nearest and farthest reading.
+    patches: share lost in the middle of patches on any
+    surface. patch_log2: logarithm of their size in pixels. range_mm: nearest and farthest reading.
     """
 
     axial: float = 1.0
@@ -42,6 +43,7 @@ class TimeOfFlight:
     offset_mm: float = 0.0
     scale: float = 1.0
     patches: float = 0.0
+    patch_log2: int = 3
     range_mm: tuple[int, int] = (500, 4500)
     camera: Intrinsics = KINECT2_PINHOLE
     model: str = "kinect-v2"
@@ -75,7 +77,8 @@ class TimeOfFlight:
             lateral_px=strength(rng, 0.8),
             offset_mm=float(rng.normal(0, 8)),
             scale=float(rng.normal(1, 0.004)),
-            patches=strength(rng, 0.7, absent=0.6),
+            patches=strength(rng, 1.0, absent=0.6),
+            patch_log2=int(rng.integers(2, 6)),
             range_mm=tuple(entry["range_mm"]),
             camera=drawn_camera(entry, rng),
             model=entry["model"],
@@ -119,6 +122,8 @@ class TimeOfFlight:
             pinhole_of(window),
             key_of(rng),
             NORMALS,
+            self.patch_log2,
+            ramps(self.patch_log2),
             *reading,
         )
         return reading
@@ -130,10 +135,8 @@ CLIP_RAD = np.radians(82.0)
 """The noise model diverges at 90 degrees; its measurements end at about 80."""
 MIXED_M = 0.6
 """A flying pixel floats at most this far behind its foreground."""
-PATCH_RAD = 0.03
-"""Size of patches that return little, seen from the camera: 6 cm at 2 m. Chosen by eye."""
-PATCH_LEAST = 1.0
-"""Value of smooth noise from which on there is a patch: on a sixth of a surface. Chosen by eye."""
+PATCH_EDGE = (0.8, 1.6)
+"""Values of smooth noise at a patch's rim and in its middle: a fifth of a surface has any. Chosen by eye."""
 
 
 @numba.njit(cache=True, fastmath=EXACT)
@@ -149,12 +152,13 @@ def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:
 @numba.njit(cache=True, fastmath=EXACT)
 def _read(
     depth: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32, pinhole: Float32,
-    key: np.uint64, normals: Float32, depth_mm: UInt16, source: Int32,
+    key: np.uint64, normals: Float32, log2: int, weights: Float32,
+    depth_mm: UInt16, source: Int32,
 ) -> None:  # fmt: skip
     """Writes the readings of the wanted pixels into the last two arguments."""
     height, width = depth.shape
     axial, flying, grazing, darkness, lateral, offset_mm, scale, patches, nearest_mm, farthest_mm = strengths
-    patch_px, patch_key = max(2, int(PATCH_RAD * pinhole[0])), hashed(key, 2 * height * width)
+    patch = lattice(hashed(key, 2 * height * width), height, width, log2, normals)
     for v in range(height):
         for u in range(width):
             if not wanted[v, u]:
@@ -170,8 +174,8 @@ def _read(
             if not shown[y, x]:
                 continue
             z = depth[y, x]
-            near, far, z_u, z_v = around(depth, y, x)
-            theta = incidence(pinhole, y, x, z, z_u, z_v)
+            near, far, z_u, z_v = _around(depth, y, x)
+            theta = _incidence(pinhole, y, x, z, z_u, z_v)
             if far - near > np.float32(EDGE_DELTA_MM / 1000):
                 chance = share_of(bits >> np.uint64(48))
                 if chance < np.float32(0.6) * flying:
@@ -187,12 +191,11 @@ def _read(
             slant = slant * slant * slant * slant
             if share_of(more >> np.uint64(32)) < grazing * slant * slant:
                 continue
-            if (
-                patches > 0
-                and smooth_noise(patch_key, v, u, patch_px, normals) > np.float32(PATCH_LEAST)
-                and share_of(more >> np.uint64(48)) < patches
-            ):
-                continue
+            if patches > 0:
+                rim, middle = np.float32(PATCH_EDGE[0]), np.float32(PATCH_EDGE[1])
+                inner = (smooth(patch, weights, v, u, log2) - rim) / (middle - rim)
+                if share_of(more >> np.uint64(48)) < patches * inner:
+                    continue
             sigma, normal = (
                 axial * axial_sigma_mm(z, theta),
                 normals[(bits >> np.uint64(24)) & np.uint64(4095)],
@@ -201,3 +204,31 @@ def _read(
             if nearest_mm <= mm <= farthest_mm:
                 depth_mm[v, u] = int(np.rint(mm))
                 source[v, u] = y * width + x
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _around(depth: Float32, y: int, x: int) -> tuple[Number, Number, Number, Number]:
+    """Nearest and farthest of the 3x3 neighbours; Sobel slopes along u and v, metres a pixel."""
+    above, below = max(y - 1, 0), min(y + 1, depth.shape[0] - 1)
+    left, right = max(x - 1, 0), min(x + 1, depth.shape[1] - 1)
+    a, b, c = depth[above, left], depth[above, x], depth[above, right]
+    d, e, f = depth[y, left], depth[y, x], depth[y, right]
+    g, h, i = depth[below, left], depth[below, x], depth[below, right]
+    z_u = (c - a + i - g + f - d + f - d) * np.float32(0.125)
+    z_v = (g - a + i - c + h - b + h - b) * np.float32(0.125)
+    near = min(min(min(a, b, c), min(d, e, f)), min(g, h, i))
+    far = max(max(max(a, b, c), max(d, e, f)), max(g, h, i))
+    return near, far, z_u, z_v
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _incidence(pinhole: Float32, v: int, u: int, z: Number, z_u: Number, z_v: Number) -> Number:
+    """Angle between the viewing ray and the surface normal, radians, from depth and its slopes at a pixel."""
+    fx, fy, cx, cy = pinhole
+    x, y = (np.float32(u) - cx) / fx, (np.float32(v) - cy) / fy
+    # Normal of the surface (x z, y z, z) over the pixel grid, up to a common positive factor.
+    n_x, n_y = -z_u * fx, -z_v * fy
+    n_z = z - x * n_x - y * n_y
+    square = (n_x * n_x + n_y * n_y + n_z * n_z) * (np.float32(1) + x * x + y * y)
+    cosine = abs(n_x * x + n_y * y + n_z) / np.sqrt(square + np.float32(1e-18))
+    return np.float32(np.arccos(min(cosine, np.float32(1))))
