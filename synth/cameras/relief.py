@@ -53,23 +53,23 @@ def _slope(before: Number, here: Number, behind: Number) -> Number:
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def shadowed(depth: Float32, y: int, x: int, parallax: Number, reach_px: int) -> bool:
+def shadowed(depth: Float32, nearness: Float32, y: int, x: int, parallax: Number) -> bool:
     """Whether something nearer hides a pixel's surface from a second eye or projector in the same row.
 
-    parallax: focal length in pixels times the baseline, m, negative for one to the left; seen from the right,
-    the hidden strip lies to the left of what hides it. reach_px: how far to look.
+    nearness: ``nearness_of`` the depth. parallax: focal length in pixels times the baseline, m, negative for
+    one to the left; seen from the right, the hidden strip lies to the left of what hides it.
     """
-    z, side = depth[y, x], 1 if parallax > 0 else -1
-    reach = min(reach_px, depth.shape[1] - 1 - x if side > 0 else x)
+    z, right, width = depth[y, x], parallax > 0, abs(parallax)
+    reach = min(int(width * (nearness[y] - np.float32(1) / z)), SHADOW_PX)
+    reach = min(reach, depth.shape[1] - 1 - x if right else x)
     for k in range(1, reach + 1):
-        other = depth[y, x + side * k]
-        # parallax (1 / other - 1 / z) >= k: the ray to the eye passes behind it.
-        if abs(parallax) * (z - other) >= k * z * other:
+        other = depth[y, x + k if right else x - k]
+        # width (1 / other - 1 / z) >= k: the ray to the eye passes behind it.
+        if width * (z - other) >= k * z * other:
             return True
     return False
 
 
-def shadow_reach(depth: Float32, parallax: float) -> int:
-    """Pixels of the widest shadow in an image (h, w) without NaN, ``SHADOW_PX`` at most."""
-    widest = abs(parallax) * (1 / max(float(depth.min()), 0.1) - 1 / FAR_M)
-    return min(SHADOW_PX, int(widest))
+def nearness_of(depth: Float32) -> Float32:
+    """One over the nearest depth (h,) of each row of an image (h, w) without NaN, 1/m."""
+    return np.asarray(1 / depth.min(axis=1), np.float32)

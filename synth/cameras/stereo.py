@@ -10,7 +10,7 @@ import numpy as np
 from annotate.array_types import Bool, Float32, Int32, UInt16
 from sensors.rig.camera import Intrinsics
 from synth.cameras.pixel_random import NORMALS, chance_of, hashed, lattice, ramps, smooth
-from synth.cameras.relief import EDGE_M, FARTHEST_MM, Number, filled, grazed, shadow_reach, shadowed
+from synth.cameras.relief import EDGE_M, FARTHEST_MM, Number, filled, grazed, nearness_of, shadowed
 from synth.cameras.sensor import (
     REACH_PX,
     Reading,
@@ -90,7 +90,7 @@ class Stereo:
             wanted_of(depth_m.shape, only, person, REACH_PX),
             shown_of(depth_m.shape, person),
             np.array((*faults, self.grazing, self.dark, self.patches), np.float32),
-            shadow_reach(depth, parallax * self.shadow),
+            nearness_of(depth),
             pinhole_of(window),
             key_of(rng),
             NORMALS,
@@ -109,7 +109,7 @@ texture, 16. Chosen by eye."""
 @numba.njit(cache=True, fastmath=EXACT)
 def _read(
     depth: Float32, nearest: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32,
-    reach_px: int, pinhole: Float32, key: np.uint64, normals: Float32, matched: Float32,
+    nearness: Float32, pinhole: Float32, key: np.uint64, normals: Float32, matched: Float32,
     waved: Float32, depth_mm: UInt16, source: Int32,
 ) -> None:  # fmt: skip
     """Writes the readings of the wanted pixels into the last two arguments."""
@@ -128,7 +128,7 @@ def _read(
             if fattened > 0 and depth[v, u] - nearest[v, u] > np.float32(EDGE_M):
                 uneven = np.float32(1) + np.float32(0.4) * smooth(rims, matched, v, u, MATCH_LOG2)
                 y, x = _fattened(depth, v, u, fattened * uneven)
-            if not shown[y, x] or shadowed(depth, y, x, hidden, reach_px):
+            if not shown[y, x] or shadowed(depth, nearness, y, x, hidden):
                 continue
             z = depth[y, x]
             blob = smooth(blobs, matched, v, u, MATCH_LOG2)

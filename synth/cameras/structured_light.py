@@ -9,7 +9,7 @@ import numpy as np
 from annotate.array_types import Bool, Float32, Int32, UInt16
 from sensors.rig.camera import Intrinsics
 from synth.cameras.pixel_random import NORMALS, block_bits, hashed, lattice, ramps, share_of, smooth
-from synth.cameras.relief import EDGE_M, FARTHEST_MM, filled, grazed, shadow_reach, shadowed
+from synth.cameras.relief import EDGE_M, FARTHEST_MM, filled, grazed, nearness_of, shadowed
 from synth.cameras.sensor import (
     REACH_PX,
     Reading,
@@ -105,7 +105,7 @@ class StructuredLight:
             shown_of(depth_m.shape, person, self.least_px),
             np.array((*faults, *losses), np.float32),
             self.block_log2,
-            shadow_reach(depth, parallax),
+            nearness_of(depth),
             pinhole_of(window),
             key_of(rng),
             NORMALS,
@@ -126,7 +126,7 @@ MELT_M = 0.06
 @numba.njit(cache=True, fastmath=EXACT)
 def _read(
     depth: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32, block_log2: int,
-    reach_px: int, pinhole: Float32, key: np.uint64, normals: Float32, weights: Float32,
+    nearness: Float32, pinhole: Float32, key: np.uint64, normals: Float32, weights: Float32,
     depth_mm: UInt16, source: Int32,
 ) -> None:  # fmt: skip
     """Writes the readings of the wanted pixels into the last two arguments."""
@@ -148,7 +148,7 @@ def _read(
             if i < 0 or not shown[i, j]:
                 continue
             z = depth[y, x]
-            if shadowed(depth, y, x, parallax, reach_px):
+            if shadowed(depth, nearness, y, x, parallax):
                 continue
             lost = block_bits(loss_key, v, u, block_log2)
             if grazing > 0 and share_of(lost) < grazing * grazed(depth, pinhole, y, x):
