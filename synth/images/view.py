@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 from annotate.array_types import Bool, Float32, Float64, Int64, UInt8
 from annotate.parts import BACKGROUND, N_CLASSES
 from sensors.rig.camera import Intrinsics
-from sensors.rig.kinect2_factory import KINECT2_PINHOLE as CAMERA
 from sensors.rig.rig_calibration import Pose
-from synth.body.body import Body
+from synth.clothes.dressed import Dressed
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import NEAR_M, Mesh, box, rasterize
 
@@ -27,7 +26,8 @@ class PersonView:
 
     camera: pinhole of the window. corner: (top, left) of the window in the whole image. depth_m: float32
     (h, w) along z, NaN where nothing is hit, furniture included. parts: uint8 (h, w) part ids, 0 where
-    the person is not. whole: the same if nothing stood before the person. dark: bool (h, w), hair.
+    the person is not. whole: the same if nothing stood before the person. dark: float32 (h, w) share of
+    infrared that is lost.
     """
 
     camera: Intrinsics
@@ -35,25 +35,25 @@ class PersonView:
     depth_m: Float32
     parts: UInt8
     whole: UInt8
-    dark: Bool
+    dark: Float32
 
 
 def render_view(
-    body: Body, hair: Bool, vertices_m: Float32, around: Mesh, camera_from_world: Pose
+    who: Dressed, vertices_m: Float32, around: Mesh, camera_from_world: Pose, whole_image: Intrinsics
 ) -> PersonView:
-    """See a posed body and the furniture around it with the Kinect's pinhole; meshes in the world frame.
+    """See a posed person and the furniture around with an undistorted camera; meshes in the world frame.
 
-    hair: bool (F,) as ``hair_faces`` gives it. Only the person's window of the 512 x 424 image is rendered.
+    vertices_m: float32 (V', 3), draped. Only the person's window of the whole image is rendered.
     """
     points = _to_camera(camera_from_world, vertices_m)
-    camera, corner = _window(points)
-    person = rasterize(camera, points, body.faces, closed=True)
+    camera, corner = _window(points, whole_image)
+    person = rasterize(camera, points, who.faces, closed=True)
     others = rasterize(camera, _to_camera(camera_from_world, around.vertices_m), around.faces)
     # Index -1, nothing hit, reads the entry appended last.
-    whole = np.append(body.face_parts, np.uint8(BACKGROUND))[person.face]
+    whole = np.append(who.face_parts, np.uint8(BACKGROUND))[person.face]
     hidden = others.depth_m < person.depth_m
     parts = np.where(hidden, np.uint8(BACKGROUND), whole)
-    dark = np.append(hair, False)[person.face] & ~hidden
+    dark = np.where(hidden, np.float32(0), np.append(who.dark, np.float32(0))[person.face])
     return PersonView(camera, corner, np.fmin(person.depth_m, others.depth_m), parts, whole, dark)
 
 
@@ -73,14 +73,6 @@ def _tally(parts: UInt8) -> Int64:
     return pixels
 
 
-def inside_image(points_m: Float64) -> Bool:
-    """Which points (n, 3) of the camera frame the whole image covers."""
-    x, y, z = points_m.T
-    near = np.maximum(z, NEAR_M)
-    u, v = CAMERA.fx * x / near + CAMERA.cx, CAMERA.fy * y / near + CAMERA.cy
-    return np.asarray((z > NEAR_M) & (u >= 0) & (u < CAMERA.width) & (v >= 0) & (v < CAMERA.height))
-
-
 def _to_camera(camera_from_world: Pose, vertices_m: Float32) -> Float32:
     rotation, translation = camera_from_world.rotation, camera_from_world.translation_m
     return _move(vertices_m, rotation.astype(np.float32), translation.astype(np.float32))
@@ -98,15 +90,16 @@ def _move(vertices: Float32, rotation: Float32, translation: Float32) -> Float32
     return moved
 
 
-def _window(points_m: Float32) -> tuple[Intrinsics, tuple[int, int]]:
+def _window(points_m: Float32, whole_image: Intrinsics) -> tuple[Intrinsics, tuple[int, int]]:
     """The part of the image that the points cover, with a border: its camera and its corner (top, left)."""
     before = points_m[points_m[:, 2] > NEAR_M]
     slopes = before[:, :2] / before[:, 2:]
     (x0, y0), (x1, y1) = slopes.min(axis=0, initial=1e6).tolist(), slopes.max(axis=0, initial=-1e6).tolist()
-    left, right = _clip(CAMERA.fx * x0 + CAMERA.cx, CAMERA.fx * x1 + CAMERA.cx, CAMERA.width)
-    top, bottom = _clip(CAMERA.fy * y0 + CAMERA.cy, CAMERA.fy * y1 + CAMERA.cy, CAMERA.height)
-    cx, cy = CAMERA.cx - left, CAMERA.cy - top
-    return replace(CAMERA, width=right - left, height=bottom - top, cx=cx, cy=cy), (top, left)
+    c = whole_image
+    left, right = _clip(c.fx * x0 + c.cx, c.fx * x1 + c.cx, c.width)
+    top, bottom = _clip(c.fy * y0 + c.cy, c.fy * y1 + c.cy, c.height)
+    cx, cy = c.cx - left, c.cy - top
+    return replace(c, width=right - left, height=bottom - top, cx=cx, cy=cy), (top, left)
 
 
 def _clip(low: float, high: float, size: int) -> tuple[int, int]:

@@ -55,11 +55,6 @@ class Standing:
     arms: Mapping[str, Moment]
     sizes_m: Mapping[str, Float64]
 
-    @property
-    def activity(self) -> str:
-        """Stance and hands, e.g. ``quiet thigh-hip``, the first hand that of the standing leg."""
-        return f"{self.stance} {self.hands[self.stands]}-{self.hands[OTHER[self.stands]]}"
-
 
 class Stood(NamedTuple):
     """A standing body: vertices float32 (V, 3), joints (J, 3), world, metres, and what it carries."""

@@ -1,0 +1,211 @@
+"""Viewpoints: where the camera stands that sees a person, drawn at random; world frame, metres."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from annotate.array_types import Bool, Float32, Float64
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import Pose
+from synth.body.skeleton import JOINT_ID
+from synth.surface.rasterize import NEAR_M, beside, look_at
+
+
+class Shot(NamedTuple):
+    """A camera in the world. eye_m: (3,) its place."""
+
+    eye_m: Float64
+    camera_from_world: Pose
+
+
+Viewpoint = Callable[[np.random.Generator, Float32, Float64, Intrinsics], Shot]
+"""Draws a camera's place for posed vertices (V, 3), joints (J, 3) and the pinhole of the whole image."""
+Place = Callable[[np.random.Generator, Float64], tuple[Float64, Float64]]
+"""Draws a camera's eye and target (3,) each about a person's middle (3,)."""
+
+
+def looking(place: Place) -> Viewpoint:
+    """The viewpoint of a camera at a drawn place, its roll drawn too; its image does not matter."""
+
+    def view(rng: np.random.Generator, vertices_m: Float32, joints_m: Float64, camera: Intrinsics) -> Shot:
+        eye, target = place(rng, joints_m.mean(axis=0))
+        return Shot(eye, look_at(eye, target, np.radians(rng.normal(0, 2))))
+
+    return view
+
+
+def before(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
+    """Eye and target of a camera within 65 degrees of the front, at a robot's chest to head height."""
+    azimuth, distance, height = np.radians(rng.uniform(-65, 65)), rng.uniform(1.3, 3.0), rng.uniform(0.6, 1.7)
+    return beside(centre_m, azimuth, distance, height), centre_m + rng.normal(0, (0.12, 0.12, 0.10))
+
+
+def all_round(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
+    """Eye and target of a camera anywhere around somebody upright."""
+    azimuth, distance, height = rng.uniform(-np.pi, np.pi), rng.uniform(1.4, 3.5), rng.uniform(0.6, 1.8)
+    return beside(centre_m, azimuth, distance, height), centre_m + rng.normal(0, (0.12, 0.12, 0.10))
+
+
+def above(rng: np.random.Generator, centre_m: Float64) -> tuple[Float64, Float64]:
+    """Eye and target of a camera anywhere around a lying person (the paper's 360 degrees).
+
+    Heights from a robot's bumper camera (0.4 m over the person) to a ceiling's (2.6 m over the floor).
+    """
+    azimuth = rng.uniform(-np.pi, np.pi)
+    level = rng.choice((0.7, 1.1, 1.5, 2.1)) + rng.uniform(-0.2, 0.2)
+    distance = rng.uniform(1.2, 2.6)
+    eye = beside(centre_m, azimuth, distance, max(centre_m[2] + 0.3, level))
+    return eye, centre_m + rng.normal(0, (0.12, 0.12, 0.05))
+
+
+PERSON_PX = (90.0, 420.0)
+"""Least and greatest extent of a whole person in the image, log-uniform."""
+DISTANCE_M = (0.75, 4.3)
+"""Between camera and the person's middle: what depth cameras read."""
+NEAREST_M = 0.6
+"""Nothing of a person in view is nearer: depth cameras are blind there."""
+HEIGHT_M = (0.4, 2.6)
+"""Of the camera over the floor."""
+COMMON_HEIGHT_M = (1.2, 0.35)
+"""Mean and deviation of half of the cameras' heights: tables, tripods, robots. Chosen by eye."""
+CUT_SHARE = 0.15
+"""Of images whose border cuts the person."""
+PORTRAIT, HALF = 0.3, 0.35
+"""Of these, head and shoulders, and half figures; the others are cut by any border. Chosen by eye."""
+PORTRAIT_M, HALF_M = (0.45, 0.9), (0.9, 1.5)
+"""What the image spans vertically at such a person. Chosen by eye."""
+LEAST_IN_VIEW, MOST_IN_VIEW = 0.12, 0.97
+"""Share of a cut person's skin inside the image."""
+STEEPEST = (-0.35, 0.9)
+"""Sine of the camera's elevation over the person's middle, least and greatest. Chosen by eye."""
+EVERY = 19
+"""Vertices of the skin by which a view is planned."""
+
+
+@dataclass(frozen=True)
+class Around:
+    """A viewpoint that plans its image: whole people of any size in it, some cut by its borders.
+
+    front, side: shares of the views within 45 degrees of the person's front and up to 135, the others are
+    from behind. over_m: least height of the camera over the person's middle.
+    """
+
+    front: float = 0.55
+    side: float = 0.25
+    over_m: float = -10.0
+
+    def __call__(
+        self, rng: np.random.Generator, vertices_m: Float32, joints_m: Float64, camera: Intrinsics
+    ) -> Shot:
+        """A shot that shows the person, or the last of some attempts."""
+        points = vertices_m[::EVERY].astype(np.float64)
+        is_cut = rng.random() < CUT_SHARE
+        for _ in range(30):
+            azimuth, height = self._azimuth(rng), self._height(rng, points)
+            if is_cut:
+                shot = _cut(rng, points, joints_m, camera, azimuth, height)
+            else:
+                shot = _whole(rng, points, camera, azimuth, height)
+            share, nearest = _in_view(shot, points, camera)
+            if nearest > NEAREST_M and (LEAST_IN_VIEW < share < MOST_IN_VIEW if is_cut else share == 1.0):
+                break
+        return shot
+
+    def _azimuth(self, rng: np.random.Generator) -> float:
+        kind = rng.random()
+        low, high = (
+            (0, 45) if kind < self.front else (45, 135) if kind < self.front + self.side else (135, 180)
+        )
+        return float(np.radians(rng.uniform(low, high)) * rng.choice((-1, 1)))
+
+    def _height(self, rng: np.random.Generator, points: Float64) -> float:
+        common = rng.normal(*COMMON_HEIGHT_M) if rng.random() < 0.5 else rng.uniform(*HEIGHT_M)
+        least = max(HEIGHT_M[0], float(points[:, 2].mean()) + self.over_m)
+        return float(np.clip(common, least, max(HEIGHT_M[1], least)))
+
+
+def _eye(middle: Float64, azimuth: float, distance: float, height: float) -> Float64:
+    """Place (3,) so far from a middle (3,), at the height where that is possible."""
+    sine = float(np.clip((height - middle[2]) / distance, *STEEPEST))
+    level = distance * np.sqrt(1 - sine * sine)
+    return beside(middle, azimuth, level, max(middle[2] + distance * sine, 0.2))
+
+
+def _extent(points: Float64, middle: Float64, eye: Float64) -> tuple[Float64, Float64, Float64]:
+    """Least and greatest coordinates (2,) of points (n, 3) across and down a view, and its axes (2, 3)."""
+    axes = look_at(eye, middle).rotation[:2]
+    off = (points - middle) @ axes.T
+    return off.min(axis=0), off.max(axis=0), axes
+
+
+def _whole(
+    rng: np.random.Generator, points: Float64, camera: Intrinsics, azimuth: float, height: float
+) -> Shot:
+    """A shot of all of a person, anywhere in the image."""
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    size = np.array([camera.width, camera.height])
+    low, high, _ = _extent(points, middle, _eye(middle, azimuth, 3.0, height))
+    # What fits into the image with a little room; and what the sensor can read.
+    fits = float((0.94 * size / (high - low)).min() * (high - low).max())
+    largest = float((high - low).max())
+    least = max(PERSON_PX[0], camera.fx * largest / DISTANCE_M[1])
+    most = max(least, min(PERSON_PX[1], fits, camera.fx * largest / DISTANCE_M[0]))
+    distance = camera.fx * largest / np.exp(rng.uniform(np.log(least), np.log(most)))
+    eye = _eye(middle, azimuth, distance, height)
+    low, high, axes = _extent(points, middle, eye)
+    centre = np.array([camera.cx, camera.cy])
+    free = np.maximum(np.minimum(centre, size - 1 - centre) * distance / camera.fx - (high - low) / 2, 0.0)
+    shift = rng.uniform(-0.85, 0.85, 2) * free
+    return _aimed(rng, eye, middle + ((low + high) / 2 - shift) @ axes)
+
+
+def _cut(
+    rng: np.random.Generator,
+    points: Float64,
+    joints_m: Float64,
+    camera: Intrinsics,
+    azimuth: float,
+    height: float,
+) -> Shot:
+    """A shot whose border cuts the person: head and shoulders, a half figure, or any border."""
+    kind = rng.random()
+    if kind < PORTRAIT + HALF:
+        span = rng.uniform(*(PORTRAIT_M if kind < PORTRAIT else HALF_M))
+        head, pelvis = joints_m[JOINT_ID["head"]], joints_m[JOINT_ID["pelvis"]]
+        down = (pelvis - head) / np.linalg.norm(pelvis - head)
+        target = head + down * (span * rng.uniform(0.1, 0.4)) + rng.normal(0, 0.12, 3) * span
+        distance = max(camera.fy * span / camera.height, DISTANCE_M[0])
+        return _aimed(rng, _eye(target, azimuth, distance, height), target)
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    eye = _eye(middle, azimuth, rng.uniform(1.0, DISTANCE_M[1] - 0.3), height)
+    _, _, axes = _extent(points, middle, eye)
+    off = (points - middle) @ axes.T
+    half = np.array([camera.width, camera.height]) / 2 * np.linalg.norm(eye - middle) / camera.fx
+    side, sign = int(rng.integers(2)), rng.choice((-1.0, 1.0))
+    # A border at this quantile of the skin; on the other axis the person is about the middle.
+    lost = rng.uniform(0.08, 0.6)
+    aim = np.median(off, axis=0) + rng.normal(0, 0.15, 2)
+    aim[side] = sign * (np.quantile(sign * off[:, side], 1 - lost) - half[side])
+    return _aimed(rng, eye, middle + aim @ axes)
+
+
+def _aimed(rng: np.random.Generator, eye: Float64, target: Float64) -> Shot:
+    return Shot(eye, look_at(eye, target, np.radians(rng.normal(0, 2))))
+
+
+def _in_view(shot: Shot, points: Float64, camera: Intrinsics) -> tuple[float, float]:
+    """Share of points (n, 3) inside the image, and the nearest one's distance along z."""
+    inside = inside_image(shot.camera_from_world.apply(points), camera)
+    if not inside.any():
+        return 0.0, 0.0
+    return float(inside.mean()), float(shot.camera_from_world.apply(points[inside])[:, 2].min())
+
+
+def inside_image(points_m: Float64, camera: Intrinsics) -> Bool:
+    """Flags (n,) of the points (n, 3) of the camera frame that the whole image covers."""
+    x, y, z = points_m.T
+    near = np.maximum(z, NEAR_M)
+    u, v = camera.fx * x / near + camera.cx, camera.fy * y / near + camera.cy
+    return np.asarray((z > NEAR_M) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height))
