@@ -164,7 +164,11 @@ def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Gen
 @app.command("generate")
 def generate_(
     preset: Annotated[
-        str, Option(help="sitting-train, sitting-test, recumbent or upright.", autocompletion=presets)
+        str,
+        Option(
+            help="people, standing, sitting-train, sitting-test, recumbent or upright.",
+            autocompletion=presets,
+        ),
     ],
     out: Annotated[Path, Option(help="Folder for the shards; an interrupted run continues there.")],
     count: Annotated[int | None, Option(help="Number of images. Default: the preset's own.")] = None,

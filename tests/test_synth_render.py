@@ -68,7 +68,7 @@ def test_closed_meshes_look_the_same_from_their_front_alone():
 def test_a_window_is_the_same_image_cut_out():
     body, vertices, _, _ = posed(4)
     whole = rasterize(KINECT2_PINHOLE, vertices, body.faces)
-    window, (top, left) = _window(vertices)
+    window, (top, left) = _window(vertices, KINECT2_PINHOLE)
     part = rasterize(window, vertices, body.faces)
     inside = np.s_[top : top + window.height, left : left + window.width]
     assert (part.face == whole.face[inside]).mean() > 0.9999

@@ -6,6 +6,7 @@ from typing import TypeAlias
 from annotate.crop import crop_from_note
 from annotate.frame_labels import FrameLabels
 from annotate.labelset import dataset, store
+from sensors.errors import CalibrationError, FormatError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 
@@ -26,8 +27,22 @@ def open_frames(path: Path) -> LabelledFrames:
 
 
 def camera_of(frames: LabelledFrames, frame: FrameLabels) -> Intrinsics:
-    """The undistorted depth camera of the whole image that a frame is, or by its notes is a crop of."""
-    return KINECT2_PINHOLE if "crop" in frame.notes else frames.whole_image
+    """The undistorted depth camera of the whole image that a frame is, or by its notes is a crop of.
+
+    Synthetic frames note their sensor's ``intrinsics`` (width, height, fx, fy, cx, cy) unless it is a Kinect
+    v2. Raises FormatError when that note is malformed.
+    """
+    if "crop" not in frame.notes:
+        return frames.whole_image
+    if "intrinsics" not in frame.notes:
+        return KINECT2_PINHOLE
+    try:
+        return Intrinsics(*frame.notes["intrinsics"])
+    except (TypeError, CalibrationError) as error:
+        raise FormatError(
+            f"frame {frame.frame_id}: its note 'intrinsics' is malformed ({error}); "
+            "give width, height, fx, fy, cx, cy"
+        ) from error
 
 
 def pinhole_of(frame: FrameLabels, camera: Intrinsics) -> Intrinsics:

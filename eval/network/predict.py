@@ -134,7 +134,6 @@ def _todo(
 
 def _write(predicted: LabelSet, frame: FrameLabels, result: Segmentation) -> None:
     notes = notes_of(result)
-    if "crop" in frame.notes:
-        notes["crop"] = frame.notes["crop"]
+    notes |= {name: frame.notes[name] for name in ("crop", "intrinsics") if name in frame.notes}
     labelled = replace(frame, parts=result.parts, confidence=result.confidence, status="auto", notes=notes)
     predicted.write(labelled, result.probabilities)

@@ -9,6 +9,7 @@ import numpy as np
 
 from annotate.array_types import Float32
 from synth.body.body import Body, blend, hair_faces, shipped_bodies
+from synth.body.crowd import crowd
 from synth.clothes.dress import dress
 from synth.clothes.dressed import Dressed, assembled
 
@@ -39,7 +40,7 @@ def _hair(number: int) -> Float32:
 
 def crowd_person(rng: np.random.Generator) -> Person:
     """A dressed build between two adults of the crowd."""
-    body, _ = _between(shipped_bodies(), rng)
+    body, _ = _between(crowd(), rng)
     bmi = body.weight_kg / (body.height_cm / 100) ** 2
     notes = {"height_cm": round(body.height_cm, 1), "bmi": round(bmi, 1)}
     return Person(dress(body, rng), body.name, {"body": notes})
