@@ -31,8 +31,9 @@ class TimeOfFlight:
     axial: factor on the axial noise of Fankhauser 2015. flying: share of silhouette pixels that mix
     foreground and background. grazing: share lost at an incidence of 90 degrees. dark: share lost on
     hair (low infrared return). lateral_px: jitter of edges. offset_mm and scale: the unit's error.
-    patches: share lost in the middle of patches on any
-    surface. patch_log2: logarithm of their size in pixels. range_mm: nearest and farthest reading.
+    rejected: share of the mixed pixels that the driver leaves out. patches: share lost in the middle of
+    patches on any surface. patch_log2: logarithm of their size in pixels. range_mm: nearest and farthest
+    reading.
     """
 
     axial: float = 1.0
@@ -42,6 +43,7 @@ class TimeOfFlight:
     lateral_px: float = 0.5
     offset_mm: float = 0.0
     scale: float = 1.0
+    rejected: float = 0.6
     patches: float = 0.0
     patch_log2: int = 3
     range_mm: tuple[int, int] = (500, 4500)
@@ -86,9 +88,11 @@ class TimeOfFlight:
 
     @staticmethod
     def azure_kinect(rng: np.random.Generator, entry: dict[str, Any]) -> "TimeOfFlight":
-        """An Azure Kinect or Orbbec Femto: half the noise, and silhouettes that are left out, not mixed."""
+        """An Azure Kinect or Orbbec Femto: a third of the noise, still edges, mixed pixels left out."""
         drawn = TimeOfFlight.sample(rng, entry)
-        return replace(drawn, axial=0.5 * drawn.axial, flying=0.5 * drawn.flying)
+        flying = 1.0 if rng.random() < 0.5 else drawn.flying
+        axial, lateral_px = drawn.axial / 3, drawn.lateral_px / 2
+        return replace(drawn, axial=axial, flying=flying, lateral_px=lateral_px, rejected=0.95)
 
     def read(
         self,
@@ -104,21 +108,14 @@ class TimeOfFlight:
         Order as in a real device: edges jitter and mix, then axial noise, then what the driver rejects.
         """
         reading = blank(depth_m.shape)
-        faults = (
-            self.axial,
-            self.flying,
-            self.grazing,
-            self.dark,
-            self.lateral_px,
-            self.offset_mm,
-            self.scale,
-        )
+        losses = (self.flying, self.rejected, self.grazing, self.dark, self.patches)
+        errors = (self.axial, self.lateral_px, self.offset_mm, self.scale)
         _read(
             filled(depth_m),
             dark.astype(np.float32),
             wanted_of(depth_m.shape, only, person, 0),
             shown_of(depth_m.shape, person),
-            np.array((*faults, self.patches, *self.range_mm), np.float32),
+            np.array((*losses, *errors, *self.range_mm), np.float32),
             pinhole_of(window),
             key_of(rng),
             NORMALS,
@@ -157,7 +154,8 @@ def _read(
 ) -> None:  # fmt: skip
     """Writes the readings of the wanted pixels into the last two arguments."""
     height, width = depth.shape
-    axial, flying, grazing, darkness, lateral, offset_mm, scale, patches, nearest_mm, farthest_mm = strengths
+    flying, rejected, grazing, darkness, patches = strengths[:5]
+    axial, lateral, offset_mm, scale, nearest_mm, farthest_mm = strengths[5:]
     patch = lattice(hashed(key, 2 * height * width), height, width, log2, normals)
     for v in range(height):
         for u in range(width):
@@ -178,7 +176,7 @@ def _read(
             theta = _incidence(pinhole, y, x, z, z_u, z_v)
             if far - near > np.float32(EDGE_DELTA_MM / 1000):
                 chance = share_of(bits >> np.uint64(48))
-                if chance < np.float32(0.6) * flying:
+                if chance < rejected * flying:
                     continue  # rejected by the driver
                 if chance < flying:
                     near_share = share_of(more) ** np.float32(0.35)
