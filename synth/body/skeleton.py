@@ -170,14 +170,14 @@ def kinematics(
         for a in range(3):
             # The axes of XYZ Euler angles are columns of the frame turned so far.
             axes[i, a] = SIGNS[i, a] * before[:, a]
-            before = before @ _turn(a, SIGNS[i, a] * angles_rad[i, a])
+            before = before @ turn(a, SIGNS[i, a] * angles_rad[i, a])
         turned[i] = before
         frames[i] = before @ aligned[i]
     return axes, frames, positions
 
 
 @numba.njit(cache=True)
-def _turn(axis: int, angle: float) -> Float64:
+def turn(axis: int, angle: float) -> Float64:
     """Rotation matrix about one coordinate axis."""
     result = np.zeros((3, 3))
     b, c = (axis + 1) % 3, (axis + 2) % 3

@@ -92,14 +92,23 @@ def _move(vertices: Float32, rotation: Float32, translation: Float32) -> Float32
 
 def _window(points_m: Float32, whole_image: Intrinsics) -> tuple[Intrinsics, tuple[int, int]]:
     """The part of the image that the points cover, with a border: its camera and its corner (top, left)."""
-    before = points_m[points_m[:, 2] > NEAR_M]
-    slopes = before[:, :2] / before[:, 2:]
-    (x0, y0), (x1, y1) = slopes.min(axis=0, initial=1e6).tolist(), slopes.max(axis=0, initial=-1e6).tolist()
+    x0, y0, x1, y1 = _slopes(points_m)
     c = whole_image
     left, right = _clip(c.fx * x0 + c.cx, c.fx * x1 + c.cx, c.width)
     top, bottom = _clip(c.fy * y0 + c.cy, c.fy * y1 + c.cy, c.height)
     cx, cy = c.cx - left, c.cy - top
     return replace(c, width=right - left, height=bottom - top, cx=cx, cy=cy), (top, left)
+
+
+@numba.njit(cache=True)
+def _slopes(points: Float32) -> tuple[float, float, float, float]:
+    """Least and greatest x / z and y / z, in the order x, y, x, y, of the points before the near plane."""
+    x0, y0, x1, y1 = np.float32(1e6), np.float32(1e6), np.float32(-1e6), np.float32(-1e6)
+    for i in range(len(points)):
+        if points[i, 2] > NEAR_M:
+            x, y = points[i, 0] / points[i, 2], points[i, 1] / points[i, 2]
+            x0, y0, x1, y1 = min(x0, x), min(y0, y), max(x1, x), max(y1, y)
+    return float(x0), float(y0), float(x1), float(y1)
 
 
 def _clip(low: float, high: float, size: int) -> tuple[int, int]:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64
@@ -31,7 +32,7 @@ def looking(place: Place) -> Viewpoint:
 
     def view(rng: np.random.Generator, vertices_m: Float32, joints_m: Float64, camera: Intrinsics) -> Shot:
         eye, target = place(rng, joints_m.mean(axis=0))
-        return Shot(eye, look_at(eye, target, np.radians(rng.normal(0, 2))))
+        return Shot(eye, look_at(eye, target, np.radians(rng.normal(0, ROLL_DEG))))
 
     return view
 
@@ -80,6 +81,10 @@ LEAST_IN_VIEW, MOST_IN_VIEW = 0.12, 0.97
 """Share of a cut person's skin inside the image."""
 STEEPEST = (-0.35, 0.9)
 """Sine of the camera's elevation over the person's middle, least and greatest. Chosen by eye."""
+ROLL_DEG = 2.0
+"""Standard deviation of the camera's roll."""
+ATTEMPTS = 30
+"""Views drawn at most until one shows what it should."""
 EVERY = 19
 """Vertices of the skin by which a view is planned."""
 
@@ -100,18 +105,19 @@ class Around:
         self, rng: np.random.Generator, vertices_m: Float32, joints_m: Float64, camera: Intrinsics
     ) -> Shot:
         """A shot that shows the person, or the last of some attempts."""
-        points = vertices_m[::EVERY].astype(np.float64)
+        points, c = vertices_m[::EVERY].astype(np.float64), camera
+        pinhole = np.array([c.width, c.height, c.fx, c.fy, c.cx, c.cy])
         is_cut = rng.random() < CUT_SHARE
-        for _ in range(30):
+        for _ in range(ATTEMPTS):
             azimuth, height = self._azimuth(rng), self._height(rng, points)
             if is_cut:
-                shot = _cut(rng, points, joints_m, camera, azimuth, height)
+                eye, target = _cut(rng, points, joints_m, camera, azimuth, height)
             else:
-                shot = _whole(rng, points, camera, azimuth, height)
-            share, nearest = _in_view(shot, points, camera)
+                eye, target = _whole(rng, points, camera, azimuth, height)
+            share, nearest = _in_view(points, eye, target, pinhole)
             if nearest > NEAREST_M and (LEAST_IN_VIEW < share < MOST_IN_VIEW if is_cut else share == 1.0):
                 break
-        return shot
+        return Shot(eye, look_at(eye, target, np.radians(rng.normal(0, ROLL_DEG))))
 
     def _azimuth(self, rng: np.random.Generator) -> float:
         kind = rng.random()
@@ -133,20 +139,35 @@ def _eye(middle: Float64, azimuth: float, distance: float, height: float) -> Flo
     return beside(middle, azimuth, level, max(middle[2] + distance * sine, 0.2))
 
 
-def _extent(points: Float64, middle: Float64, eye: Float64) -> tuple[Float64, Float64, Float64]:
-    """Least and greatest coordinates (2,) of points (n, 3) across and down a view, and its axes (2, 3)."""
-    axes = look_at(eye, middle).rotation[:2]
-    off = (points - middle) @ axes.T
-    return off.min(axis=0), off.max(axis=0), axes
+@numba.njit(cache=True)
+def _axes(eye: Float64, target: Float64) -> Float64:
+    """Directions (3, 3) across, down and along the view of a level camera at ``eye``; see ``look_at``."""
+    axes = np.zeros((3, 3))
+    axes[2] = (target - eye) / np.sqrt(np.sum((target - eye) ** 2))
+    axes[0, 0], axes[0, 1] = axes[2, 1], -axes[2, 0]
+    axes[0] /= np.sqrt(np.sum(axes[0] ** 2)) + 1e-9
+    axes[1] = np.cross(axes[2], axes[0])
+    return axes
+
+
+@numba.njit(cache=True)
+def _extent(points: Float64, middle: Float64, axes: Float64) -> tuple[Float64, Float64]:
+    """Least and greatest coordinates (2,) of points (n, 3) across and down a view, from its middle."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for i in range(len(points)):
+        for a in range(2):
+            off = np.dot(axes[a], points[i] - middle)
+            low[a], high[a] = min(low[a], off), max(high[a], off)
+    return low, high
 
 
 def _whole(
     rng: np.random.Generator, points: Float64, camera: Intrinsics, azimuth: float, height: float
-) -> Shot:
-    """A shot of all of a person, anywhere in the image."""
+) -> tuple[Float64, Float64]:
+    """Eye and target (3,) of a camera with all of a person anywhere in its image."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     size = np.array([camera.width, camera.height])
-    low, high, _ = _extent(points, middle, _eye(middle, azimuth, 3.0, height))
+    low, high = _extent(points, middle, _axes(_eye(middle, azimuth, 3.0, height), middle))
     # What fits into the image with a little room; and what the sensor can read.
     fits = float((0.94 * size / (high - low)).min() * (high - low).max())
     largest = float((high - low).max())
@@ -154,11 +175,12 @@ def _whole(
     most = max(least, min(PERSON_PX[1], fits, camera.fx * largest / DISTANCE_M[0]))
     distance = camera.fx * largest / np.exp(rng.uniform(np.log(least), np.log(most)))
     eye = _eye(middle, azimuth, distance, height)
-    low, high, axes = _extent(points, middle, eye)
+    axes = _axes(eye, middle)
+    low, high = _extent(points, middle, axes)
     centre = np.array([camera.cx, camera.cy])
     free = np.maximum(np.minimum(centre, size - 1 - centre) * distance / camera.fx - (high - low) / 2, 0.0)
     shift = rng.uniform(-0.85, 0.85, 2) * free
-    return _aimed(rng, eye, middle + ((low + high) / 2 - shift) @ axes)
+    return eye, middle + ((low + high) / 2 - shift) @ axes[:2]
 
 
 def _cut(
@@ -168,8 +190,8 @@ def _cut(
     camera: Intrinsics,
     azimuth: float,
     height: float,
-) -> Shot:
-    """A shot whose border cuts the person: head and shoulders, a half figure, or any border."""
+) -> tuple[Float64, Float64]:
+    """Eye and target (3,) of a camera whose image cuts the person: a portrait, a half figure, any border."""
     kind = rng.random()
     if kind < PORTRAIT + HALF:
         span = rng.uniform(*(PORTRAIT_M if kind < PORTRAIT else HALF_M))
@@ -177,10 +199,10 @@ def _cut(
         down = (pelvis - head) / np.linalg.norm(pelvis - head)
         target = head + down * (span * rng.uniform(0.1, 0.4)) + rng.normal(0, 0.12, 3) * span
         distance = max(camera.fy * span / camera.height, DISTANCE_M[0])
-        return _aimed(rng, _eye(target, azimuth, distance, height), target)
+        return _eye(target, azimuth, distance, height), target
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     eye = _eye(middle, azimuth, rng.uniform(1.0, DISTANCE_M[1] - 0.3), height)
-    _, _, axes = _extent(points, middle, eye)
+    axes = _axes(eye, middle)[:2]
     off = (points - middle) @ axes.T
     half = np.array([camera.width, camera.height]) / 2 * np.linalg.norm(eye - middle) / camera.fx
     side, sign = int(rng.integers(2)), rng.choice((-1.0, 1.0))
@@ -188,19 +210,23 @@ def _cut(
     lost = rng.uniform(0.08, 0.6)
     aim = np.median(off, axis=0) + rng.normal(0, 0.15, 2)
     aim[side] = sign * (np.quantile(sign * off[:, side], 1 - lost) - half[side])
-    return _aimed(rng, eye, middle + aim @ axes)
+    return eye, middle + aim @ axes
 
 
-def _aimed(rng: np.random.Generator, eye: Float64, target: Float64) -> Shot:
-    return Shot(eye, look_at(eye, target, np.radians(rng.normal(0, 2))))
+@numba.njit(cache=True)
+def _in_view(points: Float64, eye: Float64, target: Float64, pinhole: Float64) -> tuple[float, float]:
+    """Share of points (n, 3) inside the image of a level camera, and the nearest one's distance along z.
 
-
-def _in_view(shot: Shot, points: Float64, camera: Intrinsics) -> tuple[float, float]:
-    """Share of points (n, 3) inside the image, and the nearest one's distance along z."""
-    inside = inside_image(shot.camera_from_world.apply(points), camera)
-    if not inside.any():
-        return 0.0, 0.0
-    return float(inside.mean()), float(shot.camera_from_world.apply(points[inside])[:, 2].min())
+    pinhole: (6,) width, height, fx, fy, cx, cy.
+    """
+    axes, count, nearest = _axes(eye, target), 0, np.inf
+    width, height, fx, fy, cx, cy = pinhole
+    for i in range(len(points)):
+        x, y, z = axes @ (points[i] - eye)
+        if z > NEAR_M and 0 <= fx * x / z + cx < width and 0 <= fy * y / z + cy < height:
+            count += 1
+            nearest = min(nearest, z)
+    return count / len(points), nearest
 
 
 def inside_image(points_m: Float64, camera: Intrinsics) -> Bool:

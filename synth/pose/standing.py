@@ -16,9 +16,8 @@ from annotate.array_types import Float32, Float64
 from synth.body.body import Body, pose
 from synth.body.flesh import CHAINS, Flesh, flesh_of
 from synth.body.inverse import place_hand, plant
-from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, forward
+from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, forward, turn
 from synth.pose.moment import Moment
-from synth.pose.postures import height_to_rest
 from synth.pose.settle import Pull, settle
 from synth.shipped import table
 from synth.surface.furniture import FLOOR, Surface
@@ -110,7 +109,7 @@ def stand(body: Body, how: Standing) -> Stood:
     pulls += [Pull(f"{side}_ankle", feet[side].ankle(flesh, side, 0.0), FOOT_HOLD) for side in SIDES]
     settled = settle(flesh, posture, [FLOOR], pulls)
     vertices, joints = pose(body, _hands_off(how, settled, scale))
-    up = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
+    up = np.array([0.0, 0.0, -FLOOR.give_m - float(vertices[:, 2].min())])
     vertices, joints = vertices + up.astype(np.float32), joints + up
     return Stood(vertices, joints, _things(how, joints))
 
@@ -123,8 +122,8 @@ def _upper_body(how: Standing) -> Float64:
     angles[_SPINE] = np.array(spine) / 3
     angles[_NECK] = np.array([legs["nod"] - 0.4 * legs["pitch"], legs["head_lean"], legs["turn"]]) / 2
     limited = clamp(np.radians(angles))
-    turn = Rotation.from_euler("YX", [-sign * legs["tilt"], legs["pitch"]], degrees=True)
-    limited[0] = turn.as_euler("XYZ") * (1, -1, 1)
+    pelvis = Rotation.from_euler("YX", [-sign * legs["tilt"], legs["pitch"]], degrees=True)
+    limited[0] = pelvis.as_euler("XYZ") * (1, -1, 1)
     return limited
 
 
@@ -138,7 +137,7 @@ class Foot:
 
     def rotation(self, more_rad: float) -> Float64:
         """Rotation (3, 3) to the world, the heel raised by ``more_rad`` above its own."""
-        return np.asarray(Rotation.from_euler("ZX", [self.yaw_rad, self.heel_rad + more_rad]).as_matrix())
+        return turn(2, self.yaw_rad) @ turn(0, self.heel_rad + more_rad)
 
     def ankle(self, flesh: Flesh, side: str, more_rad: float) -> Float64:
         """Place (3,) of the ankle: a foot rolls over its toes, or backwards over its heel."""
@@ -147,8 +146,8 @@ class Foot:
         heel = self.heel_rad + more_rad
         end = (y - radii).min() + 0.02 if heel > 0 else (y + radii).max()
         pivot = np.array([0.0, end - flesh.rest_joints_m[joint, 1], -flesh.rest_joints_m[joint, 2]])
-        flat = Rotation.from_euler("Z", self.yaw_rad).as_matrix()
-        return np.asarray(self.place_m + flat @ pivot - self.rotation(more_rad) @ pivot)
+        moved: Float64 = (turn(2, self.yaw_rad) - self.rotation(more_rad)) @ pivot
+        return self.place_m + moved
 
 
 def _feet(flesh: Flesh, how: Standing, scale: float) -> dict[str, Foot]:
@@ -295,7 +294,7 @@ def _things(how: Standing, joints: Float64) -> list[Mesh]:
     """What the hands carry, in the world."""
     wrists = {side: joints[JOINT_ID[f"{side}_wrist"]] for side in SIDES}
     across = wrists["left"] - wrists["right"]
-    heading = Rotation.from_euler("z", np.arctan2(across[1], across[0])).as_matrix()
+    heading = turn(2, float(np.arctan2(across[1], across[0])))
     things = []
     for kind in ("box", "tray"):
         if how.hands["left"] == how.hands["right"] == kind:
