@@ -179,15 +179,20 @@ def generate_(
     seed: Annotated[int, Option(help="The same seed gives the same bytes.")] = 0,
     occluders: Annotated[float, Option(help="Share of images with objects in front of the person.")] = 0.0,
     cut: Annotated[float, Option(help="Share of images with holes in the extracted person.")] = 0.0,
+    garments: Annotated[
+        Path | None, Option(help="Folder of MakeHuman garments (.mhclo) that half of the people wear.")
+    ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Generate labelled depth images of people as tar shards, with a page of pictures and statistics."""
     with needing("synth"):
         from synth.images.generate import ORDER, Order, generate
-        from synth.images.presets import preset_named
+        from synth.images.presets import dressed_from, preset_named
 
     chosen = replace(preset_named(preset), occluders=occluders, cut=cut)
+    if garments is not None:
+        chosen = dressed_from(chosen, garments)
     order = Order(chosen, chosen.count if count is None else count, seed)
     started = time.monotonic()
     with (

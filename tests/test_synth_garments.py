@@ -10,6 +10,9 @@ from sensors.errors import CloudError, FormatError
 from synth.body.body import blend, shipped_bodies
 from synth.body.crowd import BASE_VERTICES, base_mesh_m, crowd
 from synth.clothes.garments import choose, kind_of, read_garment, read_garments, wear
+from synth.images.generate import Order
+from synth.images.people import Wardrobe
+from synth.images.presets import PRESETS, dressed_from
 
 GARMENTS = Path(__file__).parents[2] / "shared/data/garments"
 SCALES = "x_scale 5399 11998 1.4\nz_scale 962 5320 1.9\ny_scale 791 881 2.3\n"
@@ -84,9 +87,24 @@ def test_makehumans_garments_cover_the_body_and_are_of_its_parts():
         centres = dressed.body.vertices_m[dressed.faces].mean(axis=1)
         sided = centres[:, 0] > 0.03
         assert not np.isin(dressed.face_parts[sided], (4, 6, 9, 11)).any()
-        drawn_in = (
-            np.linalg.norm(dressed.body.vertices_m[: len(body.vertices_m)] - body.vertices_m, axis=1) > 0
-        )
-        cloth = cKDTree(dressed.body.vertices_m[len(body.vertices_m) :])
+        lift = (dressed.body.joints_m - body.joints_m)[0].astype(np.float32)
+        moved = dressed.body.vertices_m - lift
+        drawn_in = np.linalg.norm(moved[: len(body.vertices_m)] - body.vertices_m, axis=1) > 1e-3
+        cloth = cKDTree(moved[len(body.vertices_m) :])
         away = cloth.query(body.vertices_m[drawn_in])[0]
+        assert dressed.body.vertices_m[:, 2].min() == pytest.approx(0, abs=1e-6)
         assert drawn_in.mean() > 0.2 and np.quantile(away, 0.95) < 0.06
+
+
+def test_a_wardrobe_is_its_garments_wherever_they_lie(tmp_path):
+    here, there = tmp_path / "here", tmp_path / "there"
+    for folder in (here, there):
+        folder.mkdir()
+        write_garment(folder)
+    assert Wardrobe.of(here).sha256 == Wardrobe.of(there).sha256
+    order = Order(dressed_from(PRESETS["people"], here), 1, 0)
+    assert order.manifest()["garments"] == Wardrobe.of(here).sha256
+    with pytest.raises(CloudError, match="other garments"):
+        Wardrobe(there, "0")(np.random.default_rng(0))
+    with pytest.raises(CloudError, match="are naked"):
+        dressed_from(PRESETS["upright"], here)

@@ -162,7 +162,7 @@ def wear(body: Body, garments: list[Garment]) -> Dressed:
     """A body in garments: their vertices and faces, seen from both sides, behind the body's own.
 
     Garments move with the skin next to them, and their faces are of the part of that skin. Skin that they
-    cover draws in by ``DRAWN_IN_M``.
+    cover draws in by ``DRAWN_IN_M``. It stands on its soles.
     """
     base = base_mesh_m(body)
     skin = _inwards(body, np.logical_or.reduce([g.hidden for g in garments]))
@@ -190,12 +190,15 @@ def wear(body: Body, garments: list[Garment]) -> Dressed:
         weights.append(shares)
         dark.append(np.full(len(both_sides), kind_of(garment, body) == "hair"))
         count += len(own)
+    whole = np.concatenate(vertices)
+    # Soles are lower than the skin's.
+    lift = np.array([0, 0, -whole[:, 2].min()], np.float32)
     worn = Body(
         body.name,
-        np.concatenate(vertices),
+        whole + lift,
         np.concatenate(faces),
         np.concatenate(parts),
-        body.joints_m,
+        body.joints_m + lift,
         np.concatenate(bones),
         np.concatenate(weights),
         body.waist,

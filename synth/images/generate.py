@@ -14,6 +14,7 @@ from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, s
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 from synth.images.dataset_page import write_page
+from synth.images.people import Wardrobe
 from synth.images.presets import Preset, sample
 from synth.images.workers import Workers
 
@@ -63,6 +64,7 @@ class Order:
             "seed": self.seed,
             "shard_frames": self.shard_frames,
             "versions": self.versions,
+            **({"garments": people.sha256} if isinstance(people := self.preset.people, Wardrobe) else {}),
         }
 
 

@@ -1,17 +1,24 @@
 """People of synthetic images: who is seen, in which clothes."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from annotate.array_types import Float32
+from sensors.errors import CloudError
 from synth.body.body import Body, blend, hair_faces, shipped_bodies
 from synth.body.crowd import crowd
 from synth.clothes.dress import dress
 from synth.clothes.dressed import Dressed, assembled
+from synth.clothes.garments import Garment, choose, read_garments, wear
+
+GARMENT_SHARE = 0.5
+"""Of the people of a wardrobe, those in its garments. No source: chosen by eye."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +48,55 @@ def _hair(number: int) -> Float32:
 def crowd_person(rng: np.random.Generator) -> Person:
     """A dressed build between two adults of the crowd."""
     body, _ = _between(crowd(), rng)
+    return _described(body, dress(body, rng))
+
+
+@dataclass(frozen=True)
+class Wardrobe:
+    """A casting of the crowd, of whom ``GARMENT_SHARE`` wear garments of a folder; the others as ever.
+
+    sha256: of the folder's garments; workers whose own differ refuse to go on.
+    """
+
+    folder: Path
+    sha256: str
+
+    @staticmethod
+    def of(folder: Path) -> "Wardrobe":
+        """The wardrobe of a folder of ``.mhclo`` files. Raises CloudError where it has none."""
+        return Wardrobe(folder, _garments(folder)[1])
+
+    def __call__(self, rng: np.random.Generator) -> Person:
+        """Draw a person. Raises CloudError where the folder is no longer the same."""
+        garments, found = _garments(self.folder)
+        if found != self.sha256:
+            raise CloudError(f"{self.folder} holds other garments than the order's; copy the same everywhere")
+        body, _ = _between(crowd(), rng)
+        if rng.random() < GARMENT_SHARE:
+            return _described(body, wear(body, choose(garments, body, rng)))
+        return _described(body, dress(body, rng))
+
+
+@cache
+def _garments(folder: Path) -> tuple[tuple[Garment, ...], str]:
+    garments = read_garments(folder)
+    digest = hashlib.sha256()
+    for garment in garments:
+        for array in (
+            garment.corners,
+            garment.shares,
+            garment.offsets,
+            garment.spans,
+            garment.faces,
+            garment.hidden,
+        ):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return garments, digest.hexdigest()
+
+
+def _described(body: Body, who: Dressed) -> Person:
     bmi = body.weight_kg / (body.height_cm / 100) ** 2
-    notes = {"height_cm": round(body.height_cm, 1), "bmi": round(bmi, 1)}
-    return Person(dress(body, rng), body.name, {"body": notes})
+    return Person(who, body.name, {"body": {"height_cm": round(body.height_cm, 1), "bmi": round(bmi, 1)}})
 
 
 def _between(bodies: tuple[Body, ...], rng: np.random.Generator) -> tuple[Body, int]:

@@ -1,8 +1,9 @@
 """Presets, datasets by name; and one image of a preset: a pure function of (preset, seed, index)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from synth.body.skeleton import JOINT_ID
 from synth.cameras.draw import draw_sensor
 from synth.cameras.sensor import Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
-from synth.images.people import Casting, Person, crowd_person, paper_person
+from synth.images.people import Casting, Person, Wardrobe, crowd_person, paper_person
 from synth.images.stages import Stage, Staging, everybody, recumbent, sitting, standing, upright
 from synth.images.view import PersonView, cut, occluder, render_view, visibility
 from synth.images.viewpoints import Shot, inside_image
@@ -232,3 +233,11 @@ def preset_named(name: str) -> Preset:
     if name not in PRESETS:
         raise CloudError(f"preset {name!r} is unknown; use one of {', '.join(PRESETS)}")
     return PRESETS[name]
+
+
+def dressed_from(preset: Preset, garments: Path) -> Preset:
+    """A preset whose people wear garments of a folder. Raises CloudError where they are naked."""
+    if preset.people is not crowd_person:
+        dressed = ", ".join(name for name, other in PRESETS.items() if other.people is crowd_person)
+        raise CloudError(f"people of {preset.name} are naked, as the paper's; use --garments with {dressed}")
+    return replace(preset, people=Wardrobe.of(garments))
