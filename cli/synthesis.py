@@ -12,6 +12,7 @@ import numpy as np
 import typer
 from typer import Argument, Option
 
+from annotate.labelset.dataset import Dataset
 from cli.console import Json, Overwrite, clear, finish, progress, table
 from cli.extras import needing
 from sensors.errors import CloudError
@@ -21,6 +22,14 @@ from synth.body.body_table import MEASURES, PAPER_BODIES, BodySize, describe, re
 from synth.images.workers import cluster, processes
 
 PICTURE = "bodies.png"
+Beside = Annotated[
+    Path | None,
+    Option(
+        metavar="RECORDING",
+        help="Real people whose distributions the page shows beside the dataset's: a recording of any kind, "
+        "or a label set.",
+    ),
+]
 app = typer.Typer(help="Synthetic bodies and datasets of depth images.", no_args_is_help=True)
 
 
@@ -182,11 +191,13 @@ def generate_(
     garments: Annotated[
         Path | None, Option(help="Folder of MakeHuman garments (.mhclo) that half of the people wear.")
     ] = None,
+    beside: Beside = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Generate labelled depth images of people as tar shards, with a page of pictures and statistics."""
     with needing("synth"):
+        from synth.images.distributions import distributions_at
         from synth.images.generate import ORDER, Order, generate
         from synth.images.presets import dressed_from, preset_named
 
@@ -194,6 +205,7 @@ def generate_(
     if garments is not None:
         chosen = dressed_from(chosen, garments)
     order = Order(chosen, chosen.count if count is None else count, seed)
+    recording = None if beside is None else distributions_at(beside)
     started = time.monotonic()
     with (
         cluster(scheduler) if scheduler else processes(workers) as hands,
@@ -201,8 +213,28 @@ def generate_(
     ):
         # Only once the workers have started: an unreachable scheduler must not cost the old dataset.
         clear(out, ORDER, overwrite)
-        made = generate(order, out, hands, advance)
+        made = generate(order, out, hands, advance, recording)
     rate = made.images / (time.monotonic() - started)
     shards = len(made.dataset.shards)
     result = {"images": order.count, "images_per_second": round(rate, 1), "shards": shards}
     finish(result, json, f"{order.count} images in {shards} shards in {out}, {rate:.0f} a second")
+
+
+@app.command()
+def page(
+    dataset: Annotated[Path, Argument(help="Dataset that synth generate wrote.")],
+    beside: Beside = None,
+    json: Json = False,
+) -> None:
+    """Draw the page of a dataset again, beside a recording of real people."""
+    with needing("synth"):
+        from synth.images.dataset_page import PAGE, write_page
+        from synth.images.distributions import distributions_at
+        from synth.images.generate import ORDER
+
+    opened = Dataset.open(dataset)
+    if not (dataset / ORDER).is_file():
+        raise CloudError(f"{dataset} was not made by synth generate; give a folder with {ORDER}")
+    recording = None if beside is None else distributions_at(beside)
+    write_page(opened, recording)
+    finish({"page": str(dataset / PAGE)}, json, f"{dataset / PAGE}")

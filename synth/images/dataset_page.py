@@ -20,6 +20,8 @@ from annotate.labelset.dataset import Dataset, read_shard
 from annotate.parts import N_CLASSES, PARTS, palette_rgb
 from sensors.files.atomic import write_bytes
 from synth.body.skeleton import JOINT_ID, N_JOINTS
+from synth.images.comparison import charts, profile, ranges
+from synth.images.distributions import Distributions, figures_of_labels
 
 PAGE = "index.html"
 SHEET_COLUMNS, SHEET_ROWS = 8, 3
@@ -54,7 +56,9 @@ class Statistics:
     all, [0] all frames. depth: pixels between DEPTH_EDGES_MM. visible: (12,) mean share that nothing but
     the person's own body hides, [0] of the whole person. azimuth, height: frames between the edges.
     joints_mm: (n, J, 3), camera frame, relative to the pelvis. activities: frames by name, most first.
-    occluded, cut: share of the frames with occluders, and with holes in the extraction.
+    sensors, clothes: frames by what their notes name, empty where they name nothing.
+    occluded, cut: share of the frames with occluders, and with holes in the extraction. people: figures of
+    the persons.
     """
 
     frames: int
@@ -66,8 +70,11 @@ class Statistics:
     height: Int64
     joints_mm: Float64
     activities: dict[str, int]
+    sensors: dict[str, int]
+    clothes: dict[str, int]
     occluded: float
     cut: float
+    people: Distributions
 
     @property
     def spread_mm(self) -> Float64:
@@ -76,12 +83,12 @@ class Statistics:
         return np.asarray(np.sqrt(np.square(away).sum(axis=2).mean(axis=0)))
 
 
-def write_page(dataset: Dataset) -> None:
-    """Write ``index.html`` into the dataset's folder."""
-    write_bytes(dataset.path / PAGE, render(dataset).encode())
+def write_page(dataset: Dataset, beside: Distributions | None = None) -> None:
+    """Write ``index.html`` into the dataset's folder; beside: of the people of a real recording."""
+    write_bytes(dataset.path / PAGE, render(dataset, beside).encode())
 
 
-def render(dataset: Dataset) -> str:
+def render(dataset: Dataset, beside: Distributions | None = None) -> str:
     """The page as a string. Raises FormatError when a shard is corrupt."""
     step = max(1, len(dataset.shards) // COUNTED_SHARDS)
     paths = [dataset.path / name for name, _ in dataset.shards[::step][:COUNTED_SHARDS]]
@@ -100,6 +107,10 @@ def render(dataset: Dataset) -> str:
         depth=_bars(statistics.depth, DEPTH_EDGES_MM / 1000),
         azimuth=_bars(statistics.azimuth, AZIMUTH_EDGES_DEG),
         height=_bars(statistics.height, HEIGHT_EDGES_M),
+        beside=beside,
+        ranges=ranges(statistics.people, beside),
+        profile=profile(statistics.people, beside),
+        charts=charts(statistics.people, beside),
         dots={part: statistics.joints_mm[:DOTS, JOINT_ID[name]].tolist() for name, part in DRAWN.items()},
         spread=list(zip(JOINT_ID, statistics.spread_mm.tolist(), strict=True))[1:],
     )
@@ -139,13 +150,14 @@ def statistics_of(frames: Iterable[FrameLabels]) -> Statistics:
     """Go through generated frames once; their notes are those of ``presets``, one frame at least."""
     pixels, shown = np.zeros(N_CLASSES, np.int64), np.zeros(N_CLASSES, np.int64)
     depth = np.zeros(len(DEPTH_EDGES_MM) - 1, np.int64)
-    notes = []
+    notes, persons = [], []
     for frame in frames:
         in_part = np.bincount(frame.parts.ravel(), minlength=N_CLASSES)[:N_CLASSES]
         pixels += in_part
         shown += in_part > 0
         depth += np.histogram(frame.depth_mm[frame.parts > 0], DEPTH_EDGES_MM)[0]
         notes.append(frame.notes)
+        persons.append(figures_of_labels(frame))
     joints = np.array([n["joints_mm"] for n in notes], np.float64).reshape(-1, N_JOINTS, 3)
     return Statistics(
         len(notes),
@@ -156,7 +168,15 @@ def statistics_of(frames: Iterable[FrameLabels]) -> Statistics:
         np.histogram([n["camera"]["azimuth_deg"] for n in notes], AZIMUTH_EDGES_DEG)[0],
         np.histogram([n["camera"]["height_m"] for n in notes], HEIGHT_EDGES_M)[0],
         joints - joints[:, JOINT_ID["pelvis"], None],
-        dict(Counter(n["activity"] for n in notes).most_common()),
+        _counted(n["activity"] for n in notes),
+        _counted(f"{n['sensor']['kind']}, {n['sensor']['model']}" for n in notes if "sensor" in n),
+        _counted(worn for n in notes for worn in n.get("clothes", ())),
         float(np.mean([n["occluders"] > 0 for n in notes])),
         float(np.mean([n["cut"] > 0 for n in notes])),
+        Distributions.of("dataset", persons),
     )
+
+
+def _counted(names: Iterable[str]) -> dict[str, int]:
+    """How often each name comes, most first."""
+    return dict(Counter(names).most_common())

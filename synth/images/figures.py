@@ -3,8 +3,11 @@
 import cv2
 import numpy as np
 
-from annotate.array_types import Bool
+from annotate.array_types import Bool, Float64
+from annotate.crop import window_of
 
+LEVELS = 12
+"""Heights at which a silhouette's width is measured."""
 GAP = 0.015
 """An enclosed place without depth that is larger than this share of the person is a gap between limbs, not a
 hole. Chosen by eye: between legs and beside arms on hips there is more, holes of sensors are smaller."""
@@ -47,6 +50,23 @@ def roughness(person: Bool) -> float:
     piece = np.pad(largest_piece(person), 8).astype(np.float32)
     smooth = cv2.GaussianBlur(piece, (0, 0), SMOOTHED_PX) > 0.5
     return _rim(piece > 0) / max(_rim(smooth), 1)
+
+
+def height_px(person: Bool) -> int:
+    """Rows from the highest to the lowest pixel of a person (h, w); 0 without any."""
+    rows, _ = window_of(person)
+    return int(rows.stop - rows.start)
+
+
+def widths(person: Bool) -> Float64:
+    """Mean number (12,) of a person's pixels in a row, over its height, in ``LEVELS`` bands from the top.
+
+    person: (h, w), ``LEVELS`` rows high at least. Gaps between limbs do not count: it is how wide limbs and
+    trunk are that clothes and builds change, not how far arms are stretched.
+    """
+    rows, _ = window_of(person)
+    counts = np.count_nonzero(person[rows], axis=1)
+    return np.array([band.mean() for band in np.array_split(counts, LEVELS)]) / len(counts)
 
 
 def _rim(mask: Bool) -> int:

@@ -14,6 +14,7 @@ from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, s
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 from synth.images.dataset_page import write_page
+from synth.images.distributions import Distributions
 from synth.images.people import Wardrobe
 from synth.images.presets import Preset, sample
 from synth.images.workers import Workers
@@ -87,9 +88,16 @@ def make_shard(order: Order, shard: int) -> bytes:
     return encode_shard(sample(order.preset, order.seed, i) for i in order.frames(shard))
 
 
-def generate(order: Order, out: Path, workers: Workers, progress: Callable[[int], None]) -> Made:
+def generate(
+    order: Order,
+    out: Path,
+    workers: Workers,
+    progress: Callable[[int], None],
+    beside: Distributions | None = None,
+) -> Made:
     """Write the missing shards, then manifest and page, into ``out``; ``progress`` gets images done.
 
+    beside: distributions of real people, for the page.
     Raises ExistsError when ``out`` holds something else than the beginning of this very order, ClaimedError
     while another process makes it.
     """
@@ -99,7 +107,7 @@ def generate(order: Order, out: Path, workers: Workers, progress: Callable[[int]
         made = sum(len(order.frames(i)) for i in missing)
         progress(order.count - made)
         hashes = _make(order, out, missing, workers, progress)
-        return Made(_finish(order, out, hashes), made)
+        return Made(_finish(order, out, hashes, beside), made)
 
 
 def _make(
@@ -142,7 +150,7 @@ def _begin(order: Order, out: Path) -> None:
     write_bytes(started, text)
 
 
-def _finish(order: Order, out: Path, hashes: dict[int, str]) -> Dataset:
+def _finish(order: Order, out: Path, hashes: dict[int, str], beside: Distributions | None) -> Dataset:
     """Write manifest and page; shards of an earlier run are hashed from the disk."""
     shards = [
         {"file": _file(i), "sha256": hashes.get(i) or sha256(out / _file(i))} for i in range(order.shards)
@@ -150,7 +158,7 @@ def _finish(order: Order, out: Path, hashes: dict[int, str]) -> Dataset:
     manifest = {"schema": SCHEMA, **order.manifest(), "shards": shards}
     write_bytes(out / MANIFEST, (json.dumps(manifest, indent=1, sort_keys=True) + "\n").encode())
     dataset = Dataset.open(out)
-    write_page(dataset)
+    write_page(dataset, beside)
     return dataset
 
 

@@ -1,0 +1,56 @@
+"""Figures of how somebody stands, from the joints of ``synth.body.skeleton`` before a camera."""
+
+import numpy as np
+
+from annotate.array_types import Float64
+from synth.body.skeleton import JOINT_ID
+
+STRAIGHT_DEG = 30.0
+"""Knees bent less are those of somebody who stands. Chosen by eye: a tracker's noise reaches 20 degrees."""
+_SIDES = ("left", "right")
+
+
+def ankles_m(joints_mm: Float64) -> float:
+    """Distance of the ankles, metres; NaN unless both knees are straight to ``STRAIGHT_DEG``.
+
+    joints_mm: (J, 3), any frame.
+    """
+    for side in _SIDES:
+        thigh, shank = _bone(joints_mm, f"{side}_hip", f"{side}_knee", f"{side}_ankle")
+        if not _angle_deg(thigh, shank) < STRAIGHT_DEG:
+            return float("nan")
+    left, right = (joints_mm[JOINT_ID[f"{side}_ankle"]] for side in _SIDES)
+    return float(np.linalg.norm(left - right)) / 1000
+
+
+def arms_deg(joints_mm: Float64) -> Float64:
+    """Angles (2,) of the left and the right upper arm with the trunk, degrees; 0 hangs along it.
+
+    joints_mm: (J, 3), any frame. The trunk points from neck to pelvis.
+    """
+    (trunk,) = _bone(joints_mm, "neck", "pelvis")
+    arms = [_bone(joints_mm, f"{side}_shoulder", f"{side}_elbow")[0] for side in _SIDES]
+    return np.array([_angle_deg(arm, trunk) for arm in arms])
+
+
+def facing_deg(joints_mm: Float64) -> float:
+    """Azimuth of the camera about the trunk's axis, degrees: 0 before the chest, 90 on the person's left.
+
+    joints_mm: (J, 3), camera frame.
+    """
+    (up,) = _bone(joints_mm, "pelvis", "neck")
+    left = sum(_bone(joints_mm, f"right_{kind}", f"left_{kind}")[0] for kind in ("shoulder", "hip"))
+    forward = np.cross(left, up)
+    leftward = np.cross(up, forward)
+    to_camera = -joints_mm[JOINT_ID["pelvis"]]
+    x, y = (to_camera @ axis / np.linalg.norm(axis) for axis in (leftward, forward))
+    return float(np.degrees(np.arctan2(x, y)))
+
+
+def _bone(joints_mm: Float64, *names: str) -> Float64:
+    """Vectors (n - 1, 3) from each of n joints to the next."""
+    return np.diff(joints_mm[[JOINT_ID[name] for name in names]], axis=0)
+
+
+def _angle_deg(a: Float64, b: Float64) -> float:
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
