@@ -267,9 +267,20 @@ def test_the_page_is_one_file_without_scripts_or_requests(dataset):
     assert re.search(r"6\s+of them", page) and "Left forearm" in page
 
 
-def test_names_from_a_manifest_are_text_on_the_page(dataset):
+def test_the_page_shows_real_people_beside_the_dataset_s(dataset):
+    real = replace(statistics_of(FRAMES).people, name="a recording")
+    alone, beside = render(dataset), render(dataset, real)
+    assert "a recording" not in alone and "10 to 90 %" not in alone
+    assert (
+        "<b>a recording</b>, 6 frames" in beside and beside.count("<path") == 5 + 12
+    )  # who sits has no stance
+    assert 'class="beyond"' not in beside  # its own people lie within
+
+
+def test_names_are_text_on_the_page(dataset):
     hostile = "<script>alert(1)</script>"
-    page = render(replace(dataset, info={**dataset.info, "preset": hostile, "versions": {hostile: hostile}}))
+    marked = replace(dataset, info={**dataset.info, "preset": hostile, "versions": {hostile: hostile}})
+    page = render(marked, replace(statistics_of(FRAMES).people, name=hostile))
     assert hostile not in page and "&lt;script&gt;" in page
 
 

@@ -28,7 +28,7 @@ FIGURES = {
     "ankles_m": Figure("Ankles apart, knees straight", "cm", 100, 1),
     "arms_deg": Figure("Upper arms off the trunk", "degrees", 1, 1),
     "facing_deg": Figure("Azimuth of the camera about the trunk", "degrees", 1, 0),
-    "height_px": Figure("Height in the image", "px", 1, 0),
+    "height_px": Figure("Height in the image, of whole persons", "px", 1, 0),
     "holes": Figure("Holes inside the outline", "%", 100, 2),
     "roughness": Figure("Roughness of the rim", "", 1, 3),
     "height_cm": Figure("Stature", "cm", 1, 0),

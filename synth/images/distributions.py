@@ -58,10 +58,12 @@ def figures_of(person: Bool, joints_mm: Float64 | None = None) -> Figures | None
 
     person: (h, w), pixels with depth. joints_mm: (J, 3), camera frame. The silhouette is that of the crop
     which networks see, so that images of any size compare; height_px counts rows of the image itself.
+    height_px and widths are unknown of who is cut by the image's border.
     """
     if not person.any():
         return None
-    return _figures(crop_around(person).cut(person, False), height_px(person), joints_mm, {})
+    whole = not (person[[0, -1]].any() or person[:, [0, -1]].any())
+    return _figures(crop_around(person).cut(person, False), height_px(person), whole, joints_mm, {})
 
 
 def figures_of_labels(frame: FrameLabels) -> Figures | None:
@@ -72,23 +74,27 @@ def figures_of_labels(frame: FrameLabels) -> Figures | None:
     person, joints = person_of(frame.parts) & (frame.depth_mm > 0), _joints(frame)
     if person.shape != (SIZE, SIZE) or "crop" not in frame.notes:
         return figures_of(person, joints)
-    side = crop_from_note(frame.notes["crop"], "crop").side
-    return _figures(person, height_px(person) * side / SIZE, joints, frame.notes.get("body", {}))
+    rows = height_px(person) * crop_from_note(frame.notes["crop"], "crop").side / SIZE
+    whole = frame.notes.get("beyond", 0) == 0
+    return _figures(person, rows, whole, joints, frame.notes.get("body", {}))
 
 
-def _figures(crop: Bool, rows: float, joints_mm: Float64 | None, body: dict[str, float]) -> Figures | None:
+def _figures(
+    crop: Bool, rows: float, whole: bool, joints_mm: Float64 | None, body: dict[str, float]
+) -> Figures | None:
     if height_px(crop) < LEVELS:
         return None
     joints = np.full((N_JOINTS, 3), np.nan) if joints_mm is None else joints_mm
     single = {
         "holes": holes(crop),
         "roughness": roughness(crop),
-        "height_px": rows,
+        "height_px": rows if whole else np.nan,
         "ankles_m": ankles_m(joints),
         "facing_deg": facing_deg(joints),
         **{name: body.get(name, np.nan) for name in ("height_cm", "bmi")},
     }
-    several = {"widths": widths(crop), "arms_deg": arms_deg(joints)}
+    known = 1.0 if whole else np.nan
+    several = {"widths": known * widths(crop), "arms_deg": arms_deg(joints)}
     return {name: np.array([value], np.float64) for name, value in single.items()} | several
 
 
