@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,6 +18,7 @@ from sensors.errors import CalibrationError
 from sensors.rig.calibration_yaml import FILES, open_calibration, read_yaml, write_yaml
 from sensors.rig.camera import Intrinsics, project
 from sensors.rig.rig_calibration import Pose, RigCalibration
+from sensors.session.writer import SessionWriter
 from synth.rig.plate_views import PlateViews
 from tests.conftest import assert_refused
 
@@ -202,16 +202,16 @@ def test_others_are_refused(tmp_path, text, says):
 # The command
 
 
-def test_calibrate_from_a_recording(annotate_cloud, tmp_path):
-    made = annotate_cloud("simulate", tmp_path / "board.mcap", "--scene", "plate", "--frames", 12, "--json")
-    assert made.code == 0, made.err
-    true = open_calibration(Path(made.result["truth"]))
+def test_calibrate_from_a_recording(annotate_cloud, shot, tmp_path):
+    with SessionWriter(tmp_path / "board.mcap", RIG, "board") as writer:
+        for frame in shot[0]:
+            writer.write(frame)
     arguments = ("calibrate", tmp_path / "board.mcap", "--out", tmp_path / "rig.json")
     done = annotate_cloud(*arguments, "--yaml", tmp_path / "yaml", "--json")
     assert done.code == 0, done.err
     assert {"reprojection_px", "rotation_deg_sd", "translation_mm_sd"} <= set(done.result)
     said = open_calibration(tmp_path / "rig.json")
-    off_m = said.thermal_from_depth.translation_m - true.thermal_from_depth.translation_m
+    off_m = said.thermal_from_depth.translation_m - RIG.thermal_from_depth.translation_m
     assert 1000 * np.abs(off_m).max() < 4
     assert read_yaml(tmp_path / "yaml").depth == said.depth
     assert cv2.imread(str(tmp_path / "rig.png")) is not None
