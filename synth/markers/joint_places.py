@@ -21,7 +21,7 @@ _RANKS = {
 }
 """Kind of joint, and how good a name for it this is (0 best), by the name without side and prefix."""
 _TRUNK = ("pelvis", "neck", "head", "head_end")
-_SIDED = re.compile(r"^(left|right|l|r)?(.*?)(?:[._-](left|right|l|r))?$")
+_PREFIX, _SUFFIX = re.compile(r"(left|right|l|r)"), re.compile(r"[._-](left|right|l|r)$")
 _BEASTS = re.compile(r"tail|paw|hoof|wing|snout", re.IGNORECASE)
 """Joints that no person has."""
 _PROPORTIONS = {"thigh": (0.35, 0.65), "arm": (0.4, 1.1), "trunk": (0.3, 1.0)}
@@ -74,10 +74,12 @@ def _apart(parents: Int64, centres: Float64) -> Bool:
 def _place_of(name: str) -> tuple[str | None, int]:
     """Our place that a joint's name stands for, None if it is none of them; and the rank of the name."""
     label = name.rpartition(":")[2].casefold()
-    for sided in (True, False):
-        prefix, rest, suffix = _SIDED.fullmatch(label).groups() if sided else (None, label, None)  # type: ignore[union-attr]
+    prefixed, suffixed = _PREFIX.match(label), _SUFFIX.search(label)
+    readings: list[tuple[str | None, str]] = [(None, label)]
+    readings += [(prefixed[1], label[prefixed.end() :])] if prefixed else []
+    readings += [(suffixed[1], label[: suffixed.start()])] if suffixed else []
+    for side, rest in readings:
         kind, rank = _RANKS.get(re.sub(r"[^a-z0-9]", "", rest), (None, 0))
-        side = suffix or prefix
         if kind and (kind in _TRUNK) == (side is None):
             return (kind if side is None else f"{'left' if side[0] == 'l' else 'right'}_{kind}"), rank
     return None, 0

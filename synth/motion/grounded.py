@@ -25,6 +25,8 @@ _SEGMENTS = [(JOINT_ID["head"], JOINT_ID["head"], 6.9), (JOINT_ID["pelvis"], JOI
 """From joint to joint, share of the body's mass in percent: de Leva 1996, means of both sexes, rounded."""
 SEAT_RANGE = (0.2, 0.75)
 """Height of the hips over the ankles of a sitter, of the leg's length: from a low stool to a bar stool."""
+THIGH_DIP = 0.6
+"""Sine of the steepest thigh of a sitter. Chosen by eye."""
 HEEL_M = 0.06
 """Nobody stands whose mass is farther behind the ankles than the heels are. Chosen by eye."""
 SEATED_S, SEATED_M_S = 0.3, 0.3
@@ -133,15 +135,15 @@ def _speed_m_s(places_m: Float64, rate: float) -> Float64:
 
 def _unbalanced(joints_m: Float64, leg_m: float) -> Bool:
     """Flags (F,) of frames whose hips are at a seat's height and whose mass is behind the heels."""
-    hips, knees, ankles = (
-        (joints_m[:, JOINT_ID[f"left_{name}"]] + joints_m[:, JOINT_ID[f"right_{name}"]]) / 2
-        for name in ("hip", "knee", "ankle")
-    )
-    ahead = (knees - hips)[:, :2]
+    sides = ([JOINT_ID[f"{side}_{name}"] for side in ("left", "right")] for name in ("hip", "knee", "ankle"))
+    hips, knees, ankles = (joints_m[:, ids] for ids in sides)
+    ahead = (knees - hips).mean(axis=1)[:, :2]
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
-    behind = ((ankles - mass_centre(joints_m))[:, :2] * ahead).sum(axis=1)
-    height = (hips - ankles)[:, 2] / leg_m
-    return np.asarray((height > SEAT_RANGE[0]) & (height < SEAT_RANGE[1]) & (behind > HEEL_M))
+    behind = ((ankles.mean(axis=1) - mass_centre(joints_m))[:, :2] * ahead).sum(axis=1)
+    height = (hips - ankles)[..., 2] / leg_m
+    dip = (hips - knees)[..., 2] / np.linalg.norm(hips - knees, axis=2)
+    seated = ((height > SEAT_RANGE[0]) & (height < SEAT_RANGE[1]) & (np.abs(dip) < THIGH_DIP)).all(axis=1)
+    return np.asarray(seated & (behind > HEEL_M))
 
 
 def mass_centre(joints_m: Float64) -> Float64:

@@ -1,45 +1,147 @@
 """A frame of a motion on any body: its angles, feet where the motion's are, limbs clear of each other."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from annotate.array_types import Float64
 from synth.body.body import Body, pose
 from synth.body.flesh import Flesh, flesh_of
-from synth.body.skeleton import JOINT_ID, LIMITS_RAD, Posture, clamp, forward
+from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, Posture, clamp, forward, rotations
 from synth.markers.person_fit import leg_length_m, zero_bones
 from synth.motion.floor import lowest_m
 from synth.motion.grounded import Grounded
 from synth.pose.moment import Posed
-from synth.pose.postures import height_to_rest
-from synth.pose.settle import settle, stations_m
+from synth.pose.postures import height_to_rest, rest_on
+from synth.pose.settle import Pull, settle, stations_m
 from synth.surface.furniture import FLOOR, Seat, Solid
 
 HOVER_M = 0.02
 """A foot that is lifted by less is drawn to the floor, by 7 mm at most. Chosen by eye."""
 STEP_M = 0.05
 """A foot so much higher than the other decides less and less about the height of the hips. Chosen by eye."""
+FOOT_HOLD = 0.5
+"""Share of the way, per axis and round, by which a standing foot is drawn back when its leg gives way. Chosen
+by eye."""
+ASTRAY_M = 0.015
+"""A standing foot may be so far from its height after its leg gave way. Chosen by eye."""
+LEANS_RAD = (0.0, 0.2, 0.4, 0.6)
+"""How far a trunk leans back, tried in this order. Chosen by eye."""
 _LEGS = [[JOINT_ID[f"{side}_{name}"] for name in ("hip", "knee", "ankle")] for side in ("left", "right")]
 
 
-def stand(body: Body, grounded: Grounded, frame: int, seat: Seat | None = None) -> Posed:
-    """A body in one frame: vertices float32 (V, 3) and joints (J, 3), the pelvis over the origin, metres.
+def stand(body: Body, grounded: Grounded, frame: int) -> Posed:
+    """A body in one frame, over the origin and facing -y: vertices float32 (V, 3) and joints (J, 3), metres.
 
     What stands in the motion stands on the floor, what is in the air is as high over it, scaled to the body's
-    legs.
+    legs; limbs keep clear of each other and of the floor.
     """
-    flesh = flesh_of(body)
+    turn = -heading_rad(grounded.angles_rad[frame, 0])
+    posture, wanted = standing(body, grounded, frame, turn)
+    airborne = np.array([0.0, 0.0, wanted.min()])
+    placed = _moved(posture, -airborne)
+    for _ in range(2):
+        placed = _settled(body, placed, wanted, [FLOOR])
+        vertices, joints = pose(body, placed)
+        up = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
+        if up[2] < ASTRAY_M:
+            break
+        # Skin stands out farther than flesh: feet have to come down to the floor again.
+        placed = _moved(placed, up)
+    up += airborne
+    return vertices + up.astype(np.float32), joints + up
+
+
+def take_seat(body: Body, grounded: Grounded, frame: int, seat: Seat) -> tuple[Posed, Seat]:
+    """A body in a frame in which it sits, as from ``stand``, and its seat, as high as the motion's."""
+    trunk = flesh_of(body).trunk
+    posture, wanted = standing(body, grounded, frame, -heading_rad(grounded.angles_rad[frame, 0]))
+    vertices, joints = pose(body, posture)
+    fitting = replace(seat, height=float(vertices[trunk, 2].min()) + seat.give_m)
+    placed = _moved(posture, rest_on(fitting, vertices[trunk], joints, 0.0))
+    return pose(body, _settled(body, placed, wanted, [FLOOR, *fitting.solids()])), fitting
+
+
+def _settled(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]) -> Posture:
+    """The posture with its limbs clear of each other and of solids, feet on the floor held there.
+
+    A trunk whose belly would push the thighs aside leans over them less than the motion's.
+    """
+    flesh, near = flesh_of(body), _near(wanted_m)[:2]
+    height = (wanted_m - wanted_m.min())[:2]
+    for lean in LEANS_RAD:
+        leant = _leaning(posture, lean)
+        _, joints = forward(leant, flesh.rest_joints_m, flesh.aligned)
+        missing = height - _lowest(flesh, leant)[:2]
+        pulls = []
+        for foot, leg in enumerate(_LEGS):
+            if near[foot] > 0.02:
+                goal = joints[leg[2]] + np.array([0.0, 0.0, missing[foot]])
+                pulls.append(Pull(JOINTS[leg[2]].name, goal, np.full(3, FOOT_HOLD * near[foot])))
+        settled = settle(flesh, leant, solids, pulls)
+        if (near * np.abs(height - _lowest(flesh, settled)[:2])).max() < ASTRAY_M:
+            break
+    return settled
+
+
+def _leaning(posture: Posture, back_rad: float) -> Posture:
+    """The posture with pelvis and trunk leant back by so much, while the legs stay where they are."""
+    if back_rad == 0:
+        return posture
+    angles = posture.angles_rad.copy()
+    tilt = np.eye(3)
+    tilt[1:, 1:] = np.cos(back_rad) * np.eye(2) + np.sin(back_rad) * np.array([[0.0, 1.0], [-1.0, 0.0]])
+    angles[0] = _angles_of(_rotation(angles[0]) @ tilt)
+    for hip, _, _ in _LEGS:
+        angles[hip, 0] -= back_rad
+    return Posture(angles, posture.pelvis_m)
+
+
+def standing(body: Body, grounded: Grounded, frame: int, turn_rad: float) -> tuple[Posture, Float64]:
+    """The posture of a frame, turned about the vertical, pelvis over the origin, its feet at their heights.
+
+    Limbs are not yet clear of each other. Returns it and the heights (3,) over the floor of left foot, right
+    foot and all else.
+    """
     scale = leg_length_m(zero_bones(body.joints_m)) / grounded.leg_m
     wanted = scale * hovering(grounded.clear_m[frame])
     angles = clamp(grounded.angles_rad[frame])
-    angles[0] = grounded.angles_rad[frame, 0]
-    posture = feet_to(flesh, Posture(angles, np.zeros(3)), wanted)
-    carriers: list[Solid] = [FLOOR]
-    airborne = float(wanted.min())
-    lifted = Posture(posture.angles_rad, posture.pelvis_m - np.array([0, 0, airborne]))
-    settled = settle(flesh, lifted, carriers, [])
-    vertices, joints = pose(body, settled)
-    up = np.array([0.0, 0.0, height_to_rest(vertices, carriers) + airborne])
-    return vertices + up.astype(np.float32), joints + up
+    angles[0] = _turned(grounded.angles_rad[frame, 0], turn_rad)
+    return feet_to(flesh_of(body), Posture(angles, np.zeros(3)), wanted), wanted
+
+
+def heading_rad(pelvis_rad: Float64) -> float:
+    """Angle about the vertical from -y to where the front of a pelvis with these angles (3,) points."""
+    x, y, _ = -_rotation(pelvis_rad)[:, 1]
+    return float(np.arctan2(x, -y))
+
+
+def _rotation(pelvis_rad: Float64) -> Float64:
+    angles = np.zeros_like(LIMITS_RAD[..., 0])
+    angles[0] = pelvis_rad
+    return np.asarray(rotations(angles)[0])
+
+
+def _angles_of(rotation: Float64) -> Float64:
+    """The pelvis' angles (3,) of its rotation (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotation).as_euler("XYZ") * (1, -1, 1))
+
+
+def _turned(pelvis_rad: Float64, turn_rad: float) -> Float64:
+    """The pelvis' angles (3,) after a turn about the vertical."""
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    return _angles_of(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ _rotation(pelvis_rad))
+
+
+def _moved(posture: Posture, way_m: Float64) -> Posture:
+    return Posture(posture.angles_rad, posture.pelvis_m + way_m)
+
+
+def _near(wanted_m: Float64) -> Float64:
+    """How much each height (3,) is one at which something stands, 1 for the lowest."""
+    return np.asarray(np.exp(-(((wanted_m - wanted_m.min()) / (2 * STEP_M)) ** 2)))
 
 
 def hovering(clear_m: Float64) -> Float64:
@@ -48,51 +150,56 @@ def hovering(clear_m: Float64) -> Float64:
 
 
 def feet_to(flesh: Flesh, posture: Posture, wanted_m: Float64) -> Posture:
-    """The posture with its hips at the height at which its feet come to theirs, and knees bent as it takes.
+    """The posture with its hips as high as its feet need to come to theirs, and knees bent as it takes.
 
     wanted_m: (3,) height of left foot, right foot and all else over the floor.
     """
-    soles = _soles(flesh, posture)
+    lowest = _lowest(flesh, posture)
     # Only bending brings a foot nearer: the hips go down to where the lower of the two feet arrives.
-    rise = wanted_m - soles + (wanted_m - wanted_m.min()) ** 2 / STEP_M
-    up = float(rise.min())
-    angles = posture.angles_rad.copy()
-    pelvis = posture.pelvis_m + np.array([0, 0, up])
-    for foot, leg in enumerate(_LEGS):
-        missing = wanted_m[foot] - soles[foot] - up
-        weight = np.exp(-(((wanted_m[foot] - wanted_m.min()) / (2 * STEP_M)) ** 2))
-        for _ in range(3):
-            _bend(flesh, angles, leg, weight * missing)
-            missing = wanted_m[foot] - _soles(flesh, Posture(angles, pelvis))[foot]
-    return Posture(angles, pelvis)
+    rise = wanted_m - lowest + (wanted_m - wanted_m.min()) ** 2 / STEP_M
+    raised = _moved(posture, np.array([0.0, 0.0, rise.min()]))
+    return _bent(flesh, raised, wanted_m)
 
 
-def _soles(flesh: Flesh, posture: Posture) -> Float64:
+def _bent(flesh: Flesh, posture: Posture, wanted_m: Float64) -> Posture:
+    """The posture with its legs bent, or stretched, so that feet near the floor come to their heights."""
+    bent = Posture(posture.angles_rad.copy(), posture.pelvis_m)
+    near = _near(wanted_m)
+    goal = (1 - near) * _lowest(flesh, bent) + near * wanted_m
+    for _ in range(3):
+        missing = goal - _lowest(flesh, bent)
+        for foot, leg in enumerate(_LEGS):
+            _bend(flesh, bent.angles_rad, leg, missing[foot])
+    return bent
+
+
+def _lowest(flesh: Flesh, posture: Posture) -> Float64:
     frames, joints = forward(posture, flesh.rest_joints_m, flesh.aligned)
     return lowest_m(stations_m(flesh, frames, joints), flesh.radii_m)
 
 
 def _bend(flesh: Flesh, angles: Float64, leg: list[int], rise_m: float) -> None:
-    """Bend (or stretch) a leg so that its foot rises by so much, the foot's pitch and the leg's line kept."""
+    """Bend a leg so that its foot rises by so much; the foot's pitch and the leg's direction stay."""
     hip, knee, ankle = leg
     rest = flesh.rest_joints_m
     thigh, shank = (float(np.linalg.norm(rest[b] - rest[a])) for a, b in ((hip, knee), (knee, ankle)))
     _, joints = forward(Posture(angles, np.zeros(3)), rest, flesh.aligned)
     line = joints[ankle] - joints[hip]
-    length = float(np.linalg.norm(line))
+    longest = 0.9995 * (thigh + shank)
+    length = min(float(np.linalg.norm(line)), longest)
     down = max(-float(line[2]) / length, 0.3)
-    shorter = float(np.clip(length - rise_m / down, abs(thigh - shank) + 0.02, 0.9995 * (thigh + shank)))
-
-    def folded(reach: float) -> tuple[float, float]:
-        """Bend of the knee, and angle between thigh and the line from hip to ankle."""
-        knee_cos = (thigh**2 + shank**2 - reach**2) / (2 * thigh * shank)
-        hip_cos = (thigh**2 + reach**2 - shank**2) / (2 * thigh * reach)
-        return float(np.pi - np.arccos(np.clip(knee_cos, -1, 1))), float(np.arccos(np.clip(hip_cos, -1, 1)))
-
-    bent, lean = folded(shorter)
-    bent_before, lean_before = folded(min(length, 0.9995 * (thigh + shank)))
-    angles[knee, 0] -= bent - bent_before
-    angles[hip, 0] += lean - lean_before
-    angles[ankle, 0] += (bent - bent_before) - (lean - lean_before)
+    new = float(np.clip(length - rise_m / down, abs(thigh - shank) + 0.02, longest))
+    knee_before, hip_before = _triangle(thigh, shank, length)
+    knee_after, hip_after = _triangle(thigh, shank, new)
+    angles[knee, 0] -= knee_after - knee_before
+    angles[hip, 0] += hip_after - hip_before
+    angles[ankle, 0] += (knee_after - knee_before) - (hip_after - hip_before)
     for joint in leg:
         angles[joint, 0] = np.clip(angles[joint, 0], *LIMITS_RAD[joint, 0])
+
+
+def _triangle(thigh: float, shank: float, reach: float) -> tuple[float, float]:
+    """Bend of the knee, and angle from the line between hip and ankle to the thigh (law of cosines)."""
+    at_knee = (thigh**2 + shank**2 - reach**2) / (2 * thigh * shank)
+    at_hip = (thigh**2 + reach**2 - shank**2) / (2 * thigh * reach)
+    return float(np.pi - np.arccos(np.clip(at_knee, -1, 1))), float(np.arccos(np.clip(at_hip, -1, 1)))

@@ -40,7 +40,7 @@ def sit(body: Body, seat: Seat, moment: Moment) -> Posed:
     flesh, scale = flesh_of(body), body.height_cm / 170
     posture = Posture(_sitting_angles(moment), np.zeros(3))
     vertices, joints = pose(body, posture)
-    place = _rest_on(seat, vertices[flesh.trunk], joints, moment["slide"])
+    place = rest_on(seat, vertices[flesh.trunk], joints, moment["slide"])
     middle = (joints[JOINT_ID["left_hip"]] + joints[JOINT_ID["right_hip"]]) / 2 + place
     posture = Posture(posture.angles_rad, place)
     pulls = []
@@ -73,7 +73,7 @@ def _sitting_angles(moment: Moment) -> Float64:
     return limited
 
 
-def _rest_on(seat: Seat, trunk: Float32, joints: Float64, slide: float) -> Float64:
+def rest_on(seat: Seat, trunk: Float32, joints: Float64, slide: float) -> Float64:
     """Shift (3,) that puts the seat under the trunk, the back rest behind it, the knees before its edge."""
     up = seat.height - seat.give_m - float(trunk[:, 2].min())
     gap = seat.back_y(trunk[:, 2] + up) - trunk[:, 1]

@@ -1,0 +1,61 @@
+"""Motions in files and folders: solved ones, BVH, C3D, TRC, and files of joint positions."""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+from sensors.errors import CloudError
+from synth.markers.bvh import read_bvh
+from synth.markers.joint_file import is_joint_file, read_joint_file
+from synth.markers.marker_files import read_markers
+from synth.markers.motion_file import Motion, is_motion, load_motion
+from synth.markers.solve import solve, solve_takes
+
+SUFFIXES = (".npz", ".bvh", ".c3d", ".trc")
+"""Of files that may hold a motion."""
+
+
+def motion_files(path: Path) -> list[Path]:
+    """The file, or the files of a folder (and of folders within) that hold motions, sorted by name.
+
+    Raises CloudError when there are none.
+    """
+    if not path.is_dir():
+        if not path.exists():
+            raise CloudError(f"{path} does not exist; give a motion, or a folder of them")
+        if path.suffix.lower() not in SUFFIXES or (path.suffix == ".npz" and not _known(path)):
+            raise CloudError(f"{path} is not a motion; give .npz, .bvh, .c3d or .trc")
+        return [path]
+    inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
+    found = [p for p in inside if p.suffix.lower() != ".npz" or _known(p)]
+    if not found:
+        raise CloudError(f"{path} holds no motions; give a folder with .npz, .bvh, .c3d or .trc files")
+    return found
+
+
+def _known(path: Path) -> bool:
+    return is_motion(path) or is_joint_file(path)
+
+
+def read_motions(path: Path, advance: Callable[[int], None] = lambda _: None) -> dict[str, Motion]:
+    """Motions of one file by name, solved where they are not yet: those of takes by the takes' names.
+
+    ``advance`` gets 1 a solved frame. Raises CloudError when the file holds none.
+    """
+    kind = path.suffix.lower()
+    if kind == ".npz" and is_joint_file(path):
+        return solve_takes(*read_joint_file(path), advance)
+    if kind == ".npz":
+        return {path.stem: load_motion(path)}
+    if kind == ".bvh":
+        markers, places = read_bvh(path)
+        return {path.stem: solve(markers, markerset=places, advance=advance)}
+    return {path.stem: solve(read_markers(path), advance=advance)}
+
+
+def digest(files: list[Path]) -> str:
+    """SHA-256 of the contents of files, in order."""
+    whole = hashlib.sha256()
+    for path in files:
+        whole.update(hashlib.sha256(path.read_bytes()).digest())
+    return whole.hexdigest()
