@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import redirect_stdout, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -20,6 +20,9 @@ from sensors.files.atomic import check_free
 from synth.body.body import Body, save_body
 from synth.body.body_table import MEASURES, PAPER_BODIES, BodySize, describe, read_sizes
 from synth.images.workers import cluster, processes
+
+if TYPE_CHECKING:
+    from synth.images.presets import Preset
 
 PICTURE = "bodies.png"
 Beside = Annotated[
@@ -170,16 +173,37 @@ def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Gen
     return made
 
 
+def _preset(name: str | None, motion: Path | None) -> "Preset":
+    """The preset of that name, or of a recorded motion's poses."""
+    from synth.images.presets import preset_named, preset_of
+    from synth.motion.library import motion_files
+    from synth.motion.repertoire import read_repertoire
+
+    if (name is None) == (motion is None):
+        raise CloudError("give either --preset or --motion")
+    if motion is None:
+        return preset_named(str(name))
+    with progress("read motions", len(motion_files(motion))) as advance:
+        return preset_of(read_repertoire(motion, advance))
+
+
 @app.command("generate")
 def generate_(
+    out: Annotated[Path, Option(help="Folder for the shards; an interrupted run continues there.")],
     preset: Annotated[
-        str,
+        str | None,
         Option(
             help="people, standing, sitting-train, sitting-test, recumbent or upright.",
             autocompletion=presets,
         ),
-    ],
-    out: Annotated[Path, Option(help="Folder for the shards; an interrupted run continues there.")],
+    ] = None,
+    motion: Annotated[
+        Path | None,
+        Option(
+            help="Instead of a preset: poses of recorded people. A motion of solve, BVH, C3D, TRC, a file of "
+            "joint positions (.npz), or a folder of such files."
+        ),
+    ] = None,
     count: Annotated[int | None, Option(help="Number of images. Default: the preset's own.")] = None,
     workers: Annotated[int, Option(help="Processes on this machine.", min=1, max=256)] = 2,
     scheduler: Annotated[
@@ -199,9 +223,9 @@ def generate_(
     with needing("synth"):
         from synth.images.distributions import distributions_at
         from synth.images.generate import ORDER, Order, generate
-        from synth.images.presets import dressed_from, preset_named
+        from synth.images.presets import dressed_from
 
-    chosen = replace(preset_named(preset), occluders=occluders, cut=cut)
+    chosen = replace(_preset(preset, motion), occluders=occluders, cut=cut)
     if garments is not None:
         chosen = dressed_from(chosen, garments)
     order = Order(chosen, chosen.count if count is None else count, seed)

@@ -15,6 +15,7 @@ from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 from synth.images.dataset_page import write_page
 from synth.images.distributions import Distributions
+from synth.images.motion_stage import Moved
 from synth.images.people import Wardrobe
 from synth.images.presets import Preset, sample
 from synth.images.workers import Workers
@@ -57,8 +58,10 @@ class Order:
 
     def manifest(self) -> dict[str, Any]:
         """The order as JSON values."""
+        stage = self.preset.stage
         return {
             "preset": self.preset.name,
+            **({"motion": stage.repertoire.manifest()} if isinstance(stage, Moved) else {}),
             "occluders": self.preset.occluders,
             "cut": self.preset.cut,
             "images": self.count,

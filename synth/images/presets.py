@@ -17,10 +17,12 @@ from synth.body.skeleton import JOINT_ID
 from synth.cameras.draw import draw_sensor
 from synth.cameras.sensor import Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
+from synth.images.motion_stage import Moved
 from synth.images.people import Casting, Person, Wardrobe, crowd_person, paper_person
 from synth.images.stages import Stage, Staging, everybody, recumbent, sitting, standing, upright
 from synth.images.view import PersonView, cut, occluder, render_view, visibility
 from synth.images.viewpoints import Shot, inside_image
+from synth.motion.repertoire import Repertoire
 from synth.surface.rasterize import merge
 
 MIN_PIXELS, MIN_VISIBLE = 400, 0.4
@@ -226,6 +228,11 @@ PRESETS = {
 }
 """The paper's sets (sections 3.2, 4.1 and 4.3), and people on their own legs, as first drawn: naked, before a
 Kinect v2; and dressed people of all ages and builds before all kinds of sensors. Their streams never meet."""
+
+
+def preset_of(repertoire: Repertoire) -> Preset:
+    """A preset of poses of recorded motions: all else is as in ``standing``."""
+    return Preset("motion", 20_000, 7, Moved(repertoire))
 
 
 def preset_named(name: str) -> Preset:

@@ -1,10 +1,11 @@
 """A frame of a motion on any body: its angles, feet where the motion's are, limbs clear of each other."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
-from annotate.array_types import Float64
+from annotate.array_types import Float64, Int64
 from synth.body.body import Body, pose
 from synth.body.flesh import Flesh, flesh_of
 from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, Posture, clamp, forward, rotations
@@ -39,17 +40,25 @@ def stand(body: Body, grounded: Grounded, frame: int) -> Posed:
     turn = -heading_rad(grounded.angles_rad[frame, 0])
     posture, wanted = standing(body, grounded, frame, turn)
     airborne = np.array([0.0, 0.0, wanted.min()])
-    placed = _moved(posture, -airborne)
+    placed, goal = _moved(posture, -airborne), (wanted - wanted.min())[:2]
+    near, feet = _near(wanted)[:2], _feet(body)
     for _ in range(2):
-        placed = _settled(body, placed, wanted, [FLOOR])
+        placed = _settled(body, placed, goal, near, [FLOOR])
         vertices, joints = pose(body, placed)
         up = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
-        if up[2] < ASTRAY_M:
+        # Skin is not where flesh is: what came to rest too high has to go lower.
+        high = np.array([vertices[foot, 2].min() for foot in feet]) + up[2] - (wanted - wanted.min())[:2]
+        if (near * high).max() < ASTRAY_M:
             break
-        # Skin stands out farther than flesh: feet have to come down to the floor again.
-        placed = _moved(placed, up)
+        placed, goal = _moved(placed, up), goal - high
     up += airborne
     return vertices + up.astype(np.float32), joints + up
+
+
+@lru_cache(maxsize=16)
+def _feet(body: Body) -> list[Int64]:
+    """Vertices of the left, and of the right foot."""
+    return [np.flatnonzero(body.strongest_joints == ankle) for _, _, ankle in _LEGS]
 
 
 def take_seat(body: Body, grounded: Grounded, frame: int, seat: Seat) -> tuple[Posed, Seat]:
@@ -59,27 +68,28 @@ def take_seat(body: Body, grounded: Grounded, frame: int, seat: Seat) -> tuple[P
     vertices, joints = pose(body, posture)
     fitting = replace(seat, height=float(vertices[trunk, 2].min()) + seat.give_m)
     placed = _moved(posture, rest_on(fitting, vertices[trunk], joints, 0.0))
-    return pose(body, _settled(body, placed, wanted, [FLOOR, *fitting.solids()])), fitting
+    goal, solids = (wanted - wanted.min())[:2], [FLOOR, *fitting.solids()]
+    return pose(body, _settled(body, placed, goal, _near(wanted)[:2], solids)), fitting
 
 
-def _settled(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]) -> Posture:
-    """The posture with its limbs clear of each other and of solids, feet on the floor held there.
+def _settled(body: Body, posture: Posture, goal_m: Float64, near: Float64, solids: list[Solid]) -> Posture:
+    """The posture with its limbs clear of each other and of solids.
 
-    A trunk whose belly would push the thighs aside leans over them less than the motion's.
+    goal_m: height (2,) to which each foot is drawn meanwhile; near: (2,) how much it is. A trunk whose belly
+    would push the thighs aside leans over them less than the motion's.
     """
-    flesh, near = flesh_of(body), _near(wanted_m)[:2]
-    height = (wanted_m - wanted_m.min())[:2]
+    flesh = flesh_of(body)
     for lean in LEANS_RAD:
         leant = _leaning(posture, lean)
         _, joints = forward(leant, flesh.rest_joints_m, flesh.aligned)
-        missing = height - _lowest(flesh, leant)[:2]
+        missing = goal_m - _lowest(flesh, leant)[:2]
         pulls = []
         for foot, leg in enumerate(_LEGS):
             if near[foot] > 0.02:
                 goal = joints[leg[2]] + np.array([0.0, 0.0, missing[foot]])
                 pulls.append(Pull(JOINTS[leg[2]].name, goal, np.full(3, FOOT_HOLD * near[foot])))
         settled = settle(flesh, leant, solids, pulls)
-        if (near * np.abs(height - _lowest(flesh, settled)[:2])).max() < ASTRAY_M:
+        if (near * np.abs(goal_m - _lowest(flesh, settled)[:2])).max() < ASTRAY_M:
             break
     return settled
 
