@@ -3,8 +3,9 @@
 import numba
 import numpy as np
 
-from annotate.array_types import Float32, Int32
+from annotate.array_types import Float32, Float64, Int32, Int64
 from synth.body.body import Body
+from synth.clothes.skin_map import ARMS, Limb, SkinMap
 from synth.surface.facets import noise_tile, smooth_noise, wavelength_cells
 from synth.surface.rasterize import EXACT
 
@@ -87,3 +88,55 @@ def _noise(tile: Float32, vertices: Float32, scale: Float32, shift: Float32) -> 
             vertices[i, 2] * scale[2] + shift[2],
         )
     return heights
+
+
+ROOM_SHARE = 0.4
+"""Of the gap between two skins that face each other, what the cloth on either may fill at rest."""
+REACH_M = 0.25
+"""Skins farther apart leave each other's cloth alone."""
+
+
+def hold_apart(body: Body, places: SkinMap, normals: Float32, off_m: Float32) -> Float32:
+    """Displacements (V, 3) shortened in the armpits, so that cloth of arm and trunk do not cross at rest."""
+    result = off_m.copy()
+    high = (places.level > 0.3) & (places.level < 0.98)
+    for limb, sign in zip(ARMS, (1, -1), strict=True):
+        arm = np.flatnonzero((places.limb == limb) & (places.along < 0.9))
+        beside = sign * places.trunk.out[:, 0] > 0.5
+        trunk = np.flatnonzero((places.limb == Limb.TRUNK) & high & beside)
+        _shorten(body.vertices_m, normals, result, arm, trunk)
+    return result
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _shorten(vertices: Float32, normals: Float32, off: Float32, first: Int64, second: Int64) -> None:
+    """Shorten the displacements of two sets of vertices where their normals face each other."""
+    room_1, room_2 = np.full(len(first), REACH_M), np.full(len(second), REACH_M)
+    for a in range(len(first)):
+        i = first[a]
+        for b in range(len(second)):
+            j = second[b]
+            dx = vertices[j, 0] - vertices[i, 0]
+            dy = vertices[j, 1] - vertices[i, 1]
+            dz = vertices[j, 2] - vertices[i, 2]
+            squared = dx * dx + dy * dy + dz * dz
+            if squared >= REACH_M * REACH_M:
+                continue
+            ahead = dx * normals[i, 0] + dy * normals[i, 1] + dz * normals[i, 2]
+            behind = dx * normals[j, 0] + dy * normals[j, 1] + dz * normals[j, 2]
+            gap = np.sqrt(squared)
+            if ahead > 0.3 * gap and behind < -0.3 * gap:
+                room_1[a], room_2[b] = min(room_1[a], gap), min(room_2[b], gap)
+    _limit(off, first, room_1)
+    _limit(off, second, room_2)
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _limit(off: Float32, own: Int64, room: Float64) -> None:
+    for a in range(len(own)):
+        i = own[a]
+        length = np.sqrt(off[i, 0] ** 2 + off[i, 1] ** 2 + off[i, 2] ** 2)
+        if room[a] < REACH_M and length > ROOM_SHARE * room[a]:
+            share = ROOM_SHARE * room[a] / length
+            for k in range(3):
+                off[i, k] *= np.float32(share)

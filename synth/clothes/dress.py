@@ -4,12 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from annotate.array_types import Float32
 from synth.body.body import Body, hair_faces
-from synth.clothes.cloth import fold_heights, smooth_normals
-from synth.clothes.dressed import Dressed, assembled
-from synth.clothes.skin_map import ARMS, LEGS, Limb, SkinMap, skin_map
+from synth.clothes.attire import Attire, draw_attire
+from synth.clothes.cover import Fitting, put_on_top, put_on_trousers
+from synth.clothes.dressed import Dressed, Piece, assembled
+from synth.clothes.hair import put_on_hair
+from synth.clothes.shoes import put_on_shoes
+from synth.clothes.skirt import hang_skirt
 
+TUCKED = 0.08
+"""How far a top reaches under a skirt's waist: share of the trunk."""
 HAIR_LOSS = 1.0
 """Share of infrared that hair loses, as the naked presets take it."""
 
@@ -19,26 +23,28 @@ def naked(body: Body) -> Dressed:
     return assembled(body, HAIR_LOSS * hair_faces(body).astype(np.float32))
 
 
-def dress(body: Body, rng: np.random.Generator) -> Dressed:
-    """A body in clothes drawn at random, from bare skin and thin clothes to thick ones."""
-    if rng.random() < 0.15:
-        return naked(body)
-    places, thin = skin_map(body), rng.random() < 0.25
-    ease = _ease(places, rng) * (0.3 if thin else 1.0)
-    folds = fold_heights(body.vertices_m, rng)
-    vertices = body.vertices_m + smooth_normals(body) * (ease * (1 + 0.4 * folds))[:, None]
-    up = -float(vertices[:, 2].min())
-    lift = np.array([0, 0, up], np.float32)
-    worn = replace(body, vertices_m=np.asarray(vertices + lift, np.float32), joints_m=body.joints_m + lift)
-    return assembled(worn, HAIR_LOSS * hair_faces(body).astype(np.float32))
+def dress(body: Body, rng: np.random.Generator, bags: bool = True) -> Dressed:
+    """A body in clothes drawn at random, from bare skin and thin clothes to coats and skirts.
+
+    bags: whether a bag may be carried; by those who sit or lie it cannot.
+    """
+    return dress_in(body, draw_attire(rng, bags), rng)
 
 
-def _ease(places: SkinMap, rng: np.random.Generator) -> Float32:
-    legs, arms = np.isin(places.limb, LEGS), np.isin(places.limb, ARMS)
-    trunk = places.limb == Limb.TRUNK
-    trousers = np.where(legs, 0.01 + 0.01 * places.along, 0.01) * (places.along < 1.95)
-    top = np.where(arms, 0.01 + 0.004 * places.along, 0.015) * (places.along < np.where(arms, 1.9, 0.95))
-    hem = rng.uniform(-0.1, 0.1)
-    worn = np.where(legs | trunk & (places.level < 0.2), trousers, 0.0)
-    worn += np.where(arms | trunk & (places.level > hem), top, 0.0)
-    return np.asarray(worn, np.float32)
+def dress_in(body: Body, attire: Attire, rng: np.random.Generator) -> Dressed:
+    """A body in these clothes; their folds are drawn at random."""
+    fitting = Fitting.of(body, rng)
+    if attire.trousers:
+        put_on_trousers(fitting, attire.trousers)
+    if attire.top:
+        # What hangs begins under the top's hem, or over a top that is tucked in.
+        hem = attire.skirt.waist - TUCKED if attire.skirt else attire.top.hem
+        put_on_top(fitting, replace(attire.top, hem=hem))
+    if attire.shoes:
+        put_on_shoes(fitting, attire.shoes)
+    put_on_hair(fitting, attire.hair)
+    pieces: list[Piece] = []
+    worn = fitting.dressed_body()
+    if attire.skirt:
+        pieces.append(hang_skirt(body, worn, fitting.places, attire.skirt, rng))
+    return assembled(worn, fitting.dark[body.faces].mean(axis=1), pieces)

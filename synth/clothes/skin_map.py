@@ -3,91 +3,124 @@
 from enum import IntEnum
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from annotate.array_types import Float32, Float64, UInt8
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID, JOINTS
+from synth.surface.rasterize import EXACT
 
 Limb = IntEnum("Limb", "TRUNK HEAD LEFT_ARM RIGHT_ARM LEFT_LEG RIGHT_LEG", start=0)
-LEGS, ARMS = (Limb.LEFT_LEG, Limb.RIGHT_LEG), (Limb.LEFT_ARM, Limb.RIGHT_ARM)
+ARMS, LEGS = (Limb.LEFT_ARM, Limb.RIGHT_ARM), (Limb.LEFT_LEG, Limb.RIGHT_LEG)
+_BONES = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle")}
+_SPINE = ("pelvis", "spine_lower", "spine_middle", "spine_upper", "neck")
+TRUNK_FORWARD_M = 0.02
+"""The middle of a trunk lies before its spine. Chosen by eye."""
 
 
 def _limb_of(name: str) -> Limb:
     side, _, kind = name.partition("_")
-    if kind in ("shoulder", "elbow", "wrist"):
-        return Limb[f"{side}_arm".upper()]
-    if kind in ("hip", "knee", "ankle"):
-        return Limb[f"{side}_leg".upper()]
+    for limb, bones in _BONES.items():
+        if kind in bones:
+            return Limb[f"{side}_{limb}".upper()]
     return Limb.HEAD if name in ("neck", "head") else Limb.TRUNK
 
 
 _LIMB_OF_JOINT = np.array([_limb_of(joint.name) for joint in JOINTS], np.uint8)
 
 
-class SkinMap(NamedTuple):
-    """Places of a body's vertices at rest.
+class Around(NamedTuple):
+    """Places of vertices (V,) about an axis.
 
-    limb: uint8 (V,) ``Limb`` of the joint that moves it most. along: float32 (V,), on an arm 0 at the
-    shoulder, 1 at the elbow, 2 at the wrist; on a leg 0 at the hip, 1 at the knee, 2 at the ankle; on trunk
-    and head 0 at the hip joints' height, 1 at the neck's. level: float32 (V,) the latter for all. away_m:
-    float32 (V,) distance from the axis; out: float32 (V, 3) unit vectors away from it; around_rad: float32
-    (V,), 0 in front, a quarter turn to the person's left.
+    away_m: distance from the axis. out: (V, 3) unit vectors away from it. around_rad: 0 in front, a quarter
+    turn on the person's left, for arms at rest as for legs.
     """
 
-    limb: UInt8
-    along: Float32
-    level: Float32
     away_m: Float32
     out: Float32
     around_rad: Float32
 
 
+class SkinMap(NamedTuple):
+    """Places of a body's vertices (V,) at rest.
+
+    limb: ``Limb`` of the joint that moves a vertex most. along: on an arm 0 at the shoulder, 1 at the elbow,
+    2 at the wrist; on a leg 0 at the hip, 1 at the knee, 2 at the ankle; else level. level: height,
+    0 at the hip joints, 1 at the neck. limbs: about the bones of arms and legs, else about the trunk.
+    trunk: about the trunk, for all.
+    """
+
+    limb: UInt8
+    along: Float32
+    level: Float32
+    limbs: Around
+    trunk: Around
+
+
 def skin_map(body: Body) -> SkinMap:
     """The places of a body's skin."""
-    limb = _LIMB_OF_JOINT[body.strongest_joints]
-    points = body.vertices_m.astype(np.float64)
-    hip_z, neck_z = (body.joints_m[JOINT_ID[name], 2] for name in ("left_hip", "neck"))
-    level = (points[:, 2] - hip_z) / (neck_z - hip_z)
-    along, axis = level.copy(), _trunk_axis(body, points)
-    sideways = np.tile([1.0, 0.0, 0.0], (len(points), 1))
-    forwards = np.tile([0.0, -1.0, 0.0], (len(points), 1))
-    for which, names in (
-        (ARMS, ("shoulder", "elbow", "wrist")),
-        (LEGS, ("hip", "knee", "ankle")),
-    ):
-        for one in which:
-            own = np.flatnonzero(limb == one)
-            side = "left" if one.name.startswith("LEFT") else "right"
-            chain = body.joints_m[[JOINT_ID[f"{side}_{name}"] for name in names]]
-            along[own], axis[own], bone = _on_chain(points[own], chain)
-            sideways[own] -= np.einsum("ij,ij->i", sideways[own], bone)[:, None] * bone
-            forwards[own] = np.cross(sideways[own], bone) * -1.0
-    out = points - axis
-    away = np.linalg.norm(out, axis=1)
-    around = np.arctan2(np.einsum("ij,ij->i", out, sideways), np.einsum("ij,ij->i", out, forwards))
-    out /= np.maximum(away, 1e-6)[:, None]
-    return SkinMap(limb, *(np.asarray(a, np.float32) for a in (along, level, away, out, around)))
+    limb, at = _LIMB_OF_JOINT[body.strongest_joints], {n: body.joints_m[i] for n, i in JOINT_ID.items()}
+    points, hip_z = body.vertices_m, at["left_hip"][2]
+    level = (points[:, 2] - np.float32(hip_z)) / np.float32(at["neck"][2] - hip_z)
+    spine = np.array([at[name] for name in _SPINE])
+    middle = np.interp(points[:, 2], spine[:, 2], spine[:, 1]) - TRUNK_FORWARD_M
+    trunk = _about_upright(points, middle)
+    chains = np.zeros((len(Limb), 3, 3))
+    for one in (*ARMS, *LEGS):
+        side, _, which = one.name.lower().partition("_")
+        chains[one] = [at[f"{side}_{bone}"] for bone in _BONES[which]]
+    along = level.copy()
+    limbs = Around(*(a.copy() for a in trunk))
+    _about_limbs(points, limb, chains, along, *limbs)
+    return SkinMap(limb, along, level, limbs, trunk)
 
 
-def _trunk_axis(body: Body, points: Float64) -> Float64:
-    """Points (V, 3) on the vertical through the middle of the trunk at each height."""
-    spine = body.joints_m[
-        [JOINT_ID[n] for n in ("pelvis", "spine_lower", "spine_middle", "spine_upper", "neck")]
-    ]
-    middle = np.interp(points[:, 2], spine[:, 2], spine[:, 1]) - 0.02
-    return np.stack([np.zeros(len(points)), middle, points[:, 2]], axis=1)
+def _about_upright(points: Float32, middle_y: Float64) -> Around:
+    x, y = points[:, 0], (points[:, 1] - middle_y).astype(np.float32)
+    away = np.hypot(x, y)
+    near = np.maximum(away, np.float32(1e-6))
+    return Around(away, np.stack([x / near, y / near, np.zeros_like(x)], axis=1), np.arctan2(x, -y))
 
 
-def _on_chain(points: Float64, chain: Float64) -> tuple[Float64, Float64, Float64]:
-    """Place along a chain of three joints (n,), the nearest point of its bone (n, 3), the bone's direction
-    (n, 3)."""
-    first, second = chain[1] - chain[0], chain[2] - chain[1]
-    lengths = np.linalg.norm([first, second], axis=1)
-    first, second = first / lengths[0], second / lengths[1]
-    beyond = (points - chain[1]) @ (first + second) > 0
-    bone = np.where(beyond[:, None], second, first)
-    start = np.where(beyond[:, None], chain[1], chain[0])
-    reach = np.einsum("ij,ij->i", points - start, bone)
-    along = reach / np.where(beyond, lengths[1], lengths[0]) + beyond
-    return along, start + reach[:, None] * bone, bone
+@numba.njit(cache=True, fastmath=EXACT)
+def _about_limbs(
+    points: Float32,
+    limb: UInt8,
+    chains: Float64,
+    along: Float32,
+    away: Float32,
+    out: Float32,
+    around: Float32,
+) -> None:
+    """Write the places of the vertices of arms and legs into the last four."""
+    bones, lengths = np.empty((len(chains), 2, 3)), np.empty((len(chains), 2))
+    for c in range(2, len(chains)):
+        for k in range(2):
+            bone = chains[c, k + 1] - chains[c, k]
+            lengths[c, k] = np.sqrt((bone**2).sum())
+            bones[c, k] = bone / lengths[c, k]
+    for i in range(len(points)):
+        c = limb[i]
+        if c < 2:
+            continue
+        k, beyond = 0, 0.0
+        for a in range(3):
+            beyond += (points[i, a] - chains[c, 1, a]) * (bones[c, 0, a] + bones[c, 1, a])
+        if beyond > 0:
+            k = 1
+        bx, by, bz = bones[c, k]
+        x, y, z = (
+            points[i, 0] - chains[c, k, 0],
+            points[i, 1] - chains[c, k, 1],
+            points[i, 2] - chains[c, k, 2],
+        )
+        reach = x * bx + y * by + z * bz
+        x, y, z = x - reach * bx, y - reach * by, z - reach * bz
+        length = np.sqrt(x * x + y * y + z * z) + 1e-9
+        along[i], away[i] = k + reach / lengths[c, k], length
+        out[i, 0], out[i, 1], out[i, 2] = x / length, y / length, z / length
+        # To the left, across the bone; and in front, across both (limbs point down).
+        sx, sy, sz = 1 - bx * bx, -bx * by, -bx * bz
+        fx, fy, fz = by * sz - bz * sy, bz * sx - bx * sz, bx * sy - by * sx
+        around[i] = np.arctan2(x * sx + y * sy + z * sz, x * fx + y * fy + z * fz)

@@ -1,0 +1,124 @@
+"""What a person wears, in numbers: garments drawn from the ranges of ``synth/data/clothes.toml``."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+
+from synth.shipped import table
+
+
+@dataclass(frozen=True)
+class Garment:
+    """Numbers of a garment, as the data file explains them; lengths in mm, places in units of the skin map."""
+
+    dark: float
+
+    @classmethod
+    def drawn(cls, entry: Mapping[str, Any], rng: np.random.Generator) -> Self:
+        """One whose numbers lie in the ranges of an entry."""
+        names = [field.name for field in fields(cls) if field.name in entry]
+        return cls(**{name: float(rng.uniform(*entry[name])) for name in names})
+
+
+@dataclass(frozen=True)
+class Top(Garment):
+    """What covers trunk and arms."""
+
+    hem: float
+    sleeve: float
+    body_mm: float
+    cuff_mm: float
+    give: float
+    folds_mm: float
+    hood_mm: float = 0.0
+
+
+@dataclass(frozen=True)
+class Trousers(Garment):
+    """What covers hips and legs, each leg by itself."""
+
+    waist: float
+    hem: float
+    seat_mm: float
+    hem_mm: float
+    give: float
+    folds_mm: float
+
+
+@dataclass(frozen=True)
+class Skirt(Garment):
+    """What hangs about both legs together: a skirt, or the lower half of a coat, a dress, a long shirt."""
+
+    waist: float
+    hem: float
+    ease_mm: float
+    flare: float
+    folds_mm: float
+
+
+@dataclass(frozen=True)
+class Shoes(Garment):
+    """What covers feet, and of boots the shanks."""
+
+    sole_mm: float
+    upper_mm: float
+    shaft: float
+    shaft_mm: float
+
+
+@dataclass(frozen=True)
+class Hair(Garment):
+    """Hair or what covers it."""
+
+    lift_mm: float
+    fall: float
+    bulge_mm: float = 0.0
+    peak_mm: float = 0.0
+
+
+@dataclass(frozen=True)
+class Attire:
+    """All that a person wears. bag: "" for none."""
+
+    style: str
+    hair: Hair
+    top: Top | None = None
+    trousers: Trousers | None = None
+    skirt: Skirt | None = None
+    shoes: Shoes | None = None
+    bag: str = ""
+
+
+BAGS = ("backpack", "shoulder_bag")
+
+
+def draw_attire(rng: np.random.Generator, bags: bool = True) -> Attire:
+    """Clothes, hair and bag at random; bags: whether one may be carried."""
+    known = table("clothes")
+    style = _by_share(known["styles"], rng)
+    worn = {kind: str(rng.choice(known["styles"][style][kind])) for kind in ("tops", "bottoms", "shoes")}
+    top, trousers, skirt = worn["tops"], worn["bottoms"], ""
+    if trousers in known["skirts"]:
+        trousers, skirt = "", trousers
+    if top and "below" in known["tops"][top]:
+        skirt = known["tops"][top]["below"]
+    hair = _by_share(known["hair"], rng)
+    bag = str(rng.choice(BAGS)) if bags and rng.random() < known["bags"]["share"] else ""
+    return Attire(
+        style,
+        Hair.drawn(known["hair"][hair], rng),
+        Top.drawn(known["tops"][top], rng) if top else None,
+        Trousers.drawn(known["trousers"][trousers], rng) if trousers else None,
+        Skirt.drawn(known["skirts"][skirt], rng) if skirt else None,
+        Shoes.drawn(known["shoes"][worn["shoes"]], rng) if worn["shoes"] else None,
+        bag,
+    )
+
+
+def _by_share(entries: Mapping[str, Mapping[str, Any]], rng: np.random.Generator) -> str:
+    """The name of one entry, drawn by their shares."""
+    names: Sequence[str] = tuple(entries)
+    shares = np.array([entries[name]["share"] for name in names])
+    return str(rng.choice(names, p=shares / shares.sum()))

@@ -1,0 +1,160 @@
+"""Skin that becomes cloth: every vertex stands off by what covers it, along its normal and away from its limb."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from annotate.array_types import Bool, Float32
+from synth.body.body import Body
+from synth.body.skeleton import JOINT_ID
+from synth.clothes.attire import Top, Trousers
+from synth.clothes.cloth import fold_heights, hold_apart, smooth_normals
+from synth.clothes.skin_map import ARMS, LEGS, Limb, SkinMap, skin_map
+from synth.clothes.tube import slack_m
+
+EDGE = 0.04
+"""A hem's cloth comes up over this share of a limb: about an edge of the skin."""
+COLLAR = 0.97
+"""Level at which a top ends."""
+MIDLINE_M = 0.003
+"""Cloth of a leg stays this far on its own side at rest."""
+PRESSED = 0.4
+"""Share of its thickness that cloth keeps between legs, and between arm and trunk, which press it. Chosen by eye."""
+SLACK_LIMIT_M = 0.07
+"""Farther than this no cloth hangs off the skin under it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fitting:
+    """A body at rest while it is being dressed: what its clothes add up to, by vertex, in metres.
+
+    ease_m: float32 (V,) along ``normals``. hang_m: float32 (V, 3). dark: float32 (V,) of the outermost cloth.
+    """
+
+    body: Body
+    places: SkinMap
+    normals: Float32
+    folds: Float32
+    ease_m: Float32
+    hang_m: Float32
+    dark: Float32
+
+    @classmethod
+    def of(cls, body: Body, rng: np.random.Generator) -> "Fitting":
+        """A body before it puts anything on."""
+        n = len(body.vertices_m)
+        return cls(
+            body,
+            skin_map(body),
+            smooth_normals(body),
+            fold_heights(body.vertices_m, rng),
+            np.zeros(n, np.float32),
+            np.zeros((n, 3), np.float32),
+            np.zeros(n, np.float32),
+        )
+
+    def lay(self, mask: Float32, ease_mm: Float32 | float, folds_mm: float, dark: float) -> None:
+        """Lay cloth where the mask (V,) in [0, 1] is 1, so far off what is there, with folds so high."""
+        off = np.asarray(ease_mm + folds_mm * self.folds, np.float32)
+        self.ease_m[:] += mask * np.maximum(off, 0) / np.float32(1000)
+        self.dark[mask > 0.5] = dark
+
+    def let_hang(self, mask: Float32, slack: Float32, out: Float32) -> None:
+        """Move skin away from its axis where the mask (V,) is 1 by the slack (V,) of a tube about it."""
+        self.hang_m[:] += (mask * np.minimum(slack, np.float32(SLACK_LIMIT_M)))[:, None] * out
+
+    def dressed_body(self) -> Body:
+        """The body whose skin is cloth, soles at z = 0."""
+        off = self.ease_m[:, None] * self.normals + self.hang_m
+        off = hold_apart(self.body, self.places, self.normals, off)
+        vertices = self.body.vertices_m + off
+        legs = np.isin(self.places.limb, LEGS)
+        side = np.where(self.places.limb == Limb.LEFT_LEG, np.float32(1), np.float32(-1))
+        inmost = np.minimum(side * self.body.vertices_m[:, 0], np.float32(MIDLINE_M))
+        across = side * np.maximum(side * vertices[:, 0], inmost)
+        vertices[legs, 0] = across[legs]
+        up = -vertices[:, 2].min()
+        vertices[:, 2] += up
+        joints = self.body.joints_m + np.array([0, 0, float(up)])
+        return replace(self.body, vertices_m=vertices, joints_m=joints)
+
+
+def between(along: Float32, start: float, end: float) -> Float32:
+    """A mask (V,) that is 1 between two places of a limb, with soft edges."""
+    up = np.clip((along - np.float32(start)) / np.float32(EDGE) + np.float32(0.5), 0, 1)
+    return np.asarray(up * np.clip((np.float32(end) - along) / np.float32(EDGE) + np.float32(0.5), 0, 1))
+
+
+def ramp(along: Float32, start: float, end: float) -> Float32:
+    """Smoothly from 0 at one place to 1 at another (V,)."""
+    share = np.clip((along - np.float32(start)) / np.float32(end - start), 0, 1)
+    return np.asarray(share * share * (3 - 2 * share))
+
+
+def put_on_top(fitting: Fitting, top: Top) -> None:
+    """Cover trunk and arms."""
+    places = fitting.places
+    arms = np.isin(places.limb, ARMS)
+    trunk = (places.limb == Limb.TRUNK) | np.isin(places.limb, LEGS)
+    mask = np.where(trunk, between(places.level, top.hem, COLLAR), 0).astype(np.float32)
+    pressed = 1 - np.float32(1 - PRESSED) * ramp(np.abs(places.trunk.out[:, 0]), 0.6, 0.95) * ramp(
+        places.level, 0.35, 0.65
+    )
+    fitting.lay(mask, pressed * np.float32(top.body_mm), top.folds_mm, top.dark)
+    source = trunk & (places.level > top.hem - EDGE) & (places.level < 0.8)
+    height = -fitting.body.vertices_m[:, 2]
+    slack = slack_m(height, places.trunk.around_rad, places.trunk.away_m, source, top.give)
+    fitting.let_hang(mask * pressed * (1 - ramp(places.level, 0.5, 0.8)), slack, places.trunk.out)
+    if top.hood_mm:
+        nape = ramp(places.level, 0.78, 0.9) * (1 - ramp(places.level, 1.0, 1.12))
+        behind = ramp(np.abs(places.trunk.around_rad), 1.2, 2.2)
+        fitting.lay(np.where(arms, 0, nape * behind), top.hood_mm, top.folds_mm, top.dark)
+    if top.sleeve > 0:
+        _sleeves(fitting, top, arms)
+
+
+def _sleeves(fitting: Fitting, top: Top, arms: Bool) -> None:
+    places = fitting.places
+    mask = np.where(arms, between(places.along, -1, top.sleeve), 0).astype(np.float32)
+    share = np.clip(places.along / np.float32(top.sleeve), 0, 1)
+    above = min(top.body_mm, 2 * top.cuff_mm)
+    inner = _inner(places, Limb.LEFT_ARM) * (1 - ramp(places.along, 0.7, 1.2))
+    pressed = 1 - np.float32(1 - PRESSED) * inner
+    fitting.lay(mask, pressed * (above + (top.cuff_mm - above) * share), 0.7 * top.folds_mm, top.dark)
+    hanging = mask * pressed * ramp(places.along, 0.2, 0.5)
+    for limb, side in zip(ARMS, ("left", "right"), strict=True):
+        source = (places.limb == limb) & (places.along > 0.15) & (places.along < top.sleeve + EDGE)
+        down = places.along * _bone_m(fitting.body, f"{side}_shoulder", f"{side}_elbow")
+        slack = slack_m(down, places.limbs.around_rad, places.limbs.away_m, source, 0.1 + top.give)
+        fitting.let_hang(hanging, slack, places.limbs.out)
+
+
+def put_on_trousers(fitting: Fitting, worn: Trousers) -> None:
+    """Cover hips and legs."""
+    places = fitting.places
+    legs = np.isin(places.limb, LEGS)
+    seat = np.where(places.limb == Limb.TRUNK, between(places.level, -9, worn.waist), 0)
+    fitting.lay(seat.astype(np.float32), worn.seat_mm, 0.5 * worn.folds_mm, worn.dark)
+    mask = np.where(legs, between(places.along, -9, worn.hem), 0).astype(np.float32)
+    share = ramp(places.along, 0.0, max(worn.hem, 0.3))
+    inner = _inner(places, Limb.LEFT_LEG) * ramp(places.along, -0.1, 0.2)
+    pressed = 1 - np.float32(1 - PRESSED) * inner
+    fitting.lay(
+        mask, pressed * (worn.seat_mm + (worn.hem_mm - worn.seat_mm) * share), worn.folds_mm, worn.dark
+    )
+    hanging = mask * ramp(places.along, 0.1, 0.4) * pressed
+    for limb, side in zip(LEGS, ("left", "right"), strict=True):
+        source = (places.limb == limb) & (places.along > 0.1) & (places.along < worn.hem + EDGE)
+        down = places.along * _bone_m(fitting.body, f"{side}_hip", f"{side}_knee")
+        slack = slack_m(down, places.limbs.around_rad, places.limbs.away_m, source, worn.give)
+        fitting.let_hang(hanging, slack, places.limbs.out)
+
+
+def _inner(places: SkinMap, left: Limb) -> Float32:
+    """How much (V,) a limb's skin faces the body's midline, in [0, 1]; left: the left one of the pair."""
+    side = np.where(places.limb == left, np.float32(-1), np.float32(1))
+    return np.asarray(np.clip(side * places.limbs.out[:, 0], 0, 1))
+
+
+def _bone_m(body: Body, start: str, end: str) -> np.float32:
+    return np.float32(np.linalg.norm(body.joints_m[JOINT_ID[end]] - body.joints_m[JOINT_ID[start]]))

@@ -1,0 +1,83 @@
+"""Tubes of cloth about a limb: as wide as the limb at its widest, hanging from there on."""
+
+import numba
+import numpy as np
+
+from annotate.array_types import Bool, Float32
+from synth.surface.rasterize import EXACT
+
+SECTORS = 24
+"""Directions around the axis in which a tube's radius is kept."""
+STEP_M = 0.02
+"""From one of a tube's rings to the next: about an edge of the skin."""
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def slack_m(down_m: Float32, around_rad: Float32, away_m: Float32, source: Bool, give: float) -> Float32:
+    """How far (V,) a tube about the source's vertices stands away from each vertex, at least 0.
+
+    down_m: (V,) places along the axis, downwards; around_rad, away_m: as ``Around`` has them. give: how much
+    narrower the tube may become a metre downwards: 0 hangs straight from the widest, 2 follows the limb.
+    """
+    start, end = np.inf, -np.inf
+    for i in range(len(source)):
+        if source[i]:
+            start, end = min(start, down_m[i]), max(end, down_m[i])
+    slack = np.zeros(len(source), np.float32)
+    if end <= start:
+        return slack
+    radii = _widest(down_m, around_rad, away_m, source, start, int((end - start) / STEP_M) + 3)
+    for k in range(1, len(radii)):
+        for j in range(SECTORS):
+            radii[k, j] = max(radii[k, j], radii[k - 1, j] - np.float32(give * STEP_M))
+    radii = _smoothed(_smoothed(radii))
+    for i in range(len(source)):
+        if source[i]:
+            slack[i] = max(_read(radii, (down_m[i] - start) / STEP_M, around_rad[i]) - away_m[i], 0.0)
+    return slack
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _widest(down: Float32, around: Float32, away: Float32, source: Bool, start: float, rings: int) -> Float32:
+    """Greatest distances (rings, SECTORS) of vertices near each node; gaps take their neighbours'."""
+    radii = np.zeros((rings, SECTORS), np.float32)
+    for i in range(len(down)):
+        if source[i]:
+            k = int((down[i] - start) / STEP_M)
+            j = int(np.floor(around[i] * (SECTORS / (2 * np.pi))))
+            for a in range(2):
+                for b in range(2):
+                    c = (j + b) % SECTORS
+                    radii[k + a, c] = max(radii[k + a, c], away[i])
+    for k in range(rings):
+        for _ in range(3):
+            before = radii[k].copy()
+            for j in range(SECTORS):
+                if before[j] == 0:
+                    radii[k, j] = max(before[j - 1], before[(j + 1) % SECTORS])
+    return radii
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _smoothed(radii: Float32) -> Float32:
+    """Means (n, SECTORS) of each node and its neighbours around and along."""
+    n = len(radii)
+    result = np.empty_like(radii)
+    for k in range(n):
+        for j in range(SECTORS):
+            near = radii[k, j - 1] + radii[k, (j + 1) % SECTORS]
+            near += radii[max(k - 1, 0), j] + radii[min(k + 1, n - 1), j]
+            result[k, j] = np.float32(0.4) * radii[k, j] + np.float32(0.15) * near
+    return result
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _read(radii: Float32, ring: float, around: float) -> float:
+    """The radius between nodes, bilinear."""
+    sector = around * (SECTORS / (2 * np.pi))
+    k, j = int(ring), int(np.floor(sector))
+    a, b = ring - k, sector - j
+    j, following = j % SECTORS, (j + 1) % SECTORS
+    value: float = (1 - a) * ((1 - b) * radii[k, j] + b * radii[k, following])
+    value += a * ((1 - b) * radii[k + 1, j] + b * radii[k + 1, following])
+    return value

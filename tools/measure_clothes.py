@@ -1,0 +1,90 @@
+"""Measure dressed people: ``python -m tools.measure_clothes [PEOPLE] [SEED]``.
+
+Over the postures and views of ``tools.clothes_sheets`` prints, in percent of a person's pixels: skin that a hanging
+piece covers at rest and that is seen through it; cloth over the other side's limb, as the naked body would show it; and
+the milliseconds of dressing and draping.
+"""
+
+import sys
+from time import perf_counter
+
+import numpy as np
+
+from scipy.spatial import cKDTree
+
+from annotate.array_types import Bool, Float32
+from annotate.parts import LEFT_RIGHT
+from synth.clothes.dress import dress
+from synth.clothes.dressed import Dressed
+from synth.clothes.skirt import LINED, RING_M
+from tools.clothes_sheets import VIEWS, posed, random_person, seen
+
+EDGE_M = LINED * RING_M
+"""Skin nearer than this to a piece's edges may be seen past them."""
+NEARER_M = 0.02
+WORTH_A_LOOK = 0.5
+
+
+def covered(dressed: Dressed) -> Bool:
+    """Faces (F,) of the body that lie within a hanging piece at rest, away from its edges."""
+    body, hidden = dressed.body, np.zeros(len(dressed.body.faces), bool)
+    middles = body.vertices_m[body.faces].mean(axis=1)
+    legs = (body.face_parts >= 7) | (body.face_parts == 2)
+    first = len(body.vertices_m)
+    nodes = dressed.drape(body.vertices_m, body.joints_m)[first:]
+    for piece in dressed.pieces:
+        own, nodes = np.split(nodes, [int(piece.faces.max()) + 1])
+        low, high = own.min(axis=0), own.max(axis=0)
+        inside = ((middles > low + (0, 0, EDGE_M)) & (middles < high - (0, 0, EDGE_M))).all(axis=1)
+        hidden |= inside & legs
+    return hidden
+
+
+def misplaced(dressed: Dressed, vertices_m: Float32) -> Bool:
+    """Faces (F',) of hanging pieces whose label is one limb's while the twin's skin is nearer by ``NEARER_M``."""
+    wrong, body = np.zeros(len(dressed.faces), bool), dressed.body
+    middles = vertices_m[dressed.faces].mean(axis=1)
+    for pair in LEFT_RIGHT:
+        skins = [cKDTree(vertices_m[np.unique(body.faces[body.face_parts == part])]) for part in pair]
+        for own, other in ((0, 1), (1, 0)):
+            cloth = np.flatnonzero(dressed.face_parts == pair[own])
+            cloth = cloth[cloth >= len(body.faces)]
+            away = [skin.query(middles[cloth])[0] for skin in skins]
+            wrong[cloth] = away[other] + NEARER_M < away[own]
+    return wrong
+
+
+def main(people: int, seed: int) -> None:
+    shares: dict[str, list[float]] = {"skin through cloth": [], "on the wrong limb": []}
+    costs = []
+    for i in range(people):
+        rng = np.random.default_rng((seed, i))
+        body = random_person(rng)
+        start = perf_counter()
+        dressed = dress(body, rng)
+        dressing = perf_counter() - start
+        outside = np.zeros(len(dressed.faces) - len(body.faces), bool)
+        hidden = np.append(covered(dressed), outside)
+        for name, vertices, joints in posed(dressed, rng):
+            start = perf_counter()
+            dressed.drape(vertices[: len(body.vertices_m)], joints)
+            costs.append((1000 * dressing, 1000 * (perf_counter() - start)))
+            if not dressed.pieces:
+                continue
+            kinds = np.stack([hidden, misplaced(dressed, vertices)])
+            for view, azimuth in VIEWS.items():
+                face = seen(vertices, dressed, joints, azimuth, 5.0 if name == "lying" else 0.6).face
+                found = 100 * kinds[:, face[face >= 0]].mean(axis=1)
+                for what, share in zip(shares, found, strict=True):
+                    shares[what].append(share)
+                    if share > WORTH_A_LOOK:
+                        print(f"person {i} {name}, {view}: {share:.2f} % {what}")
+    for what, values in shares.items():
+        print(
+            f"{what}: mean {np.mean(values):.3f} %, p95 {np.percentile(values, 95):.3f}, most {max(values):.3f}"
+        )
+    print("ms to dress, to drape (median): {:.2f} {:.2f}".format(*np.median(np.array(costs), axis=0)))
+
+
+if __name__ == "__main__":
+    main(*(int(a) for a in (*sys.argv[1:3], *("60", "0")[len(sys.argv) - 1 :])))
