@@ -6,6 +6,7 @@ import numpy as np
 
 from synth.body.body import Body, hair_faces
 from synth.clothes.attire import Attire, draw_attire
+from synth.clothes.bags import backpack, shoulder_bag
 from synth.clothes.cover import Fitting, put_on_top, put_on_trousers
 from synth.clothes.dressed import Dressed, Piece, assembled
 from synth.clothes.hair import put_on_hair
@@ -47,4 +48,7 @@ def dress_in(body: Body, attire: Attire, rng: np.random.Generator) -> Dressed:
     worn = fitting.dressed_body()
     if attire.skirt:
         pieces.append(hang_skirt(body, worn, fitting.places, attire.skirt, rng))
+    if attire.bag:
+        kind = {"backpack": backpack, "shoulder_bag": shoulder_bag}[attire.bag]
+        pieces.append(kind(body, worn, fitting.places, rng.uniform(0, 0.5), rng))
     return assembled(worn, fitting.dark[body.faces].mean(axis=1), pieces)

@@ -1,0 +1,117 @@
+"""Bags: a backpack behind the trunk, a shoulder bag beside the hip, as rounded boxes that follow the body."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from annotate.array_types import Float32, Float64, Int32, UInt8
+from annotate.parts import PART_ID
+from synth.body.body import Body
+from synth.body.skeleton import JOINT_ID
+from synth.clothes.skin_map import Limb, SkinMap
+from synth.surface.rasterize import grid_faces
+
+ROUND = 5
+"""Cells of a box's side: its edges are rounded over the outer ones."""
+POWER = 6.0
+"""Of the superellipsoid that rounds the box (Barr 1981): 2 is an ellipsoid, more is squarer. Chosen by eye."""
+BACKPACK_M = ((0.24, 0.32), (0.10, 0.24), (0.36, 0.52))
+SHOULDER_BAG_M = ((0.08, 0.16), (0.24, 0.38), (0.20, 0.34))
+"""Least and greatest breadth, depth and height."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bag:
+    """A stiff bag that moves with some of the body's skin.
+
+    anchors: three sets of vertices (indices) of the dressed body, whose middles carry it: left, right and below.
+    nodes_m: float64 (v, 3) in the frame of the anchors: to the left, back, up from between the first two.
+    """
+
+    anchors: tuple[Int32, Int32, Int32]
+    nodes_m: Float64
+    faces: Int32
+    face_parts: UInt8
+    dark: Float32
+
+    def place(self, vertices_m: Float32, joints_m: Float64) -> Float32:
+        """Vertices float32 (v, 3) on a posed body's vertices (V, 3), world, metres."""
+        origin, axes = _frame(vertices_m, self.anchors)
+        return (origin + self.nodes_m @ axes).astype(np.float32)
+
+
+def backpack(naked: Body, worn: Body, places: SkinMap, dark: float, rng: np.random.Generator) -> Bag:
+    """A backpack on a dressed body; naked: the same body undressed."""
+    size = np.array([rng.uniform(*span) for span in BACKPACK_M])
+    behind = (places.limb == Limb.TRUNK) & (np.abs(places.trunk.around_rad) > 2.0)
+    x = naked.vertices_m[:, 0]
+    high, low = behind & (np.abs(places.level - 0.85) < 0.1), behind & (np.abs(places.level - 0.45) < 0.1)
+    anchors = _indices(high & (x > 0.02), high & (x < -0.02), low)
+    back = behind & (places.level > 0.3) & (places.level < 0.95) & (np.abs(x) < size[0] / 2)
+    top = worn.joints_m[JOINT_ID["neck"], 2] - rng.uniform(0.0, 0.06)
+    rear = np.percentile(worn.vertices_m[back, 1], 80)
+    middle = np.array([0.0, rear + 0.4 * size[1], top - size[2] / 2])
+    return _bag(naked, worn, anchors, middle, size, dark)
+
+
+def shoulder_bag(naked: Body, worn: Body, places: SkinMap, dark: float, rng: np.random.Generator) -> Bag:
+    """A bag at the back of one hip; naked: the same body undressed."""
+    size = np.array([rng.uniform(*span) for span in SHOULDER_BAG_M])
+    sign = 1.0 if rng.random() < 0.5 else -1.0
+    trunk, x = places.limb == Limb.TRUNK, naked.vertices_m[:, 0]
+    hips, waist = trunk & (np.abs(places.level) < 0.12), trunk & (np.abs(places.level - 0.35) < 0.1)
+    anchors = _indices(waist & (x > 0.05), waist & (x < -0.05), hips)
+    beside = worn.vertices_m[hips & (sign * x > 0)]
+    hip = worn.joints_m[JOINT_ID["left_hip"]]
+    outside = sign * (np.abs(beside[:, 0]).max() - 0.02)
+    middle = np.array([outside, float(beside[:, 1].mean()) + 0.3 * size[1], hip[2] + rng.uniform(-0.05, 0.1)])
+    return _bag(naked, worn, anchors, middle, size, dark)
+
+
+def _indices(*masks: np.ndarray) -> tuple[Int32, Int32, Int32]:
+    left, right, below = (np.flatnonzero(mask).astype(np.int32) for mask in masks)
+    return left, right, below
+
+
+def _bag(
+    naked: Body, worn: Body, anchors: tuple[Int32, Int32, Int32], middle_m: Float64, size_m: Float64, dark: float
+) -> Bag:
+    nodes, faces = _rounded_box()
+    at_rest = middle_m + nodes * size_m / 2
+    origin, axes = _frame(worn.vertices_m, anchors)
+    parts = _parts_beneath(naked, at_rest[faces].mean(axis=1))
+    return Bag(anchors, (at_rest - origin) @ axes.T, faces, parts, np.full(len(faces), dark, np.float32))
+
+
+def _frame(vertices_m: Float32, anchors: tuple[Int32, Int32, Int32]) -> tuple[Float64, Float64]:
+    """Origin (3,) and axes (3, 3), rows to the left, back and up, of three sets of vertices."""
+    left, right, below = (vertices_m[own].mean(axis=0, dtype=np.float64) for own in anchors)
+    origin = (left + right) / 2
+    across = left - right
+    back = np.cross(origin - below, across)
+    axes = np.stack([across, back, np.cross(across, back)])
+    return origin, axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+def _rounded_box() -> tuple[Float64, Int32]:
+    """Nodes (v, 3) of a rounded box of half sides 1, and its faces (f, 3), outwards."""
+    line = np.linspace(-1, 1, ROUND + 1)
+    u, v = (grid.ravel() for grid in np.meshgrid(line, line, indexing="ij"))
+    w, nodes, faces = np.ones_like(u), [], []
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            side = np.stack(np.roll(np.stack([w * sign, u * sign, v]), axis, axis=0), axis=1)
+            faces.append(grid_faces(ROUND + 1, ROUND + 1)[:, ::-1] + len(nodes) * len(u))
+            nodes.append(side)
+    box = np.concatenate(nodes)
+    box /= (np.abs(box) ** POWER).sum(axis=1, keepdims=True) ** (1 / POWER)
+    return box, np.concatenate(faces).astype(np.int32)
+
+
+def _parts_beneath(naked: Body, middles_m: Float64) -> UInt8:
+    """Parts (f,) of the trunk or thigh at each face's height, on its side."""
+    crest = naked.vertices_m[naked.faces[naked.face_parts == PART_ID["hip"]], 2].max()
+    thigh = naked.joints_m[JOINT_ID["left_hip"], 2] - 0.04
+    side = np.where(middles_m[:, 0] > 0, PART_ID["left_upper_leg"], PART_ID["right_upper_leg"])
+    parts = np.where(middles_m[:, 2] > thigh, PART_ID["hip"], side)
+    return np.where(middles_m[:, 2] > crest, PART_ID["torso"], parts).astype(np.uint8)
