@@ -14,10 +14,12 @@ import numpy as np
 from annotate.array_types import Float32, Float64, UInt8
 from annotate.parts import palette_rgb
 from sensors.rig.camera import Intrinsics
-from synth.body.body import Body, blend, shipped_bodies
+from synth.body.body import Body, blend
+from synth.body.crowd import crowd
 from synth.clothes.dress import dress
 from synth.clothes.dressed import Dressed
 from synth.pose.postures import FALLEN, SITTING, UPRIGHT, lie, rise, sit
+from synth.pose.standing import draw_standing, stand
 from synth.surface.furniture import Bed, Sofa
 from synth.surface.rasterize import ZBuffer, beside, look_at, rasterize
 
@@ -29,16 +31,16 @@ STRIDE = {"left_hip": 28.0, "right_hip": -14.0, "left_knee": 14.0, "right_knee":
 
 
 def random_person(rng: np.random.Generator) -> Body:
-    """A build between two shipped bodies."""
-    i, j = rng.choice(len(shipped_bodies()), 2, replace=False)
-    return blend(shipped_bodies()[i], shipped_bodies()[j], float(rng.random()) / 2)
+    """A build between two of the crowd."""
+    i, j = rng.choice(len(crowd()), 2, replace=False)
+    return blend(crowd()[i], crowd()[j], float(rng.random()) / 2)
 
 
 def posed(dressed: Dressed, rng: np.random.Generator) -> Iterator[tuple[str, Float32, Float64]]:
     """The person in each posture: its name, draped vertices, joints."""
     standing = UPRIGHT.draw("standing", rng)
     moments = {
-        "standing": rise(dressed.body, None, standing),
+        "standing": stand(dressed.body, draw_standing(rng))[:2],
         "striding": rise(dressed.body, None, {**standing, **STRIDE}),
         "crouching": rise(dressed.body, None, UPRIGHT.draw("crouching", rng)),
         "sitting": sit(dressed.body, Sofa.sample(rng), SITTING.single(rng)[1]),

@@ -16,17 +16,18 @@ from annotate.array_types import Bool, Float32
 from annotate.parts import LEFT_RIGHT
 from synth.clothes.dress import dress
 from synth.clothes.dressed import Dressed
-from synth.clothes.skirt import LINED, RING_M
+from synth.clothes.skirt import LINED, RING_M, HangingSkirt
 from tools.clothes_sheets import VIEWS, posed, random_person, seen
 
 EDGE_M = LINED * RING_M
 """Skin nearer than this to a piece's edges may be seen past them."""
-NEARER_M = 0.02
+NEARER = 1.3
+"""Cloth lies on the wrong limb where its own is that many times as far away, and 2 cm more."""
 WORTH_A_LOOK = 0.5
 
 
 def covered(dressed: Dressed) -> Bool:
-    """Faces (F,) of the body that lie within a hanging piece at rest, away from its edges."""
+    """Faces (F,) of the body that lie within a skirt at rest, away from its edges."""
     body, hidden = dressed.body, np.zeros(len(dressed.body.faces), bool)
     middles = body.vertices_m[body.faces].mean(axis=1)
     legs = (body.face_parts >= 7) | (body.face_parts == 2)
@@ -34,6 +35,8 @@ def covered(dressed: Dressed) -> Bool:
     nodes = dressed.drape(body.vertices_m, body.joints_m)[first:]
     for piece in dressed.pieces:
         own, nodes = np.split(nodes, [int(piece.faces.max()) + 1])
+        if not isinstance(piece, HangingSkirt):
+            continue
         low, high = own.min(axis=0), own.max(axis=0)
         inside = ((middles > low + (0, 0, EDGE_M)) & (middles < high - (0, 0, EDGE_M))).all(axis=1)
         hidden |= inside & legs
@@ -41,7 +44,7 @@ def covered(dressed: Dressed) -> Bool:
 
 
 def misplaced(dressed: Dressed, vertices_m: Float32) -> Bool:
-    """Faces (F',) of hanging pieces whose label is one limb's while the twin's skin is nearer by ``NEARER_M``."""
+    """Faces (F',) of hanging pieces whose label is one limb's while the twin's skin is clearly nearer."""
     wrong, body = np.zeros(len(dressed.faces), bool), dressed.body
     middles = vertices_m[dressed.faces].mean(axis=1)
     for pair in LEFT_RIGHT:
@@ -50,7 +53,7 @@ def misplaced(dressed: Dressed, vertices_m: Float32) -> Bool:
             cloth = np.flatnonzero(dressed.face_parts == pair[own])
             cloth = cloth[cloth >= len(body.faces)]
             away = [skin.query(middles[cloth])[0] for skin in skins]
-            wrong[cloth] = away[other] + NEARER_M < away[own]
+            wrong[cloth] = NEARER * away[other] + 0.02 < away[own]
     return wrong
 
 

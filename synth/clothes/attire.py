@@ -10,7 +10,7 @@ from synth.shipped import table
 
 
 @dataclass(frozen=True)
-class Garment:
+class Worn:
     """Numbers of a garment, as the data file explains them; lengths in mm, places in units of the skin map."""
 
     dark: float
@@ -23,7 +23,7 @@ class Garment:
 
 
 @dataclass(frozen=True)
-class Top(Garment):
+class Top(Worn):
     """What covers trunk and arms."""
 
     hem: float
@@ -36,7 +36,7 @@ class Top(Garment):
 
 
 @dataclass(frozen=True)
-class Trousers(Garment):
+class Trousers(Worn):
     """What covers hips and legs, each leg by itself."""
 
     waist: float
@@ -48,7 +48,7 @@ class Trousers(Garment):
 
 
 @dataclass(frozen=True)
-class Skirt(Garment):
+class Skirt(Worn):
     """What hangs about both legs together: a skirt, or the lower half of a coat, a dress, a long shirt."""
 
     waist: float
@@ -59,7 +59,7 @@ class Skirt(Garment):
 
 
 @dataclass(frozen=True)
-class Shoes(Garment):
+class Shoes(Worn):
     """What covers feet, and of boots the shanks."""
 
     sole_mm: float
@@ -69,7 +69,7 @@ class Shoes(Garment):
 
 
 @dataclass(frozen=True)
-class Hair(Garment):
+class Hair(Worn):
     """Hair or what covers it."""
 
     lift_mm: float

@@ -74,7 +74,12 @@ def _indices(*masks: np.ndarray) -> tuple[Int32, Int32, Int32]:
 
 
 def _bag(
-    naked: Body, worn: Body, anchors: tuple[Int32, Int32, Int32], middle_m: Float64, size_m: Float64, dark: float
+    naked: Body,
+    worn: Body,
+    anchors: tuple[Int32, Int32, Int32],
+    middle_m: Float64,
+    size_m: Float64,
+    dark: float,
 ) -> Bag:
     nodes, faces = _rounded_box()
     at_rest = middle_m + nodes * size_m / 2

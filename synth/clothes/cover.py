@@ -14,8 +14,8 @@ from synth.clothes.tube import slack_m
 
 EDGE = 0.04
 """A hem's cloth comes up over this share of a limb: about an edge of the skin."""
-COLLAR = 0.97
-"""Level at which a top ends."""
+COLLAR = (0.9, 1.0)
+"""Levels over which a top ends at the neck."""
 MIDLINE_M = 0.003
 """Cloth of a leg stays this far on its own side at rest."""
 PRESSED = 0.4
@@ -96,7 +96,8 @@ def put_on_top(fitting: Fitting, top: Top) -> None:
     places = fitting.places
     arms = np.isin(places.limb, ARMS)
     trunk = (places.limb == Limb.TRUNK) | np.isin(places.limb, LEGS)
-    mask = np.where(trunk, between(places.level, top.hem, COLLAR), 0).astype(np.float32)
+    collar = 1 - ramp(places.level, *COLLAR)
+    mask = np.where(trunk, between(places.level, top.hem, 9) * collar, 0).astype(np.float32)
     pressed = 1 - np.float32(1 - PRESSED) * ramp(np.abs(places.trunk.out[:, 0]), 0.6, 0.95) * ramp(
         places.level, 0.35, 0.65
     )

@@ -11,6 +11,8 @@ from synth.clothes.tube import slack_m
 
 BROW = 0.55
 """Hair begins at this share of the way from the head's joint to its top."""
+EARS_MM = 8.0
+"""Thinner hair lets the ears stand out; that twice as thick covers them."""
 FALL_GIVE = 0.25
 """Hair that falls draws in by this much a metre."""
 BUN_RAD = 0.45
@@ -40,8 +42,8 @@ def put_on_hair(fitting: Fitting, hair: Hair) -> None:
     level = np.stack([off[:, 0], off[:, 1], np.zeros_like(flat)], axis=1)
     level /= np.maximum(flat, np.float32(0.02))[:, None]
     shell = slack_m(-out[:, 2] * np.float32(0.1), around, away, skull, 9.0)
-    if hair.lift_mm > 1:
-        fitting.let_hang(mask * np.where(skull, above + behind, 0).clip(0, 1), shell, out)
+    over_ears = np.clip((hair.lift_mm - EARS_MM) / EARS_MM, 0, 1)
+    fitting.let_hang(over_ears * mask * np.where(skull, above + behind, 0).clip(0, 1), shell, out)
     fall = slack_m(-points[:, 2], around, flat, own & (mask > 0) & (points[:, 2] < middle[2]), FALL_GIVE)
     fitting.let_hang(np.where(points[:, 2] < middle[2], mask, 0), fall, level)
     fitting.hang_m[:] += (mask * np.float32(hair.lift_mm / 1000))[:, None] * np.where(

@@ -5,16 +5,20 @@ import numpy as np
 from annotate.array_types import Float32, Int64
 from synth.body.skeleton import JOINT_ID
 from synth.clothes.attire import Shoes
-from synth.clothes.cover import Fitting, between
+from synth.clothes.cover import Fitting, between, ramp
 from synth.clothes.skin_map import LEGS
 from synth.clothes.tube import slack_m
 
 AXIS_M = 0.03
 """Height of a foot's axis over the ground."""
+ANKLE_M = (0.05, 0.085)
+"""Heights at rest over which a shoe's upper turns from foot to shank."""
 SOLE_EDGE_M = (0.012, 0.035)
 """Skin up to the first height is sole and moves down as a whole; above the second nothing of it moves down."""
 GIVE = 1.5
 """A shoe gets lower towards the toes by this much a metre at most: it spans the toes but follows the instep."""
+TOES = 2
+"""Sectors that it spans to hide the gaps between toes."""
 
 
 def put_on_shoes(fitting: Fitting, shoes: Shoes) -> None:
@@ -39,8 +43,11 @@ def _foot(fitting: Fitting, own: Int64, ankle: Float32, shoes: Shoes) -> None:
     along = off @ ahead
     across, up = off[:, 0] - along * ahead[0], points[:, 2] - np.float32(AXIS_M)
     away = np.hypot(across, up)
-    slack = slack_m(along, np.arctan2(across, up), away, np.ones(len(own), bool), GIVE)
-    thick = slack + np.float32(shoes.upper_mm / 1000)
+    slack = slack_m(along, np.arctan2(across, up), away, np.ones(len(own), bool), GIVE, TOES)
+    # Over the ankle cloth stands off the shank, below it off the foot.
+    high = ramp(points[:, 2], *ANKLE_M)
+    thick = (1 - high) * (slack + np.float32(shoes.upper_mm / 1000))
+    fitting.hang_m[own] += (high * np.float32(shoes.shaft_mm / 1000))[:, None] * fitting.normals[own]
     near = np.maximum(away, np.float32(0.01))
     fitting.hang_m[own] += thick[:, None] * np.stack([across / near, np.zeros_like(up), up / near], axis=1)
     # Toes and heel: the cloth goes round them.

@@ -198,7 +198,7 @@ def _frames(middles: Float64) -> Float64:
     rings = len(middles)
     frames = np.empty((rings, 2, 2, 3))
     for r in range(rings):
-        above, below = max(r - 2, 0), min(r + 2, rings - 1)
+        above, below = max(r - 6, 0), min(r + 6, rings - 1)
         right = unit(_triple(middles[below, 0] - middles[above, 0]))
         left = unit(_triple(middles[below, 1] - middles[above, 1]))
         across = unit(_triple(middles[r, 1] - middles[r, 0]))

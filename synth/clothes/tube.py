@@ -13,11 +13,14 @@ STEP_M = 0.02
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def slack_m(down_m: Float32, around_rad: Float32, away_m: Float32, source: Bool, give: float) -> Float32:
+def slack_m(
+    down_m: Float32, around_rad: Float32, away_m: Float32, source: Bool, give: float, spans: int = 0
+) -> Float32:
     """How far (V,) a tube about the source's vertices stands away from each vertex, at least 0.
 
     down_m: (V,) places along the axis, downwards; around_rad, away_m: as ``Around`` has them. give: how much
-    narrower the tube may become a metre downwards: 0 hangs straight from the widest, 2 follows the limb.
+    narrower the tube may become a metre downwards: 0 hangs straight from the widest, 2 follows the limb. spans: sectors on
+    either side that it spans without sinking in.
     """
     start, end = np.inf, -np.inf
     for i in range(len(source)):
@@ -30,6 +33,11 @@ def slack_m(down_m: Float32, around_rad: Float32, away_m: Float32, source: Bool,
     for k in range(1, len(radii)):
         for j in range(SECTORS):
             radii[k, j] = max(radii[k, j], radii[k - 1, j] - np.float32(give * STEP_M))
+    for _ in range(spans):
+        before = radii.copy()
+        for k in range(len(radii)):
+            for j in range(SECTORS):
+                radii[k, j] = max(before[k, j], before[k, j - 1], before[k, (j + 1) % SECTORS])
     radii = _smoothed(_smoothed(radii))
     for i in range(len(source)):
         if source[i]:
