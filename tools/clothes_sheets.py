@@ -1,7 +1,7 @@
 """Contact sheets of dressed people: ``python -m tools.clothes_sheets FOLDER [PEOPLE] [SEED]``.
 
-Writes ``sheet_N.png``, six people each: a row a person, who stands, strides, crouches, sits and lies, seen from the
-front, the side and behind; shaded depth above, parts below.
+Writes ``sheet_N.png``, six people each: a row a person, who stands, strides, crouches, sits and lies, seen
+from the front, the side and behind; shaded depth above, parts below.
 """
 
 import sys

@@ -1,22 +1,22 @@
 """Measure dressed people: ``python -m tools.measure_clothes [PEOPLE] [SEED]``.
 
-Over the postures and views of ``tools.clothes_sheets`` prints, in percent of a person's pixels: skin that a hanging
-piece covers at rest and that is seen through it; cloth over the other side's limb, as the naked body would show it; and
-the milliseconds of dressing and draping.
+Over the postures and views of ``tools.clothes_sheets`` prints, in percent of a person's pixels: skin that a
+hanging piece covers at rest and that is seen through it; cloth over the other side's limb, as the naked
+body would show it; and the milliseconds of dressing and draping.
 """
 
 import sys
-from time import perf_counter
+from time import process_time
 
 import numpy as np
-
 from scipy.spatial import cKDTree
 
 from annotate.array_types import Bool, Float32
 from annotate.parts import LEFT_RIGHT
 from synth.clothes.dress import dress
 from synth.clothes.dressed import Dressed
-from synth.clothes.skirt import LINED, RING_M, HangingSkirt
+from synth.clothes.rings import LINED, RING_M
+from synth.clothes.skirt import HangingSkirt
 from tools.clothes_sheets import VIEWS, posed, random_person, seen
 
 EDGE_M = LINED * RING_M
@@ -37,8 +37,8 @@ def covered(dressed: Dressed) -> Bool:
         own, nodes = np.split(nodes, [int(piece.faces.max()) + 1])
         if not isinstance(piece, HangingSkirt):
             continue
-        low, high = own.min(axis=0), own.max(axis=0)
-        inside = ((middles > low + (0, 0, EDGE_M)) & (middles < high - (0, 0, EDGE_M))).all(axis=1)
+        edge = np.array([0, 0, EDGE_M])
+        inside = ((middles > own.min(axis=0) + edge) & (middles < own.max(axis=0) - edge)).all(axis=1)
         hidden |= inside & legs
     return hidden
 
@@ -63,15 +63,15 @@ def main(people: int, seed: int) -> None:
     for i in range(people):
         rng = np.random.default_rng((seed, i))
         body = random_person(rng)
-        start = perf_counter()
+        start = process_time()
         dressed = dress(body, rng)
-        dressing = perf_counter() - start
+        dressing = process_time() - start
         outside = np.zeros(len(dressed.faces) - len(body.faces), bool)
         hidden = np.append(covered(dressed), outside)
         for name, vertices, joints in posed(dressed, rng):
-            start = perf_counter()
+            start = process_time()
             dressed.drape(vertices[: len(body.vertices_m)], joints)
-            costs.append((1000 * dressing, 1000 * (perf_counter() - start)))
+            costs.append((1000 * dressing, 1000 * (process_time() - start)))
             if not dressed.pieces:
                 continue
             kinds = np.stack([hidden, misplaced(dressed, vertices)])
@@ -84,7 +84,8 @@ def main(people: int, seed: int) -> None:
                         print(f"person {i} {name}, {view}: {share:.2f} % {what}")
     for what, values in shares.items():
         print(
-            f"{what}: mean {np.mean(values):.3f} %, p95 {np.percentile(values, 95):.3f}, most {max(values):.3f}"
+            f"{what}: mean {np.mean(values):.3f} %, "
+            f"p95 {np.percentile(values, 95):.3f}, most {max(values):.3f}"
         )
     print("ms to dress, to drape (median): {:.2f} {:.2f}".format(*np.median(np.array(costs), axis=0)))
 

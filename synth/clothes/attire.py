@@ -11,7 +11,7 @@ from synth.shipped import table
 
 @dataclass(frozen=True)
 class Worn:
-    """Numbers of a garment, as the data file explains them; lengths in mm, places in units of the skin map."""
+    """Numbers of a garment, as the data file explains them; mm, and places of the skin map."""
 
     dark: float
 
@@ -105,7 +105,7 @@ def draw_attire(rng: np.random.Generator, bags: bool = True) -> Attire:
     if top and "below" in known["tops"][top]:
         skirt = known["tops"][top]["below"]
     hair = _by_share(known["hair"], rng)
-    bag = str(rng.choice(BAGS)) if bags and rng.random() < known["bags"]["share"] else ""
+    bag = str(rng.choice(BAGS)) if bags and top and rng.random() < known["bags"]["share"] else ""
     return Attire(
         style,
         Hair.drawn(known["hair"][hair], rng),

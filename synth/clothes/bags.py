@@ -14,7 +14,8 @@ from synth.surface.rasterize import grid_faces
 ROUND = 5
 """Cells of a box's side: its edges are rounded over the outer ones."""
 POWER = 6.0
-"""Of the superellipsoid that rounds the box (Barr 1981): 2 is an ellipsoid, more is squarer. Chosen by eye."""
+"""Of the superellipsoid that rounds the box (Barr 1981): 2 is an ellipsoid, more is squarer. Chosen by
+eye."""
 BACKPACK_M = ((0.24, 0.32), (0.10, 0.24), (0.36, 0.52))
 SHOULDER_BAG_M = ((0.08, 0.16), (0.24, 0.38), (0.20, 0.34))
 """Least and greatest breadth, depth and height."""
@@ -24,8 +25,9 @@ SHOULDER_BAG_M = ((0.08, 0.16), (0.24, 0.38), (0.20, 0.34))
 class Bag:
     """A stiff bag that moves with some of the body's skin.
 
-    anchors: three sets of vertices (indices) of the dressed body, whose middles carry it: left, right and below.
-    nodes_m: float64 (v, 3) in the frame of the anchors: to the left, back, up from between the first two.
+    anchors: three sets of vertices (indices) of the dressed body, whose middles carry it: left, right and
+    below. nodes_m: float64 (v, 3) in the frame of the anchors: to the left, back, up from between the first
+    two.
     """
 
     anchors: tuple[Int32, Int32, Int32]
@@ -102,15 +104,11 @@ def _rounded_box() -> tuple[Float64, Int32]:
     """Nodes (v, 3) of a rounded box of half sides 1, and its faces (f, 3), outwards."""
     line = np.linspace(-1, 1, ROUND + 1)
     u, v = (grid.ravel() for grid in np.meshgrid(line, line, indexing="ij"))
-    w, nodes, faces = np.ones_like(u), [], []
-    for axis in range(3):
-        for sign in (1.0, -1.0):
-            side = np.stack(np.roll(np.stack([w * sign, u * sign, v]), axis, axis=0), axis=1)
-            faces.append(grid_faces(ROUND + 1, ROUND + 1)[:, ::-1] + len(nodes) * len(u))
-            nodes.append(side)
-    box = np.concatenate(nodes)
+    ends = [(axis, np.full_like(u, end)) for axis in range(3) for end in (1.0, -1.0)]
+    box = np.concatenate([np.roll(np.stack([w, w * u, v]), axis, axis=0).T for axis, w in ends])
     box /= (np.abs(box) ** POWER).sum(axis=1, keepdims=True) ** (1 / POWER)
-    return box, np.concatenate(faces).astype(np.int32)
+    side = grid_faces(ROUND + 1, ROUND + 1)[:, ::-1]
+    return box, np.concatenate([side + np.int32(n * len(u)) for n in range(len(ends))])
 
 
 def _parts_beneath(naked: Body, middles_m: Float64) -> UInt8:

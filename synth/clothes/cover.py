@@ -1,4 +1,4 @@
-"""Skin that becomes cloth: every vertex stands off by what covers it, along its normal and away from its limb."""
+"""Skin that becomes cloth: how far each vertex stands off, along its normal and away from its limb."""
 
 from dataclasses import dataclass, replace
 
@@ -18,8 +18,9 @@ COLLAR = (0.9, 1.0)
 """Levels over which a top ends at the neck."""
 MIDLINE_M = 0.003
 """Cloth of a leg stays this far on its own side at rest."""
-PRESSED = 0.4
-"""Share of its thickness that cloth keeps between legs, and between arm and trunk, which press it. Chosen by eye."""
+PRESSED = 0.25
+"""Share of its thickness that cloth keeps between legs, and between arm and trunk, which press it. Chosen
+by eye."""
 SLACK_LIMIT_M = 0.07
 """Farther than this no cloth hangs off the skin under it."""
 
@@ -98,14 +99,13 @@ def put_on_top(fitting: Fitting, top: Top) -> None:
     trunk = (places.limb == Limb.TRUNK) | np.isin(places.limb, LEGS)
     collar = 1 - ramp(places.level, *COLLAR)
     mask = np.where(trunk, between(places.level, top.hem, 9) * collar, 0).astype(np.float32)
-    pressed = 1 - np.float32(1 - PRESSED) * ramp(np.abs(places.trunk.out[:, 0]), 0.6, 0.95) * ramp(
-        places.level, 0.35, 0.65
-    )
-    fitting.lay(mask, pressed * np.float32(top.body_mm), top.folds_mm, top.dark)
+    beside = np.float32(1 - PRESSED) * ramp(np.abs(places.trunk.out[:, 0]), 0.5, 0.9)
+    fitting.lay(mask, (1 - beside) * np.float32(top.body_mm), top.folds_mm, top.dark)
     source = trunk & (places.level > top.hem - EDGE) & (places.level < 0.8)
     height = -fitting.body.vertices_m[:, 2]
     slack = slack_m(height, places.trunk.around_rad, places.trunk.away_m, source, top.give)
-    fitting.let_hang(mask * pressed * (1 - ramp(places.level, 0.5, 0.8)), slack, places.trunk.out)
+    hanging = mask * (1 - beside * ramp(places.level, 0.1, 0.5)) * (1 - ramp(places.level, 0.5, 0.8))
+    fitting.let_hang(hanging, slack, places.trunk.out)
     if top.hood_mm:
         nape = ramp(places.level, 0.78, 0.9) * (1 - ramp(places.level, 1.0, 1.12))
         behind = ramp(np.abs(places.trunk.around_rad), 1.2, 2.2)
@@ -119,7 +119,7 @@ def _sleeves(fitting: Fitting, top: Top, arms: Bool) -> None:
     mask = np.where(arms, between(places.along, -1, top.sleeve), 0).astype(np.float32)
     share = np.clip(places.along / np.float32(top.sleeve), 0, 1)
     above = min(top.body_mm, 2 * top.cuff_mm)
-    inner = _inner(places, Limb.LEFT_ARM) * (1 - ramp(places.along, 0.7, 1.2))
+    inner = _inner(places, Limb.LEFT_ARM)
     pressed = 1 - np.float32(1 - PRESSED) * inner
     fitting.lay(mask, pressed * (above + (top.cuff_mm - above) * share), 0.7 * top.folds_mm, top.dark)
     hanging = mask * pressed * ramp(places.along, 0.2, 0.5)

@@ -14,9 +14,11 @@ AXIS_M = 0.03
 ANKLE_M = (0.05, 0.085)
 """Heights at rest over which a shoe's upper turns from foot to shank."""
 SOLE_EDGE_M = (0.012, 0.035)
-"""Skin up to the first height is sole and moves down as a whole; above the second nothing of it moves down."""
+"""Skin up to the first height is sole and moves down as a whole; above the second nothing of it moves
+down."""
 GIVE = 1.5
-"""A shoe gets lower towards the toes by this much a metre at most: it spans the toes but follows the instep."""
+"""A shoe gets lower towards the toes by this much a metre at most: it spans the toes but follows the
+instep."""
 TOES = 2
 """Sectors that it spans to hide the gaps between toes."""
 

@@ -1,13 +1,7 @@
-"""What hangs about both legs together: skirts, and the lower halves of coats and dresses, as rings of cloth.
-
-A ring runs about the middles of the two legs at one height of the rest pose, like a belt about two wheels. Where
-the posed flesh is, there it stands outside of it; on its way from waist to hem it hangs from the widest place above,
-but where it lies on top of flesh it lies. Every ring follows the legs, so the cloth over a leg stays that leg's.
-"""
+"""Skirts, and the lower halves of coats, dresses and long shirts: what hangs about both legs together."""
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from annotate.array_types import Float32, Float64, Int32, UInt8
@@ -17,36 +11,21 @@ from synth.body.part_border import borders
 from synth.body.skeleton import JOINT_ID
 from synth.clothes.attire import Skirt
 from synth.clothes.cloth import fold_heights
+from synth.clothes.rings import CLEAR_M, LINED, NODES, RING_M, hung
 from synth.clothes.skin_map import Limb, SkinMap
-from synth.surface.facets import Triple, cross, dot, unit
-from synth.surface.rasterize import EXACT
 
-RING_M = 0.028
-"""From ring to ring at rest. Chosen by eye: a knee spans four."""
-CAP, BRIDGE = 10, 6
-"""Nodes of a ring about each leg, and between the legs in front and behind."""
-NODES = 2 * (CAP + BRIDGE)
-LINED = 4
-"""Rings of the inside, from the hem up to where it is closed; what is in it sees a hollow hem."""
-SMOOTHING = 4
-"""Times that the rings' middles are averaged with their neighbours': a buttock moves them, cloth does not show it."""
 TUCK_M = 0.012
 """The first ring is so far inside the flesh, where nobody sees its edge."""
-LINING_M = 0.006
-"""From the outside of a hem to its inside."""
-HAND_M = 0.015
-"""Cloth stays this far below a hand that lies on it."""
-CLEAR_M = 0.008
-"""Cloth keeps this far off the posed flesh: its chords would cut into it."""
 
 
 @dataclass(frozen=True, eq=False)
 class HangingSkirt:
     """Rings of cloth about the legs of one dressed body.
 
-    held: int32 (n,) vertices of the body that carry the cloth; ring: float32 (n,) the ring each is at, between
-    rings; left: float32 (n,) 1 for the left leg's, 0 for the right's. arms: int32 (m,) vertices to which the cloth
-    gives way. ease_m: float32 (R, NODES) off the flesh, folds included. flare: metres wider a metre down.
+    held: int32 (n,) vertices of the body that carry the cloth; ring: float32 (n,) the ring each is at,
+    between rings; left: float32 (n,) 1 for the left leg's, 0 for the right's. arms: int32 (m,) vertices to
+    which the cloth gives way. ease_m: float32 (R, NODES) off the flesh, folds included. flare: metres wider
+    a metre down.
     """
 
     held: Int32
@@ -61,15 +40,16 @@ class HangingSkirt:
 
     def place(self, vertices_m: Float32, joints_m: Float64) -> Float32:
         """Vertices float32 (v, 3) about a posed body's vertices (V, 3), world, metres."""
-        return _hung(vertices_m, self.held, self.ring, self.left, self.arms, self.ease_m, self.flare)
+        return hung(vertices_m, self.held, self.ring, self.left, self.arms, self.ease_m, self.flare)
 
 
 def hang_skirt(
     naked: Body, worn: Body, places: SkinMap, skirt: Skirt, rng: np.random.Generator
 ) -> HangingSkirt:
-    """A skirt about a dressed body. naked: the same body undressed, whose parts are beneath; places: its skin's."""
+    """A skirt about a dressed body. naked: the same body undressed, whose parts are beneath; places: its
+    skin's."""
     top, hem = _heights(naked, skirt)
-    rings = max(4, int(round((top - hem) / RING_M)) + 1)
+    rings = max(4, round((top - hem) / RING_M) + 1)
     z = naked.vertices_m[:, 2]
     ring = (top - z) / np.float32((top - hem) / (rings - 1))
     about = np.isin(places.limb, (Limb.TRUNK, Limb.LEFT_LEG, Limb.RIGHT_LEG))
@@ -80,7 +60,7 @@ def hang_skirt(
     left = (naked.vertices_m[held, 0] > 0).astype(np.float32)
     ease = _ease(rings, skirt, rng)
     faces = _faces(rings)
-    at_rest = _hung(worn.vertices_m, held, ring[held], left, arms[:0].astype(np.int32), ease, skirt.flare)
+    at_rest = hung(worn.vertices_m, held, ring[held], left, arms[:0].astype(np.int32), ease, skirt.flare)
     parts = _parts_beneath(naked, at_rest, faces)
     dark = np.full(len(faces), skirt.dark, np.float32)
     return HangingSkirt(held, ring[held], left, arms.astype(np.int32), ease, skirt.flare, faces, parts, dark)
@@ -97,7 +77,8 @@ def _heights(body: Body, skirt: Skirt) -> tuple[float, float]:
 
 
 def _ease(rings: int, skirt: Skirt, rng: np.random.Generator) -> Float32:
-    """Distance (R, NODES) from the flesh: it comes up over the first rings; folds run down and grow downwards."""
+    """Distance (R, NODES) from the flesh: it comes up over the first rings; folds run down and grow
+    downwards."""
     down = np.arange(rings, dtype=np.float32)[:, None] * np.float32(RING_M)
     angle = np.linspace(0, 2 * np.pi, NODES, endpoint=False)
     around = np.stack([np.cos(angle), np.sin(angle)], axis=1) * 0.15
@@ -141,245 +122,3 @@ def _parts_beneath(body: Body, at_rest: Float32, faces: Int32) -> UInt8:
         parts[own & (levels[hip, thigh](middles) > 0)] = thigh
         parts[(parts == thigh) & (levels[thigh, shank](middles) > 0)] = shank
     return parts
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _hung(
-    vertices: Float32, held: Int32, ring: Float32, left: Float32, arms: Int32, ease: Float32, flare: float
-) -> Float32:
-    rings = len(ease)
-    middles = _leg_middles(vertices, held, ring, left, rings)
-    frames = _frames(middles)
-    flesh = np.zeros((rings, NODES), np.float32)
-    _touch(flesh, vertices, held, ring, left, middles, frames)
-    flesh = np.maximum(flesh, _spread(flesh))
-    radii = _hanging(flesh, ease, flare, frames)
-    _give_way(radii, flesh, vertices, arms, middles, frames)
-    return _nodes(radii, middles, frames)
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _leg_middles(vertices: Float32, held: Int32, ring: Float32, left: Float32, rings: int) -> Float64:
-    """Means (R, 2, 3) of each leg's vertices about each ring: the right leg's, the left leg's."""
-    middles, weight = np.zeros((rings, 2, 3)), np.full((rings, 2), 1e-9)
-    for n in range(len(held)):
-        side = int(left[n])
-        k = int(np.floor(ring[n]))
-        for r in range(max(k, 0), min(k + 2, rings)):
-            w = 1 - abs(ring[n] - r)
-            weight[r, side] += w
-            for i in range(3):
-                middles[r, side, i] += w * vertices[held[n], i]
-    for r in range(rings):
-        for side in range(2):
-            for i in range(3):
-                middles[r, side, i] /= weight[r, side]
-    for _ in range(SMOOTHING):
-        before = middles.copy()
-        for r in range(1, rings - 1):
-            for side in range(2):
-                for i in range(3):
-                    near = before[r - 1, side, i] + before[r + 1, side, i]
-                    middles[r, side, i] = 0.5 * before[r, side, i] + 0.25 * near
-    return middles
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _triple(vector: Float64) -> Triple:
-    return (vector[0], vector[1], vector[2])
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _frames(middles: Float64) -> Float64:
-    """Unit vectors (R, 2, 2, 3) across each leg, away from the other one, and to its front, by ring and leg.
-
-    They span the plane of the ring, turned the shortest way so that it crosses the leg at a right angle.
-    """
-    rings = len(middles)
-    frames = np.empty((rings, 2, 2, 3))
-    for r in range(rings):
-        above, below = max(r - 6, 0), min(r + 6, rings - 1)
-        right = unit(_triple(middles[below, 0] - middles[above, 0]))
-        left = unit(_triple(middles[below, 1] - middles[above, 1]))
-        across = unit(_triple(middles[r, 1] - middles[r, 0]))
-        front = unit(cross((left[0] + right[0], left[1] + right[1], left[2] + right[2]), across))
-        down = cross(across, front)
-        for side in range(2):
-            leg = left if side == 1 else right
-            outwards, ahead = _turned(across, down, leg), _turned(front, down, leg)
-            sign = 1 if side == 1 else -1
-            for i in range(3):
-                frames[r, side, 0, i], frames[r, side, 1, i] = sign * outwards[i], ahead[i]
-    return frames
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _turned(vector: Triple, source: Triple, target: Triple) -> Triple:
-    """A vector turned as the shortest way turns one unit vector into another."""
-    axis, cosine = cross(source, target), dot(source, target)
-    aside = cross(axis, vector)
-    share = dot(axis, vector) / max(1 + cosine, 0.05)
-    return unit(
-        (
-            vector[0] * cosine + aside[0] + axis[0] * share,
-            vector[1] * cosine + aside[1] + axis[1] * share,
-            vector[2] * cosine + aside[2] + axis[2] * share,
-        )
-    )
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _in_ring(point: Triple, side: int, middles: Float64, frames: Float64) -> tuple[float, float]:
-    """The node (a fraction) that a point of a leg is behind, and the radius at which cloth clears it.
-
-    A point off the ring's plane lies between this ring's cloth and the next one's, whose chord is to clear it.
-    """
-    a, b, square, along, length = 0.0, 0.0, 0.0, 0.0, 1e-9
-    for i in range(3):
-        off, core = point[i] - middles[side, i], middles[1 - side, i] - middles[side, i]
-        a += off * frames[side, 0, i]
-        b += off * frames[side, 1, i]
-        square += off * off
-        along += off * core
-        length += core * core
-    # From the front of the left leg round it to its back, along the back, round the right leg, along the front.
-    share = min(max(along / length, 0.0), 1.0)
-    if a >= 0:
-        turn = np.arctan2(a, b) / np.pi
-        node = turn * CAP if side == 1 else CAP + BRIDGE + (1 - turn) * CAP
-        away = np.sqrt(a * a + b * b)
-    else:
-        share = share if side == 1 else 1 - share
-        node = CAP + share * BRIDGE if b < 0 else 2 * CAP + BRIDGE + (1 - share) * BRIDGE
-        away = abs(b)
-        square -= a * a
-    over = max(square - away * away, 0.0)
-    return node, away + min(over / (away + 1e-3), away)
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _touch(
-    flesh: Float32,
-    vertices: Float32,
-    held: Int32,
-    ring: Float32,
-    left: Float32,
-    middles: Float64,
-    frames: Float64,
-) -> None:
-    """Widen each node to the flesh beside it."""
-    rings = len(flesh)
-    for n in range(len(held)):
-        k, v = int(np.floor(ring[n])), held[n]
-        point = (np.float64(vertices[v, 0]), np.float64(vertices[v, 1]), np.float64(vertices[v, 2]))
-        for r in range(max(k, 0), min(k + 2, rings)):
-            node, away = _in_ring(point, int(left[n]), middles[r], frames[r])
-            j = int(node)
-            for c in (j % NODES, (j + 1) % NODES):
-                flesh[r, c] = max(flesh[r, c], np.float32(away))
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _spread(radii: Float32) -> Float32:
-    """Means (R, NODES) of neighbours around and along."""
-    rings = len(radii)
-    result = np.empty_like(radii)
-    for r in range(rings):
-        up, down = max(r - 1, 0), min(r + 1, rings - 1)
-        for j in range(NODES):
-            near = radii[r, j - 1] + radii[r, (j + 1) % NODES] + radii[up, j] + radii[down, j]
-            result[r, j] = np.float32(0.25) * near
-    return result
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _hanging(flesh: Float32, ease: Float32, flare: float, frames: Float64) -> Float32:
-    """Radii (R, NODES) of the cloth: on the flesh, and below its widest place hanging from there."""
-    rings = len(flesh)
-    radii = flesh + ease
-    for r in range(2, rings):
-        for j in range(NODES):
-            rise = max(_outwards(j, frames[r])[2], 0.0)
-            hung = radii[r - 1, j] + np.float32((flare - 1.5 * rise) * RING_M)
-            radii[r, j] = max(radii[r, j], hung)
-    smooth = _spread(radii)
-    for r in range(2, rings):
-        for j in range(NODES):
-            radii[r, j] = max(flesh[r, j] + np.float32(CLEAR_M), (radii[r, j] + smooth[r, j]) / 2)
-    return radii
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _left_share(j: int) -> float:
-    """How much of node j's place is the left leg's."""
-    if j <= CAP:
-        return 1.0
-    if j < CAP + BRIDGE:
-        return 1 - (j - CAP) / BRIDGE
-    return 0.0 if j <= 2 * CAP + BRIDGE else (j - 2 * CAP - BRIDGE) / BRIDGE
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _outwards(j: int, frames: Float64) -> Triple:
-    """The direction in which node j stands off the ring's core."""
-    share, turn = _left_share(j), 0.0
-    if j <= CAP:
-        turn = np.pi * j / CAP
-    elif j < CAP + BRIDGE:
-        turn = np.pi
-    elif j <= 2 * CAP + BRIDGE:
-        turn = np.pi * (1 - (j - CAP - BRIDGE) / CAP)
-    a, b = np.sin(turn), np.cos(turn)
-    x, y, z = 0.0, 0.0, 0.0
-    for side in range(2):
-        w, frame = share if side == 1 else 1 - share, frames[side]
-        x += w * (a * frame[0, 0] + b * frame[1, 0])
-        y += w * (a * frame[0, 1] + b * frame[1, 1])
-        z += w * (a * frame[0, 2] + b * frame[1, 2])
-    return unit((x, y, z))
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _give_way(
-    radii: Float32, flesh: Float32, vertices: Float32, arms: Int32, middles: Float64, frames: Float64
-) -> None:
-    """Press the cloth in where a hand or forearm is, down to the flesh."""
-    rings = len(radii)
-    for n in range(len(arms)):
-        v = arms[n]
-        point = (np.float64(vertices[v, 0]), np.float64(vertices[v, 1]), np.float64(vertices[v, 2]))
-        nearest, least, leg = -1, 0.35**2, 0
-        for r in range(2, rings):
-            for side in range(2):
-                square = 0.0
-                for i in range(3):
-                    square += (point[i] - middles[r, side, i]) ** 2
-                if square < least:
-                    nearest, least, leg = r, square, side
-        if nearest < 0:
-            continue
-        for r in range(max(nearest - 1, 2), min(nearest + 2, rings)):
-            node, away = _in_ring(point, leg, middles[r], frames[r])
-            for step in range(-1, 3):
-                c = (int(node) + step) % NODES
-                limit = max(np.float32(away - HAND_M), flesh[r, c] + np.float32(CLEAR_M))
-                radii[r, c] = min(radii[r, c], limit)
-
-
-@numba.njit(cache=True, fastmath=EXACT)
-def _nodes(radii: Float32, middles: Float64, frames: Float64) -> Float32:
-    """Vertices of the outside, the inside of the hem, and the middles of the two lids."""
-    rings = len(radii)
-    nodes = np.empty(((rings + LINED) * NODES + 2, 3), np.float32)
-    for k in range(rings + LINED):
-        r = k if k < rings else 2 * rings - 1 - k
-        thin = 0.0 if k < rings else LINING_M
-        for j in range(NODES):
-            share, outwards = _left_share(j), _outwards(j, frames[r])
-            for i in range(3):
-                core = share * middles[r, 1, i] + (1 - share) * middles[r, 0, i]
-                nodes[k * NODES + j, i] = core + (radii[r, j] - thin) * outwards[i]
-    for i in range(3):
-        nodes[-2, i] = (middles[0, 0, i] + middles[0, 1, i]) / 2
-        nodes[-1, i] = (middles[rings - LINED, 0, i] + middles[rings - LINED, 1, i]) / 2
-    return nodes

@@ -18,9 +18,9 @@ def slack_m(
 ) -> Float32:
     """How far (V,) a tube about the source's vertices stands away from each vertex, at least 0.
 
-    down_m: (V,) places along the axis, downwards; around_rad, away_m: as ``Around`` has them. give: how much
-    narrower the tube may become a metre downwards: 0 hangs straight from the widest, 2 follows the limb. spans: sectors on
-    either side that it spans without sinking in.
+    down_m: (V,) places along the axis, downwards; around_rad, away_m: as ``Around`` has them. give: how
+    much narrower the tube may become a metre downwards: 0 hangs straight from the widest, 2 follows the
+    limb. spans: sectors on either side that it spans without sinking in.
     """
     start, end = np.inf, -np.inf
     for i in range(len(source)):
