@@ -26,8 +26,8 @@ NEARER = 1.3
 WORTH_A_LOOK = 0.5
 
 
-def covered(dressed: Dressed) -> Bool:
-    """Faces (F,) of the body that lie within a skirt at rest, away from its edges."""
+def covered(dressed: Dressed, edge_m: float = EDGE_M) -> Bool:
+    """Faces (F,) of the body that lie within a skirt at rest, ``edge_m`` from its edges."""
     body, hidden = dressed.body, np.zeros(len(dressed.body.faces), bool)
     middles = body.vertices_m[body.faces].mean(axis=1)
     legs = (body.face_parts >= 7) | (body.face_parts == 2)
@@ -37,7 +37,7 @@ def covered(dressed: Dressed) -> Bool:
         own, nodes = np.split(nodes, [int(piece.faces.max()) + 1])
         if not isinstance(piece, HangingSkirt):
             continue
-        edge = np.array([0, 0, EDGE_M])
+        edge = np.array([0, 0, edge_m])
         inside = ((middles > own.min(axis=0) + edge) & (middles < own.max(axis=0) - edge)).all(axis=1)
         hidden |= inside & legs
     return hidden

@@ -15,8 +15,7 @@ stays."""
 
 
 def smooth_normals(body: Body) -> Float32:
-    """Unit normals (V, 3) outwards, averaged over about 5 cm of skin, so that cloth along them does not
-    cross."""
+    """Unit normals (V, 3) outwards, averaged over about 5 cm of skin: cloth along them does not cross."""
     normals = _normals(body.vertices_m, body.faces)
     for _ in range(ROUNDS):
         normals = _averaged(normals, body.faces)

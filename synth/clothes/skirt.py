@@ -46,8 +46,7 @@ class HangingSkirt:
 def hang_skirt(
     naked: Body, worn: Body, places: SkinMap, skirt: Skirt, rng: np.random.Generator
 ) -> HangingSkirt:
-    """A skirt about a dressed body. naked: the same body undressed, whose parts are beneath; places: its
-    skin's."""
+    """A skirt about a dressed body. naked: the same body undressed; places: its skin's."""
     top, hem = _heights(naked, skirt)
     rings = max(4, round((top - hem) / RING_M) + 1)
     z = naked.vertices_m[:, 2]
@@ -77,8 +76,7 @@ def _heights(body: Body, skirt: Skirt) -> tuple[float, float]:
 
 
 def _ease(rings: int, skirt: Skirt, rng: np.random.Generator) -> Float32:
-    """Distance (R, NODES) from the flesh: it comes up over the first rings; folds run down and grow
-    downwards."""
+    """Distance (R, NODES) from the flesh, from none at the waist; folds run down and grow downwards."""
     down = np.arange(rings, dtype=np.float32)[:, None] * np.float32(RING_M)
     angle = np.linspace(0, 2 * np.pi, NODES, endpoint=False)
     around = np.stack([np.cos(angle), np.sin(angle)], axis=1) * 0.15
