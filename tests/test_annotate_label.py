@@ -135,7 +135,7 @@ def test_images_of_uncalibrated_cameras_are_left_out_and_said(tmp_path, session)
         notes = " ".join(frame.notes["notes"])
         assert "colour left out" in notes
         assert "temperature left out" in notes
-        assert frame.notes["extraction"] in ("depth", "before")
+        assert frame.notes["extraction"] == "depth"
 
 
 def test_the_least_certain_frame_comes_first(tmp_path, session):

@@ -293,10 +293,10 @@ def test_a_thermal_image_beside_the_depth_image_is_not_trusted():
 def labels_of(cloud, found):
     persons = np.where(found.mask, 1, np.where(found.others, 2, 0)).astype(np.uint8)
     parts = np.where(found.mask, 255, 0).astype(np.uint8)
-    return FrameLabels("000000", cloud.depth_mm, parts, persons=persons)
+    return FrameLabels("000000", cloud.depth_mm, parts, notes={"extraction": found.method}, persons=persons)
 
 
-def test_without_temperature_the_frame_before_is_carried_over():
+def test_while_the_flag_is_closed_the_frame_before_is_carried_over():
     first = sitting().cloud()
     before = labels_of(first, Survey(first).person())
     scene = sitting()
@@ -306,10 +306,20 @@ def test_without_temperature_the_frame_before_is_carried_over():
     assert found.method == "before" and "carried over" in found.notes[0] and found.trusted
     assert iou(found.mask, truth_of(scene, cloud)) > 0.95
     turned = replace(before, depth_mm=(before.depth_mm * 0.8).astype(np.uint16))
-    assert Survey(cloud).person(turned).method == "depth"
-    felt = replace(turned, notes={"extraction": "thermal"})
-    lost = Survey(cloud).person(felt)
+    lost = Survey(cloud).person(turned)
     assert not lost.trusted and "rig has moved" in lost.notes[0]
+
+
+def test_without_a_thermal_camera_every_frame_is_looked_at_anew():
+    first, unseen = standing(), np.ones(CAMERA.shape, bool)
+    before = first.cloud(unseen=unseen)
+    scene = room()
+    stander(scene, 0.35, 2.1)
+    cloud = scene.cloud(seed=1, unseen=unseen)
+    alone = Survey(cloud).person()
+    found = Survey(cloud).person(labels_of(before, Survey(before).person()))
+    assert found.method == "depth" and found.trusted and found.mask.any()
+    assert np.array_equal(found.mask, alone.mask)
 
 
 def depth_only(path):

@@ -71,10 +71,10 @@ class MaskCandidates:
 class PersonMask:
     """Pixels (h, w) of the person in the undistorted depth image, all with a reading.
 
-    method: "thermal"; "before" where the cloud has no temperature but the frame before had a person; "depth"
-    where there is neither. others: bool (h, w), pixels of other persons. notes: remarks for the user, e.g.
-    why the mask is empty. trusted: False where the frame is unreliable; a note then names the stream and the
-    remedy. candidates: with a suit, for a second decision.
+    method: "thermal"; "before" where the cloud has no temperature but the frame before had; "depth" in
+    recordings without temperature. others: bool (h, w), pixels of other persons. notes: remarks for the
+    user, e.g. why the mask is empty. trusted: False where the frame is unreliable; a note then names the
+    stream and the remedy. candidates: with a suit, for a second decision.
     """
 
     mask: Bool
@@ -108,18 +108,18 @@ class Survey:
             self._warm = _Silhouettes(cloud, evidence, steps)
 
     def person(self, before: FrameLabels | None = None) -> PersonMask:
-        """The person by temperature; without any by the frame before; else by depth alone.
+        """The person by temperature; while the flag is closed by the frame before; else by depth alone.
 
         before: labels of the previous frame of the same source. Without a person the mask is empty and a note
         gives the reason; that is no error.
         """
         cloud, silhouettes = self.cloud, self._warm
         if silhouettes is None:
-            previous = previous_evidence(cloud, before, self._planes)
+            felt = before is not None and before.notes.get("extraction") in ("thermal", "before")
+            previous = previous_evidence(cloud, before, self._planes) if felt else None
             if previous is None:
                 found = _depth_mask(cloud, self._planes)
-                felt = before is not None and before.notes.get("extraction") in ("thermal", "before")
-                return replace(found, notes=(LOST,), trusted=False) if felt else found
+                return replace(found, method="before", notes=(LOST,), trusted=False) if felt else found
             silhouettes = _Silhouettes(cloud, previous, self._engine.steps)
         evidence = silhouettes.evidence
         persons, candidates = self._persons(silhouettes, before)
