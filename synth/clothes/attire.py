@@ -80,9 +80,9 @@ class Hair(Worn):
 
 @dataclass(frozen=True)
 class Attire:
-    """All that a person wears. bag: "" for none."""
+    """All that a person wears. names: its entries of the data file; bag: "" for none."""
 
-    style: str
+    names: tuple[str, ...]
     hair: Hair
     top: Top | None = None
     trousers: Trousers | None = None
@@ -106,8 +106,9 @@ def draw_attire(rng: np.random.Generator, bags: bool = True) -> Attire:
         skirt = known["tops"][top]["below"]
     hair = _by_share(known["hair"], rng)
     bag = str(rng.choice(BAGS)) if bags and top and rng.random() < known["bags"]["share"] else ""
+    names = (top, trousers, skirt, worn["shoes"], hair, bag)
     return Attire(
-        style,
+        tuple(name for name in names if name),
         Hair.drawn(known["hair"][hair], rng),
         Top.drawn(known["tops"][top], rng) if top else None,
         Trousers.drawn(known["trousers"][trousers], rng) if trousers else None,

@@ -51,4 +51,4 @@ def dress_in(body: Body, attire: Attire, rng: np.random.Generator) -> Dressed:
     if attire.bag:
         kind = {"backpack": backpack, "shoulder_bag": shoulder_bag}[attire.bag]
         pieces.append(kind(body, worn, fitting.places, rng.uniform(0, 0.5), rng))
-    return assembled(worn, fitting.dark[body.faces].mean(axis=1), pieces)
+    return assembled(worn, fitting.dark[body.faces].mean(axis=1), pieces, attire.names)

@@ -31,11 +31,13 @@ class Piece(Protocol):
 class Dressed:
     """A dressed person, ready to be posed, settled, draped and seen.
 
-    body: displaced skin, topology, joints and parts as the naked body's; this is posed and settled. pieces:
-    what hangs. faces: int32 (F', 3), face_parts: uint8 (F',) part of the body beneath, dark: float32 (F',)
-    share of infrared that is lost (hair, dark cloth): the body's faces first, then those of the pieces.
+    clothes: names of what is worn. body: displaced skin, topology, joints and parts as the naked body's;
+    this is posed and settled. pieces: what hangs. faces: int32 (F', 3), face_parts: uint8 (F',) part of the
+    body beneath, dark: float32 (F',) share of infrared that is lost (hair, dark cloth): the body's faces
+    first, then those of the pieces.
     """
 
+    clothes: tuple[str, ...]
     body: Body
     pieces: tuple[Piece, ...]
     faces: Int32
@@ -52,13 +54,16 @@ class Dressed:
         return np.concatenate([vertices_m, *(piece.place(vertices_m, joints_m) for piece in self.pieces)])
 
 
-def assembled(body: Body, dark: Float32, pieces: Sequence[Piece] = ()) -> Dressed:
-    """A displaced body, the darkness (F,) of its faces, and the pieces about it."""
+def assembled(
+    body: Body, dark: Float32, pieces: Sequence[Piece] = (), clothes: Sequence[str] = ()
+) -> Dressed:
+    """A displaced body, the darkness (F,) of its faces, the pieces about it, names of what is worn."""
     faces, first = [body.faces], len(body.vertices_m)
     for piece in pieces:
         faces.append(piece.faces + np.int32(first))
         first += int(piece.faces.max()) + 1
     return Dressed(
+        tuple(clothes),
         body,
         tuple(pieces),
         np.concatenate(faces),

@@ -203,7 +203,7 @@ def wear(body: Body, garments: list[Garment]) -> Dressed:
         np.concatenate(weights),
         body.waist,
     )
-    return assembled(worn, np.concatenate(dark))
+    return assembled(worn, np.concatenate(dark), clothes=[garment.name for garment in garments])
 
 
 def _inwards(body: Body, hidden: Bool) -> Float32:

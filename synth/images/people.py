@@ -96,7 +96,8 @@ def _garments(folder: Path) -> tuple[tuple[Garment, ...], str]:
 
 def _described(body: Body, who: Dressed) -> Person:
     bmi = body.weight_kg / (body.height_cm / 100) ** 2
-    return Person(who, body.name, {"body": {"height_cm": round(body.height_cm, 1), "bmi": round(bmi, 1)}})
+    build = {"height_cm": round(body.height_cm, 1), "bmi": round(bmi, 1)}
+    return Person(who, body.name, {"body": build, "clothes": list(who.clothes)})
 
 
 def _between(bodies: tuple[Body, ...], rng: np.random.Generator) -> tuple[Body, int]:
