@@ -95,12 +95,14 @@ class Body:
 
 def hair_faces(body: Body) -> Bool:
     """Faces (F,) where hair grows: the head above the brow, and its back down to the neck."""
-    _, y, z = body.vertices_m[body.faces].mean(axis=1).T
+    on_head: Bool = body.face_parts == PART_ID["head"]
+    _, y, z = body.vertices_m[body.faces[on_head]].mean(axis=1).T
     head = body.joints_m[JOINT_ID["head"]]
     top = body.vertices_m[:, 2].max()
     above = z > head[2] + 0.6 * (top - head[2])
     behind = (y > head[1] + 0.02) & (z > head[2])
-    return np.asarray((body.face_parts == PART_ID["head"]) & (above | behind), np.bool_)
+    on_head[on_head] = above | behind
+    return on_head
 
 
 def volume_m3(vertices_m: FloatArray, faces: Int32) -> float:

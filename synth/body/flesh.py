@@ -169,7 +169,8 @@ def _vertices_of_joints(body: Body) -> list[Int64]:
     parts, corners = body.vertex_parts, body.faces.ravel()
     inner = parts > 0
     inner[corners[parts[corners] != np.repeat(body.face_parts, 3)]] = False
-    return [np.flatnonzero((body.strongest_joints == j) & inner) for j in range(N_JOINTS)]
+    strongest = body.strongest_joints
+    return [np.flatnonzero((strongest == j) & inner) for j in range(N_JOINTS)]
 
 
 @numba.njit(cache=True, fastmath=True)

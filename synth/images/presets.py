@@ -78,7 +78,8 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
         shot = stage.view(rng, stage.vertices_m, stage.joints_m, sensor.camera)
         things, view = _rendered(preset, stage, shot, person, sensor.camera, rng)
         joints = shot.camera_from_world.apply(stage.joints_m)
-        if not _shows(view) or inside_image(joints, sensor.camera).mean() < preset.joints:
+        inside = float(inside_image(joints, sensor.camera).mean())
+        if not _shows(view) or inside < preset.joints:
             continue
         mask = view.parts > 0
         if rng.random() < preset.cut and np.count_nonzero(holed := cut(mask, rng)) >= MIN_PIXELS:
@@ -98,7 +99,7 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
         "cut": round(1 - np.count_nonzero(mask) / np.count_nonzero(view.parts), 3),
     }
     if preset.described:
-        notes |= _description(stage, shot, view, sensor) | person.notes
+        notes |= _description(stage, shot, view, sensor, inside) | person.notes
     return FrameLabels(f"{index:08d}", depth, labels, subject=person.subject, status="truth", notes=notes)
 
 
@@ -152,7 +153,7 @@ def _geometry(stage: Stage, shot: Shot, joints_m: Float64) -> dict[str, Any]:
     }
 
 
-def _description(stage: Stage, shot: Shot, view: PersonView, sensor: Sensor) -> dict[str, Any]:
+def _description(stage: Stage, shot: Shot, view: PersonView, sensor: Sensor, inside: float) -> dict[str, Any]:
     """Notes of a described preset.
 
     facing_deg: azimuth of the camera about the pelvis, 0 before it, positive on the person's left. height_px:
@@ -161,11 +162,10 @@ def _description(stage: Stage, shot: Shot, view: PersonView, sensor: Sensor) -> 
     """
     rows, _ = window_of(view.parts > 0)
     c = sensor.camera
-    inside = inside_image(shot.camera_from_world.apply(stage.joints_m), c)
     return {
         "facing_deg": round(facing_deg(stage.joints_m, shot.eye_m), 1),
         "height_px": rows.stop - rows.start,
-        "beyond": round(1 - float(inside.mean()), 3),
+        "beyond": round(1 - inside, 3),
         "sensor": {"kind": sensor.kind, "model": sensor.model},
         "intrinsics": [c.width, c.height, *(round(value, 3) for value in (c.fx, c.fy, c.cx, c.cy))],
         **stage.notes,
@@ -174,13 +174,11 @@ def _description(stage: Stage, shot: Shot, view: PersonView, sensor: Sensor) -> 
 
 def facing_deg(joints_m: Float64, eye_m: Float64) -> float:
     """Azimuth of a camera's eye (3,) about the pelvis of joints (J, 3); 0 before it, 90 on the left."""
-    hips = joints_m[[JOINT_ID["left_hip"], JOINT_ID["right_hip"]]]
-    left = hips[0] - hips[1]
-    front = np.cross(left, joints_m[JOINT_ID["spine_upper"]] - joints_m[JOINT_ID["pelvis"]])
-    away = eye_m - joints_m[JOINT_ID["pelvis"]]
-    return float(
-        np.degrees(np.arctan2(away @ left / np.linalg.norm(left), away @ front / np.linalg.norm(front)))
-    )
+    pelvis = joints_m[JOINT_ID["pelvis"]]
+    left = joints_m[JOINT_ID["left_hip"]] - joints_m[JOINT_ID["right_hip"]]
+    front = np.cross(left, joints_m[JOINT_ID["spine_upper"]] - pelvis)
+    across, ahead = ((eye_m - pelvis) @ axis / np.linalg.norm(axis) for axis in (left, front))
+    return float(np.degrees(np.arctan2(across, ahead)))
 
 
 class FreshKinect2(TimeOfFlight):

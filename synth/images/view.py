@@ -6,8 +6,8 @@ import numba
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from annotate.array_types import Bool, Float32, Float64, Int64, UInt8
-from annotate.parts import BACKGROUND, N_CLASSES
+from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
+from annotate.parts import N_CLASSES
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
 from synth.clothes.dressed import Dressed
@@ -49,12 +49,26 @@ def render_view(
     camera, corner = _window(points, whole_image)
     person = rasterize(camera, points, who.faces, closed=True)
     others = rasterize(camera, _to_camera(camera_from_world, around.vertices_m), around.faces)
-    # Index -1, nothing hit, reads the entry appended last.
-    whole = np.append(who.face_parts, np.uint8(BACKGROUND))[person.face]
-    hidden = others.depth_m < person.depth_m
-    parts = np.where(hidden, np.uint8(BACKGROUND), whole)
-    dark = np.where(hidden, np.float32(0), np.append(who.dark, np.float32(0))[person.face])
-    return PersonView(camera, corner, np.fmin(person.depth_m, others.depth_m), parts, whole, dark)
+    layers = _layers(person.depth_m, person.face, others.depth_m, who.face_parts, who.dark)
+    return PersonView(camera, corner, *layers)
+
+
+@numba.njit(cache=True)
+def _layers(
+    depth: Float32, face: Int32, other: Float32, face_parts: UInt8, face_dark: Float32
+) -> tuple[Float32, UInt8, UInt8, Float32]:
+    """Depth, parts, whole parts and darkness (h, w) of a person's and the other things' z-buffers."""
+    height, width = depth.shape
+    nearest, dark = other.copy(), np.zeros((height, width), np.float32)
+    parts, whole = np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)
+    for v in range(height):
+        for u in range(width):
+            f = face[v, u]
+            if f >= 0:
+                whole[v, u] = face_parts[f]
+                if not other[v, u] < depth[v, u]:
+                    nearest[v, u], parts[v, u], dark[v, u] = depth[v, u], face_parts[f], face_dark[f]
+    return nearest, parts, whole, dark
 
 
 def visibility(parts: UInt8, whole: UInt8) -> Float64:

@@ -10,7 +10,7 @@ import numpy as np
 from annotate.array_types import Bool, Float32, Float64
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
-from synth.body.skeleton import JOINT_ID
+from synth.body.skeleton import JOINT_ID, turn
 from synth.surface.rasterize import NEAR_M, beside, look_at
 
 
@@ -117,7 +117,8 @@ class Around:
             share, nearest = _in_view(points, eye, target, pinhole)
             if nearest > NEAREST_M and (LEAST_IN_VIEW < share < MOST_IN_VIEW if is_cut else share == 1.0):
                 break
-        return Shot(eye, look_at(eye, target, np.radians(rng.normal(0, ROLL_DEG))))
+        rotation = turn(2, np.radians(rng.normal(0, ROLL_DEG))) @ _axes(eye, target)
+        return Shot(eye, Pose(rotation, -rotation @ eye))
 
     def _azimuth(self, rng: np.random.Generator) -> float:
         kind = rng.random()
