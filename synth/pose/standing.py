@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float32, Float64
 from synth.body.body import Body, pose
-from synth.body.flesh import CHAINS, Flesh, flesh_of
+from synth.body.flesh import CHAINS, N_STATIONS, Flesh, flesh_of
 from synth.body.inverse import place_hand, plant
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, forward, turn
 from synth.pose.moment import Moment
@@ -28,7 +28,7 @@ OTHER = {"left": "right", "right": "left"}
 SIGN = {"left": 1.0, "right": -1.0}
 GREATEST_TURN_DEG = 60.0
 """The head turns no farther by itself."""
-ANKLES_M = (0.05, 0.9)
+ANKLES_M = (0.04, 0.9)
 """Least and greatest lateral distance of the ankles."""
 BALANCE = 0.75
 """Share of the trunk's shift forwards that the hips make up for: the legs below are a third of the mass."""
@@ -107,11 +107,21 @@ def stand(body: Body, how: Standing) -> Stood:
     posture = _on_feet(flesh, how, _upper_body(how), feet)
     posture, pulls = _with_arms(flesh, how, posture, scale)
     pulls += [Pull(f"{side}_ankle", feet[side].ankle(flesh, side, 0.0), FOOT_HOLD) for side in SIDES]
-    settled = settle(flesh, posture, [FLOOR], pulls)
+    settled = settle(flesh._replace(radii_m=flesh.radii_m * (1 - _gives())), posture, [FLOOR], pulls)
     vertices, joints = pose(body, _hands_off(how, settled, scale))
     up = np.array([0.0, 0.0, -FLOOR.give_m - float(vertices[:, 2].min())])
     vertices, joints = vertices + up.astype(np.float32), joints + up
     return Stood(vertices, joints, _things(how, joints))
+
+
+@cache
+def _gives() -> Float64:
+    """Share of the radius at each station (S,) that gives to other flesh."""
+    gives = np.zeros(N_STATIONS)
+    for limb, give in table("poses/standing")["gives"].items():
+        for side in SIDES:
+            gives[CHAINS[f"{side}_{limb}"]] = give
+    return gives
 
 
 def _upper_body(how: Standing) -> Float64:
