@@ -107,7 +107,8 @@ def stand(body: Body, how: Standing) -> Stood:
     posture = _on_feet(flesh, how, _upper_body(how), feet)
     posture, pulls = _with_arms(flesh, how, posture, scale)
     pulls += [Pull(f"{side}_ankle", feet[side].ankle(flesh, side, 0.0), FOOT_HOLD) for side in SIDES]
-    settled = settle(flesh._replace(radii_m=flesh.radii_m * (1 - _gives())), posture, [FLOOR], pulls)
+    soft = flesh._replace(radii_m=flesh.radii_m * (1 - np.clip(how.legs["press"], 0.0, 1.5) * _gives()))
+    settled = settle(soft, posture, [FLOOR], pulls)
     vertices, joints = pose(body, _hands_off(how, settled, scale))
     up = np.array([0.0, 0.0, -FLOOR.give_m - float(vertices[:, 2].min())])
     vertices, joints = vertices + up.astype(np.float32), joints + up
@@ -118,9 +119,10 @@ def stand(body: Body, how: Standing) -> Stood:
 def _gives() -> Float64:
     """Share of the radius at each station (S,) that gives to other flesh."""
     gives = np.zeros(N_STATIONS)
-    for limb, give in table("poses/standing")["gives"].items():
-        for side in SIDES:
-            gives[CHAINS[f"{side}_{limb}"]] = give
+    for name, chain in CHAINS.items():
+        gives[chain] = table("poses/standing")["gives"].get(
+            name.removeprefix("left_").removeprefix("right_"), 0.0
+        )
     return gives
 
 
