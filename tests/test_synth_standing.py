@@ -42,7 +42,7 @@ def test_both_feet_are_flat_where_nobody_lifts_a_heel():
 def test_ankles_of_quiet_people_are_as_far_apart_as_real_ones():
     rng = np.random.default_rng(0)
     apart = [how.legs["ankles"] for how in (draw_standing(rng) for _ in range(600)) if how.stance == "quiet"]
-    assert 0.10 < np.median(apart) < 0.14 and min(apart) >= 0.05 and np.percentile(apart, 99) < 0.5
+    assert 0.09 < np.median(apart) < 0.14 and min(apart) >= 0.04 and np.percentile(apart, 99) < 0.5
 
 
 def test_limbs_keep_clear_of_each_other():
@@ -51,7 +51,7 @@ def test_limbs_keep_clear_of_each_other():
         self_penetration_m(body, stood.vertices_m, stood.joints_m)
         for body, (_, stood) in zip(bodies, people()[:20], strict=True)
     ]
-    assert np.median(deep) < 0.02 and max(deep) < 0.06
+    assert np.median(deep) < 0.025 and max(deep) < 0.07
 
 
 def test_heads_turn_by_themselves_and_both_legs_and_hands_take_turns():

@@ -34,6 +34,8 @@ BALANCE = 0.75
 """Share of the trunk's shift forwards that the hips make up for: the legs below are a third of the mass."""
 FOOT_HOLD = np.array([0.5, 0.5, 0.5])
 """Share of the way, per axis and round of settling, by which a foot is kept in its place. Chosen by eye."""
+ARM_DRAW, SPREAD_RAD = np.full(3, 0.5), np.radians(20.0)
+"""Share of the way, per axis and round, by which a hanging arm is drawn to the body, from so far outside."""
 _SPINE = [JOINT_ID[name] for name in ("spine_lower", "spine_middle", "spine_upper")]
 _NECK = [JOINT_ID["neck"], JOINT_ID["head"]]
 _MASSES = {"pelvis": 0.3, "spine_middle": 0.25, "spine_upper": 0.15, "neck": 0.2, "head": 0.1}
@@ -107,7 +109,7 @@ def stand(body: Body, how: Standing) -> Stood:
     posture = _on_feet(flesh, how, _upper_body(how), feet)
     posture, pulls = _with_arms(flesh, how, posture, scale)
     pulls += [Pull(f"{side}_ankle", feet[side].ankle(flesh, side, 0.0), FOOT_HOLD) for side in SIDES]
-    soft = flesh._replace(radii_m=flesh.radii_m * (1 - np.clip(how.legs["press"], 0.0, 1.5) * _gives()))
+    soft = flesh._replace(radii_m=flesh.radii_m * (1 - np.clip(how.legs["press"], 0.0, 1.4) * _gives()))
     settled = settle(soft, posture, [FLOOR], pulls)
     vertices, joints = pose(body, _hands_off(how, settled, scale))
     up = np.array([0.0, 0.0, -FLOOR.give_m - float(vertices[:, 2].min())])
@@ -235,7 +237,8 @@ def _with_arms(flesh: Flesh, how: Standing, posture: Posture, scale: float) -> t
         arm = how.arms[side]
         elbow, wrist = JOINT_ID[f"{side}_elbow"], JOINT_ID[f"{side}_wrist"]
         if "arm" in arm:
-            posture = _hung(how, posture, frames, joints, side)
+            posture, drawn = _hung(flesh, how, posture, frames, joints, side)
+            pulls += drawn
         else:
             target = _target(flesh, how, frames, joints, side, scale)
             swivel = np.radians(arm["swivel"])
@@ -249,17 +252,30 @@ def _with_arms(flesh: Flesh, how: Standing, posture: Posture, scale: float) -> t
     return posture, pulls
 
 
-def _hung(how: Standing, posture: Posture, frames: Float64, joints: Float64, side: str) -> Posture:
-    """The posture with one arm hanging; flexion counts from the vertical, whatever the trunk does."""
-    arm, angles = how.arms[side], posture.angles_rad.copy()
+def _hung(
+    flesh: Flesh, how: Standing, posture: Posture, frames: Float64, joints: Float64, side: str
+) -> tuple[Posture, list[Pull]]:
+    """The posture with one arm hanging; flexion counts from the vertical, whatever the trunk does.
+
+    An arm with a gap comes from outside: it starts spread, and pulls draw it to its place, so that it ends
+    beside trunk and thigh and not in them.
+    """
+    arm, angles, shoulder = how.arms[side], posture.angles_rad.copy(), JOINT_ID[f"{side}_shoulder"]
     chest = frames[JOINT_ID["spine_upper"]]
     forwards = np.degrees(np.arctan2(-chest[1, 2], chest[2, 2]))
     pelvis, foot = joints[0], joints[JOINT_ID[f"{side}_ankle"]]
     swing = arm.get("swing", 0.0) * (foot[1] - pelvis[1])
-    shoulder = (arm["arm"] + forwards + swing, arm["arm_spread"], arm["arm_twist"])
-    angles[JOINT_ID[f"{side}_shoulder"]] = np.radians(shoulder)
-    angles[JOINT_ID[f"{side}_elbow"], 0] = np.radians(arm["elbow"])
-    return Posture(clamp(angles), posture.pelvis_m)
+    angles[shoulder] = np.radians((arm["arm"] + forwards + swing, arm["arm_spread"], arm["arm_twist"]))
+    angles[shoulder + 1, 0] = np.radians(arm["elbow"])
+    hung = Posture(clamp(angles), posture.pelvis_m)
+    if "gap" not in arm:
+        return hung, []
+    _, places = forward(hung, flesh.rest_joints_m, flesh.aligned)
+    drawn = [
+        Pull(f"{side}_{name}", places[JOINT_ID[f"{side}_{name}"]], ARM_DRAW) for name in ("elbow", "wrist")
+    ]
+    angles[shoulder, 1] += SPREAD_RAD
+    return Posture(clamp(angles), posture.pelvis_m), drawn
 
 
 def _target(
