@@ -15,6 +15,8 @@ from eval.network.onnx_network import OnnxNetwork
 from eval.report.gallery import make_frame
 from synth.body.body import shipped_bodies
 from synth.body.body_picture import save_picture
+from synth.images.dataset_page import contact_sheet
+from synth.images.presets import IMAGES_PER_PERSON, PRESETS, sample
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
@@ -22,7 +24,7 @@ from synth.rig.virtual_rig import VirtualRig
 IMAGES = Path(__file__).parent / "images"
 SUBJECTS = 4
 GAP = 6
-DIFFICULTIES_SEED = 140
+DIFFICULTIES_SEED, PEOPLE_SEED = 140, 7
 VIEW_PX = (270, 200)
 OTHERS_RGB = (120, 120, 120)
 COLUMNS = ("Thermal cloud", "Extracted depth", "Target labels", "Predicted labels")
@@ -63,6 +65,11 @@ def difficulties_picture() -> NDArray[np.uint8]:
     return np.vstack(rows)
 
 
+def people_picture() -> NDArray[np.uint8]:
+    """Parts above depth of 24 images of the preset ``people``, each of somebody else; RGB."""
+    return contact_sheet([sample(PRESETS["people"], PEOPLE_SEED, i * IMAGES_PER_PERSON) for i in range(24)])
+
+
 def _mapped(values: NDArray[np.floating], low: float, high: float, colors: int) -> NDArray[np.uint8]:
     """Values (h, w) as colours between low and high; black where there is none."""
     share = np.clip((np.nan_to_num(values) - low) / (high - low), 0, 1)
@@ -92,3 +99,5 @@ if __name__ == "__main__":
     difficulties = str(IMAGES / "difficulties.png")
     cv2.imwrite(difficulties, difficulties_picture()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
     cv2.imwrite(str(IMAGES / "frame.png"), frame_picture()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    people = str(IMAGES / "people.png")
+    cv2.imwrite(people, people_picture()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
