@@ -23,8 +23,8 @@ from synth.pose.standing import draw_standing, stand
 from synth.surface.furniture import Bed, Sofa
 from synth.surface.rasterize import ZBuffer, beside, look_at, rasterize
 
-PEOPLE_A_SHEET = 3
-TILE = (330, 190)
+PEOPLE_A_SHEET = 6
+TILE = (240, 150)
 AWAY_M, SPAN_M = 8.0, 2.1
 VIEWS = {"front": 0.0, "side": 90.0, "back": 180.0}
 STRIDE = {"left_hip": 28.0, "right_hip": -14.0, "left_knee": 14.0, "right_knee": 24.0, "pitch": 4.0}

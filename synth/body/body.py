@@ -31,7 +31,8 @@ class Body:
     vertices_m: float32 (V, 3) rest pose, x to the person's left, y back, z up, soles at z = 0.
     faces: int32 (F, 3). face_parts: uint8 (F,) part ids. joints_m: float64 (J, 3) at rest.
     bones: uint8 (V, 4) joint per influence. weights: float32 (V, 4), rows sum to 1.
-    waist: int32 (n,) vertices of the waist ring. Raises FormatError when shapes disagree.
+    waist: int32 (n,) vertices of the waist ring. firm_m: float32 (V, 3) what does not give way where limbs
+    touch, under thick cloth; None: the skin itself. Raises FormatError when shapes disagree.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Body:
     bones: UInt8
     weights: Float32
     waist: Int32
+    firm_m: Float32 | None = None
 
     def __post_init__(self) -> None:
         v, f = len(self.vertices_m), len(self.faces)
@@ -135,8 +137,8 @@ def _skin(vertices: Float32, bones: UInt8, weights: Float32, matrices: Float32) 
 
 
 def save_body(path: Path, body: Body) -> None:
-    """Write a body as a compressed npz without pickles."""
-    arrays = {k: v for k, v in vars(body).items() if k != "name"}
+    """Write a naked body as a compressed npz without pickles."""
+    arrays = {k: v for k, v in vars(body).items() if k not in ("name", "firm_m")}
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
@@ -158,7 +160,7 @@ def shipped_bodies() -> tuple[Body, ...]:
 
 
 def blend(a: Body, b: Body, share: float) -> Body:
-    """The body a share in [0, 1] of the way from ``a`` to ``b``, with the parts of ``a``; one topology."""
+    """The naked body a share in [0, 1] of the way from ``a`` to ``b``, with ``a``'s parts; one topology."""
     return replace(
         a,
         vertices_m=np.float32(1 - share) * a.vertices_m + np.float32(share) * b.vertices_m,

@@ -4,6 +4,7 @@ A chain is a row of stations (centre, radius), and the flesh between two neighbo
 them. Limbs are chains along a bone; the trunk is a pile of short chains from right to left, one a height.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -64,7 +65,9 @@ class Flesh(NamedTuple):
 
 @lru_cache(maxsize=16)
 def flesh_of(body: Body) -> Flesh:
-    """The flesh of a body; that of the last few is remembered."""
+    """The flesh of a body, or what under its clothes is firm; that of the last few is remembered."""
+    if body.firm_m is not None:
+        return flesh_of(replace(body, vertices_m=body.firm_m, firm_m=None))
     centres, radii, joints = np.zeros((N_STATIONS, 3)), np.zeros(N_STATIONS), np.zeros(N_STATIONS, np.int64)
     owned = _vertices_of_joints(body)
     _fit_trunk(body, owned, centres, radii, joints)

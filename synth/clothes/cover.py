@@ -21,6 +21,9 @@ MIDLINE_M = 0.003
 PRESSED = 0.25
 """Share of its thickness that cloth keeps between legs, and between arm and trunk, which press it. Chosen
 by eye."""
+FIRM = {"TRUNK": 0.6, "HEAD": 1.0, "ARM": 0.5, "LEG": 0.3}
+"""Share of a cloth's thickness that stays where limbs touch: wide trousers do not force legs apart. By
+eye."""
 SLACK_LIMIT_M = 0.07
 """Farther than this no cloth hangs off the skin under it."""
 
@@ -68,16 +71,26 @@ class Fitting:
         """The body whose skin is cloth, soles at z = 0."""
         off = self.ease_m[:, None] * self.normals + self.hang_m
         off = hold_apart(self.body, self.places, self.normals, off)
-        vertices = self.body.vertices_m + off
+        skin = self._apart(off)
+        firm = self._apart(self._firmness()[:, None] * off)
+        up = np.array([0, 0, -skin[:, 2].min()], np.float32)
+        joints = self.body.joints_m + up
+        return replace(self.body, vertices_m=skin + up, joints_m=joints, firm_m=firm + up)
+
+    def _apart(self, off_m: Float32) -> Float32:
+        """Vertices (V, 3) moved by so much, but that no leg's cloth comes over to the other's side."""
+        vertices = self.body.vertices_m + off_m
         legs = np.isin(self.places.limb, LEGS)
         side = np.where(self.places.limb == Limb.LEFT_LEG, np.float32(1), np.float32(-1))
         inmost = np.minimum(side * self.body.vertices_m[:, 0], np.float32(MIDLINE_M))
-        across = side * np.maximum(side * vertices[:, 0], inmost)
-        vertices[legs, 0] = across[legs]
-        up = -vertices[:, 2].min()
-        vertices[:, 2] += up
-        joints = self.body.joints_m + np.array([0, 0, float(up)])
-        return replace(self.body, vertices_m=vertices, joints_m=joints)
+        vertices[legs, 0] = (side * np.maximum(side * vertices[:, 0], inmost))[legs]
+        return vertices
+
+    def _firmness(self) -> Float32:
+        """Share (V,) of a cloth's thickness that stays where limbs touch: all of a shoe's."""
+        share = np.array([FIRM[limb.name.split("_")[-1]] for limb in Limb], np.float32)[self.places.limb]
+        feet = [JOINT_ID["left_ankle"], JOINT_ID["right_ankle"]]
+        return np.where(np.isin(self.body.strongest_joints, feet), np.float32(1), share)
 
 
 def between(along: Float32, start: float, end: float) -> Float32:
