@@ -11,7 +11,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-EXTRAS := synth,bodies,network,report,rig,clouds,train,gui,cluster,exchange,docs,dev
+EXTRAS := synth,bodies,network,report,rig,clouds,train,gui,cluster,exchange,realsense,docs,dev
 
 # PCL and a compiler for the extension; Mesa for rendering without a screen; what Qt asks of X.
 PACKAGES := python3-venv python3-dev g++ cmake ninja-build pkg-config libpcl-dev libgl1 libegl1 libgomp1 \

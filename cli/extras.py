@@ -18,6 +18,7 @@ COSTS = {
     "smp": "no training of networks from segmentation-models-pytorch (train --network smp)",
     "cluster": "no generation on several machines (synth generate --scheduler)",
     "kinect": "no Azure Kinect as a device; its recordings can be imported",
+    "realsense": "no RealSense cameras as devices; their recordings can be imported",
     "orbbec": "no Orbbec cameras as devices",
     "docs": "no documentation pages (make docs)",
 }

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
 from itertools import count, pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -30,6 +31,7 @@ from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.orbbec import Orbbec, depth_of, orbbec_serials
 from sensors.drivers.pyrometer import Pyrometer
 from sensors.drivers.pyrometer_protocol import CS, CT
+from sensors.drivers.realsense import RealSense, Settings, realsense_serials
 from sensors.errors import (
     CloudError,
     DeviceAccessError,
@@ -48,8 +50,9 @@ from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.optris import FakeKernel, VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
+from sensors.virtual.realsense import VirtualRealSense
 from sensors.virtual.schedule import Faults
-from tests.helpers.swinging_ball import swinging_ball
+from tests.helpers.swinging_ball import small_ball, swinging_ball
 
 VALUES = {
     "depth": DepthImage,
@@ -79,6 +82,12 @@ class Bench:
 def bench_kinect2(faults, folder):
     twin = VirtualKinect2(FrameLoop(swinging_ball()), faults)
     return Bench(lambda: Kinect2(shim=twin.shim), twin.unplug)
+
+
+def bench_realsense(faults, folder):
+    twin = VirtualRealSense(FrameLoop(small_ball()), faults)
+    settings = Settings(twin.size, twin.color_size)
+    return Bench(lambda: RealSense(settings=settings, context=twin), twin.unplug)
 
 
 def bench_optris(mode):
@@ -125,13 +134,19 @@ BENCHES = {
 }
 
 
-@pytest.fixture(params=BENCHES)
+WITHOUT_SDK = pytest.mark.skipif(
+    find_spec("pyrealsense2") is None, reason="no pyrealsense2: pip install 'annotate-cloud[realsense]'"
+)
+
+
+@pytest.fixture(params=[*BENCHES, pytest.param("realsense", marks=WITHOUT_SDK)])
 def bench(request, tmp_path):
     """Makes the bench of each kind of device in turn, with faults."""
     made = []
 
     def make(faults=None):
-        made.append(BENCHES[request.param](faults or Faults(), tmp_path))
+        kind = BENCHES.get(request.param, bench_realsense)
+        made.append(kind(faults or Faults(), tmp_path))
         return made[-1]
 
     yield make
@@ -237,7 +252,10 @@ def test_contract_what_is_lost_is_reported(bench):
 # --- addresses -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("address", open_device_module.VIRTUAL)
+@pytest.mark.parametrize(
+    "address",
+    [pytest.param(a, marks=[WITHOUT_SDK] * ("realsense" in a)) for a in open_device_module.VIRTUAL],
+)
 def test_every_listed_virtual_device_opens(address):
     with closing(open_device(address, swinging_ball())) as device:
         assert device.address == address
@@ -292,6 +310,9 @@ def test_a_twin_of_a_source_without_thermal_says_so_at_once(kind):
         ("optris:", "names no node; give for instance optris:/dev/video0"),
         ("optris:/dev/video77", "/dev/video77 does not exist; plug the device in"),
         ("pyrometer:/dev/ttyUSB77", "/dev/ttyUSB77 does not exist; plug the device in"),
+        ("realsense:?size=1x1", "size '1x1' .* is unknown; use 848x480"),
+        ("realsense:?preset=best", "preset 'best' .* is unknown; use default"),
+        ("realsense:?laser=361", "laser '361' .* is not a number from 0 to 360"),
         ("kinect2:1?mode=1", "unknown option 'mode'; its options: none"),
     ],
 )
@@ -404,7 +425,8 @@ def test_finding_opens_nothing(monkeypatch):
 
 
 def test_without_their_libraries_they_say_what_to_install():
-    for kind, serials in ((AzureKinect, azure_devices), (Orbbec, orbbec_serials)):
+    cameras = ((AzureKinect, azure_devices), (Orbbec, orbbec_serials), (RealSense, realsense_serials))
+    for kind, serials in cameras:
         if not serials():
             with pytest.raises(DeviceNotFoundError, match=r"install|plugged in"):
                 kind()

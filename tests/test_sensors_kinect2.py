@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from annotate.cloud.fuse import undistortion_index
-from sensors.drivers.kinect2 import DEPTH, Kinect2, WrappingCounter, load_shim, uint16_from_float
+from sensors.drivers.kinect2 import DEPTH, Kinect2, load_shim, uint16_from_float
 from sensors.errors import DeviceBusyError, DeviceError, DeviceNotFoundError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
+from sensors.rig.wrapping_counter import WrappingCounter
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
 from tests.helpers.swinging_ball import swinging_ball

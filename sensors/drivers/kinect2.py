@@ -16,6 +16,7 @@ from sensors.device.streaming_camera import DEPTH_CAMERA_RATES_HZ, StreamingCame
 from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceNotFoundError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
+from sensors.rig.wrapping_counter import WrappingCounter
 
 USB_IDS = ("045e:02d8", "045e:02c4")
 """A Kinect v2, and its preview version (libfreenect2.hpp)."""
@@ -120,23 +121,6 @@ class Kinect2(StreamingCamera):
             return None
         values = np.frombuffer(memoryview(self._buffer), np.float32, frame.height * frame.width)
         return uint16_from_float(values.reshape(DEPTH_SHAPE))
-
-
-class WrappingCounter:
-    """Counts on where a counter of 32 bits starts again at 0, as the clock does after 149 hours.
-
-    Neighbouring values may lie up to half the range apart, in either direction.
-    """
-
-    def __init__(self) -> None:
-        self._last: int | None = None
-
-    def unwrap(self, value: int) -> int:
-        """The value as if the counter were endless; the first is returned as it is."""
-        if self._last is None:
-            self._last = value
-        self._last += (value - self._last + 2**31) % 2**32 - 2**31
-        return self._last
 
 
 def load_shim(path: Path | None = None) -> Shim:

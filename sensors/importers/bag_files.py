@@ -68,7 +68,8 @@ class McapFile:
 class RosbagFile:
     """The messages of a ROS 1 bag, a SQLite file, or a ROS 2 bag's folder, by rosbags (extra ``exchange``).
 
-    Its ``AnyReader`` would make Python code of the definitions in a file: not used. Raises FormatError.
+    Its ``AnyReader`` would make Python code of the definitions in a file: not used. encoding: ros1 or cdr.
+    Raises FormatError.
     """
 
     def __init__(self, path: Path) -> None:
@@ -77,27 +78,32 @@ class RosbagFile:
         except ImportError as error:
             raise FormatError(f"{path} needs rosbags; pip install 'annotate-cloud[exchange]'") from error
         self.path = path
-        self._encoding = "ros1" if path.suffix.lower() == ".bag" else "cdr"
-        with _damaged(path):
-            self._reader: Any = rosbag1.Reader(path) if self._encoding == "ros1" else rosbag2.Reader(path)
+        self.encoding = "ros1" if path.suffix.lower() == ".bag" else "cdr"
+        with damaged(path):
+            self._reader: Any = rosbag1.Reader(path) if self.encoding == "ros1" else rosbag2.Reader(path)
             self._reader.open()
         finalize(self, self._reader.close)
 
-    def entries(self) -> Iterator[Entry]:
+    @property
+    def topics(self) -> set[str]:
+        """Every topic, whatever its type."""
+        return {str(connection.topic) for connection in self._reader.connections}
+
+    def entries(self, kinds: frozenset[str] = READ) -> Iterator[Entry]:
         """Every message of a type that is read, in the order of their log times."""
         last: dict[str, Place] = {}
-        with _damaged(self.path):
-            wanted = [c for c in self._reader.connections if _bare(c.msgtype) in READ]
+        with damaged(self.path):
+            wanted = [c for c in self._reader.connections if _bare(c.msgtype) in kinds]
             for connection, logged_ns, data in self._reader.messages(wanted) if wanted else ():
                 topic = str(connection.topic)
                 before_ns, count = last.get(topic, (-1, 0))
                 last[topic] = place = (logged_ns, count + 1 if before_ns == logged_ns else 0)
-                yield Entry(topic, _bare(connection.msgtype), self._encoding, logged_ns, place, bytes(data))
+                yield Entry(topic, _bare(connection.msgtype), self.encoding, logged_ns, place, bytes(data))
 
     def read(self, topic: str, place: Place) -> bytes:
         """A message's bytes."""
         logged_ns, number = place
-        with _damaged(self.path):
+        with damaged(self.path):
             connections = [c for c in self._reader.connections if str(c.topic) == topic]
             messages = self._reader.messages(connections, logged_ns, logged_ns + 1)
             return bytes(next(islice(messages, number, None))[2])
@@ -164,7 +170,7 @@ def _bare(kind: str) -> str:
 
 
 @contextmanager
-def _damaged(path: Path) -> Iterator[None]:
+def damaged(path: Path) -> Iterator[None]:
     """Whatever rosbags, SQLite and unpackers raise at a damaged file as FormatError."""
     try:
         yield

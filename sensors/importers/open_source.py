@@ -8,16 +8,18 @@ from sensors.importers.azure_mkv import AzureRecording
 from sensors.importers.bag import Bag, is_bag
 from sensors.importers.folder import ImageFolder
 from sensors.importers.pointcloud import CloudFile
+from sensors.importers.realsense import RealSenseRecording, is_realsense
 from sensors.session.mcap_records import MAGIC
 from sensors.session.reader import Session
 from sensors.session.writer import recording_at
 
-Source = Session | ImageFolder | CloudFile | AzureRecording | Bag | DepthArrays
+Source = Session | ImageFolder | CloudFile | AzureRecording | RealSenseRecording | Bag | DepthArrays
 """A ``FrameSource`` with ``len``, and ``notes`` on what is absent or assumed."""
 
 KINDS = (
-    "a session, a ROS 1 or 2 bag, an MCAP file with ROS 2 or Foxglove images, an Azure Kinect recording "
-    "(.mkv), a folder of depth PNGs, a cloud (.pcd, .ply, .las, .laz) or arrays (.npy, .npz)"
+    "a session, a ROS 1 or 2 bag, an MCAP file with ROS 2 or Foxglove images, a recording of a RealSense "
+    "(.db3, .bag) or an Azure Kinect (.mkv), a folder of depth PNGs, a cloud (.pcd, .ply, .las, .laz) or "
+    "arrays (.npy, .npz)"
 )
 CLOUDS = (".pcd", ".ply", ".las", ".laz")
 
@@ -34,7 +36,7 @@ def open_source(path: Path) -> Source:
     if head.startswith(MAGIC) or path.name.lower().endswith((".mcap", ".mcap.partial")):
         return Bag(path) if head.startswith(MAGIC) and is_bag(path) else Session(path)
     if head.startswith((b"SQLite format 3\0", b"#ROSBAG V")):
-        return Bag(path)
+        return RealSenseRecording(path) if is_realsense(path) else Bag(path)
     if head.startswith(b"\x1a\x45\xdf\xa3"):
         return AzureRecording(path)
     if head.startswith((NPY_MAGIC, ZIP_MAGIC)):

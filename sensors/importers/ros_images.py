@@ -25,6 +25,9 @@ COLORS = {
     "bgra8": (4, cv2.COLOR_BGRA2BGR),
     "mono8": (1, cv2.COLOR_GRAY2BGR),
     "8UC1": (1, cv2.COLOR_GRAY2BGR),
+    "YUYV": (2, cv2.COLOR_YUV2BGR_YUY2),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2BGR_YUY2),
+    "yuv422": (2, cv2.COLOR_YUV2BGR_UYVY),
 }
 """Encodings that are read; of colours, number of channels and OpenCV's way to its own order."""
 _CONFIG = struct.Struct("<iff")
@@ -38,7 +41,7 @@ def depth_mm_from(picture: Picture) -> NDArray[np.uint16]:
     kind = DEPTHS.get(picture.encoding)
     if kind is None:
         raise FormatError(f"depth image is {picture.encoding[:40]!r}; only {', '.join(DEPTHS)} are read")
-    values = _values(picture, np.dtype(kind), 1)[..., 0]
+    values = pixels_of(picture, np.dtype(kind), 1)[..., 0]
     return mm_from_metres(values) if kind is np.float32 else values.astype(np.uint16)
 
 
@@ -51,13 +54,13 @@ def color_encoded_from(picture: Picture) -> bytes:
     if picture.encoding not in COLORS:
         raise FormatError(f"colour image is {picture.encoding[:40]!r}; only {', '.join(COLORS)} are read")
     channels, code = COLORS[picture.encoding]
-    pixels = _values(picture, np.dtype(np.uint8), channels)
+    pixels = pixels_of(picture, np.dtype(np.uint8), channels)
     bgr = pixels if code is None else cv2.cvtColor(pixels, code)
     return bytes(cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1])
 
 
-def _values(picture: Picture, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
-    """Pixels (h, w, channels), row padding removed."""
+def pixels_of(picture: Picture, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
+    """Pixels (h, w, channels) of a raw picture, row padding removed. Raises FormatError."""
     height, width, step = picture.height, picture.width, picture.step
     row = width * channels * dtype.itemsize
     if not (0 < height <= MAX_IMAGE_SIDE and 0 < width <= MAX_IMAGE_SIDE) or step < row:

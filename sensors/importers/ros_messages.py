@@ -28,6 +28,9 @@ _ROS = {
     "CameraInfo": "sensor_msgs/msg/CameraInfo",
     "TFMessage": "tf2_msgs/msg/TFMessage",
     "tfMessage": "tf2_msgs/msg/TFMessage",
+    "Transform": "geometry_msgs/msg/Transform",
+    "String": "std_msgs/msg/String",
+    "Float32": "std_msgs/msg/Float32",
 }
 _FOXGLOVE = {
     "RawImage": RawImage,

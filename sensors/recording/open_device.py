@@ -16,12 +16,14 @@ from sensors.drivers.optris import LAYOUTS, USB_ID, Optris
 from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.orbbec import Orbbec, orbbec_serials
 from sensors.drivers.pyrometer import open_pyrometer
+from sensors.drivers.realsense import PRESETS, RATES, SIZES, RealSense, Settings, realsense_serials
 from sensors.errors import DeviceError, DeviceNotFoundError
 from sensors.rig.frame import RigFrame
 from sensors.virtual.twins import open_twin
 
 VIRTUAL = (
     "virtual:kinect2",
+    "virtual:realsense",
     "virtual:optris?mode=128hz",
     "virtual:optris-direct",
     "virtual:pyrometer?family=ct",
@@ -47,6 +49,7 @@ def find_devices() -> list[Found]:
     """Devices that are plugged in, then the virtual ones. Nothing is sent to any of them."""
     return [
         *_numbered("kinect2", _kinect2_serials()),
+        *_numbered("realsense", realsense_serials()),
         *_numbered("azure", [serial for _, serial in azure_devices()]),
         *_numbered("orbbec", orbbec_serials()),
         *(Found(f"optris:{n}", "optris", serial, note=_access(n)) for n, serial in video_nodes(USB_ID)),
@@ -63,6 +66,19 @@ def _numbered_opener(camera: Callable[[str], Device]) -> Callable[[Address], Dev
         return camera(address.target)
 
     return opened
+
+
+def _open_realsense(address: Address) -> Device:
+    settings = Settings(
+        address.choice("size", SIZES, "848x480"),
+        address.choice("color", SIZES, "1280x720"),
+        address.choice("rate", RATES, "30"),
+        address.choice("preset", PRESETS | {"": None}, ""),
+        address.given_number("exposure", 1, 200_000),
+        address.given_number("laser", 0, 360),
+    )
+    address.finish()
+    return RealSense(address.target, settings)
 
 
 def _open_optris(address: Address) -> Device:
@@ -83,6 +99,7 @@ def _open_direct(address: Address) -> Device:
 
 OPENERS: Mapping[str, Callable[[Address], Device]] = {
     "kinect2": _numbered_opener(Kinect2),
+    "realsense": _open_realsense,
     "azure": _numbered_opener(AzureKinect),
     "orbbec": _numbered_opener(Orbbec),
     "optris": _open_optris,

@@ -11,6 +11,7 @@ from sensors.drivers.optris import LAYOUTS, Optris
 from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.pyrometer import SCALES, open_pyrometer
 from sensors.drivers.pyrometer_protocol import FAMILIES
+from sensors.drivers.realsense import RealSense, Settings
 from sensors.errors import DeviceError
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
@@ -19,9 +20,10 @@ from sensors.virtual.kinect2 import VirtualKinect2
 from sensors.virtual.optris import FakeKernel, VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
+from sensors.virtual.realsense import VirtualRealSense
 from sensors.virtual.schedule import Faults
 
-Twin = VirtualKinect2 | VirtualOptris | VirtualDirect | VirtualPyrometer
+Twin = VirtualKinect2 | VirtualRealSense | VirtualOptris | VirtualDirect | VirtualPyrometer
 """The hardware's side of a virtual device."""
 
 
@@ -48,6 +50,7 @@ def open_twin(address: Address, frames: Iterable[RigFrame]) -> Device:
     """The virtual device of an address; see ``sensors.recording.open_device``. Raises DeviceError."""
     openers: dict[str, Callable[[Address, Iterable[RigFrame]], tuple[Device, Twin]]] = {
         "kinect2": _kinect2,
+        "realsense": _realsense,
         "optris": _optris,
         "optris-direct": _optris_direct,
         "pyrometer": lambda address, _: _pyrometer(address),
@@ -61,6 +64,12 @@ def _kinect2(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin
     faults = _faults(address)
     twin = VirtualKinect2(FrameLoop(frames), faults)
     return Kinect2(shim=twin.shim), twin
+
+
+def _realsense(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
+    faults = _faults(address)
+    twin = VirtualRealSense(FrameLoop(frames), faults)
+    return RealSense(settings=Settings(twin.size, twin.color_size), context=twin), twin
 
 
 def _optris(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:

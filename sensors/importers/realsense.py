@@ -1,0 +1,234 @@
+"""A recording of RealSense's SDK as a source of frames: .db3 (SQLite, today's), .bag (ROS 1, older ones).
+
+Both are bags by their container, with contents of RealSense's own. Topics, and the encodings of their
+messages: librealsense, src/media/ros/ros_file_format.h, ros_writer.cpp, src/media/ros2.
+"""
+
+import re
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from sensors.errors import CalibrationError, FormatError
+from sensors.files.bounded import MAX_IMAGE_BYTES, MAX_IMAGE_SIDE
+from sensors.files.png import decode_grey
+from sensors.importers.bag_files import Entry, Place, RosbagFile, damaged
+from sensors.importers.ros_images import color_encoded_from, depth_mm_from, pixels_of
+from sensors.importers.ros_messages import Picture, decode, picture_from
+from sensors.rig.camera import Intrinsics
+from sensors.rig.frame import RigFrame, mm_from_units
+from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
+from sensors.rig.realsense_lens import realsense_intrinsics
+from sensors.rig.rig_calibration import Pose, RigCalibration, rotation_of
+from sensors.rig.wrapping_counter import WrappingCounter
+
+KINDS = frozenset({"Image", "CompressedImage", "CameraInfo", "Transform", "String", "Float32"})
+DEPTH, COLOR, INFRARED = STREAMS = "Depth_0", "Color_0", "Infrared_1"
+"""Streams that are read; of the two infrared cameras the left one, which has the pixels of depth."""
+USUAL_UNIT_MM = 1.0
+"""One unit of depth of every D400 as it is sold, but for the D405."""
+_STREAM = re.compile(rf"/device_0/sensor_\d+/({'|'.join(STREAMS)})/(.+)")
+_UNIT = re.compile(r"/device_0/sensor_\d+/option/Depth[ _]Units/value")
+_LENS, _METADATA, _PIXELS, _POSE = ("camera_info", "info/camera_info"), "image/metadata", "image/data", "tf/"
+_PACKED = re.compile(r"(\w+); zstd; (\d+)x(\d+) step=(\d+)")
+"""How a .db3 names pixels that it has packed itself: encoding, width, height, bytes a row."""
+_HEAD = struct.Struct("<III")
+"""Begin of an image in a .bag: its number, seconds, nanoseconds."""
+_VERSION = b"\1\0\0\0" + b"1"
+"""What follows (the frame's name elsewhere) where the depth unit stands behind the pixels."""
+
+
+@dataclass
+class _Stream:
+    """One stream. images: frame number, time and place of each; about: messages by the end of their topics.
+
+    kind: the type of the images' messages.
+    """
+
+    topic: str = ""
+    kind: str = ""
+    images: list[tuple[int, int, Place]] = field(default_factory=list)
+    about: dict[str, Entry] = field(default_factory=dict)
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        return np.array([stamp_ns for _, stamp_ns, _ in self.images], np.int64)
+
+    def lens(self) -> Intrinsics | None:
+        """The factory's intrinsics."""
+        entry = next((self.about[what] for what in _LENS if what in self.about), None)
+        return None if entry is None else _lens(entry)
+
+    def pose(self) -> tuple[str, Pose] | None:
+        """Where the stream is: another stream's number, and the pose from there; None for none."""
+        for what, entry in self.about.items():
+            # Where the SDK knows no pose it writes zeros.
+            with suppress(CalibrationError, ValueError):
+                if what.startswith(_POSE):
+                    return what.rpartition("/")[2].removeprefix("ref_"), _pose(entry)
+        return None
+
+
+class RealSenseRecording:
+    """A recording of RealSense's SDK as a ``FrameSource``: depth, its infrared, the colour nearest in time.
+
+    notes: what is absent or assumed. Raises FormatError, and CalibrationError where nothing describes the
+    depth camera.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.name = path, path.stem
+        self._file, self._unit_mm = RosbagFile(path), 0.0
+        self._streams = {name: _Stream() for name in STREAMS}
+        with damaged(path):
+            self._index()
+            if not self._streams[DEPTH].images:
+                raise FormatError(f"{path} has no depth images; record the stream Depth")
+            self.calibration, notes = self._calibrate()
+        depth, color, infrared = (self._streams[name] for name in STREAMS)
+        if not self._unit_mm:
+            self._unit_mm = USUAL_UNIT_MM
+            notes.append(f"no depth unit: taken as {USUAL_UNIT_MM:g} mm")
+        numbers = [number for number, _, _ in depth.images]
+        if (lost := max(numbers) - min(numbers) + 1 - len(numbers)) > 0:
+            notes.append(f"{lost} depth images were lost while it was recorded")
+        self.notes = (*notes, "no thermal images")
+        self._pairs = {
+            COLOR: pair_stamps(depth.stamps_ns, color.stamps_ns, COLOR_WINDOW_NS),
+            INFRARED: pair_stamps(depth.stamps_ns, infrared.stamps_ns, 0),
+        }
+
+    def __len__(self) -> int:
+        return len(self._streams[DEPTH].images)
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        return (self._frame(index) for index in range(len(self)))
+
+    def _frame(self, index: int) -> RigFrame:
+        depth_mm = mm_from_units(depth_mm_from(self._picture(DEPTH, index)), self._unit_mm)
+        color, infrared = (int(self._pairs[name][index]) for name in (COLOR, INFRARED))
+        encoded = color_encoded_from(self._picture(COLOR, color)) if color >= 0 else None
+        amplitude = _grey(self._picture(INFRARED, infrared)) if infrared >= 0 else None
+        if amplitude is not None and amplitude.shape != depth_mm.shape:
+            amplitude = None
+        stamp_ns = self._streams[DEPTH].images[index][1]
+        return RigFrame(index, stamp_ns, depth_mm, encoded, None, amplitude).sized_as(self.calibration)
+
+    def _picture(self, name: str, index: int) -> Picture:
+        stream = self._streams[name]
+        data = self._file.read(stream.topic, stream.images[index][2])
+        with damaged(self.path):
+            if self._file.encoding == "ros1" and data.startswith(_VERSION, _HEAD.size):
+                data = data[:-4]
+            return _unpacked(picture_from(decode(stream.kind, self._file.encoding, data)))
+
+    def _index(self) -> None:
+        """Find the images and what describes them. In a .db3 their times are beside them."""
+        clock, metadata = WrappingCounter(), dict[tuple[str, int], Entry]()
+        places: list[tuple[str, int, Place]] = []
+        for entry in self._file.entries(KINDS):
+            found = _STREAM.fullmatch(entry.topic)
+            if _UNIT.fullmatch(entry.topic):
+                value = decode(entry.kind, entry.encoding, entry.data).data
+                # A float32 has no more than seven digits.
+                self._unit_mm = float(f"{1000 * float(value):.6g}")
+            elif found is None:
+                continue
+            elif found[2].startswith(_PIXELS):
+                stream = self._streams[found[1]]
+                stream.topic, stream.kind = entry.topic, entry.kind
+                if entry.encoding == "ros1":
+                    number, seconds, nanoseconds = _HEAD.unpack_from(entry.data)
+                    stamp_ns = 1000 * clock.unwrap(1_000_000 * seconds + round(nanoseconds / 1000))
+                    stream.images.append((number, stamp_ns, entry.place))
+                else:
+                    places.append((found[1], entry.logged_ns, entry.place))
+            elif found[2] == _METADATA:
+                metadata[found[1], entry.logged_ns] = entry
+            else:
+                self._streams[found[1]].about.setdefault(found[2], entry)
+        for name, logged_ns, place in places:
+            fields = _fields(metadata[name, logged_ns])
+            stamp_ns = 1000 * clock.unwrap(round(1000 * float(fields["timestamp"])))
+            self._streams[name].images.append((int(fields["Frame number"]), stamp_ns, place))
+        for stream in self._streams.values():
+            stream.images.sort(key=lambda image: image[1])
+
+    def _calibrate(self) -> tuple[RigCalibration, list[str]]:
+        """The calibration, and notes on it."""
+        depth, color = self._streams[DEPTH], self._streams[COLOR]
+        if (lens := depth.lens()) is None:
+            raise CalibrationError(f"{self.path} has no intrinsics of the depth camera; record it again")
+        if not color.images:
+            return RigCalibration(lens), ["intrinsics from the recording", "no colour images"]
+        color_lens, at_depth, at_color = color.lens(), depth.pose(), color.pose()
+        if color_lens is None or not at_depth or not at_color or at_depth[0] != at_color[0]:
+            lacking = "intrinsics" if color_lens is None else "pose"
+            note = f"no {lacking} of the colour camera: its images cannot be fused"
+            return RigCalibration(lens), ["intrinsics from the recording", note]
+        color_from_depth = at_color[1] @ at_depth[1].inverse()
+        return RigCalibration(lens, color_lens, color_from_depth), ["calibration from the recording"]
+
+
+def is_realsense(path: Path) -> bool:
+    """Whether RealSense's SDK made this SQLite file or ROS 1 bag. Raises FormatError."""
+    return any(topic.startswith("/device_0/sensor_") for topic in RosbagFile(path).topics)
+
+
+def _fields(entry: Entry) -> dict[str, str]:
+    """A text ``key=value;key=value`` of a .db3."""
+    text = str(decode("String", "cdr", entry.data).data)
+    return dict(part.split("=", 1) for part in text.split(";") if "=" in part)
+
+
+def _lens(entry: Entry) -> Intrinsics:
+    if entry.kind == "String":
+        # The .db3's CameraInfo messages call every lens plumb_bob.
+        named = _fields(entry)
+        pinhole = [float(named[name]) for name in ("fx", "fy", "ppx", "ppy")]
+        size, model = (int(named["width"]), int(named["height"])), named["model"]
+        coefficients = [float(number) for number in named["coeffs"].split(",")]
+    else:
+        info = decode(entry.kind, entry.encoding, entry.data)
+        pinhole = [float(info.K[at]) for at in (0, 4, 2, 5)]
+        size, model, coefficients = (
+            (int(info.width), int(info.height)),
+            info.distortion_model,
+            info.D.tolist(),
+        )
+    return realsense_intrinsics(Intrinsics(*size, *pinhole), str(model), coefficients)
+
+
+def _pose(entry: Entry) -> Pose:
+    """This stream's camera from the reference's."""
+    if entry.kind == "String":
+        numbers = {key: np.array(text.split(","), np.float64) for key, text in _fields(entry).items()}
+        # Column by column, as in rs2_extrinsics.
+        return Pose(numbers["rotation"].reshape(3, 3).T, numbers["translation"])
+    move = decode(entry.kind, entry.encoding, entry.data)
+    t, q = move.translation, move.rotation
+    return Pose(rotation_of(np.array([q.x, q.y, q.z, q.w])), np.array([t.x, t.y, t.z]))
+
+
+def _unpacked(picture: Picture) -> Picture:
+    """The picture, raw where the SDK has packed raw pixels."""
+    if (found := _PACKED.fullmatch(picture.encoding)) is None:
+        return picture
+    width, height, step = (int(text) for text in found.groups()[1:])
+    if max(width, height) > MAX_IMAGE_SIDE or step * height > MAX_IMAGE_BYTES:
+        raise FormatError(f"image claims {width}x{height}, {step} bytes a row; restore the file from a copy")
+    data = zstandard.ZstdDecompressor().decompress(picture.data, max_output_size=step * height)
+    return Picture(picture.frame_id, found[1], data, False, height, width, step)
+
+
+def _grey(picture: Picture) -> NDArray[np.uint16]:
+    """The left infrared image (h, w); 8 bits in 16."""
+    if picture.compressed:
+        return decode_grey(picture.data, np.uint8, "infrared").astype(np.uint16)
+    return pixels_of(picture, np.dtype(np.uint8), 1)[..., 0].astype(np.uint16)

@@ -1,0 +1,18 @@
+"""Counters of 32 bits without their end: a Kinect v2's clock, a RealSense's, numbers of frames."""
+
+
+class WrappingCounter:
+    """Counts on where a counter of 32 bits starts again at 0.
+
+    Neighbouring values may lie up to half the range apart, in either direction.
+    """
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+
+    def unwrap(self, value: int) -> int:
+        """The value as if the counter were endless; the first is returned as it is."""
+        if self._last is None:
+            self._last = value
+        self._last += (value - self._last + 2**31) % 2**32 - 2**31
+        return self._last
