@@ -1,6 +1,7 @@
 """Marker files: what is read is what was written, and what is damaged is one clear error."""
 
 import struct
+import warnings
 from pathlib import Path
 
 import c3d
@@ -20,6 +21,7 @@ from synth.markers.markerset import (
     load_marker_set,
     shipped_marker_sets,
 )
+from tests.helpers.c3d_bytes import PROCESSORS, C3d
 from tests.helpers.marker_samples import NAMES, bvh_text, positions, write_c3d, write_trc
 
 MUTATIONS = settings(
@@ -27,15 +29,137 @@ MUTATIONS = settings(
 )
 
 
-def test_a_trc_may_hold_blank_lines_but_no_more_frames_than_it_claims(tmp_path):
-    path = tmp_path / "a.trc"
-    write_trc(path, positions())
-    text = path.read_text()
-    path.write_text(text.rstrip("\n") + "\n" + "\n" * 50)
-    np.testing.assert_allclose(read_markers(path).positions, positions(), atol=1e-6)
-    path.write_text(text + text.rstrip("\n").rpartition("\n")[2] + "\n")
-    with pytest.raises(FormatError, match="claims"):
-        read_markers(path)
+FEW = positions(7) * 1000
+ANALOG = np.arange(42.0).reshape(7, 6)
+SHORT = list(NAMES)
+C3D_DEFECTS = {
+    "none": ({}, ""),
+    "words": ({"scale": 0.1}, ""),
+    "parameter twice": (
+        {"parameters": [("POINT", "USED", 10), ("POINT", "USED", 10)]},
+        "POINT:USED is there 2",
+    ),
+    "labels twice": (
+        {"parameters": [("POINT", "LABELS", ["a"]), ("POINT", "LABELS", SHORT)]},
+        "LABELS is there 2",
+    ),
+    "analog": ({"analog": ANALOG, "scale": 0.1}, ""),
+    "fewer analog in the header": ({"analog": ANALOG, "header": {"analog": 4}}, "analog values a frame"),
+    "no analog in the parameters": (
+        {"analog": ANALOG, "parameters": [("ANALOG", "USED", 0)]},
+        "0 and 6; 6 fits",
+    ),
+    "analog rate": ({"analog": ANALOG, "parameters": [("ANALOG", "RATE", 1000.0)]}, "60 and 6; 6 fits"),
+    "scale of the header": ({"scale": 0.1, "header": {"scale": 0.2}}, "scale: the file states 0.1 and 0.2"),
+    "words by the header": ({"header": {"scale": 0.1}}, "numbers as floats"),
+    "words by the parameters": ({"parameters": [("POINT", "SCALE", 0.1)]}, "numbers as floats"),
+    "last frame": ({"lost_frames": 1}, "1 of 7 frames are missing"),
+    "last frame, no padding": ({"lost_frames": 1, "padded": False}, "1 of 7 frames are missing"),
+    "parameters elsewhere": ({"gap": 1024}, ""),
+    "data elsewhere": ({"parameters": [("POINT", "DATA_START", 9)]}, "start of the data"),
+    "data elsewhere by the header": ({"header": {"data_block": 9}}, "start of the data"),
+    "fewer points in the header": ({"header": {"points": 8}}, "points: the file states 10 and 8; 10 fits"),
+    "other rate": ({"header": {"rate": 50.0}}, "frames a second: the file states 100 and 50"),
+    "other frames": ({"parameters": [("POINT", "FRAMES", 5)]}, "frames: the file states 7 and 5; 7 fits"),
+    "nothing stated": ({"parameters": [("POINT", n, None) for n in ("USED", "SCALE", "RATE", "FRAMES")]}, ""),
+}
+
+
+@pytest.mark.parametrize("processor", PROCESSORS)
+@pytest.mark.parametrize("defect", C3D_DEFECTS)
+def test_c3d_with_defects_is_read_and_what_was_assumed_is_named(tmp_path, processor, defect):
+    fields, note = C3D_DEFECTS[defect]
+    found = read_markers(C3d(FEW, SHORT, processor=processor, **fields).write(tmp_path / "a.c3d"))
+    assert found.labels == NAMES and (found.frames_per_second, found.unit) == (100, "mm")
+    frames = len(FEW) - fields.get("lost_frames", 0)
+    np.testing.assert_allclose(found.positions, FEW[:frames], atol=0.06 if "scale" in fields else 1e-3)
+    assert (note in "; ".join(found.assumed)) if note else not found.assumed
+
+
+def test_points_without_labels_are_numbered(tmp_path):
+    for labels, names in ((None, ("1", "2", "3")), (["LASI"], ("LASI", "2", "3"))):
+        file = C3d(FEW, SHORT, parameters=[("POINT", "LABELS", labels)])
+        found = read_markers(file.write(tmp_path / "a.c3d"))
+        assert found.labels[:3] == names and "no label" in found.assumed[0]
+        np.testing.assert_allclose(found.positions, FEW, atol=1e-3)
+
+
+def test_a_c3d_without_readable_parameters_is_read_by_its_header(tmp_path):
+    data = bytearray(C3d(FEW, SHORT).write(tmp_path / "a.c3d").read_bytes())
+    data[512 + 3] = 0
+    (tmp_path / "a.c3d").write_bytes(data)
+    found = read_markers(tmp_path / "a.c3d")
+    np.testing.assert_allclose(found.positions, FEW, atol=1e-3)
+    assert "no parameters" in found.assumed[0]
+
+
+def test_real_files_are_read_as_the_c3d_library_reads_them(shared_data):
+    for path in (shared_data / "mocap").glob("*.c3d"):
+        found = read_markers(path)
+        with path.open("rb") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            reader = c3d.Reader(file)
+            frames = [np.where(p[:, 3:4] < 0, np.nan, p[:, :3]) for _, p, _ in reader.read_frames()]
+            labels = tuple(label.strip() for label in reader.point_labels)
+        np.testing.assert_array_equal(found.positions, np.array(frames))
+        assert found.labels == labels[: len(found.labels)] and not found.assumed
+
+
+TRC_DEFECTS = {
+    "blank lines": (lambda t: t.rstrip("\n") + "\n" * 50, ""),
+    "CRLF": (lambda t: t.replace("\n", "\r\n"), ""),
+    "comments": (lambda t: "# by hand\n" + t.replace("\n1\t", "\n// here\n1\t"), ""),
+    "no trailing tabs": (lambda t: "\n".join(line.rstrip("\t") for line in t.split("\n")), ""),
+    "decimal commas": (lambda t: t[: t.index("\n1\t")] + t[t.index("\n1\t") :].replace(".", ","), ""),
+    "spaces for tabs": (lambda t: t.replace("\t", "  ").replace("Anna:", ""), ""),
+    "words in cells": (
+        lambda t: t[: t.index("\n2\t")] + t[t.index("\n2\t") :].replace("\t\t\t", "\tnone\tnan\t"),
+        "cells are no numbers",
+    ),
+    "more frames": (
+        lambda t: t.replace("100\t100\t5", "100\t100\t4"),
+        "frames: the file states 4 and holds 5",
+    ),
+    "no rate": (lambda t: t.replace("100\t100\t5", "\t\t5"), "100 follow from the times"),
+    "other count": (
+        lambda t: t.replace("\t10\tm\t", "\t12\tm\t"),
+        "markers: the file states 12 and holds 10",
+    ),
+    "more numbers": (
+        lambda t: t.replace("\n1\t0.0", "\n1\t0.0", 1).rstrip("\n") + "\t7\n",
+        "1 frames have more",
+    ),
+    "text behind": (lambda t: t + "end of recording\n", "1 lines are no frames"),
+    "cut": (lambda t: t + t.rstrip("\n").rpartition("\n")[2][:40], "cut off and was left out"),
+}
+
+
+@pytest.mark.parametrize("defect", TRC_DEFECTS)
+def test_trc_with_defects_is_read_and_what_was_assumed_is_named(tmp_path, defect):
+    change, note = TRC_DEFECTS[defect]
+    points = np.nan_to_num(positions(), nan=0.5) if defect == "spaces for tabs" else positions()
+    write_trc(tmp_path / "a.trc", points)
+    text = change((tmp_path / "a.trc").read_text())
+    (tmp_path / "a.trc").write_text(text, newline="")
+    found = read_markers(tmp_path / "a.trc")
+    assert [key_of(label) for label in found.labels] == [key_of(name) for name in NAMES]
+    np.testing.assert_allclose(found.positions, points, atol=1e-6)
+    assert (note in "; ".join(found.assumed)) if note else not found.assumed
+    assert found.frames_per_second == pytest.approx(100)
+
+
+def test_places_of_zero_are_not_seen_and_files_without_positions_refused(tmp_path):
+    points = np.nan_to_num(positions())
+    write_trc(tmp_path / "a.trc", points)
+    found = read_markers(tmp_path / "a.trc")
+    np.testing.assert_allclose(found.positions, positions(), atol=1e-6)
+    assert "0, 0, 0" in found.assumed[0]
+    write_trc(tmp_path / "a.trc", 0 * points)
+    with pytest.raises(FormatError, match="no position"):
+        read_markers(tmp_path / "a.trc")
+    for nothing in (0 * FEW, np.full_like(FEW, np.nan)):
+        with pytest.raises(FormatError, match="no position"):
+            read_markers(C3d(nothing, SHORT).write(tmp_path / "a.c3d"))
 
 
 @pytest.mark.parametrize(
@@ -115,8 +239,7 @@ def test_wrong_unit_is_told_by_the_body():
 
 def test_hostile_sizes_are_refused_at_once(tmp_path):
     write_trc(tmp_path / "a.trc", positions(), frames=10**9)
-    with pytest.raises(FormatError, match="1000000000 frames"):
-        read_markers(tmp_path / "a.trc")
+    assert "states 1e+09 and holds 5" in read_markers(tmp_path / "a.trc").assumed[0]
     (tmp_path / "a.bvh").write_text(bvh_text().replace("Frames: 2", f"Frames: {10**9}"))
     with pytest.raises(FormatError, match="1000000000 frames"):
         read_bvh(tmp_path / "a.bvh")
@@ -124,26 +247,17 @@ def test_hostile_sizes_are_refused_at_once(tmp_path):
     data = bytearray((tmp_path / "a.c3d").read_bytes())
     data[8:10] = struct.pack("<H", 65535)
     (tmp_path / "a.c3d").write_bytes(data)
-    with pytest.raises(CloudError):
-        read_markers(tmp_path / "a.c3d")
+    assert len(read_markers(tmp_path / "a.c3d").positions) == 5
 
 
-@pytest.mark.parametrize("name", ["UNITS", "LABELS"])
-def test_a_parameter_that_claims_more_letters_than_it_has_is_refused(tmp_path, monkeypatch, name):
-    """Four bytes claim 16 million texts; the library makes an object of each."""
-    write_c3d(tmp_path / "a.c3d", positions())
-    real = c3d.Reader.get
-
-    def get(self, asked, *default):
-        found = real(self, asked, *default)
-        if asked == f"POINT:{name}":
-            found.dimensions = [1, 255, 255, 255]
-            monkeypatch.setattr(type(found), "string_array", property(lambda _: pytest.fail("it was read")))
-        return found
-
-    monkeypatch.setattr(c3d.Reader, "get", get)
-    with pytest.raises(FormatError, match=f"POINT:{name} claims"):
-        read_markers(tmp_path / "a.c3d")
+def test_a_parameter_that_claims_more_letters_than_it_has_is_read_as_far_as_it_goes(tmp_path):
+    data = C3d(FEW, SHORT).write(tmp_path / "a.c3d").read_bytes()
+    claim = bytes([255, 2, len(SHORT[0]), len(SHORT)])
+    assert data.count(claim) == 1
+    (tmp_path / "a.c3d").write_bytes(data.replace(claim, bytes([255, 2, len(SHORT[0]), 255])))
+    assert read_markers(tmp_path / "a.c3d").labels == NAMES
+    (tmp_path / "a.c3d").write_bytes(data.replace(claim, bytes([255, 250, 255, 255])))
+    assert len(read_markers(tmp_path / "a.c3d").labels) == len(NAMES)
 
 
 @pytest.mark.parametrize("suffix", [".c3d", ".trc", ".bvh"])
@@ -163,6 +277,7 @@ def test_frames_times_joints_and_frames_times_markers_are_bounded(tmp_path, monk
     for suffix, module, bound, honest in (
         (".bvh", bvh, "MAX_CENTRES", 2 * 12),
         (".trc", marker_files, "MAX_POSITIONS", 60 * len(NAMES)),
+        (".c3d", marker_files, "MAX_POSITIONS", 60 * len(NAMES)),
     ):
         path = tmp_path / f"a{suffix}"
         original(path)
@@ -179,14 +294,29 @@ def test_a_motion_of_other_than_its_frames_is_refused(tmp_path):
         read_bvh(tmp_path / "a.bvh")
 
 
-@pytest.mark.parametrize("suffix", [".c3d", ".trc", ".bvh"])
-@pytest.mark.parametrize("keep", [0.0, 0.1, 0.6, 0.97])
+@pytest.mark.parametrize(
+    ("suffix", "keep"),
+    [(s, k) for s in (".c3d", ".trc", ".bvh") for k in (0.0, 0.02, 0.6, 0.97) if s == ".bvh" or k < 0.5],
+)
 def test_empty_and_cut_files_are_refused(tmp_path, suffix, keep):
     path = tmp_path / f"a{suffix}"
     data = original(path)
     path.write_bytes(data[: int(keep * len(data))])
     with pytest.raises(CloudError, match="a" + suffix):
         read(path)
+
+
+@pytest.mark.parametrize("suffix", [".c3d", ".trc"])
+@pytest.mark.parametrize("keep", [0.6, 0.97])
+def test_a_cut_recording_is_read_as_far_as_it_goes(tmp_path, suffix, keep):
+    path = tmp_path / f"a{suffix}"
+    data = original(path)
+    path.write_bytes(data[: int(keep * len(data))])
+    found = read(path)
+    np.testing.assert_allclose(
+        found.positions / (1000 if suffix == ".c3d" else 1), positions(60)[: len(found.positions)], atol=1e-6
+    )
+    assert 30 <= len(found.positions) < 60 and any("60" in note for note in found.assumed)
 
 
 def test_missing_and_other_files_are_refused(tmp_path):

@@ -1,23 +1,25 @@
-"""Recordings of markers: C3D and TRC files to positions in metres, z up."""
+"""Recordings of markers: C3D and TRC files to positions, and what was assumed where a file has defects."""
 
 import math
-import warnings
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from annotate.array_types import Float64
 from sensors.errors import CloudError, FormatError
+from synth.markers.c3d_file import parse_c3d
 
 MAX_FILE_BYTES = 1_000_000_000
 """Of a C3D, which may hold force plates and muscle signals too, or a TRC."""
 MAX_POSITIONS = 50_000_000
 """Frames times markers, 24 bytes each: an hour of 100 markers at 120 frames/s. Short rows of a TRC claim more
 than its size shows."""
+MAX_HEAD_LINES = 60
+"""Of a TRC before its frames: five, and comments."""
 UNITS_M = {"m": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "mm": 0.001, "millimeters": 0.001}
 
 
@@ -27,7 +29,8 @@ class Markers:
 
     labels: M names as the file spells them. positions: float64 (F, M, 3) in the file's unit and axes, NaN
     where a marker was not seen. frames_per_second. unit: as the file declares ("m", "mm"), "" if nothing.
-    up: the file's vertical axis 0, 1 or 2 as declared, or -1. Raises FormatError when sizes are impossible.
+    up: the file's vertical axis 0, 1 or 2 as declared, or -1. assumed: a line for each defect of the file and
+    how it was read. Raises FormatError when sizes are impossible.
     """
 
     labels: tuple[str, ...]
@@ -35,6 +38,7 @@ class Markers:
     frames_per_second: float
     unit: str = ""
     up: int = -1
+    assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         frames, markers = self.positions.shape[:2]
@@ -49,7 +53,10 @@ class Markers:
 
 
 def read_markers(path: Path) -> Markers:
-    """Read a C3D or TRC file. Raises FormatError when it is neither, damaged or of impossible size."""
+    """Read a C3D or TRC file, also with defects, which ``assumed`` of the result names.
+
+    Raises FormatError when it is neither, too large or holds no positions.
+    """
     readers = {".c3d": _read_c3d, ".trc": _read_trc}
     reader = readers.get(path.suffix.lower())
     if reader is None:
@@ -57,100 +64,135 @@ def read_markers(path: Path) -> Markers:
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise FormatError(f"larger than {MAX_FILE_BYTES} bytes; cut the recording")
-        return reader(path)
+        return _without_zeros(reader(path))
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from error
     except OSError as error:
         raise CloudError(f"{path} cannot be read ({error.strerror or error}); check the path") from error
 
 
+def _without_zeros(markers: Markers) -> Markers:
+    """Markers where a place of exactly (0, 0, 0) counts as not seen, as some programs write it."""
+    zero = (markers.positions == 0).all(axis=2)
+    markers.positions[zero | ~np.isfinite(markers.positions).all(axis=2)] = np.nan
+    if np.isnan(markers.positions).all():
+        raise FormatError("no position in any frame; record again")
+    if not zero.any():
+        return markers
+    note = f"{np.count_nonzero(zero)} positions are exactly 0, 0, 0 and count as not seen"
+    return Markers(**(vars(markers) | {"assumed": (*markers.assumed, note)}))
+
+
 def _read_c3d(path: Path) -> Markers:
-    try:
-        import c3d
-    except ImportError as error:
-        raise CloudError("reading C3D needs c3d; pip install 'annotate-cloud[synth]'") from error
-    # The library answers damaged bytes with whatever exception they run into, and with warnings.
-    try:
-        with path.open("rb") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return _c3d_points(c3d.Reader(file), path.stat().st_size)
-    except (CloudError, OSError):
-        raise
-    except Exception as error:
-        raise FormatError(f"damaged C3D ({' '.join(str(error).split())[:120]}); export it again") from error
-
-
-def _c3d_points(reader: Any, size: int) -> Markers:  # noqa: ANN401 - c3d has no types
-    frames, points = reader.last_frame - reader.first_frame + 1, reader.point_used
-    word = 4 if reader.point_scale < 0 else 2
-    if frames < 1 or points < 1:
-        raise FormatError("the C3D holds no marker; record again")
-    if frames * points * 4 * word > size:
-        raise FormatError(
-            f"the C3D claims {frames} frames of {points} points and is cut short; copy it again"
-        )
-    positions = np.full((frames, points, 3), np.nan)
-    read = 0
-    for _, found, _ in reader.read_frames(copy=False):
-        seen = found[:, 3] >= 0
-        positions[read, seen] = found[seen, :3]
-        read += 1
-    if read < frames:
-        raise FormatError(f"the C3D ends after {read} of {frames} frames; copy it again")
-    positions[~np.isfinite(positions).all(axis=2)] = np.nan
-    labels = tuple(str(label).strip() for label in _texts(reader, "POINT:LABELS"))[:points]
-    vertical = _parameter(reader, "POINT:Y_SCREEN").upper().lstrip("+-")
-    up = "XYZ".find(vertical) if len(vertical) == 1 else -1
-    unit = _parameter(reader, "POINT:UNITS").lower()
-    return Markers(labels, positions, float(reader.point_rate), unit, up)
-
-
-def _parameter(reader: Any, name: str) -> str:  # noqa: ANN401 - c3d has no types
-    values = _texts(reader, name)
-    return str(np.ravel(values)[0]).strip() if len(values) else ""
-
-
-def _texts(reader: Any, name: str) -> NDArray[Any]:  # noqa: ANN401 - c3d has no types
-    """Texts of a parameter, none where it is absent; the library makes an object of each that is claimed."""
-    parameter = reader.get(name)
-    if parameter is None or not parameter.dimensions:
-        return np.array([])
-    letters = math.prod(parameter.dimensions)
-    if letters > len(parameter.bytes):
-        raise FormatError(f"{name} claims {parameter.dimensions} letters; export it again")
-    return np.atleast_1d(parameter.string_array) if letters else np.array([])
+    return Markers(*parse_c3d(path.read_bytes(), MAX_POSITIONS))
 
 
 def _read_trc(path: Path) -> Markers:
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            head = [file.readline().strip("\n") for _ in range(5)]
-            if not head[0].startswith("PathFileType"):
-                raise FormatError("no TRC header of five lines; give a TRC file")
-            header = dict(zip(head[1].split("\t"), head[2].split("\t"), strict=False))
-            frames, markers = int(header["NumFrames"]), int(header["NumMarkers"])
-            rate, unit = float(header["DataRate"]), header["Units"].strip().lower()
-            labels = tuple(label.strip() for label in head[3].rstrip().split("\t")[2::3])
-            if len(labels) != markers or frames * markers > MAX_POSITIONS:
-                claim = f"the TRC claims {frames} frames of {markers} markers"
-                raise FormatError(f"{claim} and names {len(labels)}; copy it again")
-            lines = islice(filter(str.strip, file), frames + 1)
-            rows = [_trc_row(line.strip("\n"), markers) for line in lines]
-    except (UnicodeDecodeError, KeyError, ValueError) as error:
-        raise FormatError(f"damaged TRC header ({error}); export it again") from error
-    if not rows or len(rows) != frames:
-        raise FormatError(f"the TRC claims {frames} frames and holds {len(rows)}; copy it again")
-    return Markers(labels, np.stack(rows), rate, unit)
+    # Names in a laboratory's own encoding must not stop the numbers from being read.
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        lines = (line for line in file if line.strip() and not line.lstrip().startswith(("#", "//")))
+        head = _TrcHead.of(lines)
+        odd: Counter[str] = Counter()
+        times, rows, labels = _trc_frames(lines, head, odd)
+    if not rows:
+        raise FormatError("the TRC holds no frame; copy it again")
+    assumed = [f"{count} {what}" for what, count in odd.items()]
+    if (claimed := head.number("NumFrames")) != len(rows):
+        assumed.append(f"frames: the file states {claimed:g} and holds {len(rows)}")
+    if len(labels) != head.number("NumMarkers"):
+        assumed.append(f"markers: the file states {head.number('NumMarkers'):g} and holds {len(labels)}")
+    rate = _trc_rate(head, times, assumed)
+    return Markers(labels, np.stack(rows), rate, head.values.get("Units", "").lower(), assumed=tuple(assumed))
 
 
-def _trc_row(row: str, markers: int) -> Float64:
-    cells = row.split("\t")[2:]
-    cells = [*cells[: 3 * markers], *[""] * (3 * markers - len(cells))]
-    if len(row.split("\t")) < 3 or any(cell.strip() for cell in row.split("\t")[2 + 3 * markers :]):
-        raise FormatError(f"frame {row[:10]!r} does not have 3 numbers for each marker; export it again")
+@dataclass(frozen=True)
+class _TrcHead:
+    """Named values of a TRC, its labels, and what separates its cells: a tab, or None for any blanks."""
+
+    values: dict[str, str]
+    labels: tuple[str, ...]
+    separator: str | None
+
+    @staticmethod
+    def of(lines: Iterator[str]) -> "_TrcHead":
+        names: list[str] = []
+        values: dict[str, str] = {}
+        for line in islice(lines, MAX_HEAD_LINES):
+            separator = "\t" if "\t" in line else None
+            cells = [cell.strip() for cell in line.rstrip("\r\n").split(separator)]
+            if cells[0].casefold().startswith("frame#"):
+                return _TrcHead(values, tuple(filter(None, cells[2:])), separator)
+            if names and not values:
+                values = dict(zip(names, cells, strict=False))
+            names = cells if "DataRate" in cells or "NumFrames" in cells else []
+        raise FormatError("no row of labels that begins with Frame#; give a TRC file")
+
+    def number(self, name: str) -> float:
+        """Value of a name, NaN where it is none."""
+        return _number(self.values.get(name, ""))
+
+
+def _trc_frames(
+    lines: Iterable[str], head: _TrcHead, odd: Counter[str]
+) -> tuple[list[float], list[Float64], tuple[str, ...]]:
+    """Times and positions (M, 3) of each frame, and M labels; counts in ``odd`` what is unlike a TRC."""
+    times: list[float] = []
+    rows: list[Float64] = []
+    labels = head.labels
+    for line in lines:
+        cells = line.rstrip("\r\n").split(head.separator)
+        if math.isnan(_number(cells[0])):
+            if rows:
+                odd["lines are no frames and were left out"] += 1
+            continue
+        numbers = cells[2:]
+        while numbers and not numbers[-1].strip():
+            numbers.pop()
+        if not rows:
+            stated = head.number("NumMarkers")
+            unnamed = min(int(stated), -(-len(numbers) // 3)) if 0 < stated < MAX_POSITIONS else 0
+            labels += tuple(str(number) for number in range(len(labels) + 1, unnamed + 1))
+        if (len(rows) + 1) * len(labels) > MAX_POSITIONS:
+            claim = f"{len(rows) + 1} frames of {len(labels)} markers"
+            raise FormatError(f"{claim} or more, over {MAX_POSITIONS} positions; cut the recording")
+        if len(cells) - 2 < 3 * len(labels) and not line.endswith("\n"):
+            odd["frame at the end is cut off and was left out"] += 1
+            continue
+        times.append(_number(cells[1]) if len(cells) > 1 else math.nan)
+        rows.append(_trc_row(numbers, len(labels), odd))
+    return times, rows, labels
+
+
+def _trc_row(cells: list[str], markers: int, odd: Counter[str]) -> Float64:
+    if len(cells) > 3 * markers:
+        odd["frames have more numbers than markers; what is behind was left out"] += 1
+    numbers = [_number(cell) for cell in cells[: 3 * markers]]
+    strange = sum(
+        n != n and c.strip().casefold() not in ("", "nan") for n, c in zip(numbers, cells, strict=False)
+    )
+    if strange:
+        odd["cells are no numbers and count as not seen"] += strange
+    numbers += [math.nan] * (3 * markers - len(numbers))
+    return np.array(numbers).reshape(markers, 3)
+
+
+def _number(cell: str) -> float:
+    """Number of a cell, with a decimal point or comma; NaN where it holds none."""
     try:
-        found = np.array([float(cell) if cell.strip() else math.nan for cell in cells]).reshape(markers, 3)
-    except ValueError as error:
-        raise FormatError(f"frame {row[:10]!r}: {error}; export it again") from error
-    found[~np.isfinite(found).all(axis=1)] = np.nan
-    return found
+        return float(cell.replace(",", "."))
+    except ValueError:
+        return math.nan
+
+
+def _trc_rate(head: _TrcHead, times: list[float], assumed: list[str]) -> float:
+    for rate in (head.number("DataRate"), head.number("CameraRate")):
+        if 1 <= rate <= 10_000:
+            return rate
+    step = np.diff(times)
+    rate = 1 / float(np.median(step)) if len(step) and np.median(step) > 0 else math.nan
+    usable = 1 <= rate <= 10_000
+    assumed.append(f"no rate is stated; {rate:.5g} follow from the times" if usable else NO_RATE)
+    return rate if usable else 100.0
+
+
+NO_RATE = "no rate is stated; 100 frames a second are assumed"
