@@ -60,7 +60,10 @@ def solve(
         "frames_per_second": round(rate, 1),
         "markers": _per_marker(report),
         "unknown": list(report.unknown),
+        "assumed": list(report.assumed),
     }
+    for line in report.assumed:
+        say(line)
     if report.unknown:
         shown = ", ".join(report.unknown[:8]) + (", ..." if len(report.unknown) > 8 else "")
         say(f"{len(report.unknown)} labels belong to no marker of the set: {shown}")

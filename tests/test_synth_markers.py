@@ -233,8 +233,11 @@ def test_wrong_unit_is_told_by_the_body():
     np.testing.assert_array_equal(
         known_markers(Markers(NAMES, 1000 * positions(), 100), places).seen, known_markers(right, places).seen
     )
-    with pytest.raises(CloudError, match="declares 'mm'"):
-        known_markers(Markers(NAMES, positions(), 100, "mm", 2), places)
+    wrong = known_markers(Markers(NAMES, positions(), 100, "mm", 2), places)
+    np.testing.assert_array_equal(wrong.positions_m, known_markers(right, places).positions_m)
+    assert "'mm' does not fit a person; m is assumed" in wrong.assumed[0]
+    with pytest.raises(CloudError, match="no person's size"):
+        known_markers(Markers(NAMES, 30 * positions(), 100, "m", 2), places)
 
 
 def test_hostile_sizes_are_refused_at_once(tmp_path):

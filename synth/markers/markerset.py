@@ -112,10 +112,11 @@ _LOWER = ("left_ankle", "right_ankle", "left_knee", "right_knee")
 @dataclass(frozen=True)
 class KnownMarkers:
     """positions_m: float64 (F, M, 3) world, z up, NaN where not seen, one column per marker of the set;
-    unknown: labels that the set does not know."""
+    unknown: labels that the set does not know; assumed: a line if the unit was."""
 
     positions_m: Float64
     unknown: tuple[str, ...]
+    assumed: tuple[str, ...] = ()
 
     @property
     def seen(self) -> Bool:
@@ -126,8 +127,9 @@ class KnownMarkers:
 def known_markers(markers: Markers, markerset: MarkerSet, up: Float64 | None = None) -> KnownMarkers:
     """Pick the set's markers out of a recording and bring them to metres, z up.
 
-    up: the file's vertical direction, when it is known from elsewhere. Raises CloudError when too few markers
-    are known or seen, or when their unit contradicts the size of a person.
+    up: the file's vertical direction, when it is known from elsewhere. A unit that contradicts the size of a
+    person is replaced by the one that fits. Raises CloudError when too few markers are known or seen, or when
+    no unit fits.
     """
     columns: dict[str, int] = {}
     for column, label in enumerate(markers.labels):
@@ -142,13 +144,14 @@ def known_markers(markers: Markers, markerset: MarkerSet, up: Float64 | None = N
     picked = np.full((len(markers.positions), len(markerset.names), 3), np.nan)
     for column, place in found:
         picked[:, place] = markers.positions[:, column]
-    picked *= _unit_m(picked, markers.unit)
+    scale, assumed = _unit_m(picked, markers.unit)
+    picked *= scale
     if up is None:
         up = up_direction(markers, markerset, picked)
     world = picked @ shortest_arc(up, np.array([0.0, 0.0, 1.0])).T
     world[np.abs(world).max(axis=2) > FAR_M] = np.nan
     unknown = tuple(label for label in markers.labels if key_of(label) not in wanted)
-    return KnownMarkers(world, unknown)
+    return KnownMarkers(world, unknown, assumed)
 
 
 def up_direction(markers: Markers, markerset: MarkerSet, positions: Float64) -> Float64:
@@ -187,20 +190,13 @@ def _mean(positions: Float64) -> Float64:
     )
 
 
-def _unit_m(positions: Float64, unit: str) -> float:
-    """Metres per unit, checked by the size of the body."""
+def _unit_m(positions: Float64, unit: str) -> tuple[float, tuple[str, ...]]:
+    """Metres per unit, and a line where the file's unit is none or would make no person."""
     span = _span(positions)
-    if unit in UNITS_M:
-        size = span * UNITS_M[unit]
-        if not PERSON_M[0] <= size <= PERSON_M[1]:
-            raise CloudError(
-                f"the file declares {unit!r}, so the person's markers span {size:.3g} m; "
-                f"a person's span {PERSON_M[0]} to {PERSON_M[1]} m: correct the unit"
-            )
-        return UNITS_M[unit]
-    for scale in (1.0, 0.01, 0.001):
-        if PERSON_M[0] <= span * scale <= PERSON_M[1]:
-            return scale
+    for name in (unit, "m", "cm", "mm"):
+        if name in UNITS_M and PERSON_M[0] <= span * UNITS_M[name] <= PERSON_M[1]:
+            stated = f"the unit {unit!r} does not fit a person" if unit else "no unit is stated"
+            return UNITS_M[name], () if name == unit else (f"{stated}; {name} is assumed",)
     raise CloudError(
         f"the markers span {span:.3g} {unit or 'units'}, no person's size in m, cm or mm; scale them"
     )

@@ -27,12 +27,14 @@ _TYPES = {"angles_rad": "f8", "pelvis_m": "f8", "error_m": "f4", "status": "u1"}
 @dataclass(frozen=True)
 class MarkerReport:
     """How the markers fared. error_m: float32 (F, M) distance to the body's marker, NaN where not seen or
-    thrown out. status: uint8 (F, M). unknown: labels of the file that the marker set does not know."""
+    thrown out. status: uint8 (F, M). unknown: labels of the file that the marker set does not know. assumed:
+    a line for each defect of the files and how it was read."""
 
     names: tuple[str, ...]
     error_m: Float32
     status: UInt8
     unknown: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
 
     @property
     def median_mm(self) -> float:
@@ -119,6 +121,7 @@ def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
             bones_m=motion.bones_m,
             names=np.array(report.names, np.str_),
             unknown=np.array(report.unknown, np.str_),
+            assumed=np.array(report.assumed, np.str_),
             error_m=report.error_m,
             status=report.status,
         )
@@ -138,8 +141,8 @@ def load_motion(path: Path) -> Motion:
         for name, kind in _TYPES.items():
             if arrays[name].dtype != np.dtype(kind):
                 raise ValueError(f"{name} is {arrays[name].dtype}")
-        names, unknown = (tuple(str(name) for name in arrays[which]) for which in ("names", "unknown"))
-        report = MarkerReport(names, arrays["error_m"], arrays["status"], unknown)
+        texts = {k: tuple(map(str, arrays.get(k, ()))) for k in ("names", "unknown", "assumed")}
+        report = MarkerReport(error_m=arrays["error_m"], status=arrays["status"], **texts)
         rate = float(arrays["frames_per_second"])
         # Files of version 0.2 and before hold of the person only the leg.
         bones = arrays["bones_m"] if "bones_m" in arrays else bones_of_leg(float(arrays["leg_m"]))

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -59,13 +60,16 @@ def solve(
     markerset = markerset or choose_marker_set(markers.labels)
     up = None if static is None else up_direction(static, markerset, _picked(static, markerset))
     trial = known_markers(markers, markerset, up)
+    assumed = [*markers.assumed, *trial.assumed]
     frames = _calibration_frames(trial, CALIBRATION_FRAMES)
     if static is not None:
         standing = known_markers(static, markerset, up)
         check_same_person(trial, standing, markerset)
         frames = np.concatenate([frames, _calibration_frames(standing, STATIC_FRAMES)])
+        assumed += [f"static trial: {line}" for line in (*static.assumed, *standing.assumed)]
     person = _person(frames, markerset)
-    return _track(trial, person, markerset, markers.frames_per_second, advance)
+    motion = _track(trial, person, markerset, markers.frames_per_second, advance)
+    return replace(motion, report=replace(motion.report, assumed=tuple(assumed)))
 
 
 def solve_takes(
