@@ -26,6 +26,8 @@ CUT_OUT_SHARE, CUT_OUT_BORDER = 0.5, 0.25
 """A depth image shows a person cut out where a smaller share of its pixels has depth, and of those along its
 left, top and right. Chosen by eye: a room fills most of both."""
 
+BUILD = ("height_cm", "bmi")
+"""Figures of a body, in a dataset's note ``body``."""
 T = TypeVar("T")
 Figures = dict[str, Float64]
 """Figures by name, (k,) of one person or (n, k) of n; NaN where unknown."""
@@ -63,7 +65,7 @@ def figures_of(person: Bool, joints_mm: Float64 | None = None) -> Figures | None
     if not person.any():
         return None
     whole = not (person[[0, -1]].any() or person[:, [0, -1]].any())
-    return _figures(crop_around(person).cut(person, False), height_px(person), whole, joints_mm, {})
+    return _figures(crop_around(person).cut(person, False), height_px(person), whole, joints_mm)
 
 
 def figures_of_labels(frame: FrameLabels) -> Figures | None:
@@ -71,45 +73,44 @@ def figures_of_labels(frame: FrameLabels) -> Figures | None:
 
     Raises FormatError for malformed notes.
     """
-    person, joints = person_of(frame.parts) & (frame.depth_mm > 0), _joints(frame)
-    if person.shape != (SIZE, SIZE) or "crop" not in frame.notes:
+    person, notes = person_of(frame.parts) & (frame.depth_mm > 0), frame.notes
+    joints = _numbers(frame, "joints_mm", (N_JOINTS, 3)) if "joints_mm" in notes else None
+    if person.shape != (SIZE, SIZE) or "crop" not in notes:
         return figures_of(person, joints)
-    rows = height_px(person) * crop_from_note(frame.notes["crop"], "crop").side / SIZE
-    whole = frame.notes.get("beyond", 0) == 0
-    return _figures(person, rows, whole, joints, frame.notes.get("body", {}))
+    rows = height_px(person) * crop_from_note(notes["crop"], "crop").side / SIZE
+    figures = _figures(person, rows, notes.get("beyond", 0) == 0, joints)
+    if figures is not None and "body" in notes:
+        figures |= {name: _numbers(frame, "body", (1,), name) for name in BUILD}
+    return figures
 
 
-def _figures(
-    crop: Bool, rows: float, whole: bool, joints_mm: Float64 | None, body: dict[str, float]
-) -> Figures | None:
+def _figures(crop: Bool, rows: float, whole: bool, joints_mm: Float64 | None) -> Figures | None:
     if height_px(crop) < LEVELS:
         return None
     joints = np.full((N_JOINTS, 3), np.nan) if joints_mm is None else joints_mm
+    known = 1.0 if whole else np.nan
     single = {
         "holes": holes(crop),
         "roughness": roughness(crop),
-        "height_px": rows if whole else np.nan,
+        "height_px": known * rows,
         "ankles_m": ankles_m(joints),
         "facing_deg": facing_deg(joints),
-        **{name: body.get(name, np.nan) for name in ("height_cm", "bmi")},
+        **dict.fromkeys(BUILD, np.nan),
     }
-    known = 1.0 if whole else np.nan
     several = {"widths": known * widths(crop), "arms_deg": arms_deg(joints)}
-    return {name: np.array([value], np.float64) for name, value in single.items()} | several
+    return {name: np.array([value]) for name, value in single.items()} | several
 
 
-def _joints(frame: FrameLabels) -> Float64 | None:
-    if "joints_mm" not in frame.notes:
-        return None
+def _numbers(frame: FrameLabels, note: str, shape: tuple[int, ...], key: str | None = None) -> Float64:
+    """Numbers of a frame's note, or of one of its entries. Raises FormatError for those of another shape."""
     try:
-        joints = np.array(frame.notes["joints_mm"], np.float64)
-    except (TypeError, ValueError):
-        joints = np.empty(0)
-    if joints.shape != (N_JOINTS, 3):
-        raise FormatError(
-            f"frame {frame.frame_id}: its note 'joints_mm' is malformed; give {N_JOINTS} joints (x, y, z)"
-        )
-    return joints
+        value = frame.notes[note]
+        numbers = np.array(value if key is None else [value[key]], np.float64)
+    except (TypeError, ValueError, KeyError):
+        numbers = np.empty(0)
+    if numbers.shape != shape:
+        raise FormatError(f"frame {frame.frame_id}: its note {note!r} is malformed; give {shape} numbers")
+    return numbers
 
 
 def distributions_at(path: Path) -> Distributions:
