@@ -28,6 +28,8 @@ ASTRAY_M = 0.015
 """A standing foot may be so far from its height after its leg gave way. Chosen by eye."""
 LEANS_RAD = (0.0, 0.2, 0.4, 0.6)
 """How far a trunk leans back, tried in this order. Chosen by eye."""
+LEAN_COST_M = 0.05
+"""What a foot has to come nearer for a trunk that leans back by a radian. Chosen by eye."""
 _LEGS = [[JOINT_ID[f"{side}_{name}"] for name in ("hip", "knee", "ankle")] for side in ("left", "right")]
 
 
@@ -39,20 +41,28 @@ def stand(body: Body, grounded: Grounded, frame: int) -> Posed:
     """
     turn = -heading_rad(grounded.angles_rad[frame, 0])
     posture, wanted = standing(body, grounded, frame, turn)
-    airborne = np.array([0.0, 0.0, wanted.min()])
-    placed, goal = _moved(posture, -airborne), (wanted - wanted.min())[:2]
-    near, feet = _near(wanted)[:2], _feet(body)
-    for _ in range(2):
-        placed = _settled(body, placed, goal, near, [FLOOR])
-        vertices, joints = pose(body, placed)
+    return pose(body, cleared(body, posture, wanted, [FLOOR]))
+
+
+def cleared(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]) -> Posture:
+    """A posture from ``standing``, its limbs clear of each other and of solids, its lowest at its height."""
+    low = wanted_m.min()
+    airborne = np.array([0.0, 0.0, low])
+    placed, goal = _moved(posture, -airborne), (wanted_m - low)[:2]
+    near, feet = _near(wanted_m)[:2], _feet(body)
+    for _ in range(3):
+        placed = _settled(body, placed, goal, near, solids)
+        vertices, _ = pose(body, placed)
         up = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
-        # Skin is not where flesh is: what came to rest too high has to go lower.
-        high = np.array([vertices[foot, 2].min() for foot in feet]) + up[2] - (wanted - wanted.min())[:2]
-        if (near * high).max() < ASTRAY_M:
+        placed = _moved(placed, up)
+        # Thighs that part, and skin that stands out, leave a foot in the air: hips lower, the other leg bent.
+        high = np.array([vertices[foot, 2].min() for foot in feet]) + up[2] - (wanted_m - low)[:2]
+        astray = float((near * high).max())
+        if astray < ASTRAY_M:
             break
-        placed, goal = _moved(placed, up), goal - high
-    up += airborne
-    return vertices + up.astype(np.float32), joints + up
+        goal = goal - high
+        placed = _bent(flesh_of(body), _moved(placed, np.array([0.0, 0.0, -astray])), wanted_m - low)
+    return _moved(placed, airborne)
 
 
 @lru_cache(maxsize=16)
@@ -79,6 +89,7 @@ def _settled(body: Body, posture: Posture, goal_m: Float64, near: Float64, solid
     would push the thighs aside leans over them less than the motion's.
     """
     flesh = flesh_of(body)
+    best, least = posture, np.inf
     for lean in LEANS_RAD:
         leant = _leaning(posture, lean)
         _, joints = forward(leant, flesh.rest_joints_m, flesh.aligned)
@@ -89,9 +100,12 @@ def _settled(body: Body, posture: Posture, goal_m: Float64, near: Float64, solid
                 goal = joints[leg[2]] + np.array([0.0, 0.0, missing[foot]])
                 pulls.append(Pull(JOINTS[leg[2]].name, goal, np.full(3, FOOT_HOLD * near[foot])))
         settled = settle(flesh, leant, solids, pulls)
-        if (near * np.abs(goal_m - _lowest(flesh, settled)[:2])).max() < ASTRAY_M:
+        astray = float((near * np.abs(goal_m - _lowest(flesh, settled)[:2])).max())
+        if astray + LEAN_COST_M * lean < least:
+            best, least = settled, astray + LEAN_COST_M * lean
+        if astray < ASTRAY_M:
             break
-    return settled
+    return best
 
 
 def _leaning(posture: Posture, back_rad: float) -> Posture:
