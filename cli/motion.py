@@ -27,6 +27,10 @@ def solve(
     markerset: Annotated[
         Path | None, Option(help="Marker-set file (TOML). Default: the shipped set that fits best.")
     ] = None,
+    picture: Annotated[
+        Path | None, Option(help="Picture of the markers on the body at a few moments (.png).")
+    ] = None,
+    film: Annotated[Path | None, Option(help="The same as an animation: .webp, .gif or .png.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -35,9 +39,15 @@ def solve(
         from synth.markers.bvh import read_bvh
         from synth.markers.marker_files import read_markers
         from synth.markers.markerset import load_marker_set
+        from synth.markers.solve import places_m
         from synth.markers.solve import solve as solve_markers
+        from synth.motion.picture import check_animation, save_animation, save_picture
 
-    check_free(out, overwrite)
+    for path in (out, picture, film):
+        if path is not None:
+            check_free(path, overwrite)
+    if film is not None:
+        check_animation(film)
     places = None if markerset is None else load_marker_set(markerset)
     if markers.suffix.lower() == ".bvh":
         if static is not None or places is not None:
@@ -52,6 +62,10 @@ def solve(
     rate = len(motion) / (time.monotonic() - started)
     out.parent.mkdir(parents=True, exist_ok=True)
     save_motion(out, motion, overwrite=overwrite)
+    for path, save in ((picture, save_picture), (film, save_animation)):
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            save(path, motion, places_m(recorded, standing, places))
     report = motion.report
     result: dict[str, Any] = {
         "frames": len(motion),

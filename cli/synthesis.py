@@ -262,3 +262,31 @@ def page(
     recording = None if beside is None else distributions_at(beside)
     write_page(opened, recording)
     finish({"page": str(dataset / PAGE)}, json, f"{dataset / PAGE}")
+
+
+@app.command()
+def film(
+    motion: Annotated[
+        Path, Argument(help="Motion of solve, BVH, C3D, TRC, or a file of joint positions (.npz).")
+    ],
+    out: Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")],
+    take: Annotated[
+        str | None, Option(help="Name of the take, for a file of several.", show_default="the only one")
+    ] = None,
+    difficulty: Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)] = "normal",
+    seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Record a motion with the virtual rig, 30 frames a second; the true labels go to out.truth/."""
+    with needing("synth"):
+        from synth.motion.library import read_take
+        from synth.rig.film import FilmRig
+        from synth.rig.simulate import simulate, suit_path, truth_path
+
+    name, moved = read_take(motion, take)
+    rig = FilmRig(name, moved, difficulty, seed)
+    with progress("film", len(rig)) as advance:
+        simulate(rig, out, advance, overwrite=overwrite)
+    result = {"frames": len(rig), "truth": str(truth_path(out)), "suit": str(suit_path(out))}
+    finish(result, json, f"{len(rig)} frames in {out}, truth in {truth_path(out)}, suit in {suit_path(out)}")

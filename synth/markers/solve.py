@@ -58,18 +58,34 @@ def solve(
     person's.
     """
     markerset = markerset or choose_marker_set(markers.labels)
-    up = None if static is None else up_direction(static, markerset, _picked(static, markerset))
-    trial = known_markers(markers, markerset, up)
+    trial, standing = _trials(markers, static, markerset)
     assumed = [*markers.assumed, *trial.assumed]
     frames = _calibration_frames(trial, CALIBRATION_FRAMES)
-    if static is not None:
-        standing = known_markers(static, markerset, up)
-        check_same_person(trial, standing, markerset)
+    if static is not None and standing is not None:
         frames = np.concatenate([frames, _calibration_frames(standing, STATIC_FRAMES)])
         assumed += [f"static trial: {line}" for line in (*static.assumed, *standing.assumed)]
     person = _person(frames, markerset)
     motion = _track(trial, person, markerset, markers.frames_per_second, advance)
     return replace(motion, report=replace(motion.report, assumed=tuple(assumed)))
+
+
+def places_m(markers: Markers, static: Markers | None = None, markerset: MarkerSet | None = None) -> Float64:
+    """Markers (F, M, 3) of a recording in the world that ``solve`` gives its motion, NaN: unseen."""
+    trial, _ = _trials(markers, static, markerset or choose_marker_set(markers.labels))
+    return trial.positions_m
+
+
+def _trials(
+    markers: Markers, static: Markers | None, markerset: MarkerSet
+) -> tuple[KnownMarkers, KnownMarkers | None]:
+    """The known markers of a recording and of its static trial, which must be of the same person."""
+    up = None if static is None else up_direction(static, markerset, _picked(static, markerset))
+    trial = known_markers(markers, markerset, up)
+    if static is None:
+        return trial, None
+    standing = known_markers(static, markerset, up)
+    check_same_person(trial, standing, markerset)
+    return trial, standing
 
 
 def solve_takes(

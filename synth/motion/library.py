@@ -53,6 +53,25 @@ def read_motions(path: Path, advance: Callable[[int], None] = lambda _: None) ->
     return {path.stem: solve(read_markers(path), advance=advance)}
 
 
+def read_take(path: Path, take: str | None) -> tuple[str, Motion]:
+    """Name and motion of a file's take. Raises CloudError where it has several and none of them is named."""
+    if path.is_dir():
+        raise CloudError(f"{path} is a folder; give one motion of it")
+    motion_files(path)
+    if path.suffix.lower() == ".npz" and is_joint_file(path):
+        takes, places = read_joint_file(path)
+        if take is None and len(takes) == 1:
+            take = next(iter(takes))
+        if take not in takes:
+            shown = ", ".join(list(takes)[:6])
+            raise CloudError(f"{path} has {len(takes)} takes; name one with --take: {shown}, ...")
+        return take, solve(takes[take], markerset=places)
+    ((name, motion),) = read_motions(path).items()
+    if take not in (None, name):
+        raise CloudError(f"{path} has no take {take!r}; leave out --take")
+    return name, motion
+
+
 def digest(files: list[Path]) -> str:
     """SHA-256 of the contents of files, in order."""
     whole = hashlib.sha256()

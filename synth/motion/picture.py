@@ -1,13 +1,20 @@
 """Pictures of a body in motion: parts in their colours, shaded, markers as dots, and the floor under it."""
 
-from collections.abc import Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
 
-from annotate.array_types import Float32, Float64, Int32, UInt8
+from annotate.array_types import Float32, Float64, Int32, Int64, UInt8
 from annotate.parts import PARTS
+from sensors.errors import CloudError
+from sensors.files.atomic import write_bytes
 from sensors.rig.camera import Intrinsics
+from synth.body.body import pose
+from synth.body.skeleton import Posture
+from synth.markers.motion_file import Motion
+from synth.markers.person_body import person_body
+from synth.motion.placed import heading_rad
 from synth.surface.rasterize import rasterize
 
 TILE = (300, 240)
@@ -59,8 +66,55 @@ def _seen(points_m: Float32 | Float64, azimuth_rad: float) -> Float64:
     return np.stack([c * x + s * y, 0.46 * SPAN_M - z, AWAY_M - s * x + c * y], axis=1)
 
 
-def sheet(pictures: Sequence[UInt8], columns: int) -> UInt8:
-    """Pictures of one size in rows of so many."""
-    blank = [np.full_like(pictures[0], 255)] * (-len(pictures) % columns)
-    tiles = [*pictures, *blank]
-    return np.vstack([np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)])
+SHOWN = 6
+"""Moments in a picture."""
+FILM_PER_SECOND, LONGEST_S = 15.0, 20.0
+"""Pictures a second of an animation, and its length at most: an e-mail's attachment."""
+ANIMATIONS = (".webp", ".gif", ".png")
+"""Suffixes of animations: every browser shows them."""
+
+
+def save_picture(path: Path, motion: Motion, markers_m: Float64) -> None:
+    """Write moments of a motion with its markers (F, M, 3) on the person, front and side, as PNG."""
+    moments = np.unique(np.linspace(0, len(motion) - 1, SHOWN).astype(int))
+    rows = [_views(motion, markers_m, moments, azimuth) for azimuth in (0.0, np.pi / 2)]
+    image = np.vstack([np.hstack(row) for row in rows])
+    _, data = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))
+    write_bytes(path, data.tobytes())
+
+
+def check_animation(path: Path) -> None:
+    """Raise CloudError for the name of no animation."""
+    if path.suffix.lower() not in ANIMATIONS:
+        raise CloudError(f"{path} is no animation; give {', '.join(ANIMATIONS)}")
+
+
+def save_animation(path: Path, motion: Motion, markers_m: Float64) -> None:
+    """Write a motion's beginning with its markers (F, M, 3) on the person, front and side, as an animation.
+
+    Raises CloudError for the name of no animation.
+    """
+    check_animation(path)
+    every = max(1, round(motion.frames_per_second / FILM_PER_SECOND))
+    moments = np.arange(0, len(motion), every)[: round(LONGEST_S * FILM_PER_SECOND)]
+    front, side = (_views(motion, markers_m, moments, azimuth) for azimuth in (0.0, np.pi / 2))
+    pairs = [np.hstack(pair)[..., ::-1] for pair in zip(front, side, strict=True)]
+    animation = cv2.Animation()
+    animation.frames = [np.ascontiguousarray(pair) for pair in pairs]
+    animation.durations = [round(1000 * every / motion.frames_per_second)] * len(moments)
+    _, data = cv2.imencodeanimation(path.suffix.lower(), animation)
+    write_bytes(path, data.tobytes())
+
+
+def _views(motion: Motion, markers_m: Float64, moments: Int64, azimuth_rad: float) -> list[UInt8]:
+    """Pictures of some frames, seen so far round from the front of the first, the pelvis in the middle."""
+    body = person_body(motion.bones_m)
+    posed = [pose(body, Posture(motion.angles_rad[f], motion.pelvis_m[f]))[0] for f in moments]
+    azimuth = azimuth_rad + heading_rad(motion.angles_rad[moments[0], 0])
+    floor = min(float(vertices[:, 2].min()) for vertices in posed)
+    views = []
+    for f, vertices in zip(moments, posed, strict=True):
+        middle = np.array([*motion.pelvis_m[f, :2], floor])
+        seen = (vertices - middle).astype(np.float32)
+        views.append(portrait(seen, body.faces, body.face_parts, azimuth, markers_m[f] - middle))
+    return views

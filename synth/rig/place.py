@@ -1,13 +1,15 @@
 """Where the rig's person is: sofa, chair or bed, what is done there, and where the robot stands."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from annotate.array_types import Float64
 from sensors.rig.rig_calibration import Pose
-from synth.pose.moment import Behaviour
+from synth.body.body import Body
+from synth.pose.moment import Moment, Posed
 from synth.pose.postures import in_bed, on_seat
 from synth.rig.cushion import Cushion
 from synth.surface.furniture import Bed, Chair, Furniture, Seat, Sofa, Solid
@@ -22,6 +24,23 @@ Viewpoint = Callable[[np.random.Generator, float], tuple[Float64, Float64]]
 """Draws a robot's eye and target (3,) each, world, metres; the float is how far its aim strays, 1 at best."""
 
 
+class Acting(Protocol):
+    """What somebody does in a place: a ``Behaviour``, or a recorded motion."""
+
+    def draw(self, rng: np.random.Generator) -> Moment:
+        """A moment of it."""
+        ...
+
+    def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
+        """An endless stream of moments, frame by frame."""
+        ...
+
+    @property
+    def pose(self) -> Callable[[Body, Moment], Posed]:
+        """Poses a body in a moment."""
+        ...
+
+
 @dataclass(frozen=True)
 class Place:
     """A piece of furniture before a wall, with a robot before it. World frame, metres.
@@ -32,7 +51,7 @@ class Place:
 
     furniture: Furniture
     wall_y: float
-    behaviour: Behaviour
+    behaviour: Acting
     lies: bool
     view: Viewpoint
 

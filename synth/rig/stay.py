@@ -3,7 +3,7 @@
 Faces of the whole scene run: subject, visitor (if any), cushions, things, and what never moves.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from synth.body.body import Body, blend, hair_faces, shipped_bodies
 from synth.pose.moment import Moment
 from synth.rig.difficulty import Difficulty
 from synth.rig.furnish import furnish, invite
-from synth.rig.place import SCENES
+from synth.rig.place import Place
 from synth.surface.furniture import Surface, empty_room
 from synth.surface.rasterize import Mesh, merge, tagged
 
@@ -74,20 +74,28 @@ class Cast:
 
 
 class Stay:
-    """Subject ``number`` of a rig in a place, with what stands about; ``tableaux`` plays it.
+    """Subject ``number`` of a rig in a drawn place, with what stands about; ``tableaux`` plays it.
 
-    Deterministic in (seed, number). cast: what does not change.
+    Deterministic in (seed, number). body: of the subject, by default one of all builds. cast: what does not
+    change.
     """
 
     def __init__(
-        self, scene: str, difficulty: Difficulty, suit: Suit, seed: int, number: int, frames_per_second: float
+        self,
+        place: Callable[[np.random.Generator], Place],
+        difficulty: Difficulty,
+        suit: Suit,
+        seed: int,
+        number: int,
+        frames_per_second: float,
+        body: Body | None = None,
     ) -> None:
         rng, bodies = np.random.default_rng((seed, number)), shipped_bodies()
         self._fps, self._motion = frames_per_second, np.random.default_rng((seed, number, 7))
         self._difficulty = difficulty
         own, like = bodies[(number + seed) % len(bodies)], bodies[int(rng.integers(len(bodies)))]
-        self._body = blend(own, like, float(rng.uniform(0, MOST_BLENDED)))
-        self._place = SCENES[scene](rng)
+        build = blend(own, like, float(rng.uniform(0, MOST_BLENDED)))
+        self._body, self._place = build if body is None else body, place(rng)
         self._room_c = float(rng.uniform(*difficulty.room_c))
         self._cushions = self._place.cushions()
         camera_from_world = self._place.robot_eye(rng, difficulty.stray)

@@ -102,10 +102,14 @@ class VirtualRig:
         thermal = ThermalState(faults.thermal, rng)
         for number in range(self.subjects):
             first, end = (-(-n * self.frames // self.subjects) for n in (number, number + 1))
-            stay = Stay(self.scene, faults, self.suit, self.seed, number, self.frames_per_second)
+            stay = self._stay(number)
             cameras = _Cameras(depth, self._color_camera(stay.cast), thermal)
             for index, tableau in zip(range(first, end), stay.tableaux(), strict=False):
                 yield self._shoot(stay.cast, tableau, index, cameras)
+
+    def _stay(self, number: int) -> Stay:
+        place = SCENES[self.scene]
+        return Stay(place, self.difficulty, self.suit, self.seed, number, self.frames_per_second)
 
     def _color_camera(self, cast: Cast) -> ColorCamera:
         lens, pose = self._color, COLOR_FROM_DEPTH @ cast.camera_from_world

@@ -1,0 +1,136 @@
+"""A recorded motion before the virtual rig: one person in a suit does it in a room, 30 frames a second."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from annotate.array_types import Float64
+from sensors.errors import CloudError
+from sensors.rig.kinect2_factory import KINECT2_DEPTH
+from synth.body.body import Body, pose
+from synth.markers.motion_file import Motion
+from synth.markers.person_body import person_body
+from synth.motion.grounded import ground
+from synth.motion.performance import Performance, perform
+from synth.motion.resample import resampled
+from synth.pose.moment import Moment, Posed
+from synth.rig.difficulty import Clutter
+from synth.rig.place import Place
+from synth.rig.stay import Stay
+from synth.rig.virtual_rig import VirtualRig
+from synth.surface.furniture import ROOM_FRONT_Y_M, Footprint, Furniture, Solid
+from synth.surface.rasterize import beside, look_at
+
+FRAMES_PER_SECOND = 30.0
+"""Of a film: a Kinect's."""
+SHORTEST_S = 0.3
+"""Of a motion worth filming. Chosen by eye."""
+DISTANCES_M = (1.9, 2.2, 2.5, 2.8, 3.1)
+"""Of the camera from the middle of what happens; the first from which all of it is in view. Chosen by eye."""
+IN_VIEW = 0.84
+"""Share of the depth image that holds everything: the colour camera sees less above and below."""
+BEHIND_M = 0.6
+"""Between the rearmost of what happens and the wall. Chosen by eye."""
+
+
+@dataclass(frozen=True)
+class OpenFloor(Furniture):
+    """No furniture at all."""
+
+    height: float = 0.0
+    give_m: float = 0.0
+    soft = ()
+
+    @property
+    def footprint(self) -> Footprint:
+        """None."""
+        return Footprint(0.0, 0.0, 0.0)
+
+    def solids(self) -> list[Solid]:
+        """None."""
+        return []
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """A performance as what somebody does in a place; a moment is the number of a frame."""
+
+    performance: Performance
+
+    def draw(self, rng: np.random.Generator) -> Moment:
+        """Any frame."""
+        return {"frame": float(rng.integers(len(self.performance.postures)))}
+
+    def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
+        """All frames in order, then the last for ever."""
+        last = len(self.performance.postures) - 1
+        frame = 0
+        while True:
+            yield {"frame": float(min(frame, last))}
+            frame += 1
+
+    def pose(self, body: Body, moment: Moment) -> Posed:
+        """The performer in a frame."""
+        return pose(body, self.performance.postures[int(moment["frame"])])
+
+
+class FilmRig(VirtualRig):
+    """The frames of one motion, done by somebody of the recorded person's size; deterministic in the seed.
+
+    Raises CloudError for a motion too short, or an unknown difficulty.
+    """
+
+    def __init__(self, name: str, motion: Motion, difficulty: str, seed: int) -> None:
+        seconds = len(motion) / motion.frames_per_second
+        if seconds < SHORTEST_S or len(motion) < 3:
+            raise CloudError(
+                f"{name} has {len(motion)} frames, {seconds:.2f} s; a film needs {SHORTEST_S} s or more"
+            )
+        body = person_body(motion.bones_m)
+        self._played = Played(perform(body, ground(resampled(motion, FRAMES_PER_SECOND))))
+        frames = len(self._played.performance.postures)
+        super().__init__(frames, 1, difficulty, seed, frames_per_second=FRAMES_PER_SECOND)
+        self.name, self.scene = f"film-{name}-{difficulty}-{seed}", "motion"
+        calm = Clutter(radiator=self.difficulty.clutter.radiator, window=self.difficulty.clutter.window)
+        self.difficulty = replace(self.difficulty, clutter=calm)
+
+    def _stay(self, number: int) -> Stay:
+        performance = self._played.performance
+        return Stay(
+            self._place,
+            self.difficulty,
+            self.suit,
+            self.seed,
+            number,
+            self.frames_per_second,
+            performance.body,
+        )
+
+    def _place(self, rng: np.random.Generator) -> Place:
+        """The room: wall behind, the robot before all that happens."""
+        performance = self._played.performance
+        joints = np.concatenate([pose(performance.body, p)[1] for p in performance.postures[::5]])
+        azimuth = float(np.radians(rng.uniform(-30, 30)))
+        eye, target = _eye(joints, azimuth, float(rng.uniform(1.0, 1.5)))
+
+        def view(rng: np.random.Generator, stray: float) -> tuple[Float64, Float64]:
+            return eye, target + stray * rng.normal(0, 0.03, 3)
+
+        furniture = performance.seat or OpenFloor()
+        behind = max(float(joints[:, 1].max()), furniture.footprint.back_y)
+        return Place(furniture, behind + BEHIND_M, self._played, False, view)
+
+
+def _eye(joints_m: Float64, azimuth_rad: float, height_m: float) -> tuple[Float64, Float64]:
+    """Place and target (3,) of the nearest camera that sees all joints (n, 3), inside the room."""
+    target = (joints_m.min(axis=0) + joints_m.max(axis=0)) / 2
+    half = np.array([KINECT2_DEPTH.width, KINECT2_DEPTH.height]) / 2 * IN_VIEW
+    for distance in DISTANCES_M:
+        eye = beside(target, azimuth_rad, distance, height_m)
+        eye[1] = max(eye[1], ROOM_FRONT_Y_M + 0.2)
+        x, y, z = look_at(eye, target).apply(joints_m).T
+        off = np.abs(np.stack([x, y], axis=1)) * KINECT2_DEPTH.fx / np.maximum(z, 0.1)[:, None]
+        if (off < half).all():
+            break
+    return eye, target
