@@ -26,6 +26,8 @@ FOOT_HOLD = 0.5
 by eye."""
 ASTRAY_M = 0.015
 """A standing foot may be so far from its height after its leg gave way. Chosen by eye."""
+OUT_OF_REACH_M = 0.06
+"""A foot that is farther from the floor lies or hangs. Chosen by eye."""
 LEANS_RAD = (0.0, 0.2, 0.4, 0.6)
 """How far a trunk leans back, tried in this order. Chosen by eye."""
 LEAN_COST_M = 0.05
@@ -50,19 +52,22 @@ def cleared(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]
     airborne = np.array([0.0, 0.0, low])
     placed, goal = _moved(posture, -airborne), (wanted_m - low)[:2]
     near, feet = _near(wanted_m)[:2], _feet(body)
+    best, least = placed, np.inf
     for _ in range(3):
         placed = _settled(body, placed, goal, near, solids)
         vertices, _ = pose(body, placed)
         up = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
         placed = _moved(placed, up)
-        # Thighs that part, and skin that stands out, leave a foot in the air: hips lower, the other leg bent.
         high = np.array([vertices[foot, 2].min() for foot in feet]) + up[2] - (wanted_m - low)[:2]
         astray = float((near * high).max())
-        if astray < ASTRAY_M:
+        if astray < least:
+            best, least = placed, astray
+        if not ASTRAY_M < astray < OUT_OF_REACH_M:
             break
+        # Thighs that part, and skin that stands out, leave a foot in the air: hips lower, the other leg bent.
         goal = goal - high
         placed = _bent(flesh_of(body), _moved(placed, np.array([0.0, 0.0, -astray])), wanted_m - low)
-    return _moved(placed, airborne)
+    return _moved(best, airborne)
 
 
 @lru_cache(maxsize=16)
