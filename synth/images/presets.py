@@ -13,13 +13,13 @@ from annotate.crop import SIZE, Crop, crop_around, window_of
 from annotate.frame_labels import FrameLabels
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
-from synth.body.skeleton import JOINT_ID
 from synth.cameras.draw import draw_sensor
 from synth.cameras.sensor import Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.images.motion_stage import Moved
 from synth.images.people import Casting, Person, Wardrobe, crowd_person, paper_person
 from synth.images.stages import Stage, Staging, everybody, recumbent, sitting, standing, upright
+from synth.images.stance import facing_deg
 from synth.images.view import PersonView, cut, occluder, render_view, visibility
 from synth.images.viewpoints import Shot, inside_image
 from synth.motion.repertoire import Repertoire
@@ -99,7 +99,7 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
         "cut": round(1 - np.count_nonzero(mask) / np.count_nonzero(view.parts), 3),
     }
     if preset.described:
-        notes |= _description(stage, shot, view, sensor, inside) | person.notes
+        notes |= _description(stage, joints, view, sensor, inside) | person.notes
     return FrameLabels(f"{index:08d}", depth, labels, subject=person.subject, status="truth", notes=notes)
 
 
@@ -153,7 +153,9 @@ def _geometry(stage: Stage, shot: Shot, joints_m: Float64) -> dict[str, Any]:
     }
 
 
-def _description(stage: Stage, shot: Shot, view: PersonView, sensor: Sensor, inside: float) -> dict[str, Any]:
+def _description(
+    stage: Stage, joints_m: Float64, view: PersonView, sensor: Sensor, inside: float
+) -> dict[str, Any]:
     """Notes of a described preset.
 
     facing_deg: azimuth of the camera about the pelvis, 0 before it, positive on the person's left. height_px:
@@ -163,22 +165,13 @@ def _description(stage: Stage, shot: Shot, view: PersonView, sensor: Sensor, ins
     rows, _ = window_of(view.parts > 0)
     c = sensor.camera
     return {
-        "facing_deg": round(facing_deg(stage.joints_m, shot.eye_m), 1),
+        "facing_deg": round(facing_deg(joints_m * 1000, ("hip",)), 1),
         "height_px": rows.stop - rows.start,
         "beyond": round(1 - inside, 3),
         "sensor": {"kind": sensor.kind, "model": sensor.model},
         "intrinsics": [c.width, c.height, *(round(value, 3) for value in (c.fx, c.fy, c.cx, c.cy))],
         **stage.notes,
     }
-
-
-def facing_deg(joints_m: Float64, eye_m: Float64) -> float:
-    """Azimuth of a camera's eye (3,) about the pelvis of joints (J, 3); 0 before it, 90 on the left."""
-    pelvis = joints_m[JOINT_ID["pelvis"]]
-    left = joints_m[JOINT_ID["left_hip"]] - joints_m[JOINT_ID["right_hip"]]
-    front = np.cross(left, joints_m[JOINT_ID["spine_upper"]] - pelvis)
-    across, ahead = ((eye_m - pelvis) @ axis / np.linalg.norm(axis) for axis in (left, front))
-    return float(np.degrees(np.arctan2(across, ahead)))
 
 
 class FreshKinect2(TimeOfFlight):

@@ -33,13 +33,14 @@ def arms_deg(joints_mm: Float64) -> Float64:
     return np.array([_angle_deg(arm, trunk) for arm in arms])
 
 
-def facing_deg(joints_mm: Float64) -> float:
+def facing_deg(joints_mm: Float64, across: tuple[str, ...] = ("shoulder", "hip")) -> float:
     """Azimuth of the camera about the trunk's axis, degrees: 0 before the chest, 90 on the person's left.
 
-    joints_mm: (J, 3), camera frame.
+    joints_mm: (J, 3), camera frame. across: pairs of joints from right to left; the hips alone
+    give the pelvis' azimuth.
     """
     (up,) = _bone(joints_mm, "pelvis", "neck")
-    left = sum(_bone(joints_mm, f"right_{kind}", f"left_{kind}")[0] for kind in ("shoulder", "hip"))
+    left = sum(_bone(joints_mm, f"right_{kind}", f"left_{kind}")[0] for kind in across)
     forward = np.cross(left, up)
     leftward = np.cross(up, forward)
     to_camera = -joints_mm[JOINT_ID["pelvis"]]
