@@ -76,7 +76,8 @@ def standing(rng: np.random.Generator, body: Body) -> Stage:
     """Standing about on an open floor, mostly seen from the front, some cut by the picture."""
     how = draw_standing(rng)
     stood = stand(body, how)
-    around = merge([Ground().mesh(), *stood.things])
+    floor = Ground().mesh()
+    around = merge([floor, *stood.things]) if stood.things else floor
     hands = {"hands": dict(how.hands), "stands": how.stands}
     return Stage(how.stance, stood.vertices_m, stood.joints_m, around, Around(), hands)
 

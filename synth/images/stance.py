@@ -39,12 +39,12 @@ def facing_deg(joints_mm: Float64, across: tuple[str, ...] = ("shoulder", "hip")
     joints_mm: (J, 3), camera frame. across: pairs of joints from right to left; the hips alone
     give the pelvis' azimuth.
     """
-    (up,) = _bone(joints_mm, "pelvis", "neck")
-    left = sum(_bone(joints_mm, f"right_{kind}", f"left_{kind}")[0] for kind in across)
+    at = {name: joints_mm[JOINT_ID[name]] for name in ("pelvis", "neck")}
+    up = at["neck"] - at["pelvis"]
+    left = sum(joints_mm[JOINT_ID[f"left_{kind}"]] - joints_mm[JOINT_ID[f"right_{kind}"]] for kind in across)
     forward = np.cross(left, up)
-    leftward = np.cross(up, forward)
-    to_camera = -joints_mm[JOINT_ID["pelvis"]]
-    x, y = (to_camera @ axis / np.linalg.norm(axis) for axis in (leftward, forward))
+    leftward = left - up * (left @ up) / (up @ up)
+    x, y = (-at["pelvis"] @ axis / np.sqrt(axis @ axis) for axis in (leftward, forward))
     return float(np.degrees(np.arctan2(x, y)))
 
 

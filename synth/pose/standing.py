@@ -10,7 +10,6 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float32, Float64
 from synth.body.body import Body, pose
@@ -136,8 +135,7 @@ def _upper_body(how: Standing) -> Float64:
     angles[_SPINE] = np.array(spine) / 3
     angles[_NECK] = np.array([legs["nod"] - 0.4 * legs["pitch"], legs["head_lean"], legs["turn"]]) / 2
     limited = clamp(np.radians(angles))
-    pelvis = Rotation.from_euler("YX", [-sign * legs["tilt"], legs["pitch"]], degrees=True)
-    limited[0] = pelvis.as_euler("XYZ") * (1, -1, 1)
+    limited[0] = np.radians([legs["pitch"], sign * legs["tilt"], 0.0])
     return limited
 
 

@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cache
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -242,7 +243,12 @@ class Ground:
 
     def mesh(self) -> Mesh:
         """Three metres of floor to each side."""
-        return sheet(np.array([-3.0, -3.0, 0.0]), np.array([6.0, 0, 0]), np.array([0, 6.0, 0]), Surface.FLOOR)
+        return _floor()
+
+
+@cache
+def _floor() -> Mesh:
+    return sheet(np.array([-3.0, -3.0, 0.0]), np.array([6.0, 0, 0]), np.array([0, 6.0, 0]), Surface.FLOOR)
 
 
 def empty_room(back_wall_y: float) -> Mesh:
