@@ -172,7 +172,7 @@ def test_cloth_follows_a_body_that_turns_about_the_vertical():
 def test_a_skirt_gives_way_to_a_hand():
     dressed = worn(3, skirt=replace(SKIRT, flare=0.25, ease_mm=30))
     vertices, joints = pose(dressed.body, Posture.zero())
-    first, hand = len(vertices), dressed.pieces[0].arms
+    first, hand = len(vertices), dressed.pieces[0].carrier.arms
     vertices[hand] += 5
     before = dressed.drape(vertices, joints)[first:]
     node = int(np.argmax(before[:, 0]))

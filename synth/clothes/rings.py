@@ -6,6 +6,8 @@ waist to hem it hangs from the widest place above, but where it lies on top of f
 follows the legs, so the cloth over a leg stays that leg's.
 """
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
@@ -26,6 +28,8 @@ SMOOTHING = 4
 REACH = 6
 """Rings up and down by which a ring's plane is set square to the legs. Chosen by eye: a bent knee is
 rounded."""
+TURN = 10.0
+"""Rings above and below the hips over which cloth turns from the pelvis to the legs. Chosen by eye."""
 LIES = 1.5
 """On top of flesh cloth comes down to it by so many metres a metre; where it stands upright it hangs
 straight."""
@@ -39,31 +43,45 @@ CLEAR_M = 0.008
 """Cloth keeps this far off the posed flesh: its chords would cut into it."""
 
 
-@numba.njit(cache=True, fastmath=EXACT)
-def hung(
-    vertices: Float32, held: Int32, ring: Float32, left: Float32, arms: Int32, ease: Float32, flare: float
-) -> Float32:
-    """Vertices ((R + LINED) NODES + 2, 3) of rings of cloth about a posed body's vertices (V, 3), world,
-    metres.
+class Carrier(NamedTuple):
+    """What of a body carries rings of cloth (a named tuple, which compiled code takes).
 
-    The rest as ``HangingSkirt`` has it. Ring by ring the outside, the inside of the hem, the middles of the
-    two lids. World: z up, from where cloth that lies on flesh is told from cloth that hangs.
+    held: int32 (n,) vertices of trunk and legs; ring: float32 (n,) the ring each is at, between rings;
+    left: float32 (n,) 1 for the left half's, 0 for the right's. arms: int32 (m,) vertices to which the
+    cloth gives way. hips: the ring at the hip joints, between rings.
+    """
+
+    held: Int32
+    ring: Float32
+    left: Float32
+    arms: Int32
+    hips: float
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def hung(vertices: Float32, down: Triple, carrier: Carrier, ease: Float32, flare: float) -> Float32:
+    """Vertices ((R + LINED) NODES + 2, 3) of rings of cloth about a posed body's (V, 3), world, metres.
+
+    down: from the pelvis towards the feet, as the pelvis is turned. ease: (R, NODES) off the flesh; flare:
+    metres wider a metre down. The outside ring by ring, the inside of the hem, the middles of the two lids.
+    World: z up, by which cloth that lies on flesh is told from cloth that hangs.
     """
     rings = len(ease)
-    middles = _leg_middles(vertices, held, ring, left, rings)
-    frames = _frames(middles)
+    middles = _leg_middles(vertices, carrier, rings)
+    frames = _frames(middles, down, carrier.hips)
     flesh = np.zeros((rings, NODES), np.float32)
-    _touch(flesh, vertices, held, ring, left, middles, frames)
+    _touch(flesh, vertices, carrier, middles, frames)
     flesh = np.maximum(flesh, _spread(flesh))
     radii = _hanging(flesh, ease, flare, frames)
-    _give_way(radii, flesh, vertices, arms, middles, frames)
+    _give_way(radii, flesh, vertices, carrier.arms, middles, frames)
     return _nodes(radii, middles, frames)
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _leg_middles(vertices: Float32, held: Int32, ring: Float32, left: Float32, rings: int) -> Float64:
+def _leg_middles(vertices: Float32, carrier: Carrier, rings: int) -> Float64:
     """Means (R, 2, 3) of each leg's vertices about each ring: the right leg's, the left leg's."""
     middles, weight = np.zeros((rings, 2, 3)), np.full((rings, 2), 1e-9)
+    held, ring, left = carrier.held, carrier.ring, carrier.left
     for n in range(len(held)):
         side = int(left[n])
         k = int(np.floor(ring[n]))
@@ -92,17 +110,19 @@ def _triple(vector: Float64) -> Triple:
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _frames(middles: Float64) -> Float64:
+def _frames(middles: Float64, pelvis: Triple, hips: float) -> Float64:
     """Unit vectors (R, 2, 2, 3) across each leg, away from the other one, and to its front, by ring and leg.
 
     They span the plane of the ring, turned the shortest way so that it crosses the leg at a right angle.
+    About the trunk it lies as the pelvis does; over ``TURN`` rings it comes to lie as the legs do.
     """
     rings = len(middles)
     frames = np.empty((rings, 2, 2, 3))
     for r in range(rings):
         above, below = max(r - REACH, 0), min(r + REACH, rings - 1)
-        right = unit(_triple(middles[below, 0] - middles[above, 0]))
-        left = unit(_triple(middles[below, 1] - middles[above, 1]))
+        share = min(max((r - hips) / TURN + 0.5, 0.0), 1.0)
+        right = _between(pelvis, unit(_triple(middles[below, 0] - middles[above, 0])), share)
+        left = _between(pelvis, unit(_triple(middles[below, 1] - middles[above, 1])), share)
         across = unit(_triple(middles[r, 1] - middles[r, 0]))
         front = unit(cross((left[0] + right[0], left[1] + right[1], left[2] + right[2]), across))
         down = cross(across, front)
@@ -113,6 +133,13 @@ def _frames(middles: Float64) -> Float64:
             for i in range(3):
                 frames[r, side, 0, i], frames[r, side, 1, i] = sign * outwards[i], ahead[i]
     return frames
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _between(start: Triple, end: Triple, share: float) -> Triple:
+    """A unit vector a share of the way from one to another."""
+    a, b = 1 - share, share
+    return unit((a * start[0] + b * end[0], a * start[1] + b * end[1], a * start[2] + b * end[2]))
 
 
 @numba.njit(cache=True, fastmath=EXACT)
@@ -160,17 +187,10 @@ def _in_ring(point: Triple, side: int, middles: Float64, frames: Float64) -> tup
 
 
 @numba.njit(cache=True, fastmath=EXACT)
-def _touch(
-    flesh: Float32,
-    vertices: Float32,
-    held: Int32,
-    ring: Float32,
-    left: Float32,
-    middles: Float64,
-    frames: Float64,
-) -> None:
+def _touch(flesh: Float32, vertices: Float32, carrier: Carrier, middles: Float64, frames: Float64) -> None:
     """Widen each node to the flesh beside it."""
     rings = len(flesh)
+    held, ring, left = carrier.held, carrier.ring, carrier.left
     for n in range(len(held)):
         k, v = int(np.floor(ring[n])), held[n]
         point = (np.float64(vertices[v, 0]), np.float64(vertices[v, 1]), np.float64(vertices[v, 2]))

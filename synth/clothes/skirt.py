@@ -11,36 +11,37 @@ from synth.body.part_border import borders
 from synth.body.skeleton import JOINT_ID
 from synth.clothes.attire import Skirt
 from synth.clothes.cloth import fold_heights
-from synth.clothes.rings import CLEAR_M, LINED, NODES, RING_M, hung
-from synth.clothes.skin_map import Limb, SkinMap
+from synth.clothes.rings import CLEAR_M, LINED, NODES, RING_M, Carrier, hung
+from synth.clothes.skin_map import ARMS, LEGS, Limb, SkinMap
+from synth.surface.facets import Triple
 
 TUCK_M = 0.012
 """The first ring is so far inside the flesh, where nobody sees its edge."""
+
+FOREARM, EVERY = 1.2, 6
+"""Cloth gives way to an arm from this place on it, and to one in so many of its vertices."""
 
 
 @dataclass(frozen=True, eq=False)
 class HangingSkirt:
     """Rings of cloth about the legs of one dressed body.
 
-    held: int32 (n,) vertices of the body that carry the cloth; ring: float32 (n,) the ring each is at,
-    between rings; left: float32 (n,) 1 for the left leg's, 0 for the right's. arms: int32 (m,) vertices to
-    which the cloth gives way. ease_m: float32 (R, NODES) off the flesh, folds included. flare: metres wider
-    a metre down.
+    carrier: what of the body carries it. ease_m: float32 (R, NODES) off the flesh, folds included. flare:
+    metres wider a metre down. upright: the pelvis' way down at rest, see ``_down``.
     """
 
-    held: Int32
-    ring: Float32
-    left: Float32
-    arms: Int32
+    carrier: Carrier
     ease_m: Float32
     flare: float
+    upright: tuple[float, float]
     faces: Int32
     face_parts: UInt8
     dark: Float32
 
     def place(self, vertices_m: Float32, joints_m: Float64) -> Float32:
-        """Vertices float32 (v, 3) about a posed body's vertices (V, 3), world, metres."""
-        return hung(vertices_m, self.held, self.ring, self.left, self.arms, self.ease_m, self.flare)
+        """Vertices float32 (v, 3) about a posed body's vertices (V, 3) and joints (J, 3), world, metres."""
+        down = _down(joints_m, self.upright)
+        return hung(vertices_m, down, self.carrier, self.ease_m, self.flare)
 
 
 def hang_skirt(
@@ -49,20 +50,44 @@ def hang_skirt(
     """A skirt about a dressed body. naked: the same body undressed; places: its skin's."""
     top, hem = _heights(naked, skirt)
     rings = max(4, round((top - hem) / RING_M) + 1)
-    z = naked.vertices_m[:, 2]
-    ring = (top - z) / np.float32((top - hem) / (rings - 1))
-    about = np.isin(places.limb, (Limb.TRUNK, Limb.LEFT_LEG, Limb.RIGHT_LEG))
-    about &= naked.strongest_joints != JOINT_ID["left_ankle"]
-    about &= naked.strongest_joints != JOINT_ID["right_ankle"]
-    held = np.flatnonzero(about & (ring > -1) & (ring < rings)).astype(np.int32)
-    arms = np.flatnonzero(np.isin(places.limb, (Limb.LEFT_ARM, Limb.RIGHT_ARM)) & (places.along > 1.2))[::6]
-    left = (naked.vertices_m[held, 0] > 0).astype(np.float32)
-    ease = _ease(rings, skirt, rng)
-    faces = _faces(rings)
-    at_rest = hung(worn.vertices_m, held, ring[held], left, arms[:0].astype(np.int32), ease, skirt.flare)
+    step = (top - hem) / (rings - 1)
+    carrier = _carrier(naked, places, top, step, rings)
+    ease, faces = _ease(rings, skirt, rng), _faces(rings)
+    at_rest = hung(
+        worn.vertices_m, (0.0, 0.0, -1.0), carrier._replace(arms=carrier.arms[:0]), ease, skirt.flare
+    )
     parts = _parts_beneath(naked, at_rest, faces)
     dark = np.full(len(faces), skirt.dark, np.float32)
-    return HangingSkirt(held, ring[held], left, arms.astype(np.int32), ease, skirt.flare, faces, parts, dark)
+    return HangingSkirt(carrier, ease, skirt.flare, _upright(naked.joints_m), faces, parts, dark)
+
+
+def _carrier(body: Body, places: SkinMap, top: float, step: float, rings: int) -> Carrier:
+    """What of a body carries rings from a height on, so far from each other."""
+    ring = (np.float32(top) - body.vertices_m[:, 2]) / np.float32(step)
+    feet = np.isin(body.strongest_joints, (JOINT_ID["left_ankle"], JOINT_ID["right_ankle"]))
+    about = np.isin(places.limb, (Limb.TRUNK, *LEGS)) & ~feet
+    held = np.flatnonzero(about & (ring > -1) & (ring < rings)).astype(np.int32)
+    arms = np.flatnonzero(np.isin(places.limb, ARMS) & (places.along > FOREARM))[::EVERY].astype(np.int32)
+    left = (body.vertices_m[held, 0] > 0).astype(np.float32)
+    return Carrier(held, ring[held], left, arms, float((top - body.joints_m[JOINT_ID["left_hip"], 2]) / step))
+
+
+def _down(joints_m: Float64, upright: tuple[float, float]) -> Triple:
+    """The pelvis' way down (3,) for joints (J, 3).
+
+    A mixture of the line from spine to hips and the one across it forwards, in the shares ``upright``.
+    """
+    left, right, spine = (joints_m[JOINT_ID[n]] for n in ("left_hip", "right_hip", "spine_lower"))
+    line = (left + right) / 2 - spine
+    x, y, z = upright[0] * line + upright[1] * np.cross(left - right, line)
+    return float(x), float(y), float(z)
+
+
+def _upright(rest_joints_m: Float64) -> tuple[float, float]:
+    """The shares with which ``_down`` of a body at rest is straight down."""
+    axes = np.array([_down(rest_joints_m, shares) for shares in ((1.0, 0.0), (0.0, 1.0))])
+    along, across = np.linalg.lstsq(axes.T, np.array([0.0, 0.0, -1.0]), rcond=None)[0]
+    return float(along), float(across)
 
 
 def _heights(body: Body, skirt: Skirt) -> tuple[float, float]:
