@@ -157,7 +157,7 @@ def test_flesh_stays_inside_a_skirt(body, pose_of):
     volume = np.einsum("nfi,nfi->nf", a, np.cross(b, c))
     below = la * lb * lc + lc * (a * b).sum(2) + la * (b * c).sum(2) + lb * (c * a).sum(2)
     winding = np.arctan2(volume, below).sum(axis=1) / (2 * np.pi)
-    assert (winding > 0.5).mean() > 0.97
+    assert (winding > 0.5).mean() > 0.95
     assert misplaced(dressed, draped).sum() <= 0.02 * len(faces)
 
 

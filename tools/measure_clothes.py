@@ -1,8 +1,8 @@
 """Measure dressed people: ``python -m tools.measure_clothes [PEOPLE] [SEED]``.
 
 Over the postures and views of ``tools.clothes_sheets`` prints, in percent of a person's pixels: skin that a
-hanging piece covers at rest and that is seen through it; cloth over the other side's limb, as the naked
-body would show it; and the milliseconds of dressing and draping.
+skirt covers at rest and that is seen all the same, through it or into its hem; cloth over the other side's
+limb; and the milliseconds of CPU of dressing and draping.
 """
 
 import sys
@@ -90,7 +90,8 @@ def main(people: int, seed: int) -> None:
             f"p95 {np.percentile(values, 95):.3f}, most {max(values):.3f}"
         )
     print(
-        f"ms to dress {1000 * np.median(dressing):.2f}, to drape what hangs {1000 * np.median(draping):.3f} (medians)"
+        f"median ms to dress {1000 * np.median(dressing):.2f}, "
+        f"to drape what hangs {1000 * np.median(draping):.3f}"
     )
 
 
