@@ -10,7 +10,7 @@ import numpy as np
 
 from annotate.array_types import Bool, Float64, UInt16
 from annotate.cloud.fuse import Fuser
-from annotate.crop import SIZE, crop_around, crop_from_note, person_of
+from annotate.crop import SIZE, crop_around, crop_from_note, person_of, window_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import MANIFEST, LabelSet
 from annotate.person.extract import Survey
@@ -85,7 +85,8 @@ def figures_of_labels(frame: FrameLabels) -> Figures | None:
 
 
 def _figures(crop: Bool, rows: float, whole: bool, joints_mm: Float64 | None) -> Figures | None:
-    if height_px(crop) < LEVELS:
+    crop = crop[window_of(crop)]
+    if len(crop) < LEVELS:
         return None
     joints = np.full((N_JOINTS, 3), np.nan) if joints_mm is None else joints_mm
     known = 1.0 if whole else np.nan
