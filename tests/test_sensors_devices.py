@@ -26,12 +26,14 @@ from sensors.device.streaming_camera import StreamingCamera
 from sensors.drivers import kinect2, pyrometer, serial_line
 from sensors.drivers.azure_kinect import AzureKinect, azure_devices
 from sensors.drivers.kinect2 import Kinect2
+from sensors.drivers.lepton import Lepton
 from sensors.drivers.optris import LAYOUTS, Optris
 from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.orbbec import Orbbec, depth_of, orbbec_serials
 from sensors.drivers.pyrometer import Pyrometer
 from sensors.drivers.pyrometer_protocol import CS, CT
 from sensors.drivers.realsense import RealSense, Settings, realsense_serials
+from sensors.drivers.y16 import Radiometry, Y16Camera
 from sensors.errors import (
     CloudError,
     DeviceAccessError,
@@ -45,13 +47,15 @@ from sensors.recording import open_device as open_device_module
 from sensors.recording.open_device import find_devices, open_device
 from sensors.rig.camera import intrinsics_from_rational
 from sensors.rig.frame import RigFrame
+from sensors.virtual.fake_kernel import FakeKernel
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
-from sensors.virtual.optris import FakeKernel, VirtualOptris
+from sensors.virtual.optris import VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
 from sensors.virtual.realsense import VirtualRealSense
 from sensors.virtual.schedule import Faults
+from sensors.virtual.y16 import VirtualLepton, VirtualY16
 from tests.helpers.swinging_ball import small_ball, swinging_ball
 
 VALUES = {
@@ -103,6 +107,17 @@ def bench_optris(mode):
     return make
 
 
+def bench_lepton(faults, folder):
+    twin = VirtualLepton(FrameLoop(swinging_ball()), faults, hurry=10)
+    return Bench(lambda: Lepton(twin.node, kind=FakeKernel(twin)), twin.unplug)
+
+
+def bench_y16(faults, folder):
+    twin = VirtualY16(FrameLoop(swinging_ball()), faults, Radiometry(0.01), 90.0)
+    opener = FakeKernel(twin)
+    return Bench(lambda: Y16Camera(twin.node, twin.size, 90.0, Radiometry(0.01), kind=opener), twin.unplug)
+
+
 def bench_direct(faults, folder):
     config = folder / "generic.xml"
     config.write_text("<imager><serial>0</serial></imager>")
@@ -128,6 +143,8 @@ BENCHES = {
     "kinect2": bench_kinect2,
     **{f"optris {mode}": bench_optris(mode) for mode in LAYOUTS},
     "optris-direct": bench_direct,
+    "lepton": bench_lepton,
+    "y16": bench_y16,
     "pyrometer ct": bench_pyrometer(CT, False),
     "pyrometer cs": bench_pyrometer(CS, False),
     "pyrometer ct burst": bench_pyrometer(CT, True),

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sensors.device.protocol import Flag, ThermalCounts, ThermalImage
-from sensors.drivers.optris import LAYOUTS, FlagWatch, Optris, pack, unpack
+from sensors.drivers.flag_watch import FlagWatch
+from sensors.drivers.optris import LAYOUTS, Optris, pack, unpack
 from sensors.drivers.optris_direct import (
     PROTOTYPES,
     DirectLibrary,
@@ -29,8 +30,9 @@ from sensors.errors import (
     DeviceLostError,
     DeviceNotFoundError,
 )
+from sensors.virtual.fake_kernel import FakeKernel
 from sensors.virtual.frame_loop import FrameLoop
-from sensors.virtual.optris import FakeKernel, VirtualOptris
+from sensors.virtual.optris import VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.schedule import Faults
 from tests.helpers.swinging_ball import swinging_ball

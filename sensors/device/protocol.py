@@ -60,8 +60,8 @@ class ThermalImage:
 class ThermalCounts:
     """Raw detector counts, which are no temperature without the vendor's radiometric calibration.
 
-    counts: uint16 (h, w). metadata: uint16 (13,), the camera's undocumented words. flag: as it was
-    recognised in the image (see ``FlagWatch``), since the words do not show it.
+    counts: uint16 (h, w). metadata: uint16 (n,), words that come with the image, an Optris' undocumented.
+    flag: as the camera gives it, or as it was recognised in the image (see ``FlagWatch``).
     """
 
     stream: ClassVar[str] = "thermal"

@@ -12,12 +12,16 @@ from sensors.device.node import node_error, video_nodes
 from sensors.device.protocol import Device, Found
 from sensors.drivers.azure_kinect import AzureKinect, azure_devices
 from sensors.drivers.kinect2 import Kinect2, kinect2_serials, load_shim
+from sensors.drivers.lepton import RATE_HZ, Lepton
+from sensors.drivers.lepton import USB_ID as LEPTON_ID
 from sensors.drivers.optris import LAYOUTS, USB_ID, Optris
 from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.orbbec import Orbbec, orbbec_serials
 from sensors.drivers.pyrometer import open_pyrometer
 from sensors.drivers.realsense import PRESETS, RATES, SIZES, RealSense, Settings, realsense_serials
+from sensors.drivers.y16 import Y16Camera, radiometry_of
 from sensors.errors import DeviceError, DeviceNotFoundError
+from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.rig.frame import RigFrame
 from sensors.virtual.twins import open_twin
 
@@ -26,6 +30,8 @@ VIRTUAL = (
     "virtual:realsense",
     "virtual:optris?mode=128hz",
     "virtual:optris-direct",
+    "virtual:lepton",
+    "virtual:y16?scale=0.01&offset=-273.15",
     "virtual:pyrometer?family=ct",
     "virtual:pyrometer?family=cs",
 )
@@ -53,6 +59,7 @@ def find_devices() -> list[Found]:
         *_numbered("azure", [serial for _, serial in azure_devices()]),
         *_numbered("orbbec", orbbec_serials()),
         *(Found(f"optris:{n}", "optris", serial, note=_access(n)) for n, serial in video_nodes(USB_ID)),
+        *(Found(f"lepton:{n}", "lepton", serial, note=_access(n)) for n, serial in video_nodes(LEPTON_ID)),
         *_serial_ports(),
         *(Found(address, address.split(":")[1].split("?")[0], virtual=True) for address in VIRTUAL),
     ]
@@ -97,6 +104,19 @@ def _open_direct(address: Address) -> Device:
     return device
 
 
+def _open_lepton(address: Address) -> Device:
+    address.finish()
+    node = _target(address, "/dev/video0")
+    return Lepton(node, dict(video_nodes(LEPTON_ID)).get(node, ""))
+
+
+def _open_y16(address: Address) -> Device:
+    width, height = (address.given_integer(side, 1, MAX_IMAGE_SIDE) for side in ("width", "height"))
+    rate_hz, radiometry = address.number("rate", RATE_HZ, 1.0, 200.0), radiometry_of(address)
+    address.finish()
+    return Y16Camera(_target(address, "/dev/video0"), (width or 160, height or 120), rate_hz, radiometry)
+
+
 OPENERS: Mapping[str, Callable[[Address], Device]] = {
     "kinect2": _numbered_opener(Kinect2),
     "realsense": _open_realsense,
@@ -104,6 +124,8 @@ OPENERS: Mapping[str, Callable[[Address], Device]] = {
     "orbbec": _numbered_opener(Orbbec),
     "optris": _open_optris,
     "optris-direct": _open_direct,
+    "lepton": _open_lepton,
+    "y16": _open_y16,
     "pyrometer": lambda address: open_pyrometer(address, _target(address, "/dev/ttyUSB0")),
 }
 """Every kind of real device, and what opens it."""

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 COLOR_WINDOW_NS = 17_000_000
 """Colour belongs to a depth image when at most half a period of 30 Hz away."""
 THERMAL_WINDOW_NS = 4_000_000
-"""Thermal belongs to a depth image when at most half a period of 128 Hz away."""
+"""Thermal belongs to a depth image when at most half a period of 128 Hz away; see ``thermal_window_ns``."""
 SPOT_WINDOW_NS = 1_000_000_000
 """Between readings of a pyrometer farther apart nothing is interpolated (it gives several a second)."""
 CLOCK = "clock "
@@ -33,6 +33,16 @@ def interpolate(
     share = (queries_ns - before)[near] / np.maximum(after - before, 1)[near]
     result[near] = (1 - share) * values[right - 1][near] + share * values[right][near]
     return result
+
+
+def thermal_window_ns(stamps_ns: NDArray[np.int64]) -> int:
+    """How far a thermal image may lie from the depth image that it belongs to. stamps_ns: (n,), sorted.
+
+    Half a period of its stream, but at most half of the depth camera's: an image of a camera with 9 a second
+    belongs to the one depth image that is nearest, and the others in between have none.
+    """
+    period_ns = float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
+    return int(np.clip(period_ns / 2, THERMAL_WINDOW_NS, COLOR_WINDOW_NS))
 
 
 def pair_stamps(

@@ -17,9 +17,9 @@ from sensors.rig.pairing import (
     LATENCY,
     MAX_LATENCY_MS,
     SPOT_WINDOW_NS,
-    THERMAL_WINDOW_NS,
     interpolate,
     pair_stamps,
+    thermal_window_ns,
 )
 from sensors.session.index import Contents, Places
 from sensors.session.mcap_records import MessageReader
@@ -69,7 +69,7 @@ class Session:
         self._pairs = {
             DEPTH: np.arange(len(self)),
             COLOR: pair_stamps(host[DEPTH], host[COLOR], COLOR_WINDOW_NS),
-            THERMAL: pair_stamps(host[DEPTH], host[THERMAL], THERMAL_WINDOW_NS),
+            THERMAL: pair_stamps(host[DEPTH], host[THERMAL], thermal_window_ns(host[THERMAL])),
             INFRARED: pair_stamps(depth_ns, infrared_ns, 0),  # one exposure gives both
         }
         self._host = host

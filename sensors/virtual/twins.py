@@ -7,23 +7,27 @@ from pathlib import Path
 from sensors.device.address import Address
 from sensors.device.protocol import Device
 from sensors.drivers.kinect2 import Kinect2
+from sensors.drivers.lepton import RATE_HZ, Lepton
 from sensors.drivers.optris import LAYOUTS, Optris
 from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.pyrometer import SCALES, open_pyrometer
 from sensors.drivers.pyrometer_protocol import FAMILIES
 from sensors.drivers.realsense import RealSense, Settings
+from sensors.drivers.y16 import Y16Camera, radiometry_of
 from sensors.errors import DeviceError
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
+from sensors.virtual.fake_kernel import FakeCamera, FakeKernel
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
-from sensors.virtual.optris import FakeKernel, VirtualOptris
+from sensors.virtual.optris import VirtualOptris
 from sensors.virtual.optris_direct import VirtualDirect
 from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
 from sensors.virtual.realsense import VirtualRealSense
 from sensors.virtual.schedule import Faults
+from sensors.virtual.y16 import COUNTS, VirtualLepton, VirtualY16
 
-Twin = VirtualKinect2 | VirtualRealSense | VirtualOptris | VirtualDirect | VirtualPyrometer
+Twin = VirtualKinect2 | VirtualRealSense | FakeCamera | VirtualDirect | VirtualPyrometer
 """The hardware's side of a virtual device."""
 
 
@@ -53,6 +57,8 @@ def open_twin(address: Address, frames: Iterable[RigFrame]) -> Device:
         "realsense": _realsense,
         "optris": _optris,
         "optris-direct": _optris_direct,
+        "lepton": _lepton,
+        "y16": _y16,
         "pyrometer": lambda address, _: _pyrometer(address),
     }
     if address.kind not in openers:
@@ -77,6 +83,19 @@ def _optris(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]
     faults = _faults(address)
     twin = VirtualOptris(layout, FrameLoop(frames), faults)
     return Optris(twin.node, layout, "virtual", FakeKernel(twin)), twin
+
+
+def _lepton(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
+    faults = _faults(address)
+    lepton = VirtualLepton(FrameLoop(frames), faults)
+    return Lepton(lepton.node, "virtual", FakeKernel(lepton)), lepton
+
+
+def _y16(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
+    radiometry, rate_hz = radiometry_of(address), address.number("rate", RATE_HZ, 1.0, 200.0)
+    faults = _faults(address)
+    twin = VirtualY16(FrameLoop(frames), faults, radiometry or COUNTS, rate_hz)
+    return Y16Camera(twin.node, twin.size, rate_hz, radiometry, "virtual", FakeKernel(twin)), twin
 
 
 def _optris_direct(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:

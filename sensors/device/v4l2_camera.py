@@ -1,0 +1,101 @@
+"""A camera of 16-bit words through OpenCV's V4L2 backend, with its conversions off."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.device.node import check_node
+from sensors.device.protocol import ThermalImage
+from sensors.device.streaming_camera import StreamingCamera
+from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceLostError
+
+BUFFERS = 10
+"""Frames the kernel keeps; OpenCV allows no more. 78 ms at 128 Hz."""
+CaptureKind = Any
+"""The class ``cv2.VideoCapture``, or what a fake kernel has in its place."""
+
+
+class V4l2Camera(StreamingCamera):
+    """A thermal camera at a node. rate_hz: thermal images a second.
+
+    OpenCV gives no running number of a frame. Raises DeviceError for a node that does not open.
+    """
+
+    silence_s = inf  # an unplugged camera has no node
+
+    def __init__(self, address: str, node: Path, serial: str, rate_hz: float, kind: CaptureKind) -> None:
+        check_node(node)
+        super().__init__(address, serial, {ThermalImage.stream: rate_hz})
+        self._node, self._kind, self._size = node, kind, (0, 0)
+        self._capture = kind(str(node), cv2.CAP_V4L2)
+        if not self._capture.isOpened():
+            raise DeviceBusyError(f"{node} does not stream; close the program that uses it")
+
+    @abstractmethod
+    def _take_frame(self) -> None:
+        """Take the images of the frame at hand. Raises DeviceError."""
+
+    def _configure(self, fourcc: str, sizes: Sequence[tuple[int, int]], fps: float, remedy: str) -> None:
+        """Set the format, and the first of the sizes (width, height) in words that the camera has.
+
+        Raises DeviceError with the remedy for a camera that has none.
+        """
+        self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*fourcc))
+        self._capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
+        sides = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
+        for size in sizes:
+            for side, value in zip(sides, size, strict=True):
+                self._capture.set(side, value)
+            self._size = int(self._capture.get(sides[0])), int(self._capture.get(sides[1]))
+            if self._size == size:
+                break
+        else:
+            self._capture.release()
+            wanted = " or ".join(map(str, sizes))
+            raise DeviceError(f"{self._node} gives {self._size}, not {wanted} words; {remedy}")
+        self._capture.set(cv2.CAP_PROP_FPS, fps)
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, BUFFERS)
+
+    def _begin(self) -> None:
+        """Nothing: OpenCV streams from opening on."""
+
+    def _end(self) -> None:
+        self._capture.release()
+
+    def _receive(self, timeout_s: float) -> None:
+        try:
+            # 0 would mean for ever.
+            ready, _ = self._kind.waitAny([self._capture], max(1, int(timeout_s * 1e9)))
+        except cv2.error as error:
+            raise self._lost() from error
+        if ready:
+            self._take_frame()
+        elif not self._node.exists():
+            raise self._lost()
+
+    def _stamp_ns(self) -> int:
+        """When the kernel got the frame at hand, by its own clock."""
+        return round(1e6 * float(self._capture.get(cv2.CAP_PROP_POS_MSEC)))
+
+    def _words(self) -> NDArray[np.uint16]:
+        """uint16 (height, width): the frame at hand. Raises DeviceFaultError for a short one."""
+        good, image = self._capture.retrieve()
+        count = image.nbytes if good and image is not None else 0
+        width, height = self._size
+        if count != 2 * height * width:
+            if not self._node.exists():
+                raise self._lost()
+            raise DeviceFaultError(
+                f"{self._node} sent {count} of {2 * height * width} bytes; "
+                "if this happens again, use a USB port of its own"
+            )
+        return np.ascontiguousarray(image).view("<u2").reshape(height, width)
+
+    def _lost(self) -> DeviceLostError:
+        return DeviceLostError(f"{self._node} is no longer connected; plug the camera in again")

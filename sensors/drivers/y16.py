@@ -1,0 +1,81 @@
+"""Any UVC thermal camera that gives 16-bit words (Y16): counts, or temperatures by scale and offset."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.device.address import Address
+from sensors.device.protocol import ThermalCounts, ThermalImage
+from sensors.device.v4l2_camera import CaptureKind, V4l2Camera
+from sensors.drivers.flag_watch import FlagWatch
+from sensors.errors import DeviceError, DeviceFaultError
+
+FOURCC = "Y16 "
+COLDEST_C, HOTTEST_C = -60.0, 650.0
+"""Degrees Celsius between which the middle of an image of temperatures lies: wider than these cameras'
+ranges, but narrow enough for raw counts, or another scale, to fall outside. Chosen by eye."""
+ABSOLUTE_ZERO_C = -273.15
+
+
+@dataclass(frozen=True)
+class Radiometry:
+    """Celsius = scale * word + offset_c."""
+
+    scale: float
+    offset_c: float = ABSOLUTE_ZERO_C
+
+    def celsius(self, words: NDArray[np.uint16], name: str) -> NDArray[np.float32]:
+        """float32 (h, w). Raises DeviceFaultError, which begins with ``name``, for words that are none."""
+        celsius = words * np.float32(self.scale) + np.float32(self.offset_c)
+        middle = float(np.median(celsius))
+        if not COLDEST_C <= middle <= HOTTEST_C:
+            raise DeviceFaultError(
+                f"{name} sent words about {np.median(words):.0f}, which would be {middle:.0f} C; "
+                "switch its temperature output on, or give its scale and offset"
+            )
+        return celsius.astype(np.float32)
+
+
+class Y16Camera(V4l2Camera):
+    """One camera. size: (width, height). radiometry: None where the words are no temperatures.
+
+    The flag is recognised in the images; dropped counts by the gaps between stamps.
+    Raises DeviceError for a node that does not open or has another size.
+    """
+
+    def __init__(
+        self,
+        node: Path,
+        size: tuple[int, int],
+        rate_hz: float,
+        radiometry: Radiometry | None = None,
+        serial: str = "",
+        kind: CaptureKind = cv2.VideoCapture,
+    ) -> None:
+        address = f"y16:{node}?width={size[0]}&height={size[1]}&rate={rate_hz:g}"
+        if radiometry is not None:
+            address += f"&scale={radiometry.scale!r}&offset={radiometry.offset_c!r}"
+        super().__init__(address, node, serial, rate_hz, kind)
+        self._radiometry, self._flag = radiometry, FlagWatch(rate_hz)
+        self._configure(FOURCC, [size], rate_hz, "give its width and height")
+
+    def _take_frame(self) -> None:
+        words, stamp_ns = self._words().copy(), self._stamp_ns()
+        flag = self._flag.see(words)
+        if self._radiometry is None:
+            self._take(stamp_ns, ThermalCounts(words, np.zeros(0, np.uint16), flag))
+        else:
+            self._take(stamp_ns, ThermalImage(self._radiometry.celsius(words, self.address), flag))
+
+
+def radiometry_of(address: Address) -> Radiometry | None:
+    """The scale and offset that an address gives, or None. Raises DeviceError for one without the other."""
+    scale, offset_c = address.given_number("scale", 1e-6, 10.0), address.given_number("offset", -1e4, 1e4)
+    if (scale is None) != (offset_c is None):
+        raise DeviceError(
+            f"{address.text!r} gives only one of scale and offset; give both, or none for counts"
+        )
+    return None if scale is None or offset_c is None else Radiometry(scale, offset_c)
