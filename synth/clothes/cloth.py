@@ -91,7 +91,7 @@ def _noise(tile: Float32, vertices: Float32, scale: Float32, shift: Float32) -> 
 
 ROOM_SHARE = 0.4
 """Of the gap between two skins that face each other, what the cloth on either may fill at rest."""
-REACH_M = 0.25
+REACH_M = 0.15
 """Skins farther apart leave each other's cloth alone."""
 
 
@@ -100,7 +100,8 @@ def hold_apart(body: Body, places: SkinMap, normals: Float32, off_m: Float32) ->
     result = off_m.copy()
     high = (places.level > 0.3) & (places.level < 0.98)
     for limb, sign in zip(ARMS, (1, -1), strict=True):
-        arm = np.flatnonzero((places.limb == limb) & (places.along < 0.9))
+        inwards = sign * normals[:, 0] < 0.3
+        arm = np.flatnonzero((places.limb == limb) & (places.along < 0.9) & inwards)
         beside = sign * places.trunk.out[:, 0] > 0.5
         trunk = np.flatnonzero((places.limb == Limb.TRUNK) & high & beside)
         _shorten(body.vertices_m, normals, result, arm, trunk)
