@@ -272,6 +272,43 @@ def test_real_recordings(shared_data, name, static, median_mm, rms_mm):
     assert (up[:, 2] > 0).mean() > 0.9
 
 
+def test_a_marker_that_slides_on_its_bone_counts_for_less(truth, solved):
+    names = plug_in_gait().names
+    positions = truth.moving.positions.copy()
+    time = np.arange(len(positions)) / 10
+    positions[:, names.index("LHEE")] += 40 * np.stack(
+        [np.sin(time), np.cos(time), np.sin(1.3 * time)], axis=1
+    )
+    motion = solve(with_positions(truth.moving, positions), truth.static)
+    assert [line.split()[0] for line in motion.report.assumed] == ["LHEE"] and not solved.report.assumed
+    ankle = JOINT_ID["left_ankle"]
+    assert np.sqrt(np.mean(angle_errors_deg(truth, motion)[:, ankle, 0] ** 2)) < 4
+
+
+def test_joint_angles_of_a_laboratory(shared_data):
+    """Plug-in-Gait's own angles in the recording, after a constant offset.
+
+    Its thigh markers are 40 degrees off to the front, by which its knees seem to abduct by 60 degrees. So the
+    knee is compared by how far it bends in all.
+    """
+    folder = shared_data / "mocap"
+    whole = read_markers(folder / "pycgm_Movement_trial.c3d")
+    motion = solve(whole, read_markers(folder / "pycgm_Static_trial.c3d"))
+    for side in ("left", "right"):
+        hip, knee, ankle = (
+            whole.positions[:, whole.labels.index(f"{side[0].upper()}{joint}Angles")].T
+            for joint in ("Hip", "Knee", "Ankle")
+        )
+        own = {
+            j: np.degrees(motion.angles_rad[:, JOINT_ID[f"{side}_{j}"]].T) for j in ("hip", "knee", "ankle")
+        }
+        bend = np.degrees(np.arccos(np.cos(np.radians(own["knee"][0])) * np.cos(np.radians(own["knee"][1]))))
+        lab_bend = np.degrees(np.arccos(np.cos(np.radians(knee[0])) * np.cos(np.radians(knee[1]))))
+        assert np.std(own["hip"][0] - hip[0]) < 1.2
+        assert np.std(bend - lab_bend) < 3.0
+        assert np.std(own["ankle"][0] - ankle[0]) < 2.9
+
+
 def test_command(tmp_path, truth):
     from tests.helpers.marker_samples import write_trc
 
