@@ -5,7 +5,7 @@ import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -15,14 +15,17 @@ from sensors.virtual.schedule import Schedule, UnpluggedError
 
 
 class FakeCamera(ABC):
-    """A camera and its node, an empty file that vanishes with it. size: (width, height) of a frame in words.
+    """A camera and its node, an empty file that vanishes with it, named by ``kind``.
 
+    size: (width, height) of a frame in words.
     The kernel's clock counts seconds since the start here. One reader at a time.
     """
 
+    kind: ClassVar[str]
+
     def __init__(self, size: tuple[int, int], schedule: Schedule) -> None:
         self.size, self.schedule, self.in_use = size, schedule, False
-        handle, node = tempfile.mkstemp(prefix="virtual-camera-")
+        handle, node = tempfile.mkstemp(prefix=f"virtual-{self.kind}-")
         os.close(handle)
         self.node = Path(node)
 

@@ -23,6 +23,8 @@ class VirtualOptris(FakeCamera):
     since the start here. One reader at a time.
     """
 
+    kind = "optris"
+
     def __init__(
         self, layout: Layout, scene: FrameLoop, faults: Faults | None = None, flag_every_s: float = 12.0
     ) -> None:

@@ -41,6 +41,8 @@ class VirtualY16(FakeCamera):
     shape: of its image (h, w).
     """
 
+    kind = "y16"
+
     def __init__(
         self,
         scene: FrameLoop,
@@ -75,6 +77,8 @@ class VirtualLepton(VirtualY16):
 
     ffc_every_s: seconds from one flat-field correction to the next; the one at the start is done already.
     """
+
+    kind = "lepton"
 
     def __init__(
         self,
