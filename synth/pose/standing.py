@@ -27,7 +27,7 @@ OTHER = {"left": "right", "right": "left"}
 SIGN = {"left": 1.0, "right": -1.0}
 GREATEST_TURN_DEG = 60.0
 """The head turns no farther by itself."""
-ANKLES_M = (0.04, 0.9)
+ANKLES_M = (0.03, 0.9)
 """Least and greatest lateral distance of the ankles."""
 BALANCE = 0.75
 """Share of the trunk's shift forwards that the hips make up for: the legs below are a third of the mass."""
