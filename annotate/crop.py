@@ -34,7 +34,7 @@ class Crop:
 
     def cut(self, image: NDArray[Any], fill: int | float, size: int = SIZE) -> NDArray[Any]:
         """Pixels (size, size, ...) of an image's square, by nearest neighbour; ``fill`` outside the image."""
-        v, u = self._source(self.top, size), self._source(self.left, size)
+        v, u = self.pixels(size)
         v_in, u_in = (v >= 0) & (v < image.shape[0]), (u >= 0) & (u < image.shape[1])
         result = np.full((size, size, *image.shape[2:]), fill, image.dtype)
         # Indices grow evenly, so those inside are one run.
@@ -51,6 +51,10 @@ class Crop:
             source = self._source(start, size)
             read[source[(source >= 0) & (source < len(read))]] = True
         return v_read[:, None] & u_read
+
+    def pixels(self, size: int = SIZE) -> tuple[Index, Index]:
+        """Row and column (size,) each of the image for those of the patch, some perhaps outside."""
+        return self._source(self.top, size), self._source(self.left, size)
 
     def _source(self, start: int, size: int) -> Index:
         """Row or column (size,) of the image for each of the patch's; start: the square's first."""

@@ -6,10 +6,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Float64, UInt8, UInt16
-from annotate.crop import SIZE, Crop, crop_around, window_of
+from annotate.array_types import Bool, Float32, Float64, Index, Int32, UInt8, UInt16
+from annotate.crop import Crop, crop_around, window_of
 from annotate.frame_labels import FrameLabels
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
@@ -136,8 +137,26 @@ def _read(
 ) -> tuple[UInt16, UInt8]:
     """The crop's depth and parts through a sensor; only the pixels that the crop reads are computed."""
     reading = sensor.read(view.camera, view.depth_m, view.dark, rng, only=crop.reads(mask.shape), person=mask)
-    depth = crop.cut(reading.depth_mm, 0, SIZE)
-    return depth, np.where(depth > 0, crop.cut(reading.carry(view.parts), 0, SIZE), np.uint8(0))
+    return _cropped(*reading, view.parts, *crop.pixels())
+
+
+@numba.njit(cache=True)
+def _cropped(
+    depth_mm: UInt16, source: Int32, parts: UInt8, rows: Index, columns: Index
+) -> tuple[UInt16, UInt8]:
+    """Depth and parts (n, n) of a reading at these rows and columns (n,); parts are those of its sources."""
+    height, width = depth_mm.shape
+    depth = np.zeros((len(rows), len(columns)), np.uint16)
+    labels = np.zeros((len(rows), len(columns)), np.uint8)
+    for i in range(len(rows)):
+        for j in range(len(columns)):
+            v, u = rows[i], columns[j]
+            if 0 <= v < height and 0 <= u < width and depth_mm[v, u] > 0:
+                depth[i, j] = depth_mm[v, u]
+                s = source[v, u]
+                if s >= 0:
+                    labels[i, j] = parts[s // width, s % width]
+    return depth, labels
 
 
 def _geometry(stage: Stage, shot: Shot, joints_m: Float64) -> dict[str, Any]:

@@ -80,9 +80,13 @@ def visibility(parts: UInt8, whole: UInt8) -> Float64:
     return np.where(there > 0, shown / np.maximum(there, 1), 1.0)
 
 
+@numba.njit(cache=True)
 def _tally(parts: UInt8) -> Int64:
     """Pixels (12,) of each part, and of all together at 0."""
-    pixels = np.bincount(parts.ravel(), minlength=N_CLASSES)
+    pixels = np.zeros(N_CLASSES, np.int64)
+    for row in parts:
+        for part in row:
+            pixels[part] += 1
     pixels[0] = pixels[1:].sum()
     return pixels
 

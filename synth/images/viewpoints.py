@@ -1,5 +1,6 @@
 """Viewpoints: where the camera stands that sees a person, drawn at random; world frame, metres."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -113,7 +114,7 @@ class Around:
             if is_cut:
                 eye, target = _cut(rng, points, joints_m, camera, azimuth, height)
             else:
-                eye, target = _whole(rng, points, camera, azimuth, height)
+                eye, target = _whole(rng.random(3), points, pinhole, azimuth, height)
             share, nearest = _in_view(points, eye, target, pinhole)
             if nearest > NEAREST_M and (LEAST_IN_VIEW < share < MOST_IN_VIEW if is_cut else share == 1.0):
                 break
@@ -121,23 +122,26 @@ class Around:
         return Shot(eye, Pose(rotation, -rotation @ eye))
 
     def _azimuth(self, rng: np.random.Generator) -> float:
-        kind = rng.random()
-        low, high = (
-            (0, 45) if kind < self.front else (45, 135) if kind < self.front + self.side else (135, 180)
-        )
-        return float(np.radians(rng.uniform(low, high)) * rng.choice((-1, 1)))
+        kind, share, sign = rng.random(3).tolist()
+        low, high = (135, 180)
+        if kind < self.front + self.side:
+            low, high = (0, 45) if kind < self.front else (45, 135)
+        return math.radians(low + (high - low) * share) * (1 if sign < 0.5 else -1)
 
     def _height(self, rng: np.random.Generator, points: Float64) -> float:
-        common = rng.normal(*COMMON_HEIGHT_M) if rng.random() < 0.5 else rng.uniform(*HEIGHT_M)
+        height = rng.normal(*COMMON_HEIGHT_M) if rng.random() < 0.5 else rng.uniform(*HEIGHT_M)
         least = max(HEIGHT_M[0], float(points[:, 2].mean()) + self.over_m)
-        return float(np.clip(common, least, max(HEIGHT_M[1], least)))
+        return float(min(max(height, least), max(HEIGHT_M[1], least)))
 
 
+@numba.njit(cache=True)
 def _eye(middle: Float64, azimuth: float, distance: float, height: float) -> Float64:
-    """Place (3,) so far from a middle (3,), at the height where that is possible."""
-    sine = float(np.clip((height - middle[2]) / distance, *STEEPEST))
+    """Place (3,) so far from a middle (3,), at the height where that is possible; see ``beside``."""
+    sine = min(max((height - middle[2]) / distance, STEEPEST[0]), STEEPEST[1])
     level = distance * np.sqrt(1 - sine * sine)
-    return beside(middle, azimuth, level, max(middle[2] + distance * sine, 0.2))
+    eye: Float64 = middle + level * np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+    eye[2] = max(middle[2] + distance * sine, 0.2)
+    return eye
 
 
 @numba.njit(cache=True)
@@ -162,26 +166,35 @@ def _extent(points: Float64, middle: Float64, axes: Float64) -> tuple[Float64, F
     return low, high
 
 
+@numba.njit(cache=True)
 def _whole(
-    rng: np.random.Generator, points: Float64, camera: Intrinsics, azimuth: float, height: float
+    shares: Float64, points: Float64, pinhole: Float64, azimuth: float, height: float
 ) -> tuple[Float64, Float64]:
-    """Eye and target (3,) of a camera with all of a person anywhere in its image."""
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    size = np.array([camera.width, camera.height])
+    """Eye and target (3,) of a camera with all of a person anywhere in its image.
+
+    shares: (3,) random numbers in [0, 1): of the size, and of the free room across and down.
+    """
+    middle = _middle(points)
+    size, focal, centre = pinhole[:2], pinhole[2], pinhole[4:]
     low, high = _extent(points, middle, _axes(_eye(middle, azimuth, 3.0, height), middle))
     # What fits into the image with a little room; and what the sensor can read.
-    fits = float((0.94 * size / (high - low)).min() * (high - low).max())
-    largest = float((high - low).max())
-    least = max(PERSON_PX[0], camera.fx * largest / DISTANCE_M[1])
-    most = max(least, min(PERSON_PX[1], fits, camera.fx * largest / DISTANCE_M[0]))
-    distance = camera.fx * largest / np.exp(rng.uniform(np.log(least), np.log(most)))
+    largest = np.max(high - low)
+    fits = np.min(0.94 * size / (high - low)) * largest
+    least = max(PERSON_PX[0], focal * largest / DISTANCE_M[1])
+    most = max(least, min(PERSON_PX[1], fits, focal * largest / DISTANCE_M[0]))
+    distance = focal * largest / (least * (most / least) ** shares[0])
     eye = _eye(middle, azimuth, distance, height)
     axes = _axes(eye, middle)
     low, high = _extent(points, middle, axes)
-    centre = np.array([camera.cx, camera.cy])
-    free = np.maximum(np.minimum(centre, size - 1 - centre) * distance / camera.fx - (high - low) / 2, 0.0)
-    shift = rng.uniform(-0.85, 0.85, 2) * free
-    return eye, middle + ((low + high) / 2 - shift) @ axes[:2]
+    room = np.minimum(centre, size - 1 - centre) * distance / focal - (high - low) / 2
+    aim = (low + high) / 2 - 0.85 * (2 * shares[1:] - 1) * np.maximum(room, 0.0)
+    return eye, middle + aim[0] * axes[0] + aim[1] * axes[1]
+
+
+@numba.njit(cache=True)
+def _middle(points: Float64) -> Float64:
+    """Middle (3,) of the box about points (n, 3)."""
+    return np.array([(points[:, a].min() + points[:, a].max()) / 2 for a in range(3)])
 
 
 def _cut(
@@ -201,7 +214,7 @@ def _cut(
         target = head + down * (span * rng.uniform(0.1, 0.4)) + rng.normal(0, 0.12, 3) * span
         distance = max(camera.fy * span / camera.height, DISTANCE_M[0])
         return _eye(target, azimuth, distance, height), target
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    middle = _middle(points)
     eye = _eye(middle, azimuth, rng.uniform(1.0, DISTANCE_M[1] - 0.3), height)
     axes = _axes(eye, middle)[:2]
     off = (points - middle) @ axes.T

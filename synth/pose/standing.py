@@ -74,12 +74,18 @@ def stances() -> dict[str, dict[str, Any]]:
 
 
 def _chosen(weights: Mapping[str, float], rng: np.random.Generator) -> str:
-    shares = np.array(list(weights.values()), float)
-    return list(weights)[int(rng.choice(len(shares), p=shares / shares.sum()))]
+    left = rng.random() * sum(weights.values())
+    for name, weight in weights.items():
+        left -= weight
+        if left < 0:
+            return name
+    return name
 
 
 def _numbers(entry: Mapping[str, Any], rng: np.random.Generator) -> dict[str, float]:
-    return {name: float(rng.normal(*spread)) for name, spread in entry.items() if isinstance(spread, list)}
+    spreads = {name: spread for name, spread in entry.items() if isinstance(spread, list)}
+    means, deviations = np.array(list(spreads.values()), np.float64).T
+    return dict(zip(spreads, rng.normal(means, deviations).tolist(), strict=True))
 
 
 def draw_standing(rng: np.random.Generator) -> Standing:
