@@ -102,7 +102,10 @@ class Motion:
         return leg_length_m(self.bones_m)
 
     def posture(self, frame: int, body: Body) -> Posture:
-        """One frame on a body: the same angles, the pelvis' path scaled to its legs (the floor is z = 0)."""
+        """One frame on a body: the same angles, the pelvis' path scaled to its legs.
+
+        The floor is as wrong as it was recorded; ``synth.motion`` puts feet on it and clears limbs.
+        """
         scale = leg_length_m(zero_bones(body.joints_m)) / self.leg_m
         return Posture(self.angles_rad[frame], scale * self.pelvis_m[frame])
 
