@@ -64,6 +64,17 @@ def test_three_devices_make_a_session(tmp_path):
     assert {"/depth/image", "/color/image", "/thermal/image", "/pyrometer"} <= topics
 
 
+@pytest.mark.parametrize("address", ["virtual:lepton", "virtual:y16?scale=0.01&offset=-273.15"])
+def test_a_thermal_camera_of_nine_images_a_second_makes_a_session(tmp_path, address):
+    """Every image belongs to the depth image that is nearest, as far as there is one."""
+    path = tmp_path / "session.mcap"
+    done = recorded(path, 1.2, KINECT, address)
+    session = Session(path)
+    warm = [frame.thermal_c for frame in session if frame.thermal_c is not None]
+    assert 0 < len(warm) <= done.streams["thermal"].count
+    assert all(20 < np.median(celsius) < 34 for celsius in warm)
+
+
 def test_an_unplugged_depth_camera_ends_it_and_keeps_what_came(tmp_path):
     path = tmp_path / "session.mcap"
     done = recorded(path, 30.0, f"{KINECT}?unplug_after=0.8", FIR)

@@ -47,6 +47,7 @@ from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_mo
 from synth.markers.person_body import bones_of_leg
 from tests.helpers.bags import STORAGES, realsense, write_bag
 from tests.helpers.marker_samples import bvh_text, positions, write_c3d, write_trc
+from tests.helpers.realsense_files import write_old_bag
 from tests.helpers.samples import azure_mkv, las
 
 CAMERA = Intrinsics(16, 12, 20.0, 21.0, 7.5, 5.5)
@@ -120,6 +121,14 @@ def _bag(storage: str, folder: Path) -> Path:
     plugin = next(plugin for plugin in STORAGES if plugin.name == storage)
     bag = write_bag(folder / "bag", plugin, realsense(2))
     return next(file for file in bag.iterdir() if file.suffix in (".db3", ".mcap"))
+
+
+def _realsense(folder: Path) -> Path:
+    height, width = CAMERA.shape
+    yuyv = np.zeros((height, width, 2), np.uint8)
+    frames = [(n, 30.0 * n, depth_image(n), yuyv[..., 0].copy(), yuyv) for n in (1, 2)]
+    lens = CAMERA, "Inverse Brown Conrady"
+    return write_old_bag(folder / "x.bag", frames, lens, lens)
 
 
 def _written(path: Path, content: bytes) -> Path:
@@ -287,6 +296,7 @@ READERS = {
     "session-bare": Reader(_bare_session, _read_session),
     "bag-sqlite": Reader(partial(_bag, "SQLITE3"), _read_frames),
     "bag-mcap": Reader(partial(_bag, "MCAP"), _read_frames),
+    "realsense": Reader(_realsense, _read_frames),
     "mkv": Reader(_mkv, _read_frames),
     "npy": Reader(_npy, _read_frames),
     "npz": Reader(_npz, _read_frames),
