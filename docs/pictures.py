@@ -16,7 +16,7 @@ from eval.report.gallery import make_frame
 from synth.body.body import shipped_bodies
 from synth.body.body_picture import save_picture
 from synth.images.dataset_page import contact_sheet
-from synth.images.presets import IMAGES_PER_PERSON, PRESETS, sample
+from synth.images.presets import PRESETS, sample
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
@@ -67,7 +67,8 @@ def difficulties_picture() -> NDArray[np.uint8]:
 
 def people_picture() -> NDArray[np.uint8]:
     """Parts above depth of 24 images of the preset ``people``, each of somebody else; RGB."""
-    return contact_sheet([sample(PRESETS["people"], PEOPLE_SEED, i * IMAGES_PER_PERSON) for i in range(24)])
+    preset = PRESETS["people"]
+    return contact_sheet([sample(preset, PEOPLE_SEED, i * preset.each) for i in range(24)])
 
 
 def _mapped(values: NDArray[np.floating], low: float, high: float, colors: int) -> NDArray[np.uint8]:

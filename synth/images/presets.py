@@ -31,8 +31,6 @@ MIN_PIXELS, MIN_VISIBLE = 400, 0.4
 left out, or another one is drawn."""
 TRIES = 50
 """Stages drawn at most until one shows the person. Chosen by eye."""
-IMAGES_PER_PERSON = 16
-"""Images in a row that show one person, whose cost they share. Chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +38,9 @@ class Preset:
     """A dataset by name: how many images by default, which random stream it draws from, and what it shows.
 
     stage: poses and furniture. people: bodies and clothes. sensor: the camera of an image. joints: least
-    share of the joints inside the image. occluders, cut: share of images with things in front of the person,
-    and with holes in its extraction. described: whether notes describe person and sensor; the first sets,
-    whose bytes are fixed, are older than these notes.
+    share of the joints inside the image. each: images in a row that show one person, whose cost they share.
+    occluders, cut: share of images with things in front of the person, and with holes in its extraction.
+    described: whether notes describe person and sensor; the first sets, whose bytes are fixed, are older.
     """
 
     name: str
@@ -52,6 +50,7 @@ class Preset:
     people: Casting = crowd_person
     sensor: Callable[[np.random.Generator], Sensor] = draw_sensor
     joints: float = 0.1
+    each: int = 24
     occluders: float = 0.0
     cut: float = 0.0
     described: bool = True
@@ -72,7 +71,7 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     ``described`` presets add those of ``_description``.
     """
     rng = np.random.default_rng((preset.stream, seed, index))
-    person = _person(preset.people, preset.stream, seed, index // IMAGES_PER_PERSON)
+    person = _person(preset.people, preset.stream, seed, index // preset.each)
     sensor = preset.sensor(rng)
     for _ in range(TRIES):
         stage = preset.stage(rng, person.who.body)
@@ -222,7 +221,7 @@ def fresh_kinect2(rng: np.random.Generator) -> Sensor:
 
 def _first(name: str, count: int, stream: int, stage: Staging) -> Preset:
     """A preset of naked builds between the paper's bodies before a Kinect v2, whole in its image."""
-    return Preset(name, count, stream, stage, paper_person, fresh_kinect2, joints=0.9, described=False)
+    return Preset(name, count, stream, stage, paper_person, fresh_kinect2, 0.9, 16, described=False)
 
 
 PRESETS = {
