@@ -19,9 +19,9 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.engine import Engine, Steps
 from annotate.frame_labels import FrameLabels
 from annotate.person.clothed_mask import PatchClues, clothed_odds, patch_clues
+from annotate.person.depth_finder import people_in
 from annotate.person.evidence import Evidence, previous_evidence, thermal_evidence
-from annotate.person.persons import SPECK_M2, Person, persons_of, with_joined_halves
-from annotate.person.pieces import Piece, pieces_of
+from annotate.person.persons import Person, persons_of, with_joined_halves
 from annotate.person.pixel_odds import plane_odds
 from annotate.person.planes import Plane, close_to, find_planes, lies_on, normals_at
 from annotate.person.silhouette import Links
@@ -41,6 +41,10 @@ BODY_M, NEIGHBOUR_M = 1.3, 1.0
 KEPT_ABOVE_ODDS, BETWEEN_PX = -0.5, 13
 """Log odds by the suit down to which the mask without it stays, as most rooms have no blanket; side in pixels
 of the window that bridges gaps in one. Chosen by eye."""
+NOBODY = "no person in the depth image; let somebody step into the view"
+"""Note of a frame in which depth alone shows nobody."""
+BY_DEPTH = "found by depth alone: record temperature for a surer outline"
+"""Note of a person found without temperatures."""
 LOST = (
     "no temperature in this frame, and the rig has moved since the one before: depth alone would take "
     "furniture for the person, parts are undefined; label it by hand, or hold still while the flag is closed"
@@ -101,11 +105,14 @@ class Survey:
     ) -> None:
         self.cloud, self._suit, self._engine = cloud, suit, engine or Engine()
         steps = self._engine.steps
-        self._planes = find_planes(cloud, cloud.valid) if steps.room_planes else ()
         self._warm: _Silhouettes | None = None
         if np.isfinite(cloud.temperature_c).any():
-            evidence = thermal_evidence(cloud, window_c, self._planes, suit, steps)
+            evidence = thermal_evidence(cloud, window_c, self._planes(), suit, steps)
             self._warm = _Silhouettes(cloud, evidence, steps)
+
+    def _planes(self) -> tuple[Plane, ...]:
+        """Planes of the whole cloud; none without that step."""
+        return find_planes(self.cloud, self.cloud.valid) if self._engine.steps.room_planes else ()
 
     def person(self, before: FrameLabels | None = None) -> PersonMask:
         """The person by temperature; while the flag is closed by the frame before; else by depth alone.
@@ -116,9 +123,9 @@ class Survey:
         cloud, silhouettes = self.cloud, self._warm
         if silhouettes is None:
             felt = before is not None and before.notes.get("extraction") in ("thermal", "before")
-            previous = previous_evidence(cloud, before, self._planes) if felt else None
+            previous = previous_evidence(cloud, before, self._planes()) if felt else None
             if previous is None:
-                found = _depth_mask(cloud, self._planes)
+                found = _depth_mask(cloud, before)
                 return replace(found, method="before", notes=(LOST,), trusted=False) if felt else found
             silhouettes = _Silhouettes(cloud, previous, self._engine.steps)
         evidence = silhouettes.evidence
@@ -154,27 +161,15 @@ class Survey:
         return dressed, MaskCandidates(clues, odds, room, silhouettes, persons)
 
 
-def _depth_mask(cloud: ThermalCloud, planes: tuple[Plane, ...]) -> PersonMask:
-    """Mask by depth alone: the human-sized piece off the planes nearest to the view's middle."""
-    labels, pieces = pieces_of(cloud, cloud.valid & ~close_to(planes, cloud.points_m), SPECK_M2)
-    persons = [piece for piece in pieces if piece.is_human_sized]
-    none = np.zeros(labels.shape, np.bool_)
+def _depth_mask(cloud: ThermalCloud, before: FrameLabels | None) -> PersonMask:
+    """Mask by depth alone; before: labels of the frame before, whose subject stays the subject."""
+    none = np.zeros(cloud.valid.shape, np.bool_)
+    persons = sorted(people_in(cloud), key=lambda person: -subject_score(person, before, None))
     if not persons:
-        note = (
-            "no person in the depth image: no connected surface of human size; let somebody step into the "
-            "view, and record temperature to tell people from things"
-        )
-        return PersonMask(none, "depth", none, (note,))
-    chosen = labels == max(persons, key=_centrality).label
-    note = "found by depth alone: things that touch the person are in the mask"
-    warnings = cut_warnings(chosen)
-    return PersonMask(chosen, "depth", none, (note, *warnings), not warnings)
-
-
-def _centrality(piece: Piece) -> float:
-    """Rank of a piece: its surface over its squared distance, falling off away from the view's middle."""
-    x, y, z = piece.centre_m
-    return float(piece.area_m2 / (z * z) * np.exp(-(x * x + y * y) / (z * z) / 0.5**2))
+        return PersonMask(none, "depth", none, (NOBODY,))
+    others = np.logical_or.reduce([none, *(person.mask for person in persons[1:])])
+    warnings = [*crowd_warnings(persons, before, None), *cut_warnings(persons[0].mask)]
+    return PersonMask(persons[0].mask, "depth", others, (BY_DEPTH, *warnings), not warnings)
 
 
 class _Silhouettes:

@@ -10,30 +10,23 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 
 MIN_PERSON_M2 = 0.03
 """Least visible surface of a person in m2: a head with a shoulder. Chosen by eye."""
-MOST_PERSON_M2, MOST_PERSON_M = 2.5, 2.4
-"""Largest visible surface of a person in m2, twice the front of a tall adult, and longest side of their
-bounding box in metres, arms raised. Chosen by eye."""
+MOST_PERSON_M2 = 2.5
+"""Largest visible surface of a person in m2, twice the front of a tall adult. Chosen by eye."""
 
 
 @dataclass(frozen=True)
 class Piece:
     """One connected piece of a cloud.
 
-    label: its id in the label image. area_m2: its visible surface, taken as seen head-on. extent_m: the
-    longest side of its bounding box. thickness_m: the least standard deviation of its points over all
-    directions. centre_m: the mean of its points (3,), depth camera's frame.
+    label: its id in the label image. area_m2: its visible surface, taken as seen head-on. thickness_m: the
+    least standard deviation of its points over all directions. centre_m: the mean of its points (3,), depth
+    camera's frame.
     """
 
     label: int
     area_m2: float
-    extent_m: float
     thickness_m: float
     centre_m: Float64
-
-    @property
-    def is_human_sized(self) -> bool:
-        """Whether a person, or the visible part of one, can have this surface and extent."""
-        return MIN_PERSON_M2 <= self.area_m2 <= MOST_PERSON_M2 and self.extent_m <= MOST_PERSON_M
 
 
 def pieces_of(cloud: ThermalCloud, mask: Bool, least_m2: float) -> tuple[Int32, list[Piece]]:
@@ -52,8 +45,7 @@ def pieces_of(cloud: ThermalCloud, mask: Bool, least_m2: float) -> tuple[Int32, 
     pieces = []
     for i in np.flatnonzero(area >= least_m2):
         own = points[order[first[i] : first[i + 1]]]
-        extent_m = float((own.max(axis=0) - own.min(axis=0)).max())
-        pieces.append(Piece(int(i), float(area[i]), extent_m, _thickness_m(own), own.mean(axis=0)))
+        pieces.append(Piece(int(i), float(area[i]), _thickness_m(own), own.mean(axis=0)))
     return labels, pieces
 
 

@@ -1,0 +1,133 @@
+"""People found in depth alone: in rooms, cut out, cut off, side by side, and nobody where nobody is."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+
+from annotate.cloud.fuse import Fuser
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.person import depth_finder
+from annotate.person.extract import Survey
+from sensors.rig.camera import Intrinsics, rays
+from synth.body.crowd import crowd
+from synth.pose.standing import draw_standing, stand
+from synth.rig.truth import truth_labels
+from synth.rig.virtual_rig import VirtualRig
+from synth.surface.furniture import Chair, Sofa, empty_room
+from synth.surface.rasterize import Mesh, look_at, merge, rasterize
+
+CAMERA = Intrinsics(320, 264, 229.0, 229.0, 159.5, 131.5)
+
+
+def cloud_of(depth_m, camera=CAMERA):
+    depth_mm = np.rint(np.nan_to_num(depth_m) * 1000).astype(np.uint16)
+    metres = np.where(depth_mm > 0, depth_mm / 1000, np.nan)
+    points = (rays(camera) * metres[..., None]).astype(np.float32)
+    nothing = np.zeros((*camera.shape, 3), np.uint8)
+    unseen = np.full(camera.shape, np.float32(np.nan))
+    return ThermalCloud(camera, depth_mm, points, nothing, depth_mm > 0, unseen)
+
+
+@cache
+def standing(number):
+    """A person of the crowd, tag ``number``."""
+    body = crowd()[number]
+    vertices = stand(body, draw_standing(np.random.default_rng(number))).vertices_m
+    return Mesh(vertices, body.faces, np.full(len(body.faces), number, np.int32))
+
+
+def seen(people, *, room=True, camera=CAMERA, eye=(0.3, -2.4, 1.4), seed=0):
+    """Depth (h, w) with noise, and who is where: people are (number, x)."""
+    meshes = [standing(number).placed(np.eye(3), np.array([x, 0.0, 0.0])) for number, x in people]
+    if room:
+        rng = np.random.default_rng(3)
+        things = [Sofa.sample(rng).mesh(), Chair.sample(rng).mesh()]
+        places = [(-1.7, 1.5, 0.0), (1.6, 0.6, 0.0)]
+        furniture = [
+            empty_room(2.6),
+            *(t.placed(np.eye(3), np.array(p)) for t, p in zip(things, places, strict=True)),
+        ]
+        meshes += [replace(mesh, tags=np.zeros(len(mesh.faces), np.int32)) for mesh in furniture]
+    whole = merge(meshes)
+    points = look_at(np.array(eye), np.array([0.0, 0.0, 0.95])).apply(whole.vertices_m).astype(np.float32)
+    image = rasterize(camera, points, whole.faces)
+    depth = image.depth_m + np.random.default_rng(seed).normal(0, 0.003, camera.shape)
+    return np.where(depth < 6, depth, np.nan), np.append(whole.tags, 0)[image.face]
+
+
+def iou(found, truth):
+    return (found & truth).sum() / (found | truth).sum()
+
+
+def test_somebody_in_a_furnished_room_is_found_and_nothing_else():
+    depth, whose = seen([(1, 0.0)])
+    found = Survey(cloud_of(depth)).person()
+    assert found.method == "depth" and found.trusted and not found.others.any()
+    assert iou(found.mask, whose == 1) > 0.9
+
+
+def test_nobody_is_found_where_nobody_is():
+    depth, _ = seen([])
+    found = Survey(cloud_of(depth)).person()
+    assert not found.mask.any() and not found.others.any() and "no person" in found.notes[0]
+
+
+@pytest.mark.parametrize("apart", [0.5, 0.7, 1.1])
+def test_two_who_stand_side_by_side_are_two(apart):
+    depth, whose = seen([(1, -apart / 2), (2, apart / 2)])
+    found = Survey(cloud_of(depth)).person()
+    one, other = (1, 2) if found.mask[whose == 1].mean() > 0.5 else (2, 1)
+    assert iou(found.mask, whose == one) > 0.85 and iou(found.others, whose == other) > 0.85
+
+
+@pytest.mark.parametrize("rows", [np.s_[:], np.s_[:150], np.s_[130:]])
+def test_somebody_cut_out_is_all_that_is_there_whole_or_cut_off(rows):
+    depth, whose = seen([(4, 0.0)], room=False)
+    kept = np.zeros_like(whose)
+    kept[rows] = whose[rows]
+    cloud = cloud_of(np.where(kept > 0, depth, np.nan))
+    assert iou(Survey(cloud).person().mask, cloud.valid) > 0.98
+
+
+def test_noise_does_not_make_the_outline_flicker():
+    masks = [Survey(cloud_of(seen([(5, 0.1)], seed=seed)[0])).person().mask for seed in range(4)]
+    assert min(iou(one, other) for one, other in pairwise(masks)) > 0.96
+
+
+def test_a_camera_of_another_size_sees_the_same_person():
+    fine = Intrinsics(640, 528, 458.0, 458.0, 319.5, 263.5)
+    depth, whose = seen([(6, 0.0)], camera=fine)
+    found = Survey(cloud_of(depth, fine)).person().mask
+    assert iou(found, whose == 6) > 0.9
+    coarse = Survey(cloud_of(seen([(6, 0.0)])[0])).person().mask
+    assert iou(cv2.resize(found.astype(np.uint8), (320, 264)) > 0, coarse) > 0.93
+
+
+def test_on_the_virtual_rig_without_temperatures():
+    rig = VirtualRig(2, 2, "normal", 8104)
+    for frame, truth in rig.with_truth():
+        labels = truth_labels(frame, truth)
+        found = Survey(Fuser(rig.calibration).fuse(frame.depth_mm)).person()
+        known = labels.parts != 255
+        assert iou(found.mask & known, (labels.persons == 1) & known) > 0.75
+
+
+def test_an_image_without_any_reading_or_of_one_pixel_shows_nobody():
+    assert depth_finder.people_in(cloud_of(np.full(CAMERA.shape, np.nan))) == []
+    speck = Intrinsics(1, 1, 300.0, 300.0, 0.0, 0.0)
+    assert depth_finder.people_in(cloud_of(np.ones((1, 1)), speck)) == []
+
+
+def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():
+    rng = np.random.default_rng(0)
+    votes = np.concatenate([rng.normal((x, 0, 2), 0.06, (300, 3)) for x in (-0.3, 0.3)]).astype(np.float32)
+    votes = np.concatenate([votes, np.array([[-0.7, 0, 2], [9, 9, 9]], np.float32)])
+    surface = np.full(len(votes), 0.001, np.float32)
+    whose = depth_finder._by_votes(votes, surface, np.full(len(votes), 5.0, np.float32))
+    assert set(whose[:300]) != set(whose[300:600]) and set(whose[:600]) == {1, 2}
+    assert whose[600] == whose[0] and whose[601] == 0
+    assert not depth_finder._by_votes(votes, surface, np.full(len(votes), 0.1, np.float32)).any()
