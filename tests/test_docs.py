@@ -30,6 +30,7 @@ SMALLER = (
     (r"--scene plate( --frames \d+)?", "--scene plate --frames 12"),
     (r"--seconds \d+", "--seconds 1"),
     (r" --scheduler \S+", ""),
+    (r"synth generate", "synth generate --workers 1"),
 )
 """What makes a command small: what it is asked to do is the same, only less of it."""
 
