@@ -25,7 +25,7 @@ EVERYTHING = replace(HARD, clutter=Clutter(**dict.fromkeys(vars(Clutter()), 1.0)
 
 
 def stay(scene="sofa", difficulty=EVERYTHING, number=0, seed=1):
-    return Stay(scene, difficulty, DEFAULT_SUIT, seed, number, 2.0)
+    return Stay(SCENES[scene], difficulty, DEFAULT_SUIT, seed, number, 2.0)
 
 
 def vertices_of(cast, tableau, *tags):
