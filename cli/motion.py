@@ -76,16 +76,21 @@ def solve(
         "unknown": list(report.unknown),
         "assumed": list(report.assumed),
     }
-    for line in report.assumed:
-        say(line)
-    if report.unknown:
-        shown = ", ".join(report.unknown[:8]) + (", ..." if len(report.unknown) > 8 else "")
-        say(f"{len(report.unknown)} labels belong to no marker of the set: {shown}")
+    _say_remarks(report)
     text = (
         f"{len(motion)} frames in {out}, {rate:.0f} a second; "
         f"markers off by {report.median_mm:.1f} mm (median), {report.rms_mm:.1f} mm (rms)"
     )
     finish(result, json, "\n".join([text, *_odd_markers(result["markers"])]))
+
+
+def _say_remarks(report: MarkerReport) -> None:
+    """Say what was assumed of the file, and which labels are of no marker."""
+    for line in report.assumed:
+        say(line)
+    if report.unknown:
+        shown = ", ".join(report.unknown[:8]) + (", ..." if len(report.unknown) > 8 else "")
+        say(f"{len(report.unknown)} labels belong to no marker of the set: {shown}")
 
 
 def motion_info(path: Path) -> tuple[dict[str, Any], str]:
