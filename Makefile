@@ -11,7 +11,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-EXTRAS := synth,bodies,network,report,rig,clouds,train,gui,cluster,exchange,realsense,docs,dev
+EXTRAS := synth,bodies,network,report,rig,clouds,train,gui,cluster,exchange,realsense,kinect,orbbec,docs,dev
+
+# Python keeps what it has compiled, whatever the caller's environment wants: it saves every process of a test that.
+export PYTHONDONTWRITEBYTECODE :=
 
 # PCL and a compiler for the extension; Mesa for rendering without a screen; what Qt asks of X.
 PACKAGES := python3-venv python3-dev g++ cmake ninja-build pkg-config libpcl-dev libgl1 libegl1 libgomp1 \
@@ -29,13 +32,13 @@ help:
 	echo "make fuzz    set up, then fuzz every reader of files for SECONDS (60)"
 	echo "make docs    set up, then build the documentation into docs/_build"
 	echo "make wheel   set up, then build a wheel that carries its libraries, into dist/"
-	echo "make setup   system packages, .venv, pinned Python packages, the native extension"
+	echo "make setup   system packages, .venv, pinned Python packages, the native extension, compiled kernels"
 	echo "make clean   remove what was built and cached, but not .venv"
 
 setup: $(READY)
 
 # Written last, so that a set-up that was cut short starts again.
-$(READY): Makefile pyproject.toml constraints.txt CMakeLists.txt annotate/cpp/pcl.cpp sensors/cpp/kinect2_shim.cpp
+$(READY): Makefile pyproject.toml constraints.txt CMakeLists.txt annotate/cpp/pcl.cpp
 	@$(MAKE) --no-print-directory system
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
 		echo "$$($(PYTHON) --version) is too old; annotate-cloud needs 3.11 or newer:" \
@@ -46,6 +49,8 @@ $(READY): Makefile pyproject.toml constraints.txt CMakeLists.txt annotate/cpp/pc
 	echo "installing Python packages into $(VENV)"
 	$(BIN)/pip install --quiet --constraint constraints.txt scikit-build-core nanobind
 	$(BIN)/pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[$(EXTRAS)]'
+	echo "compiling kernels, once"
+	$(BIN)/annotate-cloud compile
 	touch $@
 
 # Asks apt for nothing, and needs no network, where everything is there already.
@@ -74,8 +79,9 @@ demo: $(READY)
 test: $(READY)
 	@$(MAKE) --no-print-directory system WANTED="$(OPTIONAL)"
 	# The tests fill the cores by processes: BLAS threads beside them cost several times the work.
-	# A file stays on one core, with what its tests share; in order, as the longest is in the middle.
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+	# Each starts with one half, in order, so that tests that share something follow each other; the one that
+	# is done first takes over from the other's end.
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
 
 check: $(READY)
 	$(BIN)/ruff check
@@ -93,13 +99,12 @@ bench: $(READY)
 SECONDS ?= 60
 fuzz: $(READY)
 	$(BIN)/pip install --quiet --constraint constraints.txt 'atheris>=3'
-	$(BIN)/python -m tools.fuzz "" $(SECONDS)
+	$(BIN)/python -m tools.fuzz.run "" $(SECONDS)
 
 wheel: $(READY)
 	rm -rf build/wheel
 	$(BIN)/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir build/wheel .
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/auditwheel repair --wheel-dir dist \
-		--exclude 'libfreenect2.so*' build/wheel/*.whl
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/auditwheel repair --wheel-dir dist build/wheel/*.whl
 
 clean:
 	rm -rf build dist docs/_build docs/api docs/command.md .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -17,7 +17,8 @@ class FrameLabels:
     depth_mm: uint16 (h, w), 0 = no reading. parts: uint8 (h, w) part ids, 255 = undefined.
     confidence: float32 (h, w) in [0, 1], or None. subject: the person's name, "" if unknown.
     notes: free JSON values (omissions, difficulties).
-    persons: uint8 (h, w), or None: 0 nobody, 1 the labelled person, 2 and on everybody else.
+    persons: uint8 (h, w), or None: 0 nobody, 1 the labelled person, 2 and on everybody else, by numbers that
+    last over a recording. Where everybody is labelled, 1 is who was the subject at first.
     Raises FormatError with the wrong shape or value.
     """
 
@@ -40,9 +41,10 @@ class FrameLabels:
             shape = self.depth_mm.shape if self.depth_mm.ndim == 2 else "(h, w)"
             if image is not None and (image.shape != shape or kind not in image.dtype.name):
                 raise self._error(f"{name} is {image.dtype} {image.shape}; give {kind} {shape}")
-        unknown = self.parts[(self.parts >= N_CLASSES) & (self.parts != UNDEFINED)]
-        if unknown.size:
-            raise self._error(f"part id {int(unknown[0])} is unknown; use 0 to 11, or 255 for undefined")
+        if self.parts.max(initial=0) >= N_CLASSES:
+            unknown = self.parts[(self.parts >= N_CLASSES) & (self.parts != UNDEFINED)]
+            if unknown.size:
+                raise self._error(f"part id {int(unknown[0])} is unknown; use 0 to 11, or 255 for undefined")
         for text, kinds in ((self.subject, str), (self.notes, dict)):
             if not isinstance(text, kinds):
                 raise self._error(f"{str(text)[:60]!r} is a {type(text).__name__}; give a {kinds.__name__}")

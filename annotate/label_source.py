@@ -1,6 +1,7 @@
 """Label set of a source: every frame fused, its person extracted, its suit read, and kept."""
 
 import shutil
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ from annotate.engine import Engine
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.images import Probabilities
-from annotate.labelset.store import LabelSet
+from annotate.labelset.store import LabelSet, as_read
 from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask, Survey
 from annotate.second_look.look import look_again
@@ -30,6 +31,12 @@ from sensors.session.reader import Session
 
 NO_SUIT = "no --suit: only the person is extracted, its parts stay undefined"
 """Note of frames labelled without a suit."""
+WRITERS, MOST_UNWRITTEN = 2, 6
+"""Frames written at once, beside the work on the next ones, since each waits for the disk; labelled frames
+that are not written yet. Chosen by eye."""
+SURVEYORS, AHEAD = 2, 3
+"""Frames that are surveyed at once, and that are read and surveyed ahead of the one that is labelled. Chosen
+by eye, for two cores."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +112,8 @@ def run(
 
     labeller: labels a survey, given the labels of the previous frame exactly as stored, None at first and
     after a failed frame, so that a resumed run ends with the same bytes. survey: everything about a cloud
-    that needs no other frame, computed beside the work on the previous frame. Raises ExistsError when ``out``
+    that needs no other frame, computed beside the work on the previous frame. Frames are written beside the
+    work on the next ones. Raises ExistsError when ``out``
     holds anything but the beginning of this very run, ClaimedError while another process writes it,
     CloudError when every frame is bad: then ``out`` is removed.
     """
@@ -138,18 +146,29 @@ def _run(
         cloud = fuser.fuse_frame(frame)
         return _Fused(cloud.depth_mm, survey(cloud), left_out)
 
-    for frame, fused in _fused_ahead(source, fuse):
-        frame_id = _id(frame)
-        if frame_id in done:
-            before = check_same(labels, frame_id, fused.result().depth_mm)
-        else:
-            try:
-                labels.write(*_labelled(frame_id, fused.result(), labeller, before))
-                before = labels.read(frame_id)
-            except CloudError as error:
-                failed.append((frame_id, str(error)))
-                before = None
-        progress(1)
+    with ThreadPoolExecutor(WRITERS, "write") as writers:
+        unwritten: deque[Future[None]] = deque()
+        for frame, fused in _fused_ahead(source, fuse):
+            frame_id = _id(frame)
+            if frame_id in done:
+                before = check_same(labels, frame_id, fused.result().depth_mm)
+                progress(1)
+            else:
+                try:
+                    labelled, probabilities = _labelled(frame_id, fused.result(), labeller, before)
+                except CloudError as error:
+                    failed.append((frame_id, str(error)))
+                    before = None
+                    progress(1)
+                else:
+                    unwritten.append(writers.submit(labels.write, labelled, probabilities))
+                    before = as_read(labelled)
+            while len(unwritten) > MOST_UNWRITTEN:
+                unwritten.popleft().result()
+                progress(1)
+        for write in unwritten:
+            write.result()
+            progress(1)
     return failed
 
 
@@ -170,21 +189,21 @@ class _Fused:
 def _fused_ahead(
     source: FrameSource, fuse: Callable[[RigFrame], _Fused]
 ) -> Iterator[tuple[RigFrame, Future[_Fused]]]:
-    """Frames of a source, each read, fused and surveyed beside the work on the previous one.
+    """Frames of a source, some of them read, fused and surveyed beside the work on those before.
 
     Errors of the source are raised in the frame's turn, errors of ``fuse`` by the future.
     """
     frames = iter(source)
+    with ThreadPoolExecutor(1, "read") as reader, ThreadPoolExecutor(SURVEYORS, "fuse") as surveyors:
 
-    def start(pool: ThreadPoolExecutor) -> tuple[Future[RigFrame | None], Future[_Fused]]:
-        read = pool.submit(next, frames, None)
-        return read, pool.submit(lambda: fuse(cast(RigFrame, read.result())))
+        def start() -> tuple[Future[RigFrame | None], Future[_Fused]]:
+            read = reader.submit(next, frames, None)
+            return read, surveyors.submit(lambda: fuse(cast(RigFrame, read.result())))
 
-    with ThreadPoolExecutor(1, "fuse") as pool:
-        coming = start(pool)
-        while (frame := coming[0].result()) is not None:
-            now, coming = coming[1], start(pool)
-            yield frame, now
+        coming = deque(start() for _ in range(AHEAD))
+        while (frame := coming[0][0].result()) is not None:
+            coming.append(start())
+            yield frame, coming.popleft()[1]
 
 
 def cleaned(found: Segmentation, person: PersonMask, cloud: ThermalCloud) -> tuple[Segmentation, PersonMask]:
@@ -223,6 +242,7 @@ def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any
         "confidence": round(float(on_person.mean()), 4) if on_person.size else 0.0,
         "notes": [*remarks, *result.notes],
         **(result.probabilities.note() if result.probabilities else {}),
+        **({"bearing": result.bearing} if result.bearing else {}),
     }
 
 
@@ -232,7 +252,8 @@ def _labelled(
     """Labels of a fused frame, and their probabilities if kept."""
     result, person = labeller(fused.survey, before)
     notes = notes_of(result, [*fused.left_out, *person.notes]) | {"extraction": person.method}
-    persons = np.where(person.mask, np.uint8(1), np.where(person.others, np.uint8(2), np.uint8(0)))
+    notes |= {"people": person.known} if person.known else {}
+    persons = np.where(person.mask, np.uint8(1), np.where(person.others, person.persons, np.uint8(0)))
     labelled = FrameLabels(
         frame_id, fused.depth_mm, result.parts, result.confidence, notes=notes, persons=persons
     )

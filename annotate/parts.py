@@ -28,19 +28,20 @@ class Part:
 
 PARTS = (
     Part(0, "background", "Background", (24, 24, 28)),
-    Part(1, "head", "Head", (230, 57, 70)),
-    Part(2, "torso", "Torso", (69, 123, 157)),
-    Part(3, "left_upper_arm", "Left upper arm", (42, 157, 143)),
-    Part(4, "right_upper_arm", "Right upper arm", (244, 162, 97)),
-    Part(5, "left_forearm", "Left forearm", (144, 224, 160)),
-    Part(6, "right_forearm", "Right forearm", (255, 209, 102)),
-    Part(7, "hip", "Hip", (155, 93, 229)),
-    Part(8, "left_upper_leg", "Left upper leg", (0, 119, 182)),
-    Part(9, "right_upper_leg", "Right upper leg", (214, 99, 180)),
-    Part(10, "left_lower_leg", "Left lower leg", (72, 202, 228)),
-    Part(11, "right_lower_leg", "Right lower leg", (181, 131, 90)),
+    Part(1, "head", "Head", (227, 57, 69)),
+    Part(2, "torso", "Torso", (66, 95, 167)),
+    Part(3, "left_upper_arm", "Left upper arm", (44, 156, 142)),
+    Part(4, "right_upper_arm", "Right upper arm", (212, 114, 35)),
+    Part(5, "left_forearm", "Left forearm", (151, 228, 183)),
+    Part(6, "right_forearm", "Right forearm", (255, 206, 57)),
+    Part(7, "hip", "Hip", (203, 176, 255)),
+    Part(8, "left_upper_leg", "Left upper leg", (0, 120, 222)),
+    Part(9, "right_upper_leg", "Right upper leg", (212, 50, 123)),
+    Part(10, "left_lower_leg", "Left lower leg", (94, 203, 217)),
+    Part(11, "right_lower_leg", "Right lower leg", (200, 148, 88)),
 )
-"""All classes, indexed by id. Colours keep neighbours and twins apart on light and dark."""
+"""All classes, indexed by id. Neighbours and twins are at least 23 apart in colour (CIE 1976), also for eyes
+without red, green or blue receptors; found by annealing from the colours of the first edition."""
 
 BODY_PARTS = PARTS[1:]
 """All classes but the background."""

@@ -80,6 +80,7 @@ def figure(height: int, width: int, shift: float) -> tuple[NDArray[np.uint16], N
 def measured(path: Path, small: bool) -> Iterator[tuple[str, float, float]]:
     """Strokes, moves and next frames, from the event to the screen."""
     from PySide6.QtCore import QPoint, Qt
+    from PySide6.QtTest import QTest
     from PySide6.QtWidgets import QApplication
 
     from tests.helpers.gui_driver import Driver
@@ -95,7 +96,8 @@ def measured(path: Path, small: bool) -> Iterator[tuple[str, float, float]]:
         times.append(timed(app, release))
 
     def move(i: int) -> None:
-        times.append(timed(app, lambda: driver.hover(middle + QPoint(3 * i, i))))
+        place = driver.on_window(middle + QPoint(3 * i, i))
+        times.append(timed(app, lambda: QTest.mouseMove(driver.window.windowHandle(), place)))
 
     def next_frame(i: int) -> None:
         time.sleep(0.5)

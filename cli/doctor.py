@@ -12,6 +12,7 @@ from packaging.requirements import Requirement
 from cli.console import Json, finish
 from cli.extras import COSTS
 from sensors.errors import CloudError
+from sensors.recording.how_tested import KINDS
 
 NEEDED = ("packages", "PCL")
 """Findings without which labelling does not work."""
@@ -56,6 +57,7 @@ def _extra(extra: str, needed: list[Requirement]) -> Finding:
     wrong = [problem for problem in map(_problem, needed) if problem]
     name, target = (f"extra {extra}", f"annotate-cloud[{extra}]") if extra else ("packages", "annotate-cloud")
     known = f"{len(needed)} package" + "s" * (len(needed) > 1) if needed else "unknown to this installation"
+    known += "".join(f"; tested with {one.tested}" for one in KINDS.values() if f"`{extra}`" in one.needs)
     ok, cost = bool(needed) and not wrong, COSTS.get(extra, "nothing works")
     return Finding(name, ok, ", ".join(wrong) or known, cost, f"pip install '{target}'")
 
@@ -84,7 +86,8 @@ def _pcl() -> Finding:
 def _kinect2() -> Finding:
     from sensors.drivers.kinect2 import load_shim
 
-    return _tried(load_shim, "Kinect v2", "libfreenect2 can be loaded", "no Kinect v2 as a device")
+    found = "libfreenect2 can be used (its driver has met no camera: see devices)"
+    return _tried(load_shim, "Kinect v2", found, "no Kinect v2 as a device")
 
 
 def _screen() -> Finding:

@@ -20,6 +20,7 @@ COSTS = {
     "kinect": "no Azure Kinect as a device; its recordings can be imported",
     "realsense": "no RealSense cameras as devices; their recordings can be imported",
     "orbbec": "no Orbbec cameras as devices",
+    "flir": "no radiometric JPEG images of FLIR cameras",
     "docs": "no documentation pages (make docs)",
 }
 """Every extra, and what does not work without it."""

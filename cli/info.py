@@ -10,6 +10,7 @@ from typer import Argument
 
 from annotate.cloud.fuse import Fuser
 from annotate.correction.audit import Audit, PersonWork, audit
+from annotate.correction.replay import STATE_NAMES, state_of
 from annotate.labelset import dataset, store
 from annotate.labelset.dataset import Dataset
 from annotate.labelset.journal import Journal
@@ -48,14 +49,18 @@ def info(
 
 
 def _labels(labels: LabelSet) -> Shown:
-    statuses, pixels = Counter[str](), Counter[int]()
+    states, pixels, journal = Counter[str](), Counter[int](), Journal.of(labels.path)
     for frame in labels:
-        statuses[frame.status] += 1
+        strokes = journal.strokes(frame.frame_id)
+        original = labels.has_original(frame.frame_id)
+        before = labels.status(frame.frame_id, original) if strokes else frame.status
+        truth = before == "truth" and not strokes
+        states["truth" if truth else STATE_NAMES[state_of(strokes, before)]] += 1
         pixels.update({part.id: int((frame.parts == part.id).sum()) for part in PARTS})
     result: dict[str, Any] = {
         "kind": "label set",
         "frames": len(labels),
-        "statuses": dict(statuses),
+        "states": dict(states),
         "pixels": {part.name: pixels[part.id] for part in PARTS},
         "source": labels.info.get("source", ""),
         "steps": labels.info.get("steps", {}),
@@ -66,7 +71,7 @@ def _labels(labels: LabelSet) -> Shown:
         facts({name: value for name, value in short.items() if name != "pixels"}),
         table(("part", "pixels per frame"), per_frame),
     ]
-    found = audit(labels, Journal.of(labels.path))
+    found = audit(labels, journal)
     if found.people:
         result["audit"] = found.to_json()
         texts.append(_audit_text(found))

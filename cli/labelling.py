@@ -17,7 +17,8 @@ from annotate.labelset.store import LabelSet
 from annotate.suit.palette import load_suit, suit_to_toml
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from cli.extras import needing
-from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.joint_files import check_kind, write_joints
+from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
 from eval.network.predict import predict_frames, predict_source
 from sensors.files.atomic import check_free, write_bytes
 from sensors.importers.open_source import open_source
@@ -123,26 +124,48 @@ def predict(
     probabilities: Annotated[
         bool, Option("--probabilities", help="Also store the probabilities of all classes, 12 kB per frame.")
     ] = False,
+    joints: Annotated[
+        Path | None, Option(help="Also write joints, facing and posture there: .jsonl or .csv.")
+    ] = None,
+    everybody: Annotated[
+        bool, Option("--everybody", help="Label all persons of a recording, not the subject alone.")
+    ] = False,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Label depth images with a network; label sets and datasets keep their outlines of the person."""
+    if joints is not None:
+        check_kind(joints)
+        check_free(joints, overwrite)
     network = OnnxNetwork(weights)
     frames: LabelledFrames | FrameSource
     if holds_frames(source):
+        if everybody:
+            raise typer.BadParameter("labels keep their outlines of one person; give --everybody a recording")
         frames = open_frames(source)
         work = partial(predict_frames, frames, network, out, probabilities=probabilities)
     else:
         frames = open_source(source)
         for note in frames.notes:
             say(note)
-        work = partial(predict_source, frames, network, out, window_c=window, probabilities=probabilities)
+        work = partial(
+            predict_source,
+            frames,
+            network,
+            out,
+            window_c=window,
+            things=OnnxNetwork(THINGS_WEIGHTS) if weights == SHIPPED_WEIGHTS else None,
+            probabilities=probabilities,
+            everybody=everybody,
+        )
     clear(out, store.MANIFEST, overwrite, source, weights)
     started, total = time.monotonic(), len(frames)
     with progress("predict", total) as advance:
         run = work(progress=advance)
     ms = 1000 * (time.monotonic() - started) / max(1, total)
     result = {"frames": len(run.labels), "ms_per_frame": round(ms, 2)}
+    if joints is not None:
+        result["people"] = write_joints(run.labels, joints)
     finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")
 
 

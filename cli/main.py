@@ -13,9 +13,11 @@ from cli import (
     evaluation,
     exchange,
     info,
+    kernels,
     labelling,
     motion,
     recording,
+    rigs,
     synthesis,
     training,
 )
@@ -31,10 +33,11 @@ app = typer.Typer(
 app.add_typer(labelling.suit_app, name="suit", rich_help_panel="Labels")
 app.add_typer(synthesis.app, name="synth", rich_help_panel="Synthetic people")
 VERBS = {
-    "Getting started": (demo.demo, doctor.doctor),
+    "Getting started": (demo.demo, doctor.doctor, kernels.compile_),
     "Recordings": (
         synthesis.simulate,
         recording.devices,
+        rigs.rig,
         recording.record,
         recording.repair,
         calibration.calibrate,

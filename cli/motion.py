@@ -67,21 +67,24 @@ def solve(
             path.parent.mkdir(parents=True, exist_ok=True)
             save(path, motion, places_m(recorded, standing, places))
     report = motion.report
-    result: dict[str, Any] = {
-        "frames": len(motion),
-        "marker_median_mm": round(report.median_mm, 2),
-        "marker_rms_mm": round(report.rms_mm, 2),
-        "frames_per_second": round(rate, 1),
-        "markers": _per_marker(report),
-        "unknown": list(report.unknown),
-        "assumed": list(report.assumed),
-    }
+    result = {"frames": len(motion), "frames_per_second": round(rate, 1), **_solved(report)}
     _say_remarks(report)
     text = (
         f"{len(motion)} frames in {out}, {rate:.0f} a second; "
         f"markers off by {report.median_mm:.1f} mm (median), {report.rms_mm:.1f} mm (rms)"
     )
     finish(result, json, "\n".join([text, *_odd_markers(result["markers"])]))
+
+
+def _solved(report: MarkerReport) -> dict[str, Any]:
+    """How well markers were explained, as JSON."""
+    return {
+        "marker_median_mm": round(report.median_mm, 2),
+        "marker_rms_mm": round(report.rms_mm, 2),
+        "markers": _per_marker(report),
+        "unknown": list(report.unknown),
+        "assumed": list(report.assumed),
+    }
 
 
 def _say_remarks(report: MarkerReport) -> None:

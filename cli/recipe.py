@@ -16,7 +16,7 @@ from annotate.labelset.store import LabelSet
 from cli.console import progress
 from eval.compare.compare import compare_sets
 from eval.compare.results import Result, save_result
-from eval.network.onnx_network import OnnxNetwork
+from eval.network.onnx_network import THINGS_WEIGHTS, OnnxNetwork
 from eval.network.predict import predict_source
 from eval.report.build import write_report
 from eval.report.gather import gather
@@ -41,7 +41,9 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, Any]:
 
     corrected, seconds = _correct_all(automatic, truth, fused, out / "corrected")
     with progress("predict", frames) as advance:
-        predicted = predict_source(session, OnnxNetwork(), out / "network", advance).labels
+        predicted = predict_source(
+            session, OnnxNetwork(), out / "network", advance, things=OnnxNetwork(THINGS_WEIGHTS)
+        ).labels
 
     sets = {"Automatic": automatic, "Corrected": corrected, "Network": predicted}
     compared = {name: compare_sets(labels, truth) for name, labels in sets.items()}

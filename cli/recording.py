@@ -19,6 +19,7 @@ from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say, table
 from cli.extras import needing
 from sensors.device.protocol import Device
 from sensors.errors import CalibrationError, DeviceError
+from sensors.recording.how_tested import KINDS
 from sensors.recording.open_device import find_devices, open_device
 from sensors.recording.recorder import Recorded, Recorder, clock_metadata
 from sensors.recording.rig_file import RecordingRig, load_rig
@@ -175,9 +176,13 @@ def _report(out: Path, done: Recorded, json: bool) -> None:
 
 
 def devices(json: Json = False) -> None:
-    """List the devices that are plugged in, and the virtual ones."""
+    """List devices that are plugged in, virtual ones, and what each kind needs and was tested with."""
     found = find_devices()
     title = "no device is plugged in; virtual devices:" if all(one.virtual for one in found) else ""
     rows = [(one.address, one.serial, one.note) for one in found]
+    kinds = [(kind, known.needs.replace("`", ""), known.tested) for kind, known in KINDS.items()]
+    title_of_kinds = "what can be connected; no driver has ever met its hardware, but:"
     text = table(("address", "serial", "note"), rows, title)
-    finish({"devices": [asdict(one) for one in found]}, json, text)
+    text += "\n" + table(("kind", "needs", "tested with"), kinds, title_of_kinds)
+    answer = {"devices": [asdict(one) for one in found], "kinds": {k: v._asdict() for k, v in KINDS.items()}}
+    finish(answer, json, text)

@@ -15,8 +15,10 @@ from typer import Argument, Option
 from annotate.labelset.dataset import Dataset
 from cli.console import Json, Overwrite, clear, finish, progress, table
 from cli.extras import needing
+from cli.rigs import names
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free
+from sensors.recording.rig_templates import REFERENCE, TEMPLATES, template_named
 from synth.body.body import Body, save_body
 from synth.body.body_table import MEASURES, PAPER_BODIES, BodySize, describe, read_sizes
 from synth.images.workers import cluster, processes
@@ -79,31 +81,34 @@ def simulate(
         Option(help="sofa, chair or bed; or plate, the target for calibrate.", autocompletion=scenes),
     ] = "sofa",
     difficulty: Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)] = "normal",
+    rig: Annotated[
+        str,
+        Option(help="Which cameras: " + ", ".join(TEMPLATES) + ".", autocompletion=names),
+    ] = REFERENCE,
     seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Record people in a colour-coded suit with the virtual rig; the true labels go to out.truth/."""
     if scene == "plate":
-        _simulate_plate(out, frames, seed, overwrite, json)
+        _simulate_plate(out, frames, seed, rig, overwrite, json)
         return
     with needing("synth"):
         from synth.rig.simulate import simulate, suit_path, truth_path
         from synth.rig.virtual_rig import VirtualRig
-    rig = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, scene)
+    virtual = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, scene, rig=rig)
     with progress("simulate", frames) as advance:
-        simulate(rig, out, advance, overwrite=overwrite)
+        simulate(virtual, out, advance, overwrite=overwrite)
     result = {"frames": frames, "truth": str(truth_path(out)), "suit": str(suit_path(out))}
     finish(result, json, f"{frames} frames in {out}, truth in {truth_path(out)}, suit in {suit_path(out)}")
 
 
-def _simulate_plate(out: Path, frames: int, seed: int, overwrite: bool, json: bool) -> None:
+def _simulate_plate(out: Path, frames: int, seed: int, rig: str, overwrite: bool, json: bool) -> None:
     with needing("synth"):
-        from synth.cameras.optics import RIG_CALIBRATION
         from synth.rig.plate_views import PlateViews, record_plate
 
     with progress("simulate", frames) as advance:
-        truth = record_plate(PlateViews(RIG_CALIBRATION, frames, seed), out, advance, overwrite=overwrite)
+        truth = record_plate(PlateViews(template_named(rig), frames, seed), out, advance, overwrite=overwrite)
     result = {"frames": frames, "truth": str(truth), "suit": None}
     finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
 

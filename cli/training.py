@@ -3,15 +3,16 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, clear, finish, progress, say
 from cli.extras import needing
+from eval.network.onnx_network import SHIPPED_WEIGHTS
 from eval.training.augment import Augmentation
 from eval.training.crops import Crops, load_crops
 from sensors.errors import CloudError
@@ -22,9 +23,11 @@ if TYPE_CHECKING:
     from eval.network.checkpoint import Epoch
     from eval.network.networks import NetworkConfig
     from eval.training.loader import ProcessGroup
-    from eval.training.plan import Plan, Precision
+    from eval.training.plan import Plan
     from eval.training.train import Watch
 
+CALIBRATED_ON = 512
+"""Images, at most, on which confidences are made chances: the measured ones where there are any."""
 Without = StrEnum("Without", [field.name for field in fields(Augmentation)])  # type: ignore[misc]
 """The augmentations that can be left out."""
 
@@ -47,11 +50,12 @@ def train(
     recipe: Annotated[
         RecipeName, Option(help="modern: AdamW with one cycle; paper: SGD on a summed loss.")
     ] = "modern",
-    init: Annotated[Path | None, Option(help="Weights to start from (weights.safetensors).")] = None,
+    init: Annotated[Path | None, Option(help="Weights to start from (.safetensors), or shipped.")] = None,
     without: Annotated[list[Without] | None, Option(help="Augmentation to leave out; repeatable.")] = None,
     epochs: Annotated[int, Option(min=1, max=10_000, help="Passes over all images.")] = 12,
+    minutes: Annotated[float | None, Option(min=0.1, help="How long to train, instead of --epochs.")] = None,
     batch: Annotated[
-        int | None, Option(min=1, max=1024, help="Images per step.", show_default="16, the paper's 12")
+        int | None, Option(min=1, max=1024, help="Images per step.", show_default="32, the paper's 12")
     ] = None,
     seed: Annotated[int, Option(min=0, help="The same seed and data give the same network.")] = 0,
     precision: Annotated[
@@ -71,13 +75,17 @@ def train(
     """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
     started, tests = time.monotonic(), test or []
     with needing("train"):
-        from eval.network.checkpoint import save_weights
-        from eval.network.networks import export_onnx
         from eval.training.loader import ProcessGroup
+        from eval.training.plan import best_precision
         from eval.training.train import images_left
         from eval.training.train import train as run
+    if init == Path("shipped"):
+        init = SHIPPED_WEIGHTS.with_suffix(".safetensors")
     with ProcessGroup.join() as group:
-        plan, start = _plan(network, recipe, init, without or [], epochs, batch, seed, precision)
+        plan, start = _plan(network, recipe, init, without or [], batch)
+        plan = replace(
+            plan, epochs=epochs, minutes=minutes, seed=seed, precision=precision or best_precision()
+        )
         crops = load_crops(data, without=frozenset(hold_out or []))
         measured = _measured(data, tests, hold_out or [], test_images)
         if group.first:
@@ -85,13 +93,25 @@ def train(
         with _watching(group, images_left(out, plan, crops), epochs, checkpoint_minutes) as watch:
             model, done = run(crops, measured, out, plan, group, watch, start, workers)
     if group.first:
-        weights, loss = out / "weights.onnx", done.epochs[-1].loss
-        save_weights(weights.with_suffix(".safetensors"), model, plan.network)
-        export_onnx(model, weights)
-        seconds, history = round(time.monotonic() - started, 1), [asdict(epoch) for epoch in done.epochs]
-        result = {"epochs": len(history), "loss": loss, "seconds": seconds, "weights": str(weights)}
-        text = f"{len(history)} epochs, loss {loss:.4f}, weights in {weights}"
-        finish({**result, "history": history}, json, text)
+        result = _written(out, model, plan, measured or crops)
+        history = [asdict(epoch) for epoch in done.epochs]
+        result |= {"epochs": len(history), "loss": done.epochs[-1].loss, "history": history}
+        result["seconds"] = round(time.monotonic() - started, 1)
+        text = f"{len(history)} epochs, loss {result['loss']:.4f}, weights in {result['weights']}"
+        finish(result, json, text)
+
+
+def _written(out: Path, model: "nn.Module", plan: "Plan", seen: Crops) -> dict[str, Any]:
+    """Weights of a trained network in both formats: their path, and the temperature fitted on crops."""
+    from eval.network.checkpoint import save_weights
+    from eval.network.networks import export_onnx
+    from eval.training.temperature import fitted_temperature
+
+    weights = out / "weights.onnx"
+    save_weights(weights.with_suffix(".safetensors"), model, plan.network)
+    temperature = fitted_temperature(model, seen.spread(CALIBRATED_ON))
+    export_onnx(model, weights, temperature)
+    return {"temperature": round(temperature, 4), "weights": str(weights)}
 
 
 def _plan(
@@ -99,13 +119,10 @@ def _plan(
     recipe: RecipeName,
     init: Path | None,
     without: list[Without],
-    epochs: int,
     batch: int | None,
-    seed: int,
-    precision: "Precision | None",
 ) -> "tuple[Plan, nn.Module | None]":
     from eval.network.checkpoint import load_weights
-    from eval.training.plan import ModernRecipe, PaperRecipe, Plan, best_precision
+    from eval.training.plan import ModernRecipe, PaperRecipe, Plan
 
     if init and network:
         raise CloudError(f"{init} determines the network; leave out --network {network}")
@@ -113,16 +130,17 @@ def _plan(
     how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
     kind = PaperRecipe if recipe == "paper" else ModernRecipe
     chosen = kind() if batch is None else kind(batch)
-    return Plan(config, chosen, how, epochs, seed, precision or best_precision()), model
+    return Plan(config, chosen, how), model
 
 
 def _config(network: NetworkName) -> "NetworkConfig":
-    from eval.network.architectures import CompactConfig, PaperConfig, SmpConfig
+    from eval.network.architectures import PaperConfig, SmpConfig
+    from eval.network.compact import CompactConfig
 
     configs: dict[NetworkName, NetworkConfig] = {
         "compact": CompactConfig(),
-        "compact-small": CompactConfig((16, 24, 32, 48, 64)),
-        "compact-large": CompactConfig((32, 48, 64, 96, 144)),
+        "compact-small": CompactConfig((16, 24, 32, 48, 64), 2),
+        "compact-large": CompactConfig((32, 48, 96, 160, 256)),
         "paper": PaperConfig(),
         "paper-quarter": PaperConfig(16, 1024),
         "smp": SmpConfig(),

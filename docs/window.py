@@ -18,6 +18,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from annotate.correction.correction import Correction
+from annotate.gui.colors import Look
 from annotate.gui.commands import bind
 from annotate.gui.keys import Settings
 from annotate.gui.scene import SceneReader
@@ -77,7 +78,7 @@ def dark(window: CorrectionWindow) -> None:
     press(window, "help")
     save(window, "window-keys.png")
     press(window, "help")
-    window.set_colouring("temperature")
+    window.set_look(window.cloud_view, Look("temperature", tint=0.25))
     turn(window, QPoint(110, 40))
     save(window, "window-heat.png")
 
@@ -86,15 +87,17 @@ def light(window: CorrectionWindow) -> None:
     """Parts in the light theme; where the network says otherwise."""
     save(window, "window-light.png")
     press(window, "order")
-    window.open_frame(window.walk.frame_ids[0])
-    window.set_colouring("disagreement")
+    window.set_look(window.cloud_view, Look("disagreement"))
+    press(window, "doubt")
     save(window, "window-difference.png")
 
 
 def press(window: CorrectionWindow, name: str) -> None:
-    """Strike the key of a binding."""
+    """Strike the key of a command, and wait for what it starts."""
     combination = QKeySequence(window.settings.key(name))[0]
     QTest.keyClick(window, combination.key(), combination.keyboardModifiers())
+    while window.background.busy:
+        wait(0.05)
 
 
 def draw(window: CorrectionWindow, places: list[QPoint]) -> None:

@@ -28,6 +28,11 @@ from synth.rig.virtual_rig import VirtualRig
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the documentation's pages first: the longest tests, so that no core waits for them in the end."""
+    items.sort(key=lambda item: item.path.name != "test_docs.py")
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Folder of real recordings beside the checkout; a test that asks for it skips without it."""

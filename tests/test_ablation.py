@@ -13,7 +13,7 @@ from eval.compare.compare import compare_sets
 from sensors.errors import ExistsError
 from sensors.session.reader import Session
 from synth.rig.simulate import truth_path
-from tools.ablate import WITHOUT
+from tools.measure.ablation import WITHOUT
 
 SURE = 0.5
 """Mean recall that is left of a clean recording without any one step."""

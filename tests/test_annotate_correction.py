@@ -169,10 +169,12 @@ def test_frames_are_saved_on_a_verdict_and_on_leaving(folder):
         editor.judge("accept")
         assert labels.notes(FRAMES[0])["journal"] == 2
         editor.undo()
-        assert labels.notes(FRAMES[0])["journal"] == 2
+        assert labels.notes(FRAMES[0])["journal"] == 3 and not labels.notes(FRAMES[0])["accepted"]
+        editor.undo()
+        assert labels.notes(FRAMES[0])["journal"] == 3
         assert correction.edit(FRAMES[0]) is editor
         correction.edit(FRAMES[1])
-        assert labels.notes(FRAMES[0])["journal"] == 3
+        assert labels.notes(FRAMES[0])["journal"] == 4
 
 
 def test_a_save_cut_off_between_its_two_files_does_no_harm(folder):
@@ -225,6 +227,10 @@ def test_states(folder):
             (lambda: editor.paint(dab(0), 9), "touched", "corrected"),
             (lambda: editor.judge("accept"), "accepted", "corrected"),
             (lambda: editor.judge("agree"), "reviewed", "reviewed"),
+            (editor.undo, "accepted", "corrected"),
+            (editor.undo, "touched", "corrected"),
+            (editor.redo, "accepted", "corrected"),
+            (editor.undo, "touched", "corrected"),
             (editor.undo, "touched", "corrected"),
             (lambda: editor.judge("reject", "the arms\nare swapped"), "rejected", "corrected"),
         ]
@@ -238,6 +244,10 @@ def test_states(folder):
         correction.edit(FRAMES[1]).judge("accept")
         assert correction.labels.status(FRAMES[1]) == "corrected"
         assert correction.labels.notes(FRAMES[1])["rejected"] is None
+        correction.edit(FRAMES[1]).undo()
+        assert correction.labels.notes(FRAMES[1])["rejected"] == "blurred"
+        correction.edit(FRAMES[1]).undo()
+        assert (correction.state(FRAMES[1]), correction.labels.status(FRAMES[1])) == ("auto", "auto")
 
 
 # One at a time
@@ -384,7 +394,7 @@ def test_what_killed_processes_left_is_swept(folder):
 
 
 def test_kill_at_random_moments(tmp_path):
-    command = [sys.executable, "-m", "tools.kill_editor", str(tmp_path / "set"), "--kills", "15"]
+    command = [sys.executable, "-m", "tools.correction.kill_editor", str(tmp_path / "set"), "--kills", "15"]
     command += ["--size", "106", "128"]
     root = Path(__file__).resolve().parents[1]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)

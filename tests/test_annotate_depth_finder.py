@@ -10,8 +10,11 @@ import pytest
 
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
 from annotate.person import depth_finder
 from annotate.person.extract import Survey
+from annotate.person.known import numbers_of
+from annotate.person.persons import Person
 from sensors.rig.camera import Intrinsics, rays
 from synth.body.crowd import crowd
 from synth.pose.standing import draw_standing, stand
@@ -131,3 +134,23 @@ def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():
     assert set(whose[:300]) != set(whose[300:600]) and set(whose[:600]) == {1, 2}
     assert whose[600] == whose[0] and whose[601] == 0
     assert not depth_finder._by_votes(votes, surface, np.full(len(votes), 0.1, np.float32)).any()
+
+
+def walked(places, before, *, subject_first):
+    """Numbers of persons at places (x), and labels that keep them."""
+    people = [Person(np.ones((1, 1), np.bool_), 0.5, np.array([x, 0.0, 2.0])) for x in places]
+    numbers, known = numbers_of(people, before, subject_first=subject_first)
+    image = np.zeros((1, 1), np.uint8)
+    return numbers, FrameLabels("0", image.astype(np.uint16), image, notes={"people": known})
+
+
+def test_numbers_last_while_people_move_hide_and_come_in_any_order():
+    numbers, before = walked((0.0, 1.0), None, subject_first=False)
+    assert numbers == [1, 2]
+    numbers, before = walked((1.2, 0.2), before, subject_first=False)
+    assert numbers == [2, 1]
+    numbers, before = walked((1.3,), before, subject_first=False)
+    assert numbers == [2]
+    numbers, before = walked((-1.5, 0.3, 1.1), before, subject_first=False)
+    assert numbers == [3, 1, 2]
+    assert walked((1.1, 0.2), before, subject_first=True)[0] == [1, 4]

@@ -62,6 +62,7 @@ def written(folder, *strokes: Stroke) -> Journal:
 
 
 def lines_of(journal: Journal) -> list[bytes]:
+    """Its strokes as lines, by frame; where all frames' order counts, compare the file."""
     return [to_line(each) for i in journal.frame_ids for each in journal.strokes(i)]
 
 
@@ -74,14 +75,16 @@ def test_a_line_is_a_stroke_and_back(one):
     np.testing.assert_array_equal(from_line(line).runs, one.runs)
 
 
-def test_strokes_are_found_again_by_frame(tmp_path):
-    journal = Journal.of(tmp_path)
-    for i in range(6):
-        journal.add(stroke(i, "ab"[i % 2]))
+def test_strokes_are_written_as_they_come_and_found_again_by_frame(tmp_path):
+    strokes = [stroke(i, "ba"[i % 2]) for i in range(6)]
+    journal = written(tmp_path, *strokes[:2])
+    for each in strokes[2:]:
+        journal.add(each)
         journal.flush()
+    assert journal.path.read_bytes() == b"".join(map(to_line, strokes))
     again = Journal.of(tmp_path)
     assert lines_of(again) == lines_of(journal)
-    assert [each.how.points for each in again.strokes("b")] == [1, 3, 5]
+    assert [each.how.points for each in again.strokes("a")] == [1, 3, 5]
     assert again.frame_ids == ["a", "b"] and len(again) == 6
     assert again.strokes("c") == ()
 

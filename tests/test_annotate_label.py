@@ -159,7 +159,8 @@ def test_a_corrupt_frame_blocks_resuming_and_is_left_alone(tmp_path, session):
 def stripes(shape: tuple[int, int], trusted: bool = True) -> PersonMask:
     """A person in the upper third of the image, somebody else in the lower third."""
     rows = np.broadcast_to(np.arange(shape[0])[:, None] * 3 // shape[0], shape)
-    return PersonMask(rows == 0, "thermal", rows == 2, () if trusted else ("thermal: off",), trusted)
+    whose = np.select([rows == 0, rows == 2], [1, 2], 0).astype(np.uint8)
+    return PersonMask(rows == 0, "thermal", whose, () if trusted else ("thermal: off",), trusted)
 
 
 def test_every_frame_is_given_the_one_before_as_it_is_stored(tmp_path, session):

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from annotate.correction.follow import followed
 from annotate.correction.propagate import CorrectedFrame, propagate
 from annotate.correction.rigid import LabelledPoints, part_motions
 from annotate.frame_labels import FrameLabels
@@ -46,6 +47,16 @@ def test_what_is_right_stays_but_for_a_stray_pixel(shift):
     before, after = seen(), seen(shift, "b")
     for corrected, automatic in ((before, before), (before, face_mistaken(before))):
         assert wrong(after, propagate([CorrectedFrame(automatic, corrected)], after, CAMERA)) <= 5
+
+
+def test_the_parts_of_the_frame_before_follow_the_movement():
+    before, after = seen(), seen((0.1, 0.02, -0.05), "b")
+    mistaken = face_mistaken(after)
+    parts = followed(CorrectedFrame(face_mistaken(before), before), mistaken, CAMERA)
+    named = parts != UNDEFINED
+    body = after.parts != 0
+    assert named[body].mean() > 0.9 and not named[~body].any()
+    assert (parts[named] != after.parts[named]).mean() < 0.02
 
 
 def test_what_stands_still_is_taken_away_where_it_stood():

@@ -380,3 +380,37 @@ def test_an_empty_set_is_a_problem_and_none_is_an_error(tmp_path):
     assert "no frames" in validate(LabelSet.create(tmp_path / "set", CAMERA, {}))[0]
     with pytest.raises(FormatError, match=MANIFEST):
         LabelSet.open(tmp_path)
+
+
+BLIND = {
+    "none": np.eye(3),
+    "protan": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deutan": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "tritan": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
+}
+"""Linear sRGB as seen without one kind of receptors (Machado, Oliveira & Fernandes 2009, severity 1)."""
+XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+
+
+@pytest.mark.parametrize("eyes", BLIND)
+def test_neighbours_and_twins_are_apart_in_colour_for_all_eyes(eyes):
+    """At least 15 in CIE 1976 L*a*b* (IEC 61966-2-1 for sRGB)."""
+    rgb = np.array([part.rgb for part in PARTS]) / 255
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    xyz = np.clip(linear @ np.transpose(BLIND[eyes]), 0, 1) @ XYZ.T / XYZ.sum(axis=1)
+    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
+    lab = np.stack([116 * f[:, 1], 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1)
+    for one, two in (*NEIGHBOURS, *LEFT_RIGHT):
+        assert np.linalg.norm(lab[one] - lab[two]) >= 15, (PARTS[one].name, PARTS[two].name)

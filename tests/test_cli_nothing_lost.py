@@ -24,7 +24,7 @@ from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 from synth.rig.simulate import suit_path, truth_path
 
-LONG = 15
+LONG = 8
 
 MAIN = [sys.executable, "-c", "from cli.main import main; main()"]
 
@@ -196,10 +196,10 @@ def test_ctrl_c_then_the_same_command_gives_the_same_labels(tmp_path, rig_sessio
 def test_an_interrupted_simulation_leaves_nothing(annotate_cloud, tmp_path, monkeypatch):
     truths = synth.rig.simulate.truth_labels
 
-    def interrupted(frame, truth):
+    def interrupted(frame, *truth):
         if frame.index == 1:
             raise KeyboardInterrupt
-        return truths(frame, truth)
+        return truths(frame, *truth)
 
     monkeypatch.setattr(synth.rig.simulate, "truth_labels", interrupted)
     done = annotate_cloud("simulate", tmp_path / "s.mcap", "--frames", 2)

@@ -52,7 +52,7 @@ def test_a_run_goes_on_and_another_starts_from_its_weights(annotate_cloud, tmp_p
     more = annotate_cloud("train", labels.path, "--init", start, "--epochs", 1, "--out", tmp_path / "u")
     assert more.code == 0, more.err
     plan = json.loads((tmp_path / "u" / "plan.json").read_text())
-    assert plan["network"] == {"kind": "compact", "widths": [16, 24, 32, 48, 64]}
+    assert plan["network"] == {"kind": "compact", "widths": [16, 24, 32, 48, 64], "layers": 2}
 
 
 def test_what_is_wrong_is_one_line(annotate_cloud, tmp_path, labels):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import cli.recording
 from synth.rig.simulate import suit_path, truth_path
 
 ROOT = Path(__file__).parent.parent
@@ -17,6 +18,7 @@ ELSEWHERE = {
     "export": "the set-up itself",
     "pip install": "the set-up itself: what it brings is tested in test_packaging.py",
     "annotate-cloud --install-completion": "writes to the user's own files: test_cli_completion.py",
+    "annotate-cloud compile": "the set-up itself: make setup runs it",
     "annotate-cloud fix": "a window: driven by the tests of the window",
     "annotate-cloud record take.mcap --rig": "asks for devices; docs/camera.md records from their twins",
     "dask": "scheduler and workers: run by the tests of generating",
@@ -26,7 +28,7 @@ ELSEWHERE = {
 SMALLER = (
     (r"--count \d+", "--count 24"),
     (r"--epochs \d+", "--epochs 1"),
-    (r"--frames \d+", "--frames 8"),
+    (r"--subjects 8", "--subjects 2"),
     (r"--scene plate( --frames \d+)?", "--scene plate --frames 12"),
     (r"--seconds \d+", "--seconds 1"),
     (r" --scheduler \S+", ""),
@@ -34,8 +36,8 @@ SMALLER = (
 )
 """What makes a command small: what it is asked to do is the same, only less of it."""
 
-SHARED = ("board.mcap", "mine.mcap")
-"""Recordings that are the same on every page: a command on them, word for word the same, is run once."""
+SHARED = ("annotate-cloud simulate", "board.mcap", "mine.mcap")
+"""What simulates, and recordings that are the same on every page: the same words are run once."""
 
 
 def commands_of(page: str) -> list[str]:
@@ -57,20 +59,36 @@ def test_pages_hold_commands_and_every_exception_is_met():
         assert any(command.startswith(start) for command in shown), start
 
 
-def prepare(page: str, folder: Path, rig_session: Path) -> None:
+def smaller(command: str, page: str) -> str:
+    """The command as it is run here. A check of a calibration wants eight frames, all else four."""
+    frames = 8 if any("people.mcap --check" in other for other in commands_of(page)) else 4
+    for pattern, less in ((r"--frames \d+", f"--frames {frames}"), *SMALLER):
+        command = re.sub(pattern, less, command)
+    return command
+
+
+@pytest.fixture(scope="module")
+def my_folder(tmp_path_factory) -> Path:
+    """A user's own images."""
+    from tools.docs.material import write_image_folder
+
+    folder = tmp_path_factory.mktemp("docs") / "my-folder"
+    write_image_folder(folder)
+    return folder
+
+
+def prepare(page: str, folder: Path, rig_session: Path, my_folder: Path) -> None:
     """What a page takes for granted: the user's own files."""
     text = (ROOT / page).read_text()
     if "my-folder" in text:
-        from tools.docs_material import write_image_folder
-
-        write_image_folder(folder / "my-folder")
+        shutil.copytree(my_folder, folder / "my-folder")
     if "monday.mcap" in text:
         shutil.copy(suit_path(rig_session), folder / "ours.toml")
         for day in ("monday", "tuesday", "wednesday"):
             shutil.copy(rig_session, folder / f"{day}.mcap")
             shutil.copytree(truth_path(rig_session), folder / day)
     if "walk.c3d" in text:
-        from tools.docs_material import write_trials
+        from tools.docs.material import write_trials
 
         write_trials(folder)
 
@@ -82,15 +100,16 @@ def made() -> dict[str, list[Path]]:
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if any(not left_out(c) for c in commands_of(page))])
-def test_the_commands_of_a_page_run_in_order(page, tmp_path, rig_session, annotate_cloud, made, monkeypatch):
-    prepare(page, tmp_path, rig_session)
+def test_the_commands_of_a_page_run_in_order(
+    page, tmp_path, rig_session, my_folder, annotate_cloud, made, monkeypatch
+):
+    prepare(page, tmp_path, rig_session, my_folder)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli.recording, "VIRTUAL_FRAMES", 3)
     for command in commands_of(page):
         if left_out(command):
             continue
-        small = command
-        for pattern, less in SMALLER:
-            small = re.sub(pattern, less, small)
+        small = smaller(command, page)
         for path in made.get(small, ()):
             (shutil.copytree if path.is_dir() else shutil.copy)(path, path.name)
         if small in made:

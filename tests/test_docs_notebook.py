@@ -4,7 +4,7 @@ import json
 
 from PIL import Image
 
-from tools.run_notebook import NOTEBOOK, code_of, run
+from tools.docs.notebook import NOTEBOOK, code_of, run
 
 
 def test_the_notebook_runs_and_correcting_helps():

@@ -11,9 +11,11 @@ from annotate.crop import LEAST_VALUE, SIZE
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
 from eval.training.augment import MIN_LEFT, MIN_UNCOVERED, Augmentation, _incomplete, augment
 from eval.training.occluders import ROUGH
+from eval.training.whole import FACING, JOINTS, POSTURE, mirrored, nothing_known
 
 law = settings(deadline=None, max_examples=30)
 seeds = st.integers(0, 9999)
+UNKNOWN = nothing_known()
 NOTHING = Augmentation(**{field.name: False for field in fields(Augmentation)})
 
 
@@ -33,7 +35,7 @@ def body(seed: int = 0, size: int = SIZE) -> tuple[np.ndarray, np.ndarray]:
 def test_no_part_is_invented_where_depth_is_gone(seed, chance):
     depth, parts = body(seed)
     parts[100:110] = np.where(parts[100:110] > 0, UNDEFINED, 0)
-    x, y = augment(depth, parts, Augmentation(), np.random.default_rng(chance))
+    x, y, _ = augment((depth, parts, UNKNOWN), Augmentation(), np.random.default_rng(chance))
     assert (x.dtype, y.dtype, x.shape, y.shape) == (np.float32, np.uint8, depth.shape, parts.shape)
     assert (y[x == 0] == BACKGROUND).all()
     assert set(np.unique(y)) <= set(range(N_CLASSES)) | {UNDEFINED}
@@ -45,7 +47,7 @@ def test_no_part_is_invented_where_depth_is_gone(seed, chance):
 @given(seeds, seeds)
 def test_only_things_and_extras_are_background_with_depth(seed, chance):
     how = replace(Augmentation(), occluders=False, extras=False)
-    x, y = augment(*body(seed), how, np.random.default_rng(chance))
+    x, y, _ = augment((*body(seed), UNKNOWN), how, np.random.default_rng(chance))
     np.testing.assert_array_equal(y > 0, x > 0)
 
 
@@ -68,7 +70,7 @@ def test_extras_lie_beside_the_person_and_take_nothing():
     added = 0
     for chance in range(20):
         how = replace(NOTHING, extras=True)
-        x, y = augment(depth, parts, how, np.random.default_rng(chance))
+        x, y, _ = augment((depth, parts, UNKNOWN), how, np.random.default_rng(chance))
         added += int(((x > 0) & (y == BACKGROUND)).any())
     assert 1 <= added <= 15
 
@@ -78,7 +80,7 @@ def test_extras_lie_beside_the_person_and_take_nothing():
 def test_augmenting_is_the_seeds_and_leaves_its_input(seed, chance):
     depth, parts = body(seed)
     kept = depth.copy(), parts.copy()
-    a, b = (augment(depth, parts, Augmentation(), np.random.default_rng(chance)) for _ in range(2))
+    a, b = (augment((depth, parts, UNKNOWN), Augmentation(), np.random.default_rng(chance)) for _ in range(2))
     np.testing.assert_array_equal(a[0], b[0])
     np.testing.assert_array_equal(a[1], b[1])
     np.testing.assert_array_equal(depth, kept[0])
@@ -90,7 +92,7 @@ def test_augmenting_is_the_seeds_and_leaves_its_input(seed, chance):
 def test_without_anything_a_crop_stays_but_for_its_mean_depth(seed):
     """To within a pixel of the box, which is fitted anew."""
     depth, parts = body(seed)
-    x, y = augment(depth, parts, NOTHING, np.random.default_rng(0))
+    x, y, _ = augment((depth, parts, UNKNOWN), NOTHING, np.random.default_rng(0))
     np.testing.assert_array_equal(y, parts)
     np.testing.assert_allclose(
         x[x > 0], (depth - np.median(depth[depth > 0]) + 0.5)[depth > 0].clip(LEAST_VALUE, 1), atol=1e-6
@@ -102,7 +104,9 @@ def test_a_mirrored_body_has_its_sides_swapped():
     depth, parts = body()
     mirrored = 0
     for chance in range(20):
-        x, y = augment(depth, parts, replace(NOTHING, mirror=True), np.random.default_rng(chance))
+        x, y, _ = augment(
+            (depth, parts, UNKNOWN), replace(NOTHING, mirror=True), np.random.default_rng(chance)
+        )
         if np.array_equal(y, parts):
             continue
         mirrored += 1
@@ -117,7 +121,7 @@ def test_what_is_cut_away_leaves_enough_and_the_rest_is_refitted():
     depth, parts = body()
     shares = []
     for chance in range(40):
-        x, y = augment(depth, parts, replace(NOTHING, cuts=True), np.random.default_rng(chance))
+        x, y, _ = augment((depth, parts, UNKNOWN), replace(NOTHING, cuts=True), np.random.default_rng(chance))
         rows = np.flatnonzero((x > 0).any(axis=1))
         columns = np.flatnonzero((x > 0).any(axis=0))
         # The longer side fills the crop again, but for the margin.
@@ -128,12 +132,35 @@ def test_what_is_cut_away_leaves_enough_and_the_rest_is_refitted():
     assert min(shares) >= MIN_LEFT * np.pi / 4 * 0.9
 
 
-@pytest.mark.parametrize("what", ["noise", "holes", "turn", "place"])
+def test_joints_stay_on_their_pixels_and_facing_turns_with_the_mirror():
+    """One patch of a part marks a joint; wherever the image goes, the joint goes with it."""
+    depth, parts = body()
+    parts[parts > 0] = 2
+    parts[60:69, 120:129] = 3
+    row = nothing_known()
+    row[FACING], row[POSTURE] = (0.6, 0.8), 1
+    row[JOINTS] = np.tile([124.5 / SIZE, 64.5 / SIZE, depth[64, 124]], len(row[JOINTS]) // 3)
+    for chance in range(12):
+        how = replace(NOTHING, mirror=True, turn=True, place=True)
+        x, y, known = augment((depth, parts, row), how, np.random.default_rng(chance))
+        patch = np.isin(y, (3, 4))
+        v, u = np.argwhere(patch).mean(axis=0) + 0.5
+        joint = known[JOINTS][:3]
+        np.testing.assert_allclose(joint[:2] * SIZE, (u, v), atol=1.5)
+        assert x[int(v), int(u)] == pytest.approx(joint[2], abs=0.25)
+        assert known[FACING].tolist() == pytest.approx([0.6, -0.8 if (y == 4).any() else 0.8])
+        assert known[POSTURE] == 1
+    np.testing.assert_array_equal(mirrored(mirrored(row)), row)
+
+
+@pytest.mark.parametrize("what", ["noise", "holes", "turn", "place", "borders"])
 def test_each_way_does_something_and_can_be_left_out(what):
     depth, parts = body()
-    plain = augment(depth, parts, NOTHING, np.random.default_rng(0))
+    plain = augment((depth, parts, UNKNOWN), NOTHING, np.random.default_rng(0))
     changed = [
-        not np.array_equal(augment(depth, parts, replace(NOTHING, **{what: True}), rng)[0], plain[0])
+        not np.array_equal(
+            augment((depth, parts, UNKNOWN), replace(NOTHING, **{what: True}), rng)[0], plain[0]
+        )
         for rng in map(np.random.default_rng, range(12))
     ]
     assert any(changed)
@@ -141,7 +168,7 @@ def test_each_way_does_something_and_can_be_left_out(what):
 
 def test_an_empty_crop_stays_empty():
     nothing = np.zeros((20, 20), np.float32)
-    x, y = augment(nothing, nothing.astype(np.uint8), Augmentation(), np.random.default_rng(0))
+    x, y, _ = augment((nothing, nothing.astype(np.uint8), UNKNOWN), Augmentation(), np.random.default_rng(0))
     assert not x.any()
     assert not y.any()
 
@@ -151,7 +178,7 @@ def test_an_empty_crop_stays_empty():
 def test_a_single_pixel_survives_everything(chance):
     depth, parts = np.zeros((20, 20), np.float32), np.zeros((20, 20), np.uint8)
     depth[3, 16], parts[3, 16] = 0.5, 3
-    x, y = augment(depth, parts, Augmentation(), np.random.default_rng(chance))
+    x, y, _ = augment((depth, parts, UNKNOWN), Augmentation(), np.random.default_rng(chance))
     assert set(np.unique(y)) <= {BACKGROUND, 3, 4}
     assert np.isfinite(x).all()
 

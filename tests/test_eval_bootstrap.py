@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eval.scores import confusion, intervals
-from tools.measure_coverage import DESIGNS, Design, coverage, miou_coverage
+from tools.measure.coverage import DESIGNS, Design, coverage, miou_coverage
 
 
 @pytest.mark.parametrize("name", ["8 people", "8 people, most of them easy", "100 people", "one person"])

@@ -5,10 +5,10 @@ import numpy as np
 import torch
 
 from annotate.person.depth_finder import FOCAL_PX
-from eval.training import finder_images
-from eval.training.finder_images import HEIGHT, WIDTH, _votes, draw_batch, load_scenes, store_scenes
-from eval.training.finder_net import FinderNet, export_finder, loss_of
-from eval.training.finder_scenes import room_scenes
+from eval.training.finder import images as finder_images
+from eval.training.finder.images import HEIGHT, WIDTH, Stock, _votes, draw_batch, load_scenes, store_scenes
+from eval.training.finder.net import FinderNet, export_finder, loss_of
+from eval.training.finder.scenes import room_scenes
 
 
 def test_rooms_are_the_same_for_a_seed_name_their_people_and_are_stored(tmp_path, monkeypatch):
@@ -16,8 +16,11 @@ def test_rooms_are_the_same_for_a_seed_name_their_people_and_are_stored(tmp_path
     monkeypatch.setattr(finder_images, "rig_scenes", lambda _: ())
     monkeypatch.setattr(finder_images, "room_scenes", lambda _: scenes)
     store_scenes(tmp_path, 3)
-    stored = load_scenes(tmp_path)
-    assert [set(np.unique(p)) for _, p in stored] == [set(np.unique(scene.persons)) for scene in scenes]
+    stock = load_scenes(tmp_path)
+    stored = stock.rooms
+    assert not stock.rig and [set(np.unique(p)) for _, p in stored] == [
+        set(np.unique(scene.persons)) for scene in scenes
+    ]
     assert all(np.array_equal(a.depth_mm, b.depth_mm) for a, b in zip(scenes, again, strict=True))
     assert all((scene.depth_mm[scene.persons > 0] > 0).all() for scene in scenes)
     assert {int(scene.persons.max()) for scene in scenes} >= {0, 1}
@@ -29,10 +32,11 @@ def test_votes_of_a_person_meet_in_their_middle():
     persons[40:90, 60:80] = 1
     depth[persons > 0] = np.linspace(1.9, 2.1, 50)[:, None].repeat(20, 1).ravel()
     right, down, away = _votes(depth, persons)
+    focal_px = FOCAL_PX / 2  # votes are of every second pixel
     v, u = np.nonzero(persons)
     z = depth[v, u]
-    assert np.allclose(u + right[v, u] / z * FOCAL_PX, u.mean(), atol=0.1)
-    assert np.allclose(v + down[v, u] / z * FOCAL_PX, v.mean(), atol=0.1)
+    assert np.allclose(u + right[v, u] / z * focal_px, u.mean(), atol=0.1)
+    assert np.allclose(v + down[v, u] / z * focal_px, v.mean(), atol=0.1)
     assert np.allclose(z + away[v, u], 2.0, atol=0.01)
     assert not right[persons == 0].any()
 
@@ -41,7 +45,7 @@ def test_a_step_learns_and_the_exported_network_answers_as_the_trained_one(tmp_p
     persons = np.zeros((212, 256), np.uint8)
     cv2.ellipse(persons, (120, 100), (30, 70), 0, 0, 360, 1, -1)
     images = [(np.where(persons > 0, np.uint16(2000), np.uint16(3000)), persons)]
-    batch = draw_batch(images, 4, np.random.default_rng(0))
+    batch = draw_batch(Stock(images, []), 4, np.random.default_rng(0))
     torch.manual_seed(0)
     network = FinderNet().train()
     optimizer = torch.optim.AdamW(network.parameters(), 3e-3)
@@ -55,8 +59,9 @@ def test_a_step_learns_and_the_exported_network_answers_as_the_trained_one(tmp_p
     assert losses[-1] < 0.9 * losses[0]
     export_finder(network, tmp_path / "x.onnx")
     read = cv2.dnn.readNetFromONNX(str(tmp_path / "x.onnx"))
-    for shape in ((64, 96), (128, 160)):
-        image = np.random.default_rng(1).normal(size=(1, 3, *shape)).astype(np.float32)
+    for shape in ((32, 64), (96, 128)):
+        image = np.random.default_rng(1).normal(size=(1, 16, *shape)).astype(np.float32)
         read.setInput(image)
         with torch.no_grad():
-            assert np.allclose(read.forward(), network(torch.from_numpy(image)), atol=1e-3)
+            # Weights are stored in half precision.
+            assert np.allclose(read.forward(), network(torch.from_numpy(image)), atol=0.05)

@@ -11,7 +11,8 @@ torch = pytest.importorskip("torch")
 
 from annotate.crop import SIZE  # noqa: E402
 from annotate.parts import N_CLASSES  # noqa: E402
-from eval.network.architectures import CompactConfig, PaperConfig, PaperFcn, SmpConfig, _bilinear  # noqa: E402
+from eval.network.architectures import PaperConfig, PaperFcn, SmpConfig, _bilinear  # noqa: E402
+from eval.network.compact import CompactConfig  # noqa: E402
 from eval.network.networks import build, config_from, described  # noqa: E402
 from sensors.errors import CloudError, FormatError  # noqa: E402
 
@@ -31,18 +32,18 @@ def test_a_configuration_survives_as_json(config):
         "compact",
         {"kind": "compact"},
         {"kind": "other", "widths": [4]},
-        {"kind": "compact", "widths": 4},
-        {"kind": "compact", "widths": [4, 0]},
-        {"kind": "compact", "widths": [4, True]},
-        {"kind": "compact", "widths": [4], "code": "1"},
+        {"kind": "compact", "widths": 4, "layers": 1},
+        {"kind": "compact", "widths": [4, 0], "layers": 1},
+        {"kind": "compact", "widths": [4, True], "layers": 1},
+        {"kind": "compact", "widths": [4], "layers": 1, "code": "1"},
         {"kind": "paper", "base": 0, "dense": 4},
         {"kind": "paper", "base": 2.5, "dense": 4},
         {"kind": "smp", "encoder": 1, "decoder": [4]},
         {"kind": "smp", "encoder": "tu-hf_hub:somebody/theirs", "decoder": [4]},
         {"kind": "smp", "encoder": "hf-hub/theirs", "decoder": [4]},
         {"kind": "smp", "encoder": "resnet18", "decoder": []},
-        {"kind": "compact", "widths": []},
-        {"kind": "compact", "widths": {"4": 4}},
+        {"kind": "compact", "widths": [], "layers": 1},
+        {"kind": "compact", "widths": {"4": 4, "layers": 1}},
     ],
 )
 def test_what_describes_no_network_is_refused(description):
@@ -53,14 +54,14 @@ def test_what_describes_no_network_is_refused(description):
 @pytest.mark.parametrize("side", [2, 30, SIZE])
 def test_the_compact_network_keeps_the_images_size(side):
     with torch.no_grad():
-        scores = build(CompactConfig((4, 6, 8))).eval()(torch.zeros(2, 1, side, side))
+        scores = build(CompactConfig((4, 6, 8))).eval()(torch.zeros(2, 1, side, side)).scores
     assert scores.shape == (2, N_CLASSES, side, side)
 
 
 @pytest.mark.parametrize("side", [32, SIZE])
 def test_the_papers_network_keeps_the_images_size(side):
     with torch.no_grad():
-        scores = build(PaperConfig(2, 4)).eval()(torch.rand(1, 1, side, side))
+        scores = build(PaperConfig(2, 4)).eval()(torch.rand(1, 1, side, side)).scores
     assert scores.shape == (1, N_CLASSES, side, side)
 
 
@@ -89,7 +90,7 @@ def test_an_untrained_papers_network_says_little():
     """Its loss starts near log(12), from where it has to fall."""
     torch.manual_seed(0)
     network = build(PaperConfig(8, 32)).train()
-    scores = network(torch.rand(2, 1, 64, 64))
+    scores = network(torch.rand(2, 1, 64, 64)).scores
     loss = torch.nn.functional.cross_entropy(scores, torch.randint(0, N_CLASSES, (2, 64, 64)))
     assert loss.item() == pytest.approx(np.log(N_CLASSES), abs=0.3)
 
@@ -109,7 +110,7 @@ def test_the_librarys_network_keeps_the_images_size():
         warnings.simplefilter("ignore")
         pytest.importorskip("segmentation_models_pytorch", exc_type=(ImportError, RuntimeError))
     with torch.no_grad():
-        scores = build(SmpConfig()).eval()(torch.zeros(1, 1, SIZE, SIZE))
+        scores = build(SmpConfig()).eval()(torch.zeros(1, 1, SIZE, SIZE)).scores
     assert scores.shape == (1, N_CLASSES, SIZE, SIZE)
     with pytest.raises(CloudError, match="nonsense"):
         build(SmpConfig("nonsense"))

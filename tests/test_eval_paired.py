@@ -15,7 +15,7 @@ from eval.scores import confusion
 from eval.scores.counts import SHAPES, FrameCounts
 from eval.scores.traits import Traits
 from tests.helpers.naive_scores import by_name
-from tools.measure_coverage import paired_coverage, unpaired_coverage
+from tools.measure.coverage import paired_coverage, unpaired_coverage
 
 FRAMES = 5
 PIXELS = 1000

@@ -17,7 +17,7 @@ from annotate.labelset.images import encode_png
 from annotate.labelset.store import LabelSet, validate
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
 from eval.compare.compare import compare_sets
-from eval.network.onnx_network import OnnxNetwork
+from eval.network.onnx_network import THINGS_WEIGHTS, OnnxNetwork
 from eval.network.predict import predict_frames, predict_source
 from eval.training.crops import to_crop
 from sensors.errors import CloudError, ExistsError, FormatError
@@ -161,13 +161,13 @@ def test_rims_that_a_small_crop_drops_get_the_part_beside_them():
     """A network gives background where it sees nothing; a pixel of the person never takes that for a head."""
 
     class Forearms(OnnxNetwork):
-        def probabilities(self, crops):
+        def answers(self, crops):
             planes = np.zeros((len(crops), N_CLASSES, SIZE, SIZE), np.float32)
             planes[:, PART_ID["left_forearm"]], planes[:, BACKGROUND] = (
                 0.9 * (crops > 0),
                 1 - 0.9 * (crops > 0),
             )
-            return planes
+            return [planes]
 
     person = np.random.default_rng(0).random((424, 512)) < 0.5
     result = Forearms().segment(np.full(person.shape, 1500, np.uint16), person)
@@ -180,12 +180,12 @@ class Thumbs(OnnxNetwork):
 
     share = 0.5
 
-    def probabilities(self, crops):
+    def answers(self, crops):
         planes = np.zeros((len(crops), N_CLASSES, SIZE, SIZE), np.float32)
         planes[:, PART_ID["head"]] = 0.4
         planes[:, BACKGROUND] = np.arange(SIZE) < self.share * SIZE
         planes /= planes.sum(axis=1, keepdims=True)
-        return planes
+        return [planes]
 
 
 def test_what_the_network_calls_no_person_is_left_out():
@@ -210,7 +210,7 @@ def test_a_network_that_sees_nobody_at_all_is_not_believed():
     )
 
 
-def test_a_board_on_the_lap_is_no_part_and_the_body_stays(network, truth):
+def test_a_board_on_the_lap_is_no_part_and_the_body_stays(truth):
     """Needs the trained weights. The board is a screen's size, a hand's breadth before the belly.
 
     The rig's clean frames have no noise at all, which no training image has: so the bound on the body is low.
@@ -223,7 +223,7 @@ def test_a_board_on_the_lap_is_no_part_and_the_body_stays(network, truth):
         board[int(np.quantile(rows, 0.7)) : rows[-1] + 15, columns[0] : columns[-1]] = True
         near_mm = frame.depth_mm[body & board].min() - 100
         depth_mm = np.where(board, near_mm, frame.depth_mm).astype(np.uint16)
-        left = network.without_things(depth_mm, body | board)
+        left = OnnxNetwork(THINGS_WEIGHTS).without_things(depth_mm, body | board)
         assert np.mean(left[board]) < 0.1
         assert np.mean(left[body & ~board]) > 0.7
 

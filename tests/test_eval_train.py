@@ -23,15 +23,19 @@ from annotate.crop import SIZE  # noqa: E402
 from annotate.labelset.images import decode_parts  # noqa: E402
 from annotate.parts import N_CLASSES, UNDEFINED  # noqa: E402
 from eval.network import checkpoint  # noqa: E402
-from eval.network.architectures import CompactConfig, PaperConfig  # noqa: E402
+from eval.network.answer import Answer  # noqa: E402
+from eval.network.architectures import PaperConfig  # noqa: E402
 from eval.network.checkpoint import Progress, load_weights, save_weights  # noqa: E402
+from eval.network.compact import CompactConfig  # noqa: E402
 from eval.network.networks import build, export_onnx  # noqa: E402
 from eval.network.onnx_network import OnnxNetwork  # noqa: E402
 from eval.training.augment import Augmentation  # noqa: E402
 from eval.training.crops import Crops  # noqa: E402
 from eval.training.loader import BatchOrder, Images, ProcessGroup, batches  # noqa: E402
 from eval.training.plan import ModernRecipe, PaperRecipe, Plan, class_weights, loss_of, one_cycle, rate  # noqa: E402
+from eval.training.temperature import fitted_temperature  # noqa: E402
 from eval.training.train import Watch, evaluate, images_left, predicted, train  # noqa: E402
+from eval.training.whole import ROW, nothing_known  # noqa: E402
 from sensors.errors import CloudError, ExistsError, FormatError  # noqa: E402
 from tests.helpers import tiny_training  # noqa: E402
 from tests.helpers.tiny_training import CROPS, PLAN, small_crops  # noqa: E402
@@ -202,11 +206,11 @@ def test_the_labelling_of_one_frame_is_kept(whole):
 
 def test_another_plan_data_start_or_folder_is_refused(tmp_path, whole):
     before = tree(whole[0])
-    mixed = zip(map(CROPS.depth, reversed(range(7))), map(CROPS.parts, range(7)), strict=True)
+    mixed = zip(map(CROPS.depth, reversed(range(7))), map(CROPS.parts, range(7)), CROPS.wholes, strict=True)
     others = Crops.of(mixed)
     for plan, crops, start in (
         (replace(PLAN, epochs=4), CROPS, None),
-        (replace(PLAN, network=CompactConfig((4, 6))), CROPS, None),
+        (replace(PLAN, network=CompactConfig((4, 6), 1)), CROPS, None),
         (PLAN, others, None),
         (PLAN, CROPS, build(TINY)),
     ):
@@ -276,7 +280,7 @@ def test_weights_of_another_kind_are_refused_in_one_line(tmp_path, whole, spoil,
 @pytest.mark.parametrize(
     "network",
     [
-        {"kind": "compact", "widths": [8192] * 5, "classes": 12},
+        {"kind": "compact", "widths": [8192] * 5, "layers": 4, "classes": 12},
         {"kind": "paper", "base": 8192, "dense": 1, "classes": 12},
         {"kind": "smp", "encoder": "resnet18", "decoder": [8192] * 5, "classes": 12},
         [],
@@ -326,16 +330,16 @@ def test_the_modern_loss_is_over_pixels_with_depth_and_a_label():
     depth = torch.from_numpy((rng.random((2, 1, 5, 5)) < 0.6).astype(np.float32))
     parts = torch.from_numpy(rng.choice([0, 3, 7, UNDEFINED], (2, 5, 5)).astype(np.uint8))
     weight = torch.linspace(0.5, 2, N_CLASSES)
-    chosen = torch.log_softmax(scores, 1)
+    chosen, whole = torch.log_softmax(scores, 1), torch.zeros(2, ROW)
     naive = [
         -weight[c] * chosen[b, c, v, u]
         for b, v, u in np.ndindex(2, 5, 5)
         if depth[b, 0, v, u] > 0 and (c := int(parts[b, v, u])) != UNDEFINED
     ]
-    loss, told = loss_of(ModernRecipe(), scores, depth, parts, weight)
+    loss, told = loss_of(ModernRecipe(), Answer(scores), depth, parts, whole, weight)
     assert float(loss) == pytest.approx(float(sum(naive) / len(naive)), rel=1e-5)
     assert told == pytest.approx(float(loss))
-    summed, told = loss_of(PaperRecipe(), scores, depth, parts, weight)
+    summed, told = loss_of(PaperRecipe(), Answer(scores), depth, parts, whole, weight)
     defined = [
         -chosen[b, int(parts[b, v, u]), v, u]
         for b, v, u in np.ndindex(2, 5, 5)
@@ -352,6 +356,7 @@ def test_workers_make_the_same_batches():
     for a, b in zip(alone, ahead, strict=True):
         assert torch.equal(a[0], b[0])
         assert torch.equal(a[1], b[1])
+        assert torch.equal(a[2].nan_to_num(), b[2].nan_to_num())
 
 
 def test_rare_parts_weigh_more_and_the_mean_pixel_one():
@@ -371,7 +376,7 @@ def test_the_export_is_the_network(tmp_path):
     export_onnx(model, path)
     x = np.where(np.random.default_rng(0).random((2, SIZE, SIZE)) < 0.3, 0.5, 0).astype(np.float32)
     with torch.no_grad():
-        expected = torch.softmax(model.eval()(torch.from_numpy(x[:, None])), 1).numpy()
+        expected = torch.softmax(model.eval()(torch.from_numpy(x[:, None])).scores, 1).numpy()
     found = OnnxNetwork(path).probabilities(x)
     seen = np.broadcast_to(x[:, None] > 0, found.shape)
     np.testing.assert_allclose(found[seen], expected[seen], atol=1e-4)
@@ -381,10 +386,21 @@ def test_the_export_is_the_network(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["w.onnx"]
 
 
+def test_a_temperature_makes_overconfident_scores_chances():
+    """Scores three times as large as the logarithms of the true chances: divided by three they are these."""
+    rng = np.random.default_rng(0)
+    parts = np.where(rng.random((8, 40, 40)) < 0.8, 1, 2).astype(np.uint8)
+    crops = Crops.of((np.full((40, 40), 9000, np.uint16), image, nothing_known()) for image in parts)
+    share = (parts == 1).mean()
+    scores = torch.full((N_CLASSES,), -100.0)
+    scores[1], scores[2] = 3 * np.log(share), 3 * np.log(1 - share)
+    assert fitted_temperature(Always(scores), crops) == pytest.approx(3, abs=0.2)
+
+
 def test_evaluating_counts_every_defined_pixel_once(whole):
     depth, parts = next(CROPS.batches(len(CROPS)))
     parts[:, :6, :6] = UNDEFINED
-    crops = Crops.of(zip(map(CROPS.depth, range(7)), parts, strict=True))
+    crops = Crops.of(zip(map(CROPS.depth, range(7)), parts, CROPS.wholes, strict=True))
     total = evaluate(whole[1][0], crops, batch=2)
     np.testing.assert_array_equal(total.sum(axis=1), [(parts == i).sum() for i in range(N_CLASSES)])
     np.testing.assert_array_equal(total, evaluate(whole[1][0], crops, batch=3))
@@ -398,29 +414,31 @@ def test_one_cycle_goes_up_then_down_within_bounds():
     assert rates.min() > 0
     assert rates.max() <= 1
     top = int(rates.argmax())
-    assert shares[top] == pytest.approx(0.3, abs=0.002)
+    assert shares[top] == pytest.approx(0.03, abs=0.002)
     assert rates[top] == pytest.approx(1, abs=1e-4)
     assert (np.diff(rates[: top + 1]) >= 0).all()
     assert (np.diff(rates[top:]) <= 0).all()
     assert one_cycle(0) == pytest.approx(1 / 25)
     assert one_cycle(1) == pytest.approx(1e-4)
-    assert one_cycle(0.3 - 1e-9) == pytest.approx(one_cycle(0.3), abs=1e-6)
+    assert one_cycle(0.03 - 1e-9) == pytest.approx(one_cycle(0.03), abs=1e-6)
     assert rate(PaperRecipe(), 0.3) == rate(PaperRecipe(), 1.0) == 1e-10
 
 
-class Nobody(torch.nn.Module):
-    """Sees background everywhere, and a forearm as second best."""
+class Always(torch.nn.Module):
+    """Gives every pixel the same scores (12,)."""
 
-    def __init__(self) -> None:
+    def __init__(self, scores: torch.Tensor) -> None:
         super().__init__()
-        self.scores = torch.nn.Parameter(torch.tensor([9.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0]))
+        self.scores = torch.nn.Parameter(scores)
 
-    def forward(self, depth: torch.Tensor) -> torch.Tensor:
-        return self.scores[:, None, None].expand(len(depth), N_CLASSES, *depth.shape[-2:])
+    def forward(self, depth: torch.Tensor) -> Answer:
+        return Answer(self.scores[:, None, None].expand(len(depth), N_CLASSES, *depth.shape[-2:]))
 
 
 def test_within_the_outline_background_is_no_answer():
     """As `predict` reads it: the extraction has decided what is person."""
-    labels = np.concatenate(list(predicted(Nobody(), CROPS, batch=3)))
+    labels = np.concatenate(
+        list(predicted(Always(torch.tensor([9.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0])), CROPS, batch=3))
+    )
     depth, _ = next(CROPS.batches(len(CROPS)))
     np.testing.assert_array_equal(labels, np.where(depth > 0, 5, 0))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tools.fuzz_samples import READERS, Sample
+from tools.fuzz.samples import READERS, Sample
 
 CORPUS = Path(__file__).parent / "corpus"
 law = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

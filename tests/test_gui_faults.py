@@ -112,7 +112,7 @@ def test_the_command_opens_the_window_and_ends_politely(display, folder):
             QTest.qWait(50)
         process.terminate()
         out, _ = process.communicate(timeout=120)
-    assert process.returncode == 0 and "3 auto" in out
+    assert process.returncode == 0 and "3 automatic" in out
     assert not (folder / "claim.json").exists()
 
 
@@ -137,6 +137,8 @@ def test_read_only_changes_nothing(qapp, folder):
     pixel = driver.middle_of(TORSO)
     driver.click(driver.place(pixel))
     assert driver.parts.flat[pixel] == TORSO and "read-only" in driver.said
+    assert "accept" not in driver.window.status.space.text()
+    assert not driver.window.tools.buttons["swap"].isEnabled()
     driver.key("accept")
     driver.key("next")
     driver.key("colouring")

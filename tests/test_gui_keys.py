@@ -4,19 +4,35 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from annotate.gui.keys import BINDINGS, BODY_GRID, Settings, load_settings, settings_path
+from annotate.gui.keys import BODY_GRID, COMMANDS, LAYOUTS, Settings, load_settings, settings_path
 from annotate.parts import LEFT_RIGHT, PARTS
 from sensors.errors import CloudError
 
-LEFT_HAND = {*"`123456QWERTASDFGZXCVB", "Tab", "Space", "Esc", "F1", "F2", "F3", "F4", "F5"}
+LEFT_HAND = {*"`123456QWERTASDFGZXCVBNH", "Tab", "Space", "Esc", *(f"F{i}" for i in range(1, 8))}
+RIGHT_HAND = {"[", "]"}
+"""The brush's size, which Shift and the wheel change too."""
 
 
-def test_every_key_is_its_own_and_under_the_left_hand():
-    keys = [binding.key for binding in BINDINGS]
-    assert len(set(keys)) == len(keys)
-    for key in keys:
-        *held, last = key.split("+")
-        assert last in LEFT_HAND and set(held) <= {"Ctrl", "Shift"}, key
+def settings_of(tmp_path, text: str) -> Settings:
+    (tmp_path / "window.toml").write_text(text)
+    return load_settings(tmp_path / "window.toml")
+
+
+def test_every_command_has_a_key_under_the_left_hand():
+    for command in COMMANDS:
+        *held, last = command.key.split("+")
+        assert last in LEFT_HAND | RIGHT_HAND and set(held) <= {"Ctrl", "Shift"}, command.name
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_on_every_keyboard_each_key_is_its_own_and_lies_in_its_place(tmp_path, layout):
+    settings = settings_of(tmp_path, f'layout = "{layout}"')
+    keys = [key for command in settings.commands for key in command.keys]
+    assert len({key.casefold() for key in keys}) == len(keys)
+    bottom_left = {"qwerty": "Z", "qwertz": "Y", "azerty": "W"}[layout]
+    assert settings.key("right_lower_leg") == bottom_left
+    assert settings.key("lock_right_lower_leg") == f"Shift+{bottom_left}"
+    assert settings.key("undo") == "Ctrl+Z", "as printed"
 
 
 def test_parts_lie_like_a_body_that_faces_you():
@@ -29,14 +45,14 @@ def test_without_a_file_keys_are_as_delivered(tmp_path):
     assert load_settings(tmp_path / "absent.toml") == Settings()
 
 
-@given(st.sampled_from([b.name for b in BINDINGS]))
+@given(st.sampled_from([command.name for command in COMMANDS]))
 def test_one_key_moves_and_the_others_stay(tmp_path_factory, name):
     path = tmp_path_factory.mktemp("keys") / "window.toml"
     path.write_text(f'theme = "light"\n[keys]\n{name} = "Ctrl+K"\n#' + "x" * 99_900)
     settings = load_settings(path)
     assert settings.theme == "light" and settings.key(name) == "Ctrl+K"
-    for binding in BINDINGS:
-        assert binding.name == name or settings.key(binding.name) == binding.key
+    for command in COMMANDS:
+        assert command.name == name or settings.key(command.name) == command.key
 
 
 @pytest.mark.parametrize(
@@ -48,6 +64,10 @@ def test_one_key_moves_and_the_others_stay(tmp_path_factory, name):
         ("keys = 3", "[keys]"),
         ("[keys]\nundo = 'f1'", "undo and help"),
         ("colour = 'red'", "colour"),
+        ("layout = 'dvorak'", "dvorak"),
+        ("[keys]\nundo = 'Strg+Z'", "undo has the key 'Strg.Z', which does not exist"),
+        ("[keys]\nfill_holes = 'Banana'", "fill_holes has the key 'Banana'"),
+        ("[keys]\nswap = 'Shift+W'", "swap and lock_torso"),
         ("[keys", "cannot be read"),
         ("x = '" + "a" * 100_000 + "'", "larger"),
     ],

@@ -10,11 +10,13 @@ from annotate.cloud.fuse import Fuser
 from annotate.correction.correction import Correction
 from annotate.correction.select import ScreenPoints, polygon
 from annotate.frame_labels import FrameLabels
-from annotate.gui.colors import SAME_RGB, colourings, point_colors
+from annotate.gui.colors import SAME_RGB, Look, Painting, colourings
 from annotate.gui.drawing import Drawing
 from annotate.gui.orbit import Orbit, front_view, project
+from annotate.gui.outcome import described, strokes_text
 from annotate.gui.scene import ROOM_POINTS, SceneReader, find_session
 from annotate.labelset.store import LabelSet
+from annotate.labelset.stroke import Stroke
 from annotate.parts import PARTS
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics
@@ -22,6 +24,11 @@ from sensors.rig.rig_calibration import RigCalibration
 
 SIZE = (640, 480)
 GROUND = (20, 22, 27)
+
+
+def point_colors(scene, parts, pixels, colouring, visibility=None):
+    """Colours without anything over them."""
+    return Painting(scene, parts, Look(colouring, outlines=False), visibility or {}, GROUND)(pixels)
 
 
 def camera_of(orbit: Orbit) -> pv.Camera:
@@ -81,6 +88,16 @@ def test_shifting_moves_the_target_by_what_was_dragged(orbit, right_px, down_px)
     np.testing.assert_allclose(view.xy_px[0] - middle, (right_px, down_px), atol=0.5)
 
 
+@given(orbits, st.floats(-3, 3), st.tuples(*(st.floats(-0.1, 0.1) for _ in range(3))))
+def test_zooming_keeps_the_point_under_the_pointer_where_it_is(orbit, steps, away_m):
+    point = np.array(orbit.target_m) + away_m
+    places = [
+        project(point[None].astype(np.float32), np.ones(1, bool), matrix_of(each), SIZE, 1.0).xy_px[0]
+        for each in (orbit, orbit.neared(steps, point))
+    ]
+    np.testing.assert_allclose(*places, atol=0.5)
+
+
 def test_the_front_view_holds_every_point():
     points = np.random.default_rng(1).uniform((-0.4, -0.9, 1.8), (0.4, 0.9, 2.4), (500, 3)).astype(np.float32)
     view = project(points, np.ones(500, bool), matrix_of(front_view(points, SIZE[0] / SIZE[1])), SIZE, 1.0)
@@ -135,6 +152,16 @@ def test_slips_of_the_hand_are_no_strokes():
     assert not small.is_slip
 
 
+def test_strokes_and_counts_in_words():
+    runs = np.array([[0, 9, 1, 2], [9, 3, 3, 2]], np.int64)
+    assert described(Stroke("f", "paint", runs, 2)) == "12 pixels to torso (9 head, 3 left upper arm)"
+    assert described(Stroke("f", "propagate", runs)) == "Carried over: 12 pixels (9 head, 3 left upper arm)"
+    assert (
+        described(Stroke("f", "paint", np.array([[0, 1, 1, 2]], np.int64), 2)) == "1 pixel from head to torso"
+    )
+    assert strokes_text(1) == "1 stroke" and strokes_text(2) == "2 strokes"
+
+
 # Scenes
 
 
@@ -172,29 +199,29 @@ def test_a_scene_shows_the_person_in_full_and_the_room_thinned(scene):
 
 def test_parts_have_their_colours_and_faded_ones_the_grounds(scene):
     pixels = np.flatnonzero(scene.labels.parts)
-    plain = point_colors(scene, scene.labels.parts, pixels, "part", {}, GROUND)
+    plain = point_colors(scene, scene.labels.parts, pixels, "part")
     hue = plain[scene.labels.parts.ravel()[pixels] == 2].astype(float)
     expected = np.array(PARTS[2].rgb) / max(PARTS[2].rgb)
     np.testing.assert_allclose(
         hue / hue.max(axis=1, keepdims=True), np.tile(expected, (len(hue), 1)), atol=0.03
     )
-    faded = point_colors(scene, scene.labels.parts, pixels, "part", {2: "faded"}, GROUND).astype(float)
+    faded = point_colors(scene, scene.labels.parts, pixels, "part", {2: "faded"}).astype(float)
     is_torso = scene.labels.parts.ravel()[pixels] == 2
     away = np.abs(faded - GROUND).sum(axis=1) - np.abs(plain.astype(float) - GROUND).sum(axis=1)
     assert (away[is_torso] < 0).all() and (away[~is_torso] == 0).all()
 
 
 def test_doubt_glows_and_agreement_is_grey(scene):
-    assert colourings(scene) == ("part", "confidence", "disagreement")
+    assert colourings(scene) == ("part", "depth", "confidence", "disagreement")
     pixels = np.flatnonzero(scene.labels.parts)
     doubtful = scene.labels.parts.ravel()[pixels] == 2
-    rgb = point_colors(scene, scene.labels.parts, pixels, "confidence", {}, GROUND).astype(int)
+    rgb = point_colors(scene, scene.labels.parts, pixels, "confidence").astype(int)
     assert (rgb[doubtful, 0] - rgb[doubtful, 2] > 50).all() and (rgb[~doubtful, 0] < rgb[~doubtful, 2]).all()
-    same = point_colors(scene, scene.labels.parts, pixels, "disagreement", {}, GROUND)
+    same = point_colors(scene, scene.labels.parts, pixels, "disagreement")
     assert (same <= SAME_RGB).all()
     changed = scene.labels.parts.copy()
     changed[changed == 2] = 3
-    differs = point_colors(scene, changed, pixels, "disagreement", {}, GROUND).astype(int)
+    differs = point_colors(scene, changed, pixels, "disagreement").astype(int)
     assert (differs[doubtful, 0] > differs[doubtful, 2]).all()
 
 
@@ -205,6 +232,12 @@ def test_a_session_beside_the_labels_is_found(small_set):
     assert find_session(small_set) == beside
     small_set.info["source"] = "../../etc/people"
     assert find_session(small_set) is None
+    named_alike = LabelSet.create(
+        small_set.path.with_name("x.labels"), small_set.intrinsics, {"source": "rig"}
+    )
+    beside = small_set.path.with_name("x.mcap")
+    beside.write_bytes(b"")
+    assert find_session(named_alike) == beside
 
 
 def test_another_recording_is_refused_or_left_out(small_set, rig_session, rig_labels, tmp_path):
@@ -221,4 +254,4 @@ def test_a_frame_of_another_depth_image_comes_without_colours(rig_labels, rig_se
     labels.write(FrameLabels(frame.frame_id, frame.depth_mm // 2, frame.parts))
     with Correction.open(labels.path, "mia") as correction:
         scene = SceneReader(correction, rig_session).read(frame.frame_id)
-    assert colourings(scene) == ("part",) and "another depth image" in scene.remark
+    assert colourings(scene) == ("part", "depth") and "another depth image" in scene.remark

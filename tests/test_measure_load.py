@@ -4,7 +4,7 @@ import numpy as np
 
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import encode_shard, read_shard
-from tools.load_material import renamed
+from tools.load.material import renamed
 
 
 def test_a_shard_under_new_ids_holds_the_same_images(tmp_path):

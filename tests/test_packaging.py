@@ -18,7 +18,11 @@ from synth.rig.simulate import suit_path, truth_path
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-ALIAS = {"pyorbbecsdk2": "pyorbbecsdk", "segmentation-models-pytorch": "segmentation_models_pytorch"}
+ALIAS = {
+    "pyk4a-bundle": "pyk4a",
+    "pyorbbecsdk2": "pyorbbecsdk",
+    "segmentation-models-pytorch": "segmentation_models_pytorch",
+}
 """Modules of packages that need not be installed here."""
 
 BASE_ONLY = """

@@ -15,6 +15,7 @@ from sensors.calibrate.hole_plate import HolePlate, find_holes
 from sensors.calibrate.plate_view import PlateView, view_plate
 from sensors.calibrate.verdict import judge
 from sensors.errors import CalibrationError
+from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.rig.calibration_yaml import FILES, open_calibration, read_yaml, write_yaml
 from sensors.rig.camera import Intrinsics, project
 from sensors.rig.rig_calibration import Pose, RigCalibration
@@ -90,7 +91,7 @@ def test_too_few_views_are_refused():
 @pytest.fixture(scope="module")
 def shot():
     """Twelve rendered frames, and what is seen in them."""
-    frames = list(PlateViews(RIG, 12, 5, bad_share=0.0))
+    frames = list(PlateViews(replace(TEMPLATES[REFERENCE], calibration=RIG), 12, 5, bad_share=0.0))
     return frames, [view_plate(frame, PLATE, RIG.depth) for frame in frames]
 
 

@@ -25,15 +25,16 @@ from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, Therma
 from sensors.device.streaming_camera import StreamingCamera
 from sensors.drivers import kinect2, pyrometer, serial_line
 from sensors.drivers.azure_kinect import AzureKinect, azure_devices
+from sensors.drivers.k4a import Capture, Playback, StampedDepth, load_k4a
 from sensors.drivers.kinect2 import Kinect2
 from sensors.drivers.lepton import Lepton
 from sensors.drivers.optris import LAYOUTS, Optris
 from sensors.drivers.optris_direct import OptrisDirect
-from sensors.drivers.orbbec import Orbbec, depth_of, orbbec_serials
+from sensors.drivers.orbbec import Orbbec, depth_of, load_sdk, orbbec_serials
 from sensors.drivers.pyrometer import Pyrometer
 from sensors.drivers.pyrometer_protocol import CS, CT
 from sensors.drivers.realsense import RealSense, Settings, realsense_serials
-from sensors.drivers.y16 import Radiometry, Y16Camera
+from sensors.drivers.y16 import Boson, Radiometry, Y16Camera
 from sensors.errors import (
     CloudError,
     DeviceAccessError,
@@ -43,10 +44,12 @@ from sensors.errors import (
     DeviceLostError,
     DeviceNotFoundError,
 )
+from sensors.importers.open_source import open_source
 from sensors.recording import open_device as open_device_module
 from sensors.recording.open_device import find_devices, open_device
-from sensors.rig.camera import intrinsics_from_rational
+from sensors.rig.camera import Intrinsics, intrinsics_from_rational
 from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import calibration_to_json
 from sensors.virtual.fake_kernel import FakeKernel
 from sensors.virtual.frame_loop import FrameLoop
 from sensors.virtual.kinect2 import VirtualKinect2
@@ -56,6 +59,7 @@ from sensors.virtual.pyrometer import LineFaults, VirtualPyrometer
 from sensors.virtual.realsense import VirtualRealSense
 from sensors.virtual.schedule import Faults
 from sensors.virtual.y16 import VirtualLepton, VirtualY16
+from tests.helpers.samples import azure_calibration
 from tests.helpers.swinging_ball import small_ball, swinging_ball
 
 VALUES = {
@@ -118,6 +122,11 @@ def bench_y16(faults, folder):
     return Bench(lambda: Y16Camera(twin.node, twin.size, 90.0, Radiometry(0.01), kind=opener), twin.unplug)
 
 
+def bench_boson(faults, folder):
+    twin = VirtualY16(FrameLoop(swinging_ball()), faults, Radiometry(0.01), 60.0, (256, 320))
+    return Bench(lambda: Boson(twin.node, True, kind=FakeKernel(twin)), twin.unplug)
+
+
 def bench_direct(faults, folder):
     config = folder / "generic.xml"
     config.write_text("<imager><serial>0</serial></imager>")
@@ -145,6 +154,7 @@ BENCHES = {
     "optris-direct": bench_direct,
     "lepton": bench_lepton,
     "y16": bench_y16,
+    "boson": bench_boson,
     "pyrometer ct": bench_pyrometer(CT, False),
     "pyrometer cs": bench_pyrometer(CS, False),
     "pyrometer ct burst": bench_pyrometer(CT, True),
@@ -330,7 +340,7 @@ def test_a_twin_of_a_source_without_thermal_says_so_at_once(kind):
         ("realsense:?size=1x1", "size '1x1' .* is unknown; use 848x480"),
         ("realsense:?preset=best", "preset 'best' .* is unknown; use default"),
         ("realsense:?laser=361", "laser '361' .* is not a number from 0 to 360"),
-        ("kinect2:1?mode=1", "unknown option 'mode'; its options: none"),
+        ("kinect2:1?mode=1", "unknown option 'mode'; its options: mirror, turn"),
     ],
 )
 def test_a_bad_address_is_one_clear_line(address, match):
@@ -466,68 +476,37 @@ def test_a_rational_lens_becomes_the_polynomial_one():
     np.testing.assert_allclose(project(camera, points)[inside], expected[inside], atol=0.05)
 
 
-class FakeAzure:
-    """pyk4a's own names (github.com/etiennedub/pyk4a, 1.5), with one device of three captures."""
+class AzureCaptures:
+    """Three captures in place of an Azure Kinect."""
 
-    class K4AException(Exception):  # noqa: N818
+    serial = "000042"
+
+    def __init__(self):
+        self.stamps, self.closed = [10_000, 43_333, 143_333], False
+
+    def start(self):
         pass
 
-    class K4ATimeoutException(K4AException):
-        pass
+    def factory_calibration(self):
+        return azure_calibration()
 
-    ColorResolution = SimpleNamespace(RES_1080P=1)
-    ImageFormat = SimpleNamespace(COLOR_MJPG=0)
-    DepthMode = SimpleNamespace(NFOV_UNBINNED=2)
-    FPS = SimpleNamespace(FPS_30=2)
-    CalibrationType = SimpleNamespace(DEPTH=0, COLOR=1)
-    Config = SimpleNamespace
-    __spec__ = ModuleSpec("pyk4a", None)
+    def capture(self, timeout_ms):
+        if not self.stamps:
+            return None
+        stamp, depth = self.stamps.pop(0), np.full((576, 640), 1500, np.uint16)
+        return Capture(StampedDepth(depth, depth + 1, stamp), (b"\xff\xd8\xff", stamp + 100))
 
-    @staticmethod
-    def connected_device_count():
-        return 1
-
-    class PyK4A:
-        serial = "000042"
-
-        def __init__(self, config=None, device_id=0):
-            self.opened = self.is_running = False
-            self.stamps = [10_000, 43_333, 143_333]
-            self.calibration = SimpleNamespace(
-                get_camera_matrix=lambda kind: np.diag([500.0, 500.0, 1.0]),
-                get_distortion_coefficients=lambda kind: np.zeros(8),
-                depth_to_color_3d=lambda point: np.array([-32.0, 2.0, 4.0]) + point,
-            )
-
-        def open(self):
-            self.opened = True
-
-        def start(self):
-            self.is_running = True
-
-        def stop(self):
-            self.is_running = self.opened = False
-
-        close = stop
-
-        def get_capture(self, timeout):
-            if not self.stamps:
-                raise FakeAzure.K4ATimeoutException
-            stamp = self.stamps.pop(0)
-            depth, jpeg = np.full((576, 640), 1500, np.uint16), np.frombuffer(b"\xff\xd8\xff", np.uint8)
-            stamps = {"depth_timestamp_usec": stamp, "color_timestamp_usec": stamp + 100}
-            return SimpleNamespace(depth=depth, ir=depth + 1, color=jpeg, **stamps)
+    def close(self):
+        self.closed = True
 
 
-def test_an_azure_kinect_by_pyk4as_names(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyk4a", FakeAzure)
+def test_an_azure_kinect_by_its_captures(monkeypatch):
     monkeypatch.setattr(StreamingCamera, "silence_s", 0.1)
-    assert [found.address for found in find_devices() if found.kind == "azure"] == ["azure:000042"]
-    with closing(open_device("azure:")) as device:
+    camera = AzureCaptures()
+    with closing(AzureKinect(camera=camera)) as device:
         assert device.address == "azure:000042" and device.calibration is None
         device.start()
-        np.testing.assert_allclose(device.calibration.color_from_depth.rotation, np.eye(3), atol=1e-12)
-        np.testing.assert_allclose(device.calibration.color_from_depth.translation_m, (-0.032, 0.002, 0.004))
+        np.testing.assert_allclose(device.calibration.color_from_depth.translation_m, (-0.03, 0, 0))
         readings = [device.read(0.5) for _ in range(6)]
         assert [r.stream for r in readings] == ["depth", "color"] * 3
         assert [r.dropped for r in readings] == [0, 0, 0, 0, 2, 2]
@@ -536,6 +515,26 @@ def test_an_azure_kinect_by_pyk4as_names(monkeypatch):
         with pytest.raises(DeviceLostError, match="sent nothing for"):
             while True:
                 device.read(0.05)
+    assert camera.closed
+
+
+def test_microsofts_sdk_and_the_reader_agree_on_a_real_recording_to_the_bit(shared_data):
+    """The driver runs on the SDK's playback; what it reads is what the importer reads from the file."""
+    try:
+        load_k4a()
+    except DeviceNotFoundError as error:
+        pytest.skip(str(error))
+    path = shared_data / "azure_kinect" / "recording.mkv"
+    source = open_source(path)
+    (frame,) = source
+    with closing(AzureKinect(camera=Playback(path), color_size=(1280, 720))) as device:
+        device.start()
+        depth, color = device.read(1.0), device.read(1.0)
+        np.testing.assert_array_equal(depth.value.depth_mm, frame.depth_mm)
+        np.testing.assert_array_equal(depth.value.infrared, frame.infrared)
+        assert color.value.encoded == frame.color_encoded and depth.stamp_ns == color.stamp_ns
+        assert calibration_to_json(device.calibration) == calibration_to_json(source.calibration)
+        assert device.read(0.0) is None
 
 
 class FakeOrbbec:
@@ -544,7 +543,8 @@ class FakeOrbbec:
     class OBError(Exception):
         pass
 
-    OBSensorType = SimpleNamespace(COLOR_SENSOR=2, DEPTH_SENSOR=3)
+    OBSensorType = SimpleNamespace(COLOR_SENSOR=2, DEPTH_SENSOR=3, IR_SENSOR=1, LEFT_IR_SENSOR=9)
+    OBFrameType = SimpleNamespace(IR_FRAME=1, LEFT_IR_FRAME=9)
     OBFormat = SimpleNamespace(MJPG=5)
     __spec__ = ModuleSpec("pyorbbecsdk", None)
 
@@ -596,7 +596,9 @@ class FakeOrbbec:
                 "get_timestamp_us": 10**6 - 33_333 * self.left,
             }
             frame = SimpleNamespace(**{name: (lambda v=value: v) for name, value in depth.items()})
-            return SimpleNamespace(get_depth_frame=lambda: frame, get_color_frame=lambda: None)
+            return SimpleNamespace(
+                get_depth_frame=lambda: frame, get_color_frame=lambda: None, get_frame=lambda kind: None
+            )
 
 
 def test_an_orbbec_by_pyorbbecsdks_names(monkeypatch):
@@ -609,6 +611,36 @@ def test_an_orbbec_by_pyorbbecsdks_names(monkeypatch):
         np.testing.assert_array_equal(readings[0].value.depth_mm, [[0, 0, 1], [2, 2, 2]])
         assert readings[1].stamp_ns - readings[0].stamp_ns == 33_333_000
         assert device.read(0.0) is None
+
+
+def test_the_driver_reads_what_orbbecs_sdk_plays(tmp_path):
+    """A Femto Bolt's recording, written as the SDK writes it: nothing is lost, bit for bit."""
+    try:
+        sdk = load_sdk()
+    except DeviceNotFoundError as error:
+        pytest.skip(str(error))
+    from tests.helpers.orbbec_files import jpeg_of, write_orbbec_bag
+
+    depth_lens = Intrinsics(640, 576, 504.0, 504.0, 320.0, 330.0, 0.1)
+    color_lens = Intrinsics(1920, 1080, 1100.0, 1100.0, 960.0, 540.0, 0.08)
+    rng, frames = np.random.default_rng(0), []
+    for number in range(6):
+        depth, infrared = rng.integers(0, 4000, (2, 576, 640), np.uint16)
+        stamp_us = 1_000_000 + 33_333 * number
+        frames.append((number, stamp_us, depth, infrared, jpeg_of(color_lens, 40 + number)))
+    path = write_orbbec_bag(tmp_path / "bolt.bag", depth_lens, color_lens, frames)
+    with closing(Orbbec(pipeline=sdk.Pipeline(sdk.PlaybackDevice(str(path))))) as device:
+        device.start()
+        assert device.address == "orbbec:CL8TEST"
+        assert (device.calibration.depth.fx, device.calibration.color.cx) == (504.0, 960.0)
+        np.testing.assert_allclose(device.calibration.color_from_depth.translation_m, (-0.032, -0.002, 0.004))
+        for _, stamp_us, depth, infrared, jpeg in frames:
+            depth_reading, color_reading = device.read(1.0), device.read(1.0)
+            np.testing.assert_array_equal(depth_reading.value.depth_mm, depth)
+            np.testing.assert_array_equal(depth_reading.value.infrared, infrared)
+            assert color_reading.value.encoded[: len(jpeg)] == jpeg
+            assert depth_reading.stamp_ns == color_reading.stamp_ns == 1000 * stamp_us
+            assert depth_reading.dropped == color_reading.dropped == 0
 
 
 def test_a_cut_depth_frame_is_a_fault():

@@ -1,7 +1,9 @@
 """Folders and point clouds become frames, say what they lack, and are refused in one line when broken."""
 
 import json
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from sensors.errors import CalibrationError, CloudError, FormatError
+from sensors.files.flir_jpeg import decode_flir
 from sensors.importers import cloud_header, pointcloud
 from sensors.importers.cloud_header import read_header
 from sensors.importers.open_source import open_source
@@ -45,6 +48,26 @@ def test_a_folder_of_depth_is_a_source(folder):
         assert frame.color_encoded is None
         assert frame.thermal_c is None
     assert {"no colour images", "no thermal images"} <= set(source.notes)
+
+
+def test_a_flir_jpeg_gives_temperatures(folder, monkeypatch):
+    """By the calls of flyr that its documentation names; no camera's file has been read."""
+    write(folder / "thermal" / "001.jpg", b"a FLIR camera's")
+    source = open_source(folder)
+    monkeypatch.setitem(sys.modules, "flyr", None)
+    with pytest.raises(FormatError, match=r"001\.jpg needs flyr"):
+        list(source)
+
+    def unpack(file):
+        if file.read() != b"a FLIR camera's":
+            raise ValueError("no FFF chunk")
+        return SimpleNamespace(celsius=np.full((6, 8), 31.5))
+
+    monkeypatch.setitem(sys.modules, "flyr", SimpleNamespace(unpack=unpack))
+    thermal = list(source)[1].thermal_c
+    assert thermal.dtype == np.float32 and (thermal == 31.5).all()
+    with pytest.raises(FormatError, match="holds no temperatures"):
+        decode_flir(b"holiday", "001.jpg")
 
 
 def test_colour_and_thermal_belong_by_name(folder):

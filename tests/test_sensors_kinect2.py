@@ -13,7 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from annotate.cloud.fuse import undistortion_index
+from sensors.drivers import kinect2_build
 from sensors.drivers.kinect2 import DEPTH, Kinect2, load_shim, uint16_from_float
+from sensors.drivers.kinect2_build import built_shim
 from sensors.errors import DeviceBusyError, DeviceError, DeviceNotFoundError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_COLOR, KINECT2_DEPTH
@@ -86,16 +88,25 @@ def test_undistortion_equals_the_installed_library(shared_data, tmp_path, unit):
         np.testing.assert_array_equal(undistorted(camera, depth), theirs)
 
 
+def freenect2_in(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A libfreenect2 with its interface and one device, where pkg-config finds it; a cache of its own."""
+    text = f"Name: freenect2\nDescription: fake\nVersion: 0.2.0\nCflags: -I{FAKE} -Werror\nLibs:\n"
+    (folder / "freenect2.pc").write_text(text)
+    monkeypatch.setenv("PKG_CONFIG_PATH", str(folder))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+
+
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
-    """The product's shim, compiled against a library with libfreenect2's interface that has one device."""
+    """The product's shim, compiled at first use."""
     if shutil.which("g++") is None:
         pytest.skip("no g++ to compile the shim")
-    out = tmp_path_factory.mktemp("shim") / "_kinect2.so"
-    source = ROOT / "sensors" / "cpp" / "kinect2_shim.cpp"
-    command = ["g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-pthread"]
-    subprocess.run([*command, f"-I{FAKE}", str(source), "-o", str(out)], check=True)
-    return load_shim(out)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        freenect2_in(tmp_path_factory.mktemp("shim"), monkeypatch)
+        built = built_shim()
+        stamp = built.stat().st_mtime_ns
+        assert built_shim() == built and built.stat().st_mtime_ns == stamp
+        return load_shim(built)
 
 
 def test_the_compiled_shim_streams_native_jpeg_and_millimetres(compiled):
@@ -154,12 +165,20 @@ def test_which_device_is_meant(serials, wanted, match):
         Kinect2(wanted, VirtualKinect2(FrameLoop(swinging_ball()), serials=serials).shim)
 
 
-def test_without_the_library_one_line_says_what_to_install(tmp_path):
-    with pytest.raises(DeviceNotFoundError, match="libfreenect2 was not found; install"):
-        load_shim(tmp_path / "absent.so")
+def test_without_the_library_one_line_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setenv("PKG_CONFIG_LIBDIR", str(tmp_path))
+    with pytest.raises(DeviceNotFoundError, match="libfreenect2 was not found; build it in five lines"):
+        load_shim()
     (tmp_path / "no.so").write_bytes(b"no library")
     with pytest.raises(DeviceNotFoundError, match="cannot be loaded"):
         load_shim(tmp_path / "no.so")
+    freenect2_in(tmp_path, monkeypatch)
+    monkeypatch.setattr(kinect2_build, "FLAGS", ("-std=c++17", "-include", "no_such_header"))
+    with pytest.raises(DeviceNotFoundError, match=r"cannot be compiled against \(.*no_such_header"):
+        load_shim()
+    monkeypatch.setattr(kinect2_build, "which", lambda name: "" if name == "pkg-config" else None)
+    with pytest.raises(DeviceNotFoundError, match=r"no C\+\+ compiler"):
+        load_shim()
 
 
 def test_float_images_become_whole_numbers():

@@ -158,6 +158,17 @@ def test_words_that_would_be_no_temperatures_are_refused(made, read):
     twin.unplug()
 
 
+@pytest.mark.parametrize(("celsius", "kind"), [("yes", ThermalImage), ("no", ThermalCounts)])
+def test_a_boson_gives_counts_or_where_it_is_radiometric_temperatures(celsius, kind):
+    with closing(open_device(f"virtual:boson?celsius={celsius}", swinging_ball())) as device:
+        device.start()
+        value = device.read(10).value
+    assert isinstance(value, kind)
+    image = value.celsius if celsius == "yes" else value.counts
+    assert image.shape == (512, 640)
+    assert celsius == "no" or image.max() == pytest.approx(33, abs=0.5)
+
+
 def test_without_scale_they_stay_counts():
     twin = VirtualY16(SCENE, hurry=HURRY)
     assert isinstance(read_one(twin, None), ThermalCounts)
@@ -169,7 +180,10 @@ def test_without_scale_they_stay_counts():
     [
         ("y16:/dev/video77?scale=0.01", "gives only one of scale and offset; give both, or none for counts"),
         ("y16:/dev/video77?width=0", "width '0' .* is not a number from 1"),
-        ("y16:/dev/video77?mode=1", "unknown option 'mode'; its options: height, offset, rate, scale, width"),
+        (
+            "y16:/dev/video77?mode=1",
+            "unknown option 'mode'; its options: height, mirror, offset, rate, scale, turn, width",
+        ),
         ("y16:", "names no node; give for instance y16:/dev/video0"),
         ("y16:/dev/video77", "/dev/video77 does not exist; plug"),
         ("lepton:/dev/video77", "/dev/video77 does not exist; plug"),

@@ -75,6 +75,8 @@ def test_shards_are_plain_webdataset_tars(dataset):
         names = tar.getnames()
         assert names[:3] == ["00000000.depth.png", "00000000.parts.png", "00000000.json"]
         assert {(m.uid, m.gid, m.mtime, m.mode) for m in tar} == {(0, 0, 0, 0o644)}
+        header = tar.getmembers()[0].tobuf(tarfile.USTAR_FORMAT)
+    assert (dataset.path / "shard-000000.tar").read_bytes().startswith(header)
 
 
 @given(seed=st.integers(0, 10_000), height=st.integers(1, 40), width=st.integers(1, 40))

@@ -133,3 +133,5 @@ def test_charts_share_their_bins_and_their_scale():
     assert chart.own.shape == chart.real.shape == (len(chart.edges) - 1,)
     assert chart.real.max() == 1 and 0 < chart.own.max() < 1
     assert charts(people(0.0), None)[0].real is None
+    two = Distributions("two", 2, {name: values[:2] for name, values in people(0.0).figures.items()})
+    assert all(np.isfinite(chart.own).all() for chart in charts(two, None))

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sensors.rig.camera import Intrinsics, rays
+from synth.cameras.sensor import CleanDepth
 from synth.cameras.time_of_flight import TimeOfFlight, axial_sigma_mm
 
 CAMERA = Intrinsics(160, 120, 365.0, 365.0, 79.5, 59.5)
@@ -27,7 +28,7 @@ def fankhauser_mm(z, theta):
 
 def noise(depth, faults, seed=0, **more):
     dark, rng = more.pop("dark", NOTHING_DARK), np.random.default_rng(seed)
-    return faults.read(CAMERA, depth, dark, rng, **more).depth_mm
+    return faults.read(CleanDepth(CAMERA, depth, dark, **more), rng).depth_mm
 
 
 @given(z=st.floats(0.5, 4.5), theta=st.floats(0, 1.4))
@@ -47,10 +48,10 @@ def test_axial_sigma_is_finite_at_grazing_incidence():
 def test_measured_noise_has_the_formulas_sigma(distance, slope):
     depth = plane(distance, slope)[40:80, 60:100]
     window = Intrinsics(40, 40, 365.0, 365.0, 19.5, 19.5)
-    dark = np.zeros(depth.shape, bool)
+    clean = CleanDepth(window, depth, np.zeros(depth.shape, bool))
     rng = np.random.default_rng(1)
     faults = replace(OFF, axial=1)
-    images = np.stack([faults.read(window, depth, dark, rng).depth_mm for _ in range(120)]).astype(float)
+    images = np.stack([faults.read(clean, rng).depth_mm for _ in range(120)]).astype(float)
     measured = images[:, 2:-2, 2:-2].std(axis=0)
     ray = rays(window)[2:-2, 2:-2]
     normal = np.array([slope, 0, -1]) / np.hypot(slope, 1)

@@ -8,11 +8,12 @@ from annotate.labelset.store import LabelSet, validate
 from annotate.parts import N_CLASSES, UNDEFINED
 from annotate.suit.palette import DEFAULT_SUIT, chromaticity
 from sensors.errors import CloudError
+from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.rig.camera import project
 from sensors.rig.frame import RigFrame
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from sensors.session.reader import Session
-from synth.cameras.optics import RIG_CALIBRATION
+from synth.cameras.sensor import Reading
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.simulate import simulate, suit_path, truth_path
@@ -21,6 +22,7 @@ from synth.rig.virtual_rig import FLAG_CLOSED, VirtualRig
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer
 
+RIG_CALIBRATION = TEMPLATES[REFERENCE].calibration
 FLAG_SEED = 58
 """The flag of this normal rig closes over its second frame."""
 
@@ -214,7 +216,7 @@ def test_a_reading_is_whose_surface_it_lies_on():
     exact = np.nan_to_num(depth_m) * 1002 + 10
     depth_mm = np.maximum(exact + rng.choice((0, 20, -900, 300, -500), face.shape), 0).astype(np.uint16)
     depth_mm[rng.random(face.shape) < 0.1] = 0
-    parts, persons = whose_readings(ZBuffer(depth_m, face), tags, depth_mm, noise)
+    parts, persons = whose_readings(ZBuffer(depth_m, face), tags, Reading(depth_mm, face), noise)
     for v, u in np.ndindex(face.shape):
         tag = naive_tag(tags, face, exact, depth_mm, v, u)
         person = 1 if 0 < tag < N_CLASSES else 2 * (tag == Surface.OTHER_PERSON)

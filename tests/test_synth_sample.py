@@ -64,6 +64,14 @@ def test_one_index_is_one_image_and_streams_never_meet(name):
     assert len(set(streams)) == len(streams)
 
 
+def test_two_images_in_a_row_show_one_pose_from_two_places():
+    frames = [sample(PRESETS["people"], 3, i).notes for i in range(3)]
+    first, second, third = (np.array(notes["joints_mm"]) for notes in frames)
+    bones = [np.linalg.norm(joints[:, None] - joints, axis=2) for joints in (first, second, third)]
+    assert np.abs(bones[0] - bones[1]).max() < 3 < np.abs(bones[1] - bones[2]).max()
+    assert np.abs(first - second).max() > 30
+
+
 def test_the_recumbent_are_seen_from_all_around_and_from_several_heights():
     cameras = [f.notes["camera"] for f in frames("recumbent")] + [
         sample(PRESETS["recumbent"], 0, i).notes["camera"] for i in range(20)

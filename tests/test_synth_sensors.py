@@ -11,7 +11,7 @@ from sensors.rig.camera import Intrinsics
 from synth.cameras.draw import draw_sensor
 from synth.cameras.filtered import Filtered
 from synth.cameras.pixel_random import NORMALS, chance_of, lattice, ramps, smooth
-from synth.cameras.sensor import REACH_PX, Reading
+from synth.cameras.sensor import REACH_PX, CleanDepth, Reading
 from synth.cameras.stereo import Stereo
 from synth.cameras.structured_light import StructuredLight
 from synth.cameras.time_of_flight import TimeOfFlight
@@ -39,7 +39,7 @@ def scene():
 
 def read(sensor, seed=0, depth=None, **more):
     rng = np.random.default_rng(seed)
-    return sensor.read(CAMERA, scene()[0] if depth is None else depth, DARK, rng, **more)
+    return sensor.read(CleanDepth(CAMERA, scene()[0] if depth is None else depth, DARK, **more), rng)
 
 
 def drawn(n):
@@ -95,6 +95,9 @@ def test_the_mix_is_that_of_the_table_and_every_strength_reaches_zero():
     for name in strengths:
         values = np.array([getattr(s, name) for s in sensors if hasattr(s, name)])
         assert 0.05 < (values == 0).mean() < 0.9 and values.max() > 0, name
+    flight = [s for s in sensors if isinstance(s, TimeOfFlight)]
+    clean = [s.flying == s.grazing == s.patches == s.dark == s.lateral_px == 0 for s in flight]
+    assert 0.15 < np.mean(clean) < 0.4
     # Hair is lost in few images, so that holes do not tell the back of a head from a face.
     assert np.mean([getattr(s, "dark", 0) > 0 for s in sensors]) < 0.25
 

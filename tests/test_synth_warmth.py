@@ -6,16 +6,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from annotate.parts import PART_ID
+from sensors.rig.camera import Intrinsics
 from synth.appearance.warmth import CONTACT_C, HAIR_C, PART_C, BodyWarmth, Clothing, surface_temperatures
 from synth.body.body import pose, shipped_bodies
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture
+from synth.cameras.optics import Lens
 from synth.cameras.thermal_camera import (
     FLAG_CLOSED_S,
     FLAG_EVERY_S,
-    SUPERSAMPLE,
     ThermalNoise,
     ThermalState,
     thermograph,
+    warmth_seen,
 )
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import ZBuffer
@@ -121,16 +123,16 @@ def test_drift_is_slow_and_bounded(seed, most):
 
 
 def test_a_thermal_pixel_is_the_mean_of_what_it_sees():
-    size = (8 * SUPERSAMPLE, 10 * SUPERSAMPLE)
-    face = np.zeros(size, np.int32)
-    face[:, : 4 * SUPERSAMPLE + 1] = 1
+    lens, size = Lens(Intrinsics(10, 8, 20.0, 20.0, 4.5, 3.5), 3), (24, 30)
+    face = np.zeros(lens.pinhole.shape, np.int32)
+    face[:, :13] = 1
     face[0, 0] = -1
-    maps = tuple(m.astype(np.float32) for m in np.meshgrid(np.arange(size[1]), np.arange(size[0])))
     off = ThermalNoise(netd_c=0, blur_px=0)
     seen, rng = ZBuffer(np.ones(size, np.float32), face), np.random.default_rng(0)
-    image = thermograph(seen, np.array([20.0, 32.0]), 11.0, off, 0.5, maps, rng)
+    warm = warmth_seen(seen, np.array([20.0, 32.0]), 11.0)
+    image = thermograph(warm, off, 0.5, lens, rng)
     assert image.shape == (8, 10) and image.dtype == np.float32
     assert image[3, 2] == 32.5 and image[3, 7] == 20.5
     assert image[3, 4] == pytest.approx(24.5) and image[0, 0] == pytest.approx(32.5 - 21 / 9, abs=1e-4)
-    noisy = thermograph(seen, np.array([20.0, 20.0]), 20.0, ThermalNoise(netd_c=0.3, blur_px=0), 0, maps, rng)
+    noisy = thermograph(0 * warm, ThermalNoise(netd_c=0.3, blur_px=0), 0, lens, rng)
     assert noisy.std() == pytest.approx(0.3, rel=0.4)

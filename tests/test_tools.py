@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 
 from annotate.engine import Engine
-from tools.ablate import labelled, row
-from tools.measure_labels import print_figures
+from tools.measure.ablation import labelled, row
+from tools.measure.labels import print_figures
 
 ROOT = Path(__file__).parent.parent
-ALONE = {"tools.fuzz"}
+ALONE = {"tools.fuzz.run"}
 """Instruments what is imported after it: it needs a process of its own, and an extra."""
-PATHS = [path for folder in ("tools", "bench") for path in (ROOT / folder).glob("*.py")]
-MODULES = sorted({f"{path.parent.name}.{path.stem}" for path in PATHS} - ALONE)
+PATHS = [path.relative_to(ROOT) for folder in ("tools", "bench") for path in (ROOT / folder).rglob("*.py")]
+MODULES = sorted({".".join(path.with_suffix("").parts) for path in PATHS} - ALONE)
 
 
 @pytest.mark.parametrize("name", MODULES)

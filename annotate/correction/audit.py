@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from annotate.array_types import UInt8
-from annotate.correction.replay import after, is_stroke, rejection
+from annotate.correction.replay import after, is_stroke, rejection, verdicts
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Stroke
@@ -75,6 +75,7 @@ class _Visit:
     after: UInt8
     body_px: int
     untouched: bool
+    accepted: bool
 
 
 def audit(labels: LabelSet, journal: Journal) -> Audit:
@@ -100,16 +101,18 @@ def _visits(strokes: Sequence[Stroke], before: UInt8, after: UInt8) -> Iterator[
         last[stroke.pixels] = names.index(stroke.who)
     changed = (before != after).ravel()
     body_px = int(((before != BACKGROUND) | (after != BACKGROUND)).sum())
+    accepting = {verdict.who for verdict in verdicts(strokes) if verdict.operation == "accept"}
     for number, who in enumerate(names):
         own = tuple(stroke for stroke in strokes if stroke.who == who)
         at = np.flatnonzero(changed & (last == number))
-        yield who, _Visit(own, before.ravel()[at], after.ravel()[at], body_px, not changed.any())
+        parts = before.ravel()[at], after.ravel()[at]
+        yield who, _Visit(own, *parts, body_px, not changed.any(), who in accepting)
 
 
 def _person(who: str, visits: Sequence[_Visit]) -> PersonWork:
     strokes = [stroke for visit in visits for stroke in visit.strokes]
     seconds = [sum(stroke.active_seconds for stroke in visit.strokes) for visit in visits]
-    accepted = [v for v in visits if any(stroke.operation == "accept" for stroke in v.strokes)]
+    accepted = [visit for visit in visits if visit.accepted]
     by_kind = Counter[str]()
     for stroke in strokes:
         by_kind.update(stroke.seconds)

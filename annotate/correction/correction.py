@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 from annotate.correction.edit import ActiveTime, Editor, History, steady_time
-from annotate.correction.replay import State, after, noted, replayed, state_of
+from annotate.correction.replay import State, after, noted, replayed, state_of, verdicts
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.journal import REMEDY, Journal, NotSavedError
 from annotate.labelset.store import LabelSet
-from annotate.labelset.stroke import VERDICTS, Stroke
+from annotate.labelset.stroke import Stroke
 from sensors.errors import CloudError, FormatError
 
 
@@ -152,8 +152,8 @@ class Correction:
         """The verdict that accepting a frame gives now; "none" where this person gave the last one."""
         if self.state(frame_id) not in ("accepted", "reviewed"):
             return "accept"
-        verdicts = [stroke for stroke in self.journal.strokes(frame_id) if stroke.operation in VERDICTS]
-        return "none" if verdicts and verdicts[-1].who == self.who else "agree"
+        standing = verdicts(self.journal.strokes(frame_id))
+        return "none" if standing and standing[-1].who == self.who else "agree"
 
     def can_restore(self, frame_id: str) -> bool:
         """Whether a frame's labels from before its first correction were kept, and can be read."""
@@ -235,7 +235,8 @@ class Correction:
         self.journal.add(stroke)
         self._unsaved.add(stroke.frame_id)
         self.flush()
-        if stroke.operation in VERDICTS:
+        if stroke.operation != "leave" and not stroke.changes:
+            # A verdict given, taken back or given again.
             self.save(stroke.frame_id)
 
     def _refuse_read_only(self) -> None:

@@ -14,15 +14,22 @@ from numpy.typing import NDArray
 from annotate.array_types import Bool, Int64, UInt8
 from annotate.cleanup import neighbours
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.stroke import KEY, Activity, Gesture, Operation, Stroke, Verdict, difference, is_part
+from annotate.labelset.stroke import (
+    KEY,
+    VERDICTS,
+    Activity,
+    Gesture,
+    Operation,
+    Stroke,
+    Verdict,
+    difference,
+    is_part,
+)
 from annotate.parts import BACKGROUND, LEFT_RIGHT, UNDEFINED
 from sensors.errors import CloudError, FormatError
 
 ARMS, LEGS = LEFT_RIGHT[:2], LEFT_RIGHT[2:]
 """The limbs that can be confused with each other, as (left, right) pairs."""
-SAME_DEPTH = 0.05
-"""Largest depth difference of the same surface from one frame to the next, as a share of depth: 10 cm at 2 m.
-Chosen by eye."""
 IDLE_S = 120.0
 """Longest gap between two events that counts, in seconds: longer ones are breaks (inception #5909)."""
 _EPOCH_S = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
@@ -63,7 +70,11 @@ class ActiveTime:
 
 @dataclass
 class History:
-    """Strokes of one frame that can be undone and redone, the last at the end; rebuilt from the journal."""
+    """Strokes and verdicts of one frame that can be undone and redone, the last at the end.
+
+    Rebuilt from the journal. An undo without runs takes a verdict back. In journals of before verdicts could
+    be taken back, an undo passes over the verdicts given after its stroke.
+    """
 
     done: list[Stroke] = field(default_factory=list)
     undone: list[Stroke] = field(default_factory=list)
@@ -85,9 +96,13 @@ class History:
         elif stroke.changes:
             self.done.append(stroke)
             self.undone.clear()
+        elif stroke.operation in VERDICTS:
+            self.done.append(stroke)
 
     @staticmethod
     def _pop(stack: list[Stroke], stroke: Stroke, undo: bool) -> Stroke:
+        while stack and stroke.changes and not stack[-1].changes:
+            stack.pop()
         runs = (stack[-1].inverse_runs() if undo else stack[-1].runs) if stack else None
         if runs is None or not np.array_equal(runs, stroke.runs):
             raise FormatError(f"frame {stroke.frame_id}: its {stroke.operation} is not of the last stroke")
@@ -163,17 +178,13 @@ class Editor:
         merged = np.where(self._parts == source, np.uint8(target), self._parts)
         return self.replace("merge", merged, target, how)
 
-    def copy_previous(self, previous: FrameLabels, how: Gesture = KEY) -> Stroke | None:
-        """Copy the labels of another frame where it shows the same surface: at nearly the same depth."""
-        self._same_shape(previous.parts)
-        now, then = (depth.astype(np.float32) for depth in (self.depth_mm, previous.depth_mm))
-        same = (then > 0) & (np.abs(now - then) <= SAME_DEPTH * now)
-        return self.replace("copy_previous", np.where(same, previous.parts, self._parts), None, how)
+    def copy_previous(self, parts: UInt8, how: Gesture = KEY) -> Stroke | None:
+        """Replace the labels by those of another frame moved onto this one (``follow``), as ``propagate``."""
+        return self._replace_known("copy_previous", parts, how)
 
     def propagate(self, parts: UInt8, how: Gesture = KEY) -> Stroke | None:
         """Replace the labels by propagated ones (h, w), except where those are undefined."""
-        self._same_shape(parts)
-        return self.replace("propagate", np.where(parts == UNDEFINED, self._parts, parts), None, how)
+        return self._replace_known("propagate", parts, how)
 
     def replace(
         self, operation: Operation, parts: UInt8, part: int | None = None, how: Gesture = KEY
@@ -191,7 +202,7 @@ class Editor:
     # Undo and redo
 
     def undo(self, how: Gesture = KEY) -> Stroke | None:
-        """Take back the last stroke; None when there is none."""
+        """Take back the last stroke or verdict; None when there is none."""
         return self._again("undo", self.history.done, how)
 
     def redo(self, how: Gesture = KEY) -> Stroke | None:
@@ -214,6 +225,10 @@ class Editor:
         stroke = Stroke(self.frame_id, "leave", _NONE, None, Gesture(), self.who, self.time.now(), seconds)
         self._record(stroke)
         return stroke
+
+    def _replace_known(self, operation: Operation, parts: UInt8, how: Gesture) -> Stroke | None:
+        self._same_shape(parts)
+        return self.replace(operation, np.where(parts == UNDEFINED, self._parts, parts), None, how)
 
     def _again(self, operation: Operation, stack: list[Stroke], how: Gesture) -> Stroke | None:
         if not stack:

@@ -9,7 +9,7 @@ from annotate.array_types import UInt8
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
-from annotate.labelset.stroke import Stroke
+from annotate.labelset.stroke import VERDICTS, Stroke
 from annotate.parts import on_body
 from sensors.errors import FormatError
 
@@ -21,6 +21,14 @@ _BASE: dict[Status, State] = {
     "reviewed": "reviewed",
     "truth": "reviewed",
 }
+STATE_NAMES: dict[State, str] = {
+    "auto": "automatic",
+    "touched": "begun",
+    "accepted": "accepted",
+    "reviewed": "reviewed",
+    "rejected": "rejected",
+}
+"""States in words, the same in the window, at its end and in ``info``."""
 _VERDICT: dict[str, State] = {"accept": "accepted", "agree": "reviewed", "reject": "rejected"}
 
 
@@ -58,25 +66,41 @@ def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
     strokes = journal.strokes(frame.frame_id)
     if not strokes:
         return frame
-    done = any(stroke.changes or stroke.operation in ("accept", "agree") for stroke in strokes)
-    reviewed = state_of(strokes, before) == "reviewed"
-    status: Status = "reviewed" if reviewed else "corrected" if done else before
+    state = state_of(strokes, before)
+    done = state in ("accepted", "reviewed") or any(stroke.changes for stroke in strokes)
+    status: Status = "reviewed" if state == "reviewed" else "corrected" if done else before
     return replace(frame, status=status, notes={**frame.notes, **_notes_of(strokes)})
+
+
+def verdicts(strokes: Sequence[Stroke]) -> list[Stroke]:
+    """The verdicts that stand, the last at the end: without those taken back, with those given again."""
+    given: list[Stroke] = []
+    taken: list[Stroke] = []
+    for stroke in strokes:
+        if stroke.operation in VERDICTS:
+            given.append(stroke)
+        elif stroke.operation == "undo" and not stroke.changes and given:
+            taken.append(given.pop())
+        elif stroke.operation == "redo" and not stroke.changes and taken:
+            given.append(taken.pop())
+    return given
 
 
 def state_of(strokes: Sequence[Stroke], saved: Status = "auto") -> State:
     """A frame's state after its entries. saved: its status before the first."""
-    state = _BASE[saved]
-    for stroke in strokes:
-        state = "touched" if stroke.changes else _VERDICT.get(stroke.operation, state)
-    return state
+    standing = verdicts(strokes)
+    last = _VERDICT[standing[-1].operation] if standing else _BASE[saved]
+    for stroke in reversed(strokes):
+        if standing and stroke is standing[-1]:
+            break
+        if stroke.changes:
+            return "touched"
+    return last
 
 
 def rejection(strokes: Sequence[Stroke]) -> str | None:
     """The reason why a frame is rejected, or None."""
-    if state_of(strokes) != "rejected":
-        return None
-    return next(stroke.reason for stroke in reversed(strokes) if stroke.operation == "reject")
+    return verdicts(strokes)[-1].reason if state_of(strokes) == "rejected" else None
 
 
 def _notes_of(strokes: Sequence[Stroke]) -> dict[str, Any]:

@@ -8,8 +8,10 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QApplication
 
 from annotate.correction.correction import Correction
+from annotate.correction.replay import STATE_NAMES
 from annotate.gui.commands import bind
 from annotate.gui.keys import load_settings, settings_path
+from annotate.gui.memory import memory_path
 from annotate.gui.probe import check_screen
 from annotate.gui.scene import SceneReader, find_session
 from annotate.gui.window import CorrectionWindow
@@ -33,7 +35,7 @@ def run_window(
         reader = SceneReader(correction, session or find_session(correction.labels), compared)
         check_screen()
         app = QApplication.instance() or QApplication(sys.argv[:1])
-        window = CorrectionWindow(correction, reader, settings)
+        window = CorrectionWindow(correction, reader, settings, memory_path())
         bind(window)
     except BaseException:
         correction.abandon()
@@ -41,7 +43,7 @@ def run_window(
     window.show()
     _close_on_signals(window)
     app.exec()
-    states = [correction.state(frame_id) for frame_id in correction.labels.frame_ids]
+    states = [STATE_NAMES[correction.state(frame_id)] for frame_id in correction.labels.frame_ids]
     return {state: states.count(state) for state in sorted(set(states))}
 
 

@@ -1,114 +1,144 @@
-"""The bars of buttons: above the views the frame, its state and the colourings; at their left the tools."""
+"""The bars of buttons: menus and the frame's state above, a bar over each view, at the left the tools."""
 
+from collections.abc import Mapping
 from functools import partial
 
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
-    QButtonGroup,
     QHBoxLayout,
     QLabel,
+    QMenu,
+    QMenuBar,
+    QScrollArea,
     QSizePolicy,
     QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
-from annotate.correction.replay import rejection
-from annotate.gui.colors import Colouring, colourings
+from annotate.correction.replay import STATE_NAMES, rejection
+from annotate.gui.cloud_view import CloudView
+from annotate.gui.colors import Colouring, Look, colourings
+from annotate.gui.depth_pane import DepthPane
 from annotate.gui.desk import Desk
 from annotate.gui.drawing import TOOLS
-from annotate.gui.frame_strip import STATE_NAMES, state_color
+from annotate.gui.frame_strip import state_color
 from annotate.gui.keys import Settings
 from annotate.gui.pointing import Hand
-from annotate.gui.theme import Theme
+from annotate.gui.theme import Theme, scaled
 from annotate.gui.walk import Walk
-from annotate.gui.widgets import ICON, icon, laid, named
+from annotate.gui.widgets import ICON, button, icon, laid, named
 
 COLOURINGS: dict[Colouring, str] = {
     "part": "Parts",
     "colour": "Colour",
     "temperature": "Heat",
+    "depth": "Depth",
     "confidence": "Confidence",
     "disagreement": "Difference",
 }
 MISSING: dict[Colouring, str] = {
-    "colour": "No colour: give the recording with --session",
-    "temperature": "No temperature: give the recording with --session",
-    "confidence": "These labels carry no confidence",
-    "disagreement": "Nothing to compare: give another label set with --compare",
+    "colour": "no colour: give the recording with --session",
+    "temperature": "no temperature: give the recording with --session",
+    "confidence": "these labels carry no confidence",
+    "disagreement": "nothing to compare: give another label set with --compare",
 }
-SWITCHES = {"through": "Through", "only": "One part", "room": "Room too"}
-"""Titles of the switches of ``Hand``."""
-EDITS = {
-    "undo": "Undo",
-    "redo": "Redo",
-    "swap": "Swap L/R",
-    "neighbour": "Neighbour",
-    "merge": "Merge",
-    "remove_islands": "Islands",
-    "fill_holes": "Holes",
-    "copy_previous": "Copy",
-    "propagate": "Carry on",
-    "carry": "Always carry",
-}
-"""Titles of the commands; those that work at the pointer's position need their key."""
-TITLES = {tool: tool.capitalize() for tool in TOOLS}
-ROW_PX = 30
-"""Height of a button in logical pixels. Chosen by eye."""
+SWITCHES = ("through", "only", "room")
+"""The switches of ``Hand``."""
+EDITS = (
+    *("undo", "redo", "swap", "neighbour", "merge", "remove_islands", "fill_holes"),
+    *("copy_previous", "propagate", "carry"),
+)
+CHANGING = {*EDITS, "reject"} - {"carry"}
+"""Commands that a set open read-only refuses."""
+View = CloudView | DepthPane
 
 
 class Header(QWidget):
-    """coloured: a colouring was clicked. requested: a button with a command's name was."""
+    """Menus, the frame, its state, and why it is worth a look."""
 
-    coloured = Signal(str)
-    requested = Signal(str)
-
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.setObjectName("panel")
-        self.setFixedHeight(48)
+        self.setFixedHeight(scaled(40))
+        self.menus = QMenuBar()
+        self.menus.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Preferred)
         self.frame, self.badge = named(QLabel(), "title"), named(QLabel(), "badge")
         # Plain text: a reason or a name is not markup.
         self.facts = named(QLabel(textFormat=Qt.TextFormat.PlainText), "quiet")
         self.facts.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        key = named(QLabel(settings.key("colouring")), "key")
-        row = laid(QHBoxLayout(self), self.frame, self.badge, self.facts, key, gap=8, margins=(14, 0, 12, 0))
-        for widget in (self.frame, self.badge, key):
+        items = self.menus, self.frame, self.badge, self.facts
+        row = laid(QHBoxLayout(self), *items, gap=10, margins=(4, 0, 12, 0))
+        for widget in items[:-1]:
             row.setAlignment(widget, Qt.AlignmentFlag.AlignVCenter)
         row.setStretchFactor(self.facts, 1)
-        self.colourings: dict[Colouring, QToolButton] = {}
-        group = QButtonGroup(self)
-        for colouring, title in COLOURINGS.items():
-            button = self.colourings[colouring] = _button(title)
-            button.setCheckable(True)
-            button.clicked.connect(partial(self.coloured.emit, colouring))
-            group.addButton(button)
-            row.addWidget(button)
-        row.addSpacing(10)
-        for name, title in (("order", "Order"), ("theme", "Theme"), ("help", "Keys")):
-            button = _button(f"{title}  {settings.key(name)}")
-            button.clicked.connect(partial(self.requested.emit, name))
-            row.addWidget(button)
 
-    def show_desk(self, desk: Desk, walk: Walk, theme: Theme) -> None:
-        """Update the frame's name, state and place, and the colourings."""
+    def show_desk(self, desk: Desk, walk: Walk, theme: Theme, doubt: str) -> None:
+        """Update the frame's name, state and place. doubt: its worst places in words."""
         frame_id = desk.scene.labels.frame_id
         state = desk.correction.state(frame_id)
-        place = f"{walk.frame_ids.index(frame_id) + 1} of {len(walk.frame_ids)}"
         self.frame.setText(f"Frame {frame_id.lstrip('0') or '0'}")
         self.badge.setText(STATE_NAMES[state])
         color = state_color(state, theme).name()
         self.badge.setStyleSheet(f"color: {color}; border: 1px solid {color}")
         why = rejection(desk.correction.journal.strokes(frame_id))
-        facts = [place + (", worst first" if walk.worst_first else ""), f"{walk.done(frame_id)} done"]
-        facts.append(f"because: {why}" if why else "")
-        facts.append("READ-ONLY" if desk.correction.read_only else f"{desk.correction.who}")
+        facts = ["READ-ONLY" if desk.correction.read_only else ""]
+        facts.append(f"{walk.frame_ids.index(frame_id) + 1} of {len(walk.frame_ids)}")
+        facts.append(f"because: {why}" if why else walk.reasons.get(frame_id, ""))
+        facts.append(doubt)
         self.facts.setText("   ·   ".join(filter(None, facts)))
+        self.facts.setToolTip(self.facts.text())
+
+
+class PaneBar(QWidget):
+    """The bar over a view. coloured: a colouring was chosen; requested: a command, for this view."""
+
+    coloured = Signal(str)
+    requested = Signal(str)
+
+    def __init__(self, view: View, settings: Settings) -> None:
+        super().__init__()
+        self.setObjectName("panel")
+        self.setFixedHeight(scaled(32))
+        self.colouring = button("")
+        self.buttons: dict[str, QToolButton] = {}
+        self.colouring.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        self.colouring.setAccessibleName(f"{view.name}: colouring")
+        menu = QMenu(self)
+        self.entries: dict[Colouring, QAction] = {}
+        for colouring, title in COLOURINGS.items():
+            self.entries[colouring] = menu.addAction(title, partial(self.coloured.emit, colouring))
+        self.colouring.setMenu(menu)
+        row = laid(QHBoxLayout(self), self.colouring, gap=4, margins=(6, 2, 6, 2))
+        for name in ("outlines", "tint"):
+            command = settings.command(name)
+            item = self.buttons[name] = button(command.title)
+            item.setAccessibleName(f"{view.name}: {command.title}")
+            item.setToolTip(f"{command.hint} ({command.key})")
+            item.clicked.connect(partial(self.requested.emit, name))
+            row.addWidget(item)
+        self.buttons["outlines"].setCheckable(True)
+        self.buttons["outlines"].setText("Outlines")
+        row.addStretch(1)
+        swap = button("⇄")
+        swap.setToolTip(f"{settings.command('swap_views').hint} ({settings.key('swap_views')})")
+        swap.setAccessibleName("Swap cloud and depth image")
+        swap.clicked.connect(partial(self.requested.emit, "swap_views"))
+        row.addWidget(swap)
+
+    def show_look(self, look: Look, desk: Desk) -> None:
+        """Update the buttons."""
         there = colourings(desk.scene)
-        for colouring, button in self.colourings.items():
-            button.setEnabled(colouring in there)
-            button.setChecked(colouring == desk.colouring)
-            button.setToolTip("" if colouring in there else MISSING[colouring])
+        shown = look.colouring if look.colouring in there else "part"
+        self.colouring.setText(f"{COLOURINGS[shown]} ▾")
+        for name, entry in self.entries.items():
+            entry.setEnabled(name in there)
+            entry.setText(COLOURINGS[name] + ("" if name in there else f" ({MISSING[name]})"))
+        self.buttons["outlines"].setChecked(look.outlines)
+        self.buttons["tint"].setText(f"Tint {look.tint:.0%}")
+        for item in self.buttons.values():
+            item.setEnabled(shown != "part")
 
 
 class ToolButton(QToolButton):
@@ -119,51 +149,53 @@ class ToolButton(QToolButton):
         self.setText(title)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
-        self.setIconSize(ICON * 0.7)
-        self.setFixedHeight(ROW_PX)
+        self.setIconSize(ICON * 0.6)
+        self.setFixedHeight(scaled(28))
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self.setStyleSheet("text-align: left; padding: 2px 6px; font-size: 12px")
-        self.key = QLabel(key.replace("Ctrl+", "^").replace("Shift+", "\u21e7"))
+        self.setStyleSheet(f"text-align: left; padding: 1px 5px; font-size: {scaled(12)}px")
+        short = key.replace("Ctrl+", "^").replace("Shift+", "\u21e7")
+        self.key = QLabel(short)
         self.key.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        laid(QHBoxLayout(self), None, self.key, margins=(0, 0, 8, 0))
+        laid(QHBoxLayout(self), None, self.key, margins=(0, 0, 6, 0))
 
 
-class ToolColumn(QWidget):
+class ToolColumn(QScrollArea):
     """requested: a button with a command's name was clicked."""
 
     requested = Signal(str)
 
     def __init__(self, settings: Settings) -> None:
         super().__init__()
-        self.setObjectName("panel")
-        self.setFixedWidth(142)
-        column = laid(QVBoxLayout(self), gap=4, margins=(8, 10, 8, 8))
+        inner = named(QWidget(), "panel")
+        self.setWidgetResizable(True)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setFixedWidth(scaled(178))
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        column = laid(QVBoxLayout(inner), gap=3, margins=(6, 8, 6, 6))
         self.buttons: dict[str, ToolButton] = {}
-        descriptions = {binding.name: binding.description for binding in settings.bindings}
-        for heading, titles in (("TOOLS", TITLES), ("STROKES", SWITCHES), ("EDIT", EDITS)):
+        for heading, names in (("TOOLS", TOOLS), ("STROKES", SWITCHES), ("EDIT", EDITS)):
             column.addWidget(named(QLabel(heading), "caption"))
-            for name, title in titles.items():
-                button = self.buttons[name] = ToolButton(title, settings.key(name))
-                button.setToolTip(descriptions[name])
-                button.setCheckable(name not in EDITS)
-                button.clicked.connect(partial(self.requested.emit, name))
-                column.addWidget(button)
-            column.addSpacing(8)
+            for name in names:
+                command = settings.command(name)
+                item = self.buttons[name] = ToolButton(command.title, command.key)
+                item.setToolTip(f"{command.hint} ({command.key})")
+                item.setAccessibleName(command.title)
+                item.setAccessibleDescription(command.hint)
+                item.setCheckable(name not in EDITS or name == "carry")
+                item.clicked.connect(partial(self.requested.emit, name))
+                column.addWidget(item)
+            column.addSpacing(4)
         column.addStretch(1)
+        self.setWidget(inner)
 
-    def show_state(self, hand: Hand, theme: Theme) -> None:
-        """Press the buttons in that are on."""
-        on = {hand.tool, *(name for name in SWITCHES if getattr(hand, name))}
-        for name, button in self.buttons.items():
-            button.setChecked(name in on)
-            color = theme.on_accent if name in on else theme.text
-            button.key.setStyleSheet(f"color: {theme.on_accent if name in on else theme.quiet}")
-            # A blank picture keeps the titles of commands in line with those of tools.
-            button.setIcon(icon(name, color, self.devicePixelRatioF()))
-
-
-def _button(text: str) -> QToolButton:
-    button = QToolButton()
-    button.setText(text)
-    button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    return button
+    def show_state(self, hand: Hand, carrying: bool, enabled: Mapping[str, bool], theme: Theme) -> None:
+        """Press the buttons in that are on; disable those whose command is."""
+        on = {hand.once or hand.tool, *(name for name in SWITCHES if getattr(hand, name))}
+        on |= {"carry"} if carrying else set()
+        for name, item in self.buttons.items():
+            item.setEnabled(enabled[name])
+            item.setCheckable(item.isCheckable() or name == hand.once)
+            item.setChecked(name in on)
+            color = theme.on_accent if name in on else theme.text if enabled[name] else theme.quiet
+            item.key.setStyleSheet(f"color: {theme.on_accent if name in on else theme.quiet}")
+            item.setIcon(icon(name, color, self.devicePixelRatioF()))

@@ -1,6 +1,5 @@
 """The cloud in 3D: the person in full, the room thinned, both thinned further while the view moves."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,9 +10,10 @@ from PySide6.QtGui import QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from pyvistaqt import QtInteractor
 
-from annotate.array_types import Bool, Float32, Int64, UInt8
+from annotate.array_types import Bool, Float32, Float64, Int64, UInt8
 from annotate.correction import select
 from annotate.correction.select import ScreenPoints
+from annotate.gui.colors import Colors, Look
 from annotate.gui.drawing import Drawing
 from annotate.gui.orbit import Orbit, front_view, project
 from annotate.gui.pointing import Hand, Pointing
@@ -28,8 +28,6 @@ IN_VIEW = 0.97
 """Share of the person that must be on the screen for the view to stay from frame to frame. Chosen by eye."""
 POINT_PX = (2.0, 14.0)
 """Least and greatest size of a point in logical pixels. Chosen by eye."""
-
-Colors = Callable[[Int64], UInt8]
 
 
 class Points:
@@ -69,13 +67,16 @@ class Points:
 
 
 class CloudView(QWidget):
-    """A frame's cloud. pointing: shapes drawn on it. moved: the view was turned, shifted or zoomed."""
+    """A frame's cloud. look: its colours. pointing: shapes drawn on it. moved: it was turned or zoomed."""
+
+    name = "Cloud"
 
     moved = Signal()
 
     def __init__(self, scene: FrameScene, hand: Hand) -> None:
         super().__init__()
-        self.scene = scene
+        self.scene, self.look = scene, Look()
+        self.setAccessibleName("Cloud of the frame in three dimensions")
         self.plotter = QtInteractor(self, auto_update=False, multi_samples=0)
         laid(QVBoxLayout(self), self.plotter)
         self.pointing = Pointing(self.plotter, hand)
@@ -105,7 +106,7 @@ class CloudView(QWidget):
         self.set_shown(shown)
         self._set_moving(False)
         if self._fitted or not self._in_view(scene):
-            self._fit()
+            self.fit()
 
     def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
         """New colours for some pixels, or for all."""
@@ -129,9 +130,9 @@ class CloudView(QWidget):
     def look_ahead(self) -> None:
         """Show the person as the depth camera sees them."""
         self.orbit = replace(self.orbit, azimuth_deg=0.0, elevation_deg=0.0)
-        self._fit()
+        self.fit()
 
-    def _fit(self) -> None:
+    def fit(self) -> None:
         """Fit the whole person into the view, from the same side."""
         front = front_view(self.scene.points_m[_person(self.scene)], self._aspect)
         turned = self.orbit.azimuth_deg, self.orbit.elevation_deg
@@ -163,6 +164,17 @@ class CloudView(QWidget):
         """The pixels that a shape drawn on the view selects."""
         return drawing.pixels(self.view())
 
+    def places(self, pixels: Int64) -> tuple[Float32, float]:
+        """Positions (n, 2) of pixels on the view, NaN off it, and the distance of neighbouring ones."""
+        return self.view().xy_px[pixels], self._spacing_px
+
+    def bring(self, pixel: int) -> None:
+        """Bring a pixel's point into the middle of the view, from the same distance."""
+        point_m = self.scene.points_m[pixel]
+        if np.isfinite(point_m).all():
+            self._move(replace(self.orbit, target_m=tuple(point_m.tolist())))
+            self._still.start()
+
     def mark(self, pixel: int | None) -> None:
         """Ring the point of a pixel, or none."""
         x, y = self.view().xy_px[pixel].tolist() if pixel is not None else (np.nan, np.nan)
@@ -176,7 +188,7 @@ class CloudView(QWidget):
         if isinstance(event, QWheelEvent):
             if event.modifiers() & Qt.KeyboardModifier.ShiftModifier:
                 return False
-            self._move(self.orbit.neared(event.angleDelta().y() / 120))
+            self._move(self.orbit.neared(event.angleDelta().y() / 120, self._under(event.position())))
             self._still.start()
             return True
         if kind in (QEvent.Type.KeyPress, QEvent.Type.KeyRelease):
@@ -184,13 +196,17 @@ class CloudView(QWidget):
             return True
         if kind == QEvent.Type.Resize:
             self._seen = None
-            QTimer.singleShot(0, self._fit if self._fitted else self._apply)
+            QTimer.singleShot(0, self.fit if self._fitted else self._apply)
         return isinstance(event, QMouseEvent) and self._gripped(kind, event)
 
     def _gripped(self, kind: QEvent.Type, event: QMouseEvent) -> bool:
         """Turn with the right button, shift with the middle one; returns whether the event was for that."""
         grips = (Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton)
         pressed = QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick
+        if kind == QEvent.Type.MouseButtonDblClick and event.button() == Qt.MouseButton.RightButton:
+            if (pixel := self.pixel_at(event.position())) is not None:
+                self.bring(pixel)
+            return True
         if kind in pressed and event.button() in grips:
             self._grip = event.position()
             return True
@@ -206,6 +222,14 @@ class CloudView(QWidget):
                 self._move(self.orbit.shifted(by.x(), by.y(), self.plotter.height()))
             return True
         return False
+
+    def _under(self, place: QPointF) -> Float64:
+        """The point (3,) under a position, or one at the target's distance."""
+        pixel = self.pixel_at(place)
+        if pixel is not None:
+            return np.asarray(self.scene.points_m[pixel], np.float64)
+        middle = self.plotter.rect().center()
+        return self.orbit.ray(place.x() - middle.x(), place.y() - middle.y(), self.plotter.height())
 
     def _move(self, orbit: Orbit) -> None:
         self.orbit, self._fitted = orbit, False

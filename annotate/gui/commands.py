@@ -1,90 +1,230 @@
-"""What each key and button does in the window: the names of ``keys.BINDINGS`` and their actions."""
+"""What each command does in the window: the names of ``keys.COMMANDS``, their actions, menus and keys."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
-from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtWidgets import QMenu
 
-from annotate.gui.bars import SWITCHES
-from annotate.gui.dialogs import ask_reason
+from annotate.array_types import UInt8
+from annotate.gui.bars import CHANGING, SWITCHES
+from annotate.gui.colors import TINTS, colourings
+from annotate.gui.dialogs import ask_export, ask_reason
 from annotate.gui.drawing import TOOLS
+from annotate.gui.keys import Command, key_of
 from annotate.gui.outcome import Done
+from annotate.gui.walk import FILTERS, ORDERS
 from annotate.gui.window import CorrectionWindow
 from annotate.parts import PARTS, UNDEFINED
 
+Action = Callable[[], Done | None]
 BRUSHES_PX = {"small": 9.0, "medium": 18.0, "large": 30.0}
 """Radii of the brush in logical pixels of the screen. Chosen by eye."""
-STROKE_SETUP = {*(part.name for part in PARTS), "undefined", "pick", *SWITCHES, *BRUSHES_PX, *TOOLS}
-"""Keys that count towards the price of the stroke that follows them."""
+BRUSH_STEP = 1.15
+"""Factor of one step of the brush's radius. Chosen by eye."""
+STROKE_SETUP = {
+    *(part.name for part in PARTS),
+    *("undefined", "pick", "from_other", "from_before", *SWITCHES, *BRUSHES_PX, *TOOLS),
+}
+"""Commands that count towards the price of the stroke that follows them."""
+POINTED = ("swap", "neighbour", "merge", "pick")
+"""Commands that need a place: the pointer's, or else that of the next click."""
+MENUS = {
+    "File": "&File",
+    "Edit": "Ed&it",
+    "Parts": "&Parts",
+    "Tools": "&Tools",
+    "Frames": "F&rames",
+    "View": "&View",
+    "Help": "&Help",
+}
+"""Menus with their keys, none of which fades a part."""
+SUBMENUS = {"Lock": "Parts", "Fade": "Parts"}
+CHECKABLE = {*TOOLS, *SWITCHES, "carry", "onion", "solo", "peek", "from_other", "from_before", "help"}
 
 
 def bind(window: CorrectionWindow) -> None:
-    """Connect the keys and buttons of a window with their actions."""
+    """Give a window its commands: menus, keys, and the actions behind its buttons."""
     actions = _actions(window)
-
-    def run(name: str) -> None:
-        window.mark("looking")
-        if name in STROKE_SETUP:
-            window.desk.keys += 1 + window.settings.key(name).count("+")
-        window.act(actions[name])
-
-    for binding in window.settings.bindings:
-        QShortcut(QKeySequence(binding.key), window, partial(run, binding.name))
-    for part in PARTS:
-        key = window.settings.key(part.name)
-        if "+" not in key:
-            QShortcut(QKeySequence(f"Shift+{key}"), window, partial(window.lock, part.id))
-            QShortcut(QKeySequence(f"Alt+{key}"), window, partial(window.fade, part.id))
+    judged = Judged(window)
+    actions |= {"accept": judged.accept, "reject": judged.reject, "undo": judged.undo}
+    run = partial(_run, window, actions)
+    menus = {name: window.header.menus.addMenu(title) for name, title in MENUS.items()}
+    menus |= {name: menus[above].addMenu(f"{name} a part") for name, above in SUBMENUS.items()}
+    for command in window.settings.commands:
+        window.actions_by_name[command.name] = _made(window, command, menus[command.menu], run)
+    for name, action in window.actions_by_name.items():
+        action.setEnabled(not (window.correction.read_only and name in CHANGING))
+    for menu in menus.values():
+        menu.aboutToShow.connect(partial(_check, window))
     for view in window.views:
         view.pointing.sampled.connect(partial(run, "pick"))
-    window.tools.requested.connect(run)
-    window.header.requested.connect(run)
+    window.requested.connect(lambda name: _arm(window, name) if name in POINTED else run(name))
+    window.palette_.locked.connect(lambda part: window.act(partial(window.desk.toggle_lock, part)))
+    window.palette_.faded.connect(lambda part: window.act(partial(window.desk.fade, part)))
+    window.refresh()
 
 
-def _actions(window: CorrectionWindow) -> dict[str, Callable[[], Done | None]]:
-    """Name -> action for every binding."""
-    desk, walk, point = window.desk, window.walk, window.under_pointer
+def _made(window: CorrectionWindow, command: Command, menu: QMenu, run: Callable[[str], None]) -> QAction:
+    action = QAction(command.title, window)
+    action.setCheckable(command.name in CHECKABLE)
+    action.setToolTip(command.hint or command.title)
+    action.setStatusTip(command.hint)
+    action.setAutoRepeat(command.repeats)
+    if command.name == "peek":
+        # Held, so that it is the window's own: see ``keyPressEvent``.
+        action.setText(f"{command.title}\t{command.key}")
+        action.setData(key_of(command.key))
+    else:
+        action.setShortcuts([QKeySequence(key) for key in command.keys])
+    action.triggered.connect(partial(run, command.name))
+    menu.addAction(action)
+    window.addAction(action)
+    return action
+
+
+def _check(window: CorrectionWindow) -> None:
+    """Tick the menu entries of what is on."""
+    hand, desk = window.hand, window.desk
+    on = {hand.tool, *(name for name in SWITCHES if getattr(hand, name)), f"from_{desk.giver}"}
+    states = {"carry": desk.carrying, "onion": desk.onion, "solo": desk.alone, "peek": window.peeking}
+    on |= {name for name, state in states.items() if state}
+    for name in CHECKABLE:
+        window.actions_by_name[name].setChecked(name in on)
+
+
+def _run(window: CorrectionWindow, actions: dict[str, Action], name: str, *_: object) -> None:
+    command = window.settings.command(name)
+    if window.background.busy and command.menu not in ("View", "Help"):
+        window.status.show_done(Done(window.background.busy), window.theme)
+        return
+    window.mark("looking")
+    if name in STROKE_SETUP:
+        window.desk.keys += 1 + command.key.count("+")
+    window.act(actions[name])
+
+
+def _actions(window: CorrectionWindow) -> dict[str, Action]:
+    """Name -> action for every command but verdicts and undo."""
+    desk, hand = window.desk, window.hand
     return {
         **{part.name: partial(window.choose, part.id) for part in PARTS},
+        **{f"lock_{part.name}": partial(desk.toggle_lock, part.id) for part in PARTS},
+        **{f"fade_{part.name}": partial(desk.fade, part.id) for part in PARTS},
         "undefined": partial(window.choose, UNDEFINED),
-        "pick": partial(_pick, window),
+        "from_other": partial(desk.give_from, "other"),
+        "from_before": partial(desk.give_from, "before"),
         **{tool: partial(window.set_tool, tool) for tool in TOOLS},
-        **{name: partial(window.toggle, name) for name in SWITCHES},
-        **{size: partial(window.hand.set_radius, px) for size, px in BRUSHES_PX.items()},
-        "solo": partial(_solo, window),
+        **{name: partial(_toggle, hand, name) for name in SWITCHES},
+        **{size: partial(hand.set_radius, px) for size, px in BRUSHES_PX.items()},
+        "smaller": lambda: hand.set_radius(hand.radius_px / BRUSH_STEP),
+        "larger": lambda: hand.set_radius(hand.radius_px * BRUSH_STEP),
         "cancel": partial(_cancel, window),
-        "undo": desk.undo,
         "redo": desk.redo,
-        "swap": lambda: desk.swap(point()),
-        "neighbour": lambda: desk.to_neighbour(point()),
+        **{name: partial(_at_pointer, window, name) for name in POINTED},
         "fill_holes": desk.fill_holes,
         "remove_islands": desk.remove_islands,
-        "merge": lambda: desk.merge(point()),
-        "copy_previous": lambda: desk.copy_previous(walk.before(window.frame_id)),
-        "propagate": lambda: desk.propagate(walk.corrected_near(window.frame_id)),
+        "copy_previous": partial(_copy, window),
+        "propagate": partial(_carry_over, window, 2),
         "carry": desk.toggle_carrying,
-        "accept": partial(_accept, window),
-        "reject": partial(_reject, window),
+        "doubt": partial(_doubt, window),
         "next": partial(_step, window, 1),
         "back": partial(_step, window, -1),
-        "save": partial(_save, window),
-        "order": window.reorder,
-        "colouring": lambda: window.set_colouring(desk.next_colouring()),
+        "go_to": lambda: window.panel.number.setFocus(),
+        "order": partial(_next_order, window),
+        "filter": partial(_next_filter, window),
+        "colouring": partial(_next_colouring, window),
+        "outlines": partial(_outlines, window),
+        "tint": partial(_next_tint, window),
+        "onion": partial(_switch, window, "onion"),
+        "solo": partial(_switch, window, "alone"),
+        "peek": lambda: window.peek(not window.peeking),
+        "swap_views": window.panes.swap,
         "front_view": window.look_ahead,
         "theme": window.toggle_theme,
+        "save": partial(_save, window),
+        "export": partial(_export, window),
+        "close": partial(_close, window),
         "help": window.toggle_help,
     }
 
 
-def _pick(window: CorrectionWindow) -> Done:
-    done = window.desk.pick(window.under_pointer())
-    window.choose(window.desk.part)
-    return done
+class Judged:
+    """Verdicts, each followed by the next unfinished frame, and undo, which goes back to take one back."""
+
+    def __init__(self, window: CorrectionWindow) -> None:
+        self._window = window
+        # The frame judged, the one that was opened then, and the number of its strokes at that moment.
+        self._way: list[tuple[str, str, int]] = []
+
+    def accept(self) -> Done | None:
+        """Accept the frame, and go on."""
+        window = self._window
+        if window.correction.read_only:
+            return self._go_on(Done("Read-only"), False)
+        return self._go_on(window.desk.accept(), window.desk.carrying)
+
+    def reject(self) -> Done | None:
+        """Reject the frame for a reason that is asked for, and go on."""
+        if not (reason := ask_reason(self._window)):
+            return Done("Not rejected")
+        return self._go_on(self._window.desk.reject(reason), False)
+
+    def undo(self) -> Done | None:
+        """Take back the last stroke, or the verdict that opened this frame if nothing was done since."""
+        window = self._window
+        editor = window.desk.editor
+        if self._way and editor and not window.desk.preview:
+            judged, opened, strokes = self._way[-1]
+            if opened == window.frame_id and len(editor.history.done) <= strokes:
+                self._way.pop()
+                window.open_frame(judged, window.desk.undo)
+                return None
+        return window.desk.undo()
+
+    def _go_on(self, done: Done, carrying: bool) -> Done | None:
+        window, judged = self._window, self._window.frame_id
+        window.refresh_picture()
+        following = window.walk.next_unfinished(judged)
+        if following is None or following == judged:
+            return Done(f"{done.text}: every frame is done" if following is None else done.text, "good")
+
+        def arrived() -> Done | None:
+            editor = window.desk.editor
+            if editor:
+                self._way.append((judged, window.frame_id, len(editor.history.done)))
+            untouched = window.correction.state(window.frame_id) == "auto"
+            return _carry_over(window, 0) if carrying and untouched else None
+
+        window.open_frame(following, arrived)
+        return None
 
 
-def _solo(window: CorrectionWindow) -> None:
-    window.desk.alone = not window.desk.alone
+def _toggle(hand: object, name: str) -> None:
+    setattr(hand, name, not getattr(hand, name))
+
+
+def _switch(window: CorrectionWindow, name: str) -> Done | None:
+    _toggle(window.desk, name)
     window.recolor()
+    if name == "onion" and window.desk.onion and window.desk.before is None:
+        return Done("There is no frame before this one", "warn")
+    return None
+
+
+def _at_pointer(window: CorrectionWindow, name: str) -> Done | None:
+    if window.pointed() is not None:
+        return window.at_pixel(name, window.under_pointer())
+    _arm(window, name)
+    return None
+
+
+def _arm(window: CorrectionWindow, name: str) -> None:
+    """Let the next click carry out a command."""
+    window.cancel_stroke()
+    window.hand.once = name
+    window.refresh()
 
 
 def _cancel(window: CorrectionWindow) -> Done | None:
@@ -96,22 +236,74 @@ def _cancel(window: CorrectionWindow) -> Done | None:
     return window.desk.cancel()
 
 
-def _accept(window: CorrectionWindow) -> Done | None:
-    done = window.desk.accept()
-    window.strip.frames.refresh(window.frame_id)
-    if not window.step(1):
-        return Done(f"{done.text}: that was the last frame", "good")
-    if not window.desk.carrying:
-        return None
-    return window.desk.carry(window.walk.corrected_near(window.frame_id))
+def _copy(window: CorrectionWindow) -> Done | None:
+    if (before := window.walk.before(window.frame_id)) is None:
+        return Done("This is the first frame; there is none before it", "warn")
+    _computed(window, "Copying the frame before…", window.desk.copied(before), window.desk.copy_previous)
+    return None
 
 
-def _reject(window: CorrectionWindow) -> Done | None:
-    if not (reason := ask_reason(window)):
-        return Done("Not rejected")
-    done = window.desk.reject(reason)
-    window.strip.frames.refresh(window.frame_id)
-    return None if window.step(1) else done
+def _carry_over(window: CorrectionWindow, keys: int) -> Done | None:
+    work = window.desk.carried(window.walk.corrected_near(window.frame_id))
+    _computed(window, "Carrying corrections over…", work, partial(window.desk.propagate, keys=keys))
+    return None
+
+
+def _computed(
+    window: CorrectionWindow, text: str, work: Callable[[], UInt8], then: Callable[[UInt8], Done]
+) -> None:
+    """Compute parts beside the window, and apply them."""
+    window.busy(text, work, lambda parts: window.act(partial(then, parts)))
+
+
+def _doubt(window: CorrectionWindow) -> Done:
+    done, doubt = window.desk.next_doubt()
+    if doubt:
+        window.show_place(doubt.pixels, doubt.middle)
+    return done
+
+
+def _step(window: CorrectionWindow, by: int) -> Done | None:
+    if (frame_id := window.walk.beside(window.frame_id, by)) is None:
+        return Done("That was the last frame" if by > 0 else "This is the first frame", "warn")
+    window.open_frame(frame_id)
+    return None
+
+
+def _next_order(window: CorrectionWindow) -> Done | None:
+    orders = list(ORDERS)
+    order = orders[(orders.index(window.walk.order) + 1) % len(orders)]
+    window.arrange(order, window.walk.filter)
+    waiting = next((i for i in window.walk.frame_ids if window.walk.waits(i)), None)
+    done = Done(f"Frames: {ORDERS[order].lower()}")
+    if order == "review":
+        done = Done(f"{len(window.walk.reasons)} frames of others to review")
+    if order == "time" or waiting in (None, window.frame_id):
+        return done
+    window.open_frame(str(waiting), lambda: done)
+    return None
+
+
+def _next_filter(window: CorrectionWindow) -> Done:
+    filters = list(FILTERS)
+    kept = filters[(filters.index(window.walk.filter) + 1) % len(filters)]
+    window.arrange(window.walk.order, kept)
+    return Done(f"Frames shown: {FILTERS[kept].lower()}")
+
+
+def _next_colouring(window: CorrectionWindow) -> None:
+    look, there = window.pane.look, colourings(window.desk.scene)
+    at = there.index(look.colouring) + 1 if look.colouring in there else 1
+    window.set_look(window.pane, replace(look, colouring=there[at % len(there)]))
+
+
+def _outlines(window: CorrectionWindow) -> None:
+    window.set_look(window.pane, replace(window.pane.look, outlines=not window.pane.look.outlines))
+
+
+def _next_tint(window: CorrectionWindow) -> None:
+    look = window.pane.look
+    window.set_look(window.pane, replace(look, tint=TINTS[(TINTS.index(look.tint) + 1) % len(TINTS)]))
 
 
 def _save(window: CorrectionWindow) -> Done:
@@ -120,7 +312,25 @@ def _save(window: CorrectionWindow) -> Done:
     return Done("Everything is saved", "good")
 
 
-def _step(window: CorrectionWindow, by: int) -> Done | None:
-    if window.step(by):
-        return None
-    return Done("That was the last frame" if by > 0 else "This is the first frame", "warn")
+def _close(window: CorrectionWindow) -> None:
+    window.close()
+
+
+def _export(window: CorrectionWindow) -> Done | None:
+    # Its import takes half a second.
+    from annotate.exchange.formats import FORMATS, export_labels
+
+    if not (chosen := ask_export(window, list(FORMATS))):
+        return Done("Not exported")
+    name, folder = chosen
+    _save(window)
+
+    def work() -> tuple[str, ...]:
+        return export_labels(window.correction.labels, folder, name, lambda _: None)
+
+    def then(lost: tuple[str, ...]) -> None:
+        left_out = f"; it cannot carry {' and '.join(lost)}" if lost else ""
+        window.act(lambda: Done(f"Exported to {folder}{left_out}", "good"))
+
+    window.busy(f"Exporting to {folder.name}…", work, then)
+    return None

@@ -5,11 +5,11 @@ from PySide6.QtCore import QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import QWidget
 
-from annotate.array_types import Bool, Int64, UInt8
+from annotate.array_types import Bool, Float32, Int64, UInt8
 from annotate.correction import select
 from annotate.correction.select import ScreenPoints
 from annotate.crop import window_of
-from annotate.gui.cloud_view import Colors
+from annotate.gui.colors import Colors, Look
 from annotate.gui.drawing import Drawing
 from annotate.gui.pointing import Hand, Pointing
 from annotate.gui.scene import FrameScene
@@ -21,16 +21,19 @@ REACH_PX = 6.0
 
 
 class DepthPane(QWidget):
-    """A frame's depth image. pointing: shapes drawn on it. moved: it was shifted or zoomed."""
+    """A frame's depth image. look: its colours. pointing: shapes drawn on it. moved: shifted or zoomed."""
+
+    name = "Depth image"
 
     moved = Signal()
 
     def __init__(self, scene: FrameScene, hand: Hand) -> None:
         super().__init__()
-        self.scene = scene
+        self.scene, self.look = scene, Look()
+        self.setAccessibleName("Depth image of the frame")
         self.pointing = Pointing(self, hand)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.setMinimumSize(160, 120)
+        self.setMinimumSize(120, 90)
         self.ground = QColor("black")
         self._rgb: UInt8 = np.zeros((*scene.labels.parts.shape, 3), np.uint8)
         self._view = ScreenPoints.of_image(scene.labels.depth_mm)
@@ -51,12 +54,15 @@ class DepthPane(QWidget):
             self.fit()
 
     def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
-        """New colours for some pixels, or for all that have depth."""
+        """New colours for some pixels, or for all that have depth; those not shown have the ground's."""
+        ground = (self.ground.red(), self.ground.green(), self.ground.blue())
         changed = pixels
         if changed is None:
             changed = np.flatnonzero(self.scene.labels.depth_mm)
-            self._rgb[:] = (self.ground.red(), self.ground.green(), self.ground.blue())
-        self._rgb.reshape(-1, 3)[changed] = colors(changed)
+            self._rgb[:] = ground
+        rgb = colors(changed)
+        rgb[np.isnan(self._view.xy_px[changed, 0])] = ground
+        self._rgb.reshape(-1, 3)[changed] = rgb
         self.update()
 
     def set_shown(self, shown: Bool) -> None:
@@ -113,6 +119,19 @@ class DepthPane(QWidget):
         v, u = divmod(pixel, self._rgb.shape[1])
         return self._corner + QPointF(u + 0.5, v + 0.5) * self._scale
 
+    def places(self, pixels: Int64) -> tuple[Float32, float]:
+        """Positions (n, 2) of pixels on the pane, and the distance of neighbouring ones."""
+        v, u = np.divmod(pixels, self._rgb.shape[1])
+        corner = np.array([self._corner.x(), self._corner.y()])
+        xy_px = corner + (np.stack([u, v], axis=1) + 0.5) * self._scale
+        return xy_px.astype(np.float32), self._scale
+
+    def bring(self, pixel: int) -> None:
+        """Bring a pixel into the middle of the pane."""
+        self._corner += QPointF(self.width() / 2, self.height() / 2) - self.place_of(pixel)
+        self._fitted = False
+        self._moved()
+
     def mark(self, pixel: int | None) -> None:
         """Ring a pixel, or none."""
         self._marked = pixel
@@ -131,6 +150,14 @@ class DepthPane(QWidget):
     def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
         """Qt's hook: any button that does not draw shifts the image."""
         self._grip = event.position()
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+        """Qt's hook: the right button brings the place under it into the middle."""
+        if event.button() == Qt.MouseButton.RightButton:
+            if (pixel := self.pixel_at(event.position())) is not None:
+                self.bring(pixel)
+        else:
+            self.mousePressEvent(event)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:  # noqa: N802
         """Qt's hook."""

@@ -1,7 +1,8 @@
 """The frame on the desk and the tools beside it: what every key and stroke does. No window here."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -9,29 +10,23 @@ from annotate.array_types import Bool, Int64, UInt8
 from annotate.cleanup import filled, without_islands
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction import select
-from annotate.correction.correction import Correction
+from annotate.correction.doubt import part_title as title
+from annotate.correction.doubt import pixels_text
 from annotate.correction.edit import ARMS, LEGS, Editor
+from annotate.correction.follow import followed
 from annotate.correction.propagate import FRAMES_COMPARED, CorrectedFrame, propagate
-from annotate.gui.colors import Colouring, Visibility, colourings, point_colors
+from annotate.correction.replay import STATE_NAMES
+from annotate.frame_labels import FrameLabels
 from annotate.gui.drawing import Drawing
-from annotate.gui.outcome import NOTHING, Done, described, title
+from annotate.gui.outcome import NOTHING, Done, described
 from annotate.gui.scene import FrameScene
+from annotate.gui.sight import Preview, Sight
 from annotate.labelset.stroke import Gesture, Operation, Stroke
-from annotate.parts import BACKGROUND, PARTS, UNDEFINED
+from annotate.parts import BACKGROUND
 from sensors.errors import CloudError
 
-PREVIEW_RGB = (255, 255, 0)
-"""Colour of the pixels that a clean-up would change: no part has it. Chosen by eye."""
-
-
-@dataclass(frozen=True)
-class Preview:
-    """A clean-up that was computed and not yet applied. parts: uint8 (h, w), the labels after it."""
-
-    operation: Operation
-    part: int | None
-    parts: UInt8
-    pixels: Int64
+Giver = Literal["part", "other", "before"]
+"""What strokes give: the chosen part, or each pixel's part in the compared set or in the frame before."""
 
 
 @dataclass(frozen=True)
@@ -44,73 +39,35 @@ class _Grown:
 
 
 @dataclass
-class Desk:
+class Desk(Sight):
     """One frame being corrected.
 
-    editor: None where the set is open read-only. part: the chosen one. visibility: parts that are faded or
-    hidden. alone: whether the chosen part is shown alone. carrying: whether every frame that accepting opens
-    gets the corrections of others without a key. keys: number of keys pressed since the last stroke.
+    giver: what strokes give. locks: parts that stay as they are. carrying: whether every frame that accepting
+    opens gets the corrections of others without a key. keys: number of keys pressed since the last stroke.
     """
 
-    correction: Correction
-    scene: FrameScene
-    editor: Editor | None
-    part: int = 1
-    colouring: Colouring = "part"
-    visibility: dict[int, Visibility] = field(default_factory=dict)
+    giver: Giver = "part"
     locks: set[int] = field(default_factory=set)
-    alone: bool = False
     carrying: bool = False
     keys: int = 0
-    preview: Preview | None = None
     _grown: _Grown | None = None
     _clouds: dict[str, ThermalCloud] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.put(self.scene, self.editor)
+        self.put(self.scene, self.editor, self.before)
 
-    def put(self, scene: FrameScene, editor: Editor | None) -> None:
+    def put(self, scene: FrameScene, editor: Editor | None, before: UInt8 | None) -> None:
         """Lay another frame on the desk; the tools stay as they are."""
-        self.scene, self.editor, self.preview, self._grown, self.keys = scene, editor, None, None, 0
+        self.scene, self.editor, self.before = scene, editor, before
+        self.preview, self._grown, self.keys, self._doubt = None, None, 0, -1
         self._clouds.pop(scene.labels.frame_id, None)
         self._clouds[scene.labels.frame_id] = scene.cloud
         for frame_id in list(self._clouds)[: -FRAMES_COMPARED - 1]:
             del self._clouds[frame_id]
         if editor:
             editor.locks = self.locks
-        if self.colouring not in colourings(scene):
-            self.colouring = "part"
-
-    @property
-    def parts(self) -> UInt8:
-        """Part ids (h, w) as they stand."""
-        return self.editor.parts if self.editor else self.scene.labels.parts
-
-    def counts(self) -> dict[int, int]:
-        """Pixels with depth by part id."""
-        numbers = np.bincount(self.parts[self.scene.labels.depth_mm > 0], minlength=256)
-        return {part: int(numbers[part]) for part in (*range(len(PARTS)), UNDEFINED)}
-
-    def shown(self) -> Bool:
-        """Pixels (h * w,) that are drawn and can be chosen."""
-        hidden = np.zeros(256, np.bool_)
-        if self.alone:
-            hidden[:] = True
-            hidden[self.part] = False
-        hidden[[part for part, how in self.visibility.items() if how == "hidden"]] = True
-        return np.asarray((self.scene.labels.depth_mm.ravel() > 0) & ~hidden[self.parts.ravel()])
-
-    def colors(self, pixels: Int64, ground: tuple[int, int, int]) -> UInt8:
-        """Colours (n, 3) of flat pixels (n,) on a ground, a preview marked."""
-        rgb = point_colors(self.scene, self.parts, pixels, self.colouring, self.visibility, ground)
-        if self.preview:
-            rgb[np.isin(pixels, self.preview.pixels)] = PREVIEW_RGB
-        return rgb
-
-    def next_colouring(self) -> Colouring:
-        """The next colouring for which the frame has data."""
-        there = colourings(self.scene)
-        return there[(there.index(self.colouring) + 1) % len(there)]
+        if self._given() is None:
+            self.giver = "part"
 
     def toggle_lock(self, part: int) -> Done:
         """Lock a part, or unlock it."""
@@ -118,14 +75,23 @@ class Desk:
         state = "locked: it cannot gain or lose pixels" if part in self.locks else "unlocked"
         return Done(f"{title(part).capitalize()} {state}")
 
-    def fade(self, part: int) -> Done:
-        """Switch a part from shown to faded, to hidden, and to shown again."""
-        turn: dict[Visibility, Visibility] = {"shown": "faded", "faded": "hidden", "hidden": "shown"}
-        how = self.visibility[part] = turn[self.visibility.get(part, "shown")]
-        changed = np.flatnonzero((self.parts == part) & (self.scene.labels.depth_mm > 0))
-        return Done(f"{title(part).capitalize()} {how}", pixels=changed)
-
     # Strokes with the mouse
+
+    def give_from(self, giver: Giver) -> Done:
+        """Let strokes take over the parts of the other set or of the frame before; again: the chosen part."""
+        wanted: Giver = "part" if self.giver == giver else giver
+        old, self.giver = self.giver, wanted
+        if self._given() is None:
+            self.giver = old
+            missing = {"other": "other set: give one with --compare", "before": "frame before this one"}
+            return Done(f"There is no {missing[giver]}", "warn")
+        return Done("")
+
+    def _given(self) -> UInt8 | None:
+        """Parts (h, w) that strokes give; None where they are missing."""
+        if self.giver == "other":
+            return self.scene.other
+        return self.before if self.giver == "before" else np.full(self.parts.shape, self.part, np.uint8)
 
     def stroke(self, drawing: Drawing, start: int | None, pixels: Int64) -> Done:
         """Give the pixels of a drawn shape the chosen part.
@@ -134,42 +100,70 @@ class Desk:
         includes the room behind; with ``drawing.room`` all do; with ``drawing.only`` those of the part at
         the start, even if that is the room.
         """
-        editor = self._editor()
+        self._editor()
         old = self.parts.ravel()[pixels]
         from_part = BACKGROUND if start is None else int(self.parts.ravel()[start])
         taken = old == from_part if drawing.only else drawing.room | (old != BACKGROUND)
         self._grown = None
-        stroke = editor.paint(pixels[taken], self.part, self._gesture(drawing))
-        return self._did(stroke, self._why_nothing(pixels, taken, drawing))
+        return self._did(
+            self._paint(pixels[taken], self._gesture(drawing)), self._why_nothing(pixels, taken, drawing)
+        )
 
     def piece(self, pixel: int | None, drawing: Drawing) -> Done:
         """Give the piece under a click the chosen part; grow the piece that was just painted."""
-        editor = self._editor()
+        self._editor()
         if pixel is None:
             return Done("There is no point here: click on the body", "warn")
-        if self._grown and self._grown.part == self.part and pixel in self._grown.pixels:
-            return self._grow(self._grown, drawing)
+        if grown := self._grows(pixel):
+            return self._grow(grown, drawing)
         before = self.parts.copy()
         pixels = select.supervoxel(self.scene.pieces, before, pixel)
         if not len(pixels):
             return Done("There is no piece here: draw round it instead", "warn")
-        stroke = editor.paint(pixels, self.part, self._gesture(drawing))
-        done = self._did(stroke, self._already(int(before.flat[pixel])))
+        done = self._did(self._paint(pixels, self._gesture(drawing)), self._already(int(before.flat[pixel])))
         self._grown = _Grown(self.part, pixels, before) if len(done.pixels) else None
         return done
 
+    def would_take(self, pixel: int | None) -> Int64:
+        """Pixels (n,) that a click of the piece tool would change: the piece, or what growing adds."""
+        if pixel is None or self.editor is None:
+            return NOTHING
+        if grown := self._grows(pixel):
+            return np.setdiff1d(self._larger(grown), grown.pixels, assume_unique=True)
+        pixels = select.supervoxel(self.scene.pieces, self.parts, pixel)
+        given = self._given()
+        assert given is not None
+        return np.asarray(pixels[given.ravel()[pixels] != self.parts.ravel()[pixels]])
+
+    def _paint(self, pixels: Int64, how: Gesture) -> Stroke | None:
+        given = self._given()
+        if self.giver == "part" or given is None:
+            return self._editor().paint(pixels, self.part, how)
+        parts = self.parts.copy()
+        parts.reshape(-1)[pixels] = given.ravel()[pixels]
+        return self._editor().replace("paint", parts, None, how)
+
+    def _grows(self, pixel: int) -> _Grown | None:
+        """The piece that a click on this pixel grows."""
+        grown = self._grown
+        return grown if grown and grown.part == self.part and pixel in grown.pixels else None
+
+    def _larger(self, grown: _Grown) -> Int64:
+        return select.grow(self.scene.pieces, grown.parts, self.scene.labels.depth_mm, grown.pixels)
+
     def _grow(self, grown: _Grown, drawing: Drawing) -> Done:
-        pixels = select.grow(self.scene.pieces, grown.parts, self.scene.labels.depth_mm, grown.pixels)
+        pixels = self._larger(grown)
         self.keys = 0
         self._grown = _Grown(self.part, pixels, grown.parts)
-        stroke = self._editor().paint(pixels, self.part, drawing.gesture("grow"))
-        return self._did(stroke, "It cannot grow further: its part ends here")
+        return self._did(
+            self._paint(pixels, drawing.gesture("grow")), "It cannot grow further: its part ends here"
+        )
 
     # Keys that work on the place under the pointer
 
     def swap(self, pixel: int | None) -> Done:
-        """Exchange left and right: of the limb under the pointer, or else of the chosen part's."""
-        part = self.part if pixel is None or not self.parts.flat[pixel] else int(self.parts.flat[pixel])
+        """Exchange left and right of the limb under the pointer."""
+        part = BACKGROUND if pixel is None else int(self.parts.flat[pixel])
         pairs = next((limb for limb in (ARMS, LEGS) if part in np.ravel(limb)), None)
         if pairs is None:
             return Done("Point at an arm or a leg to swap left and right", "warn")
@@ -195,7 +189,7 @@ class Desk:
         """Choose the part under the pointer."""
         if pixel is None:
             return Done("Point at a part to choose it", "warn")
-        self.part = int(self.parts.flat[pixel])
+        self.part, self.giver = int(self.parts.flat[pixel]), "part"
         return Done(f"{title(self.part).capitalize()} chosen")
 
     # Clean-up, previewed first
@@ -229,16 +223,30 @@ class Desk:
         if not len(pixels):
             return Done(f"There are no {name}", pixels=dropped)
         self.preview = Preview(operation, part, parts, pixels)
-        text = f"{len(pixels):,} pixels of {name} marked: the same key applies it, Esc cancels"
+        text = f"{pixels_text(len(pixels))} of {name} marked: the same key applies it, Esc cancels"
         return Done(text, "warn", np.union1d(dropped, pixels))
 
-    # From other frames
+    # From other frames. What takes long is computed first, in a thread, and then applied.
 
-    def copy_previous(self, frame_id: str) -> Done:
-        """Take the parts of another frame where it shows the same surface."""
-        previous = self.correction.frame(frame_id)
-        stroke = self._editor().copy_previous(previous, how=self._key(keys=2))
-        return self._did(stroke, "The previous frame has the same labels")
+    def copied(self, frame_id: str) -> Callable[[], UInt8]:
+        """A computation of the parts (h, w) of another frame, moved onto this one."""
+        target, camera = self._target(), self.scene.cloud.camera
+        return lambda: followed(self._corrected([frame_id])[0], target, camera)
+
+    def carried(self, frame_ids: Sequence[str]) -> Callable[[], UInt8]:
+        """A computation of the parts (h, w) after the corrections of other frames, the nearest first."""
+        target, camera, cloud = self._target(), self.correction.labels.intrinsics, self.scene.cloud
+        return lambda: propagate(self._corrected(frame_ids), target, camera, cloud)
+
+    def copy_previous(self, parts: UInt8) -> Done:
+        """Take over what ``copied`` has computed."""
+        stroke = self._editor().copy_previous(parts, how=self._key(keys=2))
+        return self._did(stroke, "The frame before has the same labels")
+
+    def propagate(self, parts: UInt8, keys: int = 2) -> Done:
+        """Take over what ``carried`` has computed."""
+        stroke = self._editor().propagate(parts, self._key(keys=keys))
+        return self._did(stroke, "The corrections of the frames nearby change nothing here")
 
     def toggle_carrying(self) -> Done:
         """Carry corrections over to every frame that accepting opens, or only by the key."""
@@ -246,35 +254,35 @@ class Desk:
         where = "to every next frame" if self.carrying else "only by the key"
         return Done(f"Corrections are carried over {where}")
 
-    def carry(self, frame_ids: Sequence[str]) -> Done:
-        """As ``propagate``, for a frame that was just opened and that nobody edited: without a key."""
-        if self.correction.state(self.scene.labels.frame_id) != "auto":
-            return Done("")
-        return self.propagate(frame_ids, keys=0)
+    def _target(self) -> FrameLabels:
+        self._editor()
+        return replace(self.scene.labels, parts=self.parts.copy())
 
-    def propagate(self, frame_ids: Sequence[str], keys: int = 2) -> Done:
-        """Carry the corrections of other frames over, the nearest first."""
-        labels, target = self.correction.labels, replace(self.scene.labels, parts=self.parts.copy())
+    def _corrected(self, frame_ids: Sequence[str]) -> list[CorrectedFrame]:
+        labels = self.correction.labels
         automatic = (labels.read(i, original=labels.has_original(i)) for i in frame_ids)
-        frames = [
+        return [
             CorrectedFrame(before, self.correction.frame(i), self._clouds.get(i))
             for before, i in zip(automatic, frame_ids, strict=True)
         ]
-        parts = propagate(frames, target, labels.intrinsics, self.scene.cloud)
-        stroke = self._editor().propagate(parts, self._key(keys=keys))
-        return self._did(stroke, "The corrections of the frames nearby change nothing here")
 
     # Back and forth, verdicts
 
     def undo(self) -> Done:
-        """Take back the last stroke."""
+        """Take back the last stroke or verdict."""
         if (cancelled := self.cancel()).text:
             return cancelled
-        return self._did(self._editor().undo(self._key(keys=2)), "Nothing to undo")
+        return self._again(self._editor().undo(self._key(keys=2)), "taken back", "Nothing to undo")
 
     def redo(self) -> Done:
         """Do again what was undone last."""
-        return self._did(self._editor().redo(self._key(keys=3)), "Nothing to redo")
+        return self._again(self._editor().redo(self._key(keys=3)), "given again", "Nothing to redo")
+
+    def _again(self, stroke: Stroke | None, verdict: str, nothing: str) -> Done:
+        if stroke and not stroke.changes:
+            state = STATE_NAMES[self.correction.state(self.scene.labels.frame_id)]
+            return Done(f"Verdict {verdict}: the frame is {state}", "good")
+        return self._did(stroke, nothing)
 
     def accept(self) -> Done:
         """Accept the frame, or agree where another person accepted it."""

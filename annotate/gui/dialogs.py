@@ -1,9 +1,23 @@
 """Dialogs: the reason for a rejection, and what to do when a file or the disk fails."""
 
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QDialog, QHBoxLayout, QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QDialog,
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
 
+from annotate.gui.outcome import strokes_text
 from annotate.gui.widgets import laid, named
 
 REASONS = (
@@ -58,6 +72,28 @@ def _ask(parent: QWidget | None, title: str, text: str, yes: str, no: str) -> bo
     return dialog.exec() == QDialog.DialogCode.Accepted
 
 
+def ask_export(parent: QWidget, formats: Sequence[str]) -> tuple[str, Path] | None:
+    """The format and the folder of an export; None for none."""
+    dialog = QDialog(parent)
+    dialog.setWindowTitle("Export")
+    question = named(QLabel("Export the labels for which tool?"), "title")
+    given: list[str] = []
+
+    def choose(name: str) -> None:
+        given.append(name)
+        dialog.accept()
+
+    buttons = [QPushButton(name, autoDefault=False) for name in formats]
+    for item, name in zip(buttons, formats, strict=True):
+        item.clicked.connect(partial(choose, name))
+    laid(QVBoxLayout(dialog), question, *buttons, gap=8, margins=(20, 18, 20, 18))
+    dialog.exec()
+    if not given:
+        return None
+    folder = QFileDialog.getSaveFileName(parent, f"New folder for {given[0]}", f"{given[0]}-export")[0]
+    return (given[0], Path(folder)) if folder else None
+
+
 def ask_restore(parent: QWidget | None, error: str) -> bool:
     """Whether to rebuild a frame whose file is corrupt."""
     text = (
@@ -70,7 +106,7 @@ def ask_restore(parent: QWidget | None, error: str) -> bool:
 def ask_retry(parent: QWidget | None, error: str, strokes: int) -> bool:
     """Whether to write strokes that the disk refused again now, or to go on until the next stroke."""
     text = (
-        f"{error}\n\n{strokes} strokes are kept in this window and nothing is lost while it is open. "
+        f"{error}\n\n{strokes_text(strokes)} kept in this window; nothing is lost while it is open. "
         "Free some space, then try again; or go on: every stroke tries again."
     )
     return _ask(parent, "The disk is full or cannot be written", text, "Try again", "Go on")
@@ -78,5 +114,7 @@ def ask_retry(parent: QWidget | None, error: str, strokes: int) -> bool:
 
 def ask_close(parent: QWidget | None, strokes: int) -> bool:
     """Whether to close although strokes would be lost."""
-    text = f"{strokes} strokes could not be written and would be lost. Free some space first, if you can."
+    text = (
+        f"{strokes_text(strokes)} could not be written and would be lost. Free some space first, if you can."
+    )
     return _ask(parent, "Close and lose strokes?", text, "Close and lose them", "Stay")

@@ -9,23 +9,18 @@ from PySide6.QtGui import QColor, QImage, QPainter
 from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem
 
 from annotate.array_types import UInt8
-from annotate.correction.replay import State
+from annotate.correction.replay import STATE_NAMES, State
 from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels
-from annotate.gui.theme import DARK, Theme
+from annotate.gui.theme import DARK, Theme, scaled
 from annotate.gui.widgets import draw_card
 from annotate.parts import palette_rgb
 from sensors.errors import CloudError
 
-THUMBNAIL = QSize(78, 66)
-CELL = QSize(90, 96)
-STATE_NAMES: dict[State, str] = {
-    "auto": "automatic",
-    "touched": "begun",
-    "accepted": "accepted",
-    "reviewed": "reviewed",
-    "rejected": "rejected",
-}
+THUMBNAIL = QSize(78, 58)
+CELL = QSize(90, 86)
+Score = Callable[[str], float | None]
+"""Mean confidence of a frame's labels, or None."""
 ModelIndex = QModelIndex | QPersistentModelIndex
 
 
@@ -64,10 +59,12 @@ class Frames(QAbstractListModel):
 
     _drawn = Signal(str, QImage)
 
-    def __init__(self, read: Callable[[str], FrameLabels], state: Callable[[str], State]) -> None:
+    def __init__(
+        self, read: Callable[[str], FrameLabels], state: Callable[[str], State], score: Score
+    ) -> None:
         super().__init__()
         self.frame_ids: list[str] = []
-        self._read, self._state = read, state
+        self._read, self._state, self._score = read, state, score
         self._images: dict[str, QImage | None] = {}
         self._drawn.connect(self._keep)
         self._pool = ThreadPoolExecutor(1, "thumbnails")
@@ -87,18 +84,23 @@ class Frames(QAbstractListModel):
         frame_id = self.frame_ids[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
             return frame_id
-        if role == Qt.ItemDataRole.ToolTipRole:
-            return f"Frame {frame_id}, {STATE_NAMES[self._state(frame_id)]}"
+        if role in (Qt.ItemDataRole.ToolTipRole, Qt.ItemDataRole.AccessibleTextRole):
+            score = self._score(frame_id)
+            sure = "" if score is None else f", confidence {max(score, 0):.2f}"
+            return f"Frame {frame_id}, {STATE_NAMES[self._state(frame_id)]}{sure}"
+        if role == Qt.ItemDataRole.WhatsThisRole:
+            score = self._score(frame_id)
+            return "" if score is None else f"{max(score, 0):.2f}".lstrip("0")
         if role == Qt.ItemDataRole.StatusTipRole:
             return self._state(frame_id)
         if role == Qt.ItemDataRole.DecorationRole:
             return self._image(frame_id)
         return None
 
-    def refresh(self, frame_id: str) -> None:
-        """Draw a frame's picture and state again."""
-        self._images.pop(frame_id, None)
-        self._changed(frame_id)
+    def refresh(self, labels: FrameLabels) -> None:
+        """Draw a frame's picture and state again, from labels as they stand."""
+        self._images[labels.frame_id] = thumbnail(labels)
+        self._changed(labels.frame_id)
 
     def close(self) -> None:
         """Stop the thread."""
@@ -143,7 +145,10 @@ class _Cell(QStyledItemDelegate):
         image = index.data(Qt.ItemDataRole.DecorationRole)
         if isinstance(image, QImage) and not image.isNull():
             size = QSize(image.size()).scaled(THUMBNAIL, Qt.AspectRatioMode.KeepAspectRatio)
-            left, top = cell.center().x() - size.width() / 2, cell.top() + 4 + (66 - size.height()) / 2
+            left, top = (
+                cell.center().x() - size.width() / 2,
+                cell.top() + 4 + (THUMBNAIL.height() - size.height()) / 2,
+            )
             painter.drawImage(QRectF(left, top, size.width(), size.height()), image)
         state = index.data(Qt.ItemDataRole.StatusTipRole)
         foot = QRectF(cell.left() + 8, cell.bottom() - 19, cell.width() - 16, 16)
@@ -152,10 +157,13 @@ class _Cell(QStyledItemDelegate):
         painter.drawEllipse(QRectF(foot.left(), foot.center().y() - 4, 8, 8))
         painter.setPen(QColor(theme.text if chosen else theme.quiet))
         font = painter.font()
-        font.setPixelSize(11)
+        font.setPixelSize(min(scaled(11), 15))
         painter.setFont(font)
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-        painter.drawText(foot, right, (str(index.data()).lstrip("0") or "0")[-8:])
+        left_ = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+        score = str(index.data(Qt.ItemDataRole.WhatsThisRole))
+        painter.drawText(foot.adjusted(13, 0, 0, 0), left_, score)
+        painter.drawText(foot, right, (str(index.data()).lstrip("0") or "0")[-6:])
         painter.restore()
 
 
@@ -164,9 +172,12 @@ class FrameStrip(QListView):
 
     opened = Signal(str)
 
-    def __init__(self, read: Callable[[str], FrameLabels], state: Callable[[str], State]) -> None:
+    def __init__(
+        self, read: Callable[[str], FrameLabels], state: Callable[[str], State], score: Score
+    ) -> None:
         super().__init__()
-        self.frames = Frames(read, state)
+        self.frames = Frames(read, state, score)
+        self.setAccessibleName("Frames")
         self._cell = _Cell(self)
         self.setModel(self.frames)
         self.setItemDelegate(self._cell)

@@ -3,15 +3,25 @@
 from collections.abc import Sequence
 from html import escape
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtWidgets import (
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QScrollArea,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
 
+from annotate.correction.doubt import part_title as title
 from annotate.gui.desk import Desk
 from annotate.gui.keys import BODY_GRID, Settings, settings_path
-from annotate.gui.outcome import Done, title
+from annotate.gui.outcome import Done, strokes_text
 from annotate.gui.pointing import Hand
-from annotate.gui.theme import DARK, Theme, part_color
+from annotate.gui.theme import DARK, Theme, part_color, scaled
 from annotate.gui.widgets import laid, named
 from annotate.parts import PARTS
 
@@ -19,7 +29,8 @@ MOUSE = (
     ("Left button", "use the tool"),
     ("Right button", "turn the cloud"),
     ("Middle button", "shift the cloud"),
-    ("Wheel", "zoom in and out"),
+    ("Wheel", "zoom at the pointer"),
+    ("Right double click", "centre on it"),
     ("Shift + stroke", "replace only the part where it starts"),
     ("Ctrl + stroke", "through the body, not only its front"),
     ("Alt + click", "choose the part under the pointer"),
@@ -29,9 +40,23 @@ MOUSE = (
 )
 
 
-def next_click(hand: Hand, part: int) -> str:
+ONCE = {
+    "swap": "Click an arm or a leg: left and right are swapped",
+    "neighbour": "Click a patch: it goes to the part that it touches most",
+    "merge": "Click a part: all of it becomes",
+    "pick": "Click a part to choose it",
+}
+"""The next click after a command that needs a place."""
+
+
+def next_click(hand: Hand, desk: Desk) -> str:
     """The effect of the left button now, as a sentence."""
-    becomes = "is erased" if part == 0 else f"becomes {title(part)}"
+    if hand.once:
+        whole = f"{ONCE[hand.once]} {title(desk.part)}" if hand.once == "merge" else ONCE[hand.once]
+        return f"{whole} · Esc cancels"
+    becomes = "is erased" if desk.part == 0 else f"becomes {title(desk.part)}"
+    if desk.giver != "part":
+        becomes = f"becomes as in the {'other set' if desk.giver == 'other' else 'frame before'}"
     act = {
         "piece": f"Click: the piece {becomes} · click it again to grow it",
         "lasso": f"Drag round it: it {becomes}",
@@ -53,57 +78,91 @@ class StatusLine(QWidget):
         super().__init__()
         self._accept_key = escape(settings.key("accept"))
         self.setObjectName("panel")
-        self.setFixedHeight(36)
+        self.setFixedHeight(scaled(30))
         self.chip = QLabel()
         self.chip.setFixedSize(14, 14)
         self.next, self.saved = named(QLabel(), "title"), named(QLabel(), "quiet")
         self.last, self.space = QLabel(), QLabel()
-        self.next.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        for label, name in ((self.next, "Next click"), (self.last, "Last outcome"), (self.saved, "Saved")):
+            label.setAccessibleName(name)
+        for label in (self.next, self.last):
+            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.last.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         labels = self.chip, self.next, self.last, self.space, self.saved
-        laid(QHBoxLayout(self), *labels, gap=10, margins=(14, 0, 14, 0)).setStretchFactor(self.next, 1)
+        row = laid(QHBoxLayout(self), *labels, gap=10, margins=(14, 0, 14, 0))
+        row.setStretchFactor(self.next, 1)
+        row.setStretchFactor(self.last, 1)
 
     def show_desk(self, desk: Desk, hand: Hand, theme: Theme) -> None:
         """Update the next click beside the part's colour, the key for accepting, and the unsaved strokes."""
         correction, color = desk.correction, part_color(desk.part, theme).name()
         self.chip.setStyleSheet(f"background: {color}; border: 1px solid {theme.quiet}; border-radius: 7px")
         read_only = "Read-only: nothing can be changed"
-        self.next.setText(read_only if correction.read_only else next_click(hand, desk.part))
+        self.next.setText(read_only if correction.read_only else next_click(hand, desk))
+        self.next.setToolTip(self.next.text())
         verdict = correction.next_verdict(desk.scene.labels.frame_id)
         act = {"accept": "accept and go on", "agree": "agree and go on", "none": "go on"}[verdict]
-        self.space.setText(f"{self._accept_key}: {act}")
+        self.space.setText(f"{self._accept_key}: {'go on' if correction.read_only else act}")
         unsaved = correction.unsaved
-        self.saved.setText(f"{unsaved} strokes not saved" if unsaved else "✓ saved")
+        self.saved.setText(f"{strokes_text(unsaved)} not saved" if unsaved else "✓ saved")
         self.saved.setStyleSheet(f"color: {theme.bad if unsaved else theme.good}")
 
     def show_done(self, done: Done, theme: Theme) -> None:
         """The outcome of the last key or stroke."""
         color = {"plain": theme.quiet, "good": theme.good, "warn": theme.warn, "bad": theme.bad}[done.tone]
         self.last.setText(f'<span style="color:{color}">{escape(done.text)}</span>')
+        self.last.setToolTip(escape(done.text))
 
 
 class KeyPage(QWidget):
-    """All keys over the window; any click closes it."""
+    """All keys over the window; any click beside the scroll bar closes it. closed: it was clicked."""
+
+    closed = Signal()
 
     def __init__(self, parent: QWidget, settings: Settings) -> None:
         super().__init__(parent)
         self.theme = DARK
-        self.card = named(QFrame(self), "panel")
-        QVBoxLayout(self).addWidget(self.card, 0, Qt.AlignmentFlag.AlignCenter)
+        self.setAccessibleName("All keys")
+        self.card = named(QFrame(), "panel")
+        self.area = QScrollArea(self, widgetResizable=True)
+        self.area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.area.setWidget(self.card)
+        self.area.viewport().installEventFilter(self)
         caption = _caption("Parts, laid out like a body that faces you")
-        parts = laid(QVBoxLayout(), caption, _body(settings), gap=14)
-        columns = [laid(QVBoxLayout(), parts, _list("Mouse", MOUSE), None, gap=14)]
-        for groups in (("Tools", "View", "Choosing"), ("Edit", "Frames")):
-            lists = [
-                _list(group, [(b.key, b.description) for b in settings.bindings if b.group == group])
-                for group in groups
+        parts = laid(QVBoxLayout(), caption, _body(settings), gap=10)
+        own = {part.name for part in PARTS}
+        rows = {
+            menu: [
+                (c.key, (c.hint or c.title) + (f" (or {c.also})" if c.also else ""))
+                for c in settings.commands
+                if c.menu == menu and c.key and c.name not in own
             ]
-            columns.append(laid(QVBoxLayout(), *lists, None, gap=14))
+            for menu in ("Parts", "Tools", "Edit", "Frames", "View", "File", "Help")
+        }
+        rows["Mouse"] = list(MOUSE)
+        columns = [
+            laid(QVBoxLayout(), *above, *(_list(name, rows[name]) for name in names), None, gap=10)
+            for above, names in (
+                ([parts], ("Mouse", "Frames")),
+                ([], ("Parts", "Tools", "File", "Help")),
+                ([], ("Edit", "View")),
+            )
+        ]
         head = named(QLabel("All keys lie under the left hand; the right hand has the mouse"), "title")
-        text = f'Keys can be changed: write  undo = "Ctrl+K"  under [keys] in {settings_path()}'
+        text = (
+            f'Keys can be changed: layout = "qwertz", or  undo = "Ctrl+K"  under [keys], in {settings_path()}'
+        )
         foot = named(QLabel(text, textFormat=Qt.TextFormat.PlainText), "quiet")
-        row = laid(QHBoxLayout(), *columns, gap=40)
-        laid(QVBoxLayout(self.card), head, row, foot, gap=14, margins=(28, 22, 28, 22))
+        row = laid(QHBoxLayout(), *columns, gap=20)
+        laid(QVBoxLayout(self.card), head, row, foot, gap=10, margins=(14, 12, 14, 12))
         self.hide()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
+        """Qt's hook: the card in the middle, or scrolled where it is larger than the window."""
+        wanted = self.card.sizeHint() + QSize(12, 4)
+        size = wanted.boundedTo(self.size())
+        self.area.setGeometry((self.width() - size.width()) // 2, (self.height() - size.height()) // 2, 0, 0)
+        self.area.resize(size)
 
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
         """Qt's hook: dims the window behind."""
@@ -113,7 +172,13 @@ class KeyPage(QWidget):
 
     def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
         """Qt's hook."""
-        self.hide()
+        self.closed.emit()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802
+        """Qt's hook: a click on the card."""
+        if event.type() == QEvent.Type.MouseButtonPress:
+            self.closed.emit()
+        return False
 
 
 def _caption(text: str) -> QLabel:

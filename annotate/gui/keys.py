@@ -1,4 +1,4 @@
-"""Every key of the window: its effect, its place, and how users change it.
+"""Every command of the window: its names, its keys, its menu, and how users change the keys.
 
 All keys lie under the left hand while the right hand holds the mouse. The parts are laid out like a body
 that faces you: head on top, its right arm on the left.
@@ -10,10 +10,14 @@ that faces you: head on top, its right arm on the left.
 """
 
 import os
-from collections import Counter
+from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QKeySequence
 
 from annotate.parts import PARTS
 from sensors.errors import CloudError
@@ -27,71 +31,124 @@ BODY_KEYS = "123QWEASDZXC"
 BODY_GRID = ((4, 1, 3), (6, 2, 5), (9, 7, 8), (11, 0, 10))
 """Part ids as a body that faces you, and their keys row by row."""
 
+_AZERTY_DIGITS = dict(zip("123456", "&É\"'(-", strict=True))
+LAYOUTS: dict[str, dict[str, str]] = {
+    "qwerty": {},
+    "qwertz": {"Z": "Y", "Y": "Z", "`": "<", "[": "Ü", "]": "+"},
+    "azerty": {"Q": "A", "A": "Q", "W": "Z", "Z": "W", "`": "<", "[": ")", "]": "=", **_AZERTY_DIGITS},
+}
+"""Keys by layout, where they differ from those in the same place of a US keyboard. Letters with Ctrl stay as
+printed (Ctrl+Z undoes everywhere)."""
+
 
 @dataclass(frozen=True)
-class Binding:
-    """One action of a key. name: as in window.toml; key: in Qt's notation; description: for the F1 page."""
+class Command:
+    """One command. name: as in window.toml; key, also: in Qt's notation, "" for none; menu: where it is;
+    title: there and on buttons; hint: on the page of keys; repeats: while its key is held."""
 
     name: str
     key: str
-    group: str
-    description: str
+    menu: str
+    title: str
+    hint: str = ""
+    also: str = ""
+    repeats: bool = False
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Its keys, the main one first."""
+        return tuple(filter(None, (self.key, self.also)))
 
 
-BINDINGS: tuple[Binding, ...] = (
+_PART_TITLES = {part.id: part.title if part.id else "Background: erase" for part in PARTS}
+COMMANDS: tuple[Command, ...] = (
     *(
-        Binding(PARTS[i].name, key, "Parts", PARTS[i].title if i else "Background: erase")
+        Command(PARTS[i].name, key, "Parts", _PART_TITLES[i])
         for i, key in zip(chain(*BODY_GRID), BODY_KEYS, strict=True)
     ),
-    Binding("undefined", "Ctrl+X", "Choosing", "Undefined"),
-    Binding("pick", "`", "Choosing", "Choose the part under the pointer"),
-    Binding("only", "4", "Choosing", "Replace only the part where a stroke starts"),
-    Binding("solo", "Ctrl+A", "Choosing", "Show only the chosen part, or all again"),
-    Binding("piece", "F", "Tools", "Piece: click, click again to grow it"),
-    Binding("lasso", "G", "Tools", "Lasso: draw round it"),
-    Binding("polygon", "T", "Tools", "Polygon: double-click closes it"),
-    Binding("rectangle", "R", "Tools", "Rectangle: drag"),
-    Binding("brush", "B", "Tools", "Brush: drag over it"),
-    Binding("small", "Ctrl+1", "Tools", "Small brush"),
-    Binding("medium", "Ctrl+2", "Tools", "Medium brush"),
-    Binding("large", "Ctrl+3", "Tools", "Large brush"),
-    Binding("through", "Tab", "Tools", "Front only, or through the body"),
-    Binding("room", "6", "Tools", "Body only, or the room too"),
-    Binding("cancel", "Esc", "Tools", "Cancel the stroke or the preview"),
-    Binding("undo", "Ctrl+Z", "Edit", "Undo, without limit"),
-    Binding("redo", "Ctrl+Shift+Z", "Edit", "Redo"),
-    Binding("swap", "V", "Edit", "Swap left and right of the limb under the pointer"),
-    Binding("neighbour", "5", "Edit", "Give the patch under the pointer to its neighbour"),
-    Binding("fill_holes", "Ctrl+F", "Edit", "Fill holes: press again to apply"),
-    Binding("remove_islands", "Ctrl+D", "Edit", "Remove islands: press again to apply"),
-    Binding("merge", "Ctrl+E", "Edit", "Turn the part under the pointer into the chosen one"),
-    Binding("copy_previous", "Ctrl+V", "Edit", "Copy the parts of the previous frame"),
-    Binding("propagate", "Ctrl+G", "Edit", "Carry over the corrections of nearby frames"),
-    Binding("carry", "Ctrl+Shift+G", "Edit", "Do so in every frame that accepting opens"),
-    Binding("accept", "Space", "Frames", "Accept the frame and go on"),
-    Binding("reject", "Ctrl+R", "Frames", "Reject, with a reason"),
-    Binding("next", "Ctrl+Space", "Frames", "Next frame, without a verdict"),
-    Binding("back", "Shift+Space", "Frames", "Previous frame"),
-    Binding("save", "Ctrl+S", "Frames", "Save (every stroke is saved anyway)"),
-    Binding("order", "F5", "Frames", "Order by time, or the worst first"),
-    Binding("colouring", "F2", "View", "Next colouring"),
-    Binding("front_view", "F3", "View", "View of the depth camera"),
-    Binding("theme", "F4", "View", "Light or dark"),
-    Binding("help", "F1", "View", "Show or hide this page"),
+    Command("undefined", "Ctrl+X", "Parts", "Undefined"),
+    Command("pick", "`", "Parts", "Part under the pointer", "Choose the part under the pointer"),
+    Command(
+        "from_other", "Ctrl+4", "Parts", "As in the other set", "Strokes take over the other set's parts"
+    ),
+    Command("from_before", "Ctrl+5", "Parts", "As in the frame before", "Strokes take over the frame before"),
+    Command("piece", "F", "Tools", "Piece", "Click a piece, click again to grow it"),
+    Command("lasso", "G", "Tools", "Lasso", "Draw round it"),
+    Command("polygon", "T", "Tools", "Polygon", "Click corners, double-click closes it"),
+    Command("rectangle", "R", "Tools", "Rectangle", "Drag a rectangle"),
+    Command("brush", "B", "Tools", "Brush", "Drag over it"),
+    Command("small", "Ctrl+1", "Tools", "Small brush"),
+    Command("medium", "Ctrl+2", "Tools", "Medium brush"),
+    Command("large", "Ctrl+3", "Tools", "Large brush"),
+    Command("smaller", "[", "Tools", "Smaller brush", repeats=True),
+    Command("larger", "]", "Tools", "Larger brush", repeats=True),
+    Command("through", "Tab", "Tools", "Through", "Through the body, not only its front"),
+    Command("only", "4", "Tools", "One part", "Replace only the part where a stroke starts"),
+    Command("room", "6", "Tools", "Room too", "The room too, not only the body"),
+    Command("cancel", "Esc", "Tools", "Cancel", "Cancel the stroke or the preview"),
+    Command("undo", "Ctrl+Z", "Edit", "Undo", "Undo strokes and verdicts, without limit", repeats=True),
+    Command("redo", "Ctrl+Shift+Z", "Edit", "Redo", "Do it again", "Ctrl+Y", repeats=True),
+    Command("swap", "V", "Edit", "Swap left/right", "Swap left and right of the limb under the pointer"),
+    Command("neighbour", "5", "Edit", "To neighbour", "Give the patch under the pointer to its neighbour"),
+    Command("merge", "Ctrl+E", "Edit", "Merge part", "Turn the part under the pointer into the chosen one"),
+    Command("remove_islands", "Ctrl+D", "Edit", "Islands", "Remove islands: press again to apply"),
+    Command("fill_holes", "Ctrl+F", "Edit", "Holes", "Fill holes: press again to apply"),
+    Command(
+        "copy_previous", "Ctrl+V", "Edit", "Copy before", "Parts of the frame before, following movement"
+    ),
+    Command("propagate", "Ctrl+G", "Edit", "Carry over", "Carry over the corrections of nearby frames"),
+    Command("carry", "Ctrl+Shift+G", "Edit", "Always carry", "Do so in every frame that accepting opens"),
+    Command("accept", "Space", "Frames", "Accept", "Accept, and open the next unfinished frame"),
+    Command("reject", "Ctrl+R", "Frames", "Reject…", "Reject, with a reason"),
+    Command("doubt", "N", "Frames", "Next doubtful place", "Show the next doubtful place", repeats=True),
+    Command("next", "Ctrl+Space", "Frames", "Next frame", "Next frame, without a verdict", "Right", True),
+    Command("back", "Shift+Space", "Frames", "Previous frame", "Previous frame", "Left", True),
+    Command("go_to", "Ctrl+T", "Frames", "Go to frame…", "Go to a frame by its number"),
+    Command("order", "F5", "Frames", "Next order", "By time, the worst first, or for review"),
+    Command("filter", "F6", "Frames", "Next filter", "All frames, or those in one state"),
+    Command("colouring", "F2", "View", "Next colouring", "Next colouring of the pane under the pointer"),
+    Command("outlines", "Ctrl+W", "View", "Part outlines", "Outlines of parts over the pane"),
+    Command("tint", "Ctrl+Q", "View", "Next part tint", "Parts over the pane: none, faint, half, strong"),
+    Command("onion", "Ctrl+B", "View", "Outlines of the frame before", "Outlines of the frame before"),
+    Command("peek", "H", "View", "Peek (hold)", "Hold it to see the pane without parts"),
+    Command("solo", "Ctrl+A", "View", "Chosen part alone", "Show only the chosen part, or all again"),
+    Command("swap_views", "F7", "View", "Swap the views", "Cloud and depth image swap places"),
+    Command("front_view", "F3", "View", "View of the camera", "View of the depth camera"),
+    Command("theme", "F4", "View", "Light or dark"),
+    Command("save", "Ctrl+S", "File", "Save", "Save (every stroke is saved anyway)"),
+    Command("export", "Ctrl+Shift+E", "File", "Export…", "Export for another tool"),
+    Command("close", "Ctrl+Shift+Q", "File", "Close"),
+    Command("help", "F1", "Help", "All keys", "Show or hide this page"),
 )
-"""All bindings, as delivered."""
+"""All commands, as delivered for US keyboards. Locks and fading follow from the parts' keys."""
+
+
+def derived(commands: tuple[Command, ...]) -> tuple[Command, ...]:
+    """Commands that lock and fade each part: Shift and Alt with its key; no key where that has one held."""
+    keys = {command.name: command.key for command in commands}
+    made = []
+    for part in PARTS:
+        key = keys[part.name] if "+" not in keys[part.name][:-1] else ""
+        for verb, held in (("lock", "Shift"), ("fade", "Alt")):
+            title = f"{verb.capitalize()} {part.title.lower()}"
+            made.append(Command(f"{verb}_{part.name}", key and f"{held}+{key}", verb.capitalize(), title))
+    return tuple(made)
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What a user sets in window.toml. theme: of THEMES; bindings: with the user's own keys."""
+    """What a user sets in window.toml. theme: of THEMES; commands: with the user's own keys."""
 
     theme: str = "system"
-    bindings: tuple[Binding, ...] = BINDINGS
+    commands: tuple[Command, ...] = (*COMMANDS, *derived(COMMANDS))
+
+    def command(self, name: str) -> Command:
+        """A command by name. Raises KeyError for a name that does not exist."""
+        return {command.name: command for command in self.commands}[name]
 
     def key(self, name: str) -> str:
-        """The key of a binding. Raises KeyError for a name that does not exist."""
-        return {binding.name: binding.key for binding in self.bindings}[name]
+        """The main key of a command. Raises KeyError for a name that does not exist."""
+        return self.command(name).key
 
 
 def settings_path() -> Path:
@@ -101,31 +158,65 @@ def settings_path() -> Path:
 
 
 def load_settings(path: Path) -> Settings:
-    """Read ``theme`` and the table ``[keys]`` (name = "Ctrl+K"); as delivered where there is no file.
+    """Read ``theme``, ``layout`` and the table ``[keys]`` (name = "Ctrl+K"); as delivered without a file.
 
     Raises CloudError naming the line, the name or the key that is wrong or used twice.
     """
     if not path.exists():
         return Settings()
     fields = read_toml(path, MAX_TOML_BYTES, "mend or remove it", CloudError)
-    theme, keys = fields.pop("theme", "system"), fields.pop("keys", {})
+    theme, layout = fields.pop("theme", "system"), fields.pop("layout", "qwerty")
+    keys = fields.pop("keys", {})
     if fields:
-        raise CloudError(f"{path}: {next(iter(fields))!r} is not a setting; use theme and [keys]")
+        raise CloudError(f"{path}: {next(iter(fields))!r} is not a setting; use theme, layout and [keys]")
     if theme not in THEMES:
         raise CloudError(f"{path}: theme is {theme!r}; use {', '.join(THEMES)}")
-    return Settings(theme, _rebound(path, keys))
+    if layout not in LAYOUTS:
+        raise CloudError(f"{path}: layout is {layout!r}; use {', '.join(LAYOUTS)}")
+    return Settings(theme, _rebound(path, laid_out(layout), keys))
 
 
-def _rebound(path: Path, keys: object) -> tuple[Binding, ...]:
+def laid_out(layout: str) -> tuple[Command, ...]:
+    """All but the derived commands with the keys of a keyboard's layout."""
+    places = LAYOUTS[layout]
+
+    def moved(key: str) -> str:
+        *held, last = key.rsplit("+", 1)
+        stays = "Ctrl" in "".join(held) and last.isalpha()
+        return key if stays else "+".join([*held, places.get(last, last)])
+
+    return tuple(replace(c, key=moved(c.key), also=moved(c.also)) for c in COMMANDS)
+
+
+def _rebound(path: Path, commands: tuple[Command, ...], keys: object) -> tuple[Command, ...]:
     if not isinstance(keys, dict) or not all(isinstance(key, str) and key for key in keys.values()):
         raise CloudError(f'{path}: [keys] is not a table of keys; write lines such as undo = "Ctrl+Z"')
-    names = {binding.name for binding in BINDINGS}
-    unknown = sorted(set(keys) - names)
-    if unknown:
+    mine = _with_keys(commands, keys)
+    everything = (*mine, *_with_keys(derived(mine), keys))
+    names = {command.name for command in everything}
+    if unknown := sorted(set(keys) - names):
         raise CloudError(f"{path}: [keys] names {unknown[0]!r}; use one of {', '.join(sorted(names))}")
-    bindings = tuple(replace(b, key=keys.get(b.name, b.key)) for b in BINDINGS)
-    key, count = Counter(b.key.casefold() for b in bindings).most_common(1)[0]
-    if count > 1:
-        both = " and ".join(b.name for b in bindings if b.key.casefold() == key)
-        raise CloudError(f"{path}: {both} have the same key {key!r}; give each its own")
-    return bindings
+    for name, key in keys.items():
+        if key_of(key) == Qt.Key.Key_unknown:
+            raise CloudError(f'{path}: {name} has the key {key!r}, which does not exist; write e.g. "Ctrl+K"')
+    users: defaultdict[str, list[str]] = defaultdict(list)
+    for command in everything:
+        for key in command.keys:
+            users[QKeySequence(key).toString()].append(command.name)
+    for key, both in users.items():
+        if len(both) > 1:
+            raise CloudError(f"{path}: {' and '.join(both)} have the same key {key!r}; give each its own")
+    return everything
+
+
+def _with_keys(commands: tuple[Command, ...], keys: Mapping[str, str]) -> tuple[Command, ...]:
+    return tuple(replace(c, key=keys[c.name], also="") if c.name in keys else c for c in commands)
+
+
+def key_of(text: str) -> Qt.Key:
+    """The key of a text in Qt's notation, without those held with it; Key_unknown unless it is one key."""
+    sequence = QKeySequence(text)
+    if sequence.count() != 1:
+        return Qt.Key.Key_unknown
+    key: Qt.Key = sequence[0].key()  # type: ignore[index]  # PySide6's types do not know it
+    return key

@@ -62,14 +62,24 @@ class Orbit:
 
     def shifted(self, right_px: float, down_px: float, height_px: int) -> "Orbit":
         """The orbit after shifting the scene by this many pixels: the target stays under the pointer."""
+        return replace(self, target_m=tuple(self.ray(-right_px, -down_px, height_px).tolist()))
+
+    def neared(self, steps: float, towards_m: Float64 | None = None) -> "Orbit":
+        """The orbit after this many steps of the wheel towards a point (3,), which stays where it is on the
+        screen; without one, towards the target."""
+        distance_m = float(np.clip(self.distance_m * ZOOM_PER_STEP**-steps, 0.15, 20.0))
+        if towards_m is None:
+            return replace(self, distance_m=distance_m)
+        eye = towards_m + (self.position_m - towards_m) * (distance_m / self.distance_m)
+        return replace(
+            self, distance_m=distance_m, target_m=tuple((eye + distance_m * self.axes[2]).tolist())
+        )
+
+    def ray(self, right_px: float, down_px: float, height_px: int) -> Float64:
+        """The point (3,) at the target's distance that is this far from the middle of a view."""
         right, down, _ = self.axes
         metre_per_px = self.distance_m / self.focal_px(height_px)
-        target = np.array(self.target_m) - metre_per_px * (right_px * right + down_px * down)
-        return replace(self, target_m=tuple(target.tolist()))
-
-    def neared(self, steps: float) -> "Orbit":
-        """The orbit after this many steps of the wheel towards the person."""
-        return replace(self, distance_m=float(np.clip(self.distance_m * ZOOM_PER_STEP**-steps, 0.15, 20.0)))
+        return np.asarray(np.array(self.target_m) + metre_per_px * (right_px * right + down_px * down))
 
 
 def front_view(points_m: Float32, aspect: float) -> Orbit:

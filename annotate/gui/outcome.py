@@ -5,11 +5,20 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from annotate.array_types import Int64
+from annotate.correction.doubt import part_title as title
+from annotate.correction.doubt import pixels_text
 from annotate.labelset.stroke import Stroke
-from annotate.parts import PARTS, UNDEFINED
 
 NOTHING: Int64 = np.empty(0, np.int64)
 """No pixels."""
+NAMED = 3
+"""Number of parts that a sentence names. Chosen by eye."""
+OPERATIONS = {
+    "remove_islands": "Islands removed",
+    "copy_previous": "Copied from the frame before",
+    "propagate": "Carried over",
+}
+"""Operations in words, as their buttons have them."""
 
 
 class Done(NamedTuple):
@@ -20,19 +29,24 @@ class Done(NamedTuple):
     pixels: Int64 = NOTHING
 
 
-def title(part: int) -> str:
-    """A part's name in sentences."""
-    return "undefined" if part == UNDEFINED else PARTS[part].title.lower()
+def strokes_text(count: int) -> str:
+    """A number of strokes in words."""
+    return "1 stroke" if count == 1 else f"{count:,} strokes"
 
 
-def described(stroke: Stroke, limb: str) -> str:
-    """A stroke in words. limb: of a swap."""
-    count = f"{len(stroke.pixels):,} pixels"
+def described(stroke: Stroke, limb: str = "") -> str:
+    """A stroke in words: how many pixels went from which parts to which. limb: of a swap."""
+    count = pixels_text(len(stroke.pixels))
     if stroke.operation in ("undo", "redo"):
         return f"{'Undone' if stroke.operation == 'undo' else 'Redone'}: {count}"
     if stroke.operation == "swap_left_right":
         return f"Left and right {limb} swapped: {count}"
+    numbers = np.bincount(stroke.old, minlength=256)
+    lost = [part for part in np.argsort(-numbers, kind="stable").tolist() if numbers[part]]
+    sources = ", ".join(f"{numbers[part]:,} {title(part)}" for part in lost[:NAMED])
+    sources += f" and {len(lost) - NAMED} more" if len(lost) > NAMED else ""
     if stroke.part is None:
-        return f"{stroke.operation.replace('_', ' ').capitalize()}: {count}"
-    source = int(np.bincount(stroke.old).argmax())
-    return f"{count} from {title(source)} to {title(stroke.part)}"
+        return f"{OPERATIONS.get(stroke.operation, 'Taken over')}: {count} ({sources})"
+    if len(lost) == 1:
+        return f"{count} from {title(lost[0])} to {title(stroke.part)}"
+    return f"{count} to {title(stroke.part)} ({sources})"

@@ -7,12 +7,12 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWi
 from annotate.gui.colors import Visibility
 from annotate.gui.desk import Desk
 from annotate.gui.keys import BODY_GRID, Settings
-from annotate.gui.theme import DARK, Theme, part_color
+from annotate.gui.theme import DARK, Theme, part_color, scaled
 from annotate.gui.widgets import draw_card, draw_icon, laid, named
 from annotate.parts import BACKGROUND, PARTS, UNDEFINED
 
-ICON_PX, HEIGHT_PX = 16, 62
-"""Size of the lock and the eye, and height of a tile, in logical pixels. Chosen by eye."""
+ICON_PX, HEIGHTS_PX = 16, (42, 62)
+"""Size of the lock and the eye, least and greatest height of a tile, in logical pixels. Chosen by eye."""
 
 
 class PartTile(QWidget):
@@ -23,10 +23,12 @@ class PartTile(QWidget):
         self.part, self.key, self.theme, self._palette = part, key, DARK, palette
         self.count, self.chosen, self.locked = 0, False, False
         self.visibility: Visibility = "shown"
-        self.setFixedHeight(HEIGHT_PX)
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.setMinimumSize(scaled(78), scaled(HEIGHTS_PX[0]))
+        self.setMaximumHeight(scaled(HEIGHTS_PX[1]))
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMouseTracking(True)
         name = "Undefined" if part == UNDEFINED else PARTS[part].title
+        self.setAccessibleName(name)
         self.setToolTip(f"{name}: {key} chooses it, Shift+{key} locks it, Alt+{key} fades, then hides it")
 
     @property
@@ -67,18 +69,22 @@ class PartTile(QWidget):
         count, chosen, quiet = self.count, self.chosen, self.theme.quiet
         above, low, left = Qt.AlignmentFlag.AlignTop, Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignLeft
         inside, middle = self.rect().adjusted(14, 6, -7, -5), Qt.AlignmentFlag.AlignVCenter
-        centre = inside.adjusted(0, 12, 0, -6 if count > 0 and self.part != UNDEFINED else 0)
+        low_tile = self.height() < scaled(HEIGHTS_PX[1] - 8)
+        centre = inside.adjusted(0, 12, 0, -6 if count > 0 and self.part != UNDEFINED and not low_tile else 0)
+        if low_tile:
+            # Too low for three lines.
+            inside, centre = inside.adjusted(0, -3, 0, 3), inside.adjusted(0, 10, 0, 0)
         side = Qt.AlignmentFlag.AlignRight if self.part == UNDEFINED else left
         name = {BACKGROUND: "Erase", UNDEFINED: "Undefined"}.get(self.part, "")
         name = name or PARTS[self.part].title.replace("Left ", "").replace("Right ", "").capitalize()
-        number = f"{count:,}" if count and self.part != BACKGROUND else ""
+        number = f"{count:,}" if count and self.part != BACKGROUND and not low_tile else ""
         for place, align, text, size_px, bold, color in (
             (inside, left | above, self.key, 12, True, quiet),
             (centre, left | middle, name, 12, chosen, self.theme.text),
             (inside, side | low, number, 10, False, quiet),
         ):
             font = QFont(self.font())
-            font.setPixelSize(size_px)
+            font.setPixelSize(scaled(size_px))
             font.setBold(bold)
             painter.setFont(font)
             painter.setPen(QColor(color))
@@ -100,7 +106,7 @@ class Palette(QWidget):
         for column, text in enumerate(("THEIR RIGHT", "PARTS", "THEIR LEFT")):
             heading.addWidget(named(QLabel(text), "caption"), 0, column, aligns[column])
         grid.setSpacing(5)
-        laid(QVBoxLayout(self), heading, grid, gap=4, margins=(12, 8, 12, 10))
+        laid(QVBoxLayout(self), heading, grid, gap=4, margins=(12, 8, 12, 10)).setStretchFactor(grid, 1)
         self.tiles: dict[int, PartTile] = {}
         for row, parts in enumerate(BODY_GRID):
             for column, part in enumerate(parts):
@@ -110,7 +116,7 @@ class Palette(QWidget):
     def _tile(self, part: int, key: str) -> PartTile:
         tile = self.tiles[part] = PartTile(part, key, self)
         if part == UNDEFINED:
-            tile.setFixedHeight(44)
+            tile.setFixedHeight(scaled(HEIGHTS_PX[0] - 4))
         return tile
 
     def show_desk(self, desk: Desk, theme: Theme) -> None:
@@ -121,4 +127,6 @@ class Palette(QWidget):
             tile.chosen, tile.locked = part == desk.part, part in desk.locks
             alone = desk.alone and not tile.chosen
             tile.visibility = "hidden" if alone else desk.visibility.get(part, "shown")
+            held = [f"{tile.count} pixels", "chosen" * tile.chosen, "locked" * tile.locked, tile.visibility]
+            tile.setAccessibleDescription(", ".join(filter(None, held)))
             tile.update()

@@ -5,11 +5,13 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QWheelEvent
 from PySide6.QtWidgets import QWidget
 
+from annotate.array_types import UInt8
 from annotate.gui.drawing import Drawing, Tool
+from annotate.gui.veil import Veil, draw_scale, draw_words
 
 BRUSH_PX = (3.0, 120.0)
 """Least and greatest radius of the brush in logical pixels. Chosen by eye."""
@@ -18,9 +20,13 @@ _MODIFIER = Qt.KeyboardModifier
 
 @dataclass
 class Hand:
-    """The tool and its settings, shared by all views; see ``Drawing``."""
+    """The tool and its settings, shared by all views; see ``Drawing``.
+
+    once: the command that the next click carries out instead, "" for none.
+    """
 
     tool: Tool = "piece"
+    once: str = ""
     radius_px: float = 18.0
     through: bool = False
     only: bool = False
@@ -35,7 +41,8 @@ class Hand:
 class Pointing(QWidget):
     """A layer over a view that draws with the left button; the wheel with Shift sizes the brush.
 
-    It shows the shape being drawn, the brush, and a ring at the position in the other view, and repaints
+    It shows the shape being drawn, the brush, a ring at the position in the other view, the outline of what a
+    click would take (veil), words on the pixel under the pointer and the scale of the colours, and repaints
     without rendering the view below again. drawn: a finished Drawing. hovered: the pointer's position, or
     None when it left. sampled: Alt+click.
     """
@@ -51,6 +58,9 @@ class Pointing(QWidget):
         self.drawing: Drawing | None = None
         self.place: QPointF | None = None
         self._marker: QPointF | None = None
+        self._veil: Veil | None = None
+        self._words = ""
+        self.scale: tuple[str, str, UInt8] | None = None
         self._view = view
         view.setMouseTracking(True)
         view.installEventFilter(self)
@@ -63,14 +73,24 @@ class Pointing(QWidget):
             self._marker = place
             self.update()
 
+    def show_under_pointer(self, veil: Veil | None, words: str) -> None:
+        """Show what a click would take, and what is under the pointer."""
+        if veil is not None or self._veil is not None or words != self._words:
+            self._veil, self._words = veil, words
+            self.update()
+
     def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
         """Qt's hook."""
         painter = QPainter(self)
+        draw_scale(painter, QRectF(self.rect()), self.scale)
+        draw_words(painter, QRectF(self.rect()), self._words)
+        if self._veil and not self.drawing:
+            painter.drawImage(self._veil.corner, self._veil.image)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if self.drawing:
             self._draw_shape(painter, self.drawing)
         radius_px = self.hand.radius_px
-        if self.place and self.hand.tool == "brush":
+        if self.place and self.hand.tool == "brush" and not self.hand.once:
             _stroke(painter, partial(painter.drawEllipse, self.place, radius_px, radius_px))
         if self._marker:
             _stroke(painter, partial(painter.drawEllipse, self._marker, 6, 6))
@@ -103,6 +123,7 @@ class Pointing(QWidget):
         kind = event.type()
         if kind == QEvent.Type.Resize:
             self.resize(self._view.size())
+            self.show_under_pointer(None, "")
         elif kind == QEvent.Type.Leave:
             self.place = None
             self.update()
@@ -147,13 +168,15 @@ class Pointing(QWidget):
         x, y, held, hand = event.position().x(), event.position().y(), event.modifiers(), self.hand
         if held & _MODIFIER.AltModifier:
             self.sampled.emit()
-        elif self.drawing and hand.tool == "polygon":
+        elif self.drawing and self.drawing.tool == "polygon":
             self.drawing.corner(x, y)
         else:
             ctrl, shift = (bool(held & m) for m in (_MODIFIER.ControlModifier, _MODIFIER.ShiftModifier))
             through, only = hand.through ^ ctrl, hand.only ^ shift
             options = hand.radius_px, through, only, hand.room
-            self.drawing = Drawing(hand.tool, (x, y), *options, held_keys=ctrl + shift)
+            self.drawing = Drawing(
+                "piece" if hand.once else hand.tool, (x, y), *options, held_keys=ctrl + shift
+            )
         self.update()
 
     def _finish(self) -> None:

@@ -1,6 +1,7 @@
 """One frame as the window shows it: its points and the data for all colourings. No window here."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 
@@ -52,6 +53,15 @@ class FrameScene:
     def points_m(self) -> Float32:
         """Points (h * w, 3) in metres, depth-camera frame, NaN where there is no reading."""
         return self.cloud.points_m.reshape(-1, 3)
+
+    @cached_property
+    def depth_range_m(self) -> tuple[float, float]:
+        """Least and greatest depth of the colours of depth: the person's, with a margin; else the room's."""
+        depth_mm = self.labels.depth_mm
+        person = depth_mm[(self.labels.parts > 0) & (depth_mm > 0)]
+        known = person if len(person) else depth_mm[depth_mm > 0]
+        near, far = np.percentile(known, [1, 99]) / 1000 if len(known) else (1.0, 2.0)
+        return float(near) - 0.1, float(far) + 0.2
 
 
 class SceneReader:
@@ -118,12 +128,12 @@ class SceneReader:
 
 
 def find_session(labels: LabelSet) -> Path | None:
-    """The recording that the manifest names as source, if it is beside the label set."""
+    """The recording beside the label set: by the name of the manifest's source, or by the set's own name."""
+    path = labels.path.resolve()
     name = labels.info.get("source")
-    if not isinstance(name, str) or not name or Path(name).name != name:
-        return None
-    path = labels.path.resolve().parent / f"{name}.mcap"
-    return path if path.is_file() else None
+    names = [name] if isinstance(name, str) and name and Path(name).name == name else []
+    beside = [path.parent / f"{each}.mcap" for each in (*names, path.stem, path.name)]
+    return next((file for file in beside if file.is_file()), None)
 
 
 def _rig_frame(source: Session | FrameSource, index: int) -> RigFrame:

@@ -3,11 +3,21 @@
 from dataclasses import dataclass
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor, QGuiApplication, QPalette
+from PySide6.QtGui import QColor, QFontInfo, QGuiApplication, QPalette
 
 from annotate.parts import PARTS, UNDEFINED
 
 Rgb = tuple[int, int, int]
+USUAL_PX = 13
+"""Size of the desktop's font for which sizes are given, in logical pixels."""
+FONT_PX = (10, 26)
+"""Least and greatest size of the desktop's font that is followed, in logical pixels. Chosen by eye."""
+
+
+def scaled(px: float) -> int:
+    """A size in logical pixels at the desktop's own size of font."""
+    font_px = QFontInfo(QGuiApplication.font()).pixelSize()
+    return round(px * min(max(font_px, FONT_PX[0]), FONT_PX[1]) / USUAL_PX)
 
 
 @dataclass(frozen=True)
@@ -78,31 +88,42 @@ def qt_palette(theme: Theme) -> QPalette:
 def style_sheet(theme: Theme) -> str:
     """The style sheet of all widgets."""
     t = theme
+    body, small, title = scaled(13), scaled(11), scaled(14)
     return f"""
-    QWidget {{ color: {t.text}; font-size: 13px; }}
+    QWidget {{ color: {t.text}; font-size: {body}px; }}
     QMainWindow, QDialog, #panel {{ background: {t.surface}; }}
     QFrame#line {{ background: {t.line}; max-height: 1px; min-height: 1px; border: none; }}
-    QLabel#title {{ font-size: 14px; font-weight: 600; }}
+    QLabel#title {{ font-size: {title}px; font-weight: 600; }}
     QLabel#quiet, QLabel#caption {{ color: {t.quiet}; }}
-    QLabel#caption {{ font-size: 11px; font-weight: 600; letter-spacing: 1px; }}
+    QLabel#caption {{ font-size: {small}px; font-weight: 600; letter-spacing: 1px; }}
     QLabel#key {{ background: {t.raised}; border: 1px solid {t.line}; border-radius: 4px;
-        padding: 1px 6px; font-family: monospace; font-size: 12px; }}
-    QLabel#warn {{ color: {t.warn}; }}
+        padding: 0px 5px; font-family: monospace; font-size: {scaled(12)}px; }}
     QLabel#badge {{ border-radius: 9px; padding: 2px 10px; font-weight: 600; }}
+    QMenuBar, QMenu {{ background: {t.surface}; }}
+    QMenuBar::item {{ background: transparent; padding: 5px 7px; border-radius: 5px; }}
+    QMenu {{ border: 1px solid {t.line}; padding: 4px; }}
+    QMenu::item {{ padding: 4px 22px; border-radius: 4px; }}
+    QMenuBar::item:selected, QMenu::item:selected {{ background: {t.accent}; color: {t.on_accent}; }}
+    QMenu::item:disabled {{ color: {t.quiet}; background: transparent; }}
+    QMenu::separator {{ background: {t.line}; height: 1px; margin: 4px 8px; }}
     QToolButton, QPushButton {{ background: {t.raised}; border: 1px solid {t.line}; border-radius: 6px;
-        padding: 5px 10px; }}
+        padding: 3px 8px; }}
+    QToolButton::menu-indicator {{ image: none; }}
     QToolButton:hover, QPushButton:hover {{ border-color: {t.accent}; }}
     QToolButton:checked, QPushButton:default {{ background: {t.accent}; color: {t.on_accent};
         border-color: {t.accent}; }}
     QToolButton:disabled, QPushButton:disabled {{ color: {t.quiet}; background: {t.surface}; }}
-    QLineEdit {{ background: {t.raised}; border: 1px solid {t.line}; border-radius: 6px; padding: 6px 8px; }}
+    QLineEdit {{ background: {t.raised}; border: 1px solid {t.line}; border-radius: 6px; padding: 3px 7px; }}
     QLineEdit:focus {{ border-color: {t.accent}; }}
-    QListView {{ background: {t.surface}; border: none; outline: none; }}
+    QProgressBar {{ background: {t.raised}; border: none; border-radius: 3px; }}
+    QProgressBar::chunk {{ background: {t.good}; border-radius: 3px; }}
+    QListView, QScrollArea {{ background: {t.surface}; border: none; outline: none; }}
     QScrollBar:horizontal {{ background: {t.surface}; height: 8px; }}
     QScrollBar:vertical {{ background: {t.surface}; width: 8px; }}
     QScrollBar::handle {{ background: {t.line}; border-radius: 4px; min-width: 32px; min-height: 32px; }}
     QScrollBar::add-line, QScrollBar::sub-line {{ width: 0; height: 0; }}
     QScrollBar::add-page, QScrollBar::sub-page {{ background: transparent; }}
-    QSplitter::handle {{ background: {t.line}; }}
+    QSplitter::handle {{ background: {t.line}; border: 2px solid {t.surface}; border-radius: 3px; }}
+    QSplitter::handle:hover {{ background: {t.accent}; }}
     QToolTip {{ background: {t.raised}; color: {t.text}; border: 1px solid {t.line}; padding: 4px; }}
     """

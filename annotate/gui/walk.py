@@ -1,107 +1,161 @@
-"""The frames of a set in order: the next one, the previous one, and reading ahead. No window here."""
+"""The frames of a set in order: the next one to do, orders and filters, and reading ahead. No window here."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Literal
 
-from annotate.correction.correction import Correction, RestorableError
+from annotate.array_types import UInt8
+from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
 from annotate.correction.propagate import FRAMES_COMPARED
+from annotate.correction.queue import Progress, confidence_of, progress, review_queue
+from annotate.correction.replay import STATE_NAMES, State
 from annotate.gui.scene import FrameScene, SceneReader
 from sensors.errors import CloudError
 
 SCENES_KEPT = 6
 """Number of scenes in memory: the one shown, those around it, and the one before. Chosen by eye."""
-Opened = tuple[FrameScene, Editor | None]
-"""A frame for the desk; without an editor where the set is open read-only."""
+Order = Literal["time", "worst", "review"]
+ORDERS: dict[Order, str] = {"time": "By time", "worst": "Worst first", "review": "For review"}
+Filter = Literal["all", "unfinished"] | State
+FILTERS: dict[Filter, str] = {
+    "all": "All frames",
+    "unfinished": "Unfinished",
+    **{state: name.capitalize() for state, name in STATE_NAMES.items()},
+}
+UNFINISHED: tuple[State, ...] = ("auto", "touched")
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A frame for the desk. editor: None where the set is open read-only. before: parts (h, w) of the frame
+    before in time, None where there is none that can be read."""
+
+    scene: FrameScene
+    editor: Editor | None
+    before: UInt8 | None
 
 
 class Walk:
-    """The frames of one set. ask_restore: returns whether to rebuild a broken frame, given the error.
+    """The frames of one set. frame_ids: those shown, in order. reasons: by frame, for reviewers."""
 
-    worst_first: the order, else by time. frame_ids: in this order.
-    """
-
-    def __init__(
-        self, correction: Correction, reader: SceneReader, ask_restore: Callable[[str], bool]
-    ) -> None:
-        self.correction, self._ask_restore = correction, ask_restore
+    def __init__(self, correction: Correction, reader: SceneReader) -> None:
+        self.correction = correction
         self._read, self._pool = reader.read, ThreadPoolExecutor(1, "prefetch")
         self._scenes: dict[str, Future[FrameScene]] = {}
-        self.worst_first = False
-        self.frame_ids = correction.labels.frame_ids
-        self._others_done = 0
+        self.order: Order = "time"
+        self.filter: Filter = "all"
+        self.all_ids = correction.labels.frame_ids
+        self.frame_ids = self.all_ids
+        self.reasons: dict[str, str] = {}
+        self._confidence: dict[str, float | None] = {}
 
-    def reorder(self) -> None:
-        """Switch to the other order."""
-        self.worst_first = not self.worst_first
-        self.frame_ids = self.correction.labels.frame_ids
-        if self.worst_first:
-            self.frame_ids.sort(key=self._confidence)
+    def arrange(self, order: Order, kept: Filter, frame_id: str) -> None:
+        """Choose an order and a filter; the frame that is open is shown whatever they are."""
+        self.order, self.filter = order, kept
+        found = [i for i in self.all_ids if i == frame_id or self._passes(i)]
+        if order == "review":
+            queue = review_queue(self.correction)
+            self.reasons = {queued.frame_id: queued.reason for queued in queue}
+            rank = {i: n for n, i in enumerate(self.reasons)}
+            found.sort(key=lambda i: rank.get(i, len(rank)))
+        elif order == "worst":
+            found.sort(key=lambda i: 2.0 if (known := self.confidence(i)) is None else known)
+        self.frame_ids = found
 
-    def first(self) -> Opened:
-        """The first frame that nobody has finished, or else the first that can be read.
+    def _passes(self, frame_id: str) -> bool:
+        state = self.correction.state(frame_id)
+        return self.filter in ("all", state) or (self.filter == "unfinished" and state in UNFINISHED)
 
-        Raises what reading the first one raised when none can, CloudError for an empty set.
+    def first(self) -> list[str]:
+        """Frames to try to open first: those that nobody has finished, then the others.
+
+        Raises CloudError for an empty set.
         """
-        error: CloudError | None = None
-        for frame_id in sorted(self.frame_ids, key=self._is_done):
-            try:
-                return self.open(frame_id)
-            except CloudError as reason:
-                error = error or reason
-        raise error or CloudError(f"{self.correction.labels.path} holds no frames; label a recording first")
+        if not self.all_ids:
+            raise CloudError(f"{self.correction.labels.path} holds no frames; label a recording first")
+        return sorted(self.all_ids, key=lambda i: self.correction.state(i) not in UNFINISHED)
 
-    def open(self, frame_id: str) -> Opened:
-        """A frame, its broken files restored where the user agrees. Raises CloudError."""
-        scene = self._scene(frame_id)
+    def read(self, frame_id: str) -> FrameScene:
+        """A frame's scene, waited for where it is not there yet; read anew next time where reading fails.
+
+        Any thread may call this. Raises CloudError.
+        """
+        self._want([frame_id])
+        try:
+            return self._scenes[frame_id].result()
+        except BaseException:
+            self._scenes.pop(frame_id, None)
+            raise
+
+    def before(self, frame_id: str) -> str | None:
+        """The frame before in time."""
+        at = self.all_ids.index(frame_id)
+        return self.all_ids[at - 1] if at else None
+
+    def parts_before(self, frame_id: str) -> UInt8 | None:
+        """Parts (h, w) of the frame before in time, as they stand; any thread may call this."""
+        before = self.before(frame_id)
+        try:
+            return self.correction.frame(before).parts if before else None
+        except CloudError:
+            return None
+
+    def begin(self, scene: FrameScene, before: UInt8 | None) -> Opened:
+        """Begin to edit a frame, and to read those that will be needed next. Raises CloudError."""
+        frame_id = scene.labels.frame_id
         editor = None if self.correction.read_only else self.correction.edit(frame_id)
-        at = self.frame_ids.index(frame_id)
-        self._want([*self.frame_ids[max(0, at - 1) : at + 3], frame_id])
-        self._others_done = sum(self._is_done(i) for i in self.frame_ids if i != frame_id)
-        return scene, editor
-
-    def done(self, frame_id: str) -> int:
-        """Number of finished frames while this one is open: only its own state can change."""
-        return self._others_done + self._is_done(frame_id)
+        at = self.frame_ids.index(frame_id) if frame_id in self.frame_ids else 0
+        ahead = [self.next_unfinished(frame_id), *self.frame_ids[max(0, at - 1) : at + 3], frame_id]
+        self._want(i for i in ahead if i)
+        return Opened(scene, editor, before)
 
     def beside(self, frame_id: str, by: int) -> str | None:
         """The frame ``by`` places on in the order, or None."""
         at = self.frame_ids.index(frame_id) + by
         return self.frame_ids[at] if 0 <= at < len(self.frame_ids) else None
 
-    def before(self, frame_id: str) -> str:
-        """The frame before in time. Raises CloudError for the first."""
-        frame_ids = self.correction.labels.frame_ids
-        at = frame_ids.index(frame_id)
-        if not at:
-            raise CloudError("This is the first frame; there is none before it")
-        return frame_ids[at - 1]
+    def next_unfinished(self, frame_id: str) -> str | None:
+        """The next frame in the order that waits for this person, after the last one the first; or None."""
+        at = self.frame_ids.index(frame_id) + 1
+        return next((i for i in (*self.frame_ids[at:], *self.frame_ids[:at]) if self.waits(i)), None)
+
+    def waits(self, frame_id: str) -> bool:
+        """Whether a frame waits for this person: unfinished, or in the order for review unreviewed."""
+        state = self.correction.state(frame_id)
+        if self.order != "review":
+            return state in UNFINISHED
+        return state == "accepted" and self.correction.next_verdict(frame_id) == "agree"
+
+    def progress(self) -> Progress:
+        """How far the work on the whole set is."""
+        return progress(self.correction, self.all_ids)
+
+    def confidence(self, frame_id: str) -> float | None:
+        """Mean confidence of a frame's labels; -1 where its notes cannot be read, None where unknown."""
+        if frame_id not in self._confidence:
+            self._confidence[frame_id] = confidence_of(self.correction, frame_id)
+        return self._confidence[frame_id]
 
     def corrected_near(self, frame_id: str) -> list[str]:
         """Ids of the frames nearest in time, before and after, that people corrected or accepted.
 
         Raises CloudError where there are none.
         """
-        frame_ids = self.correction.labels.frame_ids
-        at = frame_ids.index(frame_id)
-        near = sorted(range(len(frame_ids)), key=lambda i: (abs(i - at), i))
-        done = [frame_ids[i] for i in near if self.correction.state(frame_ids[i]) not in ("auto", "rejected")]
+        at = self.all_ids.index(frame_id)
+        near = sorted(range(len(self.all_ids)), key=lambda i: (abs(i - at), i))
+        done = [i for i in (self.all_ids[n] for n in near) if self._votes(i)]
         if not (found := [i for i in done if i != frame_id][:FRAMES_COMPARED]):
             raise CloudError("No frame has been corrected yet: there is nothing to carry over")
         return found
 
+    def _votes(self, frame_id: str) -> bool:
+        return self.correction.state(frame_id) not in ("auto", "rejected")
+
     def close(self) -> None:
         """Stop reading ahead."""
         self._pool.shutdown(wait=True, cancel_futures=True)
-
-    def _scene(self, frame_id: str) -> FrameScene:
-        try:
-            return self._take(frame_id)
-        except RestorableError as error:
-            if self.correction.read_only or not self._ask_restore(str(error)):
-                raise
-            self.correction.restore(frame_id)
-            return self._take(frame_id)
 
     def _want(self, frame_ids: Iterable[str]) -> None:
         """Begin to read frames that will be needed, and forget those that were needed longest ago."""
@@ -110,23 +164,3 @@ class Walk:
             self._scenes[frame_id] = known or self._pool.submit(self._read, frame_id)
         for frame_id in list(self._scenes)[:-SCENES_KEPT]:
             self._scenes.pop(frame_id).cancel()
-
-    def _take(self, frame_id: str) -> FrameScene:
-        """A frame's scene, waited for where it is not there yet; read anew next time where reading fails."""
-        self._want([frame_id])
-        try:
-            return self._scenes[frame_id].result()
-        except BaseException:
-            del self._scenes[frame_id]
-            raise
-
-    def _is_done(self, frame_id: str) -> bool:
-        return self.correction.state(frame_id) not in ("auto", "touched")
-
-    def _confidence(self, frame_id: str) -> float:
-        """A frame's confidence from its notes; unreadable frames sort first, frames without one last."""
-        try:
-            value = self.correction.labels.notes(frame_id).get("confidence")
-        except CloudError:
-            return -1.0
-        return float(value) if isinstance(value, int | float) else 2.0

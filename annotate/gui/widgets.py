@@ -5,7 +5,7 @@ from typing import TypeVar
 from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QIcon, QPainter, QPainterPath, QPen, QPixmap
 from PySide6.QtSvg import QSvgRenderer
-from PySide6.QtWidgets import QBoxLayout, QLayout, QWidget
+from PySide6.QtWidgets import QBoxLayout, QFrame, QLayout, QToolButton, QWidget
 
 from annotate.gui.theme import Theme
 
@@ -27,6 +27,19 @@ _SHAPES = {
     "through": '<path d="M5 5h13v13h-13z"/><path d="M12 12h13v13h-13z" stroke-dasharray="2 4"/>',
     "only": '<circle cx="15" cy="15" r="10"/><circle cx="15" cy="15" r="4" fill="COLOR"/>',
     "room": '<circle cx="15" cy="9" r="4"/><path d="M22 24A7 9 0 0 0 8 24M4 26V4H26V26"/>',
+    "undo": '<path d="M11 5L5 11L11 17"/><path d="M5 11H18A7 6 0 0 1 18 24H11"/>',
+    "redo": '<path d="M19 5L25 11L19 17"/><path d="M25 11H12A7 6 0 0 0 12 24H19"/>',
+    "swap": '<path d="M4 10H26M20 4L26 10L20 16M26 20H4M10 14L4 20L10 26"/>',
+    "neighbour": '<path d="M4 6h10v18h-10z" fill="COLOR" fill-opacity=".4"/><path d="M14 6h12v18h-12z'
+    'M10 15H21M17 11L21 15L17 19"/>',
+    "merge": '<path d="M4 4h10v10h-10z"/><path d="M16 16h10v10h-10z" fill="COLOR"/><path d="M15 15L19 19"/>',
+    "remove_islands": '<ellipse cx="13" cy="17" rx="9" ry="8"/><circle cx="25" cy="6" r="2.5"/>'
+    '<path d="M20 2L29 11"/>',
+    "fill_holes": '<ellipse cx="15" cy="15" rx="11" ry="10"/><circle cx="16" cy="14" r="4" fill="COLOR"/>',
+    "copy_previous": '<path d="M4 8h13v17h-13z" stroke-dasharray="3 3"/><path d="M12 4h14v17h-14z"/>',
+    "propagate": '<path d="M3 7h8v16h-8z" fill="COLOR" fill-opacity=".4"/>'
+    '<path d="M13 15H27M21 9L27 15L21 21"/>',
+    "carry": '<path d="M3 15H16M10 9L16 15L10 21M15 9L21 15L15 21M27 7V23"/>',
     "locked": _LOCK + '<path d="M11.5 8A3 4.5 0 0 0 5.5 8"/>',
     "unlocked": _LOCK + '<path d="M14.5 8A3 4.5 0 0 0 8.5 8"/>',
     "shown": _EYE + ' fill="COLOR"/>',
@@ -65,6 +78,22 @@ def laid(
     return layout
 
 
+def line(vertical: bool = False) -> QFrame:
+    """A thin line between areas."""
+    made = named(QFrame(), "line")
+    if vertical:
+        made.setStyleSheet("max-height: 100000px; min-width: 1px; max-width: 1px")
+    return made
+
+
+def button(text: str) -> QToolButton:
+    """A button with words, which leaves the keys to the window."""
+    made = QToolButton()
+    made.setText(text)
+    made.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    return made
+
+
 def draw_card(
     painter: QPainter, place: QRectF, radius: float, theme: Theme, chosen: bool, stripe: QColor | None = None
 ) -> None:
@@ -82,7 +111,7 @@ def draw_card(
 
 
 def icon(name: str, color: str, ratio: float) -> QIcon:
-    """The picture of a tool in a colour, sharp at a screen's pixel ratio; blank for commands without one."""
+    """The picture of a tool in a colour, sharp at a screen's pixel ratio."""
     pixmap = QPixmap(ICON * ratio)
     pixmap.setDevicePixelRatio(ratio)
     pixmap.fill(Qt.GlobalColor.transparent)

@@ -1,9 +1,11 @@
 """Depth, part, confidence and probability images as PNG bytes, bounded and checked on the way in."""
 
 import io
+import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,7 +18,7 @@ from annotate.crop import SIZE, Crop, crop_from_note
 from annotate.parts import N_CLASSES, palette_rgb
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
-from sensors.files.png import decode_grey, png_shape
+from sensors.files.png import PNG_MAGIC, decode_grey, png_shape
 
 V = TypeVar("V")
 
@@ -42,7 +44,7 @@ def decode_depth(data: bytes) -> UInt16:
 
 def encode_confidence(confidence: Float32) -> bytes:
     """float (h, w) in [0, 1] -> 8-bit greyscale PNG in steps of 1/255."""
-    return encode_png(np.rint(np.clip(confidence, 0, 1) * 255).astype(np.uint8))
+    return encode_png(_steps(confidence))
 
 
 def decode_confidence(data: bytes) -> Float32:
@@ -50,13 +52,35 @@ def decode_confidence(data: bytes) -> Float32:
     return decode_grey(data, np.uint8, "confidence").astype(np.float32) / np.float32(255)
 
 
+def stored_confidence(confidence: Float32) -> Float32:
+    """Confidence (h, w) as it reads back once stored."""
+    return _steps(confidence).astype(np.float32) / np.float32(255)
+
+
+def _steps(confidence: Float32) -> UInt8:
+    return np.rint(np.clip(confidence, 0, 1) * 255).astype(np.uint8)
+
+
 def encode_parts(parts: UInt8) -> bytes:
     """uint8 (h, w) part ids -> 8-bit palette PNG, so that any viewer shows the parts' colours."""
-    image = Image.fromarray(parts, mode="L")
-    image.putpalette(palette_rgb().tobytes())
-    buffer = io.BytesIO()
-    image.save(buffer, format="PNG", compress_level=PNG_LEVEL, compress_type=zlib.Z_RLE)
-    return buffer.getvalue()
+    height, width = parts.shape
+    rows = np.zeros((height, width + 1), np.uint8)  # Each begins with the number of its filter: none.
+    rows[:, 1:] = parts
+    packer = zlib.compressobj(PNG_LEVEL, zlib.DEFLATED, zlib.MAX_WBITS, 9, zlib.Z_RLE)
+    size = struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)
+    data = packer.compress(rows.tobytes()) + packer.flush()
+    chunks = (b"IHDR", size), (b"PLTE", _palette()), (b"IDAT", data)
+    return PNG_MAGIC + b"".join(_chunk(*chunk) for chunk in (*chunks, (b"IEND", b"")))
+
+
+@cache
+def _palette() -> bytes:
+    return palette_rgb().tobytes()
+
+
+def _chunk(name: bytes, data: bytes) -> bytes:
+    """A chunk of a PNG (ISO/IEC 15948): length, name, data, checksum."""
+    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
 
 
 def decode_parts(data: bytes) -> UInt8:

@@ -4,7 +4,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -234,6 +234,12 @@ class LabelSet:
         if image.shape != self.intrinsics.shape:
             raise FormatError(f"{file} is {image.shape}, the label set {self.intrinsics.shape}; restore it")
         return image
+
+
+def as_read(frame: FrameLabels) -> FrameLabels:
+    """A frame's labels as they read back once written: confidence in steps, notes as JSON keeps them."""
+    confidence = None if frame.confidence is None else images.stored_confidence(frame.confidence)
+    return replace(frame, confidence=confidence, notes=json.loads(_dump(frame.notes)))
 
 
 def validate(labels: LabelSet) -> list[str]:

@@ -6,13 +6,13 @@ count for the sofa, and hair and cold cloth follow the surface that they continu
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import cv2
 import numpy as np
 
-from annotate.array_types import Bool, Float32
+from annotate.array_types import Bool, Float32, UInt8
 from annotate.cloud.color_odds import color_odds, lab_of
 from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
@@ -21,6 +21,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.person.clothed_mask import PatchClues, clothed_odds, patch_clues
 from annotate.person.depth_finder import people_in
 from annotate.person.evidence import Evidence, previous_evidence, thermal_evidence
+from annotate.person.known import Known, numbers_of
 from annotate.person.persons import Person, persons_of, with_joined_halves
 from annotate.person.pixel_odds import plane_odds
 from annotate.person.planes import Plane, close_to, find_planes, lies_on, normals_at
@@ -76,24 +77,32 @@ class PersonMask:
     """Pixels (h, w) of the person in the undistorted depth image, all with a reading.
 
     method: "thermal"; "before" where the cloud has no temperature but the frame before had; "depth" in
-    recordings without temperature. others: bool (h, w), pixels of other persons. notes: remarks for the
-    user, e.g. why the mask is empty. trusted: False where the frame is unreliable; a note then names the
-    stream and the remedy. candidates: with a suit, for a second decision.
+    recordings without temperature. persons: uint8 (h, w), 0 nobody, 1 the subject, 2 and on others, whose
+    numbers last over a recording; known: those seen so far. notes: remarks for the user, e.g. why the mask is
+    empty. trusted: False where the frame is unreliable; a note then names the stream and the remedy.
+    candidates: with a suit, for a second decision.
     """
 
     mask: Bool
     method: Literal["thermal", "depth", "before"]
-    others: Bool
+    persons: UInt8
     notes: tuple[str, ...] = ()
     trusted: bool = True
     candidates: MaskCandidates | None = None
+    known: Known = field(default_factory=list)
+
+    @property
+    def others(self) -> Bool:
+        """Pixels (h, w) of other persons."""
+        return np.asarray(self.persons > 1, np.bool_)
 
 
 class Survey:
     """Everything about the persons of one cloud that needs no other frame, for work ahead of its turn.
 
     window_c: surface temperatures of a person, degrees Celsius; None = found from the frame itself. suit:
-    palette of the person's clothing, whose colours part them from things on them.
+    palette of the person's clothing, whose colours part them from things on them. everybody: all persons are
+    to be labelled: whoever was the subject keeps number 1, and none need stand out.
     """
 
     def __init__(
@@ -102,13 +111,16 @@ class Survey:
         window_c: tuple[float, float] | None = None,
         suit: Suit | None = None,
         engine: Engine | None = None,
+        *,
+        everybody: bool = False,
     ) -> None:
-        self.cloud, self._suit, self._engine = cloud, suit, engine or Engine()
+        self.cloud, self._suit, self._engine, self._everybody = cloud, suit, engine or Engine(), everybody
         steps = self._engine.steps
         self._warm: _Silhouettes | None = None
         if np.isfinite(cloud.temperature_c).any():
             evidence = thermal_evidence(cloud, window_c, self._planes(), suit, steps)
             self._warm = _Silhouettes(cloud, evidence, steps)
+        self._by_depth = [] if self._warm else people_in(cloud)
 
     def _planes(self) -> tuple[Plane, ...]:
         """Planes of the whole cloud; none without that step."""
@@ -125,21 +137,44 @@ class Survey:
             felt = before is not None and before.notes.get("extraction") in ("thermal", "before")
             previous = previous_evidence(cloud, before, self._planes()) if felt else None
             if previous is None:
-                found = _depth_mask(cloud, before)
+                found = self._depth_mask(before)
                 return replace(found, method="before", notes=(LOST,), trusted=False) if felt else found
             silhouettes = _Silhouettes(cloud, previous, self._engine.steps)
         evidence = silhouettes.evidence
         persons, candidates = self._persons(silhouettes, before)
-        mask, others = np.zeros((2, *cloud.valid.shape), np.bool_)
         if not persons:
             notes = (evidence.nobody, *evidence.warnings)
-            return PersonMask(mask, evidence.method, others, notes, not evidence.warnings)
-        for person in persons[1:]:
-            others |= person.mask
-        crowded = crowd_warnings(persons, before, cloud if self._suit else None)
+            return replace(
+                self._numbered([], evidence.method, before), notes=notes, trusted=not evidence.warnings
+            )
+        crowded = [] if self._everybody else crowd_warnings(persons, before, cloud if self._suit else None)
         warnings = [*evidence.warnings, *crowded, *cut_warnings(persons[0].mask)]
+        found = self._numbered(persons, evidence.method, before)
         notes = (*evidence.notes, *warnings)
-        return PersonMask(persons[0].mask, evidence.method, others, notes, not warnings, candidates)
+        return replace(found, notes=notes, trusted=not warnings, candidates=candidates)
+
+    def _depth_mask(self, before: FrameLabels | None) -> PersonMask:
+        """Mask by depth alone; before: labels of the frame before, whose subject stays the subject."""
+        persons = sorted(self._by_depth, key=lambda person: -subject_score(person, before, None))
+        found = self._numbered(persons, "depth", before)
+        if not persons:
+            return replace(found, notes=(NOBODY,))
+        crowded = [] if self._everybody else crowd_warnings(persons, before, None)
+        warnings = [*crowded, *cut_warnings(persons[0].mask)]
+        return replace(found, notes=(BY_DEPTH, *warnings), trusted=not warnings)
+
+    def _numbered(
+        self,
+        persons: Sequence[Person],
+        method: Literal["thermal", "depth", "before"],
+        before: FrameLabels | None,
+    ) -> PersonMask:
+        """Masks and numbers of persons, the subject first."""
+        numbers, known = numbers_of(persons, before, subject_first=not self._everybody)
+        whose = np.zeros(self.cloud.valid.shape, np.uint8)
+        for person, number in zip(reversed(persons), reversed(numbers), strict=True):
+            whose[person.mask] = number
+        return PersonMask(whose == 1, method, whose, known=known)
 
     def _persons(
         self, silhouettes: "_Silhouettes", before: FrameLabels | None
@@ -159,17 +194,6 @@ class Survey:
             odds = np.zeros_like(odds)
         dressed = silhouettes.dressed(persons, odds) if odds.any() else persons
         return dressed, MaskCandidates(clues, odds, room, silhouettes, persons)
-
-
-def _depth_mask(cloud: ThermalCloud, before: FrameLabels | None) -> PersonMask:
-    """Mask by depth alone; before: labels of the frame before, whose subject stays the subject."""
-    none = np.zeros(cloud.valid.shape, np.bool_)
-    persons = sorted(people_in(cloud), key=lambda person: -subject_score(person, before, None))
-    if not persons:
-        return PersonMask(none, "depth", none, (NOBODY,))
-    others = np.logical_or.reduce([none, *(person.mask for person in persons[1:])])
-    warnings = [*crowd_warnings(persons, before, None), *cut_warnings(persons[0].mask)]
-    return PersonMask(persons[0].mask, "depth", others, (BY_DEPTH, *warnings), not warnings)
 
 
 class _Silhouettes:

@@ -1,6 +1,7 @@
 """Parts and confidence (h, w) of a person's points, by the suit's colours, time and the part tree."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -63,7 +64,8 @@ class Segmentation:
     """Parts uint8 (h, w) over the depth image, and their confidence float32 (h, w), 0 off the person.
 
     notes: remarks for the reviewer. probabilities: of all classes, if a network's are to be kept. reading:
-    the beliefs behind the labels, if read from a suit.
+    the beliefs behind the labels, if read from a suit. bearing: what a network says of the whole person, as
+    a frame's note.
     """
 
     parts: UInt8
@@ -71,6 +73,7 @@ class Segmentation:
     notes: tuple[str, ...] = ()
     probabilities: Probabilities | None = None
     reading: SuitReading | None = None
+    bearing: dict[str, Any] | None = None
 
 
 def segment(

@@ -1,65 +1,14 @@
-"""The networks: a compact U-Net, the paper's FCN as far as it can be rebuilt, larger U-Nets."""
+"""Networks to compare with: the paper's FCN as far as it can be rebuilt, larger U-Nets of a library."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 
 from annotate.parts import N_CLASSES
+from eval.network.answer import Answer
+from eval.network.compact import convolution
 from sensors.errors import CloudError
-
-
-def _convolution(c_in: int, c_out: int, side: int = 3, pad: int = 1, stride: int = 1) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(c_in, c_out, side, stride, pad, bias=False), nn.BatchNorm2d(c_out), nn.ReLU(inplace=True)
-    )
-
-
-@dataclass(frozen=True)
-class CompactConfig:
-    """Channels after the stem and after each of the four halvings."""
-
-    widths: tuple[int, ...] = (24, 32, 48, 64, 96)
-
-
-class CompactUNet(nn.Module):
-    """Depth crop in [0, 1] -> class scores, at the same resolution.
-
-    The stem halves the image at once and a pixel shuffle restores it at the end: nearly all work is done
-    at a quarter of the pixels, which is what makes training on two cores affordable.
-    """
-
-    def __init__(self, config: CompactConfig = CompactConfig()) -> None:
-        super().__init__()
-        w = config.widths
-        self.stem = _convolution(1, w[0], stride=2)
-        self.down = nn.ModuleList(
-            nn.Sequential(_convolution(a, b, stride=2), _convolution(b, b)) for a, b in pairwise(w)
-        )
-        self.up = nn.ModuleList(
-            _convolution(below + skip, skip) for skip, below in zip(w[-2::-1], w[:0:-1], strict=True)
-        )
-        self.refine = _convolution(w[0] + 4, w[0])
-        self.head = nn.Conv2d(w[0], 4 * N_CLASSES, 1)
-
-    def forward(self, depth: Tensor) -> Tensor:
-        """(B, 1, H, W) float32 -> (B, 12, H, W) scores. H and W even."""
-        x = self.stem(depth)
-        skips = [x]
-        for stage in self.down:
-            x = stage(x)
-            skips.append(x)
-        skips.pop()
-        for stage in self.up:
-            skip = skips.pop()
-            x = nn.functional.interpolate(x, size=skip.shape[-2:], mode="nearest")
-            x = stage(torch.cat([x, skip], dim=1))
-        # The raw pixels again, so that the last stage sees edges at full resolution.
-        x = self.refine(torch.cat([x, nn.functional.pixel_unshuffle(depth, 2)], dim=1))
-        scores: Tensor = nn.functional.pixel_shuffle(self.head(x), 2)
-        return scores
-
 
 STAGES = ((1, 1), (2, 2), (4, 4, 4), (8, 8, 8), (8, 8, 8))
 """VGG-16: channels of each stage's 3x3 convolutions, in multiples of the base; a halving ends each stage."""
@@ -98,13 +47,13 @@ class PaperFcn(nn.Module):
         for stage in widths:
             layers: list[nn.Module] = []
             for width in stage:
-                layers += _convolution(before, width, 3, FIRST_PAD if before == 1 else 1)
+                layers += convolution(before, width, 3, FIRST_PAD if before == 1 else 1)
                 before = width
             self.stages.append(nn.Sequential(*layers, nn.MaxPool2d(2, ceil_mode=True)))
         self.dense = nn.Sequential(
-            *_convolution(before, config.dense, 7, 0),
+            *convolution(before, config.dense, 7, 0),
             nn.Dropout2d(0.5),
-            *_convolution(config.dense, config.dense, 1, 0),
+            *convolution(config.dense, config.dense, 1, 0),
             nn.Dropout2d(0.5),
         )
         self.skips = nn.ModuleList(
@@ -118,8 +67,8 @@ class PaperFcn(nn.Module):
             # As Long et al. 2015: a scoring layer starts from nothing, so the loss starts near log(12).
             nn.init.zeros_(skip.get_parameter("0.weight"))
 
-    def forward(self, depth: Tensor) -> Tensor:
-        """(B, 1, h, w) float32 -> (B, 12, h, w) scores."""
+    def forward(self, depth: Tensor) -> Answer:
+        """(B, 1, h, w) float32 -> scores (B, 12, h, w)."""
         x, pooled = depth, []
         for stage in self.stages:
             x = stage(x)
@@ -127,7 +76,7 @@ class PaperFcn(nn.Module):
         x = self.up[0](self.dense(x))
         for up, skip, features in zip(self.up[1:], self.skips, pooled[-2::-1], strict=True):
             x = up(x + _centre(skip(features), x.shape[-2:]))
-        return _centre(x, depth.shape[-2:])
+        return Answer(_centre(x, depth.shape[-2:]))
 
 
 def _centre(x: Tensor, size: torch.Size) -> Tensor:
@@ -166,7 +115,7 @@ class SmpConfig:
 
 
 class SmpUnet(nn.Module):
-    """As `CompactUNet`, by segmentation-models-pytorch; starts from random weights, offline.
+    """A U-Net by segmentation-models-pytorch; starts from random weights, offline.
 
     Raises CloudError when the library is missing or knows no such encoder.
     """
@@ -191,10 +140,10 @@ class SmpUnet(nn.Module):
                 "pip install segmentation-models-pytorch, or take another --network"
             ) from error
 
-    def forward(self, depth: Tensor) -> Tensor:
-        """(B, 1, h, w) float32 -> (B, 12, h, w) scores."""
+    def forward(self, depth: Tensor) -> Answer:
+        """(B, 1, h, w) float32 -> scores (B, 12, h, w)."""
         h, w = depth.shape[-2:]
         down, right = -h % SMP_STRIDE, -w % SMP_STRIDE
         padded = nn.functional.pad(depth, (right // 2, right - right // 2, down // 2, down - down // 2))
         scores: Tensor = self.unet(padded)
-        return scores[..., down // 2 : down // 2 + h, right // 2 : right // 2 + w]
+        return Answer(scores[..., down // 2 : down // 2 + h, right // 2 : right // 2 + w])

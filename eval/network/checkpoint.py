@@ -52,22 +52,27 @@ class Progress:
 
 
 def save_checkpoint(
-    path: Path, model: nn.Module, optimizer: torch.optim.Optimizer, progress: Progress
+    path: Path, model: nn.Module, average: nn.Module, optimizer: torch.optim.Optimizer, progress: Progress
 ) -> None:
     """Write all that a training needs to go on, atomically. Raises CloudError where the disk refuses it."""
     tensors = {f"model.{name}": value.contiguous() for name, value in model.state_dict().items()}
+    if average is not model:
+        tensors |= {f"average.{name}": value.contiguous() for name, value in average.state_dict().items()}
     for index, entry in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer.{index}.{name}": value.contiguous() for name, value in entry.items()}
     _write(path, tensors, {"progress": json.dumps(asdict(progress))})
 
 
-def load_checkpoint(path: Path, model: nn.Module, optimizer: torch.optim.Optimizer) -> Progress:
-    """Put model and optimizer where they were. Raises FormatError when the file is no such checkpoint."""
+def load_checkpoint(
+    path: Path, model: nn.Module, average: nn.Module, optimizer: torch.optim.Optimizer
+) -> Progress:
+    """Put model, average and optimizer where they were. Raises FormatError when it is no such checkpoint."""
     try:
         tensors, meta = _read(path)
-        of_model = {name[6:]: value for name, value in tensors.items() if name.startswith("model.")}
-        check_fits(path, model, of_model)
-        model.load_state_dict(of_model)
+        for prefix, network in (("model.", model), ("average.", average))[: 1 if average is model else 2]:
+            own = {n.removeprefix(prefix): value for n, value in tensors.items() if n.startswith(prefix)}
+            check_fits(path, network, own)
+            network.load_state_dict(own)
         optimizer.load_state_dict({**optimizer.state_dict(), "state": _optimizer_state(tensors)})
         fields = json.loads(meta["progress"])
         fields["points"] = [Point(**point) for point in fields["points"]]

@@ -11,7 +11,8 @@ from torch import Tensor, nn
 
 from annotate.crop import SIZE
 from annotate.parts import BACKGROUND, N_CLASSES
-from eval.network.architectures import CompactConfig, CompactUNet, PaperConfig, PaperFcn, SmpConfig, SmpUnet
+from eval.network.architectures import PaperConfig, PaperFcn, SmpConfig, SmpUnet
+from eval.network.compact import CompactConfig, CompactUNet
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import replacing
 
@@ -19,7 +20,7 @@ NetworkConfig = CompactConfig | PaperConfig | SmpConfig
 
 
 def build(config: NetworkConfig) -> nn.Module:
-    """The untrained network: (B, 1, h, w) depth in [0, 1] -> (B, 12, h, w) class scores."""
+    """The untrained network: (B, 1, h, w) depth in [0, 1] -> `Answer`."""
     match config:
         case CompactConfig():
             return CompactUNet(config)
@@ -33,7 +34,7 @@ def described(config: NetworkConfig) -> dict[str, Any]:
     """A configuration as JSON values, with its kind."""
     match config:
         case CompactConfig():
-            return {"kind": "compact", "widths": list(config.widths)}
+            return {"kind": "compact", "widths": list(config.widths), "layers": config.layers}
         case PaperConfig():
             return {"kind": "paper", **asdict(config)}
         case SmpConfig():
@@ -44,8 +45,8 @@ def config_from(description: dict[str, Any]) -> NetworkConfig:
     """Inverse of `described`. Raises FormatError when it does not describe a network."""
     try:
         match description:
-            case {"kind": "compact", "widths": widths, **rest} if not rest:
-                return CompactConfig(_widths(widths))
+            case {"kind": "compact", "widths": widths, "layers": layers, **rest} if not rest:
+                return CompactConfig(_widths(widths), _width(layers))
             case {"kind": "paper", "base": base, "dense": dense, **rest} if not rest:
                 return PaperConfig(_width(base), _width(dense))
             case {"kind": "smp", "encoder": str(encoder), "decoder": decoder, **rest} if not rest:
@@ -77,35 +78,50 @@ def _encoder(name: str) -> str:
 
 
 class _Labeller(nn.Module):
-    """Scores -> probabilities; what has no depth is background, which training leaves out."""
+    """Scores -> probabilities; what has no depth is background, which training leaves out.
+
+    Behind them facing, posture's probabilities and joints, of a network that gives them.
+    """
 
     background: Tensor
 
-    def __init__(self, network: nn.Module) -> None:
+    def __init__(self, network: nn.Module, temperature: float) -> None:
         super().__init__()
-        self.network = network
+        self.network, self.temperature = network, temperature
         background = torch.zeros(1, N_CLASSES, 1, 1)
         background[0, BACKGROUND] = 1
         self.register_buffer("background", background)
 
-    def forward(self, depth: Tensor) -> Tensor:
-        """(B, 1, h, w) -> (B, 12, h, w), summing to 1."""
-        probability = torch.softmax(self.network(depth), dim=1)
-        return torch.where(depth > 0, probability, self.background)
+    def forward(self, depth: Tensor) -> tuple[Tensor, ...]:
+        """(B, 1, h, w) -> (B, 12, h, w), summing to 1; (B, 2), (B, P), (B, J, 3)."""
+        scores, facing, posture, joints = self.network(depth)
+        # A softmax written out: ONNX Runtime's own along this axis takes five times as long.
+        odds = torch.exp((scores - scores.amax(dim=1, keepdim=True)) / self.temperature)
+        parts = torch.where(depth > 0, odds / odds.sum(dim=1, keepdim=True), self.background)
+        if facing is None:
+            return (parts,)
+        return parts, facing, torch.softmax(posture, dim=1), joints
 
 
-def export_onnx(network: nn.Module, path: Path) -> None:
-    """Write the network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, 12, 212, 212)."""
-    whole = _Labeller(network.cpu()).eval()
+def export_onnx(network: nn.Module, path: Path, temperature: float = 1.0) -> None:
+    """Write the network as ONNX: ``depth`` (B, 1, 212, 212) -> ``probability`` (B, 12, 212, 212).
+
+    And, of a network that gives them, ``facing``, ``posture``, ``joints`` as `Answer` has them. temperature:
+    divides the scores (`eval.training.temperature`).
+    """
+    whole = _Labeller(network.cpu(), temperature).eval()
+    example = torch.rand(1, 1, SIZE, SIZE)
+    with torch.no_grad():
+        names = ["probability", "facing", "posture", "joints"][: len(whole(example))]
     with replacing(path) as temporary, warnings.catch_warnings():
         # The newer exporter needs another package, onnxscript, and gains nothing here.
         warnings.simplefilter("ignore", DeprecationWarning)
         torch.onnx.export(
             whole,
-            (torch.rand(1, 1, SIZE, SIZE),),
+            (example,),
             temporary,
             input_names=["depth"],
-            output_names=["probability"],
-            dynamic_axes={"depth": {0: "batch"}, "probability": {0: "batch"}},
+            output_names=names,
+            dynamic_axes={name: {0: "batch"} for name in ("depth", *names)},
             dynamo=False,
         )

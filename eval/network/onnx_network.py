@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -11,11 +12,16 @@ from annotate.array_types import Bool, Float32, UInt16
 from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
 from annotate.labelset.images import Probabilities
 from annotate.parts import BACKGROUND, N_CLASSES
+from annotate.posture import POSTURES
 from annotate.segmentation.segment import Segmentation
+from eval.network.bearing import Bearing
+from eval.scores.joints import N_JOINTS
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_bounded
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
+THINGS_WEIGHTS = SHIPPED_WEIGHTS.with_name("things.onnx")
+"""The network whose background is trusted: it was trained on more blankets and boards than the other."""
 MAX_WEIGHT_BYTES = 1_000_000_000
 """Of a network's file, which is read whole: the paper's at its published widths has 540 MB."""
 ROUNDING = 0.05
@@ -27,6 +33,8 @@ Training weighs background as the rarest part, and a pixel left out gets no part
 LEAST_BODY = 0.2
 """Least share of an extraction that is a person, chosen by eye: in the virtual rig's hardest frames it was
 half (measured)."""
+WHOLE = ("facing", "posture", "joints")
+"""Names of what else a network may give."""
 _NOWHERE = "/dev/null/no-external-data"
 """The folder of tensors outside the file, which does not exist: the file's hash would not cover them, and
 their paths are its author's choice."""
@@ -40,7 +48,7 @@ class OnnxNetwork:
 
     Any exporter's, of any precision (float16, or quantised to eight bits). sha256: hash of the file. Raises
     FormatError when the file is no network of this kind: (B, 1, 212, 212) -> probabilities (B, 12, 212, 212),
-    all within the file.
+    all within the file. It may give ``facing``, ``posture`` and ``joints`` too, see `Answer`.
     """
 
     def __init__(self, path: Path = SHIPPED_WEIGHTS) -> None:
@@ -65,9 +73,11 @@ class OnnxNetwork:
                 enable_fallback=0,  # or it prints, and tries again
             )
             depth = self._session.get_inputs()[0]
+            named = {output.name for output in self._session.get_outputs()}
+            self._whole = list(WHOLE) if named >= set(WHOLE) else []
             self._input, self._float = depth.name, np.float16 if "float16" in depth.type else np.float32
             # What a file declares of its inputs and outputs need not be true.
-            trial = self.probabilities(np.full((2, SIZE, SIZE), 0.5, np.float32))
+            trial, *whole = self.answers(np.full((2, SIZE, SIZE), 0.5, np.float32))
         except Exception as error:  # ONNX Runtime's own errors share no public base
             why = "it keeps tensors in other files" if "xternal" in str(error) else type(error).__name__
             raise FormatError(
@@ -80,12 +90,24 @@ class OnnxNetwork:
             )
         if not ((trial >= 0).all() and np.abs(trial.sum(axis=1) - 1).max() < ROUNDING):
             raise FormatError(f"weights {path} give no probabilities; export the network with its softmax")
+        shapes = [(2, 2), (2, len(POSTURES)), (2, N_JOINTS, 3)]
+        if whole and [values.shape for values in whole] != shapes:
+            raise FormatError(f"weights {path} give facing, posture and joints of other shapes than {shapes}")
         self.sha256 = hashlib.sha256(data).hexdigest()
 
     def probabilities(self, crops: Float32) -> Float32:
         """Normalised crops (B, 212, 212) -> class probabilities (B, 12, 212, 212)."""
-        planes = self._session.run(None, {self._input: crops[:, None].astype(self._float)})[0]
-        return np.asarray(planes, np.float32)
+        return self.answers(crops)[0]
+
+    def answers(self, crops: Float32) -> list[Float32]:
+        """Class probabilities, and facing, posture, joints where the network gives them."""
+        first = self._session.get_outputs()[0].name
+        # One crop at a time: products of matrices round otherwise with other crops beside it.
+        each = [
+            self._session.run([first, *self._whole], {self._input: crop[None, None].astype(self._float)})
+            for crop in crops
+        ]
+        return [np.concatenate(answers).astype(np.float32) for answers in zip(*each, strict=True)]
 
     def segment(self, depth_mm: UInt16, person: Bool, *, probabilities: bool = False) -> Segmentation:
         """Label the person of a depth image; both (h, w), see ``segment_all``."""
@@ -102,10 +124,14 @@ class OnnxNetwork:
         results = [_nobody(mask.shape) for mask in masks]
         if there:
             crops, depths = zip(*(_input(images[i][0], masks[i]) for i in there), strict=True)
-            planes = self.probabilities(np.stack(depths))
-            for i, crop, depth, answer in zip(there, crops, depths, planes, strict=True):
-                given = Probabilities(crop, answer) if probabilities else None
-                results[i] = _over(masks[i], crop, depth > 0, answer, given)
+            planes, *wholes = self.answers(np.stack(depths))
+            for k, (i, crop, depth) in enumerate(zip(there, crops, depths, strict=True)):
+                given = Probabilities(crop, planes[k]) if probabilities else None
+                labels = _over(masks[i], crop, depth > 0, planes[k], given)
+                if wholes:
+                    bearing = Bearing.of(crop, images[i][0], masks[i], *(values[k] for values in wholes))
+                    labels = replace(labels, bearing=bearing.note())
+                results[i] = labels
         return results
 
     def without_things(self, depth_mm: UInt16, person: Bool) -> Bool:

@@ -13,8 +13,10 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.frames import pinhole_of
 from annotate.parts import BACKGROUND, BODY_PARTS, on_body
 from eval.compare.compare import Comparison
+from eval.network.bearing import Bearing
 from eval.report import figures
 from eval.report.figures import Image, error_kind_ids, render_thermal_cloud
+from eval.report.skeleton import draw_bearing
 from eval.scores import confusion
 from sensors.rig.camera import Intrinsics, unproject
 
@@ -71,6 +73,7 @@ def make_frame(
         "Target labels": figures.colorize_parts(target),
         "Predicted labels": figures.colorize_parts(guess),
         "Errors": figures.colorize_error(target, guess),
+        **_bearing_column(predicted, person, crop),
     }
     matrix = confusion.confusion_matrix(truth.parts, predicted.parts)
     scores = confusion.iou(matrix)
@@ -90,6 +93,7 @@ def make_shown_frame(labels: FrameLabels, cloud: ThermalCloud | None = None) -> 
     if labels.confidence is not None:
         shown = np.where(person, labels.confidence, np.float32(np.nan))
         columns["Confidence"] = figures.colorize_share(crop.cut(shown, np.nan))
+    columns |= _bearing_column(labels, person, crop)
     return GalleryFrame(labels.frame_id, columns, subject=labels.subject)
 
 
@@ -102,6 +106,15 @@ def _input_columns(
     if cloud is not None:
         columns = {"Thermal cloud": _cloud_picture(cloud, person, crop), **columns}
     return columns
+
+
+def _bearing_column(frame: FrameLabels, person: Bool, crop: Crop) -> dict[str, Image]:
+    """Joints, facing and posture over the person's depth, of labels whose network gives them."""
+    bearing = Bearing.from_note(frame.notes.get("bearing"))
+    if bearing is None:
+        return {}
+    depth = crop.cut(np.where(person, frame.depth_mm, np.uint16(0)), 0)
+    return {"Joints": draw_bearing(figures.colorize_depth(depth), crop, bearing)}
 
 
 def _square(person: Bool) -> Crop:

@@ -11,7 +11,7 @@ estimated from; Student's t with n - 1 degrees of freedom gives the width (Heste
 Know About the Bootstrap, American Statistician 69 (2015)); and the ends are computed on the logit scale,
 as surveys do for shares of clustered data, so that they stay in [0, 1] and lean the right way (Korn &
 Graubard, Survey Methodology 24 (1998); Dean & Pagano, J. Survey Statistics and Methodology 3 (2015)).
-`tools/measure_coverage.py` shows what that covers.
+`tools/measure/coverage.py` shows what that covers.
 """
 
 from collections.abc import Sequence

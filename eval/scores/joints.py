@@ -21,6 +21,13 @@ JOINT_NAMES = ("head", "neck", "pelvis", *(f"{side}_{kind}" for side in ("left",
 """Joints of `synth.body.skeleton` that lie on the border or in the middle of a part, the clavicles' aside."""
 N_JOINTS = len(JOINT_NAMES)
 JOINT = {name: i for i, name in enumerate(JOINT_NAMES)}
+TWIN = np.array(
+    [
+        JOINT_NAMES.index(name.replace("left", "right") if "left" in name else name.replace("right", "left"))
+        for name in JOINT_NAMES
+    ]
+)
+"""Index of each joint's twin on the other side; a middle one is its own."""
 IN_SKELETON = np.array([JOINT_ID[name] for name in JOINT_NAMES])
 """Index of each among the skeleton's, as a label set's notes list them."""
 
@@ -42,7 +49,7 @@ _END = 0.05
 class Hinge:
     """A joint between two parts. push_mm: how far it lies behind the border's surface, along the ray.
 
-    sigma_mm: standard deviation of what is left then, per axis. Both fitted by tools/fit_joints.py.
+    sigma_mm: standard deviation of what is left then, per axis. Both fitted by tools/fit/joints.py.
     """
 
     joint: str

@@ -28,13 +28,13 @@ BONES = (
     *((f"{side}_{a}", f"{side}_{b}", mm) for side in ("left", "right") for a, b, mm in _LIMB_BONES),
     *(("neck", f"{side}_shoulder", 192) for side in ("left", "right")),
 )
-"""Joints and usual length in millimetres: means over the paper's eight bodies (tools/fit_joints.py)."""
+"""Joints and usual length in millimetres: means over the paper's eight bodies (tools/fit/joints.py)."""
 FREE_MM, KNOWN_MM = 40.0, 9.0
 """Standard deviation of a bone's length before and after this person's bones are known; chosen by eye."""
 TRUST_FRAMES = 30.0
 """Frames after which a person's own bone counts as much as scale times usual length; chosen by eye."""
 HIDDEN = 2.8
-"""Uncertainty of a border that is hidden, over that of one that is seen (tools/fit_joints.py)."""
+"""Uncertainty of a border that is hidden, over that of one that is seen (tools/fit/joints.py)."""
 MIDDLE_MM = 13.0
 """Standard deviation of the pelvis about the middle of the hips; chosen by eye."""
 CAUCHY = 3.0

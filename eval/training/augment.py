@@ -4,22 +4,31 @@ A crop is depth float32 (h, w) in [0, 1] (0 = nothing, 1 = 2000 mm, `annotate.cr
 All is drawn from one generator: the same seed gives the same image. About 6 ms a crop.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32, UInt8
-from annotate.crop import LEAST_VALUE, MARGIN
+from annotate.crop import LEAST_VALUE, MARGIN, window_of
 from annotate.parts import BACKGROUND, swap_left_right
 from eval.training.occluders import boarded, draped, field, noise_of, things
+from eval.training.whole import JOINTS, mirrored, moved
 
 MIN_LEFT, MIN_UNCOVERED = 0.6, 0.3
 """Share of a person's pixels that occluders and cuts leave together, and a blanket with them; a worse draw is
 not used; chosen by eye."""
-BLANKETS, BOARDS = 0.25, 0.25
+BLANKETS, BOARDS = 0.3, 0.35
 """Shares of the images with a blanket and with a board before the person. A network that has never seen
 feet apart from a trunk exchanges them, and gives parts to what lies on a person; chosen by eye."""
+WHOLE, CLEAN = 0.35, 0.2
+"""Shares of the images that nothing hides or cuts, and of those that have no other noise than their sensor's;
+chosen by eye."""
+FRAMED, BORDERS = 0.25, (0.6, 0.15, 0.125, 0.125)
+"""Share of the others that a border cuts, and the shares in which their upper, lower, left and right part is
+left; chosen by eye."""
+WIDTHS = (0.85, 1.2)
+"""Range of the factors of a person's width; chosen by eye."""
 SMOOTH = 0.2
 """Share of the images without their sensor's own noise: drivers filter more or less; chosen by eye."""
 
@@ -30,8 +39,8 @@ class Augmentation:
 
     mirror: left and right exchanged. place: zoom, shift, depth moved and stretched. turn: in the image plane.
     noise: of the sensor, flying pixels at rims. holes: pixels and patches without depth. occluders: things in
-    front of the person, blankets over them. cuts: what a failing extraction takes away. extras: what it takes
-    too much.
+    front of the person, blankets over them. cuts: what a failing extraction takes away. borders:
+    of the image, which leave a part of the person. extras: what the extraction takes too much.
     """
 
     mirror: bool = True
@@ -41,29 +50,43 @@ class Augmentation:
     holes: bool = True
     occluders: bool = True
     cuts: bool = True
+    borders: bool = True
     extras: bool = True
 
 
-def augment(
-    depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.Generator
-) -> tuple[Float32, UInt8]:
+Example = tuple[Float32, UInt8, Float32]
+"""Depth (h, w), parts (h, w) and the row of ``eval.training.whole``."""
+
+
+def augment(example: Example, how: Augmentation, rng: np.random.Generator) -> Example:
     """A harder copy of a crop. What is taken away has depth 0 and is background; so are things, with depth.
 
-    After a cut the crop is fitted anew to what is left, as it would be around a real extraction.
+    After a cut the crop is fitted anew to what is left, as it would be around a real extraction. A third of
+    the images keep all of the person, more than half of these all of their sensor too.
     """
+    depth, parts, whole = example
     if not (depth > 0).any():
-        return depth.copy(), parts.copy()
+        return depth.copy(), parts.copy(), whole
+    ease = rng.random()
+    if ease < WHOLE:
+        how = replace(how, occluders=False, cuts=False, borders=False, extras=False)
+    if ease < CLEAN:
+        how = replace(how, noise=False, holes=False)
     if how.noise and rng.random() < SMOOTH:
         smooth = np.maximum(cv2.medianBlur(depth, 5), LEAST_VALUE)
         depth = np.where(depth > 0, smooth, depth).astype(np.float32)
     depth, parts = _incomplete(depth, parts, how, rng)
     if how.extras and rng.random() < 0.25:
         depth = _with_extras(depth, rng)
-    depth, parts = _placed(depth, parts, how, rng)
+    if how.borders and rng.random() < FRAMED:
+        depth, parts = _framed(depth, parts, rng)
+    depth, parts, whole = _placed((depth, parts, whole), how, rng)
     seen = depth > 0
     middle = np.median(depth[seen]) if seen.any() else np.float32(0.5)
-    stretch, moved = (rng.uniform(0.9, 1.1), rng.normal(0, 0.02)) if how.place else (1.0, 0.0)
-    depth = (depth - middle) * np.float32(stretch) + np.float32(0.5 + moved)
+    stretch, shift = (rng.uniform(0.9, 1.1), rng.normal(0, 0.02)) if how.place else (1.0, 0.0)
+    depth = (depth - middle) * np.float32(stretch) + np.float32(0.5 + shift)
+    whole = whole.copy()
+    whole[JOINTS][2::3] = (whole[JOINTS][2::3] - middle) * stretch + 0.5 + shift
     if how.noise and rng.random() < 0.7:
         depth += _noise(seen, rng)
     if how.holes and rng.random() < 0.7:
@@ -71,6 +94,7 @@ def augment(
     return (
         np.where(seen, depth.clip(LEAST_VALUE, 1), np.float32(0)),
         np.where(seen, parts, np.uint8(BACKGROUND)),
+        whole,
     )
 
 
@@ -144,17 +168,36 @@ def _with_extras(depth: Float32, rng: np.random.Generator) -> Float32:
     return result
 
 
-def _placed(
-    depth: Float32, parts: UInt8, how: Augmentation, rng: np.random.Generator
-) -> tuple[Float32, UInt8]:
-    """Mirror, turn, and cut out the square around what is there, nearly: one resampling for all three."""
+def _framed(depth: Float32, parts: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
+    """What an image's border leaves of a person: mostly the upper part, else the lower or one side.
+
+    All of them where less than a tenth would be left.
+    """
+    rows, columns = window_of(depth > 0)
+    kept, at = np.zeros(depth.shape, np.bool_), rng.uniform(0.15, 0.85)
+    row = rows.start + round(at * (rows.stop - rows.start))
+    column = columns.start + round(at * (columns.stop - columns.start))
+    sides = np.s_[:row], np.s_[row:], np.s_[:, :column], np.s_[:, column:]
+    kept[sides[int(rng.choice(4, p=BORDERS))]] = True
+    if np.count_nonzero(parts[kept]) < 0.1 * np.count_nonzero(parts):
+        return depth, parts
+    return np.where(kept, depth, np.float32(0)), np.where(kept, parts, np.uint8(BACKGROUND))
+
+
+def _placed(example: Example, how: Augmentation, rng: np.random.Generator) -> Example:
+    """Mirror, turn, make wider or narrower, and cut out the square around what is there, nearly.
+
+    One resampling for all of them.
+    """
+    depth, parts, whole = example
     size = depth.shape[0]
     mirror = -1.0 if how.mirror and rng.random() < 0.5 else 1.0
     turn = rng.normal(0, np.radians(8)) if how.turn else 0.0
     zoom, shift = (rng.uniform(0.92, 1.12), rng.uniform(-0.04, 0.04, 2)) if how.place else (1.0, np.zeros(2))
+    width = rng.uniform(*WIDTHS) if how.place else 1.0
     c, s = np.cos(turn), np.sin(turn)
-    source_from_crop = np.array([[c, -s], [s, c]]) @ np.diag([mirror, 1.0])
-    at = np.argwhere(depth > 0)[:, ::-1] @ source_from_crop  # the inverse, transposed: in the crop's axes
+    source_from_crop = np.array([[c, -s], [s, c]]) @ np.diag([mirror / width, 1.0])
+    at = np.argwhere(depth > 0)[:, ::-1] @ np.linalg.inv(source_from_crop).T
     low, high = at.min(axis=0), at.max(axis=0) + 1
     side = (high - low).max() * (1 + 2 * MARGIN) * zoom
     centre = source_from_crop @ ((low + high - 1) / 2 + shift * side)
@@ -162,9 +205,11 @@ def _placed(
     matrix = np.column_stack([linear, centre - linear @ np.full(2, (size - 1) / 2)])
     flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
     placed = np.asarray(cv2.warpAffine(parts, matrix, (size, size), flags=flags), np.uint8)
+    there = moved(whole, np.asarray(cv2.invertAffineTransform(matrix)), size)
     return (
         np.asarray(cv2.warpAffine(depth, matrix, (size, size), flags=flags), np.float32),
         swap_left_right(placed) if mirror < 0 else placed,
+        mirrored(there) if mirror < 0 else there,
     )
 
 

@@ -17,6 +17,7 @@ from annotate.crop import network_crop, normalize, person_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.frames import LabelledFrames, open_frames
 from annotate.parts import BACKGROUND, on_body
+from eval.training.whole import ROW, whole_person
 from sensors.errors import CloudError
 
 K = TypeVar("K", bound=np.generic)
@@ -41,24 +42,27 @@ class Crops:
 
     packed: their bytes, in a nameless file that goes with the process; what the system reads of it, it can
     give back when memory is short. ends: int64 (N, 2), where each crop's depth and parts end. shape: (h, w).
-    crc32: of all images, by which these crops differ from others.
+    wholes: float32 (N, ROW), what is known of each person, see ``eval.training.whole``. crc32: of all this,
+    by which these crops differ from others.
     """
 
     packed: UInt8
     ends: Int64
     shape: tuple[int, int]
+    wholes: Float32
     crc32: int
 
     @classmethod
-    def of(cls, crops: Iterable[tuple[UInt16, UInt8]]) -> "Crops":
-        """Keep crops of one shape: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w).
+    def of(cls, crops: Iterable[tuple[UInt16, UInt8, Float32]]) -> "Crops":
+        """Keep crops of one shape: depth uint16 (h, w) in 1 / 65535 of its range, parts uint8 (h, w), whole.
 
         Raises CloudError where there is none, OSError where the disk has no room.
         """
-        ends, shape, crc32 = array("q"), (0, 0), 0
+        ends, wholes, shape, crc32 = array("q"), array("f"), (0, 0), 0
         with TemporaryFile() as file:
-            for depth, parts in crops:
+            for depth, parts, whole in crops:
                 shape = depth.shape[0], depth.shape[1]
+                wholes.extend(whole.tolist())
                 for data in (depth.tobytes(), parts.tobytes()):
                     crc32 = zlib.crc32(data, crc32)
                     file.write(zlib.compress(data, 1))
@@ -67,7 +71,8 @@ class Crops:
             if not ends:
                 raise CloudError("there are no crops; give at least one image")
             packed = np.asarray(np.memmap(file, np.uint8, "r"))
-        return cls(packed, np.array(ends).reshape(-1, 2), shape, crc32)
+        known = np.array(wholes, np.float32).reshape(-1, ROW)
+        return cls(packed, np.array(ends).reshape(-1, 2), shape, known, zlib.crc32(known.tobytes(), crc32))
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -99,7 +104,7 @@ class Crops:
     def spread(self, n: int) -> "Crops":
         """``n`` of them, evenly spread (neighbours show one person), or all when there are fewer."""
         index = np.linspace(0, len(self) - 1, min(n, len(self))).astype(int)
-        return Crops.of((self.depth(i), self.parts(i)) for i in index)
+        return Crops.of((self.depth(i), self.parts(i), self.wholes[i]) for i in index)
 
 
 def load_crops(
@@ -117,7 +122,7 @@ def load_crops(
         whom = "" if only is None else f" of {', '.join(sorted(only))}"
         raise CloudError(f"{names} hold no labelled part{whom}; generate or label some first")
     try:
-        return Crops.of(_kept(frame) for frame in chain([first], taught))
+        return Crops.of(_kept(*one) for one in chain([first], taught))
     except OSError as error:
         raise CloudError(
             f"{names}: the images do not fit into {gettempdir()} ({error.strerror}); give fewer, or set "
@@ -125,17 +130,17 @@ def load_crops(
         ) from error
 
 
-def _kept(frame: FrameLabels) -> tuple[UInt16, UInt8]:
+def _kept(source: LabelledFrames, frame: FrameLabels) -> tuple[UInt16, UInt8, Float32]:
     depth, parts = to_crop(frame)
-    return np.rint(depth * DEPTH_STEPS).astype(np.uint16), parts
+    return np.rint(depth * DEPTH_STEPS).astype(np.uint16), parts, whole_person(source, frame)
 
 
 def _teaching(
     frames: list[LabelledFrames], without: frozenset[str], only: frozenset[str] | None
-) -> Iterator[FrameLabels]:
+) -> Iterator[tuple[LabelledFrames, FrameLabels]]:
     for source in frames:
         for frame in source:
             if frame.subject in without or (only is not None and frame.subject not in only):
                 continue
             if (on_body(frame.parts) & (frame.depth_mm > 0)).any():
-                yield frame
+                yield source, frame

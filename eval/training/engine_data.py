@@ -103,7 +103,7 @@ def observed(recording: Recording, engine: Engine) -> Iterator[Observed | None]:
         usable = truth is not None and found.reading is not None and person.candidates is not None
         yield Observed(cloud, truth, before, person, found) if usable and truth is not None else None
         found, person = cleaned(found, person, cloud)
-        persons = np.where(person.mask, 1, np.where(person.others, 2, 0)).astype(np.uint8)
+        persons = np.where(person.mask, 1, np.where(person.others, person.persons, 0)).astype(np.uint8)
         before = FrameLabels("x", cloud.depth_mm, found.parts, found.confidence, persons=persons)
 
 

@@ -21,18 +21,19 @@ At = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Images(Dataset[tuple[Tensor, Tensor]]):
-    """Crops as tensors, augmented anew each epoch: depth float32 (1, h, w), parts uint8 (h, w)."""
+class Images(Dataset[tuple[Tensor, Tensor, Tensor]]):
+    """Crops as tensors, augmented anew each epoch: depth float32 (1, h, w), parts uint8 (h, w), row."""
 
     crops: Crops
     augmentation: Augmentation
     seed: int
 
-    def __getitem__(self, at: At) -> tuple[Tensor, Tensor]:
+    def __getitem__(self, at: At) -> tuple[Tensor, Tensor, Tensor]:
         epoch, index = at
         rng = np.random.default_rng((self.seed, epoch, index))
-        depth, parts = augment(*self.crops.image(index), self.augmentation, rng)
-        return torch.from_numpy(depth[None]), torch.from_numpy(parts)
+        example = *self.crops.image(index), self.crops.wholes[index]
+        depth, parts, whole = augment(example, self.augmentation, rng)
+        return torch.from_numpy(depth[None]), torch.from_numpy(parts), torch.from_numpy(whole)
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,11 @@ class BatchOrder:
 
 def batches(
     images: Images, order: BatchOrder, step: int, workers: int = 0
-) -> Iterator[tuple[Tensor, Tensor]]:
-    """Depth (B, 1, h, w), parts (B, h, w) of every step from one on; worker processes make them ahead."""
+) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+    """Depth (B, 1, h, w), parts (B, h, w), wholes (B, ROW) of every step from one on.
+
+    Worker processes make them ahead.
+    """
     if workers:
         check_semaphores()
     pinned = torch.cuda.is_available()

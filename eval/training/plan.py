@@ -11,10 +11,16 @@ from torch import Tensor, nn
 
 from annotate.array_types import UInt8
 from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
-from eval.network.architectures import CompactConfig
+from eval.network.answer import Answer
+from eval.network.compact import CompactConfig
 from eval.network.networks import NetworkConfig, described
 from eval.training.augment import Augmentation
+from eval.training.whole import FACING, JOINTS, POSTURE
 
+COARSE, COARSE_STEP = 0.7, 4
+"""Side of the coarse images over the whole ones', to a multiple of so many pixels; chosen by eye."""
+ENDLESS = 10_000
+"""Rounds that no training by the clock comes to the end of."""
 Precision = Literal["float32", "bfloat16"]
 
 
@@ -23,13 +29,22 @@ class ModernRecipe:
     """AdamW, one cycle of the learning rate; mean cross entropy over the pixels that have depth.
 
     What has no depth is background without a network's help. balance: a class weighs its share of the
-    pixels to the power of minus this; 0 is unweighted, 1 lets all parts weigh the same.
+    pixels to the power of minus this; 0 is unweighted, 1 lets all parts weigh the same. facing, posture,
+    joints: weights of what is known of the whole person, beside the parts' 1. clip: largest norm of a
+    gradient. averaged: decay of the weights' moving average. coarse: share of the training that sees images
+    of ``COARSE`` times the side, which is twice as fast. All chosen by eye.
     """
 
-    batch: int = 16
-    peak_rate: float = 6e-3
-    weight_decay: float = 1e-4
+    batch: int = 32
+    peak_rate: float = 3e-3
+    weight_decay: float = 0.02
     balance: float = 0.5
+    facing: float = 0.3
+    posture: float = 0.1
+    joints: float = 3.0
+    clip: float = 2.0
+    averaged: float = 0.999
+    coarse: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -43,6 +58,9 @@ class PaperRecipe:
     batch: int = 12
     rate: float = 1e-10
     momentum: float = 0.99
+    clip: float = math.inf
+    averaged: float = 0.0
+    coarse: float = 0.0
 
 
 Recipe = ModernRecipe | PaperRecipe
@@ -50,14 +68,28 @@ Recipe = ModernRecipe | PaperRecipe
 
 @dataclass(frozen=True)
 class Plan:
-    """A training but for its data. epochs: rounds over all images. precision: of the forward pass."""
+    """A training but for its data. precision: of the forward pass.
+
+    epochs: rounds over all images. minutes: how long it lasts instead, its rate falling by the clock; such a
+    training is not the same twice.
+    """
 
     network: NetworkConfig = field(default_factory=CompactConfig)
     recipe: Recipe = field(default_factory=ModernRecipe)
     augmentation: Augmentation = field(default_factory=Augmentation)
     epochs: int = 12
+    minutes: float | None = None
     seed: int = 0
     precision: Precision = "float32"
+
+    @property
+    def rounds(self) -> int:
+        """Rounds over all images at most."""
+        return self.epochs if self.minutes is None else ENDLESS
+
+    def done(self, rounds: float, seconds: float) -> float:
+        """Share of the training that is done, 1 at its end, after so many rounds and seconds."""
+        return rounds / self.epochs if self.minutes is None else min(1.0, seconds / (60 * self.minutes))
 
     def described(self) -> dict[str, Any]:
         """As JSON values; equal exactly for equal plans."""
@@ -91,12 +123,23 @@ def rate(recipe: Recipe, share: float) -> float:
 def one_cycle(share: float) -> float:
     """Learning rate at a share in [0, 1] of the training, as a factor of its peak.
 
-    Source: Smith & Topin 2018: up by a cosine from 1/25 over the first 30 %, then down to almost nothing.
+    Source: Smith & Topin 2018: up by a cosine from 1/25, here over the first 3 %, then down to
+    almost nothing.
     """
-    up = 0.3
+    up = 0.03
     if share < up:
         return 0.04 + 0.96 * (1 - math.cos(math.pi * share / up)) / 2
     return 1e-4 + (1 - 1e-4) * (1 + math.cos(math.pi * (share - up) / (1 - up))) / 2
+
+
+def seen_by(recipe: Recipe, depth: Tensor, parts: Tensor, share: float) -> tuple[Tensor, Tensor]:
+    """Depth (B, 1, h, w) and parts (B, h, w) as a training sees them when a share of it is done."""
+    if share >= recipe.coarse:
+        return depth, parts
+    side = depth.shape[-1]
+    small = round(side * COARSE / COARSE_STEP) * COARSE_STEP
+    at = ((torch.arange(small) + 0.5) * side / small).long()
+    return depth[..., at, :][..., at], parts[:, at][..., at]
 
 
 def class_weights(recipe: Recipe, parts: UInt8) -> Tensor:
@@ -115,14 +158,41 @@ def class_weights(recipe: Recipe, parts: UInt8) -> Tensor:
 
 
 def loss_of(
-    recipe: Recipe, scores: Tensor, depth: Tensor, parts: Tensor, weight: Tensor
+    recipe: Recipe, answer: Answer, depth: Tensor, parts: Tensor, whole: Tensor, weight: Tensor
 ) -> tuple[Tensor, float]:
-    """The loss to minimise, and the mean loss of a pixel: scores (B, 12, h, w), depth (B, 1, h, w), parts."""
-    target = parts.long()
+    """The loss to minimise, and the parts' mean loss of a pixel.
+
+    depth: (B, 1, h, w). parts: (B, h, w). whole: (B, ROW), see ``eval.training.whole``. weight: (12,).
+    """
+    scores, target = answer.scores.float(), parts.long()
     if isinstance(recipe, ModernRecipe):
         target = torch.where(depth[:, 0] > 0, target, UNDEFINED)
         counted = (target != UNDEFINED).sum().clamp(min=1)
         summed = nn.functional.cross_entropy(scores, target, weight, ignore_index=UNDEFINED, reduction="sum")
-        return summed / counted, float(summed.detach() / counted)
+        mean = summed / counted
+        return mean + _loss_of_whole(recipe, answer, whole), float(mean.detach())
     summed = nn.functional.cross_entropy(scores, target, ignore_index=UNDEFINED, reduction="sum")
     return summed, float(summed.detach()) / max(1, int((target != UNDEFINED).sum()))
+
+
+def _loss_of_whole(recipe: ModernRecipe, answer: Answer, whole: Tensor) -> Tensor:
+    """Weighted loss of facing, posture and joints, each where it is known; 0 of a network without them."""
+    if answer.facing is None or answer.posture is None or answer.joints is None:
+        return torch.zeros(())
+    known, whole = torch.isfinite(whole), whole.nan_to_num(0)
+    joints = whole[:, JOINTS].reshape(answer.joints.shape)
+    seen = known[:, JOINTS].reshape(joints.shape) & (
+        (joints[..., :2] - 0.5).abs().amax(dim=-1, keepdim=True) < 0.5
+    )
+    posture = torch.where(known[:, POSTURE], whole[:, POSTURE].long(), -1)
+    named = nn.functional.cross_entropy(answer.posture.float(), posture, ignore_index=-1, reduction="sum")
+    return (
+        recipe.facing * _mean((answer.facing.float() - whole[:, FACING]).square(), known[:, FACING])
+        + recipe.joints * _mean((answer.joints.float() - joints).abs(), seen)
+        + recipe.posture * named / known[:, POSTURE].sum().clamp(min=1)
+    )
+
+
+def _mean(values: Tensor, known: Tensor) -> Tensor:
+    """Mean of the values that are known; 0 where none is."""
+    return (values * known).sum() / known.sum().clamp(min=1)

@@ -20,9 +20,10 @@ from annotate.parts import BACKGROUND, N_CLASSES
 from eval.network.checkpoint import Epoch, Point, Progress, load_checkpoint, save_checkpoint, steps_done
 from eval.network.networks import build
 from eval.scores.confusion import confusion_matrix, mean_recall, miou
+from eval.training.average import Average
 from eval.training.crops import Crops
 from eval.training.loader import BatchOrder, Images, ProcessGroup, batches, workers_watched
-from eval.training.plan import Plan, class_weights, loss_of, optimizer_of, rate
+from eval.training.plan import Plan, class_weights, loss_of, optimizer_of, rate, seen_by
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 
@@ -40,7 +41,7 @@ def predicted(model: nn.Module, crops: Crops, batch: int = 32) -> Iterator[UInt8
     for depth, _ in crops.batches(batch):
         x = torch.from_numpy(depth[:, None]).to(device).contiguous(memory_format=torch.channels_last)
         with torch.no_grad():
-            parts = model(x)[:, 1:].argmax(1) + 1
+            parts = model(x).scores[:, 1:].argmax(1) + 1
         yield np.where(depth > 0, parts.cpu().numpy(), BACKGROUND).astype(np.uint8)
 
 
@@ -109,14 +110,17 @@ def train(
         model = init if init is not None else build(plan.network)
         model = model.to(group.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         optimizer = optimizer_of(plan.recipe, model.parameters())
+        average = Average(model, plan.recipe.averaged)
         resumed = (out / CHECKPOINT).is_file()
-        progress = load_checkpoint(out / CHECKPOINT, model, optimizer) if resumed else Progress()
+        progress = (
+            load_checkpoint(out / CHECKPOINT, model, average.model, optimizer) if resumed else Progress()
+        )
         fixed = FixedFrame(out / "frame", (measured or crops).spread(1), plan.epochs)
-        run = _Run(plan, crops, measured, out, watch, group, model, optimizer, progress, fixed)
+        run = _Run(plan, crops, measured, out, watch, group, model, average, optimizer, progress, fixed)
         if group.first and not resumed:
             fixed.begin(model)
         run.go(workers)
-        return model, progress
+        return average.model, progress
 
 
 @dataclass(frozen=True)
@@ -128,6 +132,7 @@ class _Run:
     watch: Watch
     group: ProcessGroup
     model: nn.Module
+    average: Average
     optimizer: torch.optim.Optimizer
     progress: Progress
     fixed: FixedFrame
@@ -135,7 +140,7 @@ class _Run:
     def go(self, workers: int) -> None:
         plan, progress = self.plan, self.progress
         order = BatchOrder(
-            len(self.crops), plan.recipe.batch, plan.epochs, plan.seed, self.group.rank, self.group.world
+            len(self.crops), plan.recipe.batch, plan.rounds, plan.seed, self.group.rank, self.group.world
         )
         images = Images(self.crops, plan.augmentation, plan.seed)
         _, weighed = next(self.crops.spread(WEIGHING_IMAGES).batches(WEIGHING_IMAGES))
@@ -143,13 +148,16 @@ class _Run:
         network = self.group.together(self.model)
         began, before = time.monotonic(), progress.seconds
         saved = began
-        for depth, parts in batches(images, order, progress.step, workers):
-            share = progress.step / (order.epoch_steps * plan.epochs)
-            self._step(network, depth, parts, weight, share)
+        if plan.done(progress.step / order.epoch_steps, progress.seconds) >= 1:
+            return
+        for depth, parts, whole in batches(images, order, progress.step, workers):
+            share = plan.done(progress.step / order.epoch_steps, progress.seconds)
+            self._step(network, (depth, parts, whole), weight, share)
             self._count(order)
             now = time.monotonic()
             progress.seconds = before + now - began
-            ended = progress.step % order.epoch_steps == 0
+            over = plan.done(progress.step / order.epoch_steps, progress.seconds) >= 1
+            ended = over or progress.step % order.epoch_steps == 0
             if ended:
                 self._end_epoch(order)
             if ended or now - saved >= self.watch.checkpoint_s:
@@ -158,27 +166,35 @@ class _Run:
             if ended:
                 self.watch.ended(progress.epochs[-1])
             self.watch.advance(order.step_images)
+            if over:
+                return
 
-    def _step(self, network: nn.Module, depth: Tensor, parts: Tensor, weight: Tensor, share: float) -> None:
+    def _step(
+        self, network: nn.Module, batch: tuple[Tensor, Tensor, Tensor], weight: Tensor, share: float
+    ) -> None:
         """One step of the optimizer. Dropout is the step's own, so that a resumed training draws the same."""
-        processes, plan = self.group, self.plan
-        torch.manual_seed((plan.seed * 1_000_003 + self.progress.step) * processes.world + processes.rank)
+        processes, plan, progress = self.group, self.plan, self.progress
+        torch.manual_seed((plan.seed * 1_000_003 + progress.step) * processes.world + processes.rank)
         network.train()
         for group in self.optimizer.param_groups:
             group["lr"] = rate(plan.recipe, share)
-        depth = depth.to(processes.device).contiguous(memory_format=torch.channels_last)
-        parts = parts.to(processes.device)
+        depth, parts, whole = (
+            tensor.to(processes.device) for tensor in (seen_by(plan.recipe, *batch[:2], share) + batch[2:])
+        )
+        depth = depth.contiguous(memory_format=torch.channels_last)
         with torch.autocast(processes.device.type, torch.bfloat16, enabled=plan.precision == "bfloat16"):
-            scores = network(depth)
-        loss, mean = loss_of(plan.recipe, scores.float(), depth, parts, weight)
+            answer = network(depth)
+        loss, mean = loss_of(plan.recipe, answer, depth, parts, whole, weight)
         if not math.isfinite(mean):
             raise CloudError(
-                f"the loss is no longer finite at step {self.progress.step}; train with --precision float32"
+                f"the loss is no longer finite at step {progress.step}; train with --precision float32"
             )
         self.optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(self.model.parameters(), plan.recipe.clip)
         self.optimizer.step()
-        self.progress.since_point.append(mean)
+        self.average.add(self.model, progress.step + 1)
+        progress.since_point.append(mean)
 
     def _count(self, order: BatchOrder) -> None:
         progress = self.progress
@@ -191,20 +207,21 @@ class _Run:
 
     def _end_epoch(self, order: BatchOrder) -> None:
         progress = self.progress
-        number = progress.step // order.epoch_steps
-        loss, progress.epoch_loss = progress.epoch_loss / order.epoch_steps, 0.0
+        number = len(progress.epochs) + 1
+        steps = progress.step - (number - 1) * order.epoch_steps
+        loss, progress.epoch_loss = progress.epoch_loss / steps, 0.0
         scores: tuple[float | None, float | None] = (None, None)
         if self.measured is not None and self.group.first:
-            matrix = evaluate(self.model, self.measured)
+            matrix = evaluate(self.average.model, self.measured)
             scores = float(mean_recall(matrix)), float(miou(matrix))
         if self.group.first:
-            self.fixed.label(self.model, number)
+            self.fixed.label(self.average.model, number)
         progress.epochs.append(Epoch(number, loss, *scores, round(progress.seconds, 1)))
 
     def _save(self) -> None:
         if not self.group.first:
             return
-        save_checkpoint(self.out / CHECKPOINT, self.model, self.optimizer, self.progress)
+        save_checkpoint(self.out / CHECKPOINT, self.model, self.average.model, self.optimizer, self.progress)
         history = {
             "plan": self.plan.described(),
             "images": len(self.crops),
@@ -221,9 +238,9 @@ class _Run:
 
 def images_left(out: Path, plan: Plan, crops: Crops) -> int:
     """How many images a training in ``out`` has yet to see, for the progress; all of them in a new folder."""
-    order = BatchOrder(len(crops), plan.recipe.batch, plan.epochs, plan.seed)
+    order = BatchOrder(len(crops), plan.recipe.batch, plan.rounds, plan.seed)
     done = steps_done(out / CHECKPOINT) if (out / CHECKPOINT).is_file() else 0
-    return (order.epoch_steps * plan.epochs - done) * order.step_images
+    return (order.epoch_steps * plan.rounds - done) * order.step_images
 
 
 def _begin(out: Path, plan: Plan, crops: Crops, init: nn.Module | None) -> None:

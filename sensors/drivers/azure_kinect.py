@@ -1,104 +1,89 @@
-"""Azure Kinect through pyk4a (extra ``kinect``; it needs Microsoft's Azure Kinect SDK 1.4)."""
+"""Azure Kinect through Microsoft's SDK (extra ``kinect``)."""
 
 from contextlib import suppress
-from importlib.util import find_spec
-from typing import Any
-
-import numpy as np
+from typing import Protocol
 
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.device.streaming_camera import DEPTH_CAMERA_RATES_HZ, StreamingCamera, choose
+from sensors.drivers.k4a import Camera, Capture, load_k4a
 from sensors.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceNotFoundError
-from sensors.rig.camera import intrinsics_from_rational
-from sensors.rig.rig_calibration import Pose, RigCalibration
+from sensors.importers.azure_calibration import calibration_from_factory
+from sensors.rig.rig_calibration import RigCalibration
 
 DEPTH_SIZE, COLOR_SIZE = (640, 576), (1920, 1080)
 """Narrow field of view, unbinned; 1080p as the device's own JPEG."""
 
 
+class Streaming(Protocol):
+    """What streams captures: an open ``Camera``, or a recording in its place. Methods raise DeviceError."""
+
+    @property
+    def serial(self) -> str: ...
+    def start(self) -> None: ...
+    def factory_calibration(self) -> bytes: ...
+    def capture(self, timeout_ms: int) -> Capture | None: ...
+    def close(self) -> None: ...
+
+
 class AzureKinect(StreamingCamera):
-    """One Azure Kinect. serial: which, or empty for the only one. Raises DeviceError."""
+    """One Azure Kinect. serial: which, or empty for the only one. Raises DeviceError.
 
-    def __init__(self, serial: str = "") -> None:
-        if find_spec("pyk4a") is None:
-            raise DeviceNotFoundError("no pyk4a; install the Azure Kinect SDK, then annotate-cloud[kinect]")
-        import pyk4a
+    camera: what streams in place of that; color_size: of its colour images.
+    """
 
-        there = azure_devices()
-        chosen = choose("Azure Kinect", [number for _, number in there], serial)
-        index = next(index for index, number in there if number == chosen)
-        super().__init__(f"azure:{chosen}", chosen, DEPTH_CAMERA_RATES_HZ)
-        self._pyk4a: Any = pyk4a
-        config = pyk4a.Config(
-            color_resolution=pyk4a.ColorResolution.RES_1080P,
-            color_format=pyk4a.ImageFormat.COLOR_MJPG,
-            depth_mode=pyk4a.DepthMode.NFOV_UNBINNED,
-            camera_fps=pyk4a.FPS.FPS_30,
-            synchronized_images_only=False,
-        )
-        self._device = pyk4a.PyK4A(config, device_id=index)
-        try:
-            self._device.open()
-        except pyk4a.K4AException as error:
-            raise DeviceBusyError(
-                f"{self.address} cannot be opened; close the program that uses it, or add its udev rule"
-            ) from error
+    def __init__(
+        self, serial: str = "", camera: Streaming | None = None, color_size: tuple[int, int] = COLOR_SIZE
+    ) -> None:
+        self._camera = camera or _opened(serial)
+        self._color_size = color_size
+        super().__init__(f"azure:{self._camera.serial}", self._camera.serial, DEPTH_CAMERA_RATES_HZ)
 
     def _begin(self) -> RigCalibration:
         try:
-            self._device.start()
-        except self._pyk4a.K4AException as error:
+            self._camera.start()
+        except DeviceError as error:
             raise DeviceError(f"{self.address} does not start; use a USB 3 port and its power") from error
-        lens, types = self._device.calibration, self._pyk4a.CalibrationType
-        cameras = [
-            intrinsics_from_rational(
-                size, lens.get_camera_matrix(kind), lens.get_distortion_coefficients(kind)
-            )
-            for size, kind in ((DEPTH_SIZE, types.DEPTH), (COLOR_SIZE, types.COLOR))
-        ]
-        # The SDK maps points in millimetres; where it takes the origin and the axes is the pose.
-        origin, *axes = (
-            np.array(lens.depth_to_color_3d(point), float) / 1000
-            for point in ((0.0, 0.0, 0.0), (1000.0, 0.0, 0.0), (0.0, 1000.0, 0.0), (0.0, 0.0, 1000.0))
-        )
-        pose = Pose(np.stack([axis - origin for axis in axes], axis=-1), origin)
-        return RigCalibration(cameras[0], cameras[1], pose)
+        factory = self._camera.factory_calibration()
+        return calibration_from_factory(factory, DEPTH_SIZE, self._color_size, "NFOV_UNBINNED")
 
     def _receive(self, timeout_s: float) -> None:
         try:
-            capture = self._device.get_capture(timeout=round(timeout_s * 1000))
-        except self._pyk4a.K4ATimeoutException:
-            return
-        except self._pyk4a.K4AException as error:
+            capture = self._camera.capture(round(timeout_s * 1000))
+        except DeviceError as error:
             raise DeviceLostError(f"{self.address} is no longer connected; plug it in again") from error
-        if capture.depth is not None:
-            infrared = None if capture.ir is None else np.array(capture.ir, np.uint16)
-            depth = DepthImage(np.array(capture.depth, np.uint16), infrared)
-            self._take(1000 * capture.depth_timestamp_usec, depth)
-        if capture.color is not None:
-            self._take(1000 * capture.color_timestamp_usec, ColorImage(bytes(capture.color)))
+        if capture is not None and capture.depth is not None:
+            depth_mm, infrared, stamp_us = capture.depth
+            self._take(1000 * stamp_us, DepthImage(depth_mm, infrared))
+        if capture is not None and capture.color is not None:
+            encoded, stamp_us = capture.color
+            self._take(1000 * stamp_us, ColorImage(encoded))
 
     def _end(self) -> None:
-        if self._device.is_running:
-            self._device.stop()
-        elif self._device.opened:
-            self._device.close()
+        self._camera.close()
+
+
+def _opened(serial: str) -> Camera:
+    load_k4a()
+    there = azure_devices()
+    chosen = choose("Azure Kinect", [number for _, number in there], serial)
+    try:
+        return Camera(next(index for index, number in there if number == chosen))
+    except DeviceError as error:
+        raise DeviceBusyError(
+            f"azure:{chosen} cannot be opened; close the program that uses it, or add its udev rule"
+        ) from error
 
 
 def azure_devices() -> list[tuple[int, str]]:
-    """Index and serial number of the devices that are plugged in; none where pyk4a is not installed.
+    """Index and serial number of the devices that are plugged in; none where there is no SDK.
 
     Each is opened for a moment, as its number cannot be read otherwise; one in use is left out.
     """
-    if find_spec("pyk4a") is None:
-        return []
-    import pyk4a
-
     found = []
-    for index in range(pyk4a.connected_device_count()):
-        device = pyk4a.PyK4A(device_id=index)
-        with suppress(pyk4a.K4AException):
-            device.open()
-            found.append((index, str(device.serial)))
-            device.close()
+    with suppress(DeviceNotFoundError):
+        for index in range(load_k4a().k4a_device_get_installed_count()):
+            with suppress(DeviceError):
+                camera = Camera(index)
+                found.append((index, camera.serial))
+                camera.close()
     return found

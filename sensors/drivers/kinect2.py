@@ -2,7 +2,6 @@
 
 import ctypes
 from ctypes import CDLL, CFUNCTYPE, POINTER, Structure, c_char_p, c_float, c_int, c_uint32, c_void_p
-from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from sensors.device.node import check_usb
 from sensors.device.protocol import ColorImage, DepthImage
 from sensors.device.streaming_camera import DEPTH_CAMERA_RATES_HZ, StreamingCamera, choose
+from sensors.drivers.kinect2_build import built_shim
 from sensors.errors import DeviceBusyError, DeviceError, DeviceFaultError, DeviceNotFoundError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
@@ -124,16 +124,8 @@ class Kinect2(StreamingCamera):
 
 
 def load_shim(path: Path | None = None) -> Shim:
-    """The compiled shim, where it was built or at ``path``. Raises DeviceNotFoundError where it is not."""
-    # It is no Python module, but lies where one would: an editable installation keeps it elsewhere.
-    spec = find_spec("sensors._kinect2")
-    if path is None and spec is not None and spec.origin is not None:
-        path = Path(spec.origin)
-    if path is None or not path.exists():
-        raise DeviceNotFoundError(
-            "this build cannot drive a Kinect v2 because libfreenect2 was not found; "
-            "install libfreenect2 and run: pip install --force-reinstall --no-deps annotate-cloud"
-        )
+    """The compiled shim at ``path``, by default built for this libfreenect2. Raises DeviceNotFoundError."""
+    path = path or built_shim()
     try:
         library = CDLL(str(path))
         return Shim(**{name: prototype((name, library)) for name, prototype in PROTOTYPES.items()})

@@ -1,5 +1,8 @@
 """Orbbec Femto and Gemini cameras through pyorbbecsdk2 (extra ``orbbec``)."""
 
+import os
+import sys
+from contextlib import suppress
 from importlib.util import find_spec
 from typing import Any
 
@@ -29,17 +32,41 @@ SdkObject = Any
 COLOR_SIZE = (1920, 1080)
 
 
-class Orbbec(StreamingCamera):
-    """One Orbbec camera. serial: which, or empty for the only one. Raises DeviceError."""
-
-    def __init__(self, serial: str = "") -> None:
-        if find_spec("pyorbbecsdk") is None:
-            raise DeviceNotFoundError("pyorbbecsdk2 is not installed; install annotate-cloud[orbbec]")
+def load_sdk() -> SdkObject:
+    """The library; what it prints while it is loaded goes to stderr. Raises DeviceNotFoundError."""
+    if find_spec("pyorbbecsdk") is None:
+        raise DeviceNotFoundError("pyorbbecsdk2 is not installed; install annotate-cloud[orbbec]")
+    if (loaded := sys.modules.get("pyorbbecsdk")) is not None:
+        return loaded
+    sys.stdout.flush()
+    stdout = os.dup(1)
+    os.dup2(2, 1)
+    try:
         import pyorbbecsdk
+    finally:
+        os.dup2(stdout, 1)
+        os.close(stdout)
+    # Else it fills a folder Log where the command is run.
+    pyorbbecsdk.Context.set_logger_level(pyorbbecsdk.OBLogLevel.NONE)
+    return pyorbbecsdk
 
+
+class Orbbec(StreamingCamera):
+    """One Orbbec camera. serial: which, or empty for the only one. Raises DeviceError.
+
+    pipeline: of the SDK, over a recording that it plays, in place of the camera's.
+    """
+
+    def __init__(self, serial: str = "", pipeline: SdkObject | None = None) -> None:
+        self._sdk: Any = load_sdk()
+        self._infrared: SdkObject | None = None
+        if pipeline is not None:
+            self._pipeline, chosen = pipeline, pipeline.get_device().get_device_info().get_serial_number()
+            super().__init__(f"orbbec:{chosen}", chosen, DEPTH_CAMERA_RATES_HZ)
+            return
+        pyorbbecsdk = self._sdk
         chosen = choose("Orbbec camera", orbbec_serials(), serial)
         super().__init__(f"orbbec:{chosen}", chosen, DEPTH_CAMERA_RATES_HZ)
-        self._sdk: Any = pyorbbecsdk
         try:
             # The list of devices must not outlive its context.
             self._context = pyorbbecsdk.Context()
@@ -60,10 +87,24 @@ class Orbbec(StreamingCamera):
             )
             depth = self._pipeline.get_stream_profile_list(sdk.OBSensorType.DEPTH_SENSOR)
             config.enable_stream(depth.get_default_video_stream_profile())
+            self._infrared = self._with_infrared(config)
             self._pipeline.start(config)
             return calibration_of(self._pipeline.get_camera_param())
         except sdk.OBError as error:
             raise DeviceError(f"{self.address} does not start ({error}); use a USB 3 port") from error
+
+    def _with_infrared(self, config: SdkObject) -> SdkObject | None:
+        """The type of frames of the infrared image in the depth camera's pixels; None of a camera without."""
+        sensors, kinds = self._sdk.OBSensorType, self._sdk.OBFrameType
+        for sensor, kind in (
+            (sensors.IR_SENSOR, kinds.IR_FRAME),
+            (sensors.LEFT_IR_SENSOR, kinds.LEFT_IR_FRAME),
+        ):
+            with suppress(self._sdk.OBError):
+                profiles = self._pipeline.get_stream_profile_list(sensor)
+                config.enable_stream(profiles.get_default_video_stream_profile())
+                return kind
+        return None
 
     def _receive(self, timeout_s: float) -> None:
         try:
@@ -73,7 +114,10 @@ class Orbbec(StreamingCamera):
         if frames is None:
             return
         if (depth := frames.get_depth_frame()) is not None:
-            self._take(1000 * depth.get_timestamp_us(), DepthImage(depth_of(depth)))
+            image, infrared = depth_of(depth), None
+            if self._infrared is not None and (frame := frames.get_frame(self._infrared)) is not None:
+                infrared = infrared_of(frame.as_video_frame(), image.shape)
+            self._take(1000 * depth.get_timestamp_us(), DepthImage(image, infrared))
         if (color := frames.get_color_frame()) is not None:
             encoded = np.asarray(color.get_data(), np.uint8).tobytes()
             self._take(1000 * color.get_timestamp_us(), ColorImage(encoded))
@@ -86,9 +130,7 @@ def orbbec_serials() -> list[str]:
     """Serial numbers of the cameras that are plugged in; none where the library is not installed."""
     if find_spec("pyorbbecsdk") is None:
         return []
-    import pyorbbecsdk
-
-    devices = pyorbbecsdk.Context().query_devices()
+    devices = load_sdk().Context().query_devices()
     return [str(devices.get_device_serial_number_by_index(index)) for index in range(devices.get_count())]
 
 
@@ -100,6 +142,16 @@ def depth_of(frame: SdkObject) -> NDArray[np.uint16]:
         raise DeviceFaultError(f"{values.size} pixels came, not {shape[0] * shape[1]}; wait for the next")
     millimetres = np.rint(values.reshape(shape) * np.float32(frame.get_depth_scale()))
     return millimetres.clip(0, 65535).astype(np.uint16)
+
+
+def infrared_of(frame: SdkObject, shape: tuple[int, ...]) -> NDArray[np.uint16] | None:
+    """An infrared frame of 8 or 16 bits as uint16 (h, w); None of one that has another size than depth."""
+    data = np.asarray(frame.get_data()).tobytes()
+    pixels = shape[0] * shape[1]
+    if (frame.get_height(), frame.get_width()) != shape or len(data) not in (pixels, 2 * pixels):
+        return None
+    values = np.frombuffer(data, np.uint8 if len(data) == pixels else "<u2")
+    return values.reshape(shape).astype(np.uint16)
 
 
 def calibration_of(param: SdkObject) -> RigCalibration:

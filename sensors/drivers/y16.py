@@ -1,4 +1,4 @@
-"""Any UVC thermal camera that gives 16-bit words (Y16): counts, or temperatures by scale and offset."""
+"""UVC thermal cameras that give 16-bit words (Y16): a FLIR Boson, or any by its scale and offset."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,13 @@ COLDEST_C, HOTTEST_C = -60.0, 650.0
 """Degrees Celsius between which the middle of an image of temperatures lies: wider than these cameras'
 ranges, but narrow enough for raw counts, or another scale, to fall outside. Chosen by eye."""
 ABSOLUTE_ZERO_C = -273.15
+BOSON_USB_ID = "09cb:4007"
+"""Vendor and product of a Boson (FLIR; flirpy looks for it)."""
+BOSON_SIZES = ((640, 512), (320, 256))
+BOSON_HZ = 60.0
+"""Images a second; 8.6 of models for export (FLIR's data sheet 102-2013-40)."""
+BOSON_KELVIN = 0.01
+"""Of one step of a radiometric Boson's words. From memory."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +46,29 @@ class Radiometry:
         return celsius.astype(np.float32)
 
 
-class Y16Camera(V4l2Camera):
-    """One camera. size: (width, height). radiometry: None where the words are no temperatures.
+class WordCamera(V4l2Camera):
+    """A camera of 16-bit words. radiometry: None where they are no temperatures.
 
     The flag is recognised in the images; dropped counts by the gaps between stamps.
-    Raises DeviceError for a node that does not open or has another size.
     """
+
+    _radiometry: Radiometry | None
+    _flag: FlagWatch
+
+    def _watch(self, radiometry: Radiometry | None, rate_hz: float) -> None:
+        self._radiometry, self._flag = radiometry, FlagWatch(rate_hz)
+
+    def _take_frame(self) -> None:
+        words, stamp_ns = self._words().copy(), self._stamp_ns()
+        flag = self._flag.see(words)
+        if self._radiometry is None:
+            self._take(stamp_ns, ThermalCounts(words, np.zeros(0, np.uint16), flag))
+        else:
+            self._take(stamp_ns, ThermalImage(self._radiometry.celsius(words, self.address), flag))
+
+
+class Y16Camera(WordCamera):
+    """One camera of a size (width, height). Raises DeviceError where the node has another, or none."""
 
     def __init__(
         self,
@@ -59,16 +83,28 @@ class Y16Camera(V4l2Camera):
         if radiometry is not None:
             address += f"&scale={radiometry.scale!r}&offset={radiometry.offset_c!r}"
         super().__init__(address, node, serial, rate_hz, kind)
-        self._radiometry, self._flag = radiometry, FlagWatch(rate_hz)
+        self._watch(radiometry, rate_hz)
         self._configure(FOURCC, [size], rate_hz, "give its width and height")
 
-    def _take_frame(self) -> None:
-        words, stamp_ns = self._words().copy(), self._stamp_ns()
-        flag = self._flag.see(words)
-        if self._radiometry is None:
-            self._take(stamp_ns, ThermalCounts(words, np.zeros(0, np.uint16), flag))
-        else:
-            self._take(stamp_ns, ThermalImage(self._radiometry.celsius(words, self.address), flag))
+
+class Boson(WordCamera):
+    """A FLIR Boson 640 or 320. celsius: whether its words are temperatures, as those of radiometric ones.
+
+    Raises DeviceError for a node that does not open, or of another size.
+    """
+
+    def __init__(
+        self,
+        node: Path,
+        celsius: bool = False,
+        rate_hz: float = BOSON_HZ,
+        serial: str = "",
+        kind: CaptureKind = cv2.VideoCapture,
+    ) -> None:
+        address = f"boson:{node}?rate={rate_hz:g}" + "&celsius=yes" * celsius
+        super().__init__(address, node, serial, rate_hz, kind)
+        self._watch(Radiometry(BOSON_KELVIN) if celsius else None, rate_hz)
+        self._configure(FOURCC, BOSON_SIZES, rate_hz, "switch its output to 16 bits (RAW16)")
 
 
 def radiometry_of(address: Address) -> Radiometry | None:

@@ -4,7 +4,8 @@ Layout, everything but depth optional::
 
     depth/NAME.png      16-bit depth; or NAME.depth.png, or NAME.png, in the folder itself
     color/NAME.jpg      JPEG or PNG of the same name; or in rgb/
-    thermal/NAME.png    16-bit temperatures in the scale of a session (``messages.THERMAL_OFFSET_C``)
+    thermal/NAME.png    16-bit temperatures in the scale of a session (``messages.THERMAL_OFFSET_C``); or
+                        NAME.jpg, a FLIR camera's radiometric JPEG
     associations.txt    which colour belongs to which depth image, and when they were taken, where names
                         differ; or depth.txt and rgb.txt (see ``associations``)
     calibration.json    the rig's calibration as ``calibration.save_calibration`` writes it; or
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
+from sensors.files.flir_jpeg import decode_flir
 from sensors.files.png import decode_grey, png_shape
 from sensors.importers.tum_lists import (
     ASSOCIATIONS,
@@ -50,7 +52,7 @@ class ImageFolder:
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.resolve().name
         self._depth, self._stamps_ns, self._color, timing = _colors(path, _depth_files(path))
-        self._thermal = _matching(path / "thermal", (".png",), self._depth)
+        self._thermal = _matching(path / "thermal", (".png", ".jpg", ".jpeg"), self._depth)
         self.calibration, self._unit_mm, origin = _calibration(path, next(iter(self._depth.values())))
         self.notes = (
             *origin,
@@ -72,7 +74,7 @@ class ImageFolder:
             stamp_ns=self._stamps_ns.get(stem, index * FRAME_PERIOD_NS),
             depth_mm=mm_from_units(_grey16(self._depth[stem]), self._unit_mm),
             color_encoded=read_bounded(color) if color else None,
-            thermal_c=thermal_from_uint16(_grey16(thermal)) if thermal else None,
+            thermal_c=_celsius(thermal) if thermal else None,
         ).sized_as(self.calibration)
 
 
@@ -159,6 +161,12 @@ def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, 
         return RigCalibration(found.depth), unit_mm, tuple(notes)
     notes.append("colour assumed to be aligned with depth, as Open3D's recorder saves it")
     return RigCalibration(found.depth, found.depth, Pose.identity()), unit_mm, tuple(notes)
+
+
+def _celsius(file: Path) -> NDArray[np.float32]:
+    if file.suffix.lower() == ".png":
+        return thermal_from_uint16(_grey16(file))
+    return decode_flir(read_bounded(file), str(file))
 
 
 def _grey16(file: Path) -> NDArray[np.uint16]:

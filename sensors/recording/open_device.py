@@ -8,6 +8,7 @@ from pathlib import Path
 from serial.tools.list_ports import comports
 
 from sensors.device.address import Address
+from sensors.device.mounting import Mounted, Mounting, mounting_of
 from sensors.device.node import node_error, video_nodes
 from sensors.device.protocol import Device, Found
 from sensors.drivers.azure_kinect import AzureKinect, azure_devices
@@ -19,7 +20,7 @@ from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.orbbec import Orbbec, orbbec_serials
 from sensors.drivers.pyrometer import open_pyrometer
 from sensors.drivers.realsense import PRESETS, RATES, SIZES, RealSense, Settings, realsense_serials
-from sensors.drivers.y16 import Y16Camera, radiometry_of
+from sensors.drivers.y16 import BOSON_HZ, BOSON_USB_ID, Boson, Y16Camera, radiometry_of
 from sensors.errors import DeviceError, DeviceNotFoundError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.rig.frame import RigFrame
@@ -31,6 +32,7 @@ VIRTUAL = (
     "virtual:optris?mode=128hz",
     "virtual:optris-direct",
     "virtual:lepton",
+    "virtual:boson?celsius=yes",
     "virtual:y16?scale=0.01&offset=-273.15",
     "virtual:pyrometer?family=ct",
     "virtual:pyrometer?family=cs",
@@ -44,11 +46,11 @@ def open_device(address: str, frames: Iterable[RigFrame] = ()) -> Device:
     Raises DeviceError.
     """
     parsed = Address(address)
-    if parsed.virtual:
-        return open_twin(parsed, frames)
-    if parsed.kind not in OPENERS:
+    if not parsed.virtual and parsed.kind not in OPENERS:
         raise DeviceError(f"{address!r} is of no known kind; use {', '.join(OPENERS)}, or virtual:KIND")
-    return OPENERS[parsed.kind](parsed)
+    mounting = Mounting() if parsed.kind == "pyrometer" else mounting_of(parsed)
+    device = open_twin(parsed, frames) if parsed.virtual else OPENERS[parsed.kind](parsed)
+    return device if mounting == Mounting() else Mounted(address, device, mounting)
 
 
 def find_devices() -> list[Found]:
@@ -58,8 +60,11 @@ def find_devices() -> list[Found]:
         *_numbered("realsense", realsense_serials()),
         *_numbered("azure", [serial for _, serial in azure_devices()]),
         *_numbered("orbbec", orbbec_serials()),
-        *(Found(f"optris:{n}", "optris", serial, note=_access(n)) for n, serial in video_nodes(USB_ID)),
-        *(Found(f"lepton:{n}", "lepton", serial, note=_access(n)) for n, serial in video_nodes(LEPTON_ID)),
+        *(
+            Found(f"{kind}:{node}", kind, serial, note=_access(node))
+            for kind, usb_id in (("optris", USB_ID), ("lepton", LEPTON_ID), ("boson", BOSON_USB_ID))
+            for node, serial in video_nodes(usb_id)
+        ),
         *_serial_ports(),
         *(Found(address, address.split(":")[1].split("?")[0], virtual=True) for address in VIRTUAL),
     ]
@@ -110,6 +115,14 @@ def _open_lepton(address: Address) -> Device:
     return Lepton(node, dict(video_nodes(LEPTON_ID)).get(node, ""))
 
 
+def _open_boson(address: Address) -> Device:
+    celsius = address.choice("celsius", {"no": False, "yes": True}, "no")
+    rate_hz = address.number("rate", BOSON_HZ, 1.0, 200.0)
+    address.finish()
+    node = _target(address, "/dev/video0")
+    return Boson(node, celsius, rate_hz, dict(video_nodes(BOSON_USB_ID)).get(node, ""))
+
+
 def _open_y16(address: Address) -> Device:
     width, height = (address.given_integer(side, 1, MAX_IMAGE_SIDE) for side in ("width", "height"))
     rate_hz, radiometry = address.number("rate", RATE_HZ, 1.0, 200.0), radiometry_of(address)
@@ -125,6 +138,7 @@ OPENERS: Mapping[str, Callable[[Address], Device]] = {
     "optris": _open_optris,
     "optris-direct": _open_direct,
     "lepton": _open_lepton,
+    "boson": _open_boson,
     "y16": _open_y16,
     "pyrometer": lambda address: open_pyrometer(address, _target(address, "/dev/ttyUSB0")),
 }

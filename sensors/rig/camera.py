@@ -39,7 +39,9 @@ class Intrinsics:
 
     def __post_init__(self) -> None:
         # From a file they may be of any type.
-        if not all(isinstance(n, Integral) and 0 < n <= MAX_IMAGE_SIDE for n in (self.width, self.height)):
+        if not all(
+            isinstance(n, (int, Integral)) and 0 < n <= MAX_IMAGE_SIDE for n in (self.width, self.height)
+        ):
             raise CalibrationError(
                 f"image size {self.width}x{self.height} is impossible; "
                 f"give 1 to {MAX_IMAGE_SIDE} pixels a side"
@@ -81,7 +83,7 @@ class Intrinsics:
 
 def _is_finite(number: object) -> bool:
     try:
-        return isinstance(number, Real) and math.isfinite(number)
+        return isinstance(number, (float, Real)) and math.isfinite(number)
     except OverflowError:
         return False
 

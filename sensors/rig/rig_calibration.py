@@ -31,7 +31,7 @@ class Pose:
         if rotation.shape != (3, 3) or translation.shape != (3,):
             shapes = f"{rotation.shape} and {translation.shape}"
             raise CalibrationError(f"rotation and translation are {shapes}; give (3, 3) and (3,)")
-        orthonormal = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4)
+        orthonormal = np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-4
         if not orthonormal or np.linalg.det(rotation) < 0 or not np.isfinite(translation).all():
             raise CalibrationError("pose is not a rigid transform; give a rotation matrix and finite metres")
 

@@ -13,7 +13,15 @@ from sensors.drivers.optris_direct import OptrisDirect
 from sensors.drivers.pyrometer import SCALES, open_pyrometer
 from sensors.drivers.pyrometer_protocol import FAMILIES
 from sensors.drivers.realsense import RealSense, Settings
-from sensors.drivers.y16 import Y16Camera, radiometry_of
+from sensors.drivers.y16 import (
+    BOSON_HZ,
+    BOSON_KELVIN,
+    BOSON_SIZES,
+    Boson,
+    Radiometry,
+    Y16Camera,
+    radiometry_of,
+)
 from sensors.errors import DeviceError
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
@@ -58,6 +66,7 @@ def open_twin(address: Address, frames: Iterable[RigFrame]) -> Device:
         "optris": _optris,
         "optris-direct": _optris_direct,
         "lepton": _lepton,
+        "boson": _boson,
         "y16": _y16,
         "pyrometer": lambda address, _: _pyrometer(address),
     }
@@ -89,6 +98,15 @@ def _lepton(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]
     faults = _faults(address)
     lepton = VirtualLepton(FrameLoop(frames), faults)
     return Lepton(lepton.node, "virtual", FakeKernel(lepton)), lepton
+
+
+def _boson(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
+    celsius = address.choice("celsius", {"no": False, "yes": True}, "no")
+    rate_hz = address.number("rate", BOSON_HZ, 1.0, 200.0)
+    faults = _faults(address)
+    radiometry = Radiometry(BOSON_KELVIN) if celsius else COUNTS
+    twin = VirtualY16(FrameLoop(frames), faults, radiometry, rate_hz, BOSON_SIZES[0][::-1])
+    return Boson(twin.node, celsius, rate_hz, "virtual", FakeKernel(twin)), twin
 
 
 def _y16(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:

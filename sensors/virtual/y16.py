@@ -62,9 +62,13 @@ class VirtualY16(FakeCamera):
 
     def celsius(self, number: int) -> NDArray[np.float32]:
         """What image ``number`` should show, float32 (h, w)."""
-        step = 120 // self._shape[0]
-        noise = self._noise[number * 7 % self._shape[0] :][: self._shape[0]]
-        return self._scene.thermal(number / self._rate_hz)[::step, ::step] + noise
+        (height, width), scene = self._shape, self._scene.thermal(number / self._rate_hz)
+        noise = self._noise[number * 7 % height :][:height]
+        if height > scene.shape[0]:
+            finer = -(-height // scene.shape[0])
+            scene = np.repeat(np.repeat(scene, finer, axis=0), finer, axis=1)[:height, :width]
+        step = scene.shape[0] // height
+        return np.asarray(scene[::step, ::step] + noise, np.float32)
 
     def uvc_frame(self, number: int) -> NDArray[np.uint16]:
         """The image alone."""

@@ -1,19 +1,19 @@
 """A baked body: mesh, parts, skeleton and skinning weights, in numpy alone."""
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numba
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Float64, Int32, UInt8
+from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
 from annotate.parts import PART_ID
 from sensors.errors import FormatError
 from sensors.files.atomic import replacing
 from sensors.files.npz import load_arrays
 from sensors.rig.camera import FloatArray
-from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, alignment, forward
+from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, alignment, kinematics
 from synth.shipped import shipped
 
 BONES_PER_VERTEX = 4
@@ -113,26 +113,50 @@ def volume_m3(vertices_m: FloatArray, faces: Int32) -> float:
     return abs(float(np.einsum("ij,ij->", np.cross(a, b), c))) / 6
 
 
-def pose(body: Body, posture: Posture) -> tuple[Float32, Float64]:
-    """Skin a body by linear blending. Returns vertices float32 (V, 3) and joints (J, 3), world, metres."""
-    frames, joints = forward(posture, body.joints_m, alignment(body.joints_m))
-    offsets = joints - np.einsum("jab,jb->ja", frames, body.joints_m)
-    matrices = np.concatenate([frames, offsets[..., None]], axis=2).astype(np.float32)
-    return _skin(body.vertices_m, body.bones, body.weights, matrices), joints
+def pose(body: Body, posture: Posture, only: Int64 | None = None) -> tuple[Float32, Float64]:
+    """Skin a body by linear blending. Returns vertices float32 (V, 3) and joints (J, 3), world, metres.
+
+    only: (n,) indices of the vertices that are wanted, for (n, 3) of them; default all.
+    """
+    matrices, joints = _matrices(posture.angles_rad, posture.pelvis_m, body.joints_m, _aligned(body))
+    own = slice(None) if only is None else only
+    return _skin(body.vertices_m[own], body.bones[own], body.weights[own], matrices), joints
+
+
+@lru_cache(maxsize=16)
+def _aligned(body: Body) -> Float64:
+    return alignment(body.joints_m)
+
+
+@numba.njit(cache=True)
+def _matrices(
+    angles_rad: Float64, pelvis_m: Float64, rest_joints_m: Float64, aligned: Float64
+) -> tuple[Float32, Float64]:
+    """Transforms float32 (J, 3, 4) of what follows each joint, rest to world, and the joints (J, 3)."""
+    _, frames, joints = kinematics(angles_rad, pelvis_m, rest_joints_m, aligned)
+    matrices = np.empty((N_JOINTS, 3, 4), np.float32)
+    for j in range(N_JOINTS):
+        x, y, z = rest_joints_m[j]
+        for a in range(3):
+            moved = frames[j, a, 0] * x + frames[j, a, 1] * y + frames[j, a, 2] * z
+            matrices[j, a, :3], matrices[j, a, 3] = frames[j, a], joints[j, a] - moved
+    return matrices, joints
 
 
 @numba.njit(cache=True)
 def _skin(vertices: Float32, bones: UInt8, weights: Float32, matrices: Float32) -> Float32:
-    result = np.zeros_like(vertices)
+    result = np.empty_like(vertices)
     for v in range(len(vertices)):
         x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+        a, b, c = np.float32(0), np.float32(0), np.float32(0)
         for k in range(bones.shape[1]):
             w = weights[v, k]
             if w > 0:
                 m = matrices[bones[v, k]]
-                result[v, 0] += w * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3])
-                result[v, 1] += w * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3])
-                result[v, 2] += w * (m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3])
+                a += w * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3])
+                b += w * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3])
+                c += w * (m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3])
+        result[v, 0], result[v, 1], result[v, 2] = a, b, c
     return result
 
 

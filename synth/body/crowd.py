@@ -26,9 +26,9 @@ EVERY = 40
 
 @cache
 def crowd() -> tuple[Body, ...]:
-    """28 adults, women and men in turn, ages 16 to 80, 1.50 to 1.91 m, body mass index 17 to 36.9.
+    """28 adults, women and men in turn, ages 16 to 80, 1.50 to 1.91 m, body mass index 17 to 38.
 
-    Baked from anny by ``python -m tools.bake_crowd``, on the mesh of the paper's bodies.
+    Baked from anny by ``python -m tools.fit.crowd``, on the mesh of the paper's bodies.
     """
     like, joints = shipped_bodies()[0], _arrays()["joints_m"]
     own = _vertices_m()[:, : len(like.vertices_m)]
@@ -74,5 +74,5 @@ def _arrays() -> dict[str, NDArray[Any]]:
 def _vertices_m() -> Float32:
     """Skin, and behind it the helpers, of everybody at rest (28, V + H, 3)."""
     arrays = _arrays()
-    whole = arrays["mean"].astype(np.float32) + arrays["differences"]
-    return np.asarray(np.float32(STEP_M) * whole, np.float32)
+    whole = arrays["mean"].astype(np.float32) + arrays["differences"].swapaxes(1, 2)
+    return np.ascontiguousarray(np.float32(STEP_M) * whole, np.float32)

@@ -160,20 +160,37 @@ def kinematics(
     axes = np.empty((N_JOINTS, 3, 3))
     positions = np.empty((N_JOINTS, 3))
     for i in range(N_JOINTS):
-        parent = PARENTS[i]
+        parent, own = PARENTS[i], turned[i]
         if parent < 0:
             positions[i] = pelvis_m
-            before = np.eye(3)
+            own[:] = np.eye(3)
         else:
-            positions[i] = positions[parent] + frames[parent] @ (rest_joints_m[i] - rest_joints_m[parent])
-            before = turned[parent]
+            place(positions[i], positions[parent], frames[parent], rest_joints_m[i], rest_joints_m[parent])
+            own[:] = turned[parent]
         for a in range(3):
             # The axes of XYZ Euler angles are columns of the frame turned so far.
-            axes[i, a] = SIGNS[i, a] * before[:, a]
-            before = before @ turn(a, SIGNS[i, a] * angles_rad[i, a])
-        turned[i] = before
-        frames[i] = before @ aligned[i]
+            sign, b, c = SIGNS[i, a], (a + 1) % 3, (a + 2) % 3
+            cosine, sine = np.cos(sign * angles_rad[i, a]), np.sin(sign * angles_rad[i, a])
+            for r in range(3):
+                axes[i, a, r] = sign * own[r, a]
+                x, y = own[r, b], own[r, c]
+                own[r, b], own[r, c] = x * cosine + y * sine, y * cosine - x * sine
+        for r in range(3):
+            x, y, z = own[r]
+            for c in range(3):
+                frames[i, r, c] = x * aligned[i, 0, c] + y * aligned[i, 1, c] + z * aligned[i, 2, c]
     return axes, frames, positions
+
+
+@numba.njit(cache=True)
+def place(where: Float64, origin: Float64, frame: Float64, point: Float64, rest: Float64) -> None:
+    """Write into ``where`` (3,) the place of a point (3,) at rest that follows a joint.
+
+    origin: (3,) the joint's place; frame: (3, 3) its turn; rest: (3,) its place at rest.
+    """
+    x, y, z = point[0] - rest[0], point[1] - rest[1], point[2] - rest[2]
+    for r in range(3):
+        where[r] = origin[r] + (frame[r, 0] * x + frame[r, 1] * y + frame[r, 2] * z)
 
 
 @numba.njit(cache=True)

@@ -10,8 +10,8 @@ from annotate.array_types import Bool, Float32, Int32, UInt16
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 from synth.cameras.pixel_random import NORMALS, lattice, ramps, smooth
-from synth.cameras.relief import FARTHEST_MM, filled
-from synth.cameras.sensor import Reading, blank, drawn_camera, key_of, shown_of, strength, wanted_of
+from synth.cameras.relief import FARTHEST_MM
+from synth.cameras.sensor import CleanDepth, Reading, drawn_camera, key_of, strength
 from synth.surface.rasterize import EXACT
 
 
@@ -34,20 +34,11 @@ class Filtered:
         """A stream of a size of ``sensors.toml``, with a ripple of 0 to 2 mm."""
         return Filtered(strength(rng, 2.0), int(rng.integers(1, 4)), drawn_camera(entry, rng), entry["model"])
 
-    def read(
-        self,
-        window: Intrinsics,
-        depth_m: Float32,
-        dark: Bool | Float32,
-        rng: np.random.Generator,
-        only: Bool | None = None,
-        person: Bool | None = None,
-    ) -> Reading:
-        """What the stream shows of clean depth (h, w); see ``Sensor.read``. dark is without effect."""
-        reading, shown = blank(depth_m.shape), shown_of(depth_m.shape, person, self.least_px)
-        wanted = wanted_of(depth_m.shape, only, person, 0)
+    def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
+        """What the stream shows of a clean depth image, dark or not; see ``Sensor.read``."""
+        reading, wanted = clean.blank(), clean.wanted(0) & clean.shown(self.least_px)
         ripple = np.float32(self.ripple_mm)
-        _read(filled(depth_m), wanted & shown, ripple, key_of(rng), NORMALS, ramps(RIPPLE_LOG2), *reading)
+        _read(clean.filled(), wanted, ripple, key_of(rng), NORMALS, ramps(RIPPLE_LOG2), *reading)
         return reading
 
 

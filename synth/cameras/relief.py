@@ -17,11 +17,6 @@ SHADOW_PX = 24
 """The widest shadow that is looked for. Chosen by eye: of two things 1 m and 2.2 m from a Kinect v1."""
 
 
-def filled(depth_m: Float32) -> Float32:
-    """Depth (h, w) with a background at ``FAR_M`` in place of NaN."""
-    return np.where(np.isnan(depth_m), np.float32(FAR_M), depth_m)
-
-
 @numba.njit(cache=True, fastmath=EXACT)
 def grazed(depth: Float32, pinhole: Float32, y: int, x: int) -> Number:
     """How likely a pixel's surface is too steep to be matched: 0 up to 60 degrees of incidence, 1 at 90.

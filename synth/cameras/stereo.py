@@ -10,18 +10,8 @@ import numpy as np
 from annotate.array_types import Bool, Float32, Int32, UInt16
 from sensors.rig.camera import Intrinsics
 from synth.cameras.pixel_random import NORMALS, chance_of, hashed, lattice, ramps, smooth
-from synth.cameras.relief import EDGE_M, FARTHEST_MM, Number, filled, grazed, nearness_of, shadowed
-from synth.cameras.sensor import (
-    REACH_PX,
-    Reading,
-    blank,
-    drawn_camera,
-    key_of,
-    pinhole_of,
-    shown_of,
-    strength,
-    wanted_of,
-)
+from synth.cameras.relief import EDGE_M, FARTHEST_MM, Number, grazed, nearness_of, shadowed
+from synth.cameras.sensor import NOTHING, REACH_PX, CleanDepth, Reading, drawn_camera, key_of, strength
 from synth.surface.rasterize import EXACT
 
 D435 = Intrinsics(848, 480, 427.0, 427.0, 423.5, 239.5)
@@ -31,6 +21,8 @@ D435 = Intrinsics(848, 480, 427.0, 427.0, 423.5, 239.5)
 @dataclass(frozen=True)
 class Stereo:
     """A stereo depth camera's faults, each with its own strength; 0 switches it off.
+
+    In its whole image, the band at the left that the other eye does not see is empty.
 
     noise_px, wave_px: standard deviations of the disparity over a matching window and over a wide region.
     fattened_px: by how much silhouettes grow. steps: of disparity a pixel, 0 for any. shadow: share of the
@@ -69,35 +61,30 @@ class Stereo:
             model=entry["model"],
         )
 
-    def read(
-        self,
-        window: Intrinsics,
-        depth_m: Float32,
-        dark: Bool | Float32,
-        rng: np.random.Generator,
-        only: Bool | None = None,
-        person: Bool | None = None,
-    ) -> Reading:
-        """What the sensor makes of clean depth (h, w); see ``Sensor.read``."""
-        reading, depth = blank(depth_m.shape), filled(depth_m)
-        parallax = window.fx * self.baseline_m
+    def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
+        """What the sensor makes of a clean depth image; see ``Sensor.read``."""
+        reading, depth = clean.blank(), clean.filled()
+        parallax = clean.window.fx * self.baseline_m
         side = 2 * REACH_PX + 1
         faults = (self.noise_px, self.wave_px, self.fattened_px, self.steps, parallax, parallax * self.shadow)
         _read(
             depth,
             np.asarray(cv2.erode(depth, np.ones((side, side), np.uint8)), np.float32),
-            dark.astype(np.float32),
-            wanted_of(depth_m.shape, only, person, REACH_PX),
-            shown_of(depth_m.shape, person),
+            clean.swallowed(),
+            clean.wanted(REACH_PX),
+            clean.shown(),
             np.array((*faults, self.grazing, self.dark, self.patches), np.float32),
             nearness_of(depth),
-            pinhole_of(window),
+            clean.pinhole(),
             key_of(rng),
             NORMALS,
             ramps(MATCH_LOG2),
             ramps(WAVE_LOG2),
             *reading,
         )
+        if depth.shape == self.camera.shape:
+            alone = parallax / depth > np.arange(depth.shape[1])
+            reading.depth_mm[alone], reading.source[alone] = 0, NOTHING
         return reading
 
 

@@ -9,18 +9,8 @@ import numpy as np
 from annotate.array_types import Bool, Float32, Int32, UInt16
 from sensors.rig.camera import Intrinsics
 from synth.cameras.pixel_random import NORMALS, block_bits, hashed, lattice, ramps, share_of, smooth
-from synth.cameras.relief import EDGE_M, FARTHEST_MM, filled, grazed, nearness_of, shadowed
-from synth.cameras.sensor import (
-    REACH_PX,
-    Reading,
-    blank,
-    drawn_camera,
-    key_of,
-    pinhole_of,
-    shown_of,
-    strength,
-    wanted_of,
-)
+from synth.cameras.relief import EDGE_M, FARTHEST_MM, grazed, nearness_of, shadowed
+from synth.cameras.sensor import REACH_PX, CleanDepth, Reading, drawn_camera, key_of, strength
 from synth.surface.rasterize import EXACT
 
 KINECT1 = Intrinsics(320, 240, 285.63, 285.63, 159.5, 119.5)
@@ -79,34 +69,26 @@ class StructuredLight:
             model=entry["model"],
         )
 
-    def read(
-        self,
-        window: Intrinsics,
-        depth_m: Float32,
-        dark: Bool | Float32,
-        rng: np.random.Generator,
-        only: Bool | None = None,
-        person: Bool | None = None,
-    ) -> Reading:
-        """What the sensor makes of clean depth (h, w); see ``Sensor.read``.
+    def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
+        """What the sensor makes of a clean depth image; see ``Sensor.read``.
 
         Without person nothing melts. What a person touches has to be in the image, or feet stay whole.
         """
-        reading, depth = blank(depth_m.shape), filled(depth_m)
-        parallax = window.fx * self.baseline_m * self.shadow
+        reading, depth = clean.blank(), clean.filled()
+        parallax = clean.window.fx * self.baseline_m * self.shadow
         faults = (self.step_per_m, self.speckle, self.rim_px, self.ragged_px, parallax)
-        melted = self.melted if person is not None else 0.0
+        melted = self.melted if clean.person is not None else 0.0
         losses = (self.grazing, self.dark, self.holes, melted)
         reach_px = max(REACH_PX, 2 << self.block_log2) if melted else REACH_PX
         _read(
             depth,
-            dark.astype(np.float32),
-            wanted_of(depth_m.shape, only, person, reach_px),
-            shown_of(depth_m.shape, person, self.least_px),
+            clean.swallowed(),
+            clean.wanted(reach_px),
+            clean.shown(self.least_px),
             np.array((*faults, *losses), np.float32),
             self.block_log2,
             nearness_of(depth),
-            pinhole_of(window),
+            clean.pinhole(),
             key_of(rng),
             NORMALS,
             ramps(WINDOW_LOG2),

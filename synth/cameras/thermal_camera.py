@@ -1,4 +1,4 @@
-"""The thermal camera: lens, noise, drift, and the flag that closes now and then."""
+"""The thermal camera: lens, noise, lag, drift, and the flag that closes now and then."""
 
 from dataclasses import dataclass
 
@@ -6,14 +6,15 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Float32, Float64
+from synth.cameras.optics import Lens
 from synth.surface.rasterize import ZBuffer
 
-SUPERSAMPLE = 3
-"""Renders per FIR pixel side: its silhouette pixels mix person and background, as real ones do."""
 FLAG_EVERY_S = (12.0, 22.0)
 """The automatic flag closes after 12 s or more (Optris PI series manual); the upper end has no source."""
 FLAG_CLOSED_S = 0.5
 """So long it freezes the image (Optris PI series manual: about 500 ms)."""
+LAG_SHARES = 3
+"""Images of which a lagging one is the mean. Chosen by eye."""
 DRIFT_PERIODS_S = (45.0, 90.0, 240.0)
 """Periods of the drift, a warming camera's and its flag's; no source but that it is slow."""
 
@@ -23,13 +24,30 @@ class ThermalNoise:
     """The FIR camera's faults; 0 or False switches one off.
 
     netd_c: noise-equivalent temperature difference. blur_px: the lens, standard deviation. drift_c: how far
-    the common error of all pixels strays at most. flag: whether the flag closes.
+    the common error of all pixels strays at most. flag: whether the flag closes, for how long, and after how
+    long again, least and most. lag_s: time constant of the pixels. late_s: how far the nearest thermal image
+    is from the depth image at most.
     """
 
     netd_c: float = 0.08
     blur_px: float = 0.6
     drift_c: float = 1.0
     flag: bool = True
+    flag_closed_s: float = FLAG_CLOSED_S
+    flag_every_s: tuple[float, float] = FLAG_EVERY_S
+    lag_s: float = 0.0
+    late_s: float = 0.0
+
+    def delays_s(self, rng: np.random.Generator) -> list[float]:
+        """How long before the depth image that was which the thermal image shows, each in equal shares.
+
+        The answer of a pixel falls off exponentially: its quantiles in the middle of each share.
+        """
+        late_s = rng.uniform(-self.late_s, self.late_s) if self.late_s > 0 else 0.0
+        if self.lag_s == 0:
+            return [late_s]
+        middles = (np.arange(LAG_SHARES) + 0.5) / LAG_SHARES
+        return [late_s - self.lag_s * float(np.log(1 - middle)) for middle in middles]
 
 
 class ThermalState:
@@ -39,7 +57,7 @@ class ThermalState:
         self.noise = noise
         self._phases = rng.uniform(0, 2 * np.pi, len(DRIFT_PERIODS_S))
         self._flag_rng = rng
-        self._closes_s = [float(rng.uniform(0, FLAG_EVERY_S[1]))]
+        self._closes_s = [float(rng.uniform(0, noise.flag_every_s[1]))]
 
     def drift_c(self, time_s: float) -> float:
         """Error of all pixels at a time, within plus and minus ``noise.drift_c``."""
@@ -51,27 +69,26 @@ class ThermalState:
         if not self.noise.flag:
             return False
         while self._closes_s[-1] <= time_s:
-            self._closes_s.append(self._closes_s[-1] + float(self._flag_rng.uniform(*FLAG_EVERY_S)))
-        return any(0 <= time_s - closes < FLAG_CLOSED_S for closes in self._closes_s[-2:])
+            self._closes_s.append(
+                self._closes_s[-1] + float(self._flag_rng.uniform(*self.noise.flag_every_s))
+            )
+        return any(0 <= time_s - closes < self.noise.flag_closed_s for closes in self._closes_s[-2:])
+
+
+def warmth_seen(seen: ZBuffer, celsius: Float64, ambient_c: float) -> Float32:
+    """Temperatures (h, w) of what a pinhole render shows; celsius: (F,) of the faces."""
+    return np.append(celsius, ambient_c).astype(np.float32)[seen.face]
 
 
 def thermograph(
-    seen: ZBuffer,
-    celsius: Float64,
-    ambient_c: float,
-    noise: ThermalNoise,
-    drift_c: float,
-    maps: tuple[Float32, Float32],
-    rng: np.random.Generator,
+    warm: Float32, noise: ThermalNoise, drift_c: float, lens: Lens, rng: np.random.Generator
 ) -> Float32:
-    """A supersampled pinhole render and face temperatures (F,) -> float32 (h, w) degrees Celsius.
+    """A supersampled pinhole image of temperatures through the lens -> float32 (h, w) degrees Celsius.
 
-    maps: where each distorted supersampled pixel looks in the render (cv2.remap's x and y).
+    Silhouette pixels mix person and background, as real ones do.
     """
-    table = np.append(celsius, ambient_c).astype(np.float32)
-    fine = cv2.remap(table[seen.face], *maps, interpolation=cv2.INTER_NEAREST)
-    height, width = fine.shape[0] // SUPERSAMPLE, fine.shape[1] // SUPERSAMPLE
-    image = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
+    fine = cv2.remap(warm, *lens.maps, interpolation=cv2.INTER_NEAREST)
+    image = cv2.resize(fine, lens.camera.shape[::-1], interpolation=cv2.INTER_AREA)
     if noise.blur_px > 0:
         image = cv2.GaussianBlur(image, (0, 0), noise.blur_px)
     grain = rng.standard_normal(image.shape, dtype=np.float32) * np.float32(noise.netd_c)

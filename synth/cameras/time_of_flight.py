@@ -10,17 +10,8 @@ from annotate.array_types import Bool, Float32, Int32, UInt16
 from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 from synth.cameras.pixel_random import NORMALS, hashed, lattice, ramps, share_of, smooth
-from synth.cameras.relief import Number, filled
-from synth.cameras.sensor import (
-    Reading,
-    blank,
-    drawn_camera,
-    key_of,
-    pinhole_of,
-    shown_of,
-    strength,
-    wanted_of,
-)
+from synth.cameras.relief import Number
+from synth.cameras.sensor import CleanDepth, Reading, drawn_camera, key_of, strength
 from synth.surface.rasterize import EXACT
 
 
@@ -68,18 +59,20 @@ class TimeOfFlight:
     def sample(rng: np.random.Generator, entry: dict[str, Any]) -> "TimeOfFlight":
         """A unit of a model of ``sensors.toml``, between perfect and bad; every strength reaches zero.
 
-        Hair is lost in few images and patches of any surface in as many, so that holes do not tell the back
-        of a head from a face.
+        Rims and losses get worse together by ``bad``, as a unit's light and its driver's filters are. Hair is
+        lost in few images and patches of any surface in more, so that holes do not tell the back of a head
+        from a face.
         """
+        bad = strength(rng, 1.0, absent=NEAR_CLEAN)
         return TimeOfFlight(
             axial=strength(rng, 2.0),
-            flying=strength(rng, 1.0),
-            grazing=strength(rng, 0.9),
-            dark=strength(rng, 0.7, absent=0.75),
-            lateral_px=strength(rng, 0.8),
+            flying=bad * strength(rng, 1.0),
+            grazing=bad * strength(rng, 0.9),
+            dark=bad * strength(rng, 0.7, absent=0.75),
+            lateral_px=bad * strength(rng, 0.8),
             offset_mm=float(rng.normal(0, 8)),
             scale=float(rng.normal(1, 0.004)),
-            patches=strength(rng, 1.0, absent=0.6),
+            patches=bad * strength(rng, 1.0, absent=0.6),
             patch_log2=int(rng.integers(2, 6)),
             range_mm=tuple(entry["range_mm"]),
             camera=drawn_camera(entry, rng),
@@ -94,29 +87,21 @@ class TimeOfFlight:
         axial, lateral_px = drawn.axial / 3, drawn.lateral_px / 2
         return replace(drawn, axial=axial, flying=flying, lateral_px=lateral_px, rejected=0.95)
 
-    def read(
-        self,
-        window: Intrinsics,
-        depth_m: Float32,
-        dark: Bool | Float32,
-        rng: np.random.Generator,
-        only: Bool | None = None,
-        person: Bool | None = None,
-    ) -> Reading:
-        """What the sensor makes of clean depth (h, w); see ``Sensor.read``.
+    def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
+        """What the sensor makes of a clean depth image; see ``Sensor.read``.
 
         Order as in a real device: edges jitter and mix, then axial noise, then what the driver rejects.
         """
-        reading = blank(depth_m.shape)
+        reading = clean.blank()
         losses = (self.flying, self.rejected, self.grazing, self.dark, self.patches)
         errors = (self.axial, self.lateral_px, self.offset_mm, self.scale)
         _read(
-            filled(depth_m),
-            dark.astype(np.float32),
-            wanted_of(depth_m.shape, only, person, 0),
-            shown_of(depth_m.shape, person),
+            clean.filled(),
+            clean.swallowed(),
+            clean.wanted(0),
+            clean.shown(),
             np.array((*losses, *errors, *self.range_mm), np.float32),
-            pinhole_of(window),
+            clean.pinhole(),
             key_of(rng),
             NORMALS,
             self.patch_log2,
@@ -126,6 +111,8 @@ class TimeOfFlight:
         return reading
 
 
+NEAR_CLEAN = 0.25
+"""Of the drawn moments, those with noise alone: no holes, no mixed pixels. Chosen by eye."""
 EDGE_DELTA_MM = 50.0
 """Neighbouring readings further apart than this make a silhouette (libfreenect2's close edge delta)."""
 CLIP_RAD = np.radians(82.0)

@@ -21,6 +21,8 @@ CAP, BRIDGE = 10, 6
 """Nodes of a ring about each leg, and between the legs in front and behind. The first is in front of the
 left leg; they go round it to its back, along the back, round the right leg and along the front."""
 NODES = 2 * (CAP + BRIDGE)
+BACK, FRONT = CAP + BRIDGE // 2, 2 * CAP + 3 * BRIDGE // 2
+"""Nodes in the middle between the legs."""
 LINED = 4
 """Rings of the inside, from the hem up to where it is closed: a hem is hollow."""
 SMOOTHING = 4
@@ -33,6 +35,8 @@ TURN = 10.0
 LIES = 1.5
 """On top of flesh cloth comes down to it by so many metres a metre; where it stands upright it hangs
 straight."""
+LID = 0.7
+"""How far between the legs and the hem's front and back the lower lid comes down to it. Chosen by eye."""
 LINING_M = 0.006
 """From the outside of a hem to its inside."""
 HAND_M = 0.015
@@ -60,11 +64,11 @@ class Carrier(NamedTuple):
 
 @numba.njit(cache=True, fastmath=EXACT)
 def hung(vertices: Float32, down: Triple, carrier: Carrier, ease: Float32, flare: float) -> Float32:
-    """Vertices ((R + LINED) NODES + 2, 3) of rings of cloth about a posed body's (V, 3), world, metres.
+    """Vertices ((R + LINED) NODES + 5, 3) of rings of cloth about a posed body's (V, 3), world, metres.
 
     down: from the pelvis towards the feet, as the pelvis is turned. ease: (R, NODES) off the flesh; flare:
-    metres wider a metre down. The outside ring by ring, the inside of the hem, the middles of the two lids.
-    World: z up, by which cloth that lies on flesh is told from cloth that hangs.
+    metres wider a metre down. The outside ring by ring, the inside of the hem, the middles of the lids. World
+    with z up, by which cloth that lies on flesh is told from cloth that hangs.
     """
     rings = len(ease)
     middles = _leg_middles(vertices, carrier, rings)
@@ -172,18 +176,30 @@ def _in_ring(point: Triple, side: int, middles: Float64, frames: Float64) -> tup
         square += off * off
         along += off * core
         length += core * core
-    share = min(max(along / length, 0.0), 1.0)
     if a >= 0:
         turn = np.arctan2(a, b) / np.pi
         node = turn * CAP if side == 1 else CAP + BRIDGE + (1 - turn) * CAP
         away = np.sqrt(a * a + b * b)
     else:
-        share = share if side == 1 else 1 - share
-        node = CAP + share * BRIDGE if b < 0 else 2 * CAP + BRIDGE + (1 - share) * BRIDGE
+        share = min(max(along / length, 0.0), 1.0)
+        left = 1 - share if side == 1 else share
+        ahead = _mixed(frames[1, 1], frames[0, 1], left)
+        b, square = 0.0, 0.0
+        for i in range(3):
+            off = point[i] - left * middles[1, i] - (1 - left) * middles[0, i]
+            b += off * ahead[i]
+            square += off * off
+        node = CAP + (1 - left) * BRIDGE if b < 0 else 2 * CAP + BRIDGE + left * BRIDGE
         away = abs(b)
-        square -= a * a
     over = max(square - away * away, 0.0)
     return node, away + min(over / (away + 1e-3), away)
+
+
+@numba.njit(cache=True, fastmath=EXACT)
+def _mixed(a: Float64, b: Float64, share: float) -> Triple:
+    """The unit vector a share of the way from b to a."""
+    other = 1 - share
+    return unit((share * a[0] + other * b[0], share * a[1] + other * b[1], share * a[2] + other * b[2]))
 
 
 @numba.njit(cache=True, fastmath=EXACT)
@@ -290,9 +306,13 @@ def _give_way(
 
 @numba.njit(cache=True, fastmath=EXACT)
 def _nodes(radii: Float32, middles: Float64, frames: Float64) -> Float32:
-    """Vertices of the outside, the inside of the hem, and the middles of the two lids."""
+    """Vertices of the outside, of the inside of the hem, and of the lids.
+
+    The lower lid comes down to the hem within each leg, and at the middles of its back and its front between
+    the legs: where legs are spread nobody sees far up between them.
+    """
     rings = len(radii)
-    nodes = np.empty(((rings + LINED) * NODES + 2, 3), np.float32)
+    nodes = np.empty(((rings + LINED) * NODES + 5, 3), np.float32)
     for k in range(rings + LINED):
         r = k if k < rings else 2 * rings - 1 - k
         thin = 0.0 if k < rings else LINING_M
@@ -301,7 +321,10 @@ def _nodes(radii: Float32, middles: Float64, frames: Float64) -> Float32:
             for i in range(3):
                 core = share * middles[r, 1, i] + (1 - share) * middles[r, 0, i]
                 nodes[k * NODES + j, i] = core + (radii[r, j] - thin) * outwards[i]
+    right, left = middles[rings - 1]
     for i in range(3):
-        nodes[-2, i] = (middles[0, 0, i] + middles[0, 1, i]) / 2
-        nodes[-1, i] = (middles[rings - LINED, 0, i] + middles[rings - LINED, 1, i]) / 2
+        nodes[-5, i] = (middles[0, 0, i] + middles[0, 1, i]) / 2
+        nodes[-4, i], nodes[-3, i] = right[i], left[i]
+        for k, j in ((-2, BACK), (-1, FRONT)):
+            nodes[k, i] = LID * nodes[rings * NODES + j, i] + (1 - LID) * (right[i] + left[i]) / 2
     return nodes

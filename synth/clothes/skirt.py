@@ -11,12 +11,15 @@ from synth.body.part_border import borders
 from synth.body.skeleton import JOINT_ID
 from synth.clothes.attire import Skirt
 from synth.clothes.cloth import fold_heights
-from synth.clothes.rings import CLEAR_M, LINED, NODES, RING_M, Carrier, hung
+from synth.clothes.rings import BACK, CLEAR_M, FRONT, LINED, NODES, RING_M, Carrier, hung
 from synth.clothes.skin_map import ARMS, LEGS, Limb, SkinMap
 from synth.surface.facets import Triple
 
 TUCK_M = 0.012
 """The first ring is so far inside the flesh, where nobody sees its edge."""
+
+LIDS = 2 * NODES + 6
+"""Faces of the two lids."""
 
 FOREARM, EVERY = 1.2, 6
 """Cloth gives way to an arm from this place on it, and to one in so many of its vertices."""
@@ -115,7 +118,10 @@ def _ease(rings: int, skirt: Skirt, rng: np.random.Generator) -> Float32:
 
 
 def _faces(rings: int) -> Int32:
-    """Faces (F, 3), outwards: of the outside and the inside, two a quad, then of the two lids."""
+    """Faces (F, 3), outwards: of the outside and the inside, two a quad, then of the two lids.
+
+    The lower lid's faces meet in the middle of each leg; six are between the legs.
+    """
     total = rings + LINED
     k, j = np.meshgrid(np.arange(total - 1), np.arange(NODES), indexing="ij")
     a, b = k * NODES + j, k * NODES + (j + 1) % NODES
@@ -123,8 +129,14 @@ def _faces(rings: int) -> Int32:
     sides = np.stack([np.stack([a, d, b], -1), np.stack([a, c, d], -1)], axis=-2).reshape(-1, 3)
     first, last = np.arange(NODES), (total - 1) * NODES + np.arange(NODES)
     roof = np.stack([np.full(NODES, total * NODES), first, np.roll(first, -1)], axis=1)
-    floor = np.stack([np.full(NODES, total * NODES + 1), np.roll(last, -1), last], axis=1)
-    return np.concatenate([sides, roof, floor]).astype(np.int32)
+    right, left, behind, ahead = total * NODES + np.arange(1, 5)
+    own = np.where((np.arange(NODES) >= BACK) & (np.arange(NODES) < FRONT), right, left)
+    floor = np.stack([own, np.roll(last, -1), last], axis=1)
+    between = [
+        (right, ahead, last[FRONT]), (ahead, left, last[FRONT]), (right, behind, ahead),
+        (left, behind, last[BACK]), (behind, right, last[BACK]), (left, ahead, behind),
+    ]  # fmt: skip
+    return np.concatenate([sides, roof, floor, between]).astype(np.int32)
 
 
 def _parts_beneath(body: Body, at_rest: Float32, faces: Int32) -> UInt8:
@@ -133,7 +145,7 @@ def _parts_beneath(body: Body, at_rest: Float32, faces: Int32) -> UInt8:
     Both faces of a quad have one part: a border runs along rings and between nodes.
     """
     middles = at_rest[faces].mean(axis=1, dtype=np.float64)
-    quads = middles[: 2 * (len(faces) // 2 - NODES)].reshape(-1, 2, 3)
+    quads = middles[: len(faces) - LIDS].reshape(-1, 2, 3)
     quads[:] = quads.mean(axis=1, keepdims=True)
     levels = {
         (b.before, b.beyond): b.level for b in borders(body.vertices_m.astype(np.float64), body.joints_m)

@@ -104,7 +104,7 @@ def _chart(figure: Figure, own: Float64, real: Float64) -> Chart:
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     edges = np.linspace(low, high if high > low else low + 1, BINS + 1)
     bars, others = (np.histogram(values, edges)[0] / max(values.size, 1) for values in (own, real))
-    top = max(bars.max(), others.max())
+    top = max(bars.max(), others.max()) or 1.0  # of two images both may lie outside
     return Chart(figure, edges, bars / top, others / top if real.size else None)
 
 

@@ -9,13 +9,13 @@ from typing import Any
 import numba
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Float64, Index, Int32, UInt8, UInt16
+from annotate.array_types import Bool, Float64, Index, Int32, UInt8, UInt16
 from annotate.crop import Crop, crop_around, window_of
 from annotate.frame_labels import FrameLabels
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
 from synth.cameras.draw import draw_sensor
-from synth.cameras.sensor import Reading, Sensor
+from synth.cameras.sensor import CleanDepth, Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.images.motion_stage import Moved
 from synth.images.people import Casting, Person, Wardrobe, crowd_person, paper_person
@@ -38,7 +38,8 @@ class Preset:
     """A dataset by name: how many images by default, which random stream it draws from, and what it shows.
 
     stage: poses and furniture. people: bodies and clothes. sensor: the camera of an image. joints: least
-    share of the joints inside the image. each: images in a row that show one person, whose cost they share.
+    share of the joints inside the image. each: images in a row that show one person, whose cost they share;
+    views: those of them that show one pose, each from its own place through its own sensor.
     occluders, cut: share of images with things in front of the person, and with holes in its extraction.
     described: whether notes describe person and sensor; the first sets, whose bytes are fixed, are older.
     """
@@ -51,6 +52,7 @@ class Preset:
     sensor: Callable[[np.random.Generator], Sensor] = draw_sensor
     joints: float = 0.1
     each: int = 24
+    views: int = 2
     occluders: float = 0.0
     cut: float = 0.0
     described: bool = True
@@ -73,8 +75,11 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     rng = np.random.default_rng((preset.stream, seed, index))
     person = _person(preset.people, preset.stream, seed, index // preset.each)
     sensor = preset.sensor(rng)
-    for _ in range(TRIES):
-        stage = preset.stage(rng, person.who.body)
+    for attempt in range(TRIES):
+        if preset.views > 1:
+            stage = _shared_stage(preset, seed, index - index % preset.views, attempt)
+        else:
+            stage = preset.stage(rng, person.who.body)
         shot = stage.view(rng, stage.vertices_m, stage.joints_m, sensor.camera)
         things, view = _rendered(preset, stage, shot, person, sensor.camera, rng)
         joints = shot.camera_from_world.apply(stage.joints_m)
@@ -112,6 +117,13 @@ def _person(people: Casting, stream: int, seed: int, number: int) -> Person:
     return people(np.random.default_rng((stream, seed, number, 1)))
 
 
+@lru_cache(maxsize=4)
+def _shared_stage(preset: Preset, seed: int, first: int, attempt: int) -> Stage:
+    """The stage that several images show from ``first`` on, where their first attempts did not show it."""
+    person = _person(preset.people, preset.stream, seed, first // preset.each)
+    return preset.stage(np.random.default_rng((preset.stream, seed, first, 2, attempt)), person.who.body)
+
+
 def _rendered(
     preset: Preset, stage: Stage, shot: Shot, person: Person, camera: Intrinsics, rng: np.random.Generator
 ) -> tuple[int, PersonView]:
@@ -135,7 +147,8 @@ def _read(
     view: PersonView, mask: Bool, crop: Crop, sensor: Sensor, rng: np.random.Generator
 ) -> tuple[UInt16, UInt8]:
     """The crop's depth and parts through a sensor; only the pixels that the crop reads are computed."""
-    reading = sensor.read(view.camera, view.depth_m, view.dark, rng, only=crop.reads(mask.shape), person=mask)
+    clean = CleanDepth(view.camera, view.depth_m, view.dark, crop.reads(mask.shape), mask)
+    reading = sensor.read(clean, rng)
     return _cropped(*reading, view.parts, *crop.pixels())
 
 
@@ -198,20 +211,11 @@ class FreshKinect2(TimeOfFlight):
     So were the images of the first presets made.
     """
 
-    def read(
-        self,
-        window: Intrinsics,
-        depth_m: Float32,
-        dark: Bool | Float32,
-        rng: np.random.Generator,
-        only: Bool | None = None,
-        person: Bool | None = None,
-    ) -> Reading:
-        """What the sensor makes of clean depth (h, w); see ``Sensor.read``."""
-        every = np.ones(depth_m.shape, np.bool_)
-        wanted = (every if only is None else only) & (every if person is None else person)
-        depth_mm, _ = TimeOfFlight.kinect2(rng).read(window, depth_m, dark, rng, only=wanted)
-        return Reading(depth_mm, np.arange(depth_m.size, dtype=np.int32).reshape(depth_m.shape))
+    def read(self, clean: CleanDepth, rng: np.random.Generator) -> Reading:
+        """What the sensor makes of a clean depth image; see ``Sensor.read``."""
+        wanted = replace(clean, only=clean.wanted(0), person=None)
+        depth_mm, _ = TimeOfFlight.kinect2(rng).read(wanted, rng)
+        return Reading(depth_mm, np.arange(depth_mm.size, dtype=np.int32).reshape(depth_mm.shape))
 
 
 def fresh_kinect2(rng: np.random.Generator) -> Sensor:
@@ -221,7 +225,7 @@ def fresh_kinect2(rng: np.random.Generator) -> Sensor:
 
 def _first(name: str, count: int, stream: int, stage: Staging) -> Preset:
     """A preset of naked builds between the paper's bodies before a Kinect v2, whole in its image."""
-    return Preset(name, count, stream, stage, paper_person, fresh_kinect2, 0.9, 16, described=False)
+    return Preset(name, count, stream, stage, paper_person, fresh_kinect2, 0.9, 16, 1, described=False)
 
 
 PRESETS = {

@@ -4,6 +4,7 @@ import numpy as np
 
 from annotate.array_types import Float64
 from synth.body.skeleton import JOINT_ID
+from synth.surface.facets import cross
 
 STRAIGHT_DEG = 30.0
 """Knees bent less are those of somebody who stands. Chosen by eye: a tracker's noise reaches 20 degrees."""
@@ -39,12 +40,12 @@ def facing_deg(joints_mm: Float64, across: tuple[str, ...] = ("shoulder", "hip")
     joints_mm: (J, 3), camera frame. across: pairs of joints from right to left; the hips alone
     give the pelvis' azimuth.
     """
-    at = {name: joints_mm[JOINT_ID[name]] for name in ("pelvis", "neck")}
-    up = at["neck"] - at["pelvis"]
+    pelvis = joints_mm[JOINT_ID["pelvis"]]
+    up = joints_mm[JOINT_ID["neck"]] - pelvis
     left = sum(joints_mm[JOINT_ID[f"left_{kind}"]] - joints_mm[JOINT_ID[f"right_{kind}"]] for kind in across)
-    forward = np.cross(left, up)
+    forward = np.array(cross(tuple(left), tuple(up)))
     leftward = left - up * (left @ up) / (up @ up)
-    x, y = (-at["pelvis"] @ axis / np.sqrt(axis @ axis) for axis in (leftward, forward))
+    x, y = (-pelvis @ axis / np.sqrt(axis @ axis) for axis in (leftward, forward))
     return float(np.degrees(np.arctan2(x, y)))
 
 

@@ -76,8 +76,8 @@ def visibility(parts: UInt8, whole: UInt8) -> Float64:
 
     Entry 0 is over all parts together.
     """
-    shown, there = _tally(parts), _tally(whole)
-    return np.where(there > 0, shown / np.maximum(there, 1), 1.0)
+    shown, there = _tally(parts).tolist(), _tally(whole).tolist()
+    return np.array([s / t if t else 1.0 for s, t in zip(shown, there, strict=True)])
 
 
 @numba.njit(cache=True)
@@ -131,8 +131,8 @@ def _slopes(points: Float32) -> tuple[float, float, float, float]:
 
 def _clip(low: float, high: float, size: int) -> tuple[int, int]:
     """First pixel, and the one after the last, between two coordinates and inside an image's side."""
-    start = int(np.clip(low - BORDER_PX, 0, size - 1))
-    return start, int(np.clip(high + BORDER_PX + 1, start + 1, size))
+    start = int(min(max(low - BORDER_PX, 0), size - 1))
+    return start, int(min(max(high + BORDER_PX + 1, start + 1), size))
 
 
 def occluder(eye_m: Float64, seen_m: Float64, rng: np.random.Generator) -> Mesh:

@@ -160,8 +160,9 @@ def _extent(points: Float64, middle: Float64, axes: Float64) -> tuple[Float64, F
     """Least and greatest coordinates (2,) of points (n, 3) across and down a view, from its middle."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for i in range(len(points)):
+        x, y, z = points[i, 0] - middle[0], points[i, 1] - middle[1], points[i, 2] - middle[2]
         for a in range(2):
-            off = np.dot(axes[a], points[i] - middle)
+            off = axes[a, 0] * x + axes[a, 1] * y + axes[a, 2] * z
             low[a], high[a] = min(low[a], off), max(high[a], off)
     return low, high
 
@@ -236,8 +237,13 @@ def _in_view(points: Float64, eye: Float64, target: Float64, pinhole: Float64) -
     axes, count, nearest = _axes(eye, target), 0, np.inf
     width, height, fx, fy, cx, cy = pinhole
     for i in range(len(points)):
-        x, y, z = axes @ (points[i] - eye)
-        if z > NEAR_M and 0 <= fx * x / z + cx < width and 0 <= fy * y / z + cy < height:
+        a, b, c = points[i, 0] - eye[0], points[i, 1] - eye[1], points[i, 2] - eye[2]
+        z = axes[2, 0] * a + axes[2, 1] * b + axes[2, 2] * c
+        if z <= NEAR_M:
+            continue
+        x = axes[0, 0] * a + axes[0, 1] * b + axes[0, 2] * c
+        y = axes[1, 0] * a + axes[1, 1] * b + axes[1, 2] * c
+        if 0 <= fx * x / z + cx < width and 0 <= fy * y / z + cy < height:
             count += 1
             nearest = min(nearest, z)
     return count / len(points), nearest

@@ -66,6 +66,16 @@ def solve(
     Raises CloudError when the markers are unknown, never seen, of impossible size, or the static is another
     person's.
     """
+    trial, person, markerset, assumed = fit_person(markers, static, markerset)
+    motion = _track(trial, person, markerset, markers.frames_per_second, advance)
+    return replace(motion, report=replace(motion.report, assumed=assumed))
+
+
+def fit_person(
+    markers: Markers, static: Markers | None = None, markerset: MarkerSet | None = None
+) -> tuple[KnownMarkers, Subject, MarkerSet, tuple[str, ...]]:
+    """The known markers of a recording, the person who wears them, the marker set with the weights found for
+    this person, and lines on what was assumed. Arguments and errors as in ``solve``."""
     markerset = markerset or choose_marker_set(markers.labels)
     trial, standing = _trials(markers, static, markerset)
     assumed = [*markers.assumed, *trial.assumed]
@@ -74,9 +84,7 @@ def solve(
         frames = np.concatenate([frames, _calibration_frames(standing, STATIC_FRAMES)])
         assumed += [f"static trial: {line}" for line in (*static.assumed, *standing.assumed)]
     person, markerset, unsteady = _steady_person(frames, markerset)
-    assumed += unsteady
-    motion = _track(trial, person, markerset, markers.frames_per_second, advance)
-    return replace(motion, report=replace(motion.report, assumed=tuple(assumed)))
+    return trial, person, markerset, (*assumed, *unsteady)
 
 
 def places_m(markers: Markers, static: Markers | None = None, markerset: MarkerSet | None = None) -> Float64:

@@ -10,6 +10,7 @@ import numpy as np
 
 from annotate.array_types import Float64, Int64
 from synth.body.flesh import Flesh
+from synth.surface.facets import Triple
 
 SKIN_M = 0.004
 """Flesh is kept this far apart: its spheres are means, the skin is not round."""
@@ -65,12 +66,18 @@ def reaches_m(pairs: Int64, flesh: Flesh) -> Float64:
         total = SKIN_M
         for lo, hi in ((pairs[r, 0], pairs[r, 1]), (pairs[r, 2], pairs[r, 3])):
             farthest = 0.0
+            middle = flesh.centres_m[(lo + hi) // 2]
             for s in range(lo, hi):
-                off = flesh.centres_m[s] - flesh.centres_m[(lo + hi) // 2]
-                farthest = max(farthest, np.sqrt(np.dot(off, off)) + flesh.radii_m[s])
+                farthest = max(farthest, _distance(flesh.centres_m[s], middle) + flesh.radii_m[s])
             total += farthest
         result[r] = total
     return result
+
+
+@numba.njit(cache=True)
+def _distance(a: Float64, b: Float64) -> float:
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return float(np.sqrt(x * x + y * y + z * z))
 
 
 @numba.njit(cache=True)
@@ -78,25 +85,29 @@ def add_flesh(rows: Rows, n: int, pairs: Int64, reaches: Float64, flesh: Flesh, 
     """Rows that part flesh from flesh: each station of one chain against the nearest place of the other."""
     for r in range(len(pairs)):
         a_lo, a_hi, b_lo, b_hi = pairs[r]
-        apart = stations[(a_lo + a_hi) // 2] - stations[(b_lo + b_hi) // 2]
-        if apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2 > reaches[r] ** 2:
+        if _distance(stations[(a_lo + a_hi) // 2], stations[(b_lo + b_hi) // 2]) > reaches[r]:
             continue
         for s in range(a_lo, a_hi):
-            depth, near, joint = _deepest(s, b_lo, b_hi, flesh, stations)
-            way = stations[s] - near
-            length = np.sqrt(np.dot(way, way))
-            if depth > 0 and length > 1e-6 and n < ROW_CAPACITY:
-                rows.normals[n] = way / length
+            depth, b, share = _deepest(s, b_lo, b_hi, flesh, stations)
+            if depth <= 0 or n >= ROW_CAPACITY:
+                continue
+            near = rows.points[n, 1]
+            for i in range(3):
+                near[i] = stations[b, i] + share * (stations[b + 1, i] - stations[b, i])
+            length = _distance(stations[s], near)
+            if length > 1e-6:
+                for i in range(3):
+                    rows.normals[n, i] = (stations[s, i] - near[i]) / length
+                    rows.points[n, 0, i] = stations[s, i]
                 rows.depths_m[n] = depth
-                rows.points[n, 0], rows.points[n, 1] = stations[s], near
-                rows.movers[n, 0], rows.movers[n, 1] = flesh.joints[s], joint
+                rows.movers[n, 0], rows.movers[n, 1] = flesh.joints[s], flesh.joints[b]
                 n += 1
     return n
 
 
 @numba.njit(cache=True, fastmath=True)
-def _deepest(s: int, lo: int, hi: int, flesh: Flesh, stations: Float64) -> tuple[float, Float64, int]:
-    """How deep station s is in the flesh over stations lo..hi, the place on the axis, and its joint."""
+def _deepest(s: int, lo: int, hi: int, flesh: Flesh, stations: Float64) -> tuple[float, int, float]:
+    """How deep station s is in the flesh over stations lo..hi: there after a station, a share to the next."""
     radii = flesh.radii_m
     px, py, pz = stations[s]
     deepest, where, share = 0.0, lo, 0.0
@@ -112,57 +123,61 @@ def _deepest(s: int, lo: int, hi: int, flesh: Flesh, stations: Float64) -> tuple
             depth = touch - np.sqrt(squared)
             if depth > deepest:
                 deepest, where, share = depth, b, t
-    near = stations[where] + share * (stations[where + 1] - stations[where])
-    return deepest, near, flesh.joints[where]
+    return deepest, where, share
 
 
 @numba.njit(cache=True)
 def add_solids(rows: Rows, n: int, boxes: Float64, flesh: Flesh, stations: Float64) -> int:
     """Rows that push limbs out of furniture; boxes (k, 17): packed ``Solid``s."""
     for k in range(len(boxes)):
-        centre, half, give, bias = boxes[k, :3], boxes[k, 3:6], boxes[k, 6], boxes[k, 7]
-        turn = np.ascontiguousarray(boxes[k, 8:]).reshape(3, 3)
+        give, bias, turn = boxes[k, 6], boxes[k, 7], boxes[k, 8:]
         for s in range(len(stations)):
             if flesh.joints[s] <= _LAST_FIXED:
                 continue
             room = flesh.radii_m[s] - give
-            x, y, z = stations[s] - centre
-            off = np.empty(3)
-            outside = 0.0
-            for i in range(3):
-                off[i] = turn[0, i] * x + turn[1, i] * y + turn[2, i] * z
-                outside = max(outside, abs(off[i]) - half[i])
+            x, y, z = (
+                stations[s, 0] - boxes[k, 0],
+                stations[s, 1] - boxes[k, 1],
+                stations[s, 2] - boxes[k, 2],
+            )
+            off = (
+                turn[0] * x + turn[3] * y + turn[6] * z,
+                turn[1] * x + turn[4] * y + turn[7] * z,
+                turn[2] * x + turn[5] * y + turn[8] * z,
+            )
+            half = (boxes[k, 3], boxes[k, 4], boxes[k, 5])
+            outside = max(abs(off[0]) - half[0], abs(off[1]) - half[1], abs(off[2]) - half[2], 0.0)
             if outside >= max(room, 0.0) and outside > 0.0:
                 continue
             depth, normal = _leave(off, half, bias)
             depth += room
             if depth > 0 and n < ROW_CAPACITY:
-                rows.normals[n] = turn @ normal
+                for i in range(3):
+                    along = turn[3 * i] * normal[0] + turn[3 * i + 1] * normal[1]
+                    rows.normals[n, i] = along + turn[3 * i + 2] * normal[2]
+                    rows.points[n, 0, i] = stations[s, i]
                 rows.depths_m[n] = depth
-                rows.points[n, 0] = stations[s]
                 rows.movers[n, 0], rows.movers[n, 1] = flesh.joints[s], SOLID
                 n += 1
     return n
 
 
 @numba.njit(cache=True)
-def _leave(off: Float64, half: Float64, bias: float) -> tuple[float, Float64]:
+def _leave(off: Triple, half: Triple, bias: float) -> tuple[float, Triple]:
     """How deep a point lies in a box about the origin (negative: how far from it), and the way out.
 
     The way up is taken where it is no more than ``bias`` longer than the shortest.
     """
-    normal = np.zeros(3)
-    beyond = np.abs(off) - half
-    outside = np.maximum(beyond, 0.0)
-    distance = np.sqrt(np.dot(outside, outside))
-    if distance > 0:
-        normal[:] = np.sign(off) * outside / distance
-        return -distance, normal
+    x, y, z = abs(off[0]) - half[0], abs(off[1]) - half[1], abs(off[2]) - half[2]
+    if max(x, y, z) > 0:
+        a, b, c = max(x, 0.0), max(y, 0.0), max(z, 0.0)
+        distance = np.sqrt(a * a + b * b + c * c)
+        way = (np.sign(off[0]) * a, np.sign(off[1]) * b, np.sign(off[2]) * c)
+        return -distance, (way[0] / distance, way[1] / distance, way[2] / distance)
     # Nothing leaves by the underside.
-    beyond[2] = off[2] - half[2]
-    axis = int(np.argmax(beyond))
-    if beyond[axis] - bias < off[2] - half[2]:
-        normal[2] = 1.0
-        return half[2] - off[2], normal
-    normal[axis] = 1.0 if off[axis] >= 0 else -1.0
-    return -beyond[axis], normal
+    up = off[2] - half[2]
+    if max(x, y) - bias <= up:
+        return -up, (0.0, 0.0, 1.0)
+    if x >= y:
+        return -x, (1.0 if off[0] >= 0 else -1.0, 0.0, 0.0)
+    return -y, (0.0, 1.0 if off[1] >= 0 else -1.0, 0.0)

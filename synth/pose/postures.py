@@ -4,6 +4,7 @@ Numbers of a moment are described in ``synth/data/poses``; flexion is forwards, 
 in another or in the furniture.
 """
 
+import numba
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -39,8 +40,8 @@ def sit(body: Body, seat: Seat, moment: Moment) -> Posed:
     """
     flesh, scale = flesh_of(body), body.height_cm / 170
     posture = Posture(_sitting_angles(moment), np.zeros(3))
-    vertices, joints = pose(body, posture)
-    place = rest_on(seat, vertices[flesh.trunk], joints, moment["slide"])
+    trunk, joints = pose(body, posture, flesh.trunk)
+    place = rest_on(seat, trunk, joints, moment["slide"])
     middle = (joints[JOINT_ID["left_hip"]] + joints[JOINT_ID["right_hip"]]) / 2 + place
     posture = Posture(posture.angles_rad, place)
     pulls = []
@@ -103,9 +104,9 @@ def lie(body: Body, support: Bed | Ground, moment: Moment) -> Posed:
     """
     flesh, posture = flesh_of(body), posture_of(moment)
     carriers = [FLOOR, *support.solids()[:1]]
-    vertices, joints = pose(body, posture)
+    trunk, joints = pose(body, posture, flesh.trunk)
     place = _place(support, moment, joints)
-    place[2] = height_to_rest(vertices[flesh.trunk] + place.astype(np.float32), carriers)
+    place[2] = height_to_rest(trunk + place.astype(np.float32), carriers)
     solids = [FLOOR, *support.solids()]
     settled = settle(flesh, Posture(posture.angles_rad, place), solids, pulls_of(moment), HEAVE)
     vertices, joints = pose(body, settled)
@@ -210,12 +211,21 @@ def height_to_rest(vertices_m: Float32, carriers: list[Solid]) -> float:
 
     The vertex that needs it most ends as deep in the highest solid under it as that solid gives.
     """
-    top = np.full(len(vertices_m), -np.inf, np.float32)
-    for solid in carriers:
-        low, high = np.array([solid.low[:2], solid.high[:2]], np.float32)
-        over = ((vertices_m[:, :2] > low) & (vertices_m[:, :2] < high)).all(axis=1)
-        top = np.maximum(top, np.where(over, solid.high[2] - solid.give_m, -np.inf))
-    return float((top - vertices_m[:, 2]).max())
+    tops = [(*solid.low[:2], *solid.high[:2], solid.high[2] - solid.give_m) for solid in carriers]
+    return float(_height_to_rest(vertices_m, np.array(tops)))
+
+
+@numba.njit(cache=True)
+def _height_to_rest(vertices: Float32, tops: Float64) -> float:
+    """``height_to_rest``; tops (k, 5): least x and y, greatest x and y, and the height that carries."""
+    rise = -np.inf
+    for v in range(len(vertices)):
+        x, y, top = vertices[v, 0], vertices[v, 1], -np.inf
+        for k in range(len(tops)):
+            if tops[k, 0] < x < tops[k, 2] and tops[k, 1] < y < tops[k, 3]:
+                top = max(top, tops[k, 4])
+        rise = max(rise, top - vertices[v, 2])
+    return rise
 
 
 def lift_needed(vertices_m: Float32, carriers: list[Solid]) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from annotate.array_types import Bool, Float64, Int64
 from synth.body.flesh import CHAINS, Flesh
-from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, N_JOINTS, PARENTS, Posture, kinematics
+from synth.body.skeleton import JOINT_ID, JOINTS, LIMITS_RAD, N_JOINTS, PARENTS, Posture, kinematics, place
 from synth.pose.halfspaces import SOLID, Rows, add_flesh, add_pulls, add_solids, no_rows, reaches_m
 from synth.shipped import table
 from synth.surface.furniture import Solid
@@ -142,7 +142,7 @@ def stations_m(flesh: Flesh, frames: Float64, positions: Float64) -> Float64:
     stations = np.empty_like(flesh.centres_m)
     for s in range(len(stations)):
         j = flesh.joints[s]
-        stations[s] = positions[j] + frames[j] @ (flesh.centres_m[s] - flesh.rest_joints_m[j])
+        place(stations[s], positions[j], frames[j], flesh.centres_m[s], flesh.rest_joints_m[j])
     return stations
 
 

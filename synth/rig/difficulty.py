@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from synth.appearance.photograph import COLORS, ColorDifficulty
+from synth.cameras.stereo import Stereo
 from synth.cameras.thermal_camera import ThermalNoise
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.shipped import table
@@ -28,7 +29,8 @@ class Clutter:
 class Difficulty:
     """How hard the rig makes it.
 
-    color: clothes, light and the colour camera. depth: one frame's faults. reflectance: the room's, in the
+    color: clothes, light and the colour camera. depth, stereo: one frame's faults by kind of depth camera.
+    reflectance: the room's, in the
     infrared, for light that bounces twice (0: none does). unit_mm, unit_scale: standard deviations of the
     unit's own offset and scale. warmth: how unevenly warm people and things are, 1 as in a good room.
     room_c: air and walls, least and most. clutter: what stands about. stray: how far the robot's aim is off,
@@ -38,6 +40,7 @@ class Difficulty:
     name: str
     color: ColorDifficulty
     depth: TimeOfFlight
+    stereo: Stereo
     thermal: ThermalNoise
     clutter: Clutter
     warmth: float
@@ -53,7 +56,7 @@ def _difficulty(name: str, entry: dict[str, Any]) -> Difficulty:
     return Difficulty(name, **{**entry, **made, "color": COLORS[name]})
 
 
-_PARTS = {"depth": TimeOfFlight, "thermal": ThermalNoise, "clutter": Clutter}
+_PARTS = {"depth": TimeOfFlight, "stereo": Stereo, "thermal": ThermalNoise, "clutter": Clutter}
 DIFFICULTIES = {name: _difficulty(name, entry) for name, entry in table("difficulties").items()}
 """Clean, normal and hard, described in ``synth/data/difficulties.toml``."""
 CLEAN, NORMAL, HARD = DIFFICULTIES.values()

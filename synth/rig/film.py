@@ -7,7 +7,7 @@ import numpy as np
 
 from annotate.array_types import Float64
 from sensors.errors import CloudError
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
+from sensors.rig.camera import Intrinsics
 from synth.body.body import Body, pose
 from synth.markers.motion_file import Motion
 from synth.markers.person_body import person_body
@@ -112,7 +112,7 @@ class FilmRig(VirtualRig):
         performance = self._played.performance
         joints = np.concatenate([pose(performance.body, p)[1] for p in performance.postures[::5]])
         azimuth = float(np.radians(rng.uniform(-30, 30)))
-        eye, target = _eye(joints, azimuth, float(rng.uniform(1.0, 1.5)))
+        eye, target = _eye(self.calibration.depth, joints, azimuth, float(rng.uniform(1.0, 1.5)))
 
         def view(rng: np.random.Generator, stray: float) -> tuple[Float64, Float64]:
             return eye, target + stray * rng.normal(0, 0.03, 3)
@@ -122,15 +122,17 @@ class FilmRig(VirtualRig):
         return Place(furniture, behind + BEHIND_M, self._played, False, view)
 
 
-def _eye(joints_m: Float64, azimuth_rad: float, height_m: float) -> tuple[Float64, Float64]:
+def _eye(
+    camera: Intrinsics, joints_m: Float64, azimuth_rad: float, height_m: float
+) -> tuple[Float64, Float64]:
     """Place and target (3,) of the nearest camera that sees all joints (n, 3), inside the room."""
     target = (joints_m.min(axis=0) + joints_m.max(axis=0)) / 2
-    half = np.array([KINECT2_DEPTH.width, KINECT2_DEPTH.height]) / 2 * IN_VIEW
+    half = np.array([camera.width, camera.height]) / 2 * IN_VIEW
     for distance in DISTANCES_M:
         eye = beside(target, azimuth_rad, distance, height_m)
         eye[1] = max(eye[1], ROOM_FRONT_Y_M + 0.2)
         x, y, z = look_at(eye, target).apply(joints_m).T
-        off = np.abs(np.stack([x, y], axis=1)) * KINECT2_DEPTH.fx / np.maximum(z, 0.1)[:, None]
+        off = np.abs(np.stack([x, y], axis=1)) * camera.fx / np.maximum(z, 0.1)[:, None]
         if (off < half).all():
             break
     return eye, target

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from annotate.array_types import Bool, Float32, Float64
 from sensors.calibrate.hole_plate import HolePlate
 from sensors.files.atomic import check_free, replacing
-from sensors.rig.camera import Intrinsics, distort, rays
+from sensors.recording.rig_templates import RigTemplate
+from sensors.rig.camera import Intrinsics, distort, project, rays
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
 from sensors.session.writer import SessionWriter
@@ -23,18 +24,18 @@ from synth.appearance.color_camera import encode
 
 BACKING_M = 0.03
 """How far the warm backing lies behind the plate."""
-RANGE_M = (0.75, 1.15)
-"""Distances at which the thermal camera resolves the holes (the facts' simulation)."""
 TILT_DEG, ROLL_DEG = 35.0, 25.0
 """Greatest turns of the plate out of and in its plane. Chosen by eye."""
+ASIDE = (5.0, 5.0, 1.0)
+"""A ray that meets nothing but the wall."""
 PLATE_C, BACKING_C, ROOM_C = 22.0, 30.0, 21.0
 """8 K of contrast, as a heated foam sheet gives (the facts' simulation)."""
 NETD_C = 0.08
 """Noise-equivalent temperature difference of the Optris PI200 (its data sheet)."""
 BLUR_PX = 0.6
 """Blur of a lens, standard deviation. Chosen by eye."""
-DEPTH_SIGMA_MM = 1.5
-"""Axial noise of a Kinect v2 near 1 m, head-on (Fankhauser et al. 2015)."""
+DEPTH_SIGMA = 0.75
+"""Noise of depth near 1 m over that at 2 m: 1.5 mm of a Kinect v2, head-on (Fankhauser et al. 2015)."""
 GREY_SIGMA = 3.0
 """Noise of the colour camera, grey values of 255. Chosen by eye."""
 SLIP_M, SLIP_DEG = 0.006, 1.0
@@ -43,7 +44,6 @@ SUBPIXELS = 8
 """Rays a pixel's side at edges, whose mean is the pixel."""
 FRAMES_PER_SECOND = 0.5
 """Of the recording: a view every two seconds. Chosen by eye."""
-PLATE = HolePlate()
 DEPTH_SHIFT_MM = -8.0
 """Added to every reading, as real units have it. Chosen by eye."""
 _AROUND = np.ones((3, 3), np.uint8)
@@ -58,15 +58,16 @@ class _Values(NamedTuple):
 
 
 class PlateViews:
-    """``count`` frames of the plate; a share of them is bad: the plate slips between the exposures.
+    """``count`` frames of a rig's plate; a share of them is bad: the plate slips between the exposures.
 
-    calibration: the true one, of three cameras. Deterministic in the seed.
+    rig: its calibration is the true one. Deterministic in the seed.
     """
 
-    def __init__(self, calibration: RigCalibration, count: int, seed: int, bad_share: float = 0.1) -> None:
-        self.calibration, self.count, self.seed, self.bad_share = calibration, count, seed, bad_share
+    def __init__(self, rig: RigTemplate, count: int, seed: int, bad_share: float = 0.1) -> None:
+        self.rig, self.calibration = rig, rig.calibration
+        self.count, self.seed, self.bad_share = count, seed, bad_share
         self.name = f"virtual-plate-{seed}"
-        self._views = {name: _PlateCamera(camera) for name, camera in _cameras(calibration).items()}
+        self._views = {n: _PlateCamera(camera, rig.plate) for n, camera in _cameras(rig.calibration).items()}
 
     def __len__(self) -> int:
         return self.count
@@ -82,10 +83,10 @@ class PlateViews:
         """depth_from_plate: in the middle two thirds of the view, tilted, at arm's length."""
         spin = Rotation.from_euler("z", rng.uniform(-ROLL_DEG, ROLL_DEG), degrees=True)
         tilt = Rotation.from_euler("xy", rng.uniform(-TILT_DEG, TILT_DEG, 2), degrees=True)
-        z = rng.uniform(*RANGE_M)
+        z = rng.uniform(*self.rig.plate_m)
         center = np.array([rng.uniform(-0.28, 0.28) * z, rng.uniform(-0.18, 0.18) * z, z])
         rotation = (tilt * spin).as_matrix()
-        middle = np.array([*PLATE.size_m.mean(axis=0), 0.0])
+        middle = np.array([*self.rig.plate.size_m.mean(axis=0), 0.0])
         return Pose(rotation, center - rotation @ middle)
 
     def _shoot(self, index: int, depth_from_plate: Pose, bad: bool, rng: np.random.Generator) -> RigFrame:
@@ -98,7 +99,7 @@ class PlateViews:
         infrared = self._views["depth"].image(depth_from_plate, _Values(9000, 1500, 4000))
         infrared += rng.normal(0, 80, infrared.shape)
         depth = 1000 * self._views["depth"].depth_m(depth_from_plate) + DEPTH_SHIFT_MM
-        depth += rng.normal(0, DEPTH_SIGMA_MM, depth.shape)
+        depth += rng.normal(0, DEPTH_SIGMA * self.rig.depth_sd_mm, depth.shape)
         color = self._color(_pose_of(self.calibration, "color") @ slipped(), rng)
         thermal = self._thermal(_pose_of(self.calibration, "thermal") @ slipped(), rng)
         stamp_ns = round(index * 1e9 / FRAMES_PER_SECOND)
@@ -163,9 +164,9 @@ def _counts(image: Float64) -> NDArray[np.uint16]:
 class _PlateCamera:
     """One camera looking at the plate; its rays are computed once."""
 
-    def __init__(self, camera: Intrinsics) -> None:
-        self.camera = camera
-        self.rays = rays(camera)
+    def __init__(self, camera: Intrinsics, plate: HolePlate) -> None:
+        self.camera, self.plate = camera, plate
+        self.rays = _seeing(camera)
 
     def image(self, camera_from_plate: Pose, values: _Values) -> Float64:
         """Image (h, w): at edges the mean over SUBPIXELS x SUBPIXELS rays a pixel."""
@@ -184,16 +185,16 @@ class _PlateCamera:
     def depth_m(self, camera_from_plate: Pose) -> Float64:
         """Depth (h, w) along z: the plate, the backing in its holes, and a wall at 2.5 m."""
         xy, z = _meet(self.rays, camera_from_plate)
-        inside, hole = _inside(xy)
+        inside, hole = _inside(xy, self.plate)
         return np.where(inside, np.where(hole, z + BACKING_M, z), 2.5)
 
     def _seen(self, ray: Float64, pose: Pose, values: _Values) -> Float64:
-        inside, hole = _inside(_meet(ray, pose)[0])
+        inside, hole = _inside(_meet(ray, pose)[0], self.plate)
         seen = np.where(inside, np.where(hole, values.backing, values.plate), values.room)
         return seen.astype(np.float64)
 
     def _window(self, pose: Pose) -> tuple[slice, slice]:
-        low, high = PLATE.size_m
+        low, high = self.plate.size_m
         corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
         points = pose.apply(corners)
         xy = distort(self.camera, points[:, :2] / points[:, 2:])
@@ -204,6 +205,15 @@ class _PlateCamera:
         return slice(top, max(bottom, top + 2)), slice(left, max(right, left + 2))
 
 
+def _seeing(camera: Intrinsics) -> Float64:
+    """Rays (h, w, 3) of the pixels; those beyond a round view, where the lens has no inverse, look aside."""
+    ray = rays(camera)
+    with np.errstate(over="ignore", invalid="ignore"):
+        px = project(camera, ray) - np.stack(np.meshgrid(*map(np.arange, camera.shape[::-1])), axis=-1)
+        ray[~(np.abs(px).max(axis=-1) < 0.5)] = ASIDE
+    return ray
+
+
 def _meet(ray: Float64, pose: Pose) -> tuple[Float64, Float64]:
     """Where rays (..., 3) meet the plate's plane: plate coordinates (..., 2) and depth (...,), metres."""
     normal = pose.rotation[:, 2]
@@ -212,11 +222,11 @@ def _meet(ray: Float64, pose: Pose) -> tuple[Float64, Float64]:
     return local[..., :2], z
 
 
-def _inside(xy: Float64) -> tuple[Bool, Bool]:
+def _inside(xy: Float64, plate: HolePlate) -> tuple[Bool, Bool]:
     """Whether points (..., 2) of the plane lie on the plate, and whether in a hole."""
-    low, high = PLATE.size_m
-    row = np.clip(np.rint(xy[..., 1] / PLATE.pitch_m), 0, PLATE.rows - 1)
-    column = np.clip(np.rint((xy[..., 0] / PLATE.pitch_m - row % 2) / 2), 0, PLATE.columns - 1)
-    center = np.stack([2 * column + row % 2, row], axis=-1) * PLATE.pitch_m
-    hole = np.square(xy - center).sum(axis=-1) < (PLATE.hole_m / 2) ** 2
+    low, high = plate.size_m
+    row = np.clip(np.rint(xy[..., 1] / plate.pitch_m), 0, plate.rows - 1)
+    column = np.clip(np.rint((xy[..., 0] / plate.pitch_m - row % 2) / 2), 0, plate.columns - 1)
+    center = np.stack([2 * column + row % 2, row], axis=-1) * plate.pitch_m
+    hole = np.square(xy - center).sum(axis=-1) < (plate.hole_m / 2) ** 2
     return np.asarray(((xy > low) & (xy < high)).all(axis=-1)), np.asarray(hole)

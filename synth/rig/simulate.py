@@ -40,6 +40,7 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
         "seed": str(rig.seed),
         "subjects": str(rig.subjects),
         "scene": rig.scene,
+        "rig": rig.rig,
     }
     writer = SessionWriter(
         out, rig.calibration, rig.name, overwrite=overwrite, metadata=metadata, keep_partial=False
@@ -57,7 +58,7 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
                 writer.write(frame)
                 if frame.thermal_c is None:
                     writer.event(frame.stamp_ns, FLAG_CLOSED)
-                truth.write(truth_labels(frame, known))
+                truth.write(truth_labels(frame, known, rig.calibration.depth))
                 progress(1)
         shutil.rmtree(truth_folder, ignore_errors=True)
         unfinished.replace(truth_folder)

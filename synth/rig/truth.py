@@ -10,12 +10,13 @@ from annotate.cloud.fuse import undistortion_index
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES, UNDEFINED
 from annotate.suit.palette import MIN_CHROMA_DISTANCE, chromaticity
-from sensors.rig.camera import project
+from sensors.rig.camera import Intrinsics, project
 from sensors.rig.frame import RigFrame
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
 from synth.appearance.color_camera import CameraState
 from synth.appearance.outfit import GAMMA, Outfit
 from synth.appearance.warmth import SURFACE_C
+from synth.cameras.sensor import Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.rig.stay import Cast, Tableau
 from synth.surface.furniture import Surface
@@ -39,16 +40,26 @@ class Truth:
     hard: tuple[str, ...]
 
 
-def whose_readings(
-    seen: ZBuffer, tags: Int32, depth_mm: NDArray[np.uint16], noise: TimeOfFlight
-) -> tuple[UInt8, UInt8]:
-    """Parts and persons (h, w) of the surfaces that the readings lie on.
-
-    A reading belongs to the surface behind its pixel or, where the edge has jittered, behind a neighbour;
-    one that lies on none of them is undefined.
-    """
+def whose_readings(seen: ZBuffer, tags: Int32, reading: Reading, sensor: Sensor) -> tuple[UInt8, UInt8]:
+    """Parts and persons (h, w) of the surfaces that the readings lie on, by the faces' tags (F,)."""
     tag = np.append(tags, 0)[seen.face]
-    expected = noise.offset_mm + 1000 * noise.scale * np.nan_to_num(seen.depth_m)
+    if isinstance(sensor, TimeOfFlight):
+        _follow_edges(tag, seen, reading.depth_mm, sensor)
+    else:
+        tag = tag.ravel()[reading.source]
+    parts = np.where((tag > 0) & (tag < N_CLASSES), tag, 0).astype(np.uint8)
+    persons = (parts > 0) + np.uint8(2) * (tag == Surface.OTHER_PERSON)
+    parts[tag < 0] = UNDEFINED
+    parts[reading.depth_mm == 0] = persons[reading.depth_mm == 0] = 0
+    return parts, persons.astype(np.uint8)
+
+
+def _follow_edges(tag: Int32, seen: ZBuffer, depth_mm: NDArray[np.uint16], sensor: TimeOfFlight) -> None:
+    """Change the tags (h, w) where an edge has jittered, to a neighbour's, and where light has mixed, to -1.
+
+    A reading belongs to the surface behind its pixel or behind a neighbour; one on none is undefined.
+    """
+    expected = sensor.offset_mm + 1000 * sensor.scale * np.nan_to_num(seen.depth_m)
     off_mm = np.abs(depth_mm - expected)
     v, u = np.nonzero((depth_mm > 0) & (off_mm > FLYING_MM))
     nearest = np.full(len(v), FLYING_MM)
@@ -60,16 +71,11 @@ def whose_readings(
             found = np.where(gap < nearest, tag[y, x], found)
             nearest = np.minimum(nearest, gap)
     tag[v, u] = found
-    parts = np.where((tag > 0) & (tag < N_CLASSES), tag, 0).astype(np.uint8)
-    persons = (parts > 0) + np.uint8(2) * (tag == Surface.OTHER_PERSON)
-    parts[tag < 0] = UNDEFINED
-    parts[depth_mm == 0] = persons[depth_mm == 0] = 0
-    return parts, persons.astype(np.uint8)
 
 
-def truth_labels(frame: RigFrame, truth: Truth) -> FrameLabels:
-    """The truth over the undistorted depth image, undistorted exactly as fusion does it."""
-    source = undistortion_index(KINECT2_DEPTH)
+def truth_labels(frame: RigFrame, truth: Truth, camera: Intrinsics = KINECT2_DEPTH) -> FrameLabels:
+    """The truth over the undistorted depth image of ``camera``, undistorted exactly as fusion does it."""
+    source = undistortion_index(camera)
     depth_mm, parts, persons = (
         np.where(source >= 0, image.ravel()[source], 0)
         for image in (frame.depth_mm, truth.parts, truth.persons)
@@ -103,13 +109,15 @@ COLD = 0.5
 """Share of the way to cold hands and feet from which on they are cold. Chosen by eye."""
 
 
-def scene_hardships(cast: Cast, tableau: Tableau, seen: ZBuffer, alone: ZBuffer) -> list[str]:
-    """Causes in the scene. seen: all of it, alone: the subject without what is before it; depth lens."""
+def scene_hardships(
+    cast: Cast, tableau: Tableau, seen: ZBuffer, alone: ZBuffer, camera: Intrinsics
+) -> list[str]:
+    """Causes in the scene. seen: all of it, alone: the subject without what is before it."""
     tags, celsius = np.append(cast.tags, 0)[seen.face], np.append(tableau.celsius, -100.0)[seen.face]
     warm = (celsius > BODY_WARM_C[0]) & (celsius < BODY_WARM_C[1])
     own, whole = (tags > 0) & (tags < N_CLASSES), alone.face >= 0
-    pixels = project(KINECT2_DEPTH, cast.camera_from_world.apply(tableau.joints_m))
-    inside = ((pixels >= 0) & (pixels < (KINECT2_DEPTH.width, KINECT2_DEPTH.height))).all(axis=1)
+    pixels = project(camera, cast.camera_from_world.apply(tableau.joints_m))
+    inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
     causes = {
         "second person": _many(tags == Surface.OTHER_PERSON),
         "warm seat": _many(np.isin(tags, SOFT) & warm),

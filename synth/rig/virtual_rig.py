@@ -10,29 +10,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from annotate.array_types import Float64
+from annotate.array_types import Float32, Float64, Int32
 from annotate.parts import N_CLASSES
 from annotate.suit.palette import DEFAULT_SUIT, Suit
 from sensors.errors import CloudError
+from sensors.recording.rig_templates import REFERENCE
 from sensors.rig.frame import RigFrame
-from sensors.rig.kinect2_factory import KINECT2_DEPTH
+from sensors.rig.rig_calibration import Pose
 from synth.appearance.color_camera import RESTING
 from synth.appearance.photograph import ColorCamera
 from synth.cameras.multipath import multipath_m
-from synth.cameras.optics import (
-    COLOR_FROM_DEPTH,
-    KINECT_COLOR,
-    OPTRIS,
-    RIG_CALIBRATION,
-    THERMAL_FROM_DEPTH,
-    lens_of,
-)
-from synth.cameras.thermal_camera import SUPERSAMPLE, ThermalState, thermograph
+from synth.cameras.optics import lens_of
+from synth.cameras.sensor import CleanDepth, Sensor
+from synth.cameras.thermal_camera import ThermalState, thermograph, warmth_seen
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.place import SCENES
 from synth.rig.stay import Cast, Stay, Tableau
 from synth.rig.truth import Truth, camera_hardships, scene_hardships, whose_readings
+from synth.rig.twin import twin_named
 from synth.surface.rasterize import Mesh, ZBuffer
 
 FRAMES_PER_SECOND = 2.0
@@ -48,7 +44,7 @@ FLAG_CLOSED = "thermal flag closed"
 class _Cameras(NamedTuple):
     """The faults and states of one recording's cameras."""
 
-    depth: TimeOfFlight
+    depth: Sensor
     color: ColorCamera
     thermal: ThermalState
 
@@ -56,7 +52,8 @@ class _Cameras(NamedTuple):
 class VirtualRig:
     """Frames of ``subjects`` people, one after another; deterministic in the seed.
 
-    Raises CloudError for counts without sense or an unknown difficulty or scene.
+    rig: which cameras (``sensors.recording.rig_templates``). A seed has the same people before every rig.
+    Raises CloudError for counts without sense or an unknown difficulty, scene or rig.
     """
 
     def __init__(
@@ -67,6 +64,7 @@ class VirtualRig:
         seed: int,
         scene: str = "sofa",
         frames_per_second: float = FRAMES_PER_SECOND,
+        rig: str = REFERENCE,
     ) -> None:
         if not 1 <= subjects <= frames <= 1_000_000:
             raise CloudError(
@@ -78,15 +76,19 @@ class VirtualRig:
             raise CloudError(f"scene {scene!r} is unknown; use {', '.join(SCENES)}")
         if not 0.1 <= frames_per_second <= 30:
             raise CloudError(f"{frames_per_second} frames a second are impossible; give 0.1 to 30")
-        self.name = f"virtual-{scene}-{difficulty}-{seed}"
-        self.calibration = RIG_CALIBRATION
+        kind = "" if rig == REFERENCE else f"{rig}-"
+        self.name = f"virtual-{kind}{scene}-{difficulty}-{seed}"
+        self.rig, self._twin = rig, twin_named(rig)
+        self.calibration = self._twin.calibration
         self.suit: Suit = DEFAULT_SUIT
         self.difficulty = DIFFICULTIES[difficulty]
         self.frames, self.subjects, self.seed, self.scene = frames, subjects, seed, scene
         self.frames_per_second = frames_per_second
-        self._depth = lens_of(KINECT2_DEPTH, 1)
-        self._color = lens_of(KINECT_COLOR, 1)
-        self._thermal = lens_of(OPTRIS, SUPERSAMPLE)
+        depth, color, color_pose, thermal, thermal_pose = vars(self.calibration).values()
+        self._depth, self._color = lens_of(depth, 1), lens_of(color, 1)
+        self._thermal = lens_of(thermal, self._twin.supersample)
+        self._color_from_depth: Pose = color_pose
+        self._thermal_from_depth: Pose = thermal_pose
 
     def __len__(self) -> int:
         return self.frames
@@ -98,8 +100,10 @@ class VirtualRig:
         """Yield every frame with its truth."""
         rng, faults = np.random.default_rng((self.seed, 3)), self.difficulty
         offset_mm, scale = rng.normal(0, faults.unit_mm), rng.normal(1, faults.unit_scale)
-        depth = replace(faults.depth, offset_mm=float(offset_mm), scale=float(scale))
-        thermal = ThermalState(faults.thermal, rng)
+        depth = self._twin.sensor(faults)
+        if isinstance(depth, TimeOfFlight):
+            depth = replace(depth, offset_mm=float(offset_mm), scale=float(scale))
+        thermal = ThermalState(self._twin.thermal(faults.thermal), rng)
         for number in range(self.subjects):
             first, end = (-(-n * self.frames // self.subjects) for n in (number, number + 1))
             stay = self._stay(number)
@@ -112,39 +116,50 @@ class VirtualRig:
         return Stay(place, self.difficulty, self.suit, self.seed, number, self.frames_per_second)
 
     def _color_camera(self, cast: Cast) -> ColorCamera:
-        lens, pose = self._color, COLOR_FROM_DEPTH @ cast.camera_from_world
+        lens, pose = self._color, self._color_from_depth @ cast.camera_from_world
         return ColorCamera(lens.pinhole, lens.maps, pose, cast.setting, self.difficulty.color.camera)
 
     def _shoot(self, cast: Cast, tableau: Tableau, index: int, cameras: _Cameras) -> tuple[RigFrame, Truth]:
         rng, time_s = np.random.default_rng((self.seed, index, 11)), index / self.frames_per_second
         in_depth = cast.camera_from_world.apply(tableau.vertices_m)
-        seen = self._see_distance(cast, in_depth)
-        depth_mm, _ = cameras.depth.read(KINECT2_DEPTH, seen.depth_m, cast.dark[seen.face], rng)
+        seen = self._see_distance(in_depth, cast.faces, cameras.depth)
+        clean = CleanDepth(self.calibration.depth, seen.depth_m, cast.dark[seen.face])
+        reading = cameras.depth.read(clean, rng)
         velocity = _velocity_m_s(tableau, self.frames_per_second)
         scene = Mesh(tableau.vertices_m, cast.faces, cast.tags)
         color = cameras.color.photograph(scene, cast.outfits, rng, velocity)
         drift_c, temperatures = cameras.thermal.drift_c(time_s), None
         if not cameras.thermal.flag_closed(time_s):
-            warm = self._thermal.render_pinhole(THERMAL_FROM_DEPTH.apply(in_depth), cast.faces)
-            state = (self.difficulty.thermal, drift_c, self._thermal.maps, rng)
-            temperatures = thermograph(warm, tableau.celsius, cast.room_c, *state)
-        frame = RigFrame(index, round(time_s * 1e9), depth_mm, color, temperatures)
-        parts, persons = whose_readings(seen, cast.tags, depth_mm, cameras.depth)
+            noise = cameras.thermal.noise
+            warm = self._warmth(cast, tableau, velocity, noise.delays_s(rng))
+            temperatures = thermograph(warm, noise, drift_c, self._thermal, rng)
+        frame = RigFrame(index, round(time_s * 1e9), reading.depth_mm, color, temperatures)
+        parts, persons = whose_readings(seen, cast.tags, reading, cameras.depth)
         alone = self._depth.render(in_depth[: cast.subject], cast.faces[cast.tags < N_CLASSES])
-        hard = scene_hardships(cast, tableau, seen, alone)
+        hard = scene_hardships(cast, tableau, seen, alone, self.calibration.depth)
         speed = np.quantile(np.linalg.norm(velocity[: cast.subject], axis=1), FASTEST)
         hard += camera_hardships(float(speed), cameras.color.state or RESTING, drift_c)
         hard += [FLAG_CLOSED] * (temperatures is None)
         joints = cast.camera_from_world.apply(tableau.joints_m)
         return frame, Truth(parts, persons, joints, cast.name, tuple(hard))
 
-    def _see_distance(self, cast: Cast, in_depth: Float64) -> ZBuffer:
+    def _see_distance(self, in_depth: Float64, faces: Int32, sensor: Sensor) -> ZBuffer:
         """What the depth camera would read without noise."""
-        seen = self._depth.render(in_depth, cast.faces)
-        if self.difficulty.reflectance == 0:
+        seen = self._depth.render(in_depth, faces)
+        if self.difficulty.reflectance == 0 or not isinstance(sensor, TimeOfFlight):
             return seen
-        longer_m = multipath_m(KINECT2_DEPTH, seen.depth_m, self.difficulty.reflectance)
+        longer_m = multipath_m(self.calibration.depth, seen.depth_m, self.difficulty.reflectance)
         return ZBuffer(seen.depth_m + longer_m, seen.face)
+
+    def _warmth(self, cast: Cast, tableau: Tableau, velocity: Float64, delays_s: list[float]) -> Float32:
+        """Temperatures in the thermal camera's wide pinhole: the mean of what was there each delay ago."""
+        pose = self._thermal_from_depth @ cast.camera_from_world
+        images = []
+        for delay_s in delays_s:
+            points = tableau.vertices_m - delay_s * velocity if delay_s else tableau.vertices_m
+            seen = self._thermal.render_pinhole(pose.apply(points), cast.faces)
+            images.append(warmth_seen(seen, tableau.celsius, cast.room_c))
+        return np.mean(images, axis=0, dtype=np.float32) if len(images) > 1 else images[0]
 
 
 def _velocity_m_s(tableau: Tableau, frames_per_second: float) -> Float64:

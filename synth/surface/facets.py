@@ -4,7 +4,6 @@ from functools import cache
 
 import numba
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from annotate.array_types import Float32, Int32
 from synth.surface.rasterize import EXACT
@@ -85,6 +84,8 @@ CORRELATION_CELLS = 2.0
 @cache
 def noise_tile() -> Float32:
     """Noise float32 (64, 64, 64) of mean 0 and standard deviation 1 that repeats without a seam."""
+    from scipy.ndimage import gaussian_filter
+
     rng = np.random.default_rng(64)
     noise = gaussian_filter(rng.standard_normal((TILE_CELLS,) * 3), CORRELATION_CELLS, mode="wrap")
     tile = np.asarray((noise - noise.mean()) / noise.std(), np.float32)

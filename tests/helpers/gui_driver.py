@@ -1,9 +1,13 @@
 """Drives the correction window as a person does: mouse and key events, places given in the depth image."""
 
+import ctypes
+import ctypes.util
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from PySide6.QtCore import QPoint, QPointF, Qt, QTimer
 from PySide6.QtGui import QCursor, QKeySequence
@@ -12,10 +16,14 @@ from PySide6.QtWidgets import QApplication, QLabel, QPushButton
 
 from annotate.correction.correction import Correction
 from annotate.gui.cloud_view import CloudView
+from annotate.gui.colors import Look
 from annotate.gui.commands import bind
 from annotate.gui.keys import Settings
+from annotate.gui.memory import Memory
+from annotate.gui.pointing import Hand
 from annotate.gui.scene import SceneReader
 from annotate.gui.window import CorrectionWindow
+from annotate.labelset.stroke import Stroke
 
 NO_MODIFIER = Qt.KeyboardModifier.NoModifier
 SHIFT = Qt.KeyboardModifier.ShiftModifier
@@ -28,18 +36,61 @@ class Driver:
 
     def __init__(self, path: Path, session: Path | None = None, **options) -> None:
         settings = options.pop("settings", Settings("dark"))
-        other = options.pop("other", None)
+        other, memory = options.pop("other", None), options.pop("memory", None)
         size = options.pop("size", (1000, 760))
+        self._begun: dict[str, int] = {}
         self.correction = Correction.open(path, options.pop("who", "mia"), **options)
         reader = SceneReader(self.correction, session, other)
-        self.window = CorrectionWindow(self.correction, reader, settings)
+        self.window = CorrectionWindow(self.correction, reader, settings, memory)
         bind(self.window)
-        self.window.resize(*size)
+        if size:
+            self.window.resize(*size)
         # The screen's own pointer, under the window, would interfere.
-        QCursor.setPos(size[0] + 200, size[1] + 200)
+        QCursor.setPos(self.window.width() + 200, self.window.height() + 200)
         self.window.show()
         self.window.activateWindow()
         assert QTest.qWaitForWindowActive(self.window)
+        self.settle()
+
+    def start_again(self) -> None:
+        """Everything as in a new window, and all strokes and verdicts taken back."""
+        window, first = self.window, self.window.walk.all_ids[0]
+        window.walk.arrange("time", "all", window.frame_id)
+        for frame_id in window.walk.all_ids:
+            if len(self.correction.journal.strokes(frame_id)) > self._begun.get(frame_id, 0):
+                window.open_frame(frame_id)
+                self.settle()
+                while window.desk.editor.undo():
+                    pass
+        window.open_frame(first)
+        self.settle()
+        assert window.frame_id == first
+        fresh = Hand()
+        for name in ("tool", "once", "radius_px", "through", "only", "room"):
+            setattr(window.hand, name, getattr(fresh, name))
+        desk = window.desk
+        desk.alone, desk.onion, desk.carrying, desk.keys = False, False, False, 0
+        desk.visibility.clear()
+        desk.locks.clear()
+        window.arrange("time", "all")
+        window.choose(1)
+        for view, look in zip(window.views, Memory().looks, strict=True):
+            view.look = look
+        desk.put(desk.scene, desk.editor, desk.before)
+        window.look_ahead()
+        window.show_frame()
+        self.settle()
+        self._begun = {i: len(self.correction.journal.strokes(i)) for i in window.walk.all_ids}
+
+    def strokes(self) -> list[Stroke]:
+        """The entries on the open frame since the test began."""
+        frame_id = self.window.frame_id
+        return list(self.correction.journal.strokes(frame_id)[self._begun[frame_id] :])
+
+    def look(self, colouring: str, view=None, **options) -> None:
+        """Choose a view's colouring."""
+        view = view or self.window.cloud_view
+        self.window.set_look(view, Look(colouring, **options))
         self.settle()
 
     @property
@@ -51,7 +102,10 @@ class Driver:
         return self.window.desk.parts
 
     def settle(self) -> None:
-        """Let everything that is due happen: events, timers at once, repaints."""
+        """Let everything that is due happen: work beside the window, events, timers at once, repaints."""
+        while self.window.background.busy:
+            QApplication.processEvents()
+            time.sleep(0.002)
         for _ in range(3):
             QApplication.processEvents()
 
@@ -69,6 +123,25 @@ class Driver:
         QTest.keyClick(self.window, combination.key(), combination.keyboardModifiers())
         self.settle()
 
+    def hold(self, keysym: int, seconds: float) -> None:
+        """Hold a key down, as its number in X11's keysymdef.h, so that the screen repeats it."""
+        names = [ctypes.util.find_library(name) for name in ("X11", "Xtst")]
+        if not all(names):
+            pytest.skip("no libXtst to hold a key with: apt install libxtst6")
+        x11, test = map(ctypes.CDLL, names)
+        x11.XOpenDisplay.restype = ctypes.c_void_p
+        display = ctypes.c_void_p(x11.XOpenDisplay(None))
+        code = x11.XKeysymToKeycode(display, keysym)
+        for pressed, until in ((1, seconds), (0, 0.1)):
+            test.XTestFakeKeyEvent(display, code, pressed, 0)
+            x11.XFlush(display)
+            end = time.monotonic() + until
+            while time.monotonic() < end:
+                QApplication.processEvents()
+                time.sleep(0.01)
+        x11.XCloseDisplay(display)
+        self.settle()
+
     def place(self, pixel: int, view=None) -> QPoint:
         """Where a pixel is on a view's widget."""
         view = view or self.window.cloud_view
@@ -84,7 +157,10 @@ class Driver:
         return canvas.mapTo(self.window, QPointF(place).toPoint())
 
     def hover(self, place: QPoint, view=None) -> None:
-        QTest.mouseMove(self.window.windowHandle(), self.on_window(place, view))
+        handle, point = self.window.windowHandle(), self.on_window(place, view)
+        # A pointer that is there already would not move.
+        QTest.mouseMove(handle, point + QPoint(1, 0))
+        QTest.mouseMove(handle, point)
         self.settle()
 
     def click(self, place: QPoint, modifier=NO_MODIFIER, view=None) -> None:

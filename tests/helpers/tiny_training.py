@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from eval.network.architectures import CompactConfig
+from eval.network.compact import CompactConfig
 from eval.training.crops import Crops
 from eval.training.loader import ProcessGroup
 from eval.training.plan import ModernRecipe, Plan
 from eval.training.train import Watch, train
+from eval.training.whole import FACING, POSTURE, nothing_known
 
-PLAN = Plan(CompactConfig((4, 6, 6)), ModernRecipe(batch=2), epochs=3, seed=4)
+PLAN = Plan(CompactConfig((4, 6, 6), 1), ModernRecipe(batch=2), epochs=3, seed=4)
 
 
 def small_crops(n: int = 7, side: int = 32) -> Crops:
@@ -23,7 +24,14 @@ def small_crops(n: int = 7, side: int = 32) -> Crops:
         parts[i, 4:28, 4 + i % 3 : 28] = 2
         parts[i, 4:14, 4 + i % 3 : 28] = 1
     depth[parts == 1], depth[parts == 2] = 20_000, 45_000
-    return Crops.of(zip(depth, parts, strict=True))
+    return Crops.of((depth[i], parts[i], known(i)) for i in range(n))
+
+
+def known(i: int) -> np.ndarray:
+    """Facing and posture of crop ``i``; its joints are not known."""
+    row = nothing_known()
+    row[FACING], row[POSTURE] = (np.cos(i), np.sin(i)), i % 6
+    return row
 
 
 CROPS = small_crops()

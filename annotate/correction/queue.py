@@ -1,0 +1,101 @@
+"""What is left to do on a label set: a reviewer's queue with its reasons, progress, and the time left."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from annotate.correction.correction import Correction
+from annotate.correction.replay import is_stroke, rejection, verdicts
+from annotate.labelset.stroke import Stroke
+from sensors.errors import CloudError
+
+HASTY_S = 1.5
+"""Active seconds on an accepted frame below which it was hardly looked at. Chosen by eye."""
+UNSURE = 0.9
+"""Mean confidence of a frame's labels below which accepting them unchanged is worth a look. Chosen by eye."""
+_CARRIED = ("propagate", "copy_previous")
+
+
+@dataclass(frozen=True)
+class Queued:
+    """A frame that waits for a reviewer. reason: why it is worth a look; urgency: of the queue's order."""
+
+    frame_id: str
+    reason: str
+    urgency: float
+
+
+@dataclass(frozen=True)
+class Progress:
+    """done, total: numbers of frames; left_s: active seconds for the rest at the median of those done by
+    this person, or None before there are any."""
+
+    done: int
+    total: int
+    left_s: float | None
+
+    @property
+    def text(self) -> str:
+        """In words, such as "12 of 40 done, 9 min left"."""
+        if self.left_s is None or self.done == self.total:
+            return f"{self.done} of {self.total} done"
+        minutes = self.left_s / 60
+        left = f"{self.left_s:.0f} s" if minutes < 1 else f"{minutes:.0f} min"
+        return f"{self.done} of {self.total} done, {left if minutes < 90 else f'{minutes / 60:.1f} h'} left"
+
+
+def review_queue(correction: Correction) -> list[Queued]:
+    """The frames whose last verdict is somebody else's and no review, the most urgent first."""
+    queue = []
+    for frame_id in correction.labels.frame_ids:
+        strokes = correction.journal.strokes(frame_id)
+        standing = verdicts(strokes)
+        if correction.state(frame_id) not in ("accepted", "rejected"):
+            continue
+        if standing and standing[-1].who == correction.who:
+            continue
+        queue.append(Queued(frame_id, *_why(strokes, confidence_of(correction, frame_id))))
+    return sorted(queue, key=lambda queued: (-queued.urgency, queued.frame_id))
+
+
+def progress(correction: Correction, frame_ids: list[str]) -> Progress:
+    """How far the work on these frames is."""
+    done = [i for i in frame_ids if correction.state(i) not in ("auto", "touched")]
+    spent = [
+        sum(stroke.active_seconds for stroke in strokes if stroke.who == correction.who)
+        for strokes in map(correction.journal.strokes, done)
+    ]
+    known = [seconds for seconds in spent if seconds > 0]
+    left = (len(frame_ids) - len(done)) * median(known) if known else None
+    return Progress(len(done), len(frame_ids), left)
+
+
+def confidence_of(correction: Correction, frame_id: str) -> float | None:
+    """Mean confidence of a frame's labels from its notes; None where it is unknown.
+
+    -1 where the notes cannot be read: such frames come first wherever the worst do.
+    """
+    try:
+        value = correction.labels.notes(frame_id).get("confidence")
+    except CloudError:
+        return -1.0
+    return float(value) if isinstance(value, int | float) else None
+
+
+def _why(entries: Sequence[Stroke], confidence: float | None) -> tuple[str, float]:
+    """The reason, and its urgency: the mean doubt, and a whole number for the kind of the reason."""
+    doubt = 0.0 if confidence is None else min(1.0, 1 - confidence)
+    unsure = "" if confidence is None else f", confidence {max(confidence, 0):.2f}"
+    who = entries[-1].who if entries else "another tool"
+    if (reason := rejection(entries)) is not None:
+        return f"rejected by {who}: {reason}", 4 + doubt
+    work = [stroke for stroke in entries if is_stroke(stroke)]
+    seconds = sum(stroke.active_seconds for stroke in entries)
+    if not work and confidence is not None and confidence < UNSURE:
+        return f"accepted unchanged by {who} in {seconds:.1f} s{unsure}", 3 + doubt
+    if seconds < HASTY_S:
+        return f"accepted by {who} in {seconds:.1f} s{unsure}", 2 + doubt
+    if work and all(stroke.operation in _CARRIED for stroke in work):
+        return f"carried over from other frames and accepted by {who}{unsure}", 2 + doubt
+    strokes_text = "1 stroke" if len(work) == 1 else f"{len(work)} strokes"
+    return f"{strokes_text} by {who}{unsure}", 1 + doubt

@@ -1,0 +1,215 @@
+"""The window's shell: its widgets in their places, the theme, and what is remembered of it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import QPointF, Qt, QTimer, Signal
+from PySide6.QtGui import QAction, QGuiApplication, QResizeEvent
+from PySide6.QtWidgets import QApplication, QHBoxLayout, QMainWindow, QVBoxLayout, QWidget
+
+from annotate.array_types import Int64
+from annotate.gui.bars import Header, ToolColumn, View
+from annotate.gui.cloud_view import CloudView
+from annotate.gui.colors import Colors, Look, colourings, legend
+from annotate.gui.depth_pane import DepthPane
+from annotate.gui.desk import Desk
+from annotate.gui.frame_strip import FrameStrip
+from annotate.gui.hints import KeyPage, StatusLine
+from annotate.gui.keys import Settings
+from annotate.gui.memory import Memory, recall, remember
+from annotate.gui.outcome import NOTHING
+from annotate.gui.palette import Palette
+from annotate.gui.panes import Panes
+from annotate.gui.pointing import Hand
+from annotate.gui.progress_panel import ProgressPanel
+from annotate.gui.sight import PREVIEW_RGB
+from annotate.gui.theme import DARK, qt_palette, style_sheet, theme_of
+from annotate.gui.veil import outline
+from annotate.gui.walk import Walk
+from annotate.gui.widgets import laid, line, named
+
+STRIP_MS = 150
+"""Time after a stroke until the frame's picture follows, in milliseconds. Chosen by eye."""
+EDGE = 0.1
+"""Share of a view at each edge that is not well within it. Chosen by eye."""
+
+
+class Shell(QMainWindow):
+    """requested: a button with a command's name was clicked. actions_by_name: what ``commands.bind`` made.
+
+    memory: file of what is remembered, None for nothing; known: what was. pane: the view that the pointer was
+    in last. peeking: whether the views are shown without parts. doubt: the frame's worst place in words.
+    """
+
+    requested = Signal(str)
+
+    def __init__(self, desk: Desk, walk: Walk, settings: Settings, memory: Path | None) -> None:
+        super().__init__()
+        self.desk, self.walk, self.settings = desk, walk, settings
+        self._memory_path, self.known = memory, recall(memory)
+        chosen = settings.theme != "system"
+        self.theme = theme_of(settings.theme if chosen or not self.known.theme else self.known.theme)
+        # Before there are widgets: styling them one by one is quicker than all at once.
+        self.style_app()
+        self.hand = Hand(self.known.tool, radius_px=self.known.radius_px)
+        self.cloud_view, self.depth_pane = CloudView(desk.scene, self.hand), DepthPane(desk.scene, self.hand)
+        self.views: tuple[View, View] = (self.cloud_view, self.depth_pane)
+        self.cloud_view.look, self.depth_pane.look = self.known.looks
+        self.actions_by_name: dict[str, QAction] = {}
+        self.tools, self.palette_, self.header = ToolColumn(settings), Palette(settings), Header()
+        self.panel, self.status = ProgressPanel(), StatusLine(settings)
+        self.strip = FrameStrip(desk.correction.frame, desk.correction.state, walk.confidence)
+        self.panes = Panes(self.cloud_view, self.depth_pane, self.palette_, settings)
+        self._central = self._lay_out()
+        self.key_page = KeyPage(self._central, settings)
+        self.picture_due = QTimer(self, singleShot=True, interval=STRIP_MS)
+        self.picture_due.timeout.connect(self.refresh_picture)
+        self.pane: View = self.cloud_view
+        self.peeking, self.doubt = False, ""
+        self._shown = desk.shown()
+        self.setWindowTitle(f"{desk.correction.labels.path.resolve().name} - annotate-cloud")
+        self._place(self.known)
+
+    def style_app(self) -> None:
+        """Give all widgets the theme's colours."""
+        app = QApplication.instance()
+        assert isinstance(app, QApplication)
+        app.setPalette(qt_palette(self.theme))
+        app.setStyleSheet(style_sheet(self.theme))
+
+    def show_theme(self) -> None:
+        """Give what draws itself the theme's colours."""
+        self.key_page.theme = self.theme
+        self.strip.set_theme(self.theme)
+        for view in self.views:
+            view.set_ground(self.theme.ground_rgb)
+
+    def _lay_out(self) -> QWidget:
+        """Everything in its place; the widget that holds it."""
+        row = laid(QHBoxLayout(), self.tools, line(vertical=True), self.panes)
+        row.setStretchFactor(self.panes, 1)
+        foot = laid(QHBoxLayout(), self.panel, self.strip)
+        foot.setStretchFactor(self.strip, 1)
+        central = named(QWidget(), "panel")
+        column = laid(QVBoxLayout(central), self.header, line(), row, line(), self.status, line(), foot)
+        column.setStretchFactor(row, 1)
+        self.setCentralWidget(central)
+        return central
+
+    def _place(self, known: Memory) -> None:
+        """As large as it was, as far as the screen allows."""
+        there = QGuiApplication.primaryScreen().availableSize()
+        self.resize(min(known.size[0], there.width()), min(known.size[1], there.height()))
+        self.panes.restore(known.splits, known.swapped)
+        if known.maximized:
+            self.setWindowState(Qt.WindowState.WindowMaximized)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
+        """Qt's hook."""
+        super().resizeEvent(event)
+        self.key_page.resize(self._central.size())
+
+    def remember(self) -> None:
+        """Write down what is remembered."""
+        size = self.normalGeometry().size() if self.isMaximized() else self.size()
+        memory = Memory(
+            (size.width(), size.height()),
+            self.isMaximized(),
+            self.panes.swapped,
+            "dark" if self.theme is DARK else "light",
+            self.walk.order,
+            self.hand.tool,
+            self.hand.radius_px,
+            (self.cloud_view.look, self.depth_pane.look),
+            self.panes.splits(),
+        )
+        remember(self._memory_path, memory)
+
+    # Showing
+
+    def look(self, view: View) -> Look:
+        """What a view shows now; without parts while one peeks."""
+        if not self.peeking:
+            return view.look
+        there = colourings(self.desk.scene)
+        wanted = view.look.colouring if view.look.colouring != "part" else "colour"
+        return Look(wanted if wanted in there else "depth", outlines=False)
+
+    def colors(self, view: View) -> Colors:
+        """The colours of a view at this moment."""
+        return self.desk.painting(self.look(view), self.theme.ground_rgb)
+
+    def recolor(self, pixels: Int64 | None = None) -> None:
+        """Show new colours of some pixels and those beside them, or of all, and what is hidden or shown."""
+        before, self._shown = self._shown, self.desk.shown()
+        if pixels is not None:
+            height, width = self.desk.parts.shape
+            beside = np.concatenate([pixels + step for step in (0, -1, 1, -width, width)])
+            pixels = np.unique(np.clip(beside, 0, height * width - 1))
+            pixels = pixels[self.desk.scene.labels.depth_mm.ravel()[pixels] > 0]
+        for view in self.views:
+            if not np.array_equal(before, self._shown):
+                view.set_shown(self._shown)
+            view.recolor(pixels, self.colors(view))
+
+    def set_look(self, view: View, look: Look) -> None:
+        """Change what a view shows."""
+        view.look = look
+        view.recolor(None, self.colors(view))
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Update palette, tools, header and sentences."""
+        desk = self.desk
+        self.palette_.show_desk(desk, self.theme)
+        enabled = {name: action.isEnabled() for name, action in self.actions_by_name.items()}
+        if enabled:
+            self.tools.show_state(self.hand, desk.carrying, enabled, self.theme)
+        self.header.show_desk(desk, self.walk, self.theme, self.doubt and f"look at {self.doubt}")
+        self.panel.show_walk(self.walk, self.walk.progress())
+        self.status.show_desk(desk, self.hand, self.theme)
+        for view in self.views:
+            self.panes.bars[view].show_look(view.look, desk)
+            view.pointing.scale = legend(desk.scene, self.look(view).colouring)
+            view.pointing.update()
+
+    def refresh_picture(self) -> None:
+        """Draw the frame's picture in the strip as its labels are now."""
+        self.picture_due.stop()
+        self.strip.frames.refresh(replace(self.desk.scene.labels, parts=self.desk.parts.copy()))
+
+    def peek(self, peeking: bool) -> None:
+        """Show all views without parts, or with them again."""
+        if peeking != self.peeking:
+            self.peeking = peeking
+            self.recolor()
+            self.refresh()
+
+    def show_hovered(self, view: View, place: QPointF | None) -> None:
+        other = self.depth_pane if view is self.cloud_view else self.cloud_view
+        pixel = view.pixel_at(place) if place is not None else None
+        if place is not None:
+            self.pane = view
+        other.mark(pixel)
+        taken = NOTHING
+        if self.hand.tool == "piece" and not self.hand.once and not self.key_page.isVisible():
+            taken = self.desk.would_take(pixel)
+        words = self.desk.read_out(pixel) if pixel is not None else ""
+        for each in self.views:
+            veil = None
+            if len(taken):
+                rgb = self.hand.color.red(), self.hand.color.green(), self.hand.color.blue()
+                size = each.pointing.width(), each.pointing.height()
+                veil = outline(*each.places(taken), size, rgb)
+            each.pointing.show_under_pointer(veil, words if each is view else "")
+
+    def show_place(self, pixels: Int64, middle: int) -> None:
+        """Outline pixels in all views, moved only where their middle is not well within."""
+        for view in self.views:
+            size = np.array([view.pointing.width(), view.pointing.height()])
+            place = view.places(np.array([middle]))[0][0] / size
+            if not (np.abs(place - 0.5) < 0.5 - EDGE).all():
+                view.bring(middle)
+            veil = outline(*view.places(pixels), (int(size[0]), int(size[1])), PREVIEW_RGB)
+            view.pointing.show_under_pointer(veil, "")

@@ -1,0 +1,44 @@
+"""Numbers of persons that last over a recording: whoever is near where somebody was has that one's number."""
+
+from collections.abc import Sequence
+from itertools import count
+
+import numpy as np
+
+from annotate.frame_labels import FrameLabels
+from annotate.person.persons import Person
+
+REACH_M = 0.8
+"""Most metres between a person's middles in two frames: half a second of walking. Chosen by eye."""
+HIGHEST = 255
+"""Highest number: the image of persons has eight bits."""
+
+Known = list[list[int]]
+"""Everybody seen so far, [number, x, y, z]: the middle when last seen, millimetres, depth camera."""
+
+
+def numbers_of(
+    people: Sequence[Person], before: FrameLabels | None, *, subject_first: bool
+) -> tuple[list[int], Known]:
+    """Number of each person of a frame, 1 and on, and everybody known by now.
+
+    before: labels of the previous frame. subject_first: the first person is number 1, whoever had it before.
+    """
+    known = {number: at_mm for number, *at_mm in before.notes.get("people", ())} if before else {}
+    middles_mm = [np.rint(person.centre_m * 1000).astype(int).tolist() for person in people]
+    numbers = {0: 1} if subject_first and people else {}
+    away_mm = sorted(
+        (float(np.linalg.norm(np.subtract(at_mm, known[number]))), i, number)
+        for i, at_mm in enumerate(middles_mm)
+        for number in known
+    )
+    for far_mm, i, number in away_mm:
+        if far_mm < 1000 * REACH_M and i not in numbers and number not in numbers.values():
+            numbers[i] = number
+    taken = known.keys() | set(numbers.values())
+    fresh = (number for number in count(1) if number not in taken)
+    for i in range(len(people)):
+        if i not in numbers:
+            numbers[i] = min(next(fresh), HIGHEST)
+    known |= {numbers[i]: at_mm for i, at_mm in enumerate(middles_mm)}
+    return [numbers[i] for i in range(len(people))], [[number, *known[number]] for number in sorted(known)]

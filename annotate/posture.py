@@ -1,0 +1,3 @@
+"""Postures that a network tells apart, by index."""
+
+POSTURES = ("standing", "sitting", "lying", "crouching", "kneeling", "on all fours")

@@ -1,0 +1,87 @@
+"""The verb ``compile``: kernels are compiled now rather than while a verb that needs them waits."""
+
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cli.console import Json, finish, progress
+from cli.extras import needing
+
+IMAGES = 24
+"""Images of the drawn preset that are made; with fewer, some kind of sensor or garment is missing."""
+
+
+def compile_(json: Json = False) -> None:
+    """Compile the numerical kernels for this machine, once: no verb has to wait for the compiler then."""
+    with needing("synth"):
+        from synth.images.workers import processes
+    started = time.monotonic()
+    with processes(2) as (pool, _), progress("compile", len(WORK)) as advance:
+        for future in [pool.submit(work) for work in WORK]:
+            future.result()
+            advance(1)
+    seconds = round(time.monotonic() - started, 1)
+    finish({"seconds": seconds}, json, f"kernels are compiled, {seconds} s; later runs find them")
+
+
+def _label() -> None:
+    """A recording of the virtual rig, labelled with its temperatures and without."""
+    from annotate.cloud.fuse import Fuser
+    from annotate.label_source import label_source
+    from annotate.person.depth_finder import people_in
+    from sensors.rig.clock import fit_clock
+    from sensors.session.reader import Session
+    from synth.rig.simulate import simulate
+    from synth.rig.virtual_rig import VirtualRig
+
+    with tempfile.TemporaryDirectory() as folder:
+        path, rig = Path(folder) / "rig.mcap", VirtualRig(2, 1, "hard", 0)
+        simulate(rig, path, _nothing)
+        session = Session(path)
+        label_source(session, rig.suit, Path(folder) / "labels", _nothing)
+        fit_clock(np.arange(8), np.arange(8) + 10)
+        people_in(Fuser(session.calibration).fuse_frame(replace(session.frame(0), thermal_c=None)))
+
+
+def _generate() -> None:
+    """Images of each way of drawing people."""
+    from synth.images.generate import Order, generate
+    from synth.images.presets import PRESETS
+    from synth.images.workers import Workers
+
+    for name, count in (("people", IMAGES), ("sitting-train", 2), ("recumbent", 2)):
+        with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as pool:
+            generate(Order(PRESETS[name], count, 0), Path(folder) / name, Workers(pool, 1), _nothing)
+
+
+def _solve() -> None:
+    """Markers of somebody who stands still."""
+    from synth.body.body import shipped_bodies
+    from synth.body.flesh import flesh_of
+    from synth.body.skeleton import N_JOINTS
+    from synth.markers.kinematics import State, Subject, markers_at
+    from synth.markers.marker_files import Markers
+    from synth.markers.markerset import shipped_marker_sets
+    from synth.markers.person_fit import zero_bones
+    from synth.markers.solve import solve
+    from synth.motion.floor import Traces
+
+    places, bones = shipped_marker_sets()[0], zero_bones(shipped_bodies()[0].joints_m)
+    state = State.of(np.zeros((N_JOINTS, 3)), np.array([0.0, 0.0, 0.95]))
+    positions = 1000 * np.array([markers_at(state, Subject(bones, places.joint, places.at_m))] * 8)
+    standing = Markers(places.names, positions, 100.0, "mm", 2)
+    motion = solve(standing, standing, places)
+    Traces.of(flesh_of(shipped_bodies()[0]), motion.angles_rad, motion.pelvis_m)
+
+
+def _nothing(count: int) -> None:
+    """Progress of which nothing is shown."""
+
+
+WORK: tuple[Callable[[], None], ...] = (_label, _generate, _solve)
+"""What runs all kernels once; the longest first."""

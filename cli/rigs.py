@@ -1,0 +1,108 @@
+"""The verb ``rig``: templates of rigs that people build."""
+
+import json as json_format
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from typer import Argument, Option
+
+from cli.console import Json, Overwrite, finish, table
+from sensors.calibrate.hole_plate import HolePlate
+from sensors.calibrate.plate_drawing import plate_svg
+from sensors.errors import DeviceError
+from sensors.files.atomic import check_free, replacing
+from sensors.recording.rig_templates import TEMPLATES, RigTemplate, template_named
+from sensors.rig.camera import rays
+from sensors.rig.rig_calibration import save_calibration
+
+RIG, CALIBRATION, PLATE = "rig.toml", "calibration.json", "plate.svg"
+
+
+def names() -> list[str]:
+    """Names of the rigs."""
+    return [*TEMPLATES]
+
+
+def rig(
+    name: Annotated[
+        str | None,
+        Argument(help="Name of a rig; without one, all are listed.", autocompletion=lambda: [*TEMPLATES]),
+    ] = None,
+    out: Annotated[Path | None, Option(help="Folder for rig file, rough calibration and hole plate.")] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """List common rigs, or write one's rig file, its hole plate to print, and what to do with them."""
+    if name is None:
+        expected = {one.name: expectations(one) for one in TEMPLATES.values()}
+        rows = [(n, TEMPLATES[n].title, *map(str, e.values())) for n, e in expected.items()]
+        finish({"rigs": expected}, json, table(("name", "cameras", *COLUMNS), rows))
+        return
+    template = template_named(name)
+    if out is None:
+        raise DeviceError(f"no folder for rig {name!r}; give --out FOLDER")
+    for file in (RIG, CALIBRATION, PLATE):
+        check_free(out / file, overwrite)
+    out.mkdir(parents=True, exist_ok=True)
+    with replacing(out / CALIBRATION) as temporary:
+        save_calibration(temporary, template.calibration)
+    for file, text in ((PLATE, plate_svg(template.plate)), (RIG, rig_file(template))):
+        with replacing(out / file) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    finish(
+        {"rig": str(out / RIG), **expectations(template)},
+        json,
+        f"{out / RIG}: its comments are the next steps",
+    )
+
+
+COLUMNS = ("plate, m", "depth +-mm at 2 m", "mm of a thermal pixel at 2 m", "thermal view, degrees")
+"""Headings of ``expectations``."""
+
+
+def expectations(rig: RigTemplate) -> dict[str, Any]:
+    """What a rig can do: distances, errors, how wide and high the thermal camera sees."""
+    thermal = rig.calibration.thermal
+    assert thermal is not None
+    edges = rays(thermal)
+    middle = (thermal.height // 2, thermal.width // 2)
+    view = [
+        round(float(np.degrees(np.arctan(ray[-1, axis]) - np.arctan(ray[0, axis]))))
+        for ray, axis in ((edges[middle[0]], 0), (edges[:, middle[1]], 1))
+    ]
+    return {
+        "plate_m": "{:g} to {:g}".format(*rig.plate_m),
+        "depth_sd_mm": rig.depth_sd_mm,
+        "thermal_pixel_mm": round(2000 / thermal.fx, 1),
+        "thermal_view_deg": f"{view[0]} x {view[1]}",
+    }
+
+
+def rig_file(rig: RigTemplate) -> str:
+    """The rig file of a template; its comments are the way to the first labels."""
+    plate, expected = rig.plate, expectations(rig)
+    width, height = 1000 * np.ptp(plate.size_m, axis=0)
+    hole, pitch = 1000 * plate.hole_m, 1000 * plate.pitch_m
+    plate_options = "" if plate == HolePlate() else f" --pitch-mm {pitch:g} --hole-mm {hole:g}"
+    return f"""\
+# {rig.title}
+# ({rig.remark})
+#
+# 1. annotate-cloud devices
+#    Put the addresses that it lists below.
+# 2. Print {PLATE} at 100 % ({width:g} x {height:g} mm), cut the holes ({hole:g} mm) into foam board,
+#    and fix it 3 cm before something warm, a heating mat for instance.
+# 3. annotate-cloud record board.mcap --rig {RIG} --infrared
+#    Hold it still, {expected["plate_m"]} m away, in forty positions: tilted, and out to the images' corners.
+# 4. annotate-cloud calibrate board.mcap --out {CALIBRATION} --overwrite{plate_options}
+# 5. annotate-cloud record people.mcap --rig {RIG}
+#    annotate-cloud label people.mcap --out labels
+#
+# At 2 m a depth reading is off by {rig.depth_sd_mm:g} mm (one sd), and a thermal pixel is
+# {expected["thermal_pixel_mm"]:g} mm wide.
+# Without cameras: annotate-cloud simulate people.mcap --rig {rig.name}
+name = "{rig.name}"
+calibration = "{CALIBRATION}"  # by data sheets, until step 4
+devices = {json_format.dumps(rig.devices)}
+"""

@@ -1,0 +1,155 @@
+"""The compact U-Net: it sees the whole person before it names left and right."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from annotate.parts import PARTS
+from annotate.posture import POSTURES
+from eval.network.answer import Answer
+from eval.scores.joints import N_JOINTS
+
+NAMES = tuple(part.name for part in PARTS)
+KINDS = tuple(dict.fromkeys(name.removeprefix("left_").removeprefix("right_") for name in NAMES))
+"""Classes without their sides."""
+JOINT_LEVEL = 2
+"""Halvings of the image after the first at which joints are located: 27 x 27 cells of a crop of 212."""
+HEAD_WIDTH = 32
+"""Channels of one attention head; chosen by eye."""
+
+
+def convolution(c_in: int, c_out: int, side: int = 3, pad: int = 1, stride: int = 1) -> nn.Sequential:
+    """A convolution, batch normalisation and a rectifier."""
+    return nn.Sequential(
+        nn.Conv2d(c_in, c_out, side, stride, pad, bias=False), nn.BatchNorm2d(c_out), nn.ReLU(inplace=True)
+    )
+
+
+@dataclass(frozen=True)
+class CompactConfig:
+    """Channels after the stem and after each of the four halvings; attention layers at the coarsest."""
+
+    widths: tuple[int, ...] = (16, 32, 64, 128, 192)
+    layers: int = 4
+
+
+class CompactUNet(nn.Module):
+    """Depth crop in [0, 1] -> class scores at the same resolution, facing, posture and joints.
+
+    The stem halves the image at once and a pixel shuffle restores it at the end. At the coarsest level every
+    cell attends to every other. Classes have no sides at first: one more score a pixel says left or right,
+    and its weights follow from the whole person.
+    """
+
+    def __init__(self, config: CompactConfig = CompactConfig()) -> None:
+        super().__init__()
+        w, whole, fine = config.widths, config.widths[-1], config.widths[0] + 8
+        self.stem = convolution(1, w[0], stride=2)
+        self.down = nn.ModuleList(
+            nn.Sequential(convolution(a, b, stride=2), convolution(b, b)) for a, b in pairwise(w)
+        )
+        self.place = nn.Conv2d(whole, whole, 3, padding=1, groups=whole)
+        self.attention = nn.ModuleList(_Attention(whole) for _ in range(config.layers))
+        self.up = nn.ModuleList(
+            convolution(below + skip, skip) for skip, below in zip(w[-2::-1], w[:0:-1], strict=True)
+        )
+        self.refine = convolution(w[0] + 4, fine)
+        self.kinds = nn.Conv2d(fine, 4 * len(KINDS), 1)
+        self.sides = nn.Linear(whole, 4 * (fine + 1))
+        self.facing = nn.Linear(whole, 2)
+        self.posture = nn.Linear(whole, len(POSTURES))
+        self.places = nn.Conv2d(w[min(JOINT_LEVEL, len(w) - 1)], 2 * N_JOINTS, 1)
+
+    def forward(self, depth: Tensor) -> Answer:
+        """(B, 1, H, W) float32 -> scores (B, 12, H, W) and what is known of the whole. H and W even."""
+        x = self.stem(depth)
+        skips = [x]
+        for stage in self.down:
+            x = stage(x)
+            skips.append(x)
+        x, whole = self._attend(skips.pop())
+        levels = [x]
+        for stage in self.up:
+            skip = skips.pop()
+            x = nn.functional.interpolate(x, size=skip.shape[-2:], mode="nearest")
+            x = stage(torch.cat([x, skip], dim=1))
+            levels.append(x)
+        # The raw pixels again, so that the last stage sees edges at full resolution.
+        x = self.refine(torch.cat([x, nn.functional.pixel_unshuffle(depth, 2)], dim=1))
+        places = self.places(levels[max(0, len(levels) - 1 - JOINT_LEVEL)])
+        return Answer(
+            _scores(nn.functional.pixel_shuffle(self.kinds(x), 2), self._side(x, whole)),
+            self.facing(whole),
+            self.posture(whole),
+            _located(places),
+        )
+
+    def _attend(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Cells (B, C, h, w) that have seen each other, and their mean (B, C)."""
+        x = x + self.place(x)
+        cells = x.flatten(2).transpose(1, 2)
+        for layer in self.attention:
+            cells = layer(cells)
+        return cells.transpose(1, 2).reshape(x.shape), cells.mean(dim=1)
+
+    def _side(self, x: Tensor, whole: Tensor) -> Tensor:
+        """Score (B, 1, H, W) of the left against the right."""
+        batch, channels, height, width = x.shape
+        weights = self.sides(whole).reshape(batch, 4, channels + 1)
+        side = weights[..., :-1] @ x.flatten(2) + weights[..., -1:]
+        return nn.functional.pixel_shuffle(side.reshape(batch, 4, height, width), 2)
+
+
+class _Attention(nn.Module):
+    """A transformer's layer, normalised first; written out, since cells are few and exports simple."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.heads = max(1, width // HEAD_WIDTH)
+        self.before, self.after = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.query_key_value = nn.Linear(width, 3 * width)
+        self.mixed = nn.Linear(width, width)
+        self.thought = nn.Sequential(nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, width))
+
+    def forward(self, cells: Tensor) -> Tensor:
+        """(B, N, C) -> (B, N, C)."""
+        batch, count, width = cells.shape
+        projected = self.query_key_value(self.before(cells))
+        query, key, value = (
+            part.reshape(batch, count, self.heads, -1).transpose(1, 2) for part in projected.chunk(3, dim=-1)
+        )
+        weights = torch.softmax(query @ key.transpose(2, 3) / (width // self.heads) ** 0.5, dim=-1)
+        cells = cells + self.mixed((weights @ value).transpose(1, 2).reshape(batch, count, width))
+        thought: Tensor = self.thought(self.after(cells))
+        return cells + thought
+
+
+def _scores(kinds: Tensor, side: Tensor) -> Tensor:
+    """Scores (B, 12, H, W) of the classes from those of their kinds and of the side (B, 1, H, W).
+
+    p(left arm) = p(arm) p(left): the logarithms of both are added.
+    """
+    of_side = {"left": -nn.functional.softplus(-side), "right": -nn.functional.softplus(side)}
+    scores = []
+    for name in NAMES:
+        which, _, kind = name.partition("_")
+        if which in of_side:
+            scores.append(kinds[:, KINDS.index(kind), None] + of_side[which])
+        else:
+            scores.append(kinds[:, KINDS.index(name), None])
+    return torch.cat(scores, dim=1)
+
+
+def _located(places: Tensor) -> Tensor:
+    """Joints (B, J, 3) from maps (B, 2 J, h, w): the mean place of each map's softmax, and the depth there.
+
+    Source: Sun et al. 2018, Integral Human Pose Regression.
+    """
+    batch, _, height, width = places.shape
+    heat, depth = places.float().reshape(batch, 2, N_JOINTS, height * width).unbind(1)
+    share = torch.softmax(heat, dim=-1)
+    v, u = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    grid = torch.stack([(u.flatten() + 0.5) / width, (v.flatten() + 0.5) / height], dim=1).to(share.device)
+    return torch.cat([share @ grid, (share * depth).sum(dim=-1, keepdim=True)], dim=-1)

@@ -1,0 +1,63 @@
+"""Joints, facing and posture of a label set's people as a table for other programs: JSON lines or CSV."""
+
+import csv
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from annotate.labelset.frames import LabelledFrames, camera_of, pinhole_of
+from eval.network.bearing import Bearing, joint_row
+from eval.scores.joints import JOINT_NAMES
+from sensors.errors import CloudError
+from sensors.files.atomic import write_bytes
+
+KINDS = (".jsonl", ".csv")
+
+
+def check_kind(path: Path) -> None:
+    """Raise CloudError where a file's name does not end in one of ``KINDS``."""
+    if path.suffix.lower() not in KINDS:
+        raise CloudError(f"joints are written as {' or '.join(KINDS)}, not {path.name!r}; give such a name")
+
+
+def write_joints(labels: LabelledFrames, path: Path) -> int:
+    """Number of people written, a line each, of the frames whose network saw the whole person.
+
+    frame, facing_deg, facing_sure, posture, posture_sure as in ``Bearing``; joints in millimetres, frame of
+    the undistorted depth camera (x right, y down, z forward). Raises CloudError as ``check_kind`` does.
+    """
+    check_kind(path)
+    rows = list(_rows(labels))
+    if path.suffix.lower() == ".csv":
+        write_bytes(path, _csv(rows).encode())
+    else:
+        write_bytes(path, "".join(json.dumps(row) + "\n" for row in rows).encode())
+    return len(rows)
+
+
+def _rows(labels: LabelledFrames) -> Iterator[dict[str, Any]]:
+    for frame in labels:
+        bearing = Bearing.from_note(frame.notes.get("bearing"))
+        if bearing is not None:
+            note = bearing.note()
+            yield {
+                "frame": frame.frame_id,
+                **{name: note[name] for name in ("facing_deg", "facing_sure", "posture")},
+                "posture_sure": max(note["postures"]),
+                "joints_mm": joint_row(bearing.joints_mm(pinhole_of(frame, camera_of(labels, frame)))),
+            }
+
+
+def _csv(rows: list[dict[str, Any]]) -> str:
+    text = io.StringIO()
+    places = [f"{name}_{axis}_mm" for name in JOINT_NAMES for axis in "xyz"]
+    names = ["frame", "facing_deg", "facing_sure", "posture", "posture_sure"]
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names + places)
+    for row in rows:
+        writer.writerow(
+            [row[name] for name in names] + [x for joint in row["joints_mm"].values() for x in joint]
+        )
+    return text.getvalue()

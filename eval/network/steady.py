@@ -1,0 +1,55 @@
+"""Left and right of a person stay where they were in the frames before: a flicker is turned back."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from annotate.array_types import Float64
+from annotate.frame_labels import FrameLabels
+from annotate.parts import N_CLASSES, swap_left_right
+from annotate.segmentation.segment import Segmentation
+from eval.network.bearing import Bearing
+
+KEPT = 0.8
+"""Share of the facing so far that a frame leaves: a turn of half a second is followed; chosen by eye."""
+FAR_DEG, NEAR_DEG = 110.0, 60.0
+"""A frame that faces further than the first from the frames before, and exchanged nearer than the second, has
+taken front for back; chosen by eye: half a turn from frame to frame is 5,400 degrees a second."""
+
+
+def steady(labelled: Segmentation, before: FrameLabels | None) -> Segmentation:
+    """Labels with left and right exchanged where only so they agree with the frame before.
+
+    The note ``bearing`` gets ``faced``: the facing over the frames so far, weighted by certainty, as (2,).
+    """
+    bearing = Bearing.from_note(labelled.bearing)
+    if bearing is None:
+        return labelled
+    faced = _faced(before)
+    own, other = _off_deg(bearing, faced), _off_deg(bearing.exchanged(), faced)
+    if own > FAR_DEG and other < NEAR_DEG:
+        bearing = bearing.exchanged()
+        labelled = _exchanged(labelled)
+    faced = KEPT * faced + (1 - KEPT) * bearing.facing
+    return replace(labelled, bearing=bearing.note() | {"faced": np.round(faced, 4).tolist()})
+
+
+def _exchanged(labelled: Segmentation) -> Segmentation:
+    """Labels with left and right exchanged, their probabilities too."""
+    kept = labelled.probabilities
+    if kept is not None:
+        kept = replace(kept, planes=kept.planes[swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))])
+    return replace(labelled, parts=swap_left_right(labelled.parts), probabilities=kept)
+
+
+def _faced(before: FrameLabels | None) -> Float64:
+    """Facing over the frames so far (2,); none is zero."""
+    note = before.notes.get("bearing") if before is not None else None
+    faced = np.array(note.get("faced", ()) if isinstance(note, dict) else (), np.float64)
+    return faced if faced.shape == (2,) and np.isfinite(faced).all() else np.zeros(2)
+
+
+def _off_deg(bearing: Bearing, faced: Float64) -> float:
+    """Angle between a facing and that of the frames so far, degrees; 0 where these have none."""
+    x, y = bearing.facing, faced
+    return float(np.degrees(np.arctan2(abs(x[0] * y[1] - x[1] * y[0]), x @ y))) if y.any() else 0.0

@@ -1,0 +1,1 @@
+"""Training of the person finder on rooms and on the virtual rig."""

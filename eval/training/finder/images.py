@@ -1,0 +1,170 @@
+"""Training images of the person finder: scenes at its focal length, altered, with the votes to learn."""
+
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import cv2
+import numpy as np
+
+from annotate.array_types import Bool, Float32, UInt8, UInt16
+from annotate.person.depth_finder import FOCAL_PX, network_input
+from eval.training.finder.scenes import Scene, rig_scenes, room_scenes
+
+HEIGHT, WIDTH = 192, 256
+"""Of a training image."""
+LEAST_PX, FARTHEST_M = 20, 2.0
+"""Pixels of a person, at half the sides, below which nothing votes, and longest vote along an axis. Chosen by
+eye."""
+CUT_OUT, FAR_CLIP, NEAR_CLIP = 0.15, 0.3, 0.35
+"""Share of images of cut-out people, with these those without what is far, and with both those without what
+is near. Chosen by eye."""
+
+Image: TypeAlias = tuple[UInt16, UInt8]
+"""Depth in millimetres and people (h, w) of a scene at the finder's focal length."""
+
+
+class Stock(NamedTuple):
+    """Stored images: of the virtual rig, and of rooms put together at random."""
+
+    rig: list[Image]
+    rooms: list[Image]
+
+
+class Batch(NamedTuple):
+    """Images of one training step.
+
+    inputs: (B, 16, h / 2, w / 2). person, known: (B, h, w), 0 or 1. votes: (B, 3, h / 2, w / 2), as of
+    ``_votes``, for every second pixel.
+    """
+
+    inputs: Float32
+    person: Float32
+    votes: Float32
+    known: Float32
+
+
+def store_scenes(folder: Path, seed: int) -> None:
+    """Write one subject of the rig, ``rig_SEED.npz``, and one row of rooms, ``room_SEED.npz``, once."""
+    for kind, scenes in (("rig", rig_scenes), ("room", room_scenes)):
+        path = folder / f"{kind}_{seed:06d}.npz"
+        if not path.exists():
+            images = map(_stored, scenes(seed))
+            arrays = {
+                f"{name}{i}": a for i, pair in enumerate(images) for name, a in zip("dp", pair, strict=True)
+            }
+            np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+
+
+def load_scenes(folder: Path) -> Stock:
+    """All stored images."""
+    return Stock(*(_loaded(sorted(folder.glob(f"{kind}_*.npz"))) for kind in ("rig", "room")))
+
+
+def _loaded(paths: list[Path]) -> list[Image]:
+    images = []
+    for path in paths:
+        with np.load(path) as arrays:
+            images += [(arrays[f"d{i}"], arrays[f"p{i}"]) for i in range(len(arrays.files) // 2)]
+    return images
+
+
+def _stored(scene: Scene) -> Image:
+    """Depth and people of a scene at the finder's focal length."""
+    scale = FOCAL_PX / scene.camera.fx
+    v, u = (
+        np.minimum(((np.arange(round(side * scale)) + 0.5) / scale).astype(int), side - 1)
+        for side in scene.depth_mm.shape
+    )
+    return scene.depth_mm[np.ix_(v, u)], scene.persons[np.ix_(v, u)]
+
+
+def draw_batch(stock: Stock, size: int, rng: np.random.Generator) -> Batch:
+    """A batch of images drawn and altered at random, every second one of the rig."""
+    kinds = [images for images in stock if images]
+    drawn = (kinds[i % len(kinds)] for i in range(size))
+    made = [_example(images[int(rng.integers(len(images)))], rng) for images in drawn]
+    return Batch(*(np.stack(arrays) for arrays in zip(*made, strict=True)))
+
+
+def _example(image: Image, rng: np.random.Generator) -> Batch:
+    """One image as a batch without its first axis."""
+    depth, persons = _moved(*image, rng)
+    depth = _worn(_cut(depth, persons, rng), rng)
+    persons = np.where(depth > 0, persons, 0)
+    votes = _votes(depth[::2, ::2], persons[::2, ::2])
+    return Batch(network_input(depth), _ones(persons > 0), votes, _ones(depth > 0))
+
+
+def _ones(flags: Bool) -> Float32:
+    return flags.astype(np.float32)
+
+
+def _moved(depth_mm: UInt16, persons: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
+    """Depth in metres and people after zoom, turn, shift, mirror and another size of everything."""
+    zoom, turn = np.exp(rng.uniform(-0.22, 0.22)), np.radians(rng.normal(0, 5))
+    c, s, mirror = np.cos(turn) / zoom, np.sin(turn) / zoom, rng.choice((-1, 1))
+    linear = np.array([[c * mirror, -s], [s * mirror, c]])
+    (height, width), shift = depth_mm.shape, rng.uniform((-33, -26), (33, 26))
+    middle = np.array([width - 1, height - 1]) / 2 - linear @ (np.array([WIDTH - 1, HEIGHT - 1]) / 2 + shift)
+    source_from_image = np.column_stack([linear, middle])
+    depth, whose = (
+        cv2.warpAffine(
+            plane, source_from_image, (WIDTH, HEIGHT), flags=cv2.WARP_INVERSE_MAP | cv2.INTER_NEAREST
+        )
+        for plane in (depth_mm, persons)
+    )
+    size = 0.001 * np.exp(rng.uniform(-0.15, 0.15))
+    return (depth * np.float32(size)).astype(np.float32), whose.astype(np.uint8)
+
+
+def _cut(depth: Float32, persons: UInt8, rng: np.random.Generator) -> Float32:
+    """Depth without the background, without what is far, or without what is near; mostly as it is."""
+    kind, person = rng.random(), persons > 0
+    if kind < CUT_OUT:
+        rim = int(rng.integers(-2, 4))
+        change = cv2.dilate if rim > 0 else cv2.erode
+        kept = change(person.astype(np.uint8), np.ones((abs(rim) + 1,) * 2, np.uint8)) > 0
+    elif kind < FAR_CLIP:
+        middle = np.median(depth[person]) if person.any() else 2.0
+        kept = depth < middle + rng.uniform(0.15, 2.5)
+    elif kind < NEAR_CLIP:
+        kept = depth > rng.uniform(0.3, 2.5)
+    else:
+        return depth
+    return np.where(kept, depth, np.float32(0))
+
+
+def _worn(depth: Float32, rng: np.random.Generator) -> Float32:
+    """Depth with a missing rectangle, missing borders, holes and noise, each in some images."""
+    depth = depth.copy()
+    if rng.random() < 0.15:
+        top, left = rng.integers((HEIGHT, WIDTH))
+        height, width = rng.integers(12, 90, 2)
+        depth[top : top + height, left : left + width] = 0
+    if rng.random() < 0.15:
+        depth[rng.random(depth.shape) < rng.uniform(0, 0.2)] = 0
+    if rng.random() < 0.15:
+        noise = rng.normal(0, rng.uniform(0, 0.012), depth.shape)
+        depth = np.where(depth > 0, np.maximum(depth + noise, 0), 0).astype(np.float32)
+    if rng.random() < 0.15:
+        cut, borders = int(rng.integers(15, 90)), (np.s_[:, :], np.s_[::-1], np.s_[:, ::-1])
+        turned = depth.T if rng.random() < 0.5 else depth
+        turned[borders[int(rng.integers(3))]][:cut] = 0
+    return depth
+
+
+def _votes(depth: Float32, persons: UInt8) -> Float32:
+    """Way (3, h, w) from a person's pixels to the middle of what is seen of them: right, down, away.
+
+    depth, persons: (h, w), every second pixel of an image.
+    """
+    votes = np.zeros((3, *depth.shape), np.float32)
+    for number in range(1, int(persons.max(initial=0)) + 1):
+        v, u = np.nonzero(persons == number)
+        if len(v) < LEAST_PX:
+            continue
+        z = depth[v, u]
+        votes[0, v, u] = (u.mean() - u) * z * (2 / FOCAL_PX)
+        votes[1, v, u] = (v.mean() - v) * z * (2 / FOCAL_PX)
+        votes[2, v, u] = z.mean() - z
+    return votes.clip(-FARTHEST_M, FARTHEST_M)

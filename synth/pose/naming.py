@@ -1,0 +1,35 @@
+"""Postures of activities: which of ``annotate.posture.POSTURES`` somebody is in who does them."""
+
+from functools import lru_cache
+
+from synth.shipped import table
+
+_ON_THE_FLOOR = {
+    "standing": "standing",
+    "stooping": "standing",
+    "crouching": "crouching",
+    "cowering": "crouching",
+    "squatting": "crouching",
+    "kneeling": "kneeling",
+    "kneeling_on_heels": "kneeling",
+    "half_kneeling_left": "kneeling",
+    "half_kneeling_right": "kneeling",
+    "all_fours": "on all fours",
+}
+"""The upright and the standing; whoever gets up is between two postures, and has none."""
+
+
+def posture_of(activity: str) -> str | None:
+    """Posture of an activity of ``synth/data/poses``; None on the way between two, or of one not known."""
+    return _postures().get(activity)
+
+
+@lru_cache(maxsize=1)
+def _postures() -> dict[str, str]:
+    recumbent = table("poses/recumbent")
+    return {
+        **dict.fromkeys(table("poses/sitting")["sitting"], "sitting"),
+        **dict.fromkeys([*recumbent["in_bed"], *recumbent["fallen"]], "lying"),
+        **dict.fromkeys(table("poses/standing")["stances"], "standing"),
+        **_ON_THE_FLOOR,
+    }

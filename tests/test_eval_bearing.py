@@ -1,0 +1,135 @@
+"""What a network says of the whole person: it survives as a note, is written as a table, keeps steady."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from annotate.crop import Crop
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.store import LabelSet
+from annotate.parts import swap_left_right
+from annotate.posture import POSTURES
+from annotate.segmentation.segment import Segmentation
+from eval.network.bearing import Bearing
+from eval.network.joint_files import write_joints
+from eval.network.steady import steady
+from eval.scores.joints import JOINT, JOINT_NAMES, N_JOINTS
+from sensors.errors import CloudError
+from sensors.rig.camera import Intrinsics
+from synth.body.skeleton import JOINTS
+from synth.images.stance import facing_deg
+
+CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+
+
+def bearing(facing: float = 20.0, sure: float = 0.9) -> Bearing:
+    posture = np.eye(len(POSTURES), dtype=np.float32)[1]
+    joints = np.random.default_rng(0).uniform(10, 40, (N_JOINTS, 3)) + np.array([0, 0, 2000])
+    return Bearing(facing, sure, posture, joints)
+
+
+def swapped(name: str) -> str:
+    return name.replace("left", "right") if "left" in name else name.replace("right", "left")
+
+
+def frame(number: int, facing: float, sure: float = 0.9) -> FrameLabels:
+    parts = np.zeros((48, 64), np.uint8)
+    parts[10:20, 10:20], parts[10:20, 30:40] = 3, 4
+    labelled = Segmentation(parts, np.ones(parts.shape, np.float32), bearing=bearing(facing, sure).note())
+    return FrameLabels(
+        f"{number:06d}", np.full(parts.shape, 2000, np.uint16), parts, notes={"labelled": labelled}
+    )
+
+
+def test_a_note_holds_it():
+    back = Bearing.from_note(json.loads(json.dumps(bearing().note())))
+    assert back is not None and back.note() == bearing().note()
+    for broken in (
+        None,
+        "x",
+        {},
+        {**bearing().note(), "postures": [1]},
+        {**bearing().note(), "joints_px": 3},
+    ):
+        assert Bearing.from_note(broken) is None
+
+
+def test_an_answer_of_the_crop_is_placed_in_the_image():
+    depth, mask = np.full((48, 64), 1500, np.uint16), np.ones((48, 64), np.bool_)
+    joints = np.tile(np.array([0.5, 0.25, 0.6], np.float32), (N_JOINTS, 1))
+    found = Bearing.of(
+        Crop(-4, 6, 40), depth, mask, np.array([0, -0.5], np.float32), np.ones(6, np.float32), joints
+    )
+    assert (found.facing_deg, found.facing_sure) == pytest.approx((-90, 0.5))
+    np.testing.assert_allclose(found.joints_px[0], (0.5 * 40 - 0.5 + 6, 0.25 * 40 - 0.5 - 4, 1700), rtol=1e-5)
+    u, v, z = found.joints_px[0]
+    np.testing.assert_allclose(found.joints_mm(CAMERA)[0], ((u - 31.5) / 60 * z, (v - 23.5) / 60 * z, z))
+
+
+def test_exchanged_sides_are_the_person_turned_about():
+    """The azimuth of the joints' own exchange."""
+    joints = np.random.default_rng(1).normal(0, 300, (len(JOINTS), 3)) + np.array([0, 0, 2500])
+    own = bearing(facing_deg(joints))
+    names = [joint.name for joint in JOINTS]
+    twin = [names.index(swapped(name)) for name in names]
+    turned = own.exchanged().facing_deg - facing_deg(joints[twin])
+    assert np.cos(np.radians(turned)) == pytest.approx(1)
+    np.testing.assert_array_equal(
+        own.exchanged().joints_px[JOINT["left_knee"]], own.joints_px[JOINT["right_knee"]]
+    )
+    assert own.exchanged().exchanged().note() == own.note()
+
+
+def run(facings: list[float], sure: float = 0.9) -> list[FrameLabels]:
+    """Frames one after the other, as `predict` labels them."""
+    done: list[FrameLabels] = []
+    for number, facing in enumerate(facings):
+        new = frame(number, facing, sure)
+        labelled = steady(new.notes["labelled"], done[-1] if done else None)
+        done.append(replace(new, parts=labelled.parts, notes={"bearing": labelled.bearing}))
+    return done
+
+
+def test_one_frame_of_the_wrong_sides_is_turned_back():
+    truth = frame(0, 0).parts
+    for facing in (-10, 30, 170):
+        frames = run([facing, facing, facing, facing % 360 - 180, facing])
+        np.testing.assert_array_equal(frames[2].parts, truth)
+        np.testing.assert_array_equal(frames[3].parts, swap_left_right(truth))
+        assert frames[3].notes["bearing"]["facing_deg"] == pytest.approx(facing)
+
+
+def test_whoever_turns_keeps_their_sides():
+    """A turn all round within a second at 30 frames."""
+    turn = ((np.arange(60) * 12 + 180) % 360 - 180).tolist()
+    for done in run(turn):
+        np.testing.assert_array_equal(done.parts, frame(0, 0).parts)
+
+
+@pytest.mark.parametrize("name", ["joints.jsonl", "joints.csv"])
+def test_joints_are_written_as_a_table(tmp_path, name):
+    labels = LabelSet.resume(tmp_path / "labels", CAMERA, {"source": "x", "steps": {}})
+    for one in run([10, 20]):
+        labels.write(one)
+    labels.write(FrameLabels("000002", *(np.zeros((48, 64), kind) for kind in (np.uint16, np.uint8))))
+    assert write_joints(LabelSet.open(tmp_path / "labels"), tmp_path / name) == 2
+    text = (tmp_path / name).read_text()
+    expected = bearing().joints_mm(CAMERA)
+    if name.endswith("csv"):
+        rows = list(csv.DictReader(text.splitlines()))
+        first = [float(rows[0][f"{JOINT_NAMES[3]}_{axis}_mm"]) for axis in "xyz"]
+    else:
+        rows = [json.loads(line) for line in text.splitlines()]
+        first = rows[0]["joints_mm"][JOINT_NAMES[3]]
+    assert [row["frame"] for row in rows] == ["000000", "000001"] and rows[0]["posture"] == "sitting"
+    np.testing.assert_allclose(first, expected[3], atol=3)
+
+
+def test_joints_of_another_ending_are_refused(tmp_path):
+    with pytest.raises(CloudError, match="jsonl or"):
+        write_joints(
+            LabelSet.resume(tmp_path / "l", CAMERA, {"source": "x", "steps": {}}), tmp_path / "joints.txt"
+        )

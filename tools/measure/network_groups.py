@@ -1,0 +1,161 @@
+"""What a network reaches by kind of image: ``python -m tools.measure.network_groups W.onnx DATASET...``.
+
+Prints a Markdown table a dataset: mean recall, left/right swaps (share of the limbs' pixels), share of the
+images whose facing is right to 20 degrees and whose posture is right; of all images, by facing, sensor and
+posture, and of those that the image cuts. Then of every fourth image as it is, with 5 % of its pixels lost,
+squeezed, and cut off.
+"""
+
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from annotate.array_types import Float32, UInt8
+from annotate.crop import RANGE_MM, network_crop, normalize
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.frames import open_frames
+from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED
+from annotate.posture import POSTURES
+from eval.network.onnx_network import OnnxNetwork
+from eval.scores.confusion import confusion_matrix, mean_recall
+from eval.training.crops import to_crop
+from eval.training.whole import FACING, POSTURE, whole_person
+
+Crop = tuple[Float32, UInt8]
+BATCH, EACH = 32, 4
+LEAST_PIXELS = 300
+"""Of a person that a change leaves: with less it is no example."""
+
+
+def squeezed(crop: Crop, factor: float) -> Crop | None:
+    """A person ``factor`` times as wide, in a crop that fits."""
+    middle = (crop[0].shape[1] - 1) / 2
+    matrix = np.array([[factor, 0, middle * (1 - factor)], [0, 1, 0]]) / max(1.0, factor)
+    depth, parts = (cv2.warpAffine(x, matrix, x.shape, flags=cv2.INTER_NEAREST) for x in crop)
+    return refitted((np.asarray(depth, np.float32), np.asarray(parts, np.uint8)))
+
+
+def kept(crop: Crop, first: float, last: float, axis: int) -> Crop | None:
+    """What an image shows that ends at these shares of a person's rows (axis 0) or columns."""
+    rows = np.flatnonzero((crop[0] > 0).any(axis=1 - axis))
+    low, high = (round(rows[0] + share * (rows[-1] + 1 - rows[0])) for share in (first, last))
+    inside = np.zeros(crop[0].shape, np.bool_)
+    inside[(slice(low, high), slice(None))[:: 1 - 2 * axis]] = True
+    return refitted((np.where(inside, crop[0], np.float32(0)), np.where(inside, crop[1], np.uint8(0))))
+
+
+def refitted(crop: Crop) -> Crop | None:
+    """The square around what is left of a crop, as `predict` would cut it; None where too little is."""
+    depth, parts = (np.pad(x, ((0, 1), (0, 1))) for x in crop)
+    if np.count_nonzero(parts) < LEAST_PIXELS:
+        return None
+    depth_mm = np.where(depth > 0, np.rint(depth * RANGE_MM + RANGE_MM), 0).astype(np.uint16)
+    square = network_crop(depth > 0)
+    return normalize(square.cut(depth_mm, 0), square.cut(depth > 0, False)), square.cut(parts, 0)
+
+
+def holed(crop: Crop) -> Crop:
+    """A crop that has lost 5 % of its pixels."""
+    lost = np.random.default_rng(int(crop[1].sum())).random(crop[0].shape) < 0.05
+    return np.where(lost, np.float32(0), crop[0]), crop[1]
+
+
+CHANGES: dict[str, Callable[[Crop], Crop | None]] = {
+    "every fourth, as it is": lambda crop: crop,
+    "5 % holes": holed,
+    "width x 0.8": lambda crop: squeezed(crop, 0.8),
+    "width x 1.25": lambda crop: squeezed(crop, 1.25),
+    "to the knees": lambda crop: kept(crop, 0, 0.72, 0),
+    "to the waist": lambda crop: kept(crop, 0, 0.45, 0),
+    "to the chest": lambda crop: kept(crop, 0, 0.28, 0),
+    "one side": lambda crop: kept(crop, 0, 0.6, 1),
+}
+
+
+@dataclass
+class Tally:
+    """Counts of a group of images."""
+
+    images: int = 0
+    confusion: np.ndarray = field(default_factory=lambda: np.zeros((N_CLASSES, N_CLASSES), np.int64))
+    facing: list[bool] = field(default_factory=list)
+    posture: list[bool] = field(default_factory=list)
+
+    def row(self, name: str) -> str:
+        """As a line of the table."""
+        limbs = [part for pair in LEFT_RIGHT for part in pair]
+        swapped = sum(self.confusion[a, b] + self.confusion[b, a] for a, b in LEFT_RIGHT)
+        swaps = 100 * swapped / max(1, self.confusion[limbs].sum())
+        shares = (f"{np.mean(flags):.3f}" if flags else "-" for flags in (self.facing, self.posture))
+        recall = float(mean_recall(self.confusion))
+        return f"| {name} | {self.images} | {recall:.3f} | {swaps:.2f} % | {' | '.join(shares)} |"
+
+
+def groups(frame: FrameLabels, row: Float32) -> Iterator[str]:
+    """Names of the groups that a frame belongs to."""
+    yield "all"
+    azimuth = abs(np.degrees(np.arctan2(row[FACING][1], row[FACING][0])))
+    if np.isfinite(azimuth):
+        yield "from the front" if azimuth < 45 else "from the side" if azimuth < 135 else "from behind"
+    if "sensor" in frame.notes:
+        yield f"sensor: {frame.notes['sensor']['kind']}"
+    if np.isfinite(row[POSTURE]):
+        yield f"posture: {POSTURES[int(row[POSTURE])]}"
+    if frame.notes.get("beyond", 0) > 0.1:
+        yield "cut by the image"
+
+
+def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
+    """Counts of a dataset's images by group."""
+    frames, tallies = open_frames(path), defaultdict[str, Tally](Tally)
+    waiting: list[tuple[Crop, list[str], Float32 | None]] = []
+
+    def count() -> None:
+        planes, *whole = network.answers(np.stack([crop[0] for crop, _, _ in waiting]))
+        for k, ((depth, parts), names, row) in enumerate(waiting):
+            found = np.where(depth > 0, planes[k][1:].argmax(0) + 1, 0).astype(np.uint8)
+            matrix = confusion_matrix(np.where(depth > 0, parts, np.uint8(UNDEFINED)), found)
+            for name in names:
+                tally = tallies[name]
+                tally.images += 1
+                tally.confusion += matrix
+                if whole and row is not None and np.isfinite(row[FACING]).all():
+                    tally.facing.append(bool(whole[0][k] @ row[FACING] > _COS * np.hypot(*whole[0][k])))
+                if whole and row is not None and np.isfinite(row[POSTURE]):
+                    tally.posture.append(int(whole[1][k].argmax()) == row[POSTURE])
+        waiting.clear()
+
+    for number, frame in enumerate(frames):
+        crop, row = to_crop(frame), whole_person(frames, frame)
+        waiting.append((crop, list(groups(frame, row)), row))
+        if number % EACH == 0:
+            changed = ((name, change(crop)) for name, change in CHANGES.items())
+            waiting += [(crop, [name], None) for name, crop in changed if crop is not None]
+        if len(waiting) >= BATCH:
+            count()
+    if waiting:
+        count()
+    return tallies
+
+
+_COS = float(np.cos(np.radians(20)))
+
+
+def main() -> None:
+    """Measure and print."""
+    network = OnnxNetwork(Path(sys.argv[1]))
+    for path in map(Path, sys.argv[2:]):
+        tallies = measured(network, path)
+        print(f"\n{path.name}\n\n| | images | mean recall | swaps | facing | posture |")
+        print("|---|---|---|---|---|---|")
+        for name in sorted(tallies.keys() - CHANGES.keys()) + [c for c in CHANGES if c in tallies]:
+            print(tallies[name].row(name))
+
+
+if __name__ == "__main__":
+    main()
