@@ -74,7 +74,7 @@ def label_source(
     """Labels of every frame of ``source`` in the label set ``out``; frames already there are kept.
 
     Without a suit the person is extracted and its parts stay undefined. progress: called with 1 for each
-    frame. window_c: surface temperatures of a person, degrees Celsius; None = found in each frame. engine:
+    frame that is on the disk or has failed. window_c: surface temperatures of a person, degrees Celsius; None = found in each frame. engine:
     None = the shipped one. Raises the errors of ``run``.
     """
     engine = engine or Engine()
@@ -163,7 +163,7 @@ def _run(
                 else:
                     unwritten.append(writers.submit(labels.write, labelled, probabilities))
                     before = as_read(labelled)
-            while len(unwritten) > MOST_UNWRITTEN:
+            while unwritten and (len(unwritten) > MOST_UNWRITTEN or unwritten[0].done()):
                 unwritten.popleft().result()
                 progress(1)
         for write in unwritten:
