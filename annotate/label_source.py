@@ -74,8 +74,8 @@ def label_source(
     """Labels of every frame of ``source`` in the label set ``out``; frames already there are kept.
 
     Without a suit the person is extracted and its parts stay undefined. progress: called with 1 for each
-    frame that is on the disk or has failed. window_c: surface temperatures of a person, degrees Celsius; None = found in each frame. engine:
-    None = the shipped one. Raises the errors of ``run``.
+    frame that is on the disk or has failed. window_c: surface temperatures of a person, degrees Celsius;
+    None = found in each frame. engine: None = the shipped one. Raises the errors of ``run``.
     """
     engine = engine or Engine()
     step = {
