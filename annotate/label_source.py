@@ -84,6 +84,19 @@ def label_source(
         **engine.note(),
     }
 
+    return run(
+        source,
+        {"label": step},
+        out,
+        suit_labeller(suit, engine),
+        progress,
+        lambda cloud: Survey(cloud, window_c, suit, engine),
+    )
+
+
+def suit_labeller(suit: Suit | None, engine: Engine) -> Labeller:
+    """Labeller of surveys by a suit; without one, parts stay undefined."""
+
     def labeller(survey: Survey, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
         person, cloud = survey.person(before), survey.cloud
         if not person.trusted:
@@ -95,9 +108,7 @@ def label_source(
             found, person = look_again(cloud, person, found, before, engine)
         return cleaned(found, person, cloud) if engine.steps.tidying else (found, person)
 
-    return run(
-        source, {"label": step}, out, labeller, progress, lambda cloud: Survey(cloud, window_c, suit, engine)
-    )
+    return labeller
 
 
 def run(
@@ -142,7 +153,7 @@ def _run(
     def fuse(frame: RigFrame) -> _Fused:
         if _id(frame) in done:
             return _Fused(fuser.fuse(frame.depth_mm).depth_mm, None, [])
-        frame, left_out = _calibrated(frame, fuser.calibration)
+        frame, left_out = calibrated(frame, fuser.calibration)
         cloud = fuser.fuse_frame(frame)
         return _Fused(cloud.depth_mm, survey(cloud), left_out)
 
@@ -251,16 +262,20 @@ def _labelled(
 ) -> tuple[FrameLabels, Probabilities | None]:
     """Labels of a fused frame, and their probabilities if kept."""
     result, person = labeller(fused.survey, before)
-    notes = notes_of(result, [*fused.left_out, *person.notes]) | {"extraction": person.method}
+    return labels_of(frame_id, fused.depth_mm, result, person, fused.left_out), result.probabilities
+
+
+def labels_of(
+    frame_id: str, depth_mm: UInt16, result: Segmentation, person: PersonMask, left_out: Sequence[str] = ()
+) -> FrameLabels:
+    """Labels of a frame from what was found in it. depth_mm: (h, w), undistorted; left_out: notes."""
+    notes = notes_of(result, [*left_out, *person.notes]) | {"extraction": person.method}
     notes |= {"people": person.known} if person.known else {}
     persons = np.where(person.mask, np.uint8(1), np.where(person.others, person.persons, np.uint8(0)))
-    labelled = FrameLabels(
-        frame_id, fused.depth_mm, result.parts, result.confidence, notes=notes, persons=persons
-    )
-    return labelled, result.probabilities
+    return FrameLabels(frame_id, depth_mm, result.parts, result.confidence, notes=notes, persons=persons)
 
 
-def _calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame, list[str]]:
+def calibrated(frame: RigFrame, calibration: RigCalibration) -> tuple[RigFrame, list[str]]:
     """Frame without the images of uncalibrated cameras, and notes on these."""
     notes = []
     if frame.color_encoded is not None and calibration.color is None:

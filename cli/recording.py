@@ -20,6 +20,7 @@ from cli.extras import needing
 from sensors.device.protocol import Device
 from sensors.errors import CalibrationError, DeviceError
 from sensors.recording.how_tested import KINDS
+from sensors.recording.live_rig import LiveRig
 from sensors.recording.open_device import find_devices, open_device
 from sensors.recording.recorder import Recorded, Recorder, clock_metadata
 from sensors.recording.rig_file import RecordingRig, load_rig
@@ -63,15 +64,8 @@ def record(
     json: Json = False,
 ) -> None:
     """Record depth, colour and temperature from devices, real or virtual, into a session."""
-    if (rig is None) == (not device):
-        raise DeviceError("no device to record from; give either --rig or one or more --device")
-    wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
     with ExitStack() as stack:
-        shown = Shown() if any(a.startswith("virtual:") for a in wanted.devices) else None
-        devices = [stack.enter_context(closing(open_device(a, shown or ()))) for a in wanted.devices]
-        for one in devices:
-            one.start()
-        calibration = _calibration(wanted, devices, shown)
+        wanted, devices, calibration, _ = _opened(rig, device, stack)
         metadata = clock_metadata(devices, wanted.latency_ms)
         writer = SessionWriter(out, calibration, wanted.name, overwrite=overwrite, metadata=metadata)
         recorder = Recorder(devices, writer, infrared)
@@ -106,6 +100,37 @@ def repair(
     if done.damaged:
         text += f"; {done.damaged} damaged records left out"
     finish(result, json, text)
+
+
+def open_rig(rig: Path | None, device: list[str] | None) -> LiveRig:
+    """The rig that a file or addresses name, its devices started. Raises DeviceError, CalibrationError."""
+    with ExitStack() as stack:
+        wanted, devices, calibration, open_one = _opened(rig, device, stack)
+        running = LiveRig(wanted.name, devices, calibration, wanted.latency_ms, open_one)
+        stack.pop_all()
+    return running
+
+
+def _opened(
+    rig: Path | None, device: list[str] | None, stack: ExitStack
+) -> tuple[RecordingRig, list[Device], RigCalibration, Callable[[str], Device]]:
+    """A rig, its devices opened and started within a stack, its calibration, what opens a device again."""
+    if (rig is None) == (not device):
+        raise DeviceError("no device to record from; give either --rig or one or more --device")
+    wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
+    shown = Shown() if any(address.startswith("virtual:") for address in wanted.devices) else None
+
+    def started(address: str) -> Device:
+        opened = open_device(address, shown or ())
+        try:
+            opened.start()
+        except DeviceError:
+            opened.close()
+            raise
+        return opened
+
+    devices = [stack.enter_context(closing(started(address))) for address in wanted.devices]
+    return wanted, devices, _calibration(wanted, devices, shown), started
 
 
 def _calibration(rig: RecordingRig, devices: list[Device], shown: Shown | None) -> RigCalibration:

@@ -17,7 +17,7 @@ import pytest
 from conftest import assert_refused, largest_file, tree
 from test_cli_nothing_lost import ordinary_user
 
-import sensors.recording.recorder
+import sensors.recording.intake
 from annotate.correction.correction import Correction
 from annotate.correction.edit import IDLE_S, ActiveTime, steady_time
 from annotate.label_source import label_source
@@ -243,7 +243,7 @@ def test_a_clock_that_is_set_costs_nobody_any_time(monkeypatch):
 
 def test_a_clock_that_is_set_while_recording_moves_no_event(tmp_path, monkeypatch):
     jumped = SimpleNamespace(monotonic=time.monotonic, monotonic_ns=time.monotonic_ns, time_ns=time.time_ns)
-    monkeypatch.setattr(sensors.recording.recorder, "time", jumped)
+    monkeypatch.setattr(sensors.recording.intake, "time", jumped)
     devices = [
         open_device(a, swinging_ball())
         for a in ("virtual:kinect2", "virtual:optris?mode=128hz&unplug_after=0.3")

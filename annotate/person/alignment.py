@@ -142,14 +142,14 @@ def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> Th
             f"give a session with at least {GROUPS}"
         )
     groups = [np.mean(surfaces[i::GROUPS], axis=0) for i in range(GROUPS)]
-    shift_px = _peak(np.mean(surfaces, axis=0))
-    each = np.array([_peak(group) for group in groups])
+    shift_px = peak_px(np.mean(surfaces, axis=0))
+    each = np.array([peak_px(group) for group in groups])
     sd = each.std(axis=0, ddof=1) / np.sqrt(GROUPS)
     angle = degrees(shift_px, fuser.camera)
     return ThermalDrift(shift_px, (float(sd[0]), float(sd[1])), angle, len(surfaces))
 
 
-def _peak(surface: Float64) -> tuple[float, float]:
+def peak_px(surface: Float64) -> tuple[float, float]:
     """Shift (right, down) in pixels of the highest of contrasts (n, n), between the shifts by a parabola."""
     rows, columns = surface.shape
     row, column = np.unravel_index(int(surface.argmax()), surface.shape)

@@ -13,7 +13,7 @@ import numpy as np
 from annotate.array_types import Bool
 from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import Run, check_same, finished, notes_of, run
+from annotate.label_source import Labeller, Run, check_same, finished, notes_of, run
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.frames import LabelledFrames
 from annotate.labelset.store import LabelSet
@@ -52,6 +52,23 @@ def predict_source(
     if everybody and probabilities:
         raise CloudError("probabilities are kept of one person; leave --probabilities or --everybody out")
 
+    step = _step(network, probabilities) | {"window_c": list(window_c) if window_c else None}
+    step |= {"things": things.sha256} if things else {}
+    step |= {"everybody": True} if everybody else {}
+    survey = partial(Survey, window_c=window_c, everybody=everybody)
+    labeller = network_labeller(network, things, probabilities=probabilities, everybody=everybody)
+    return run(source, {"predict": step}, out, labeller, progress, survey)
+
+
+def network_labeller(
+    network: OnnxNetwork,
+    things: OnnxNetwork | None = None,
+    *,
+    probabilities: bool = False,
+    everybody: bool = False,
+) -> Labeller:
+    """Labeller of surveys by a network; arguments as of ``predict_source``."""
+
     def one(survey: Survey, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
         person, depth_mm = survey.person(before), survey.cloud.depth_mm
         if not person.trusted:
@@ -70,11 +87,7 @@ def predict_source(
             whose[mask] = number
         return _together(results, person.mask), replace(person, mask=whose == 1, persons=whose)
 
-    step = _step(network, probabilities) | {"window_c": list(window_c) if window_c else None}
-    step |= {"things": things.sha256} if things else {}
-    step |= {"everybody": True} if everybody else {}
-    survey = partial(Survey, window_c=window_c, everybody=everybody)
-    return run(source, {"predict": step}, out, one, progress, survey)
+    return one
 
 
 def _together(results: Sequence[Segmentation], nobody: Bool) -> Segmentation:

@@ -1,0 +1,82 @@
+"""A moment of a rig with all that was made of it, for whoever looks: the window, a robot, a stream."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from annotate.array_types import Float64
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.frame_labels import FrameLabels
+from annotate.label_source import Labeller
+from annotate.live.complaint import Complaint
+from sensors.recording.health import Health
+from sensors.recording.intake import Event
+from sensors.recording.moments import Moment
+from sensors.recording.newest import Newest
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import RigCalibration
+
+
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """How the labelled person is, in the frame of the undistorted depth camera.
+
+    names: of the joints (J,). joints_m: float64 (J, 3) metres. bones: pairs of indices of joints. facing_deg:
+    azimuth of the camera about the trunk, 0 before the chest, 90 on the person's left; facing_sure, [0, 1].
+    posture: one of ``annotate.posture.POSTURES``, with its probability.
+    """
+
+    names: tuple[str, ...]
+    joints_m: Float64
+    bones: tuple[tuple[int, int], ...]
+    facing_deg: float
+    facing_sure: float
+    posture: str
+    posture_sure: float
+
+
+@dataclass(frozen=True)
+class Labelling:
+    """What makes labels of a cloud: ``survey`` needs no other frame, ``label`` has that of the frame before.
+
+    stance: joints, facing and posture of the labelled person, None where they cannot be known.
+    """
+
+    survey: Callable[[ThermalCloud], Any]
+    label: Labeller
+    stance: Callable[[FrameLabels, Intrinsics], Stance | None]
+
+
+@dataclass(frozen=True, eq=False)
+class LiveFrame:
+    """One labelled moment. moment: its images as they came. labels: over the cloud's undistorted depth image.
+
+    latency_ms: from the depth image's arrival until all of this was there. complaints: those that stand.
+    """
+
+    moment: Moment
+    cloud: ThermalCloud
+    labels: FrameLabels
+    stance: Stance | None
+    health: Health
+    complaints: tuple[Complaint, ...]
+    latency_ms: float
+
+
+class Rig(Protocol):
+    """What is looked at: a ``LiveRig``, or a ``Playback``; documented there."""
+
+    name: str
+    calibration: RigCalibration
+    moments: Newest[Moment]
+    events: deque[tuple[int, Event]]
+    error: Exception | None
+
+    def start(self) -> None: ...
+    def close(self) -> None: ...
+    def record(self, path: Path, subject: str = "", overwrite: bool = False) -> None: ...
+    def end_recording(self) -> Path | None: ...
+    def mark(self, text: str) -> None: ...
+    def health(self) -> Health: ...

@@ -1,0 +1,58 @@
+"""The thermal camera's alignment while it runs: whether it was knocked, which way and how far."""
+
+from collections import deque
+
+import numpy as np
+
+from annotate.array_types import Bool, Float64
+from annotate.cloud.grid import grown
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.live.complaint import Complaint
+from annotate.live.frame_complaints import shift_complaint
+from annotate.person.alignment import (
+    CONTRAST_GAIN,
+    LEAST_CONTRAST,
+    LEAST_EDGES,
+    OFF_PX,
+    SILHOUETTES_PX,
+    TOLERABLE_DEG,
+    contrast_surface,
+    peak_px,
+)
+from annotate.person.pixel_odds import WINDOW_C, find_window
+
+EVERY_NS, FRAMES = 500_000_000, 8
+"""Nanoseconds from one frame looked at to the next, and frames whose contrasts are added: four seconds, in
+which people move. Chosen by eye."""
+
+
+class ShiftWatch:
+    """Contrasts of the last frames at the silhouettes of what is warm, see ``annotate.person.alignment``."""
+
+    def __init__(self) -> None:
+        self._surfaces = deque[Float64](maxlen=FRAMES)
+        self._looked_ns = 0
+        self._complaint: Complaint | None = None
+
+    def complaint(self, cloud: ThermalCloud, person: Bool, now_ns: int) -> Complaint | None:
+        """The complaint as of the last frame that was looked at. person: mask (h, w)."""
+        if now_ns - self._looked_ns >= EVERY_NS and np.isfinite(cloud.temperature_c).any():
+            self._looked_ns = now_ns
+            window = find_window(cloud, cloud.valid) or WINDOW_C
+            warm = cloud.valid & (cloud.temperature_c >= window[0]) & (cloud.temperature_c <= window[1])
+            surface, edges = contrast_surface(cloud, window, grown(warm, SILHOUETTES_PX))
+            if edges >= LEAST_EDGES:
+                self._surfaces.append(surface)
+            self._complaint = self._judged(cloud)
+        return self._complaint
+
+    def _judged(self, cloud: ThermalCloud) -> Complaint | None:
+        """A far shift with a much larger contrast, as of ``Alignment.is_off``, but over several frames."""
+        if len(self._surfaces) < FRAMES:
+            return None
+        surface = np.mean(self._surfaces, axis=0)
+        middle, best = surface[len(surface) // 2, len(surface) // 2], surface.max()
+        shift_px = peak_px(surface)
+        if np.hypot(*shift_px) < OFF_PX or best < max(LEAST_CONTRAST, CONTRAST_GAIN * middle):
+            return None
+        return shift_complaint(shift_px, cloud.camera, TOLERABLE_DEG)

@@ -1,0 +1,170 @@
+"""The verb ``live``: the rig in front of you, labelled as it runs."""
+
+import json as json_text
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Option
+
+from annotate.engine import Engine
+from annotate.frame_labels import FrameLabels
+from annotate.label_source import suit_labeller
+from annotate.live.live_frame import Labelling, LiveFrame, Rig, Stance
+from annotate.live.pipeline import LivePipeline
+from annotate.person.extract import Survey
+from annotate.suit.palette import Suit, load_suit
+from cli.console import Json, Overwrite, finish, say
+from cli.recording import open_rig
+from eval.network.bearing import Bearing, joint_row
+from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
+from eval.network.predict import network_labeller
+from eval.network.sides import sided
+from eval.scores.joints import JOINT, JOINT_NAMES
+from eval.scores.skeleton_fit import BONES
+from sensors.errors import DeviceError
+from sensors.importers.open_source import open_source
+from sensors.recording.playback import Playback
+from sensors.rig.camera import Intrinsics
+
+BONE_ENDS = tuple((JOINT[a], JOINT[b]) for a, b, _ in BONES)
+
+
+def live(
+    session: Annotated[Path | None, Argument(help="Session to play back instead of a rig.")] = None,
+    rig: Annotated[Path | None, Option(help="Rig file (TOML): devices and calibration.")] = None,
+    device: Annotated[list[str] | None, Option(help="Address, as `devices` lists it; repeatable.")] = None,
+    suit: Annotated[
+        Path | None, Option(help="Palette of the suit worn (TOML). Without: parts by the network.")
+    ] = None,
+    record: Annotated[Path | None, Option(help="Session to record from the start.")] = None,
+    subject: Annotated[str, Option(help="Name of the person, for the recording.")] = "",
+    no_window: Annotated[
+        bool, Option("--no-window", help="Print joints as JSON lines instead; for a robot without a screen.")
+    ] = False,
+    seconds: Annotated[float | None, Option(min=0.1, help="Duration. Default: until Ctrl-C.")] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Show a running rig, or a session as if it ran: person, parts, joints, and what is wrong with it."""
+    if sum((session is not None, rig is not None, bool(device))) != 1:
+        raise DeviceError("nothing to look at; give a session, --rig, or one or more --device")
+    palette = load_suit(suit) if suit else None
+    with ExitStack() as stack:
+        running: Rig = Playback(open_source(session)) if session else open_rig(rig, device)
+        pipeline = stack.enter_context(run_pipeline(running, labelling_by(palette)))
+        if record is not None:
+            running.record(record, subject, overwrite)
+        end_s = time.monotonic() + (seconds or math.inf)
+        show_lines(pipeline, end_s, None if json else print_joints)
+    _finish(running, pipeline, json)
+
+
+@contextmanager
+def run_pipeline(running: Rig, labelling: Labelling) -> Iterator[LivePipeline]:
+    """A rig and its labelling at work, both ended in the end, the recording too."""
+    pipeline = LivePipeline(running, labelling)
+    running.start()
+    pipeline.start()
+    try:
+        yield pipeline
+    finally:
+        pipeline.close()
+        running.close()
+    for error in (running.error, pipeline.error):
+        if error is not None:
+            raise error
+
+
+def labelling_by(suit: Suit | None) -> Labelling:
+    """Parts by a suit, or else by the shipped network, which gives joints, facing and posture to both."""
+    network, engine = OnnxNetwork(SHIPPED_WEIGHTS), Engine()
+    if suit is None:
+        label = network_labeller(network, OnnxNetwork(THINGS_WEIGHTS))
+        return Labelling(partial(Survey, window_c=None), label, _stance)
+    survey: Callable[[Any], Survey] = lambda cloud: Survey(cloud, None, suit, engine)  # noqa: E731
+    return Labelling(survey, suit_labeller(suit, engine), partial(_stance_beside, network))
+
+
+def _stance_beside(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics) -> Stance | None:
+    """Stance by a network of a person whose parts, and so whose sides, are known."""
+    assert labels.persons is not None
+    note = network.segment(labels.depth_mm, labels.persons == 1).bearing
+    bearing = Bearing.from_note(note)
+    return None if bearing is None else _as_stance(sided(bearing, labels.parts), camera)
+
+
+def _stance(labels: FrameLabels, camera: Intrinsics) -> Stance | None:
+    bearing = Bearing.from_note(labels.notes.get("bearing"))
+    return None if bearing is None else _as_stance(bearing, camera)
+
+
+def _as_stance(bearing: Bearing, camera: Intrinsics) -> Stance:
+    return Stance(
+        JOINT_NAMES,
+        bearing.joints_mm(camera) / 1000,
+        BONE_ENDS,
+        bearing.facing_deg,
+        bearing.facing_sure,
+        bearing.name,
+        float(bearing.posture.max()),
+    )
+
+
+def show_lines(pipeline: LivePipeline, end_s: float, show: Callable[[LiveFrame], None] | None) -> None:
+    """Hand on every newest frame until the time is over, the rig ends, or Ctrl-C; complaints go to stderr."""
+    seen, said = 0, set[str]()
+    try:
+        while time.monotonic() < end_s:
+            newest = pipeline.frames.after(seen, 0.2)
+            if newest is None:
+                if pipeline.frames.ended:
+                    return
+                continue
+            seen, frame = newest
+            for complaint in frame.complaints:
+                if complaint.kind not in said:
+                    say(complaint.text)
+            said = {complaint.kind for complaint in frame.complaints}
+            if show is not None:
+                show(frame)
+    except KeyboardInterrupt:
+        return
+
+
+def print_joints(frame: LiveFrame) -> None:
+    """One JSON line: the frame, its time, and of a person that was found joints, facing and posture."""
+    row: dict[str, Any] = {"frame": frame.labels.frame_id, "time_ns": frame.moment.host_ns}
+    if (stance := frame.stance) is not None:
+        row |= {
+            "facing_deg": round(stance.facing_deg, 1),
+            "facing_sure": round(stance.facing_sure, 3),
+            "posture": stance.posture,
+            "posture_sure": round(stance.posture_sure, 3),
+            "joints_mm": joint_row(stance.joints_m * 1000),
+        }
+    row["complaints"] = {complaint.kind: complaint.text for complaint in frame.complaints}
+    print(json_text.dumps(row), flush=True)
+
+
+def _finish(running: Rig, pipeline: LivePipeline, json: bool) -> None:
+    health, p95 = running.health(), pipeline.latency_ms(0.95)
+    result = {
+        "frames": running.moments.count,
+        "labelled": pipeline.frames.count,
+        "dropped": health.dropped,
+        "latency_ms_p95": None if math.isnan(p95) else round(p95, 1),
+        "complaints": pipeline.said,
+    }
+    text = (
+        f"{result['frames']} frames, {result['labelled']} labelled, {result['dropped']} dropped; "
+        f"95 % were labelled within {p95:.0f} ms"
+    )
+    if json:
+        finish(result, True, text)
+    else:
+        say(text)

@@ -1,0 +1,84 @@
+"""A session, or anything else with frames, played back as if it happened now."""
+
+import threading
+import time
+from collections import deque
+from pathlib import Path
+
+from sensors.errors import CloudError
+from sensors.recording.health import Health, StreamHealth
+from sensors.recording.intake import Event
+from sensors.recording.moments import Moment
+from sensors.recording.newest import Newest
+from sensors.rig.frame import FrameSource
+from sensors.session.reader import Session
+
+LONGEST_S = 1.0
+"""Longest pause between two frames: what lies farther apart was recorded in pieces. Chosen by eye."""
+
+
+class Playback:
+    """A source at its own pace, by a thread from ``start`` to ``close``; the same face as a ``LiveRig``.
+
+    events: those of the session up to now, with running numbers.
+    """
+
+    def __init__(self, source: FrameSource) -> None:
+        self.name, self.calibration = source.name, source.calibration
+        self.moments = Newest[Moment]()
+        self.events = deque[tuple[int, Event]](maxlen=100)
+        self.error: Exception | None = None
+        self._source = source
+        self._coming = deque(enumerate(source.events, 1)) if isinstance(source, Session) else deque()
+        self._stop = threading.Event()
+        self._started_s = 0.0
+        self._thread = threading.Thread(target=self._run, name="playback", daemon=True)
+
+    def start(self) -> None:
+        """Begin to play."""
+        self._started_s = time.monotonic()
+        self._thread.start()
+
+    def close(self) -> None:
+        """End; idempotent."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def record(self, path: Path, subject: str = "", overwrite: bool = False) -> None:
+        """Raises CloudError: there is nothing to record."""
+        raise CloudError(f"{self.name} is played back, which cannot be recorded to {path}; copy it instead")
+
+    def end_recording(self) -> Path | None:
+        """None: nothing is recorded."""
+        return None
+
+    def mark(self, text: str) -> None:
+        """Raises CloudError: what is recorded is not changed."""
+        raise CloudError(f"{self.name} is played back: {text!r} cannot be marked in it")
+
+    def health(self) -> Health:
+        """The pace of the frames."""
+        count, running_s = self.moments.count, time.monotonic() - self._started_s
+        return Health(
+            {"depth": StreamHealth(0.0, count / max(running_s, 1e-9), silent_s=0.0, count=count)},
+            running_s=running_s,
+        )
+
+    def _run(self) -> None:
+        due_s, last_ns = time.monotonic(), None
+        try:
+            for frame in self._source:
+                if last_ns is not None:
+                    due_s += min(max(0.0, (frame.stamp_ns - last_ns) * 1e-9), LONGEST_S)
+                last_ns = frame.stamp_ns
+                if self._stop.wait(max(0.0, due_s - time.monotonic())):
+                    return
+                while self._coming and self._coming[0][1][0] <= frame.stamp_ns:
+                    number, (stamp_ns, text) = self._coming.popleft()
+                    self.events.append((number, Event(stamp_ns, text)))
+                self.moments.put(Moment(frame, frame.stamp_ns, time.monotonic_ns()))
+        except Exception as error:  # whoever looks raises it: here it would die with the thread
+            self.error = error
+        finally:
+            self.moments.end()

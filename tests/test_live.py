@@ -1,0 +1,144 @@
+"""A rig that runs: its newest moment, what it is labelled as, and what is said of it."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from annotate.live.complaint import HOLD_S, Complaint, Standing
+from annotate.live.rig_complaints import rig_complaints
+from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
+from sensors.recording.health import Health, Watch
+from sensors.recording.intake import Arrived
+from sensors.recording.moments import WAIT_NS, Moments
+from sensors.recording.newest import Newest
+
+RATES_HZ = {"depth": 30.0, "color": 30.0, "thermal": 128.0}
+DEVICE = {"depth": "kinect", "color": "kinect", "thermal": "optris"}
+EPOCH_NS = 1_700_000_000_000_000_000
+DEPTH = np.full((2, 2), 1000, np.uint16)
+
+
+def reading(stream: str, number: int, at_s: float, flag: Flag = Flag.OPEN, skew: float = 0.0, lost=0):
+    """Reading ``number`` of a stream, made at ``at_s``, here at once. Its value says its number."""
+    value = {
+        "depth": DepthImage(DEPTH + np.uint16(number)),
+        "color": ColorImage(str(number).encode()),
+        "thermal": ThermalImage(np.full((2, 2), number, np.float32), flag),
+    }[stream]
+    stamp, arrival = (EPOCH_NS + round(at_s * f * 1e9) for f in (1 + skew, 1.0))
+    usable = flag is Flag.OPEN
+    return Arrived(DEVICE[stream], DeviceReading(stamp, arrival, value), stamp, arrival, lost, usable)
+
+
+def running(seconds: float, skew=0.0, without: str = "", closed_from_s: float = math.inf, drop=0.0):
+    """Readings of a rig for so long, in the order of their arrival."""
+    rng, made = np.random.default_rng(0), []
+    for stream, hz in RATES_HZ.items():
+        lost = 0
+        for number in range(int(seconds * hz)):
+            at_s = (number + 1) / hz + (0.004 if stream == "color" else 0.0)
+            if stream == without and at_s > seconds / 2:
+                continue
+            if drop and rng.random() < drop:
+                lost += 1
+                continue
+            flag = Flag.CLOSED if stream == "thermal" and at_s > closed_from_s else Flag.OPEN
+            made.append((at_s, reading(stream, number, at_s, flag, skew, lost)))
+            lost = 0
+    return [item for _, item in sorted(made, key=lambda pair: pair[0])]
+
+
+def watched(items, **changes) -> Health:
+    """The health of a rig after these readings."""
+    watch = Watch(RATES_HZ, {})
+    for item in items:
+        watch.add(item)
+    now_ns = EPOCH_NS + round(changes.pop("at_s") * 1e9)
+    closed_s, skew_ppm = watch.flag_closed_s(now_ns), watch.skew_ppm()
+    health = Health(watch.streams(now_ns), (), closed_s, skew_ppm, watch.running_s(now_ns))
+    return replace(health, **changes)
+
+
+def kinds(health: Health) -> set[str]:
+    return {complaint.kind for complaint in rig_complaints(health)}
+
+
+def test_the_newest_value_replaces_the_one_that_nobody_took():
+    newest = Newest[int]()
+    assert newest.after(0, 0.0) is None
+    newest.put(1)
+    newest.put(2)
+    assert newest.after(0, 0.0) == (2, 2) and newest.after(2, 0.0) is None
+    newest.end()
+    assert newest.after(2, 60.0) is None and newest.ended
+
+
+def test_every_depth_image_meets_the_images_taken_nearest_to_it():
+    pairing, watch, moments = Moments(RATES_HZ), Watch(RATES_HZ, {}), []
+    for item in running(2.0):
+        pairing.add(item, watch.add(item))
+        moments.append(pairing.newest(item.arrival_ns))
+    frames = [moment.frame for moment in moments if moment is not None]
+    assert len(frames) > 55
+    for frame in frames:
+        number = int(frame.depth_mm[0, 0]) - 1000
+        assert frame.color_encoded == str(number).encode()
+        at_s = (number + 1) / RATES_HZ["depth"]
+        assert abs((frame.thermal_c[0, 0] + 1) / RATES_HZ["thermal"] - at_s) <= 0.5 / 128 + 1e-9
+
+
+def test_a_depth_image_waits_for_its_partners_only_so_long():
+    pairing = Moments(RATES_HZ)
+    item = reading("depth", 3, 1.0)
+    pairing.add(item, item.arrival_ns)
+    assert pairing.newest(item.arrival_ns + WAIT_NS - 1) is None
+    moment = pairing.newest(item.arrival_ns + WAIT_NS)
+    assert moment is not None and moment.frame.color_encoded is None and moment.frame.thermal_c is None
+
+
+def test_nothing_is_said_of_a_good_rig_for_a_minute():
+    items, watch, said = running(60.0), Watch(RATES_HZ, {}), set()
+    for number, item in enumerate(items):
+        watch.add(item)
+        if number % 50 == 0:
+            at_ns = item.arrival_ns
+            health = Health(watch.streams(at_ns), (), watch.flag_closed_s(at_ns), watch.skew_ppm())
+            said |= kinds(replace(health, running_s=watch.running_s(at_ns)))
+    assert not said
+
+
+@pytest.mark.parametrize(
+    ("kind", "says", "health"),
+    [
+        ("drops", "depth", lambda: watched(running(8, drop=0.1), at_s=8)),
+        ("silent", "colour", lambda: watched(running(8, without="color"), at_s=8)),
+        ("clock", "kinect gains", lambda: watched(running(40, skew=5e-4), at_s=40)),
+        ("flag", "flag", lambda: watched(running(8, closed_from_s=5), at_s=8)),
+        ("disk", "4.0 minutes", lambda: watched(running(8), at_s=8, disk_minutes=4.0)),
+        ("away", "kinect is gone", lambda: watched(running(8), at_s=8, away=("kinect",))),
+        ("trouble", "No space", lambda: watched(running(8), at_s=8, trouble="No space left")),
+    ],
+)
+def test_what_is_wrong_with_a_rig_is_said_and_nothing_else(kind, says, health):
+    made = list(rig_complaints(health()))
+    assert {complaint.kind for complaint in made} == {kind}
+    assert any(says in complaint.text for complaint in made)
+
+
+def test_a_complaint_stands_while_it_is_made_and_a_second_after():
+    standing, dark = Standing(), Complaint("dark", "too dark")
+    assert standing.update([dark], 0.0) == ()
+    assert standing.update([dark], HOLD_S) == (dark,)
+    assert standing.update([], HOLD_S * 1.5) == (dark,)
+    assert standing.update([], HOLD_S * 2.1) == ()
+    assert standing.update([dark], HOLD_S * 3) == ()
+
+
+def test_a_session_is_played_back_as_lines_of_joints(annotate_cloud, rig_session):
+    done = annotate_cloud("live", rig_session, "--no-window")
+    rows = [json.loads(line) for line in done.out.splitlines()]
+    assert done.code == 0 and rows and "labelled" in done.err
+    assert len(rows[-1]["joints_mm"]) == 15 and rows[-1]["posture"]
