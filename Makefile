@@ -11,7 +11,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-EXTRAS := synth,bodies,network,report,rig,clouds,train,gui,cluster,exchange,realsense,kinect,orbbec,docs,dev
+EXTRAS := synth,bodies,network,report,rig,clouds,train,gui,cluster,exchange,foxglove,realsense,kinect,orbbec,docs,dev
 
 # Python keeps what it has compiled, whatever the caller's environment wants: it saves every process of a test that.
 export PYTHONDONTWRITEBYTECODE :=

@@ -1,19 +1,25 @@
 """Verbs that read recordings and labels of other tools, and write labels for them: import, export."""
 
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Argument, BadParameter, Option
 
 from annotate.exchange.formats import FORMATS, export_labels, import_labels
+from annotate.foxglove.file import FORMAT as FOXGLOVE
+from annotate.foxglove.file import export_foxglove
+from annotate.labelset.recorded import find_session
 from annotate.labelset.store import LabelSet
 from cli.console import Json, Overwrite, finish, progress, say
+from eval.network.joint_files import noted_joints
 from sensors.importers.open_source import KINDS, open_source
 from sensors.rig.frame import RigFrame
 from sensors.session.writer import SessionWriter
 
 SESSION_SUFFIX = ".mcap"
+EXPORTS = (*FORMATS, FOXGLOVE)
 
 
 def import_(
@@ -31,21 +37,45 @@ def import_(
 
 def export(
     labels: Annotated[Path, Argument(help="Label set.")],
-    out: Annotated[Path, Argument(help="Folder to write.")],
+    out: Annotated[Path, Argument(help="Folder to write; for foxglove a file, out.mcap.")],
     format_: Annotated[
-        str, Option("--format", help=f"{', '.join(FORMATS)}.", autocompletion=lambda: [*FORMATS])
+        str, Option("--format", help=f"{', '.join(EXPORTS)}.", autocompletion=lambda: [*EXPORTS])
     ],
+    session: Annotated[
+        Path | None,
+        Option(
+            help="Recording of these labels, for foxglove's colours and temperatures. "
+            "Default: the one beside them."
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Write a label set in another tool's format; import reads it back."""
+    """Write a label set in another tool's format; import reads it back, but for foxglove."""
     label_set = LabelSet.open(labels)
+    if format_ == FOXGLOVE:
+        _export_foxglove(label_set, session or find_session(label_set), out, overwrite, json)
+        return
+    if session is not None:
+        raise BadParameter(f"only {FOXGLOVE} takes it", param_hint="--session")
     with progress("export", len(label_set)) as advance:
         lost = export_labels(label_set, out, format_, advance, overwrite=overwrite)
     if lost:
         say(f"{format_} cannot carry {' and '.join(lost)}: left out")
     result = {"frames": len(label_set), "format": format_, "path": str(out), "left_out": list(lost)}
     finish(result, json, f"{len(label_set)} frames as {format_} in {out}")
+
+
+def _export_foxglove(labels: LabelSet, session: Path | None, out: Path, overwrite: bool, json: bool) -> None:
+    joints = partial(noted_joints, labels)
+    with progress("export", len(labels)) as advance:
+        remarks = export_foxglove(labels, session, joints, out, advance, overwrite=overwrite)
+    for remark in remarks:
+        say(remark)
+    if session is None:
+        say("no recording beside the labels: no colours and temperatures; name it with --session")
+    result = {"frames": len(labels), "format": FOXGLOVE, "path": str(out), "remarks": remarks}
+    finish(result, json, f"{len(labels)} frames as {FOXGLOVE} in {out}")
 
 
 def _import_images(source: Path, out: Path, overwrite: bool, json: bool) -> None:

@@ -14,6 +14,7 @@ COSTS = {
     "rig": "no calibration (calibrate) and no palettes learnt from labels or photographs (suit learn)",
     "clouds": "no PCD and PLY clouds",
     "exchange": "no ROS 2 bags, LAS, LAZ or Parquet",
+    "foxglove": "no stream for Foxglove (live --serve); export --format foxglove works",
     "train": "no training (train, train-labels); predict only needs the extra network",
     "smp": "no training of networks from segmentation-models-pytorch (train --network smp)",
     "cluster": "no generation on several machines (synth generate --scheduler)",

@@ -14,7 +14,8 @@ from annotate.gui.colors import SAME_RGB, Look, Painting, colourings
 from annotate.gui.drawing import Drawing
 from annotate.gui.orbit import Orbit, front_view, project
 from annotate.gui.outcome import described, strokes_text
-from annotate.gui.scene import ROOM_POINTS, SceneReader, find_session
+from annotate.gui.scene import ROOM_POINTS, SceneReader
+from annotate.labelset.recorded import find_session
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Stroke
 from annotate.parts import PARTS

@@ -13,8 +13,9 @@ from annotate.gui.commands import bind
 from annotate.gui.keys import load_settings, settings_path
 from annotate.gui.memory import memory_path
 from annotate.gui.probe import check_screen
-from annotate.gui.scene import SceneReader, find_session
+from annotate.gui.scene import SceneReader
 from annotate.gui.window import CorrectionWindow
+from annotate.labelset.recorded import find_session
 from annotate.labelset.store import LabelSet
 
 LISTEN_MS = 300

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Int64, UInt8
+from annotate.cloud.color_map import COLD_C, HEAT, HOT_C, heat_rgb, mapped_rgb
 from annotate.gui.scene import FrameScene
 from annotate.parts import BACKGROUND, palette_rgb
 
@@ -25,13 +26,11 @@ ROOM_RGB = {True: (74, 80, 92), False: (168, 174, 184)}
 """Colours of background points on a dark (True) and on a light ground. Chosen by eye."""
 DIFFERS_RGB, SAME_RGB = np.array([(255, 176, 32), (110, 126, 150)], np.float32)
 """Colours of points to check, where two sets differ or confidence is low, and of others. Chosen by eye."""
-COLD_C, HOT_C = 18.0, 38.0
-"""Range of the temperature colours in degrees Celsius: from a cool room to a body's core. Chosen by eye."""
 FADE = 0.82
 """Share of the ground's colour in a faded part. Chosen by eye."""
 TINTS = (0.0, 0.25, 0.5, 0.8)
 """Shares of the parts' colours over other colourings. Chosen by eye."""
-_MAPS = {"temperature": cv2.COLORMAP_INFERNO, "depth": cv2.COLORMAP_CIVIDIS}
+_MAPS = {"temperature": HEAT, "depth": cv2.COLORMAP_CIVIDIS}
 
 
 @dataclass(frozen=True)
@@ -136,11 +135,11 @@ class Painting:
             return np.where(scene.cloud.color_valid.ravel()[pixels, None], rgb, room_rgb)
         if colouring == "temperature":
             celsius = scene.cloud.temperature_c.ravel()[pixels]
-            return _mapped((celsius - COLD_C) / (HOT_C - COLD_C), _MAPS["temperature"], room_rgb)
+            return heat_rgb(celsius, room_rgb)
         if colouring == "depth":
             near_m, far_m = scene.depth_range_m
             depth_m = scene.labels.depth_mm.ravel()[pixels].astype(np.float32) / np.float32(1000)
-            return _mapped((far_m - depth_m) / (far_m - near_m), _MAPS["depth"], room_rgb)
+            return mapped_rgb((far_m - depth_m) / (far_m - near_m), _MAPS["depth"], room_rgb)
         if colouring == "confidence" and scene.labels.confidence is not None:
             doubt = np.sqrt(1 - np.clip(scene.labels.confidence.ravel()[pixels], 0, 1))[:, None]
             rgb = (1 - doubt) * SAME_RGB + doubt * DIFFERS_RGB
@@ -165,11 +164,4 @@ def legend(scene: FrameScene, colouring: Colouring) -> tuple[str, str, UInt8] | 
     if colouring == "depth":
         ends = (f"{far_m:.1f} m", f"{near_m:.1f} m")
     share = np.linspace(0, 1, 64, dtype=np.float32)
-    return *ends, _mapped(share, _MAPS[colouring], np.zeros(3, np.float32)).astype(np.uint8)
-
-
-def _mapped(share: Float32, colormap: int, missing_rgb: Float32) -> Float32:
-    """Colours of values in [0, 1] on one of OpenCV's maps; NaN gets ``missing_rgb``."""
-    table = cv2.applyColorMap(np.arange(256, dtype=np.uint8).reshape(-1, 1), colormap)[:, 0, ::-1]
-    index = np.clip(np.nan_to_num(share) * 255, 0, 255).astype(np.uint8)
-    return np.where(np.isnan(share)[:, None], missing_rgb, table[index].astype(np.float32))
+    return *ends, mapped_rgb(share, _MAPS[colouring], np.zeros(3, np.float32)).astype(np.uint8)

@@ -2,24 +2,19 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32, Int32, Int64, UInt8
-from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
 from annotate.correction.select import edit_supervoxels
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.recorded import Recorded
 from annotate.labelset.store import LabelSet
 from sensors.errors import CloudError, FormatError
-from sensors.importers.open_source import open_source
-from sensors.rig.frame import FrameSource, RigFrame
-from sensors.rig.rig_calibration import RigCalibration
-from sensors.session.reader import Session
 
 NEAR_PX = 10
 """Width of the room around the person that is shown in full, in pixels: a limb may be missing. Chosen by
@@ -73,15 +68,7 @@ class SceneReader:
         """Raises FormatError where the session or the other set is not of these frames' size."""
         self._correction, self.other = correction, other
         labels = self.labels = correction.labels
-        self._source = open_source(session) if session else None
-        # A label set's depth images are undistorted already.
-        self._bare = Fuser(RigCalibration(labels.intrinsics))
-        self._fuser = Fuser(self._source.calibration) if self._source else self._bare
-        if self._fuser.camera.shape != labels.intrinsics.shape:
-            raise FormatError(
-                f"{session} has images of {self._fuser.camera.shape}, {labels.path} of "
-                f"{labels.intrinsics.shape}; give the session that was labelled"
-            )
+        self._recorded = Recorded(labels, session)
         if other and other.intrinsics.shape != labels.intrinsics.shape:
             raise FormatError(
                 f"{other.path} has frames of {other.intrinsics.shape}, {labels.path} of "
@@ -96,24 +83,12 @@ class SceneReader:
         """
         labels = self._correction.frame(frame_id)
         other, unlike = self._compared(labels)
-        cloud, without = self._fused(labels)
+        cloud, _, without = self._recorded.fused(labels)
         near, room, step = _levels(labels, other)
         color = cloud.color_rgb if cloud.color_valid.any() else None
         pieces = edit_supervoxels(labels.depth_mm, labels.parts, cloud.camera, color)
         remark = "; ".join(filter(None, [without, unlike]))
         return FrameScene(labels, cloud, other, near, room, step, _shade(cloud), pieces, remark)
-
-    def _fused(self, labels: FrameLabels) -> tuple[ThermalCloud, str]:
-        why = ""
-        if self._source is not None:
-            try:
-                fused = self._fuser.fuse_frame(_rig_frame(self._source, int(labels.frame_id)))
-                if np.array_equal(fused.depth_mm, labels.depth_mm):
-                    return fused, ""
-                why = "no colour or temperature: the session shows another depth image"
-            except (CloudError, ValueError, IndexError, OSError) as error:
-                why = f"no colour or temperature: {error}"
-        return self._bare.fuse(labels.depth_mm), why
 
     def _compared(self, labels: FrameLabels) -> tuple[UInt8 | None, str]:
         if self.other is None:
@@ -125,24 +100,6 @@ class SceneReader:
         if not np.array_equal(other.depth_mm, labels.depth_mm):
             return None, f"nothing to compare: {self.other.path} shows another depth image"
         return other.parts, ""
-
-
-def find_session(labels: LabelSet) -> Path | None:
-    """The recording beside the label set: by the name of the manifest's source, or by the set's own name."""
-    path = labels.path.resolve()
-    name = labels.info.get("source")
-    names = [name] if isinstance(name, str) and name and Path(name).name == name else []
-    beside = [path.parent / f"{each}.mcap" for each in (*names, path.stem, path.name)]
-    return next((file for file in beside if file.is_file()), None)
-
-
-def _rig_frame(source: Session | FrameSource, index: int) -> RigFrame:
-    """One frame of a recording; folders and clouds are read from their beginning. Raises IndexError."""
-    if isinstance(source, Session):
-        return source.frame(index)
-    for frame in islice(source, index, None):
-        return frame
-    raise IndexError(f"the recording has no frame {index}")
 
 
 def _levels(labels: FrameLabels, other: UInt8 | None) -> tuple[Bool, Int64, int]:

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.frames import LabelledFrames, camera_of, pinhole_of
 from eval.network.bearing import Bearing, joint_row
+from eval.scores.joint_errors import TRUE_JOINTS, true_joints_mm
 from eval.scores.joints import JOINT_NAMES
 from sensors.errors import CloudError
 from sensors.files.atomic import write_bytes
@@ -35,6 +37,17 @@ def write_joints(labels: LabelledFrames, path: Path) -> int:
     else:
         write_bytes(path, "".join(json.dumps(row) + "\n" for row in rows).encode())
     return len(rows)
+
+
+def noted_joints(labels: LabelledFrames, frame: FrameLabels) -> dict[str, list[float]] | None:
+    """Joints of a frame by name, depth camera, millimetres: the network's, or the truth's; None without.
+
+    Raises FormatError for a malformed note of the truth.
+    """
+    bearing = Bearing.from_note(frame.notes.get("bearing"))
+    if bearing is not None:
+        return joint_row(bearing.joints_mm(pinhole_of(frame, camera_of(labels, frame))))
+    return joint_row(true_joints_mm(frame)) if TRUE_JOINTS in frame.notes else None
 
 
 def _rows(labels: LabelledFrames) -> Iterator[dict[str, Any]]:

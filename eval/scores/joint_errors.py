@@ -23,6 +23,8 @@ from synth.body import skeleton
 
 WITHIN_MM = (50.0, 100.0, 150.0)
 """Distances of the PCK."""
+TRUE_JOINTS = "joints_mm"
+"""The note that names a frame's true joints."""
 FARTHEST_MM = 100_000.0
 """No joint is further from a camera than that; chosen by eye."""
 
@@ -47,8 +49,8 @@ def observe(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> O
     camera: undistorted, of the whole image (``camera_of``). Raises FormatError for malformed notes.
     """
     observed = np.zeros((), OBSERVED)
-    if "joints_mm" in truth.notes:
-        joints = _joints(truth)
+    if TRUE_JOINTS in truth.notes:
+        joints = true_joints_mm(truth)
         pixels = project(camera, joints)
         observed["known"], observed["truth_mm"] = True, joints
         observed["inside"] = np.all((pixels >= -0.5) & (pixels < np.array(camera.shape[::-1]) - 0.5), axis=-1)
@@ -57,9 +59,10 @@ def observe(predicted: FrameLabels, truth: FrameLabels, camera: Intrinsics) -> O
     return observed
 
 
-def _joints(truth: FrameLabels) -> Float64:
+def true_joints_mm(truth: FrameLabels) -> Float64:
+    """Joints (15, 3) that the truth notes, depth camera, millimetres. Raises FormatError if malformed."""
     try:
-        joints = np.array(truth.notes["joints_mm"], np.float64)
+        joints = np.array(truth.notes[TRUE_JOINTS], np.float64)
     except (TypeError, ValueError):
         joints = np.empty(0)
     if joints.shape != (skeleton.N_JOINTS, 3) or not (np.abs(joints) <= FARTHEST_MM).all():

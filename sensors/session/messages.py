@@ -61,7 +61,7 @@ _FORMATS = {b"\xff\xd8\xff": "jpeg", b"\x89PN": "png"}
 
 def image_message(image: NDArray[np.uint16], frame_id: str, stamp_ns: int) -> RawImage:
     """uint16 (h, w) as 16UC1: depth in millimetres, infrared amplitudes, a thermal camera's raw counts."""
-    return _raw_image(np.asarray(image, "<u2"), "16UC1", frame_id, stamp_ns)
+    return raw_image(np.asarray(image, "<u2"), "16UC1", frame_id, stamp_ns)
 
 
 def image_from(data: bytes, name: str) -> NDArray[np.uint16]:
@@ -81,7 +81,7 @@ def image_from(data: bytes, name: str) -> NDArray[np.uint16]:
 
 def spot_message(target_c: float, head_c: float, box_c: float, stamp_ns: int) -> RawImage:
     """What a pyrometer measures as one row of 32FC1: target, head and box, Celsius, NaN = not measured."""
-    return _raw_image(np.array([[target_c, head_c, box_c]], "<f4"), "32FC1", "pyrometer", stamp_ns)
+    return raw_image(np.array([[target_c, head_c, box_c]], "<f4"), "32FC1", "pyrometer", stamp_ns)
 
 
 def target_from(data: bytes) -> float:
@@ -118,7 +118,7 @@ def color_message(encoded: bytes, stamp_ns: int) -> CompressedImage:
     kind = _FORMATS.get(encoded[:3])
     if kind is None:
         raise FormatError(f"colour image starts with {encoded[:3]!r}; give JPEG or PNG bytes")
-    return CompressedImage(timestamp=_time(stamp_ns), frame_id="color", format=kind, data=encoded)
+    return CompressedImage(timestamp=time_message(stamp_ns), frame_id="color", format=kind, data=encoded)
 
 
 def color_from(data: bytes) -> bytes:
@@ -131,7 +131,7 @@ def color_from(data: bytes) -> bytes:
 
 def event_message(stamp_ns: int, text: str) -> Log:
     """Something that happened: flag closed, frame dropped, camera unplugged."""
-    return Log(timestamp=_time(stamp_ns), level=Log.INFO, message=text)
+    return Log(timestamp=time_message(stamp_ns), level=Log.INFO, message=text)
 
 
 def event_from(data: bytes) -> str:
@@ -146,7 +146,10 @@ def calibration_messages(calibration: RigCalibration, stamp_ns: int) -> Iterator
         if camera is not None:
             yield topic, _camera_message(camera, name, stamp_ns)
     poses = {"color": calibration.color_from_depth, "thermal": calibration.thermal_from_depth}
-    transforms = [_transform(name, pose, stamp_ns) for name, pose in poses.items() if pose is not None]
+    # One parent (depth) for all keeps the frames a tree.
+    transforms = [
+        transform_message("depth", name, pose.inverse(), stamp_ns) for name, pose in poses.items() if pose
+    ]
     if transforms:
         yield TF, FrameTransforms(transforms=transforms)
 
@@ -183,19 +186,21 @@ def _decode(kind: type[M], data: bytes) -> M:
     return message
 
 
-def _raw_image(image: NDArray[Any], encoding: str, frame_id: str, stamp_ns: int) -> RawImage:
+def raw_image(image: NDArray[Any], encoding: str, frame_id: str, stamp_ns: int) -> RawImage:
+    """An image (h, w) or (h, w, channels) with its encoding by ROS's names, such as 8UC1 or rgb8."""
     return RawImage(
-        timestamp=_time(stamp_ns),
+        timestamp=time_message(stamp_ns),
         frame_id=frame_id,
         width=image.shape[1],
         height=image.shape[0],
         encoding=encoding,
-        step=image.shape[1] * image.itemsize,
+        step=image.nbytes // image.shape[0],
         data=image.tobytes(),
     )
 
 
-def _time(stamp_ns: int) -> Timestamp:
+def time_message(stamp_ns: int) -> Timestamp:
+    """Nanoseconds as a message has them."""
     timestamp = Timestamp()
     timestamp.FromNanoseconds(stamp_ns)
     return timestamp
@@ -203,7 +208,7 @@ def _time(stamp_ns: int) -> Timestamp:
 
 def _camera_message(camera: Intrinsics, frame_id: str, stamp_ns: int) -> CameraCalibration:
     return CameraCalibration(
-        timestamp=_time(stamp_ns),
+        timestamp=time_message(stamp_ns),
         frame_id=frame_id,
         width=camera.width,
         height=camera.height,
@@ -215,13 +220,11 @@ def _camera_message(camera: Intrinsics, frame_id: str, stamp_ns: int) -> CameraC
     )
 
 
-def _transform(child: str, child_from_depth: Pose, stamp_ns: int) -> FrameTransform:
-    # Foxglove's transform places the child in the parent: p_parent = R p_child + t. One parent (depth)
-    # for all keeps the frames a tree.
-    depth_from_child = child_from_depth.inverse()
-    message = FrameTransform(timestamp=_time(stamp_ns), parent_frame_id="depth", child_frame_id=child)
-    x, y, z = depth_from_child.translation_m
+def transform_message(parent: str, child: str, parent_from_child: Pose, stamp_ns: int) -> FrameTransform:
+    """Where a child's frame lies in its parent's: p_parent = R p_child + t."""
+    message = FrameTransform(timestamp=time_message(stamp_ns), parent_frame_id=parent, child_frame_id=child)
+    x, y, z = parent_from_child.translation_m
     message.translation.x, message.translation.y, message.translation.z = x, y, z
-    q = quaternion_of(depth_from_child.rotation)
+    q = quaternion_of(parent_from_child.rotation)
     message.rotation.x, message.rotation.y, message.rotation.z, message.rotation.w = q
     return message

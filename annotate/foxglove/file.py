@@ -1,0 +1,75 @@
+"""A label set as an MCAP file that Foxglove opens: its clouds, images, skeletons and events."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from mcap_protobuf.writer import Writer
+
+from annotate.foxglove.topics import Shown, shown_messages
+from annotate.frame_labels import FrameLabels
+from annotate.labelset.recorded import Recorded
+from annotate.labelset.store import LabelSet
+from sensors.errors import ExistsError, FormatError
+from sensors.files.atomic import check_free, replacing
+from sensors.rig.frame import FRAME_PERIOD_NS
+from sensors.session.messages import METADATA
+
+FORMAT = "foxglove"
+"""Its name for ``export --format``."""
+Joints = Callable[[FrameLabels], Mapping[str, Sequence[float]] | None]
+"""Places (x, y, z) of a frame's joints by name, depth camera, millimetres, or None."""
+
+
+def export_foxglove(
+    labels: LabelSet,
+    session: Path | None,
+    joints: Joints,
+    out: Path,
+    advance: Callable[[int], None],
+    *,
+    overwrite: bool = False,
+) -> list[str]:
+    """Write all frames to ``out``, which appears when it is whole; returns what is missing, once each.
+
+    session: the recording, for colours, temperatures, poses and events; stamps are its own, without it 30 a
+    second. Raises FormatError for an empty or a corrupt label set or another set's recording, ExistsError.
+    """
+    if out.is_dir() or (session is not None and out.exists() and out.samefile(session)):
+        raise ExistsError(f"{out} is {'a folder' if out.is_dir() else 'the recording'}; name another file")
+    check_free(out, overwrite)
+    if not len(labels):
+        raise FormatError(f"{labels.path} holds no frames; label some first")
+    remarks: dict[str, None] = {}
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(out) as temporary, temporary.open("wb") as file, Writer(file) as writer:
+        writer.add_metadata(METADATA, {"name": labels.source or labels.path.name})
+        for shown in _moments(labels, Recorded(labels, session), joints, remarks):
+            for topic, stamp_ns, message in shown_messages(shown):
+                writer.write_message(topic, message, stamp_ns, stamp_ns)
+            advance(1)
+    return list(remarks)
+
+
+def _moments(
+    labels: LabelSet, recorded: Recorded, joints: Joints, remarks: dict[str, None]
+) -> Iterator[Shown]:
+    """All frames by their ids; every event is with the first frame that is not before it."""
+    events = list(recorded.events)
+    last = labels.frame_ids[-1]
+    for number, frame in enumerate(labels):
+        fused = recorded.fused(frame)
+        if fused.remark:
+            remarks[fused.remark] = None
+        stamp_ns = number * FRAME_PERIOD_NS if fused.frame is None else fused.frame.stamp_ns
+        due = len(events) if frame.frame_id == last else sum(stamp <= stamp_ns for stamp, _ in events)
+        happened, events = events[:due], events[due:]
+        yield Shown(
+            stamp_ns,
+            fused.cloud,
+            frame.parts,
+            recorded.calibration,
+            fused.frame.color_encoded if fused.frame else None,
+            fused.frame.thermal_c if fused.frame else None,
+            joints(frame),
+            tuple(happened),
+        )

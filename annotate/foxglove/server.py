@@ -1,0 +1,76 @@
+"""A stream of labelled moments over Foxglove's WebSocket protocol, for its app and anybody's client."""
+
+from types import TracebackType
+from typing import Self
+
+import foxglove
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from annotate.foxglove.topics import SCHEMAS, Shown, shown_messages
+from sensors.errors import CloudError
+
+PORT = 8765
+"""Where Foxglove's app looks for a server unless told otherwise."""
+LOOPBACK = "127.0.0.1"
+"""Only programs of this machine are let in: the stream shows a person, and the protocol knows no password."""
+BACKLOG = 3 * len(SCHEMAS)
+"""Messages kept for a client that is slow, three moments: then the oldest is dropped. Chosen by eye."""
+
+
+class FoxgloveServer:
+    """Serves every topic of ``topics.SCHEMAS``; use it as a context manager.
+
+    port: 0 takes a free one, see ``port``. Raises CloudError where the port is taken or forbidden.
+    """
+
+    def __init__(self, port: int = PORT) -> None:
+        # The server alone does not keep it, and the channels go with it.
+        self._context = context = foxglove.Context()
+        self._channels = {
+            topic: foxglove.Channel(
+                topic,
+                schema=foxglove.Schema(
+                    name=schema.DESCRIPTOR.full_name,
+                    encoding="protobuf",
+                    data=build_file_descriptor_set(schema).SerializeToString(),
+                ),
+                message_encoding="protobuf",
+                context=context,
+            )
+            for topic, schema in SCHEMAS.items()
+        }
+        try:
+            self._server = foxglove.start_server(
+                name="annotate-cloud",
+                host=LOOPBACK,
+                port=port,
+                context=context,
+                message_backlog_size=BACKLOG,
+            )
+        except (RuntimeError, OverflowError) as error:
+            why = str(error).removeprefix("FoxgloveError: ")
+            raise CloudError(f"port {port} cannot be served ({why}); give another to --serve") from error
+        self.port = self._server.port
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._server.stop()
+
+    @property
+    def address(self) -> str:
+        """Where a client connects."""
+        return f"ws://{LOOPBACK}:{self.port}"
+
+    def show(self, shown: Shown) -> None:
+        """Send a moment on the topics that a client has subscribed to; nothing is made for the others.
+
+        Never waits for a client. Raises FormatError where the colour image is neither JPEG nor PNG.
+        """
+        for topic, stamp_ns, message in shown_messages(
+            shown, lambda topic: self._channels[topic].has_sinks()
+        ):
+            self._channels[topic].log(message.SerializeToString(), log_time=stamp_ns)

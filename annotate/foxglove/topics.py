@@ -1,0 +1,140 @@
+"""What Foxglove shows of a labelled frame: messages of its public schemas, by topic.
+
+Files (``file.py``) and streams (``server.py``) get the same. Images, calibrations and events have the topics
+and units of a session, so that a file of these messages is one too. All places are in metres in the frame
+``depth``, the depth camera's (x right, y down, z forward); the depth image is the undistorted one. The frame
+``upright`` has the same origin with z up, as Foxglove's views expect it.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.message import Message
+
+from annotate.array_types import Float32, UInt8
+from annotate.cloud.color_map import heat_rgb
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.foxglove.points import ROOM_RGB, heat_points, part_points
+from annotate.foxglove.skeleton import skeleton_message
+from annotate.parts import palette_rgb
+from sensors.rig.rig_calibration import Pose, RigCalibration
+from sensors.session import messages
+from sensors.session.messages import (
+    CALIBRATIONS,
+    COLOR,
+    DEPTH,
+    EVENTS,
+    TF,
+    THERMAL,
+    calibration_messages,
+    color_message,
+    event_message,
+    image_message,
+    raw_image,
+    thermal_message,
+    transform_message,
+)
+
+IDS, PARTS, HEAT = "/parts/ids", "/parts/image", "/thermal/picture"
+HEAT_CLOUD, PART_CLOUD, SKELETON = "/cloud/temperature", "/cloud/parts", "/skeleton"
+UPRIGHT = "upright"
+"""Parent of the frame ``depth``: x right, y forward, z up, if the depth camera is level."""
+UPRIGHT_FROM_DEPTH = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+"""Rotation between the two."""
+SCHEMAS: dict[str, type[Message]] = {
+    **{topic: messages.SCHEMAS[topic] for topic in (DEPTH, COLOR, THERMAL, *CALIBRATIONS, TF, EVENTS)},
+    **dict.fromkeys((IDS, PARTS, HEAT), RawImage),
+    **dict.fromkeys((HEAT_CLOUD, PART_CLOUD), PointCloud),
+    SKELETON: SceneUpdate,
+}
+"""Message class of every topic."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One moment, labelled. stamp_ns: the depth camera's time; parts: uint8 (h, w) of the cloud's pixels.
+
+    calibration: of the rig that recorded it. color_encoded, thermal_c: as ``RigFrame`` has them.
+    joints_mm: places (x, y, z) by joint, depth camera, millimetres; None where nobody knows them.
+    events: (stamp in nanoseconds, text) of what happened since the moment before.
+    """
+
+    stamp_ns: int
+    cloud: ThermalCloud
+    parts: UInt8
+    calibration: RigCalibration
+    color_encoded: bytes | None = None
+    thermal_c: Float32 | None = None
+    joints_mm: Mapping[str, Sequence[float]] | None = None
+    events: tuple[tuple[int, str], ...] = ()
+
+
+def shown_messages(
+    shown: Shown, wanted: Callable[[str], bool] = lambda topic: True
+) -> Iterator[tuple[str, int, Message]]:
+    """(topic, stamp in nanoseconds, message) of all that a moment has on the wanted topics.
+
+    Topics without data have no message, but for the skeleton: that of the moment before is taken away.
+    Raises FormatError where the colour image is neither JPEG nor PNG.
+    """
+    for topic, message in _cameras(shown) if any(map(wanted, (*CALIBRATIONS, TF))) else ():
+        if wanted(topic):
+            yield topic, shown.stamp_ns, message
+    for topic, make in _MAKERS.items():
+        if wanted(topic) and (made := make(shown)) is not None:
+            yield topic, shown.stamp_ns, made
+    if wanted(EVENTS):
+        for stamp_ns, text in shown.events:
+            yield EVENTS, stamp_ns, event_message(stamp_ns, text)
+
+
+def _cameras(shown: Shown) -> Iterator[tuple[str, Message]]:
+    """Cameras and where they are, the depth camera without its lens, and which way is up."""
+    calibration = RigCalibration(**{**vars(shown.calibration), "depth": shown.cloud.camera})
+    upright = transform_message(UPRIGHT, "depth", Pose(UPRIGHT_FROM_DEPTH, np.zeros(3)), shown.stamp_ns)
+    links = FrameTransforms(transforms=[upright])
+    for topic, message in calibration_messages(calibration, shown.stamp_ns):
+        if topic == TF:
+            links.MergeFrom(message)
+        else:
+            yield topic, message
+    yield TF, links
+
+
+def _color(shown: Shown) -> Message | None:
+    return None if shown.color_encoded is None else color_message(shown.color_encoded, shown.stamp_ns)
+
+
+def _thermal(shown: Shown) -> Message | None:
+    return None if shown.thermal_c is None else thermal_message(shown.thermal_c, shown.stamp_ns)
+
+
+def _heat(shown: Shown) -> Message | None:
+    """The temperatures in colours: Foxglove's own scale of 16 bits shows a room as one grey."""
+    if shown.thermal_c is None:
+        return None
+    rgb = heat_rgb(shown.thermal_c.reshape(-1), ROOM_RGB).astype("u1").reshape(*shown.thermal_c.shape, 3)
+    return raw_image(rgb, "rgb8", "thermal", shown.stamp_ns)
+
+
+def _skeleton(shown: Shown) -> Message:
+    return skeleton_message(shown.joints_mm, shown.stamp_ns)
+
+
+_MAKERS: dict[str, Callable[[Shown], Message | None]] = {
+    DEPTH: lambda shown: image_message(shown.cloud.depth_mm, "depth", shown.stamp_ns),
+    COLOR: _color,
+    THERMAL: _thermal,
+    HEAT: _heat,
+    IDS: lambda shown: raw_image(shown.parts, "8UC1", "depth", shown.stamp_ns),
+    PARTS: lambda shown: raw_image(palette_rgb()[shown.parts], "rgb8", "depth", shown.stamp_ns),
+    HEAT_CLOUD: lambda shown: heat_points(shown.cloud, shown.stamp_ns),
+    PART_CLOUD: lambda shown: part_points(shown.cloud, shown.parts, shown.stamp_ns),
+    SKELETON: _skeleton,
+}
+"""What makes the message of each topic, None where the moment has no such data."""
