@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from annotate.array_types import UInt8
-from annotate.correction.replay import after, is_stroke, rejection, verdicts
+from annotate.correction.replay import after, begun_from, is_stroke, rejection, verdicts
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Stroke
@@ -83,7 +83,9 @@ def audit(labels: LabelSet, journal: Journal) -> Audit:
     visits: defaultdict[str, list[_Visit]] = defaultdict(list)
     rejected = {}
     for frame_id in sorted(set(labels.frame_ids) & set(journal.frame_ids)):
-        strokes, before = journal.strokes(frame_id), labels.read(frame_id, labels.has_original(frame_id))
+        strokes, first = journal.strokes(frame_id), labels.read(frame_id, labels.has_original(frame_id))
+        before = begun_from(first, strokes)
+        strokes = [stroke for stroke in strokes if stroke.operation != "relabel"]
         for who, visit in _visits(strokes, before.parts, after(before, strokes, exact=True).parts):
             visits[who].append(visit)
         if (reason := rejection(strokes)) is not None:

@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 from annotate.correction.edit import ActiveTime, Editor, History, steady_time
-from annotate.correction.replay import State, after, noted, replayed, state_of, verdicts
+from annotate.correction.replay import State, after, begun_from, noted, replayed, state_of, step_of, verdicts
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.claim import Claim, login
-from annotate.labelset.journal import REMEDY, Journal, NotSavedError
-from annotate.labelset.store import LabelSet
+from annotate.labelset.journal import REMEDY, Journal, NotSavedError, nothing_changed
+from annotate.labelset.store import LEARNT, LabelSet
 from annotate.labelset.stroke import Stroke
+from annotate.parts import on_body
 from sensors.errors import CloudError, FormatError
 
 
@@ -92,7 +93,23 @@ class Correction:
             if self.can_restore(frame_id):
                 raise RestorableError(f"{error}, or have it rebuilt from original and journal") from error
             raise
-        return after(saved, self._later(frame_id, saved.notes))
+        return self._learnt(after(saved, self._later(frame_id, saved.notes)))
+
+    def begun(self, frame_id: str) -> FrameLabels:
+        """A frame as it was when the first person began. Raises what ``frame`` raises."""
+        first = self.labels.read(frame_id, original=self.labels.has_original(frame_id))
+        return self._learnt(begun_from(first, self.journal.strokes(frame_id)))
+
+    def _learnt(self, frame: FrameLabels) -> FrameLabels:
+        """A frame with the confidence of the step of learning whose labels it has."""
+        step = step_of(self.journal.strokes(frame.frame_id))
+        if step is None or step == frame.notes.get(LEARNT):
+            return frame
+        confidence = self.labels.confidence(frame.frame_id, step)
+        body = on_body(frame.parts)
+        sure = 0.0 if confidence is None or not body.any() else float(confidence[body].mean())
+        notes = {**frame.notes, LEARNT: step, "confidence": round(sure, 4)}
+        return replace(frame, confidence=confidence, notes=notes)
 
     def edit(self, frame_id: str) -> Editor:
         """An editor of a frame, with the history of its strokes; every stroke goes to the journal.
@@ -131,6 +148,10 @@ class Correction:
             self.save(frame_id)
         del self._opened[frame_id]
 
+    def now(self) -> str:
+        """The correction's clock as ISO 8601 in UTC."""
+        return ActiveTime(self._clock).now()
+
     def flush(self) -> None:
         """Write the entries that the disk refused before. Raises NotSavedError."""
         with _saving(self.labels.path):
@@ -138,10 +159,26 @@ class Correction:
                 self.labels.keep_original(frame_id)
             self.journal.flush()
 
+    def record_together(self, strokes: Sequence[Stroke]) -> None:
+        """Take entries of frames that nobody has worked on: all together or, after a crash, none.
+
+        Frames that are open are saved and closed first. Raises NotSavedError, CloudError when read-only.
+        """
+        self._refuse_read_only()
+        for frame_id in list(self._opened):
+            self.leave(frame_id)
+        with nothing_changed(self.labels.path):
+            for stroke in strokes:
+                self.labels.keep_original(stroke.frame_id)
+        self.journal.add_together(strokes)
+        with _saving(self.labels.path):
+            for stroke in strokes:
+                self._write(self.frame(stroke.frame_id))
+
     def state(self, frame_id: str) -> State:
         """The state of a frame."""
         strokes = self.journal.strokes(frame_id)
-        if any(stroke.operation != "leave" for stroke in strokes):
+        if any(stroke.by_person for stroke in strokes):
             return state_of(strokes)
         # Needed again and again for every frame, and nobody else writes the set.
         if frame_id not in self._statuses:

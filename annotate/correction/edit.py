@@ -93,7 +93,7 @@ class History:
             self.undone.append(self._pop(self.done, stroke, undo=True))
         elif stroke.operation == "redo":
             self.done.append(self._pop(self.undone, stroke, undo=False))
-        elif stroke.changes:
+        elif stroke.changes and stroke.by_person:
             self.done.append(stroke)
             self.undone.clear()
         elif stroke.operation in VERDICTS:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from annotate.array_types import UInt8
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset.journal import Journal
-from annotate.labelset.store import LabelSet
+from annotate.labelset.store import LEARNT, LabelSet
 from annotate.labelset.stroke import VERDICTS, Stroke
 from annotate.parts import on_body
 from sensors.errors import FormatError
@@ -56,6 +56,11 @@ def after(frame: FrameLabels, strokes: Sequence[Stroke], exact: bool = False) ->
     return replace(frame, parts=parts)
 
 
+def begun_from(frame: FrameLabels, strokes: Sequence[Stroke]) -> FrameLabels:
+    """A frame's labels when the first person began, after the relabellings before; frame: its first ones."""
+    return after(frame, [stroke for stroke in strokes if stroke.operation == "relabel"], exact=True)
+
+
 def _fits(stroke: Stroke, parts: UInt8) -> bool:
     at = stroke.pixels
     return not len(at) or (at[-1] < parts.size and bool((parts.ravel()[at] == stroke.old).all()))
@@ -67,7 +72,7 @@ def noted(frame: FrameLabels, journal: Journal, before: Status) -> FrameLabels:
     if not strokes:
         return frame
     state = state_of(strokes, before)
-    done = state in ("accepted", "reviewed") or any(stroke.changes for stroke in strokes)
+    done = state in ("accepted", "reviewed") or any(stroke.changes and stroke.by_person for stroke in strokes)
     status: Status = "reviewed" if state == "reviewed" else "corrected" if done else before
     return replace(frame, status=status, notes={**frame.notes, **_notes_of(strokes)})
 
@@ -93,7 +98,7 @@ def state_of(strokes: Sequence[Stroke], saved: Status = "auto") -> State:
     for stroke in reversed(strokes):
         if standing and stroke is standing[-1]:
             break
-        if stroke.changes:
+        if stroke.changes and stroke.by_person:
             return "touched"
     return last
 
@@ -107,7 +112,9 @@ def _notes_of(strokes: Sequence[Stroke]) -> dict[str, Any]:
     """A frame's notes on the work: the last person and time, active seconds, counts of strokes, and the
     number of entries of the journal that its labels include."""
     operations = Counter(stroke.operation for stroke in strokes if stroke.operation != "leave")
+    step = step_of(strokes)
     return {
+        **({LEARNT: step} if step is not None else {}),
         "who": strokes[-1].who,
         "when": strokes[-1].when,
         "active_seconds": round(sum(stroke.active_seconds for stroke in strokes), 3),
@@ -122,4 +129,9 @@ def _notes_of(strokes: Sequence[Stroke]) -> dict[str, Any]:
 
 def is_stroke(stroke: Stroke) -> bool:
     """Whether an entry changed labels, other than by undo or redo."""
-    return stroke.changes and stroke.operation not in ("undo", "redo")
+    return stroke.changes and stroke.by_person and stroke.operation not in ("undo", "redo")
+
+
+def step_of(strokes: Sequence[Stroke]) -> str | None:
+    """The step of learning whose labels a frame has; "" for its first ones, None where none ever came."""
+    return next((s.reason for s in reversed(strokes) if s.operation == "relabel"), None)

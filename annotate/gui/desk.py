@@ -259,12 +259,8 @@ class Desk(Sight):
         return replace(self.scene.labels, parts=self.parts.copy())
 
     def _corrected(self, frame_ids: Sequence[str]) -> list[CorrectedFrame]:
-        labels = self.correction.labels
-        automatic = (labels.read(i, original=labels.has_original(i)) for i in frame_ids)
-        return [
-            CorrectedFrame(before, self.correction.frame(i), self._clouds.get(i))
-            for before, i in zip(automatic, frame_ids, strict=True)
-        ]
+        correction = self.correction
+        return [CorrectedFrame(correction.begun(i), correction.frame(i), self._clouds.get(i)) for i in frame_ids]
 
     # Back and forth, verdicts
 

@@ -4,12 +4,13 @@ import os
 import stat
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Self
 
 from annotate.labelset.stroke import Stroke, from_line, to_line
 from sensors.errors import CloudError, FormatError
+from sensors.files.atomic import replacing
 
 JOURNAL = "journal.jsonl"
 MAX_BYTES = 4_000_000_000
@@ -22,6 +23,18 @@ REMEDY = "restore it from a copy, or move it and original/ away to continue from
 
 class NotSavedError(CloudError):
     """The disk refused what was to be saved. Nothing is lost: it is kept in memory and tried again."""
+
+
+@contextmanager
+def nothing_changed(path: Path) -> Iterator[None]:
+    """Where a disk that refuses leaves everything as it was. Raises NotSavedError in place of OSError."""
+    try:
+        yield
+    except OSError as error:
+        raise NotSavedError(
+            f"{error.filename or path} cannot be written ({error.strerror}); nothing was changed: free some "
+            "space or repair the disk, and do it again"
+        ) from error
 
 
 class Journal:
@@ -92,6 +105,24 @@ class Journal:
             ) from error
         self._end += len(lines)
         self._pending.clear()
+
+    def add_together(self, strokes: Sequence[Stroke]) -> None:
+        """Bring entries to the disk all together: after a crash at any moment all of them are there or none.
+
+        Raises NotSavedError: then none is taken.
+        """
+        self.flush()
+        lines = b"".join(to_line(stroke) for stroke in strokes)
+        with (
+            nothing_changed(self.path),
+            replacing(self.path) as temporary,
+            temporary.open("xb") as file,
+        ):
+            file.writelines(self._lines())
+            file.write(lines)
+        self._end += len(lines)
+        for stroke in strokes:
+            self._by_frame[stroke.frame_id].append(stroke)
 
     def _append(self, lines: bytes) -> None:
         file = os.open(self.path, os.O_WRONLY | os.O_CREAT | FLAGS, 0o644)

@@ -13,6 +13,7 @@ from typing import Any, Self, TypeVar, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from annotate.array_types import Float32
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset import images
 from annotate.labelset.dataset import Entry
@@ -28,9 +29,12 @@ SCHEMA = 1
 MANIFEST = "labelset.json"
 TOOLS = ("annotate-cloud", "numpy", "opencv-contrib-python-headless")
 FRAMES, ORIGINAL = "frames", "original"
+LEARNT = "learnt"
+"""Folder of the confidences of each step of learning, and the note of the step whose labels a frame has."""
 PROBABILITY = "probability.png"
 MAX_JSON_BYTES = 16_000_000
 """Largest manifest or frame file that is read, in bytes."""
+_STEP = re.compile(r"[0-9]{4,9}")
 _FRAME_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
 T = TypeVar("T", bound=np.generic)
@@ -70,7 +74,7 @@ class LabelSet:
         """Open an existing label set. Raises FormatError when it is none, or is corrupt."""
         if not (path / MANIFEST).is_file():
             raise FormatError(f"{path} is not a label set (it has no {MANIFEST}); give one that label wrote")
-        for name in (FRAMES, ORIGINAL):
+        for name in (FRAMES, ORIGINAL, LEARNT):
             if (path / name).is_symlink():
                 raise FormatError(f"{path / name} is a link out of the label set; copy the folder there")
         manifest = _load(path / MANIFEST)
@@ -150,7 +154,7 @@ class LabelSet:
         fields = _load(self._file(frame_id, "json", folder))
         depth = self._image(frame_id, "depth.png", images.decode_depth)
         parts = self._image(frame_id, "parts.png", images.decode_parts, folder)
-        confidence = self._optional_image(frame_id, "confidence.png", images.decode_confidence)
+        confidence = self.confidence(frame_id, (fields.get("notes") or {}).get(LEARNT) or "")
         persons = self._optional_image(frame_id, "persons.png", images.decode_persons)
         try:
             return FrameLabels(frame_id, depth, parts, confidence, persons=persons, **fields)
@@ -158,6 +162,17 @@ class LabelSet:
             raise FormatError(
                 f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it"
             ) from error
+
+    def confidence(self, frame_id: str, step: str = "") -> Float32 | None:
+        """Confidence (h, w) of the labels of a step of learning, or of a frame's first ones; None for none."""
+        if not step:
+            return self._optional_image(frame_id, "confidence.png", images.decode_confidence)
+        return self._optional_image(frame_id, _of_step(step), images.decode_confidence, LEARNT)
+
+    def write_confidence(self, frame_id: str, step: str, confidence: Float32) -> None:
+        """Keep the confidence (h, w) of the labels of a step of learning, beside that of the first ones."""
+        (self.path / LEARNT).mkdir(exist_ok=True)
+        write_bytes(self._file(frame_id, _of_step(step), LEARNT), images.encode_confidence(confidence))
 
     def notes(self, frame_id: str) -> dict[str, Any]:
         """A frame's notes alone, without its images."""
@@ -225,8 +240,11 @@ class LabelSet:
         else:
             write_bytes(self._file(frame_id, suffix), encode(value))
 
-    def _optional_image(self, frame_id: str, suffix: str, decode: Decode[T]) -> NDArray[T] | None:
-        return self._image(frame_id, suffix, decode) if self._file(frame_id, suffix).is_file() else None
+    def _optional_image(
+        self, frame_id: str, suffix: str, decode: Decode[T], folder: str = FRAMES
+    ) -> NDArray[T] | None:
+        there = self._file(frame_id, suffix, folder).is_file()
+        return self._image(frame_id, suffix, decode, folder) if there else None
 
     def _image(self, frame_id: str, suffix: str, decode: Decode[T], folder: str = FRAMES) -> NDArray[T]:
         file = self._file(frame_id, suffix, folder)
@@ -272,6 +290,13 @@ def _journal_problems(labels: LabelSet) -> list[str]:
     except CloudError as error:
         return [str(error)]
     return [f"frame {i}: labels lack strokes of {journal.path}; open the set once with fix" for i in behind]
+
+
+def _of_step(step: object) -> str:
+    """Name of a step's confidence. Raises FormatError for what is no step's name."""
+    if not isinstance(step, str) or not _STEP.fullmatch(step):
+        raise FormatError(f"step of learning {str(step)[:40]!r} is none; restore the frame from a copy")
+    return f"{step}.confidence.png"
 
 
 def _dump(value: dict[str, Any]) -> bytes:

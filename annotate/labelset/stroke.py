@@ -20,6 +20,8 @@ Operation = Literal[
     "to_neighbour",
     "copy_previous",
     "propagate",
+    # give a frame that nobody has worked on the labels of a network that learnt,
+    "relabel",
     # take changes back and do them again,
     "undo",
     "redo",
@@ -73,7 +75,8 @@ class Stroke:
     read row by row went from part id old to new. Runs are sorted and do not overlap, so a stroke can be
     replayed exactly, and its inverse undoes it. Undo and redo carry their own runs.
     who; when: ISO 8601 UTC; seconds: active seconds since the entry before, by kind of activity.
-    reason: why, for a rejection. Raises FormatError.
+    reason: why, for a rejection; the step of learning whose labels a frame gets, for a relabelling.
+    Raises FormatError.
     """
 
     frame_id: str
@@ -105,6 +108,11 @@ class Stroke:
     def changes(self) -> bool:
         """Whether any pixel is another part afterwards."""
         return len(self.runs) > 0
+
+    @property
+    def by_person(self) -> bool:
+        """Whether a person changed labels by it, or gave or took back a verdict."""
+        return self.operation not in ("leave", "relabel")
 
     @property
     def pixels(self) -> Int64:

@@ -1,0 +1,114 @@
+"""Frames that nobody has worked on get the labels of a network that has learnt, as one step of the journal.
+
+Every such frame gets one entry ``relabel`` that names the step; all entries of a step come to the disk together.
+Taking a step back is a step of the same kind, back to the labels before. What a person has worked on, even if
+they undid it, is never changed. A step keeps its confidences in ``learnt/``; the first ones stay where they are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from annotate.array_types import UInt8
+from annotate.correction.correction import Correction
+from annotate.correction.replay import after, step_of
+from annotate.labelset.journal import nothing_changed
+from annotate.labelset.store import LabelSet
+from annotate.labelset.stroke import Gesture, Stroke, difference
+from annotate.parts import BACKGROUND
+from sensors.errors import CloudError
+
+BY_ITSELF = Gesture("key")
+"""Gesture of what needs no key."""
+
+
+@dataclass(frozen=True)
+class Relabelled:
+    """What a step did. step: its name, "" for the first labels; frames: how many got other labels; changed:
+    share of their body's pixels that are another part now."""
+
+    step: str
+    frames: int
+    changed: float
+
+    @property
+    def text(self) -> str:
+        """In words, such as "37 frames labelled again: 8.1 % of the person is another part"."""
+        frames = "1 frame" if self.frames == 1 else f"{self.frames} frames"
+        return f"{frames} labelled again: {self.changed:.1%} of the person is another part"
+
+
+def untouched(correction: Correction) -> list[str]:
+    """Ids of the frames that nobody has worked on, whatever labelled them."""
+    return [i for i in correction.labels.frame_ids if is_untouched(correction, i)]
+
+
+def is_untouched(correction: Correction, frame_id: str) -> bool:
+    """Whether nobody has changed a frame's labels or judged it, not even to take it back."""
+    worked = any(stroke.by_person for stroke in correction.journal.strokes(frame_id))
+    return not worked and correction.state(frame_id) == "auto"
+
+
+def relabel(correction: Correction, learnt: LabelSet) -> Relabelled:
+    """Give the frames that nobody has worked on their labels in another set of the same recording.
+
+    Frames that the set lacks, or shows another depth image of, stay as they are. Raises CloudError where the
+    set is of another camera, NotSavedError; what ``Correction.frame`` raises.
+    """
+    if learnt.intrinsics.shape != correction.labels.intrinsics.shape:
+        raise CloudError(f"{learnt.path} is of another camera than {correction.labels.path}; learn anew")
+    step, there = _next_step(correction), set(learnt.frame_ids)
+    strokes = []
+    for frame_id in untouched(correction):
+        if frame_id not in there:
+            continue
+        frame, new = correction.frame(frame_id), learnt.read(frame_id)
+        if not np.array_equal(frame.depth_mm, new.depth_mm):
+            continue
+        if new.confidence is not None:
+            with nothing_changed(correction.labels.path):
+                correction.labels.write_confidence(frame_id, step, new.confidence)
+        strokes.append(_stroke(correction, frame_id, step, frame.parts, new.parts))
+    return _recorded(correction, strokes, step)
+
+
+def take_back(correction: Correction) -> Relabelled | None:
+    """Give the frames that nobody has worked on their labels from before the last step; None without one."""
+    steps = {i: step_of(correction.journal.strokes(i)) or "" for i in untouched(correction)}
+    last = max(steps.values(), default="")
+    if not last:
+        return None
+    strokes, earlier = [], ""
+    for frame_id in (i for i, step in steps.items() if step == last):
+        entries = correction.journal.strokes(frame_id)
+        first = next(n for n, stroke in enumerate(entries) if stroke.reason == last)
+        before = after(correction.labels.read(frame_id, original=True), entries[:first])
+        earlier = step_of(entries[:first]) or ""
+        now = correction.frame(frame_id).parts
+        strokes.append(_stroke(correction, frame_id, earlier, now, before.parts))
+    return _recorded(correction, strokes, earlier)
+
+
+def _recorded(correction: Correction, strokes: Sequence[Stroke], step: str) -> Relabelled:
+    correction.record_together(strokes)
+    moved = [stroke for stroke in strokes if stroke.changes]
+    changed = sum(len(stroke.pixels) for stroke in moved)
+    body = sum(int((correction.frame(s.frame_id).parts != BACKGROUND).sum()) for s in moved)
+    return Relabelled(step, len(moved), changed / body if body else 0.0)
+
+
+def _next_step(correction: Correction) -> str:
+    """A name that no step has had yet."""
+    journal = correction.journal
+    entries = (stroke for i in journal.frame_ids for stroke in journal.strokes(i))
+    used = (int(stroke.reason or 0) for stroke in entries if stroke.operation == "relabel")
+    return f"{1 + max(used, default=0):04}"
+
+
+def _stroke(correction: Correction, frame_id: str, step: str, old: UInt8, new: UInt8) -> Stroke:
+    everywhere = np.arange(old.size)
+    runs = difference(everywhere, old.ravel(), new.ravel())
+    return Stroke(
+        frame_id, "relabel", runs, None, BY_ITSELF, correction.who, correction.now(), reason=step
+    )
