@@ -15,6 +15,7 @@ from cli import (
     info,
     kernels,
     labelling,
+    learning,
     live,
     motion,
     recording,
@@ -47,7 +48,14 @@ VERBS = {
         info.info,
         info.validate,
     ),
-    "Labels": (labelling.label, training.train_labels, labelling.fix, evaluation.diff, exchange.export),
+    "Labels": (
+        labelling.label,
+        training.train_labels,
+        labelling.fix,
+        learning.learn,
+        evaluation.diff,
+        exchange.export,
+    ),
     "Synthetic people": (motion.solve,),
     "Networks and results": (
         training.train,

@@ -4,7 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
+import numpy as np
+
 from annotate.correction.correction import Correction
+from annotate.correction.relabel import untouched
 from annotate.correction.replay import is_stroke, rejection, verdicts
 from annotate.labelset.stroke import Stroke
 from sensors.errors import CloudError
@@ -13,6 +16,10 @@ HASTY_S = 1.5
 """Active seconds on an accepted frame below which it was hardly looked at. Chosen by eye."""
 UNSURE = 0.9
 """Mean confidence of a frame's labels below which accepting them unchanged is worth a look. Chosen by eye."""
+REACH = 10
+"""Frames in time within which one frame teaches little that the other does not. Chosen by eye."""
+LEAST_DOUBT = 0.01
+"""Doubt of a frame that is quite sure: then the farthest away comes first. Chosen by eye."""
 _CARRIED = ("propagate", "copy_previous")
 
 
@@ -56,6 +63,27 @@ def review_queue(correction: Correction) -> list[Queued]:
             continue
         queue.append(Queued(frame_id, *_why(strokes, confidence_of(correction, frame_id))))
     return sorted(queue, key=lambda queued: (-queued.urgency, queued.frame_id))
+
+
+def teaching_order(correction: Correction) -> list[str]:
+    """The frames that nobody has worked on, each the one that teaches most after those before it.
+
+    That is the least sure one, unless a frame near in time was worked on or stands before it: within REACH
+    frames of it, a frame counts the less the nearer it is.
+    """
+    ids, free = correction.labels.frame_ids, set(untouched(correction))
+    doubt = np.array([1 - (confidence_of(correction, i) or 0.0) for i in ids])
+    at, left = np.arange(len(ids)), np.array([i in free for i in ids])
+    away = np.full(len(ids), np.inf)
+    for known in np.flatnonzero(~left):
+        away = np.minimum(away, abs(at - known))
+    order = []
+    while left.any():
+        score = np.where(left, (doubt + LEAST_DOUBT) * np.minimum(1, away / REACH), -np.inf)
+        best = int(score.argmax())
+        order.append(ids[best])
+        left[best], away = False, np.minimum(away, abs(at - best))
+    return order
 
 
 def progress(correction: Correction, frame_ids: list[str]) -> Progress:

@@ -109,6 +109,4 @@ def _next_step(correction: Correction) -> str:
 def _stroke(correction: Correction, frame_id: str, step: str, old: UInt8, new: UInt8) -> Stroke:
     everywhere = np.arange(old.size)
     runs = difference(everywhere, old.ravel(), new.ravel())
-    return Stroke(
-        frame_id, "relabel", runs, None, BY_ITSELF, correction.who, correction.now(), reason=step
-    )
+    return Stroke(frame_id, "relabel", runs, None, BY_ITSELF, correction.who, correction.now(), reason=step)

@@ -8,7 +8,7 @@ is good enough or nothing helps.
 
 import zlib
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import chain
@@ -59,6 +59,8 @@ LEAST_PX = (9, 3)
 when nothing else is left. Chosen by eye."""
 MOST_REPAIRS = 60
 """Number of repairs after which a frame is accepted as it is. Chosen by eye."""
+REMEMBERED = 4 * FRAMES_COMPARED
+"""Number of frames worked on last, of which those near in time are carried over. Chosen by eye."""
 CTRL_KEY = Gesture("key", keys=2)
 """Gesture of undo: Ctrl and a letter."""
 TAKE_BACK_S = MENTAL_S + gesture_s(CTRL_KEY, 1.0)
@@ -229,25 +231,29 @@ def correct_set(
     annotator: Annotator,
     cloud_of: Callable[[str], ThermalCloud | None],
     propagating: bool = False,
+    order: Iterable[str] = (),
 ) -> Iterator[Effort]:
-    """Let a simulated annotator correct a label set, frame by frame in order.
+    """Let a simulated annotator correct a label set, frame by frame.
 
     correction: with the annotator's clock. cloud_of: colours and temperatures of a frame, if there
-    are any. propagating: whether a frame begins with the corrections of those before it of the same person.
+    are any. propagating: whether a frame begins with the corrections of those before it of the same person,
+    the nearest in time. order: of frame ids, asked for one by one; none is that of time.
     """
-    worked: list[CorrectedFrame] = []
+    worked: dict[int, CorrectedFrame] = {}
     person = None
-    for frame_id in correction.labels.frame_ids:
+    place = {frame_id: n for n, frame_id in enumerate(correction.labels.frame_ids)}
+    for frame_id in order or place:
         automatic, true = correction.frame(frame_id), truth.read(frame_id)
         camera = correction.labels.intrinsics
         cloud = cloud_of(frame_id)
         color_rgb = cloud.color_rgb if cloud is not None and cloud.color_valid.any() else None
         pieces = edit_supervoxels(automatic.depth_mm, automatic.parts, camera, color_rgb)
         if true.subject != person:
-            worked, person = [], true.subject
+            worked, person = {}, true.subject
+        near = [worked[n] for n in sorted(worked, key=lambda n: abs(n - place[frame_id]))][:FRAMES_COMPARED]
         propagated = None
-        if propagating and any(w.changed for w in worked):
-            found = propagate(worked, automatic, camera, cloud)
+        if propagating and any(w.changed for w in near):
+            found = propagate(near, automatic, camera, cloud)
             propagated = found if (found != automatic.parts).any() else None
         editor = correction.edit(frame_id)
         annotator.work(editor, true.parts, pieces, propagated)
@@ -256,7 +262,9 @@ def correct_set(
         seconds = sum(stroke.active_seconds for stroke in strokes)
         agreement = Agreement(true.parts, editor.valid, annotator.tolerance_px)
         yield Effort(corrected, strokes, seconds, agreement.of(corrected.parts))
-        worked = [CorrectedFrame(automatic, corrected, cloud), *worked][:FRAMES_COMPARED]
+        worked[place[frame_id]] = CorrectedFrame(automatic, corrected, cloud)
+        if len(worked) > REMEMBERED:
+            del worked[next(iter(worked))]
 
 
 def _apply(sight: Sight, move: Move, corners: Float64 | None, how: Gesture) -> Stroke | None:

@@ -260,7 +260,9 @@ class Desk(Sight):
 
     def _corrected(self, frame_ids: Sequence[str]) -> list[CorrectedFrame]:
         correction = self.correction
-        return [CorrectedFrame(correction.begun(i), correction.frame(i), self._clouds.get(i)) for i in frame_ids]
+        return [
+            CorrectedFrame(correction.begun(i), correction.frame(i), self._clouds.get(i)) for i in frame_ids
+        ]
 
     # Back and forth, verdicts
 

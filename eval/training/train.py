@@ -176,6 +176,10 @@ class _Run:
         processes, plan, progress = self.group, self.plan, self.progress
         torch.manual_seed((plan.seed * 1_000_003 + progress.step) * processes.world + processes.rank)
         network.train()
+        if not plan.recipe.statistics:
+            for layer in network.modules():
+                if isinstance(layer, nn.BatchNorm2d):
+                    layer.eval()
         for group in self.optimizer.param_groups:
             group["lr"] = rate(plan.recipe, share)
         depth, parts, whole = (

@@ -1,0 +1,77 @@
+"""The verb that adapts a network to the corrections of a label set."""
+
+import os
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Option
+
+from annotate.correction.correction import Correction
+from annotate.correction.relabel import relabel
+from annotate.labelset.claim import ClaimedError
+from annotate.labelset.store import LabelSet
+from cli.console import Json, finish, progress, say
+from cli.extras import needing
+from eval.network.onnx_network import SHIPPED_WEIGHTS
+
+LOW = 10
+"""How much lower its priority is than that of other work, as a niceness. Chosen by eye."""
+
+
+def learn(
+    labels: Annotated[Path, Argument(help="Label set of which some frames are corrected and accepted.")],
+    out: Annotated[
+        Path, Option(metavar="MODEL", help="Folder for the network; an interrupted run continues there.")
+    ],
+    weights: Annotated[
+        Path | None, Option(help="Network to start from (.safetensors).", show_default="the shipped one")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Learn from corrected frames, and label those again that nobody has worked on. Needs the extra 'train'.
+
+    It runs beside other work. Where the set is open in a window, that takes the labels over.
+    """
+    with needing("train"):
+        import torch
+
+        from eval.learning.learn import images
+        from eval.learning.learn import learn as run
+    os.nice(LOW)
+    torch.set_num_threads(1)
+    started = time.monotonic()
+    start = weights or SHIPPED_WEIGHTS.with_suffix(".safetensors")
+    with progress("learn, images", images()) as advance:
+        done = run(labels, out, start, advance)
+    result: dict[str, Any] = {
+        "frames": done.frames,
+        "held_out": done.held_out,
+        "before": done.before,
+        "after": done.after,
+        "weights": str(done.weights),
+        "labels": str(done.labels),
+    }
+    text = f"{done.frames} corrected frames learnt"
+    if done.before is not None and done.after is not None:
+        text += f"; right on {done.held_out} held out: {done.before:.1%} before, {done.after:.1%} after"
+    if not done.better:
+        say("the labels stay as they are: on frames held out the network is no better; correct more frames")
+    else:
+        taken = _taken_over(labels, done.labels)
+        result |= taken
+        text += f"; {taken['text']}" if taken else ""
+    result.pop("text", None)
+    result["seconds"] = round(time.monotonic() - started, 1)
+    finish(result, json, text)
+
+
+def _taken_over(labels: Path, learnt: Path) -> dict[str, Any]:
+    """Give a set the labels that were learnt, as one step; nothing where it is open elsewhere."""
+    try:
+        with Correction.open(labels) as correction:
+            step = relabel(correction, LabelSet.open(learnt))
+    except ClaimedError:
+        say(f"{labels} is open elsewhere: its window takes the labels over, or the same command later")
+        return {}
+    return {"relabelled": step.frames, "changed": round(step.changed, 6), "text": step.text}

@@ -1,0 +1,1 @@
+"""A network that adapts to one person and room from the frames that people have corrected."""

@@ -1,0 +1,146 @@
+"""Learning from corrections: what teaches, that it helps on the next frames, and that a kill changes nothing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from annotate.correction.correction import Correction  # noqa: E402
+from annotate.correction.queue import teaching_order  # noqa: E402
+from annotate.correction.relabel import relabel  # noqa: E402
+from annotate.frame_labels import FrameLabels  # noqa: E402
+from annotate.labelset.store import LabelSet  # noqa: E402
+from annotate.parts import BACKGROUND  # noqa: E402
+from eval.learning import learn as learning  # noqa: E402
+from eval.learning.lesson import HELD_OUT, divided, lessons  # noqa: E402
+from eval.network.checkpoint import save_weights  # noqa: E402
+from eval.network.compact import CompactConfig  # noqa: E402
+from eval.network.networks import build  # noqa: E402
+from eval.training.plan import ModernRecipe  # noqa: E402
+from sensors.errors import CloudError, ExistsError  # noqa: E402
+from sensors.rig.camera import Intrinsics  # noqa: E402
+
+SIDE, IDS = 48, tuple(f"{i:06}" for i in range(8))
+DONE = IDS[:5]
+
+
+def truth(n: int) -> np.ndarray:
+    """A head over a torso; frames differ in their place."""
+    parts = np.zeros((SIDE, SIDE), np.uint8)
+    parts[8:20, 16 + n : 28 + n], parts[20:40, 12 + n : 32 + n] = 1, 2
+    return parts
+
+
+def written(path: Path, **info) -> Path:
+    """Labels that call everybody a torso, with a piece of the seat."""
+    labels = LabelSet.create(path, Intrinsics(SIDE, SIDE, 60, 60, 24, 24), {"source": "test", **info})
+    for n, frame_id in enumerate(IDS):
+        true = truth(n)
+        depth = np.where(true == 1, np.uint16(900), np.uint16(1400))
+        depth[40:44] = 1800
+        first = np.where(true > 0, np.uint8(2), np.uint8(0))
+        first[40:44, 12 + n : 32 + n] = 2
+        confidence = np.full((SIDE, SIDE), 0.5 + 0.01 * n, np.float32)
+        labels.write(FrameLabels(frame_id, depth, first, confidence, notes={"confidence": 0.5 + 0.01 * n}))
+    return path
+
+
+@pytest.fixture
+def taught(tmp_path) -> Path:
+    """A set of which the first frames are corrected and accepted."""
+    path = written(tmp_path / "labels")
+    with Correction.open(path, "ann") as correction:
+        for n, frame_id in enumerate(DONE):
+            editor = correction.edit(frame_id)
+            editor.replace("paint", truth(n))
+            editor.judge("accept")
+    return path
+
+
+@pytest.fixture
+def start(tmp_path, monkeypatch) -> Path:
+    """Weights of a small untrained network; few steps, which are enough for it."""
+    monkeypatch.setattr(learning, "STEPS", 24)
+    monkeypatch.setattr(learning, "ALL_STEPS", 4)
+    # It has no statistics to keep.
+    monkeypatch.setattr(learning, "RECIPE", ModernRecipe(4, 3e-2, averaged=0.0, coarse=0.0))
+    torch.manual_seed(1)
+    config = CompactConfig((4, 6, 8), 1)
+    save_weights(tmp_path / "start.safetensors", build(config), config)
+    return tmp_path / "start.safetensors"
+
+
+def test_a_lesson_shows_what_was_extracted_and_calls_the_seat_background(taught):
+    found = lessons(taught)
+    assert [one.first.frame_id for one in found] == list(DONE)
+    depth, parts, _ = found[0].crop()
+    assert set(np.unique(parts[depth > 0])) == {BACKGROUND, 1, 2}
+    assert not parts[depth == 0].any()
+
+
+def test_every_fourth_frame_is_held_out_and_none_of_three(taught):
+    found = lessons(taught)
+    for count in range(1, len(found) + 1):
+        school, held = divided(found[:count])
+        assert len(held) == count // HELD_OUT
+        assert sorted(one.first.frame_id for one in (*school, *held)) == list(DONE[:count])
+
+
+def test_a_suits_labels_and_too_few_frames_are_refused_in_one_line(tmp_path):
+    with pytest.raises(CloudError, match="accept at least 3"):
+        lessons(written(tmp_path / "fresh"))
+    with pytest.raises(CloudError, match="suit"):
+        lessons(written(tmp_path / "suit", steps={"label": {"suit": "[head]"}}))
+
+
+def test_learning_helps_on_frames_it_has_not_seen_and_changes_nothing_by_itself(taught, start, tmp_path):
+    before = {p: p.read_bytes() for p in sorted(taught.rglob("*")) if p.is_file()}
+    done = learning.learn(taught, tmp_path / "model", start, lambda n: None)
+    assert {p: p.read_bytes() for p in sorted(taught.rglob("*")) if p.is_file()} == before
+    assert (done.frames, done.held_out) == (5, 1)
+    assert done.better and done.before < 0.75 < done.after
+    assert LabelSet.open(done.labels).frame_ids == list(IDS[5:])
+    with Correction.open(taught, "ann") as correction:
+        relabel(correction, LabelSet.open(done.labels))
+        for n, frame_id in enumerate(IDS[5:], 5):
+            parts = correction.frame(frame_id).parts
+            assert (parts == truth(n)).mean() > (correction.begun(IDS[0]).parts == truth(0)).mean()
+
+
+def test_a_killed_learning_goes_on_and_ends_with_the_same_network(taught, start, tmp_path, monkeypatch):
+    monkeypatch.setattr(learning, "STEPS", 3)
+    monkeypatch.setattr(learning, "ALL_STEPS", 2)
+    monkeypatch.setattr(learning, "CHECKPOINT_S", 0.0)
+    done = learning.learn(taught, tmp_path / "model", start, lambda n: None)
+    seen = 0
+
+    def killed(n: int) -> None:
+        nonlocal seen
+        seen += n
+        if seen > 14:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        learning.learn(taught, tmp_path / "again", start, killed)
+    again = learning.learn(taught, tmp_path / "again", start, lambda n: None)
+    assert again.weights.read_bytes() == done.weights.read_bytes()
+    assert not (tmp_path / "again" / "run").exists()
+
+
+def test_another_folder_is_not_taken(taught, start, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").write_text("dear")
+    with pytest.raises(ExistsError, match="not made by this command"):
+        learning.learn(taught, tmp_path / "mine", start, lambda n: None)
+
+
+def test_the_frame_that_teaches_most_is_unsure_and_far_from_what_is_done(tmp_path):
+    path = written(tmp_path / "labels")
+    with Correction.open(path, "ann") as correction:
+        assert sorted(teaching_order(correction)) == list(IDS)
+        assert teaching_order(correction)[0] == IDS[0]
+        correction.edit(IDS[0]).judge("accept")
+        assert teaching_order(correction)[0] == IDS[-1]
+        assert IDS[0] not in teaching_order(correction)
