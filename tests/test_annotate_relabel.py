@@ -1,4 +1,4 @@
-"""What a network has learnt replaces labels that nobody has worked on, in one step that is taken back whole."""
+"""What a network has learnt replaces labels that nobody worked on, in one step that is taken back whole."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Learning from corrections: what teaches, that it helps on the next frames, and that a kill changes nothing."""
+"""Learning from corrections: what teaches, that it helps on the next frames; a kill changes nothing."""
 
 from pathlib import Path
 

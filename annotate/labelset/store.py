@@ -164,7 +164,7 @@ class LabelSet:
             ) from error
 
     def confidence(self, frame_id: str, step: str = "") -> Float32 | None:
-        """Confidence (h, w) of the labels of a step of learning, or of a frame's first ones; None for none."""
+        """Confidence (h, w) of the labels of a step of learning, or of a frame's first ones, if any."""
         if not step:
             return self._optional_image(frame_id, "confidence.png", images.decode_confidence)
         return self._optional_image(frame_id, _of_step(step), images.decode_confidence, LEARNT)

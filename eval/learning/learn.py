@@ -1,4 +1,4 @@
-"""Learning from corrections: a network fitted to them, and what it makes of the frames nobody has worked on."""
+"""Learning from corrections: a network fitted to them, and its labels of frames nobody has worked on."""
 
 import json
 import shutil
@@ -41,7 +41,8 @@ STEPS, ALL_STEPS = 120, 60
 BATCH = 4
 """Crops of a step. Chosen by eye."""
 RECIPE = ModernRecipe(batch=BATCH, peak_rate=1e-3, averaged=0.9, coarse=0.0, statistics=False)
-"""A third of a training's rate, and normalisation as it came: one person's few frames are no statistics."""
+"""A third of a training's rate, and normalisation as it came: a few frames of one person are no statistics.
+Chosen by eye."""
 HOW = Augmentation(occluders=False, cuts=False, borders=False, extras=False)
 """What may happen to a frame: what hides the person and what is taken along is this room's own."""
 CHECKPOINT_S = 20.0

@@ -32,8 +32,8 @@ class ModernRecipe:
     pixels to the power of minus this; 0 is unweighted, 1 lets all parts weigh the same. facing, posture,
     joints: weights of what is known of the whole person, beside the parts' 1. clip: largest norm of a
     gradient. averaged: decay of the weights' moving average. coarse: share of the training that sees images
-    of ``COARSE`` times the side, which is twice as fast. statistics: whether normalisation learns those of the
-    batches, or keeps its own. All chosen by eye.
+    of ``COARSE`` times the side, which is twice as fast. statistics: whether normalisation learns those of
+    the batches, or keeps its own. All chosen by eye.
     """
 
     batch: int = 32

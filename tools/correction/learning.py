@@ -1,10 +1,10 @@
-"""Measure learning: ``python -m tools.correction.learning LABELS TRUTH CURVE.json [--frames N] [--after 4 12 30]``.
+"""Measure learning: ``python -m tools.correction.learning LABELS TRUTH CURVE.json``.
 
 A simulated annotator (``annotate.effort``) corrects copies of a label set to 99 % within 2 px, each frame
 beginning with the corrections carried over: once in order of time, and once in the order that teaches most,
 with ``learn`` beside the work. A learning begins when so many frames are accepted; its labels come when the
 annotator has worked for as many seconds as it took of one processor. CURVE.json gets the seconds of every
-frame of both, for ``report``. With --network N, learning starts from other weights.
+frame of both, for ``report``.
 """
 
 import argparse
