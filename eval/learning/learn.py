@@ -37,7 +37,8 @@ from sensors.files.atomic import is_taken, write_bytes
 
 RECORD, WEIGHTS, LABELS, RUN = "learnt.json", "weights.onnx", "labels", "run"
 STEPS, ALL_STEPS = 120, 60
-"""Steps on the frames that are not held out, and then on all of them. Chosen by eye: two minutes of one core."""
+"""Steps on the frames that are not held out, and then on all of them: two minutes of one core. Chosen by
+eye."""
 BATCH = 4
 """Crops of a step. Chosen by eye."""
 RECIPE = ModernRecipe(batch=BATCH, peak_rate=1e-3, averaged=0.9, coarse=0.0, statistics=False)
