@@ -16,10 +16,10 @@ from mcap_protobuf.schema import register_schema
 
 from sensors.errors import CalibrationError, CloudError, FormatError
 from sensors.importers import ros_messages
-from sensors.importers.bag import Bag, choose_color, choose_depth, described_by, path_between
+from sensors.importers.bags.bag import Bag, choose_color, choose_depth, described_by, path_between
+from sensors.importers.bags.ros_images import color_encoded_from, depth_mm_from
+from sensors.importers.bags.ros_messages import Picture, decode, picture_from, stamp_and_frame
 from sensors.importers.open_source import open_source
-from sensors.importers.ros_images import color_encoded_from, depth_mm_from
-from sensors.importers.ros_messages import Picture, decode, picture_from, stamp_and_frame
 from sensors.rig.camera import Intrinsics
 from sensors.rig.camera_messages import intrinsics_from, links_from
 from sensors.rig.rig_calibration import Pose, RigCalibration

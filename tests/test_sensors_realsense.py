@@ -11,8 +11,8 @@ from sensors.device import node
 from sensors.drivers import realsense
 from sensors.drivers.realsense import PRESETS, QUEUE, USB_IDS, RealSense, Settings, realsense_serials
 from sensors.errors import CalibrationError, CloudError, DeviceAccessError, DeviceError, DeviceLostError
+from sensors.importers.bags.realsense import RealSenseRecording
 from sensors.importers.open_source import open_source
-from sensors.importers.realsense import RealSenseRecording
 from sensors.recording import open_device as open_device_module
 from sensors.recording.open_device import find_devices, open_device
 from sensors.rig.camera import Intrinsics, project

@@ -5,21 +5,23 @@ from pathlib import Path
 from sensors.errors import FormatError
 from sensors.importers.arrays import NPY_MAGIC, ZIP_MAGIC, DepthArrays
 from sensors.importers.azure_mkv import AzureRecording
-from sensors.importers.bag import Bag, is_bag
+from sensors.importers.bags.bag import Bag, is_bag
+from sensors.importers.bags.orbbec import OrbbecRecording, is_orbbec
+from sensors.importers.bags.realsense import RealSenseRecording, is_realsense
 from sensors.importers.folder import ImageFolder
 from sensors.importers.pointcloud import CloudFile
-from sensors.importers.realsense import RealSenseRecording, is_realsense
 from sensors.session.mcap_records import MAGIC
 from sensors.session.reader import Session
 from sensors.session.writer import recording_at
 
-Source = Session | ImageFolder | CloudFile | AzureRecording | RealSenseRecording | Bag | DepthArrays
+BagSource = Bag | RealSenseRecording | OrbbecRecording
+Source = Session | ImageFolder | CloudFile | AzureRecording | BagSource | DepthArrays
 """A ``FrameSource`` with ``len``, and ``notes`` on what is absent or assumed."""
 
 KINDS = (
     "a session, a ROS 1 or 2 bag, an MCAP file with ROS 2 or Foxglove images, a recording of a RealSense "
-    "(.db3, .bag) or an Azure Kinect (.mkv), a folder of depth PNGs, a cloud (.pcd, .ply, .las, .laz) or "
-    "arrays (.npy, .npz)"
+    "(.db3, .bag), an Orbbec camera (.bag) or an Azure Kinect (.mkv), a folder of depth PNGs, a cloud (.pcd, "
+    ".ply, .las, .laz) or arrays (.npy, .npz)"
 )
 CLOUDS = (".pcd", ".ply", ".las", ".laz")
 
@@ -36,7 +38,7 @@ def open_source(path: Path) -> Source:
     if head.startswith(MAGIC) or path.name.lower().endswith((".mcap", ".mcap.partial")):
         return Bag(path) if head.startswith(MAGIC) and is_bag(path) else Session(path)
     if head.startswith((b"SQLite format 3\0", b"#ROSBAG V")):
-        return RealSenseRecording(path) if is_realsense(path) else Bag(path)
+        return _bag(path)
     if head.startswith(b"\x1a\x45\xdf\xa3"):
         return AzureRecording(path)
     if head.startswith((NPY_MAGIC, ZIP_MAGIC)):
@@ -44,6 +46,12 @@ def open_source(path: Path) -> Source:
     if path.suffix.lower() in CLOUDS:
         return CloudFile(path)
     raise FormatError(f"{path} is of no known kind; give {KINDS}")
+
+
+def _bag(path: Path) -> BagSource:
+    if is_realsense(path):
+        return RealSenseRecording(path)
+    return OrbbecRecording(path) if is_orbbec(path) else Bag(path)
 
 
 def _head(path: Path) -> bytes:

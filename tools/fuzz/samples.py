@@ -47,6 +47,7 @@ from synth.markers.motion_file import MarkerReport, Motion, load_motion, save_mo
 from synth.markers.person_body import bones_of_leg
 from tests.helpers.bags import STORAGES, realsense, write_bag
 from tests.helpers.marker_samples import bvh_text, positions, write_c3d, write_trc
+from tests.helpers.orbbec_files import jpeg_of, write_orbbec_bag
 from tests.helpers.realsense_files import write_old_bag
 from tests.helpers.samples import azure_mkv, las
 
@@ -129,6 +130,11 @@ def _realsense(folder: Path) -> Path:
     frames = [(n, 30.0 * n, depth_image(n), yuyv[..., 0].copy(), yuyv) for n in (1, 2)]
     lens = CAMERA, "Inverse Brown Conrady"
     return write_old_bag(folder / "x.bag", frames, lens, lens)
+
+
+def _orbbec(folder: Path) -> Path:
+    frames = [(n, 1_000_000 + 30_000 * n, *2 * [depth_image(n)], jpeg_of(CAMERA, 60)) for n in (1, 2)]
+    return write_orbbec_bag(folder / "x.bag", CAMERA, CAMERA, frames)
 
 
 def _written(path: Path, content: bytes) -> Path:
@@ -297,6 +303,7 @@ READERS = {
     "bag-sqlite": Reader(partial(_bag, "SQLITE3"), _read_frames),
     "bag-mcap": Reader(partial(_bag, "MCAP"), _read_frames),
     "realsense": Reader(_realsense, _read_frames),
+    "orbbec": Reader(_orbbec, _read_frames),
     "mkv": Reader(_mkv, _read_frames),
     "npy": Reader(_npy, _read_frames),
     "npz": Reader(_npz, _read_frames),

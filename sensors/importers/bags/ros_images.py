@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sensors.errors import FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.files.png import PNG_MAGIC, decode_grey
-from sensors.importers.ros_messages import Picture
+from sensors.importers.bags.ros_messages import Picture
 from sensors.rig.frame import mm_from_metres
 
 DEPTHS = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}

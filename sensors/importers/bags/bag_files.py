@@ -13,7 +13,7 @@ from mcap.records import Channel, Message, Schema
 from numpy.typing import NDArray
 
 from sensors.errors import CloudError, FormatError
-from sensors.importers.ros_messages import ENCODINGS, PICTURES, READ, decode, stamp_and_frame
+from sensors.importers.bags.ros_messages import ENCODINGS, PICTURES, READ, decode, stamp_and_frame
 from sensors.rig.camera_messages import Decoded
 from sensors.session.mcap_records import MessageReader, record_offsets, records_at
 

@@ -9,9 +9,9 @@ import numpy as np
 from mcap.records import Channel, Message, Metadata
 
 from sensors.errors import CalibrationError, FormatError
-from sensors.importers.bag_files import METADATA, McapFile, index_topics, open_files, storage_files
-from sensors.importers.ros_images import COLORS, DEPTHS, color_encoded_from, depth_mm_from
-from sensors.importers.ros_messages import CAMERAS, PICTURES, TRANSFORMS, Picture, picture_from
+from sensors.importers.bags.bag_files import METADATA, McapFile, index_topics, open_files, storage_files
+from sensors.importers.bags.ros_images import COLORS, DEPTHS, color_encoded_from, depth_mm_from
+from sensors.importers.bags.ros_messages import CAMERAS, PICTURES, TRANSFORMS, Picture, picture_from
 from sensors.rig.camera import Intrinsics
 from sensors.rig.camera_messages import intrinsics_from, links_from
 from sensors.rig.frame import RigFrame

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import MAX_IMAGE_BYTES, MAX_IMAGE_SIDE
 from sensors.files.png import decode_grey
-from sensors.importers.bag_files import Entry, Place, RosbagFile, damaged
-from sensors.importers.ros_images import color_encoded_from, depth_mm_from, pixels_of
-from sensors.importers.ros_messages import Picture, decode, picture_from
+from sensors.importers.bags.bag_files import Entry, Place, RosbagFile, damaged
+from sensors.importers.bags.ros_images import color_encoded_from, depth_mm_from, pixels_of
+from sensors.importers.bags.ros_messages import Picture, decode, picture_from
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame, mm_from_units
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps

@@ -1,0 +1,214 @@
+"""A recording of Orbbec's SDK 2 (.bag, a ROS 1 bag) as a source of frames.
+
+Its images are ROS's with more behind the pixels than their definition says. Topics and contents:
+OrbbecSDK_v2, src/media/ros (MIT). The SDK need not be installed.
+"""
+
+import re
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import CalibrationError, FormatError
+from sensors.importers.bags.bag_files import Place, RosbagFile, damaged
+from sensors.importers.bags.ros_images import color_encoded_from, depth_mm_from, pixels_of
+from sensors.importers.bags.ros_messages import Picture
+from sensors.rig.camera import Intrinsics, intrinsics_from_rational
+from sensors.rig.frame import RigFrame, mm_from_units
+from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
+from sensors.rig.rig_calibration import Pose, RigCalibration
+
+DEPTH, COLOR, INFRARED = "depth", "colour", "infrared"
+SENSORS = {"3": DEPTH, "2": COLOR, "1": INFRARED, "6": INFRARED}
+"""Numbers of sensors and of streams (OBSensorType, OBStreamType); of two infrared cameras the left one."""
+KINDS = frozenset({"Image", "OBStreamProfileInfo"})
+UNITS_MM = (0.01, 10.0)
+"""Millimetres of a step of depth: what lies beyond is none."""
+USUAL_UNIT_MM = 1.0
+_IMAGE = re.compile(r"/cam/sensor_(\d+)/frameType_\d+")
+_PROFILE = re.compile(r"/cam/streamProfileType_(\d+)")
+_HEADER, _SIZE, _LENGTH, _STEP = (struct.Struct(code) for code in ("<III", "<II", "<I", "<BI"))
+_TAIL = struct.Struct("<fQQ")
+"""Behind the pixels: unit of depth in mm, number of the frame, its time in us."""
+_STREAM = struct.Struct("<BB9f3f3H4f8f")
+"""Stream, format, rotation and translation (mm) from depth to colour, size and rate, lens, distortion."""
+_JPEG, _YUYV = ("mjpg", "mjpeg", "jpeg"), ("yuyv", "yuy2")
+
+
+class _Image(NamedTuple):
+    """An image message. unit_mm, number: 0 and -1 where the SDK's version puts other things there."""
+
+    stamp_ns: int
+    picture: Picture
+    unit_mm: float
+    number: int
+
+
+@dataclass
+class _Stream:
+    """One stream. images: time and place of each; profile: the numbers of ``_STREAM``."""
+
+    topic: str = ""
+    images: list[tuple[int, Place]] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
+    unit_mm: float = 0.0
+    profile: tuple[float, ...] = ()
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        return np.array([stamp_ns for stamp_ns, _ in self.images], np.int64)
+
+    def lens(self) -> Intrinsics | None:
+        """The factory's intrinsics."""
+        if not self.profile:
+            return None
+        width, height, (fx, fy, cx, cy) = int(self.profile[14]), int(self.profile[15]), self.profile[17:21]
+        k1, k2, k3, k4, k5, k6, p1, p2 = self.profile[21:29]
+        matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        return intrinsics_from_rational((width, height), matrix, np.array([k1, k2, p1, p2, k3, k4, k5, k6]))
+
+    def pose(self) -> Pose:
+        """From this stream to colour. Raises CalibrationError: where there is none, zeros stand."""
+        return Pose(np.array(self.profile[2:11]).reshape(3, 3), np.array(self.profile[11:14]) / 1000)
+
+
+class OrbbecRecording:
+    """A recording of Orbbec's SDK as a ``FrameSource``: depth, its infrared, the colour nearest in time.
+
+    notes: what is absent or assumed. Raises FormatError, and CalibrationError where nothing describes the
+    depth camera.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.name = path, path.stem
+        self._file = RosbagFile(path)
+        self._streams = {name: _Stream() for name in (DEPTH, COLOR, INFRARED)}
+        with damaged(path):
+            self._index()
+            depth, color, infrared = self._streams.values()
+            if not depth.images:
+                raise FormatError(f"{path} has no depth images; record the depth sensor")
+            self.calibration, notes = self._calibrate()
+        if not depth.unit_mm:
+            notes.append(f"no depth unit: taken as {USUAL_UNIT_MM:g} mm")
+        if (lost := sum(np.diff(sorted(depth.numbers)).astype(int) - 1)) > 0:
+            notes.append(f"{lost} depth images were lost while it was recorded")
+        self.notes = (*notes, "no thermal images")
+        self._pairs = {
+            COLOR: pair_stamps(depth.stamps_ns, color.stamps_ns, COLOR_WINDOW_NS),
+            INFRARED: pair_stamps(depth.stamps_ns, infrared.stamps_ns, 0),
+        }
+
+    def __len__(self) -> int:
+        return len(self._streams[DEPTH].images)
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        return (self._frame(index) for index in range(len(self)))
+
+    def _frame(self, index: int) -> RigFrame:
+        depth = self._streams[DEPTH]
+        units = depth_mm_from(self._picture(DEPTH, index))
+        color, infrared = (int(self._pairs[name][index]) for name in (COLOR, INFRARED))
+        encoded = color_encoded_from(self._picture(COLOR, color)) if color >= 0 else None
+        amplitude = _grey(self._picture(INFRARED, infrared)) if infrared >= 0 else None
+        if amplitude is not None and amplitude.shape != units.shape:
+            amplitude = None
+        depth_mm = mm_from_units(units, depth.unit_mm or USUAL_UNIT_MM)
+        frame = RigFrame(index, depth.images[index][0], depth_mm, encoded, None, amplitude)
+        return frame.sized_as(self.calibration)
+
+    def _picture(self, name: str, index: int) -> Picture:
+        stream = self._streams[name]
+        with damaged(self.path):
+            return _image(self._file.read(stream.topic, stream.images[index][1])).picture
+
+    def _index(self) -> None:
+        """Find the images and what describes their cameras."""
+        for entry in self._file.entries(KINDS):
+            image, profile = _IMAGE.fullmatch(entry.topic), _PROFILE.fullmatch(entry.topic)
+            found = image or profile
+            if found is None or found[1] not in SENSORS:
+                continue
+            stream = self._streams[SENSORS[found[1]]]
+            if profile is not None:
+                stream.profile = stream.profile or _profile(entry.data)
+                continue
+            read = _image(entry.data)
+            stream.topic = entry.topic
+            stream.images.append((read.stamp_ns, entry.place))
+            stream.unit_mm = stream.unit_mm or read.unit_mm
+            stream.numbers += [read.number] * (read.number >= 0)
+        for stream in self._streams.values():
+            stream.images.sort()
+
+    def _calibrate(self) -> tuple[RigCalibration, list[str]]:
+        """The calibration, and notes on it."""
+        depth, color = self._streams[DEPTH], self._streams[COLOR]
+        if (lens := depth.lens()) is None:
+            raise CalibrationError(f"{self.path} has no intrinsics of the depth camera; record it again")
+        if not color.images:
+            return RigCalibration(lens), ["intrinsics from the recording", "no colour images"]
+        with suppress(CalibrationError):
+            if (color_lens := color.lens()) is not None:
+                return RigCalibration(lens, color_lens, depth.pose()), ["calibration from the recording"]
+        note = "no calibration of the colour camera: its images cannot be fused"
+        return RigCalibration(lens), ["intrinsics from the recording", note]
+
+
+def is_orbbec(path: Path) -> bool:
+    """Whether Orbbec's SDK made this ROS 1 bag. Raises FormatError."""
+    return any(topic.startswith("/cam/streamProfileType_") for topic in RosbagFile(path).topics)
+
+
+def _image(data: bytes) -> _Image:
+    """Raises struct.error and UnicodeDecodeError for a message that is cut."""
+    _, seconds, nanoseconds = _HEADER.unpack_from(data)
+    frame, at = _sized(data, _HEADER.size)
+    height, width = _SIZE.unpack_from(data, at)
+    encoding, at = _sized(data, at + _SIZE.size)
+    big_endian, step = _STEP.unpack_from(data, at)
+    pixels, at = _sized(data, at + _STEP.size)
+    # The SDK goes through seconds in floating point.
+    stamp_us = 1_000_000 * seconds + round(nanoseconds / 1000)
+    name = encoding.decode("ascii").lower()
+    if name in _JPEG:
+        picture = Picture(frame.decode(), name, pixels, compressed=True)
+    else:
+        step = step or len(pixels) // max(1, height)
+        name = "YUYV" if name in _YUYV else "mono16" if name == "z16" else name
+        picture = Picture(frame.decode(), name, pixels, False, height, width, step, bool(big_endian))
+    unit_mm, number, again_us = _TAIL.unpack_from(data, at) if len(data) >= at + _TAIL.size else (0, 0, -1)
+    if abs(again_us - stamp_us) > 1 or not UNITS_MM[0] <= unit_mm <= UNITS_MM[1]:
+        unit_mm, number = 0.0, -1
+    return _Image(1000 * stamp_us, picture, float(unit_mm), number)
+
+
+def _profile(data: bytes) -> tuple[float, ...]:
+    """The numbers of ``_STREAM``; none of a message that holds something else."""
+    with suppress(struct.error):
+        _, at = _sized(data, _HEADER.size)
+        numbers = _STREAM.unpack_from(data, at)
+        if numbers[14] > 0 and numbers[15] > 0 and np.isfinite(numbers).all():
+            return tuple(numbers)
+    return ()
+
+
+def _sized(data: bytes, at: int) -> tuple[bytes, int]:
+    """Bytes behind their number, and where they end. Raises struct.error where they are cut."""
+    (length,) = _LENGTH.unpack_from(data, at)
+    end = at + _LENGTH.size + length
+    if end > len(data):
+        raise struct.error(f"{length} bytes are announced, {len(data) - at} there")
+    return data[at + _LENGTH.size : end], end
+
+
+def _grey(picture: Picture) -> NDArray[np.uint16]:
+    """An infrared image (h, w) of 8 or 16 bits."""
+    dtype = np.dtype(np.uint8 if picture.encoding == "mono8" else np.uint16)
+    return pixels_of(picture, dtype, 1)[..., 0].astype(np.uint16)
