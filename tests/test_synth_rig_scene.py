@@ -150,3 +150,20 @@ def test_robots_look_at_the_person_from_a_robots_distance(scene):
         assert 1.5 < middle[2] < 3.2 and abs(middle[0]) < 0.6 and abs(middle[1]) < 0.7
         eye = pose.inverse().translation_m
         assert 0.9 < eye[2] < 2.5 and eye[1] < place.wall_y - 0.2
+
+
+def test_a_loose_suit_changes_the_persons_shape_and_nothing_else_about_the_stay():
+    """Place, camera, light, colours by part and everybody else are those of the tight suit."""
+    tight, loose = (stay(difficulty=replace(NORMAL, loose=share), number=1) for share in (0.0, 1.0))
+    slim, wide = (next(s.tableaux()) for s in (tight, loose))
+    one, other = tight.cast, loose.cast
+    np.testing.assert_array_equal(one.faces, other.faces)
+    np.testing.assert_array_equal(one.tags, other.tags)
+    np.testing.assert_array_equal(one.outfits[0].fields_m, other.outfits[0].fields_m)
+    np.testing.assert_array_equal(one.outfits[0].zone_rgb, other.outfits[0].zone_rgb)
+    np.testing.assert_array_equal(one.camera_from_world.translation_m, other.camera_from_world.translation_m)
+    own = slice(0, tight.cast.subject)
+    off = np.linalg.norm(slim.vertices_m[own] - wide.vertices_m[own], axis=1)
+    assert np.quantile(off, 0.9) > 0.004 and off.max() < 0.3
+    own = tight.cast.tags < N_CLASSES
+    assert wide.celsius[own].mean() < slim.celsius[own].mean()

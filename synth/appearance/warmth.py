@@ -34,6 +34,9 @@ SOCK_C, COLD_FOOT_C = 27.5, 23.0
 """Feet in socks, warm and cold. No source: chosen by eye."""
 SLEEVE_DROP_C = 4.5
 """A loose or damp sleeve or trouser leg is this much colder than a tight one; no source: chosen by eye."""
+LOOSE_DROP_C, LOOSE_M = 1.5, 0.03
+"""Cloth this far off the skin, or farther, is so much colder than tight cloth; between, in proportion. No
+source: chosen by eye; people stay within 25 to 35 C (Nishi & Miura 2017, section 4.2.1)."""
 CONTACT_C = 32.5
 """Where cloth is pressed on cloth over skin it comes near to skin."""
 CONTACT_M = 0.02
@@ -73,11 +76,23 @@ class Clothing:
 
 
 class BodyWarmth:
-    """The surface temperature of one person, which remembers where limbs touched."""
+    """The surface temperature of one person, which remembers where limbs touched.
 
-    def __init__(self, body: Body, clothing: Clothing, room_c: float, rng: np.random.Generator) -> None:
+    worn: the same body with loose clothes for its skin, which are colder; by default, tight ones.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        clothing: Clothing,
+        room_c: float,
+        rng: np.random.Generator,
+        worn: Body | None = None,
+    ) -> None:
         self._body = body
         self._apart = _apart(body, clothing, room_c, rng)
+        if worn is not None:
+            self._apart -= LOOSE_DROP_C * _looseness(body, worn)
         self._touch = np.zeros(len(body.vertices_m))
         self._limbs = _limb_vertices(body)
 
@@ -122,6 +137,13 @@ def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generat
     patches = np.sin(centre @ waves + rng.uniform(0, 2 * np.pi, 6)).sum(axis=1) / np.sqrt(3)
     temperature += FOLLOWS_ROOM * (room_c - MEAN_ROOM_C) + clothing.patch_c * patches
     return np.asarray(temperature, np.float64)
+
+
+def _looseness(body: Body, worn: Body) -> Float64:
+    """How loose the cloth of faces (F,) is, in [0, 1]; shoes lift both bodies' soles to the floor."""
+    lift = worn.joints_m[0] - body.joints_m[0]
+    off_m = np.linalg.norm(worn.vertices_m - body.vertices_m - lift, axis=1)
+    return np.asarray(np.clip(off_m / LOOSE_M, 0, 1)[body.faces].mean(axis=1), np.float64)
 
 
 def _limb_vertices(body: Body) -> list[tuple[Int64, Int64]]:

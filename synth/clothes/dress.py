@@ -15,6 +15,8 @@ from synth.clothes.skirt import hang_skirt
 
 TUCKED = 0.08
 """How far a top reaches under a skirt's waist: share of the trunk."""
+LONG = 1.5
+"""Sleeves and trousers that end beyond the middle of forearm and shank are a suit's."""
 HAIR_LOSS = 1.0
 """Share of infrared that hair loses, as the naked presets take it."""
 
@@ -30,6 +32,14 @@ def dress(body: Body, rng: np.random.Generator, bags: bool = True) -> Dressed:
     bags: whether a bag may be carried; by those who sit or lie it cannot.
     """
     return dress_in(body, draw_attire(rng, bags), rng)
+
+
+def cut_loose(body: Body, rng: np.random.Generator) -> Body:
+    """A body whose skin is a long top and long trousers drawn at random; nothing hangs about it."""
+    attire = draw_attire(rng, bags=False)
+    while not (attire.top and attire.top.sleeve > LONG and attire.trousers and attire.trousers.hem > LONG):
+        attire = draw_attire(rng, bags=False)
+    return dress_in(body, replace(attire, skirt=None), rng).body
 
 
 def dress_in(body: Body, attire: Attire, rng: np.random.Generator) -> Dressed:

@@ -34,7 +34,8 @@ class Difficulty:
     infrared, for light that bounces twice (0: none does). unit_mm, unit_scale: standard deviations of the
     unit's own offset and scale. warmth: how unevenly warm people and things are, 1 as in a good room.
     room_c: air and walls, least and most. clutter: what stands about. stray: how far the robot's aim is off,
-    1 as well as it can.
+    1 as well as it can. loose: share of people whose clothes, the suit too, are cut as everyday clothes are
+    and fold; the others' follow the skin.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Difficulty:
     unit_mm: float
     unit_scale: float
     stray: float
+    loose: float
 
 
 def _difficulty(name: str, entry: dict[str, Any]) -> Difficulty:

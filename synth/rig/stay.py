@@ -15,6 +15,7 @@ from synth.appearance.outfit import Outfit, dress, dress_plainly
 from synth.appearance.photograph import Setting, set_up
 from synth.appearance.warmth import BodyWarmth, Clothing, surface_temperatures
 from synth.body.body import Body, blend, hair_faces, shipped_bodies
+from synth.clothes.dress import cut_loose
 from synth.pose.moment import Moment
 from synth.rig.difficulty import Difficulty
 from synth.rig.furnish import furnish, invite
@@ -95,7 +96,9 @@ class Stay:
         self._difficulty = difficulty
         own, like = bodies[(number + seed) % len(bodies)], bodies[int(rng.integers(len(bodies)))]
         build = blend(own, like, float(rng.uniform(0, MOST_BLENDED)))
-        self._body, self._place = build if body is None else body, place(rng)
+        self._skin = build if body is None else body
+        tailor = np.random.default_rng((seed, number, 13))
+        self._body, self._place = self._wear(self._skin, tailor), place(rng)
         self._room_c = float(rng.uniform(*difficulty.room_c))
         self._cushions = self._place.cushions()
         camera_from_world = self._place.robot_eye(rng, difficulty.stray)
@@ -104,10 +107,11 @@ class Stay:
         self._things = furnish(self._place, self._body, prior, difficulty.clutter, rng)
         other = bodies[int(rng.integers(len(bodies)))]
         come = rng.random() < difficulty.clutter.company
-        around = (self._place, self._things, prior, other, camera_from_world, rng)
-        self._visitor = invite(*around) if come else None
+        self._visitor_skin, around = other, (self._place, self._things, prior)
+        worn = self._wear(other, tailor)
+        self._visitor = invite(*around, worn, camera_from_world, rng) if come else None
         clothing = Clothing.sample(rng, difficulty.warmth)
-        self._warmth = BodyWarmth(self._body, clothing, self._room_c, rng)
+        self._warmth = BodyWarmth(self._skin, clothing, self._room_c, rng, self._body)
         if difficulty.warmth > 0:
             for vertices in prior:
                 self._press(vertices, PRIOR_S)
@@ -126,6 +130,10 @@ class Stay:
             following = self._tableau(next(own), next(others) if others else None)
             yield replace(now, following_m=following.vertices_m)
             now = following
+
+    def _wear(self, skin: Body, rng: np.random.Generator) -> Body:
+        """The body with what it wears for a skin: the skin itself, or loose clothes."""
+        return cut_loose(skin, rng) if rng.random() < self._difficulty.loose else skin
 
     def _tableau(self, moment: Moment, other: Moment | None) -> Tableau:
         """The next moment; ``following_m`` is not known yet."""
@@ -174,18 +182,19 @@ class Stay:
         strength, visitor_c = self._difficulty.warmth, np.zeros(0)
         if self._visitor is not None:
             clothing = replace(Clothing.sample(rng, strength), offset_c=float(rng.normal(*VISITOR_OFFSET_C)))
-            visitor_c = BodyWarmth(self._visitor.body, clothing, self._room_c, rng).celsius()
+            worn = (self._room_c, rng, self._visitor.body)
+            visitor_c = BodyWarmth(self._visitor_skin, clothing, *worn).celsius()
         tags = np.concatenate([*(thing.mesh.tags for thing in self._things), self._still.tags])
         return visitor_c, surface_temperatures(tags, self._room_c, strength, rng)
 
     def _cast(
         self, name: str, suit: Suit, camera_from_world: Pose, clothing: Clothing, rng: np.random.Generator
     ) -> Cast:
-        color, bodies = self._difficulty.color, [self._body]
-        outfits = [dress(self._body, suit, color.wear, rng)]
+        color, bodies = self._difficulty.color, [self._skin]
+        outfits = [dress(self._skin, suit, color.wear, rng)]
         meshes = [Mesh(self._body.vertices_m, self._body.faces, self._body.face_parts.astype(np.int32))]
         if self._visitor is not None:
-            bodies.append(self._visitor.body)
+            bodies.append(self._visitor_skin)
             outfits.append(dress_plainly(bodies[1], color.wear, rng))
             meshes.append(tagged(bodies[1].vertices_m, bodies[1].faces, Surface.OTHER_PERSON))
         people = sum(len(mesh.vertices_m) for mesh in meshes)
