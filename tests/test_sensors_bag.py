@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
 from sensors.errors import CalibrationError, CloudError, FormatError
-from sensors.importers import ros_messages
+from sensors.importers.bags import ros_messages
 from sensors.importers.bags.bag import Bag, choose_color, choose_depth, described_by, path_between
 from sensors.importers.bags.ros_images import color_encoded_from, depth_mm_from
 from sensors.importers.bags.ros_messages import Picture, decode, picture_from, stamp_and_frame

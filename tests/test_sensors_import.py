@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from sensors.errors import CalibrationError, CloudError, FormatError
-from sensors.files.flir_jpeg import decode_flir
+from sensors.files.flir_jpeg import read_flir
 from sensors.importers import cloud_header, pointcloud
 from sensors.importers.cloud_header import read_header
 from sensors.importers.open_source import open_source
@@ -61,13 +61,13 @@ def test_a_flir_jpeg_gives_temperatures(folder, monkeypatch):
     def unpack(file):
         if file.read() != b"a FLIR camera's":
             raise ValueError("no FFF chunk")
-        return SimpleNamespace(celsius=np.full((6, 8), 31.5))
+        return SimpleNamespace(celsius=np.full((6, 8), 31.5), optical=None)
 
     monkeypatch.setitem(sys.modules, "flyr", SimpleNamespace(unpack=unpack))
     thermal = list(source)[1].thermal_c
     assert thermal.dtype == np.float32 and (thermal == 31.5).all()
     with pytest.raises(FormatError, match="holds no temperatures"):
-        decode_flir(b"holiday", "001.jpg")
+        read_flir(b"holiday", "001.jpg")
 
 
 def test_colour_and_thermal_belong_by_name(folder):

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
-from sensors.files.flir_jpeg import decode_flir
+from sensors.files.flir_jpeg import read_flir
 from sensors.files.png import decode_grey, png_shape
 from sensors.importers.tum_lists import (
     ASSOCIATIONS,
@@ -166,7 +166,7 @@ def _calibration(path: Path, first_depth: Path) -> tuple[RigCalibration, float, 
 def _celsius(file: Path) -> NDArray[np.float32]:
     if file.suffix.lower() == ".png":
         return thermal_from_uint16(_grey16(file))
-    return decode_flir(read_bounded(file), str(file))
+    return read_flir(read_bounded(file), str(file)).celsius
 
 
 def _grey16(file: Path) -> NDArray[np.uint16]:

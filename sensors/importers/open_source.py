@@ -8,6 +8,7 @@ from sensors.importers.azure_mkv import AzureRecording
 from sensors.importers.bags.bag import Bag, is_bag
 from sensors.importers.bags.orbbec import OrbbecRecording, is_orbbec
 from sensors.importers.bags.realsense import RealSenseRecording, is_realsense
+from sensors.importers.flir_images import FlirImages, is_flir_alone
 from sensors.importers.folder import ImageFolder
 from sensors.importers.pointcloud import CloudFile
 from sensors.session.mcap_records import MAGIC
@@ -15,14 +16,15 @@ from sensors.session.reader import Session
 from sensors.session.writer import recording_at
 
 BagSource = Bag | RealSenseRecording | OrbbecRecording
-Source = Session | ImageFolder | CloudFile | AzureRecording | BagSource | DepthArrays
+Source = Session | ImageFolder | CloudFile | AzureRecording | BagSource | DepthArrays | FlirImages
 """A ``FrameSource`` with ``len``, and ``notes`` on what is absent or assumed."""
 
 KINDS = (
     "a session, a ROS 1 or 2 bag, an MCAP file with ROS 2 or Foxglove images, a recording of a RealSense "
-    "(.db3, .bag), an Orbbec camera (.bag) or an Azure Kinect (.mkv), a folder of depth PNGs, a cloud (.pcd, "
-    ".ply, .las, .laz) or arrays (.npy, .npz)"
+    "(.db3, .bag), an Orbbec camera (.bag) or an Azure Kinect (.mkv), a folder of depth PNGs, radiometric "
+    "JPEGs of a FLIR camera, a cloud (.pcd, .ply, .las, .laz) or arrays (.npy, .npz)"
 )
+JPEG_MAGIC = b"\xff\xd8\xff"
 CLOUDS = (".pcd", ".ply", ".las", ".laz")
 
 
@@ -33,7 +35,9 @@ def open_source(path: Path) -> Source:
     """
     path = recording_at(path)
     if path.is_dir():
-        return Bag(path) if is_bag(path) else ImageFolder(path)
+        if is_bag(path):
+            return Bag(path)
+        return FlirImages(path) if is_flir_alone(path) else ImageFolder(path)
     head = _head(path)
     if head.startswith(MAGIC) or path.name.lower().endswith((".mcap", ".mcap.partial")):
         return Bag(path) if head.startswith(MAGIC) and is_bag(path) else Session(path)
@@ -43,6 +47,8 @@ def open_source(path: Path) -> Source:
         return AzureRecording(path)
     if head.startswith((NPY_MAGIC, ZIP_MAGIC)):
         return DepthArrays(path)
+    if head.startswith(JPEG_MAGIC) and is_flir_alone(path):
+        return FlirImages(path)
     if path.suffix.lower() in CLOUDS:
         return CloudFile(path)
     raise FormatError(f"{path} is of no known kind; give {KINDS}")
