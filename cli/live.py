@@ -4,7 +4,7 @@ import json as json_text
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,7 +19,8 @@ from annotate.live.pipeline import LivePipeline
 from annotate.person.extract import Survey
 from annotate.suit.palette import Suit, load_suit
 from cli.console import Json, Overwrite, finish, say
-from cli.recording import open_rig
+from cli.extras import needing
+from cli.rig_devices import open_rig
 from eval.network.bearing import Bearing, joint_row
 from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
 from eval.network.predict import network_labeller
@@ -54,14 +55,41 @@ def live(
     if sum((session is not None, rig is not None, bool(device))) != 1:
         raise DeviceError("nothing to look at; give a session, --rig, or one or more --device")
     palette = load_suit(suit) if suit else None
-    with ExitStack() as stack:
-        running: Rig = Playback(open_source(session)) if session else open_rig(rig, device)
-        pipeline = stack.enter_context(run_pipeline(running, labelling_by(palette)))
+    running: Rig = Playback(open_source(session)) if session else open_rig(rig, device)
+    if not no_window:
+        look_at(running, palette, record, overwrite, seconds, json, subject)
+        return
+    with run_pipeline(running, labelling_by(palette)) as pipeline:
         if record is not None:
             running.record(record, subject, overwrite)
-        end_s = time.monotonic() + (seconds or math.inf)
-        show_lines(pipeline, end_s, None if json else print_joints)
+        show_lines(pipeline, _end_s(seconds), None if json else print_joints)
     _finish(running, pipeline, json)
+
+
+def look_at(
+    running: Rig,
+    suit: Suit | None,
+    out: Path | None,
+    overwrite: bool,
+    seconds: float | None,
+    json: bool,
+    subject: str = "",
+) -> None:
+    """Show a rig in the window, recorded from the start where ``out`` names a session, until it is closed."""
+    with needing("gui"):
+        from annotate.gui.app import run_live
+        from annotate.gui.live_commands import takes
+    names = takes(out)
+    with run_pipeline(running, labelling_by(suit)) as pipeline:
+        if out is not None:
+            running.record(next(names), subject, overwrite)
+        run_live(pipeline, names, subject, seconds or math.inf)
+    _finish(running, pipeline, json)
+
+
+def _end_s(seconds: float | None) -> float:
+    """The end on ``time.monotonic``."""
+    return time.monotonic() + (seconds or math.inf)
 
 
 @contextmanager

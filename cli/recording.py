@@ -3,9 +3,8 @@
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -15,41 +14,15 @@ from rich.live import Live
 from rich.table import Table
 from typer import Argument, Option
 
+from annotate.suit.palette import load_suit
 from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say, table
-from cli.extras import needing
-from sensors.device.protocol import Device
-from sensors.errors import CalibrationError, DeviceError
+from cli.live import look_at
+from cli.rig_devices import open_rig, opened_rig
 from sensors.recording.how_tested import KINDS
-from sensors.recording.live_rig import LiveRig
-from sensors.recording.open_device import find_devices, open_device
+from sensors.recording.open_device import find_devices
 from sensors.recording.recorder import Recorded, Recorder, clock_metadata
-from sensors.recording.rig_file import RecordingRig, load_rig
-from sensors.rig.frame import RigFrame
-from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.repair import repair as repair_session
 from sensors.session.writer import SessionWriter
-
-VIRTUAL_SEED = 7
-VIRTUAL_FRAMES = 30
-"""One second of the virtual rig at 30 frames a second, which the virtual cameras repeat."""
-
-
-class Shown:
-    """The frames of the virtual cameras, rendered when the first of them is read."""
-
-    def __init__(self) -> None:
-        with needing("synth"):
-            from synth.rig.virtual_rig import VirtualRig
-        self._rig = VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
-        self.calibration = self._rig.calibration
-
-    def __iter__(self) -> Iterator[RigFrame]:
-        return iter(self._frames)
-
-    @cached_property
-    def _frames(self) -> tuple[RigFrame, ...]:
-        say(f"rendering {VIRTUAL_FRAMES} frames for the virtual cameras")
-        return tuple(self._rig)
 
 
 def record(
@@ -60,12 +33,21 @@ def record(
     infrared: Annotated[
         bool, Option("--infrared", help="Record infrared images too, for calibrate.")
     ] = False,
+    preview: Annotated[
+        bool, Option("--preview", help="Show what is recorded in the window of `live`; closing it ends it.")
+    ] = False,
+    suit: Annotated[Path | None, Option(help="Palette of the suit worn (TOML), for --preview.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Record depth, colour and temperature from devices, real or virtual, into a session."""
+    if preview:
+        if infrared:
+            raise typer.BadParameter("--preview records people, not the hole plate; leave --infrared out")
+        look_at(open_rig(rig, device), load_suit(suit) if suit else None, out, overwrite, seconds, json)
+        return
     with ExitStack() as stack:
-        wanted, devices, calibration, _ = _opened(rig, device, stack)
+        wanted, devices, calibration, _ = opened_rig(rig, device, stack)
         metadata = clock_metadata(devices, wanted.latency_ms)
         writer = SessionWriter(out, calibration, wanted.name, overwrite=overwrite, metadata=metadata)
         recorder = Recorder(devices, writer, infrared)
@@ -100,50 +82,6 @@ def repair(
     if done.damaged:
         text += f"; {done.damaged} damaged records left out"
     finish(result, json, text)
-
-
-def open_rig(rig: Path | None, device: list[str] | None) -> LiveRig:
-    """The rig that a file or addresses name, its devices started. Raises DeviceError, CalibrationError."""
-    with ExitStack() as stack:
-        wanted, devices, calibration, open_one = _opened(rig, device, stack)
-        running = LiveRig(wanted.name, devices, calibration, wanted.latency_ms, open_one)
-        stack.pop_all()
-    return running
-
-
-def _opened(
-    rig: Path | None, device: list[str] | None, stack: ExitStack
-) -> tuple[RecordingRig, list[Device], RigCalibration, Callable[[str], Device]]:
-    """A rig, its devices opened and started within a stack, its calibration, what opens a device again."""
-    if (rig is None) == (not device):
-        raise DeviceError("no device to record from; give either --rig or one or more --device")
-    wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
-    shown = Shown() if any(address.startswith("virtual:") for address in wanted.devices) else None
-
-    def started(address: str) -> Device:
-        opened = open_device(address, shown or ())
-        try:
-            opened.start()
-        except DeviceError:
-            opened.close()
-            raise
-        return opened
-
-    devices = [stack.enter_context(closing(started(address))) for address in wanted.devices]
-    return wanted, devices, _calibration(wanted, devices, shown), started
-
-
-def _calibration(rig: RecordingRig, devices: list[Device], shown: Shown | None) -> RigCalibration:
-    """The rig file's; else the virtual rig's; else the factory's, of a depth camera that has started."""
-    if rig.calibration is not None:
-        return rig.calibration
-    if shown is not None:
-        return shown.calibration
-    factory = next((one.calibration for one in devices if one.calibration is not None), None)
-    if factory is None:
-        raise CalibrationError("no device reports depth intrinsics; name a calibration in a --rig file")
-    say("no calibration but the depth camera's own; run `calibrate` for the other cameras")
-    return factory
 
 
 @contextmanager

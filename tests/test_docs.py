@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import cli.recording
+import cli.rig_devices
 from synth.rig.simulate import suit_path, truth_path
 
 ROOT = Path(__file__).parent.parent
@@ -106,7 +106,7 @@ def test_the_commands_of_a_page_run_in_order(
 ):
     prepare(page, tmp_path, rig_session, my_folder)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cli.recording, "VIRTUAL_FRAMES", 3)
+    monkeypatch.setattr(cli.rig_devices, "VIRTUAL_FRAMES", 3)
     for command in commands_of(page):
         if left_out(command):
             continue

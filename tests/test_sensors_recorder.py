@@ -196,7 +196,7 @@ def test_without_a_rig_file_the_depth_camera_s_own_calibration_is_recorded(
 ):
     """Only a camera that has started knows it."""
     twin = VirtualKinect2(FrameLoop(swinging_ball()))
-    monkeypatch.setattr("cli.recording.open_device", lambda address, shown: Kinect2(shim=twin.shim))
+    monkeypatch.setattr("cli.rig_devices.open_device", lambda address, shown: Kinect2(shim=twin.shim))
     done = annotate_cloud("record", tmp_path / "a.mcap", "--device", "kinect2:", "--seconds", 0.5, "--json")
     assert done.code == 0 and "calibrate" in done.err
     assert Session(tmp_path / "a.mcap").calibration.depth.fx == pytest.approx(KINECT2_DEPTH.fx)

@@ -1,22 +1,27 @@
 """Opens the window on a label set and runs it until it is closed."""
 
+import math
 import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QMainWindow
 
 from annotate.correction.correction import Correction
 from annotate.correction.replay import STATE_NAMES
 from annotate.gui.commands import bind
 from annotate.gui.keys import load_settings, settings_path
+from annotate.gui.live_window import LiveWindow
 from annotate.gui.memory import memory_path
 from annotate.gui.probe import check_screen
 from annotate.gui.scene import SceneReader
+from annotate.gui.theme import theme_of
 from annotate.gui.window import CorrectionWindow
 from annotate.labelset.recorded import find_session
 from annotate.labelset.store import LabelSet
+from annotate.live.pipeline import LivePipeline
 
 LISTEN_MS = 300
 """Interval in which Python handles signals, in milliseconds: within Qt's loop it would not. Chosen by eye."""
@@ -48,7 +53,23 @@ def run_window(
     return {state: states.count(state) for state in sorted(set(states))}
 
 
-def _close_on_signals(window: CorrectionWindow) -> None:
+def run_live(pipeline: LivePipeline, takes: Iterator[Path], subject: str, seconds: float) -> None:
+    """Show a pipeline that runs until the window is closed, or for so many seconds.
+
+    Raises CloudError where settings or screen are not what they must be.
+    """
+    settings = load_settings(settings_path().expanduser())
+    check_screen()
+    app = QApplication.instance() or QApplication(sys.argv[:1])
+    window = LiveWindow(pipeline, takes, theme_of(settings.theme), subject)
+    window.show()
+    _close_on_signals(window)
+    if math.isfinite(seconds):
+        QTimer.singleShot(round(1000 * seconds), window.close)
+    app.exec()
+
+
+def _close_on_signals(window: QMainWindow) -> None:
     """Ctrl-C and a polite kill close the window as its own button does: everything saved.
 
     Within Qt's loop: a window that closes before the loop runs would never end it.

@@ -89,23 +89,31 @@ class CloudView(QWidget):
         self._seen: ScreenPoints | None = None
         self._grip: QPointF | None = None
         # Whether the view was fitted and has not been moved since.
-        self._fitted = True
+        self._fitted, self._running = True, False
         self._still = QTimer(self, singleShot=True, interval=MOVING_MS)
         self._still.timeout.connect(lambda: self._set_moving(False))
 
     # Showing
 
-    def load(self, scene: FrameScene, colors: Colors, shown: Bool) -> None:
-        """Show another frame, from the same side if the person is in view. shown: bool (h * w,)."""
-        self.scene = scene
+    def load(self, scene: FrameScene, colors: Colors, shown: Bool, *, keep: bool = False) -> None:
+        """Show another frame, from the same side if the person is in view. shown: bool (h * w,).
+
+        keep: from where the last one was seen, wherever the person is, and all points while it moves: frames
+        of a rig that runs have few, and are gone before they are turned.
+        """
+        self.scene, self._running = scene, keep
         near = np.flatnonzero(scene.near)
         mixed = np.r_[near, scene.room]
-        few = mixed[np.linspace(0, len(mixed) - 1, min(len(mixed), MOVING_POINTS)).astype(np.intp)]
+        few = (
+            np.empty(0, np.int64)
+            if keep
+            else mixed[np.linspace(0, len(mixed) - 1, min(len(mixed), MOVING_POINTS)).astype(np.intp)]
+        )
         for points, pixels in ((self._person, near), (self._room, scene.room), (self._moving, few)):
             points.load(pixels, scene.points_m[pixels], colors(pixels))
         self.set_shown(shown)
-        self._set_moving(False)
-        if self._fitted or not self._in_view(scene):
+        self._set_moving(self._grip is not None)
+        if not keep and (self._fitted or not self._in_view(scene)):
             self.fit()
 
     def recolor(self, pixels: Int64 | None, colors: Colors) -> None:
@@ -237,7 +245,8 @@ class CloudView(QWidget):
         self.moved.emit()
 
     def _set_moving(self, moving: bool) -> None:
-        for points, visible in ((self._person, not moving), (self._room, not moving), (self._moving, moving)):
+        few = moving and not self._running
+        for points, visible in ((self._person, not few), (self._room, not few), (self._moving, few)):
             points.actor.SetVisibility(visible)
         self._apply()
 

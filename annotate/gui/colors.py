@@ -30,7 +30,7 @@ FADE = 0.82
 """Share of the ground's colour in a faded part. Chosen by eye."""
 TINTS = (0.0, 0.25, 0.5, 0.8)
 """Shares of the parts' colours over other colourings. Chosen by eye."""
-_MAPS = {"temperature": HEAT, "depth": cv2.COLORMAP_CIVIDIS}
+MAPS = {"temperature": HEAT, "depth": cv2.COLORMAP_CIVIDIS}
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Painting:
         if colouring == "depth":
             near_m, far_m = scene.depth_range_m
             depth_m = scene.labels.depth_mm.ravel()[pixels].astype(np.float32) / np.float32(1000)
-            return mapped_rgb((far_m - depth_m) / (far_m - near_m), _MAPS["depth"], room_rgb)
+            return mapped_rgb((far_m - depth_m) / (far_m - near_m), MAPS["depth"], room_rgb)
         if colouring == "confidence" and scene.labels.confidence is not None:
             doubt = np.sqrt(1 - np.clip(scene.labels.confidence.ravel()[pixels], 0, 1))[:, None]
             rgb = (1 - doubt) * SAME_RGB + doubt * DIFFERS_RGB
@@ -157,11 +157,11 @@ def legend(scene: FrameScene, colouring: Colouring) -> tuple[str, str, UInt8] | 
         ends = ("sure", "unsure") if colouring == "confidence" else ("same", "differs")
         mix = np.linspace(0, 1, 64)[:, None]
         return *ends, np.asarray((1 - mix) * SAME_RGB + mix * DIFFERS_RGB).astype(np.uint8)
-    if colouring not in _MAPS:
+    if colouring not in MAPS:
         return None
     near_m, far_m = scene.depth_range_m
     ends = (f"{COLD_C:.0f} °C", f"{HOT_C:.0f} °C")
     if colouring == "depth":
         ends = (f"{far_m:.1f} m", f"{near_m:.1f} m")
     share = np.linspace(0, 1, 64, dtype=np.float32)
-    return *ends, mapped_rgb(share, _MAPS[colouring], np.zeros(3, np.float32)).astype(np.uint8)
+    return *ends, mapped_rgb(share, MAPS[colouring], np.zeros(3, np.float32)).astype(np.uint8)

@@ -84,11 +84,11 @@ class SceneReader:
         labels = self._correction.frame(frame_id)
         other, unlike = self._compared(labels)
         cloud, _, without = self._recorded.fused(labels)
-        near, room, step = _levels(labels, other)
+        near, room, step = levels(labels, other)
         color = cloud.color_rgb if cloud.color_valid.any() else None
         pieces = edit_supervoxels(labels.depth_mm, labels.parts, cloud.camera, color)
         remark = "; ".join(filter(None, [without, unlike]))
-        return FrameScene(labels, cloud, other, near, room, step, _shade(cloud), pieces, remark)
+        return FrameScene(labels, cloud, other, near, room, step, shade_of(cloud), pieces, remark)
 
     def _compared(self, labels: FrameLabels) -> tuple[UInt8 | None, str]:
         if self.other is None:
@@ -102,8 +102,13 @@ class SceneReader:
         return other.parts, ""
 
 
-def _levels(labels: FrameLabels, other: UInt8 | None) -> tuple[Bool, Int64, int]:
-    """Pixels (h * w,) shown in full, pixels (k,) of the thinned rest, and the step between those."""
+def levels(
+    labels: FrameLabels, other: UInt8 | None, room_points: int = ROOM_POINTS
+) -> tuple[Bool, Int64, int]:
+    """Pixels (h * w,) shown in full, pixels (k,) of the thinned rest, and the step between those.
+
+    room_points: how many that rest has, about.
+    """
     valid = labels.depth_mm > 0
     person = labels.parts > 0
     if other is not None:
@@ -112,13 +117,13 @@ def _levels(labels: FrameLabels, other: UInt8 | None) -> tuple[Bool, Int64, int]
     near = (cv2.dilate(person.astype(np.uint8), kernel) > 0) & valid
     rest = valid & ~near
     # A regular lattice of larger points still closes a surface, where a random choice leaves noise.
-    step = max(1, int(np.ceil(np.sqrt(rest.sum() / ROOM_POINTS))))
+    step = max(1, int(np.ceil(np.sqrt(rest.sum() / room_points))))
     lattice = np.zeros_like(rest)
     lattice[::step, ::step] = True
     return near.ravel(), np.flatnonzero(rest & lattice), step
 
 
-def _shade(cloud: ThermalCloud) -> Float32:
+def shade_of(cloud: ThermalCloud) -> Float32:
     """Cosine between the surface and the line of sight, from central differences of the points.
 
     Points are drawn unlit, and would show no shape by colour alone.

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import QPointF, Qt, QTimer, Signal
 from PySide6.QtGui import QAction, QGuiApplication, QResizeEvent
-from PySide6.QtWidgets import QApplication, QHBoxLayout, QMainWindow, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QMainWindow, QVBoxLayout, QWidget
 
 from annotate.array_types import Int64
 from annotate.gui.bars import Header, ToolColumn, View
@@ -24,7 +24,7 @@ from annotate.gui.panes import Panes
 from annotate.gui.pointing import Hand
 from annotate.gui.progress_panel import ProgressPanel
 from annotate.gui.sight import PREVIEW_RGB
-from annotate.gui.theme import DARK, qt_palette, style_sheet, theme_of
+from annotate.gui.theme import DARK, style_app, theme_of
 from annotate.gui.veil import outline
 from annotate.gui.walk import Walk
 from annotate.gui.widgets import laid, line, named
@@ -73,10 +73,7 @@ class Shell(QMainWindow):
 
     def style_app(self) -> None:
         """Give all widgets the theme's colours."""
-        app = QApplication.instance()
-        assert isinstance(app, QApplication)
-        app.setPalette(qt_palette(self.theme))
-        app.setStyleSheet(style_sheet(self.theme))
+        style_app(self.theme)
 
     def show_theme(self) -> None:
         """Give what draws itself the theme's colours."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QFontInfo, QGuiApplication, QPalette
+from PySide6.QtWidgets import QApplication
 
 from annotate.parts import PARTS, UNDEFINED
 
@@ -67,6 +68,14 @@ def part_color(part: int, theme: Theme) -> QColor:
     if part == UNDEFINED:
         return QColor(128, 128, 128)
     return QColor(*PARTS[part].rgb) if part else QColor(theme.line)
+
+
+def style_app(theme: Theme) -> None:
+    """Give all widgets the theme's colours."""
+    app = QApplication.instance()
+    assert isinstance(app, QApplication)
+    app.setPalette(qt_palette(theme))
+    app.setStyleSheet(style_sheet(theme))
 
 
 def qt_palette(theme: Theme) -> QPalette:

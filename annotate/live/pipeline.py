@@ -7,6 +7,7 @@ of them is free.
 import threading
 import time
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from queue import Empty, Full, Queue
 from typing import Any
@@ -46,12 +47,14 @@ class LivePipeline:
     """Labelled frames of a rig that has started, from ``start`` to ``close``.
 
     frames: the newest one, for any number of lookers. latencies_ms: of the last frames. said: every complaint
-    that has stood so far, by kind. error: what ended it. The rig is the caller's to close.
+    that has stood so far, by kind. complaints: those that stand now. error: what ended it.
+    The rig is the caller's to close.
     """
 
     def __init__(self, rig: Rig, labelling: Labelling) -> None:
         self.rig, self.frames = rig, Newest[LiveFrame]()
         self.latencies_ms = deque[float](maxlen=LATENCIES)
+        self.complaints: tuple[Complaint, ...] = ()
         self.said: dict[str, str] = {}
         self.error: Exception | None = None
         self._labelling, self._fuser = labelling, Fuser(rig.calibration)
@@ -118,6 +121,7 @@ class LivePipeline:
                 try:
                     surveyed = self._surveyed.get(timeout=WAIT_S)
                 except Empty:
+                    self._stand(rig_complaints(self.rig.health()))
                     continue
                 if surveyed is None:
                     break
@@ -139,12 +143,16 @@ class LivePipeline:
         stance = self._labelling.stance(labels, cloud.camera)
         health = self.rig.health()
         made = [*rig_complaints(health), *self._of_frame(moment, cloud, person, result)]
-        standing = self._standing.update(made, time.monotonic())
-        self.said |= {complaint.kind: complaint.text for complaint in standing}
+        self._stand(made)
         latency_ms = (time.monotonic_ns() - moment.arrival_ns) * 1e-6
         self.latencies_ms.append(latency_ms)
-        self.frames.put(LiveFrame(moment, cloud, labels, stance, health, standing, latency_ms))
+        self.frames.put(LiveFrame(moment, cloud, labels, stance, health, self.complaints, latency_ms))
         return labels
+
+    def _stand(self, made: Iterable[Complaint]) -> None:
+        """Take the complaints of a moment: of a rig that gives no images, too."""
+        self.complaints = self._standing.update(made, time.monotonic())
+        self.said |= {complaint.kind: complaint.text for complaint in self.complaints}
 
     def _of_frame(
         self, moment: Moment, cloud: ThermalCloud, person: PersonMask, result: Segmentation

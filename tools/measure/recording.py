@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cli.recording import Shown
+from cli.rig_devices import Shown
 from sensors.recording.open_device import open_device
 from sensors.recording.recorder import Recorder, clock_metadata
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES

@@ -1,0 +1,32 @@
+"""Commands of the live window: their keys, and what each of them does."""
+
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+
+from annotate.gui.keys import Command
+
+COMMANDS = (
+    Command("record", "Space", "Recording", "Record", "Begin a recording, or end it"),
+    Command("mark", "M", "Recording", "Mark an event…", "Note what happens now, with a word"),
+    Command("name", "N", "Recording", "Name of the person…", "Written into the next recording"),
+    Command("ahead", "A", "View", "From the camera", "Show the person as the depth camera sees them"),
+    Command("colouring", "C", "View", "Next colouring", "Temperature, colour, parts or depth of the cloud"),
+    Command("toggle_theme", "T", "View", "Light or dark"),
+    Command("close", "Ctrl+Q", "View", "Close", "End the recording, and close"),
+)
+"""All of them, by their menus."""
+
+
+def takes(first: Path | None, now: datetime | None = None) -> Iterator[Path]:
+    """Sessions to record to, one after another, none of which exists: ``first``, then with -2, -3, ...
+
+    first: None names them by the time.
+    """
+    stem = first or Path(f"take-{now or datetime.now():%Y%m%d-%H%M%S}.mcap")
+    number = 1
+    while True:
+        path = stem if number == 1 else stem.with_name(f"{stem.stem}-{number}{stem.suffix}")
+        if not path.exists() or (first is not None and number == 1):
+            yield path
+        number += 1

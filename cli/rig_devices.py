@@ -1,0 +1,82 @@
+"""The devices of a rig file, or at addresses, opened and started; what virtual ones see."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from functools import cached_property
+from pathlib import Path
+
+from cli.console import say
+from cli.extras import needing
+from sensors.device.protocol import Device
+from sensors.errors import CalibrationError, DeviceError
+from sensors.recording.live_rig import LiveRig
+from sensors.recording.open_device import open_device
+from sensors.recording.rig_file import RecordingRig, load_rig
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
+
+VIRTUAL_SEED = 7
+VIRTUAL_FRAMES = 30
+"""One second of the virtual rig at 30 frames a second, which the virtual cameras repeat."""
+
+
+class Shown:
+    """The frames of the virtual cameras, rendered when the first of them is read."""
+
+    def __init__(self) -> None:
+        with needing("synth"):
+            from synth.rig.virtual_rig import VirtualRig
+        self._rig = VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
+        self.calibration = self._rig.calibration
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        return iter(self._frames)
+
+    @cached_property
+    def _frames(self) -> tuple[RigFrame, ...]:
+        say(f"rendering {VIRTUAL_FRAMES} frames for the virtual cameras")
+        return tuple(self._rig)
+
+
+def open_rig(rig: Path | None, device: list[str] | None) -> LiveRig:
+    """The rig that a file or addresses name, its devices started. Raises DeviceError, CalibrationError."""
+    with ExitStack() as stack:
+        wanted, devices, calibration, open_one = opened_rig(rig, device, stack)
+        running = LiveRig(wanted.name, devices, calibration, wanted.latency_ms, open_one)
+        stack.pop_all()
+    return running
+
+
+def opened_rig(
+    rig: Path | None, device: list[str] | None, stack: ExitStack
+) -> tuple[RecordingRig, list[Device], RigCalibration, Callable[[str], Device]]:
+    """A rig, its devices opened and started within a stack, its calibration, what opens a device again."""
+    if (rig is None) == (not device):
+        raise DeviceError("no device to record from; give either --rig or one or more --device")
+    wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
+    shown = Shown() if any(address.startswith("virtual:") for address in wanted.devices) else None
+
+    def started(address: str) -> Device:
+        opened = open_device(address, shown or ())
+        try:
+            opened.start()
+        except DeviceError:
+            opened.close()
+            raise
+        return opened
+
+    devices = [stack.enter_context(closing(started(address))) for address in wanted.devices]
+    return wanted, devices, _calibration(wanted, devices, shown), started
+
+
+def _calibration(rig: RecordingRig, devices: list[Device], shown: Shown | None) -> RigCalibration:
+    """The rig file's; else the virtual rig's; else the factory's, of a depth camera that has started."""
+    if rig.calibration is not None:
+        return rig.calibration
+    if shown is not None:
+        return shown.calibration
+    factory = next((one.calibration for one in devices if one.calibration is not None), None)
+    if factory is None:
+        raise CalibrationError("no device reports depth intrinsics; name a calibration in a --rig file")
+    say("no calibration but the depth camera's own; run `calibrate` for the other cameras")
+    return factory

@@ -1,0 +1,98 @@
+"""The live window: shows what runs, says what is wrong, and records with a key."""
+
+import time
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from annotate.gui.live_commands import takes
+from annotate.gui.live_pictures import TITLES, joints_px, pictures
+from annotate.gui.live_window import LiveWindow
+from annotate.gui.theme import DARK
+from annotate.live.complaint import Complaint
+from annotate.live.pipeline import LivePipeline
+from annotate.suit.palette import load_suit
+from cli.live import labelling_by
+from sensors.recording.playback import Playback
+from sensors.session.reader import Session
+from synth.rig.simulate import suit_path
+
+
+@pytest.fixture(scope="module")
+def window(display, rig_session):
+    """A window that has shown a session to its end."""
+    QApplication.instance() or QApplication([])
+    rig = Playback(Session(rig_session))
+    pipeline = LivePipeline(rig, labelling_by(load_suit(suit_path(rig_session))))
+    shown = LiveWindow(pipeline, iter([Path("a.mcap")]), DARK, "anna")
+    shown.show()
+    rig.start()
+    pipeline.start()
+    end_s = time.monotonic() + 100
+    while not pipeline.frames.ended and time.monotonic() < end_s:
+        QTest.qWait(20)
+    QTest.qWait(50)
+    yield shown
+    shown.close()
+    shown.deleteLater()
+    pipeline.close()
+    rig.close()
+
+
+def test_the_newest_frame_is_shown_with_its_joints_and_facing(window):
+    frame = window._frame
+    assert window.shown and frame.labels.frame_id == window.pipeline.frames.after(0, 0)[1].labels.frame_id
+    assert frame.stance.posture in window.facts.text() and "person: anna" in window.facts.text()
+    assert window.cloud_view.scene.labels is not None
+    image = window.tiles["Parts"].grab().toImage()
+    assert not image.isNull()
+
+
+def test_parts_cover_the_person_and_joints_lie_on_them(window):
+    shown = pictures(window._frame)
+    assert tuple(shown) == TITLES
+    parts = window._frame.labels.parts[::2, ::2]
+    assert len(np.unique(shown["Parts"][parts > 0], axis=0)) == len(np.unique(parts[parts > 0]))
+    u, v = joints_px(window._frame).round().astype(int).T
+    assert (parts[v, u] > 0).mean() > 0.6
+
+
+def test_a_complaint_is_a_banner_until_it_is_mended(window):
+    window._show_banner((Complaint("dark", "it is <too> dark"),))
+    assert window.banner.isVisible() and "&lt;too&gt;" in window.banner.text()
+    window._show_banner(())
+    assert not window.banner.isVisible()
+
+
+def test_the_record_key_begins_and_ends_a_recording(window, monkeypatch):
+    told, rig = [], window.pipeline.rig
+    health = rig.health()
+    monkeypatch.setattr(rig, "record", lambda path, subject: told.append((path, subject)))
+    monkeypatch.setattr(rig, "end_recording", lambda: told.append("end"))
+    window.actions_by_name["record"].trigger()
+    monkeypatch.setattr(rig, "health", lambda: replace(health, recording=Path("a.mcap"), recorded_s=61.0))
+    window.look()
+    assert "a.mcap" in window.state.text() and "1:01" in window.state.text()
+    window.actions_by_name["record"].trigger()
+    assert told == [(Path("a.mcap"), "anna"), "end"]
+
+
+def test_takes_are_numbered_and_overwrite_nothing(tmp_path):
+    first = tmp_path / "a.mcap"
+    names = takes(first)
+    assert next(names) == first
+    (tmp_path / "a-2.mcap").touch()
+    assert next(names) == tmp_path / "a-3.mcap"
+    assert next(takes(None, datetime(2026, 5, 4, 3, 2, 1))).name == "take-20260504-030201.mcap"
+
+
+def test_without_a_screen_one_line_says_so(annotate_cloud, rig_session, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    done = annotate_cloud("live", rig_session)
+    assert done.code == 1 and "there is no screen" in done.err and "Traceback" not in done.err
