@@ -2,18 +2,29 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
+from annotate.cloud.fuse import Fuser
+from annotate.engine import Engine
+from annotate.label_source import suit_labeller
 from annotate.live.complaint import HOLD_S, Complaint, Standing
+from annotate.live.frame_complaints import color_complaint, person_complaints
 from annotate.live.rig_complaints import rig_complaints
+from annotate.live.shift_watch import EVERY_NS, FRAMES, ShiftWatch
+from annotate.person.extract import Survey
+from annotate.suit.palette import load_suit
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
 from sensors.recording.health import Health, Watch
 from sensors.recording.intake import Arrived
 from sensors.recording.moments import WAIT_NS, Moments
 from sensors.recording.newest import Newest
+from sensors.session.reader import Session
+from synth.rig.simulate import suit_path
 
 RATES_HZ = {"depth": 30.0, "color": 30.0, "thermal": 128.0}
 DEVICE = {"depth": "kinect", "color": "kinect", "thermal": "optris"}
@@ -126,6 +137,83 @@ def test_what_is_wrong_with_a_rig_is_said_and_nothing_else(kind, says, health):
     made = list(rig_complaints(health()))
     assert {complaint.kind for complaint in made} == {kind}
     assert any(says in complaint.text for complaint in made)
+
+
+@pytest.fixture(scope="module")
+def seen(rig_session):
+    """A frame of the virtual rig, its suit, how it was read, and the person's mask."""
+    session, suit = Session(rig_session), load_suit(suit_path(rig_session))
+    frame, fuser = session.frame(0), Fuser(session.calibration)
+    return frame, fuser, *read_by(suit, fuser.fuse_frame(frame))
+
+
+def read_by(suit, cloud):
+    result, person = suit_labeller(suit, Engine())(Survey(cloud, None, suit), None)
+    return suit, cloud, result, person
+
+
+def in_light(frame, gains, most=255):
+    """The frame with its colours multiplied by red, green and blue gains."""
+    rgb = np.clip(frame.decode_color() * np.array(gains), 0, most).astype(np.uint8)
+    return replace(frame, color_encoded=cv2.imencode(".jpg", rgb[..., ::-1])[1].tobytes())
+
+
+def test_nothing_is_said_of_a_good_picture(seen):
+    _, _, _, cloud, result, person = seen
+    assert not list(person_complaints(cloud, person.mask))
+    assert color_complaint(cloud, person.mask, result.reading.model) is None
+    watch = ShiftWatch()
+    assert not any(watch.complaint(cloud, person.mask, (i + 1) * EVERY_NS) for i in range(FRAMES + 1))
+
+
+@pytest.mark.parametrize(("kind", "gain"), [("dark", 0.05), ("glare", 6.0)])
+def test_bad_light_on_the_person_is_said(seen, kind, gain):
+    frame, fuser, _, _, _, person = seen
+    cloud = fuser.fuse_frame(in_light(frame, [gain] * 3))
+    assert [complaint.kind for complaint in person_complaints(cloud, person.mask)] == [kind]
+
+
+def test_suit_colours_that_a_sodium_lamp_makes_alike_are_named(seen):
+    frame, fuser, suit, *_ = seen
+    _, cloud, result, person = read_by(suit, fuser.fuse_frame(in_light(frame, (1, 0.55, 0.03))))
+    complaint = color_complaint(cloud, person.mask, result.reading.model)
+    assert complaint is not None and " and " in complaint.text and "light" in complaint.text
+
+
+@pytest.mark.parametrize(("axis", "side"), [(0, "top"), (1, "left")])
+def test_a_person_cut_off_by_the_picture_is_said_with_the_side(seen, axis, side):
+    _, _, _, cloud, _, person = seen
+    first = int(np.flatnonzero(person.mask.any(axis=1 - axis))[0])
+    moved = {
+        n: np.roll(getattr(cloud, n), -first - 20, axis) for n in ("points_m", "color_rgb", "color_valid")
+    }
+    mask = np.roll(person.mask, -first - 20, axis)
+    mask[-20:] &= axis == 1
+    mask[:, -20:] &= axis == 0
+    (complaint,) = person_complaints(replace(cloud, **moved), mask)
+    assert complaint.kind == "cut off" and side in complaint.text
+
+
+def test_a_person_too_far_away_is_said_with_the_distance(seen):
+    _, _, _, cloud, _, person = seen
+    away_m = 1.5 + np.median(cloud.points_m[..., 2][person.mask])
+    (complaint,) = person_complaints(replace(cloud, points_m=cloud.points_m + np.float32(1.5)), person.mask)
+    assert complaint.kind == "far" and f"{away_m:.1f} m" in complaint.text
+
+
+@pytest.mark.parametrize(
+    ("down", "right", "says"), [(0, 6, "too far right"), (-6, 0, "too far up"), (5, -5, "left and")]
+)
+def test_a_knocked_thermal_camera_is_said_with_way_and_angle(seen, down, right, says):
+    frame, fuser, _, _, _, person = seen
+    cloud = fuser.fuse_frame(replace(frame, thermal_c=np.roll(frame.thermal_c, (down, right), (0, 1))))
+    watch = ShiftWatch()
+    said = [watch.complaint(cloud, person.mask, (i + 1) * EVERY_NS) for i in range(FRAMES)]
+    assert said[: FRAMES - 1] == [None] * (FRAMES - 1)
+    assert said[-1].kind == "shifted" and says in said[-1].text
+    degrees = np.degrees(np.arctan(np.hypot(down, right) / 110.1))
+    stated = [float(number) for number in re.findall(r"([\d.]+) degrees", said[-1].text)]
+    assert np.hypot(*[*stated, 0.0][:2]) == pytest.approx(degrees, abs=0.7)
 
 
 def test_a_complaint_stands_while_it_is_made_and_a_second_after():

@@ -160,8 +160,9 @@ class LivePipeline:
         made = list(person_complaints(cloud, person.mask))
         if self._unreadable:
             made.append(Complaint("frame", self._unreadable))
-        if result.reading is not None:
-            made += filter(None, [color_complaint(cloud, result.parts, result.reading.model)])
+        lit = not {"dark", "glare"} & {complaint.kind for complaint in made}
+        if lit and result.reading is not None:
+            made += filter(None, [color_complaint(cloud, person.mask, result.reading.model)])
         made += filter(None, [self._shift.complaint(cloud, person.mask, moment.arrival_ns)])
         return made
 

@@ -1,0 +1,193 @@
+"""A rig that runs is recorded from key to key: what is unplugged comes back, a full disk loses nothing."""
+
+import errno
+import itertools
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import sensors.recording.intake
+import sensors.recording.live_rig
+from annotate.live.rig_complaints import rig_complaints
+from sensors.device.protocol import DepthImage, DeviceReading, Spot
+from sensors.errors import CloudError, DeviceError, DeviceLostError, DeviceNotFoundError, ExistsError
+from sensors.recording.live_rig import LiveRig
+from sensors.recording.playback import Playback
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.reader import Session
+
+CAMERA = Intrinsics(8, 6, 10.0, 10.0, 3.5, 2.5)
+PERIOD_S = 0.005
+
+
+class Camera:
+    """A depth camera of 200 small images a second that say their number, unplugged after so many."""
+
+    address, serial, calibration = "kinect2:1", "1", None
+
+    def __init__(self, images: float = float("inf"), numbers=None) -> None:
+        self.rates_hz = {"depth": 1 / PERIOD_S}
+        self._left, self._numbers = images, numbers or itertools.count(1)
+        self._ended = threading.Event()
+
+    def start(self) -> None:
+        pass
+
+    def read(self, timeout_s: float) -> DeviceReading | None:
+        if self._ended.wait(PERIOD_S) or self._left <= 0:
+            raise DeviceLostError(f"{self.address} was unplugged")
+        self._left -= 1
+        image = np.full(CAMERA.shape, next(self._numbers), np.uint16)
+        now_ns = time.monotonic_ns()
+        return DeviceReading(now_ns, now_ns, DepthImage(image))
+
+    def close(self) -> None:
+        self._ended.set()
+
+
+class Pyrometer(Camera):
+    """A pyrometer that never fails."""
+
+    address = "pyrometer:1"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rates_hz = {"pyrometer": 1 / PERIOD_S}
+
+    def read(self, timeout_s: float) -> DeviceReading | None:
+        reading = super().read(timeout_s)
+        return DeviceReading(reading.stamp_ns, reading.arrival_ns, Spot(33.0, 30.0, 30.0))
+
+
+def never(address: str):
+    raise DeviceNotFoundError(f"{address} is not there")
+
+
+def wait_for(what: Callable[[], bool]) -> None:
+    """Wait until something is so; a test that has waited long enough fails."""
+    end_s = time.monotonic() + 30
+    while not what():
+        assert time.monotonic() < end_s
+        time.sleep(0.002)
+
+
+@pytest.fixture
+def rig_of(monkeypatch):
+    """Makes rigs that run, and ends them."""
+    monkeypatch.setattr(sensors.recording.intake, "REOPEN_S", 0.01)
+    made = []
+
+    def make(*devices, reopen=never) -> LiveRig:
+        made.append(LiveRig("ward", devices, RigCalibration(CAMERA), {}, reopen))
+        made[-1].start()
+        return made[-1]
+
+    yield make
+    for rig in made:
+        rig.close()
+
+
+def numbers_in(path) -> list[int]:
+    return [int(frame.depth_mm[0, 0]) for frame in Session(path)]
+
+
+def test_what_is_recorded_from_key_to_key_has_no_gap(rig_of, tmp_path):
+    rig = rig_of(Camera(), Pyrometer())
+    for name in ("a.mcap", "b.mcap"):
+        begun = rig.moments.count
+        rig.record(tmp_path / name, subject="anna")
+        wait_for(lambda begun=begun: rig.moments.count > begun + 20)
+        rig.mark("sits down")
+        assert rig.end_recording() == tmp_path / name
+    assert rig.end_recording() is None
+    for name in ("a.mcap", "b.mcap"):
+        session, numbers = Session(tmp_path / name), numbers_in(tmp_path / name)
+        assert len(numbers) >= 20 and numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+        assert not session.truncated and session.metadata["subject"] == "anna"
+        assert [text for _, text in session.events] == ["sits down"]
+        assert np.isfinite(session.reference_c).any()
+
+
+def test_nothing_is_recorded_twice_at_once_or_over_something(rig_of, tmp_path):
+    rig = rig_of(Camera())
+    (tmp_path / "old.mcap").write_text("old")
+    with pytest.raises(ExistsError, match="old"):
+        rig.record(tmp_path / "old.mcap")
+    assert rig.health().recording is None
+    rig.record(tmp_path / "a.mcap")
+    with pytest.raises(CloudError, match="being recorded"):
+        rig.record(tmp_path / "b.mcap")
+    assert rig.health().recording == tmp_path / "a.mcap" and not (tmp_path / "b.mcap").exists()
+
+
+def test_an_unplugged_camera_is_missed_and_recorded_again_when_it_is_back(rig_of, tmp_path):
+    numbers, back = itertools.count(1), threading.Event()
+
+    def reopen(address: str) -> Camera:
+        return Camera(numbers=numbers) if back.is_set() else never(address)
+
+    rig = rig_of(Camera(30, numbers), reopen=reopen)
+    rig.record(tmp_path / "a.mcap")
+    wait_for(lambda: bool(rig.health().away))
+    (complaint,) = rig_complaints(rig.health())
+    assert complaint.kind == "away" and "plug it in again" in complaint.text
+    back.set()
+    wait_for(lambda: rig.moments.count > 40)
+    assert not rig.health().away
+    rig.close()
+    session, recorded = Session(tmp_path / "a.mcap"), numbers_in(tmp_path / "a.mcap")
+    assert recorded == list(range(recorded[0], recorded[0] + len(recorded))) and recorded[-1] > 35
+    texts = [text for _, text in session.events]
+    assert texts == ["kinect2:1 was unplugged", "kinect2:1 is back"]
+    stamps = [frame.stamp_ns for frame in session]
+    assert stamps == sorted(stamps)
+
+
+def test_a_full_disk_ends_the_recording_keeps_what_came_and_the_rig_runs_on(rig_of, tmp_path, monkeypatch):
+    rig, write = rig_of(Camera()), sensors.recording.live_rig.write_item
+    written = itertools.count()
+
+    def full(writer, item) -> None:
+        if next(written) >= 10:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(writer, item)
+
+    monkeypatch.setattr(sensors.recording.live_rig, "write_item", full)
+    rig.record(tmp_path / "a.mcap")
+    wait_for(lambda: bool(rig.health().trouble))
+    (complaint,) = rig_complaints(rig.health())
+    assert "No space left" in complaint.text and "a.mcap.partial" in complaint.text
+    assert rig.health().recording is None
+    seen = rig.moments.count
+    wait_for(lambda: rig.moments.count > seen + 3)
+    assert len(numbers_in(tmp_path / "a.mcap.partial")) == 10
+
+
+def test_a_nearly_full_disk_ends_the_recording_in_time(rig_of, tmp_path, monkeypatch):
+    monkeypatch.setattr(sensors.recording.live_rig, "LOOK_S", 0.05)
+    rig = rig_of(Camera())
+    rig.record(tmp_path / "a.mcap")
+    begun = rig.moments.count
+    wait_for(lambda: rig.moments.count > begun + 5)
+    monkeypatch.setattr(sensors.recording.live_rig, "RESERVE_BYTES", 1 << 62)
+    wait_for(lambda: bool(rig.health().trouble))
+    rig.close()
+    assert not Session(tmp_path / "a.mcap").truncated
+
+
+def test_what_ends_a_rig_is_raised_by_whoever_looks(rig_of):
+    rig = rig_of(Camera())
+    rig.calibration = RigCalibration(Intrinsics(9, 6, 10.0, 10.0, 3.5, 2.5))
+    wait_for(lambda: rig.moments.ended)
+    assert isinstance(rig.error, CloudError)
+
+
+def test_a_rig_needs_depth_and_a_playback_is_not_recorded(rig_session, tmp_path):
+    with pytest.raises(DeviceError, match="depth"):
+        LiveRig("ward", [Pyrometer()], RigCalibration(CAMERA), {}, never)
+    with pytest.raises(CloudError, match="played back"):
+        Playback(Session(rig_session)).record(tmp_path / "a.mcap")
