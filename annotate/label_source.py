@@ -12,6 +12,7 @@ import numpy as np
 
 from annotate.array_types import UInt16
 from annotate.cleanup import tidied
+from annotate.cloud.coarse import CoarseFuser
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.engine import Engine
@@ -117,33 +118,34 @@ def run(
     out: Path,
     labeller: Labeller,
     progress: Callable[[int], None],
-    survey: Callable[[ThermalCloud], Any] = lambda cloud: cloud,
+    survey: Callable[[Any], Any] = lambda cloud: cloud,
+    fuser: Callable[[RigCalibration], Fuser | CoarseFuser] = Fuser,
 ) -> Run:
     """Labels of every frame of a source, fused; an interrupted run resumes, and bad frames are listed.
 
     labeller: labels a survey, given the labels of the previous frame exactly as stored, None at first and
     after a failed frame, so that a resumed run ends with the same bytes. survey: everything about a cloud
-    that needs no other frame, computed beside the work on the previous frame. Frames are written beside the
-    work on the next ones. Raises ExistsError when ``out``
+    that needs no other frame, computed beside the work on the previous frame. fuser: what makes the clouds,
+    whole or coarse ones. Frames are written beside the work on the next ones. Raises ExistsError when ``out``
     holds anything but the beginning of this very run, ClaimedError while another process writes it,
     CloudError when every frame is bad: then ``out`` is removed.
     """
-    fuser = Fuser(source.calibration)
+    fusion = fuser(source.calibration)
     info = {"source": source.name, "calibration": calibration_to_json(source.calibration), "steps": steps}
     if isinstance(source, Session):
         info["sha256"] = source.sha256
-    labels = LabelSet.resume(out, fuser.camera, info)
+    labels = LabelSet.resume(out, fusion.camera, info)
     with Claim.take(out, login()):
-        return finished(labels, _run(source, fuser, labels, labeller, progress, survey))
+        return finished(labels, _run(source, fusion, labels, labeller, progress, survey))
 
 
 def _run(
     source: FrameSource,
-    fuser: Fuser,
+    fuser: Fuser | CoarseFuser,
     labels: LabelSet,
     labeller: Labeller,
     progress: Callable[[int], None],
-    survey: Callable[[ThermalCloud], Any],
+    survey: Callable[[Any], Any],
 ) -> list[tuple[str, str]]:
     """(frame id, reason) of the failed frames, after all frames without labels have been labelled."""
     done = set(labels.frame_ids)

@@ -19,7 +19,8 @@ from cli.console import Json, Overwrite, clear, finish, finish_run, progress, sa
 from cli.extras import needing
 from eval.network.joint_files import check_kind, write_joints
 from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
-from eval.network.predict import predict_frames, predict_source
+from eval.network.predict import predict_frames
+from eval.network.predict_source import predict_source
 from sensors.files.atomic import check_free, write_bytes
 from sensors.importers.open_source import open_source
 from sensors.rig.frame import FrameSource

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
+from annotate.cloud.coarse import CoarseCloud
 from annotate.engine import Engine
 from annotate.frame_labels import FrameLabels
 from annotate.label_source import suit_labeller
@@ -23,7 +24,7 @@ from cli.extras import needing
 from cli.rig_devices import open_rig
 from eval.network.bearing import Bearing, joint_row
 from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
-from eval.network.predict import network_labeller
+from eval.network.predict_source import NetworkSurvey
 from eval.network.sides import sided
 from eval.scores.joints import JOINT, JOINT_NAMES
 from eval.scores.skeleton_fit import BONES
@@ -112,8 +113,10 @@ def labelling_by(suit: Suit | None) -> Labelling:
     """Parts by a suit, or else by the shipped network, which gives joints, facing and posture to both."""
     network, engine = OnnxNetwork(SHIPPED_WEIGHTS), Engine()
     if suit is None:
-        label = network_labeller(network, OnnxNetwork(THINGS_WEIGHTS))
-        return Labelling(partial(Survey, window_c=None), label, _stance)
+        things = OnnxNetwork(THINGS_WEIGHTS)
+        return Labelling(
+            lambda cloud: NetworkSurvey(CoarseCloud.of(cloud), network, things), NetworkSurvey.labels, _stance
+        )
     survey: Callable[[Any], Survey] = lambda cloud: Survey(cloud, None, suit, engine)  # noqa: E731
     return Labelling(survey, suit_labeller(suit, engine), partial(_stance_beside, network))
 

@@ -17,7 +17,7 @@ from cli.console import progress
 from eval.compare.compare import compare_sets
 from eval.compare.results import Result, save_result
 from eval.network.onnx_network import THINGS_WEIGHTS, OnnxNetwork
-from eval.network.predict import predict_source
+from eval.network.predict_source import predict_source
 from eval.report.build import write_report
 from eval.report.gather import gather
 from sensors.session.reader import Session

@@ -1,7 +1,5 @@
 """People found in depth alone: in rooms, cut out, cut off, side by side, and nobody where nobody is."""
 
-from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 
 import cv2
@@ -9,57 +7,15 @@ import numpy as np
 import pytest
 
 from annotate.cloud.fuse import Fuser
-from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person import depth_finder
 from annotate.person.extract import Survey
 from annotate.person.known import numbers_of
 from annotate.person.persons import Person
-from sensors.rig.camera import Intrinsics, rays
-from synth.body.crowd import crowd
-from synth.pose.standing import draw_standing, stand
+from sensors.rig.camera import Intrinsics
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
-from synth.surface.furniture import Chair, Sofa, empty_room
-from synth.surface.rasterize import Mesh, look_at, merge, rasterize
-
-CAMERA = Intrinsics(320, 264, 229.0, 229.0, 159.5, 131.5)
-
-
-def cloud_of(depth_m, camera=CAMERA):
-    depth_mm = np.rint(np.nan_to_num(depth_m) * 1000).astype(np.uint16)
-    metres = np.where(depth_mm > 0, depth_mm / 1000, np.nan)
-    points = (rays(camera) * metres[..., None]).astype(np.float32)
-    nothing = np.zeros((*camera.shape, 3), np.uint8)
-    unseen = np.full(camera.shape, np.float32(np.nan))
-    return ThermalCloud(camera, depth_mm, points, nothing, depth_mm > 0, unseen)
-
-
-@cache
-def standing(number):
-    """A person of the crowd, tag ``number``."""
-    body = crowd()[number]
-    vertices = stand(body, draw_standing(np.random.default_rng(number))).vertices_m
-    return Mesh(vertices, body.faces, np.full(len(body.faces), number, np.int32))
-
-
-def seen(people, *, room=True, camera=CAMERA, eye=(0.3, -2.4, 1.4), seed=0):
-    """Depth (h, w) with noise, and who is where: people are (number, x)."""
-    meshes = [standing(number).placed(np.eye(3), np.array([x, 0.0, 0.0])) for number, x in people]
-    if room:
-        rng = np.random.default_rng(3)
-        things = [Sofa.sample(rng).mesh(), Chair.sample(rng).mesh()]
-        places = [(-1.7, 1.5, 0.0), (1.6, 0.6, 0.0)]
-        furniture = [
-            empty_room(2.6),
-            *(t.placed(np.eye(3), np.array(p)) for t, p in zip(things, places, strict=True)),
-        ]
-        meshes += [replace(mesh, tags=np.zeros(len(mesh.faces), np.int32)) for mesh in furniture]
-    whole = merge(meshes)
-    points = look_at(np.array(eye), np.array([0.0, 0.0, 0.95])).apply(whole.vertices_m).astype(np.float32)
-    image = rasterize(camera, points, whole.faces)
-    depth = image.depth_m + np.random.default_rng(seed).normal(0, 0.003, camera.shape)
-    return np.where(depth < 6, depth, np.nan), np.append(whole.tags, 0)[image.face]
+from tests.helpers.furnished_room import CAMERA, cloud_of, seen
 
 
 def iou(found, truth):

@@ -18,7 +18,8 @@ from annotate.labelset.store import LabelSet, validate
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
 from eval.compare.compare import compare_sets
 from eval.network.onnx_network import THINGS_WEIGHTS, OnnxNetwork
-from eval.network.predict import predict_frames, predict_source
+from eval.network.predict import predict_frames
+from eval.network.predict_source import predict_source
 from eval.training.crops import to_crop
 from sensors.errors import CloudError, ExistsError, FormatError
 from sensors.importers.open_source import open_source
@@ -118,14 +119,12 @@ def test_a_run_keeps_the_extraction_and_goes_on_to_the_same_bytes(tmp_path, rig_
     assert {predicted.notes(i)["extraction"] for i in predicted.frame_ids} == {"thermal"}
 
     class Interrupted(OnnxNetwork):
-        calls = 0
-
-        def segment_all(self, images, *, probabilities=False):
-            self.calls += 1
-            if self.calls > 1:
+        def segment_apart(self, depth_mm, person, things=None, *, probabilities=False):
+            if np.array_equal(depth_mm, second.depth_mm):
                 raise KeyboardInterrupt
-            return super().segment_all(images, probabilities=probabilities)
+            return super().segment_apart(depth_mm, person, things, probabilities=probabilities)
 
+    second = predicted.read("000001")
     out = tmp_path / "p"
     with pytest.raises(KeyboardInterrupt):
         predict_source(Session(rig_session), Interrupted(), out, silent)
@@ -192,11 +191,12 @@ def test_what_the_network_calls_no_person_is_left_out():
     person = np.zeros((424, 512), bool)
     person[100:200, 100:300] = True
     depth_mm = np.full(person.shape, 1500, np.uint16)
-    left = Thumbs().without_things(depth_mm, person)
+    labelled, left = Thumbs().segment_apart(depth_mm, person)
+    np.testing.assert_array_equal(labelled.parts > 0, left)
     assert not (left & ~person).any()
     np.testing.assert_array_equal(np.flatnonzero(left.any(axis=0))[[0, -1]], [200, 299])
     nobody = np.zeros_like(person)
-    np.testing.assert_array_equal(Thumbs().without_things(depth_mm, nobody), nobody)
+    np.testing.assert_array_equal(Thumbs().segment_apart(depth_mm, nobody)[1], nobody)
 
 
 def test_a_network_that_sees_nobody_at_all_is_not_believed():
@@ -205,9 +205,9 @@ def test_a_network_that_sees_nobody_at_all_is_not_believed():
 
     person = np.zeros((424, 512), bool)
     person[100:200, 100:300] = True
-    np.testing.assert_array_equal(
-        Lost().without_things(np.full(person.shape, 1500, np.uint16), person), person
-    )
+    labelled, left = Lost().segment_apart(np.full(person.shape, 1500, np.uint16), person)
+    np.testing.assert_array_equal(left, person)
+    np.testing.assert_array_equal(labelled.parts > 0, person)
 
 
 def test_a_board_on_the_lap_is_no_part_and_the_body_stays(truth):
@@ -215,6 +215,7 @@ def test_a_board_on_the_lap_is_no_part_and_the_body_stays(truth):
 
     The rig's clean frames have no noise at all, which no training image has: so the bound on the body is low.
     """
+    things = OnnxNetwork(THINGS_WEIGHTS)
     for frame in truth:
         body = (frame.parts > 0) & (frame.parts < N_CLASSES) & (frame.depth_mm > 0)
         belly = frame.parts == PART_ID["torso"]
@@ -223,19 +224,19 @@ def test_a_board_on_the_lap_is_no_part_and_the_body_stays(truth):
         board[int(np.quantile(rows, 0.7)) : rows[-1] + 15, columns[0] : columns[-1]] = True
         near_mm = frame.depth_mm[body & board].min() - 100
         depth_mm = np.where(board, near_mm, frame.depth_mm).astype(np.uint16)
-        left = OnnxNetwork(THINGS_WEIGHTS).without_things(depth_mm, body | board)
+        left = OnnxNetwork().segment_apart(depth_mm, body | board, things)[1]
         assert np.mean(left[board]) < 0.1
         assert np.mean(left[body & ~board]) > 0.7
 
 
 def test_a_session_is_predicted_without_the_things(tmp_path, rig_session, predicted):
-    """Everything of the frames is kept but who is in them: the second look is at what the first one left."""
+    """Everything of the frames is kept but who is in them."""
 
     class Halves(OnnxNetwork):
-        def without_things(self, depth_mm, person):
+        def segment_apart(self, depth_mm, person, things=None, *, probabilities=False):
             left = person.copy()
             left[: person.shape[0] // 2] = False
-            return left
+            return self.segment(depth_mm, left), left
 
     less = predict_source(Session(rig_session), Halves(), tmp_path / "less", silent).labels
     for frame_id in less.frame_ids:

@@ -7,6 +7,7 @@ count for the sofa, and hair and cold cloth follow the surface that they continu
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import cv2
@@ -118,11 +119,12 @@ class Survey:
         steps = self._engine.steps
         self._warm: _Silhouettes | None = None
         if np.isfinite(cloud.temperature_c).any():
-            evidence = thermal_evidence(cloud, window_c, self._planes(), suit, steps)
+            evidence = thermal_evidence(cloud, window_c, self.planes, suit, steps)
             self._warm = _Silhouettes(cloud, evidence, steps)
         self._by_depth = [] if self._warm else people_in(cloud)
 
-    def _planes(self) -> tuple[Plane, ...]:
+    @cached_property
+    def planes(self) -> tuple[Plane, ...]:
         """Planes of the whole cloud; none without that step."""
         return find_planes(self.cloud, self.cloud.valid) if self._engine.steps.room_planes else ()
 
@@ -135,7 +137,7 @@ class Survey:
         cloud, silhouettes = self.cloud, self._warm
         if silhouettes is None:
             felt = before is not None and before.notes.get("extraction") in ("thermal", "before")
-            previous = previous_evidence(cloud, before, self._planes()) if felt else None
+            previous = previous_evidence(cloud, before, self.planes) if felt else None
             if previous is None:
                 found = self._depth_mask(before)
                 return replace(found, method="before", notes=(LOST,), trusted=False) if felt else found

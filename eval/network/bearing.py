@@ -19,12 +19,14 @@ class Bearing:
     facing_deg: azimuth of the camera about the trunk, 0 before the chest, 90 on the person's left.
     facing_sure: [0, 1], 0 where every azimuth is as likely. posture: probabilities (P,) by ``POSTURES``.
     joints_px: float64 (15, 3) by ``JOINT_NAMES``: column and row in the depth image, depth in millimetres.
+    support: "floor", "furniture" or "" where the frame does not show it (``support.py``).
     """
 
     facing_deg: float
     facing_sure: float
     posture: Float32
     joints_px: Float64
+    support: str = ""
 
     @classmethod
     def of(
@@ -67,6 +69,7 @@ class Bearing:
             "facing_deg": round(self.facing_deg, 1),
             "facing_sure": round(self.facing_sure, 3),
             "posture": self.name,
+            "support": self.support,
             "postures": [round(share, 3) for share in self.posture.tolist()],
             "joints_px": [[round(value, 1) for value in joint] for joint in self.joints_px.tolist()],
         }
@@ -78,11 +81,23 @@ class Bearing:
             posture = np.array(note["postures"], np.float32)  # type: ignore[index]
             joints = np.array(note["joints_px"], np.float64)  # type: ignore[index]
             facing = float(note["facing_deg"]), float(note["facing_sure"])  # type: ignore[index]
-        except (TypeError, KeyError, ValueError, IndexError):
+            support = str(note.get("support", ""))  # type: ignore[attr-defined]
+        except (TypeError, KeyError, ValueError, IndexError, AttributeError):
             return None
         if posture.shape != (len(POSTURES),) or joints.shape != (N_JOINTS, 3):
             return None
-        return cls(*facing, posture, joints)
+        return cls(*facing, posture, joints, support)
+
+
+def bearing_notes(notes: dict[str, Any]) -> dict[int, Any]:
+    """What a frame's notes say of each of its persons, by number: the subject is 1.
+
+    The note ``bearing`` is the subject's; its entry ``others`` holds everybody else's.
+    """
+    note = notes.get("bearing")
+    others = note.get("others") if isinstance(note, dict) else None
+    numbered = others.items() if isinstance(others, dict) else ()
+    return {1: note} | {int(number): other for number, other in numbered if number.isdecimal()}
 
 
 def joint_row(joints_mm: Float64) -> dict[str, list[float]]:

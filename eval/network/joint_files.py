@@ -9,7 +9,7 @@ from typing import Any
 
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.frames import LabelledFrames, camera_of, pinhole_of
-from eval.network.bearing import Bearing, joint_row
+from eval.network.bearing import Bearing, bearing_notes, joint_row
 from eval.scores.joint_errors import TRUE_JOINTS, true_joints_mm
 from eval.scores.joints import JOINT_NAMES
 from sensors.errors import CloudError
@@ -27,8 +27,9 @@ def check_kind(path: Path) -> None:
 def write_joints(labels: LabelledFrames, path: Path) -> int:
     """Number of people written, a line each, of the frames whose network saw the whole person.
 
-    frame, facing_deg, facing_sure, posture, posture_sure as in ``Bearing``; joints in millimetres, frame of
-    the undistorted depth camera (x right, y down, z forward). Raises CloudError as ``check_kind`` does.
+    frame; person: its number, 1 is the subject; facing_deg, facing_sure, posture, posture_sure, support as in
+    ``Bearing``; joints in millimetres, frame of the undistorted depth camera (x right, y down, z forward).
+    Raises CloudError as ``check_kind`` does.
     """
     check_kind(path)
     rows = list(_rows(labels))
@@ -52,21 +53,25 @@ def noted_joints(labels: LabelledFrames, frame: FrameLabels) -> dict[str, list[f
 
 def _rows(labels: LabelledFrames) -> Iterator[dict[str, Any]]:
     for frame in labels:
-        bearing = Bearing.from_note(frame.notes.get("bearing"))
-        if bearing is not None:
-            note = bearing.note()
-            yield {
-                "frame": frame.frame_id,
-                **{name: note[name] for name in ("facing_deg", "facing_sure", "posture")},
-                "posture_sure": max(note["postures"]),
-                "joints_mm": joint_row(bearing.joints_mm(pinhole_of(frame, camera_of(labels, frame)))),
-            }
+        camera = pinhole_of(frame, camera_of(labels, frame))
+        for number, given in sorted(bearing_notes(frame.notes).items()):
+            bearing = Bearing.from_note(given)
+            if bearing is not None:
+                note = bearing.note()
+                yield {
+                    "frame": frame.frame_id,
+                    "person": number,
+                    **{name: note[name] for name in ("facing_deg", "facing_sure", "posture")},
+                    "posture_sure": max(note["postures"]),
+                    "support": bearing.support,
+                    "joints_mm": joint_row(bearing.joints_mm(camera)),
+                }
 
 
 def _csv(rows: list[dict[str, Any]]) -> str:
     text = io.StringIO()
     places = [f"{name}_{axis}_mm" for name in JOINT_NAMES for axis in "xyz"]
-    names = ["frame", "facing_deg", "facing_sure", "posture", "posture_sure"]
+    names = ["frame", "person", "facing_deg", "facing_sure", "posture", "posture_sure", "support"]
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names + places)
     for row in rows:

@@ -1,8 +1,10 @@
 """An exported network (ONNX), and the parts of a person by it."""
 
 import hashlib
+import os
 from collections.abc import Sequence
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
@@ -33,6 +35,12 @@ Training weighs background as the rarest part, and a pixel left out gets no part
 LEAST_BODY = 0.2
 """Least share of an extraction that is a person, chosen by eye: in the virtual rig's hardest frames it was
 half (measured)."""
+AGAIN = 0.05
+"""Share of an extraction that is things from which a second look follows at who is left without them. Chosen
+by eye."""
+AT_ONCE = min(4, os.cpu_count() or 1)
+"""Crops through a network at once, one thread each: threads that share a crop wait for each other much of the
+time."""
 WHOLE = ("facing", "posture", "joints")
 """Names of what else a network may give."""
 _NOWHERE = "/dev/null/no-external-data"
@@ -64,6 +72,7 @@ class OnnxNetwork:
         options = onnxruntime.SessionOptions()
         options.add_session_config_entry("session.model_external_initializers_file_folder_path", _NOWHERE)
         options.add_session_config_entry("session.load_model_format", "ONNX")
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4  # errors become one line below
         try:
             self._session = onnxruntime.InferenceSession(
@@ -102,11 +111,17 @@ class OnnxNetwork:
     def answers(self, crops: Float32) -> list[Float32]:
         """Class probabilities, and facing, posture, joints where the network gives them."""
         first = self._session.get_outputs()[0].name
+
         # One crop at a time: products of matrices round otherwise with other crops beside it.
-        each = [
-            self._session.run([first, *self._whole], {self._input: crop[None, None].astype(self._float)})
-            for crop in crops
-        ]
+        def run(crop: Float32) -> list[Float32]:
+            crop = crop[None, None].astype(self._float)
+            return self._session.run([first, *self._whole], {self._input: crop})  # type: ignore[no-any-return]
+
+        if len(crops) == 1:
+            each = [run(crops[0])]
+        else:
+            with ThreadPoolExecutor(AT_ONCE, "network") as threads:
+                each = list(threads.map(run, crops))
         return [np.concatenate(answers).astype(np.float32) for answers in zip(*each, strict=True)]
 
     def segment(self, depth_mm: UInt16, person: Bool, *, probabilities: bool = False) -> Segmentation:
@@ -122,32 +137,86 @@ class OnnxNetwork:
         masks = [person & (depth_mm > 0) for depth_mm, person in images]
         there = [i for i, mask in enumerate(masks) if mask.any()]
         results = [_nobody(mask.shape) for mask in masks]
-        if there:
-            crops, depths = zip(*(_input(images[i][0], masks[i]) for i in there), strict=True)
-            planes, *wholes = self.answers(np.stack(depths))
-            for k, (i, crop, depth) in enumerate(zip(there, crops, depths, strict=True)):
-                given = Probabilities(crop, planes[k]) if probabilities else None
-                labels = _over(masks[i], crop, depth > 0, planes[k], given)
-                if wholes:
-                    bearing = Bearing.of(crop, images[i][0], masks[i], *(values[k] for values in wholes))
-                    labels = replace(labels, bearing=bearing.note())
-                results[i] = labels
+        for i, look in zip(there, self._looks([(images[i][0], masks[i]) for i in there]), strict=True):
+            results[i] = look.labels(masks[i], probabilities)
         return results
 
-    def without_things(self, depth_mm: UInt16, person: Bool) -> Bool:
-        """A person's pixels (h, w) but those that the network calls background: blankets, laptops, furniture.
+    def segment_apart(
+        self,
+        depth_mm: UInt16,
+        person: Bool,
+        things: "OnnxNetwork | None" = None,
+        *,
+        probabilities: bool = False,
+    ) -> tuple[Segmentation, Bool]:
+        """Labels of a person who may have been extracted along with things, and their pixels without these.
 
-        For extractions that may have taken such along. All of them where less than ``LEAST_BODY`` would be
-        left: then it is the network that is lost.
+        Blankets, laptops, furniture: what the network calls background. Where that is much, ``things``, by
+        default the same network, takes them off, and a second look labels who is left. Both (h, w).
         """
         mask = person & (depth_mm > 0)
         if not mask.any():
-            return person
-        crop, depth = _input(depth_mm, mask)
-        planes = self.probabilities(depth[None])[0]
-        body = planes[BACKGROUND] <= SURE * planes[1:].max(axis=0)
-        left = mask & crop.paste(body.ravel()[nearest_seen(depth > 0)], mask.shape, False)
-        return left if np.count_nonzero(left) >= LEAST_BODY * np.count_nonzero(mask) else person
+            return _nobody(mask.shape), mask
+        look = self._looks([(depth_mm, mask)])[0]
+        body = look.body(mask)
+        if np.count_nonzero(body) < (1 - AGAIN) * np.count_nonzero(mask):
+            if things is not None:
+                body = things.without_things(depth_mm, mask)
+            look = self._looks([(depth_mm, body)])[0]
+        return look.labels(body, probabilities), body
+
+    def without_things(self, depth_mm: UInt16, person: Bool) -> Bool:
+        """A person's pixels (h, w) but those that the network calls background."""
+        mask = person & (depth_mm > 0)
+        return self._looks([(depth_mm, mask)])[0].body(mask) if mask.any() else mask
+
+    def _looks(self, images: Sequence[Image]) -> list["_Look"]:
+        """Answers for images whose masks have pixels."""
+        if not images:
+            return []
+        crops, depths = zip(*(_input(*image) for image in images), strict=True)
+        planes, *wholes = self.answers(np.stack(depths))
+        return [
+            _Look(image, crop, depth > 0, planes[k], [values[k] for values in wholes])
+            for k, (image, crop, depth) in enumerate(zip(images, crops, depths, strict=True))
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A network's answer for a person. seen: where the crop shows them; planes: (12, 212, 212).
+
+    whole: facing, posture and joints, where the network gives them.
+    """
+
+    image: Image
+    crop: Crop
+    seen: Bool
+    planes: Float32
+    whole: Sequence[Float32]
+
+    def body(self, mask: Bool) -> Bool:
+        """The pixels of a mask (h, w) but those that the network calls background.
+
+        All of them where less than ``LEAST_BODY`` would be left: then it is the network that is lost.
+        """
+        body = self.planes[BACKGROUND] <= SURE * self.planes[1:].max(axis=0)
+        left = mask & self.crop.paste(body.ravel()[nearest_seen(self.seen)], mask.shape, False)
+        return left if np.count_nonzero(left) >= LEAST_BODY * np.count_nonzero(mask) else mask
+
+    def labels(self, mask: Bool, probabilities: bool) -> Segmentation:
+        """Labels of the pixels of a mask (h, w), all of the person's or some."""
+        # The extraction has decided what is person: background is no answer there.
+        body = self.planes[1:]
+        best, certain = (body.argmax(axis=0) + 1).astype(np.uint8), body.max(axis=0)
+        # A smaller crop drops pixels: on a rim the one that stands for one of the person may show the room.
+        nearest = nearest_seen(self.seen)
+        best = self.crop.paste(best.ravel()[nearest], mask.shape, BACKGROUND)
+        certain = self.crop.paste(certain.ravel()[nearest], mask.shape, 0.0)
+        best[~mask], certain[~mask] = BACKGROUND, 0.0
+        bearing = Bearing.of(self.crop, *self.image, *self.whole).note() if self.whole else None
+        given = Probabilities(self.crop, self.planes) if probabilities else None
+        return Segmentation(best, certain, probabilities=given, bearing=bearing)
 
 
 def _input(depth_mm: UInt16, mask: Bool) -> tuple[Crop, Float32]:
@@ -159,16 +228,3 @@ def _input(depth_mm: UInt16, mask: Bool) -> tuple[Crop, Float32]:
 def _nobody(shape: tuple[int, ...]) -> Segmentation:
     nothing = np.full(shape, BACKGROUND, np.uint8)
     return Segmentation(nothing, np.zeros(shape, np.float32), ("no person: nothing to label",))
-
-
-def _over(mask: Bool, crop: Crop, seen: Bool, planes: Float32, given: Probabilities | None) -> Segmentation:
-    """A crop's answer (12, 212, 212) laid over the image; seen: where the crop shows the person."""
-    # The extraction has decided what is person: background is no answer there.
-    body = planes[1:]
-    best, certain = (body.argmax(axis=0) + 1).astype(np.uint8), body.max(axis=0)
-    # A smaller crop drops pixels: on a rim the one that stands for a pixel of the person may show the room.
-    nearest = nearest_seen(seen)
-    best = crop.paste(best.ravel()[nearest], mask.shape, BACKGROUND)
-    certain = crop.paste(certain.ravel()[nearest], mask.shape, 0.0)
-    best[~mask], certain[~mask] = BACKGROUND, 0.0
-    return Segmentation(best, certain, probabilities=given)

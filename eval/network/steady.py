@@ -8,7 +8,7 @@ from annotate.array_types import Float64
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES, swap_left_right
 from annotate.segmentation.segment import Segmentation
-from eval.network.bearing import Bearing
+from eval.network.bearing import Bearing, bearing_notes
 
 KEPT = 0.8
 """Share of the facing so far that a frame leaves: a turn of half a second is followed; chosen by eye."""
@@ -17,15 +17,16 @@ FAR_DEG, NEAR_DEG = 110.0, 60.0
 taken front for back; chosen by eye: half a turn from frame to frame is 5,400 degrees a second."""
 
 
-def steady(labelled: Segmentation, before: FrameLabels | None) -> Segmentation:
-    """Labels with left and right exchanged where only so they agree with the frame before.
+def steady(labelled: Segmentation, before: FrameLabels | None, number: int = 1) -> Segmentation:
+    """Labels of a person with left and right exchanged where only so they agree with the frame before.
 
-    The note ``bearing`` gets ``faced``: the facing over the frames so far, weighted by certainty, as (2,).
+    number: the person's. The note ``bearing`` gets ``faced``: the facing over the frames so far, weighted
+    by certainty, as (2,).
     """
     bearing = Bearing.from_note(labelled.bearing)
     if bearing is None:
         return labelled
-    faced = _faced(before)
+    faced = _faced(before, number)
     own, other = _off_deg(bearing, faced), _off_deg(bearing.exchanged(), faced)
     if own > FAR_DEG and other < NEAR_DEG:
         bearing = bearing.exchanged()
@@ -42,9 +43,9 @@ def _exchanged(labelled: Segmentation) -> Segmentation:
     return replace(labelled, parts=swap_left_right(labelled.parts), probabilities=kept)
 
 
-def _faced(before: FrameLabels | None) -> Float64:
-    """Facing over the frames so far (2,); none is zero."""
-    note = before.notes.get("bearing") if before is not None else None
+def _faced(before: FrameLabels | None, number: int) -> Float64:
+    """Facing of a person over the frames so far (2,); none is zero."""
+    note = bearing_notes(before.notes).get(number) if before is not None else None
     faced = np.array(note.get("faced", ()) if isinstance(note, dict) else (), np.float64)
     return faced if faced.shape == (2,) and np.isfinite(faced).all() else np.zeros(2)
 

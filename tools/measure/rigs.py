@@ -11,7 +11,7 @@ from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from eval.compare.compare import compare_sets
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.predict import predict_source
+from eval.network.predict_source import predict_source
 from sensors.session.reader import Session
 from synth.rig.place import SCENES
 from synth.rig.simulate import simulate, truth_path

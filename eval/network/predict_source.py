@@ -1,0 +1,142 @@
+"""A trained network on recordings: the people of every frame found, then labelled."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from annotate.array_types import Bool
+from annotate.cloud.coarse import CoarseCloud, CoarseFuser
+from annotate.frame_labels import FrameLabels
+from annotate.label_source import Run, run
+from annotate.person.coarse_survey import CoarseSurvey
+from annotate.person.extract import PersonMask
+from annotate.segmentation.segment import Segmentation, unlabelled
+from eval.network.bearing import Bearing
+from eval.network.onnx_network import OnnxNetwork
+from eval.network.predict import step_of
+from eval.network.steady import steady
+from eval.network.support import support_of
+from sensors.errors import CloudError
+from sensors.rig.frame import FrameSource
+
+
+def predict_source(
+    source: FrameSource,
+    network: OnnxNetwork,
+    out: Path,
+    progress: Callable[[int], None],
+    window_c: tuple[float, float] | None = None,
+    *,
+    things: OnnxNetwork | None = None,
+    probabilities: bool = False,
+    everybody: bool = False,
+) -> Run:
+    """Extract the person of every frame of a source and label it by the network; resumes.
+
+    What was extracted along with a person by its warmth, a blanket or a laptop, the network ``things`` takes
+    off again, by default the same one. everybody: label all persons, not the subject alone. Raises what
+    ``label_source.run`` raises; CloudError for the probabilities of everybody.
+    """
+    if everybody and probabilities:
+        raise CloudError("probabilities are kept of one person; leave --probabilities or --everybody out")
+
+    def survey(cloud: CoarseCloud) -> NetworkSurvey:
+        return NetworkSurvey(
+            cloud, network, things, window_c, probabilities=probabilities, everybody=everybody
+        )
+
+    step = step_of(network, probabilities) | {"window_c": list(window_c) if window_c else None}
+    step |= {"things": things.sha256} if things else {}
+    step |= {"everybody": True} if everybody else {}
+    return run(source, {"predict": step}, out, NetworkSurvey.labels, progress, survey, CoarseFuser)
+
+
+class NetworkSurvey:
+    """A frame surveyed, and whoever is likely its subject labelled: all that needs no other frame.
+
+    Arguments as of ``predict_source``.
+    """
+
+    def __init__(
+        self,
+        cloud: CoarseCloud,
+        network: OnnxNetwork,
+        things: OnnxNetwork | None = None,
+        window_c: tuple[float, float] | None = None,
+        *,
+        probabilities: bool = False,
+        everybody: bool = False,
+    ) -> None:
+        self._survey = survey = CoarseSurvey(cloud, window_c, everybody=everybody)
+        self._network, self._things = network, things
+        self._probabilities, self._everybody = probabilities, everybody
+        self._known: dict[bytes, tuple[Segmentation, Bool]] = {}
+        person = survey.person()
+        if person.trusted:
+            for number in self._numbers(person):
+                self._labelled(person, number)
+
+    def labels(self, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
+        """Labels of the frame and its mask; before: labels of the previous frame."""
+        person = self._survey.person(before)
+        if not person.trusted:
+            return unlabelled(person.mask), person
+        whose, results = np.zeros_like(person.persons), []
+        for number in self._numbers(person):
+            result, body = self._labelled(person, number)
+            whose[body] = number
+            results.append((number, steady(result, before, number)))
+        if not self._everybody:
+            whose[person.others] = person.persons[person.others]
+        return _together(results, person.mask), replace(person, mask=whose == 1, persons=whose)
+
+    def _numbers(self, person: PersonMask) -> list[int]:
+        """The persons to label."""
+        return np.unique(person.persons[person.persons > 0]).tolist() if self._everybody else [1]
+
+    def _labelled(self, person: PersonMask, number: int) -> tuple[Segmentation, Bool]:
+        """Labels of a person and their pixels (h, w), remembered."""
+        mask = person.mask if number == 1 else person.persons == number
+        key = person.method.encode() + np.packbits(mask).tobytes()
+        if key not in self._known:
+            self._known[key] = self._looked(mask, person.method != "depth")
+        return self._known[key]
+
+    def _looked(self, mask: Bool, felt: bool) -> tuple[Segmentation, Bool]:
+        """Labels and pixels of a mask (h, w); felt: by temperature, which takes warm things along.
+
+        Depth alone takes nothing along, and there real trousers were taken for a blanket.
+        """
+        depth_mm, keep = self._survey.cloud.depth_mm, self._probabilities
+        if felt:
+            result, mask = self._network.segment_apart(depth_mm, mask, self._things, probabilities=keep)
+        else:
+            result = self._network.segment_all([(depth_mm, mask)], probabilities=keep)[0]
+        bearing = Bearing.from_note(result.bearing)
+        if bearing is None:
+            return result, mask
+        coarse = self._survey.cloud
+        parts = np.where(coarse.pixel >= 0, result.parts.ravel()[coarse.pixel], np.uint8(0))
+        support = support_of(bearing.name, parts, coarse.cloud.points_m, self._survey.planes)
+        return replace(result, bearing=replace(bearing, support=support).note()), mask
+
+
+def _together(results: Sequence[tuple[int, Segmentation]], nobody: Bool) -> Segmentation:
+    """Labels of the numbered persons of one image; nobody: a mask (h, w) for where there are none."""
+    if not results:
+        return unlabelled(nobody)
+    if len(results) == 1 and results[0][0] == 1:
+        return results[0][1]
+    parts = np.maximum.reduce([result.parts for _, result in results])
+    confidence = np.maximum.reduce([result.confidence for _, result in results])
+    notes = tuple(dict.fromkeys(note for _, result in results for note in result.notes))
+    bearings = {number: result.bearing for number, result in results if result.bearing}
+    own = bearings.pop(1, {})
+    return Segmentation(
+        parts,
+        confidence,
+        notes,
+        bearing=own | {"others": {str(n): note for n, note in bearings.items()}} if own or bearings else None,
+    )

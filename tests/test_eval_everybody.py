@@ -1,0 +1,147 @@
+"""Everybody in depth alone: numbers that last, each one's joints, nobody where nobody is."""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from annotate.parts import PART_ID
+from annotate.person.planes import find_planes
+from eval.network.joint_files import write_joints
+from eval.network.onnx_network import OnnxNetwork
+from eval.network.predict_source import predict_source
+from eval.network.support import support_of
+from sensors.rig.camera import rays
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
+from synth.rig.truth import truth_labels
+from synth.rig.virtual_rig import VirtualRig
+from tests.helpers.furnished_room import CAMERA, cloud_of, seen
+
+ROOM = RigCalibration(CAMERA)
+
+
+@dataclass(frozen=True)
+class Film:
+    """A source of depth images in metres (h, w), NaN = no reading."""
+
+    images: list
+    calibration: RigCalibration = ROOM
+    name: str = "film"
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def __iter__(self) -> Iterator[RigFrame]:
+        for index, depth_m in enumerate(self.images):
+            depth_mm = np.rint(np.nan_to_num(depth_m) * 1000).astype(np.uint16)
+            yield RigFrame(index, index * 33_000_000, depth_mm)
+
+
+@pytest.fixture(scope="module")
+def network() -> OnnxNetwork:
+    return OnnxNetwork()
+
+
+def predicted(film, network, out, **options):
+    return predict_source(film, network, out / "labels", lambda n: None, **options).labels
+
+
+def test_two_people_keep_their_numbers_and_have_their_joints(tmp_path, network):
+    """The first comes nearer to the second, from frame to frame."""
+    frames = [seen([(1, -0.9 + 0.12 * k), (2, 0.5)], seed=k) for k in range(4)]
+    labels = predicted(Film([depth for depth, _ in frames]), network, tmp_path, everybody=True)
+    numbers = []
+    for frame, (_, whose) in zip(labels, frames, strict=True):
+        both = [frame.persons[whose == number] for number in (1, 2)]
+        numbers.append([int(np.bincount(one).argmax()) for one in both])
+        for one, number in zip(both, numbers[-1], strict=True):
+            assert np.mean(one == number) > 0.85
+        np.testing.assert_array_equal(frame.parts > 0, frame.persons > 0)
+    assert sorted(numbers[0]) == [1, 2] and numbers == numbers[:1] * 4
+    assert write_joints(labels, tmp_path / "joints.csv") == 8
+    with (tmp_path / "joints.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["frame"], row["person"]) for row in rows] == [
+        (f"{k:06d}", number) for k in range(4) for number in "12"
+    ]
+    for row in rows:
+        _, whose = frames[int(row["frame"])]
+        own = numbers[0].index(int(row["person"])) + 1
+        u = CAMERA.cx + CAMERA.fx * float(row["pelvis_x_mm"]) / float(row["pelvis_z_mm"])
+        assert abs(u - np.median(np.nonzero(whose == own)[1])) < 15
+        assert (row["posture"], row["support"]) == ("standing", "floor")
+
+
+def test_without_everybody_the_subject_alone_has_parts(tmp_path, network):
+    depth, _ = seen([(1, -0.5), (2, 0.6)])
+    frame = predicted(Film([depth]), network, tmp_path).read("000000")
+    assert set(np.unique(frame.persons)) == {0, 1, 2}
+    np.testing.assert_array_equal(frame.parts > 0, frame.persons == 1)
+
+
+def test_an_empty_room_has_nobody(tmp_path, network):
+    film = Film([seen([], seed=k)[0] for k in range(2)])
+    for everybody in (False, True):
+        labels = predicted(film, network, tmp_path / str(everybody), everybody=everybody)
+        for frame in labels:
+            assert not frame.parts.any() and not frame.persons.any()
+        assert write_joints(labels, tmp_path / "joints.jsonl") == 0
+        assert "no person" in labels.notes("000000")["notes"][0]
+
+
+def test_whoever_sits_still_does_not_fade(tmp_path, network):
+    """A frame of the virtual rig over and over, its noise fresh each time."""
+    rig = VirtualRig(1, 1, "normal", 8105)
+    ((frame, truth),) = rig.with_truth()
+    person = truth_labels(frame, truth).persons == 1
+    rng, depth_m = np.random.default_rng(0), np.where(frame.depth_mm > 0, frame.depth_mm / 1000, np.nan)
+    film = Film(
+        [depth_m + rng.normal(0, 0.003, depth_m.shape) for _ in range(10)],
+        RigCalibration(rig.calibration.depth),
+    )
+    found = [labels.persons == 1 for labels in predicted(film, network, tmp_path)]
+    shares = [np.mean(mask[person]) for mask in found]
+    assert min(shares) > 0.8 and shares[-1] > shares[0] - 0.03
+
+
+# What carries them
+
+
+def box_on(height_m: float, slab_m: float):
+    """Depth of somebody who lies as a box, its top at a height above the floor, on a slab; and the box."""
+    ray = rays(CAMERA)
+    down = np.full(CAMERA.shape, np.inf)
+    body = np.zeros(CAMERA.shape, bool)
+    for top, half_m, own in ((0.0, 9.0, False), (slab_m, 0.9, False), (height_m, 0.35, True)):
+        with np.errstate(divide="ignore"):
+            z = np.where(ray[..., 1] > 0, (1.2 - top) / ray[..., 1], np.inf)
+        x, ahead = ray[..., 0] * z, z
+        inside = (np.abs(x) < 2 * half_m) & (np.abs(ahead - 2.6) < half_m) & (z < down) & (z < 4.5)
+        down[inside], body[inside] = z[inside], own
+    return np.where(np.isfinite(down), down, np.nan), body
+
+
+@pytest.mark.parametrize(("height_m", "slab_m", "carried"), [(0.12, 0.0, "floor"), (0.62, 0.5, "furniture")])
+def test_support_is_the_height_of_the_lowest_part(height_m, slab_m, carried):
+    depth_m, body = box_on(height_m, slab_m)
+    cloud = cloud_of(depth_m)
+    parts = np.where(body, PART_ID["torso"], 0).astype(np.uint8)
+    planes = find_planes(cloud, cloud.valid)
+    assert support_of("lying", parts, cloud.points_m, planes) == carried
+    assert support_of("standing", parts, cloud.points_m, planes) == ""  # No legs in view.
+    assert support_of("lying", parts, cloud.points_m, ()) == ""
+
+
+@pytest.mark.parametrize("scene", ["sofa", "bed"])
+def test_on_the_rig_furniture_carries_them(scene):
+    rig = VirtualRig(1, 1, "normal", 8106, scene)
+    ((frame, truth),) = rig.with_truth()
+    labels = truth_labels(frame, truth)
+    camera = rig.calibration.depth.undistorted()
+    cloud = cloud_of(labels.depth_mm / 1000, camera)
+    parts = np.where(labels.persons == 1, labels.parts, 0).astype(np.uint8)
+    posture = "lying" if scene == "bed" else "sitting"
+    assert support_of(posture, parts, cloud.points_m, find_planes(cloud, cloud.valid)) == "furniture"

@@ -1,0 +1,104 @@
+"""The network on real people, beside the joints that others' body trackers gave; needs ../shared/data.
+
+python -m tools.measure.real_people [WEIGHTS]: for the single frames and each take of ``real_people``, joints
+hit, facing and posture; for the two scans of ``kinect2_standing``, every joint's distance. No joints of a
+tracker are truth: they are a few centimetres off, hips sit high, and most take everybody to face the camera.
+"""
+
+import csv
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from eval.network.bearing import Bearing
+from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.predict_source import predict_source
+from eval.scores.joints import JOINT, JOINT_NAMES, joint_evidence
+from eval.scores.skeleton_fit import fit_skeletons
+from sensors.importers.open_source import open_source
+from synth.body.skeleton import JOINT_ID
+from synth.images.stance import facing_deg
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+SCANS, PEOPLE = DATA / "kinect2_standing", DATA / "real_people"
+TRACKED = {"neck": 1, "pelvis": 3, "left_shoulder": 4, "right_shoulder": 8, "left_hip": 12, "right_hip": 16}
+"""Index of the joints that give a facing among those of ``joints.json``."""
+NEAR_DEG = 30.0
+MICROSOFTS = {"head": "head", "neck": "neck", "pelvis": "spinebase"}
+
+
+def microsofts_mm(path, note):
+    """The Kinect's joints (15, 3) in the camera frame of the imported scan; note: how that was moved."""
+    with path.open(newline="") as file:
+        rows = {row[0].lower(): row[1:4] for row in csv.reader(file) if row[0] not in ("Joints", "Degree")}
+    moved = re.search(r"moved by \((.*)\) m", note)
+    shift = np.array(moved[1].split(","), float) if moved else np.zeros(3)
+    names = [MICROSOFTS.get(name, "".join(reversed(name.split("_")))) for name in JOINT_NAMES]
+    given = [rows[name] for name in names]
+    return (np.array(given, float) * (1, -1, -1) + shift) * 1000
+
+
+def tracked_facing_deg(joints, camera):
+    """Facing by a tracker's joints of one frame: their pixels ``uv`` and depths ``z_mm``."""
+    (u, v), z = np.array(joints["uv"], float).T, np.array(joints["z_mm"], float)
+    mm = np.column_stack([(u - camera["cx"]) / camera["fx"] * z, (v - camera["cy"]) / camera["fy"] * z, z])
+    placed = np.full((len(JOINT_ID), 3), np.nan)
+    for name, index in TRACKED.items():
+        placed[JOINT_ID[name]] = mm[index]
+    return facing_deg(placed)
+
+
+def measure_people(folder, network):
+    """One line: joints hit by the recording's own score.py, facing to ``NEAR_DEG``, postures."""
+    joints = json.loads((folder / "joints.json").read_text())
+    camera = json.loads((folder / "intrinsics.json").read_text())
+    with tempfile.TemporaryDirectory() as out:
+        labels = predict_source(open_source(folder), network, Path(out) / "p", lambda n: None).labels
+        command = [sys.executable, PEOPLE / "score.py", labels.path, folder]
+        scored = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+        notes = [labels.notes(frame_id).get("bearing") for frame_id in labels.frame_ids]
+    off, postures = [], Counter()
+    for name, note in zip(sorted(joints), notes, strict=True):
+        bearing = Bearing.from_note(note)
+        turned = 180.0 if bearing is None else bearing.facing_deg - tracked_facing_deg(joints[name], camera)
+        off.append(abs((turned + 180) % 360 - 180))
+        postures["nobody" if bearing is None else bearing.name] += 1
+    near = np.mean(np.array(off) <= NEAR_DEG)
+    print(
+        f"{folder.name}: hits {scored['mean_hit_rate']:.3f}, swaps {scored['swap_rate']:.3f}, missing "
+        f"{scored['missing']}; facing to {NEAR_DEG:.0f} degrees {near:.3f} of {len(off)}, median "
+        f"{np.median(off):.0f}, 90 % {np.quantile(off, 0.9):.0f}; {dict(postures)}",
+        flush=True,
+    )
+
+
+def measure_scan(path, network):
+    """One line: every joint's distance in a scan."""
+    source = open_source(path)
+    with tempfile.TemporaryDirectory() as folder:
+        labels = predict_source(source, network, Path(folder) / "p", lambda n: None).labels
+        frame = labels.read("000000")
+        seen = joint_evidence(frame.parts, frame.depth_mm, labels.intrinsics)
+    joints = fit_skeletons(seen[None], [""])[0]
+    off = np.linalg.norm(joints - microsofts_mm(path.with_suffix(".csv"), source.notes[0]), axis=1)
+    told = ", ".join(f"{name} {off[JOINT[name]]:.0f}" for name in JOINT_NAMES)
+    print(f"{path.stem}: mean {np.nanmean(off):.0f} mm; {told}", flush=True)
+
+
+def main(weights):
+    """Scans, takes and single frames, a line each."""
+    network = OnnxNetwork(weights)
+    for path in sorted(SCANS.glob("*.pcd")):
+        measure_scan(path, network)
+    for folder in (*sorted((PEOPLE / "takes").iterdir()), PEOPLE / "frames"):
+        measure_people(folder, network)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else SHIPPED_WEIGHTS)
