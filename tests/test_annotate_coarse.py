@@ -52,7 +52,9 @@ def test_a_whole_cloud_gives_the_coarse_one_of_its_depth(rig):
     np.testing.assert_array_equal(fused.pixel, taken.pixel)
     np.testing.assert_array_equal(fused.cloud.depth_mm, taken.cloud.depth_mm)
     assert fused.cloud.camera == taken.cloud.camera
-    np.testing.assert_allclose(fused.cloud.points_m, taken.cloud.points_m, atol=0.006)
+    np.testing.assert_allclose(
+        fused.cloud.points_m, taken.cloud.points_m, atol=0.007
+    )  # Half a pixel at 4.5 m.
 
 
 def enlarged_naively(depth_mm, pixel, whose, stride):
