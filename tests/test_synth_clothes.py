@@ -11,8 +11,9 @@ from synth.body.body import pose, volume_m3
 from synth.body.crowd import crowd
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture
 from synth.clothes.attire import Attire, Hair, Shoes, Skirt, Top, Trousers, draw_attire
-from synth.clothes.dress import dress, dress_in, naked
+from synth.clothes.dress import dress, dress_in, naked, put_down
 from synth.clothes.skin_map import LEGS, skin_map
+from synth.clothes.skirt import HangingSkirt
 from synth.clothes.tube import slack_m
 from synth.shipped import table
 from tools.measure.clothes import EDGE_M, covered, misplaced
@@ -68,6 +69,21 @@ def test_a_third_or_a_little_more_wear_little_or_nothing():
     styles = table("clothes")["styles"]
     shares = {name: entry["share"] for name, entry in styles.items()}
     assert 0.3 <= (shares["bare"] + shares["thin"]) / sum(shares.values()) <= 0.4
+
+
+def test_who_sits_has_put_down_the_bag_and_nothing_else():
+    attire = Attire(("jumper", "skirt", "backpack"), BARE, top=JUMPER, skirt=SKIRT, bag="backpack")
+    carrying = dress_in(crowd()[1], attire, np.random.default_rng(0))
+    without = put_down(carrying)
+    rest = carrying.body.vertices_m, carrying.body.joints_m
+    at_rest = without.drape(*rest)
+    assert [type(piece) for piece in without.pieces] == [HangingSkirt] and len(carrying.pieces) == 2
+    assert without.body is carrying.body and put_down(without) is without
+    assert without.clothes == ("jumper", "skirt")
+    kept = len(without.faces)
+    np.testing.assert_array_equal(without.faces, carrying.faces[:kept])
+    np.testing.assert_array_equal(without.dark, carrying.dark[:kept])
+    np.testing.assert_array_equal(at_rest, carrying.drape(*rest)[: len(at_rest)])
 
 
 def test_every_number_of_every_garment_lies_in_its_range():

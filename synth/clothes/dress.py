@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from synth.body.body import Body, hair_faces
-from synth.clothes.attire import Attire, draw_attire
-from synth.clothes.bags import backpack, shoulder_bag
+from synth.clothes.attire import BAGS, Attire, draw_attire
+from synth.clothes.bags import Bag, backpack, shoulder_bag
 from synth.clothes.cover import Fitting, put_on_top, put_on_trousers
 from synth.clothes.dressed import Dressed, Piece, assembled
 from synth.clothes.hair import put_on_hair
@@ -26,12 +26,18 @@ def naked(body: Body) -> Dressed:
     return assembled(body, HAIR_LOSS * hair_faces(body).astype(np.float32))
 
 
-def dress(body: Body, rng: np.random.Generator, bags: bool = True) -> Dressed:
-    """A body in clothes drawn at random, from bare skin and thin clothes to coats and skirts.
+def dress(body: Body, rng: np.random.Generator) -> Dressed:
+    """A body in clothes drawn at random, from bare skin and thin clothes to coats and skirts."""
+    return dress_in(body, draw_attire(rng), rng)
 
-    bags: whether a bag may be carried; by those who sit or lie it cannot.
-    """
-    return dress_in(body, draw_attire(rng, bags), rng)
+
+def put_down(who: Dressed) -> Dressed:
+    """The same person without their bag, as those are who sit or lie; the very same where there is none."""
+    pieces = [piece for piece in who.pieces if not isinstance(piece, Bag)]
+    if len(pieces) == len(who.pieces):
+        return who
+    clothes = [name for name in who.clothes if name not in BAGS]
+    return assembled(who.body, who.dark[: len(who.body.faces)], pieces, clothes)
 
 
 def cut_loose(body: Body, rng: np.random.Generator) -> Body:

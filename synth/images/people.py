@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from annotate.array_types import Float32
 from sensors.errors import CloudError
 from synth.body.body import Body, blend, hair_faces, shipped_bodies
 from synth.body.crowd import crowd
-from synth.clothes.dress import dress
+from synth.clothes.dress import dress, put_down
 from synth.clothes.dressed import Dressed, assembled
 from synth.clothes.garments import Garment, choose, read_garments, wear
 
@@ -28,6 +28,14 @@ class Person:
     who: Dressed
     subject: str
     notes: dict[str, Any]
+
+    @cached_property
+    def without_bag(self) -> "Person":
+        """The same person, who has put down their bag."""
+        who = put_down(self.who)
+        if who is self.who:
+            return self
+        return Person(who, self.subject, self.notes | {"clothes": list(who.clothes)})
 
 
 Casting = Callable[[np.random.Generator], Person]

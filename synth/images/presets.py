@@ -80,8 +80,9 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
             stage = _shared_stage(preset, seed, index - index % preset.views, attempt)
         else:
             stage = preset.stage(rng, person.who.body)
+        shown = person if stage.bags else person.without_bag
         shot = stage.view(rng, stage.vertices_m, stage.joints_m, sensor.camera)
-        things, view = _rendered(preset, stage, shot, person, sensor.camera, rng)
+        things, view = _rendered(preset, stage, shot, shown, sensor.camera, rng)
         joints = shot.camera_from_world.apply(stage.joints_m)
         inside = float(inside_image(joints, sensor.camera).mean())
         if not _shows(view) or inside < preset.joints:
@@ -104,7 +105,7 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
         "cut": round(1 - np.count_nonzero(mask) / np.count_nonzero(view.parts), 3),
     }
     if preset.described:
-        notes |= _description(stage, joints, view, sensor, inside) | person.notes
+        notes |= _description(stage, joints, view, sensor, inside) | shown.notes
     return FrameLabels(f"{index:08d}", depth, labels, subject=person.subject, status="truth", notes=notes)
 
 

@@ -27,7 +27,7 @@ class Stage:
     """A posed person among furniture, world frame, metres.
 
     vertices_m: float32 (V, 3). joints_m: (J, 3). around: closed meshes. view: draws the camera's place.
-    notes: what else is known of the pose, for a frame's notes.
+    notes: what else is known of the pose, for a frame's notes. bags: whether the person carries their bag.
     """
 
     activity: str
@@ -36,6 +36,7 @@ class Stage:
     around: Mesh
     view: Viewpoint
     notes: dict[str, Any] = field(default_factory=dict)
+    bags: bool = False
 
 
 Staging = Callable[[np.random.Generator, Body], Stage]
@@ -79,7 +80,7 @@ def standing(rng: np.random.Generator, body: Body) -> Stage:
     floor = Ground().mesh()
     around = merge([floor, *stood.things]) if stood.things else floor
     hands = {"hands": dict(how.hands), "stands": how.stands}
-    return Stage(how.stance, stood.vertices_m, stood.joints_m, around, Around(), hands)
+    return Stage(how.stance, stood.vertices_m, stood.joints_m, around, Around(), hands, bags=True)
 
 
 STANDING_SHARE = 0.4

@@ -16,7 +16,7 @@ from annotate.parts import palette_rgb
 from sensors.rig.camera import Intrinsics
 from synth.body.body import Body, blend
 from synth.body.crowd import crowd
-from synth.clothes.dress import dress
+from synth.clothes.dress import dress, put_down
 from synth.clothes.dressed import Dressed
 from synth.pose.postures import FALLEN, SITTING, UPRIGHT, lie, rise, sit
 from synth.pose.standing import draw_standing, stand
@@ -27,6 +27,7 @@ PEOPLE_A_SHEET = 6
 TILE = (240, 150)
 AWAY_M, SPAN_M = 8.0, 2.1
 VIEWS = {"front": 0.0, "side": 90.0, "back": 180.0}
+CARRYING = ("standing", "striding")
 STRIDE = {"left_hip": 28.0, "right_hip": -14.0, "left_knee": 14.0, "right_knee": 24.0, "pitch": 4.0}
 
 
@@ -36,8 +37,8 @@ def random_person(rng: np.random.Generator) -> Body:
     return blend(crowd()[i], crowd()[j], float(rng.random()) / 2)
 
 
-def posed(dressed: Dressed, rng: np.random.Generator) -> Iterator[tuple[str, Float32, Float64]]:
-    """The person in each posture: its name, draped vertices, joints."""
+def posed(dressed: Dressed, rng: np.random.Generator) -> Iterator[tuple[str, Dressed, Float32, Float64]]:
+    """The person in each posture: its name, what is worn in it, draped vertices, joints."""
     standing = UPRIGHT.draw("standing", rng)
     moments = {
         "standing": stand(dressed.body, draw_standing(rng))[:2],
@@ -47,7 +48,8 @@ def posed(dressed: Dressed, rng: np.random.Generator) -> Iterator[tuple[str, Flo
         "lying": lie(dressed.body, Bed.sample(rng), FALLEN.single(rng)[1]),
     }
     for name, (vertices, joints) in moments.items():
-        yield name, dressed.drape(vertices, joints), joints
+        who = dressed if name in CARRYING else put_down(dressed)
+        yield name, who, who.drape(vertices, joints), joints
 
 
 def seen(
@@ -74,12 +76,13 @@ def shaded(depth_m: Float32) -> UInt8:
 def row(body: Body, rng: np.random.Generator) -> UInt8:
     """All looks at one person, side by side."""
     dressed, tiles = dress(body, rng), []
-    colours, parts = palette_rgb(), np.append(dressed.face_parts, np.uint8(255))
+    colours = palette_rgb()
     colours[255] = 255
-    for name, vertices, joints in posed(dressed, rng):
+    for name, who, vertices, joints in posed(dressed, rng):
+        parts = np.append(who.face_parts, np.uint8(255))
         for azimuth in VIEWS.values():
             turn = azimuth + (35 if name == "lying" else 0)
-            z = seen(vertices, dressed, joints, turn, 5.0 if name == "lying" else 0.6)
+            z = seen(vertices, who, joints, turn, 5.0 if name == "lying" else 0.6)
             tiles.append(np.vstack([shaded(z.depth_m), colours[parts[z.face]]]))
     return np.hstack(tiles)
 
