@@ -253,7 +253,7 @@ def test_a_taken_port_is_said_in_one_line():
     pytest.importorskip("foxglove")
     from annotate.foxglove.server import FoxgloveServer
 
-    with FoxgloveServer(0) as server, pytest.raises(CloudError, match=r"in use.* --serve"):
+    with FoxgloveServer(0) as server, pytest.raises(CloudError, match=r"in use.* --port"):
         FoxgloveServer(server.port)
     with pytest.raises(CloudError, match="port 70000 cannot be served"):
         FoxgloveServer(70000)

@@ -49,7 +49,7 @@ class FoxgloveServer:
             )
         except (RuntimeError, OverflowError) as error:
             why = str(error).removeprefix("FoxgloveError: ")
-            raise CloudError(f"port {port} cannot be served ({why}); give another to --serve") from error
+            raise CloudError(f"port {port} cannot be served ({why}); give another by --port") from error
         self.port = self._server.port
 
     def __enter__(self) -> Self:
