@@ -17,6 +17,7 @@ from synth.cameras.thermal_camera import (
     ThermalNoise,
     ThermalState,
     thermograph,
+    through_lens,
     warmth_seen,
 )
 from synth.surface.furniture import Surface
@@ -130,9 +131,9 @@ def test_a_thermal_pixel_is_the_mean_of_what_it_sees():
     off = ThermalNoise(netd_c=0, blur_px=0)
     seen, rng = ZBuffer(np.ones(size, np.float32), face), np.random.default_rng(0)
     warm = warmth_seen(seen, np.array([20.0, 32.0]), 11.0)
-    image = thermograph(warm, off, 0.5, lens, rng)
+    image = thermograph(through_lens(warm, lens), off, 0.5, rng)
     assert image.shape == (8, 10) and image.dtype == np.float32
     assert image[3, 2] == 32.5 and image[3, 7] == 20.5
     assert image[3, 4] == pytest.approx(24.5) and image[0, 0] == pytest.approx(32.5 - 21 / 9, abs=1e-4)
-    noisy = thermograph(0 * warm, ThermalNoise(netd_c=0.3, blur_px=0), 0, lens, rng)
+    noisy = thermograph(0 * image, ThermalNoise(netd_c=0.3, blur_px=0), 0, rng)
     assert noisy.std() == pytest.approx(0.3, rel=0.4)

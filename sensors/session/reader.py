@@ -21,6 +21,7 @@ from sensors.rig.pairing import (
     pair_stamps,
     thermal_window_ns,
 )
+from sensors.rig.thermal_reference import READINGS, ThermalReference
 from sensors.session.index import Contents, Places
 from sensors.session.mcap_records import MessageReader
 from sensors.session.messages import (
@@ -91,7 +92,7 @@ class Session:
             int(self._places[DEPTH]["stamp_ns"][index]),
             image_from(depth, "depth"),
             color_from(color) if color else None,
-            thermal_from(thermal) if thermal else None,
+            self._referenced(index, thermal_from(thermal)) if thermal else None,
             image_from(infrared, "infrared") if infrared else None,
         ).sized_as(self.calibration)
 
@@ -104,6 +105,29 @@ class Session:
         times = self._host[PYROMETER]
         values = [target_from(self._message(PYROMETER, i)) for i in range(len(times))]
         return interpolate(times, np.array(values), self._host[DEPTH], SPOT_WINDOW_NS)
+
+    @cached_property
+    def offsets_k(self) -> NDArray[np.float64] | None:
+        """float64 (n,) kelvin that every frame's temperatures are raised by: the pyrometer's corrections.
+
+        None where there is no pyrometer, or where it cannot be told what in the image it points at.
+        """
+        if not len(self._places[PYROMETER]):
+            return None
+        camera, times_s = self.calibration.thermal, self._host[DEPTH].astype(np.float64) * 1e-9
+        known = np.flatnonzero(np.isfinite(self.reference_c) & (self._pairs[THERMAL] >= 0))
+        if camera is None or not len(known):
+            return None
+        reference = ThermalReference(camera.fx)
+        for at in np.unique(np.linspace(0, len(known) - 1, READINGS).round().astype(int)):
+            index = int(known[at])
+            image = thermal_from(self._message(THERMAL, int(self._pairs[THERMAL][index])))
+            reference.add(float(times_s[index]), float(self.reference_c[index]), image)
+        spot = reference.spot()
+        return None if spot is None else reference.offsets_k(spot, times_s)
+
+    def _referenced(self, index: int, thermal_c: NDArray[np.float32]) -> NDArray[np.float32]:
+        return thermal_c if self.offsets_k is None else thermal_c + np.float32(self.offsets_k[index])
 
     @property
     def streams(self) -> dict[str, StreamRate]:
@@ -120,12 +144,23 @@ class Session:
         ]
         if len(self._places[COUNTS]) and not len(self._places[THERMAL]):
             notes.append("thermal counts without the camera's calibration are not temperatures")
+        if len(self._places[PYROMETER]) and len(self._places[THERMAL]):
+            notes.append(self._pyrometer_note())
         if self.truncated:
             notes.append(
                 f"truncated: the recording was cut off after {len(self)} frames; "
                 f"make it whole with: annotate-cloud repair {self.path}"
             )
         return tuple(notes)
+
+    def _pyrometer_note(self) -> str:
+        if self.offsets_k is None:
+            return (
+                "the pyrometer corrects nothing: what it points at in the thermal image cannot be told "
+                "(too few readings, or too little moves there)"
+            )
+        low, high = self.offsets_k.min(), self.offsets_k.max()
+        return f"temperatures are corrected by the pyrometer's, by {low:+.1f} to {high:+.1f} K"
 
     @cached_property
     def sha256(self) -> str:

@@ -80,16 +80,18 @@ def warmth_seen(seen: ZBuffer, celsius: Float64, ambient_c: float) -> Float32:
     return np.append(celsius, ambient_c).astype(np.float32)[seen.face]
 
 
-def thermograph(
-    warm: Float32, noise: ThermalNoise, drift_c: float, lens: Lens, rng: np.random.Generator
-) -> Float32:
-    """A supersampled pinhole image of temperatures through the lens -> float32 (h, w) degrees Celsius.
+def through_lens(warm: Float32, lens: Lens) -> Float32:
+    """A supersampled pinhole image of temperatures as the lens maps it to the camera's pixels (h, w).
 
     Silhouette pixels mix person and background, as real ones do.
     """
     fine = cv2.remap(warm, *lens.maps, interpolation=cv2.INTER_NEAREST)
-    image = cv2.resize(fine, lens.camera.shape[::-1], interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(fine, lens.camera.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
+
+
+def thermograph(image: Float32, noise: ThermalNoise, drift_c: float, rng: np.random.Generator) -> Float32:
+    """True temperatures (h, w) as the camera reads them, float32 degrees Celsius."""
     if noise.blur_px > 0:
-        image = cv2.GaussianBlur(image, (0, 0), noise.blur_px)
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), noise.blur_px), np.float32)
     grain = rng.standard_normal(image.shape, dtype=np.float32) * np.float32(noise.netd_c)
     return np.asarray(image + grain + np.float32(drift_c), np.float32)

@@ -79,6 +79,11 @@ class PlateViews:
             rng = np.random.default_rng((self.seed, 2, index))
             yield self._shoot(index, self._pose(rng), index in bad, rng)
 
+    def held(self, index: int, depth_from_plate: Pose) -> RigFrame:
+        """A further view, of the plate where somebody holds it; in ``bad_share`` of them it slips."""
+        rng = np.random.default_rng((self.seed, 3, index))
+        return self._shoot(index, depth_from_plate, bool(rng.random() < self.bad_share), rng)
+
     def _pose(self, rng: np.random.Generator) -> Pose:
         """depth_from_plate: in the middle two thirds of the view, tilted, at arm's length."""
         spin = Rotation.from_euler("z", rng.uniform(-ROLL_DEG, ROLL_DEG), degrees=True)

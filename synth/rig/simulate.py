@@ -3,12 +3,14 @@
 import shutil
 from collections.abc import Callable
 from glob import escape
+from math import isfinite, nan
 from pathlib import Path
 
 from annotate.labelset.store import MANIFEST, LabelSet
 from annotate.suit.palette import suit_to_toml
 from sensors.errors import ExistsError
 from sensors.files.atomic import check_free, replacing, sweep, temporary_of
+from sensors.session.messages import PYROMETER, spot_message
 from sensors.session.writer import SessionWriter
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import FLAG_CLOSED, VirtualRig
@@ -58,6 +60,9 @@ def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, ove
                 writer.write(frame)
                 if frame.thermal_c is None:
                     writer.event(frame.stamp_ns, FLAG_CLOSED)
+                if isfinite(known.spot_c):
+                    spot = spot_message(known.spot_c, nan, nan, frame.stamp_ns)
+                    writer.add(PYROMETER, spot, frame.stamp_ns)
                 truth.write(truth_labels(frame, known, rig.calibration.depth))
                 progress(1)
         shutil.rmtree(truth_folder, ignore_errors=True)

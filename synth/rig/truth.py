@@ -30,7 +30,8 @@ FLYING_MM = 60.0
 class Truth:
     """The truth of a frame. Over the raw depth image: parts, persons uint8 (h, w), as ``FrameLabels``.
 
-    joints_m: (J, 3), depth camera. hard: what makes the frame hard, in words.
+    joints_m: (J, 3), depth camera. hard: what makes the frame hard, in words. drift_c: by how much all
+    temperatures are too high; spot_c: a pyrometer's reading, NaN = there is none.
     """
 
     parts: UInt8
@@ -38,6 +39,8 @@ class Truth:
     joints_m: Float64
     subject: str
     hard: tuple[str, ...]
+    drift_c: float = 0.0
+    spot_c: float = float("nan")
 
 
 def whose_readings(seen: ZBuffer, tags: Int32, reading: Reading, sensor: Sensor) -> tuple[UInt8, UInt8]:

@@ -21,8 +21,9 @@ from synth.appearance.color_camera import RESTING
 from synth.appearance.photograph import ColorCamera
 from synth.cameras.multipath import multipath_m
 from synth.cameras.optics import lens_of
+from synth.cameras.pyrometer import Pyrometer
 from synth.cameras.sensor import CleanDepth, Sensor
-from synth.cameras.thermal_camera import ThermalState, thermograph, warmth_seen
+from synth.cameras.thermal_camera import ThermalState, thermograph, through_lens, warmth_seen
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.place import SCENES
@@ -53,6 +54,7 @@ class VirtualRig:
     """Frames of ``subjects`` people, one after another; deterministic in the seed.
 
     rig: which cameras (``sensors.recording.rig_templates``). A seed has the same people before every rig.
+    pyrometer: whether one stands beside the thermal camera; it changes nothing else.
     Raises CloudError for counts without sense or an unknown difficulty, scene or rig.
     """
 
@@ -65,6 +67,7 @@ class VirtualRig:
         scene: str = "sofa",
         frames_per_second: float = FRAMES_PER_SECOND,
         rig: str = REFERENCE,
+        pyrometer: bool = False,
     ) -> None:
         if not 1 <= subjects <= frames <= 1_000_000:
             raise CloudError(
@@ -87,6 +90,7 @@ class VirtualRig:
         depth, color, color_pose, thermal, thermal_pose = vars(self.calibration).values()
         self._depth, self._color = lens_of(depth, 1), lens_of(color, 1)
         self._thermal = lens_of(thermal, self._twin.supersample)
+        self._pyrometer = Pyrometer.drawn(thermal, np.random.default_rng((seed, 16))) if pyrometer else None
         self._color_from_depth: Pose = color_pose
         self._thermal_from_depth: Pose = thermal_pose
 
@@ -128,11 +132,15 @@ class VirtualRig:
         velocity = _velocity_m_s(tableau, self.frames_per_second)
         scene = Mesh(tableau.vertices_m, cast.faces, cast.tags)
         color = cameras.color.photograph(scene, cast.outfits, rng, velocity)
-        drift_c, temperatures = cameras.thermal.drift_c(time_s), None
-        if not cameras.thermal.flag_closed(time_s):
-            noise = cameras.thermal.noise
-            warm = self._warmth(cast, tableau, velocity, noise.delays_s(rng))
-            temperatures = thermograph(warm, noise, drift_c, self._thermal, rng)
+        drift_c, spot_c, temperatures = cameras.thermal.drift_c(time_s), np.nan, None
+        noise, closed = cameras.thermal.noise, cameras.thermal.flag_closed(time_s)
+        if not closed or self._pyrometer:
+            warm = self._warmth(cast, tableau, velocity, [0.0] if closed else noise.delays_s(rng))
+            warm = through_lens(warm, self._thermal)
+            if self._pyrometer:
+                spot_c = self._pyrometer.read_c(warm, np.random.default_rng((self.seed, index, 17)))
+            if not closed:
+                temperatures = thermograph(warm, noise, drift_c, rng)
         frame = RigFrame(index, round(time_s * 1e9), reading.depth_mm, color, temperatures)
         parts, persons = whose_readings(seen, cast.tags, reading, cameras.depth)
         alone = self._depth.render(in_depth[: cast.subject], cast.faces[cast.tags < N_CLASSES])
@@ -141,7 +149,7 @@ class VirtualRig:
         hard += camera_hardships(float(speed), cameras.color.state or RESTING, drift_c)
         hard += [FLAG_CLOSED] * (temperatures is None)
         joints = cast.camera_from_world.apply(tableau.joints_m)
-        return frame, Truth(parts, persons, joints, cast.name, tuple(hard))
+        return frame, Truth(parts, persons, joints, cast.name, tuple(hard), drift_c, spot_c)
 
     def _see_distance(self, in_depth: Float64, faces: Int32, sensor: Sensor) -> ZBuffer:
         """What the depth camera would read without noise."""

@@ -1,0 +1,117 @@
+"""The pyrometer as the thermal camera's reference: where it points, and by how much the camera is off.
+
+A bolometer camera drifts by kelvins while it warms up (Optris PI: accuracy of 2 K), all pixels alike; a
+pyrometer beside it holds to tenths. Nobody has to say where in the image the pyrometer's spot lies: its
+reading minus the image there changes slowly, as drift does, and elsewhere with whatever moves in the scene.
+"""
+
+from collections import deque
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+SPOT_RAD = 1 / 22
+"""Angle that the pyrometer sees, as diameter over distance: the 22:1 of an Optris CT LT22 (from memory)."""
+MARGIN = 0.2
+"""Share of the image at each side where the spot is not looked for: both look the same way. Chosen by eye."""
+READINGS = 600
+"""Readings that are kept, and taken of a recording: a minute at ten a second. Chosen by eye."""
+LEAST_READINGS = 20
+"""Fewer say nothing of how the scene changes. Chosen by eye."""
+CLIP_K = 3.0
+"""A change counts as this much at most: an edge that passes is no evidence against a place. Chosen by eye."""
+EXPLAINED = 0.5
+"""The image at the spot must leave at most this share of the readings' changes. Chosen by eye."""
+ALIKE = 1.15
+"""Places whose changes are within this factor of the least may be the spot as well. Chosen by eye."""
+UNSURE_K = 0.5
+"""Kelvin by which the offsets of such places may differ (half of 5 to 95 %): the accuracy that is wanted."""
+EVEN_K = 0.3
+"""Standard deviation within the spot from which on a reading counts for less: an edge is in it. By eye."""
+SMOOTH_S = 5.0
+"""Seconds before and after within which offsets are averaged: drift takes minutes. Chosen by eye."""
+
+Celsius = NDArray[np.float32]
+Floats = NDArray[np.float64]
+
+
+class ThermalReference:
+    """Readings of a pyrometer beside the thermal images of the same moments.
+
+    focal_px: the thermal camera's focal length. Times only rise, on any one clock.
+    """
+
+    def __init__(self, focal_px: float) -> None:
+        self._radius = max(1.0, focal_px * SPOT_RAD / 2)
+        self._times_s = deque[float](maxlen=READINGS)
+        self._read_c = deque[float](maxlen=READINGS)
+        self._off_k = deque[Celsius](maxlen=READINGS)
+        self._uneven_k = deque[Celsius](maxlen=READINGS)
+        self._places = np.empty((0, 2), np.int64)
+
+    def add(self, time_s: float, reading_c: float, thermal_c: Celsius) -> None:
+        """A reading and the image (h, w) of its moment, degrees Celsius; without a reading (NaN), nothing."""
+        if not np.isfinite(reading_c):
+            return
+        if not len(self._places):
+            step = max(1, round(self._radius / 2))
+            sides = ([round(MARGIN * n), round((1 - MARGIN) * n)] for n in thermal_c.shape)
+            rows, columns = (np.arange(first, end, step) for first, end in sides)
+            self._places = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+        # Off the reading rather than off zero: squares of small numbers keep their digits.
+        off = np.float32(reading_c) - thermal_c
+        mean, square = (cv2.filter2D(image, -1, self._disc) for image in (off, off * off))
+        at = tuple(self._places.T[::-1])
+        self._times_s.append(time_s)
+        self._read_c.append(reading_c)
+        self._off_k.append(mean[at])
+        self._uneven_k.append(np.sqrt(np.maximum(square[at] - mean[at] ** 2, 0)))
+
+    @property
+    def _disc(self) -> Celsius:
+        reach = int(self._radius)
+        aside = np.arange(-reach, reach + 1)
+        inside = np.hypot(aside[:, None], aside) <= self._radius
+        return np.asarray(inside / inside.sum(), np.float32)
+
+    def spot(self) -> int | None:
+        """The place that the pyrometer points at, for ``offsets_k`` and ``pixel``.
+
+        None where too little has moved through its spot to tell, or places that are equally likely would
+        correct the camera by different amounts.
+        """
+        if len(self._times_s) < LEAST_READINGS:
+            return None
+        off = np.stack(self._off_k)
+        change = np.minimum(np.abs(np.diff(off, axis=0)), CLIP_K).mean(axis=0)
+        own = np.minimum(np.abs(np.diff(self._read_c)), CLIP_K).mean()
+        change[~np.isfinite(change)] = np.inf
+        best = int(np.argmin(change))
+        if not change[best] <= EXPLAINED * own:
+            return None
+        alike = np.median(off[:, change <= ALIKE * change[best]], axis=0)
+        low, high = np.quantile(alike, (0.05, 0.95))
+        return None if high - low > 2 * UNSURE_K else best
+
+    def pixel(self, spot: int) -> tuple[int, int]:
+        """Column and row of a place in the thermal image."""
+        column, row = self._places[spot].tolist()
+        return column, row
+
+    def offsets_k(self, spot: int, times_s: Floats) -> Floats:
+        """Kelvin (n,) to add to the thermal images of times (n,).
+
+        The mean of the readings within SMOOTH_S, those on edges with less weight; else the nearest one.
+        """
+        known_s = np.array(self._times_s)
+        off, uneven = (np.array([at[spot] for at in kept], float) for kept in (self._off_k, self._uneven_k))
+        weight = np.where(np.isfinite(off), 1 / (EVEN_K**2 + uneven**2), 0)
+        summed, weights = (np.r_[0, np.cumsum(x)] for x in (weight * np.nan_to_num(off), weight))
+        first, end = (np.searchsorted(known_s, times_s + side) for side in (-SMOOTH_S, SMOOTH_S))
+        after = np.searchsorted(known_s, times_s).clip(0, len(known_s) - 1)
+        before = np.maximum(after - 1, 0)
+        nearer = np.abs(known_s[before] - times_s) < np.abs(known_s[after] - times_s)
+        alone = np.where(nearer, before, after)
+        first, end = np.where(end > first, (first, end), (alone, alone + 1))
+        return np.asarray((summed[end] - summed[first]) / (weights[end] - weights[first]), np.float64)
