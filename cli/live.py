@@ -4,7 +4,7 @@ import json as json_text
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -48,6 +48,10 @@ def live(
     no_window: Annotated[
         bool, Option("--no-window", help="Print joints as JSON lines instead; for a robot without a screen.")
     ] = False,
+    serve: Annotated[
+        bool, Option("--serve", help="Also stream to Foxglove on this machine (extra foxglove).")
+    ] = False,
+    port: Annotated[int, Option(help="Where --serve listens; 0 takes a free one.", min=0, max=65535)] = 8765,
     seconds: Annotated[float | None, Option(min=0.1, help="Duration. Default: until Ctrl-C.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -56,15 +60,39 @@ def live(
     if sum((session is not None, rig is not None, bool(device))) != 1:
         raise DeviceError("nothing to look at; give a session, --rig, or one or more --device")
     palette = load_suit(suit) if suit else None
-    running: Rig = Playback(open_source(session)) if session else open_rig(rig, device)
-    if not no_window:
-        look_at(running, palette, record, overwrite, seconds, json, subject)
-        return
-    with run_pipeline(running, labelling_by(palette)) as pipeline:
-        if record is not None:
-            running.record(record, subject, overwrite)
-        show_lines(pipeline, _end_s(seconds), None if json else print_joints)
+    with serving(port if serve else None) as stream:
+        running: Rig = Playback(open_source(session)) if session else open_rig(rig, device)
+        if not no_window:
+            look_at(running, palette, record, overwrite, seconds, json, subject, stream)
+            return
+        with run_pipeline(running, labelling_by(palette), stream) as pipeline:
+            if record is not None:
+                running.record(record, subject, overwrite)
+            show_lines(pipeline, _end_s(seconds), None if json else print_joints)
     _finish(running, pipeline, json)
+
+
+Stream = Callable[[LivePipeline], AbstractContextManager[None]]
+"""What hands a pipeline's frames on while its context lasts."""
+
+
+def unstreamed(_: LivePipeline) -> AbstractContextManager[None]:
+    """Hands nothing on."""
+    return nullcontext()
+
+
+@contextmanager
+def serving(port: int | None) -> Iterator[Stream]:
+    """A server for Foxglove that has its port before a rig is opened; without a port, none."""
+    if port is None:
+        yield unstreamed
+        return
+    with needing("foxglove"):
+        from annotate.foxglove.server import FoxgloveServer
+        from annotate.live.stream import streamed
+    with FoxgloveServer(port) as server:
+        say(f"for Foxglove: {server.address}")
+        yield partial(streamed, server=server)
 
 
 def look_at(
@@ -75,13 +103,14 @@ def look_at(
     seconds: float | None,
     json: bool,
     subject: str = "",
+    stream: Stream = unstreamed,
 ) -> None:
     """Show a rig in the window, recorded from the start where ``out`` names a session, until it is closed."""
     with needing("gui"):
         from annotate.gui.app import run_live
         from annotate.gui.live_commands import takes
     names = takes(out)
-    with run_pipeline(running, labelling_by(suit)) as pipeline:
+    with run_pipeline(running, labelling_by(suit), stream) as pipeline:
         if out is not None:
             running.record(next(names), subject, overwrite)
         run_live(pipeline, names, subject, seconds or math.inf)
@@ -94,13 +123,14 @@ def _end_s(seconds: float | None) -> float:
 
 
 @contextmanager
-def run_pipeline(running: Rig, labelling: Labelling) -> Iterator[LivePipeline]:
+def run_pipeline(running: Rig, labelling: Labelling, stream: Stream = unstreamed) -> Iterator[LivePipeline]:
     """A rig and its labelling at work, both ended in the end, the recording too."""
     pipeline = LivePipeline(running, labelling)
     running.start()
     pipeline.start()
     try:
-        yield pipeline
+        with stream(pipeline):
+            yield pipeline
     finally:
         pipeline.close()
         running.close()

@@ -4,14 +4,18 @@ import json
 import re
 import struct
 from base64 import b64decode
+from collections import deque
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import assert_refused
+from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
@@ -22,19 +26,27 @@ from annotate.foxglove.file import export_foxglove
 from annotate.foxglove.points import HEAT_POINT, PART_POINT
 from annotate.foxglove.skeleton import BONES, skeleton_message
 from annotate.foxglove.topics import SCHEMAS, Shown, shown_messages
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
+from annotate.live.complaint import Complaint
+from annotate.live.live_frame import LiveFrame, Stance
 from annotate.parts import PART_ID, PARTS, palette_rgb
 from eval.network.joint_files import noted_joints
 from eval.scores.joint_errors import true_joints_mm
 from eval.scores.joints import JOINT_NAMES
 from sensors.errors import CloudError
+from sensors.recording.intake import Event
+from sensors.recording.moments import Moment
+from sensors.recording.newest import Newest
 from sensors.rig.camera import Intrinsics
+from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration, rotation_of
 from sensors.session.messages import CALIBRATIONS, COLOR, DEPTH, EVENTS, TF, THERMAL, thermal_from_uint16
 from sensors.session.reader import Session
 from synth.rig.simulate import truth_path
 
 CAMERA = Intrinsics(5, 4, 6.0, 6.0, 2.0, 1.5)
+BARE = RigCalibration(CAMERA)
 NUMPY = {PackedElementField.FLOAT32: "<f4", PackedElementField.UINT8: "u1"}
 
 
@@ -265,3 +277,35 @@ def test_the_layout_of_the_documentation_is_current_and_shows_topics_that_there_
 
     assert json.loads(FILE.read_text()) == json.loads(layout().to_json())
     assert set(re.findall(r'"(/[a-z/]+)"', FILE.read_text())) <= SCHEMAS.keys()
+
+
+def test_live_streams_a_session_and_a_taken_port_ends_it_before_it_begins(annotate_cloud, rig_session):
+    pytest.importorskip("foxglove")
+    from websockets.sync.client import connect
+
+    from annotate.foxglove.server import FoxgloveServer
+    from annotate.live.stream import streamed
+
+    with FoxgloveServer(0) as server:
+        args = ("live", rig_session, "--no-window", "--serve", "--port", server.port)
+        assert_refused(annotate_cloud(*args), "cannot be served")
+    running = SimpleNamespace(
+        frames=Newest(), rig=SimpleNamespace(events=deque([(1, Event(5, "mark"))]), calibration=BARE)
+    )
+    stance = Stance(JOINT_NAMES, np.ones((15, 3)), (), 0.0, 1.0, "sitting", 1.0)
+    labels = FrameLabels("000000", moment().cloud.depth_mm, moment().parts)
+    captured = Moment(RigFrame(0, 1, labels.depth_mm, b"no image"), 7, 9)
+    newest = LiveFrame(captured, moment().cloud, labels, stance, None, (Complaint("dark", "lamp"),), 1.0)
+    with FoxgloveServer(0) as server, connect(server.address, subprotocols=[PROTOCOL]) as client:
+        client.recv(timeout=60)
+        topic_of, got = subscribed(client), {}
+        with streamed(running, server):
+            while not {EVENTS, topics.SKELETON} <= got.keys():
+                running.rig.events[0] = (running.rig.events[0][0] + 1, Event(5, "mark"))
+                running.frames.put(newest)
+                with suppress(TimeoutError):
+                    while isinstance(data := client.recv(timeout=0.2), bytes):
+                        got[topic_of[struct.unpack("<I", data[1:5])[0]]] = data[13:]
+    assert Log.FromString(got[EVENTS]).message in ("mark", "lamp")
+    ball = SceneUpdate.FromString(got[topics.SKELETON]).entities[0].spheres[14].pose.position
+    assert (ball.x, ball.y, ball.z) == (1, 1, 1)

@@ -19,6 +19,7 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.label_source import calibrated, labels_of
 from annotate.live.complaint import Complaint, Standing
+from annotate.live.drift_watch import DriftWatch
 from annotate.live.frame_complaints import color_complaint, person_complaints
 from annotate.live.live_frame import Labelling, LiveFrame, Rig
 from annotate.live.rig_complaints import rig_complaints
@@ -61,6 +62,7 @@ class LivePipeline:
         self._surveyed = Queue[_Surveyed | None](1)
         self._stop = threading.Event()
         self._standing, self._shift = Standing(), ShiftWatch()
+        self._drift = DriftWatch(rig.calibration)
         self._unreadable = ""
         works = self._survey_all, self._label_all
         self._threads = [threading.Thread(target=work, name=work.__name__, daemon=True) for work in works]
@@ -103,6 +105,7 @@ class LivePipeline:
 
     def _survey(self, moment: Moment) -> _Surveyed:
         frame, left_out = calibrated(moment.frame, self._fuser.calibration)
+        frame = self._drift.corrected(moment, frame)
         self._unreadable = ""
         try:
             cloud = self._fuser.fuse_frame(frame)

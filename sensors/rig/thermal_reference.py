@@ -32,6 +32,9 @@ EVEN_K = 0.3
 SMOOTH_S = 5.0
 """Seconds before and after within which offsets are averaged: drift takes minutes. Chosen by eye."""
 
+SLOPE_K_S = 0.1
+"""How fast a camera drifts, kelvin a second, standard deviation. Chosen by eye."""
+
 Celsius = NDArray[np.float32]
 Floats = NDArray[np.float64]
 
@@ -102,16 +105,25 @@ class ThermalReference:
     def offsets_k(self, spot: int, times_s: Floats) -> Floats:
         """Kelvin (n,) to add to the thermal images of times (n,).
 
-        The mean of the readings within SMOOTH_S, those on edges with less weight; else the nearest one.
+        By a line through the readings within SMOOTH_S, of which those on edges have less weight; where there
+        are none, by the nearest reading.
         """
-        known_s = np.array(self._times_s)
+        start_s = self._times_s[0]
+        known_s, asked_s = np.array(self._times_s) - start_s, times_s - start_s
         off, uneven = (np.array([at[spot] for at in kept], float) for kept in (self._off_k, self._uneven_k))
         weight = np.where(np.isfinite(off), 1 / (EVEN_K**2 + uneven**2), 0)
-        summed, weights = (np.r_[0, np.cumsum(x)] for x in (weight * np.nan_to_num(off), weight))
-        first, end = (np.searchsorted(known_s, times_s + side) for side in (-SMOOTH_S, SMOOTH_S))
-        after = np.searchsorted(known_s, times_s).clip(0, len(known_s) - 1)
-        before = np.maximum(after - 1, 0)
-        nearer = np.abs(known_s[before] - times_s) < np.abs(known_s[after] - times_s)
-        alone = np.where(nearer, before, after)
-        first, end = np.where(end > first, (first, end), (alone, alone + 1))
-        return np.asarray((summed[end] - summed[first]) / (weights[end] - weights[first]), np.float64)
+        off = np.nan_to_num(off)
+        first, end = (np.searchsorted(known_s, asked_s + side) for side in (-SMOOTH_S, SMOOTH_S))
+        alone = np.abs(known_s[:, None] - asked_s[end <= first]).argmin(axis=0)
+        first[end <= first], end[end <= first] = alone, alone + 1
+
+        def total(values: Floats) -> Floats:
+            summed = np.r_[0, np.cumsum(weight * values)]
+            return np.asarray(summed[end] - summed[first])
+
+        ones, t, tt = total(np.ones_like(off)), total(known_s), total(known_s**2)
+        k, kt = total(off), total(off * known_s)
+        # Moments about the time that is asked for; the slope's prior stands beside the squares.
+        spread = tt - 2 * asked_s * t + asked_s**2 * ones + 1 / SLOPE_K_S**2
+        lean, turn = t - asked_s * ones, kt - asked_s * k
+        return np.asarray((k * spread - lean * turn) / (ones * spread - lean**2), np.float64)

@@ -21,7 +21,7 @@ from sensors.rig.pairing import (
     pair_stamps,
     thermal_window_ns,
 )
-from sensors.rig.thermal_reference import READINGS, ThermalReference
+from sensors.rig.thermal_reference import LEAST_READINGS, READINGS, ThermalReference
 from sensors.session.index import Contents, Places
 from sensors.session.mcap_records import MessageReader
 from sensors.session.messages import (
@@ -144,7 +144,7 @@ class Session:
         ]
         if len(self._places[COUNTS]) and not len(self._places[THERMAL]):
             notes.append("thermal counts without the camera's calibration are not temperatures")
-        if len(self._places[PYROMETER]) and len(self._places[THERMAL]):
+        if len(self._places[PYROMETER]) >= LEAST_READINGS and len(self._places[THERMAL]):
             notes.append(self._pyrometer_note())
         if self.truncated:
             notes.append(
@@ -157,7 +157,7 @@ class Session:
         if self.offsets_k is None:
             return (
                 "the pyrometer corrects nothing: what it points at in the thermal image cannot be told "
-                "(too few readings, or too little moves there)"
+                "(too little moves there)"
             )
         low, high = self.offsets_k.min(), self.offsets_k.max()
         return f"temperatures are corrected by the pyrometer's, by {low:+.1f} to {high:+.1f} K"

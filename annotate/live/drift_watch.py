@@ -1,0 +1,40 @@
+"""The pyrometer corrects a live thermal camera, as ``Session`` does a recorded one."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sensors.recording.moments import Moment
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
+from sensors.rig.thermal_reference import ThermalReference
+
+EVERY_S = 0.2
+"""Seconds between readings that are kept: two minutes of them. Chosen by eye."""
+AGAIN_S = 10.0
+"""Seconds after which it is told again what the pyrometer points at. Chosen by eye."""
+
+
+class DriftWatch:
+    """Temperatures of moments, corrected once it can be told what the pyrometer points at."""
+
+    def __init__(self, calibration: RigCalibration) -> None:
+        self._reference = ThermalReference(calibration.thermal.fx) if calibration.thermal else None
+        self._spot: int | None = None
+        self._added_s = self._located_s = -np.inf
+
+    def corrected(self, moment: Moment, frame: RigFrame) -> RigFrame:
+        """A moment's frame with its temperatures corrected, or as it is. Moments only get later."""
+        reference, now_s = self._reference, moment.arrival_ns * 1e-9
+        if reference is None or frame.thermal_c is None:
+            return frame
+        if now_s - self._added_s >= EVERY_S:
+            self._added_s = now_s
+            reference.add(now_s, moment.spot_c, frame.thermal_c)
+        if now_s - self._located_s >= AGAIN_S:
+            self._located_s = now_s
+            self._spot = reference.spot()
+        if self._spot is None:
+            return frame
+        offset_k = reference.offsets_k(self._spot, np.array([now_s]))[0]
+        return replace(frame, thermal_c=frame.thermal_c + np.float32(offset_k))
