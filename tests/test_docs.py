@@ -21,7 +21,7 @@ ELSEWHERE = {
     "annotate-cloud compile": "the set-up itself: make setup runs it",
     "annotate-cloud fix": "a window: driven by the tests of the window",
     "annotate-cloud record take.mcap --rig": "asks for devices; docs/camera.md records from their twins",
-    "annotate-cloud live": "asks for devices and a screen: test_live.py",
+    "annotate-cloud live": "asks for devices and a screen: test_live.py, test_foxglove.py",
     "dask": "scheduler and workers: run by the tests of generating",
 }
 """Lines that these tests leave to others, and to whom."""

@@ -1,7 +1,7 @@
 """What a pyrometer is worth: ``python -m tools.measure.pyrometer [RECORDINGS] [FIRST_SEED] [FRAMES]``.
 
-Recordings of two people at `hard`, whose thermal camera drifts by up to 2 K. Printed are, with and without the
-pyrometer's corrections, how far a person's temperature is off, and the IoU of the person: found with the
+Recordings of two people at `hard`, whose thermal camera drifts by up to 2 K. Printed are, with and without
+the pyrometer's corrections, how far a person's temperature is off, and the IoU of the person: found with the
 temperatures that each frame suggests, as ``label`` does, and with fixed ones, as ``label --window``.
 """
 
