@@ -3,22 +3,18 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 from typer import Argument, Option
 
-from annotate.person.alignment import measure_drift
 from cli.console import Json, Overwrite, finish, progress, say
 from cli.extras import needing
-from sensors.calibrate.hole_plate import HolePlate
 from sensors.errors import CalibrationError
 from sensors.files.atomic import check_free, replacing
-from sensors.rig.calibration_yaml import write_yaml
-from sensors.rig.rig_calibration import save_calibration
-from sensors.session.reader import Session
 
 if TYPE_CHECKING:
     from sensors.calibrate.bundle import Adjusted
+    from sensors.calibrate.hole_plate import HolePlate
+    from sensors.session.reader import Session
 
 
 def calibrate(
@@ -41,6 +37,8 @@ def calibrate(
     json: Json = False,
 ) -> None:
     """Solve intrinsics and relative poses of all cameras from a recording of the hole plate."""
+    from sensors.session.reader import Session
+
     if check:
         _check(Session(board), json)
         return
@@ -50,7 +48,10 @@ def calibrate(
     for path in (out, plot, *([yaml] if yaml else [])):
         check_free(path, overwrite)
     with needing("rig"):
+        from sensors.calibrate.hole_plate import HolePlate
         from sensors.calibrate.verdict import judge
+        from sensors.rig.calibration_yaml import write_yaml
+        from sensors.rig.rig_calibration import save_calibration
 
     plate = HolePlate(columns, rows, pitch_mm / 1000, hole_mm / 1000)
     found = _solve(Session(board), plate)
@@ -67,7 +68,9 @@ def calibrate(
     finish(_result(found, good), json, f"{out}: {verdict}; errors drawn in {plot}")
 
 
-def _check(session: Session, json: bool) -> None:
+def _check(session: "Session", json: bool) -> None:
+    from annotate.person.alignment import measure_drift
+
     drift = measure_drift(session, session.calibration)
     right, down = drift.shift_px
     verdict = "fits" if drift.is_tolerable else "record the hole plate and calibrate again"
@@ -85,7 +88,7 @@ def _check(session: Session, json: bool) -> None:
     finish(result, json, text)
 
 
-def _solve(session: Session, plate: HolePlate) -> "Adjusted":
+def _solve(session: "Session", plate: "HolePlate") -> "Adjusted":
     from sensors.calibrate.bundle import adjust
     from sensors.calibrate.plate_view import view_plate
 
@@ -122,6 +125,7 @@ LONGER = {"depth": 200, "color": 400, "thermal": 60}
 
 def _plot_residuals(path: Path, found: "Adjusted") -> None:
     """Write a PNG: above the residuals as arrows in each image, below their size by view."""
+    import numpy as np
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5 * len(found.residuals), 7), layout="constrained")

@@ -11,19 +11,19 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich import box
-from rich import progress as bars
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 from typer import Option
 
-from annotate.label_source import Run
-from annotate.labelset.appearing import check_replaceable
 from sensors.errors import one_line
+
+if TYPE_CHECKING:
+    from annotate.label_source import Run
 
 Json = Annotated[bool, Option("--json", help="Print one JSON object on stdout.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace existing output.")]
@@ -44,6 +44,8 @@ def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
     if not console.is_terminal:
         yield _lines(what, total)
         return
+    from rich import progress as bars
+
     columns = (
         bars.SpinnerColumn(),
         bars.TextColumn("{task.description}"),
@@ -142,7 +144,7 @@ def say(line: str) -> None:
     print(one_line(line), file=sys.stderr, flush=True)
 
 
-def finish_run(result: dict[str, Any], run: Run, as_json: bool, text: str) -> None:
+def finish_run(result: dict[str, Any], run: "Run", as_json: bool, text: str) -> None:
     """Print the result of a run over frames and the frames that failed; exits with 3 if there are any."""
     result["remarks"], total = run.remarks(), len(run.labels)
     for remark, frames in result["remarks"].items():
@@ -162,5 +164,7 @@ def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
     Raises ExistsError for a folder that must not be removed (``check_replaceable``).
     """
     if overwrite and out.exists():
+        from annotate.labelset.appearing import check_replaceable
+
         check_replaceable(out, marker, *inputs)
         shutil.rmtree(out)

@@ -1,21 +1,18 @@
 """Verbs that measure labels and show what was measured: evaluate, compare, diff, report."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
 
-from annotate.labelset.frames import LabelledFrames, open_frames
 from cli.console import Json, Overwrite, finish, progress, provenance, say
 from cli.extras import needing
-from cli.score_tables import difference_text, scores_text
-from eval.compare.compare import Comparison, compare_sets
-from eval.compare.details import details
-from eval.compare.paired import difference
-from eval.compare.results import Result, load_result, save_result
 from sensors.files.atomic import check_free
-from sensors.session.reader import Session
+
+if TYPE_CHECKING:
+    from annotate.labelset.frames import LabelledFrames
+    from eval.compare.compare import Comparison
 
 
 def evaluate(
@@ -28,11 +25,18 @@ def evaluate(
 ) -> None:
     """Measure labels against the truth, with confidence intervals and the confusion matrix."""
     with needing("report"):
-        import scipy.stats  # noqa: F401, for the intervals at the end
+        import scipy  # noqa: F401, for the intervals at the end
 
     if out is not None:
         check_free(out, overwrite)
+    from annotate.labelset.frames import open_frames
+
     guesses, targets = open_frames(predicted), open_frames(truth)
+    from cli.score_tables import scores_text
+    from eval.compare.compare import compare_sets
+    from eval.compare.details import details
+    from eval.compare.results import Result, save_result
+
     with progress("evaluate", len(targets)) as advance:
         comparison = compare_sets(guesses, targets, advance)
     if out is not None:
@@ -44,7 +48,7 @@ def evaluate(
     finish(result, json, scores_text(comparison, intervals=True))
 
 
-def _facts(predicted: LabelledFrames, truth: LabelledFrames, comparison: Comparison) -> dict[str, str]:
+def _facts(predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison") -> dict[str, str]:
     """What is needed to repeat the result."""
     weights: object = predicted.info
     for key in ("steps", "predict", "weights"):
@@ -67,7 +71,10 @@ def compare(
 ) -> None:
     """Show by how much result A is better than result B, and how certain that is."""
     with needing("report"):
-        import scipy.stats  # noqa: F401
+        import scipy  # noqa: F401
+    from cli.score_tables import difference_text
+    from eval.compare.paired import difference
+    from eval.compare.results import load_result
 
     found = difference(load_result(a), load_result(b))
     if found.note:
@@ -81,7 +88,12 @@ def diff(
     json: Json = False,
 ) -> None:
     """Compare label set A with label set B in a few scores; 'evaluate' computes more scores."""
+    from annotate.labelset.frames import open_frames
+
     sets = open_frames(a), open_frames(b)
+    from cli.score_tables import scores_text
+    from eval.compare.compare import compare_sets
+
     with progress("compare", len(sets[1])) as advance:
         comparison = compare_sets(*sets, advance)
     finish(comparison.to_json(), json, scores_text(comparison, intervals=False))
@@ -114,6 +126,8 @@ def report(
     with needing("report"):
         from eval.report.build import free_outputs, write_report
         from eval.report.gather import gather
+    from eval.compare.results import load_result
+    from sensors.session.reader import Session
 
     notes, sets = note or [], shown or []
     if len(notes) > len(sets):

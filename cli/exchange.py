@@ -3,23 +3,27 @@
 from collections import Counter
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, BadParameter, Option
 
-from annotate.exchange.formats import FORMATS, export_labels, import_labels
-from annotate.foxglove.file import FORMAT as FOXGLOVE
-from annotate.foxglove.file import export_foxglove
-from annotate.labelset.recorded import find_session
-from annotate.labelset.store import LabelSet
 from cli.console import Json, Overwrite, finish, progress, say
-from eval.network.joint_files import noted_joints
 from sensors.importers.open_source import KINDS, open_source
-from sensors.rig.frame import RigFrame
-from sensors.session.writer import SessionWriter
+
+if TYPE_CHECKING:
+    from annotate.labelset.store import LabelSet
+    from sensors.rig.frame import RigFrame
 
 SESSION_SUFFIX = ".mcap"
-EXPORTS = (*FORMATS, FOXGLOVE)
+FOXGLOVE = "foxglove"
+"""Its name for ``export --format``."""
+
+
+def formats() -> list[str]:
+    """Names of the formats of labels."""
+    from annotate.exchange.formats import FORMATS
+
+    return [*FORMATS, FOXGLOVE]
 
 
 def import_(
@@ -39,7 +43,12 @@ def export(
     labels: Annotated[Path, Argument(help="Label set.")],
     out: Annotated[Path, Argument(help="Folder to write; for foxglove a file, out.mcap.")],
     format_: Annotated[
-        str, Option("--format", help=f"{', '.join(EXPORTS)}.", autocompletion=lambda: [*EXPORTS])
+        str,
+        Option(
+            "--format",
+            help="pairs, mmseg, coco, cvat, pcd, ply, semantic-kitti, parquet, foxglove.",
+            autocompletion=formats,
+        ),
     ],
     session: Annotated[
         Path | None,
@@ -52,9 +61,12 @@ def export(
     json: Json = False,
 ) -> None:
     """Write a label set in another tool's format; import reads it back, but for foxglove."""
+    from annotate.exchange.formats import export_labels
+    from annotate.labelset.store import LabelSet
+
     label_set = LabelSet.open(labels)
     if format_ == FOXGLOVE:
-        _export_foxglove(label_set, session or find_session(label_set), out, overwrite, json)
+        _export_foxglove(label_set, session, out, overwrite, json)
         return
     if session is not None:
         raise BadParameter(f"only {FOXGLOVE} takes it", param_hint="--session")
@@ -66,8 +78,14 @@ def export(
     finish(result, json, f"{len(label_set)} frames as {format_} in {out}")
 
 
-def _export_foxglove(labels: LabelSet, session: Path | None, out: Path, overwrite: bool, json: bool) -> None:
-    joints = partial(noted_joints, labels)
+def _export_foxglove(
+    labels: "LabelSet", session: Path | None, out: Path, overwrite: bool, json: bool
+) -> None:
+    from annotate.foxglove.file import export_foxglove
+    from annotate.labelset.recorded import find_session
+    from eval.network.joint_files import noted_joints
+
+    session, joints = session or find_session(labels), partial(noted_joints, labels)
     with progress("export", len(labels)) as advance:
         remarks = export_foxglove(labels, session, joints, out, advance, overwrite=overwrite)
     for remark in remarks:
@@ -79,6 +97,8 @@ def _export_foxglove(labels: LabelSet, session: Path | None, out: Path, overwrit
 
 
 def _import_images(source: Path, out: Path, overwrite: bool, json: bool) -> None:
+    from sensors.session.writer import SessionWriter
+
     frames = open_source(source)
     streams = Counter[str]()
     with (
@@ -98,6 +118,8 @@ def _import_images(source: Path, out: Path, overwrite: bool, json: bool) -> None
 
 
 def _import_labels(source: Path, out: Path, overwrite: bool, json: bool) -> None:
+    from annotate.exchange.formats import import_labels
+
     with progress("import", 0) as advance:
         labels, name = import_labels(source, out, advance, overwrite=overwrite)
     frames = len(labels)
@@ -106,6 +128,6 @@ def _import_labels(source: Path, out: Path, overwrite: bool, json: bool) -> None
     finish(result, json, f"{frames} labelled frames of {name} in {out}")
 
 
-def _streams_of(frame: RigFrame) -> list[str]:
+def _streams_of(frame: "RigFrame") -> list[str]:
     images = {"color": frame.color_encoded, "thermal": frame.thermal_c, "infrared": frame.infrared}
     return ["depth", *(name for name, image in images.items() if image is not None)]

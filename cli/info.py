@@ -2,28 +2,20 @@
 
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 from typer import Argument
 
-from annotate.cloud.fuse import Fuser
-from annotate.correction.audit import Audit, PersonWork, audit
-from annotate.correction.replay import STATE_NAMES, state_of
-from annotate.labelset import dataset, store
-from annotate.labelset.dataset import Dataset
-from annotate.labelset.journal import Journal
-from annotate.labelset.store import LabelSet
-from annotate.parts import PARTS
 from cli.console import Json, cell, facts, finish, table
-from cli.motion import motion_info
 from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
-from sensors.rig.rig_calibration import RigCalibration
-from sensors.session.messages import COLOR, COUNTS, DEPTH, INFRARED, THERMAL
-from sensors.session.reader import Session
-from synth.markers.motion_file import is_motion
+
+if TYPE_CHECKING:
+    from annotate.correction.audit import Audit, PersonWork
+    from annotate.labelset.store import LabelSet
+    from sensors.rig.rig_calibration import RigCalibration
+    from sensors.session.reader import Session
 
 Held = Annotated[Path, Argument(help="Session, label set, dataset, motion, or what import reads.")]
 Shown = tuple[dict[str, Any], str]
@@ -35,20 +27,35 @@ def info(
     json: Json = False,
 ) -> None:
     """Show what a path holds; for a label set, also who corrected what."""
+    from annotate.labelset import dataset, store
+
     if (path / store.MANIFEST).is_file():
-        result, text = _labels(LabelSet.open(path))
+        result, text = _labels(store.LabelSet.open(path))
     elif (path / dataset.MANIFEST).is_file():
-        shards = Dataset.open(path)
+        shards = dataset.Dataset.open(path)
         result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
         text = facts(result)
-    elif is_motion(path):
-        result, text = motion_info(path)
     else:
-        result, text = _source(path)
+        result, text = _motion(path) or _source(path)
     finish(result, json, text)
 
 
-def _labels(labels: LabelSet) -> Shown:
+def _motion(path: Path) -> Shown | None:
+    """What a motion holds; None for anything else. Only archives are worth the imports."""
+    if path.suffix != ".npz":
+        return None
+    from cli.motion import motion_info
+    from synth.markers.motion_file import is_motion
+
+    return motion_info(path) if is_motion(path) else None
+
+
+def _labels(labels: "LabelSet") -> Shown:
+    from annotate.correction.audit import audit
+    from annotate.correction.replay import STATE_NAMES, state_of
+    from annotate.labelset.journal import Journal
+    from annotate.parts import PARTS
+
     states, pixels, journal = Counter[str](), Counter[int](), Journal.of(labels.path)
     for frame in labels:
         strokes = journal.strokes(frame.frame_id)
@@ -80,6 +87,12 @@ def _labels(labels: LabelSet) -> Shown:
 
 def _source(path: Path) -> Shown:
     source = open_source(path)
+    # After the file has been read as what it is: a refusal costs no imports.
+    import numpy as np
+
+    from sensors.session.messages import DEPTH
+    from sensors.session.reader import Session
+
     result: dict[str, Any] = {"kind": type(source).__name__, "name": source.name, "frames": len(source)}
     short, texts = dict(result), []
     if isinstance(source, Session):
@@ -100,7 +113,7 @@ def _source(path: Path) -> Shown:
     return result, "\n\n".join([facts(short), *texts, *source.notes])
 
 
-def _streams(session: Session) -> str:
+def _streams(session: "Session") -> str:
     columns = ("stream", "messages", "per second", "size, px", "focal length, px")
     rows = [
         (topic, stream.count, stream.rate_hz, *_camera(session.calibration, topic))
@@ -109,22 +122,24 @@ def _streams(session: Session) -> str:
     return table(columns, rows)
 
 
-def _camera(rig: RigCalibration, topic: str) -> tuple[str | None, float | None]:
+def _camera(rig: "RigCalibration", topic: str) -> tuple[str | None, float | None]:
     """Size and focal length of the camera that a topic's images are of, as its calibration has them."""
+    from sensors.session.messages import COLOR, COUNTS, DEPTH, INFRARED, THERMAL
+
     depth, thermal = rig.depth, rig.thermal
     cameras = {DEPTH: depth, INFRARED: depth, THERMAL: thermal, COUNTS: thermal, COLOR: rig.color}
     camera = cameras.get(topic)
     return (None, None) if camera is None else (f"{camera.width} x {camera.height}", camera.fx)
 
 
-def _audit_text(found: Audit) -> str:
+def _audit_text(found: "Audit") -> str:
     """Tables: one row for each person, then for each person one row for each part; rejected frames last."""
     tables = [_people(found), *(_parts(person) for person in found.people if person.parts)]
     rejected = [f"rejected {frame_id}: {reason}" for frame_id, reason in found.rejected.items()]
     return "\n\n".join([*tables, *rejected])
 
 
-def _people(found: Audit) -> str:
+def _people(found: "Audit") -> str:
     names = ("person", "frames", "accepted", "untouched", "s median", "s p90", "strokes", "undos", "changed")
     rows = [
         (
@@ -143,7 +158,7 @@ def _people(found: Audit) -> str:
     return table(names, rows, "Corrections")
 
 
-def _parts(person: PersonWork) -> str:
+def _parts(person: "PersonWork") -> str:
     rows = [
         (name, work.strokes, f"{work.seconds:.1f}", work.gained_px, work.lost_px)
         for name, work in person.parts.items()
@@ -153,10 +168,12 @@ def _parts(person: PersonWork) -> str:
 
 def validate(path: Held, json: Json = False) -> None:
     """Check every frame; exits with 1 if something is wrong."""
+    from annotate.labelset import dataset, store
+
     if (path / store.MANIFEST).is_file():
-        problems = store.validate(LabelSet.open(path))
+        problems = store.validate(store.LabelSet.open(path))
     elif (path / dataset.MANIFEST).is_file():
-        problems = dataset.validate(Dataset.open(path))
+        problems = dataset.validate(dataset.Dataset.open(path))
     else:
         problems = _source_problems(path)
     finish(
@@ -168,6 +185,9 @@ def validate(path: Held, json: Json = False) -> None:
 
 def _source_problems(path: Path) -> list[str]:
     source = open_source(path)
+    from annotate.cloud.fuse import Fuser
+    from sensors.session.reader import Session
+
     problems = []
     if isinstance(source, Session) and source.truncated:
         problems.append(

@@ -7,8 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from cli.console import Json, finish, progress
 from cli.extras import needing
 
@@ -34,7 +32,6 @@ def _label() -> None:
     from annotate.cloud.fuse import Fuser
     from annotate.label_source import label_source
     from annotate.person.depth_finder import people_in
-    from sensors.rig.clock import fit_clock
     from sensors.session.reader import Session
     from synth.rig.simulate import simulate
     from synth.rig.virtual_rig import VirtualRig
@@ -44,7 +41,6 @@ def _label() -> None:
         simulate(rig, path, _nothing)
         session = Session(path)
         label_source(session, rig.suit, Path(folder) / "labels", _nothing)
-        fit_clock(np.arange(8), np.arange(8) + 10)
         people_in(Fuser(session.calibration).fuse_frame(replace(session.frame(0), thermal_c=None)))
 
 
@@ -61,6 +57,8 @@ def _generate() -> None:
 
 def _solve() -> None:
     """Markers of somebody who stands still."""
+    import numpy as np
+
     from synth.body.body import shipped_bodies
     from synth.body.flesh import flesh_of
     from synth.body.skeleton import N_JOINTS

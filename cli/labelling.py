@@ -4,26 +4,19 @@ import math
 import time
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
 
-from annotate.engine import Engine, load_weights
-from annotate.label_source import label_source
-from annotate.labelset import store
-from annotate.labelset.frames import LabelledFrames, holds_frames, open_frames
-from annotate.labelset.store import LabelSet
-from annotate.suit.palette import load_suit, suit_to_toml
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from cli.extras import needing
-from eval.network.joint_files import check_kind, write_joints
-from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
-from eval.network.predict import predict_frames
-from eval.network.predict_source import predict_source
 from sensors.files.atomic import check_free, write_bytes
 from sensors.importers.open_source import open_source
-from sensors.rig.frame import FrameSource
+
+if TYPE_CHECKING:
+    from annotate.labelset.frames import LabelledFrames
+    from sensors.importers.open_source import Source
 
 suit_app = typer.Typer(help="Palettes of the colour-coded suit.", no_args_is_help=True)
 
@@ -59,6 +52,10 @@ def label(
     json: Json = False,
 ) -> None:
     """Fuse the cameras, find the person by temperature, and read the body parts from the suit."""
+    from annotate.engine import Engine, load_weights
+    from annotate.labelset import store
+    from annotate.suit.palette import load_suit
+
     palette = load_suit(suit) if suit else None
     engine = Engine(weights=load_weights(weights)) if weights else Engine()
     source = open_source(session)
@@ -66,6 +63,8 @@ def label(
     notes = [*source.notes, *(palette.notes if palette else ())]
     for note in notes:
         say(note)
+    from annotate.label_source import label_source
+
     started = time.monotonic()
     with progress("label", len(source)) as advance:
         run = label_source(source, palette, out, advance, window, engine)
@@ -97,7 +96,9 @@ def learn(
 ) -> None:
     """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
     with needing("rig"):
+        from annotate.labelset.store import LabelSet
         from annotate.suit.learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
+        from annotate.suit.palette import suit_to_toml
 
     check_free(out, overwrite)
     if swatches is not None and labels is None and session is None and not frame:
@@ -118,9 +119,7 @@ def learn(
 def predict(
     source: Annotated[Path, Argument(help="Session, label set, dataset, or what import reads.")],
     out: Labels,
-    weights: Annotated[
-        Path, Option(help="Network (.onnx).", show_default="the shipped one")
-    ] = SHIPPED_WEIGHTS,
+    weights: Annotated[Path | None, Option(help="Network (.onnx).", show_default="the shipped one")] = None,
     window: Window = None,
     probabilities: Annotated[
         bool, Option("--probabilities", help="Also store the probabilities of all classes, 12 kB per frame.")
@@ -136,31 +135,35 @@ def predict(
 ) -> None:
     """Label depth images with a network; label sets and datasets keep their outlines of the person."""
     if joints is not None:
+        from eval.network.joint_files import check_kind, write_joints
+
         check_kind(joints)
         check_free(joints, overwrite)
-    network = OnnxNetwork(weights)
-    frames: LabelledFrames | FrameSource
-    if holds_frames(source):
-        if everybody:
-            raise typer.BadParameter("labels keep their outlines of one person; give --everybody a recording")
-        frames = open_frames(source)
-        work = partial(predict_frames, frames, network, out, probabilities=probabilities)
+    opened = _opened(source, everybody)
+    from annotate.labelset import store
+    from annotate.labelset.frames import LabelledFrames
+    from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
+    from eval.network.predict import predict_frames
+    from eval.network.predict_source import predict_source
+
+    chosen = weights or SHIPPED_WEIGHTS
+    network = OnnxNetwork(chosen)
+    things = OnnxNetwork(THINGS_WEIGHTS) if chosen == SHIPPED_WEIGHTS else None
+    clear(out, store.MANIFEST, overwrite, source, chosen)
+    if isinstance(opened, LabelledFrames):
+        work = partial(predict_frames, opened, network, out, probabilities=probabilities)
     else:
-        frames = open_source(source)
-        for note in frames.notes:
-            say(note)
         work = partial(
             predict_source,
-            frames,
+            opened,
             network,
             out,
             window_c=window,
-            things=OnnxNetwork(THINGS_WEIGHTS) if weights == SHIPPED_WEIGHTS else None,
+            things=things,
             probabilities=probabilities,
             everybody=everybody,
         )
-    clear(out, store.MANIFEST, overwrite, source, weights)
-    started, total = time.monotonic(), len(frames)
+    started, total = time.monotonic(), len(opened)
     with progress("predict", total) as advance:
         run = work(progress=advance)
     ms = 1000 * (time.monotonic() - started) / max(1, total)
@@ -168,6 +171,20 @@ def predict(
     if joints is not None:
         result["people"] = write_joints(run.labels, joints)
     finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")
+
+
+def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":
+    """Labels or a recording; what a recording lacks is said."""
+    from annotate.labelset.frames import holds_frames, open_frames
+
+    if holds_frames(source):
+        if everybody:
+            raise typer.BadParameter("labels keep their outlines of one person; give --everybody a recording")
+        return open_frames(source)
+    frames = open_source(source)
+    for note in frames.notes:
+        say(note)
+    return frames
 
 
 def fix(

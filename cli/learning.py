@@ -7,13 +7,8 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from annotate.correction.correction import Correction
-from annotate.correction.relabel import relabel
-from annotate.labelset.claim import ClaimedError
-from annotate.labelset.store import LabelSet
 from cli.console import Json, finish, progress, say
 from cli.extras import needing
-from eval.network.onnx_network import SHIPPED_WEIGHTS
 
 LOW = 10
 """How much lower its priority is than that of other work, as a niceness. Chosen by eye."""
@@ -38,6 +33,7 @@ def learn(
 
         from eval.learning.learn import images
         from eval.learning.learn import learn as run
+        from eval.network.onnx_network import SHIPPED_WEIGHTS
     os.nice(LOW)
     torch.set_num_threads(1)
     started = time.monotonic()
@@ -68,6 +64,11 @@ def learn(
 
 def _taken_over(labels: Path, learnt: Path) -> dict[str, Any]:
     """Give a set the labels that were learnt, as one step; nothing where it is open elsewhere."""
+    from annotate.correction.correction import Correction
+    from annotate.correction.relabel import relabel
+    from annotate.labelset.claim import ClaimedError
+    from annotate.labelset.store import LabelSet
+
     try:
         with Correction.open(labels) as correction:
             step = relabel(correction, LabelSet.open(learnt))

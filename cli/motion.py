@@ -2,22 +2,23 @@
 
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress, say, table
 from cli.extras import needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free
-from synth.body.skeleton import JOINTS
-from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED, MarkerReport, load_motion, save_motion
+
+if TYPE_CHECKING:
+    from synth.markers.motion_file import MarkerReport
 
 ANGLES = ("flexion", "abduction", "rotation")
 """A joint's three angles, in the order of ``synth.body.skeleton``."""
 
-STATUSES = {"bridged": BRIDGED, "missing": MISSING, "ghost": GHOST, "swapped": SWAPPED}
+STATUSES = ("bridged", "missing", "ghost", "swapped")
+"""What can become of a marker in a frame (``synth/markers/motion_file.py``)."""
 
 
 def solve(
@@ -39,6 +40,7 @@ def solve(
         from synth.markers.bvh import read_bvh
         from synth.markers.marker_files import read_markers
         from synth.markers.markerset import load_marker_set
+        from synth.markers.motion_file import save_motion
         from synth.markers.solve import places_m
         from synth.markers.solve import solve as solve_markers
         from synth.motion.picture import check_animation, save_animation, save_picture
@@ -76,7 +78,7 @@ def solve(
     finish(result, json, "\n".join([text, *_odd_markers(result["markers"])]))
 
 
-def _solved(report: MarkerReport) -> dict[str, Any]:
+def _solved(report: "MarkerReport") -> dict[str, Any]:
     """How well markers were explained, as JSON."""
     return {
         "marker_median_mm": round(report.median_mm, 2),
@@ -87,7 +89,7 @@ def _solved(report: MarkerReport) -> dict[str, Any]:
     }
 
 
-def _say_remarks(report: MarkerReport) -> None:
+def _say_remarks(report: "MarkerReport") -> None:
     """Say what was assumed of the file, and which labels are of no marker."""
     for line in report.assumed:
         say(line)
@@ -98,6 +100,11 @@ def _say_remarks(report: MarkerReport) -> None:
 
 def motion_info(path: Path) -> tuple[dict[str, Any], str]:
     """What a motion holds, as JSON and as text: its length, the person, and the range of every joint."""
+    import numpy as np
+
+    from synth.body.skeleton import JOINTS
+    from synth.markers.motion_file import load_motion
+
     motion = load_motion(path)
     result: dict[str, Any] = {
         "kind": "motion",
@@ -122,9 +129,14 @@ def motion_info(path: Path) -> tuple[dict[str, Any], str]:
     return result, "\n".join(lines)
 
 
-def _per_marker(report: MarkerReport) -> dict[str, dict[str, float]]:
+def _per_marker(report: "MarkerReport") -> dict[str, dict[str, float]]:
     """Median distance of each marker to the body, and its numbers of frames by status."""
-    counts = {word: report.count(status) for word, status in STATUSES.items()}
+    import numpy as np
+
+    from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SWAPPED
+
+    statuses = zip(STATUSES, (BRIDGED, MISSING, GHOST, SWAPPED), strict=True)
+    counts = {word: report.count(status) for word, status in statuses}
     gap = report.longest_gap()
     result: dict[str, dict[str, float]] = {}
     for m, name in enumerate(report.names):

@@ -6,23 +6,19 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.live import Live
 from rich.table import Table
 from typer import Argument, Option
 
-from annotate.suit.palette import load_suit
 from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say, table
-from cli.live import look_at
-from cli.rig_devices import open_rig, opened_rig
+from sensors.errors import DeviceError
 from sensors.recording.how_tested import KINDS
-from sensors.recording.open_device import find_devices
-from sensors.recording.recorder import Recorded, Recorder, clock_metadata
-from sensors.session.repair import repair as repair_session
-from sensors.session.writer import SessionWriter
+
+if TYPE_CHECKING:
+    from sensors.recording.recorder import Recorded, Recorder
 
 
 def record(
@@ -41,11 +37,21 @@ def record(
     json: Json = False,
 ) -> None:
     """Record depth, colour and temperature from devices, real or virtual, into a session."""
+    if preview and infrared:
+        raise typer.BadParameter("--preview records people, not the hole plate; leave --infrared out")
+    if (rig is None) == (not device):
+        raise DeviceError("no device to record from; give either --rig or one or more --device")
     if preview:
-        if infrared:
-            raise typer.BadParameter("--preview records people, not the hole plate; leave --infrared out")
+        from annotate.suit.palette import load_suit
+        from cli.live_view import look_at
+        from cli.rig_devices import open_rig
+
         look_at(open_rig(rig, device), load_suit(suit) if suit else None, out, overwrite, seconds, json)
         return
+    from cli.rig_devices import opened_rig
+    from sensors.recording.recorder import Recorder, clock_metadata
+    from sensors.session.writer import SessionWriter
+
     with ExitStack() as stack:
         wanted, devices, calibration, _ = opened_rig(rig, device, stack)
         metadata = clock_metadata(devices, wanted.latency_ms)
@@ -66,6 +72,8 @@ def repair(
     json: Json = False,
 ) -> None:
     """Repair a recording that was cut off or damaged; every frame that can be read is kept."""
+    from sensors.session.repair import repair as repair_session
+
     done = repair_session(session, out, overwrite=overwrite)
     result = {
         "session": str(done.path),
@@ -85,27 +93,29 @@ def repair(
 
 
 @contextmanager
-def _preview() -> Iterator[Callable[[Recorder], None]]:
+def _preview() -> "Iterator[Callable[[Recorder], None]]":
     """Show the state of the recording once a second; Ctrl-C ends it."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _lines()
         return
+    from rich.live import Live
+
     with Live(console=console, transient=True, auto_refresh=False) as live:
         yield lambda recorder: live.update(_table(recorder), refresh=True)
 
 
-def _table(recorder: Recorder) -> Table:
+def _table(recorder: "Recorder") -> Table:
     table = Table("stream", "images", "a second", "dropped", "now", title="recording; Ctrl-C ends it")
     for name, stream in recorder.streams.items():
         table.add_row(name, str(stream.count), f"{stream.rate_hz:.1f}", str(stream.dropped), stream.shows)
     return table
 
 
-def _lines() -> Callable[[Recorder], None]:
+def _lines() -> "Callable[[Recorder], None]":
     printed = time.monotonic()
 
-    def show(recorder: Recorder) -> None:
+    def show(recorder: "Recorder") -> None:
         nonlocal printed
         if time.monotonic() - printed >= LINE_SECONDS:
             printed = time.monotonic()
@@ -118,7 +128,7 @@ def _lines() -> Callable[[Recorder], None]:
     return show
 
 
-def _report(out: Path, done: Recorded, json: bool) -> None:
+def _report(out: Path, done: "Recorded", json: bool) -> None:
     frames = done.streams["depth"].count
     dropped = sum(stream.dropped for stream in done.streams.values())
     for text, times in done.events.items():
@@ -140,6 +150,8 @@ def _report(out: Path, done: Recorded, json: bool) -> None:
 
 def devices(json: Json = False) -> None:
     """List devices that are plugged in, virtual ones, and what each kind needs and was tested with."""
+    from sensors.recording.open_device import find_devices
+
     found = find_devices()
     title = "no device is plugged in; virtual devices:" if all(one.virtual for one in found) else ""
     rows = [(one.address, one.serial, one.note) for one in found]

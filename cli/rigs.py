@@ -2,38 +2,39 @@
 
 import json as json_format
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, table
-from sensors.calibrate.hole_plate import HolePlate
-from sensors.calibrate.plate_drawing import plate_svg
 from sensors.errors import DeviceError
 from sensors.files.atomic import check_free, replacing
-from sensors.recording.rig_templates import TEMPLATES, RigTemplate, template_named
-from sensors.rig.camera import rays
-from sensors.rig.rig_calibration import save_calibration
+
+if TYPE_CHECKING:
+    from sensors.recording.rig_templates import RigTemplate
 
 RIG, CALIBRATION, PLATE = "rig.toml", "calibration.json", "plate.svg"
 
 
 def names() -> list[str]:
     """Names of the rigs."""
+    from sensors.recording.rig_templates import TEMPLATES
+
     return [*TEMPLATES]
 
 
 def rig(
     name: Annotated[
         str | None,
-        Argument(help="Name of a rig; without one, all are listed.", autocompletion=lambda: [*TEMPLATES]),
+        Argument(help="Name of a rig; without one, all are listed.", autocompletion=names),
     ] = None,
     out: Annotated[Path | None, Option(help="Folder for rig file, rough calibration and hole plate.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """List common rigs, or write one's rig file, its hole plate to print, and what to do with them."""
+    from sensors.recording.rig_templates import TEMPLATES, template_named
+
     if name is None:
         expected = {one.name: expectations(one) for one in TEMPLATES.values()}
         rows = [(n, TEMPLATES[n].title, *map(str, e.values())) for n, e in expected.items()]
@@ -44,6 +45,9 @@ def rig(
         raise DeviceError(f"no folder for rig {name!r}; give --out FOLDER")
     for file in (RIG, CALIBRATION, PLATE):
         check_free(out / file, overwrite)
+    from sensors.calibrate.plate_drawing import plate_svg
+    from sensors.rig.rig_calibration import save_calibration
+
     out.mkdir(parents=True, exist_ok=True)
     with replacing(out / CALIBRATION) as temporary:
         save_calibration(temporary, template.calibration)
@@ -61,8 +65,12 @@ COLUMNS = ("plate, m", "depth +-mm at 2 m", "mm of a thermal pixel at 2 m", "the
 """Headings of ``expectations``."""
 
 
-def expectations(rig: RigTemplate) -> dict[str, Any]:
+def expectations(rig: "RigTemplate") -> dict[str, Any]:
     """What a rig can do: distances, errors, how wide and high the thermal camera sees."""
+    import numpy as np
+
+    from sensors.rig.camera import rays
+
     thermal = rig.calibration.thermal
     assert thermal is not None
     edges = rays(thermal)
@@ -79,8 +87,12 @@ def expectations(rig: RigTemplate) -> dict[str, Any]:
     }
 
 
-def rig_file(rig: RigTemplate) -> str:
+def rig_file(rig: "RigTemplate") -> str:
     """The rig file of a template; its comments are the way to the first labels."""
+    import numpy as np
+
+    from sensors.calibrate.hole_plate import HolePlate
+
     plate, expected = rig.plate, expectations(rig)
     width, height = 1000 * np.ptp(plate.size_m, axis=0)
     hole, pitch = 1000 * plate.hole_m, 1000 * plate.pitch_m

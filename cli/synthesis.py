@@ -8,22 +8,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 from typer import Argument, Option
 
-from annotate.labelset.dataset import Dataset
 from cli.console import Json, Overwrite, clear, finish, progress, table
 from cli.extras import needing
 from cli.rigs import names
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free
-from sensors.recording.rig_templates import REFERENCE, TEMPLATES, template_named
-from synth.body.body import Body, save_body
-from synth.body.body_table import MEASURES, PAPER_BODIES, BodySize, describe, read_sizes
-from synth.images.workers import cluster, processes
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from sensors.recording.rig_templates import RigTemplate
+    from synth.body.body import Body
+    from synth.body.body_table import BodySize
     from synth.images.presets import Preset
 
 PICTURE = "bodies.png"
@@ -82,33 +81,42 @@ def simulate(
     ] = "sofa",
     difficulty: Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)] = "normal",
     rig: Annotated[
-        str,
-        Option(help="Which cameras: " + ", ".join(TEMPLATES) + ".", autocompletion=names),
-    ] = REFERENCE,
+        str | None,
+        Option(
+            help="Which cameras; the verb rig lists them.",
+            autocompletion=names,
+            show_default="kinect2-optris",
+        ),
+    ] = None,
     seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Record people in a colour-coded suit with the virtual rig; the true labels go to out.truth/."""
+    from sensors.recording.rig_templates import REFERENCE, template_named
+
+    cameras = template_named(rig or REFERENCE)
     if scene == "plate":
-        _simulate_plate(out, frames, seed, rig, overwrite, json)
+        _simulate_plate(out, frames, seed, cameras, overwrite, json)
         return
     with needing("synth"):
         from synth.rig.simulate import simulate, suit_path, truth_path
         from synth.rig.virtual_rig import VirtualRig
-    virtual = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, scene, rig=rig)
+    virtual = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, scene, rig=cameras.name)
     with progress("simulate", frames) as advance:
         simulate(virtual, out, advance, overwrite=overwrite)
     result = {"frames": frames, "truth": str(truth_path(out)), "suit": str(suit_path(out))}
     finish(result, json, f"{frames} frames in {out}, truth in {truth_path(out)}, suit in {suit_path(out)}")
 
 
-def _simulate_plate(out: Path, frames: int, seed: int, rig: str, overwrite: bool, json: bool) -> None:
+def _simulate_plate(
+    out: Path, frames: int, seed: int, rig: "RigTemplate", overwrite: bool, json: bool
+) -> None:
     with needing("synth"):
         from synth.rig.plate_views import PlateViews, record_plate
 
     with progress("simulate", frames) as advance:
-        truth = record_plate(PlateViews(template_named(rig), frames, seed), out, advance, overwrite=overwrite)
+        truth = record_plate(PlateViews(rig, frames, seed), out, advance, overwrite=overwrite)
     result = {"frames": frames, "truth": str(truth), "suit": None}
     finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
 
@@ -137,6 +145,10 @@ def bodies(
     """Fit bodies to height, weight and waist breadth. Needs the extra 'bodies'."""
     if table is not None and sample is not None:
         raise CloudError("--table and --sample exclude each other; give one of them")
+    import numpy as np
+
+    from synth.body.body_table import PAPER_BODIES, describe, read_sizes
+
     asked = PAPER_BODIES if table is None else read_sizes(table)
     sizes: Sequence[BodySize | None] = asked if sample is None else [None] * sample
     names = [f"sample_{i:03}" if size is None else size.name for i, size in enumerate(sizes)]
@@ -144,6 +156,7 @@ def bodies(
         check_free(path, overwrite)
     # All bodies are fitted before the first is written.
     made = _bake(names, sizes, np.random.default_rng(seed))
+    from synth.body.body import save_body
     from synth.body.body_picture import save_picture
 
     out.mkdir(parents=True, exist_ok=True)
@@ -156,12 +169,14 @@ def bodies(
 
 def _sizes(rows: Sequence[dict[str, str | float]]) -> str:
     """A table of the measured sizes, beside the requested ones where there are any."""
+    from synth.body.body_table import MEASURES
+
     columns = [key for m in MEASURES for key in (m, f"asked_{m}") if key in rows[0]]
     lines = [(row["model"], *(f"{row[key]:.2f}" for key in columns)) for row in rows]
     return table(("body", *(key.replace("_", " ") for key in columns)), lines)
 
 
-def _bake(names: list[str], sizes: Sequence[BodySize | None], rng: np.random.Generator) -> list[Body]:
+def _bake(names: list[str], sizes: "Sequence[BodySize | None]", rng: "np.random.Generator") -> "list[Body]":
     """Bodies fitted to their sizes, random where the size is None."""
     with needing("bodies"):
         from synth.body.fit import BodyModel, fit, random_adult
@@ -229,6 +244,7 @@ def generate_(
         from synth.images.distributions import distributions_at
         from synth.images.generate import ORDER, Order, generate
         from synth.images.presets import dressed_from
+        from synth.images.workers import cluster, processes
 
     chosen = replace(_preset(preset, motion), occluders=occluders, cut=cut)
     if garments is not None:
@@ -260,6 +276,8 @@ def page(
         from synth.images.dataset_page import PAGE, write_page
         from synth.images.distributions import distributions_at
         from synth.images.generate import ORDER
+
+    from annotate.labelset.dataset import Dataset
 
     opened = Dataset.open(dataset)
     if not (dataset / ORDER).is_file():

@@ -12,9 +12,6 @@ from typer import Argument, Option
 
 from cli.console import Json, Overwrite, clear, finish, progress, say
 from cli.extras import needing
-from eval.network.onnx_network import SHIPPED_WEIGHTS
-from eval.training.augment import Augmentation
-from eval.training.crops import Crops, load_crops
 from sensors.errors import CloudError
 
 if TYPE_CHECKING:
@@ -22,14 +19,17 @@ if TYPE_CHECKING:
 
     from eval.network.checkpoint import Epoch
     from eval.network.networks import NetworkConfig
+    from eval.training.crops import Crops
     from eval.training.loader import ProcessGroup
     from eval.training.plan import Plan
     from eval.training.train import Watch
 
 CALIBRATED_ON = 512
 """Images, at most, on which confidences are made chances: the measured ones where there are any."""
-Without = StrEnum("Without", [field.name for field in fields(Augmentation)])  # type: ignore[misc]
-"""The augmentations that can be left out."""
+Without = StrEnum(
+    "Without", ["mirror", "place", "turn", "noise", "holes", "occluders", "cuts", "borders", "extras"]
+)
+"""The augmentations that can be left out: the fields of ``eval.training.augment.Augmentation``."""
 
 NetworkName = Literal["compact", "compact-small", "compact-large", "paper", "paper-quarter", "smp"]
 RecipeName = Literal["modern", "paper"]
@@ -75,6 +75,8 @@ def train(
     """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
     started, tests = time.monotonic(), test or []
     with needing("train"):
+        from eval.network.onnx_network import SHIPPED_WEIGHTS
+        from eval.training.crops import load_crops
         from eval.training.loader import ProcessGroup
         from eval.training.plan import best_precision
         from eval.training.train import images_left
@@ -101,7 +103,7 @@ def train(
         finish(result, json, text)
 
 
-def _written(out: Path, model: "nn.Module", plan: "Plan", seen: Crops) -> dict[str, Any]:
+def _written(out: Path, model: "nn.Module", plan: "Plan", seen: "Crops") -> dict[str, Any]:
     """Weights of a trained network in both formats: their path, and the temperature fitted on crops."""
     from eval.network.checkpoint import save_weights
     from eval.network.networks import export_onnx
@@ -122,6 +124,7 @@ def _plan(
     batch: int | None,
 ) -> "tuple[Plan, nn.Module | None]":
     from eval.network.checkpoint import load_weights
+    from eval.training.augment import Augmentation
     from eval.training.plan import ModernRecipe, PaperRecipe, Plan
 
     if init and network:
@@ -148,7 +151,9 @@ def _config(network: NetworkName) -> "NetworkConfig":
     return configs[network]
 
 
-def _measured(data: list[Path], tests: list[Path], hold_out: list[str], images: int) -> Crops | None:
+def _measured(data: list[Path], tests: list[Path], hold_out: list[str], images: int) -> "Crops | None":
+    from eval.training.crops import load_crops
+
     if tests and hold_out:
         raise CloudError("--test and --hold-out exclude each other; give one of them")
     if hold_out:

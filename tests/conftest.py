@@ -5,7 +5,6 @@ import json
 import os
 import resource
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -56,10 +55,6 @@ def rig_labels(rig_session) -> LabelSet:
     return label_source(Session(rig_session), DEFAULT_SUIT, out, lambda n: None).labels
 
 
-SCREENS: list[subprocess.Popen] = []
-"""Kept until the process ends."""
-
-
 @pytest.fixture(scope="session")
 def display() -> str:
     """A screen: the one there is, or an Xvfb of this process's own, which ends with it."""
@@ -71,7 +66,10 @@ def display() -> str:
     # setpriv, and no terminate() here: Qt ends the tests' process when its screen goes first.
     command = ["setpriv", "--pdeathsig", "TERM", "Xvfb", "-displayfd", str(writing), "-screen", "0"]
     command += ["1600x1200x24", "-nolisten", "tcp"]
-    SCREENS.append(subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL))
+    os.set_inheritable(writing, True)
+    silent = (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0)
+    # No Popen, which would complain at the end of a process that still runs then.
+    os.posix_spawnp(command[0], command, os.environ, file_actions=[silent])
     os.close(writing)
     with os.fdopen(reading) as numbers:
         os.environ["DISPLAY"] = f":{numbers.readline().strip()}"

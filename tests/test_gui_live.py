@@ -17,7 +17,7 @@ from annotate.gui.theme import DARK
 from annotate.live.complaint import Complaint
 from annotate.live.pipeline import LivePipeline
 from annotate.suit.palette import load_suit
-from cli.live import labelling_by
+from cli.live_view import labelling_by
 from sensors.recording.playback import Playback
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path

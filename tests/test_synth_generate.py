@@ -176,7 +176,7 @@ def dask():
 
 def joined(address, number):
     """The cluster's context, once so many workers have come."""
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 120
     while time.monotonic() < deadline:
         with cluster(address) as hands:
             if hands.parallel >= number:

@@ -14,8 +14,6 @@ from sensors.files.atomic import check_free, replacing
 from sensors.rig.frame import FRAME_PERIOD_NS
 from sensors.session.messages import METADATA
 
-FORMAT = "foxglove"
-"""Its name for ``export --format``."""
 Joints = Callable[[FrameLabels], Mapping[str, Sequence[float]] | None]
 """Places (x, y, z) of a frame's joints by name, depth camera, millimetres, or None."""
 

@@ -1,22 +1,26 @@
-"""Recorded frames of any kind, recognised by their content."""
+"""Recorded frames of any kind, recognised by their content; only its reader is imported then."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 from sensors.errors import FormatError
-from sensors.importers.arrays import NPY_MAGIC, ZIP_MAGIC, DepthArrays
-from sensors.importers.azure_mkv import AzureRecording
-from sensors.importers.bags.bag import Bag, is_bag
-from sensors.importers.bags.orbbec import OrbbecRecording, is_orbbec
-from sensors.importers.bags.realsense import RealSenseRecording, is_realsense
-from sensors.importers.flir_images import FlirImages, is_flir_alone
-from sensors.importers.folder import ImageFolder
-from sensors.importers.pointcloud import CloudFile
-from sensors.session.mcap_records import MAGIC
-from sensors.session.reader import Session
-from sensors.session.writer import recording_at
+from sensors.session.paths import recording_at
 
-BagSource = Bag | RealSenseRecording | OrbbecRecording
-Source = Session | ImageFolder | CloudFile | AzureRecording | BagSource | DepthArrays | FlirImages
+if TYPE_CHECKING:
+    from sensors.importers.arrays import DepthArrays
+    from sensors.importers.azure_mkv import AzureRecording
+    from sensors.importers.bags.bag import Bag
+    from sensors.importers.bags.orbbec import OrbbecRecording
+    from sensors.importers.bags.realsense import RealSenseRecording
+    from sensors.importers.flir_images import FlirImages
+    from sensors.importers.folder import ImageFolder
+    from sensors.importers.pointcloud import CloudFile
+    from sensors.session.reader import Session
+
+BagSource: TypeAlias = "Bag | RealSenseRecording | OrbbecRecording"
+Source: TypeAlias = (
+    "Session | ImageFolder | CloudFile | AzureRecording | BagSource | DepthArrays | FlirImages"
+)
 """A ``FrameSource`` with ``len``, and ``notes`` on what is absent or assumed."""
 
 KINDS = (
@@ -28,21 +32,54 @@ JPEG_MAGIC = b"\xff\xd8\xff"
 CLOUDS = (".pcd", ".ply", ".las", ".laz")
 
 
-def open_source(path: Path) -> Source:
+def open_source(path: Path) -> "Source":
     """The ``FrameSource`` at ``path``; files are recognised by their first bytes, clouds by their name.
 
     Raises FormatError for anything else, and what the sources themselves raise.
     """
     path = recording_at(path)
     if path.is_dir():
-        if is_bag(path):
-            return Bag(path)
-        return FlirImages(path) if is_flir_alone(path) else ImageFolder(path)
+        return _folder(path)
     head = _head(path)
+    from sensors.session.mcap_records import MAGIC
+
     if head.startswith(MAGIC) or path.name.lower().endswith((".mcap", ".mcap.partial")):
+        from sensors.importers.bags.bag import Bag, is_bag
+        from sensors.session.reader import Session
+
         return Bag(path) if head.startswith(MAGIC) and is_bag(path) else Session(path)
     if head.startswith((b"SQLite format 3\0", b"#ROSBAG V")):
         return _bag(path)
+    return _other(path, head)
+
+
+def _folder(path: Path) -> "Source":
+    from sensors.importers.bags.bag import Bag, is_bag
+    from sensors.importers.flir_images import FlirImages, is_flir_alone
+    from sensors.importers.folder import ImageFolder
+
+    if is_bag(path):
+        return Bag(path)
+    return FlirImages(path) if is_flir_alone(path) else ImageFolder(path)
+
+
+def _bag(path: Path) -> "BagSource":
+    from sensors.importers.bags.bag import Bag
+    from sensors.importers.bags.orbbec import OrbbecRecording, is_orbbec
+    from sensors.importers.bags.realsense import RealSenseRecording, is_realsense
+
+    if is_realsense(path):
+        return RealSenseRecording(path)
+    return OrbbecRecording(path) if is_orbbec(path) else Bag(path)
+
+
+def _other(path: Path, head: bytes) -> "Source":
+    """The source of a file that is no recording of messages."""
+    from sensors.importers.arrays import NPY_MAGIC, ZIP_MAGIC, DepthArrays
+    from sensors.importers.azure_mkv import AzureRecording
+    from sensors.importers.flir_images import FlirImages, is_flir_alone
+    from sensors.importers.pointcloud import CloudFile
+
     if head.startswith(b"\x1a\x45\xdf\xa3"):
         return AzureRecording(path)
     if head.startswith((NPY_MAGIC, ZIP_MAGIC)):
@@ -52,12 +89,6 @@ def open_source(path: Path) -> Source:
     if path.suffix.lower() in CLOUDS:
         return CloudFile(path)
     raise FormatError(f"{path} is of no known kind; give {KINDS}")
-
-
-def _bag(path: Path) -> BagSource:
-    if is_realsense(path):
-        return RealSenseRecording(path)
-    return OrbbecRecording(path) if is_orbbec(path) else Bag(path)
 
 
 def _head(path: Path) -> bytes:

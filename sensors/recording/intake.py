@@ -10,7 +10,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from queue import Empty, Full, Queue
+from queue import Full, Queue
 
 import numpy as np
 
@@ -144,19 +144,21 @@ class Intake:
         self._woken.clear()
 
     def drain(self) -> Iterator[Arrived | Event]:
-        """All that has come. Raises what a device raised that is no DeviceError."""
+        """All that has come until now. Raises what a device raised that is no DeviceError.
+
+        No more than that: where devices are faster than who drains, their queues are never empty.
+        """
         for address, queue in self._queues.items():
-            with suppress(Empty):
-                while True:
-                    item = queue.get_nowait()
-                    if isinstance(item, DeviceReading):
-                        yield from self._arrived(address, item)
-                    elif not isinstance(item, DeviceError):
-                        raise item
-                    else:
-                        if not isinstance(item, DeviceFaultError):
-                            self.away.add(address)
-                        yield Event(self.now_ns(), str(item))
+            for _ in range(queue.qsize()):
+                item = queue.get_nowait()
+                if isinstance(item, DeviceReading):
+                    yield from self._arrived(address, item)
+                elif not isinstance(item, DeviceError):
+                    raise item
+                else:
+                    if not isinstance(item, DeviceFaultError):
+                        self.away.add(address)
+                    yield Event(self.now_ns(), str(item))
 
     def _read(self, address: str) -> None:
         """A device's thread."""

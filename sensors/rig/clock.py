@@ -7,7 +7,6 @@ line below all delays, as near to them as can be, is the clock; stalls and jitte
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 LIMIT_SKEW = 200e-6
@@ -48,7 +47,7 @@ def _envelope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, fl
     It is the side of their convex hull that lies below the mean x.
     """
     order = np.lexsort((y, x))
-    corner = _lower_hull(x[order], y[order])
+    corner = _lower_hull(x[order].tolist(), y[order].tolist())
     x_hull, y_hull = x[order][corner], y[order][corner]
     right = int(np.clip(np.searchsorted(x_hull, x.mean()), 1, max(len(corner) - 1, 1)))
     if right >= len(corner):
@@ -58,19 +57,16 @@ def _envelope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, fl
     return slope, float((y_hull - slope * x_hull).min())
 
 
-@njit(cache=True)
-def _lower_hull(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.int64]:
+def _lower_hull(x: list[float], y: list[float]) -> list[int]:
     """Corners of the lower convex hull of points sorted by x, then y (Andrew 1979)."""
-    corner = np.empty(len(x), np.int64)
-    count = 0
+    corner: list[int] = []
     for i in range(len(x)):
-        if count > 0 and x[corner[count - 1]] == x[i]:
+        if corner and x[corner[-1]] == x[i]:
             continue
-        while count > 1:
-            a, b = corner[count - 2], corner[count - 1]
+        while len(corner) > 1:
+            a, b = corner[-2:]
             if (x[b] - x[a]) * (y[i] - y[a]) > (y[b] - y[a]) * (x[i] - x[a]):
                 break
-            count -= 1
-        corner[count] = i
-        count += 1
-    return corner[:count]
+            corner.pop()
+        corner.append(i)
+    return corner

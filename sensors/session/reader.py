@@ -36,7 +36,7 @@ from sensors.session.messages import (
     target_from,
     thermal_from,
 )
-from sensors.session.writer import recording_at
+from sensors.session.paths import recording_at
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from sensors.errors import FormatError
 from sensors.files.atomic import check_free, replacing
 from sensors.session.mcap_records import chunk_end_ns, end_of_records, record_offsets, records_at
 from sensors.session.messages import DEPTH, METADATA
+from sensors.session.paths import final_of, recording_at
 from sensors.session.reader import Session
-from sensors.session.writer import CHUNK_BYTES, final_of, recording_at
+from sensors.session.writer import CHUNK_BYTES
 
 LONGEST_LOSS_NS = 60 * 10**9
 """A lost chunk that states to end later than this after what was saved is believed to be damaged there too.

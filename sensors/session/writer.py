@@ -34,25 +34,10 @@ from sensors.session.messages import (
     image_message,
     thermal_message,
 )
+from sensors.session.paths import partial_of
 
-PARTIAL = ".partial"
 CHUNK_BYTES = 1 << 20
 """Bytes of messages after which a chunk ends, if no depth image ends it before. Chosen by eye."""
-
-
-def partial_of(path: Path) -> Path:
-    """What the session ``path`` is called until it is complete."""
-    return path.with_name(path.name + PARTIAL)
-
-
-def final_of(path: Path) -> Path:
-    """The session's name once it is complete."""
-    return path.with_name(path.name.removesuffix(PARTIAL))
-
-
-def recording_at(path: Path) -> Path:
-    """The path, or its unfinished recording where that alone is there: people name what they recorded to."""
-    return partial_of(path) if not path.exists() and partial_of(path).is_file() else path
 
 
 class SessionWriter:

@@ -1,0 +1,20 @@
+"""What a recording is called while it is written, and once it is whole."""
+
+from pathlib import Path
+
+PARTIAL = ".partial"
+
+
+def partial_of(path: Path) -> Path:
+    """What the session ``path`` is called until it is complete."""
+    return path.with_name(path.name + PARTIAL)
+
+
+def final_of(path: Path) -> Path:
+    """The session's name once it is complete."""
+    return path.with_name(path.name.removesuffix(PARTIAL))
+
+
+def recording_at(path: Path) -> Path:
+    """The path, or its unfinished recording where that alone is there: people name what they recorded to."""
+    return partial_of(path) if not path.exists() and partial_of(path).is_file() else path
