@@ -1,6 +1,7 @@
 """Verbs that make labels and correct them: label, predict, suit learn, fix."""
 
 import math
+import sys
 import time
 from functools import partial
 from pathlib import Path
@@ -200,5 +201,8 @@ def fix(
     """Correct part labels in a window; F1 shows the keys. Every stroke is saved at once."""
     with needing("gui"):
         from annotate.gui.app import run_window
-    states = run_window(labels, session, compare, who, read_only)
+        from annotate.gui.learning import Lesson
+    model = labels.resolve().with_name(f"{labels.resolve().name}.learnt")
+    command = (sys.executable, "-m", "cli.main", "learn", str(labels), "--out", str(model), "--json")
+    states = run_window(labels, session, compare, who, read_only, Lesson(command, model / "labels"))
     print(f"{labels}: " + ", ".join(f"{count} {state}" for state, count in states.items()))

@@ -91,6 +91,15 @@ def take_back(correction: Correction) -> Relabelled | None:
     return _recorded(correction, strokes, earlier)
 
 
+def before_step(correction: Correction, frame_id: str) -> UInt8 | None:
+    """Parts (h, w) of a frame before the last step that changed its labels; None where there was none."""
+    entries = correction.journal.strokes(frame_id)
+    last = max((n for n, stroke in enumerate(entries) if stroke.operation == "relabel"), default=-1)
+    if last < 0:
+        return None
+    return after(correction.labels.read(frame_id, original=True), entries[:last]).parts
+
+
 def _recorded(correction: Correction, strokes: Sequence[Stroke], step: str) -> Relabelled:
     correction.record_together(strokes)
     moved = [stroke for stroke in strokes if stroke.changes]

@@ -13,6 +13,7 @@ from annotate.correction.correction import Correction
 from annotate.correction.replay import STATE_NAMES
 from annotate.gui.commands import bind
 from annotate.gui.keys import load_settings, settings_path
+from annotate.gui.learning import Lesson
 from annotate.gui.live_window import LiveWindow
 from annotate.gui.memory import memory_path
 from annotate.gui.probe import check_screen
@@ -28,11 +29,12 @@ LISTEN_MS = 300
 
 
 def run_window(
-    path: Path, session: Path | None, other: Path | None, who: str, read_only: bool
+    path: Path, session: Path | None, other: Path | None, who: str, read_only: bool, lesson: Lesson
 ) -> dict[str, int]:
     """Correct the label set at ``path`` until the window is closed; frames by state.
 
-    Raises CloudError where set, session, the set to compare, settings or screen are not what they must be.
+    lesson: how to learn from its corrections. Raises CloudError where set, session, the set to compare,
+    settings or screen are not what they must be.
     """
     settings = load_settings(settings_path().expanduser())
     compared = LabelSet.open(other) if other else None
@@ -42,7 +44,7 @@ def run_window(
         check_screen()
         app = QApplication.instance() or QApplication(sys.argv[:1])
         window = CorrectionWindow(correction, reader, settings, memory_path())
-        bind(window)
+        bind(window, lesson)
     except BaseException:
         correction.abandon()
         raise

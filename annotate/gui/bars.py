@@ -48,9 +48,9 @@ SWITCHES = ("through", "only", "room")
 """The switches of ``Hand``."""
 EDITS = (
     *("undo", "redo", "swap", "neighbour", "merge", "remove_islands", "fill_holes"),
-    *("copy_previous", "propagate", "carry"),
+    *("copy_previous", "propagate", "carry", "learn"),
 )
-CHANGING = {*EDITS, "reject"} - {"carry"}
+CHANGING = {*EDITS, "reject", "unlearn"} - {"carry"}
 """Commands that a set open read-only refuses."""
 View = CloudView | DepthPane
 

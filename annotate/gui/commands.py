@@ -13,6 +13,7 @@ from annotate.gui.colors import TINTS, colourings
 from annotate.gui.dialogs import ask_export, ask_reason
 from annotate.gui.drawing import TOOLS
 from annotate.gui.keys import Command, key_of
+from annotate.gui.learning import Learner, Lesson
 from annotate.gui.outcome import Done
 from annotate.gui.walk import FILTERS, ORDERS
 from annotate.gui.window import CorrectionWindow
@@ -44,10 +45,11 @@ SUBMENUS = {"Lock": "Parts", "Fade": "Parts"}
 CHECKABLE = {*TOOLS, *SWITCHES, "carry", "onion", "solo", "peek", "from_other", "from_before", "help"}
 
 
-def bind(window: CorrectionWindow) -> None:
-    """Give a window its commands: menus, keys, and the actions behind its buttons."""
+def bind(window: CorrectionWindow, lesson: Lesson | None = None) -> None:
+    """Give a window its commands: menus, keys, and the actions behind its buttons. lesson: how to learn."""
     actions = _actions(window)
-    judged = Judged(window)
+    judged, learner = Judged(window), Learner(window, lesson)
+    actions |= {"learn": learner.learn, "unlearn": learner.unlearn}
     actions |= {"accept": judged.accept, "reject": judged.reject, "undo": judged.undo}
     run = partial(_run, window, actions)
     menus = {name: window.header.menus.addMenu(title) for name, title in MENUS.items()}

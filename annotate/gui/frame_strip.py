@@ -102,6 +102,11 @@ class Frames(QAbstractListModel):
         self._images[labels.frame_id] = thumbnail(labels)
         self._changed(labels.frame_id)
 
+    def forget(self) -> None:
+        """Draw all pictures anew: labels have changed beside the window."""
+        self._images.clear()
+        self.order(self.frame_ids)
+
     def close(self) -> None:
         """Stop the thread."""
         self._pool.shutdown(cancel_futures=True)

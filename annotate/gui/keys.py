@@ -103,6 +103,10 @@ COMMANDS: tuple[Command, ...] = (
     Command("doubt", "N", "Frames", "Next doubtful place", "Show the next doubtful place", repeats=True),
     Command("next", "Ctrl+Space", "Frames", "Next frame", "Next frame, without a verdict", "Right", True),
     Command("back", "Shift+Space", "Frames", "Previous frame", "Previous frame", "Left", True),
+    Command(
+        "learn", "Ctrl+Shift+T", "Frames", "Learn", "Learn from the accepted frames, and label the rest again"
+    ),
+    Command("unlearn", "Ctrl+Shift+R", "Frames", "Unlearn", "Take back what the last learning changed"),
     Command("go_to", "Ctrl+T", "Frames", "Go to frame…", "Go to a frame by its number"),
     Command("order", "F5", "Frames", "Next order", "By time, the worst first, or for review"),
     Command("filter", "F6", "Frames", "Next filter", "All frames, or those in one state"),

@@ -10,6 +10,7 @@ import numpy as np
 from annotate.array_types import Bool, Float32, Int32, Int64, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.correction import Correction
+from annotate.correction.relabel import before_step
 from annotate.correction.select import edit_supervoxels
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.recorded import Recorded
@@ -28,7 +29,8 @@ class FrameScene:
     """One frame, read and fused; arrays are (h, w, ...) or flat over its pixels.
 
     labels: as stored when it was read. cloud: its points; colours and temperatures where a session is
-    known. other: part ids (h, w) of the compared set, or None. near: bool (h * w,), points shown in
+    known. other: part ids (h, w) of the compared set, else those before
+    the last learning, or None. near: bool (h * w,), points shown in
     full. room: int64 (k,), pixels of the thinned rest, every ``room_step``th along each side.
     shade: float32 (h * w,), 0 edge-on to 1 head-on. pieces: int32 (h, w), supervoxels for clicks, -1 = none.
     remark: the missing data and the reason, "" if none are missing.
@@ -92,7 +94,7 @@ class SceneReader:
 
     def _compared(self, labels: FrameLabels) -> tuple[UInt8 | None, str]:
         if self.other is None:
-            return None, ""
+            return before_step(self._correction, labels.frame_id), ""
         try:
             other = self.other.read(labels.frame_id)
         except CloudError as error:

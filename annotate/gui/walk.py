@@ -9,15 +9,20 @@ from annotate.array_types import UInt8
 from annotate.correction.correction import Correction
 from annotate.correction.edit import Editor
 from annotate.correction.propagate import FRAMES_COMPARED
-from annotate.correction.queue import Progress, confidence_of, progress, review_queue
+from annotate.correction.queue import Progress, confidence_of, progress, review_queue, teaching_order
 from annotate.correction.replay import STATE_NAMES, State
 from annotate.gui.scene import FrameScene, SceneReader
 from sensors.errors import CloudError
 
 SCENES_KEPT = 6
 """Number of scenes in memory: the one shown, those around it, and the one before. Chosen by eye."""
-Order = Literal["time", "worst", "review"]
-ORDERS: dict[Order, str] = {"time": "By time", "worst": "Worst first", "review": "For review"}
+Order = Literal["time", "worst", "teach", "review"]
+ORDERS: dict[Order, str] = {
+    "time": "By time",
+    "worst": "Worst first",
+    "teach": "Teaches most",
+    "review": "For review",
+}
 Filter = Literal["all", "unfinished"] | State
 FILTERS: dict[Filter, str] = {
     "all": "All frames",
@@ -62,6 +67,9 @@ class Walk:
             found.sort(key=lambda i: rank.get(i, len(rank)))
         elif order == "worst":
             found.sort(key=lambda i: 2.0 if (known := self.confidence(i)) is None else known)
+        elif order == "teach":
+            place = {i: n for n, i in enumerate(teaching_order(self.correction))}
+            found.sort(key=lambda i: place.get(i, len(place)))
         self.frame_ids = found
 
     def _passes(self, frame_id: str) -> bool:
@@ -127,6 +135,11 @@ class Walk:
         if self.order != "review":
             return state in UNFINISHED
         return state == "accepted" and self.correction.next_verdict(frame_id) == "agree"
+
+    def forget(self) -> None:
+        """Read every frame anew: labels have changed beside the window."""
+        self._scenes.clear()
+        self._confidence.clear()
 
     def progress(self) -> Progress:
         """How far the work on the whole set is."""

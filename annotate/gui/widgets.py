@@ -40,6 +40,7 @@ _SHAPES = {
     "propagate": '<path d="M3 7h8v16h-8z" fill="COLOR" fill-opacity=".4"/>'
     '<path d="M13 15H27M21 9L27 15L21 21"/>',
     "carry": '<path d="M3 15H16M10 9L16 15L10 21M15 9L21 15L15 21M27 7V23"/>',
+    "learn": '<path d="M2 12L15 6L28 12L15 18Z"/><path d="M8 15V22Q15 27 22 22V15M28 12V21"/>',
     "locked": _LOCK + '<path d="M11.5 8A3 4.5 0 0 0 5.5 8"/>',
     "unlocked": _LOCK + '<path d="M14.5 8A3 4.5 0 0 0 8.5 8"/>',
     "shown": _EYE + ' fill="COLOR"/>',

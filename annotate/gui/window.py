@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QPointF
+from PySide6.QtCore import QPointF, Signal
 from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent
 
 from annotate.array_types import UInt8
@@ -33,9 +33,11 @@ Read = tuple[FrameScene, UInt8 | None]
 class CorrectionWindow(Shell):
     """Corrects one label set, and closes it when it is closed itself. ``commands.bind`` gives it commands.
 
-    memory: file of what is remembered from one time to the next, None for nothing. Raises CloudError when no
-    frame can be opened.
+    closed: it is closed, and everything saved. memory: file of what is remembered from one time to the next,
+    None for nothing. Raises CloudError when no frame can be opened.
     """
+
+    closed = Signal()
 
     def __init__(
         self, correction: Correction, reader: SceneReader, settings: Settings, memory: Path | None = None
@@ -88,6 +90,15 @@ class CorrectionWindow(Shell):
             self.arrange(self.walk.order, self.walk.filter)
         self.show_frame()
         return then()
+
+    def show_anew(self, read: Read, done: Done) -> Done:
+        """Show the open frame and all pictures as they were read after labels changed."""
+        opened = self.walk.begin(*read)
+        self.desk.put(opened.scene, opened.editor, opened.before)
+        self.strip.frames.forget()
+        self.arrange(self.walk.order, self.walk.filter)
+        self.show_frame()
+        return done
 
     def busy(
         self,
@@ -293,6 +304,7 @@ class CorrectionWindow(Shell):
                 return
             self.correction.abandon()
         self.remember()
+        self.closed.emit()
         self.background.close()
         self.walk.close()
         self.strip.frames.close()

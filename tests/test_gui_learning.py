@@ -1,0 +1,111 @@
+"""Learning from the window: another process learns, the labels come in one step, and go in one."""
+
+import shutil
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from annotate.correction.correction import Correction
+from annotate.frame_labels import FrameLabels
+from annotate.gui.commands import bind
+from annotate.gui.learning import Lesson
+from annotate.labelset.store import LabelSet
+from annotate.parts import PART_ID
+from bench.window import figure
+from sensors.rig.camera import Intrinsics
+from tests.helpers import gui_driver
+
+TORSO, HIP = PART_ID["torso"], PART_ID["hip"]
+SHAPE, IDS = (212, 256), ("000000", "000001", "000002")
+SAYS = "print('learn, images: 1/2', file=sys.stderr, flush=True);"
+RESULT = 'print(\'{"before": 0.9, "after": 0.97}\')'
+
+
+@pytest.fixture(scope="module")
+def sets(tmp_path_factory):
+    """A figure in three frames, and what was learnt: its torso is the hip."""
+    path = tmp_path_factory.mktemp("sets")
+    camera = Intrinsics(SHAPE[1], SHAPE[0], 183.0, 183.0, 128.0, 106.0)
+    for name in ("labels", "learnt"):
+        labels = LabelSet.create(path / name, camera, {})
+        for i, frame_id in enumerate(IDS):
+            depth, parts = figure(*SHAPE, 0.01 * i)
+            sure = np.full(SHAPE, 0.5, np.float32)
+            if name == "learnt":
+                parts[parts == TORSO] = HIP
+            labels.write(FrameLabels(frame_id, depth, parts, sure, notes={"confidence": 0.5}))
+    return path
+
+
+@pytest.fixture
+def window(qapp, sets, tmp_path, monkeypatch, request):
+    """A window on a copy of the set whose learning is a small program; its labels are there already."""
+    folder = shutil.copytree(sets / "labels", tmp_path / "labels")
+    program = f"import sys, time; {SAYS} {request.param}"
+    lesson = Lesson((sys.executable, "-c", program), sets / "learnt")
+    monkeypatch.setattr(gui_driver, "bind", lambda shown: bind(shown, lesson))
+    driver = gui_driver.Driver(folder)
+    driver.folder = folder
+    yield driver
+    driver.close()
+
+
+def wait_until(driver, condition) -> None:
+    """Let the window live until something is so, a minute at most."""
+    end = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < end, driver.said
+        driver.settle()
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("window", [RESULT], indirect=True)
+def test_what_is_learnt_comes_in_one_step_and_is_taken_back_in_one(window, sets):
+    window.key("accept")
+    here = window.window.frame_id
+    assert here == IDS[1]
+    before = window.parts.copy()
+    window.key("learn")
+    wait_until(window, lambda: "labelled again" in window.said)
+    assert "90.0% before, 97.0% now" in window.said
+    assert window.window.frame_id == here and (window.parts[before == TORSO] == HIP).all()
+    np.testing.assert_array_equal(window.window.desk.scene.other, before)
+    assert [window.correction.state(i) for i in IDS] == ["accepted", "auto", "auto"]
+    window.window.open_frame(IDS[2])
+    window.settle()
+    window.key("undo")
+    assert (window.parts == HIP).any() and not (window.parts == TORSO).any(), "undo is of strokes"
+    window.key("unlearn")
+    wait_until(window, lambda: "aken back" in window.said)
+    for first in LabelSet.open(sets / "labels"):
+        np.testing.assert_array_equal(window.correction.frame(first.frame_id).parts, first.parts)
+    assert (window.parts == TORSO).any()
+    window.key("unlearn")
+    wait_until(window, lambda: "nothing learnt" in window.said)
+
+
+@pytest.mark.parametrize("window", ["sys.exit('annotate-cloud: accept at least 3')"], indirect=True)
+def test_why_nothing_was_learnt_is_said(window):
+    before = window.parts.copy()
+    window.key("learn")
+    wait_until(window, lambda: "Nothing learnt: accept at least 3" in window.said)
+    np.testing.assert_array_equal(window.parts, before)
+
+
+@pytest.mark.parametrize("window", ["time.sleep(600)"], indirect=True)
+def test_work_goes_on_beside_learning_and_closing_ends_it(window):
+    window.key("learn")
+    wait_until(window, lambda: "beside your work" in window.said)
+    window.key("accept")
+    window.click(window.place(window.middle_of(TORSO)))
+    assert window.window.frame_id == IDS[1]
+    assert len(window.correction.journal.strokes(IDS[1])) == 1
+    window.key("learn")
+    assert "goes on" in window.said
+    began = time.monotonic()
+    window.window.close()
+    assert time.monotonic() - began < 60
+    with Correction.open(window.folder, "mia") as correction:
+        assert [correction.state(i) for i in IDS] == ["accepted", "touched", "auto"]
