@@ -28,9 +28,9 @@ SILHOUETTE_JUMP = 0.08
 """Depth difference across a silhouette as a share of the nearer depth: 16 cm at 2 m. Chosen by eye."""
 INSIDE_PX, OUTSIDE_PX = 3, 4
 """Pixels from the jump to the points compared: a thermal pixel is three depth pixels wide. Chosen by eye."""
-SEARCHED_PX, SHIFT_PX = 42, 3
-"""Farthest shift tried to each side in depth pixels, 6.5 degrees of a Kinect v2 (chosen by eye), and spacing
-of the shifts: one thermal pixel of a PI200."""
+SEARCHED_PX, SEARCHED, SHIFT_PX = 42, 0.115, 3
+"""Farthest shift tried to each side in depth pixels and as a share of the focal length, 6.5 degrees (by eye),
+and spacing of the shifts: one thermal pixel of a PI200 on a Kinect v2."""
 LEAST_EDGES, MOST_EDGES = 80, 600
 """Pairs of points below which the contrast counts as unknown; most compared, for speed. Chosen by eye."""
 FILL_PX = 15
@@ -113,7 +113,8 @@ def contrast_surface(cloud: ThermalCloud, window_c: tuple[float, float], around:
     """
     inside, outside = _sides(cloud.points_m[..., 2], around)
     stride = max(1, len(inside) // MOST_EDGES)
-    shifts = np.arange(-SEARCHED_PX, SEARCHED_PX + 1, SHIFT_PX)
+    steps = min(SEARCHED_PX, round(SEARCHED * cloud.camera.fx)) // SHIFT_PX
+    shifts = SHIFT_PX * np.arange(-steps, steps + 1)
     if not len(inside):
         return np.zeros((len(shifts), len(shifts))), 0
     inside, outside = inside[::stride], outside[::stride]

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from annotate.array_types import UInt8
 from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.extract import PersonMask, Survey
@@ -16,11 +17,16 @@ class CoarseSurvey:
     ) -> None:
         self.cloud = cloud
         self._survey = Survey(cloud.cloud, window_c, everybody=everybody)
+        self._enlarged: dict[bytes, UInt8] = {}
 
     def person(self, before: FrameLabels | None = None) -> PersonMask:
         """The person, see ``Survey.person``; before: labels of the previous frame, of the whole image."""
         found = self._survey.person(None if before is None else self.cloud.coarse(before))
-        persons = self.cloud.enlarged(found.persons)
+        # With the frame before the persons are mostly the same as without.
+        key = found.persons.tobytes()
+        if key not in self._enlarged:
+            self._enlarged[key] = self.cloud.enlarged(found.persons)
+        persons = self._enlarged[key]
         return replace(found, mask=persons == 1, persons=persons)
 
     @property

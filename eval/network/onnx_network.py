@@ -5,12 +5,13 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 
-from annotate.array_types import Bool, Float32, UInt16
+from annotate.array_types import Bool, Float32, Index, UInt8, UInt16
 from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
 from annotate.labelset.images import Probabilities
 from annotate.parts import BACKGROUND, N_CLASSES
@@ -195,24 +196,34 @@ class _Look:
     planes: Float32
     whole: Sequence[Float32]
 
+    @cached_property
+    def _best(self) -> tuple[UInt8, Float32]:
+        """The likeliest part (212, 212) of every pixel, and its probability."""
+        # The extraction has decided what is person: background is no answer there.
+        best = self.planes[1:].argmax(axis=0)
+        certain = np.take_along_axis(self.planes[1:], best[None], axis=0)[0]
+        return (best + 1).astype(np.uint8), certain
+
+    @cached_property
+    def _nearest(self) -> Index:
+        """Flat index (212, 212) of the nearest pixel that shows the person."""
+        return nearest_seen(self.seen)
+
     def body(self, mask: Bool) -> Bool:
         """The pixels of a mask (h, w) but those that the network calls background.
 
         All of them where less than ``LEAST_BODY`` would be left: then it is the network that is lost.
         """
-        body = self.planes[BACKGROUND] <= SURE * self.planes[1:].max(axis=0)
-        left = mask & self.crop.paste(body.ravel()[nearest_seen(self.seen)], mask.shape, False)
+        body = self.planes[BACKGROUND] <= SURE * self._best[1]
+        left = mask & self.crop.paste(body.ravel()[self._nearest], mask.shape, False)
         return left if np.count_nonzero(left) >= LEAST_BODY * np.count_nonzero(mask) else mask
 
     def labels(self, mask: Bool, probabilities: bool) -> Segmentation:
         """Labels of the pixels of a mask (h, w), all of the person's or some."""
-        # The extraction has decided what is person: background is no answer there.
-        body = self.planes[1:]
-        best, certain = (body.argmax(axis=0) + 1).astype(np.uint8), body.max(axis=0)
         # A smaller crop drops pixels: on a rim the one that stands for one of the person may show the room.
-        nearest = nearest_seen(self.seen)
-        best = self.crop.paste(best.ravel()[nearest], mask.shape, BACKGROUND)
-        certain = self.crop.paste(certain.ravel()[nearest], mask.shape, 0.0)
+        best, certain = self._best
+        best = self.crop.paste(best.ravel()[self._nearest], mask.shape, BACKGROUND)
+        certain = self.crop.paste(certain.ravel()[self._nearest], mask.shape, 0.0)
         best[~mask], certain[~mask] = BACKGROUND, 0.0
         bearing = Bearing.of(self.crop, *self.image, *self.whole).note() if self.whole else None
         given = Probabilities(self.crop, self.planes) if probabilities else None
