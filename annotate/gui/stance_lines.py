@@ -8,9 +8,8 @@ from annotate.live.live_frame import Stance
 
 WIDTH_PX = 4.0
 """Width of a bone in logical pixels. Chosen by eye."""
-NEARER = 0.9
-"""Share of its distance at which a joint is drawn, so that it lies before the surface: 20 cm at 2 m, more
-than the deepest joint lies in a body. Chosen by eye."""
+IN_FRONT = -66_000.0
+"""Offset of the lines' depth, in the depth buffer's least steps: before all else in 16 bits and more."""
 
 
 class StanceLines:
@@ -24,6 +23,8 @@ class StanceLines:
             lighting=False,
             render=False,
         )
+        self.actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
+        self.actor.mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, IN_FRONT)
         self.actor.SetVisibility(False)
 
     def show(self, stance: Stance | None) -> None:
@@ -31,4 +32,4 @@ class StanceLines:
         self.actor.SetVisibility(stance is not None)
         if stance is not None:
             lines = np.array([(2, a, b) for a, b in stance.bones]).ravel()
-            self.actor.mapper.dataset = pv.PolyData(NEARER * stance.joints_m, lines=lines)
+            self.actor.mapper.dataset = pv.PolyData(stance.joints_m, lines=lines)
