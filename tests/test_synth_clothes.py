@@ -16,7 +16,7 @@ from synth.clothes.skin_map import LEGS, skin_map
 from synth.clothes.skirt import HangingSkirt
 from synth.clothes.tube import slack_m
 from synth.shipped import table
-from tools.measure.clothes import EDGE_M, covered, misplaced
+from tools.measure.clothes import EDGE_M, covered, misplaced, poking
 
 BARE = Hair(dark=0, lift_mm=0, fall=1.4)
 TROUSERS = Trousers(dark=0, waist=0.2, hem=1.9, seat_mm=10, hem_mm=40, give=0, folds_mm=0)
@@ -196,3 +196,12 @@ def test_a_skirt_gives_way_to_a_hand():
     pressed = dressed.drape(vertices, joints)[first:]
     assert pressed[node, 0] < before[node, 0] - 0.01
     np.testing.assert_array_equal(pressed[before[:, 0] < 0], before[before[:, 0] < 0])
+
+
+def test_skin_within_the_outside_of_cloth_pokes_through_and_beside_lining_it_does_not():
+    bare, outside = np.zeros((2, 20, 30), bool)
+    outside[:, :20] = True
+    bare[5:8, 5:8] = bare[5:8, 18:25] = True
+    poked = poking(bare, outside & ~bare)
+    assert poked[5:8, 5:8].all() and np.count_nonzero(poked) == 9
+    assert not poking(np.zeros_like(bare), outside).any()

@@ -1,24 +1,24 @@
 """Measure dressed people: ``python -m tools.measure.clothes [PEOPLE] [SEED]``.
 
 Over the postures and views of ``tools.measure.clothes_sheets`` prints, in percent of a person's pixels: skin
-that a skirt covers at rest and that is seen all the same, through it, or (which is no fault) by looking into
-its hem or its waist; cloth over the other side's limb; and the milliseconds of CPU of dressing and draping.
+that a skirt covers at rest and that is seen all the same, through it, or (which is no fault) past its edges,
+as by looking into a hem; cloth over the other side's limb; and the milliseconds of CPU to dress and drape.
 """
 
 import sys
-from dataclasses import replace
 from time import process_time
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from annotate.array_types import Bool, Float32, Float64, Int32
+from annotate.array_types import Bool, Float32
 from annotate.parts import LEFT_RIGHT
 from synth.clothes.dress import dress
 from synth.clothes.dressed import Dressed
-from synth.clothes.rings import BACK, FRONT, LINED, NODES, RING_M
+from synth.clothes.rings import LINED, NODES, RING_M
 from synth.clothes.skirt import HangingSkirt
-from tools.measure.clothes_sheets import TILE, VIEWS, posed, random_person, seen
+from tools.measure.clothes_sheets import VIEWS, posed, random_person, seen
 
 EDGE_M = LINED * RING_M
 """Skin nearer than this to a piece's edges may be seen past them."""
@@ -26,7 +26,7 @@ NEARER = 1.3
 """Cloth lies on the wrong limb where its own is that many times as far away, and 2 cm more."""
 WORTH_A_LOOK = 0.5
 REPEATED = 10
-KINDS = ("skin through cloth", "skin seen into an opening", "on the wrong limb")
+KINDS = ("skin through cloth", "skin seen past an edge", "on the wrong limb")
 
 
 def covered(dressed: Dressed, edge_m: float = EDGE_M) -> Bool:
@@ -46,34 +46,27 @@ def covered(dressed: Dressed, edge_m: float = EDGE_M) -> Bool:
     return hidden
 
 
-def through_an_opening(
-    dressed: Dressed, vertices_m: Float32, joints_m: Float64, azimuth_deg: float, height_m: float
-) -> Bool:
-    """Pixels (h, w) whose ray to the person goes through the hem or the waist of a skirt."""
-    first, films = len(dressed.body.vertices_m), []
+def outsides(dressed: Dressed) -> Bool:
+    """Faces (F',) that are the outside of a skirt."""
+    outside, first = np.zeros(len(dressed.faces), np.bool_), len(dressed.body.faces)
     for piece in dressed.pieces:
-        nodes = int(piece.faces.max()) + 1
         if isinstance(piece, HangingSkirt):
-            films += [first + film for film in _films(len(piece.ease_m), nodes)]
-        first += nodes
-    if not films:
-        return np.zeros(TILE, np.bool_)
-    film = np.concatenate(films)
-    both_ways = np.concatenate([film, film[:, ::-1]]).astype(np.int32)
-    opened = replace(dressed, faces=np.concatenate([dressed.faces, both_ways]))
-    return seen(vertices_m, opened, joints_m, azimuth_deg, height_m).face >= len(dressed.faces)
+            outside[first : first + 2 * NODES * (len(piece.ease_m) - 1)] = True
+        first += len(piece.faces)
+    return outside
 
 
-def _films(rings: int, nodes: int) -> list[Int32]:
-    """Faces (n, 3) over a skirt's waist, and over its hem by the middles of both legs."""
-    waist, right, left = nodes - 5, nodes - 4, nodes - 3
-    around, hem = np.arange(NODES), NODES * (rings - 1) + np.arange(NODES)
-    own = np.where((around >= BACK) & (around < FRONT), right, left)
-    return [
-        np.stack([np.full(NODES, waist), around, np.roll(around, -1)], axis=1),
-        np.stack([own, hem, np.roll(hem, -1)], axis=1),
-        np.array([(right, hem[FRONT], left), (left, hem[BACK], right)]),
-    ]
+def poking(bare: Bool, outside: Bool) -> Bool:
+    """Pixels (h, w) of patches of ``bare`` skin that border mostly on the ``outside`` of cloth.
+
+    What is seen by looking into a hem borders on lining and on more skin.
+    """
+    result, (n, patches) = np.zeros_like(bare), cv2.connectedComponents(bare.astype(np.uint8))
+    for patch in range(1, n):
+        own = patches == patch
+        border = cv2.dilate(own.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool) & ~own
+        result |= own & (outside[border].mean() > 0.5)
+    return result
 
 
 def misplaced(dressed: Dressed, vertices_m: Float32) -> Bool:
@@ -108,13 +101,14 @@ def main(people: int, seed: int) -> None:
             for _ in range(REPEATED):
                 who.drape(vertices[: len(body.vertices_m)], joints)
             draping.append((process_time() - start) / REPEATED)
-            kinds = np.stack([hidden[: len(who.faces)], misplaced(who, vertices)])
+            kinds, outside = np.stack([hidden[: len(who.faces)], misplaced(who, vertices)]), outsides(who)
             for view, azimuth in VIEWS.items():
                 place = (joints, azimuth, 5.0 if name == "lying" else 0.6)
                 face = seen(vertices, who, *place).face
-                inside = through_an_opening(who, vertices, *place)[face >= 0]
-                bare, astray = kinds[:, face[face >= 0]]
-                found = [100 * np.mean(pixels) for pixels in (bare & ~inside, bare & inside, astray)]
+                bare, astray = np.where(face >= 0, kinds[:, face], False)
+                through = poking(bare, np.where(face >= 0, outside[face], False))
+                pixels = (through, bare & ~through, astray)
+                found = [100 * np.count_nonzero(found) / np.count_nonzero(face >= 0) for found in pixels]
                 for what, share in zip(shares, found, strict=True):
                     shares[what].append(share)
                     if share > WORTH_A_LOOK:
