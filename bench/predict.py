@@ -3,22 +3,29 @@
 import statistics
 import tempfile
 import time
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from annotate.cloud.fuse import Fuser
 from annotate.crop import SIZE, crop_around
+from annotate.frame_labels import FrameLabels
 from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
+from annotate.labelset.store import LabelSet
 from annotate.parts import N_CLASSES
+from annotate.person.extract import Survey
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import BATCH, predict_frames
+from eval.network.predict_source import predict_source
+from sensors.rig.rig_calibration import RigCalibration
 from synth.images.presets import preset_named, sample
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
 
 FRAMES, REPEATS, PAPER_REPEATS = 4, 25, 3
-CROPS = 64
+CROPS, RECORDED = 64, 5
 
 
 class Silent(OnnxNetwork):
@@ -90,6 +97,35 @@ def dataset_seconds(folder, network):
     return taken
 
 
+@dataclass(frozen=True)
+class Played:
+    """Frames of a rig as a source, rendered before."""
+
+    frames: list
+    calibration: RigCalibration
+    name: str = "played"
+
+    def __iter__(self):
+        return iter(self.frames)
+
+
+def recording_seconds(folder, rig, network):
+    """Seconds a frame of ``predict`` on a recording: found, labelled, written; and one after the other."""
+    frames = [replace(frame, index=k) for k, frame in enumerate([*rig] * RECORDED)]
+    source = Played(frames, rig.calibration)
+    predict_source(Played(frames[:FRAMES], rig.calibration), network, folder / "warm", lambda n: None)
+    start = time.perf_counter()
+    predict_source(source, network, folder / "recording", lambda n: None)
+    ours = (time.perf_counter() - start) / len(frames)
+    fuser, start = Fuser(rig.calibration), time.perf_counter()
+    labels = LabelSet.create(folder / "singly", fuser.camera, {})
+    for frame in frames[:FRAMES]:
+        cloud = fuser.fuse_frame(frame)
+        found = network.segment(cloud.depth_mm, Survey(cloud).person().mask)
+        labels.write(FrameLabels(str(frame.index), cloud.depth_mm, found.parts, found.confidence))
+    return ours, (time.perf_counter() - start) / FRAMES
+
+
 def bench():
     """Rows (what, seconds a frame, seconds a frame of the other way)."""
     rig = VirtualRig(FRAMES, 2, "normal", 77)
@@ -101,9 +137,15 @@ def bench():
     naive = seconds(lambda *image: segment_naive(silent, *image), images, PAPER_REPEATS)
     with tempfile.TemporaryDirectory() as folder:
         batched, singly = dataset_seconds(Path(folder), network)
+        recorded, singly_recorded = recording_seconds(Path(folder), rig, network)
         paper = seconds(paper_network(Path(folder)).segment, images, PAPER_REPEATS)
     return [
         ("predict: crop, network, paste; beside the paper's FCN", one, paper),
         ("predict: crop and paste alone; beside Python loops", around, naive),
+        (
+            "predict: recording, found, labelled and written; whole clouds, one by one",
+            recorded,
+            singly_recorded,
+        ),
         ("predict: dataset, read and written; one frame at once", batched, singly),
     ]
