@@ -114,7 +114,14 @@ def test_a_person_goes_on_from_learnt_labels_which_no_step_takes_back_then(folde
     labels, journal = LabelSet.open(folder), Journal.of(folder)
     for frame in labels:
         np.testing.assert_array_equal(replayed(labels, journal, frame.frame_id).parts, frame.parts)
-    (ann,) = audit(labels, journal).people
+    found = audit(labels, journal)
+    (ann,) = found.people
+    assert [(frame.frame_id, frame.step) for frame in found.course] == [
+        (ACCEPTED, ""),
+        (UNDONE, ""),
+        (FREE[0], "0001"),
+        (FREE[1], "0002"),
+    ]
     assert (ann.changed, ann.accepted_untouched) == (0, 1)
 
 

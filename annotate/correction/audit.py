@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from annotate.array_types import UInt8
-from annotate.correction.replay import after, begun_from, is_stroke, rejection, verdicts
+from annotate.correction.replay import after, begun_from, is_stroke, rejection, step_of, verdicts
 from annotate.labelset.journal import Journal
 from annotate.labelset.store import LabelSet
 from annotate.labelset.stroke import Stroke
@@ -55,14 +55,25 @@ class PersonWork:
 
 
 @dataclass(frozen=True)
+class WorkedFrame:
+    """Active seconds of all people on a frame. step: of learning that had labelled it, "" for none."""
+
+    frame_id: str
+    seconds: float
+    step: str
+
+
+@dataclass(frozen=True)
 class Audit:
-    """people: the one with most frames first. rejected: frame id -> reason of its rejection."""
+    """people: the one with most frames first. rejected: frame id -> reason of its rejection. course: the
+    frames that people worked on, in the order in which they last did."""
 
     people: tuple[PersonWork, ...]
     rejected: dict[str, str]
+    course: tuple[WorkedFrame, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Plain values, without the course."""
         return {"people": [asdict(person) for person in self.people], "rejected": self.rejected}
 
 
@@ -81,18 +92,23 @@ class _Visit:
 def audit(labels: LabelSet, journal: Journal) -> Audit:
     """The audit of a label set. Raises FormatError when its journal or a frame is corrupt."""
     visits: defaultdict[str, list[_Visit]] = defaultdict(list)
-    rejected = {}
+    rejected, course = {}, []
     for frame_id in sorted(set(labels.frame_ids) & set(journal.frame_ids)):
         strokes, first = journal.strokes(frame_id), labels.read(frame_id, labels.has_original(frame_id))
         before = begun_from(first, strokes)
+        step = step_of(strokes) or ""
         strokes = [stroke for stroke in strokes if stroke.operation != "relabel"]
+        if any(stroke.by_person for stroke in strokes):
+            seconds = sum(stroke.active_seconds for stroke in strokes)
+            course.append((max(s.when for s in strokes if s.by_person), WorkedFrame(frame_id, seconds, step)))
         for who, visit in _visits(strokes, before.parts, after(before, strokes, exact=True).parts):
             visits[who].append(visit)
         if (reason := rejection(strokes)) is not None:
             rejected[frame_id] = reason
     people = [_person(who, of_person) for who, of_person in visits.items()]
     people.sort(key=lambda person: (-person.frames, person.who))
-    return Audit(tuple(people), rejected)
+    in_order = tuple(worked for _, worked in sorted(course, key=lambda entry: entry[0]))
+    return Audit(tuple(people), rejected, in_order)
 
 
 def _visits(strokes: Sequence[Stroke], before: UInt8, after: UInt8) -> Iterator[tuple[str, _Visit]]:

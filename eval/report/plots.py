@@ -1,9 +1,10 @@
 """Which figures a report has, by the id of the element that shows them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from annotate.correction.audit import Audit
 from annotate.parts import BODY_PARTS
 from eval.compare import paper
 from eval.compare.paired import Difference
@@ -22,6 +23,8 @@ CURVE_POINTS = 400
 """Points of a loss curve at most; chosen by eye."""
 SPREAD_FRAMES = 10_000
 """Frames in the distribution of scores by person, evenly spread, half a megabyte; chosen by eye."""
+SMOOTHED = 5
+"""Frames whose mean a point of the curve of effort is: one alone varies tenfold; chosen by eye."""
 RARE = 0.001
 """Least share of the pixels in a bin of confidence that the curve shows; chosen by eye."""
 
@@ -51,6 +54,8 @@ def figures_of(material: Material, joints: Sequence[JointsView]) -> dict[str, Fi
         figures |= {"loss": _loss(material.trainings), "learning": _learning(material.trainings)}
         if not any(np.isfinite(training.epochs[:, 2]).any() for training in material.trainings):
             del figures["learning"]
+    if any(len(audit.course) > 1 for audit in material.audits.values()):
+        figures["effort"] = _effort(material.audits)
     return figures
 
 
@@ -168,6 +173,25 @@ def _loss(trainings: Sequence[Training]) -> Figure:
     for trace in figure["data"]:
         trace["mode"] = "lines"
     return figure
+
+
+def _effort(audits: Mapping[str, Audit]) -> Figure:
+    """Seconds of each frame in the order of work; after each step of learning a curve of its own."""
+    traces = []
+    for i, (title, audit) in enumerate(audits.items()):
+        steps = sorted({frame.step for frame in audit.course})
+        seconds = _smoothed([frame.seconds for frame in audit.course])
+        for step in steps:
+            own = [n for n, frame in enumerate(audit.course) if frame.step == step]
+            name = f"{title}, learnt {int(step)}" if step else title
+            x, y = charts.numbers(np.array(own) + 1.0), [seconds[n] for n in own]
+            traces.append((name, x, y, charts.series(i), "dash" if step else "solid"))
+    return charts.lines(traces, "frame, in the order of work", "active seconds")
+
+
+def _smoothed(seconds: Sequence[float]) -> list[float]:
+    """Mean of each frame's seconds and of those before it, SMOOTHED at most."""
+    return [float(np.mean(seconds[max(0, n + 1 - SMOOTHED) : n + 1])) for n in range(len(seconds))]
 
 
 def _learning(trainings: Sequence[Training]) -> Figure:

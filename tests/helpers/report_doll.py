@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.correction.audit import Audit, PersonWork
+from annotate.correction.audit import Audit, PersonWork, WorkedFrame
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import encode_parts, encode_png
 from annotate.labelset.store import LabelSet
@@ -119,6 +119,7 @@ def hostile_material(sets: tuple[LabelSet, LabelSet], compared: Comparison, run:
     work = PersonWork(
         HOSTILE, "2026-01-02T10:00:00Z", "2026-01-03T10:00:00Z", 6, 5, 0.2, 7.0, 30.0, {}, 40, 3, {}, 0.04, {}
     )
+    course = tuple(WorkedFrame(HOSTILE, 10.0 - n, "0001" * (n > 2)) for n in range(6))
     shown = shown_set(sets[0], HOSTILE, Clouds([]))
     return Material(
         results=(
@@ -129,7 +130,7 @@ def hostile_material(sets: tuple[LabelSet, LabelSet], compared: Comparison, run:
         galleries={f"Network {HOSTILE}": frames},
         scenes=[replace(scene, title=HOSTILE) for scene in scenes],
         trainings=[replace(load_training(run), title=HOSTILE)],
-        audits={HOSTILE: Audit((work,), {"000001": HOSTILE})},
+        audits={HOSTILE: Audit((work,), {"000001": HOSTILE}, course)},
         shown=[replace(shown, title=HOSTILE)],
         facts={"seed": "1", HOSTILE: HOSTILE},
     )
