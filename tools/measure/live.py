@@ -12,7 +12,7 @@ from pathlib import Path
 
 from annotate.gui.app import run_live
 from annotate.suit.palette import load_suit
-from cli.live import labelling_by, run_pipeline
+from cli.live_view import labelling_by, run_pipeline
 from sensors.recording.live_rig import LiveRig
 from sensors.recording.open_device import open_device
 from sensors.session.reader import Session
