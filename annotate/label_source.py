@@ -25,9 +25,10 @@ from annotate.person.extract import PersonMask, Survey
 from annotate.second_look.look import look_again
 from annotate.segmentation.segment import Segmentation, segment, unlabelled
 from annotate.suit.palette import Suit, suit_to_toml
-from sensors.errors import CloudError, ExistsError
+from sensors.errors import CloudError, ExistsError, one_line
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration, calibration_to_json
+from sensors.session.messages import SUBJECT
 from sensors.session.reader import Session
 
 NO_SUIT = "no --suit: only the person is extracted, its parts stay undefined"
@@ -151,6 +152,7 @@ def _run(
     done = set(labels.frame_ids)
     failed: list[tuple[str, str]] = []
     before: FrameLabels | None = None
+    subject = one_line(source.metadata.get(SUBJECT, "")) if isinstance(source, Session) else ""
 
     def fuse(frame: RigFrame) -> _Fused:
         if _id(frame) in done:
@@ -174,6 +176,7 @@ def _run(
                     before = None
                     progress(1)
                 else:
+                    labelled = replace(labelled, subject=subject)
                     unwritten.append(writers.submit(labels.write, labelled, probabilities))
                     before = as_read(labelled)
             while unwritten and (len(unwritten) > MOST_UNWRITTEN or unwritten[0].done()):

@@ -11,7 +11,10 @@ import pytest
 
 import sensors.recording.intake
 import sensors.recording.live_rig
+from annotate.label_source import run
 from annotate.live.rig_complaints import rig_complaints
+from annotate.person.extract import PersonMask
+from annotate.segmentation.segment import unlabelled
 from sensors.device.protocol import DepthImage, DeviceReading, Spot
 from sensors.errors import CloudError, DeviceError, DeviceLostError, DeviceNotFoundError, ExistsError
 from sensors.recording.live_rig import LiveRig
@@ -110,6 +113,20 @@ def test_what_is_recorded_from_key_to_key_has_no_gap(rig_of, tmp_path):
         assert not session.truncated and session.metadata["subject"] == "anna"
         assert [text for _, text in session.events] == ["sits down"]
         assert np.isfinite(session.reference_c).any()
+
+
+def test_labels_bear_the_name_that_was_recorded(rig_of, tmp_path):
+    rig = rig_of(Camera())
+    rig.record(tmp_path / "a.mcap", subject="anna")
+    wait_for(lambda: rig.moments.count > 3)
+    rig.close()
+    nobody = np.zeros(CAMERA.shape, bool)
+
+    def labeller(cloud, before):
+        return unlabelled(nobody), PersonMask(nobody, "depth", nobody.astype(np.uint8))
+
+    made = run(Session(tmp_path / "a.mcap"), {}, tmp_path / "labels", labeller, lambda n: None)
+    assert len(made.labels) and {frame.subject for frame in made.labels} == {"anna"}
 
 
 def test_nothing_is_recorded_twice_at_once_or_over_something(rig_of, tmp_path):

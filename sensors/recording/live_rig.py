@@ -17,12 +17,11 @@ from sensors.recording.moments import Moment, Moments
 from sensors.recording.newest import Newest
 from sensors.recording.recorder import DISK_FULL, LOOK_S, RESERVE_BYTES, clock_metadata, write_item
 from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.messages import SUBJECT
 from sensors.session.writer import SessionWriter
 
 EVENTS_KEPT = 100
 """Events that are kept for whoever looks. Chosen by eye."""
-SUBJECT = "subject"
-"""Metadata key of the name of the person who is recorded."""
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,8 @@ SCHEMAS: dict[str, type[ProtoMessage]] = {
 }
 """Message class of every topic of a session."""
 
+SUBJECT = "subject"
+"""Metadata key of the name of the person who is recorded."""
 METADATA = "annotate-cloud"
 """Name of the metadata record that holds the session's name and what its maker noted."""
 
