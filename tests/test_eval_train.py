@@ -118,13 +118,11 @@ def process(out: Path, **environment: str) -> subprocess.Popen:
 def test_killed_without_warning_it_goes_on(tmp_path, whole):
     """SIGKILL at whatever moment the checkpoint first appears."""
     out = tmp_path / "t"
-    child = process(out)
-    deadline = time.monotonic() + 60
-    while not (out / "checkpoint.safetensors").is_file() and child.poll() is None:
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
-    child.send_signal(signal.SIGKILL)
-    child.communicate()
+    with process(out) as child:
+        # The training ends by itself: however slow the machine is, so does this loop.
+        while not (out / "checkpoint.safetensors").is_file() and child.poll() is None:
+            time.sleep(0.002)
+        child.send_signal(signal.SIGKILL)
     assert_same(train(CROPS, CROPS, out, PLAN, ALONE), whole[1])
 
 
@@ -135,7 +133,12 @@ def test_two_processes_train_one_network(tmp_path):
         port = str(taken.getsockname()[1])
     group = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
     children = [process(tmp_path / "t", RANK=str(r), LOCAL_RANK=str(r), **group) for r in (0, 1)]
-    ended = [(child.communicate(timeout=120)[1].decode(), child.returncode) for child in children]
+    try:
+        ended = [(child.communicate(timeout=600)[1].decode(), child.returncode) for child in children]
+    finally:
+        for child in children:
+            child.kill()
+            child.communicate()
     assert [code for _, code in ended] == [0, 0], ended
     history = json.loads((tmp_path / "t" / "history.json").read_text())
     assert history["processes"] == 2
