@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from synth.images.presets import Preset
 
 PICTURE = "bodies.png"
+RANDOM = "random"
+"""In place of a palette file: a suit drawn by the seed."""
 Beside = Annotated[
     Path | None,
     Option(
@@ -88,6 +90,13 @@ def simulate(
             show_default="kinect2-optris",
         ),
     ] = None,
+    suit: Annotated[
+        str | None,
+        Option(
+            help="Palette of the suit (TOML); `random` draws one by the seed.",
+            show_default="the virtual rig's",
+        ),
+    ] = None,
     seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -99,10 +108,15 @@ def simulate(
     if scene == "plate":
         _simulate_plate(out, frames, seed, cameras, overwrite, json)
         return
+    from annotate.suit.palette import DEFAULT_SUIT, load_suit
+
     with needing("synth"):
+        from synth.appearance.random_suit import random_suit
         from synth.rig.simulate import simulate, suit_path, truth_path
         from synth.rig.virtual_rig import VirtualRig
-    virtual = VirtualRig(frames, subjects or min(4, frames), difficulty, seed, scene, rig=cameras.name)
+    worn = random_suit(seed) if suit == RANDOM else load_suit(Path(suit)) if suit else DEFAULT_SUIT
+    count = subjects or min(4, frames)
+    virtual = VirtualRig(frames, count, difficulty, seed, scene, rig=cameras.name, suit=worn)
     with progress("simulate", frames) as advance:
         simulate(virtual, out, advance, overwrite=overwrite)
     result = {"frames": frames, "truth": str(truth_path(out)), "suit": str(suit_path(out))}

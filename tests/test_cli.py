@@ -13,6 +13,7 @@ from conftest import tree
 
 from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS
+from annotate.suit.palette import DEFAULT_SUIT, load_suit
 from cli.console import cell, table
 from sensors.session.messages import COLOR, THERMAL, color_message, thermal_message
 from sensors.session.reader import Session
@@ -58,6 +59,18 @@ def test_simulate_records_and_is_the_same_for_the_same_seed(annotate_cloud, tmp_
     assert done[0].result == {"frames": 1, "truth": str(truth_path(path)), "suit": str(suit_path(path))}
     assert tree(tmp_path / "a") == tree(tmp_path / "b")
     assert {p.name for p in (tmp_path / "a").iterdir()} == {"s.mcap", "s.truth", "s.suit.toml"}
+
+
+def test_simulate_dresses_people_in_the_suit_given(annotate_cloud, tmp_path):
+    drawn, given = tmp_path / "drawn.mcap", tmp_path / "given.mcap"
+    annotate_cloud("simulate", drawn, "--frames", 1, "--suit", "random", "--difficulty", "clean", "--seed", 3)
+    suit = load_suit(suit_path(drawn))
+    assert suit.name == "random suit 3" and not np.array_equal(suit.colors_rgb, DEFAULT_SUIT.colors_rgb)
+    same = ("--frames", 1, "--suit", suit_path(drawn), "--difficulty", "clean", "--seed", 3)
+    annotate_cloud("simulate", given, *same)
+    assert given.read_bytes() == drawn.read_bytes()
+    missing = annotate_cloud("simulate", tmp_path / "x.mcap", "--suit", tmp_path / "none.toml")
+    assert missing.code == 1 and "none.toml" in missing.err and not (tmp_path / "x.mcap").exists()
 
 
 def test_info_and_validate_know_all_kinds(annotate_cloud, rig_session, rig_labels):

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from annotate.parts import NEIGHBOURS
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
@@ -36,6 +37,7 @@ from synth.appearance.outfit import (
 )
 from synth.appearance.paint import Surfaces, paint
 from synth.appearance.photograph import CLEAN, HARD, NORMAL, ColorCamera, ColorDifficulty, plain_room, set_up
+from synth.appearance.random_suit import random_suit
 from synth.body.body import Body, shipped_bodies
 from synth.surface.facets import noise_tile, smooth_noise
 from synth.surface.furniture import Surface, empty_room
@@ -319,3 +321,15 @@ def test_rooms_differ_in_their_light_and_hard_ones_are_dim():
     )
     assert np.median(hard) < 0.2 * np.median(normal)
     assert len(set(normal)) == 40
+
+
+def test_random_suits_are_whole_differ_by_seed_and_part_neighbours_by_colour():
+    suits = [random_suit(seed) for seed in range(30)]
+    for seed, suit in enumerate(suits):
+        again = random_suit(seed)
+        np.testing.assert_array_equal(again.colors_rgb, suit.colors_rgb)
+        worn = {int(part): tuple(rgb) for part, rgb in zip(suit.parts[:11], suit.colors_rgb, strict=False)}
+        assert 8 <= len(set(worn.values())) <= 11
+        assert all(worn[a] != worn[b] for a, b in map(tuple, NEIGHBOURS))
+    assert len({suit.colors_rgb.tobytes() for suit in suits}) == len(suits)
+    assert 0 < sum(bool(suit.look_alikes) for suit in suits) < len(suits)

@@ -146,7 +146,7 @@ def _match(
 
 def readable(rgb: UInt8, seen: Bool) -> Bool:
     """Flags (n,) of readable colours uint8 (n, 3): seen (bool (n,)), neither too dark nor clipped."""
-    return np.asarray(seen & (rgb.max(axis=1) >= DARK) & ((rgb >= CLIPPED).sum(axis=1) < 2))
+    return np.asarray(seen & (_brightest(rgb) >= DARK) & (_clipped(rgb) < 2))
 
 
 def unfitted(suit: Suit) -> ColorModel:
@@ -185,8 +185,19 @@ def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
 
 def blur(rgb: UInt8) -> Float64:
     """Standard deviation (n,) of the chromaticity of colours uint8 (n, 3), by darkness and clipping."""
-    brightest = np.maximum(rgb.max(axis=1), 1.0)
-    return np.asarray(np.hypot(NOISE_RGB / brightest, CLIP_SIGMA * (rgb >= CLIPPED).sum(axis=1)))
+    brightest = np.maximum(_brightest(rgb), 1.0)
+    return np.asarray(np.hypot(NOISE_RGB / brightest, CLIP_SIGMA * _clipped(rgb)))
+
+
+def _brightest(rgb: UInt8) -> UInt8:
+    """Highest channel (n,) of colours (n, 3); written out, as numpy is slow along short axes."""
+    return np.maximum(np.maximum(rgb[:, 0], rgb[:, 1]), rgb[:, 2])
+
+
+def _clipped(rgb: UInt8) -> UInt8:
+    """Number (n,) of clipped channels of colours (n, 3)."""
+    red, green, blue = ((rgb[:, i] >= CLIPPED).view(np.uint8) for i in range(3))
+    return red + green + blue
 
 
 def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64:

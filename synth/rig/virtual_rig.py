@@ -68,6 +68,7 @@ class VirtualRig:
         frames_per_second: float = FRAMES_PER_SECOND,
         rig: str = REFERENCE,
         pyrometer: bool = False,
+        suit: Suit = DEFAULT_SUIT,
     ) -> None:
         if not 1 <= subjects <= frames <= 1_000_000:
             raise CloudError(
@@ -83,7 +84,7 @@ class VirtualRig:
         self.name = f"virtual-{kind}{scene}-{difficulty}-{seed}"
         self.rig, self._twin = rig, twin_named(rig)
         self.calibration = self._twin.calibration
-        self.suit: Suit = DEFAULT_SUIT
+        self.suit = suit
         self.difficulty = DIFFICULTIES[difficulty]
         self.frames, self.subjects, self.seed, self.scene = frames, subjects, seed, scene
         self.frames_per_second = frames_per_second
