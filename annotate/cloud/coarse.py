@@ -162,17 +162,20 @@ def _enlarged(depth_mm: UInt16, pixel: Index, whose: UInt8, stride: int) -> UInt
     numbers = np.zeros(depth_mm.shape, np.uint8)
     for v in range(rows):
         for u in range(columns):
-            around = whose[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2]
-            if not around.any():
+            least, most = np.uint8(255), np.uint8(0)
+            for r in range(max(v - 1, 0), min(v + 2, rows)):
+                for c in range(max(u - 1, 0), min(u + 2, columns)):
+                    least, most = min(least, whose[r, c]), max(most, whose[r, c])
+            if most == 0:
                 continue
             # The last row and column have what is left of the image.
             bottom, right = (v + 1) * stride, (u + 1) * stride
             bottom, right = height if v == rows - 1 else bottom, width if u == columns - 1 else right
-            alike = around.min() == around.max()
             for y in range(v * stride, bottom):
                 for x in range(u * stride, right):
                     if depth_mm[y, x] > 0:
-                        near = whose[v, u] if alike else _nearest(depth_mm, pixel, whose, (v, u), (y, x))
+                        alike = least == most
+                        near = most if alike else _nearest(depth_mm, pixel, whose, (v, u), (y, x))
                         numbers[y, x] = near
     return numbers
 
