@@ -2,8 +2,8 @@
 
 python -m tools.correction.kill_learning [--kills N]
 
-A child takes over what was learnt, takes it back, and works on frames between; the parent kills it with -9
-and looks: frames that nobody worked on all have the labels of one step, every stroke said to be done is there,
+A child takes over what was learnt, takes it back, and works on frames between; the parent kills it with -9.
+Then frames that nobody worked on all have the labels of one step, every stroke said to be done is there, and
 no file is broken. At the end every step and stroke is taken back: the files are the first ones, to the byte.
 """
 
