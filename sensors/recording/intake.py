@@ -27,8 +27,9 @@ from sensors.device.protocol import (
 )
 from sensors.errors import DeviceError, DeviceFaultError
 
-BACKLOG = 64
-"""Readings a device may be ahead of the disk: two seconds of depth, 28 MB. Chosen by eye."""
+BACKLOG, BACKLOG_S = 64, 2.0
+"""Readings, and seconds of readings, that a device may be ahead of the disk, whichever is more: 45 MB of a
+Kinect v2. Chosen by eye: a disk that is busy with something else stalls for a second."""
 READ_S = 0.2
 """Seconds a thread waits for a reading before it checks whether it is to end. Chosen by eye."""
 RATE_S = 2.0
@@ -94,7 +95,12 @@ class Intake:
         _check_apart(devices)
         self._devices = {device.address: device for device in devices}
         self._depth = next((d.address for d in devices if "depth" in d.rates_hz), "")
-        self._queues = {address: Queue[DeviceReading | Exception](BACKLOG) for address in self._devices}
+        self._queues = {
+            device.address: Queue[DeviceReading | Exception](
+                max(BACKLOG, round(BACKLOG_S * sum(device.rates_hz.values())))
+            )
+            for device in devices
+        }
         self._reopen = reopen
         self._overrun = Counter[str]()
         self._woken, self._stop = threading.Event(), threading.Event()
