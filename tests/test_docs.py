@@ -33,7 +33,7 @@ ELSEWHERE = {
 SMALLER = (
     (r"--count \d+", "--count 8"),
     (r"--epochs \d+", "--epochs 1"),
-    (r"--subjects \d+", "--subjects 2"),
+    (r"--subjects 8", "--subjects 2"),
     (r" --difficulty normal", ""),  # the default: pages then share recordings
     (r"--scene plate( --frames \d+)?", "--scene plate --frames 12"),
     (r"--seconds \d+", "--seconds 1"),
