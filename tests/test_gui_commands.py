@@ -282,6 +282,7 @@ def test_all_of_it_fits_a_small_screen(hand):
     window.resize(1280, 680)
     hand.settle()
     assert (window.width(), window.height()) == (1280, 680)
+    assert window.tools.verticalScrollBar().maximum() == 0, "every tool is in sight"
     inside = QRect(QPoint(0, 0), window.size())
     for widget in (window.status, window.strip, window.tools, window.palette_, *window.views, window.header):
         place = QRect(widget.mapTo(window, QPoint(0, 0)), widget.size())

@@ -52,6 +52,8 @@ EDITS = (
 )
 CHANGING = {*EDITS, "reject", "unlearn"} - {"carry"}
 """Commands that a set open read-only refuses."""
+ROW_PX = 25
+"""Height of a row of the tool column in logical pixels: all of them fit on a screen of 1280 x 720."""
 View = CloudView | DepthPane
 
 
@@ -150,7 +152,7 @@ class ToolButton(QToolButton):
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
         self.setIconSize(ICON * 0.6)
-        self.setFixedHeight(scaled(28))
+        self.setFixedHeight(scaled(ROW_PX))
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setStyleSheet(f"text-align: left; padding: 1px 5px; font-size: {scaled(12)}px")
         short = key.replace("Ctrl+", "^").replace("Shift+", "\u21e7")
@@ -171,7 +173,7 @@ class ToolColumn(QScrollArea):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setFixedWidth(scaled(178))
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        column = laid(QVBoxLayout(inner), gap=3, margins=(6, 8, 6, 6))
+        column = laid(QVBoxLayout(inner), gap=1, margins=(6, 4, 6, 2))
         self.buttons: dict[str, ToolButton] = {}
         for heading, names in (("TOOLS", TOOLS), ("STROKES", SWITCHES), ("EDIT", EDITS)):
             column.addWidget(named(QLabel(heading), "caption"))
@@ -184,7 +186,7 @@ class ToolColumn(QScrollArea):
                 item.setCheckable(name not in EDITS or name == "carry")
                 item.clicked.connect(partial(self.requested.emit, name))
                 column.addWidget(item)
-            column.addSpacing(4)
+            column.addSpacing(2)
         column.addStretch(1)
         self.setWidget(inner)
 

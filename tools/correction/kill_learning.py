@@ -4,7 +4,8 @@ python -m tools.correction.kill_learning [--kills N]
 
 A child takes over what was learnt, takes it back, and works on frames between; the parent kills it with -9.
 Then frames that nobody worked on all have the labels of one step, every stroke said to be done is there, and
-no file is broken. At the end every step and stroke is taken back: the files are the first ones, to the byte.
+no file is broken. At the end all steps and strokes are taken back: frames that nobody worked on are the first
+ones, to the byte, the others have the labels that the work began from.
 """
 
 import argparse
@@ -84,6 +85,12 @@ def check(folder: Path, said: int) -> str:
     return next(name for name, part in PARTS.items() if part in found)
 
 
+def free_images(folder: Path) -> dict[str, bytes]:
+    """Images of the frames that nobody works on, by name."""
+    files = sorted(folder.glob("labels/frames/*.png"))
+    return {file.name: file.read_bytes() for file in files if file.name[:6] in FREE}
+
+
 def main() -> None:
     """Kill as often as asked, and say what came of it."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -93,7 +100,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         create(folder)
-        first = {p.name: p.read_bytes() for p in folder.glob("labels/frames/*.png")}
+        first = free_images(folder)
         rng, said, seen = np.random.default_rng(given.seed), 0, []
         for i in range(given.kills):
             said += kill_once(folder, rng.uniform(0.0, 0.4), given.seed + i, at_once=i % 5 == 0)
@@ -104,7 +111,9 @@ def main() -> None:
             for frame_id in WORKED:
                 while correction.edit(frame_id).undo():
                     pass
-        assert {p.name: p.read_bytes() for p in folder.glob("labels/frames/*.png")} == first
+                begun = correction.begun(frame_id).parts
+                np.testing.assert_array_equal(correction.frame(frame_id).parts, begun)
+        assert free_images(folder) == first
     turns = sum(a != b for a, b in pairwise(seen))
     print(f"{given.kills} kills, {turns} with other labels than the one before; {said} strokes, none lost")
 
