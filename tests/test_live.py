@@ -20,6 +20,7 @@ from annotate.person.extract import Survey
 from annotate.suit.palette import load_suit
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
 from sensors.recording.health import Health, Watch
+from sensors.recording.host_clock import BIN_NS, HostClock
 from sensors.recording.intake import Arrived
 from sensors.recording.moments import WAIT_NS, Moments
 from sensors.recording.newest import Newest
@@ -214,6 +215,17 @@ def test_a_knocked_thermal_camera_is_said_with_way_and_angle(seen, down, right, 
     degrees = np.degrees(np.arctan(np.hypot(down, right) / 110.1))
     stated = [float(number) for number in re.findall(r"([\d.]+) degrees", said[-1].text)]
     assert np.hypot(*[*stated, 0.0][:2]) == pytest.approx(degrees, abs=0.7)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_machine_that_is_too_busy_is_no_clock_that_drifts(seed):
+    clock, steady = HostClock(), HostClock()
+    for second, late_ns in enumerate(np.random.default_rng(seed).exponential(30e6, 60)):
+        stamp = second * BIN_NS
+        clock.host_ns(stamp, stamp + int(late_ns))
+        steady.host_ns(stamp, stamp - second * 300_000)
+    assert clock.skew_ppm == 0
+    assert steady.skew_ppm == pytest.approx(300, rel=1e-3)
 
 
 def test_a_complaint_stands_while_it_is_made_and_a_second_after():

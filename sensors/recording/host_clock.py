@@ -11,6 +11,9 @@ RECENT = 5
 a clock that is off by 200 ppm moves by a millisecond."""
 LEAST_BINS = 20
 """Spans before a clock's speed is stated: a jitter of a millisecond is 50 ppm over 20 s."""
+SCATTER = 5.0
+"""Least drift over the time watched, as a multiple of the median scatter about it: on a machine that is too
+busy every delay is late, and by how much changes. Chosen by eye."""
 
 
 class HostClock:
@@ -40,4 +43,7 @@ class HostClock:
             return 0.0
         at, delay = np.array(self._bins, np.float64).T
         i, j = np.triu_indices(len(at), 1)
-        return float(-1e6 * np.median((delay[j] - delay[i]) / (at[j] - at[i])) / BIN_NS)
+        slope = float(np.median((delay[j] - delay[i]) / (at[j] - at[i])))
+        off = delay - slope * at
+        scatter = float(np.median(np.abs(off - np.median(off))))
+        return -1e6 * slope / BIN_NS if abs(slope) * (at[-1] - at[0]) > SCATTER * scatter else 0.0
