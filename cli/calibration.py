@@ -8,7 +8,6 @@ from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress, say
 from cli.extras import needing
-from sensors.errors import CalibrationError
 from sensors.files.atomic import check_free, replacing
 
 if TYPE_CHECKING:
@@ -18,7 +17,13 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    board: Annotated[Path, Argument(help="Session that shows the hole plate; with --check, any session.")],
+    board: Annotated[
+        Path,
+        Argument(
+            help="Session that shows the hole plate; with --check, any session; with --live and a rig, the "
+            "session to record the views to."
+        ),
+    ],
     out: Annotated[
         Path | None, Option(help="Calibration (JSON) to write; a plot is saved beside it.")
     ] = None,
@@ -26,6 +31,16 @@ def calibrate(
         bool,
         Option("--check", help="Only measure whether the calibration of the session still fits its images."),
     ] = False,
+    live: Annotated[
+        bool,
+        Option(
+            "--live",
+            help="Say and draw which view of the plate is wanted next, and stop when they are enough: of the "
+            "rig or devices, or of the session's frames one after another.",
+        ),
+    ] = False,
+    rig: Annotated[Path | None, Option(help="Rig file (TOML), for --live.")] = None,
+    device: Annotated[list[str] | None, Option(help="Address, for --live; repeatable.")] = None,
     yaml: Annotated[
         Path | None, Option(help="Folder for the same calibration as YAML, for OpenCV and iai_kinect2.")
     ] = None,
@@ -44,6 +59,8 @@ def calibrate(
         return
     if out is None:
         raise typer.BadParameter("name a file for the calibration, or pass --check", param_hint="--out")
+    if not live and (rig is not None or device):
+        raise typer.BadParameter("only --live asks a rig; or record the plate first", param_hint="--rig")
     plot = out.with_suffix(".png")
     for path in (out, plot, *([yaml] if yaml else [])):
         check_free(path, overwrite)
@@ -54,7 +71,13 @@ def calibrate(
         from sensors.rig.rig_calibration import save_calibration
 
     plate = HolePlate(columns, rows, pitch_mm / 1000, hole_mm / 1000)
-    found = _solve(Session(board), plate)
+    if live:
+        from cli.guided import guided_calibration
+
+        picture = out.with_suffix(".guide.png")
+        found = guided_calibration(board, plate, rig, device, picture, overwrite)
+    else:
+        found = _solve(Session(board), plate)
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as temporary:
         save_calibration(temporary, found.calibration)
@@ -89,13 +112,11 @@ def _check(session: "Session", json: bool) -> None:
 
 
 def _solve(session: "Session", plate: "HolePlate") -> "Adjusted":
+    from cli.guided import check_infrared
     from sensors.calibrate.bundle import adjust
     from sensors.calibrate.plate_view import view_plate
 
-    if "/infrared/image" not in session.streams:
-        raise CalibrationError(
-            f"{session.path} has no infrared images; record with --infrared, or give --check"
-        )
+    check_infrared(session)
     views = []
     with progress("find the plate", len(session)) as advance:
         for frame in session:

@@ -32,6 +32,9 @@ REACH = 0.62
 """How far from the middle places lie, as a share of what keeps the plate in every image. Chosen by eye."""
 WANTED_PLACE, WANTED_TILT, WANTED_DISTANCE = 2, 3, 8
 """Views that are wanted of each place, tilt and distance before any of them twice as often. Chosen by eye."""
+NEAR, FAR, HOLE_PX = 1.65, 1.55, 2.1
+"""Nearest distance over that at which the plate fills an image, farthest over nearest, and a hole's least
+diameter in the coarsest image, pixels. They give the distances of ``rig_templates``. Chosen by eye."""
 SAME_DEG, SAME_M = 4.0, 0.03
 """A view that differs by less from an earlier one says nothing new. Chosen by eye."""
 
@@ -63,13 +66,16 @@ class Room:
     below: float
 
     @staticmethod
-    def of(guess: RigCalibration, plate: HolePlate, plate_m: tuple[float, float]) -> "Room":
-        """By the cameras' rough intrinsics; plate_m: nearest and farthest distance that shows the holes."""
+    def of(guess: RigCalibration, plate: HolePlate) -> "Room":
+        """By the cameras' rough intrinsics: the plate in every image, holes of HOLE_PX or more."""
         cameras = [camera for name in CAMERAS if (camera := getattr(guess, name)) is not None]
-        half = np.diff(plate.size_m, axis=0)[0] / 2 / np.mean(plate_m)
         views = np.min([(c.width / 2 / c.fx, c.height / 2 / c.fy) for c in cameras], axis=0)
-        aside, below = REACH * np.maximum(views - half, 0.05)
-        return Room(*plate_m, float(aside), float(below))
+        half_m = np.diff(plate.size_m, axis=0)[0] / 2
+        near_m = NEAR * float((half_m / views).max())
+        far_m = min(FAR * near_m, plate.hole_m * min(c.fx for c in cameras) / HOLE_PX)
+        far_m = max(far_m, 1.1 * near_m)
+        aside, below = REACH * np.maximum(views - half_m / ((near_m + far_m) / 2), 0.05)
+        return Room(near_m, far_m, float(aside), float(below))
 
     def pose(self, wish: Wish, plate: HolePlate) -> Pose:
         """depth_from_plate of a wish."""

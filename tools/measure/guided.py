@@ -31,7 +31,7 @@ def by_hand(pose: Pose, plate: HolePlate, rng: np.random.Generator) -> Pose:
 
 def run(seed: int, rig: RigTemplate) -> tuple[int, int, np.ndarray]:
     """Views used and views held until it is good, and the worst errors: degrees, lateral and axial mm."""
-    rng, room = np.random.default_rng(seed), Room.of(rig.calibration, rig.plate, rig.plate_m)
+    rng, room = np.random.default_rng(seed), Room.of(rig.calibration, rig.plate)
     plate, guess, source = rig.plate, rig.calibration, PlateViews(rig, 0, seed)
     views, wish = [], next_wish(())
     for held in range(MOST_HELD):

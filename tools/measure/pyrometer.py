@@ -13,6 +13,7 @@ import numpy as np
 from annotate.cloud.fuse import Fuser
 from annotate.person.extract import Survey
 from annotate.person.pixel_odds import WINDOW_C
+from annotate.suit.palette import DEFAULT_SUIT
 from sensors.rig.frame import RigFrame
 from sensors.rig.thermal_reference import ThermalReference
 from synth.rig.truth import Truth, truth_labels
@@ -32,7 +33,8 @@ def corrections_k(pairs: list[tuple[RigFrame, Truth]], focal_px: float) -> np.nd
 
 
 def iou(fuser: Fuser, frame: RigFrame, truth: np.ndarray, window_c: tuple[float, float] | None) -> float:
-    mask = Survey(fuser.fuse_frame(frame), window_c).person().mask
+    """Of the person found in one frame alone, by warmth and suit."""
+    mask = Survey(fuser.fuse_frame(frame), window_c, DEFAULT_SUIT).person().mask
     return float((mask & truth).sum() / max(1, (mask | truth).sum()))
 
 

@@ -1,0 +1,138 @@
+"""Guided calibration: views of the hole plate taken one after another, until they are enough."""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from cli.console import say
+from cli.rig_devices import open_rig
+from sensors.calibrate.bundle import Adjusted
+from sensors.calibrate.guide import Guidance, Room, guide, is_new, next_wish
+from sensors.calibrate.guide_picture import guide_picture
+from sensors.calibrate.hole_plate import HolePlate
+from sensors.calibrate.plate_view import PlateView, view_plate
+from sensors.errors import CalibrationError
+from sensors.files.atomic import check_free, write_bytes
+from sensors.recording.live_rig import LiveRig
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
+from sensors.session.reader import Session
+from sensors.session.writer import SessionWriter
+
+STILL_PX = 1.0
+"""Pixels of the depth camera by which the plate may move between two looks: more, and it is in motion."""
+
+
+def guided_calibration(
+    board: Path,
+    plate: HolePlate,
+    rig: Path | None,
+    device: list[str] | None,
+    picture: Path,
+    overwrite: bool,
+) -> Adjusted:
+    """The calibration of the views that were taken, of a rig (recorded to ``board``) or of a session.
+
+    Raises CalibrationError where they are too few.
+    """
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    if rig is None and not device:
+        session = Session(board)
+        check_infrared(session)
+        now = guided(iter(session), plate, session.calibration, picture, None)
+    else:
+        check_free(board, overwrite)
+        running = open_rig(rig, device)
+        with (
+            closing(running),
+            SessionWriter(board, running.calibration, running.name, overwrite=overwrite) as writer,
+        ):
+            now = guided(rig_frames(running), plate, running.calibration, picture, writer.write)
+    if now.found is None:
+        raise CalibrationError(
+            f"{len(now.seen)} views of the plate were taken, which are too few; hold it as {picture} shows, "
+            "still and before a warm backing, until all cameras see every hole"
+        )
+    return now.found
+
+
+def guided(
+    frames: Iterator[RigFrame],
+    plate: HolePlate,
+    guess: RigCalibration,
+    picture: Path,
+    keep: Callable[[RigFrame], None] | None,
+) -> Guidance:
+    """Look at frames until their views are enough, they end, or Ctrl-C; say and draw what is wanted next.
+
+    picture: a PNG, written again at every look. keep: called with each frame whose view is taken, once the
+    plate is held still; None = every frame is a view that was taken.
+    """
+    room, views = Room.of(guess, plate), list[PlateView]()
+    now, before = Guidance((), next_wish(()), None, False), None
+    say(f"hold the plate {now.wanted.text if now.wanted else ''}; {picture} shows where")
+    try:
+        for frame in frames:
+            view = view_plate(frame, plate, guess.depth)
+            still = keep is None or _still(before, view)
+            if still and is_new(view, views, plate, guess):
+                views.append(view)
+                if keep is not None:
+                    keep(frame)
+                now = guide(views, plate, guess, room)
+                _report(now)
+            drawn = guide_picture(now, views, view, frame.infrared, guess.depth, plate, room)
+            write_bytes(picture, cv2.imencode(".png", drawn)[1].tobytes())
+            if now.wanted is None:
+                break
+            before = view
+    except KeyboardInterrupt:
+        say("ended by hand")
+    return now
+
+
+def check_infrared(session: Session) -> None:
+    """Raise CalibrationError where a session has no infrared images."""
+    if "/infrared/image" not in session.streams:
+        raise CalibrationError(
+            f"{session.path} has no infrared images; record with --infrared, or give --check"
+        )
+
+
+def rig_frames(running: LiveRig) -> Iterator[RigFrame]:
+    """The newest frame of a rig again and again; it runs until the last is taken. Raises what ended it."""
+    running.start()
+    seen = 0
+    try:
+        while not running.moments.ended:
+            if (newest := running.moments.after(seen, 0.5)) is not None:
+                seen, moment = newest
+                yield moment.frame
+    finally:
+        running.close()
+    if running.error is not None:
+        raise running.error
+
+
+def _still(before: PlateView | None, view: PlateView) -> bool:
+    if before is None or not {"depth"} <= before.centers_px.keys() & view.centers_px.keys():
+        return False
+    moved = before.centers_px["depth"] - view.centers_px["depth"]
+    return bool(np.linalg.norm(moved, axis=1).max() < STILL_PX)
+
+
+def _report(now: Guidance) -> None:
+    say(f"view {len(now.seen)}: {now.seen[-1].text}" + (f"; {_sure(now.found)}" if now.found else ""))
+    say("that is enough" if now.wanted is None else f"now hold it {now.wanted.text}")
+
+
+def _sure(found: Adjusted) -> str:
+    """How well poses are known by now: twice the standard deviation, as ``judge`` states it."""
+    texts = []
+    for name, sd in found.deviations.items():
+        turn, shift = 2 * sd.rotation_deg.max(), 2 * sd.translation_mm
+        texts.append(f"{name} to {turn:.3f} degrees, {shift[:2].max():.2f} and {shift[2]:.2f} mm")
+    return "; ".join(texts)

@@ -1,0 +1,140 @@
+"""Guided calibration: what it asks for can be seen, differs from what was seen, and suffices."""
+
+from dataclasses import replace
+from itertools import product
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import cli.guided
+import sensors.calibrate.guide
+from sensors.calibrate.guide import ENOUGH_VIEWS, TILTS, Room, Wish, guide, is_new, next_wish
+from sensors.calibrate.hole_plate import HolePlate
+from sensors.calibrate.plate_view import CAMERAS, PlateView
+from sensors.recording.rig_templates import REFERENCE, TEMPLATES
+from sensors.rig.camera import project
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import Pose, RigCalibration
+from sensors.session.writer import SessionWriter
+
+WISHES = [Wish(*fields) for fields in product((-1, 0, 1), (-1, 0, 1), TILTS, (False, True))]
+RIG = TEMPLATES[REFERENCE].calibration
+PLATE = replace(HolePlate(), hole_m=1e-5)
+"""Its holes are points, so that their projections are what images show."""
+ROOM = Room.of(RIG, HolePlate())
+
+
+def view_of(pose: Pose, rig: RigCalibration, plate: HolePlate, index=0, rng=None, noise_px=0.03) -> PlateView:
+    """What perfect cameras see of the plate, with the noise of finding holes and of depth."""
+    points = pose.apply(np.c_[plate.centers_m, np.zeros(len(plate.centers_m))])
+    poses = {"depth": Pose.identity(), "color": rig.color_from_depth, "thermal": rig.thermal_from_depth}
+    centers = {name: project(getattr(rig, name), poses[name].apply(points)) for name in CAMERAS}
+    depth_mm = 1000 * points[:, 2] - 8
+    if rng is not None:
+        centers = {name: px + rng.normal(0, noise_px, px.shape) for name, px in centers.items()}
+        depth_mm = depth_mm + rng.normal(0, 1.5, len(depth_mm))
+    return PlateView(index, centers, centers["depth"], depth_mm)
+
+
+def by_hand(pose: Pose, plate: HolePlate, rng) -> Pose:
+    """Held within some centimetres and degrees of a pose."""
+    middle = np.array([*plate.size_m.mean(axis=0), 0.0])
+    rotation = pose.rotation @ Rotation.from_rotvec(rng.normal(0, 4, 3), degrees=True).as_matrix()
+    return Pose(rotation, pose.apply(middle) + rng.normal(0, 0.02, 3) - rotation @ middle)
+
+
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_every_wish_is_recognised_and_the_reference_rig_sees_all_of_it(name):
+    rig, plate = TEMPLATES[name].calibration, TEMPLATES[name].plate
+    room = Room.of(rig, plate)
+    nearest, farthest = TEMPLATES[name].plate_m
+    assert nearest - 0.25 < room.near_m < room.far_m < farthest + 0.3
+    for wish in WISHES:
+        view = view_of(room.pose(wish, plate), rig, plate)
+        assert room.wish_of_view(view, plate, rig) == wish
+        for camera, px in view.centers_px.items() if name == REFERENCE else ():
+            inside = (px > 0) & (px < np.array(getattr(rig, camera).shape[::-1]) - 1)
+            assert inside.all(), (wish, camera)
+
+
+def test_wishes_spread_over_places_tilts_and_distances():
+    seen: list[Wish] = []
+    for _ in range(18):
+        seen.append(next_wish(seen))
+    assert len(set(seen)) == 18
+    assert {(w.right, w.down) for w in seen[:9]} == set(product((-1, 0, 1), (-1, 0, 1)))
+    assert min(sum(w.tilt == tilt for w in seen) for tilt in TILTS) >= 3
+    assert sum(w.far for w in seen) == 9
+    assert next_wish(seen) == next_wish(seen[::-1])
+
+
+def test_a_view_is_new_when_all_cameras_see_it_and_it_is_held_otherwise():
+    poses = [ROOM.pose(Wish(1, 0, tilt, False), PLATE) for tilt in ("left", "right")]
+    one, other = (view_of(pose, RIG, PLATE) for pose in poses)
+    assert is_new(one, [], PLATE, RIG) and is_new(other, [one], PLATE, RIG)
+    aside = view_of(Pose(poses[0].rotation, poses[0].translation_m + np.array([0.05, 0, 0])), RIG, PLATE)
+    assert not is_new(one, [other, one], PLATE, RIG) and is_new(aside, [one], PLATE, RIG)
+    blind = replace(one, centers_px={name: one.centers_px[name] for name in ("depth", "color")})
+    assert not is_new(blind, [], PLATE, RIG)
+
+
+@pytest.fixture(scope="module")
+def held() -> list[PlateView]:
+    """Views of somebody who follows the guide without its knowing yet how sure anything is."""
+    rng, seen, views = np.random.default_rng(11), [], []
+    for index in range(ENOUGH_VIEWS + 1):
+        seen.append(next_wish(seen))
+        pose = by_hand(ROOM.pose(seen[-1], PLATE), PLATE, rng)
+        views.append(view_of(pose, RIG, PLATE, index, rng))
+    return views
+
+
+@pytest.fixture
+def late(monkeypatch):
+    """Nothing is solved before it could be enough: that takes seconds."""
+    monkeypatch.setattr(sensors.calibrate.guide, "LEAST_VIEWS", ENOUGH_VIEWS)
+
+
+def test_it_is_good_with_few_views_and_then_it_is(held, late):
+    assert guide(held[: ENOUGH_VIEWS - 1], PLATE, RIG, ROOM).wanted is not None
+    now = guide(held, PLATE, RIG, ROOM)
+    assert now.good and now.wanted is None and len(now.seen) == ENOUGH_VIEWS + 1 <= 25
+    for name in ("color", "thermal"):
+        said, true = (getattr(c, f"{name}_from_depth") for c in (now.found.calibration, RIG))
+        off_mm = 1000 * np.abs(said.translation_m - true.translation_m)
+        turn = Rotation.from_matrix(said.rotation @ true.rotation.T).magnitude()
+        assert np.degrees(turn) < 0.1 and off_mm[:2].max() < 1 and off_mm[2] < 2
+
+
+def frame(index: int) -> RigFrame:
+    depth = np.full(RIG.depth.shape, 900, np.uint16)
+    return RigFrame(index, index * 10**9, depth, infrared=depth + np.uint16(index))
+
+
+def test_only_a_plate_that_is_held_still_is_taken(held, monkeypatch, tmp_path):
+    looks = [*np.repeat(np.arange(5), 2).tolist(), 5, 6]
+    monkeypatch.setattr(cli.guided, "view_plate", lambda f, *_: held[f.index])
+    kept = []
+    picture = tmp_path / "guide.png"
+    now = cli.guided.guided(map(frame, looks), PLATE, RIG, picture, lambda f: kept.append(f.index))
+    assert kept == [0, 1, 2, 3, 4] and len(now.seen) == 5 and now.found is None
+    drawn = cv2.imread(str(picture))
+    assert drawn.shape[1] == 1024 and len(np.unique(drawn.reshape(-1, 3), axis=0)) > 20
+
+
+def test_calibrate_live_stops_when_it_is_enough(annotate_cloud, held, late, monkeypatch, tmp_path):
+    with SessionWriter(tmp_path / "board.mcap", RIG, "board") as writer:
+        for index in range(len(held)):
+            writer.write(frame(index))
+    monkeypatch.setattr(cli.guided, "view_plate", lambda f, *_: held[f.index])
+    args = ("calibrate", tmp_path / "board.mcap", "--out", tmp_path / "rig.json", "--hole-mm", "0.01")
+    done = annotate_cloud(*args, "--live", "--json")
+    assert done.result["good"] and 12 <= done.result["views"] <= 13, done.err
+    assert "now hold it" in done.err and "that is enough" in done.err and "thermal to 0.0" in done.err
+    assert (tmp_path / "rig.json").is_file() and (tmp_path / "rig.guide.png").is_file()
+    few = annotate_cloud(
+        "calibrate", tmp_path / "board.mcap", "--out", tmp_path / "r.json", "--rig", "r.toml"
+    )
+    assert few.code == 2 and "only --live asks a rig" in few.err.replace("\n", " ")
