@@ -34,6 +34,10 @@ class Steps:
     """Points are pooled in supervoxels. Without: every point is one of its own."""
     part_tree: bool = True
     """Supervoxels are joined over the body's part tree. Without: each is read by itself."""
+    skin_warmth: bool = True
+    """Evidence of bare and of clothed parts by temperature. Without: by colours alone."""
+    sleeves: bool = True
+    """Bare skin belongs to the sleeve that it grows out of. Without: its side follows from place alone."""
     frame_before: bool = True
     """The suit is read with the parts of the frame before. Without: only the second look has them."""
     fine_borders: bool = True

@@ -12,9 +12,12 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, LEFT_RIGHT, PART_ID, UNDEFINED, swap_left_right
+from annotate.segmentation.bare import LIKELY_BARE, bareness, cuff_evidence, without_sides
 from annotate.segmentation.confidence import worst_first
+from annotate.segmentation.patches import patches_of
 from annotate.segmentation.segment import NEIGHBOUR, SOME_UNDEFINED, refine, segment
-from annotate.suit.palette import DEFAULT_SUIT, Suit
+from annotate.suit.color_model import BARE, under, unfitted
+from annotate.suit.palette import DEFAULT_SUIT, Suit, chromaticity
 from eval.scores.confusion import confusion_matrix, recall
 from sensors.rig.camera import Intrinsics, rays
 from sensors.session.reader import Session
@@ -106,7 +109,7 @@ def test_one_colour_is_one_part():
     for part in range(1, 12):
         result = segment(wall(np.full(CAMERA.shape, part)), ALL, DEFAULT_SUIT)
         assert (result.parts == part).all()
-        assert result.confidence.min() > 0.8
+        assert result.confidence.min() > 0.9
 
 
 def test_a_seam_stays_where_it_is():
@@ -287,6 +290,34 @@ def test_worst_first_counts_the_wrong_pixels_to_be_expected():
     groups = Supervoxels(np.repeat([0, 1, 2], [10, 100, 5]).astype(np.int32), 3, np.zeros((0, 2), np.int32))
     confidence = np.repeat([0.5, 0.9, 0.1], [10, 100, 5])  # 5, 10 and 4.5 wrong ones
     assert worst_first(confidence, groups).tolist() == [1, 0, 2]
+
+
+def chain(colors: list[np.ndarray]) -> tuple[Supervoxels, np.ndarray]:
+    """Supervoxels of fifty points in a row, 5 cm apart, each touching the next; their chromaticities."""
+    ids = np.repeat(np.arange(len(colors)), 50).astype(np.int32)
+    edges = np.column_stack([np.arange(len(colors) - 1), np.arange(1, len(colors))]).astype(np.int32)
+    return Supervoxels(ids, len(colors), edges), chromaticity(np.stack(colors))
+
+
+def test_a_hand_belongs_to_the_sleeve_it_grows_out_of():
+    """Left sleeve, hand, chest, right sleeve in a row: skin alone leads to the left one."""
+    left, right = PART_ID["left_forearm"] - 1, PART_ID["right_forearm"] - 1
+    skin = np.array(BARE[0][0])
+    colors = [color_of(left + 1), skin, skin, color_of(TORSO), color_of(right + 1)]
+    groups, chroma = chain(colors)
+    middle_m = np.column_stack([0.05 * np.arange(5), np.zeros(5), np.full(5, 2.0)])
+    odds = bareness(under(unfitted(DEFAULT_SUIT), np.zeros(2)), chroma, np.full(5, 0.02))
+    np.testing.assert_array_equal(odds > LIKELY_BARE, [False, True, True, False, odds[4] > LIKELY_BARE])
+    belief = np.full((5, 11), 0.001)
+    belief[[0, 1, 2, 3, 4], [left, right, right, TORSO - 1, right]] = 0.9  # the hand was taken for the other
+    patches = patches_of(groups, chroma, np.full(5, 0.02), middle_m)
+    clue = cuff_evidence(belief, odds, patches, groups, middle_m)
+    assert (clue[1:3, left] == 0).all()
+    assert (clue[1:3, right] < -2).all()
+    assert not clue[[0, 3]].any()
+    even = without_sides(belief, odds)
+    np.testing.assert_allclose(even[1:3, left], even[1:3, right])
+    np.testing.assert_array_equal(even[3], belief[3])
 
 
 @pytest.mark.parametrize("value", [255, 6], ids=["over-exposed", "dark"])

@@ -12,15 +12,16 @@ from annotate.array_types import Bool, Float64, Int32, UInt8
 from annotate.cloud.supervoxels import Supervoxels
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.parts import BODY_PARTS, PART_ID, UNDEFINED
+from annotate.parts import BODY_PARTS, UNDEFINED
 from annotate.person.clothed_mask import MOST_PERSON_ODDS, Clue, PatchClues, room_contrast
 from annotate.person.extract import MaskCandidates
 from annotate.person.patch_likelihoods import COMPARED_STRIDE, relative_warmth
 from annotate.person.planes import normals_at
+from annotate.segmentation.bare import bareness
 from annotate.segmentation.part_clues import SuitReading, earlier_parts
 from annotate.segmentation.part_tree import PART_REACH_M, middle_of
 from annotate.segmentation.segment import Segmentation
-from annotate.suit.color_model import ColorModel, readable
+from annotate.suit.color_model import readable
 from sensors.rig.nearest import Nearest
 
 _N = len(BODY_PARTS)
@@ -169,7 +170,7 @@ def _of_supervoxels(
     on_person_m = cloud.points_m[person if person.any() else clues.compared]
     colour, usable = _colour(cloud.color_rgb[clues.compared], reading, groups)
     shown_m2, distance = _parts(means["belief"], _surface_m2(cloud, clues) * means["inside"], centroids_m)
-    bare = _bareness(reading.model, clues.chroma, np.maximum(clues.blur, LEAST_BARE_BLUR))
+    bare = bareness(reading.model, clues.chroma, np.maximum(clues.blur, LEAST_BARE_BLUR))
     unknown = np.full((groups.count, _N), 1 / _N)
     return {
         "colour": colour,
@@ -210,16 +211,6 @@ def _colour(rgb: UInt8, reading: SuitReading, groups: Supervoxels) -> tuple[Floa
     evidence[usable] = reading.model.evidence(rgb[usable])
     share = groups.mean(usable)
     return groups.mean(evidence) / np.maximum(share, 1 / groups.sizes)[:, None], share
-
-
-def _bareness(model: ColorModel, chroma: Float64, blur: Float64) -> Float64:
-    """Log odds (G,) of being bare (skin, hair, shoes, all that a head shows) against cloth of the suit.
-
-    chroma (G, 2), blur (G,): mean chromaticity and its uncertainty.
-    """
-    match = model.match(chroma, blur)
-    bare = model.bare | model.wears[:, PART_ID["head"] - 1]
-    return np.asarray(match[:, bare].max(axis=1) - match[:, ~bare].max(axis=1))
 
 
 def _parts(belief: Float64, surface_m2: Float64, centroids_m: Float64) -> tuple[Float64, Float64]:

@@ -13,6 +13,7 @@ from annotate.engine import Engine, Steps
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.images import Probabilities
 from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED
+from annotate.segmentation.bare import bareness, cuff_evidence, without_sides
 from annotate.segmentation.confidence import chance_right, features
 from annotate.segmentation.part_clues import (
     SuitReading,
@@ -20,6 +21,7 @@ from annotate.segmentation.part_clues import (
     means_of,
     pooled,
     previous_evidence,
+    warmth_evidence,
     with_earlier,
 )
 from annotate.segmentation.part_tree import softmax, tree_belief
@@ -154,7 +156,7 @@ def _read(
     before: FrameLabels | None,
     steps: Steps,
 ) -> SuitReading:
-    """Reading of the masked points by the suit's colours and the previous frame.
+    """Reading of the masked points by the suit's colours, warmth and the previous frame.
 
     mask: bool (h, w), n pixels. usable: bool (n,), readable colours. Every round fits the colours to the
     parts of the one before, this person's skin and the fading of the cloth among them.
@@ -163,9 +165,12 @@ def _read(
     palette = unfitted(suit)
     chroma, blur = means_of(cloud.color_rgb[mask], usable, groups)
     patches = patches_of(groups, chroma, blur, centroids_m)
+    warmth = np.zeros((groups.count, _N))
+    if steps.skin_warmth:
+        warmth = warmth_evidence(cloud.temperature_c[mask], groups)
     known = before if steps.frame_before else None
     earlier = earlier_parts(known, cloud.camera, centroids_m) if known else None
-    besides = np.zeros((groups.count, _N)) if earlier is None else previous_evidence(earlier)
+    besides = warmth if earlier is None else warmth + previous_evidence(earlier)
     read = read_together if steps.joint_reading else read_alone
     by_patch, log_gain = read(patches, palette, patches.mean(besides, groups.sizes))
     first = by_patch[patches.ids] if steps.patch_belief else np.full((groups.count, _N), 1 / _N)
@@ -173,9 +178,13 @@ def _read(
     for _ in range(READ_ROUNDS):
         if steps.color_refit:
             model = refit_colors(model, rgb, belief[groups.ids[usable]])
+        bare = bareness(model, chroma, blur)
+        sided = without_sides(first, bare) if steps.sleeves else first
         evidence = np.zeros((len(usable), _N))
         evidence[usable] = model.evidence(rgb)
-        unary = pooled(evidence, usable, groups) + PATCH_WEIGHT * np.log(first + PATCH_DOUBT)
+        unary = pooled(evidence, usable, groups) + warmth + PATCH_WEIGHT * np.log(sided + PATCH_DOUBT)
+        if steps.sleeves:
+            unary += cuff_evidence(belief, bare, patches, groups, centroids_m)
         if earlier is not None:
             unary = with_earlier(unary, groups, earlier)
         belief = tree_belief(unary, groups, centroids_m, belief) if steps.part_tree else softmax(unary)
