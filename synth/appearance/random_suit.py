@@ -25,7 +25,7 @@ DOMAIN = 40
 
 
 def random_suit(seed: int) -> Suit:
-    """A palette of 8 to 11 cloths of any hues, some of them alike; neighbouring parts never share one."""
+    """A palette of 8 to 11 cloths of any hues, some look-alikes; neighbouring parts never share one."""
     rng = np.random.default_rng((seed, DOMAIN))
     count = int(rng.integers(COLORS[0], COLORS[1] + 1))
     colors = _cloths(count, float(rng.uniform(*APART)), rng)
