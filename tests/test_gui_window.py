@@ -250,7 +250,7 @@ def test_frames_before_help_and_carry(at_window):
     at_window.key("next")
     at_window.key("copy_previous")
     assert at_window.parts.any()
-    for order in ("worst", "review", "time"):
+    for order in ("worst", "teach", "review", "time"):
         at_window.key("order")
         assert at_window.window.walk.order == order
     at_window.key("help")

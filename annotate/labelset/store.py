@@ -154,7 +154,7 @@ class LabelSet:
         fields = _load(self._file(frame_id, "json", folder))
         depth = self._image(frame_id, "depth.png", images.decode_depth)
         parts = self._image(frame_id, "parts.png", images.decode_parts, folder)
-        confidence = self.confidence(frame_id, (fields.get("notes") or {}).get(LEARNT) or "")
+        confidence = self.confidence(frame_id, _learnt_in(fields.get("notes")))
         persons = self._optional_image(frame_id, "persons.png", images.decode_persons)
         try:
             return FrameLabels(frame_id, depth, parts, confidence, persons=persons, **fields)
@@ -290,6 +290,11 @@ def _journal_problems(labels: LabelSet) -> list[str]:
     except CloudError as error:
         return [str(error)]
     return [f"frame {i}: labels lack strokes of {journal.path}; open the set once with fix" for i in behind]
+
+
+def _learnt_in(notes: object) -> str:
+    """Step of learning that a frame's notes name, or nothing."""
+    return str(notes.get(LEARNT) or "") if isinstance(notes, dict) else ""
 
 
 def _of_step(step: object) -> str:
