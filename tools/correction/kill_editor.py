@@ -13,6 +13,8 @@ import signal
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -77,12 +79,15 @@ def work(folder: Path, said: int) -> None:
             os.write(said, b".")
 
 
-def kill_once(folder: Path, delay_s: float, at_once: bool) -> int:
-    """Let a child work, from its start or its first stroke on for so long, and kill it; steps it did."""
+def kill_once(work: Callable[[int], None], delay_s: float, at_once: bool) -> int:
+    """Let a child work, from its start or its first stroke on for so long, and kill it; strokes it said.
+
+    work: gets the end of a pipe into which it writes a byte after each stroke.
+    """
     heard, said = os.pipe()
     child = os.fork()
     if not child:
-        work(folder, said)
+        work(said)
     os.close(said)
     first = b"" if at_once else os.read(heard, 1)
     time.sleep(delay_s)
@@ -141,7 +146,7 @@ def main() -> None:
         rng, done, began = np.random.default_rng(given.seed), 0, 0
         for i in range(given.kills):
             before = done
-            done += kill_once(folder, rng.uniform(0.0, 0.2), at_once=i % 5 == 0)
+            done += kill_once(partial(work, folder), rng.uniform(0.0, 0.2), at_once=i % 5 == 0)
             done = check(folder, done, shadows, thorough=i % 10 == 0 or i == given.kills - 1)
             began += done > before
     print(f"{given.kills} kills, {began} of them amid strokes; {done} strokes, none lost", file=sys.stderr)

@@ -10,9 +10,8 @@ ones, to the byte, the others have the labels that the work began from.
 
 import argparse
 import os
-import signal
 import tempfile
-import time
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from annotate.correction.relabel import relabel, take_back
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet, validate
 from sensors.rig.camera import Intrinsics
+from tools.correction.kill_editor import kill_once
 
 SHAPE, WORKED, FREE = (106, 128), ("000000", "000001"), tuple(f"{i:06}" for i in range(2, 8))
 PARTS = {"labels": 2, "first": 4, "second": 7}
@@ -57,22 +57,6 @@ def work(folder: Path, said: int, seed: int) -> None:
                 os.write(said, b".")
 
 
-def kill_once(folder: Path, delay_s: float, seed: int, at_once: bool) -> int:
-    """Let a child work, from its start or its first stroke on for so long, and kill it; strokes it said."""
-    heard, said = os.pipe()
-    child = os.fork()
-    if not child:
-        work(folder, said, seed)
-    os.close(said)
-    first = b"" if at_once else os.read(heard, 1)
-    time.sleep(delay_s)
-    os.kill(child, signal.SIGKILL)
-    _, ended = os.waitpid(child, 0)
-    assert os.WIFSIGNALED(ended), f"the child ended by itself, with status {ended}"
-    with os.fdopen(heard, "rb") as file:
-        return len(first + file.read())
-
-
 def check(folder: Path, said: int) -> str:
     """Reopen; the labels that all free frames have. Raises AssertionError on any loss."""
     with Correction.open(folder / "labels", "ann") as correction:
@@ -103,7 +87,9 @@ def main() -> None:
         first = free_images(folder)
         rng, said, seen = np.random.default_rng(given.seed), 0, []
         for i in range(given.kills):
-            said += kill_once(folder, rng.uniform(0.0, 0.4), given.seed + i, at_once=i % 5 == 0)
+            said += kill_once(
+                partial(work, folder, seed=given.seed + i), rng.uniform(0.0, 0.4), at_once=i % 5 == 0
+            )
             seen.append(check(folder, said))
         with Correction.open(folder / "labels", "ann") as correction:
             while take_back(correction):
