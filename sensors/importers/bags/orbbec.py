@@ -9,6 +9,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,11 +18,10 @@ from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError, FormatError
 from sensors.importers.bags.bag_files import Place, RosbagFile, damaged
-from sensors.importers.bags.ros_images import color_encoded_from, depth_mm_from, pixels_of
+from sensors.importers.bags.camera_frames import CameraFrames, Images
 from sensors.importers.bags.ros_messages import Picture
 from sensors.rig.camera import Intrinsics, intrinsics_from_rational
-from sensors.rig.frame import RigFrame, mm_from_units
-from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
+from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration
 
 DEPTH, COLOR, INFRARED = "depth", "colour", "infrared"
@@ -91,7 +91,7 @@ class OrbbecRecording:
         self._streams = {name: _Stream() for name in (DEPTH, COLOR, INFRARED)}
         with damaged(path):
             self._index()
-            depth, color, infrared = self._streams.values()
+            depth = self._streams[DEPTH]
             if not depth.images:
                 raise FormatError(f"{path} has no depth images; record the depth sensor")
             self.calibration, notes = self._calibrate()
@@ -100,31 +100,19 @@ class OrbbecRecording:
         if (lost := sum(np.diff(sorted(depth.numbers)).astype(int) - 1)) > 0:
             notes.append(f"{lost} depth images were lost while it was recorded")
         self.notes = (*notes, "no thermal images")
-        self._pairs = {
-            COLOR: pair_stamps(depth.stamps_ns, color.stamps_ns, COLOR_WINDOW_NS),
-            INFRARED: pair_stamps(depth.stamps_ns, infrared.stamps_ns, 0),
-        }
+        self._frames = CameraFrames(
+            *(Images(stream.stamps_ns, partial(self._picture, stream)) for stream in self._streams.values()),
+            depth.unit_mm or USUAL_UNIT_MM,
+            self.calibration,
+        )
 
     def __len__(self) -> int:
-        return len(self._streams[DEPTH].images)
+        return len(self._frames)
 
     def __iter__(self) -> Iterator[RigFrame]:
-        return (self._frame(index) for index in range(len(self)))
+        return iter(self._frames)
 
-    def _frame(self, index: int) -> RigFrame:
-        depth = self._streams[DEPTH]
-        units = depth_mm_from(self._picture(DEPTH, index))
-        color, infrared = (int(self._pairs[name][index]) for name in (COLOR, INFRARED))
-        encoded = color_encoded_from(self._picture(COLOR, color)) if color >= 0 else None
-        amplitude = _grey(self._picture(INFRARED, infrared)) if infrared >= 0 else None
-        if amplitude is not None and amplitude.shape != units.shape:
-            amplitude = None
-        depth_mm = mm_from_units(units, depth.unit_mm or USUAL_UNIT_MM)
-        frame = RigFrame(index, depth.images[index][0], depth_mm, encoded, None, amplitude)
-        return frame.sized_as(self.calibration)
-
-    def _picture(self, name: str, index: int) -> Picture:
-        stream = self._streams[name]
+    def _picture(self, stream: _Stream, index: int) -> Picture:
         with damaged(self.path):
             return _image(self._file.read(stream.topic, stream.images[index][1])).picture
 
@@ -206,9 +194,3 @@ def _sized(data: bytes, at: int) -> tuple[bytes, int]:
     if end > len(data):
         raise struct.error(f"{length} bytes are announced, {len(data) - at} there")
     return data[at + _LENGTH.size : end], end
-
-
-def _grey(picture: Picture) -> NDArray[np.uint16]:
-    """An infrared image (h, w) of 8 or 16 bits."""
-    dtype = np.dtype(np.uint8 if picture.encoding == "mono8" else np.uint16)
-    return pixels_of(picture, dtype, 1)[..., 0].astype(np.uint16)

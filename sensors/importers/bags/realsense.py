@@ -9,6 +9,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +18,11 @@ from numpy.typing import NDArray
 
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import MAX_IMAGE_BYTES, MAX_IMAGE_SIDE
-from sensors.files.png import decode_grey
 from sensors.importers.bags.bag_files import Entry, Place, RosbagFile, damaged
-from sensors.importers.bags.ros_images import color_encoded_from, depth_mm_from, pixels_of
+from sensors.importers.bags.camera_frames import CameraFrames, Images
 from sensors.importers.bags.ros_messages import Picture, decode, picture_from
 from sensors.rig.camera import Intrinsics
-from sensors.rig.frame import RigFrame, mm_from_units
-from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
+from sensors.rig.frame import RigFrame
 from sensors.rig.realsense_lens import realsense_intrinsics
 from sensors.rig.rig_calibration import Pose, RigCalibration, rotation_of
 from sensors.rig.wrapping_counter import WrappingCounter
@@ -91,37 +90,26 @@ class RealSenseRecording:
             if not self._streams[DEPTH].images:
                 raise FormatError(f"{path} has no depth images; record the stream Depth")
             self.calibration, notes = self._calibrate()
-        depth, color, infrared = (self._streams[name] for name in STREAMS)
         if not self._unit_mm:
             self._unit_mm = USUAL_UNIT_MM
             notes.append(f"no depth unit: taken as {USUAL_UNIT_MM:g} mm")
-        numbers = [number for number, _, _ in depth.images]
+        numbers = [number for number, _, _ in self._streams[DEPTH].images]
         if (lost := max(numbers) - min(numbers) + 1 - len(numbers)) > 0:
             notes.append(f"{lost} depth images were lost while it was recorded")
         self.notes = (*notes, "no thermal images")
-        self._pairs = {
-            COLOR: pair_stamps(depth.stamps_ns, color.stamps_ns, COLOR_WINDOW_NS),
-            INFRARED: pair_stamps(depth.stamps_ns, infrared.stamps_ns, 0),
-        }
+        self._frames = CameraFrames(
+            *(Images(stream.stamps_ns, partial(self._picture, stream)) for stream in self._streams.values()),
+            self._unit_mm,
+            self.calibration,
+        )
 
     def __len__(self) -> int:
-        return len(self._streams[DEPTH].images)
+        return len(self._frames)
 
     def __iter__(self) -> Iterator[RigFrame]:
-        return (self._frame(index) for index in range(len(self)))
+        return iter(self._frames)
 
-    def _frame(self, index: int) -> RigFrame:
-        depth_mm = mm_from_units(depth_mm_from(self._picture(DEPTH, index)), self._unit_mm)
-        color, infrared = (int(self._pairs[name][index]) for name in (COLOR, INFRARED))
-        encoded = color_encoded_from(self._picture(COLOR, color)) if color >= 0 else None
-        amplitude = _grey(self._picture(INFRARED, infrared)) if infrared >= 0 else None
-        if amplitude is not None and amplitude.shape != depth_mm.shape:
-            amplitude = None
-        stamp_ns = self._streams[DEPTH].images[index][1]
-        return RigFrame(index, stamp_ns, depth_mm, encoded, None, amplitude).sized_as(self.calibration)
-
-    def _picture(self, name: str, index: int) -> Picture:
-        stream = self._streams[name]
+    def _picture(self, stream: _Stream, index: int) -> Picture:
         data = self._file.read(stream.topic, stream.images[index][2])
         with damaged(self.path):
             if self._file.encoding == "ros1" and data.startswith(_VERSION, _HEAD.size):
@@ -225,10 +213,3 @@ def _unpacked(picture: Picture) -> Picture:
         raise FormatError(f"image claims {width}x{height}, {step} bytes a row; restore the file from a copy")
     data = zstandard.ZstdDecompressor().decompress(picture.data, max_output_size=step * height)
     return Picture(picture.frame_id, found[1], data, False, height, width, step)
-
-
-def _grey(picture: Picture) -> NDArray[np.uint16]:
-    """The left infrared image (h, w); 8 bits in 16."""
-    if picture.compressed:
-        return decode_grey(picture.data, np.uint8, "infrared").astype(np.uint16)
-    return pixels_of(picture, np.dtype(np.uint8), 1)[..., 0].astype(np.uint16)

@@ -45,6 +45,14 @@ def depth_mm_from(picture: Picture) -> NDArray[np.uint16]:
     return mm_from_metres(values) if kind is np.float32 else values.astype(np.uint16)
 
 
+def grey_from(picture: Picture) -> NDArray[np.uint16]:
+    """An infrared image (h, w) of 8 or 16 bits. Raises FormatError."""
+    if picture.compressed:
+        return decode_grey(picture.data, np.uint8, "infrared").astype(np.uint16)
+    dtype = np.dtype(np.uint8 if picture.encoding in ("mono8", "8UC1") else np.uint16)
+    return pixels_of(picture, dtype, 1)[..., 0].astype(np.uint16)
+
+
 def color_encoded_from(picture: Picture) -> bytes:
     """JPEG or PNG bytes: the sender's own, or a raw image as PNG, which loses nothing. Raises FormatError."""
     if picture.compressed:
