@@ -100,10 +100,9 @@ class OrbbecRecording:
         if (lost := sum(np.diff(sorted(depth.numbers)).astype(int) - 1)) > 0:
             notes.append(f"{lost} depth images were lost while it was recorded")
         self.notes = (*notes, "no thermal images")
+        images = {name: self._images(name) for name in self._streams}
         self._frames = CameraFrames(
-            *(Images(stream.stamps_ns, partial(self._picture, stream)) for stream in self._streams.values()),
-            depth.unit_mm or USUAL_UNIT_MM,
-            self.calibration,
+            images[DEPTH], images[COLOR], images[INFRARED], depth.unit_mm or USUAL_UNIT_MM, self.calibration
         )
 
     def __len__(self) -> int:
@@ -111,6 +110,10 @@ class OrbbecRecording:
 
     def __iter__(self) -> Iterator[RigFrame]:
         return iter(self._frames)
+
+    def _images(self, name: str) -> Images:
+        stream = self._streams[name]
+        return Images(stream.stamps_ns, partial(self._picture, stream))
 
     def _picture(self, stream: _Stream, index: int) -> Picture:
         with damaged(self.path):

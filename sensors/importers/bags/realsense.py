@@ -97,10 +97,9 @@ class RealSenseRecording:
         if (lost := max(numbers) - min(numbers) + 1 - len(numbers)) > 0:
             notes.append(f"{lost} depth images were lost while it was recorded")
         self.notes = (*notes, "no thermal images")
+        images = {name: self._images(name) for name in self._streams}
         self._frames = CameraFrames(
-            *(Images(stream.stamps_ns, partial(self._picture, stream)) for stream in self._streams.values()),
-            self._unit_mm,
-            self.calibration,
+            images[DEPTH], images[COLOR], images[INFRARED], self._unit_mm, self.calibration
         )
 
     def __len__(self) -> int:
@@ -108,6 +107,10 @@ class RealSenseRecording:
 
     def __iter__(self) -> Iterator[RigFrame]:
         return iter(self._frames)
+
+    def _images(self, name: str) -> Images:
+        stream = self._streams[name]
+        return Images(stream.stamps_ns, partial(self._picture, stream))
 
     def _picture(self, stream: _Stream, index: int) -> Picture:
         data = self._file.read(stream.topic, stream.images[index][2])
