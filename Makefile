@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help setup system demo test check bench fuzz docs wheel clean
+.PHONY: help setup system demo test check bench figures fuzz docs wheel clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -29,6 +29,7 @@ help:
 	echo "make test    set up, then run the tests"
 	echo "make check   set up, then run the linters, the types and the import contracts"
 	echo "make bench   set up, then run the benchmarks"
+	echo "make figures measure what the documentation claims on fresh seeds, and write it there (SEED=, ONLY=)"
 	echo "make fuzz    set up, then fuzz every reader of files for SECONDS (60)"
 	echo "make docs    set up, then build the documentation into docs/_build"
 	echo "make wheel   set up, then build a wheel that carries its libraries, into dist/"
@@ -95,6 +96,10 @@ docs: $(READY)
 
 bench: $(READY)
 	$(BIN)/python -m bench.all
+
+# Tables by name, and the seed; both optional. An interrupted run goes on.
+figures: $(READY)
+	$(BIN)/python -m tools.figures.run $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only $(ONLY))
 
 SECONDS ?= 60
 fuzz: $(READY)

@@ -8,6 +8,7 @@ lose by that (Student's t over the people, the same frames on both sides; `eval.
 
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from annotate.engine import Engine, Steps
@@ -70,17 +71,25 @@ def row(name: str, whole: Comparison, without: Comparison) -> str:
     return f"| {' | '.join(cells)} |"
 
 
+def measured(path: Path) -> Iterator[tuple[str, Comparison]]:
+    """Name of a row and the scores in it, the whole engine's first."""
+    yield ALL, labelled(path, Engine())
+    for name, steps in WITHOUT.items():
+        yield name, labelled(path, Engine(steps))
+    yield WINDOW, labelled(path, Engine(), WINDOW_C)
+
+
 def print_table(path: Path) -> None:
     """The engine's scores, then those without each step."""
-    whole = labelled(path, Engine())
+    rows = measured(path)
+    _, whole = next(rows)
     print(f"{path.stem}: {len(whole.frame_ids)} frames of {whole.n_subjects} people\n")
     print(f"| without | {' | '.join(heading for heading, _, _ in SHOWN.values())} |")
     print("|---|" + "---:|" * len(SHOWN))
     scores = (f"{f * whole.scores[name]:.{digits}f}" for name, (_, f, digits) in SHOWN.items())
     print(f"| {ALL} | {' | '.join(scores)} |", flush=True)
-    for name, steps in WITHOUT.items():
-        print(row(name, whole, labelled(path, Engine(steps))), flush=True)
-    print(row(WINDOW, whole, labelled(path, Engine(), WINDOW_C)), flush=True)
+    for name, without in rows:
+        print(row(name, whole, without), flush=True)
 
 
 if __name__ == "__main__":

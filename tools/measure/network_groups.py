@@ -19,10 +19,10 @@ from annotate.array_types import Float32, UInt8
 from annotate.crop import RANGE_MM, network_crop, normalize
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.frames import open_frames
-from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED
+from annotate.parts import UNDEFINED
 from annotate.posture import POSTURES
 from eval.network.onnx_network import OnnxNetwork
-from eval.scores.confusion import confusion_matrix, mean_recall
+from eval.scores.confusion import confusion_matrix, left_right_swap_rate, mean_recall
 from eval.training.crops import to_crop
 from eval.training.whole import FACING, POSTURE, whole_person
 
@@ -79,21 +79,22 @@ CHANGES: dict[str, Callable[[Crop], Crop | None]] = {
 
 @dataclass
 class Tally:
-    """Counts of a group of images."""
+    """Counts of a group of n images: their ids, their confusion matrices, and whether facing and posture are
+    right, each as (right, known)."""
 
-    images: int = 0
-    confusion: np.ndarray = field(default_factory=lambda: np.zeros((N_CLASSES, N_CLASSES), np.int64))
-    facing: list[bool] = field(default_factory=list)
-    posture: list[bool] = field(default_factory=list)
+    ids: list[str] = field(default_factory=list)
+    matrices: list[np.ndarray] = field(default_factory=list)
+    facing: list[tuple[bool, bool]] = field(default_factory=list)
+    posture: list[tuple[bool, bool]] = field(default_factory=list)
 
     def row(self, name: str) -> str:
         """As a line of the table."""
-        limbs = [part for pair in LEFT_RIGHT for part in pair]
-        swapped = sum(self.confusion[a, b] + self.confusion[b, a] for a, b in LEFT_RIGHT)
-        swaps = 100 * swapped / max(1, self.confusion[limbs].sum())
-        shares = (f"{np.mean(flags):.3f}" if flags else "-" for flags in (self.facing, self.posture))
-        recall = float(mean_recall(self.confusion))
-        return f"| {name} | {self.images} | {recall:.3f} | {swaps:.2f} % | {' | '.join(shares)} |"
+        total = np.sum(self.matrices, axis=0)
+        sums = (np.sum(flags, axis=0) for flags in (self.facing, self.posture))
+        shares = (f"{right / known:.3f}" if known else "-" for right, known in sums)
+        swaps = 100 * float(left_right_swap_rate(total))
+        recall = float(mean_recall(total))
+        return f"| {name} | {len(self.ids)} | {recall:.3f} | {swaps:.2f} % | {' | '.join(shares)} |"
 
 
 def groups(frame: FrameLabels, row: Float32) -> Iterator[str]:
@@ -113,29 +114,32 @@ def groups(frame: FrameLabels, row: Float32) -> Iterator[str]:
 def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
     """Counts of a dataset's images by group."""
     frames, tallies = open_frames(path), defaultdict[str, Tally](Tally)
-    waiting: list[tuple[Crop, list[str], Float32 | None]] = []
+    waiting: list[tuple[Crop, str, list[str], Float32 | None]] = []
 
     def count() -> None:
-        planes, *whole = network.answers(np.stack([crop[0] for crop, _, _ in waiting]))
-        for k, ((depth, parts), names, row) in enumerate(waiting):
+        planes, *whole = network.answers(np.stack([crop[0] for crop, *_ in waiting]))
+        for k, ((depth, parts), frame_id, names, row) in enumerate(waiting):
             found = np.where(depth > 0, planes[k][1:].argmax(0) + 1, 0).astype(np.uint8)
             matrix = confusion_matrix(np.where(depth > 0, parts, np.uint8(UNDEFINED)), found)
+            facing = posture = (False, False)
+            if whole and row is not None and np.isfinite(row[FACING]).all():
+                facing = bool(whole[0][k] @ row[FACING] > _COS * np.hypot(*whole[0][k])), True
+            if whole and row is not None and np.isfinite(row[POSTURE]):
+                posture = int(whole[1][k].argmax()) == row[POSTURE], True
             for name in names:
                 tally = tallies[name]
-                tally.images += 1
-                tally.confusion += matrix
-                if whole and row is not None and np.isfinite(row[FACING]).all():
-                    tally.facing.append(bool(whole[0][k] @ row[FACING] > _COS * np.hypot(*whole[0][k])))
-                if whole and row is not None and np.isfinite(row[POSTURE]):
-                    tally.posture.append(int(whole[1][k].argmax()) == row[POSTURE])
+                tally.ids.append(frame_id)
+                tally.matrices.append(matrix)
+                tally.facing.append(facing)
+                tally.posture.append(posture)
         waiting.clear()
 
     for number, frame in enumerate(frames):
         crop, row = to_crop(frame), whole_person(frames, frame)
-        waiting.append((crop, list(groups(frame, row)), row))
+        waiting.append((crop, frame.frame_id, list(groups(frame, row)), row))
         if number % EACH == 0:
             changed = ((name, change(crop)) for name, change in CHANGES.items())
-            waiting += [(crop, [name], None) for name, crop in changed if crop is not None]
+            waiting += [(crop, frame.frame_id, [name], None) for name, crop in changed if crop is not None]
         if len(waiting) >= BATCH:
             count()
     if waiting:

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -54,8 +55,21 @@ def tracked_facing_deg(joints, camera):
     return facing_deg(placed)
 
 
-def measure_people(folder, network):
-    """One line: joints hit by the recording's own score.py, facing to ``NEAR_DEG``, postures."""
+@dataclass(frozen=True)
+class People:
+    """What a network says of a folder of real people.
+
+    scored: by the recordings' own score.py. off_deg: of the facing, by frame; 180 where there is none.
+    postures: how often each was said.
+    """
+
+    scored: dict[str, float]
+    off_deg: np.ndarray
+    postures: Counter[str]
+
+
+def measure_people(folder: Path, network: OnnxNetwork) -> People:
+    """Joints hit by the recording's own score.py, facing, postures."""
     joints = json.loads((folder / "joints.json").read_text())
     camera = json.loads((folder / "intrinsics.json").read_text())
     with tempfile.TemporaryDirectory() as out:
@@ -69,11 +83,22 @@ def measure_people(folder, network):
         turned = 180.0 if bearing is None else bearing.facing_deg - tracked_facing_deg(joints[name], camera)
         off.append(abs((turned + 180) % 360 - 180))
         postures["nobody" if bearing is None else bearing.name] += 1
-    near = np.mean(np.array(off) <= NEAR_DEG)
+    return People(scored, np.array(off), postures)
+
+
+def folders() -> list[Path]:
+    """The takes, and the single frames."""
+    return [*sorted((PEOPLE / "takes").iterdir()), PEOPLE / "frames"]
+
+
+def print_people(name: str, found: People) -> None:
+    """One line."""
+    scored, off = found.scored, found.off_deg
+    near = np.mean(off <= NEAR_DEG)
     print(
-        f"{folder.name}: hits {scored['mean_hit_rate']:.3f}, swaps {scored['swap_rate']:.3f}, missing "
-        f"{scored['missing']}; facing to {NEAR_DEG:.0f} degrees {near:.3f} of {len(off)}, median "
-        f"{np.median(off):.0f}, 90 % {np.quantile(off, 0.9):.0f}; {dict(postures)}",
+        f"{name}: hits {scored['mean_hit_rate']:.3f}, swaps {scored['swap_rate']:.3f}, missing "
+        f"{scored['missing']}; facing to {NEAR_DEG:.0f} degrees {near:.3f} of {len(off)}, "
+        f"median {np.median(off):.0f}, 90 % {np.quantile(off, 0.9):.0f}; {dict(found.postures)}",
         flush=True,
     )
 
@@ -96,8 +121,8 @@ def main(weights):
     network = OnnxNetwork(weights)
     for path in sorted(SCANS.glob("*.pcd")):
         measure_scan(path, network)
-    for folder in (*sorted((PEOPLE / "takes").iterdir()), PEOPLE / "frames"):
-        measure_people(folder, network)
+    for folder in folders():
+        print_people(folder.name, measure_people(folder, network))
 
 
 if __name__ == "__main__":

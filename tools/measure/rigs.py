@@ -9,8 +9,8 @@ from pathlib import Path
 
 from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
-from eval.compare.compare import compare_sets
-from eval.network.onnx_network import OnnxNetwork
+from eval.compare.compare import Comparison, compare_sets
+from eval.network.onnx_network import THINGS_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
 from sensors.session.reader import Session
 from synth.rig.place import SCENES
@@ -18,18 +18,26 @@ from synth.rig.simulate import simulate, truth_path
 from synth.rig.virtual_rig import VirtualRig
 
 
+def measured(rig: VirtualRig) -> tuple[Comparison, Comparison]:
+    """Labels by the suit, and by the network, of what a rig records, against the truth."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "session.mcap"
+        simulate(rig, path, lambda _: None)
+        session, truth = Session(path), LabelSet.open(truth_path(path))
+        suit = label_source(session, rig.suit, Path(folder) / "suit", lambda _: None).labels
+        things, out = OnnxNetwork(THINGS_WEIGHTS), Path(folder) / "net"
+        net = predict_source(session, OnnxNetwork(), out, lambda _: None, things=things).labels
+        return compare_sets(suit, truth), compare_sets(net, truth)
+
+
 def main(frames: int, seed: int, rigs: list[str]) -> None:
     """Prints three scores a scene and rig."""
     for scene in SCENES:
         for name in rigs:
-            with tempfile.TemporaryDirectory() as folder:
-                path = Path(folder) / "session.mcap"
-                rig = VirtualRig(frames, frames // 2, "normal", seed, scene, rig=name)
-                simulate(rig, path, lambda _: None)
-                session, truth = Session(path), LabelSet.open(truth_path(path))
-                suit = label_source(session, rig.suit, Path(folder) / "suit", lambda _: None).labels
-                net = predict_source(session, OnnxNetwork(), Path(folder) / "net", lambda _: None).labels
-                labelled, predicted = compare_sets(suit, truth).scores, compare_sets(net, truth).scores
+            labelled, predicted = (
+                found.scores
+                for found in measured(VirtualRig(frames, frames // 2, "normal", seed, scene, rig=name))
+            )
             print(
                 f"{scene} {name}: person IoU {labelled['person_iou']:.4f}, recall with the suit "
                 f"{labelled['mean_recall']:.4f}, of the network {predicted['mean_recall']:.4f}",

@@ -1,0 +1,78 @@
+"""A measured number with its interval, tables of such numbers, and whether a number has moved."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+
+class Figure(NamedTuple):
+    """A measured number and its 95 % interval; NaN for an end that is not known."""
+
+    value: float
+    low: float = math.nan
+    high: float = math.nan
+
+    @property
+    def certain(self) -> bool:
+        """Whether there is no interval: a count, or a figure of the same recordings again."""
+        return math.isnan(self.low) or math.isnan(self.high)
+
+    def text(self, spec: str) -> str:
+        """The number and its interval by a format such as ``.3f`` or ``.1%``; "-" where not measured."""
+        if math.isnan(self.value):
+            return "-"
+        value, low, high = (format(number, spec).replace("%", " %") for number in self)
+        return value if self.certain else f"{value} ({low} to {high})"
+
+
+Rows: TypeAlias = Mapping[str, Mapping[str, Figure]]
+"""Figures by row and column; a column that a row lacks is not measured there."""
+
+
+def moved(old: Figure, new: Figure, spec: str) -> bool:
+    """Whether two measurements differ by more than chance: 0 lies outside the interval of their difference.
+
+    Its half width is the root of the squared distances to the ends that face each other (MOVER: Zou & Donner,
+    Statistics in Medicine 27, 2008). Without intervals, whether another number is shown.
+    """
+    if math.isnan(old.value) or math.isnan(new.value):
+        return False
+    lower, upper = sorted((old, new), key=lambda figure: figure.value)
+    above, below = (0.0 if one.certain else abs(end - one.value)
+                    for one, end in ((lower, lower.high), (upper, upper.low)))  # fmt: skip
+    if lower.certain and upper.certain:
+        return format(old.value, spec) != format(new.value, spec)
+    return upper.value - lower.value > math.hypot(above, below)
+
+
+def share(right: int, n: int) -> Figure:
+    """A share with Wilson's interval (Journal of the American Statistical Association 22, 1927)."""
+    if not n:
+        return Figure(math.nan)
+    z, p = 1.959964, right / n
+    middle, half = (p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n)))
+    scale = 1 + z * z / n
+    return Figure(p, max(0.0, (middle - half) / scale), min(1.0, (middle + half) / scale))
+
+
+def median(values: Sequence[float]) -> Figure:
+    """A median with the interval that order statistics give, which assumes no distribution."""
+    n, ordered = len(values), np.sort(np.asarray(values, float))
+    if n < 6:
+        return Figure(float(np.median(ordered))) if n else Figure(math.nan)
+    reach = 1.959964 * math.sqrt(n) / 2
+    first, last = max(0, math.floor(n / 2 - reach)), min(n - 1, math.ceil(n / 2 + reach))
+    return Figure(float(np.median(ordered)), float(ordered[first]), float(ordered[last]))
+
+
+def mean(values: Sequence[float]) -> Figure:
+    """A mean with Student's interval."""
+    from scipy.stats import t
+
+    n, found = len(values), float(np.mean(values))
+    if n < 2:
+        return Figure(found)
+    half = float(t.ppf(0.975, n - 1) * np.std(values, ddof=1) / math.sqrt(n))
+    return Figure(found, found - half, found + half)
