@@ -29,8 +29,8 @@ class Table:
 
     name: of its file and its marks. kind: real recordings, the virtual rig, or synthetic images. about: what
     is measured, for the line below the table. pages: files with its marks. columns: heading -> format.
-    measure: seed -> rows. seeded: False where the same recordings give the same figures. needs: recordings that
-    are not everywhere; without them the table stays as it is.
+    measure: seed -> rows. seeded: False where the same recordings give the same figures. needs: recordings
+    that are not everywhere; without them the table stays as it is.
     """
 
     name: str
