@@ -12,6 +12,7 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.extract import Survey
 from annotate.person.pixel_odds import WINDOW_C
+from annotate.person.planes import find_planes
 from sensors.importers.pointcloud import CloudFile
 from sensors.rig.camera import Intrinsics, rays
 from synth.rig.truth import truth_labels
@@ -102,6 +103,19 @@ def iou(found, truth):
 
 def truth_of(scene, cloud):
     return scene.person & cloud.valid
+
+
+def test_planes_are_where_they_were_put_and_the_largest_come_first():
+    cloud = sitting().cloud()
+    found = find_planes(cloud, cloud.valid)
+    assert {
+        (tuple(abs(plane.normal.round(1)).tolist()), round(abs(plane.offset_m), 1)) for plane in found
+    } >= {
+        ((0, 0, 1), 3.4),
+        ((0, 1, 0), 1.0),
+    }
+    on = [np.count_nonzero(plane.close(cloud.points_m)) for plane in found]
+    assert max(on) < 2 * on[0]
 
 
 def test_a_person_on_a_sofa_is_found_and_the_sofa_is_not():

@@ -6,6 +6,7 @@ back to the whole image by depth: a pixel goes with the nearest of the points ar
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numba import njit
 
@@ -59,7 +60,8 @@ class CoarseCloud:
 
     def enlarged(self, whose: UInt8) -> UInt8:
         """Numbers (h, w) of the whole image's pixels by those of the points, 0 where there is no reading."""
-        return _enlarged(self.depth_mm, self.pixel, whose, self.stride)
+        ends = np.stack([of(whose, np.ones((3, 3), np.uint8)) for of in (cv2.erode, cv2.dilate)])
+        return _enlarged(self.depth_mm, self.pixel, whose, ends.astype(np.uint8), self.stride)
 
     def coarse(self, labels: FrameLabels) -> FrameLabels:
         """Labels of a whole image of this camera as those of a coarse one."""
@@ -155,17 +157,17 @@ def _chosen(depth_mm: UInt16, stride: int) -> Index:
 
 
 @njit(cache=True, nogil=True)
-def _enlarged(depth_mm: UInt16, pixel: Index, whose: UInt8, stride: int) -> UInt8:
-    """Numbers (h, w) of pixels by those of the points around them, the nearest on their surface."""
+def _enlarged(depth_mm: UInt16, pixel: Index, whose: UInt8, ends: UInt8, stride: int) -> UInt8:
+    """Numbers (h, w) of pixels by those of the points around them, the nearest on their surface.
+
+    ends: (2, rows, columns), the least and the highest number of each point and of those around it.
+    """
     height, width = depth_mm.shape
     rows, columns = pixel.shape
     numbers = np.zeros(depth_mm.shape, np.uint8)
     for v in range(rows):
         for u in range(columns):
-            least, most = np.uint8(255), np.uint8(0)
-            for r in range(max(v - 1, 0), min(v + 2, rows)):
-                for c in range(max(u - 1, 0), min(u + 2, columns)):
-                    least, most = min(least, whose[r, c]), max(most, whose[r, c])
+            least, most = ends[0, v, u], ends[1, v, u]
             if most == 0:
                 continue
             # The last row and column have what is left of the image.

@@ -79,7 +79,7 @@ def persons_of(cloud: ThermalCloud, mask: Bool) -> list[Person]:
 
 def _trunks(cloud: ThermalCloud, mask: Bool, labels: Int32, pieces: Sequence[Piece]) -> list[Bool]:
     """Cores (h, w) of the trunks, one a person; without any, the widest piece; labels: (h, w), of pieces."""
-    solid = np.isin(labels, [piece.label for piece in pieces if piece.thickness_m >= PANEL_M])
+    solid = _of(labels, [piece for piece in pieces if piece.thickness_m >= PANEL_M])
     # Closed, because the pixels between an arm and the trunk behind it often have no reading.
     closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
     depth_m = cloud.points_m[..., 2]
@@ -97,6 +97,13 @@ def _trunks(cloud: ThermalCloud, mask: Bool, labels: Int32, pieces: Sequence[Pie
     return trunks
 
 
+def _of(labels: Int32, pieces: Sequence[Piece]) -> Bool:
+    """Flags (h, w) of the pixels of pieces; labels: (h, w)."""
+    chosen = np.zeros(int(labels.max(initial=0)) + 1, np.bool_)
+    chosen[[piece.label for piece in pieces]] = True
+    return np.asarray(chosen[labels], np.bool_)
+
+
 def _slender(
     cloud: ThermalCloud, labels: Int32, pieces: Sequence[Piece], cores: Sequence[Bool]
 ) -> list[Bool]:
@@ -107,11 +114,12 @@ def _slender(
     loose = [piece for piece in loose if piece.area_m2 < PERSON_M2]
     if sum(piece.area_m2 for piece in loose) < PERSON_M2:
         return large
-    index = np.flatnonzero(np.isin(labels, [piece.label for piece in loose]))[::CLOSE_EVERY]
+    is_loose = _of(labels, loose)
+    index = np.flatnonzero(is_loose)[::CLOSE_EVERY]
     close = clusters(cloud.points_m.reshape(-1, 3)[index], tolerance_m=CLOSE_M)
     body = _joined(labels.ravel()[index], close, int(labels.max()) + 1)
     area = np.bincount([body[p.label] for p in loose], [p.area_m2 for p in loose])
-    of_pixel = np.where(np.isin(labels, [piece.label for piece in loose]), body[labels], -1)
+    of_pixel = np.where(is_loose, body[labels], -1)
     bodies = [of_pixel == number for number in np.flatnonzero(area >= PERSON_M2)]
     known = [cloud.points_m[mask][::CLOSE_EVERY] for mask in (*cores, *large)]
     points = ((body, cloud.points_m[body][::CLOSE_EVERY]) for body in bodies)
@@ -150,7 +158,7 @@ def _apart(cloud: ThermalCloud, cores: Sequence[Bool]) -> list[Bool]:
 
 def _owners(cloud: ThermalCloud, labels: Int32, pieces: Sequence[Piece], trunks: Sequence[Bool]) -> UInt8:
     """Person (h, w) of each pixel: 1 and on for the trunks in their order, 0 for nobody."""
-    marks = np.where(np.isin(labels, [piece.label for piece in pieces]), 0, NO_PIXEL).astype(np.uint8)
+    marks = np.where(_of(labels, pieces), np.uint8(0), np.uint8(NO_PIXEL))
     for number, trunk in enumerate(trunks, 1):
         marks[trunk] = number
     owner = flood(marks, np.nan_to_num(cloud.points_m[..., 2]), float(labels.size))

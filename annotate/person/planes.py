@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from annotate.array_types import Bool, Float32, Float64, Index
+from annotate.array_types import Bool, Float32, Float64, Index, Int32
 from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
 
@@ -34,6 +34,8 @@ PLANE_STRIDE = 3
 SAMPLE, TRIALS = 3000, 40
 """Points that count for or against a candidate plane, and points of these tried as the plane. Chosen by
 eye."""
+WHOLE = 2.0**30
+"""All points' surface in the whole numbers in which candidate planes are compared, as 32 bits hold it."""
 
 
 @dataclass(frozen=True)
@@ -64,18 +66,20 @@ def find_planes(cloud: ThermalCloud, among: Bool, least_m2: float = MIN_PLANE_M2
     points = cloud.points_m[rows, columns]
     normals = normals_at(cloud, rows, columns)
     flat = np.isfinite(normals[:, 0])
-    points, normals = points[flat], normals[flat]
-    pixel_m2 = points[:, 2] ** 2 * np.float32(PLANE_STRIDE**2 / (cloud.camera.fx * cloud.camera.fy))
+    pixel_m2 = points[flat, 2] ** 2 * np.float32(PLANE_STRIDE**2 / (cloud.camera.fx * cloud.camera.fy))
+    lines, whole = _lines(points[flat], normals[flat]), WHOLE / max(float(pixel_m2.sum()), 1e-9)
+    weight = np.rint(pixel_m2 * whole).astype(np.int32)
     rng = np.random.default_rng(0)
     planes: list[Plane] = []
-    while len(points) >= LEAST_PLANE_POINTS and len(planes) < MOST_PLANES:
-        sample = rng.permutation(len(points))[:SAMPLE]
-        best = sample[_best(points[sample], normals[sample], pixel_m2[sample], min(TRIALS, len(sample)))]
-        plane, on = _fitted(points, normals, pixel_m2, int(best))
+    while len(weight) >= LEAST_PLANE_POINTS and len(planes) < MOST_PLANES:
+        sample = rng.permutation(len(weight))[:SAMPLE]
+        best = sample[_best(lines.take(sample, axis=1), weight[sample], TRIALS)]
+        plane, on = _fitted(lines, pixel_m2, int(best))
         if plane.area_m2 < least_m2:
             break
         planes.append(plane)
-        points, normals, pixel_m2 = points[~on], normals[~on], pixel_m2[~on]
+        left = np.flatnonzero(~on)
+        lines, weight, pixel_m2 = lines.take(left, axis=1), weight[left], pixel_m2[left]
     return tuple(planes)
 
 
@@ -114,14 +118,21 @@ def close_to(planes: Sequence[Plane], points_m: Float32) -> Bool:
 
 def lies_on(planes: Sequence[Plane], points_m: Float32, normals: Float32) -> Bool:
     """Flags (...) of points (..., 3) with unit normals (..., 3) close and parallel to any of the planes."""
-    each = [_on(plane, points_m, normals) for plane in planes]
-    return np.asarray(np.logical_or.reduce([np.zeros(points_m.shape[:-1], np.bool_), *each]))
+    on, lines = np.zeros(points_m.shape[:-1], np.bool_), _lines(points_m, normals)
+    for plane in planes:
+        on |= _on(plane, lines).reshape(on.shape)
+    return on
 
 
-def _on(plane: Plane, points_m: Float32, normals: Float32) -> Bool:
-    """Flags (...) of points (..., 3) with unit normals (..., 3) close to a plane and parallel to it."""
-    points, turned = (np.ascontiguousarray(rows, np.float32).reshape(-1, 3) for rows in (points_m, normals))
-    return _lie_on(points, turned, plane.normal, np.float32(plane.offset_m)).reshape(points_m.shape[:-1])
+def _lines(points_m: Float32, normals: Float32) -> Float32:
+    """Points (..., 3) and their normals (..., 3) as rows (6, n): x, y, z of both, so that loops vectorise."""
+    rows = [rows.reshape(-1, 3).T for rows in (points_m, normals)]
+    return np.ascontiguousarray(np.concatenate(rows), np.float32)
+
+
+def _on(plane: Plane, lines: Float32) -> Bool:
+    """Flags (n,) of the points of ``_lines`` close to a plane and parallel to it."""
+    return _lie_on(lines, plane.normal, np.float32(plane.offset_m))
 
 
 def normals_at(cloud: ThermalCloud, rows: Index, columns: Index) -> Float32:
@@ -133,18 +144,19 @@ def normals_at(cloud: ThermalCloud, rows: Index, columns: Index) -> Float32:
     return _normals(np.ascontiguousarray(cloud.points_m[..., 2]), lens, rows, columns)
 
 
-def _fitted(points: Float32, normals: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]:
-    """Least-squares plane around point ``start``, and flags (n,) of the points of its fit."""
-    plane = Plane(normals[start], float(normals[start] @ points[start]), 0.0)
-    on = _on(plane, points, normals)
+def _fitted(lines: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]:
+    """Least-squares plane around point ``start`` of ``_lines``, and flags (n,) of the points of its fit."""
+    normal = np.ascontiguousarray(lines[3:, start])
+    plane = Plane(normal, float(normal @ lines[:3, start]), 0.0)
+    on = _on(plane, lines)
     for _ in range(3):
         if on.sum() < LEAST_PLANE_POINTS:
             break
-        centre, scatter = _moments(points, on)
+        centre, scatter = _moments(lines, on)
         normal = np.linalg.eigh(scatter)[1][:, 0]
         normal *= np.sign(normal @ plane.normal)
         plane = Plane(normal.astype(np.float32), float(normal @ centre), float(pixel_m2[on].sum()))
-        fitted, on = on, _on(plane, points, normals)
+        fitted, on = on, _on(plane, lines)
         on |= fitted  # otherwise a bad fit would be found again and again
     return plane, on
 
@@ -164,30 +176,31 @@ def _close(points: Float32, normals: Float32, offsets: Float32) -> Bool:
 
 
 @njit(cache=True, nogil=True)
-def _lie_on(points: Float32, normals: Float32, normal: Float32, offset: np.float32) -> Bool:
-    """Flags (n,) of points (n, 3) with normals (n, 3) close to the plane normal . p = offset and parallel."""
-    on = np.empty(len(points), np.bool_)
+def _lie_on(lines: Float32, normal: Float32, offset: np.float32) -> Bool:
+    """Flags (n,) of the points of ``_lines`` close to the plane normal . p = offset and parallel."""
+    x, y, z, right, down, ahead = lines
+    on = np.empty(x.size, np.bool_)
     a, b, c = normal
-    for i in range(len(points)):
-        distance = abs(points[i, 0] * a + points[i, 1] * b + points[i, 2] * c - offset)
-        cosine = normals[i, 0] * a + normals[i, 1] * b + normals[i, 2] * c
-        on[i] = (distance <= np.float32(TOLERANCE) * points[i, 2]) & (cosine >= np.float32(LEAST_COSINE))
+    for i in range(x.size):
+        distance = abs(x[i] * a + y[i] * b + z[i] * c - offset)
+        cosine = right[i] * a + down[i] * b + ahead[i] * c
+        on[i] = (distance <= np.float32(TOLERANCE) * z[i]) & (cosine >= np.float32(LEAST_COSINE))
     return on
 
 
 @njit(cache=True, nogil=True)
-def _moments(points: Float32, on: Bool) -> tuple[Float64, Float64]:
-    """Mean (3,) of the chosen points, and their scatter (3, 3) about it (lower triangle)."""
+def _moments(lines: Float32, on: Bool) -> tuple[Float64, Float64]:
+    """Mean (3,) of the chosen points of ``_lines``, and their scatter (3, 3) about it (lower triangle)."""
     centre, scatter, count = np.zeros(3), np.zeros((3, 3)), 0
-    for i in range(len(points)):
+    for i in range(on.size):
         if on[i]:
             count += 1
             for k in range(3):
-                centre[k] += points[i, k]
+                centre[k] += lines[k, i]
     centre /= count
-    for i in range(len(points)):
+    for i in range(on.size):
         if on[i]:
-            x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+            x, y, z = lines[0, i] - centre[0], lines[1, i] - centre[1], lines[2, i] - centre[2]
             scatter[0, 0] += x * x
             scatter[1, 0] += x * y
             scatter[1, 1] += y * y
@@ -198,20 +211,22 @@ def _moments(points: Float32, on: Bool) -> tuple[Float64, Float64]:
 
 
 @njit(cache=True, nogil=True)
-def _best(points: Float32, normals: Float32, pixel_m2: Float32, trials: int) -> int:
-    """Index of the point, among the first ``trials``, with the most surface on its plane."""
-    best, most = 0, np.float32(-1)
-    for i in range(trials):
-        a, b, c = normals[i, 0], normals[i, 1], normals[i, 2]
-        offset = a * points[i, 0] + b * points[i, 1] + c * points[i, 2]
-        area = np.float32(0)
-        for j in range(points.shape[0]):
-            x, y, z = points[j, 0], points[j, 1], points[j, 2]
+def _best(lines: Float32, weight: Int32, trials: int) -> int:
+    """Index of the point, among the first ``trials``, with the most surface on its plane.
+
+    lines: (6, n), see ``_lines``; weight: (n,), surface in whole numbers, which add up in any order.
+    """
+    x, y, z, right, down, ahead = lines
+    best, most = 0, np.int32(-1)
+    for i in range(min(trials, weight.size)):
+        a, b, c = right[i], down[i], ahead[i]
+        offset = a * x[i] + b * y[i] + c * z[i]
+        area = np.int32(0)
+        for j in range(weight.size):
             # Twice the tolerance: the trial plane has one point's noise.
-            close = abs(a * x + b * y + c * z - offset) < np.float32(2 * TOLERANCE) * z
-            cosine = a * normals[j, 0] + b * normals[j, 1] + c * normals[j, 2]
-            if close and cosine > np.float32(LEAST_COSINE):
-                area += pixel_m2[j]
+            close = abs(a * x[j] + b * y[j] + c * z[j] - offset) < np.float32(2 * TOLERANCE) * z[j]
+            along = a * right[j] + b * down[j] + c * ahead[j] > np.float32(LEAST_COSINE)
+            area += weight[j] * np.int32(close & along)
         if area > most:
             best, most = i, area
     return best

@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+from numba import njit
 
 from annotate.array_types import Bool, Float32, Index, UInt8, UInt16
 from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
@@ -119,11 +120,10 @@ class OnnxNetwork:
             return self._session.run([first, *self._whole], {self._input: crop})  # type: ignore[no-any-return]
 
         if len(crops) == 1:
-            each = [run(crops[0])]
-        else:
-            with ThreadPoolExecutor(AT_ONCE, "network") as threads:
-                each = list(threads.map(run, crops))
-        return [np.concatenate(answers).astype(np.float32) for answers in zip(*each, strict=True)]
+            return [answer.astype(np.float32, copy=False) for answer in run(crops[0])]
+        with ThreadPoolExecutor(AT_ONCE, "network") as threads:
+            each = list(threads.map(run, crops))
+        return [np.concatenate(answers, dtype=np.float32) for answers in zip(*each, strict=True)]
 
     def segment(self, depth_mm: UInt16, person: Bool, *, probabilities: bool = False) -> Segmentation:
         """Label the person of a depth image; both (h, w), see ``segment_all``."""
@@ -200,9 +200,8 @@ class _Look:
     def _best(self) -> tuple[UInt8, Float32]:
         """The likeliest part (212, 212) of every pixel, and its probability."""
         # The extraction has decided what is person: background is no answer there.
-        best = self.planes[1:].argmax(axis=0)
-        certain = np.take_along_axis(self.planes[1:], best[None], axis=0)[0]
-        return (best + 1).astype(np.uint8), certain
+        best, certain = _likeliest(self.planes.reshape(N_CLASSES, -1))
+        return best.reshape(self.seen.shape), certain.reshape(self.seen.shape)
 
     @cached_property
     def _nearest(self) -> Index:
@@ -228,6 +227,21 @@ class _Look:
         bearing = Bearing.of(self.crop, *self.image, *self.whole).note() if self.whole else None
         given = Probabilities(self.crop, self.planes) if probabilities else None
         return Segmentation(best, certain, probabilities=given, bearing=bearing)
+
+
+@njit(cache=True, nogil=True)
+def _likeliest(planes: Float32) -> tuple[UInt8, Float32]:
+    """The likeliest part (n,) that is not background, the first of equals, and its probability.
+
+    planes: (12, n), by part.
+    """
+    best, certain = np.ones(planes.shape[1], np.uint8), planes[1].copy()
+    for k in range(2, planes.shape[0]):
+        for i in range(planes.shape[1]):
+            above = planes[k, i] > certain[i]
+            best[i] = np.uint8(k) if above else best[i]
+            certain[i] = planes[k, i] if above else certain[i]
+    return best, certain
 
 
 def _input(depth_mm: UInt16, mask: Bool) -> tuple[Crop, Float32]:
