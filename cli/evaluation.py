@@ -1,13 +1,15 @@
 """Verbs that measure labels and show what was measured: evaluate, compare, diff, report."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress, provenance, say
 from cli.extras import needing
+from cli.sessions import Scheduler, each, finish_each, label_sets_in
+from sensors.errors import ExistsError
 from sensors.files.atomic import check_free
 
 if TYPE_CHECKING:
@@ -16,10 +18,13 @@ if TYPE_CHECKING:
 
 
 def evaluate(
-    predicted: Annotated[Path, Argument(help="Label set or dataset.")],
-    truth: Annotated[Path, Argument(help="Label set or dataset.")],
-    out: Annotated[Path | None, Option(help="Result (.npz) to write, for 'compare' and 'report'.")] = None,
+    predicted: Annotated[Path, Argument(help="Label set or dataset; or a folder of label sets.")],
+    truth: Annotated[Path, Argument(help="Label set or dataset; or a folder of them, NAME or NAME.truth.")],
+    out: Annotated[
+        Path | None, Option(help="Result (.npz) to write, for 'compare' and 'report'; of folders, a folder.")
+    ] = None,
     title: Annotated[str, Option(help="Name of the result in the report.")] = "Network",
+    scheduler: Scheduler = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -27,6 +32,9 @@ def evaluate(
     with needing("report"):
         import scipy  # noqa: F401, for the intervals at the end
 
+    if pairs := label_sets_in(predicted, truth, scheduler):
+        _evaluate_each(pairs, out, title, scheduler, overwrite, json)
+        return
     if out is not None:
         check_free(out, overwrite)
     from annotate.labelset.frames import open_frames
@@ -41,20 +49,75 @@ def evaluate(
         comparison = compare_sets(guesses, targets, advance)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
-        save_result(out, Result(title, comparison, _facts(guesses, targets, comparison)), overwrite)
+        facts = _facts(guesses, targets, comparison, provenance())
+        save_result(out, Result(title, comparison, facts), overwrite)
     result = {**comparison.to_evaluation_json(), **details(comparison)}
     if comparison.ci_note:
         say(comparison.ci_note)
     finish(result, json, scores_text(comparison, intervals=True))
 
 
-def _facts(predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison") -> dict[str, str]:
-    """What is needed to repeat the result."""
+def _evaluate_each(
+    pairs: dict[str, tuple[Path, Path]],
+    out: Path | None,
+    title: str,
+    scheduler: str | None,
+    overwrite: bool,
+    json: bool,
+) -> None:
+    """Measure every label set of a folder, a result for each; those that are there already are kept."""
+    jobs = {}
+    for name, (predicted, truth) in pairs.items():
+        path = out / f"{name}.npz" if out else None
+        if path and not overwrite and _is_older(path, predicted, truth):
+            raise ExistsError(f"{path} is older than what it measures; pass --overwrite to measure again")
+        where = path.resolve() if path else None
+        named = f"{title}: {name}"
+        jobs[name] = (predicted.resolve(), truth.resolve(), where, named, overwrite, provenance())
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    done, failed = each("evaluate", _evaluate_one, jobs, scheduler)
+    shown = {
+        name: {"frames": scores["frames"], **{k: scores[k] for k in ("mean_recall", "miou", "person_iou")}}
+        for name, scores in done.items()
+    }
+    finish_each(shown, failed, json, out)
+
+
+def _is_older(result: Path, *sets: Path) -> bool:
+    """Whether a label set was written to since a result: its files are replaced, which changes the folder."""
+    folders = [folder for path in sets for folder in (path, path / "frames") if folder.is_dir()]
+    changed_ns = max(folder.stat().st_mtime_ns for folder in folders)
+    return result.exists() and result.stat().st_mtime_ns < changed_ns
+
+
+def _evaluate_one(
+    predicted: Path, truth: Path, out: Path | None, title: str, overwrite: bool, origin: dict[str, str]
+) -> dict[str, Any]:
+    """Summary of one label set's scores, whose result is written or there already; on any machine."""
+    from annotate.labelset.frames import open_frames
+    from eval.compare.compare import compare_sets
+    from eval.compare.results import Result, load_result, save_result
+
+    if out is not None and out.exists() and not overwrite:
+        return load_result(out).comparison.to_json()
+    guesses, targets = open_frames(predicted), open_frames(truth)
+    comparison = compare_sets(guesses, targets, workers=1)
+    if out is not None:
+        facts = _facts(guesses, targets, comparison, origin)
+        save_result(out, Result(title, comparison, facts), overwrite)
+    return comparison.to_json()
+
+
+def _facts(
+    predicted: "LabelledFrames", truth: "LabelledFrames", comparison: "Comparison", origin: dict[str, str]
+) -> dict[str, str]:
+    """What is needed to repeat the result. origin: the command and its version."""
     weights: object = predicted.info
     for key in ("steps", "predict", "weights"):
         weights = weights.get(key) if isinstance(weights, dict) else None
     facts = {
-        **provenance(),
+        **origin,
         "predicted": str(predicted.path),
         "truth": str(truth.path),
         **{f"{name} hash": value for name, value in comparison.hashes.items()},

@@ -12,11 +12,16 @@ from typer import Argument, Option
 
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from cli.extras import needing
+from cli.sessions import Scheduler, label_each, sessions_in
 from sensors.files.atomic import check_free, write_bytes
 from sensors.importers.open_source import open_source
 
 if TYPE_CHECKING:
+    from annotate.engine import Engine
+    from annotate.label_source import Run
     from annotate.labelset.frames import LabelledFrames
+    from annotate.suit.palette import Suit
+    from eval.network.onnx_network import OnnxNetwork
     from sensors.importers.open_source import Source
 
 suit_app = typer.Typer(help="Palettes of the colour-coded suit.", no_args_is_help=True)
@@ -42,13 +47,16 @@ Labels = Annotated[Path, Option(help="Label set to write; an interrupted run con
 
 
 def label(
-    session: Annotated[Path, Argument(help="Session, or anything else that import reads.")],
+    session: Annotated[
+        Path, Argument(help="Session, or anything else that import reads; or a folder of sessions.")
+    ],
     out: Labels,
     suit: Annotated[Path | None, Option(help="Palette of the colour-coded suit (TOML).")] = None,
     window: Window = None,
     weights: Annotated[
         Path | None, Option(help="Weights from train-labels.", show_default="the shipped ones")
     ] = None,
+    scheduler: Scheduler = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -59,6 +67,10 @@ def label(
 
     palette = load_suit(suit) if suit else None
     engine = Engine(weights=load_weights(weights)) if weights else Engine()
+    if sessions := sessions_in(session, scheduler):
+        one = partial(_label, palette, window, engine)
+        label_each("label", one, sessions, out, scheduler, overwrite, json)
+        return
     source = open_source(session)
     clear(out, store.MANIFEST, overwrite, session, *(given for given in (suit, weights) if given))
     notes = [*source.notes, *(palette.notes if palette else ())]
@@ -74,6 +86,15 @@ def label(
     result = {"frames": frames, "seconds_per_frame": round(seconds, 4), "review": review, "notes": notes}
     text = f"{frames} frames in {out}, {seconds:.2f} s each; review first: {', '.join(review[:5])}"
     finish_run(result, run, json, text)
+
+
+def _label(
+    suit: "Suit | None", window_c: tuple[float, float] | None, engine: "Engine", session: Path, out: Path
+) -> "Run":
+    """Labels of one session of a folder, on any machine that sees it."""
+    from annotate.label_source import label_source
+
+    return label_source(open_source(session), suit, out, lambda _: None, window_c, engine)
 
 
 @suit_app.command()
@@ -118,7 +139,9 @@ def learn(
 
 
 def predict(
-    source: Annotated[Path, Argument(help="Session, label set, dataset, or what import reads.")],
+    source: Annotated[
+        Path, Argument(help="Session, label set, dataset, or what import reads; or a folder of sessions.")
+    ],
     out: Labels,
     weights: Annotated[Path | None, Option(help="Network (.onnx).", show_default="the shipped one")] = None,
     window: Window = None,
@@ -131,6 +154,7 @@ def predict(
     everybody: Annotated[
         bool, Option("--everybody", help="Label all persons of a recording, not the subject alone.")
     ] = False,
+    scheduler: Scheduler = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -140,17 +164,20 @@ def predict(
 
         check_kind(joints)
         check_free(joints, overwrite)
+    if sessions := sessions_in(source, scheduler):
+        if joints is not None:
+            raise typer.BadParameter("--joints is for one session; its notes in each label set hold them")
+        one = partial(_predict, weights, window, probabilities, everybody)
+        label_each("predict", one, sessions, out, scheduler, overwrite, json)
+        return
     opened = _opened(source, everybody)
     from annotate.labelset import store
     from annotate.labelset.frames import LabelledFrames
-    from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
     from eval.network.predict import predict_frames
     from eval.network.predict_source import predict_source
 
-    chosen = weights or SHIPPED_WEIGHTS
-    network = OnnxNetwork(chosen)
-    things = OnnxNetwork(THINGS_WEIGHTS) if chosen == SHIPPED_WEIGHTS else None
-    clear(out, store.MANIFEST, overwrite, source, chosen)
+    network, things = _networks(weights)
+    clear(out, store.MANIFEST, overwrite, source, *([weights] if weights else []))
     if isinstance(opened, LabelledFrames):
         work = partial(predict_frames, opened, network, out, probabilities=probabilities)
     else:
@@ -172,6 +199,38 @@ def predict(
     if joints is not None:
         result["people"] = write_joints(run.labels, joints)
     finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")
+
+
+def _predict(
+    weights: Path | None,
+    window_c: tuple[float, float] | None,
+    probabilities: bool,
+    everybody: bool,
+    session: Path,
+    out: Path,
+) -> "Run":
+    """Labels of one session of a folder by the network, on any machine that sees it."""
+    from eval.network.predict_source import predict_source
+
+    network, things = _networks(weights)
+    return predict_source(
+        open_source(session),
+        network,
+        out,
+        lambda _: None,
+        window_c,
+        things=things,
+        probabilities=probabilities,
+        everybody=everybody,
+    )
+
+
+def _networks(weights: Path | None) -> "tuple[OnnxNetwork, OnnxNetwork | None]":
+    """The chosen network, and for the shipped one that which takes things off."""
+    from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
+
+    shipped = weights is None or weights == SHIPPED_WEIGHTS
+    return OnnxNetwork(weights or SHIPPED_WEIGHTS), OnnxNetwork(THINGS_WEIGHTS) if shipped else None
 
 
 def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":

@@ -3,13 +3,8 @@
 import json
 import os
 import signal
-import socket
-import subprocess
-import sys
-import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -17,7 +12,7 @@ from annotate.labelset.dataset import validate
 from sensors.errors import CloudError, ExistsError
 from synth.images.generate import Order, generate, make_shard
 from synth.images.presets import PRESETS
-from synth.images.workers import Workers, cluster, processes
+from synth.images.workers import Workers, processes
 
 SHARD = 8
 """Images a shard: few, so that a test has several."""
@@ -133,87 +128,3 @@ def test_processes_give_the_same_bytes_and_survive_a_killed_one(tmp_path):
 
 def _die():
     os.kill(os.getpid(), signal.SIGKILL)
-
-
-# ---- a real scheduler and real workers on loopback
-
-
-def spawn(*arguments):
-    environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__DAEMON": "False", "OMP_NUM_THREADS": "1"}
-    return subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]],
-        env=environment,
-        cwd=Path(__file__).parents[1],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-
-
-def free_port():
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
-
-
-def stop(process):
-    process.kill()
-    process.wait(10)
-
-
-@pytest.fixture(scope="module")
-def dask():
-    """(address, scheduler, workers): one scheduler, two workers of one thread, all on loopback."""
-    pytest.importorskip("distributed", reason="distributed is missing; install the extra 'cluster'")
-    port = free_port()
-    address = f"tcp://127.0.0.1:{port}"
-    scheduler = spawn(*f"dask_scheduler --host 127.0.0.1 --port {port} --no-dashboard --no-show".split())
-    worker = f"dask_worker {address} --nthreads 1 --no-dashboard --no-nanny --host 127.0.0.1".split()
-    running = [scheduler, spawn(*worker), spawn(*worker)]
-    yield address, scheduler, running[1:]
-    for process in running:
-        stop(process)
-
-
-def joined(address, number):
-    """The cluster's context, once so many workers have come."""
-    deadline = time.monotonic() + 120
-    while time.monotonic() < deadline:
-        with cluster(address) as hands:
-            if hands.parallel >= number:
-                return cluster(address)
-        time.sleep(0.1)
-    raise AssertionError(f"{number} workers did not come")
-
-
-def test_a_cluster_that_loses_a_worker_gives_the_local_bytes(tmp_path, dask):
-    address, _, workers = dask
-    told = []
-
-    def kill_one(images):
-        told.append(images)
-        if sum(told) == 3 * SHARD:
-            stop(workers[0])
-
-    with joined(address, 2) as hands:
-        generate(order(120), tmp_path / "cluster", hands, kill_one)
-    assert workers[0].poll() is not None and sum(told) == 120
-    run(tmp_path / "here", order(120))
-    assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
-
-
-def test_a_scheduler_that_dies_is_one_line_and_the_run_goes_on_elsewhere(tmp_path, dask):
-    address, scheduler, _ = dask
-    with pytest.raises(CloudError, match="was lost") as caught, joined(address, 1) as hands:
-        generate(order(120), tmp_path / "d", hands, lambda images: images and stop(scheduler))
-    assert "\n" not in str(caught.value)
-    assert not list((tmp_path / "d").glob(".*"))
-    assert 0 < run(tmp_path / "d", order(120)).images < 120
-
-
-def test_a_dead_scheduler_is_one_line(monkeypatch):
-    pytest.importorskip("distributed", reason="distributed is missing; install the extra 'cluster'")
-    monkeypatch.setattr("synth.images.workers.CONNECT_SECONDS", 1)
-    for address in (f"tcp://127.0.0.1:{free_port()}", "nonsense://:::"):
-        with pytest.raises(CloudError, match="does not answer") as caught, cluster(address):
-            pass
-        assert "\n" not in str(caught.value)

@@ -69,7 +69,7 @@ def cluster(address: str) -> Iterator[Workers]:
     Raises CloudError when the extra is missing, nobody answers, nobody works there, or it is lost.
     """
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
     except ImportError as error:
         raise CloudError("--scheduler needs dask; pip install 'annotate-cloud[cluster]'") from error
     # What distributed logs about a lost connection is said in one line by the error below.
@@ -91,6 +91,11 @@ def cluster(address: str) -> Iterator[Workers]:
             ) from error
         try:
             yield Workers(client.get_executor(pure=False), sum(client.nthreads().values()))
+        except KilledWorker as error:
+            raise CloudError(
+                "workers were killed again and again at one task, perhaps for want of memory; give each more "
+                "of it, then the same command to go on"
+            ) from error
         except CancelledError as error:
             raise CloudError(
                 f"scheduler {address} was lost during the run; "

@@ -1,0 +1,163 @@
+"""A verb for every session of a folder: one after another here, or all at once on a dask cluster.
+
+Workers read sessions and write label sets where the command would, so all machines see the folders under the
+same path. A task goes on where a killed one ended, and its bytes are those of one machine.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import as_completed
+from contextlib import nullcontext
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+from typer import Option
+
+from cli.console import clear, finish, progress, say, table
+from sensors.errors import CloudError
+
+if TYPE_CHECKING:
+    from annotate.label_source import Run
+    from synth.images.workers import Workers
+
+T = TypeVar("T")
+SUFFIX = ".mcap"
+DECISIVE = ("annotate-cloud", "numpy", "numba", "opencv-contrib-python-headless", "onnxruntime")
+"""Packages whose versions decide the bytes of labels."""
+
+Scheduler = Annotated[
+    str | None,
+    Option(help="For a folder of sessions: a dask cluster, by its scheduler's address tcp://HOST:8786."),
+]
+
+
+def sessions_in(folder: Path, scheduler: str | None) -> dict[str, Path]:
+    """Sessions of a folder by name; none where it is a recording itself.
+
+    Raises BadParameter where a scheduler is given and there are none.
+    """
+    recording = not folder.is_dir() or (folder / "metadata.yaml").exists() or (folder / "depth").exists()
+    found = {} if recording else {path.stem: path for path in sorted(folder.glob(f"*{SUFFIX}"))}
+    if scheduler and not found:
+        raise typer.BadParameter(f"{folder} is no folder of sessions (*{SUFFIX}); leave out --scheduler")
+    return found
+
+
+def label_sets_in(predicted: Path, truth: Path, scheduler: str | None) -> dict[str, tuple[Path, Path]]:
+    """Label sets of a folder by name, each with its truth: NAME or NAME.truth of the other folder.
+
+    None where it is a label set itself. Raises BadParameter where a scheduler is given and there are none,
+    CloudError for one without a truth.
+    """
+    from annotate.labelset.frames import holds_frames
+
+    alone = holds_frames(predicted) or not predicted.is_dir()
+    found = [] if alone else sorted(path for path in predicted.iterdir() if holds_frames(path))
+    if scheduler and not found:
+        raise typer.BadParameter(f"{predicted} is no folder of label sets; leave out --scheduler")
+    pairs = {}
+    for path in found:
+        known = [truth / path.name, truth / f"{path.name}.truth"]
+        pairs[path.name] = path, next((each for each in known if holds_frames(each)), known[0])
+        if not holds_frames(pairs[path.name][1]):
+            raise CloudError(f"{path.name} has no truth; give {known[0]} or {known[1].name} beside it")
+    return pairs
+
+
+def each(
+    what: str, work: Callable[..., T], jobs: Mapping[str, tuple[Any, ...]], scheduler: str | None
+) -> tuple[dict[str, T], dict[str, str]]:
+    """What ``work`` gives for every job's arguments, by the job's name; and why it gave nothing.
+
+    Raises CloudError where the cluster cannot be reached or is lost.
+    """
+    from synth.images.workers import cluster
+
+    done: dict[str, T] = {}
+    failed: dict[str, str] = {}
+    with (
+        cluster(scheduler) if scheduler else nullcontext() as workers,
+        progress(what, len(jobs)) as advance,
+    ):
+        for name, outcome in _outcomes(work, jobs, workers):
+            try:
+                done[name] = outcome()
+            except CloudError as error:
+                failed[name] = str(error)
+            advance(1)
+    return {name: done[name] for name in jobs if name in done}, failed
+
+
+def _outcomes(
+    work: Callable[..., T], jobs: Mapping[str, tuple[Any, ...]], workers: "Workers | None"
+) -> Iterator[tuple[str, Callable[[], T]]]:
+    """Name of a job and what gives or raises its outcome, in the order in which they are done."""
+    if workers is None:
+        yield from ((name, partial(work, *job)) for name, job in jobs.items())
+        return
+    here = _versions()
+    names = {workers.executor.submit(_checked, here, work, *job): name for name, job in jobs.items()}
+    for future in as_completed(names):
+        yield names[future], future.result
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for name in DECISIVE:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "none"
+    return found
+
+
+def _checked(versions: dict[str, str], work: Callable[..., T], *job: object) -> T:
+    """A job's outcome. Raises CloudError on a worker of other versions, whose bytes might differ."""
+    if (here := _versions()) != versions:
+        raise CloudError(f"a worker has {here}, the command {versions}; install the same versions everywhere")
+    return work(*job)
+
+
+def label_each(
+    what: str,
+    work: Callable[..., "Run"],
+    sessions: Mapping[str, Path],
+    out: Path,
+    scheduler: str | None,
+    overwrite: bool,
+    json: bool,
+) -> None:
+    """Label every session into a label set of its name below ``out``, and print how many frames each has.
+
+    work: (session, label set) -> run. Exits with 3 where a session or a frame failed.
+    """
+    from annotate.labelset import store
+
+    for name, path in sessions.items():
+        clear(out / name, store.MANIFEST, overwrite, path)
+    out.mkdir(parents=True, exist_ok=True)
+    jobs = {name: (path.resolve(), (out / name).resolve()) for name, path in sessions.items()}
+    runs, failed = each(what, work, jobs, scheduler)
+    rows = {name: {"frames": len(run.labels), "failed": len(run.failed)} for name, run in runs.items()}
+    for name, run in runs.items():
+        for frame, why in run.failed:
+            say(f"{name}, frame {frame}: {why}")
+    finish_each(rows, failed, json, out)
+
+
+def finish_each(
+    rows: Mapping[str, Mapping[str, Any]], failed: Mapping[str, str], json: bool, out: Path | None
+) -> None:
+    """Print a row a session; exits with 3 where one failed, or frames of it, with 1 where all failed."""
+    for name, why in failed.items():
+        say(f"{name}: {why}")
+    if not rows:
+        raise CloudError(f"none of the {len(failed)} sessions could be done; the lines above say why")
+    heads = list(next(iter(rows.values())))
+    text = table(("session", *heads), [(name, *row.values()) for name, row in rows.items()])
+    result = {"sessions": dict(rows), "failed": dict(failed), "out": str(out) if out else None}
+    finish(result, json, text)
+    if failed or any(row.get("failed") for row in rows.values()):
+        raise typer.Exit(3)
