@@ -4,10 +4,12 @@ import json as json_text
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import typer
 
 from annotate.cloud.coarse import CoarseCloud
 from annotate.engine import Engine
@@ -50,14 +52,15 @@ def watch(
     """What ``live`` does, with its arguments."""
     palette = load_suit(suit) if suit else None
     with serving(port if serve else None) as stream:
-        running: Rig = Playback(open_source(session)) if session else open_rig(rig, device)
-        if not no_window:
-            look_at(running, palette, record, overwrite, seconds, json, subject, stream)
-            return
-        with run_pipeline(running, labelling_by(palette), stream) as pipeline:
-            if record is not None:
-                running.record(record, subject, overwrite)
-            show_lines(pipeline, _end_s(seconds), None if json else print_joints)
+        opened: Rig = Playback(open_source(session)) if session else open_rig(rig, device)
+        with closing(opened) as running:
+            if not no_window:
+                look_at(running, palette, record, overwrite, seconds, json, subject, stream)
+                return
+            with run_pipeline(running, labelling_by(palette), stream) as pipeline:
+                if record is not None:
+                    running.record(record, subject, overwrite)
+                show_lines(pipeline, _end_s(seconds), None if json else print_joints)
     _finish(running, pipeline, json)
 
 
@@ -114,15 +117,11 @@ def _end_s(seconds: float | None) -> float:
 @contextmanager
 def run_pipeline(running: Rig, labelling: Labelling, stream: Stream = unstreamed) -> Iterator[LivePipeline]:
     """A rig and its labelling at work, both ended in the end, the recording too."""
-    pipeline = LivePipeline(running, labelling)
-    running.start()
-    pipeline.start()
-    try:
+    with closing(running), closing(LivePipeline(running, labelling)) as pipeline:
+        running.start()
+        pipeline.start()
         with stream(pipeline):
             yield pipeline
-    finally:
-        pipeline.close()
-        running.close()
     for error in (running.error, pipeline.error):
         if error is not None:
             raise error
@@ -171,15 +170,17 @@ def show_lines(pipeline: LivePipeline, end_s: float, show: Callable[[LiveFrame],
     try:
         while time.monotonic() < end_s:
             newest = pipeline.frames.after(seen, 0.2)
+            # Not those of a frame: none comes of a camera that is silent.
+            standing = pipeline.complaints
+            for complaint in standing:
+                if complaint.kind not in said:
+                    say(complaint.text)
+            said = {complaint.kind for complaint in standing}
             if newest is None:
                 if pipeline.frames.ended:
                     return
                 continue
             seen, frame = newest
-            for complaint in frame.complaints:
-                if complaint.kind not in said:
-                    say(complaint.text)
-            said = {complaint.kind for complaint in frame.complaints}
             if show is not None:
                 show(frame)
     except KeyboardInterrupt:
@@ -210,11 +211,12 @@ def _finish(running: Rig, pipeline: LivePipeline, json: bool) -> None:
         "latency_ms_p95": None if math.isnan(p95) else round(p95, 1),
         "complaints": pipeline.said,
     }
-    text = (
-        f"{result['frames']} frames, {result['labelled']} labelled, {result['dropped']} dropped; "
-        f"95 % were labelled within {p95:.0f} ms"
-    )
+    text = f"{result['frames']} frames, {result['labelled']} labelled, {result['dropped']} dropped"
+    text += "" if math.isnan(p95) else f"; 95 % were labelled within {p95:.0f} ms"
     if json:
         finish(result, True, text)
     else:
         say(text)
+    if health.trouble:
+        say(health.trouble)
+        raise typer.Exit(3)

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -46,7 +46,9 @@ def record(
         from cli.live_view import look_at
         from cli.rig_devices import open_rig
 
-        look_at(open_rig(rig, device), load_suit(suit) if suit else None, out, overwrite, seconds, json)
+        palette = load_suit(suit) if suit else None
+        with closing(open_rig(rig, device)) as running:
+            look_at(running, palette, out, overwrite, seconds, json)
         return
     from cli.rig_devices import opened_rig
     from sensors.recording.recorder import Recorder, clock_metadata

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -50,22 +51,33 @@ def open_rig(rig: Path | None, device: list[str] | None) -> LiveRig:
 def opened_rig(
     rig: Path | None, device: list[str] | None, stack: ExitStack
 ) -> tuple[RecordingRig, list[Device], RigCalibration, Callable[[str], Device]]:
-    """A rig, its devices opened and started within a stack, its calibration, what opens a device again."""
+    """A rig, its devices opened and started within a stack, its calibration, what opens a device again.
+
+    The rig names its devices, and their latency, by the addresses that they have themselves.
+    """
     if (rig is None) == (not device):
         raise DeviceError("no device to record from; give either --rig or one or more --device")
     wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
     shown = Shown() if any(address.startswith("virtual:") for address in wanted.devices) else None
 
+    asked = dict[str, str]()
+
     def started(address: str) -> Device:
-        opened = open_device(address, shown or ())
+        # A device's own address need not have the options that it was asked for with.
+        given = asked.get(address, address)
+        opened = open_device(given, shown or ())
         try:
             opened.start()
-        except DeviceError:
+        except BaseException:
             opened.close()
             raise
+        asked[opened.address] = given
         return opened
 
     devices = [stack.enter_context(closing(started(address))) for address in wanted.devices]
+    own = {given: device.address for given, device in zip(wanted.devices, devices, strict=True)}
+    latency_ms = {own[address]: ms for address, ms in wanted.latency_ms.items()}
+    wanted = replace(wanted, devices=tuple(own.values()), latency_ms=latency_ms)
     return wanted, devices, _calibration(wanted, devices, shown), started
 
 

@@ -3,7 +3,9 @@
 import json
 import math
 import re
+import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -14,16 +16,23 @@ from annotate.engine import Engine
 from annotate.label_source import suit_labeller
 from annotate.live.complaint import HOLD_S, Complaint, Standing
 from annotate.live.frame_complaints import color_complaint, person_complaints
+from annotate.live.live_frame import Labelling
+from annotate.live.pipeline import LivePipeline
 from annotate.live.rig_complaints import rig_complaints
 from annotate.live.shift_watch import EVERY_NS, FRAMES, ShiftWatch
 from annotate.person.extract import Survey
 from annotate.suit.palette import load_suit
+from cli.live_view import show_lines
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
+from sensors.errors import CloudError
 from sensors.recording.health import Health, Watch
 from sensors.recording.host_clock import BIN_NS, HostClock
 from sensors.recording.intake import Arrived
-from sensors.recording.moments import WAIT_NS, Moments
+from sensors.recording.moments import WAIT_NS, Moment, Moments
 from sensors.recording.newest import Newest
+from sensors.rig.camera import Intrinsics
+from sensors.rig.frame import RigFrame
+from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path
 
@@ -235,6 +244,42 @@ def test_a_complaint_stands_while_it_is_made_and_a_second_after():
     assert standing.update([], HOLD_S * 1.5) == (dark,)
     assert standing.update([], HOLD_S * 2.1) == ()
     assert standing.update([dark], HOLD_S * 3) == ()
+
+
+def test_a_stream_that_stays_silent_is_silent_for_as_long_as_it_is():
+    watch = Watch(RATES_HZ, {})
+    for item in running(2.0):
+        watch.add(item)
+    for at_s in (4, 8, 60):
+        assert watch.streams(EPOCH_NS + at_s * 10**9)["depth"].silent_s == pytest.approx(at_s - 2, abs=0.05)
+
+
+@pytest.mark.parametrize("step", ["survey", "label"])
+def test_it_is_said_why_frames_have_no_labels(monkeypatch, step):
+    monkeypatch.setattr("annotate.live.complaint.HOLD_S", 0.0)
+
+    def fails(*_):
+        raise CloudError("no person in the mask")
+
+    rig = SimpleNamespace(moments=Newest(), calibration=RigCalibration(Intrinsics(2, 2, 2.0, 2.0, 0.5, 0.5)))
+    rig.health = Health
+    steps = {"survey": lambda cloud: cloud} | {step: fails}
+    pipeline = LivePipeline(rig, Labelling(steps["survey"], fails, lambda *_: None))
+    pipeline.start()
+    rig.moments.put(Moment(RigFrame(0, 1, DEPTH), 1, 1))
+    rig.moments.end()
+    end_s = time.monotonic() + 60
+    while not pipeline.frames.ended and time.monotonic() < end_s:
+        time.sleep(0.01)
+    pipeline.close()
+    assert pipeline.error is None and pipeline.said == {"frame": "no person in the mask"}
+
+
+def test_complaints_are_said_of_a_rig_that_gives_no_images(capsys):
+    silent = SimpleNamespace(frames=Newest(), complaints=(Complaint("silent", "depth: nothing for 3 s"),))
+    silent.frames.end()
+    show_lines(silent, math.inf, None)
+    assert "depth: nothing for 3 s" in capsys.readouterr().err
 
 
 def test_a_session_is_played_back_as_lines_of_joints(annotate_cloud, rig_session):

@@ -17,6 +17,7 @@ from annotate.person.extract import PersonMask
 from annotate.segmentation.segment import unlabelled
 from sensors.device.protocol import DepthImage, DeviceReading, Spot
 from sensors.errors import CloudError, DeviceError, DeviceLostError, DeviceNotFoundError, ExistsError
+from sensors.recording.intake import Intake
 from sensors.recording.live_rig import LiveRig
 from sensors.recording.playback import Playback
 from sensors.rig.camera import Intrinsics
@@ -196,11 +197,62 @@ def test_a_nearly_full_disk_ends_the_recording_in_time(rig_of, tmp_path, monkeyp
     assert not Session(tmp_path / "a.mcap").truncated
 
 
-def test_what_ends_a_rig_is_raised_by_whoever_looks(rig_of):
+def test_a_recording_that_cannot_be_finished_is_trouble(rig_of, tmp_path, monkeypatch):
     rig = rig_of(Camera())
+    rig.record(tmp_path / "a.mcap")
+    wait_for(lambda: rig.moments.count > 3)
+
+    def full(number: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("sensors.session.writer.os.fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        rig.end_recording()
+    assert "a.mcap.partial" in rig.health().trouble and rig.health().recording is None
+
+
+def test_a_rig_that_was_never_started_gives_its_devices_back():
+    camera = Camera()
+    LiveRig("ward", [camera], RigCalibration(CAMERA), {}, never).close()
+    assert camera._ended.is_set()
+
+
+def test_a_camera_comes_back_whatever_its_library_raises_meanwhile(rig_of):
+    attempts = itertools.count()
+
+    def reopen(address: str) -> Camera:
+        if next(attempts) < 2:
+            raise RuntimeError("failed to set power state")
+        return Camera()
+
+    gone = Camera(3)
+    gone.close = lambda: reopen("")
+    rig = rig_of(gone, reopen=reopen)
+    wait_for(lambda: rig.moments.count > 3)
+
+
+def test_a_loss_comes_through_a_full_queue(monkeypatch):
+    monkeypatch.setattr(sensors.recording.intake, "READ_S", 0.01)
+    monkeypatch.setattr(sensors.recording.intake, "BACKLOG", 2)
+    camera = Camera(5)
+    camera.rates_hz = {"depth": 1.0}
+    with Intake([camera]) as intake:
+        # Nobody drains: the queue is full when the camera is lost, and for some time after.
+        camera._ended.wait(0.3)
+
+        def lost() -> bool:
+            return bool(list(intake.drain())) and intake.depth_lost
+
+        wait_for(lost)
+
+
+def test_what_ends_a_rig_is_raised_by_whoever_looks(rig_of, tmp_path):
+    rig = rig_of(Camera())
+    rig.record(tmp_path / "a.mcap")
     rig.calibration = RigCalibration(Intrinsics(9, 6, 10.0, 10.0, 3.5, 2.5))
     wait_for(lambda: rig.moments.ended)
     assert isinstance(rig.error, CloudError)
+    wait_for(lambda: rig.health().recording is None)
 
 
 def test_a_rig_needs_depth_and_a_playback_is_not_recorded(rig_session, tmp_path):

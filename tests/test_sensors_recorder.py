@@ -4,7 +4,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import ClassVar
 
@@ -14,6 +14,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import sensors.recording.recorder
+from cli.rig_devices import opened_rig
 from sensors.device.protocol import DepthImage, Device, DeviceReading
 from sensors.drivers.kinect2 import Kinect2
 from sensors.errors import CalibrationError, DeviceError
@@ -234,6 +235,25 @@ def test_a_wrong_rig_file_says_what_is_wrong(tmp_path, text, says):
     with pytest.raises((DeviceError, CalibrationError), match=says) as error:
         load_rig(tmp_path / "rig.toml")
     assert "\n" not in str(error.value).strip()
+
+
+def test_a_device_is_opened_again_as_it_was_asked_for_and_has_its_latency(tmp_path, monkeypatch):
+    """Its own address has its serial number and no options."""
+    asked = []
+
+    def opened(address, shown):
+        asked.append(address)
+        return Kinect2(shim=VirtualKinect2(FrameLoop(swinging_ball())).shim)
+
+    monkeypatch.setattr("cli.rig_devices.open_device", opened)
+    save_calibration(tmp_path / "rig.json", RIG)
+    text = RIG_FILE.replace(KINECT, "kinect2:?turn=0") + '[latency_ms]\n"kinect2:?turn=0" = 25\n'
+    (tmp_path / "rig.toml").write_text(text)
+    with ExitStack() as stack:
+        wanted, devices, _, again = opened_rig(tmp_path / "rig.toml", None, stack)
+        assert clock_metadata(devices, wanted.latency_ms)["latency /depth/image"] == "25"
+        again(devices[0].address).close()
+    assert asked == ["kinect2:?turn=0"] * 2
 
 
 def test_record_needs_to_know_what(annotate_cloud, tmp_path):

@@ -38,10 +38,13 @@ LATENCIES = 1000
 
 @dataclass(frozen=True)
 class _Surveyed:
+    """survey: None where nothing could be made of the frame. unreadable: why, or what was left out; or ""."""
+
     moment: Moment
     cloud: ThermalCloud
     survey: Any
     left_out: list[str]
+    unreadable: str = ""
 
 
 class LivePipeline:
@@ -63,7 +66,6 @@ class LivePipeline:
         self._stop = threading.Event()
         self._standing, self._shift = Standing(), ShiftWatch()
         self._drift = DriftWatch(rig.calibration)
-        self._unreadable = ""
         works = self._survey_all, self._label_all
         self._threads = [threading.Thread(target=work, name=work.__name__, daemon=True) for work in works]
 
@@ -106,14 +108,18 @@ class LivePipeline:
     def _survey(self, moment: Moment) -> _Surveyed:
         frame, left_out = calibrated(moment.frame, self._fuser.calibration)
         frame = self._drift.corrected(moment, frame)
-        self._unreadable = ""
+        unreadable = ""
         try:
             cloud = self._fuser.fuse_frame(frame)
         except FormatError as error:
             # A colour image that was cut off on its way.
-            self._unreadable = str(error)
+            unreadable = str(error)
             cloud = self._fuser.fuse_frame(replace(frame, color_encoded=None))
-        return _Surveyed(moment, cloud, self._labelling.survey(cloud), left_out)
+        try:
+            survey = self._labelling.survey(cloud)
+        except CloudError as error:
+            return _Surveyed(moment, cloud, None, left_out, str(error))
+        return _Surveyed(moment, cloud, survey, left_out, unreadable)
 
     # The labelling thread
 
@@ -137,32 +143,36 @@ class LivePipeline:
     def _label(self, surveyed: _Surveyed, before: FrameLabels | None) -> FrameLabels | None:
         """Label a frame and show it; its labels, None where they failed."""
         moment, cloud = surveyed.moment, surveyed.cloud
+        if surveyed.survey is None:
+            return self._left_out(surveyed.unreadable)
         try:
             result, person = self._labelling.label(surveyed.survey, before)
         except CloudError as error:
-            self._unreadable = str(error)
-            return None
+            return self._left_out(str(error))
         labels = labels_of(f"{moment.frame.index:06d}", cloud.depth_mm, result, person, surveyed.left_out)
         stance = self._labelling.stance(labels, cloud.camera)
         health = self.rig.health()
-        made = [*rig_complaints(health), *self._of_frame(moment, cloud, person, result)]
+        made = [*rig_complaints(health), *self._of_frame(surveyed, person, result)]
         self._stand(made)
         latency_ms = (time.monotonic_ns() - moment.arrival_ns) * 1e-6
         self.latencies_ms.append(latency_ms)
         self.frames.put(LiveFrame(moment, cloud, labels, stance, health, self.complaints, latency_ms))
         return labels
 
+    def _left_out(self, why: str) -> None:
+        """Say why a frame has no labels."""
+        self._stand([*rig_complaints(self.rig.health()), Complaint("frame", why)])
+
     def _stand(self, made: Iterable[Complaint]) -> None:
         """Take the complaints of a moment: of a rig that gives no images, too."""
         self.complaints = self._standing.update(made, time.monotonic())
         self.said |= {complaint.kind: complaint.text for complaint in self.complaints}
 
-    def _of_frame(
-        self, moment: Moment, cloud: ThermalCloud, person: PersonMask, result: Segmentation
-    ) -> list[Complaint]:
+    def _of_frame(self, surveyed: _Surveyed, person: PersonMask, result: Segmentation) -> list[Complaint]:
+        moment, cloud = surveyed.moment, surveyed.cloud
         made = list(person_complaints(cloud, person.mask))
-        if self._unreadable:
-            made.append(Complaint("frame", self._unreadable))
+        if surveyed.unreadable:
+            made.append(Complaint("frame", surveyed.unreadable))
         lit = not {"dark", "glare"} & {complaint.kind for complaint in made}
         if lit and result.reading is not None:
             made += filter(None, [color_complaint(cloud, person.mask, result.reading.model)])

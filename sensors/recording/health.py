@@ -66,6 +66,7 @@ class Watch:
         self._rates_hz, self._latency_ns = rates_hz, latency_ns
         self._clocks: dict[str, HostClock] = {}
         self._recent = {stream: deque[tuple[int, int, int]]() for stream in rates_hz}
+        self._last_ns = dict[str, int]()
         self._count, self._dropped = dict.fromkeys(rates_hz, 0), dict.fromkeys(rates_hz, 0)
         self._start_ns = 0
         self._closed_ns = 0
@@ -77,6 +78,7 @@ class Watch:
         if stream == "thermal":
             self._closed_ns = 0 if item.usable else self._closed_ns or at_ns
         self._recent[stream].append((at_ns, item.lost, _size(item.reading.value)))
+        self._last_ns[stream] = at_ns
         self._count[stream] += 1
         self._dropped[stream] += item.lost
         clock = self._clocks.get(item.address)
@@ -89,14 +91,13 @@ class Watch:
         return {stream: self._stream(stream, now_ns) for stream in self._rates_hz}
 
     def _stream(self, stream: str, now_ns: int) -> StreamHealth:
-        recent = self._recent[stream]
-        last_ns = recent[-1][0] if recent else None
+        recent, last_ns = self._recent[stream], self._last_ns.get(stream)
         while recent and now_ns - recent[0][0] > RECENT_NS:
             recent.popleft()
         span_s = (recent[-1][0] - recent[0][0]) * 1e-9 if len(recent) > 1 else 0.0
         count, dropped = self._count[stream], self._dropped[stream]
         if last_ns is None:
-            silent_s = self.running_s(now_ns) if self._start_ns and not count else math.inf
+            silent_s = self.running_s(now_ns) if self._start_ns else math.inf
         else:
             silent_s = max(0.0, (now_ns - last_ns) * 1e-9)
         rate = (len(recent) - 1) / span_s if span_s > 0 else 0.0

@@ -181,20 +181,27 @@ class Intake:
                 return
 
     def _enqueue(self, address: str, item: DeviceReading | Exception) -> None:
-        try:
-            # An error must come through: it says that a device is gone.
-            self._queues[address].put(item, isinstance(item, Exception), READ_S)
-        except Full:
-            self._overrun[address] += 1
+        is_error = isinstance(item, Exception)
+        while True:
+            try:
+                self._queues[address].put(item, is_error, READ_S)
+            except Full:
+                # An error must come through: it says that a device is gone.
+                if is_error and not self._stop.is_set():
+                    continue
+                self._overrun[address] += 1
+            break
         self._woken.set()
 
     def _opened_again(self, address: str) -> bool:
         """Open a lost device as soon as it is there again; False where nobody wants that any more."""
         if self._reopen is None:
             return False
-        self._devices[address].close()
+        # What a maker's library raises at a camera that is gone, or half there, is not documented.
+        with suppress(Exception):
+            self._devices[address].close()
         while not self._stop.wait(REOPEN_S):
-            with suppress(DeviceError):
+            with suppress(Exception):
                 self._devices[address] = self._reopen(address)
                 return True
         return False

@@ -75,6 +75,8 @@ class LiveRig:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
+        elif self._thread.ident is None:
+            self._intake.__exit__()
         self.end_recording()
 
     # Recording
@@ -99,7 +101,11 @@ class LiveRig:
             take, self._take = self._take, None
         if take is None:
             return None
-        take.writer.__exit__(None)
+        try:
+            take.writer.__exit__(None)
+        except OSError as error:
+            self._trouble = _cut_off(take, error)
+            raise
         return take.writer.path
 
     def mark(self, text: str) -> None:
@@ -141,6 +147,8 @@ class LiveRig:
             self._turn()
         except Exception as error:  # whoever looks raises it: here it would die with the thread
             self.error = error
+            with suppress(OSError):
+                self.end_recording()
         finally:
             self.moments.end()
 
@@ -165,20 +173,27 @@ class LiveRig:
             try:
                 write_item(self._take.writer, item)
             except OSError as error:
-                self._abandon(f"the recording ended: {error.strerror or error}")
+                self._abandon(error)
 
     def _look_at_disk(self) -> None:
         with suppress(OSError):
             self._free_bytes = shutil.disk_usage(self._folder).free
         if self._take is not None and self._free_bytes < RESERVE_BYTES:
             self._keep(Event(self._intake.now_ns(), DISK_FULL))
-            self.end_recording()
-            self._trouble = DISK_FULL
+            with suppress(OSError):
+                self.end_recording()
+            self._trouble = self._trouble or DISK_FULL
 
-    def _abandon(self, why: str) -> None:
+    def _abandon(self, error: OSError) -> None:
         """End a recording that the disk refuses; what was written stays, as a session that was cut off."""
         take, self._take = self._take, None
         if take is not None:
             with suppress(OSError):
                 take.writer.__exit__(OSError)
-            self._trouble = f"{why}; {take.writer.partial} holds what came before: repair it"
+            self._trouble = _cut_off(take, error)
+
+
+def _cut_off(take: Take, error: OSError) -> str:
+    """What to say of a recording that the disk refuses."""
+    why = error.strerror or error
+    return f"the recording ended: {why}; {take.writer.partial} holds what came before: repair it"
