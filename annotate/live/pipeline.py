@@ -144,11 +144,13 @@ class LivePipeline:
         """Label a frame and show it; its labels, None where they failed."""
         moment, cloud = surveyed.moment, surveyed.cloud
         if surveyed.survey is None:
-            return self._left_out(surveyed.unreadable)
+            self._left_out(surveyed.unreadable)
+            return None
         try:
             result, person = self._labelling.label(surveyed.survey, before)
         except CloudError as error:
-            return self._left_out(str(error))
+            self._left_out(str(error))
+            return None
         labels = labels_of(f"{moment.frame.index:06d}", cloud.depth_mm, result, person, surveyed.left_out)
         stance = self._labelling.stance(labels, cloud.camera)
         health = self.rig.health()
