@@ -164,6 +164,8 @@ def predict(
 
         check_kind(joints)
         check_free(joints, overwrite)
+    if probabilities and everybody:
+        raise typer.BadParameter("probabilities are kept of one person; leave it or --everybody out")
     if sessions := sessions_in(source, scheduler):
         if joints is not None:
             raise typer.BadParameter("--joints is for one session; its notes in each label set hold them")
@@ -240,7 +242,11 @@ def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":
     if holds_frames(source):
         if everybody:
             raise typer.BadParameter("labels keep their outlines of one person; give --everybody a recording")
-        return open_frames(source)
+        from eval.network.predict import check_alone
+
+        labels = open_frames(source)
+        check_alone(labels)
+        return labels
     frames = open_source(source)
     for note in frames.notes:
         say(note)

@@ -121,6 +121,14 @@ def test_a_label_set_is_its_own_truth(annotate_cloud, rig_session):
     assert (same["mean_recall"], same["miou"], same["person_iou"]) == (1, 1, 1)
 
 
+def test_options_that_do_not_go_together_overwrite_nothing(annotate_cloud, tmp_path, rig_session, rig_labels):
+    shutil.copytree(rig_labels.path, tmp_path / "l")
+    before = tree(tmp_path)
+    out = ("--out", tmp_path / "l", "--overwrite")
+    done = annotate_cloud("predict", rig_session, *out, "--everybody", "--probabilities")
+    assert done.code == 2 and tree(tmp_path) == before
+
+
 def test_predict_on_a_session_and_within_given_outlines(annotate_cloud, tmp_path, rig_session, rig_labels):
     done = annotate_cloud("predict", rig_session, "--out", tmp_path / "a", "--json")
     assert (done.code, done.result["frames"]) == (0, 3)

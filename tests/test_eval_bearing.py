@@ -13,7 +13,7 @@ from annotate.labelset.store import LabelSet
 from annotate.parts import swap_left_right
 from annotate.posture import POSTURES
 from annotate.segmentation.segment import Segmentation
-from eval.network.bearing import Bearing
+from eval.network.bearing import Bearing, bearing_notes
 from eval.network.joint_files import write_joints
 from eval.network.steady import steady
 from eval.scores.joints import JOINT, JOINT_NAMES, N_JOINTS
@@ -53,8 +53,12 @@ def test_a_note_holds_it():
         {},
         {**bearing().note(), "postures": [1]},
         {**bearing().note(), "joints_px": 3},
+        {**bearing().note(), "facing_deg": 10**400},
+        {**bearing().note(), "facing_sure": float("nan")},
     ):
         assert Bearing.from_note(broken) is None
+    others = {"2": {}, "9" * 5000: {}, "x": {}}
+    assert bearing_notes({"bearing": {"others": others}}).keys() == {1, 2}
 
 
 def test_an_answer_of_the_crop_is_placed_in_the_image():

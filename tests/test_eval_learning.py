@@ -93,6 +93,8 @@ def test_a_suits_labels_and_too_few_frames_are_refused_in_one_line(tmp_path):
         lessons(written(tmp_path / "fresh"))
     with pytest.raises(CloudError, match="suit"):
         lessons(written(tmp_path / "suit", steps={"label": {"suit": "[head]"}}))
+    with pytest.raises(CloudError, match="everybody"):
+        lessons(written(tmp_path / "all", steps={"predict": {"everybody": True}}))
 
 
 def test_learning_helps_on_frames_it_has_not_seen_and_changes_nothing_by_itself(taught, start, tmp_path):

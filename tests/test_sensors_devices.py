@@ -518,6 +518,17 @@ def test_an_azure_kinect_by_its_captures(monkeypatch):
     assert camera.closed
 
 
+def test_a_camera_whose_clock_was_reset_is_lost_rather_than_silent():
+    """Its images would all be older than the last one before."""
+    camera = AzureCaptures()
+    camera.stamps = [9_000_000, 8_966_000, 33_000]
+    with closing(AzureKinect(camera=camera)) as device:
+        device.start()
+        assert [device.read(0.5).stream for _ in range(2)] == ["depth", "color"]
+        with pytest.raises(DeviceLostError, match="back by 9 s"):
+            device.read(0.5)
+
+
 def test_microsofts_sdk_and_the_reader_agree_on_a_real_recording_to_the_bit(shared_data):
     """The driver runs on the SDK's playback; what it reads is what the importer reads from the file."""
     try:

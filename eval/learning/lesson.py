@@ -11,6 +11,7 @@ from annotate.correction.correction import Correction
 from annotate.crop import network_crop, normalize, person_of
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND, on_body
+from eval.network.predict import check_alone
 from eval.training.crops import DEPTH_STEPS, Crops
 from eval.training.whole import nothing_known
 from sensors.errors import CloudError
@@ -40,9 +41,11 @@ class Taught:
 def lessons(path: Path) -> list[Taught]:
     """The frames of a label set that people have accepted or reviewed, in order.
 
-    Raises CloudError where they are too few, or where a suit was read: networks see no colours.
+    Raises CloudError where they are too few, where everybody is labelled, or where a suit was read: networks
+    see no colours.
     """
     with Correction.open(path, read_only=True) as correction:
+        check_alone(correction.labels)
         steps = correction.labels.info.get("steps")
         if isinstance(steps, dict) and (steps.get("label") or {}).get("suit"):
             raise CloudError(

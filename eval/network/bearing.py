@@ -82,9 +82,11 @@ class Bearing:
             joints = np.array(note["joints_px"], np.float64)  # type: ignore[index]
             facing = float(note["facing_deg"]), float(note["facing_sure"])  # type: ignore[index]
             support = str(note.get("support", ""))  # type: ignore[attr-defined]
-        except (TypeError, KeyError, ValueError, IndexError, AttributeError):
+        except (TypeError, KeyError, ValueError, IndexError, AttributeError, OverflowError):
             return None
         if posture.shape != (len(POSTURES),) or joints.shape != (N_JOINTS, 3):
+            return None
+        if not (np.isfinite(facing).all() and np.isfinite(posture).all() and np.isfinite(joints).all()):
             return None
         return cls(*facing, posture, joints, support)
 
@@ -97,7 +99,12 @@ def bearing_notes(notes: dict[str, Any]) -> dict[int, Any]:
     note = notes.get("bearing")
     others = note.get("others") if isinstance(note, dict) else None
     numbered = others.items() if isinstance(others, dict) else ()
-    return {1: note} | {int(number): other for number, other in numbered if number.isdecimal()}
+    return {1: note} | {int(number): other for number, other in numbered if _is_person(number)}
+
+
+def _is_person(number: str) -> bool:
+    """Whether it is a number that an image of persons can hold."""
+    return len(number) <= 3 and number.isdecimal()
 
 
 def joint_row(joints_mm: Float64) -> dict[str, list[float]]:

@@ -33,6 +33,7 @@ def write_joints(labels: LabelledFrames, path: Path) -> int:
     """
     check_kind(path)
     rows = list(_rows(labels))
+    path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix.lower() == ".csv":
         write_bytes(path, _csv(rows).encode())
     else:

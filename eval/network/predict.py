@@ -73,6 +73,14 @@ def _predict(
     return failed
 
 
+def check_alone(frames: LabelledFrames) -> None:
+    """Raise CloudError where labels are of everybody: their outlines run together into one person."""
+    steps = frames.info.get("steps")
+    step = steps.get("predict") if isinstance(steps, dict) else None
+    if isinstance(step, dict) and step.get("everybody"):
+        raise CloudError(f"{frames.path} labels everybody; give the labels of one person, or the recording")
+
+
 def step_of(network: OnnxNetwork, probabilities: bool) -> dict[str, Any]:
     """What a label set's manifest says of the network that labels it."""
     return {"weights": network.sha256, "probabilities": probabilities}

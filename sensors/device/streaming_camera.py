@@ -12,6 +12,8 @@ from sensors.rig.rig_calibration import RigCalibration
 
 SLICE_S = 0.1
 """Seconds a wait lasts at most before another thread may close the device. Chosen by eye."""
+RESET_NS = 1_000_000_000
+"""Nanoseconds by which an image that is only late is at most older than the one before. Chosen by eye."""
 DEPTH_RATE_HZ = 30.0
 """Images a second of either stream of a depth camera, in the mode that the drivers set."""
 DEPTH_CAMERA_RATES_HZ = {DepthImage.stream: DEPTH_RATE_HZ, ColorImage.stream: DEPTH_RATE_HZ}
@@ -81,7 +83,7 @@ class StreamingCamera(ABC):
         lost: int | None = None,
         arrival_ns: int | None = None,
     ) -> None:
-        """Make an image ready; none that comes late.
+        """Make an image ready; none that comes late. Raises DeviceLostError where the clock was reset.
 
         lost: how many of its stream were lost since the one before; None where the library does not count, so
         that gaps between stamps count. arrival_ns: None for now.
@@ -89,6 +91,9 @@ class StreamingCamera(ABC):
         self._last_image_s = time.monotonic()
         before_ns = self._before_ns.get(value.stream)
         if before_ns is not None and stamp_ns <= before_ns:
+            if before_ns - stamp_ns > RESET_NS:
+                back_s = (before_ns - stamp_ns) * 1e-9
+                raise DeviceLostError(f"{self.address} set its clock back by {back_s:.0f} s; open it again")
             return
         self._before_ns[value.stream] = stamp_ns
         if lost is None:

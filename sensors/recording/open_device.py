@@ -105,7 +105,11 @@ def _open_direct(address: Address) -> Device:
     address.finish()
     device = OptrisDirect(_target(address, "/path/to/generic.xml"))
     if emissivity is not None:
-        device.set_emissivity(emissivity)
+        try:
+            device.set_emissivity(emissivity)
+        except DeviceError:
+            device.close()
+            raise
     return device
 
 
