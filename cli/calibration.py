@@ -114,16 +114,17 @@ def _check(session: "Session", json: bool) -> None:
 def _solve(session: "Session", plate: "HolePlate") -> "Adjusted":
     from cli.guided import check_infrared
     from sensors.calibrate.bundle import adjust
-    from sensors.calibrate.plate_view import view_plate
+    from sensors.calibrate.plate_view import view_plate, with_all_cameras
 
     check_infrared(session)
-    views = []
+    views, guess = [], session.calibration
     with progress("find the plate", len(session)) as advance:
         for frame in session:
-            views.append(view_plate(frame, plate, session.calibration.depth))
+            guess = with_all_cameras(guess, frame)
+            views.append(view_plate(frame, plate, guess.depth))
             advance(1)
     say(f"solve {len(views)} views")
-    return adjust(views, plate, session.calibration)
+    return adjust(views, plate, guess)
 
 
 def _result(found: "Adjusted", good: bool) -> dict[str, Any]:

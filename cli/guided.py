@@ -13,8 +13,8 @@ from sensors.calibrate.bundle import Adjusted
 from sensors.calibrate.guide import Guidance, Room, guide, is_new, next_wish
 from sensors.calibrate.guide_picture import guide_picture
 from sensors.calibrate.hole_plate import HolePlate
-from sensors.calibrate.plate_view import PlateView, view_plate
-from sensors.errors import CalibrationError
+from sensors.calibrate.plate_view import PlateView, view_plate, with_all_cameras
+from sensors.errors import CalibrationError, FormatError
 from sensors.files.atomic import check_free, write_bytes
 from sensors.recording.live_rig import LiveRig
 from sensors.rig.frame import RigFrame
@@ -76,7 +76,11 @@ def guided(
     say(f"hold the plate {now.wanted.text if now.wanted else ''}; {picture} shows where")
     try:
         for frame in frames:
-            view = view_plate(frame, plate, guess.depth)
+            if (looked := _looked(frame, plate, guess)) is None:
+                continue
+            view, now_known = looked
+            if now_known is not guess:
+                guess, room = now_known, Room.of(now_known, plate)
             still = keep is None or _still(before, view)
             if still and is_new(view, views, plate, guess):
                 views.append(view)
@@ -92,6 +96,17 @@ def guided(
     except KeyboardInterrupt:
         say("ended by hand")
     return now
+
+
+def _looked(
+    frame: RigFrame, plate: HolePlate, guess: RigCalibration
+) -> tuple[PlateView, RigCalibration] | None:
+    """A frame's view of the plate, and the cameras by now; None of a frame that came cut off."""
+    try:
+        return view_plate(frame, plate, guess.depth), with_all_cameras(guess, frame)
+    except FormatError as error:
+        say(str(error))
+        return None
 
 
 def check_infrared(session: Session) -> None:

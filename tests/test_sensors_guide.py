@@ -13,6 +13,7 @@ import sensors.calibrate.guide
 from sensors.calibrate.guide import ENOUGH_VIEWS, TILTS, Room, Wish, guide, is_new, next_wish
 from sensors.calibrate.hole_plate import HolePlate
 from sensors.calibrate.plate_view import CAMERAS, PlateView
+from sensors.errors import CalibrationError
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.rig.camera import project
 from sensors.rig.frame import RigFrame
@@ -111,6 +112,32 @@ def test_it_is_good_with_few_views_and_then_it_is(held, late):
 def frame(index: int) -> RigFrame:
     depth = np.full(RIG.depth.shape, 900, np.uint16)
     return RigFrame(index, index * 10**9, depth, infrared=depth + np.uint16(index))
+
+
+def test_cameras_that_no_factory_knows_are_calibrated_too(annotate_cloud, monkeypatch, tmp_path):
+    encoded = cv2.imencode(".jpg", np.zeros((*RIG.color.shape, 3), np.uint8))[1].tobytes()
+    warm = np.full(RIG.thermal.shape, 30, np.float32)
+    with SessionWriter(tmp_path / "board.mcap", RigCalibration(RIG.depth), "board") as writer:
+        writer.write(frame(0))
+        writer.write(replace(frame(1), color_encoded=encoded, thermal_c=warm))
+    asked = []
+
+    def adjust(views, plate, guess):
+        asked.append(guess)
+        raise CalibrationError("too few")
+
+    monkeypatch.setattr("sensors.calibrate.bundle.adjust", adjust)
+    annotate_cloud("calibrate", tmp_path / "board.mcap", "--out", tmp_path / "rig.json")
+    (guess,) = asked
+    assert guess.depth == RIG.depth
+    assert (guess.color.shape, guess.thermal.shape) == (RIG.color.shape, RIG.thermal.shape)
+
+
+def test_a_frame_that_came_cut_off_is_passed_over(held, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(cli.guided, "view_plate", lambda f, *_: held[f.decode_color() is None])
+    broken = replace(frame(0), color_encoded=b"\xff\xd8\xff")
+    now = cli.guided.guided(iter([broken, frame(1)]), PLATE, RIG, tmp_path / "guide.png", None)
+    assert len(now.seen) == 1 and "cannot be decoded" in capsys.readouterr().err
 
 
 def test_only_a_plate_that_is_held_still_is_taken(held, monkeypatch, tmp_path):

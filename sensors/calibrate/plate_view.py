@@ -1,6 +1,7 @@
 """What one frame shows of the hole plate: hole centres in each camera, and readings on the plate itself."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,13 +11,16 @@ from scipy.spatial.transform import Rotation
 from sensors.calibrate.hole_plate import HolePlate, find_holes
 from sensors.rig.camera import Intrinsics, project
 from sensors.rig.frame import RigFrame
-from sensors.rig.rig_calibration import Pose
+from sensors.rig.rig_calibration import Pose, RigCalibration
 
 SAMPLES = 120
 """Depth readings taken from one view, at most: more add nothing to one plane; chosen by eye."""
 CLEAR = 1.7
 """Readings nearer to a hole than this many radii mix plate and backing; chosen by eye."""
 
+USUAL_FOCAL = 0.9
+"""Focal length of a camera that nobody knows, as a share of its image's width: 58 degrees wide. Chosen by
+eye."""
 CAMERAS = ("depth", "color", "thermal")
 
 
@@ -50,6 +54,26 @@ def view_plate(frame: RigFrame, plate: HolePlate, depth_camera: Intrinsics) -> P
         return PlateView(frame.index, centers, np.empty((0, 2)), np.empty(0))
     pose = plate_pose(centers["depth"], plate, depth_camera)
     return PlateView(frame.index, centers, *_readings(frame.depth_mm, pose, plate, depth_camera))
+
+
+def with_all_cameras(guess: RigCalibration, frame: RigFrame) -> RigCalibration:
+    """A guess with the cameras that it lacks and a frame has images of: their sizes, and a usual lens.
+
+    A depth camera's factory knows nothing of the thermal camera beside it. Raises FormatError.
+    """
+    known: dict[str, Any] = {}
+    if guess.color is None and (color := frame.decode_color()) is not None:
+        known |= {"color": _usual(color.shape), "color_from_depth": Pose.identity()}
+    if guess.thermal is None and frame.thermal_c is not None:
+        known |= {"thermal": _usual(frame.thermal_c.shape), "thermal_from_depth": Pose.identity()}
+    return replace(guess, **known) if known else guess
+
+
+def _usual(shape: tuple[int, ...]) -> Intrinsics:
+    height, width = shape[:2]
+    return Intrinsics(
+        width, height, USUAL_FOCAL * width, USUAL_FOCAL * width, (width - 1) / 2, (height - 1) / 2
+    )
 
 
 def plate_pose(centers_px: NDArray[np.float64], plate: HolePlate, camera: Intrinsics) -> Pose:
