@@ -2,6 +2,7 @@
 
 import json as json_text
 import math
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
@@ -32,6 +33,9 @@ from sensors.importers.open_source import open_source
 from sensors.recording.playback import Playback
 from sensors.rig.camera import Intrinsics
 
+SWITCH_S = 0.001
+"""Seconds after which a thread that computes hands on the interpreter, a fifth of Python's own: each thermal
+image passes through three threads, and its camera keeps an eighth of a second of them. Chosen by eye."""
 BONE_ENDS = tuple((JOINT[a], JOINT[b]) for a, b, _ in BONES)
 
 
@@ -117,7 +121,7 @@ def _end_s(seconds: float | None) -> float:
 @contextmanager
 def run_pipeline(running: Rig, labelling: Labelling, stream: Stream = unstreamed) -> Iterator[LivePipeline]:
     """A rig and its labelling at work, both ended in the end, the recording too."""
-    with closing(running), closing(LivePipeline(running, labelling)) as pipeline:
+    with closing(running), _switching(SWITCH_S), closing(LivePipeline(running, labelling)) as pipeline:
         running.start()
         pipeline.start()
         with stream(pipeline):
@@ -125,6 +129,17 @@ def run_pipeline(running: Rig, labelling: Labelling, stream: Stream = unstreamed
     for error in (running.error, pipeline.error):
         if error is not None:
             raise error
+
+
+@contextmanager
+def _switching(seconds: float) -> Iterator[None]:
+    """Threads that compute hand on the interpreter after so long."""
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(seconds)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before_s)
 
 
 def labelling_by(suit: Suit | None) -> Labelling:

@@ -2,7 +2,9 @@
 
 import json
 import math
+import queue
 import re
+import threading
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -17,10 +19,11 @@ from annotate.label_source import suit_labeller
 from annotate.live.complaint import HOLD_S, Complaint, Standing
 from annotate.live.frame_complaints import color_complaint, person_complaints
 from annotate.live.live_frame import Labelling
-from annotate.live.pipeline import LivePipeline
+from annotate.live.pipeline import WORKERS, LivePipeline
 from annotate.live.rig_complaints import rig_complaints
 from annotate.live.shift_watch import EVERY_NS, FRAMES, ShiftWatch
-from annotate.person.extract import Survey
+from annotate.person.extract import PersonMask, Survey
+from annotate.segmentation.segment import unlabelled
 from annotate.suit.palette import load_suit
 from cli.live_view import show_lines
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
@@ -280,6 +283,57 @@ def test_complaints_are_said_of_a_rig_that_gives_no_images(capsys):
     silent.frames.end()
     show_lines(silent, math.inf, None)
     assert "depth: nothing for 3 s" in capsys.readouterr().err
+
+
+class ByHand:
+    """A rig whose moments are put by hand; the depth in millimetres is the moment's number."""
+
+    calibration = RigCalibration(Intrinsics(8, 6, 8.0, 8.0, 3.5, 2.5))
+
+    def __init__(self):
+        self.moments = Newest[Moment]()
+
+    def put(self, number):
+        frame = RigFrame(number, number, np.full((6, 8), number, np.uint16))
+        self.moments.put(Moment(frame, number, number))
+
+    def health(self):
+        return Health({})
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_whoever_is_free_labels_the_newest_moment_and_the_newest_is_shown_last(seed):
+    rig, begun, rng = ByHand(), queue.Queue(), np.random.default_rng(seed)
+    may_end, nobody = [threading.Event() for _ in range(40)], np.zeros((6, 8), bool)
+
+    def label(number, before):
+        begun.put(number)
+        assert may_end[number].wait(60)
+        return unlabelled(nobody), PersonMask(nobody, "depth", nobody.astype(np.uint8))
+
+    pipeline = LivePipeline(rig, Labelling(lambda cloud: int(cloud.depth_mm.max()), label, lambda *_: None))
+    pipeline.start()
+    busy, newest = [], 0
+    while len(busy) < WORKERS:
+        newest += 1
+        rig.put(newest)
+        busy.append(begun.get(timeout=60))
+    assert busy == list(range(1, WORKERS + 1))
+    for _ in range(5):
+        for _ in range(rng.integers(1, 5)):
+            newest += 1
+            rig.put(newest)
+        may_end[busy.pop(rng.integers(len(busy)))].set()
+        busy.append(begun.get(timeout=60))
+        assert busy[-1] == newest
+    shown = pipeline.frames.count
+    may_end[newest].set()
+    assert pipeline.frames.after(shown, 60)[1].moment.frame.index == newest
+    for number in busy:
+        may_end[number].set()
+    rig.moments.end()
+    pipeline.close()
+    assert pipeline.error is None and pipeline.frames.after(0, 0)[1].moment.frame.index == newest
 
 
 def test_a_session_is_played_back_as_lines_of_joints(annotate_cloud, rig_session):

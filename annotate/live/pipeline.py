@@ -1,7 +1,7 @@
-"""The newest moment of a rig fused and labelled again and again, by two threads: one surveys, one labels.
+"""The newest moment of a rig fused and labelled again and again, by threads that take turns.
 
-Nothing queues up: a moment that comes while both are busy is looked at only if no newer one has come when one
-of them is free.
+Nothing queues up: whoever is free takes the newest moment and makes it a labelled frame without a pause, so
+that a frame shown is never older than the labelling of one, and the moment it waited for.
 """
 
 import threading
@@ -9,8 +9,6 @@ import time
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from queue import Empty, Full, Queue
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +19,7 @@ from annotate.label_source import calibrated, labels_of
 from annotate.live.complaint import Complaint, Standing
 from annotate.live.drift_watch import DriftWatch
 from annotate.live.frame_complaints import color_complaint, person_complaints
-from annotate.live.live_frame import Labelling, LiveFrame, Rig
+from annotate.live.live_frame import Labelling, LiveFrame, Rig, Stance
 from annotate.live.rig_complaints import rig_complaints
 from annotate.live.shift_watch import ShiftWatch
 from annotate.person.extract import PersonMask
@@ -29,20 +27,25 @@ from annotate.segmentation.segment import Segmentation
 from sensors.errors import CloudError, FormatError
 from sensors.recording.moments import Moment
 from sensors.recording.newest import Newest
+from sensors.rig.frame import RigFrame
 
 WAIT_S = 0.1
 """Seconds after which a waiting thread checks whether it is to end. Chosen by eye."""
+WORKERS = 2
+"""Frames labelled at once, each by one thread from its images to its labels. Chosen for two cores."""
+MOST_APART_S = 0.5
+"""Most seconds from the beginning of one frame to that of the next where there are moments. Chosen by eye:
+the first frames take long, since kernels and networks are loaded."""
 LATENCIES = 1000
 """Frames whose latencies are kept. Chosen by eye: half a minute."""
 
 
 @dataclass(frozen=True)
-class _Surveyed:
-    """survey: None where nothing could be made of the frame. unreadable: why, or what was left out; or ""."""
+class _Fused:
+    """A fused moment. left_out: notes on what its cloud lacks; unreadable: what could not be read, or ""."""
 
     moment: Moment
     cloud: ThermalCloud
-    survey: Any
     left_out: list[str]
     unreadable: str = ""
 
@@ -62,12 +65,17 @@ class LivePipeline:
         self.said: dict[str, str] = {}
         self.error: Exception | None = None
         self._labelling, self._fuser = labelling, Fuser(rig.calibration)
-        self._surveyed = Queue[_Surveyed | None](1)
+        self._taking, self._showing = threading.Lock(), threading.Lock()
+        self._taken, self._next_s, self._each_s = 0, 0.0, 0.0
+        self._before: FrameLabels | None = None
+        self._shown_ns = 0
         self._stop = threading.Event()
         self._standing, self._shift = Standing(), ShiftWatch()
         self._drift = DriftWatch(rig.calibration)
-        works = self._survey_all, self._label_all
-        self._threads = [threading.Thread(target=work, name=work.__name__, daemon=True) for work in works]
+        self._threads = [
+            threading.Thread(target=self._work, name=f"label {i}", daemon=True) for i in range(WORKERS)
+        ]
+        self._working = len(self._threads)
 
     def start(self) -> None:
         """Begin to label."""
@@ -75,110 +83,103 @@ class LivePipeline:
             thread.start()
 
     def close(self) -> None:
-        """End both threads; idempotent."""
+        """End the threads; idempotent."""
         self._stop.set()
         for thread in self._threads:
             if thread.is_alive():
                 thread.join()
 
-    # The surveying thread
+    # The threads
 
-    def _survey_all(self) -> None:
-        seen, moments = 0, self.rig.moments
+    def _work(self) -> None:
         try:
             while not self._stop.is_set():
-                newest = moments.after(seen, WAIT_S)
-                if newest is not None:
-                    seen, moment = newest
-                    self._hand_on(self._survey(moment))
-                elif moments.ended:
+                taken = self._take()
+                if taken is not None:
+                    begun_s = time.monotonic()
+                    self._label(self._fused(*taken))
+                    self._each_s = time.monotonic() - begun_s
+                elif self.rig.moments.ended:
                     break
         except Exception as error:  # whoever looks raises it: here it would die with the thread
-            self.error = error
-        self._hand_on(None)
+            self.error = self.error or error
+            self._stop.set()
+        finally:
+            with self._showing:
+                self._working -= 1
+                if not self._working:
+                    self.frames.end()
 
-    def _hand_on(self, surveyed: _Surveyed | None) -> None:
-        while not self._stop.is_set():
-            try:
-                self._surveyed.put(surveyed, timeout=WAIT_S)
-                return
-            except Full:
-                continue
+    def _take(self) -> tuple[Moment, RigFrame, list[str]] | None:
+        """The newest moment that nobody has taken, its frame and notes on what is left out of it.
 
-    def _survey(self, moment: Moment) -> _Surveyed:
-        frame, left_out = calibrated(moment.frame, self._fuser.calibration)
-        frame = self._drift.corrected(moment, frame)
-        unreadable = ""
+        Frames begin evenly spaced, so that they are shown evenly. None when there is none for some time.
+        """
+        with self._taking:
+            self._stop.wait(max(0.0, self._next_s - time.monotonic()))
+            newest = self.rig.moments.after(self._taken, WAIT_S)
+            if newest is not None:
+                self._taken, moment = newest
+                self._next_s = time.monotonic() + min(self._each_s / WORKERS, MOST_APART_S)
+                frame, left_out = calibrated(moment.frame, self._fuser.calibration)
+                return moment, self._drift.corrected(moment, frame), left_out
+        with self._showing:
+            self._stand(rig_complaints(self.rig.health()))
+        return None
+
+    def _fused(self, moment: Moment, frame: RigFrame, left_out: list[str]) -> _Fused:
         try:
-            cloud = self._fuser.fuse_frame(frame)
+            return _Fused(moment, self._fuser.fuse_frame(frame), left_out)
         except FormatError as error:
             # A colour image that was cut off on its way.
-            unreadable = str(error)
             cloud = self._fuser.fuse_frame(replace(frame, color_encoded=None))
+            return _Fused(moment, cloud, left_out, str(error))
+
+    def _label(self, fused: _Fused) -> None:
+        """Label a frame, by the labels shown last, and show it; where it fails, say why."""
+        moment, cloud = fused.moment, fused.cloud
         try:
-            survey = self._labelling.survey(cloud)
+            result, person = self._labelling.label(self._labelling.survey(cloud), self._before)
         except CloudError as error:
-            return _Surveyed(moment, cloud, None, left_out, str(error))
-        return _Surveyed(moment, cloud, survey, left_out, unreadable)
-
-    # The labelling thread
-
-    def _label_all(self) -> None:
-        before: FrameLabels | None = None
-        try:
-            while not self._stop.is_set():
-                try:
-                    surveyed = self._surveyed.get(timeout=WAIT_S)
-                except Empty:
-                    self._stand(rig_complaints(self.rig.health()))
-                    continue
-                if surveyed is None:
-                    break
-                before = self._label(surveyed, before)
-        except Exception as error:  # as above
-            self.error = self.error or error
-        finally:
-            self.frames.end()
-
-    def _label(self, surveyed: _Surveyed, before: FrameLabels | None) -> FrameLabels | None:
-        """Label a frame and show it; its labels, None where they failed."""
-        moment, cloud = surveyed.moment, surveyed.cloud
-        if surveyed.survey is None:
-            self._left_out(surveyed.unreadable)
-            return None
-        try:
-            result, person = self._labelling.label(surveyed.survey, before)
-        except CloudError as error:
-            self._left_out(str(error))
-            return None
-        labels = labels_of(f"{moment.frame.index:06d}", cloud.depth_mm, result, person, surveyed.left_out)
+            with self._showing:
+                self._before = None
+                self._stand([*rig_complaints(self.rig.health()), Complaint("frame", str(error))])
+            return
+        labels = labels_of(f"{moment.frame.index:06d}", cloud.depth_mm, result, person, fused.left_out)
         stance = self._labelling.stance(labels, cloud.camera)
-        health = self.rig.health()
-        made = [*rig_complaints(health), *self._of_frame(surveyed, person, result)]
-        self._stand(made)
+        with self._showing:
+            if moment.arrival_ns >= self._shown_ns:
+                self._show(fused, labels, stance, person, result)
+
+    def _show(
+        self,
+        fused: _Fused,
+        labels: FrameLabels,
+        stance: Stance | None,
+        person: PersonMask,
+        result: Segmentation,
+    ) -> None:
+        moment, cloud, health = fused.moment, fused.cloud, self.rig.health()
+        self._stand([*rig_complaints(health), *self._of_frame(fused, person, result)])
+        self._before, self._shown_ns = labels, moment.arrival_ns
         latency_ms = (time.monotonic_ns() - moment.arrival_ns) * 1e-6
         self.latencies_ms.append(latency_ms)
         self.frames.put(LiveFrame(moment, cloud, labels, stance, health, self.complaints, latency_ms))
-        return labels
-
-    def _left_out(self, why: str) -> None:
-        """Say why a frame has no labels."""
-        self._stand([*rig_complaints(self.rig.health()), Complaint("frame", why)])
 
     def _stand(self, made: Iterable[Complaint]) -> None:
         """Take the complaints of a moment: of a rig that gives no images, too."""
         self.complaints = self._standing.update(made, time.monotonic())
         self.said |= {complaint.kind: complaint.text for complaint in self.complaints}
 
-    def _of_frame(self, surveyed: _Surveyed, person: PersonMask, result: Segmentation) -> list[Complaint]:
-        moment, cloud = surveyed.moment, surveyed.cloud
+    def _of_frame(self, fused: _Fused, person: PersonMask, result: Segmentation) -> list[Complaint]:
+        cloud = fused.cloud
         made = list(person_complaints(cloud, person.mask))
-        if surveyed.unreadable:
-            made.append(Complaint("frame", surveyed.unreadable))
+        if fused.unreadable:
+            made.append(Complaint("frame", fused.unreadable))
         lit = not {"dark", "glare"} & {complaint.kind for complaint in made}
         if lit and result.reading is not None:
             made += filter(None, [color_complaint(cloud, person.mask, result.reading.model)])
-        made += filter(None, [self._shift.complaint(cloud, person.mask, moment.arrival_ns)])
+        made += filter(None, [self._shift.complaint(cloud, person.mask, fused.moment.arrival_ns)])
         return made
 
     def latency_ms(self, share: float) -> float:
