@@ -16,7 +16,7 @@ import typer
 from typer import Option
 
 from cli.console import clear, finish, progress, say, table
-from sensors.errors import CloudError
+from sensors.errors import CloudError, FormatError
 
 if TYPE_CHECKING:
     from annotate.label_source import Run
@@ -34,15 +34,27 @@ Scheduler = Annotated[
 
 
 def sessions_in(folder: Path, scheduler: str | None) -> dict[str, Path]:
-    """Sessions of a folder by name; none where it is a recording itself.
+    """Sessions of a folder by name; none where it is a recording itself, in one piece or several.
 
     Raises BadParameter where a scheduler is given and there are none.
     """
     recording = not folder.is_dir() or (folder / "metadata.yaml").exists() or (folder / "depth").exists()
     found = {} if recording else {path.stem: path for path in sorted(folder.glob(f"*{SUFFIX}"))}
+    if any(map(_is_piece, found.values())):
+        found = {}
     if scheduler and not found:
         raise typer.BadParameter(f"{folder} is no folder of sessions (*{SUFFIX}); leave out --scheduler")
     return found
+
+
+def _is_piece(file: Path) -> bool:
+    """Whether a file is of another tool's recording, which a killed recorder leaves without its metadata."""
+    from sensors.importers.bags.bag import is_bag
+
+    try:
+        return is_bag(file)
+    except FormatError:
+        return False
 
 
 def label_sets_in(predicted: Path, truth: Path, scheduler: str | None) -> dict[str, tuple[Path, Path]]:

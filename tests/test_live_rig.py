@@ -16,7 +16,14 @@ from annotate.live.rig_complaints import rig_complaints
 from annotate.person.extract import PersonMask
 from annotate.segmentation.segment import unlabelled
 from sensors.device.protocol import DepthImage, DeviceReading, Spot
-from sensors.errors import CloudError, DeviceError, DeviceLostError, DeviceNotFoundError, ExistsError
+from sensors.errors import (
+    CloudError,
+    DeviceError,
+    DeviceFaultError,
+    DeviceLostError,
+    DeviceNotFoundError,
+    ExistsError,
+)
 from sensors.recording.intake import Intake
 from sensors.recording.live_rig import LiveRig
 from sensors.recording.playback import Playback
@@ -209,6 +216,22 @@ def test_a_recording_that_cannot_be_finished_is_trouble(rig_of, tmp_path, monkey
     with pytest.raises(OSError, match="No space"):
         rig.end_recording()
     assert "a.mcap.partial" in rig.health().trouble and rig.health().recording is None
+
+
+def test_what_a_device_sends_wrong_is_said_with_its_remedy(rig_of):
+    camera = Camera()
+    rig = rig_of(camera)
+    wait_for(lambda: rig.moments.count > 3)
+    assert not rig.health().faults
+
+    def faulty(timeout_s: float) -> None:
+        camera._ended.wait(PERIOD_S)
+        raise DeviceFaultError("its gain control is on; switch it off")
+
+    camera.read = faulty
+    wait_for(lambda: bool(rig.health().faults))
+    said = {complaint.kind: complaint.text for complaint in rig_complaints(rig.health())}
+    assert said["fault"] == "its gain control is on; switch it off"
 
 
 def test_a_rig_that_was_never_started_gives_its_devices_back():

@@ -14,6 +14,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
+from cli.sessions import sessions_in
 from sensors.errors import CalibrationError, CloudError, FormatError
 from sensors.importers.bags import ros_messages
 from sensors.importers.bags.bag import Bag, choose_color, choose_depth, described_by, path_between
@@ -287,10 +288,11 @@ def test_a_compressed_bag_is_read(tmp_path, mode):
     assert_realsense(open_source(write_bag(tmp_path / "bag", STORAGES[0], realsense(), mode)))
 
 
-def test_a_bag_whose_recorder_was_killed_is_read(tmp_path):
-    path = write_bag(tmp_path / "bag", STORAGES[0], realsense())
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_bag_whose_recorder_was_killed_is_read_as_one_recording(tmp_path, storage):
+    path = write_bag(tmp_path / "bag", storage, realsense())
     (path / "metadata.yaml").unlink()
-    assert len(open_source(path)) == 3
+    assert len(open_source(path)) == 3 and not sessions_in(path, None)
 
 
 def test_a_ros_1_bag_is_a_source(tmp_path):

@@ -6,7 +6,7 @@ from typing import Literal
 
 Kind = Literal[
     "dark", "glare", "cut off", "far", "shifted", "colours", "flag",
-    "drops", "silent", "clock", "disk", "away", "trouble", "frame",
+    "drops", "silent", "clock", "disk", "away", "trouble", "fault", "frame",
 ]  # fmt: skip
 """Kinds of complaints; of each there is one at a time."""
 HOLD_S = 1.0

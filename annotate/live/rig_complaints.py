@@ -26,6 +26,8 @@ def rig_complaints(health: Health) -> Iterator[Complaint]:
     """All complaints about a rig at one moment."""
     if health.trouble:
         yield Complaint("trouble", health.trouble)
+    if health.faults:
+        yield Complaint("fault", "; ".join(health.faults))
     for address in health.away:
         yield Complaint("away", f"{address} is gone: plug it in again; it is opened as soon as it is there")
     if not health.away:

@@ -10,6 +10,9 @@ from sensors.device.protocol import ColorImage, DepthImage, Spot, ThermalImage, 
 from sensors.recording.host_clock import HostClock
 from sensors.recording.intake import Arrived
 
+FAULT_NS = 500_000_000
+"""How long after it a device's fault is one: half a second, in which a slow camera sends four images. Chosen
+by eye."""
 RECENT_NS = 5_000_000_000
 """Span over which drops and bytes are counted. Chosen by eye."""
 
@@ -37,7 +40,7 @@ class Health:
 
     skew_ppm: how much too fast each device's clock runs. running_s: since the start. recording: the session
     that is written; recorded_s: for how long. disk_minutes: until the disk is full, inf where unknown.
-    trouble: why the last recording ended by itself.
+    trouble: why the last recording ended by itself. faults: what devices sent lately that they must not.
     """
 
     streams: Mapping[str, StreamHealth] = field(default_factory=dict)
@@ -49,6 +52,7 @@ class Health:
     recorded_s: float = 0.0
     disk_minutes: float = math.inf
     trouble: str = ""
+    faults: tuple[str, ...] = ()
 
     @property
     def dropped(self) -> int:

@@ -88,7 +88,8 @@ class Intake:
     """Readings of devices that have started; as a context it reads, and closes the devices at its end.
 
     reopen: opens and starts a device that was lost; without it, a lost device stays lost. streams: what came
-    so far; away: addresses that are lost now. Raises DeviceError where two devices have one stream.
+    so far; away: addresses that are lost now; faults: by address, when a device last sent what it must not,
+    and what. Raises DeviceError where two devices have one stream.
     """
 
     def __init__(self, devices: Sequence[Device], reopen: Callable[[str], Device] | None = None) -> None:
@@ -112,6 +113,7 @@ class Intake:
             name: StreamState(nominal_hz=hz) for device in devices for name, hz in device.rates_hz.items()
         }
         self.away: set[str] = set()
+        self.faults: dict[str, Event] = {}
 
     def __enter__(self) -> "Intake":
         self._threads = [
@@ -162,9 +164,12 @@ class Intake:
                 elif not isinstance(item, DeviceError):
                     raise item
                 else:
-                    if not isinstance(item, DeviceFaultError):
+                    happened = Event(self.now_ns(), str(item))
+                    if isinstance(item, DeviceFaultError):
+                        self.faults[address] = happened
+                    else:
                         self.away.add(address)
-                    yield Event(self.now_ns(), str(item))
+                    yield happened
 
     def _read(self, address: str) -> None:
         """A device's thread."""

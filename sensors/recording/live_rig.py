@@ -11,7 +11,7 @@ from pathlib import Path
 
 from sensors.device.protocol import Device
 from sensors.errors import CloudError, DeviceError, one_line
-from sensors.recording.health import Health, Watch
+from sensors.recording.health import FAULT_NS, Health, Watch
 from sensors.recording.intake import Arrived, Event, Intake
 from sensors.recording.moments import Moment, Moments
 from sensors.recording.newest import Newest
@@ -130,6 +130,11 @@ class LiveRig:
             time.monotonic() - take.started_s if take else 0.0,
             left_s / 60 if self._free_bytes else float("inf"),
             self._trouble,
+            tuple(
+                fault.text
+                for fault in list(self._intake.faults.values())
+                if now_ns - fault.stamp_ns < FAULT_NS
+            ),
         )
 
     # The thread
