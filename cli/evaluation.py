@@ -7,7 +7,7 @@ import typer
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress, provenance, say
-from cli.extras import needing
+from cli.extras import check_extra, needing
 from cli.sessions import Scheduler, each, finish_each, label_sets_in
 from sensors.errors import ExistsError
 from sensors.files.atomic import check_free
@@ -29,9 +29,7 @@ def evaluate(
     json: Json = False,
 ) -> None:
     """Measure labels against the truth, with confidence intervals and the confusion matrix."""
-    with needing("report"):
-        import scipy  # noqa: F401, for the intervals at the end
-
+    check_extra("report", "scipy")
     if pairs := label_sets_in(predicted, truth, scheduler):
         _evaluate_each(pairs, out, title, scheduler, overwrite, json)
         return
@@ -133,13 +131,14 @@ def compare(
     json: Json = False,
 ) -> None:
     """Show by how much result A is better than result B, and how certain that is."""
-    with needing("report"):
-        import scipy  # noqa: F401
-    from cli.score_tables import difference_text
-    from eval.compare.paired import difference
+    check_extra("report", "scipy")
     from eval.compare.results import load_result
 
-    found = difference(load_result(a), load_result(b))
+    first, second = load_result(a), load_result(b)
+    from cli.score_tables import difference_text
+    from eval.compare.paired import difference
+
+    found = difference(first, second)
     if found.note:
         say(found.note)
     finish(found.to_json(), json, difference_text(found))
@@ -185,19 +184,23 @@ def report(
     json: Json = False,
 ) -> None:
     """Write one page with all results beside those of the paper; it opens offline."""
-    # These imports take a second, which the other verbs need not spend.
-    with needing("report"):
-        from eval.report.build import free_outputs, write_report
-        from eval.report.gather import gather
+    check_extra("report", "scipy", "jinja2", "plotly")
     from eval.compare.results import load_result
     from sensors.session.reader import Session
 
     notes, sets = note or [], shown or []
     if len(notes) > len(sets):
         raise typer.BadParameter(f"{len(notes)} notes for {len(sets)} label sets; give --shown for each")
+    check_free(out, overwrite)
+    loaded = [load_result(path) for path in results]
+    # These imports take a second, which a refusal need not spend.
+    with needing("report"):
+        from eval.report.build import free_outputs, write_report
+        from eval.report.gather import gather
+
     free_outputs(out, overwrite)
     material = gather(
-        [load_result(path) for path in results],
+        loaded,
         load_result(ceiling) if ceiling else None,
         [Session(path) for path in session or []],
         history or [],

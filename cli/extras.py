@@ -1,5 +1,6 @@
 """Optional parts of the package: pip install 'annotate-cloud[NAME]'."""
 
+import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -37,3 +38,14 @@ def needing(*extras: str) -> Iterator[None]:
         raise CloudError(
             f"{missing} is not installed; pip install 'annotate-cloud[{','.join(extras)}]'"
         ) from error
+
+
+def check_extra(extra: str, *modules: str) -> None:
+    """Check, without the second that importing them takes, that an extra's modules are there.
+
+    Raises CloudError that names the extra, as ``needing`` does.
+    """
+    with needing(extra):
+        for name in modules:
+            if importlib.util.find_spec(name) is None:
+                raise ModuleNotFoundError(name=name)

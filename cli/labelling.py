@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
-from cli.extras import needing
+from cli.extras import check_extra, needing
 from cli.sessions import Scheduler, label_each, sessions_in
 from sensors.files.atomic import check_free, write_bytes
 from sensors.importers.open_source import open_source
@@ -264,6 +264,10 @@ def fix(
     read_only: Annotated[bool, Option("--read-only", help="Open without changing anything.")] = False,
 ) -> None:
     """Correct part labels in a window; F1 shows the keys. Every stroke is saved at once."""
+    from annotate.labelset.store import LabelSet
+
+    check_extra("gui", "PySide6", "pyvista", "pyvistaqt")
+    LabelSet.open(labels)
     with needing("gui"):
         from annotate.gui.app import run_window
         from annotate.gui.learning import Lesson

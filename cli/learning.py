@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from typer import Argument, Option
 
 from cli.console import Json, finish, progress, say
-from cli.extras import needing
+from cli.extras import check_extra, needing
 
 LOW = 10
 """How much lower its priority is than that of other work, as a niceness. Chosen by eye."""
@@ -28,6 +28,10 @@ def learn(
 
     It runs beside other work. Where the set is open in a window, that takes the labels over.
     """
+    from annotate.labelset.store import LabelSet
+
+    check_extra("train", "torch", "onnx", "safetensors")
+    LabelSet.open(labels)
     with needing("train"):
         import torch
 

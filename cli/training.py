@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, clear, finish, progress, say
-from cli.extras import needing
+from cli.extras import check_extra, needing
 from sensors.errors import CloudError
 
 if TYPE_CHECKING:
@@ -74,6 +74,11 @@ def train(
 ) -> None:
     """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
     started, tests = time.monotonic(), test or []
+    from annotate.labelset.frames import open_frames
+
+    check_extra("train", "torch", "onnx", "safetensors")
+    for path in (*data, *tests):
+        open_frames(path)
     with needing("train"):
         from eval.network.onnx_network import SHIPPED_WEIGHTS
         from eval.training.crops import load_crops
@@ -196,15 +201,21 @@ def train_labels(
     json: Json = False,
 ) -> None:
     """Fit the labelling to another suit or rig, for 'label --weights'. Needs the extra 'train'."""
+    from annotate.labelset.store import LabelSet
+
+    check_extra("train", "torch", "onnx", "safetensors")
     with needing("train", "synth"):
-        from eval.training.engine_data import Recording
-        from eval.training.fit_engine import PLAN, train_labels
         from synth.rig.simulate import suit_path, truth_path
     if truth and len(truth) != len(sessions):
         raise CloudError(f"{len(truth)} label sets for {len(sessions)} recordings; give one --truth for each")
     known = truth or [truth_path(session) for session in sessions]
     suits = [suit or suit_path(session) for session in sessions]
     triples = list(zip(sessions, known, suits, strict=True))
+    for path in known:
+        LabelSet.open(path)
+    with needing("train", "synth"):
+        from eval.training.engine_data import Recording
+        from eval.training.fit_engine import PLAN, train_labels
     clear(out, PLAN, overwrite, *(path for triple in triples for path in triple))
     done = train_labels([Recording.open(*triple) for triple in triples], out, seed, progress)
     result = {

@@ -144,3 +144,9 @@ def test_what_is_pinned_runs_on_the_oldest_python_there_is_in_debian_12():
         and "3.11.2" not in SpecifierSet(wanted)
     ]
     assert not refusing
+
+
+def test_the_version_is_the_same_wherever_it_stands():
+    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.M)
+    told = re.search(r"^## (\d+\.\d+\.\d+), ", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert cited and told and PROJECT["version"] == cited[1] == told[1]
