@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from annotate.live.rig_complaints import rig_complaints
 from cli.console import say
 from cli.rig_devices import open_rig
 from sensors.calibrate.bundle import Adjusted
@@ -24,6 +25,9 @@ from sensors.session.writer import SessionWriter
 
 STILL_PX = 1.0
 """Pixels of the depth camera by which the plate may move between two looks: more, and it is in motion."""
+
+MOST_BLIND = 30
+"""Frames in a row without infrared, which a camera's first may lack, after which none is to come. By eye."""
 
 
 def guided_calibration(
@@ -118,14 +122,27 @@ def check_infrared(session: Session) -> None:
 
 
 def rig_frames(running: LiveRig) -> Iterator[RigFrame]:
-    """The newest frame of a rig again and again; it runs until the last is taken. Raises what ended it."""
+    """The newest frame of a rig again and again; it runs until the last is taken. Raises what ended it.
+
+    Says what is wrong with a rig that gives none. Raises CalibrationError where none has infrared.
+    """
     running.start()
-    seen = 0
+    seen, blind, told = 0, 0, set[str]()
     try:
         while not running.moments.ended:
-            if (newest := running.moments.after(seen, 0.5)) is not None:
-                seen, moment = newest
-                yield moment.frame
+            if (newest := running.moments.after(seen, 0.5)) is None:
+                wrong = [one for one in rig_complaints(running.health()) if one.kind not in told]
+                told |= {one.kind for one in wrong}
+                for one in wrong:
+                    say(one.text)
+                continue
+            seen, moment = newest
+            blind = 0 if moment.frame.infrared is not None else blind + 1
+            if blind == MOST_BLIND:
+                raise CalibrationError(
+                    f"the depth camera of {running.name!r} gives no infrared, in which the plate is found"
+                )
+            yield moment.frame
     finally:
         running.close()
     if running.error is not None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -14,6 +15,9 @@ from sensors.calibrate.guide import ENOUGH_VIEWS, TILTS, Room, Wish, guide, is_n
 from sensors.calibrate.hole_plate import HolePlate
 from sensors.calibrate.plate_view import CAMERAS, PlateView
 from sensors.errors import CalibrationError
+from sensors.recording.health import Health
+from sensors.recording.moments import Moment
+from sensors.recording.newest import Newest
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.rig.camera import project
 from sensors.rig.frame import RigFrame
@@ -138,6 +142,25 @@ def test_a_frame_that_came_cut_off_is_passed_over(held, monkeypatch, tmp_path, c
     broken = replace(frame(0), color_encoded=b"\xff\xd8\xff")
     now = cli.guided.guided(iter([broken, frame(1)]), PLATE, RIG, tmp_path / "guide.png", None)
     assert len(now.seen) == 1 and "cannot be decoded" in capsys.readouterr().err
+
+
+def test_a_rig_that_shows_no_plate_says_why(capsys):
+    depth = np.full((2, 2), 900, np.uint16)
+
+    class Blind(Newest):
+        waits = 2
+
+        def after(self, seen, timeout_s):
+            self.waits -= 1
+            return None if self.waits >= 0 else (seen + 1, Moment(RigFrame(seen, 1, depth), 1, 1))
+
+    silent = Health(away=("kinect2:1",))
+    rig = SimpleNamespace(
+        name="ward", moments=Blind(), error=None, start=str, close=str, health=lambda: silent
+    )
+    with pytest.raises(CalibrationError, match="'ward' gives no infrared"):
+        list(cli.guided.rig_frames(rig))
+    assert capsys.readouterr().err.count("kinect2:1 is gone") == 1
 
 
 def test_only_a_plate_that_is_held_still_is_taken(held, monkeypatch, tmp_path):
