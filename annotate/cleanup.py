@@ -1,4 +1,4 @@
-"""Labels with holes filled or islands given away, and the parts that a selection touches."""
+"""Clean-up of labels: holes filled, islands given to their neighbours; the parts that a selection touches."""
 
 import cv2
 import numpy as np
@@ -67,7 +67,7 @@ def tidied(parts: UInt8, depth_mm: UInt16) -> UInt8:
 
 
 def without_islands(parts: UInt8, depth_mm: UInt16, least_px: int = LEAST_PIECE_PX) -> UInt8:
-    """Labels uint8 (h, w) with the small islands of every body part given away.
+    """Labels uint8 (h, w) with the small islands of every body part given to a neighbour.
 
     An island is a piece under ``least_px`` pixels, not its part's largest. It goes to the label that it
     touches most at its depth; an island without contact goes to the background.

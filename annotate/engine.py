@@ -132,7 +132,7 @@ def weights_of(arrays: dict[str, NDArray[np.generic]]) -> Weights:
 
 @dataclass(frozen=True)
 class Engine:
-    """How labels are made: the steps that run, and their weights."""
+    """Engine that makes labels: the steps that run, and their weights."""
 
     steps: Steps = Steps()
     weights: Weights = field(default_factory=shipped_weights)

@@ -35,8 +35,8 @@ def calibrate(
         bool,
         Option(
             "--live",
-            help="Say and draw which view of the plate is wanted next, and stop when they are enough: of the "
-            "rig or devices, or of the session's frames one after another.",
+            help="Guide you: say and draw which view of the plate is needed next, and stop when the "
+            "calibration is good. Views come from the rig or devices, or else from the session.",
         ),
     ] = False,
     rig: Annotated[Path | None, Option(help="Rig file (TOML), for --live.")] = None,
@@ -58,9 +58,9 @@ def calibrate(
         _check(Session(board), json)
         return
     if out is None:
-        raise typer.BadParameter("name a file for the calibration, or pass --check", param_hint="--out")
+        raise typer.BadParameter("give a file for the calibration, or --check", param_hint="--out")
     if not live and (rig is not None or device):
-        raise typer.BadParameter("only --live asks a rig; or record the plate first", param_hint="--rig")
+        raise typer.BadParameter("needs --live; without it, record the plate first", param_hint="--rig")
     plot = out.with_suffix(".png")
     for path in (out, plot, *([yaml] if yaml else [])):
         check_free(path, overwrite)

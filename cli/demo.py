@@ -20,7 +20,7 @@ def demo(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Run the whole path on the virtual rig and end with a report."""
+    """Run all steps on the virtual rig, from recording to report."""
     with needing("synth", "network", "report"):
         import onnxruntime  # noqa: F401, fails before the rig records rather than after
 

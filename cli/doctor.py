@@ -91,7 +91,7 @@ def _kinect2() -> Finding:
 
 
 def _screen() -> Finding:
-    cost = "no correction window (fix)"
+    cost = "no windows (fix, live)"
     if find_spec("PySide6") is None:
         found = "not tested without the extra gui"
         return Finding("screen", False, found, cost, "pip install 'annotate-cloud[gui]'")

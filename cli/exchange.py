@@ -60,7 +60,7 @@ def export(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Write a label set in another tool's format; import reads it back, but for foxglove."""
+    """Write a label set in another tool's format; import reads it back, except foxglove."""
     from annotate.exchange.formats import export_labels
     from annotate.labelset.store import LabelSet
 
@@ -69,7 +69,7 @@ def export(
         _export_foxglove(label_set, session, out, overwrite, json)
         return
     if session is not None:
-        raise BadParameter(f"only {FOXGLOVE} takes it", param_hint="--session")
+        raise BadParameter(f"only --format {FOXGLOVE} uses it", param_hint="--session")
     with progress("export", len(label_set)) as advance:
         lost = export_labels(label_set, out, format_, advance, overwrite=overwrite)
     if lost:
@@ -91,7 +91,7 @@ def _export_foxglove(
     for remark in remarks:
         say(remark)
     if session is None:
-        say("no recording beside the labels: no colours and temperatures; name it with --session")
+        say("no recording beside the labels, so no colours and temperatures; give one with --session")
     result = {"frames": len(labels), "format": FOXGLOVE, "path": str(out), "remarks": remarks}
     finish(result, json, f"{len(labels)} frames as {FOXGLOVE} in {out}")
 

@@ -7,16 +7,16 @@ from contextlib import contextmanager
 from sensors.errors import CloudError
 
 COSTS = {
-    "gui": "no correction window (fix)",
+    "gui": "no windows (fix, live)",
     "synth": "no virtual rig (simulate, virtual devices), no datasets (synth generate), no markers (solve)",
     "bodies": "no new bodies (synth bodies); the shipped ones work",
-    "network": "no labels from a network (predict)",
+    "network": "no labels from a network (predict, live)",
     "report": "no intervals and no report (evaluate, compare, report); diff works",
     "rig": "no calibration (calibrate) and no palettes learnt from labels or photographs (suit learn)",
     "clouds": "no PCD and PLY clouds",
     "exchange": "no ROS 2 bags, LAS, LAZ or Parquet",
     "foxglove": "no stream for Foxglove (live --serve); export --format foxglove works",
-    "train": "no training (train, train-labels); predict only needs the extra network",
+    "train": "no training (train, train-labels, learn); predict only needs the extra network",
     "smp": "no training of networks from segmentation-models-pytorch (train --network smp)",
     "cluster": "no work on several machines (synth generate, label, predict, evaluate with --scheduler)",
     "kinect": "no Azure Kinect as a device; its recordings can be imported",

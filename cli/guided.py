@@ -58,7 +58,7 @@ def guided_calibration(
     if now.found is None:
         raise CalibrationError(
             f"{len(now.seen)} views of the plate were taken, which are too few; hold it as {picture} shows, "
-            "still and before a warm backing, until all cameras see every hole"
+            "still and in front of something warm, until all cameras see every hole"
         )
     return now.found
 
@@ -98,7 +98,7 @@ def guided(
                 break
             before = view
     except KeyboardInterrupt:
-        say("ended by hand")
+        say("stopped by Ctrl-C")
     return now
 
 

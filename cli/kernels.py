@@ -15,7 +15,7 @@ IMAGES = 24
 
 
 def compile_(json: Json = False) -> None:
-    """Compile the numerical kernels for this machine, once: no verb has to wait for the compiler then."""
+    """Compile the numerical kernels once, so that no verb has to wait for the compiler later."""
     with needing("synth"):
         from synth.images.workers import processes
     started = time.monotonic()

@@ -241,7 +241,9 @@ def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":
 
     if holds_frames(source):
         if everybody:
-            raise typer.BadParameter("labels keep their outlines of one person; give --everybody a recording")
+            raise typer.BadParameter(
+                "--everybody needs a recording; label sets keep their outline of one person"
+            )
         from eval.network.predict import check_alone
 
         labels = open_frames(source)

@@ -24,9 +24,9 @@ def learn(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Learn from corrected frames, and label those again that nobody has worked on. Needs the extra 'train'.
+    """Train the network on corrected frames, then label the untouched frames again. Needs the extra 'train'.
 
-    It runs beside other work. Where the set is open in a window, that takes the labels over.
+    It runs at low priority on one core. If the set is open in a window, the window takes over the new labels.
     """
     from annotate.labelset.store import LabelSet
 
@@ -56,7 +56,7 @@ def learn(
     if done.before is not None and done.after is not None:
         text += f"; right on {done.held_out} held out: {done.before:.1%} before, {done.after:.1%} after"
     if not done.better:
-        say("the labels stay as they are: on frames held out the network is no better; correct more frames")
+        say("the labels stay: the network is no better on the frames held out; correct more frames")
     else:
         taken = _taken_over(labels, done.labels)
         result |= taken
@@ -77,6 +77,6 @@ def _taken_over(labels: Path, learnt: Path) -> dict[str, Any]:
         with Correction.open(labels) as correction:
             step = relabel(correction, LabelSet.open(learnt))
     except ClaimedError:
-        say(f"{labels} is open elsewhere: its window takes the labels over, or the same command later")
+        say(f"{labels} is open elsewhere: its window takes over the labels, or give the command again later")
         return {}
     return {"relabelled": step.frames, "changed": round(step.changed, 6), "text": step.text}

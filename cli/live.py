@@ -14,7 +14,7 @@ def live(
     rig: Annotated[Path | None, Option(help="Rig file (TOML): devices and calibration.")] = None,
     device: Annotated[list[str] | None, Option(help="Address, as `devices` lists it; repeatable.")] = None,
     suit: Annotated[
-        Path | None, Option(help="Palette of the suit worn (TOML). Without: parts by the network.")
+        Path | None, Option(help="Palette of the suit (TOML). Default: parts from the network.")
     ] = None,
     record: Annotated[Path | None, Option(help="Session to record from the start.")] = None,
     subject: Annotated[str, Option(help="Name of the person, for the recording.")] = "",
@@ -29,9 +29,9 @@ def live(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Show a running rig, or a session as if it ran: person, parts, joints, and what is wrong with it."""
+    """Label a running rig live, or play a session; show parts, joints, and what is wrong with the rig."""
     if sum((session is not None, rig is not None, bool(device))) != 1:
-        raise DeviceError("nothing to look at; give a session, --rig, or one or more --device")
+        raise DeviceError("nothing to show; give either a session, --rig, or one or more --device")
     from cli.live_view import watch
 
     watch(session, rig, device, suit, record, subject, no_window, serve, port, seconds, overwrite, json)

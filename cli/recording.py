@@ -30,9 +30,9 @@ def record(
         bool, Option("--infrared", help="Record infrared images too, for calibrate.")
     ] = False,
     preview: Annotated[
-        bool, Option("--preview", help="Show what is recorded in the window of `live`; closing it ends it.")
+        bool, Option("--preview", help="Show the window of `live`; closing it ends the recording.")
     ] = False,
-    suit: Annotated[Path | None, Option(help="Palette of the suit worn (TOML), for --preview.")] = None,
+    suit: Annotated[Path | None, Option(help="Palette of the suit (TOML), for --preview.")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -151,14 +151,14 @@ def _report(out: Path, done: "Recorded", json: bool) -> None:
 
 
 def devices(json: Json = False) -> None:
-    """List devices that are plugged in, virtual ones, and what each kind needs and was tested with."""
+    """List connected and virtual devices, and what each kind needs and was tested with."""
     from sensors.recording.open_device import find_devices
 
     found = find_devices()
     title = "no device is plugged in; virtual devices:" if all(one.virtual for one in found) else ""
     rows = [(one.address, one.serial, one.note) for one in found]
     kinds = [(kind, known.needs.replace("`", ""), known.tested) for kind, known in KINDS.items()]
-    title_of_kinds = "what can be connected; no driver has ever met its hardware, but:"
+    title_of_kinds = "what can be connected (no driver has been run on hardware yet):"
     text = table(("address", "serial", "note"), rows, title)
     text += "\n" + table(("kind", "needs", "tested with"), kinds, title_of_kinds)
     answer = {"devices": [asdict(one) for one in found], "kinds": {k: v._asdict() for k, v in KINDS.items()}}

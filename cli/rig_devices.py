@@ -90,5 +90,5 @@ def _calibration(rig: RecordingRig, devices: list[Device], shown: Shown | None) 
     factory = next((one.calibration for one in devices if one.calibration is not None), None)
     if factory is None:
         raise CalibrationError("no device reports depth intrinsics; name a calibration in a --rig file")
-    say("no calibration but the depth camera's own; run `calibrate` for the other cameras")
+    say("only the depth camera's own calibration is known; run `calibrate` for the other cameras")
     return factory

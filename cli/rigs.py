@@ -32,7 +32,7 @@ def rig(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """List common rigs, or write one's rig file, its hole plate to print, and what to do with them."""
+    """List common rigs, or write the files of one: rig file, rough calibration, printable hole plate."""
     from sensors.recording.rig_templates import TEMPLATES, template_named
 
     if name is None:
@@ -109,7 +109,7 @@ def rig_file(rig: "RigTemplate") -> str:
 #    Hold it still, {expected["plate_m"]} m away, in forty positions: tilted, and out to the images' corners.
 # 4. annotate-cloud calibrate board.mcap --out {CALIBRATION} --overwrite{plate_options}
 # 5. annotate-cloud record people.mcap --rig {RIG}
-#    annotate-cloud label people.mcap --out labels
+#    annotate-cloud label people.mcap --suit suit.toml --out labels    (predict, without a suit)
 #
 # At 2 m a depth reading is off by {rig.depth_sd_mm:g} mm (one sd), and a thermal pixel is
 # {expected["thermal_pixel_mm"]:g} mm wide.

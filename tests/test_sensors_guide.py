@@ -187,4 +187,4 @@ def test_calibrate_live_stops_when_it_is_enough(annotate_cloud, held, late, monk
     few = annotate_cloud(
         "calibrate", tmp_path / "board.mcap", "--out", tmp_path / "r.json", "--rig", "r.toml"
     )
-    assert few.code == 2 and "only --live asks a rig" in few.err.replace("\n", " ")
+    assert few.code == 2 and "needs --live" in few.err.replace("\n", " ")

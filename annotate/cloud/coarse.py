@@ -1,4 +1,4 @@
-"""A frame's cloud of every second pixel or so: a quarter of the work where no finer outline is needed.
+"""Coarse cloud of a frame: every second pixel or so, a quarter of the work if no fine outline is needed.
 
 Of each square of pixels the first with a reading stands for all. What is found in the coarse cloud is given
 back to the whole image by depth: a pixel goes with the nearest of the points around it on its surface.

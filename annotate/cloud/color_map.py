@@ -1,4 +1,4 @@
-"""Colours of values that are none themselves: temperatures, distances."""
+"""Colour maps for values that are not colours: temperatures, distances."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""What is left to do on a label set: a reviewer's queue with its reasons, progress, and the time left."""
+"""Remaining work on a label set: a reviewer's queue with its reasons, progress, and the time left."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Frames that nobody has worked on get the labels of a network that has learnt, as one step of the journal.
+"""Relabelling: untouched frames get the labels of a network that has learnt, as one step of the journal.
 
 Every such frame gets one entry ``relabel`` that names the step; all entries of a step come to the disk
 together. Taking a step back is a step of the same kind, back to the labels before. What a person has worked

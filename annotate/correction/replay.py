@@ -1,4 +1,4 @@
-"""What a journal makes of a frame: its labels, exactly, its state and its notes."""
+"""Replay of a journal: the exact labels, the state and the notes of a frame."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The hand of the simulated annotator: its lines round and over a patch, and their errors."""
+"""Hand of the simulated annotator: the lines it draws around and over a patch, and their errors."""
 
 from dataclasses import dataclass
 

@@ -1,1 +1,1 @@
-"""Label sets in other tools' formats: one file a format, its writer and its reader beside each other."""
+"""Label sets in other tools' formats: one file per format, with its writer and its reader."""

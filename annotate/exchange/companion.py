@@ -1,4 +1,4 @@
-"""What no image format has room for, in one JSON file beside the images: camera, subjects, statuses, notes.
+"""Companion file: what image formats cannot hold, as JSON beside them (camera, subjects, statuses, notes).
 
 Every exported folder has ``annotate-cloud.json``, which other tools ignore. A folder without it, written by
 another tool, is read too, given ``intrinsics.json``.

@@ -25,7 +25,7 @@ Reader = Callable[[Path, Companion], Iterator[FrameLabels]]
 
 @dataclass(frozen=True)
 class Format:
-    """One format. lacks: what of a label set it cannot carry; the rest comes back to the bit.
+    """One format. lacks: what it cannot carry of a label set; the rest comes back bit for bit.
 
     write: fills an empty folder with frames of one camera. read: frames one by one. companion: of a folder.
     """

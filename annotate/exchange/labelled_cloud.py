@@ -1,4 +1,4 @@
-"""Labelled organised point clouds, one file a frame: PCD and PLY.
+"""Labelled organised point clouds, one file per frame: PCD and PLY.
 
 Every pixel is a point, row by row, in the camera frame in metres, NaN where there is no depth; with
 ``label`` (part id), ``rgb`` or ``red green blue`` (the part's colour), and where the label set has them
@@ -56,7 +56,7 @@ PLY = CloudFile(".ply", "u1", _separate, write_ply, read_ply)
 
 
 def write_clouds(kind: CloudFile, frames: Iterator[FrameLabels], camera: Intrinsics, out: Path) -> None:
-    """Write one file a frame into an empty folder."""
+    """Write one file per frame into an empty folder."""
     for frame in frames:
         records = _records(frame, camera, kind)
         (out / f"{frame.frame_id}{kind.suffix}").write_bytes(kind.write(records, frame.parts.shape))

@@ -1,4 +1,4 @@
-"""A stream of labelled moments over Foxglove's WebSocket protocol, for its app and anybody's client."""
+"""Stream of labelled moments over Foxglove's WebSocket protocol, for its app or any other client."""
 
 from types import TracebackType
 from typing import Self
@@ -49,7 +49,7 @@ class FoxgloveServer:
             )
         except (RuntimeError, OverflowError) as error:
             why = str(error).removeprefix("FoxgloveError: ")
-            raise CloudError(f"port {port} cannot be served ({why}); give another by --port") from error
+            raise CloudError(f"port {port} cannot be served ({why}); choose another with --port") from error
         self.port = self._server.port
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""A person's joints as a Foxglove scene: a ball a joint, a line a bone in the colour of its part."""
+"""A person's joints as a Foxglove scene: a sphere per joint, a line per bone in the colour of its part."""
 
 from collections.abc import Mapping, Sequence
 

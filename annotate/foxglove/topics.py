@@ -60,7 +60,7 @@ class Shown:
     """One moment, labelled. stamp_ns: the depth camera's time; parts: uint8 (h, w) of the cloud's pixels.
 
     calibration: of the rig that recorded it. color_encoded, thermal_c: as ``RigFrame`` has them.
-    joints_mm: places (x, y, z) by joint, depth camera, millimetres; None where nobody knows them.
+    joints_mm: places (x, y, z) by joint, depth camera, millimetres; None if unknown.
     events: (stamp in nanoseconds, text) of what happened since the moment before.
     """
 

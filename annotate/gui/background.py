@@ -1,4 +1,4 @@
-"""Work that takes long, beside the window: one piece at a time, its result on the window's thread."""
+"""Background work of the window: one task at a time, its result handed to the window's thread."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

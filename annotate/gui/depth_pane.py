@@ -1,4 +1,4 @@
-"""The depth image in 2D: the parts over it, painting as in 3D, zoom and shift of its own."""
+"""The depth image in 2D with the parts over it: painting as in 3D, its own zoom and shift."""
 
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF, Qt, Signal

@@ -274,7 +274,7 @@ class Desk(Sight):
 
     def redo(self) -> Done:
         """Do again what was undone last."""
-        return self._again(self._editor().redo(self._key(keys=3)), "given again", "Nothing to redo")
+        return self._again(self._editor().redo(self._key(keys=3)), "restored", "Nothing to redo")
 
     def _again(self, stroke: Stroke | None, verdict: str, nothing: str) -> Done:
         if stroke and not stroke.changes:
@@ -318,7 +318,7 @@ class Desk(Sight):
             return "There is no point inside"
         if not taken.any():
             if drawing.only:
-                return "Nothing inside is of the part at the start"
+                return "Nothing inside belongs to the part at the start"
             return "Only the room is inside: hold Shift and start on it to add it to the body"
         return self._locked() if self.locks else self._already(self.part)
 

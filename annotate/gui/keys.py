@@ -87,7 +87,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("room", "6", "Tools", "Room too", "The room too, not only the body"),
     Command("cancel", "Esc", "Tools", "Cancel", "Cancel the stroke or the preview"),
     Command("undo", "Ctrl+Z", "Edit", "Undo", "Undo strokes and verdicts, without limit", repeats=True),
-    Command("redo", "Ctrl+Shift+Z", "Edit", "Redo", "Do it again", "Ctrl+Y", repeats=True),
+    Command("redo", "Ctrl+Shift+Z", "Edit", "Redo", "Redo what was undone", "Ctrl+Y", repeats=True),
     Command("swap", "V", "Edit", "Swap left/right", "Swap left and right of the limb under the pointer"),
     Command("neighbour", "5", "Edit", "To neighbour", "Give the patch under the pointer to its neighbour"),
     Command("merge", "Ctrl+E", "Edit", "Merge part", "Turn the part under the pointer into the chosen one"),
@@ -168,7 +168,7 @@ def load_settings(path: Path) -> Settings:
     """
     if not path.exists():
         return Settings()
-    fields = read_toml(path, MAX_TOML_BYTES, "mend or remove it", CloudError)
+    fields = read_toml(path, MAX_TOML_BYTES, "correct or remove it", CloudError)
     theme, layout = fields.pop("theme", "system"), fields.pop("layout", "qwerty")
     keys = fields.pop("keys", {})
     if fields:

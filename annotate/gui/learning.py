@@ -1,4 +1,4 @@
-"""Learning beside the work: another process learns, and the window takes its labels over when it is done."""
+"""Learning in the background: another process learns, and the window takes over its labels at the end."""
 
 import json
 from collections.abc import Callable
@@ -54,7 +54,7 @@ class Learner(QObject):
         if self._lesson is None:
             return Done("Nothing here can learn: open the set with annotate-cloud fix", "warn")
         if self.running:
-            return Done(f"Learning goes on: {self._errors or 'it has just begun'}")
+            return Done(f"Still learning: {self._errors or 'it has just begun'}")
         self._errors = ""
         program, *arguments = self._lesson.command
         self._process.start(program, arguments)
@@ -118,7 +118,7 @@ class Learner(QObject):
             read = window.walk.read(window.frame_id), window.walk.parts_before(window.frame_id)
             window.act(partial(window.show_anew, read, Done(str(error), "bad")))
 
-        window.busy("Labels of what was learnt…", work, then, failed)
+        window.busy("Taking over the learnt labels…", work, then, failed)
 
     def _show(self, done: Done) -> None:
         self._window.status.show_done(done, self._window.theme)

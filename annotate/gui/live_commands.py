@@ -7,8 +7,8 @@ from pathlib import Path
 from annotate.gui.keys import Command
 
 COMMANDS = (
-    Command("record", "Space", "Recording", "Record", "Begin a recording, or end it"),
-    Command("mark", "M", "Recording", "Mark an event…", "Note what happens now, with a word"),
+    Command("record", "Space", "Recording", "Record", "Start or stop recording"),
+    Command("mark", "M", "Recording", "Mark an event…", "Mark what happens now with a short text"),
     Command("name", "N", "Recording", "Name of the person…", "Written into the next recording"),
     Command("ahead", "A", "View", "From the camera", "Show the person as the depth camera sees them"),
     Command("colouring", "C", "View", "Next colouring", "Temperature, colour, parts or depth of the cloud"),

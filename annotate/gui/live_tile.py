@@ -71,7 +71,7 @@ class Tile(QWidget):
             painter.drawEllipse(place, JOINT_PX, JOINT_PX)
 
     def _draw_dial(self, painter: QPainter, stance: Stance) -> None:
-        """The person from above: the arrow points where the chest does, down to whoever looks at them."""
+        """The person from above: the arrow points where the chest does; down is towards the camera."""
         margin = DIAL_PX + DIAL_MARGIN_PX
         middle = QPointF(self.width() - margin, margin)
         painter.setBrush(QColor(0, 0, 0, 120))

@@ -210,7 +210,7 @@ class LiveWindow(QMainWindow):
 
     def name(self) -> None:
         """Name the person of the next recording."""
-        self.subject = self._asked("Name of the person", "Who is seen?", self.subject) or self.subject
+        self.subject = self._asked("Name of the person", "Who is in view?", self.subject) or self.subject
 
     def ahead(self) -> None:
         """Show the person as the depth camera sees them."""
@@ -238,7 +238,7 @@ class LiveWindow(QMainWindow):
 
     def _end(self) -> None:
         path = self.pipeline.rig.end_recording()
-        self._said = f"{path} is on the disk" if path else ""
+        self._said = f"{path} is saved" if path else ""
 
     def _act(self, action: Callable[[], None]) -> None:
         try:

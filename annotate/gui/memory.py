@@ -1,4 +1,4 @@
-"""What the window remembers from one time to the next: size, places of splitters, colourings, tool, order."""
+"""Settings that the window remembers: size, places of splitters, colourings, tool, order of frames."""
 
 import json
 import os

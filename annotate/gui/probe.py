@@ -1,4 +1,4 @@
-"""A test of the screen and the graphics in a process of its own, since Qt ends the process where they fail.
+"""Test of screen and graphics in a separate process, since Qt ends the process if they fail.
 
 ``python -m annotate.gui.probe`` prints the version of OpenGL, such as "4.5", or "0.0" where there is none.
 """

@@ -1,4 +1,4 @@
-"""The frame that is open as it is looked at: what is shown, in which colours, and where to look next."""
+"""View state of the open frame: what is shown, in which colours, and where to look next."""
 
 from dataclasses import dataclass, field
 

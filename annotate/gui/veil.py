@@ -1,4 +1,4 @@
-"""What is drawn over a view without rendering it again: the outline of pixels, words, and a scale."""
+"""Overlay drawn without rendering the view again: outlines of pixels, text, and a scale."""
 
 from typing import NamedTuple
 

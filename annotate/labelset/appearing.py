@@ -1,4 +1,4 @@
-"""Folders that appear when they are whole, and the folders that they must not replace."""
+"""Folders that appear only when they are complete, and folders that must not be replaced."""
 
 import os
 import shutil

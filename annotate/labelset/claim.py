@@ -1,4 +1,4 @@
-"""One writer at a time for each folder of results, and the name of who has it."""
+"""Claims: one writer at a time for each folder of results, and the writer's name."""
 
 import fcntl
 import getpass

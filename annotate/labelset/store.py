@@ -76,7 +76,9 @@ class LabelSet:
             raise FormatError(f"{path} is not a label set (it has no {MANIFEST}); give one that label wrote")
         for name in (FRAMES, ORIGINAL, LEARNT):
             if (path / name).is_symlink():
-                raise FormatError(f"{path / name} is a link out of the label set; copy the folder there")
+                raise FormatError(
+                    f"{path / name} is a link out of the label set; put a copy of the folder there"
+                )
         manifest = _load(path / MANIFEST)
         if manifest.pop("schema", None) != SCHEMA:
             raise FormatError(f"{path / MANIFEST} is not of schema {SCHEMA}; use the version that wrote it")
@@ -300,7 +302,7 @@ def _learnt_in(notes: object) -> str:
 def _of_step(step: object) -> str:
     """Name of a step's confidence. Raises FormatError for what is no step's name."""
     if not isinstance(step, str) or not _STEP.fullmatch(step):
-        raise FormatError(f"step of learning {str(step)[:40]!r} is none; restore the frame from a copy")
+        raise FormatError(f"{str(step)[:40]!r} names no step of learning; restore the frame from a copy")
     return f"{step}.confidence.png"
 
 

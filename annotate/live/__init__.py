@@ -1,1 +1,1 @@
-"""The rig in front of you: its newest moment labelled, and what is wrong with it said at once."""
+"""Live labelling of a running rig: its newest moment labelled, and warnings about what is wrong."""

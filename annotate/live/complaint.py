@@ -1,4 +1,4 @@
-"""What is wrong with a rig or a picture while it can still be mended, and for how long it has to be."""
+"""Complaints about a rig or a picture, while it can still be fixed; how long one lasts before it is shown."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -56,7 +56,7 @@ def shift_complaint(shift_px: tuple[float, float], camera: Intrinsics, tolerable
     ]
     return Complaint(
         "shifted",
-        f"the thermal camera was knocked: temperatures lie {' and '.join(ways)}; "
+        f"the thermal camera has moved: temperatures lie {' and '.join(ways)}; "
         "put it back, or calibrate again",
     )
 
@@ -83,7 +83,7 @@ def color_complaint(cloud: ThermalCloud, person: Bool, model: ColorModel) -> Com
     return Complaint(
         "colours",
         f"the suit's colours of {one} and {other} cannot be told apart in this light: "
-        "more light, or whiter light",
+        "use more light, or whiter light",
     )
 
 
@@ -105,7 +105,7 @@ def _light(cloud: ThermalCloud, person: Bool) -> Iterator[Complaint]:
         )
     if glare > LOST_SHARE:
         yield Complaint(
-            "glare", f"{glare:.0%} of the person is over-exposed: less light on them, or a shorter exposure"
+            "glare", f"{glare:.0%} of the person is over-exposed: use less light, or a shorter exposure"
         )
 
 

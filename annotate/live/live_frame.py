@@ -1,4 +1,4 @@
-"""A moment of a rig with all that was made of it, for whoever looks: the window, a robot, a stream."""
+"""Live frame: a rig's moment with all results, for the window, a robot or a stream."""
 
 from collections import deque
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from sensors.rig.rig_calibration import RigCalibration
 
 @dataclass(frozen=True, eq=False)
 class Stance:
-    """How the labelled person is, in the frame of the undistorted depth camera.
+    """Stance of the labelled person, in the frame of the undistorted depth camera.
 
     names: of the joints (J,). joints_m: float64 (J, 3) metres. bones: pairs of indices of joints. facing_deg:
     azimuth of the camera about the trunk, 0 before the chest, 90 on the person's left; facing_sure, [0, 1].

@@ -1,7 +1,7 @@
-"""The newest moment of a rig fused and labelled again and again, by threads that take turns.
+"""Live pipeline: threads that take turns fuse and label the newest moment of a rig.
 
-Nothing queues up: whoever is free takes the newest moment and makes it a labelled frame without a pause, so
-that a frame shown is never older than the labelling of one, and the moment it waited for.
+Nothing queues up: a thread that is free takes the newest moment and makes it a labelled frame without a
+pause. So a frame shown is never older than one labelling, and the moment for which it waited.
 """
 
 import threading
@@ -53,7 +53,7 @@ class _Fused:
 class LivePipeline:
     """Labelled frames of a rig that has started, from ``start`` to ``close``.
 
-    frames: the newest one, for any number of lookers. latencies_ms: of the last frames. said: every complaint
+    frames: the newest one, for any number of readers. latencies_ms: of the last frames. said: every complaint
     that has stood so far, by kind. complaints: those that stand now. error: what ended it.
     The rig is the caller's to close.
     """
@@ -101,7 +101,7 @@ class LivePipeline:
                     self._each_s = time.monotonic() - begun_s
                 elif self.rig.moments.ended:
                     break
-        except Exception as error:  # whoever looks raises it: here it would die with the thread
+        except Exception as error:  # the reader raises it: here it would die with the thread
             self.error = self.error or error
             self._stop.set()
         finally:

@@ -29,7 +29,7 @@ def rig_complaints(health: Health) -> Iterator[Complaint]:
     if health.faults:
         yield Complaint("fault", "; ".join(health.faults))
     for address in health.away:
-        yield Complaint("away", f"{address} is gone: plug it in again; it is opened as soon as it is there")
+        yield Complaint("away", f"{address} is gone: plug it in again; it is opened as soon as it is back")
     if not health.away:
         for stream, state in health.streams.items():
             yield from _of_stream(stream, state, health)
@@ -37,7 +37,7 @@ def rig_complaints(health: Health) -> Iterator[Complaint]:
         yield Complaint(
             "flag",
             f"the thermal camera's flag has been closed for {health.flag_closed_s:.0f} s: "
-            "no temperatures come; unplug the camera and plug it in again",
+            "there are no temperatures; unplug the camera and plug it in again",
         )
     for address, ppm in health.skew_ppm.items():
         if abs(ppm) > LIMIT_SKEW * 1e6:
@@ -45,11 +45,11 @@ def rig_complaints(health: Health) -> Iterator[Complaint]:
             yield Complaint(
                 "clock",
                 f"the clock of {address} {way} {abs(ppm) * 0.06:.0f} ms a minute: "
-                "images will not pair; record in short pieces, or replace the device",
+                "its images will not match the others; record in short pieces, or replace the device",
             )
     if health.disk_minutes < LEAST_DISK_MINUTES:
         yield Complaint(
-            "disk", f"the disk is full after {health.disk_minutes:.1f} minutes of recording: free some space"
+            "disk", f"the disk has room for {health.disk_minutes:.1f} minutes of recording: free some space"
         )
 
 
@@ -57,7 +57,7 @@ def _of_stream(stream: str, state: StreamHealth, health: Health) -> Iterator[Com
     name, nominal_hz = NAMES.get(stream, stream), state.nominal_hz
     if state.silent_s > max(SILENT_S, SILENT_PERIODS / nominal_hz if nominal_hz else 0.0):
         if health.flag_closed_s == 0 or stream != "thermal":
-            since = "nothing" if state.count == 0 else f"nothing for {state.silent_s:.0f} s"
+            since = "no image" if state.count == 0 else f"no image for {state.silent_s:.0f} s"
             yield Complaint("silent", f"{name}: {since}; check the cable, then plug the device in again")
         return
     if state.lost > DROPPED_SHARE * (state.recent + state.lost) and state.lost > 1:

@@ -1,4 +1,4 @@
-"""The thermal camera's alignment while it runs: whether it was knocked, which way and how far."""
+"""Alignment of the running thermal camera: whether it has moved, in which direction and how far."""
 
 from collections import deque
 

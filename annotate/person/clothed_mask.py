@@ -1,4 +1,4 @@
-"""Log odds (h, w) of the person in a suit, apart from what lies on them or beside: blankets, laptops, seats.
+"""Log odds (h, w) of the person in a suit, without things on or beside them: blankets, laptops, seats.
 
 Every patch of one colour is scored as each part of the suit: by its colour in the light that explains the
 whole body, by the surface of that colour, by its warmth, and by its place among the others. A blanket of a

@@ -1,4 +1,4 @@
-"""People in depth alone: a small network gives every pixel's log odds and a vote for its person's middle.
+"""People in depth alone: a small network gives each pixel log odds and a vote for its person's middle.
 
 Pixels whose votes meet are one person, so that people who touch are told apart. The image is brought to one
 focal length first, whatever the camera. How the network was trained: `annotate/person/finder.md`.

@@ -129,7 +129,7 @@ def previous_evidence(
     pixels_per_m = cloud.camera.fx * 1000 / float(np.median(before.depth_mm[there]))
     candidates = cloud.valid & grown(there, SURROUNDINGS_M * pixels_per_m) & (loose | ~still)
     nobody = (
-        "no person: no thermal image in this frame, and whoever was in the depth image before is gone; "
+        "no person: no thermal image in this frame, and the person of the frame before is gone; "
         "label again from a frame with both"
     )
     note = "no temperature in this frame: the person is carried over from the frame before"

@@ -103,7 +103,7 @@ class Survey:
 
     window_c: surface temperatures of a person, degrees Celsius; None = found from the frame itself. suit:
     palette of the person's clothing, whose colours part them from things on them. everybody: all persons are
-    to be labelled: whoever was the subject keeps number 1, and none need stand out.
+    to be labelled: the earlier subject keeps number 1, and none has to stand out.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Numbers of persons that last over a recording: whoever is near where somebody was has that one's number."""
+"""Persons' numbers over a recording: a person near an earlier person's place gets the same number."""
 
 from collections.abc import Sequence
 from itertools import count
@@ -22,7 +22,7 @@ def numbers_of(
 ) -> tuple[list[int], Known]:
     """Number of each person of a frame, 1 and on, and everybody known by now.
 
-    before: labels of the previous frame. subject_first: the first person is number 1, whoever had it before.
+    before: labels of the previous frame. subject_first: the first person gets number 1 in any case.
     """
     known = {number: at_mm for number, *at_mm in before.notes.get("people", ())} if before else {}
     middles_mm = [np.rint(person.centre_m * 1000).astype(int).tolist() for person in people]

@@ -29,8 +29,8 @@ which a colour is none. Chosen by eye."""
 def colors_worn(cloud: ThermalCloud, person: Bool, room: Bool) -> float:
     """Number of strong colours on a person: the perplexity of their hues times the share of coloured pixels.
 
-    A suit has many, clothes one or two, things none. person, room: bool (h, w); the room shows the light's
-    own colour.
+    A suit has many, ordinary clothes one or two, things none. person, room: bool (h, w); the room shows
+    the light's own colour.
     """
     own, around = (np.flatnonzero(mask & cloud.color_valid) for mask in (person, room))
     rgb, every = cloud.color_rgb.reshape(-1, 3)[own[::4]], cloud.color_rgb.reshape(-1, 3)[around[::29]]

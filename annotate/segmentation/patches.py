@@ -146,7 +146,7 @@ def read_together(patches: Patches, palette: ColorModel, evidence: Float64) -> t
 
 
 def read_alone(patches: Patches, palette: ColorModel, evidence: Float64) -> tuple[Float64, Float64]:
-    """Belief (R, 11) and log gains (2,) as of ``read_together``, each patch by itself in white light."""
+    """Belief (R, 11) and log gains (2,) as from ``read_together``, each patch by itself in white light."""
     white = np.zeros(2)
     match = under(palette, white).match(patches.chroma, MEAN_BLUR * patches.blur)
     return softmax(palette.by_part(match) + evidence), white

@@ -1,4 +1,4 @@
-"""What stands behind a comparison's scores, as JSON: by kind of frame, by confidence, and doubtful labels."""
+"""Details of a comparison's scores, as JSON: by kind of frame, by confidence, and doubtful labels."""
 
 from typing import Any, NamedTuple
 

@@ -49,7 +49,7 @@ def lessons(path: Path) -> list[Taught]:
         steps = correction.labels.info.get("steps")
         if isinstance(steps, dict) and (steps.get("label") or {}).get("suit"):
             raise CloudError(
-                f"{path} was read from a suit, which this does not learn; correct on, or see train-labels"
+                f"{path} was labelled from a suit, which a network cannot learn; see train-labels"
             )
         labels = correction.labels
         done = [i for i in labels.frame_ids if correction.state(i) in ("accepted", "reviewed")]
@@ -77,7 +77,7 @@ def divided(taught: Sequence[Taught]) -> tuple[list[Taught], list[Taught]]:
 
 
 def crops_of(taught: Sequence[Taught], images: int) -> Crops:
-    """So many crops, each frame as often as every other, but for one."""
+    """That many crops; no frame appears more than once more often than another."""
     once = [one.crop() for one in taught]
 
     def again() -> Iterator[tuple[UInt16, UInt8, Float32]]:

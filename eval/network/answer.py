@@ -1,4 +1,4 @@
-"""What a network says of a crop: class scores, and of the whole person facing, posture and joints."""
+"""Answer of a network for a crop: class scores, and facing, posture and joints of the whole person."""
 
 from typing import NamedTuple
 

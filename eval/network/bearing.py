@@ -1,4 +1,4 @@
-"""How a person is, as a network sees it: facing, posture and joints."""
+"""Bearing of a person, as a network sees it: facing, posture and joints."""
 
 from dataclasses import dataclass, replace
 from typing import Any

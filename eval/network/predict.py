@@ -1,4 +1,4 @@
-"""A trained network at work on label sets and datasets, which keep their outlines of the person."""
+"""Prediction on label sets and datasets by a trained network; the person's outlines stay as they are."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor

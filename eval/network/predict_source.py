@@ -1,4 +1,4 @@
-"""A trained network on recordings: the people of every frame found, then labelled."""
+"""Prediction on recordings by a trained network: the people of every frame are found, then labelled."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -54,7 +54,7 @@ def predict_source(
 
 
 class NetworkSurvey:
-    """A frame surveyed, and whoever is likely its subject labelled: all that needs no other frame.
+    """A surveyed frame with its likely subject labelled: all the work that needs no other frame.
 
     Arguments as of ``predict_source``.
     """

@@ -1,4 +1,4 @@
-"""The sides of a person's joints as the parts have them: a suit knows left from right, a network may not."""
+"""Sides of a person's joints, taken from the parts: a suit tells left from right, a network may not."""
 
 import numpy as np
 

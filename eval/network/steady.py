@@ -1,4 +1,4 @@
-"""Left and right of a person stay where they were in the frames before: a flicker is turned back."""
+"""Steady left and right of a person: if the sides flicker from frame to frame, they are swapped back."""
 
 from dataclasses import replace
 

@@ -27,8 +27,8 @@ CARRIED = {"sitting": _TRUNK, "lying": _TRUNK}
 def support_of(posture: str, parts: UInt8, points_m: Float32, planes: Sequence[Plane]) -> str:
     """ "floor", "furniture", or "" where the cloud shows no floor or not the parts that matter.
 
-    parts: (h, w), of one person. points_m: (h, w, 3), frame of an upright camera, NaN = no reading. Whoever
-    lies on a bed that hides all of the floor seems to lie on the floor.
+    parts: (h, w), of one person. points_m: (h, w, 3), frame of an upright camera, NaN = no reading. A
+    person on a bed that hides the whole floor seems to lie on the floor.
     """
     floor = floor_of(planes, points_m)
     carried = np.isin(parts, [PART_ID[name] for name in CARRIED.get(posture, _LEGS)])

@@ -69,7 +69,7 @@ def forest(
     first_series: int = 0,
     zero: bool = False,
 ) -> Figure:
-    """One line a row, in it one point with its interval for each title.
+    """One line per row with one point and its interval for each title.
 
     references: the paper's values by name, one a row, hollow diamonds first and full ones second. ceiling:
     what two people's labels come to, one a row. zero: the axis is a difference's, with a line at 0.

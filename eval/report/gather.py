@@ -1,4 +1,4 @@
-"""Everything that a report shows, and how it is gathered from files before a line of it is drawn."""
+"""Material of a report, and how it is gathered from files before anything is drawn."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

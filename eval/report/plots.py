@@ -1,4 +1,4 @@
-"""Which figures a report has, by the id of the element that shows them."""
+"""Figures of a report, by the id of the element that shows them."""
 
 from collections.abc import Mapping, Sequence
 

@@ -36,7 +36,7 @@ def texts(material: Material) -> dict[str, str]:
 
 
 def to_csv(views: Sequence[ResultView]) -> str:
-    """One score a line, with its interval; empty where there is none. The paper's recalls come last."""
+    """CSV with one score per line and its interval, empty if there is none. The paper's recalls come last."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)

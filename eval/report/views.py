@@ -1,4 +1,4 @@
-"""What the page shows of results, as plain numbers in the order they are read."""
+"""Numbers of results that the page shows, in reading order."""
 
 import re
 from collections import Counter

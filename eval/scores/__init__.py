@@ -1,1 +1,1 @@
-"""Numbers that one set of labels earns against another."""
+"""Scores of one set of labels against another."""

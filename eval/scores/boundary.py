@@ -1,4 +1,4 @@
-"""How well the borders between parts are met, and how errors fall off away from them.
+"""Boundary scores: how well the borders between parts fit, and how errors decrease away from them.
 
 A border pixel is a person pixel with a 4-neighbour of another label, be it another part or
 background; the picture's edge and undefined pixels make no border. Both borders count

@@ -1,4 +1,4 @@
-"""What is counted of one frame against its truth; every score of any set of frames is derived from it."""
+"""Counts of one frame against its truth, from which every score of any set of frames is derived."""
 
 import math
 from dataclasses import dataclass, field

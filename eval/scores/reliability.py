@@ -1,4 +1,4 @@
-"""How far a prediction's confidence can be believed: reliability by bins, and labels it doubts.
+"""Reliability of a prediction's confidence, by bins; labels that the prediction doubts.
 
 Only pixels count where the prediction names a body part and the truth is defined: where it names none,
 label sets hold no confidence.

@@ -1,4 +1,4 @@
-"""What kind of frame it is: who is seen, in which pose, from how far, and what makes it hard."""
+"""Traits of a frame: the person, the pose, the distance, and what makes it hard."""
 
 import math
 from collections import defaultdict

@@ -1,4 +1,4 @@
-"""Training images made harder, each way switchable: what sensors, furniture and failing extractions do.
+"""Augmentation: training images with the faults of sensors, furniture and extractions, each switchable.
 
 A crop is depth float32 (h, w) in [0, 1] (0 = nothing, 1 = 2000 mm, `annotate.crop`) and parts uint8 (h, w).
 All is drawn from one generator: the same seed gives the same image. About 6 ms a crop.

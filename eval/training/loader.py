@@ -102,8 +102,8 @@ def workers_watched() -> Iterator[None]:
         if isinstance(error, RuntimeError) and "DataLoader worker" not in str(error):
             raise
         raise CloudError(
-            "a worker process was killed, perhaps for want of memory; give the same command to go on, with "
-            "fewer --workers"
+            "a worker process was killed, perhaps because memory ran out; give the same command again to "
+            "continue, with fewer --workers"
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""What a training is: network, recipe, augmentation, seed. With the data it decides every bit of it."""
+"""Plan of a training: network, recipe, augmentation, seed. With the data it determines every bit."""
 
 import math
 from collections.abc import Iterable

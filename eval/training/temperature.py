@@ -1,4 +1,4 @@
-"""One temperature by which a network's confidences become chances: fitted after the training."""
+"""Temperature that makes a network's confidences probabilities, fitted after the training."""
 
 import math
 

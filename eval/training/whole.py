@@ -1,4 +1,4 @@
-"""What is known of the whole person in a training image, as one row: facing, posture and joints."""
+"""The whole person in a training image as one row of known values: facing, posture and joints."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ ROW = JOINTS.stop
 
 
 def nothing_known() -> Float32:
-    """A row (ROW,) of a person of whom nothing is known."""
+    """Row (ROW,) for a person about whom nothing is known."""
     return np.full(ROW, np.nan, np.float32)
 
 

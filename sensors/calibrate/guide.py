@@ -1,4 +1,4 @@
-"""Which view of the hole plate a calibration wants next, and whether it has enough: decided from views alone.
+"""Guide of a calibration: which view of the hole plate it needs next, and whether there are enough.
 
 Lens and pose of a camera are told apart by plates that are tilted, near and far, and in the image's corners
 (Zhang 2000); how sure every number is says the bundle adjustment's covariance.
@@ -49,7 +49,7 @@ class Wish(NamedTuple):
 
     @property
     def text(self) -> str:
-        """In words, for whoever holds the plate; right and left as the cameras see it."""
+        """Text for the person who holds the plate; right and left as the cameras see it."""
         rows, columns = ("top", "middle", "bottom"), ("left", "centre", "right")
         place = f"{rows[self.down + 1]} {columns[self.right + 1]}".replace("middle centre", "centre")
         tilt = "facing the cameras" if self.tilt == "flat" else f"its {self.tilt} edge turned away"

@@ -1,4 +1,4 @@
-"""A picture for whoever holds the hole plate: what is covered, where it is now, and where it is wanted."""
+"""Picture for the person who holds the hole plate: views so far, where it is, and where to hold it."""
 
 import cv2
 import numpy as np

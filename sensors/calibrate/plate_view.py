@@ -1,4 +1,4 @@
-"""What one frame shows of the hole plate: hole centres in each camera, and readings on the plate itself."""
+"""View of the hole plate in one frame: hole centres in each camera, and depth readings on the plate."""
 
 from dataclasses import dataclass, replace
 from typing import Any

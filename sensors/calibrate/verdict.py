@@ -1,4 +1,4 @@
-"""Whether a calibration can be relied on, and if not, what to record."""
+"""Verdict on a calibration: whether it is reliable, and what to record if not."""
 
 from typing import NamedTuple
 

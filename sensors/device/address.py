@@ -12,7 +12,7 @@ T = TypeVar("T")
 class Address:
     """A parsed address, whose options are taken one by one; ``finish`` refuses those that were not.
 
-    Raises DeviceError for an address that is none.
+    Raises DeviceError for a malformed address.
     """
 
     def __init__(self, text: str) -> None:

@@ -1,4 +1,4 @@
-"""How a camera is mounted: on its side, upside down, or before a mirror; its images are turned upright.
+"""Mounting of a camera (on its side, upside down, mirrored); its images are turned upright.
 
 Depth and thermal images are turned; a colour image stays as the camera encodes it, and the pose of the colour
 camera has the turn instead. Only a mirrored colour image is decoded and encoded again.

@@ -42,7 +42,9 @@ class AzureKinect(StreamingCamera):
         try:
             self._camera.start()
         except DeviceError as error:
-            raise DeviceError(f"{self.address} does not start; use a USB 3 port and its power") from error
+            raise DeviceError(
+                f"{self.address} does not start; use a USB 3 port and plug in its power"
+            ) from error
         factory = self._camera.factory_calibration()
         return calibration_from_factory(factory, DEPTH_SIZE, self._color_size, "NFOV_UNBINNED")
 

@@ -1,4 +1,4 @@
-"""A thermal camera's closed flag, recognised in the images of a camera that does not name its state."""
+"""A thermal camera's closed flag, recognised in the images if the camera does not report its state."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -83,14 +83,16 @@ def load_k4a() -> CDLL:
     """The library. Raises DeviceNotFoundError where there is none."""
     path = _bundled("libk4a-*") or find_library("k4a")
     if path is None:
-        raise DeviceNotFoundError("there is no Azure Kinect SDK; pip install 'annotate-cloud[kinect]'")
+        raise DeviceNotFoundError(
+            "the Azure Kinect SDK is not installed; pip install 'annotate-cloud[kinect]'"
+        )
     # It prints to stdout where nobody is connected, which is no error here.
     os.environ.setdefault("K4A_ENABLE_LOG_TO_STDOUT", "0")
     try:
         library = CDLL(str(path))
     except OSError as error:
         raise DeviceNotFoundError(
-            f"the Azure Kinect SDK cannot be loaded ({error}); install what it lacks"
+            f"the Azure Kinect SDK cannot be loaded ({error}); install the missing library"
         ) from error
     for name, kind in _RESULTS.items():
         getattr(library, name).restype = kind

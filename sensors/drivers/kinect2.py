@@ -78,7 +78,7 @@ class Kinect2(StreamingCamera):
 
     def _begin(self) -> RigCalibration:
         if self._shim.k2_start(self._handle):
-            raise DeviceError(f"{self.address} does not start; use a USB 3 port, and plug its power in")
+            raise DeviceError(f"{self.address} does not start; use a USB 3 port and plug in its power")
         infrared, color = (c_float * INFRARED_PARAMS)(), (c_float * COLOR_PARAMS)()
         self._shim.k2_params(self._handle, infrared, color)
         fx, fy, cx, cy, k1, k2, k3, p1, p2 = infrared

@@ -29,13 +29,13 @@ def built_shim() -> Path:
         return path
     compiler = which("c++") or which("g++")
     if compiler is None:
-        raise DeviceNotFoundError("there is no C++ compiler for the Kinect v2; apt install g++")
+        raise DeviceNotFoundError("the Kinect v2 needs a C++ compiler; apt install g++")
     cache.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         command = [compiler, *FLAGS, str(SOURCES / "kinect2_shim.cpp"), "-o", str(temporary), *found]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            said = done.stderr.strip().splitlines() or ["the compiler says nothing"]
+            said = done.stderr.strip().splitlines() or ["no message from the compiler"]
             raise DeviceNotFoundError(f"libfreenect2 cannot be compiled against ({said[0]}); {GUIDE}")
     return path
 
@@ -43,7 +43,7 @@ def built_shim() -> Path:
 def _libfreenect2() -> list[str]:
     """What a compiler needs for libfreenect2, by pkg-config, with the place of its library."""
     if which("pkg-config") is None:
-        raise DeviceNotFoundError("there is no pkg-config to look for libfreenect2; apt install pkg-config")
+        raise DeviceNotFoundError("libfreenect2 cannot be looked up; apt install pkg-config")
     command = ["pkg-config", "--cflags", "--libs", "freenect2 >= 0.2"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:

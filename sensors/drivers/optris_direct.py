@@ -143,7 +143,7 @@ class OptrisDirect(StreamingCamera):
         if not (0 < width.value <= MAX_IMAGE_SIDE and 0 < height.value <= MAX_IMAGE_SIDE):
             self._library.terminate()
             self._library.in_use = False
-            raise DeviceError(f"the camera claims {width.value}x{height.value} pixels; switch it off and on")
+            raise DeviceError(f"the camera reports {width.value}x{height.value} pixels; switch it off and on")
         return height.value, width.value
 
 

@@ -263,7 +263,7 @@ def realsense_serials() -> list[str]:
 
 
 def jpeg_of(yuyv: NDArray[Any]) -> bytes:
-    """A JPEG of a colour frame, two bytes a pixel; these cameras make none themselves."""
+    """JPEG of a colour frame of two bytes per pixel; these cameras send no JPEGs."""
     bgr = cv2.cvtColor(yuyv.view(np.uint8).reshape(*yuyv.shape[:2], 2), cv2.COLOR_YUV2BGR_YUY2)
     return bytes(cv2.imencode(".jpg", bgr, JPEG)[1])
 

@@ -43,7 +43,7 @@ class SerialLine:
             raise node_error(port, error.errno) from error
         except ValueError as error:
             raise DeviceError(f"baud rate {baud} is impossible ({error}); give 9600 to 115200") from error
-        # Whoever used the line before may have left a reply on it.
+        # An earlier program may have left a reply on the line.
         self._disturbed = True
 
     def ask(self, command: bytes, length: int) -> bytes:

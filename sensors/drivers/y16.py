@@ -35,7 +35,7 @@ class Radiometry:
     offset_c: float = ABSOLUTE_ZERO_C
 
     def celsius(self, words: NDArray[np.uint16], name: str) -> NDArray[np.float32]:
-        """float32 (h, w). Raises DeviceFaultError, which begins with ``name``, for words that are none."""
+        """float32 (h, w). Raises DeviceFaultError with ``name`` for words that are not temperatures."""
         celsius = words * np.float32(self.scale) + np.float32(self.offset_c)
         middle = float(np.median(celsius))
         if not COLDEST_C <= middle <= HOTTEST_C:

@@ -1,4 +1,4 @@
-"""Files from outside, read whole only up to a bound: what is larger is not what it claims to be."""
+"""Files from outside, read whole only up to a size bound."""
 
 import os
 import stat

@@ -46,6 +46,8 @@ def read_flir(data: bytes, name: str) -> FlirImage:
             f"{name} holds no temperatures ({error}); give a FLIR camera's radiometric JPEG"
         ) from error
     if celsius.ndim != 2 or not 0 < max(celsius.shape) <= MAX_IMAGE_SIDE:
-        raise FormatError(f"{name} claims {celsius.shape} temperatures; give a FLIR camera's own file")
+        raise FormatError(
+            f"{name} states {celsius.shape} temperatures; give a file as the FLIR camera wrote it"
+        )
     rgb = photo is not None and np.ndim(photo) == 3 and np.shape(photo)[2] == 3
     return FlirImage(celsius, np.asarray(photo, np.uint8) if rgb else None)

@@ -77,7 +77,7 @@ def _depth(path: Path, arrays: dict[str, NDArray[Any]], names: list[str]) -> NDA
     depth = arrays.get("depth", next(iter(arrays.values())) if len(names) == 1 else None)
     if depth is None:
         others = ", ".join(name[:30] for name in sorted(names)[:8])
-        raise FormatError(f"{path} holds no array 'depth' but {others or 'nothing'}; rename it to 'depth'")
+        raise FormatError(f"{path} holds no array 'depth' (it has {others or 'none'}); rename it to 'depth'")
     if depth.ndim not in (2, 3) or depth.dtype.kind not in "iuf" or 0 in depth.shape:
         raise FormatError(
             f"{path}: depth is {depth.dtype} {depth.shape}; give (h, w) or (n, h, w), integers in "

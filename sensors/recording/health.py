@@ -1,4 +1,4 @@
-"""How a rig is doing while it runs: rates, drops, clocks, the flag, and how long the disk will last."""
+"""Health of a running rig: rates, drops, clocks, the flag, and how long the disk will last."""
 
 import math
 from collections import deque

@@ -1,4 +1,4 @@
-"""What every kind of camera needs, and what its driver has been tested with: none has met the hardware."""
+"""Needs of every kind of camera, and what its driver has been tested with: none has been run on hardware."""
 
 from typing import NamedTuple
 

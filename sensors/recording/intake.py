@@ -77,7 +77,7 @@ class Arrived:
 
 @dataclass(frozen=True)
 class Event:
-    """What happened. stamp_ns: on the clock of whoever noticed it; arrival_ns: on the host's, if another."""
+    """What happened. stamp_ns: on the clock that noticed it; arrival_ns: on the host's, if different."""
 
     stamp_ns: int
     text: str
@@ -257,5 +257,7 @@ def _check_apart(devices: Sequence[Device]) -> None:
     for device in devices:
         for stream in device.rates_hz:
             if stream in streams:
-                raise DeviceError(f"{streams[stream]} and {device.address} both give {stream}; record one")
+                raise DeviceError(
+                    f"{streams[stream]} and {device.address} both give {stream}; use one of them"
+                )
             streams[stream] = device.address

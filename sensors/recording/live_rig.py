@@ -1,4 +1,4 @@
-"""A rig that runs: its newest moment for the eyes, and every reading for the disk while it is recorded."""
+"""A running rig: its newest moment to look at, and every reading on the disk while it is recorded."""
 
 import shutil
 import threading
@@ -21,7 +21,7 @@ from sensors.session.messages import SUBJECT
 from sensors.session.writer import SessionWriter
 
 EVENTS_KEPT = 100
-"""Events that are kept for whoever looks. Chosen by eye."""
+"""Number of events that are kept. Chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class LiveRig:
                         self._look_at_disk()
                     self._intake.wait(0.02)
             self._turn()
-        except Exception as error:  # whoever looks raises it: here it would die with the thread
+        except Exception as error:  # the reader raises it: here it would die with the thread
             self.error = error
             with suppress(OSError):
                 self.end_recording()

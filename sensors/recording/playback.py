@@ -78,7 +78,7 @@ class Playback:
                     number, (stamp_ns, text) = self._coming.popleft()
                     self.events.append((number, Event(stamp_ns, text)))
                 self.moments.put(Moment(frame, frame.stamp_ns, time.monotonic_ns()))
-        except Exception as error:  # whoever looks raises it: here it would die with the thread
+        except Exception as error:  # the reader raises it: here it would die with the thread
             self.error = error
         finally:
             self.moments.end()

@@ -1,4 +1,4 @@
-"""Camera descriptions and transforms of ROS and Foxglove messages, decoded by whatever, as plain values."""
+"""Camera descriptions and transforms of ROS and Foxglove messages (from any decoder) as plain values."""
 
 from collections.abc import Iterator
 from typing import Any

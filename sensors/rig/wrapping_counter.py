@@ -1,4 +1,4 @@
-"""Counters of 32 bits without their end: a Kinect v2's clock, a RealSense's, numbers of frames."""
+"""32-bit counters, unwrapped: the clocks of a Kinect v2 and a RealSense, frame numbers."""
 
 
 class WrappingCounter:

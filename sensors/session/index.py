@@ -1,4 +1,4 @@
-"""What a session file contains and where: calibration, events, and the place of every image."""
+"""Index of a session file: calibration, events, and the place of every image."""
 
 from array import array
 from pathlib import Path

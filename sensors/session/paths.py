@@ -1,4 +1,4 @@
-"""What a recording is called while it is written, and once it is whole."""
+"""Names of a recording while it is being written, and once it is complete."""
 
 from pathlib import Path
 

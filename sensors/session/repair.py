@@ -1,4 +1,4 @@
-"""Makes a session whole again that was cut off while it was recorded, or is damaged."""
+"""Repair of a session that was cut off while it was recorded, or is damaged."""
 
 from contextlib import suppress
 from dataclasses import dataclass

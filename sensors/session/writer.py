@@ -1,4 +1,4 @@
-"""A session on disk: an MCAP file that Foxglove and ROS tools open, that a crash cannot take away.
+"""Writer of a session: an MCAP file that Foxglove and ROS tools open and that survives a crash.
 
 Topics are those of ``messages``; log_time is the host's arrival, publish_time the device's stamp.
 While it is written a session is called ``NAME.mcap.partial``; it can be read at any time, and takes its

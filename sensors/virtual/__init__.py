@@ -1,1 +1,1 @@
-"""Virtual twins: devices made of software behind the very seams of the real ones, for trying things out."""
+"""Virtual twins: software devices behind the same interfaces as the real ones, for trying things out."""

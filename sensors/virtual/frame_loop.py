@@ -1,4 +1,4 @@
-"""What a twin's camera sees: recorded or rendered frames in a loop."""
+"""Loop of recorded or rendered frames: what a twin's camera sees."""
 
 from collections.abc import Iterable
 from itertools import islice

@@ -1,4 +1,4 @@
-"""When a twin's frames are due, and what goes wrong with them."""
+"""Schedule of a twin's frames: when they are due, and which faults they have."""
 
 import threading
 import time

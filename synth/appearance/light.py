@@ -1,4 +1,4 @@
-"""Light in a room: lamps of any size and colour, their soft shadows, and what the walls send back.
+"""Light in a room: lamps of any size and colour, their soft shadows, and light reflected by the walls.
 
 Shadows come from shadow maps (Williams 1978): what a lamp sees is lit. A lamp has several places, each
 with a map of its own, so that its shadows have penumbras; what the walls send back is one more such lamp.

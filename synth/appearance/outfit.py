@@ -1,4 +1,4 @@
-"""What a person wears: cloth by cloth, with seams that stray, folds, wear and bare skin.
+"""A person's outfit, cloth by cloth: irregular seams, folds, wear and bare skin.
 
 A colour belongs to a zone: the eleven parts of a suit by their ids, then skin, hair and shoes. Zones meet
 where a field over the body's skin is zero; a field is a distance in metres, so that noise added to it

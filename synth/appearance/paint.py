@@ -1,4 +1,4 @@
-"""What colour every pixel's surface has and which way it faces, before any light."""
+"""Colour and normal of the surface at every pixel, before lighting."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""How warm a person and the things in a room are on their surface."""
+"""Surface temperatures of a person and of the things in a room."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Tables of bodies: the measures they shall have, read from CSV, and those they have."""
+"""Tables of bodies: the measures asked for, read from CSV, and those of the fitted bodies."""
 
 import csv
 import re
@@ -16,7 +16,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 @dataclass(frozen=True)
 class BodySize:
-    """Measures that a body shall have. Raises CloudError for a name no file can have, or no person's size."""
+    """Measures asked of a body. Raises CloudError for a name that no file can have, or an impossible size."""
 
     name: str
     height_cm: float

@@ -135,7 +135,7 @@ def fit(model: BodyModel, size: BodySize, starts: int = 8) -> Float64:
     if np.abs(nearest - asked).max() > _NEAR:
         found = "{:.1f} cm, {:.1f} kg, waist {:.1f} cm".format(*nearest)
         raise CloudError(
-            f"body {size.name}: no adult has these measures; the nearest has {found}; ask for similar ones"
+            f"body {size.name}: no adult has these measures; the nearest has {found}; give similar ones"
         )
     return best
 

@@ -1,4 +1,4 @@
-"""One depth sensor an image: kind by the mix of ``synth/data/sensors.toml``, then a model and its faults."""
+"""Random depth sensor of an image: a kind by the mix of ``synth/data/sensors.toml``, a model, its faults."""
 
 from collections.abc import Callable
 from typing import Any

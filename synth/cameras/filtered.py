@@ -1,4 +1,4 @@
-"""What is left of a clean depth image after a maker's filters: almost all."""
+"""Depth images after a maker's filters, which leave almost no faults."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar

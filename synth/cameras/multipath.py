@@ -1,4 +1,4 @@
-"""Light that bounces twice before a time-of-flight camera: by how much depth is overestimated."""
+"""Multipath of time-of-flight cameras: how much light that bounces twice lengthens the depth."""
 
 import cv2
 import numba

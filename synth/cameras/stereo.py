@@ -1,4 +1,4 @@
-"""What a stereo camera makes of a clean depth image: RealSense, Gemini, OAK."""
+"""Faults of a stereo camera, applied to a clean depth image: RealSense, Gemini, OAK."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar

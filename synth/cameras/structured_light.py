@@ -1,4 +1,4 @@
-"""What a structured-light camera makes of a clean depth image: Kinect v1 and its relatives."""
+"""Faults of a structured-light camera, applied to a clean depth image: Kinect v1 and similar cameras."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -1,4 +1,4 @@
-"""What a time-of-flight camera makes of a clean depth image: Kinect v2, Azure Kinect, Orbbec Femto."""
+"""Faults of a time-of-flight camera, applied to a clean depth image: Kinect v2, Azure Kinect, Femto."""
 
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar

@@ -1,4 +1,4 @@
-"""What a person wears, in numbers: garments drawn from the ranges of ``synth/data/clothes.toml``."""
+"""Attire in numbers: garments drawn from the ranges of ``synth/data/clothes.toml``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields

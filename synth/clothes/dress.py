@@ -32,7 +32,7 @@ def dress(body: Body, rng: np.random.Generator) -> Dressed:
 
 
 def put_down(who: Dressed) -> Dressed:
-    """The same person without their bag, as those are who sit or lie; the very same where there is none."""
+    """The same person without their bag, for sitting or lying; unchanged if there is no bag."""
     pieces = [piece for piece in who.pieces if not isinstance(piece, Bag)]
     if len(pieces) == len(who.pieces):
         return who

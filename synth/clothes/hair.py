@@ -1,4 +1,4 @@
-"""Hair, caps and hats: a head's skin lifted to a smooth shell, which long hair goes on down from."""
+"""Hair, caps and hats: a head's skin lifted to a smooth shell; long hair continues below it."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Figures of a person's silhouette that tell how a sensor and its filters treat it."""
+"""Figures of a person's silhouette that depend on the sensor and its filters."""
 
 import cv2
 import numpy as np

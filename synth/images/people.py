@@ -1,4 +1,4 @@
-"""People of synthetic images: who is seen, in which clothes."""
+"""People of synthetic images: bodies and their clothes."""
 
 import hashlib
 from collections.abc import Callable

@@ -260,5 +260,7 @@ def dressed_from(preset: Preset, garments: Path) -> Preset:
     """A preset whose people wear garments of a folder. Raises CloudError where they are naked."""
     if preset.people is not crowd_person:
         dressed = ", ".join(name for name, other in PRESETS.items() if other.people is crowd_person)
-        raise CloudError(f"people of {preset.name} are naked, as the paper's; use --garments with {dressed}")
+        raise CloudError(
+            f"people of {preset.name} are naked, like the paper's; use --garments with {dressed}"
+        )
     return replace(preset, people=Wardrobe.of(garments))

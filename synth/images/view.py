@@ -1,4 +1,4 @@
-"""One person among furniture before a depth camera: which part is where, how far, and what hides it."""
+"""A depth camera's view of a person among furniture: parts, depth, and what hides them."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""Who makes the shards: processes of this machine, or a dask.distributed cluster."""
+"""Workers that make the shards: processes of this machine, or a dask.distributed cluster."""
 
 import logging
 import os
@@ -34,8 +34,8 @@ def processes(count: int) -> Iterator[Workers]:
             yield Workers(pool, count)
     except BrokenExecutor as error:
         raise CloudError(
-            "a worker process was killed, perhaps for want of memory; give the same command to go on, with "
-            "fewer --workers where it has them"
+            "a worker process was killed, perhaps because memory ran out; give the same command again to "
+            "continue, with fewer --workers if it has that option"
         ) from error
 
 
@@ -93,8 +93,8 @@ def cluster(address: str) -> Iterator[Workers]:
             yield Workers(client.get_executor(pure=False), sum(client.nthreads().values()))
         except KilledWorker as error:
             raise CloudError(
-                "workers were killed again and again at one task, perhaps for want of memory; give each more "
-                "of it, then the same command to go on"
+                "workers were killed again and again at one task, perhaps because memory ran out; give each "
+                "more of it, then the same command again to continue"
             ) from error
         except CancelledError as error:
             raise CloudError(

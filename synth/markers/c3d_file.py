@@ -1,4 +1,4 @@
-"""C3D files as laboratories have them, also where their header and parameters disagree.
+"""C3D files from laboratories, including those whose header and parameters disagree.
 
 After the parameters come, frame after frame, four numbers a point (x, y, z, residual) and the analog samples.
 What the header and the parameters both state is compared; where they differ, the statement that fits the data

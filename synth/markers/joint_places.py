@@ -89,7 +89,7 @@ def _check_person(names: Sequence[str], places: dict[str, int], centres: Float64
     """The leg's length. Raises CloudError, FormatError for the skeleton of no person."""
     beast = next((name for name in names if _BEASTS.search(name)), None)
     if beast is not None:
-        raise CloudError(f"its joint {beast[:40]!r} is no person's; give the motion of a person")
+        raise CloudError(f"its joint {beast[:40]!r} is not a person's; give the motion of a person")
 
     def length(a: str, b: str) -> float:
         ends = [places.get(end) for end in (a, b)]
@@ -106,7 +106,9 @@ def _check_person(names: Sequence[str], places: dict[str, int], centres: Float64
     for what, (low, high) in _PROPORTIONS.items():
         if measured[what] < low * leg or measured[what] > high * leg:
             share = measured[what] / leg
-            raise CloudError(f"its {what} is {share:.2f} of a leg, no person's; give the motion of a person")
+            raise CloudError(
+                f"its {what} is {share:.2f} of a leg, not a person's; give the motion of a person"
+            )
     return leg
 
 

@@ -1,4 +1,4 @@
-"""A solved motion: joint angles over time that drive any body, and how well the markers bore them out."""
+"""A solved motion: joint angles over time that drive any body, and how well they explain the markers."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,9 +26,9 @@ _TYPES = {"angles_rad": "f8", "pelvis_m": "f8", "error_m": "f4", "status": "u1"}
 
 @dataclass(frozen=True)
 class MarkerReport:
-    """How the markers fared. error_m: float32 (F, M) distance to the body's marker, NaN where not seen or
-    thrown out. status: uint8 (F, M). unknown: labels of the file that the marker set does not know. assumed:
-    a line for each defect of the files and how it was read."""
+    """Fit of each marker. error_m: float32 (F, M) distance to the body's marker, NaN where not
+    seen or discarded. status: uint8 (F, M). unknown: labels of the file that the marker set does not know.
+    assumed: a line for each defect of the files and how it was read."""
 
     names: tuple[str, ...]
     error_m: Float32

@@ -26,7 +26,7 @@ from synth.markers.kinematics import (
 MARKER_SIGMA_M = 0.005
 """Unit of a marker's residual: noise, soft tissue and the model's own error together. Chosen by eye."""
 ROBUST_M = 0.08
-"""Residual at which a marker's pull wanes, metres (Geman & McClure 1987). Chosen by eye."""
+"""Residual from which a marker's pull weakens, metres (Geman & McClure 1987). Chosen by eye."""
 
 
 class Prior(NamedTuple):
@@ -42,7 +42,7 @@ class Prior(NamedTuple):
 
 class Observed(NamedTuple):
     """One frame's markers (M, 3), world, metres, and weights (M,), 0 where missing; robust_m: the residual
-    at which a marker's pull wanes."""
+    from which a marker's pull weakens."""
 
     markers_m: Float64
     weights: Float64

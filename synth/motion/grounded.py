@@ -1,4 +1,4 @@
-"""A motion ready for any body: how high everything is over the floor, when somebody sits, what was mended."""
+"""A motion ready for any body: heights over the floor, when the person sits, which frames are glitches."""
 
 from dataclasses import dataclass, replace
 
@@ -35,7 +35,7 @@ eye."""
 FASTEST_TURN_RAD_S = 15.0
 """A pelvis turns no faster: a figure skater's comes to it."""
 FREE_FALL_M_S2 = (-16.0, -4.0)
-"""Acceleration of whoever is in the air: gravity, and the error of a fit to few frames. Chosen by eye."""
+"""Acceleration of a person in the air: gravity, and the error of a fit to few frames. Chosen by eye."""
 SKIP_M = 0.12
 """Lifted no higher, feet shuffle, and nobody need fall. Chosen by eye."""
 GRAVITY_M_S2 = 9.81

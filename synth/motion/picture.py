@@ -84,7 +84,7 @@ def save_picture(path: Path, motion: Motion, markers_m: Float64) -> None:
 
 
 def check_animation(path: Path) -> None:
-    """Raise CloudError for the name of no animation."""
+    """Raise CloudError for a name without an animation's suffix."""
     if path.suffix.lower() not in ANIMATIONS:
         raise CloudError(f"{path} is no animation; give {', '.join(ANIMATIONS)}")
 

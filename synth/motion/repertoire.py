@@ -1,4 +1,4 @@
-"""Poses out of motions, thinned to what differs: what datasets are generated from."""
+"""Repertoire: poses of recorded motions, thinned to different ones, from which datasets are generated."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Postures of activities: which of ``annotate.posture.POSTURES`` somebody is in who does them."""
+"""Postures of activities: the one of ``annotate.posture.POSTURES`` in which each is done."""
 
 from functools import lru_cache
 
@@ -16,7 +16,7 @@ _ON_THE_FLOOR = {
     "half_kneeling_right": "kneeling",
     "all_fours": "on all fours",
 }
-"""The upright and the standing; whoever gets up is between two postures, and has none."""
+"""Upright and standing people; somebody who gets up is between two postures and has none."""
 
 
 def posture_of(activity: str) -> str | None:

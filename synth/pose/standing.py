@@ -1,4 +1,4 @@
-"""Standing about: legs, trunk and hands of a standing person as numbers, and the body that follows from them.
+"""Standing people: legs, trunk and hands as numbers, and the body that follows from them.
 
 The numbers are described in ``synth/data/poses/standing.toml``. Feet are put on the floor and hands to their
 places by inverse kinematics, the trunk's mass stands over the feet, and no limb is in another.

@@ -48,7 +48,7 @@ def lap_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
 
 
 def bed_blanket(place: Place, body: Body, rng: np.random.Generator) -> Thing:
-    """A blanket over the lower end of a bed and whoever lies there."""
+    """A blanket over the lower end of a bed and the person in it."""
     height, (half, front_y, _) = place.furniture.height, place.furniture.footprint
     x = np.arange(-half - OVER_EDGE_M, half + OVER_EDGE_M + CELL_M, CELL_M)
     y = np.arange(front_y - OVER_EDGE_M, rng.uniform(*BED_TOP_Y_M), CELL_M)

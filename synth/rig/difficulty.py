@@ -1,4 +1,4 @@
-"""How hard the virtual rig makes it: nothing wrong, a good living room, or all at once."""
+"""Difficulties of the virtual rig: no faults, a good living room, or everything at once."""
 
 from dataclasses import dataclass
 from typing import Any

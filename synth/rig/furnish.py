@@ -1,4 +1,4 @@
-"""What stands about the subject: chosen by chance, put where there is room."""
+"""Things around the subject: chosen at random, placed where there is room."""
 
 from dataclasses import dataclass
 

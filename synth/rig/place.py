@@ -1,4 +1,4 @@
-"""Where the rig's person is: sofa, chair or bed, what is done there, and where the robot stands."""
+"""Places of the virtual rig: sofa, chair or bed, what people do there, and where the robot stands."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""One subject's stay before the robot: who is there, what stands about, and how warm it all is by now.
+"""One subject's stay in front of the robot: the people, the things around them, and all temperatures.
 
 Faces of the whole scene run: subject, visitor (if any), cushions, things, and what never moves.
 """

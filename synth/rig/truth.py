@@ -30,7 +30,7 @@ FLYING_MM = 60.0
 class Truth:
     """The truth of a frame. Over the raw depth image: parts, persons uint8 (h, w), as ``FrameLabels``.
 
-    joints_m: (J, 3), depth camera. hard: what makes the frame hard, in words. drift_c: by how much all
+    joints_m: (J, 3), depth camera. hard: the frame's difficulties, in words. drift_c: by how much all
     temperatures are too high; spot_c: a pyrometer's reading, NaN = there is none.
     """
 

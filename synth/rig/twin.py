@@ -1,4 +1,4 @@
-"""Twins of the rigs that people build: how a difficulty's faults are on another depth or thermal camera."""
+"""Twins of common rigs: a difficulty's faults on another depth or thermal camera."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

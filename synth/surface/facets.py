@@ -94,7 +94,7 @@ def noise_tile() -> Float32:
 
 
 def wavelength_cells(wavelength_m: float) -> float:
-    """Cells of the tile a metre spans when its bumps shall lie about ``wavelength_m`` apart."""
+    """Cells of the tile per metre for bumps that are about ``wavelength_m`` apart."""
     return 5 * CORRELATION_CELLS / wavelength_m
 
 

@@ -22,7 +22,7 @@ WIDE_PX = 8
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles, a tag each. vertices_m: float32 (V, 3), faces: int32 (F, 3), tags: int32 (F,)."""
+    """Triangles, each with a tag. vertices_m: float32 (V, 3), faces: int32 (F, 3), tags: int32 (F,)."""
 
     vertices_m: Float32
     faces: Int32

@@ -1,4 +1,4 @@
-"""The person finder's network and its training by the clock, on stored scenes."""
+"""The person finder's network, and its training for a given time on stored scenes."""
 
 import copy
 import math

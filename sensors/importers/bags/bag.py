@@ -42,8 +42,8 @@ class Bag:
         depth = choose_depth(pictures)
         if depth is None:
             raise FormatError(
-                f"{path} has no depth images (16UC1, mono16, 32FC1 or compressedDepth) but "
-                f"{', '.join(sorted(pictures)[:8]) or 'no image topic'}; record a depth topic"
+                f"{path} has no depth images (16UC1, mono16, 32FC1 or compressedDepth; it has "
+                f"{', '.join(sorted(pictures)[:8]) or 'no images'}); record a depth topic"
             )
         color = choose_color(pictures)
         self._depth, self._color = self._topics[depth], self._topics[color] if color else None

@@ -74,7 +74,7 @@ class _Stream:
         return intrinsics_from_rational((width, height), matrix, np.array([k1, k2, p1, p2, k3, k4, k5, k6]))
 
     def pose(self) -> Pose:
-        """From this stream to colour. Raises CalibrationError: where there is none, zeros stand."""
+        """From this stream to colour. Raises CalibrationError if it is missing (the file then has zeros)."""
         return Pose(np.array(self.profile[2:11]).reshape(3, 3), np.array(self.profile[11:14]) / 1000)
 
 
