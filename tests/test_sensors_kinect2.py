@@ -177,7 +177,7 @@ def test_without_the_library_one_line_says_what_to_install(tmp_path, monkeypatch
     with pytest.raises(DeviceNotFoundError, match=r"cannot be compiled against \(.*no_such_header"):
         load_shim()
     monkeypatch.setattr(kinect2_build, "which", lambda name: "" if name == "pkg-config" else None)
-    with pytest.raises(DeviceNotFoundError, match=r"no C\+\+ compiler"):
+    with pytest.raises(DeviceNotFoundError, match=r"needs a C\+\+ compiler"):
         load_shim()
 
 
