@@ -200,6 +200,19 @@ def test_a_recording_that_is_slower_than_its_devices_still_ends(tmp_path):
 # What cannot be recorded
 
 
+def test_a_recording_without_depth_is_refused_before_it_begins(annotate_cloud, tmp_path, monkeypatch):
+    monkeypatch.setattr("cli.rig_devices.Shown", lambda: Unseen())
+    done = annotate_cloud("record", tmp_path / "a.mcap", "--device", SPOT, "--seconds", 0.5)
+    assert_refused(done, "name a depth camera")
+    assert not list(tmp_path.iterdir())
+
+
+class Unseen:
+    """What virtual cameras see where there are none."""
+
+    calibration = RIG
+
+
 def test_two_devices_of_one_stream_are_refused(tmp_path):
     with pytest.raises(DeviceError, match="both give depth"):
         recorded(tmp_path / "session.mcap", 0.1, KINECT, f"{KINECT}?skew_ppm=1")

@@ -89,13 +89,14 @@ class Intake:
 
     reopen: opens and starts a device that was lost; without it, a lost device stays lost. streams: what came
     so far; away: addresses that are lost now; faults: by address, when a device last sent what it must not,
-    and what. Raises DeviceError where two devices have one stream.
+    and what. Raises DeviceError where two devices have one stream, or
+    none gives depth.
     """
 
     def __init__(self, devices: Sequence[Device], reopen: Callable[[str], Device] | None = None) -> None:
-        _check_apart(devices)
+        _check_streams(devices)
         self._devices = {device.address: device for device in devices}
-        self._depth = next((d.address for d in devices if "depth" in d.rates_hz), "")
+        self._depth = next(device.address for device in devices if "depth" in device.rates_hz)
         self._queues = {
             device.address: Queue[DeviceReading | Exception](
                 max(BACKLOG, round(BACKLOG_S * sum(device.rates_hz.values())))
@@ -252,7 +253,7 @@ def in_words(value: Value) -> str:
             return f"{counts.min()} to {counts.max()} counts"
 
 
-def _check_apart(devices: Sequence[Device]) -> None:
+def _check_streams(devices: Sequence[Device]) -> None:
     streams: dict[str, str] = {}
     for device in devices:
         for stream in device.rates_hz:
@@ -261,3 +262,5 @@ def _check_apart(devices: Sequence[Device]) -> None:
                     f"{streams[stream]} and {device.address} both give {stream}; use one of them"
                 )
             streams[stream] = device.address
+    if "depth" not in streams:
+        raise DeviceError("no device of the rig gives depth; name a depth camera too")

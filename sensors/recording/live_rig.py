@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sensors.device.protocol import Device
-from sensors.errors import CloudError, DeviceError, one_line
+from sensors.errors import CloudError, one_line
 from sensors.recording.health import FAULT_NS, Health, Watch
 from sensors.recording.intake import Arrived, Event, Intake
 from sensors.recording.moments import Moment, Moments
@@ -49,8 +49,6 @@ class LiveRig:
         reopen: Callable[[str], Device],
     ) -> None:
         rates_hz = {stream: hz for device in devices for stream, hz in device.rates_hz.items()}
-        if "depth" not in rates_hz:
-            raise DeviceError("no device of the rig gives depth; name a depth camera too")
         self.name, self.calibration = name, calibration
         self.moments = Newest[Moment]()
         self.events = deque[tuple[int, Event]](maxlen=EVENTS_KEPT)

@@ -96,7 +96,7 @@ def write_item(writer: SessionWriter, item: Arrived | Event, infrared: bool = Fa
 class Recorder:
     """Records devices that have started into an open session; ``run`` closes them.
 
-    infrared: as of ``write_item``. Raises DeviceError where two devices have one stream.
+    infrared: as of ``write_item``. Raises DeviceError as ``Intake`` does.
     """
 
     def __init__(self, devices: Sequence[Device], writer: SessionWriter, infrared: bool = False) -> None:
