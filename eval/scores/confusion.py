@@ -37,14 +37,16 @@ def confusion_matrix(truth: Labels, predicted: Labels) -> Counts:
     """
     if truth.shape != predicted.shape:
         raise ValueError(f"truth is {truth.shape} but the prediction is {predicted.shape}")
-    defined = truth != UNDEFINED
-    rows = truth[defined].astype(np.int64)
-    columns = named(predicted[defined]).astype(np.int64)
-    highest = max(rows.max(initial=0), columns.max(initial=0))
+    # One more than the id, in a byte: undefined, 255, becomes 0. Counting pairs of them all at once is faster
+    # than leaving the undefined out first.
+    rows, columns = truth + np.uint8(1), predicted + np.uint8(1)
+    highest = max(int(rows.max(initial=0)), int(columns.max(initial=0))) - 1
     if highest >= N_CLASSES:
         raise ValueError(f"label {highest} is not a part id; use 0 to {N_CLASSES - 1}, or {UNDEFINED}")
-    flat = np.bincount(rows * N_CLASSES + columns, minlength=N_CLASSES**2)
-    return flat.astype(np.int64).reshape(N_CLASSES, N_CLASSES)
+    pairs = np.bincount((rows * np.uint8(16) + columns).ravel(), minlength=256).reshape(16, 16)
+    matrix = pairs[1 : N_CLASSES + 1, 1 : N_CLASSES + 1].astype(np.int64)
+    matrix[:, BACKGROUND] += pairs[1 : N_CLASSES + 1, 0]
+    return matrix
 
 
 def named(predicted: Labels) -> Labels:
