@@ -18,7 +18,7 @@ from sensors.files.npz import load_arrays
 
 @dataclass(frozen=True)
 class Steps:
-    """Which steps of the engine run. Without one, the others still do: `docs/ablation.md` measures each."""
+    """Steps of the engine that run. Without one, the others still run: `docs/ablation.md` measures each."""
 
     second_look: bool = True
     """The network reads supervoxels once more. Without: the labels stay as the suit's rules read them."""
@@ -138,7 +138,7 @@ class Engine:
     weights: Weights = field(default_factory=shipped_weights)
 
     def note(self) -> dict[str, Any]:
-        """What a label set keeps of an engine that is not the shipped one."""
+        """Note in a label set about an engine that is not the shipped one."""
         note: dict[str, Any] = {}
         if without := self.steps.left_out():
             note["without"] = without

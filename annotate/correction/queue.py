@@ -87,7 +87,7 @@ def teaching_order(correction: Correction) -> list[str]:
 
 
 def progress(correction: Correction, frame_ids: list[str]) -> Progress:
-    """How far the work on these frames is."""
+    """Progress of the work on these frames."""
     done = [i for i in frame_ids if correction.state(i) not in ("auto", "touched")]
     spent = [
         sum(stroke.active_seconds for stroke in strokes if stroke.who == correction.who)

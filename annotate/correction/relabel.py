@@ -26,7 +26,7 @@ BY_ITSELF = Gesture("key")
 
 @dataclass(frozen=True)
 class Relabelled:
-    """What a step did. step: its name, "" for the first labels; frames: how many got other labels; changed:
+    """Result of a step. step: its name, "" for the first labels; frames: how many got other labels; changed:
     share of their body's pixels that are another part now."""
 
     step: str

@@ -35,7 +35,7 @@ MAPS = {"temperature": HEAT, "depth": cv2.COLORMAP_CIVIDIS}
 
 @dataclass(frozen=True)
 class Look:
-    """What a pane shows. outlines, tint: of the parts over the other colourings; tint: of TINTS."""
+    """Look of a pane. outlines, tint: of the parts over the other colourings; tint: of TINTS."""
 
     colouring: Colouring = "part"
     outlines: bool = True

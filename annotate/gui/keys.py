@@ -141,7 +141,7 @@ def derived(commands: tuple[Command, ...]) -> tuple[Command, ...]:
 
 @dataclass(frozen=True)
 class Settings:
-    """What a user sets in window.toml. theme: of THEMES; commands: with the user's own keys."""
+    """Settings of a user in window.toml. theme: of THEMES; commands: with the user's own keys."""
 
     theme: str = "system"
     commands: tuple[Command, ...] = (*COMMANDS, *derived(COMMANDS))

@@ -23,7 +23,7 @@ STOP_MS = 3000
 
 @dataclass(frozen=True)
 class Lesson:
-    """How to learn: the command, with its arguments, and the label set that it leaves."""
+    """Recipe for learning: the command, with its arguments, and the label set that it leaves."""
 
     command: tuple[str, ...]
     labels: Path

@@ -43,7 +43,7 @@ def memory_path() -> Path:
 
 
 def recall(path: Path | None) -> Memory:
-    """What was remembered; whatever is missing or makes no sense is as in a new window."""
+    """Settings as remembered; missing or invalid ones are as in a new window."""
     memory = Memory()
     if path is None:
         return memory

@@ -84,7 +84,7 @@ class Sight:
         return marked
 
     def read_out(self, pixel: int) -> str:
-        """What is known of a pixel: part, depth, temperature, confidence, and the other set's part."""
+        """Read-out of a pixel: part, depth, temperature, confidence, and the other set's part."""
         scene, part = self.scene, int(self.parts.flat[pixel])
         facts = [title(part), f"{scene.labels.depth_mm.flat[pixel] / 1000:.2f} m"]
         if np.isfinite(celsius := float(scene.cloud.temperature_c.flat[pixel])):

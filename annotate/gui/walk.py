@@ -142,7 +142,7 @@ class Walk:
         self._confidence.clear()
 
     def progress(self) -> Progress:
-        """How far the work on the whole set is."""
+        """Progress of the work on the whole set."""
         return progress(self.correction, self.all_ids)
 
     def confidence(self, frame_id: str) -> float | None:

@@ -131,7 +131,7 @@ class LabelSet:
 
     @property
     def source(self) -> str:
-        """What the labels were made from."""
+        """Source that the labels were made from."""
         return str(self.info.get("source", ""))
 
     @property

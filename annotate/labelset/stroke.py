@@ -42,7 +42,7 @@ Activity = Literal["looking", "painting", "navigating"]
 
 @dataclass(frozen=True)
 class Gesture:
-    """How a person chose the pixels, in the quantities of the keystroke-level model.
+    """Gesture by which a person chose the pixels, in the quantities of the keystroke-level model.
 
     clicks: mouse clicks; points: vertices of a lasso, polygon or brush path; path_px: its length on the
     screen in pixels, the button held down; keys: keys pressed for it. Raises FormatError.

@@ -39,7 +39,7 @@ class Stance:
 
 @dataclass(frozen=True)
 class Labelling:
-    """What makes labels of a cloud: ``survey`` needs no other frame, ``label`` has that of the frame before.
+    """Functions that label a cloud: ``survey`` needs no other frame, ``label`` has that of the frame before.
 
     stance: joints, facing and posture of the labelled person, None where they cannot be known.
     """
@@ -66,7 +66,7 @@ class LiveFrame:
 
 
 class Rig(Protocol):
-    """What is looked at: a ``LiveRig``, or a ``Playback``; documented there."""
+    """A ``LiveRig`` or a ``Playback``; documented there."""
 
     name: str
     calibration: RigCalibration

@@ -131,7 +131,7 @@ class Comparison:
 
     @property
     def n_subjects(self) -> int:
-        """How many different people are seen."""
+        """Number of different people seen."""
         return len(set(self.subjects))
 
     @property
@@ -157,7 +157,7 @@ class Comparison:
         return {"frames": len(self.frame_ids), **{name: named(name, self.scores[name]) for name in SUMMARY}}
 
     def to_evaluation_json(self) -> dict[str, Any]:
-        """What `evaluate` prints: all scores with intervals, the confusion, and what was left out."""
+        """JSON that `evaluate` prints: all scores with intervals, the confusion, and what was left out."""
         return {
             "frames": len(self.frame_ids),
             "subjects": self.n_subjects,

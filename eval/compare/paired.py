@@ -39,7 +39,7 @@ class Difference:
     note: str
 
     def to_json(self) -> dict[str, Any]:
-        """What `compare` prints; null stands for a score that one of the two lacks."""
+        """JSON that `compare` prints; null = a score that one of the two lacks."""
         return {
             "a": self.a,
             "b": self.b,

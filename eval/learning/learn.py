@@ -52,7 +52,7 @@ CHECKPOINT_S = 20.0
 
 @dataclass(frozen=True)
 class Learnt:
-    """What was learnt. frames: corrected ones; held_out: of those, measured on before they were learnt too.
+    """Result of learning. frames: corrected ones; held_out: those measured on before they were learnt too.
 
     before, after: mean agreement within 2 px on these, of their first labels and of the network's; None where
     none was held out. labels: the set with labels of the frames nobody has worked on.

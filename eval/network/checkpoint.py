@@ -27,7 +27,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Epoch:
-    """What an epoch came to: mean training loss; mean recall and mIoU of the parts on measured frames.
+    """Results of an epoch: mean training loss; mean recall and mIoU of the parts on measured frames.
 
     number counts from 1. The scores are None when nothing is measured. seconds: the training's so far.
     """
@@ -41,7 +41,7 @@ class Epoch:
 
 @dataclass
 class Progress:
-    """How far a training is: steps done, losses not yet summed up in `points` and `epochs`, seconds."""
+    """Progress of a training: steps done, losses not yet summed up in `points` and `epochs`, seconds."""
 
     step: int = 0
     since_point: list[float] = field(default_factory=list)

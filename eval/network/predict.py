@@ -82,7 +82,7 @@ def check_alone(frames: LabelledFrames) -> None:
 
 
 def step_of(network: OnnxNetwork, probabilities: bool) -> dict[str, Any]:
-    """What a label set's manifest says of the network that labels it."""
+    """Entry of a label set's manifest about the network that labels it."""
     return {"weights": network.sha256, "probabilities": probabilities}
 
 

@@ -59,12 +59,12 @@ def colorize_share(values: Float32) -> Image:
 
 
 def colorize_error(truth: Labels, predicted: Labels) -> Image:
-    """What went wrong where, (h, w, 3): grey where the part is right, else in `ERROR_KINDS` colours."""
+    """Picture of the errors, (h, w, 3): grey where the part is right, else in `ERROR_KINDS` colours."""
     return np.array(ERROR_RGB, np.uint8)[error_kind_ids(truth, predicted)]
 
 
 def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
-    """What went wrong where (h, w), as an index into `ERROR_NAMES` and `ERROR_RGB`."""
+    """Kind of error at each pixel (h, w), as an index into `ERROR_NAMES` and `ERROR_RGB`."""
     guess = named(predicted)
     person, seen = truth != BACKGROUND, guess != BACKGROUND
     wrong = (truth != guess) & person & seen

@@ -33,7 +33,7 @@ FEW = 4
 
 
 def clusters_of(subjects: Sequence[str]) -> Int64:
-    """Which cluster each frame is drawn with, int64 (F,): its subject, or itself where there is but one."""
+    """Cluster that each frame is drawn with, int64 (F,): its subject, or itself where there is but one."""
     owner = np.unique(np.array(subjects), return_inverse=True)[1].astype(np.int64)
     return owner if owner.max(initial=0) > 0 else np.arange(len(subjects))
 

@@ -35,7 +35,7 @@ SMOOTH = 0.2
 
 @dataclass(frozen=True)
 class Augmentation:
-    """What may happen to a training image; all of it by default.
+    """Changes to training images; all by default.
 
     mirror: left and right exchanged. place: zoom, shift, depth moved and stretched. turn: in the image plane.
     noise: of the sensor, flying pixels at rims. holes: pixels and patches without depth. occluders: things in

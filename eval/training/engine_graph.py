@@ -80,7 +80,7 @@ class Joined:
 
 
 class Figures(NamedTuple):
-    """How the network reads held-out supervoxels: mean recall over parts, and the person's IoU, of pixels."""
+    """Scores of the network on held-out supervoxels, of pixels: mean recall over parts, the person's IoU."""
 
     recall: float
     person_iou: float

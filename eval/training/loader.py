@@ -38,7 +38,7 @@ class Images(Dataset[tuple[Tensor, Tensor, Tensor]]):
 
 @dataclass(frozen=True)
 class BatchOrder:
-    """Which crops each step sees. A short rest of an epoch is dropped; fewer crops than a batch are one.
+    """Crops that each step sees. A short rest of an epoch is dropped; fewer crops than a batch are one.
 
     rank, world: this process of how many; they share each batch.
     """

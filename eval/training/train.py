@@ -241,7 +241,7 @@ class _Run:
 
 
 def images_left(out: Path, plan: Plan, crops: Crops) -> int:
-    """How many images a training in ``out`` has yet to see, for the progress; all of them in a new folder."""
+    """Number of images that a training in ``out`` has yet to see, for the progress; all in a new folder."""
     order = BatchOrder(len(crops), plan.recipe.batch, plan.rounds, plan.seed)
     done = steps_done(out / CHECKPOINT) if (out / CHECKPOINT).is_file() else 0
     return (order.epoch_steps * plan.rounds - done) * order.step_images

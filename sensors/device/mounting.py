@@ -37,7 +37,7 @@ _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 @dataclass(frozen=True)
 class Mounting:
-    """What is done to images: mirrored left to right, then turned clockwise by ``quarters``."""
+    """Transformation of images: mirrored left to right, then turned clockwise by ``quarters``."""
 
     quarters: int = 0
     mirror: bool = False

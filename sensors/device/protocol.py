@@ -72,7 +72,7 @@ class ThermalCounts:
 
 @dataclass(frozen=True)
 class Spot:
-    """What a pyrometer measures: target, head and (CT) box temperature in Celsius; NaN = not measured."""
+    """Reading of a pyrometer: target, head and (CT) box temperature in Celsius; NaN = not measured."""
 
     stream: ClassVar[str] = "pyrometer"
     target_c: float
@@ -99,7 +99,7 @@ class DeviceReading:
 
     @property
     def stream(self) -> str:
-        """Which of the device's streams this belongs to: depth, color, thermal or pyrometer."""
+        """Stream of the device that this belongs to: depth, color, thermal or pyrometer."""
         return self.value.stream
 
 

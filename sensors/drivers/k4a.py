@@ -62,7 +62,7 @@ class StampedDepth(NamedTuple):
 
 
 class Capture(NamedTuple):
-    """What came at once. color: JPEG bytes and their stamp in microseconds."""
+    """Images of one capture. color: JPEG bytes and their stamp in microseconds."""
 
     depth: StampedDepth | None
     color: tuple[bytes, int] | None

@@ -37,7 +37,7 @@ GAINS = ("high", "low", "auto")
 
 @dataclass(frozen=True)
 class Telemetry:
-    """What comes with an image. kelvin: of one step of a word, None where the words are no temperatures.
+    """Telemetry of an image. kelvin: of one step of a word, None if the words are not temperatures.
 
     gain: "high" (to 140 C) or "low" (to 400 C), in which one step means the same. agc: whether the words are
     stretched to 8 bits for display.

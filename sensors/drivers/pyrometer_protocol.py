@@ -19,7 +19,7 @@ SYNC = b"\xaa\xaa"
 
 @dataclass(frozen=True)
 class Scale:
-    """How two bytes are a temperature: (value - offset) / steps_per_c."""
+    """Conversion of two bytes to a temperature: (value - offset) / steps_per_c."""
 
     offset: int
     steps_per_c: int

@@ -47,7 +47,7 @@ JPEG = (cv2.IMWRITE_JPEG_QUALITY, 95, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWR
 
 @dataclass(frozen=True)
 class Settings:
-    """What can be set. size: of depth and infrared, color_size: of colour, (width, height).
+    """Settings of a camera. size: of depth and infrared, color_size: of colour, (width, height).
 
     preset: one of ``PRESETS``. exposure_us: of the stereo pair. laser_mw: 0 = off. None: as it is.
     """

@@ -49,7 +49,7 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def temporary_of(path: Path) -> Path:
-    """What ``path`` is called while this process makes it: hidden, beside it, not to be guessed."""
+    """Name of ``path`` while this process writes it: hidden, beside it, not predictable."""
     return path.with_name(f".{path.name}{_ending()}")
 
 

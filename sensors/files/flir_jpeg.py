@@ -16,7 +16,7 @@ _SEGMENT = re.compile(rb"\xff\xe1..FLIR\0", re.DOTALL)
 
 
 class FlirImage(NamedTuple):
-    """What one file holds. celsius: float32 (h, w). photo: uint8 (h', w', 3) RGB of the camera beside, or
+    """Contents of one file. celsius: float32 (h, w). photo: uint8 (h', w', 3) RGB of the camera beside, or
     None."""
 
     celsius: NDArray[np.float32]

@@ -42,7 +42,7 @@ DISK_FULL = "disk nearly full: recording ended"
 
 @dataclass(frozen=True)
 class Recorded:
-    """How a recording ended. why: "asked" (by time or Ctrl-C), "disk" (full) or "lost" (the depth camera).
+    """End of a recording. why: "asked" (by time or Ctrl-C), "disk" (full) or "lost" (the depth camera).
 
     events: how often each text was noted.
     """
@@ -54,7 +54,7 @@ class Recorded:
 
 
 def clock_metadata(devices: Sequence[Device], latency_ms: Mapping[str, float]) -> dict[str, str]:
-    """What a session notes of its clocks: which one stamped a topic, and how late that device's readings are.
+    """A session's metadata on clocks: which one stamped a topic, and how late that device's readings are.
 
     latency_ms: by address.
     """

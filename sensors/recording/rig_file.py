@@ -24,7 +24,7 @@ KEYS = ("name", "calibration", "devices", "latency_ms")
 
 @dataclass(frozen=True)
 class RecordingRig:
-    """What to record from. devices: addresses; latency_ms: by address. Raises DeviceError."""
+    """Rig to record from. devices: addresses; latency_ms: by address. Raises DeviceError."""
 
     name: str
     devices: tuple[str, ...]

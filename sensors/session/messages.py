@@ -82,7 +82,7 @@ def image_from(data: bytes, name: str) -> NDArray[np.uint16]:
 
 
 def spot_message(target_c: float, head_c: float, box_c: float, stamp_ns: int) -> RawImage:
-    """What a pyrometer measures as one row of 32FC1: target, head and box, Celsius, NaN = not measured."""
+    """Reading of a pyrometer as one row of 32FC1: target, head and box, Celsius, NaN = not measured."""
     return raw_image(np.array([[target_c, head_c, box_c]], "<f4"), "32FC1", "pyrometer", stamp_ns)
 
 

@@ -6,7 +6,7 @@ PARTIAL = ".partial"
 
 
 def partial_of(path: Path) -> Path:
-    """What the session ``path`` is called until it is complete."""
+    """Name of the session ``path`` until it is complete."""
     return path.with_name(path.name + PARTIAL)
 
 

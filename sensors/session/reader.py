@@ -41,7 +41,7 @@ from sensors.session.paths import recording_at
 
 @dataclass(frozen=True)
 class StreamRate:
-    """How many messages a topic has, and their mean rate by device stamp (0 for fewer than two)."""
+    """Number of messages of a topic, and their mean rate by device stamp (0 for fewer than two)."""
 
     count: int
     rate_hz: float
@@ -136,7 +136,7 @@ class Session:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the session lacks, one sentence each."""
+        """Missing parts of the session, one sentence each."""
         notes = [
             f"no {name} images"
             for name, topic in (("colour", COLOR), ("thermal", THERMAL))

@@ -23,7 +23,7 @@ Chosen by eye: a chunk of a recording lasts a thirtieth of a second."""
 
 @dataclass(frozen=True)
 class Repaired:
-    """What ``repair`` made. frames: of the whole session. damaged: records that could not be read.
+    """Result of ``repair``. frames: of the whole session. damaged: records that could not be read.
 
     lost_s: how long the lost chunks lasted, as far as they still state it.
     """

@@ -33,7 +33,7 @@ AMBIENT_C, HEAD_C, BOX_C, PROCESSOR_C = 22.0, 27.4, 31.2, 33.5
 
 @dataclass(frozen=True)
 class LineFaults:
-    """What goes wrong on the line. delay_s: before every reply. noise, loss: share of reply bytes changed or
+    """Faults of the serial line. delay_s: before every reply. noise, loss: share of reply bytes changed or
     lost. refuse: share of SET commands that arrive damaged, so that their checksum is wrong.
     """
 
@@ -44,7 +44,7 @@ class LineFaults:
 
 
 def skin_temperature_c(seconds: float) -> float:
-    """What the twin looks at: skin that breathes a little, 32.5 to 33.5 C."""
+    """Temperature that the twin looks at: skin that breathes a little, 32.5 to 33.5 C."""
     return 33.0 + 0.5 * sin(0.3 * seconds)
 
 

@@ -41,7 +41,7 @@ RAW_TOP = 16000
 
 @dataclass(frozen=True)
 class CameraFaults:
-    """How badly a colour camera does; no source for any strength: chosen by eye.
+    """Faults of a colour camera; no source for any strength: chosen by eye.
 
     noise: factor on shot and read noise. blur_px: the lens'. exposure_sd: the controller's standing error
     in factors of e. balance_sd: drift of red and blue, likewise. balanced: share of a cast it takes out.
@@ -61,7 +61,7 @@ class CameraFaults:
 
 @dataclass(frozen=True)
 class CameraState:
-    """What the controllers are at. exposure: factor on light; balance: (3,) factors, green 1; drift: (3,)."""
+    """State of the controllers. exposure: factor on light; balance: (3,) factors, green 1; drift: (3,)."""
 
     exposure: float
     balance: Float64
@@ -69,12 +69,12 @@ class CameraState:
 
     @property
     def exposure_s(self) -> float:
-        """How long the shutter is open."""
+        """Exposure time, seconds."""
         return min(BRIGHT_S * self.exposure, LONGEST_S)
 
     @property
     def gain(self) -> float:
-        """What the shutter cannot give."""
+        """Amplification of what the shutter cannot supply."""
         return self.exposure * BRIGHT_S / self.exposure_s
 
 

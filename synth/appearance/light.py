@@ -40,7 +40,7 @@ BOUNCE_FLOOR = 0.3
 
 @dataclass(frozen=True)
 class LightSpread:
-    """How a room is lit; no source for any strength: chosen by eye.
+    """Light of a room; no source for any strength: chosen by eye.
 
     level: light on the chest, and its spread in factors of e. lamps: least and most. returned: least and
     greatest share that walls send back. kelvin: coldest and warmest lamp's colour.

@@ -43,7 +43,7 @@ FOLDING = ("elbow", "knee", "hip", "shoulder")
 
 @dataclass(frozen=True)
 class Wear:
-    """How far a worn suit is from its palette; no source for any strength: chosen by eye.
+    """Deviation of a worn suit from its palette; no source for any strength: chosen by eye.
 
     seam_sd_m: a seam's distance from the part's border. fold_m: height of folds at a joint. hue_sd_deg and
     lightness_sd: a cloth's shift in CIELAB. fade: greatest share of a cloth's chroma that washing took.

@@ -37,7 +37,7 @@ from synth.surface.rasterize import Mesh, rasterize
 
 @dataclass(frozen=True)
 class ColorDifficulty:
-    """How hard colour is: what is worn, the room's light (None = even white), the camera's faults, and the
+    """Difficulty of colour: what is worn, the room's light (None = even white), the camera's faults, and the
     chance ``equal`` that a thing of the room has a colour of the suit (no source: chosen by eye)."""
 
     wear: Wear

@@ -49,7 +49,7 @@ SURFACE_C = {surface: entry["celsius"] for surface, entry in SURFACES.items() if
 
 @dataclass(frozen=True)
 class Clothing:
-    """What makes one person's surface warmer or colder than another's.
+    """Personal differences of surface temperature.
 
     offset_c: thicker or thinner cloth all over. patch_c: unevenness. cold_feet, cold_hands: shares in [0, 1]
     of the way to the cold values. cold_sleeves: part ids whose cloth is loose.

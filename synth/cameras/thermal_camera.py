@@ -51,7 +51,7 @@ class ThermalNoise:
 
 
 class ThermalState:
-    """What of the camera changes over a recording: its drift, and when its flag is closed."""
+    """State of the camera over a recording: its drift, and when its flag is closed."""
 
     def __init__(self, noise: ThermalNoise, rng: np.random.Generator) -> None:
         self.noise = noise

@@ -24,7 +24,7 @@ class Worn:
 
 @dataclass(frozen=True)
 class Top(Worn):
-    """What covers trunk and arms."""
+    """Garment on trunk and arms."""
 
     hem: float
     sleeve: float
@@ -37,7 +37,7 @@ class Top(Worn):
 
 @dataclass(frozen=True)
 class Trousers(Worn):
-    """What covers hips and legs, each leg by itself."""
+    """Garment on hips and legs, each leg by itself."""
 
     waist: float
     hem: float
@@ -49,7 +49,7 @@ class Trousers(Worn):
 
 @dataclass(frozen=True)
 class Skirt(Worn):
-    """What hangs about both legs together: a skirt, or the lower half of a coat, a dress, a long shirt."""
+    """Garment about both legs together: a skirt, or the lower half of a coat, a dress, a long shirt."""
 
     waist: float
     hem: float
@@ -60,7 +60,7 @@ class Skirt(Worn):
 
 @dataclass(frozen=True)
 class Shoes(Worn):
-    """What covers feet, and of boots the shanks."""
+    """Shoes on the feet; boots also cover the shanks."""
 
     sole_mm: float
     upper_mm: float

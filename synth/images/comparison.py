@@ -16,7 +16,7 @@ BINS = 24
 
 
 class Figure(NamedTuple):
-    """How a figure of ``Distributions`` is shown; times ``factor`` it is in its unit."""
+    """Display of a figure of ``Distributions``; times ``factor`` it is in its unit."""
 
     title: str
     unit: str

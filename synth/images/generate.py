@@ -32,7 +32,7 @@ def _versions() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Order:
-    """What to generate: these fields decide every byte."""
+    """Order of a dataset: these fields determine every byte."""
 
     preset: Preset
     count: int

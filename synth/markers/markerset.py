@@ -39,7 +39,7 @@ class MarkerSet:
 
 
 def key_of(label: str) -> str:
-    """What two spellings of a label share: no prefix up to the last colon, no punctuation, one case."""
+    """Key that two spellings of a label share: no prefix up to the last colon, no punctuation, one case."""
     return re.sub(r"[^0-9a-z]", "", label.rpartition(":")[2].casefold())
 
 
