@@ -40,7 +40,9 @@ def table_block(table: Table, measured: Measured) -> str:
         [name, *(cells[c].text(spec) if c in cells else "-" for c, spec in table.columns.items())]
         for name, cells in measured.rows.items()
     )
-    from_ = f"{KINDS[table.kind]}: {table.about} `make figures ONLY={table.name}`, {origin(measured)}."
+    command = f"`make figures ONLY={table.name}`"
+    how = command if measured.product else f"Measured by hand, some on other frames, before {command} did"
+    from_ = f"{KINDS[table.kind]}: {table.about} {how}, {origin(measured)}."
     return f"{markdown(['', *table.columns], rows)}\n\n{from_}"
 
 
@@ -50,7 +52,8 @@ def sources_block(tables: Iterable[Table], all_measured: dict[str, Measured]) ->
     def row(table: Table) -> list[str]:
         found = all_measured.get(table.name)
         pages = ", ".join(f"`{page}`" for page in table.pages)
-        when = [origin(found), f"{found.cpu_s / 60:.0f}"] if found else ["not yet", "-"]
+        minutes = f"{found.cpu_s / 60:.0f}" if found and found.cpu_s else "-"
+        when = [origin(found), minutes] if found else ["not yet", "-"]
         return [f"`{table.name}`", table.kind, table.about.rstrip("."), pages, *when]
 
     order = sorted(tables, key=lambda table: list(KINDS).index(table.kind))

@@ -45,7 +45,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Measured:
-    """Rows of a table, of which seed and product, and those that stood there before."""
+    """Rows of a table, of which seed and product ("" for what was copied by hand), and those before."""
 
     rows: Rows
     seed: int | None
