@@ -5,6 +5,7 @@ import sys
 import threading
 import time
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -15,15 +16,16 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import sensors.recording.recorder
 from cli.rig_devices import opened_rig
-from sensors.device.protocol import DepthImage, Device, DeviceReading
+from sensors.device.protocol import DepthImage, Device, DeviceReading, Flag, ThermalImage
 from sensors.drivers.kinect2 import Kinect2
 from sensors.errors import CalibrationError, DeviceError
-from sensors.recording.intake import BACKLOG
+from sensors.recording.intake import BACKLOG, Arrived
 from sensors.recording.open_device import open_device
-from sensors.recording.recorder import Recorder, clock_metadata
+from sensors.recording.recorder import Recorder, clock_metadata, write_item
 from sensors.recording.rig_file import RecordingRig, load_rig
+from sensors.rig.camera import Intrinsics
 from sensors.rig.kinect2_factory import KINECT2_DEPTH
-from sensors.rig.rig_calibration import RigCalibration, save_calibration
+from sensors.rig.rig_calibration import Pose, RigCalibration, save_calibration
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 from sensors.virtual.frame_loop import FrameLoop
@@ -211,6 +213,18 @@ class Unseen:
     """What virtual cameras see where there are none."""
 
     calibration = RIG
+
+
+def test_a_thermal_camera_in_another_mode_is_refused_at_its_first_image(tmp_path):
+    """The session could not be read again."""
+    rig = replace(RIG, thermal=Intrinsics(80, 60, 80.0, 80.0, 39.5, 29.5), thermal_from_depth=Pose.identity())
+    celsius = ThermalImage(np.full((120, 160), 30, np.float32), Flag.OPEN)
+    item = Arrived("optris", DeviceReading(1, 1, celsius), 1, 1, 0, usable=True)
+    with (
+        pytest.raises(CalibrationError, match="160x120"),
+        SessionWriter(tmp_path / "a.mcap", rig, "x") as out,
+    ):
+        write_item(out, item)
 
 
 def test_two_devices_of_one_stream_are_refused(tmp_path):

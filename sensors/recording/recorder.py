@@ -68,9 +68,10 @@ def clock_metadata(devices: Sequence[Device], latency_ms: Mapping[str, float]) -
 
 
 def write_item(writer: SessionWriter, item: Arrived | Event, infrared: bool = False) -> None:
-    """Write a reading or an event; what a closed flag makes worthless is left out. Raises OSError.
+    """Write a reading or an event; what a closed flag makes worthless is left out.
 
-    infrared: whether to keep the depth camera's amplitude images, which calibration needs.
+    infrared: whether to keep the depth camera's amplitude images, which calibration needs. Raises OSError,
+    and CalibrationError for an image of another size than its camera's calibration.
     """
     if isinstance(item, Event):
         writer.event(item.stamp_ns, item.text, item.arrival_ns)
@@ -88,6 +89,9 @@ def write_item(writer: SessionWriter, item: Arrived | Event, infrared: bool = Fa
         case Spot(target_c, head_c, box_c):
             writer.add(PYROMETER, spot_message(target_c, head_c, box_c, stamp), stamp, arrival)
         case ThermalImage(celsius):
+            # Else every frame would be refused when the session is read.
+            if (camera := writer.calibration.thermal) is not None:
+                camera.check_size("thermal image", celsius.shape)
             writer.add(THERMAL, thermal_message(celsius, stamp), stamp, arrival)
         case ThermalCounts(counts):
             writer.add(COUNTS, image_message(counts, "thermal", stamp), stamp, arrival)

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from cli.rig_devices import Shown
+from sensors.device.protocol import Device
 from sensors.recording.open_device import open_device
 from sensors.recording.recorder import Recorder, clock_metadata
-from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 
@@ -32,11 +32,17 @@ def resident_mb() -> float:
     return int(found[1]) / 1000 if found else float("nan")
 
 
-def measure(path: Path, seconds: float) -> None:
+def started() -> tuple[Shown, list[Device]]:
+    """What the virtual devices see, and the devices, started."""
     shown = Shown()
     devices = [open_device(address, shown) for address in DEVICES]
     for device in devices:
         device.start()
+    return shown, devices
+
+
+def measure(path: Path, seconds: float) -> None:
+    shown, devices = started()
     memory: list[float] = []
     with SessionWriter(path, shown.calibration, "x", metadata=clock_metadata(devices, {})) as writer:
         recorder, before, end = Recorder(devices, writer), time.process_time(), time.monotonic() + seconds
@@ -70,18 +76,16 @@ def kill(path: Path, seed: int) -> float:
     process.wait()
     session = Session(partial)
     assert any("truncated" in note for note in session.notes)
-    last_ns = int(session._messages["/depth/image"].arrivals_ns[-1])
+    last_ns = int(session._places["/depth/image"]["arrival_ns"][-1])
     partial.unlink()
     return (killed_ns - last_ns) * 1e-9
 
 
 def record_test_picture(path: Path) -> None:
     """Record a minute of what the virtual devices show by themselves; for ``kill``."""
-    devices = [open_device(address) for address in DEVICES]
+    shown, devices = started()
     end = time.monotonic() + 60
-    with SessionWriter(
-        path, TEMPLATES[REFERENCE].calibration, "x", metadata=clock_metadata(devices, {})
-    ) as writer:
+    with SessionWriter(path, shown.calibration, "x", metadata=clock_metadata(devices, {})) as writer:
         Recorder(devices, writer).run(lambda: time.monotonic() >= end, lambda _: None)
 
 
