@@ -20,6 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "docs" / "figures"
 PRODUCT = ("sensors", "annotate", "synth", "eval", "cli", "tools/measure", "tools/correction", ":!*.md")
 """What figures depend on, as Git's path patterns: a change of anything else does not make them old."""
+COUNT = ".0f"
+"""Format of columns that say how much was measured."""
 Kind = Literal["real", "virtual", "synthetic"]
 
 
@@ -140,10 +142,10 @@ def origin(measured: Measured) -> str:
 
 
 def changes(table: Table, measured: Measured) -> list[tuple[str, str, Figure, Figure, bool]]:
-    """(row, column, old, new, moved) of every figure that stood in the table before."""
+    """(row, column, old, new, moved) of every figure that stood in the table before; counts are none."""
     return [
         (row, column, old, new, moved(old, new, table.columns[column]))
         for row, cells in measured.rows.items()
         for column, new in cells.items()
-        if (old := measured.before.get(row, {}).get(column)) is not None
+        if table.columns[column] != COUNT and (old := measured.before.get(row, {}).get(column)) is not None
     ]
