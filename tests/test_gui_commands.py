@@ -147,10 +147,22 @@ def test_every_command_is_in_a_menu_and_has_a_name_for_every_ear(hand):
     )
 
 
+def test_words_are_written_once_however_often_they_are_asked_for(hand, monkeypatch):
+    header, written = hand.window.header, []
+    shown = header.show_desk
+    monkeypatch.setattr(header, "show_desk", lambda *what: (written.append(what), shown(*what)))
+    for _ in range(3):
+        hand.window.refresh()
+    assert not written
+    hand.settle()
+    assert len(written) == 1
+
+
 def test_a_button_that_needs_a_place_takes_the_next_click(hand):
     arm, part = hand.middle_of(RIGHT_ARM), hand.window.desk.part
     button = hand.window.tools.buttons["swap"]
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)
+    hand.settle()
     assert "Click an arm" in hand.window.status.next.text()
     hand.click(hand.place(arm))
     assert hand.parts.flat[arm] == LEFT_ARM and len(hand.strokes()) == 1

@@ -226,6 +226,7 @@ def test_space_accepts_and_a_reviewer_agrees(qapp, folder):
     annotator.close()
     reviewer = Driver(folder, who="ben")
     reviewer.window.open_frame(first)
+    reviewer.settle()
     assert "Space: agree" in reviewer.window.status.space.text()
     reviewer.key("accept")
     assert reviewer.correction.state(first) == "reviewed"

@@ -175,6 +175,7 @@ class ToolColumn(QScrollArea):
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         column = laid(QVBoxLayout(inner), gap=1, margins=(6, 4, 6, 2))
         self.buttons: dict[str, ToolButton] = {}
+        self._drawn: dict[str, tuple[str, str, float]] = {}
         for heading, names in (("TOOLS", TOOLS), ("STROKES", SWITCHES), ("EDIT", EDITS)):
             column.addWidget(named(QLabel(heading), "caption"))
             for name in names:
@@ -194,10 +195,15 @@ class ToolColumn(QScrollArea):
         """Press the buttons in that are on; disable those whose command is."""
         on = {hand.once or hand.tool, *(name for name in SWITCHES if getattr(hand, name))}
         on |= {"carry"} if carrying else set()
+        ratio = self.devicePixelRatioF()
         for name, item in self.buttons.items():
             item.setEnabled(enabled[name])
             item.setCheckable(item.isCheckable() or name == hand.once)
             item.setChecked(name in on)
             color = theme.on_accent if name in on else theme.text if enabled[name] else theme.quiet
-            item.key.setStyleSheet(f"color: {theme.on_accent if name in on else theme.quiet}")
-            item.setIcon(icon(name, color, self.devicePixelRatioF()))
+            drawn = color, theme.on_accent if name in on else theme.quiet, ratio
+            # Drawing all icons anew takes longer than showing a frame.
+            if self._drawn.get(name) != drawn:
+                self._drawn[name] = drawn
+                item.key.setStyleSheet(f"color: {drawn[1]}")
+                item.setIcon(icon(name, color, ratio))

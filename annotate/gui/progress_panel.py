@@ -51,8 +51,11 @@ class ProgressPanel(QWidget):
         """Update everything."""
         self.order.setText(f"{ORDERS[walk.order]} ▾")
         self.filter.setText(f"{FILTERS[walk.filter]} ▾")
+        # Without updates it does not paint the whole window at once, but in its turn.
+        self.bar.setUpdatesEnabled(False)
         self.bar.setRange(0, max(1, progress.total))
         self.bar.setValue(progress.done)
+        self.bar.setUpdatesEnabled(True)
         self.text.setText(progress.text)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802

@@ -65,8 +65,11 @@ class Shell(QMainWindow):
         self.key_page = KeyPage(self._central, settings)
         self.picture_due = QTimer(self, singleShot=True, interval=STRIP_MS)
         self.picture_due.timeout.connect(self.refresh_picture)
+        self.words_due = QTimer(self, singleShot=True, interval=0)
+        self.words_due.timeout.connect(self._show_words)
         self.pane: View = self.cloud_view
-        self.peeking, self.doubt = False, ""
+        self.peeking = False
+        self.doubt: str | None = None
         self._shown = desk.shown()
         self.setWindowTitle(f"{desk.correction.labels.path.resolve().name} - annotate-cloud")
         self._place(self.known)
@@ -157,8 +160,13 @@ class Shell(QMainWindow):
         self.refresh()
 
     def refresh(self) -> None:
-        """Update palette, tools, header and sentences."""
+        """Update palette, tools, header and sentences, once all that is under way is done."""
+        self.words_due.start()
+
+    def _show_words(self) -> None:
         desk = self.desk
+        if self.doubt is None:
+            self.doubt = next((doubt.reason for doubt in desk.doubts()), "")
         self.palette_.show_desk(desk, self.theme)
         enabled = {name: action.isEnabled() for name, action in self.actions_by_name.items()}
         if enabled:

@@ -83,7 +83,8 @@ class CorrectionWindow(Shell):
         self.busy(f"Opening frame {frame_id.lstrip('0') or '0'}…", read, show, failed)
 
     def _show_opened(self, read: Read, then: Callable[[], Done | None]) -> Done | None:
-        self.refresh_picture()
+        if self.picture_due.isActive():
+            self.refresh_picture()
         opened = self.walk.begin(*read)
         self.desk.put(opened.scene, opened.editor, opened.before)
         if self.frame_id not in self.walk.frame_ids:
@@ -135,7 +136,7 @@ class CorrectionWindow(Shell):
     def show_frame(self) -> None:
         """Show the frame on the desk everywhere."""
         self._shown = self.desk.shown()
-        self.doubt = next((doubt.reason for doubt in self.desk.doubts()), "")
+        self.doubt = None
         self.hand.once = ""
         for view in self.views:
             view.pointing.cancel()
@@ -303,6 +304,7 @@ class CorrectionWindow(Shell):
                 event.ignore()
                 return
             self.correction.abandon()
+        self.words_due.stop()
         self.remember()
         self.closed.emit()
         self.background.close()
