@@ -2,32 +2,21 @@
 
 import ctypes
 import shutil
-import signal
 import subprocess
-import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import pytest
 from conftest import assert_refused, largest_file, record, tree
 
 import synth.rig.simulate
-from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT, suit_to_toml
 from sensors.session.reader import Session
-from sensors.session.writer import SessionWriter
 from synth.rig.simulate import suit_path, truth_path
-
-LONG = 8
-
-MAIN = [sys.executable, "-c", "from cli.main import main; main()"]
-
 
 PALETTE = suit_to_toml(DEFAULT_SUIT)
 TORSO = next(line for line in PALETTE.splitlines() if line.startswith("torso"))
@@ -156,40 +145,6 @@ def test_corrections_are_never_overwritten(annotate_cloud, tmp_path, rig_session
     done = annotate_cloud("label", rig_session, "--out", labels, "--overwrite")
     assert_refused(done, labels, "corrections")
     assert tree(labels) == before
-
-
-def test_ctrl_c_then_the_same_command_gives_the_same_labels(tmp_path, rig_session):
-    # Long enough to be caught in the middle of.
-    source, long = Session(rig_session), tmp_path / "long.mcap"
-    with SessionWriter(long, source.calibration, source.name) as writer:
-        for index in range(LONG):
-            writer.write(replace(source.frame(index % len(source)), stamp_ns=index * 500_000_000))
-    out = tmp_path / "l"
-    command = [*MAIN, "label", long, "--suit", suit_path(rig_session), "--out", out, "--json"]
-    # A shell lets what it starts in the background ignore Ctrl-C, and all its children.
-    running = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
-    )
-    # It ends by itself after all frames: however slow the machine is, so does this loop.
-    while running.poll() is None and not (out / "frames" / "000000.json").exists():
-        time.sleep(0.002)
-    running.send_signal(signal.SIGINT)
-    said, remarks = running.communicate()
-    assert (running.returncode, said) == (130, "")
-    assert remarks.splitlines()[-1].startswith("annotate-cloud: interrupted")
-    assert "Traceback" not in remarks
-    begun = LabelSet.open(out)
-    assert 1 <= len(begun) < LONG
-    assert all(frame.parts.any() for frame in begun)
-    assert not [name for name in tree(out) if name.endswith(".partial")]
-    again = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert again.returncode == 0, again.stderr
-    whole = label_source(Session(long), DEFAULT_SUIT, tmp_path / "whole", lambda n: None)
-    assert tree(out) == tree(whole.labels.path)
 
 
 def test_an_interrupted_simulation_leaves_nothing(annotate_cloud, tmp_path, monkeypatch):

@@ -1,16 +1,22 @@
 """Every command that the documentation shows is run, page by page, on small sizes."""
 
+import hashlib
 import os
 import re
 import shlex
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+from conftest import tree
+from typer.main import get_command
 
+import annotate.person.alignment
 import cli.rig_devices
 import eval.learning.learn
 from annotate.correction.correction import Correction
+from cli.main import app
 from synth.rig.simulate import suit_path, truth_path
 
 ROOT = Path(__file__).parent.parent
@@ -31,19 +37,18 @@ ELSEWHERE = {
 """Lines that these tests leave to others, and to whom."""
 
 SMALLER = (
-    (r"--count \d+", "--count 8"),
-    (r"--epochs \d+", "--epochs 1"),
-    (r"--subjects 8", "--subjects 2"),
-    (r" --difficulty normal", ""),  # the default: pages then share recordings
+    (r"(simulate p\w+\.mcap) .*", r"\1 --frames 4 --subjects 2"),  # one recording for all pages
+    (r"--hold-out subject-\d", "--hold-out subject-1"),
+    (r"--subjects 8 --frames \d+", "--subjects 1 --frames 1"),
     (r"--scene plate( --frames \d+)?", "--scene plate --frames 12"),
+    (r"--count \d+", "--count 4"),
+    (r"--epochs \d+", "--epochs 1"),
     (r"--seconds \d+", "--seconds 1"),
     (r" --scheduler \S+", ""),
     (r"synth generate", "synth generate --workers 1"),
+    (r"(train s\S+ .*)", r"\1 --network compact-small"),
 )
 """What makes a command small: what it is asked to do is the same, only less of it."""
-
-SHARED = ("annotate-cloud simulate", "board.mcap", "mine.mcap")
-"""What simulates, and recordings that are the same on every page: the same words are run once."""
 
 
 def commands_of(page: str) -> list[str]:
@@ -65,12 +70,32 @@ def test_pages_hold_commands_and_every_exception_is_met():
         assert any(command.startswith(start) for command in shown), start
 
 
-def smaller(command: str, page: str) -> str:
-    """The command as it is run here. A check of a calibration wants eight frames, all else four."""
-    frames = 8 if any("people.mcap --check" in other for other in commands_of(page)) else 4
-    for pattern, less in ((r"--frames \d+", f"--frames {frames}"), *SMALLER):
+def test_every_command_is_understood_as_it_is_shown():
+    """Those that are run smaller, or elsewhere, too."""
+    for page in PAGES:
+        for command in commands_of(page):
+            if not command.startswith("annotate-cloud ") or "--install-completion" in command:
+                continue
+            verb, words = get_command(app), shlex.split(re.split(r" [|>]", command)[0])[1:]
+            context = verb.make_context("annotate-cloud", words)
+            while hasattr(verb, "resolve_command"):
+                name, verb, words = verb.resolve_command(context, [*context._protected_args, *context.args])
+                context = verb.make_context(name, words, parent=context)
+
+
+def smaller(command: str) -> str:
+    """The command as it is run here."""
+    for pattern, less in SMALLER:
         command = re.sub(pattern, less, command)
     return command
+
+
+def asked(command: str) -> tuple[str, ...]:
+    """A command and what it finds under the names in it: the same again would make the same."""
+    there = [path for word in shlex.split(command) if (path := Path(word)).exists()]
+    return command, *(
+        str(tree(p)) if p.is_dir() else hashlib.sha256(p.read_bytes()).hexdigest() for p in there
+    )
 
 
 @pytest.fixture(scope="module")
@@ -106,34 +131,40 @@ def accept_all_but_one(labels: Path) -> None:
             correction.edit(frame_id).judge("accept")
 
 
+def copied(paths: Iterable[Path], folder: Path) -> None:
+    for path in paths:
+        (shutil.copytree if path.is_dir() else shutil.copy)(path, folder / path.name)
+
+
 @pytest.fixture(scope="module")
-def made() -> dict[str, list[Path]]:
-    """What commands on material that pages share have made, by command."""
+def made() -> dict[tuple[str, ...], Path]:
+    """Folders with what commands have made, by what was asked."""
     return {}
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if any(not left_out(c) for c in commands_of(page))])
 def test_the_commands_of_a_page_run_in_order(
-    page, tmp_path, rig_session, my_folder, annotate_cloud, made, monkeypatch
+    page, tmp_path, tmp_path_factory, rig_session, my_folder, annotate_cloud, made, monkeypatch
 ):
+    """What several pages ask of the same files is run once."""
     prepare(page, tmp_path, rig_session, my_folder)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(cli.rig_devices, "VIRTUAL_FRAMES", 3)
+    monkeypatch.setattr(annotate.person.alignment, "GROUPS", 3)
     for command in commands_of(page):
         if left_out(command):
             continue
-        small = smaller(command, page)
+        small = smaller(command)
         if small.startswith("annotate-cloud learn "):
             accept_all_but_one(tmp_path / shlex.split(small)[2])
             monkeypatch.setattr(os, "nice", lambda by: 0)
             monkeypatch.setattr(eval.learning.learn, "STEPS", 1)
             monkeypatch.setattr(eval.learning.learn, "ALL_STEPS", 1)
-        for path in made.get(small, ()):
-            (shutil.copytree if path.is_dir() else shutil.copy)(path, path.name)
-        if small in made:
+        wanted, before = asked(small), set(tmp_path.iterdir())
+        if wanted in made:
+            copied(made[wanted].iterdir(), tmp_path)
             continue
-        before = set(tmp_path.iterdir())
         done = annotate_cloud(*shlex.split(small)[1:])
         assert done.code == 0, f"{small}: {done.err}"
-        if any(name in small for name in SHARED):
-            made[small] = sorted(set(tmp_path.iterdir()) - before)
+        made[wanted] = tmp_path_factory.mktemp("made")
+        copied(set(tmp_path.iterdir()) - before, made[wanted])

@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -59,7 +60,7 @@ def partial_of(folder: Path) -> list[str]:
     return [name for name in tree(folder) if name.endswith(".partial")]
 
 
-# Killed: each verb dies at the worst moment, with a file written and not yet named
+# Killed and interrupted: each verb ends at the worst moment, with a file written and not yet named
 
 KILLED = """
 import os, signal, sys
@@ -67,20 +68,26 @@ from pathlib import Path
 from cli.main import main
 from test_faults import made
 
-def dies(event, number, run):
+def ends(by, event, number, run):
     child = os.fork()
     if child:
-        return os.waitpid(child, 0)[1]
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if by == signal.SIGINT:
+        for stream in (1, 2):
+            os.dup2(os.open(f"{folder}/said.{stream}", os.O_CREAT | os.O_WRONLY), stream)
     left = number
     def look(name, arguments):
         nonlocal left
         if name == event and folder in str(arguments):
             left -= 1
             if not left:
-                os.kill(os.getpid(), signal.SIGKILL)
+                os.kill(os.getpid(), by)
     sys.addaudithook(look)
     try:
         run()
+    except SystemExit as end:
+        sys.stdout.flush(), sys.stderr.flush()
+        os._exit(end.code)
     finally:
         os._exit(99)
 
@@ -88,29 +95,53 @@ def command(*arguments):
     sys.argv = ["annotate-cloud", *arguments]
     main()
 
+def label(name):
+    command("label", session, "--suit", suit, "--out", f"{folder}/{name}", "--json")
+
 folder, session, suit, labels = sys.argv[1:]
-for event, number, run in (
-    ("os.rename", 9, lambda: command("label", session, "--suit", suit, "--out", f"{folder}/labels")),
-    ("os.rename", 9, lambda: command("predict", labels, "--out", f"{folder}/predicted")),
-    ("open", 5, lambda: command("export", labels, f"{folder}/pairs", "--format", "pairs")),
-    ("os.rename", 3, lambda: made(Path(f"{folder}/dataset"))),
-    ("os.rename", 1, lambda: command("simulate", f"{folder}/s.mcap", "--frames", "1")),
+for by, event, number, run in (
+    (signal.SIGINT, "os.rename", 9, lambda: label("interrupted")),
+    (signal.SIGKILL, "os.rename", 9, lambda: label("labels")),
+    (signal.SIGKILL, "os.rename", 9, lambda: command("predict", labels, "--out", f"{folder}/predicted")),
+    (signal.SIGKILL, "open", 5, lambda: command("export", labels, f"{folder}/pairs", "--format", "pairs")),
+    (signal.SIGKILL, "os.rename", 3, lambda: made(Path(f"{folder}/dataset"))),
+    (signal.SIGKILL, "os.rename", 1, lambda: command("simulate", f"{folder}/s.mcap", "--frames", "1")),
 ):
-    print(dies(event, number, run), flush=True)
+    print(ends(by, event, number, run), flush=True)
 """
 
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory, rig_session, rig_labels) -> Path:
-    """What verbs left that were killed with -9."""
+    """What verbs left that were killed with -9, and one that was interrupted."""
     folder = tmp_path_factory.mktemp("killed")
     command = [sys.executable, "-c", KILLED, folder, rig_session, suit_path(rig_session), rig_labels.path]
     here = Path(__file__).parent
     environment = {**os.environ, "PYTHONPATH": f"{here.parent}:{here}"}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True, timeout=300)
-    assert done.stdout.split() == ["9"] * 5, done
+    # A shell lets what it starts in the background ignore Ctrl-C, and all its children.
+    heeding = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=environment, check=True, timeout=300, preexec_fn=heeding
+    )
+    assert done.stdout.split() == ["130", *["-9"] * 5], done
     assert partial_of(folder), "killed while it wrote"
     return folder
+
+
+def test_ctrl_c_is_said_and_the_same_command_gives_the_same_labels(
+    annotate_cloud, killed, rig_session, rig_labels
+):
+    out = killed / "interrupted"
+    assert (killed / "said.1").read_text() == ""
+    remarks = (killed / "said.2").read_text()
+    assert remarks.splitlines()[-1].startswith("annotate-cloud: interrupted")
+    assert "Traceback" not in remarks
+    begun = LabelSet.open(out)
+    assert 1 <= len(begun) < len(rig_labels) and not validate(begun)
+    assert all(frame.parts.any() for frame in begun)
+    assert not partial_of(out)
+    assert annotate_cloud("label", rig_session, "--suit", suit_path(rig_session), "--out", out).code == 0
+    assert tree(out) == tree(rig_labels.path)
 
 
 def test_a_killed_label_goes_on_to_the_same_bytes(annotate_cloud, killed, rig_session, rig_labels):
