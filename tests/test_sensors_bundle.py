@@ -10,14 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sensors.calibrate.bundle import LEAST_VIEWS, adjust
+from sensors.calibrate import bundle
+from sensors.calibrate.bundle import LEAST_VIEWS, Adjusted, adjust
 from sensors.calibrate.hole_plate import HolePlate, find_holes
-from sensors.calibrate.plate_view import PlateView, view_plate
+from sensors.calibrate.plate_view import PlateView
 from sensors.calibrate.verdict import judge
 from sensors.errors import CalibrationError
 from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.rig.calibration_yaml import FILES, open_calibration, read_yaml, write_yaml
 from sensors.rig.camera import Intrinsics, project
+from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session.writer import SessionWriter
 from synth.rig.plate_views import PlateViews
@@ -89,31 +91,13 @@ def test_too_few_views_are_refused():
 
 
 @pytest.fixture(scope="module")
-def shot():
-    """Twelve rendered frames, and what is seen in them."""
-    frames = list(PlateViews(replace(TEMPLATES[REFERENCE], calibration=RIG), 12, 5, bad_share=0.0))
-    return frames, [view_plate(frame, PLATE, RIG.depth) for frame in frames]
-
-
-def test_holes_are_found_to_a_fraction_of_a_pixel(shot):
-    _, views = shot
-    found = adjust(views, PLATE, RIG)
-    assert len(views) - sum("thermal" in v.centers_px for v in views) <= 3
-    assert found.residuals["depth"].rms_px < 0.06
-    assert found.residuals["color"].rms_px < 0.06
-    assert found.residuals["thermal"].rms_px < 0.08
-    for name in ("color", "thermal"):
-        said, true = (getattr(c, f"{name}_from_depth") for c in (found.calibration, RIG))
-        turn = Rotation.from_matrix(said.rotation @ true.rotation.T).magnitude()
-        assert np.degrees(turn) < 0.2
-        assert 1000 * np.abs(said.translation_m - true.translation_m).max() < 3
-    good, findings = judge(found)
-    assert all("%" in f.text for f in findings if f.remedy) or not good
+def shot() -> list[RigFrame]:
+    """Twelve rendered frames of the plate."""
+    return list(PlateViews(replace(TEMPLATES[REFERENCE], calibration=RIG), 12, 5, bad_share=0.0))
 
 
 def test_brightness_scale_does_not_matter(shot):
-    frames, _ = shot
-    image = frames[0].infrared.astype(np.float64)
+    image = shot[0].infrared.astype(np.float64)
     first = find_holes(image, PLATE)
     second = find_holes(0.01 * image - 40, PLATE)
     np.testing.assert_allclose(first, second, atol=1e-6)
@@ -203,18 +187,36 @@ def test_others_are_refused(tmp_path, text, says):
 # The command
 
 
-def test_calibrate_from_a_recording(annotate_cloud, shot, tmp_path):
+def test_a_recording_gives_holes_to_a_fraction_of_a_pixel_and_the_rig_back(
+    annotate_cloud, shot, tmp_path, monkeypatch
+):
+    """What the verb solves, as the library gives it and as it is written."""
+    solved: list[Adjusted] = []
+    monkeypatch.setattr(bundle, "adjust", lambda *given: solved.append(adjust(*given)) or solved[-1])
     with SessionWriter(tmp_path / "board.mcap", RIG, "board") as writer:
-        for frame in shot[0]:
+        for frame in shot:
             writer.write(frame)
     arguments = ("calibrate", tmp_path / "board.mcap", "--out", tmp_path / "rig.json")
     done = annotate_cloud(*arguments, "--yaml", tmp_path / "yaml", "--json")
     assert done.code == 0, done.err
+    (found,) = solved
+    assert len(shot) - len(set(found.residuals["thermal"].view)) <= 3
+    assert found.residuals["depth"].rms_px < 0.06
+    assert found.residuals["color"].rms_px < 0.06
+    assert found.residuals["thermal"].rms_px < 0.08
+    for name in ("color", "thermal"):
+        said, true = (getattr(c, f"{name}_from_depth") for c in (found.calibration, RIG))
+        turn = Rotation.from_matrix(said.rotation @ true.rotation.T).magnitude()
+        assert np.degrees(turn) < 0.2
+        assert 1000 * np.abs(said.translation_m - true.translation_m).max() < 3
+    good, findings = judge(found)
+    assert all("%" in f.text for f in findings if f.remedy) or not good
+    assert done.result["good"] == good
     assert {"reprojection_px", "rotation_deg_sd", "translation_mm_sd"} <= set(done.result)
-    said = open_calibration(tmp_path / "rig.json")
-    off_m = said.thermal_from_depth.translation_m - RIG.thermal_from_depth.translation_m
+    written = open_calibration(tmp_path / "rig.json")
+    off_m = written.thermal_from_depth.translation_m - RIG.thermal_from_depth.translation_m
     assert 1000 * np.abs(off_m).max() < 4
-    assert read_yaml(tmp_path / "yaml").depth == said.depth
+    assert read_yaml(tmp_path / "yaml").depth == written.depth
     assert cv2.imread(str(tmp_path / "rig.png")) is not None
     assert json.loads((tmp_path / "rig.json").read_text())
     assert_refused(annotate_cloud(*arguments), "already exists")

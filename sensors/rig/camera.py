@@ -114,7 +114,7 @@ def undistort(camera: Intrinsics, xy: FloatArray, iterations: int = 40) -> NDArr
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(iterations):
             before, at = at, at + (goal - distort(camera, at))
-            moves = (at != before).any(axis=1)
+            moves = (at[:, 0] != before[:, 0]) | (at[:, 1] != before[:, 1])
             # Points that have come to rest stay there; the work goes on with the others.
             if 2 * np.count_nonzero(moves) < len(moves):
                 ideal.reshape(-1, 2)[still] = at

@@ -214,8 +214,9 @@ def _seeing(camera: Intrinsics) -> Float64:
     """Rays (h, w, 3) of the pixels; those beyond a round view, where the lens has no inverse, look aside."""
     ray = rays(camera)
     with np.errstate(over="ignore", invalid="ignore"):
-        px = project(camera, ray) - np.stack(np.meshgrid(*map(np.arange, camera.shape[::-1])), axis=-1)
-        ray[~(np.abs(px).max(axis=-1) < 0.5)] = ASIDE
+        px, (height, width) = project(camera, ray), camera.shape
+        off_u, off_v = np.abs(px[..., 0] - np.arange(width)), np.abs(px[..., 1] - np.arange(height)[:, None])
+        ray[~((off_u < 0.5) & (off_v < 0.5))] = ASIDE
     return ray
 
 
@@ -229,9 +230,12 @@ def _meet(ray: Float64, pose: Pose) -> tuple[Float64, Float64]:
 
 def _inside(xy: Float64, plate: HolePlate) -> tuple[Bool, Bool]:
     """Whether points (..., 2) of the plane lie on the plate, and whether in a hole."""
-    low, high = plate.size_m
-    row = np.clip(np.rint(xy[..., 1] / plate.pitch_m), 0, plate.rows - 1)
-    column = np.clip(np.rint((xy[..., 0] / plate.pitch_m - row % 2) / 2), 0, plate.columns - 1)
-    center = np.stack([2 * column + row % 2, row], axis=-1) * plate.pitch_m
-    hole = np.square(xy - center).sum(axis=-1) < (plate.hole_m / 2) ** 2
-    return np.asarray(((xy > low) & (xy < high)).all(axis=-1)), np.asarray(hole)
+    (left, top), (right, bottom) = plate.size_m
+    x, y = np.moveaxis(xy, -1, 0)
+    row = np.clip(np.rint(y / plate.pitch_m), 0, plate.rows - 1)
+    odd = row % 2
+    column = np.clip(np.rint((x / plate.pitch_m - odd) / 2), 0, plate.columns - 1)
+    aside, below = x - (2 * column + odd) * plate.pitch_m, y - row * plate.pitch_m
+    hole = np.square(aside) + np.square(below) < (plate.hole_m / 2) ** 2
+    inside = (x > left) & (x < right) & (y > top) & (y < bottom)
+    return np.asarray(inside), np.asarray(hole)
