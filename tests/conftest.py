@@ -9,10 +9,12 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fcntl import LOCK_EX, flock
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
@@ -23,6 +25,9 @@ from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 from synth.rig.simulate import simulate
 from synth.rig.virtual_rig import VirtualRig
+
+settings.register_profile("tests", max_examples=40, deadline=None)
+settings.load_profile("tests")
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -40,19 +45,35 @@ def shared_data() -> Path:
     return SHARED_DATA
 
 
-@pytest.fixture(scope="session")
-def rig_session(tmp_path_factory) -> Path:
-    """A clean recording of the virtual rig, 3 frames of 2 people; truth and suit lie beside it."""
-    path = tmp_path_factory.mktemp("rig") / "session.mcap"
-    simulate(VirtualRig(3, 2, "clean", 5), path, lambda n: None)
+def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
+    """What all processes of a run of the tests read: the first that asks makes it, the others wait for it."""
+    base = factory.getbasetemp()
+    path = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once" / name
+    path.parent.mkdir(exist_ok=True)
+    with path.with_name(f"{name}.lock").open("w") as lock:
+        flock(lock, LOCK_EX)
+        done = path.with_name(f"{name}.done")
+        if not done.exists():
+            make(path)
+            done.touch()
     return path
 
 
 @pytest.fixture(scope="session")
-def rig_labels(rig_session) -> LabelSet:
+def rig_session(tmp_path_factory) -> Path:
+    """A clean recording of the virtual rig, 3 frames of 2 people; truth and suit lie beside it."""
+    rig = VirtualRig(3, 2, "clean", 5)
+    return made_once(tmp_path_factory, "session.mcap", lambda path: simulate(rig, path, lambda n: None))
+
+
+@pytest.fixture(scope="session")
+def rig_labels(rig_session, tmp_path_factory) -> LabelSet:
     """What an uninterrupted ``label`` makes of ``rig_session``."""
-    out = rig_session.with_name("labels")
-    return label_source(Session(rig_session), DEFAULT_SUIT, out, lambda n: None).labels
+
+    def label(out: Path) -> None:
+        label_source(Session(rig_session), DEFAULT_SUIT, out, lambda n: None)
+
+    return LabelSet.open(made_once(tmp_path_factory, "labels", label))
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from sensors.errors import CalibrationError
 from sensors.rig.rig_calibration import Pose
 from synth.rig.virtual_rig import VirtualRig
 
-FRAMES = 10
+FRAMES = 8
 
 
 @pytest.fixture(scope="module")
