@@ -5,7 +5,9 @@ import os
 import re
 import shlex
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -15,8 +17,11 @@ from typer.main import get_command
 import annotate.person.alignment
 import cli.rig_devices
 import eval.learning.learn
+import synth.images.workers
+import synth.rig.film
 from annotate.correction.correction import Correction
 from cli.main import app
+from synth.images.workers import Workers
 from synth.rig.simulate import suit_path, truth_path
 
 ROOT = Path(__file__).parent.parent
@@ -131,6 +136,13 @@ def accept_all_but_one(labels: Path) -> None:
             correction.edit(frame_id).judge("accept")
 
 
+@contextmanager
+def here(count: int) -> Iterator[Workers]:
+    """Makers of shards in this process: those that are processes start once, on the page about them."""
+    with ThreadPoolExecutor(count) as pool:
+        yield Workers(pool, count)
+
+
 def copied(paths: Iterable[Path], folder: Path) -> None:
     for path in paths:
         (shutil.copytree if path.is_dir() else shutil.copy)(path, folder / path.name)
@@ -151,6 +163,9 @@ def test_the_commands_of_a_page_run_in_order(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(cli.rig_devices, "VIRTUAL_FRAMES", 3)
     monkeypatch.setattr(annotate.person.alignment, "GROUPS", 3)
+    monkeypatch.setattr(synth.rig.film, "SHORTEST_S", 0.1)
+    if page != "docs/cluster.md":
+        monkeypatch.setattr(synth.images.workers, "processes", here)
     for command in commands_of(page):
         if left_out(command):
             continue

@@ -118,12 +118,11 @@ def test_the_manifest_says_what_was_ordered(tmp_path):
 
 
 def test_processes_give_the_same_bytes_and_survive_a_killed_one(tmp_path):
-    with processes(2) as workers:
+    with pytest.raises(CloudError, match="was killed"), processes(2) as workers:
         generate(order(), tmp_path / "pool", workers, lambda n: None)
+        workers.executor.submit(_die).result()
     run(tmp_path / "here", order())
     assert contents(tmp_path / "pool") == contents(tmp_path / "here")
-    with pytest.raises(CloudError, match="was killed"), processes(1) as workers:
-        workers.executor.submit(_die).result()
 
 
 def _die():
