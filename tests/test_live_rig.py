@@ -276,6 +276,9 @@ def test_what_ends_a_rig_is_raised_by_whoever_looks(rig_of, tmp_path):
     wait_for(lambda: rig.moments.ended)
     assert isinstance(rig.error, CloudError)
     wait_for(lambda: rig.health().recording is None)
+    with pytest.raises(CloudError, match="ward has stopped"):
+        rig.record(tmp_path / "b.mcap")
+    assert not list(tmp_path.glob("b.mcap*"))
 
 
 def test_a_rig_needs_depth_and_a_playback_is_not_recorded(rig_session, tmp_path):

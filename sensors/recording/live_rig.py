@@ -82,8 +82,10 @@ class LiveRig:
     def record(self, path: Path, subject: str = "", overwrite: bool = False) -> None:
         """Write every reading from now on into a session. subject: the name of the person, "" if unknown.
 
-        Raises ExistsError, and CloudError while another recording goes on.
+        Raises ExistsError, and CloudError while another recording goes on or after the rig has ended.
         """
+        if self.moments.ended:
+            raise CloudError(f"{self.name} has stopped, there is nothing to record: {self.error or 'closed'}")
         if self._take is not None:
             raise CloudError(f"{self._take.writer.path} is being recorded; end that recording first")
         metadata = self._metadata | ({SUBJECT: subject} if subject else {})
