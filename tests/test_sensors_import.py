@@ -50,17 +50,6 @@ def test_a_folder_of_depth_is_a_source(folder):
     assert {"no colour images", "no thermal images"} <= set(source.notes)
 
 
-@pytest.mark.parametrize(
-    "names", [("1", "2", "10"), ("7.16", "7.160407", "7.2", "10.1"), ("a9", "b1", "b08")]
-)
-def test_frames_are_in_the_order_of_their_numbers(tmp_path, names):
-    for number, name in enumerate(names):
-        write(tmp_path / "depth" / f"{name}.png", png(depth_image(number)))
-    (tmp_path / "intrinsics.json").write_text(json.dumps(NUMBERS))
-    for number, frame in enumerate(open_source(tmp_path)):
-        np.testing.assert_array_equal(frame.depth_mm, depth_image(number))
-
-
 def test_a_flir_jpeg_gives_temperatures(folder, monkeypatch):
     """By the calls of flyr that its documentation names; no camera's file has been read."""
     write(folder / "thermal" / "001.jpg", b"a FLIR camera's")

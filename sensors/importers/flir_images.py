@@ -8,7 +8,6 @@ import numpy as np
 
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import is_flir, read_flir
-from sensors.files.names import counted
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import Pose, RigCalibration
@@ -23,7 +22,7 @@ PERIOD_NS = 1_000_000_000
 class FlirImages:
     """Radiometric JPEGs as a ``FrameSource``: temperatures, depth images without a reading, photographs.
 
-    In the order of their numbers or names. notes: what is absent or assumed. Raises FormatError.
+    In the order of their names. notes: what is absent or assumed. Raises FormatError.
     """
 
     def __init__(self, path: Path) -> None:
@@ -59,9 +58,8 @@ class FlirImages:
 
 
 def jpegs_in(folder: Path) -> list[Path]:
-    """The JPEGs of a folder, by their numbers or names."""
-    files = [file for file in folder.iterdir() if file.suffix.lower() in JPEGS and file.is_file()]
-    return sorted(files, key=lambda file: counted(file.name))
+    """The JPEGs of a folder, by name."""
+    return sorted(file for file in folder.iterdir() if file.suffix.lower() in JPEGS and file.is_file())
 
 
 def is_flir_alone(path: Path) -> bool:

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.files.flir_jpeg import read_flir
-from sensors.files.names import counted
 from sensors.files.png import decode_grey, png_shape
 from sensors.importers.tum_lists import (
     ASSOCIATIONS,
@@ -44,7 +43,7 @@ INTRINSICS = ("intrinsics.json", "intrinsic.json", "camera_intrinsic.json", "cam
 
 
 class ImageFolder:
-    """An image folder as a ``FrameSource``, frames in the order of their numbers, read one at a time.
+    """An image folder as a ``FrameSource``, frames in the order of their names, read one at a time.
 
     notes: what is absent or assumed, one sentence each. Raises FormatError when there are no depth images,
     CalibrationError when the intrinsics are missing or contradict them.
@@ -89,7 +88,7 @@ def _depth_files(path: Path) -> dict[str, Path]:
         files = files or {file.stem: file for file in path.glob("*.png")}
     if not files:
         raise FormatError(f"{path} holds no depth images; put 16-bit PNGs into {path / 'depth'}")
-    return {stem: files[stem] for stem in sorted(files, key=counted)}
+    return dict(sorted(files.items()))
 
 
 def _colors(
