@@ -244,8 +244,10 @@ def test_the_verb_takes_everything_there_is_to_show(
     assert annotate_cloud(*given).code == 0
     text = page.read_text()
     assert "A remark on real scans" in text and "corrections (--audit)" in text and "Epoch 12" in text
-    again = annotate_cloud(*given)
-    assert again.code == 1 and "report.csv already exists" in again.err
+    for taken in (page, page.with_suffix(".csv")):
+        again = annotate_cloud(*given)
+        assert again.code == 1 and f"{taken.name} already exists" in again.err
+        page.unlink(missing_ok=True)
     assert annotate_cloud("report", result, "--out", page, "--note", "of nothing", "--overwrite").code == 2
     nowhere = annotate_cloud("report", result, "--out", page, "--history", tmp_path, "--overwrite")
     assert nowhere.code == 1 and "history.json cannot be read" in nowhere.err and nowhere.err.count("\n") == 1

@@ -19,6 +19,8 @@ def report(table: Table, measured: Measured) -> None:
     """Print a table's figures beside those that stood there before."""
     for row, column, old, new, is_moved in changes(table, measured):
         spec, said = table.columns[column], "MOVED" if is_moved else "as before"
+        if new.text(spec) == "-":
+            continue
         print(f"  {row}, {column}: {old.text(spec)} -> {new.text(spec)}: {said}")
 
 
