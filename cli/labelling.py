@@ -3,6 +3,7 @@
 import math
 import sys
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -174,28 +175,12 @@ def predict(
         return
     opened = _opened(source, everybody)
     from annotate.labelset import store
-    from annotate.labelset.frames import LabelledFrames
-    from eval.network.predict import predict_frames
-    from eval.network.predict_source import predict_source
 
-    network, things = _networks(weights)
+    work = _work(opened, out, weights, window, probabilities, everybody)
     clear(out, store.MANIFEST, overwrite, source, *([weights] if weights else []))
-    if isinstance(opened, LabelledFrames):
-        work = partial(predict_frames, opened, network, out, probabilities=probabilities)
-    else:
-        work = partial(
-            predict_source,
-            opened,
-            network,
-            out,
-            window_c=window,
-            things=things,
-            probabilities=probabilities,
-            everybody=everybody,
-        )
     started, total = time.monotonic(), len(opened)
     with progress("predict", total) as advance:
-        run = work(progress=advance)
+        run = work(advance)
     ms = 1000 * (time.monotonic() - started) / max(1, total)
     result = {"frames": len(run.labels), "ms_per_frame": round(ms, 2)}
     if joints is not None:
@@ -212,15 +197,31 @@ def _predict(
     out: Path,
 ) -> "Run":
     """Labels of one session of a folder by the network, on any machine that sees it."""
+    return _work(open_source(session), out, weights, window_c, probabilities, everybody)(lambda _: None)
+
+
+def _work(
+    opened: "LabelledFrames | Source",
+    out: Path,
+    weights: Path | None,
+    window_c: tuple[float, float] | None,
+    probabilities: bool,
+    everybody: bool,
+) -> "Callable[[Callable[[int], None]], Run]":
+    """What labels frames or a recording by the network, given the progress."""
+    from annotate.labelset.frames import LabelledFrames
+    from eval.network.predict import predict_frames
     from eval.network.predict_source import predict_source
 
     network, things = _networks(weights)
-    return predict_source(
-        open_source(session),
+    if isinstance(opened, LabelledFrames):
+        return partial(predict_frames, opened, network, out, probabilities=probabilities)
+    return partial(
+        predict_source,
+        opened,
         network,
         out,
-        lambda _: None,
-        window_c,
+        window_c=window_c,
         things=things,
         probabilities=probabilities,
         everybody=everybody,

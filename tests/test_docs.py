@@ -77,6 +77,7 @@ def test_pages_hold_commands_and_every_exception_is_met():
 
 def test_every_command_is_understood_as_it_is_shown():
     """Those that are run smaller, or elsewhere, too."""
+    understood = 0
     for page in PAGES:
         for command in commands_of(page):
             if not command.startswith("annotate-cloud ") or "--install-completion" in command:
@@ -86,6 +87,9 @@ def test_every_command_is_understood_as_it_is_shown():
             while hasattr(verb, "resolve_command"):
                 name, verb, words = verb.resolve_command(context, [*context._protected_args, *context.args])
                 context = verb.make_context(name, words, parent=context)
+            assert context.params and not context.args, command
+            understood += 1
+    assert understood > 40
 
 
 def smaller(command: str) -> str:

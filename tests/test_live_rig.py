@@ -267,6 +267,7 @@ def test_a_loss_comes_through_a_full_queue(monkeypatch):
             return bool(list(intake.drain())) and intake.depth_lost
 
         wait_for(lost)
+        assert intake.depth_lost and not list(intake.drain())
 
 
 def test_what_ends_a_rig_is_raised_by_whoever_looks(rig_of, tmp_path):
