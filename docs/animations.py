@@ -19,16 +19,11 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QWidget
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from window import IMAGES, SIZE, draw, make_labels, press, wait
+from window import IMAGES, draw, make_labels, open_window, press, wait
 
-from annotate.correction.correction import Correction
-from annotate.gui.commands import bind
-from annotate.gui.keys import Settings
 from annotate.gui.live_window import LiveWindow
-from annotate.gui.scene import SceneReader
 from annotate.gui.theme import DARK
 from annotate.gui.window import CorrectionWindow
-from annotate.labelset.store import LabelSet
 from annotate.live.pipeline import LivePipeline
 from annotate.parts import PART_ID
 from annotate.suit.palette import load_suit
@@ -73,15 +68,7 @@ class Film:
 
 def correction(folder: Path) -> None:
     """A piece is taken by a click, a loop drawn, undone; the frame accepted, the next one shown in heat."""
-    opened = Correction.open(folder / "labels", "mia")
-    reader = SceneReader(opened, folder / "people.mcap", LabelSet.open(folder / "network"))
-    window = CorrectionWindow(opened, reader, Settings("dark"))
-    bind(window)
-    window.resize(*SIZE)
-    window.show()
-    window.activateWindow()
-    QTest.qWaitForWindowActive(window)
-    wait(4.0)
+    window = open_window(folder, "dark")
     film, canvas = Film(window), window.cloud_view.plotter
     film.take(900)
     handle, left, plain = window.windowHandle(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier

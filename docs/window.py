@@ -36,18 +36,24 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         made = make_labels(Path(folder))
         for theme in ("dark", "light"):
-            correction = Correction.open(made / "labels", "mia")
-            reader = SceneReader(correction, made / "people.mcap", LabelSet.open(made / "network"))
-            window = CorrectionWindow(correction, reader, Settings(theme))
-            bind(window)
-            window.resize(*SIZE)
-            window.show()
-            window.activateWindow()
-            QTest.qWaitForWindowActive(window)
-            wait(4.0)
+            window = open_window(made, theme)
             (dark if theme == "dark" else light)(window)
             window.close()
     del app
+
+
+def open_window(made: Path, theme: str) -> CorrectionWindow:
+    """The correction window over what ``make_labels`` made, in front and drawn."""
+    correction = Correction.open(made / "labels", "mia")
+    reader = SceneReader(correction, made / "people.mcap", LabelSet.open(made / "network"))
+    window = CorrectionWindow(correction, reader, Settings(theme))
+    bind(window)
+    window.resize(*SIZE)
+    window.show()
+    window.activateWindow()
+    QTest.qWaitForWindowActive(window)
+    wait(4.0)
+    return window
 
 
 def make_labels(folder: Path) -> Path:
