@@ -79,7 +79,10 @@ def simulate(
     ] = None,
     scene: Annotated[
         str,
-        Option(help="sofa, chair or bed; or plate, the target for calibrate.", autocompletion=scenes),
+        Option(
+            help="sofa, chair, bed or floor; or plate, the target for calibrate.",
+            autocompletion=scenes,
+        ),
     ] = "sofa",
     difficulty: Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)] = "normal",
     rig: Annotated[

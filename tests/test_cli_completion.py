@@ -42,7 +42,7 @@ def offered(shell: str, line: str) -> str:
         ("annotate-cloud sim", ["simulate"]),
         ("annotate-cloud simulate a.mcap --difficulty ", list(DIFFICULTIES)),
         ("annotate-cloud simulate a.mcap --difficulty h", ["hard"]),
-        ("annotate-cloud simulate a.mcap --scene ", ["sofa", "chair", "bed", "plate"]),
+        ("annotate-cloud simulate a.mcap --scene ", ["sofa", "chair", "bed", "floor", "plate"]),
         ("annotate-cloud export labels out --format ", list(FORMATS)),
         ("annotate-cloud synth generate --preset ", list(PRESETS)),
         ("annotate-cloud train data --network ", ["compact", "paper", "smp"]),

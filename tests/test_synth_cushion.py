@@ -82,7 +82,7 @@ def test_temperatures_lie_between_the_rooms_and_the_sitters():
     assert 20 < np.partition(cushion.heat.ravel(), -1)[-1] * 10 + 20 <= 30.1
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", ["sofa", "chair", "bed"])
 def test_cushions_stand_where_their_furniture_does(scene):
     place = SCENES[scene](np.random.default_rng(4))
     bare = np.concatenate([solid.mesh().vertices_m for solid in place.furniture.solids()])

@@ -137,7 +137,7 @@ def test_subjects_take_turns(rig_session):
         ((0, 1, "clean", 0), "at least one frame"),
         ((1, 2, "clean", 0), "at least one frame"),
         ((1, 1, "easy", 0), "'easy' is unknown; use clean, normal, hard"),
-        ((1, 1, "clean", 0, "pool"), "'pool' is unknown; use sofa, chair, bed"),
+        ((1, 1, "clean", 0, "pool"), "'pool' is unknown; use sofa, chair, bed, floor"),
         ((1, 1, "clean", 0, "sofa", 0.0), "0.0 frames a second are impossible; give 0.1 to 30"),
     ],
 )
@@ -162,7 +162,7 @@ def test_what_is_recorded_is_what_was_shot(rig_session):
     assert {truth.read(i).status for i in truth.frame_ids} == {"truth"}
 
 
-@pytest.mark.parametrize("scene", ["chair", "bed"])
+@pytest.mark.parametrize("scene", ["chair", "bed", "floor"])
 def test_every_scene_shows_a_person(scene):
     frame, known = next(VirtualRig(1, 1, "clean", 3, scene).with_truth())
     assert ((known.parts > 0) & (known.parts < N_CLASSES)).sum() > 3000

@@ -89,7 +89,7 @@ HEAVE = 0.03
 """Readiness of the body to rise off an arm under it, rad^2/m^2 beside a limb's 1. Chosen by eye."""
 
 _FAMILIES = pose_families("recumbent")
-IN_BED, FALLEN = _FAMILIES["in_bed"], _FAMILIES["fallen"]
+IN_BED, FALLEN, SLUMPED = (_FAMILIES[name] for name in ("in_bed", "fallen", "slumped"))
 
 
 def in_bed(bed: Bed) -> Behaviour:
@@ -102,16 +102,23 @@ def lie(body: Body, support: Bed | Ground, moment: Moment) -> Posed:
 
     The trunk rests on the support, sunk in by its give; limbs and head sink until something carries them.
     """
+    vertices, joints = pose(body, lain(body, support, moment))
+    up = lift_needed(vertices, _carriers(support))
+    return vertices + np.array([0, 0, up], np.float32), joints + np.array([0, 0, up])
+
+
+def lain(body: Body, support: Bed | Ground, moment: Moment) -> Posture:
+    """Its posture, up to a lift onto the support."""
     flesh, posture = flesh_of(body), posture_of(moment)
-    carriers = [FLOOR, *support.solids()[:1]]
     trunk, joints = pose(body, posture, flesh.trunk)
     place = _place(support, moment, joints)
-    place[2] = height_to_rest(trunk + place.astype(np.float32), carriers)
+    place[2] = height_to_rest(trunk + place.astype(np.float32), _carriers(support))
     solids = [FLOOR, *support.solids()]
-    settled = settle(flesh, Posture(posture.angles_rad, place), solids, pulls_of(moment), HEAVE)
-    vertices, joints = pose(body, settled)
-    up = lift_needed(vertices, carriers)
-    return vertices + np.array([0, 0, up], np.float32), joints + np.array([0, 0, up])
+    return settle(flesh, Posture(posture.angles_rad, place), solids, pulls_of(moment), HEAVE)
+
+
+def _carriers(support: Bed | Ground) -> list[Solid]:
+    return [FLOOR, *support.solids()[:1]]
 
 
 def _place(support: Bed | Ground, moment: Moment, joints: Float64) -> Float64:
@@ -139,19 +146,23 @@ def rise(body: Body, seat: Seat | None, moment: Moment) -> Posed:
 
     The lowest skin stands on the floor; with a seat behind, the legs keep before its front edge (y = 0).
     """
+    vertices, joints = pose(body, risen(body, seat, moment))
+    shift = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
+    if seat is not None:
+        shift[1] = min(0.0, -_behind(vertices, shift[2], seat))
+    return vertices + shift.astype(np.float32), joints + shift
+
+
+def risen(body: Body, seat: Seat | None, moment: Moment) -> Posture:
+    """Its posture, up to a small shift onto the floor and off the seat."""
     flesh, posture = flesh_of(body), posture_of(_soles_level(moment))
-    vertices, joints = pose(body, posture)
+    vertices, _ = pose(body, posture)
     place = np.array([moment["off"] / 2, -moment["along"], height_to_rest(vertices, [FLOOR])])
     solids = [FLOOR]
     if seat is not None:
         place[1] = min(place[1], -SEAT_GAP_M - _behind(vertices, place[2], seat))
         solids += seat.solids()
-    settled = settle(flesh, Posture(posture.angles_rad, place), solids, pulls_of(moment))
-    vertices, joints = pose(body, settled)
-    shift = np.array([0.0, 0.0, height_to_rest(vertices, [FLOOR])])
-    if seat is not None:
-        shift[1] = min(0.0, -_behind(vertices, shift[2], seat))
-    return vertices + shift.astype(np.float32), joints + shift
+    return settle(flesh, Posture(posture.angles_rad, place), solids, pulls_of(moment))
 
 
 def _behind(vertices: Float32, up: float, seat: Seat) -> float:

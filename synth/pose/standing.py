@@ -109,6 +109,14 @@ def draw_standing(rng: np.random.Generator) -> Standing:
 
 def stand(body: Body, how: Standing) -> Stood:
     """A body on the floor, its pelvis facing -y, its feet about the origin."""
+    vertices, joints = pose(body, stood(body, how))
+    up = np.array([0.0, 0.0, -FLOOR.give_m - float(vertices[:, 2].min())])
+    vertices, joints = vertices + up.astype(np.float32), joints + up
+    return Stood(vertices, joints, _things(how, joints))
+
+
+def stood(body: Body, how: Standing) -> Posture:
+    """Its posture, up to a shift onto the floor."""
     flesh, scale = flesh_of(body), body.height_cm / 170
     feet = _feet(flesh, how, scale)
     posture = _on_feet(flesh, how, _upper_body(how), feet)
@@ -116,10 +124,7 @@ def stand(body: Body, how: Standing) -> Stood:
     pulls += [Pull(f"{side}_ankle", feet[side].ankle(flesh, side, 0.0), FOOT_HOLD) for side in SIDES]
     soft = flesh._replace(radii_m=flesh.radii_m * (1 - np.clip(how.legs["press"], 0.0, 1.4) * _gives()))
     settled = settle(soft, posture, [FLOOR], pulls)
-    vertices, joints = pose(body, _hands_off(how, settled, scale))
-    up = np.array([0.0, 0.0, -FLOOR.give_m - float(vertices[:, 2].min())])
-    vertices, joints = vertices + up.astype(np.float32), joints + up
-    return Stood(vertices, joints, _things(how, joints))
+    return _hands_off(how, settled, scale)
 
 
 @cache

@@ -19,7 +19,7 @@ from synth.rig.difficulty import Clutter
 from synth.rig.place import Place
 from synth.rig.stay import Stay
 from synth.rig.virtual_rig import VirtualRig
-from synth.surface.furniture import ROOM_FRONT_Y_M, Footprint, Furniture, Solid
+from synth.surface.furniture import ROOM_FRONT_Y_M, Ground
 from synth.surface.rasterize import beside, look_at
 
 FRAMES_PER_SECOND = 30.0
@@ -32,24 +32,6 @@ IN_VIEW = 0.84
 """Share of the depth image that holds everything: the colour camera sees less above and below."""
 BEHIND_M = 0.6
 """Between the rearmost of what happens and the wall. Chosen by eye."""
-
-
-@dataclass(frozen=True)
-class OpenFloor(Furniture):
-    """No furniture at all."""
-
-    height: float = 0.0
-    give_m: float = 0.0
-    soft = ()
-
-    @property
-    def footprint(self) -> Footprint:
-        """None."""
-        return Footprint(0.0, 0.0, 0.0)
-
-    def solids(self) -> list[Solid]:
-        """None."""
-        return []
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +99,7 @@ class FilmRig(VirtualRig):
         def view(rng: np.random.Generator, stray: float) -> tuple[Float64, Float64]:
             return eye, target + stray * rng.normal(0, 0.03, 3)
 
-        furniture = performance.seat or OpenFloor()
+        furniture = performance.seat or Ground(length=0.0, width=0.0)
         behind = max(float(joints[:, 1].max()), furniture.footprint.back_y)
         return Place(furniture, behind + BEHIND_M, self._played, False, view)
 

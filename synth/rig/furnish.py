@@ -14,7 +14,7 @@ from synth.rig.blanket import bed_blanket, lap_blanket
 from synth.rig.difficulty import Clutter
 from synth.rig.place import Place
 from synth.rig.props import Thing, laptop, moved, mug, on_wall, table
-from synth.surface.furniture import ROOM_HALF_WIDTH_M, Chair
+from synth.surface.furniture import ROOM_HALF_WIDTH_M, Chair, Seat
 from synth.surface.rasterize import Mesh
 
 ASIDE_M, ASIDE_HEIGHT_M = 0.34, (0.42, 0.56)
@@ -36,7 +36,7 @@ def furnish(
     side, lies = float(rng.choice((-1, 1))), place.lies
     things, stands = [], []
     if has["low_table"] and not lies:
-        foot = min(float(vertices[:, 1].min()) for vertices in prior)
+        foot = min(footprint.front_y, *(float(vertices[:, 1].min()) for vertices in prior))
         middle = np.array(
             [rng.normal(0, 0.2), foot - FREE_M - LOW_TABLE_M[1] / 2, rng.uniform(*LOW_HEIGHT_M)]
         )
@@ -51,9 +51,9 @@ def furnish(
     if has["mug"]:
         things.append(mug(stands[0], body, held=not lies))
     if has["laptop"]:
-        lap = bool(rng.random() < ON_LAP) and not lies
+        lap = bool(rng.random() < ON_LAP) and isinstance(place.furniture, Seat)
         things.append(laptop(stands[1], body, on_lap=lap))
-    if has["blanket"]:
+    if has["blanket"] and place.furniture.soft:
         cover = bed_blanket if lies else lap_blanket
         things.append(cover(place, body, rng))
     beside = footprint.half_width_m + rng.uniform(0.3, 0.7)

@@ -1,4 +1,4 @@
-"""Places of the virtual rig: sofa, chair or bed, what people do there, and where the robot stands."""
+"""Places of the virtual rig: sofa, chair, bed or floor, what people do there, and where the robot stands."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -10,9 +10,10 @@ from annotate.array_types import Float64
 from sensors.rig.rig_calibration import Pose
 from synth.body.body import Body
 from synth.pose.moment import Moment, Posed
+from synth.pose.on_floor import OnFloor
 from synth.pose.postures import in_bed, on_seat
 from synth.rig.cushion import Cushion
-from synth.surface.furniture import Bed, Chair, Furniture, Seat, Sofa, Solid
+from synth.surface.furniture import Bed, Chair, Furniture, Ground, Seat, Sofa, Solid
 from synth.surface.rasterize import beside, look_at
 
 SOFA_GIVE_M = (0.015, 0.045)
@@ -20,6 +21,8 @@ SOFA_GIVE_M = (0.015, 0.045)
 BED_AZIMUTH_RAD = (np.radians(25.0), np.radians(110.0))
 """From the foot, to either side: the head of the bed stands at the wall, and from its very foot somebody who
 lies is mostly feet."""
+FLOOR_M = 2.4
+"""Side of the square that people on a floor reach: a lying one, arms up, about anywhere they roam."""
 Viewpoint = Callable[[np.random.Generator, float], tuple[Float64, Float64]]
 """Draws a robot's eye and target (3,) each, world, metres; the float is how far its aim strays, 1 at best."""
 
@@ -43,7 +46,7 @@ class Acting(Protocol):
 
 @dataclass(frozen=True)
 class Place:
-    """A piece of furniture before a wall, with a robot before it. World frame, metres.
+    """A piece of furniture, or bare floor, before a wall, with a robot before it. World frame, metres.
 
     wall_y: the wall behind it. behaviour: what is done there. lies: whether people lie there. view: where the
     robot stands.
@@ -99,5 +102,22 @@ def _view_of_sitter(rng: np.random.Generator, stray: float) -> tuple[Float64, Fl
     return eye, np.array([0.0, 0.0, 0.68]) + stray * rng.normal(0, 0.06, 3)
 
 
-SCENES: dict[str, Callable[[np.random.Generator], Place]] = {"sofa": _sofa, "chair": _chair, "bed": _bed}
+def _floor(rng: np.random.Generator) -> Place:
+    """Room for all that somebody does on a floor, far enough from the robot to be seen whole."""
+
+    def view(rng: np.random.Generator, stray: float) -> tuple[Float64, Float64]:
+        azimuth, distance = np.radians(rng.uniform(-40, 40)), rng.uniform(2.6, 3.2)
+        eye = beside(np.zeros(3), azimuth, distance, rng.uniform(0.9, 1.7))
+        return eye, np.array([0.0, 0.0, 0.8]) + stray * rng.normal(0, 0.06, 3)
+
+    wall_y = rng.uniform(0.5, 1.1)
+    return Place(Ground(length=FLOOR_M, width=FLOOR_M), wall_y, OnFloor(wall_y), False, view)
+
+
+SCENES: dict[str, Callable[[np.random.Generator], Place]] = {
+    "sofa": _sofa,
+    "chair": _chair,
+    "bed": _bed,
+    "floor": _floor,
+}
 """Places by name, drawn at random."""

@@ -1,4 +1,4 @@
-"""The virtual rig: people in a colour-coded suit on sofa, chair or bed before depth, colour and heat cameras.
+"""The virtual rig: people in a colour-coded suit before depth, colour and heat cameras on furniture or floor.
 
 It is a ``FrameSource`` like any device, with the truth of every pixel. Scene, person, suit and each
 camera's faults are apart; ``Difficulty`` holds the strength of each.

@@ -231,11 +231,20 @@ class Bed(Furniture):
 
 
 @dataclass(frozen=True)
-class Ground:
-    """The bare floor as a place to lie on; ``mesh`` is what a camera sees of it."""
+class Ground(Furniture):
+    """The bare floor as a place to be; ``mesh`` is what a camera sees of it."""
 
+    height: float = 0.0
+    give_m: float = 0.0
     length: float = 2.0
     width: float = 1.0
+
+    soft = ()
+
+    @property
+    def footprint(self) -> Footprint:
+        """What people use of it, about the world's z axis."""
+        return Footprint(self.width / 2, -self.length / 2, self.length / 2)
 
     def solids(self) -> list[Solid]:
         """None but the floor, which is always there."""

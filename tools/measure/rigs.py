@@ -1,6 +1,6 @@
 """Labelling and the network before each rig's cameras: ``python -m tools.measure.rigs FRAMES SEED RIG...``.
 
-Half as many people as frames, on sofa, chair and bed at ``normal``; the same people for every rig.
+Half as many people as frames, on sofa, chair, bed and floor at ``normal``; the same people for every rig.
 """
 
 import sys

@@ -1,0 +1,143 @@
+"""People on an open floor before a wall: on their feet, bending, kneeling, slumped at the wall, fallen.
+
+Postures of each kind come from its own generator. From one of them to the next the joints' angles glide.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from synth.body.body import Body, pose
+from synth.body.flesh import flesh_of
+from synth.body.skeleton import SIGNS, Posture
+from synth.pose.moment import Moment, Posed
+from synth.pose.postures import (
+    FALLEN,
+    HEAVE,
+    SLUMPED,
+    UPRIGHT,
+    height_to_rest,
+    lain,
+    posture_of,
+    pulls_of,
+    risen,
+)  # fmt: skip
+from synth.pose.settle import settle
+from synth.pose.standing import draw_standing, stood
+from synth.surface.furniture import FLOOR, Ground, Solid, Surface
+
+SHARES = {"standing": 0.4, "upright": 0.3, "slumped": 0.12, "fallen": 0.18}
+"""Of the kinds of postures. No source: chosen by eye, so that each has enough frames."""
+FACING_DEG = {"standing": 60.0, "upright": 60.0, "slumped": 12.0, "fallen": 180.0}
+"""Standard deviation of where they face, beside -y. Chosen by eye."""
+ROAM_M = 0.3
+"""The middle of a body is at most so far from the place's, across and along. Chosen by eye."""
+GLIDE_S, STAYS = (1.0, 3.0), (2, 5)
+"""Seconds from one posture to the next; number of postures of one kind in a row. Chosen by eye."""
+OFF_WALL_M = 0.01
+"""Of the rearmost skin: what hangs flat on a wall."""
+
+
+@dataclass(frozen=True)
+class OnFloor:
+    """Doing it before a wall at wall_y. A moment: two postures' kinds and seeds, and a share of the way."""
+
+    wall_y: float
+
+    def draw(self, rng: np.random.Generator) -> Moment:
+        """A moment of any kind."""
+        key = _draw(_kind(rng), rng)
+        return _between(key, key, 0.0)
+
+    def stream(self, rng: np.random.Generator, frames_per_second: float) -> Iterator[Moment]:
+        """An endless stream: some postures of a kind, then of another."""
+        current = _draw(_kind(rng), rng)
+        while True:
+            kind = _kind(rng)
+            for _ in range(int(rng.integers(*STAYS))):
+                following = _draw(kind, rng)
+                steps = max(1, round(rng.uniform(*GLIDE_S) * frames_per_second))
+                yield from (_between(current, following, i / steps) for i in range(steps))
+                current = following
+
+    def pose(self, body: Body, moment: Moment) -> Posed:
+        """A body in a moment: vertices float32 (V, 3) and joints (J, 3), world, metres."""
+        start = _posture(body, self.wall_y, moment["kind"], moment["seed"])
+        if moment["share"] == 0:
+            return pose(body, start)
+        end = _posture(body, self.wall_y, moment["next_kind"], moment["next_seed"])
+        way = _on_floor(body, _glided(start, end, moment["share"]), self.wall_y)
+        settled = settle(flesh_of(body), way, [FLOOR, _wall(self.wall_y)], [])
+        return pose(body, _on_floor(body, settled, self.wall_y))
+
+
+KINDS = tuple(SHARES)
+
+
+def _kind(rng: np.random.Generator) -> int:
+    return int(rng.choice(len(KINDS), p=list(SHARES.values())))
+
+
+def _draw(kind: int, rng: np.random.Generator) -> tuple[int, int]:
+    return kind, int(rng.integers(2**31))
+
+
+def _between(start: tuple[int, int], end: tuple[int, int], share: float) -> Moment:
+    names = ("kind", "seed", "next_kind", "next_seed")
+    return dict(zip(names, (*start, *end), strict=True)) | {"share": share * share * (3 - 2 * share)}
+
+
+@lru_cache(maxsize=16)
+def _posture(body: Body, wall_y: float, kind: float, seed: float) -> Posture:
+    """The posture of a kind and a seed in its place on the floor."""
+    name, rng = KINDS[int(kind)], np.random.default_rng(int(seed))
+    if name == "standing":
+        posture = stood(body, draw_standing(rng))
+    elif name == "upright":
+        posture = risen(body, None, UPRIGHT.single(rng)[1])
+    elif name == "fallen":
+        posture = lain(body, Ground(), FALLEN.single(rng)[1])
+    else:
+        posture = slumped(body, SLUMPED.single(rng)[1])
+    facing, x, y = rng.normal(0, FACING_DEG[name]), *rng.uniform(-ROAM_M, ROAM_M, 2)
+    turn = Rotation.from_euler("z", facing, degrees=True)
+    turned = Posture(posture.angles_rad.copy(), np.zeros(3))
+    turned.angles_rad[0] = (turn * _pelvis(posture)).as_euler("XYZ") * SIGNS[0]
+    middle = pose(body, turned)[1].mean(axis=0)
+    at = np.array([x, wall_y if name == "slumped" else y, 0.0])
+    return _on_floor(body, Posture(turned.angles_rad, at - middle), wall_y)
+
+
+def slumped(body: Body, moment: Moment) -> Posture:
+    """The posture of a body that sits on the floor, its back at a wall at y = 0."""
+    flesh, posture = flesh_of(body), posture_of(moment)
+    trunk, _ = pose(body, posture, flesh.trunk)
+    place = np.array([0.0, -OFF_WALL_M - float(trunk[:, 1].max()), height_to_rest(trunk, [FLOOR])])
+    return settle(flesh, Posture(posture.angles_rad, place), [FLOOR, _wall(0.0)], pulls_of(moment), HEAVE)
+
+
+def _wall(y: float) -> Solid:
+    return Solid((-10.0, y - OFF_WALL_M, 0.0), (10.0, y + 1.0, 10.0), 0.0, Surface.WALL)
+
+
+def _pelvis(posture: Posture) -> Rotation:
+    return Rotation.from_euler("XYZ", posture.angles_rad[0] * SIGNS[0])
+
+
+def _glided(start: Posture, end: Posture, share: float) -> Posture:
+    """The posture a share of the way: angles linearly, the pelvis by the shortest turn."""
+    angles = (1 - share) * start.angles_rad + share * end.angles_rad
+    both = Rotation.concatenate([_pelvis(start), _pelvis(end)])
+    angles[0] = Slerp([0.0, 1.0], both)(share).as_euler("XYZ") * SIGNS[0]
+    return Posture(angles, (1 - share) * start.pelvis_m + share * end.pelvis_m)
+
+
+def _on_floor(body: Body, posture: Posture, wall_y: float) -> Posture:
+    """Moved so that its lowest skin stands on the floor and none is in the wall."""
+    vertices, _ = pose(body, posture)
+    out = min(0.0, wall_y - OFF_WALL_M - float(vertices[:, 1].max()))
+    up = height_to_rest(vertices, [FLOOR])
+    return Posture(posture.angles_rad, posture.pelvis_m + np.array([0.0, out, up]))
