@@ -3,7 +3,11 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PySide6.QtCore import QEvent, Qt
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtWidgets import QApplication, QWidget
 
+from annotate.gui.held import HeldKeys
 from annotate.gui.keys import BODY_GRID, COMMANDS, LAYOUTS, Settings, load_settings, settings_path
 from annotate.parts import LEFT_RIGHT, PARTS
 from sensors.errors import CloudError
@@ -82,3 +86,43 @@ def test_what_is_wrong_in_the_file_is_named(tmp_path, text, says):
 def test_the_file_lies_where_the_desktop_says(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     assert settings_path() == tmp_path / "annotate-cloud" / "window.toml"
+
+
+class Listener(QWidget):
+    """A window that writes down when which keys are pressed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pressed: list[tuple[int, int]] = []
+        HeldKeys(self)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:  # noqa: N802
+        self.pressed.append((event.key(), event.timestamp()))
+
+    def send(self, kind: QEvent.Type, key: Qt.Key, at_ms: int, *, repeated: bool = False) -> bool:
+        event = QKeyEvent(kind, key, Qt.KeyboardModifier.NoModifier, "", repeated)
+        event.setTimestamp(at_ms)
+        event.setAccepted(kind == QEvent.Type.KeyPress)
+        QApplication.sendEvent(self.windowHandle(), event)
+        return event.isAccepted()
+
+
+def test_a_press_in_the_millisecond_of_its_release_is_no_press(qapp):
+    """As X11 repeats a held key; Qt knows it only where it reads both events at once."""
+    down, up, asked = QEvent.Type.KeyPress, QEvent.Type.KeyRelease, QEvent.Type.ShortcutOverride
+    space, other = Qt.Key.Key_Space, Qt.Key.Key_W
+    window = Listener()
+    window.send(down, space, 10)
+    for at_ms in (700, 740):
+        window.send(up, space, at_ms)
+        assert window.send(asked, space, at_ms), "no command may take it"
+        window.send(down, space, at_ms)
+    assert window.pressed == [(space, 10)]
+    window.send(up, space, 780)
+    assert not window.send(asked, other, 780)
+    for key, at_ms, repeated in ((other, 780, False), (space, 780, True), (space, 800, False)):
+        window.send(down, key, at_ms, repeated=repeated)
+    assert window.pressed[1:] == [(other, 780), (space, 780), (space, 800)]
+    window.send(up, space, 0)
+    window.send(down, space, 0)
+    assert window.pressed[-1] == (space, 0), "of a test, which gives no times"

@@ -12,6 +12,7 @@ from annotate.gui.bars import CHANGING, SWITCHES
 from annotate.gui.colors import TINTS, colourings
 from annotate.gui.dialogs import ask_export, ask_reason
 from annotate.gui.drawing import TOOLS
+from annotate.gui.held import HeldKeys
 from annotate.gui.keys import Command, key_of
 from annotate.gui.learning import Learner, Lesson
 from annotate.gui.outcome import Done
@@ -47,6 +48,7 @@ CHECKABLE = {*TOOLS, *SWITCHES, "carry", "onion", "solo", "peek", "from_other", 
 
 def bind(window: CorrectionWindow, lesson: Lesson | None = None) -> None:
     """Give a window its commands: menus, keys, and the actions behind its buttons. lesson: how to learn."""
+    HeldKeys(window)
     actions = _actions(window)
     judged, learner = Judged(window), Learner(window, lesson)
     actions |= {"learn": learner.learn, "unlearn": learner.unlearn}

@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 
 from annotate.gui.cloud_view import CloudView
 from annotate.gui.colors import Colouring, Look, Painting, colourings
+from annotate.gui.held import HeldKeys
 from annotate.gui.live_commands import COMMANDS
 from annotate.gui.live_pictures import TITLES, joints_px, live_scene, pictures
 from annotate.gui.live_tile import Tile
@@ -102,10 +103,12 @@ class LiveWindow(QMainWindow):
 
     def _bound(self) -> dict[str, QAction]:
         """The commands as actions with their keys, in the menus and as buttons at the foot."""
+        HeldKeys(self)
         actions = {}
         for command in COMMANDS:
             action = QAction(command.title, self)
             action.setShortcuts([QKeySequence(key) for key in command.keys])
+            action.setAutoRepeat(command.repeats)
             action.triggered.connect(getattr(self, command.name))
             self.addAction(action)
             made = button(f"{command.title}   {command.key}")
