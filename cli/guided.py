@@ -9,7 +9,7 @@ import numpy as np
 
 from annotate.live.rig_complaints import rig_complaints
 from cli.console import say
-from cli.rig_devices import open_rig
+from cli.rig_devices import ended_by_sigterm, open_rig
 from sensors.calibrate.bundle import Adjusted
 from sensors.calibrate.guide import Guidance, Room, guide, is_new, next_wish
 from sensors.calibrate.guide_picture import guide_picture
@@ -51,6 +51,7 @@ def guided_calibration(
         check_free(board, overwrite)
         running = open_rig(rig, device)
         with (
+            ended_by_sigterm(),
             closing(running),
             SessionWriter(board, running.calibration, running.name, overwrite=overwrite) as writer,
         ):

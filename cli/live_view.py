@@ -22,7 +22,7 @@ from annotate.person.extract import Survey
 from annotate.suit.palette import Suit, load_suit
 from cli.console import finish, say
 from cli.extras import needing
-from cli.rig_devices import open_rig
+from cli.rig_devices import ended_by_sigterm, open_rig
 from eval.network.bearing import Bearing, joint_row
 from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import NetworkSurvey
@@ -55,7 +55,7 @@ def watch(
 ) -> None:
     """What ``live`` does, with its arguments."""
     palette = load_suit(suit) if suit else None
-    with serving(port if serve else None) as stream:
+    with ended_by_sigterm(), serving(port if serve else None) as stream:
         opened: Rig = Playback(open_source(session)) if session else open_rig(rig, device)
         with closing(opened) as running:
             if not no_window:

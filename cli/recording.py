@@ -44,17 +44,17 @@ def record(
     if preview:
         from annotate.suit.palette import load_suit
         from cli.live_view import look_at
-        from cli.rig_devices import open_rig
+        from cli.rig_devices import ended_by_sigterm, open_rig
 
         palette = load_suit(suit) if suit else None
-        with closing(open_rig(rig, device)) as running:
+        with ended_by_sigterm(), closing(open_rig(rig, device)) as running:
             look_at(running, palette, out, overwrite, seconds, json)
         return
-    from cli.rig_devices import opened_rig
+    from cli.rig_devices import ended_by_sigterm, opened_rig
     from sensors.recording.recorder import Recorder, clock_metadata
     from sensors.session.writer import SessionWriter
 
-    with ExitStack() as stack:
+    with ended_by_sigterm(), ExitStack() as stack:
         wanted, devices, calibration, _ = opened_rig(rig, device, stack)
         metadata = clock_metadata(devices, wanted.latency_ms)
         writer = SessionWriter(out, calibration, wanted.name, overwrite=overwrite, metadata=metadata)

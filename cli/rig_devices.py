@@ -1,7 +1,8 @@
 """The devices of a rig file, or at addresses, opened and started; what virtual ones see."""
 
+import signal
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -37,6 +38,16 @@ class Shown:
     def _frames(self) -> tuple[RigFrame, ...]:
         say(f"rendering {VIRTUAL_FRAMES} frames for the virtual cameras")
         return tuple(self._rig)
+
+
+@contextmanager
+def ended_by_sigterm() -> Iterator[None]:
+    """Within it a polite kill (SIGTERM) does what Ctrl-C does: a recording is finished. Main thread only."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def open_rig(rig: Path | None, device: list[str] | None) -> LiveRig:

@@ -290,12 +290,14 @@ def test_live_streams_a_session_and_a_taken_port_ends_it_before_it_begins(annota
         args = ("live", rig_session, "--no-window", "--serve", "--port", server.port)
         assert_refused(annotate_cloud(*args), "cannot be served")
     running = SimpleNamespace(
-        frames=Newest(), rig=SimpleNamespace(events=deque([(1, Event(5, "mark"))]), calibration=BARE)
+        frames=Newest(),
+        complaints=(),
+        rig=SimpleNamespace(events=deque([(1, Event(5, "mark"))]), calibration=BARE),
     )
     stance = Stance(JOINT_NAMES, np.ones((15, 3)), (), 0.0, 1.0, "sitting", 1.0)
     labels = FrameLabels("000000", moment().cloud.depth_mm, moment().parts)
     captured = Moment(RigFrame(0, 1, labels.depth_mm, b"no image"), 7, 9)
-    newest = LiveFrame(captured, moment().cloud, labels, stance, None, (Complaint("dark", "lamp"),), 1.0)
+    newest = LiveFrame(captured, moment().cloud, labels, stance, None, (), 1.0)
     with FoxgloveServer(0) as server, connect(server.address, subprotocols=[PROTOCOL]) as client:
         client.recv(timeout=60)
         topic_of, got = subscribed(client), {}
@@ -306,6 +308,36 @@ def test_live_streams_a_session_and_a_taken_port_ends_it_before_it_begins(annota
                 with suppress(TimeoutError):
                     while isinstance(data := client.recv(timeout=0.2), bytes):
                         got[topic_of[struct.unpack("<I", data[1:5])[0]]] = data[13:]
-    assert Log.FromString(got[EVENTS]).message in ("mark", "lamp")
+    assert Log.FromString(got[EVENTS]).message == "mark"
     ball = SceneUpdate.FromString(got[topics.SKELETON]).entities[0].spheres[14].pose.position
     assert (ball.x, ball.y, ball.z) == (1, 1, 1)
+
+
+def test_complaints_reach_a_client_that_comes_later_though_there_are_no_frames():
+    pytest.importorskip("foxglove")
+    from websockets.sync.client import connect
+
+    from annotate.foxglove.server import FoxgloveServer
+    from annotate.live.stream import streamed
+
+    silent, full = Complaint("silent", "depth: no image"), Complaint("disk", "little room")
+    running = SimpleNamespace(
+        frames=Newest(), complaints=(silent,), rig=SimpleNamespace(events=deque(), calibration=BARE)
+    )
+    with (
+        FoxgloveServer(0) as server,
+        streamed(running, server),
+        connect(server.address, subprotocols=[PROTOCOL]) as client,
+    ):
+        client.recv(timeout=60)
+        topic_of = subscribed(client)
+
+        def told() -> str:
+            while not isinstance(data := client.recv(timeout=60), bytes):
+                pass
+            assert topic_of[struct.unpack("<I", data[1:5])[0]] == EVENTS
+            return Log.FromString(data[13:]).message
+
+        assert told() == silent.text
+        running.complaints = (silent, full)
+        assert told() == full.text  # and the first only once

@@ -1,7 +1,9 @@
 """A rig that runs is recorded from key to key: what is unplugged comes back, a full disk loses nothing."""
 
+import _thread
 import errno
 import itertools
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -12,6 +14,7 @@ import pytest
 import sensors.recording.intake
 import sensors.recording.live_rig
 from annotate.label_source import run
+from annotate.live.live_frame import Labelling
 from annotate.live.rig_complaints import rig_complaints
 from annotate.person.extract import PersonMask
 from annotate.segmentation.segment import unlabelled
@@ -121,6 +124,30 @@ def test_what_is_recorded_from_key_to_key_has_no_gap(rig_of, tmp_path):
         assert not session.truncated and session.metadata["subject"] == "anna"
         assert [text for _, text in session.events] == ["sits down"]
         assert np.isfinite(session.reference_c).any()
+
+
+@pytest.mark.parametrize("verb", [["record"], ["live", "--no-window", "--record"]])
+def test_a_polite_kill_leaves_a_whole_recording(annotate_cloud, tmp_path, monkeypatch, verb):
+    def fail(cloud):
+        raise CloudError("nobody is in view")
+
+    def terminate() -> None:
+        wait_for(lambda: partial.exists() and partial.stat().st_size > 10_000)
+        handled.append(signal.getsignal(signal.SIGTERM))
+        _thread.interrupt_main(signal.SIGTERM)
+
+    monkeypatch.setattr(Camera, "calibration", RigCalibration(CAMERA))
+    monkeypatch.setattr("cli.rig_devices.open_device", lambda address, shown: Camera())
+    monkeypatch.setattr("cli.live_view.labelling_by", lambda suit: Labelling(fail, fail, fail))
+    path, partial, handled = tmp_path / "a.mcap", tmp_path / "a.mcap.partial", []
+    killer = threading.Thread(target=terminate)
+    killer.start()
+    # Where nothing handles the signal, the end comes by time.
+    done = annotate_cloud(*verb, path, "--device", "kinect2:", "--seconds", 60)
+    killer.join()
+    assert done.code == 0 and handled != [signal.SIG_DFL]
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    assert not partial.exists() and not Session(path).truncated and len(Session(path)) > 10
 
 
 def test_labels_bear_the_name_that_was_recorded(rig_of, tmp_path):

@@ -561,7 +561,7 @@ class FakeOrbbec:
 
     class Config:
         def enable_stream(self, profile):
-            assert profile in ("color 1920x1080", "depth")
+            assert profile.name in ("color 1920x1080", "depth")
 
     class Context:
         def query_devices(self):
@@ -577,8 +577,10 @@ class FakeOrbbec:
 
         def get_stream_profile_list(self, sensor):
             return SimpleNamespace(
-                get_video_stream_profile=lambda width, height, form, hz: f"color {width}x{height}",
-                get_default_video_stream_profile=lambda: "depth",
+                get_video_stream_profile=lambda width, height, form, hz: SimpleNamespace(
+                    name=f"color {width}x{height}", get_fps=lambda: hz
+                ),
+                get_default_video_stream_profile=lambda: SimpleNamespace(name="depth", get_fps=lambda: 15),
             )
 
         def start(self, config):
@@ -604,7 +606,7 @@ class FakeOrbbec:
                 "get_width": 3,
                 "get_data": np.arange(6, dtype="<u2").view(np.uint8),
                 "get_depth_scale": 0.5,
-                "get_timestamp_us": 10**6 - 33_333 * self.left,
+                "get_timestamp_us": 10**6 - 66_667 * self.left,
             }
             frame = SimpleNamespace(**{name: (lambda v=value: v) for name, value in depth.items()})
             return SimpleNamespace(
@@ -620,7 +622,8 @@ def test_an_orbbec_by_pyorbbecsdks_names(monkeypatch):
         np.testing.assert_allclose(device.calibration.color_from_depth.translation_m, (-0.032, 0, 0))
         readings = [device.read(0.5), device.read(0.5)]
         np.testing.assert_array_equal(readings[0].value.depth_mm, [[0, 0, 1], [2, 2, 2]])
-        assert readings[1].stamp_ns - readings[0].stamp_ns == 33_333_000
+        assert readings[1].stamp_ns - readings[0].stamp_ns == 66_667_000
+        assert device.rates_hz == {"depth": 15.0, "color": 30.0} and readings[1].dropped == 0
         assert device.read(0.0) is None
 
 

@@ -8,6 +8,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from annotate.foxglove.topics import SCHEMAS, Shown, shown_messages
 from sensors.errors import CloudError
+from sensors.session.messages import EVENTS, event_message
 
 PORT = 8765
 """Where Foxglove's app looks for a server unless told otherwise."""
@@ -74,3 +75,12 @@ class FoxgloveServer:
             shown, lambda topic: self._channels[topic].has_sinks()
         ):
             self._channels[topic].log(message.SerializeToString(), log_time=stamp_ns)
+
+    @property
+    def heard(self) -> bool:
+        """Whether a client listens to events."""
+        return self._channels[EVENTS].has_sinks()
+
+    def tell(self, stamp_ns: int, text: str) -> None:
+        """Send an event between moments. stamp_ns: since 1970, on the host's clock."""
+        self._channels[EVENTS].log(event_message(stamp_ns, text).SerializeToString(), log_time=stamp_ns)

@@ -1,6 +1,7 @@
 """A running rig's newest labelled moment for Foxglove, by a thread of its own."""
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -39,25 +40,40 @@ def streamed(pipeline: LivePipeline, server: FoxgloveServer) -> Iterator[None]:
 
 
 def _stream(pipeline: LivePipeline, server: FoxgloveServer, stop: threading.Event) -> None:
-    seen, told, standing = 0, 0, set[str]()
+    seen, told = 0, _Told()
     while not stop.is_set():
         newest = pipeline.frames.after(seen, WAIT_S)
+        texts = told.news(pipeline) if server.heard else []
         if newest is None:
+            # No frame comes of a camera that is silent, or where labelling fails: this is when to say so.
+            for text in texts:
+                server.tell(time.time_ns(), text)
             if pipeline.frames.ended:
                 return
             continue
         seen, frame = newest
-        happened = [(number, event) for number, event in pipeline.rig.events.copy() if number > told]
-        told = max((number for number, _ in happened), default=told)
-        new = [complaint.text for complaint in frame.complaints if complaint.kind not in standing]
-        standing = {complaint.kind for complaint in frame.complaints}
-        texts = [event.text for _, event in happened] + new
         shown = shown_of(frame, pipeline.rig.calibration, texts)
         try:
             server.show(shown)
         except FormatError:
             # A colour image that was cut off on its way; the pipeline complains of it.
             server.show(replace(shown, color_encoded=None))
+
+
+class _Told:
+    """What a stream's clients have been told: events by their numbers, complaints by their kinds."""
+
+    def __init__(self) -> None:
+        self._number, self._standing = 0, set[str]()
+
+    def news(self, pipeline: LivePipeline) -> list[str]:
+        """Events that are kept, then complaints that stand, as far as they are new since the last call."""
+        happened = [(number, event) for number, event in pipeline.rig.events.copy() if number > self._number]
+        self._number = max((number for number, _ in happened), default=self._number)
+        complaints = pipeline.complaints
+        new = [complaint.text for complaint in complaints if complaint.kind not in self._standing]
+        self._standing = {complaint.kind for complaint in complaints}
+        return [event.text for _, event in happened] + new
 
 
 def shown_of(frame: LiveFrame, calibration: RigCalibration, texts: list[str]) -> Shown:

@@ -122,7 +122,7 @@ class Device(Protocol):
 
     @property
     def rates_hz(self) -> Mapping[str, float]:
-        """Nominal rate of every stream."""
+        """Nominal rate of every stream of a device that has started."""
         ...
 
     @property

@@ -81,12 +81,17 @@ class Orbbec(StreamingCamera):
     def _begin(self) -> RigCalibration:
         sdk, config = self._sdk, self._sdk.Config()
         try:
-            color = self._pipeline.get_stream_profile_list(sdk.OBSensorType.COLOR_SENSOR)
-            config.enable_stream(
-                color.get_video_stream_profile(*COLOR_SIZE, sdk.OBFormat.MJPG, round(DEPTH_RATE_HZ))
-            )
-            depth = self._pipeline.get_stream_profile_list(sdk.OBSensorType.DEPTH_SENSOR)
-            config.enable_stream(depth.get_default_video_stream_profile())
+            colors = self._pipeline.get_stream_profile_list(sdk.OBSensorType.COLOR_SENSOR)
+            color = colors.get_video_stream_profile(*COLOR_SIZE, sdk.OBFormat.MJPG, round(DEPTH_RATE_HZ))
+            depths = self._pipeline.get_stream_profile_list(sdk.OBSensorType.DEPTH_SENSOR)
+            depth = depths.get_default_video_stream_profile()
+            # Of some cameras the default is 15 a second: every other image would count as lost.
+            self.rates_hz = {
+                DepthImage.stream: float(depth.get_fps()),
+                ColorImage.stream: float(color.get_fps()),
+            }
+            config.enable_stream(color)
+            config.enable_stream(depth)
             self._infrared = self._with_infrared(config)
             self._pipeline.start(config)
             return calibration_of(self._pipeline.get_camera_param())
