@@ -2,7 +2,8 @@
 
 python -m bench.window
 
-Every time is from the event to the repainted screen. The second column of seconds is the bar.
+Every time is from the event to the repainted screen; where the window is blocked, the CPU time of its longest
+event. The second column of seconds is the bar.
 """
 
 import os
@@ -14,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +24,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from sensors.rig.camera import Intrinsics
 
-STROKE_S, NEXT_S, MOVE_S = 0.1, 0.3, 0.1
+STROKE_S, NEXT_S, MOVE_S, BLOCK_S = 0.1, 0.3, 0.1, 0.05
 FRAMES = 8
 
 
@@ -81,11 +83,10 @@ def measured(path: Path, small: bool) -> Iterator[tuple[str, float, float]]:
     """Strokes, moves and next frames, from the event to the screen."""
     from PySide6.QtCore import QPoint, Qt
     from PySide6.QtTest import QTest
-    from PySide6.QtWidgets import QApplication
 
     from tests.helpers.gui_driver import Driver
 
-    app = QApplication.instance() or QApplication([])
+    app = noting_application()
     driver = Driver(path, size=(1440, 900))
     driver.key("lasso")
     middle = driver.place(driver.middle_of(2))
@@ -101,9 +102,18 @@ def measured(path: Path, small: bool) -> Iterator[tuple[str, float, float]]:
 
     def next_frame(i: int) -> None:
         time.sleep(0.5)
+        app.longest_s = 0.0
         times.append(timed(app, lambda: driver.key("next")))
+        blocks.append(app.longest_s)
+
+    def accept(i: int) -> None:
+        time.sleep(0.5)
+        app.longest_s = 0.0
+        driver.key("accept")
+        blocks.append(app.longest_s)
 
     times: list[float] = []
+    blocks: list[float] = []
     repeated(stroke, 9)
     yield "a lasso's effect on the screen", median(times), STROKE_S
     times.clear()
@@ -115,7 +125,31 @@ def measured(path: Path, small: bool) -> Iterator[tuple[str, float, float]]:
         times.clear()
         repeated(next_frame, FRAMES - 1)
         yield "the next frame, prefetched", median(times), NEXT_S
+        yield "longest event of the next frame, CPU", median(blocks), BLOCK_S
+        blocks.clear()
+        repeated(accept, FRAMES - 1)
+        yield "longest event of accepting, CPU", median(blocks), BLOCK_S
     driver.close()
+
+
+def noting_application() -> Any:
+    """A new application. longest_s: CPU seconds of its thread in the longest event since this was set."""
+    from PySide6.QtWidgets import QApplication
+
+    class Noting(QApplication):
+        longest_s, _began_s = 0.0, 0.0
+
+        def notify(self, receiver: Any, event: Any) -> bool:
+            if self._began_s:
+                return super().notify(receiver, event)
+            self._began_s = time.thread_time()
+            try:
+                return super().notify(receiver, event)
+            finally:
+                self.longest_s = max(self.longest_s, time.thread_time() - self._began_s)
+                self._began_s = 0.0
+
+    return QApplication.instance() or Noting([])
 
 
 def repeated(action: Callable[[int], None], times: int) -> None:
@@ -124,7 +158,7 @@ def repeated(action: Callable[[int], None], times: int) -> None:
         action(i)
 
 
-def timed(app: object, action: Callable[[], None]) -> float:
+def timed(app: Any, action: Callable[[], None]) -> float:
     """Seconds until everything that an action asks for is done, repaints included."""
     started = time.perf_counter()
     action()

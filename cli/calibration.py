@@ -64,6 +64,8 @@ def calibrate(
     plot = out.with_suffix(".png")
     for path in (out, plot, *([yaml] if yaml else [])):
         check_free(path, overwrite)
+    # Opened before the imports, which take a second that a refusal need not spend.
+    session = None if live else Session(board)
     with needing("rig"):
         from sensors.calibrate.hole_plate import HolePlate
         from sensors.calibrate.verdict import judge
@@ -71,13 +73,13 @@ def calibrate(
         from sensors.rig.rig_calibration import save_calibration
 
     plate = HolePlate(columns, rows, pitch_mm / 1000, hole_mm / 1000)
-    if live:
+    if session is None:
         from cli.guided import guided_calibration
 
         picture = out.with_suffix(".guide.png")
         found = guided_calibration(board, plate, rig, device, picture, overwrite)
     else:
-        found = _solve(Session(board), plate)
+        found = _solve(session, plate)
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as temporary:
         save_calibration(temporary, found.calibration)

@@ -21,6 +21,7 @@ def demo(
     json: Json = False,
 ) -> None:
     """Run all steps on the virtual rig, from recording to report."""
+    check_free(out, overwrite)
     with needing("synth", "network", "report"):
         import onnxruntime  # noqa: F401, fails before the rig records rather than after
 

@@ -10,7 +10,7 @@ from cli.console import Json, Overwrite, finish, progress, provenance, say
 from cli.extras import check_extra, needing
 from cli.sessions import Scheduler, each, finish_each, label_sets_in
 from sensors.errors import ExistsError
-from sensors.files.atomic import check_free
+from sensors.files.atomic import check_free, check_there
 
 if TYPE_CHECKING:
     from annotate.labelset.frames import LabelledFrames
@@ -132,6 +132,7 @@ def compare(
 ) -> None:
     """Show by how much result A is better than result B, and how certain that is."""
     check_extra("report", "scipy")
+    check_there(a, b)
     from eval.compare.results import load_result
 
     first, second = load_result(a), load_result(b)
@@ -185,13 +186,14 @@ def report(
 ) -> None:
     """Write one page with all results beside those of the paper; it opens offline."""
     check_extra("report", "scipy", "jinja2", "plotly")
-    from eval.compare.results import load_result
-    from sensors.session.reader import Session
-
     notes, sets = note or [], shown or []
     if len(notes) > len(sets):
         raise typer.BadParameter(f"{len(notes)} notes for {len(sets)} label sets; give --shown for each")
     check_free(out, overwrite)
+    check_there(*results, *([ceiling] if ceiling else []), *(session or []), *(history or []), *sets)
+    from eval.compare.results import load_result
+    from sensors.session.reader import Session
+
     loaded = [load_result(path) for path in results]
     # These imports take a second, which a refusal need not spend.
     with needing("report"):

@@ -14,7 +14,7 @@ from typer import Argument, Option
 from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
 from cli.extras import check_extra, needing
 from cli.sessions import Scheduler, label_each, sessions_in
-from sensors.files.atomic import check_free, write_bytes
+from sensors.files.atomic import check_free, check_there, write_bytes
 from sensors.importers.open_source import open_source
 
 if TYPE_CHECKING:
@@ -118,20 +118,23 @@ def learn(
     json: Json = False,
 ) -> None:
     """Learn the suit's palette from corrected frames, or from a photograph of its cloths."""
+    check_free(out, overwrite)
+    by_photo = swatches is not None and labels is None and session is None and not frame
+    if not by_photo and (swatches is not None or labels is None or session is None):
+        raise typer.BadParameter("give labels with --session, or --swatches alone")
+    check_there(*(given for given in (swatches, labels, session) if given is not None))
     with needing("rig"):
         from annotate.labelset.store import LabelSet
         from annotate.suit.learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
         from annotate.suit.palette import suit_to_toml
 
-    check_free(out, overwrite)
-    if swatches is not None and labels is None and session is None and not frame:
+    if swatches is not None:
         palette = suit_from_photo(swatches, out.stem)
-    elif swatches is None and labels is not None and session is not None:
+    else:
+        assert labels is not None and session is not None
         chosen = LabelSet.open(labels)
         ids = frame or corrected_frames(chosen)
         palette = suit_from_labels(clouds_with(chosen, ids, open_source(session)), out.stem)
-    else:
-        raise typer.BadParameter("give labels with --session, or --swatches alone")
     write_bytes(out, suit_to_toml(palette).encode())
     for note in palette.notes:
         say(note)

@@ -7,6 +7,8 @@ from typer import Argument, Option
 
 from cli.console import Json, Overwrite
 from sensors.errors import DeviceError
+from sensors.files.atomic import check_there
+from sensors.session.paths import recording_at
 
 
 def live(
@@ -32,6 +34,8 @@ def live(
     """Label a running rig live, or play a session; show parts, joints, and what is wrong with the rig."""
     if sum((session is not None, rig is not None, bool(device))) != 1:
         raise DeviceError("nothing to show; give either a session, --rig, or one or more --device")
+    if session is not None:
+        check_there(recording_at(session))
     from cli.live_view import watch
 
     watch(session, rig, device, suit, record, subject, no_window, serve, port, seconds, overwrite, json)

@@ -9,7 +9,7 @@ from typer import Argument, Option
 from cli.console import Json, Overwrite, finish, progress, say, table
 from cli.extras import needing
 from sensors.errors import CloudError
-from sensors.files.atomic import check_free
+from sensors.files.atomic import check_free, check_there
 
 if TYPE_CHECKING:
     from synth.markers.motion_file import MarkerReport
@@ -36,6 +36,10 @@ def solve(
     json: Json = False,
 ) -> None:
     """Turn recorded markers into joint angles that can move any body."""
+    for path in (out, picture, film):
+        if path is not None:
+            check_free(path, overwrite)
+    check_there(markers, *(given for given in (static, markerset) if given is not None))
     with needing("synth"):
         from synth.markers.bvh import read_bvh
         from synth.markers.marker_files import read_markers
@@ -45,9 +49,6 @@ def solve(
         from synth.markers.solve import solve as solve_markers
         from synth.motion.picture import check_animation, save_animation, save_picture
 
-    for path in (out, picture, film):
-        if path is not None:
-            check_free(path, overwrite)
     if film is not None:
         check_animation(film)
     places = None if markerset is None else load_marker_set(markerset)

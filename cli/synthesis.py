@@ -108,6 +108,7 @@ def simulate(
     from sensors.recording.rig_templates import REFERENCE, template_named
 
     cameras = template_named(rig or REFERENCE)
+    check_free(out, overwrite)
     if scene == "plate":
         _simulate_plate(out, frames, seed, cameras, overwrite, json)
         return

@@ -8,7 +8,10 @@ import pytest
 
 from cli.training import Without
 
-HEAVY = ("numba", "scipy", "skimage", "torch", "onnxruntime", "pyvista", "PySide6", "matplotlib", "open3d")
+HEAVY = (
+    "numba", "scipy", "skimage", "torch", "onnxruntime",
+    "pyvista", "PySide6", "matplotlib", "open3d", "pydantic",
+)  # fmt: skip
 """Libraries that each take longer to import than a user waits for an answer without noticing."""
 
 STARTED = """
@@ -59,6 +62,13 @@ def test_help_imports_no_numbers_and_info_and_refusals_no_compiler(rig_session, 
         ["repair", nowhere],
         ["record", out],
         ["simulate", out, "--rig", "none"],
+        ["simulate", text],
+        ["solve", nowhere, "--out", out],
+        ["calibrate", nowhere, "--out", out],
+        ["compare", nowhere, nowhere],
+        ["report", nowhere, "--out", out],
+        ["live", nowhere],
+        ["demo", "--out", text],
     ]
     done = started(*helps, *shown, *refused)
     for (code, said, modules), command in zip(done, [*helps, *shown, *refused], strict=True):

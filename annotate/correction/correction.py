@@ -117,18 +117,31 @@ class Correction:
         Frames edited before are saved. Raises what ``frame`` raises, and CloudError when read-only.
         """
         self._refuse_read_only()
+        opened = self._opened.get(frame_id)
+        editor = opened[1] if opened else self.begin(self.frame(frame_id))
+        self.leave_others(frame_id)
+        return editor
+
+    def begin(self, frame: FrameLabels) -> Editor:
+        """An editor as of ``edit``, of a frame that was read (``frame``) after its last stroke.
+
+        Frames edited before stay open until ``leave_others``.
+        """
+        self._refuse_read_only()
+        frame_id = frame.frame_id
         if frame_id in self._opened:
             return self._opened[frame_id][1]
-        frame, history = self._begun(frame_id), History.of(self.journal.strokes(frame_id))
-        for other in list(self._opened):
-            try:
-                self.leave(other)
-            except NotSavedError:
-                continue
+        frame, history = self._with_history(frame), History.of(self.journal.strokes(frame_id))
         editor = Editor(frame, self.who, self._record, ActiveTime(self._clock), history)
         editor.time.mark("looking")
         self._opened[frame_id] = frame, editor
         return editor
+
+    def leave_others(self, frame_id: str) -> None:
+        """Save and close all frames that were edited but this one; those that the disk refuses stay open."""
+        for other in [i for i in self._opened if i != frame_id]:
+            with suppress(NotSavedError):
+                self.leave(other)
 
     def save(self, frame_id: str) -> None:
         """Save a frame's labels. Raises NotSavedError; the strokes are in the journal."""
@@ -247,10 +260,9 @@ class Correction:
             )
         return strokes[included:]
 
-    def _begun(self, frame_id: str) -> FrameLabels:
+    def _with_history(self, frame: FrameLabels) -> FrameLabels:
         """The frame; in a copy of a set without its journal, its history begins anew."""
-        frame = self.frame(frame_id)
-        if frame.notes.get("journal") and not self.journal.strokes(frame_id):
+        if frame.notes.get("journal") and not self.journal.strokes(frame.frame_id):
             frame = replace(frame, notes={k: v for k, v in frame.notes.items() if k != "journal"})
             with _saving(self.labels.path):
                 self.labels.write_labels(frame)

@@ -2,21 +2,17 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from concurrent.futures import wait as wait_for
 from typing import TypeVar
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 
 from sensors.errors import CloudError
 
 T = TypeVar("T")
-AT_ONCE_S = 0.02
-"""Time for which the window waits for work that may be ready, in seconds: a frame that was read ahead opens
-without a flicker. Chosen by eye."""
 
 
 class Background(QObject):
-    """busy: what it works on, "" for nothing."""
+    """busy: what it works on, "" for nothing. The window never waits for it."""
 
     _finished = Signal()
 
@@ -25,7 +21,8 @@ class Background(QObject):
         self.busy = ""
         self._pool = ThreadPoolExecutor(1, "window")
         self._after: Callable[[], None] = lambda: None
-        self._finished.connect(self._finish)
+        # Queued also where the work is done at once: what comes of it is an event of its own.
+        self._finished.connect(self._finish, Qt.ConnectionType.QueuedConnection)
 
     def run(
         self,
@@ -48,9 +45,6 @@ class Background(QObject):
             else:
                 then(result)
 
-        if wait_for([future], AT_ONCE_S).done:
-            after()
-            return
         self._after = after
         future.add_done_callback(lambda _: self._finished.emit())
 

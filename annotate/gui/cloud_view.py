@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
+from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
 from PySide6.QtGui import QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
@@ -46,9 +47,11 @@ class Points:
     def load(self, pixels: Int64, points_m: Float32, rgb: UInt8) -> None:
         """Show other pixels (n,) at ``points_m`` (n, 3) in colours (n, 3)."""
         self.pixels = pixels
-        self._row = np.full(int(pixels.max(initial=-1)) + 1, -1, np.int64)
-        self._row[pixels] = np.arange(len(pixels))
-        self._mesh = pv.PolyData(points_m if len(points_m) else np.zeros((1, 3), np.float32))
+        self._row = np.full(int(pixels.max(initial=-1)) + 1, -1, np.int32)
+        self._row[pixels] = np.arange(len(pixels), dtype=np.int32)
+        # Not by its constructor, which would make a cell of every point: ``show_only`` does.
+        self._mesh = pv.PolyData()
+        self._mesh.points = points_m if len(points_m) else np.zeros((1, 3), np.float32)
         self._mesh["rgb"] = rgb if len(rgb) else np.zeros((1, 3), np.uint8)
         self.actor.mapper.dataset = self._mesh
 
@@ -104,13 +107,11 @@ class CloudView(QWidget):
         self.scene, self._running = scene, keep
         near = np.flatnonzero(scene.near)
         mixed = np.r_[near, scene.room]
-        few = (
-            np.empty(0, np.int64)
-            if keep
-            else mixed[np.linspace(0, len(mixed) - 1, min(len(mixed), MOVING_POINTS)).astype(np.intp)]
-        )
-        for points, pixels in ((self._person, near), (self._room, scene.room), (self._moving, few)):
-            points.load(pixels, scene.points_m[pixels], colors(pixels))
+        points_m, rgb = scene.points_m[mixed], colors(mixed)
+        few = np.linspace(0, len(mixed) - 1, 0 if keep else min(len(mixed), MOVING_POINTS)).astype(np.intp)
+        rows: tuple[slice | NDArray[np.intp], ...] = slice(len(near)), slice(len(near), None), few
+        for points, at in zip((self._person, self._room, self._moving), rows, strict=True):
+            points.load(mixed[at], points_m[at], rgb[at])
         self.set_shown(shown)
         self._set_moving(self._grip is not None)
         if not keep and (self._fitted or not self._in_view(scene)):

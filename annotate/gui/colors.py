@@ -126,7 +126,7 @@ class Painting:
             rgb[edge] = 0.4 * rgb[edge] + 0.6 * (255 - np.array(self.ground, np.float32))
         for faded in (p for p, how in self.visibility.items() if how == "faded"):
             rgb[part == faded] += FADE * (np.array(self.ground, np.float32) - rgb[part == faded])
-        return np.clip(rgb, 0, 255).astype(np.uint8)
+        return np.clip(rgb, 0, 255, out=rgb).astype(np.uint8)
 
     def _plain(self, part: UInt8, pixels: Int64, colouring: Colouring) -> Float32:
         scene, room_rgb = self.scene, self._room_rgb

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from annotate.array_types import UInt8
@@ -48,7 +48,7 @@ class Walk:
     def __init__(self, correction: Correction, reader: SceneReader) -> None:
         self.correction = correction
         self._read, self._pool = reader.read, ThreadPoolExecutor(1, "prefetch")
-        self._scenes: dict[str, Future[FrameScene]] = {}
+        self._scenes: dict[str, tuple[int, Future[FrameScene]]] = {}
         self.order: Order = "time"
         self.filter: Filter = "all"
         self.all_ids = correction.labels.frame_ids
@@ -86,16 +86,24 @@ class Walk:
         return sorted(self.all_ids, key=lambda i: self.correction.state(i) not in UNFINISHED)
 
     def read(self, frame_id: str) -> FrameScene:
-        """A frame's scene, waited for where it is not there yet; read anew next time where reading fails.
+        """A frame's scene with its labels as they stand, waited for where it is not there yet.
 
-        Any thread may call this. Raises CloudError.
+        It is read anew next time where reading fails. Any thread may call this. Raises CloudError.
         """
         self._want([frame_id])
         try:
-            return self._scenes[frame_id].result()
+            entries, scene = self._scenes[frame_id]
+            known = scene.result()
+            if entries == self._entries(frame_id):
+                return known
+            return replace(known, labels=self.correction.frame(frame_id))
         except BaseException:
             self._scenes.pop(frame_id, None)
             raise
+
+    def _entries(self, frame_id: str) -> int:
+        """Number of a frame's entries in the journal: while it is the same, so are the frame's labels."""
+        return len(self.correction.journal.strokes(frame_id))
 
     def before(self, frame_id: str) -> str | None:
         """The frame before in time."""
@@ -106,14 +114,19 @@ class Walk:
         """Parts (h, w) of the frame before in time, as they stand; any thread may call this."""
         before = self.before(frame_id)
         try:
+            if before in self._scenes and self._scenes[before][1].done():
+                return self.read(before).labels.parts
             return self.correction.frame(before).parts if before else None
         except CloudError:
             return None
 
     def begin(self, scene: FrameScene, before: UInt8 | None) -> Opened:
-        """Begin to edit a frame, and to read those that will be needed next. Raises CloudError."""
+        """Begin to edit a frame as it was just read, and to read those that will be needed next.
+
+        Frames edited before stay open: ``Correction.leave_others``. Raises CloudError.
+        """
         frame_id = scene.labels.frame_id
-        editor = None if self.correction.read_only else self.correction.edit(frame_id)
+        editor = None if self.correction.read_only else self.correction.begin(scene.labels)
         at = self.frame_ids.index(frame_id) if frame_id in self.frame_ids else 0
         ahead = [self.next_unfinished(frame_id), *self.frame_ids[max(0, at - 1) : at + 3], frame_id]
         self._want(i for i in ahead if i)
@@ -174,6 +187,7 @@ class Walk:
         """Begin to read frames that will be needed, and forget those that were needed longest ago."""
         for frame_id in frame_ids:
             known = self._scenes.pop(frame_id, None)
-            self._scenes[frame_id] = known or self._pool.submit(self._read, frame_id)
+            entries = self._entries(frame_id)
+            self._scenes[frame_id] = known or (entries, self._pool.submit(self._read, frame_id))
         for frame_id in list(self._scenes)[:-SCENES_KEPT]:
-            self._scenes.pop(frame_id).cancel()
+            self._scenes.pop(frame_id)[1].cancel()

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QPointF, Signal
+from PySide6.QtCore import QPointF, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent
 
 from annotate.array_types import UInt8
@@ -26,6 +26,9 @@ from annotate.labelset.journal import NotSavedError
 from annotate.labelset.stroke import Activity
 from sensors.errors import CloudError
 
+AT_ONCE_MS = 20
+"""Milliseconds after which it is said what the window is busy with: a frame that was read ahead opens without
+a flicker. Chosen by eye."""
 Read = tuple[FrameScene, UInt8 | None]
 """A frame as it was read, and the parts (h, w) of the frame before."""
 
@@ -48,6 +51,11 @@ class CorrectionWindow(Shell):
         super().__init__(desk, walk, settings, memory)
         self.correction, self.background = correction, Background()
         self._retry_declined = False
+        # What is ready at once shows no sentence in between; frames are saved when the next one is shown.
+        self.busy_due = QTimer(self, singleShot=True, interval=AT_ONCE_MS)
+        self.busy_due.timeout.connect(self._show_busy)
+        self.leave_due = QTimer(self, singleShot=True, interval=0)
+        self.leave_due.timeout.connect(lambda: self.act(lambda: correction.leave_others(self.frame_id)))
         self._connect()
         self.walk.arrange(self.known.order, "all", self.frame_id)
         self.strip.frames.order(self.walk.frame_ids)
@@ -87,6 +95,7 @@ class CorrectionWindow(Shell):
             self.refresh_picture()
         opened = self.walk.begin(*read)
         self.desk.put(opened.scene, opened.editor, opened.before)
+        self.leave_due.start()
         if self.frame_id not in self.walk.frame_ids:
             self.arrange(self.walk.order, self.walk.filter)
         self.show_frame()
@@ -114,8 +123,11 @@ class CorrectionWindow(Shell):
             self.status.show_done(Done(str(error), "bad"), self.theme)
 
         self.background.run(text, work, then, failed or fail)
+        self.busy_due.start()
+
+    def _show_busy(self) -> None:
         if self.background.busy:
-            self.status.show_done(Done(text), self.theme)
+            self.status.show_done(Done(self.background.busy), self.theme)
 
     def arrange(self, order: Order, kept: Filter) -> None:
         """Show the frames in an order, and those that pass a filter."""
@@ -304,7 +316,8 @@ class CorrectionWindow(Shell):
                 event.ignore()
                 return
             self.correction.abandon()
-        self.words_due.stop()
+        for due in (self.words_due, self.busy_due, self.leave_due):
+            due.stop()
         self.remember()
         self.closed.emit()
         self.background.close()

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from secrets import token_hex
 
-from sensors.errors import ExistsError
+from sensors.errors import ExistsError, FormatError
 
 # Nobody can put a link to another file where this process will write.
 _TOKEN = token_hex(4)
@@ -22,6 +22,13 @@ def check_free(path: Path, overwrite: bool) -> None:
 def is_taken(folder: Path) -> bool:
     """Whether a new folder has no room there: something lies in it already, or it is a file."""
     return folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+
+
+def check_there(*paths: Path) -> None:
+    """Raise FormatError for the first that is not there: before what reads it is imported, not after it."""
+    for path in paths:
+        if not path.exists():
+            raise FormatError(f"{path} does not exist; check the path")
 
 
 @contextmanager
