@@ -2,6 +2,7 @@
 
 import _thread
 import errno
+import gc
 import itertools
 import signal
 import threading
@@ -148,6 +149,17 @@ def test_a_polite_kill_leaves_a_whole_recording(annotate_cloud, tmp_path, monkey
     assert done.code == 0 and handled != [signal.SIG_DFL]
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
     assert not partial.exists() and not Session(path).truncated and len(Session(path)) > 10
+
+
+def test_the_collector_passes_over_what_was_there_while_devices_are_read(rig_of, tmp_path):
+    rig = rig_of(Camera())
+    wait_for(lambda: rig.moments.count > 0)
+    before = gc.get_freeze_count()
+    loaded = [[] for _ in range(1000)]
+    rig.record(tmp_path / "a.mcap")
+    assert gc.get_freeze_count() >= before + len(loaded) > 10_000
+    rig.close()
+    assert gc.get_freeze_count() == 0
 
 
 def test_labels_bear_the_name_that_was_recorded(rig_of, tmp_path):

@@ -4,6 +4,7 @@ Every reading keeps its device's stamp; each device's zero is moved once, to the
 reading.
 """
 
+import gc
 import threading
 import time
 from collections import Counter, deque
@@ -87,6 +88,10 @@ class Event:
 class Intake:
     """Readings of devices that have started; as a context it reads, and closes the devices at its end.
 
+    Meanwhile the collector of cycles passes over all that was there before: a full run of it stops every
+    thread for 60 ms (measured, 170,000 objects), twice that on a busy machine, and a thermal camera keeps its
+    images for an eighth of a second.
+
     reopen: opens and starts a device that was lost; without it, a lost device stays lost. streams: what came
     so far; away: addresses that are lost now; faults: by address, when a device last sent what it must not,
     and what. Raises DeviceError where two devices have one stream, or
@@ -117,6 +122,7 @@ class Intake:
         self.faults: dict[str, Event] = {}
 
     def __enter__(self) -> "Intake":
+        gc.freeze()
         self._threads = [
             threading.Thread(target=self._read, args=(address,), name=f"read {address}", daemon=True)
             for address in self._devices
@@ -132,6 +138,7 @@ class Intake:
                 thread.join(5)
         for device in self._devices.values():
             device.close()
+        gc.unfreeze()
 
     @property
     def depth_lost(self) -> bool:

@@ -1,5 +1,6 @@
 """A running rig: its newest moment to look at, and every reading on the disk while it is recorded."""
 
+import gc
 import shutil
 import threading
 import time
@@ -91,6 +92,8 @@ class LiveRig:
         metadata = self._metadata | ({SUBJECT: subject} if subject else {})
         writer = SessionWriter(path, self.calibration, self.name, overwrite=overwrite, metadata=metadata)
         writer.__enter__()
+        # Over what has been loaded since, too (see ``Intake``): kernels, networks, the window.
+        gc.freeze()
         self._folder, self._trouble = path.parent, ""
         with self._writing:
             self._take = Take(writer, time.monotonic())

@@ -59,6 +59,9 @@ lens_of = lru_cache(maxsize=6)(Lens)
 """Rigs of one kind have the same cameras, and the colour camera's map takes a second."""
 LEAST_STEPS, MOST_STEPS, STILL = 12, 100, 1e-5
 """Steps of the inverse lens model, and the move per step, normalised, at which it ends. Chosen by eye."""
+ROWS = 16
+"""Rows of an image that are worked on at once: half a megabyte of a colour image, which stays in the cache.
+Measured: 1.1 s of CPU where the whole image takes 1.7 s."""
 WIDEST = 3.0
 """Tangent of the widest view, 143 degrees: all lenses of the rigs are narrower."""
 
@@ -72,12 +75,22 @@ def _undistort_fast(camera: Intrinsics, distorted: Float64) -> tuple[Float64, Bo
     radial = replace(camera, p1=0.0, p2=0.0)
     beyond = np.diff(distort(radial, np.stack([radius, 0 * radius], axis=-1))[:, 0]) <= 0
     widest = radius[np.argmax(beyond)] if beyond.any() else WIDEST
-    ideal = distorted.copy()
+    ideal, far = distorted.copy(), np.zeros(distorted.shape[:-1], np.bool_)
+    blocks = [slice(top, top + ROWS) for top in range(0, len(ideal), ROWS)]
     for step in range(MOST_STEPS):
-        move = distorted - distort(camera, ideal)
-        ideal += move
-        far = np.linalg.norm(ideal, axis=-1) > widest
-        ideal[far] *= widest / np.linalg.norm(ideal[far], axis=-1, keepdims=True)
-        if step >= LEAST_STEPS - 1 and np.abs(move[~far]).max() < STILL:
+        moved = [_stepped(camera, distorted[rows], widest, ideal[rows], far[rows]) for rows in blocks]
+        if step >= LEAST_STEPS - 1 and max(moved) < STILL:
             break
     return ideal, far
+
+
+def _stepped(camera: Intrinsics, distorted: Float64, widest: float, ideal: Float64, far: Bool) -> float:
+    """Take a step of ``_undistort_fast`` in place; the longest move of what is within the view."""
+    move = distorted - distort(camera, ideal)
+    ideal += move
+    away = np.linalg.norm(ideal, axis=-1)
+    np.greater(away, widest, out=far)
+    if not far.any():
+        return float(np.abs(move).max())
+    ideal[far] *= widest / away[far][:, None]
+    return float(np.abs(move[~far]).max(initial=0.0))
