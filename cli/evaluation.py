@@ -190,7 +190,7 @@ def report(
     if len(notes) > len(sets):
         raise typer.BadParameter(f"{len(notes)} notes for {len(sets)} label sets; give --shown for each")
     check_free(out, overwrite)
-    check_there(*results, *([ceiling] if ceiling else []), *(session or []), *(history or []), *sets)
+    check_there(*results, *([ceiling] if ceiling else []), *sets)
     from eval.compare.results import load_result
     from sensors.session.reader import Session
 

@@ -122,7 +122,7 @@ def learn(
     by_photo = swatches is not None and labels is None and session is None and not frame
     if not by_photo and (swatches is not None or labels is None or session is None):
         raise typer.BadParameter("give labels with --session, or --swatches alone")
-    check_there(*(given for given in (swatches, labels, session) if given is not None))
+    check_there(*(given for given in (swatches, labels) if given is not None))
     with needing("rig"):
         from annotate.labelset.store import LabelSet
         from annotate.suit.learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo

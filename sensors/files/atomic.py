@@ -28,7 +28,7 @@ def check_there(*paths: Path) -> None:
     """Raise FormatError for the first that is not there: before what reads it is imported, not after it."""
     for path in paths:
         if not path.exists():
-            raise FormatError(f"{path} does not exist; check the path")
+            raise FormatError(f"{path} cannot be read (No such file or directory); check the path")
 
 
 @contextmanager
