@@ -6,7 +6,7 @@ Camera frame: x right, y down, z forward, metres. Pixel centres sit on integer c
 import math
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from sensors.errors import CalibrationError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 
 FloatArray = NDArray[np.floating[Any]]
+Number = TypeVar("Number", float, NDArray[np.float64])
+Distortion = tuple[float, float, float, float, float]
+"""(k1, k2, p1, p2, k3) in OpenCV's order."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +62,8 @@ class Intrinsics:
         return self.height, self.width
 
     @property
-    def distortion(self) -> tuple[float, float, float, float, float]:
-        """(k1, k2, p1, p2, k3) in OpenCV's order."""
+    def distortion(self) -> Distortion:
+        """Of Brown's lens model, without unit."""
         return self.k1, self.k2, self.p1, self.p2, self.k3
 
     @property
@@ -94,12 +97,17 @@ def distort(camera: Intrinsics, xy: FloatArray) -> NDArray[np.float64]:
     Source: Brown 1971 as in OpenCV's ``projectPoints``, and libfreenect2's ``Registration``.
     """
     x, y = np.asarray(xy[..., 0], np.float64), np.asarray(xy[..., 1], np.float64)
-    k1, k2, p1, p2, k3 = camera.distortion
+    return np.stack(brown(x, y, camera.distortion), axis=-1)
+
+
+def brown(x: Number, y: Number, lens: Distortion) -> tuple[Number, Number]:
+    """``distort`` of numbers or arrays; lens: ``Intrinsics.distortion``."""
+    k1, k2, p1, p2, k3 = lens
     r2 = x * x + y * y
     radial = 1 + ((k3 * r2 + k2) * r2 + k1) * r2
     x_distorted = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     y_distorted = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    return np.stack([x_distorted, y_distorted], axis=-1)
+    return x_distorted, y_distorted
 
 
 def undistort(camera: Intrinsics, xy: FloatArray, iterations: int = 40) -> NDArray[np.float64]:
