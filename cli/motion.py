@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress, say, table
-from cli.extras import needing
+from cli.extras import check_extra, needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
 
@@ -39,6 +39,7 @@ def solve(
     for path in (out, picture, film):
         if path is not None:
             check_free(path, overwrite)
+    check_extra("synth", "scipy")
     check_there(markers, *(given for given in (static, markerset) if given is not None))
     with needing("synth"):
         from synth.markers.bvh import read_bvh

@@ -5,7 +5,7 @@ import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -37,7 +37,15 @@ def read_image(file: Path, decode: Callable[[bytes], V]) -> V:
 
 
 def decode_depth(data: bytes) -> UInt16:
-    """16-bit greyscale PNG -> uint16 (h, w) millimetres. Raises FormatError."""
+    """16-bit greyscale PNG -> uint16 (h, w) millimetres. Raises FormatError.
+
+    What was decoded last is not decoded again: labels and their truth hold the same image.
+    """
+    return _depth_in(data).copy()
+
+
+@lru_cache(maxsize=1)
+def _depth_in(data: bytes) -> UInt16:
     return decode_grey(data, np.uint16, "depth")
 
 

@@ -120,14 +120,14 @@ def joint_evidence(parts: UInt8, depth_mm: UInt16, camera: Intrinsics) -> Eviden
     of_part = _by_part(labels, points)
     for i, limb in enumerate(LIMBS):
         if len(of_part[limb.part]) >= PART_PIXELS:
-            middles[i] = np.median(of_part[limb.part], axis=0)
+            middles[i] = _median(of_part[limb.part])
     crossing = _crossings(labels, points)
     for i, hinge in enumerate(HINGES):
         a, b = hinge.parts
         on_border = crossing.get(frozenset((PART_ID[a], PART_ID[b])), np.empty((0, 3)))
         direct[i] = len(on_border) >= BORDER_PIXELS
         if direct[i]:
-            borders[i] = _mode(on_border, np.median(on_border, axis=0))
+            borders[i] = _mode(on_border, _median(on_border))
         elif min(len(of_part[a]), len(of_part[b])) >= PART_PIXELS:
             borders[i] = _between(of_part[a], of_part[b])
     return found
@@ -176,9 +176,16 @@ def _crossings(labels: UInt8, points_mm: Float64) -> dict[frozenset[int], Float6
     }
 
 
+def _median(points_mm: Float64) -> Float64:
+    """Median (3,) of points (n, 3), n > 0, by coordinate: as of NumPy, whose own takes twice the time."""
+    below, above = (len(points_mm) - 1) // 2, len(points_mm) // 2
+    ordered = np.partition(points_mm, (below, above), axis=0)
+    return np.asarray((ordered[below] + ordered[above]) / 2, np.float64)
+
+
 def _between(a_mm: Float64, b_mm: Float64) -> Float64:
     """Between the ends that two parts (n, 3), (m, 3) which do not touch turn to each other."""
-    axis = np.median(b_mm, axis=0) - np.median(a_mm, axis=0)
+    axis = _median(b_mm) - _median(a_mm)
     along_a, along_b = a_mm @ axis, b_mm @ axis
     end_a = a_mm[along_a >= np.quantile(along_a, 1 - _END)].mean(axis=0)
     end_b = b_mm[along_b <= np.quantile(along_b, _END)].mean(axis=0)
