@@ -8,11 +8,8 @@ import os
 import shutil
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
@@ -25,17 +22,6 @@ from tests.conftest import assert_refused, tree
 from tests.test_synth_generate import SHARD, contents, order, run
 
 
-def spawn(*arguments):
-    environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__DAEMON": "False", "OMP_NUM_THREADS": "1"}
-    return subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]],
-        env=environment,
-        cwd=Path(__file__).parents[1],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-
-
 def free_port():
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
@@ -44,18 +30,20 @@ def free_port():
 
 def stop(process):
     process.kill()
-    process.wait(10)
+    process.join(10)
 
 
 @pytest.fixture(scope="module")
 def dask():
     """(address, scheduler, workers): one scheduler, three workers of one thread, all on loopback."""
     pytest.importorskip("distributed", reason="distributed is missing; install the extra 'cluster'")
+    from tests.helpers.dask_node import begin
+
     port = free_port()
     address = f"tcp://127.0.0.1:{port}"
-    scheduler = spawn(*f"dask_scheduler --host 127.0.0.1 --port {port} --no-dashboard --no-show".split())
-    worker = f"dask_worker {address} --nthreads 1 --no-dashboard --no-nanny --host 127.0.0.1".split()
-    running = [scheduler, *(spawn(*worker) for _ in range(3))]
+    scheduler = begin("scheduler", f"--host 127.0.0.1 --port {port} --no-dashboard --no-show")
+    worker = f"{address} --nthreads 1 --no-dashboard --no-nanny --host 127.0.0.1"
+    running = [scheduler, *(begin("worker", worker) for _ in range(3))]
     yield address, scheduler, running[1:]
     for process in running:
         stop(process)
@@ -83,7 +71,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_local_bytes(tmp_path, dask):
 
     with joined(address, 3) as hands:
         generate(order(120), tmp_path / "cluster", hands, kill_one)
-    assert workers[0].poll() is not None and sum(told) == 120
+    assert workers[0].exitcode is not None and sum(told) == 120
     run(tmp_path / "here", order(120))
     assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
 
@@ -115,7 +103,7 @@ def test_a_folder_of_sessions_is_labelled_and_measured_though_a_worker_is_killed
     killer.start()
     done = annotate_cloud("label", ward, "--suit", suit_path(rig_session), "--out", labels, *at)
     killer.join()
-    assert done.code == 0 and sum(worker.poll() is not None for worker in workers) == 2, done.err
+    assert done.code == 0 and sum(worker.exitcode is not None for worker in workers) == 2, done.err
     assert done.result["sessions"] == {name: {"frames": 3, "failed": 0} for name in ("monday", "tuesday")}
     assert tree(labels / "monday") == tree(labels / "tuesday")
     assert tree(labels / "monday" / "frames") == tree(rig_labels.path / "frames")

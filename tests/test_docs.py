@@ -21,6 +21,7 @@ import synth.images.workers
 import synth.rig.film
 from annotate.correction.correction import Correction
 from cli.main import app
+from sensors.session.reader import Session
 from synth.images.workers import Workers
 from synth.rig.simulate import suit_path, truth_path
 
@@ -45,7 +46,7 @@ SMALLER = (
     (r"(simulate p\w+\.mcap) .*", r"\1 --frames 4 --subjects 2 --seed 6"),  # one recording for all pages
     (r"--hold-out subject-\d", "--hold-out subject-1"),
     (r"--subjects 8 --frames \d+", "--subjects 1 --frames 1"),
-    (r"--scene plate( --frames \d+)?", "--scene plate --frames 12"),
+    (r"--scene plate( --frames \d+)?", "--scene plate --frames 9"),
     (r"--count \d+", "--count 4"),
     (r"--epochs \d+", "--epochs 1"),
     (r"--seconds \d+", "--seconds 1"),
@@ -108,12 +109,12 @@ def asked(command: str) -> tuple[str, ...]:
 
 
 @pytest.fixture(scope="module")
-def my_folder(tmp_path_factory) -> Path:
+def my_folder(tmp_path_factory, rig_session) -> Path:
     """A user's own images."""
     from tools.docs.material import write_image_folder
 
     folder = tmp_path_factory.mktemp("docs") / "my-folder"
-    write_image_folder(folder)
+    write_image_folder(folder, Session(rig_session))
     return folder
 
 

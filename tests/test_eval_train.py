@@ -1,12 +1,8 @@
 """A training resumes bit for bit from any step, refuses what is not its own; the export is the network."""
 
 import json
-import os
 import pickle
-import signal
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -108,21 +104,15 @@ def test_dropout_and_momentum_resume_too(tmp_path):
     assert expected[1].epochs[-1].mean_recall is None
 
 
-def process(out: Path, **environment: str) -> subprocess.Popen:
-    command = [sys.executable, tiny_training.__file__, str(out)]
-    root = str(Path(tiny_training.__file__).parents[2])
-    environment = os.environ | {"PYTHONPATH": root} | environment
-    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE)
-
-
 def test_killed_without_warning_it_goes_on(tmp_path, whole):
     """SIGKILL at whatever moment the checkpoint first appears."""
     out = tmp_path / "t"
-    with process(out) as child:
-        # The training ends by itself: however slow the machine is, so does this loop.
-        while not (out / "checkpoint.safetensors").is_file() and child.poll() is None:
-            time.sleep(0.002)
-        child.send_signal(signal.SIGKILL)
+    child = tiny_training.begin(out)
+    # The training ends by itself: however slow the machine is, so does this loop.
+    while not (out / "checkpoint.safetensors").is_file() and child.is_alive():
+        time.sleep(0.002)
+    child.kill()
+    child.join()
     assert_same(train(CROPS, CROPS, out, PLAN, ALONE), whole[1])
 
 
@@ -132,14 +122,14 @@ def test_two_processes_train_one_network(tmp_path):
         taken.bind(("127.0.0.1", 0))
         port = str(taken.getsockname()[1])
     group = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port}
-    children = [process(tmp_path / "t", RANK=str(r), LOCAL_RANK=str(r), **group) for r in (0, 1)]
+    children = [tiny_training.begin(tmp_path / "t", RANK=str(r), LOCAL_RANK=str(r), **group) for r in (0, 1)]
     try:
-        ended = [(child.communicate(timeout=600)[1].decode(), child.returncode) for child in children]
+        for child in children:
+            child.join(600)
     finally:
         for child in children:
             child.kill()
-            child.communicate()
-    assert [code for _, code in ended] == [0, 0], ended
+    assert [child.exitcode for child in children] == [0, 0]
     history = json.loads((tmp_path / "t" / "history.json").read_text())
     assert history["processes"] == 2
     assert [epoch["number"] for epoch in history["epochs"]] == [1, 2, 3]

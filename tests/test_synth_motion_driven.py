@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import synth.rig.film
 from annotate.labelset.dataset import read_shard
 from annotate.labelset.store import LabelSet
 from sensors.errors import CloudError
@@ -172,11 +173,12 @@ def test_a_dataset_of_a_motion_names_it_and_is_the_same_again(tmp_path):
     assert {frame.notes["activity"] for frame in read_shard(tmp_path / "s.tar")} == {"squat"}
 
 
-def test_a_film_is_a_session_with_truth(tmp_path):
-    rig = FilmRig("squat", squatting(10), "clean", 0)
+def test_a_film_is_a_session_with_truth(tmp_path, monkeypatch):
+    monkeypatch.setattr(synth.rig.film, "SHORTEST_S", 0.1)
+    rig = FilmRig("squat", squatting(4), "clean", 0)
     simulate(rig, tmp_path / "film.mcap", lambda n: None)
     session, truth = Session(tmp_path / "film.mcap"), LabelSet.open(truth_path(tmp_path / "film.mcap"))
-    assert len(session) == len(truth) == 10
+    assert len(session) == len(truth) == 4
     assert np.diff([frame.stamp_ns for frame in session]).mean() == pytest.approx(1e9 / 30, rel=1e-3)
     assert all(len(np.unique(frame.parts)) >= 10 for frame in truth)
 

@@ -1,6 +1,8 @@
-"""A training small enough for tests, and the program that other processes run it by: OUT."""
+"""A training small enough for tests, here or in processes forked from one that has imported torch."""
 
-import sys
+import os
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +38,19 @@ def known(i: int) -> np.ndarray:
 
 CROPS = small_crops()
 
-if __name__ == "__main__":
+FORKING = get_context("forkserver")
+FORKING.set_forkserver_preload(["tests.helpers.tiny_training"])
+
+
+def begin(out: Path, **environment: str) -> BaseProcess:
+    """Start the training in another process, and give that."""
+    process = FORKING.Process(target=_run, args=(out, environment))
+    process.start()
+    return process
+
+
+def _run(out: Path, environment: dict[str, str]) -> None:
+    os.environ.update(environment)
     torch.set_num_threads(1)
     with ProcessGroup.join() as group:
-        train(CROPS, CROPS, Path(sys.argv[1]), PLAN, group, Watch(checkpoint_s=0.0))
+        train(CROPS, CROPS, out, PLAN, group, Watch(checkpoint_s=0.0))

@@ -10,18 +10,17 @@ import cv2
 import numpy as np
 
 from annotate.cloud.fuse import Fuser
+from sensors.session.reader import Session
 from synth.markers.marker_files import Markers
-from synth.rig.virtual_rig import VirtualRig
 from tests.helpers.marker_truth import RATE, synthesise
 
 
-def write_image_folder(folder: Path, frames: int = 3) -> None:
-    """Aligned depth, colour and thermal PNGs with intrinsics, and the suit beside the folder."""
-    rig = VirtualRig(frames, 1, "normal", 4)
-    fuser = Fuser(rig.calibration)
+def write_image_folder(folder: Path, session: Session) -> None:
+    """Aligned depth, colour and thermal PNGs of a session's frames, with intrinsics."""
+    fuser = Fuser(session.calibration)
     for name in ("depth", "color", "thermal"):
         (folder / name).mkdir(parents=True)
-    for frame in rig:
+    for frame in session:
         cloud = fuser.fuse_frame(frame)
         kelvin_like = np.nan_to_num((cloud.temperature_c + 100) * 100).astype(np.uint16)
         for name, image in (

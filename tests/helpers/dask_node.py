@@ -1,0 +1,27 @@
+"""A scheduler or a worker of dask in a process of its own: forked from one that has imported everything."""
+
+import os
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
+
+import dask
+import distributed.cli.dask_scheduler as scheduler_
+import distributed.cli.dask_worker as worker_
+
+FORKING = get_context("forkserver")
+FORKING.set_forkserver_preload(["tests.helpers.dask_warm"])
+
+
+def begin(kind: str, line: str) -> BaseProcess:
+    """Start ``dask KIND LINE``, and give its process."""
+    process = FORKING.Process(target=_run, args=(kind, line.split()))
+    process.start()
+    return process
+
+
+def _run(kind: str, arguments: list[str]) -> None:
+    silent = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silent, 1)
+    os.dup2(silent, 2)
+    with dask.config.set({"distributed.worker.daemon": False}):
+        {"scheduler": scheduler_, "worker": worker_}[kind].main(arguments, standalone_mode=False)
