@@ -414,3 +414,11 @@ def test_neighbours_and_twins_are_apart_in_colour_for_all_eyes(eyes):
     lab = np.stack([116 * f[:, 1], 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1)
     for one, two in (*NEIGHBOURS, *LEFT_RIGHT):
         assert np.linalg.norm(lab[one] - lab[two]) >= 15, (PARTS[one].name, PARTS[two].name)
+
+
+def test_an_image_read_twice_is_two_images():
+    """Who changes one leaves the other, and what is read next, as it is."""
+    data = encode_png(np.full((4, 5), 1500, np.uint16))
+    one, two = decode_depth(data), decode_depth(data)
+    one[:] = 7
+    assert (two == 1500).all() and (decode_depth(data) == 1500).all()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from eval.scores import confusion, intervals
 from tools.measure.coverage import DESIGNS, Design, coverage, miou_coverage
@@ -25,6 +26,11 @@ def test_frames_are_not_counted_twice() -> None:
     """People alike, frames apart: drawing frames again inside subjects would cover 99 %."""
     alike = Design(subjects=20, frames=4, level=(40.0, 10.0), scatter=2.0)
     assert 0.93 <= coverage(alike, sets=400, resamples=200, seed=2) <= 0.97
+
+
+def test_the_width_is_students() -> None:
+    degrees = np.array([1, 2, 3.7, 29, 1e6])
+    np.testing.assert_allclose(intervals.quantile(degrees), stats.t.ppf(0.975, degrees), rtol=1e-12)
 
 
 def test_frames_of_one_subject_are_resampled_together() -> None:

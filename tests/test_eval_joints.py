@@ -10,7 +10,16 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import PART_ID, swap_left_right
 from eval.scores.joint_errors import OBSERVED, joint_errors_mm, observe, summary
-from eval.scores.joints import HINGES, IN_SKELETON, JOINT, JOINT_NAMES, N_JOINTS, Evidence, joint_evidence
+from eval.scores.joints import (
+    HINGES,
+    IN_SKELETON,
+    JOINT,
+    JOINT_NAMES,
+    N_JOINTS,
+    Evidence,
+    _median,
+    joint_evidence,
+)
 from eval.scores.skeleton_fit import BONES, fit_skeletons
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics, rays
@@ -248,3 +257,9 @@ def test_on_the_rig_true_parts_give_the_true_joints(rig_session):
     errors = joint_errors_mm(observed, [f.subject for f in truth])
     assert summary(errors)["pck_100mm"] > 0.85
     assert summary(errors)["mpjpe_mm"] < 60
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 101])
+def test_the_median_is_numpys(count):
+    points = np.random.default_rng(count).normal(0, 1000, (count, 3))
+    np.testing.assert_array_equal(_median(points), np.median(points, axis=0))

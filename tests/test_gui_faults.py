@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from annotate.correction.correction import Correction
+from annotate.gui.background import Background
 from annotate.gui.dialogs import REASONS
 from annotate.gui.probe import check_opengl, check_screen
 from annotate.labelset.journal import Journal
@@ -117,6 +119,18 @@ def test_the_command_opens_the_window_and_ends_politely(display, folder):
 
 
 # While it is open
+
+
+def test_what_comes_of_work_is_an_event_of_its_own(qapp):
+    """Also where the work is done at once: the window never waits for it."""
+    background, came = Background(), []
+    background.run("Working", lambda: 1, came.append, came.append)
+    time.sleep(0.05)
+    assert background.busy == "Working" and came == []
+    while background.busy:
+        QTest.qWait(5)
+    assert came == [1]
+    background.close()
 
 
 def test_qts_binding_keeps_its_references(qapp, folder):
