@@ -371,33 +371,12 @@ def test_a_lost_worker_costs_nothing_that_is_done(tmp_path, whole):
     assert tree(out) == whole
 
 
-LOSE = """
-import multiprocessing, os, sys
-from pathlib import Path
-from tests.helpers.tiny_training import CROPS, PLAN
-from eval.training.loader import ProcessGroup
-from eval.training.train import Watch, train
-from sensors.errors import CloudError
-
-def lose(n):
-    for child in multiprocessing.active_children():
-        child.kill()
-
-try:
-    with ProcessGroup.join() as group:
-        train(CROPS, None, Path(sys.argv[1]), PLAN, group, Watch(lose), workers=1)
-except CloudError as error:
-    print(error, flush=True)
-os._exit(0)
-"""
-
-
 def test_a_lost_worker_of_a_training_is_one_line(tmp_path):
-    pytest.importorskip("torch", reason="training needs torch")
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-    command = [sys.executable, "-c", LOSE, tmp_path / "t"]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120, check=True)
-    assert "was killed" in done.stdout and "fewer --workers" in done.stdout, done
+    tiny = pytest.importorskip("tests.helpers.tiny_training", reason="training needs torch")
+    losing = tiny.begin_and_lose(tmp_path / "t", tmp_path / "said")
+    losing.join(120)
+    said = (tmp_path / "said").read_text()
+    assert "was killed" in said and "fewer --workers" in said and "\n" not in said
 
 
 def test_workers_without_shared_memory_are_one_line(tmp_path, monkeypatch):

@@ -1,7 +1,7 @@
 """A training small enough for tests, here or in processes forked from one that has imported torch."""
 
 import os
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from eval.training.loader import ProcessGroup
 from eval.training.plan import ModernRecipe, Plan
 from eval.training.train import Watch, train
 from eval.training.whole import FACING, POSTURE, nothing_known
+from sensors.errors import CloudError
 
 PLAN = Plan(CompactConfig((4, 6, 6), 1), ModernRecipe(batch=2), epochs=3, seed=4)
 
@@ -47,6 +48,26 @@ def begin(out: Path, **environment: str) -> BaseProcess:
     process = FORKING.Process(target=_run, args=(out, environment))
     process.start()
     return process
+
+
+def begin_and_lose(out: Path, said: Path) -> BaseProcess:
+    """Start it with a worker, which is killed; what is said of it is in a file."""
+    process = FORKING.Process(target=_lose, args=(out, said))
+    process.start()
+    return process
+
+
+def _lose(out: Path, said: Path) -> None:
+    def lose(_: int) -> None:
+        for child in active_children():
+            child.kill()
+
+    try:
+        with ProcessGroup.join() as group:
+            train(CROPS, None, out, PLAN, group, Watch(lose), workers=1)
+    except CloudError as error:
+        said.write_text(str(error))
+    os._exit(0)
 
 
 def _run(out: Path, environment: dict[str, str]) -> None:
