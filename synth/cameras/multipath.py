@@ -15,8 +15,10 @@ MODULATION_HZ = 80e6
 _RAD_PER_M = 4 * np.pi * MODULATION_HZ / 299_792_458
 
 
-def multipath_m(camera: Intrinsics, depth_m: Float32, reflectance: float) -> Float32:
+def multipath_m(camera: Intrinsics, depth_m: Float32, reflectance: float, stride: int = STRIDE) -> Float32:
     """By how much depth (h, w), metres along z, is overestimated; NaN where depth is.
+
+    stride: pixels along a patch's side.
 
     Every surface is Lambertian with the same reflectance at 860 nm, in [0, 1]; light goes from the camera to
     one surface, on to another and back; the sum's phase at ``MODULATION_HZ`` is what is measured. The lens'
@@ -24,19 +26,19 @@ def multipath_m(camera: Intrinsics, depth_m: Float32, reflectance: float) -> Flo
     Computing 32), two bounces.
     """
     height, width = depth_m.shape
-    v, u = np.mgrid[STRIDE // 2 : height : STRIDE, STRIDE // 2 : width : STRIDE]
+    v, u = np.mgrid[stride // 2 : height : stride, stride // 2 : width : stride]
     x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
     directions = np.stack([x, y, np.ones(x.shape)], axis=-1).astype(np.float32)
     points = directions * depth_m[v, u, None]
-    area = (STRIDE * points[..., 2]) ** 2 / np.float32(camera.fx * camera.fy)
+    area = (stride * points[..., 2]) ** 2 / np.float32(camera.fx * camera.fy)
     normals = _normals(points)
     bias = np.zeros(x.shape, np.float32)
     known = np.isfinite(points[..., 2]) & np.isfinite(normals).all(axis=2)
     bias[known] = _bounce(points[known], normals[known], area[known], reflectance)
     bias /= np.linalg.norm(directions, axis=2)
-    # Pixel u lies at (u - STRIDE // 2) / STRIDE among the patches.
-    shift = -(STRIDE // 2) / STRIDE
-    place = np.array([[1 / STRIDE, 0, shift], [0, 1 / STRIDE, shift]])
+    # Pixel u lies at (u - stride // 2) / stride among the patches.
+    shift = -(stride // 2) / stride
+    place = np.array([[1 / stride, 0, shift], [0, 1 / stride, shift]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     smooth = cv2.warpAffine(bias, place, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE)
     return np.where(np.isnan(depth_m), np.float32(np.nan), smooth).astype(np.float32)

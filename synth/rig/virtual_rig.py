@@ -16,10 +16,10 @@ from annotate.suit.palette import DEFAULT_SUIT, Suit
 from sensors.errors import CloudError
 from sensors.recording.rig_templates import REFERENCE
 from sensors.rig.frame import RigFrame
-from sensors.rig.rig_calibration import Pose
+from sensors.rig.rig_calibration import Pose, RigCalibration
 from synth.appearance.color_camera import RESTING
 from synth.appearance.photograph import ColorCamera
-from synth.cameras.multipath import multipath_m
+from synth.cameras.multipath import STRIDE, multipath_m
 from synth.cameras.optics import lens_of
 from synth.cameras.pyrometer import Pyrometer
 from synth.cameras.sensor import CleanDepth, Sensor
@@ -36,6 +36,9 @@ FRAMES_PER_SECOND = 2.0
 """Of a simulated session: few, so that postures differ from frame to frame. Chosen by eye."""
 FASTEST = 0.95
 """Share of a body that is slower than what counts as its speed."""
+DRAFT_PX, DRAFT_STRIDE = 700, 24
+"""Width of a draft's colour images at most, and its `synth.cameras.multipath.STRIDE`: both for speed. Chosen
+by eye."""
 JUMP_M_S = 4.0
 """Nothing in a living room moves faster; what does was put elsewhere between two frames."""
 FLAG_CLOSED = "thermal flag closed"
@@ -54,7 +57,8 @@ class VirtualRig:
     """Frames of ``subjects`` people, one after another; deterministic in the seed.
 
     rig: which cameras (``sensors.recording.rig_templates``). A seed has the same people before every rig.
-    pyrometer: whether one stands beside the thermal camera; it changes nothing else.
+    pyrometer: whether one stands beside the thermal camera; it changes nothing else. draft: whether colour
+    images are small and light that bounces is coarse, which takes half the time: to train on.
     Raises CloudError for counts without sense or an unknown difficulty, scene or rig.
     """
 
@@ -69,6 +73,7 @@ class VirtualRig:
         rig: str = REFERENCE,
         pyrometer: bool = False,
         suit: Suit = DEFAULT_SUIT,
+        draft: bool = False,
     ) -> None:
         if not 1 <= subjects <= frames <= 1_000_000:
             raise CloudError(
@@ -83,7 +88,8 @@ class VirtualRig:
         kind = "" if rig == REFERENCE else f"{rig}-"
         self.name = f"virtual-{kind}{scene}-{difficulty}-{seed}"
         self.rig, self._twin = rig, twin_named(rig)
-        self.calibration = self._twin.calibration
+        self.calibration = _drafted(self._twin.calibration) if draft else self._twin.calibration
+        self._stride = DRAFT_STRIDE if draft else STRIDE
         self.suit = suit
         self.difficulty = DIFFICULTIES[difficulty]
         self.frames, self.subjects, self.seed, self.scene = frames, subjects, seed, scene
@@ -157,7 +163,9 @@ class VirtualRig:
         seen = self._depth.render(in_depth, faces)
         if self.difficulty.reflectance == 0 or not isinstance(sensor, TimeOfFlight):
             return seen
-        longer_m = multipath_m(self.calibration.depth, seen.depth_m, self.difficulty.reflectance)
+        longer_m = multipath_m(
+            self.calibration.depth, seen.depth_m, self.difficulty.reflectance, self._stride
+        )
         return ZBuffer(seen.depth_m + longer_m, seen.face)
 
     def _warmth(self, cast: Cast, tableau: Tableau, velocity: Float64, delays_s: list[float]) -> Float32:
@@ -169,6 +177,23 @@ class VirtualRig:
             seen = self._thermal.render_pinhole(pose.apply(points), cast.faces)
             images.append(warmth_seen(seen, tableau.celsius, cast.room_c))
         return np.mean(images, axis=0, dtype=np.float32) if len(images) > 1 else images[0]
+
+
+def _drafted(calibration: RigCalibration) -> RigCalibration:
+    """The calibration with a colour camera of few pixels."""
+    color = calibration.color
+    assert color is not None
+    by = min(1.0, DRAFT_PX / color.width)
+    small = replace(
+        color,
+        width=round(color.width * by),
+        height=round(color.height * by),
+        fx=color.fx * by,
+        fy=color.fy * by,
+        cx=(color.cx + 0.5) * by - 0.5,
+        cy=(color.cy + 0.5) * by - 0.5,
+    )
+    return replace(calibration, color=small)
 
 
 def _velocity_m_s(tableau: Tableau, frames_per_second: float) -> Float64:
