@@ -11,9 +11,6 @@ MOST_HOLE_PX = 400
 """Pixels above which a hole is no slip: something else is seen through it. Chosen by eye."""
 LEAST_PIECE_PX = 120
 """Pixels below which a piece of a part is an island: at 2 m a patch of 6 cm. Chosen by eye."""
-LOOSE_PX, SLIVER_PX = 250, 30
-"""The same in automatic labels, for islands off the body, as a larger one may be a foot behind a table, and
-for those within it, as a larger one may be a hand. Chosen by eye."""
 HOLE_DEPTH = 0.03
 """Difference of a hole's mean depth to its rim's, as a share, of a hole in a surface. Chosen by eye."""
 _LABELS = np.array([*range(N_CLASSES), UNDEFINED])
@@ -53,28 +50,15 @@ def filled(parts: UInt8, depth_mm: UInt16, part: int) -> UInt8:
     return result
 
 
-def tidied(parts: UInt8, depth_mm: UInt16) -> UInt8:
-    """Automatic labels uint8 (h, w) without islands.
-
-    Islands that touch the room more than any part are the room's: rims of the seat, warmed cloth. Slivers
-    within the body go to the part around them. (Virtual rig, normal, 32 frames of 8 people: 47 % are right to
-    99 %, 25 % before.)
-    """
-    loose = without_islands(parts, depth_mm, least_px=LOOSE_PX) == BACKGROUND
-    result = np.where(loose, np.uint8(BACKGROUND), parts)
-    joined = without_islands(result, depth_mm, least_px=SLIVER_PX)
-    return np.where(joined == BACKGROUND, result, joined)
-
-
-def without_islands(parts: UInt8, depth_mm: UInt16, least_px: int = LEAST_PIECE_PX) -> UInt8:
+def without_islands(parts: UInt8, depth_mm: UInt16) -> UInt8:
     """Labels uint8 (h, w) with the small islands of every body part given to a neighbour.
 
-    An island is a piece under ``least_px`` pixels, not its part's largest. It goes to the label that it
+    An island is a piece under ``LEAST_PIECE_PX`` pixels, not its part's largest. It goes to the label that it
     touches most at its depth; an island without contact goes to the background.
     """
     depth_m = depth_mm.astype(np.float32) / np.float32(1000)
     flat_m = depth_m.ravel()
-    islands, count = _islands(parts, depth_m, [p.id for p in BODY_PARTS], least_px)
+    islands, count = _islands(parts, depth_m, [p.id for p in BODY_PARTS])
     result = parts.copy()
     pending = np.flatnonzero(islands)
     while len(pending):
@@ -116,7 +100,7 @@ def neighbours(parts: UInt8, pixels: Int64) -> list[int]:
     return [p for p in order if p not in (own, UNDEFINED)]
 
 
-def _islands(parts: UInt8, depth_m: Float32, among: list[int], least_px: int) -> tuple[Int32, int]:
+def _islands(parts: UInt8, depth_m: Float32, among: list[int]) -> tuple[Int32, int]:
     """Island ids int32 (h, w) from 1, 0 elsewhere, and one more than the highest."""
     islands, count = np.zeros(parts.shape, np.int32), 1
     for part in among:
@@ -125,7 +109,7 @@ def _islands(parts: UInt8, depth_m: Float32, among: list[int], least_px: int) ->
         window = np.s_[top : top + height, left : left + width]
         pieces, n = components(mask[window], depth_m[window])
         sizes = np.bincount(pieces.ravel(), minlength=n + 1)
-        small = sizes < least_px
+        small = sizes < LEAST_PIECE_PX
         small[[0, 1 + int(sizes[1:].argmax()) if n else 0]] = False
         numbers = np.where(small, np.cumsum(small) + count - 1, 0)
         islands[window] += numbers[pieces].astype(np.int32)

@@ -11,19 +11,18 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 
 from annotate.array_types import UInt16
-from annotate.cleanup import tidied
-from annotate.cloud.coarse import CoarseFuser
+from annotate.cloud.coarse import CoarseCloud, CoarseFuser
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.engine import Engine
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.images import Probabilities
 from annotate.labelset.store import LabelSet, as_read
 from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask, Survey
-from annotate.second_look.look import look_again
-from annotate.segmentation.segment import Segmentation, segment, unlabelled
+from annotate.reader.network import Reader, shipped_reader
+from annotate.reader.read import read
+from annotate.reader.segmentation import Segmentation, unlabelled
 from annotate.suit.palette import Suit, suit_to_toml
 from sensors.errors import CloudError, ExistsError, one_line
 from sensors.rig.frame import FrameSource, RigFrame
@@ -71,44 +70,56 @@ def label_source(
     out: Path,
     progress: Callable[[int], None],
     window_c: tuple[float, float] | None = None,
-    engine: Engine | None = None,
+    reader: Reader | None = None,
 ) -> Run:
     """Labels of every frame of ``source`` in the label set ``out``; frames already there are kept.
 
     Without a suit the person is extracted and its parts stay undefined. progress: called with 1 for each
     frame that is on the disk or has failed. window_c: surface temperatures of a person, degrees Celsius;
-    None = found in each frame. engine: None = the shipped one. Raises the errors of ``run``.
+    None = found in each frame. reader: of suits, None = the shipped one. Raises the errors of ``run``.
     """
-    engine = engine or Engine()
+    reader = reader or shipped_reader()
     step = {
         "suit": suit_to_toml(suit) if suit else None,
         "window_c": list(window_c) if window_c else None,
-        **engine.note(),
+        **({} if reader.sha256 == shipped_reader().sha256 else {"weights_sha256": reader.sha256}),
     }
 
     return run(
         source,
         {"label": step},
         out,
-        suit_labeller(suit, engine),
+        suit_labeller(suit, reader),
         progress,
-        lambda cloud: Survey(cloud, window_c, suit, engine),
+        lambda cloud: SuitSurvey.of(cloud, window_c, suited=suit is not None),
     )
 
 
-def suit_labeller(suit: Suit | None, engine: Engine) -> Labeller:
+@dataclass(frozen=True)
+class SuitSurvey:
+    """A cloud, and the persons in it."""
+
+    cloud: ThermalCloud
+    persons: Survey
+
+    @classmethod
+    def of(
+        cls, cloud: ThermalCloud, window_c: tuple[float, float] | None = None, *, suited: bool
+    ) -> "SuitSurvey":
+        """Survey of a cloud, coarse where a suit is to be read; arguments as of ``Survey``."""
+        return cls(cloud, Survey(CoarseCloud.of(cloud, None if suited else 1), window_c, suited=suited))
+
+
+def suit_labeller(suit: Suit | None, reader: Reader) -> Labeller:
     """Labeller of surveys by a suit; without one, parts stay undefined."""
 
-    def labeller(survey: Survey, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
-        person, cloud = survey.person(before), survey.cloud
+    def labeller(survey: SuitSurvey, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
+        person = survey.persons.person(before)
         if not person.trusted:
             return unlabelled(person.mask), person
         if suit is None:
             return unlabelled(person.mask, NO_SUIT), person
-        found = segment(cloud, person.mask, suit, before, engine)
-        if engine.steps.second_look:
-            found, person = look_again(cloud, person, found, before, engine)
-        return cleaned(found, person, cloud) if engine.steps.tidying else (found, person)
+        return read(survey.cloud, survey.persons, person, suit, before, reader)
 
     return labeller
 
@@ -220,14 +231,6 @@ def _fused_ahead(
         while (frame := coming[0][0].result()) is not None:
             coming.append(start())
             yield frame, coming.popleft()[1]
-
-
-def cleaned(found: Segmentation, person: PersonMask, cloud: ThermalCloud) -> tuple[Segmentation, PersonMask]:
-    """Labels and mask without the islands that ``tidied`` removes."""
-    parts = tidied(found.parts, cloud.depth_mm)
-    loose = (parts == BACKGROUND) & (found.parts != BACKGROUND)
-    confidence = np.where(loose, np.float32(0), found.confidence)
-    return replace(found, parts=parts, confidence=confidence), replace(person, mask=person.mask & ~loose)
 
 
 def check_same(labels: LabelSet, frame_id: str, depth_mm: UInt16) -> FrameLabels:

@@ -8,9 +8,9 @@ import numpy as np
 from scipy import ndimage
 
 from annotate.cloud.fuse import Fuser
+from annotate.label_source import SuitSurvey, suit_labeller
 from annotate.parts import N_CLASSES, UNDEFINED
-from annotate.person.extract import Survey
-from annotate.segmentation.segment import segment
+from annotate.reader.network import shipped_reader
 from annotate.suit.palette import chromaticity
 from bench.fuse import fuse_naive
 from eval.scores.confusion import confusion_matrix, mean_recall
@@ -34,15 +34,14 @@ def label_naive(calibration, suit, depth_mm, color_rgb, thermal_c):
 def bench():
     """Rows (what, seconds a frame, naive seconds a frame); medians over frames."""
     rig = VirtualRig(FRAMES, 2, "normal", 77)
-    fuser = Fuser(rig.calibration)
+    fuser, labeller = Fuser(rig.calibration), suit_labeller(rig.suit, shipped_reader())
     times = {"ours": [], "naive": []}
     scores = {"ours": np.zeros((N_CLASSES, N_CLASSES), int), "naive": np.zeros((N_CLASSES, N_CLASSES), int)}
     for frame, known in rig.with_truth():
         color, truth = frame.decode_color(), truth_labels(frame, known).parts
         start = time.perf_counter()
         cloud = fuser.fuse(frame.depth_mm, color, frame.thermal_c)
-        person = Survey(cloud).person()
-        parts = segment(cloud, person.mask, rig.suit).parts
+        parts = labeller(SuitSurvey.of(cloud, suited=True), None)[0].parts
         times["ours"].append(time.perf_counter() - start)
         start = time.perf_counter()
         naive = label_naive(rig.calibration, rig.suit, frame.depth_mm, color, frame.thermal_c)
@@ -53,4 +52,4 @@ def bench():
     ours, slow = (statistics.median(times[k][1:]) for k in ("ours", "naive"))
     ours_recall, naive_recall = (float(mean_recall(scores[k])) for k in ("ours", "naive"))
     print(f"label: mean recall {ours_recall:.3f}, naive {naive_recall:.3f}", file=sys.stderr)
-    return [("label: fuse, person, segment", ours, slow)]
+    return [("label: fuse, person, parts", ours, slow)]

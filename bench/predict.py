@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.crop import SIZE, crop_around
 from annotate.frame_labels import FrameLabels
@@ -121,7 +122,7 @@ def recording_seconds(folder, rig, network):
     labels = LabelSet.create(folder / "singly", fuser.camera, {})
     for frame in frames[:FRAMES]:
         cloud = fuser.fuse_frame(frame)
-        found = network.segment(cloud.depth_mm, Survey(cloud).person().mask)
+        found = network.segment(cloud.depth_mm, Survey(CoarseCloud.of(cloud, 1)).person().mask)
         labels.write(FrameLabels(str(frame.index), cloud.depth_mm, found.parts, found.confidence))
     return ours, (time.perf_counter() - start) / FRAMES
 

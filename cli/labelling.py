@@ -18,9 +18,9 @@ from sensors.files.atomic import check_free, check_there, write_bytes
 from sensors.importers.open_source import open_source
 
 if TYPE_CHECKING:
-    from annotate.engine import Engine
     from annotate.label_source import Run
     from annotate.labelset.frames import LabelledFrames
+    from annotate.reader.network import Reader
     from annotate.suit.palette import Suit
     from eval.network.onnx_network import OnnxNetwork
     from sensors.importers.open_source import Source
@@ -62,14 +62,14 @@ def label(
     json: Json = False,
 ) -> None:
     """Fuse the cameras, find the person by temperature, and read the body parts from the suit."""
-    from annotate.engine import Engine, load_weights
     from annotate.labelset import store
+    from annotate.reader.network import Reader, shipped_reader
     from annotate.suit.palette import load_suit
 
     palette = load_suit(suit) if suit else None
-    engine = Engine(weights=load_weights(weights)) if weights else Engine()
+    reader = Reader(weights) if weights else shipped_reader()
     if sessions := sessions_in(session, scheduler):
-        one = partial(_label, palette, window, engine)
+        one = partial(_label, palette, window, reader)
         label_each("label", one, sessions, out, scheduler, overwrite, json)
         return
     source = open_source(session)
@@ -81,7 +81,7 @@ def label(
 
     started = time.monotonic()
     with progress("label", len(source)) as advance:
-        run = label_source(source, palette, out, advance, window, engine)
+        run = label_source(source, palette, out, advance, window, reader)
     seconds = (time.monotonic() - started) / max(1, len(source))
     frames, review = len(run.labels), run.review_order()
     result = {"frames": frames, "seconds_per_frame": round(seconds, 4), "review": review, "notes": notes}
@@ -90,12 +90,12 @@ def label(
 
 
 def _label(
-    suit: "Suit | None", window_c: tuple[float, float] | None, engine: "Engine", session: Path, out: Path
+    suit: "Suit | None", window_c: tuple[float, float] | None, reader: "Reader", session: Path, out: Path
 ) -> "Run":
     """Labels of one session of a folder, on any machine that sees it."""
     from annotate.label_source import label_source
 
-    return label_source(open_source(session), suit, out, lambda _: None, window_c, engine)
+    return label_source(open_source(session), suit, out, lambda _: None, window_c, reader)
 
 
 @suit_app.command()

@@ -13,12 +13,11 @@ from typing import Any
 import typer
 
 from annotate.cloud.coarse import CoarseCloud
-from annotate.engine import Engine
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import suit_labeller
+from annotate.label_source import SuitSurvey, suit_labeller
 from annotate.live.live_frame import Labelling, LiveFrame, Rig, Stance
 from annotate.live.pipeline import LivePipeline
-from annotate.person.extract import Survey
+from annotate.reader.network import shipped_reader
 from annotate.suit.palette import Suit, load_suit
 from cli.console import finish, say
 from cli.extras import needing
@@ -144,14 +143,14 @@ def _switching(seconds: float) -> Iterator[None]:
 
 def labelling_by(suit: Suit | None) -> Labelling:
     """Parts by a suit, or else by the shipped network, which gives joints, facing and posture to both."""
-    network, engine = OnnxNetwork(SHIPPED_WEIGHTS), Engine()
+    network = OnnxNetwork(SHIPPED_WEIGHTS)
     if suit is None:
         things = OnnxNetwork(THINGS_WEIGHTS)
         return Labelling(
             lambda cloud: NetworkSurvey(CoarseCloud.of(cloud), network, things), NetworkSurvey.labels, _stance
         )
-    survey: Callable[[Any], Survey] = lambda cloud: Survey(cloud, None, suit, engine)  # noqa: E731
-    return Labelling(survey, suit_labeller(suit, engine), partial(_stance_beside, network))
+    survey: Callable[[Any], SuitSurvey] = partial(SuitSurvey.of, suited=True)
+    return Labelling(survey, suit_labeller(suit, shipped_reader()), partial(_stance_beside, network))
 
 
 def _stance_beside(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics) -> Stance | None:

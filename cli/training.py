@@ -1,4 +1,4 @@
-"""Verbs that train: train, a network; train-labels, the labelling engine."""
+"""Verbs that train: train, a network; train-labels, the reader of suits."""
 
 import time
 from collections.abc import Iterator
@@ -184,7 +184,7 @@ def _watching(group: "ProcessGroup", images: int, epochs: int, minutes: float) -
 
 def train_labels(
     sessions: Annotated[list[Path], Argument(help="Two or more recordings of people in the suit.")],
-    out: Annotated[Path, Option(help="Folder for weights.npz; an interrupted run continues there.")],
+    out: Annotated[Path, Option(help="Folder for reader.onnx; an interrupted run continues there.")],
     truth: Annotated[
         list[Path] | None,
         Option(
@@ -196,12 +196,17 @@ def train_labels(
         Path | None,
         Option(help="Palette of the suit (TOML).", show_default="what simulate wrote beside each"),
     ] = None,
+    steps: Annotated[
+        int,
+        Option(min=1, max=1_000_000, help="Steps of eight samples, about half a second each on one core."),
+    ] = 1000,
     seed: Annotated[int, Option(min=0, help="The same seed and recordings give the same weights.")] = 0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Fit the labelling to another suit or rig, for 'label --weights'. Needs the extra 'train'."""
+    """Train the labelling on with your recordings, for 'label --weights'. Needs the extra 'train'."""
     from annotate.labelset.store import LabelSet
+    from annotate.reader.network import Reader
 
     check_extra("train", "torch", "onnx", "safetensors")
     with needing("train", "synth"):
@@ -214,20 +219,23 @@ def train_labels(
     for path in known:
         LabelSet.open(path)
     with needing("train", "synth"):
-        from eval.training.engine_data import Recording
-        from eval.training.fit_engine import PLAN, train_labels
+        from eval.training.reader.examples import Recording
+        from eval.training.reader.fit import PLAN, train_labels
     clear(out, PLAN, overwrite, *(path for triple in triples for path in triple))
-    done = train_labels([Recording.open(*triple) for triple in triples], out, seed, progress)
+    done = train_labels([Recording.open(*triple) for triple in triples], out, steps, seed, progress)
     result = {
         "weights": str(done.path),
-        "sha256": done.weights.sha256(),
+        "sha256": Reader(done.path).sha256,
         "frames": done.frames,
         "frames_held_out": done.frames_held_out,
-        "mean_recall": done.figures.recall,
-        "person_iou": done.figures.person_iou,
+        "mean_recall": done.after.recall,
+        "person_iou": done.after.person_iou,
+        "mean_recall_before": done.before.recall,
+        "person_iou_before": done.before.person_iou,
     }
     text = (
-        f"{done.path}: {done.frames} frames; on {done.frames_held_out} held out mean recall "
-        f"{done.figures.recall:.3f}, person IoU {done.figures.person_iou:.3f}"
+        f"{done.path}: {done.frames} frames; on {done.frames_held_out} held out, before borders are drawn, "
+        f"mean recall {done.before.recall:.3f} -> {done.after.recall:.3f}, person IoU "
+        f"{done.before.person_iou:.3f} -> {done.after.person_iou:.3f}"
     )
     finish(result, json, text)

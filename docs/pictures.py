@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
+from annotate.label_source import SuitSurvey, suit_labeller
 from annotate.parts import palette_rgb
-from annotate.person.extract import Survey
-from annotate.segmentation.segment import segment
+from annotate.reader.network import shipped_reader
 from eval.network.onnx_network import OnnxNetwork
 from eval.report.gallery import make_frame
 from synth.body.body import shipped_bodies
@@ -33,12 +33,13 @@ COLUMNS = ("Thermal cloud", "Extracted depth", "Target labels", "Predicted label
 def frame_picture() -> NDArray[np.uint8]:
     """One row a subject: thermal cloud, depth, truth, parts from the suit, parts from the network (RGB)."""
     rig, network = VirtualRig(SUBJECTS, SUBJECTS, "normal", 12), OnnxNetwork()
-    fuser = Fuser(rig.calibration)
+    fuser, labeller = Fuser(rig.calibration), suit_labeller(rig.suit, shipped_reader())
     rows = []
     for frame, known in rig.with_truth():
         cloud = fuser.fuse_frame(frame)
-        truth, person = truth_labels(frame, known), Survey(cloud).person().mask
-        suit = FrameLabels(truth.frame_id, truth.depth_mm, segment(cloud, person, rig.suit).parts)
+        truth, survey = truth_labels(frame, known), SuitSurvey.of(cloud, suited=True)
+        suit = FrameLabels(truth.frame_id, truth.depth_mm, labeller(survey, None)[0].parts)
+        person = survey.persons.person().mask
         net = FrameLabels(truth.frame_id, truth.depth_mm, network.segment(cloud.depth_mm, person).parts)
         by_suit, by_net = (make_frame(truth, labels, cloud).columns for labels in (suit, net))
         rows.append(np.hstack([_framed(by_suit[k]) for k in COLUMNS] + [_framed(by_net[COLUMNS[-1]])]))

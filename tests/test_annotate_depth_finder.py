@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
 from annotate.person import depth_finder
@@ -18,27 +19,31 @@ from synth.rig.virtual_rig import VirtualRig
 from tests.helpers.furnished_room import CAMERA, cloud_of, seen
 
 
+def survey_of(cloud):
+    return Survey(CoarseCloud.of(cloud))
+
+
 def iou(found, truth):
     return (found & truth).sum() / (found | truth).sum()
 
 
 def test_somebody_in_a_furnished_room_is_found_and_nothing_else():
     depth, whose = seen([(1, 0.0)])
-    found = Survey(cloud_of(depth)).person()
+    found = survey_of(cloud_of(depth)).person()
     assert found.method == "depth" and found.trusted and not found.others.any()
     assert iou(found.mask, whose == 1) > 0.9
 
 
 def test_nobody_is_found_where_nobody_is():
     depth, _ = seen([])
-    found = Survey(cloud_of(depth)).person()
+    found = survey_of(cloud_of(depth)).person()
     assert not found.mask.any() and not found.others.any() and "no person" in found.notes[0]
 
 
 @pytest.mark.parametrize("apart", [0.5, 0.7, 1.1])
 def test_two_who_stand_side_by_side_are_two(apart):
     depth, whose = seen([(1, -apart / 2), (2, apart / 2)])
-    found = Survey(cloud_of(depth)).person()
+    found = survey_of(cloud_of(depth)).person()
     one, other = (1, 2) if found.mask[whose == 1].mean() > 0.5 else (2, 1)
     assert iou(found.mask, whose == one) > 0.85 and iou(found.others, whose == other) > 0.85
 
@@ -49,20 +54,20 @@ def test_somebody_cut_out_is_all_that_is_there_whole_or_cut_off(rows):
     kept = np.zeros_like(whose)
     kept[rows] = whose[rows]
     cloud = cloud_of(np.where(kept > 0, depth, np.nan))
-    assert iou(Survey(cloud).person().mask, cloud.valid) > 0.98
+    assert iou(survey_of(cloud).person().mask, cloud.valid) > 0.98
 
 
 def test_noise_does_not_make_the_outline_flicker():
-    masks = [Survey(cloud_of(seen([(5, 0.1)], seed=seed)[0])).person().mask for seed in range(4)]
+    masks = [survey_of(cloud_of(seen([(5, 0.1)], seed=seed)[0])).person().mask for seed in range(4)]
     assert min(iou(one, other) for one, other in pairwise(masks)) > 0.96
 
 
 def test_a_camera_of_another_size_sees_the_same_person():
     fine = Intrinsics(640, 528, 458.0, 458.0, 319.5, 263.5)
     depth, whose = seen([(6, 0.0)], camera=fine)
-    found = Survey(cloud_of(depth, fine)).person().mask
+    found = survey_of(cloud_of(depth, fine)).person().mask
     assert iou(found, whose == 6) > 0.9
-    coarse = Survey(cloud_of(seen([(6, 0.0)])[0])).person().mask
+    coarse = survey_of(cloud_of(seen([(6, 0.0)])[0])).person().mask
     assert iou(cv2.resize(found.astype(np.uint8), (320, 264)) > 0, coarse) > 0.93
 
 
@@ -70,7 +75,7 @@ def test_on_the_virtual_rig_without_temperatures():
     rig = VirtualRig(2, 2, "normal", 8104)
     for frame, truth in rig.with_truth():
         labels = truth_labels(frame, truth)
-        found = Survey(Fuser(rig.calibration).fuse(frame.depth_mm)).person()
+        found = survey_of(Fuser(rig.calibration).fuse(frame.depth_mm)).person()
         known = labels.parts != 255
         assert iou(found.mask & known, (labels.persons == 1) & known) > 0.75
 

@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
+from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.extract import Survey
+from annotate.person.persons import _joined
 from annotate.person.pixel_odds import WINDOW_C
 from annotate.person.planes import find_planes
+from annotate.person.subject import colors_worn
+from annotate.suit.palette import DEFAULT_SUIT
 from sensors.importers.pointcloud import CloudFile
 from sensors.rig.camera import Intrinsics, rays
 from synth.rig.truth import truth_labels
@@ -20,6 +26,10 @@ from synth.rig.virtual_rig import VirtualRig
 
 CAMERA = Intrinsics(256, 212, 183.0, 183.0, 127.5, 105.5)
 RAYS = rays(CAMERA)
+
+
+def survey_of(cloud, window_c=None):
+    return Survey(CoarseCloud.of(cloud), window_c)
 
 
 class Scene:
@@ -121,7 +131,7 @@ def test_planes_are_where_they_were_put_and_the_largest_come_first():
 def test_a_person_on_a_sofa_is_found_and_the_sofa_is_not():
     scene = sitting()
     cloud = scene.cloud()
-    found = Survey(cloud).person()
+    found = survey_of(cloud).person()
     assert found.method == "thermal" and found.notes == ()
     assert iou(found.mask, truth_of(scene, cloud)) > 0.97
 
@@ -131,7 +141,7 @@ def test_hair_and_shoes_below_the_window_are_recovered():
     cloud = scene.cloud(holes=0.05)
     window_only = (cloud.temperature_c >= 25) & (cloud.temperature_c <= 35)
     truth = truth_of(scene, cloud)
-    assert iou(Survey(cloud).person().mask, truth) > 0.96 > iou(window_only, truth) + 0.02
+    assert iou(survey_of(cloud).person().mask, truth) > 0.96 > iou(window_only, truth) + 0.02
 
 
 def test_points_without_temperature_go_with_their_surface():
@@ -139,7 +149,7 @@ def test_points_without_temperature_go_with_their_surface():
     rng = np.random.default_rng(1)
     unseen = np.kron(rng.random((27, 32)) < 0.35, np.ones((8, 8))).astype(bool)[:212, :256]
     cloud = scene.cloud(unseen=unseen)
-    assert iou(Survey(cloud).person().mask, truth_of(scene, cloud)) > 0.93
+    assert iou(survey_of(cloud).person().mask, truth_of(scene, cloud)) > 0.93
 
 
 def test_small_and_flat_warm_things_are_no_persons():
@@ -147,15 +157,15 @@ def test_small_and_flat_warm_things_are_no_persons():
     scene.ellipsoid((-1.2, 0.3, 2.6), (0.05, 0.06, 0.05), 33.0, person=False)
     scene.plane((0, 0, 1), 3.3, 31.0, lambda p: (p[..., 0] > 0.5) & (abs(p[..., 1]) < 0.8))
     cloud = scene.cloud()
-    assert iou(Survey(cloud).person().mask, truth_of(scene, cloud)) > 0.97
+    assert iou(survey_of(cloud).person().mask, truth_of(scene, cloud)) > 0.97
 
 
 def test_nobody_there_gives_an_empty_mask_and_a_note():
-    found = Survey(room().cloud()).person()
+    found = survey_of(room().cloud()).person()
     assert not found.mask.any() and found.mask.dtype == bool and "no person" in found.notes[0]
     nothing = np.zeros(CAMERA.shape, np.uint16)
     blind = cloud_of(nothing, np.full(CAMERA.shape, np.nan, np.float32))
-    found = Survey(blind).person()
+    found = survey_of(blind).person()
     assert not found.mask.any() and found.method == "depth" and "no person" in found.notes[0]
 
 
@@ -163,8 +173,8 @@ def test_nobody_there_gives_an_empty_mask_and_a_note():
 def test_drift_of_camera_and_window_changes_nothing(drift):
     cloud = sitting().cloud()
     drifted = replace(cloud, temperature_c=cloud.temperature_c + np.float32(drift))
-    found = Survey(drifted, (25 + drift, 35 + drift)).person()
-    assert iou(found.mask, Survey(cloud).person().mask) > 0.999
+    found = survey_of(drifted, (25 + drift, 35 + drift)).person()
+    assert iou(found.mask, survey_of(cloud).person().mask) > 0.999
 
 
 def test_how_hot_a_radiator_far_away_is_does_not_matter():
@@ -172,14 +182,20 @@ def test_how_hot_a_radiator_far_away_is_does_not_matter():
     for celsius in (40.0, 80.0):
         scene = sitting()
         scene.plane((0, 0, 1), 3.3, celsius, lambda p: (p[..., 0] > 1.0) & (abs(p[..., 1]) < 0.4))
-        masks.append(Survey(scene.cloud()).person().mask)
+        masks.append(survey_of(scene.cloud()).person().mask)
     np.testing.assert_array_equal(*masks)
 
 
 def test_a_mirrored_cloud_gives_the_mirrored_mask():
     cloud = sitting().cloud()
     mirrored = cloud_of(cloud.depth_mm[:, ::-1].copy(), cloud.temperature_c[:, ::-1].copy())
-    assert iou(Survey(mirrored).person().mask[:, ::-1], Survey(cloud).person().mask) > 0.99
+    assert (
+        iou(
+            survey_of(mirrored).person().mask[:, ::-1],
+            survey_of(cloud).person().mask,
+        )
+        > 0.99
+    )
 
 
 @settings(max_examples=12, deadline=None)
@@ -191,9 +207,9 @@ def test_the_mask_is_a_subset_of_the_valid_pixels(seed, warm, holes):
     celsius = np.where(rng.random(CAMERA.shape) < warm, 30, 20).astype(np.float32)
     celsius[rng.random(CAMERA.shape) < 0.2] = np.nan
     cloud = cloud_of(depth, celsius)
-    found = Survey(cloud).person()
+    found = survey_of(cloud).person()
     assert not found.mask[~cloud.valid].any()
-    np.testing.assert_array_equal(found.mask, Survey(cloud).person().mask)
+    np.testing.assert_array_equal(found.mask, survey_of(cloud).person().mask)
 
 
 def standing():
@@ -208,10 +224,10 @@ def standing():
 def test_by_depth_alone_walls_and_floor_fall_away():
     scene = standing()
     cloud = scene.cloud(unseen=np.ones(CAMERA.shape, bool))
-    found = Survey(cloud).person()
+    found = survey_of(cloud).person()
     assert found.method == "depth" and "depth alone" in found.notes[0]
     assert iou(found.mask, truth_of(scene, cloud)) > 0.93
-    empty = Survey(room().cloud(unseen=np.ones(CAMERA.shape, bool))).person()
+    empty = survey_of(room().cloud(unseen=np.ones(CAMERA.shape, bool))).person()
     assert not empty.mask.any() and "no person" in empty.notes[0]
 
 
@@ -223,7 +239,7 @@ def test_on_the_virtual_rig_the_person_is_found_where_the_fixed_window_fails():
         cloud = fuser.fuse_frame(frame)
         known, person = labels.parts != 255, labels.persons == 1
         window = cloud.valid & (cloud.temperature_c >= WINDOW_C[0]) & (cloud.temperature_c <= WINDOW_C[1])
-        found, plain = (iou(m & known, person & known) for m in (Survey(cloud).person().mask, window))
+        found, plain = (iou(m & known, person & known) for m in (survey_of(cloud).person().mask, window))
         assert found > max(0.85, plain + 0.05)
 
 
@@ -231,7 +247,7 @@ def test_on_the_virtual_rig_the_person_is_found_where_the_fixed_window_fails():
 def test_a_common_offset_of_all_temperatures_changes_nothing_when_the_window_is_found(drift):
     cloud = sitting().cloud()
     drifted = replace(cloud, temperature_c=cloud.temperature_c + np.float32(drift))
-    assert iou(Survey(drifted).person().mask, Survey(cloud).person().mask) > 0.998
+    assert iou(survey_of(drifted).person().mask, survey_of(cloud).person().mask) > 0.998
 
 
 def stander(scene, x, z):
@@ -245,7 +261,7 @@ def test_a_second_person_is_kept_apart():
     scene = sitting()
     stander(scene, 1.35, 2.5)
     cloud = scene.cloud()
-    found = Survey(cloud).person()
+    found = survey_of(cloud).person()
     assert found.trusted and iou(found.mask, truth_of(scene, cloud)) > 0.97
     aside = cloud.valid & (cloud.temperature_c > 27) & ~scene.person
     assert iou(found.others, aside) > 0.9 and not (found.others & found.mask).any()
@@ -268,13 +284,13 @@ def test_halves_above_and_below_a_thing_held_before_the_body_are_one_person():
         (0, 0, 1), 1.9, 21.5, lambda p: (abs(p[..., 0]) < 0.5) & (p[..., 1] > -0.15) & (p[..., 1] < 0.1)
     )
     cloud = scene.cloud()
-    found = Survey(cloud).person()
+    found = survey_of(cloud).person()
     assert not found.others.any() and iou(found.mask, truth_of(scene, cloud)) > 0.95
 
 
 def test_persons_between_whom_the_room_is_seen_are_two():
     cloud = sitting_upright().cloud()
-    assert Survey(cloud).person().others.any()
+    assert survey_of(cloud).person().others.any()
 
 
 def test_three_persons_alike_are_not_trusted_unless_one_was_the_subject_before():
@@ -282,26 +298,26 @@ def test_three_persons_alike_are_not_trusted_unless_one_was_the_subject_before()
     for x in (-0.75, 0.0, 0.75):
         stander(scene, x - 0.375, 2.4)
     cloud = scene.cloud()
-    found = Survey(cloud).person()
+    found = survey_of(cloud).person()
     assert not found.trusted and "3 persons" in found.notes[-1] and "step aside" in found.notes[-1]
     before = labels_of(cloud, found)
-    assert Survey(cloud).person(before).trusted
+    assert survey_of(cloud).person(before).trusted
 
 
 def test_a_person_larger_than_the_view_is_not_trusted():
     scene = room()
     scene.ellipsoid((0, 0, 1.0), (0.72, 1.1, 0.25), 30.0)
-    found = Survey(scene.cloud()).person()
+    found = survey_of(scene.cloud()).person()
     assert not found.trusted and "larger than" in found.notes[-1] and "back" in found.notes[-1]
 
 
 def test_a_thermal_image_beside_the_depth_image_is_not_trusted():
     cloud = sitting().cloud()
     moved = replace(cloud, temperature_c=np.roll(cloud.temperature_c, 12, axis=1))
-    found = Survey(moved).person()
+    found = survey_of(moved).person()
     assert not found.trusted and "thermal" in found.notes[-1] and "calibrate" in found.notes[-1]
     assert "3.8 degrees" in found.notes[-1]
-    assert Survey(cloud).person().trusted
+    assert survey_of(cloud).person().trusted
 
 
 def labels_of(cloud, found):
@@ -312,15 +328,15 @@ def labels_of(cloud, found):
 
 def test_while_the_flag_is_closed_the_frame_before_is_carried_over():
     first = sitting().cloud()
-    before = labels_of(first, Survey(first).person())
+    before = labels_of(first, survey_of(first).person())
     scene = sitting()
     scene.ellipsoid((0.1, -0.1, 2.1), (0.2, 0.05, 0.06), 31.0)
     cloud = scene.cloud(seed=1, unseen=np.ones(CAMERA.shape, bool))
-    found = Survey(cloud).person(before)
+    found = survey_of(cloud).person(before)
     assert found.method == "before" and "carried over" in found.notes[0] and found.trusted
     assert iou(found.mask, truth_of(scene, cloud)) > 0.95
     turned = replace(before, depth_mm=(before.depth_mm * 0.8).astype(np.uint16))
-    lost = Survey(cloud).person(turned)
+    lost = survey_of(cloud).person(turned)
     assert not lost.trusted and "rig has moved" in lost.notes[0]
 
 
@@ -330,8 +346,8 @@ def test_without_a_thermal_camera_every_frame_is_looked_at_anew():
     scene = room()
     stander(scene, 0.35, 2.1)
     cloud = scene.cloud(seed=1, unseen=unseen)
-    alone = Survey(cloud).person()
-    found = Survey(cloud).person(labels_of(before, Survey(before).person()))
+    alone = survey_of(cloud).person()
+    found = survey_of(cloud).person(labels_of(before, survey_of(before).person()))
     assert found.method == "depth" and found.trusted and found.mask.any()
     assert np.array_equal(found.mask, alone.mask)
 
@@ -339,7 +355,7 @@ def test_without_a_thermal_camera_every_frame_is_looked_at_anew():
 def depth_only(path):
     recording = CloudFile(path)
     cloud = Fuser(recording.calibration).fuse(next(iter(recording)).depth_mm)
-    return cloud, Survey(cloud).person().mask
+    return cloud, survey_of(cloud).person().mask
 
 
 def test_real_standing_people_without_temperature(shared_data):
@@ -352,3 +368,31 @@ def test_a_real_head_and_shoulders_before_an_office(shared_data):
     cloud, mask = depth_only(shared_data / "pcl_person" / "person.pcd")
     near = cloud.valid & (cloud.points_m[..., 2] < 1.1)
     assert iou(mask, near) > 0.95
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(1, 60))
+def test_pieces_that_share_a_cluster_are_joined(seed, pieces, points):
+    rng = np.random.default_rng(seed)
+    labels = rng.integers(0, pieces, points).astype(np.int32)
+    close = rng.integers(0, 15, points).astype(np.int32)
+    found = _joined(labels, close, pieces)
+    graph = coo_array((np.ones(points), (labels, pieces + close)), (pieces + 15, pieces + 15))
+    expected = connected_components(graph, directed=False)[1][:pieces]
+    same = found[:, None] == found
+    assert (same == (expected[:, None] == expected)).all()
+    assert (found <= np.arange(pieces)).all()
+
+
+def test_a_suit_shows_more_colours_than_clothes_and_things_show_none():
+    cloud, white = sitting().cloud(), 180
+    person = cloud.temperature_c > 25
+    cloud = replace(cloud, color_valid=cloud.valid, color_rgb=np.full((*CAMERA.shape, 3), white, np.uint8))
+    assert colors_worn(cloud, person, ~person) == 0
+    halves = np.array_split(np.flatnonzero(person), 2)
+    for half, rgb in zip(halves, ((150, 40, 40), (40, 40, 120)), strict=True):
+        cloud.color_rgb.reshape(-1, 3)[half] = rgb
+    clothes = colors_worn(cloud, person, ~person)
+    strips = np.array_split(np.flatnonzero(person), len(DEFAULT_SUIT.colors_rgb))
+    for strip, rgb in zip(strips, DEFAULT_SUIT.colors_rgb, strict=True):
+        cloud.color_rgb.reshape(-1, 3)[strip] = rgb
+    assert colors_worn(cloud, person, ~person) > 1.5 * clothes > 0

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS
+from annotate.suit.color_model import GAIN, under, unfitted
 from annotate.suit.learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
 from annotate.suit.palette import (
     DEFAULT_SUIT,
@@ -204,3 +205,18 @@ def test_a_palette_at_its_bounds_is_read_and_beyond_them_refused(tmp_path, monke
     monkeypatch.setattr("annotate.suit.palette.MAX_TOML_BYTES", path.stat().st_size - 1)
     with pytest.raises(CloudError, match="give a palette file"):
         load_suit(path)
+
+
+def test_all_lights_at_once_match_as_one_by_one():
+    rng = np.random.default_rng(3)
+    palette, chroma, noise = unfitted(DEFAULT_SUIT), rng.uniform(0.1, 0.6, (7, 2)), rng.uniform(0.01, 0.3, 7)
+    gains = GAIN + rng.uniform(-0.7, 0.7, (5, 2))
+    expected = np.concatenate([under(palette, gain).match(chroma, noise) for gain in gains])
+    np.testing.assert_allclose(palette.match_under(gains, chroma, noise), expected, rtol=1e-9)
+
+
+def test_a_part_is_explained_by_the_best_of_its_swatches():
+    palette = unfitted(DEFAULT_SUIT)
+    match = np.random.default_rng(4).normal(size=(9, len(palette.wears)))
+    for part, best in enumerate(palette.by_part(match).T):
+        np.testing.assert_array_equal(best, match[:, palette.wears[:, part]].max(axis=1))

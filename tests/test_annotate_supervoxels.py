@@ -75,7 +75,7 @@ def test_edges_are_pairs_once_low_first_without_loops():
 def test_edges_join_touching_supervoxels():
     points, colors = two_patches()
     found = supervoxels(points, colors)
-    centroids = found.centroids_m(points)
+    centroids = found.mean(points)
     lengths = np.linalg.norm(np.diff(centroids[found.edges], axis=1)[:, 0], axis=1)
     assert np.median(lengths) < 0.09
     graph = coo_array((np.ones(len(found.edges)), found.edges.T), shape=(found.count, found.count))
@@ -133,7 +133,7 @@ def test_points_without_a_reading_get_no_id():
     found = supervoxels(points, colors)
     assert (found.ids[holes] == -1).all()
     np.testing.assert_array_equal(np.delete(found.ids, holes), supervoxels(*whole).ids)
-    assert np.isfinite(found.centroids_m(points)).all()
+    assert np.isfinite(found.mean(points)).all()
     assert (clusters(points, tolerance_m=0.05)[holes] == -1).all()
 
 
@@ -207,6 +207,6 @@ def test_a_real_person(shared_data):
     largest = clusters(points, tolerance_m=0.02) == 0
     assert largest.mean() > 0.5
     found = supervoxels(points[largest], colors[largest])
-    away_m = np.linalg.norm(points[largest] - found.centroids_m(points[largest])[found.ids], axis=1)
+    away_m = np.linalg.norm(points[largest] - found.mean(points[largest])[found.ids], axis=1)
     assert away_m.max() < 0.12
     assert found.count > 50

@@ -50,6 +50,7 @@ SMALLER = (
     (r"--count \d+", "--count 4"),
     (r"--epochs \d+", "--epochs 1"),
     (r"--seconds \d+", "--seconds 1"),
+    (r"(train-labels .*)", r"\1 --steps 1"),
     (r" --scheduler \S+", ""),
     (r"synth generate", "synth generate --workers 1"),
     (r"(train s\S+ .*)", r"\1 --network compact-small"),
@@ -169,6 +170,8 @@ def test_the_commands_of_a_page_run_in_order(
     monkeypatch.setattr(cli.rig_devices, "VIRTUAL_FRAMES", 3)
     monkeypatch.setattr(annotate.person.alignment, "GROUPS", 3)
     monkeypatch.setattr(synth.rig.film, "SHORTEST_S", 0.1)
+    if page == "docs/retrain.md":
+        monkeypatch.setattr("eval.training.reader.fit.SIDE", 32)
     if page != "docs/cluster.md":
         monkeypatch.setattr(synth.images.workers, "processes", here)
     for command in commands_of(page):

@@ -12,7 +12,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import swap_left_right
 from annotate.posture import POSTURES
-from annotate.segmentation.segment import Segmentation
+from annotate.reader.segmentation import Segmentation
 from eval.network.bearing import Bearing, bearing_notes
 from eval.network.joint_files import write_joints
 from eval.network.steady import steady

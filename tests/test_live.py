@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 
 from annotate.cloud.fuse import Fuser
-from annotate.engine import Engine
-from annotate.label_source import suit_labeller
+from annotate.label_source import SuitSurvey, suit_labeller
 from annotate.live.complaint import HOLD_S, Complaint, Standing
 from annotate.live.frame_complaints import color_complaint, person_complaints
 from annotate.live.live_frame import Labelling
 from annotate.live.pipeline import WORKERS, LivePipeline
 from annotate.live.rig_complaints import rig_complaints
 from annotate.live.shift_watch import EVERY_NS, FRAMES, ShiftWatch
-from annotate.person.extract import PersonMask, Survey
-from annotate.segmentation.segment import unlabelled
+from annotate.person.extract import PersonMask
+from annotate.reader.network import shipped_reader
+from annotate.reader.segmentation import unlabelled
 from annotate.suit.palette import load_suit
 from cli.live_view import show_lines
 from sensors.device.protocol import ColorImage, DepthImage, DeviceReading, Flag, ThermalImage
@@ -161,7 +161,7 @@ def seen(rig_session):
 
 
 def read_by(suit, cloud):
-    result, person = suit_labeller(suit, Engine())(Survey(cloud, None, suit), None)
+    result, person = suit_labeller(suit, shipped_reader())(SuitSurvey.of(cloud, suited=True), None)
     return suit, cloud, result, person
 
 
@@ -174,7 +174,7 @@ def in_light(frame, gains, most=255):
 def test_nothing_is_said_of_a_good_picture(seen):
     _, _, _, cloud, result, person = seen
     assert not list(person_complaints(cloud, person.mask))
-    assert color_complaint(cloud, person.mask, result.reading.model) is None
+    assert color_complaint(cloud, person.mask, result.light) is None
     watch = ShiftWatch()
     assert not any(watch.complaint(cloud, person.mask, (i + 1) * EVERY_NS) for i in range(FRAMES + 1))
 
@@ -189,7 +189,7 @@ def test_bad_light_on_the_person_is_said(seen, kind, gain):
 def test_suit_colours_that_a_sodium_lamp_makes_alike_are_named(seen):
     frame, fuser, suit, *_ = seen
     _, cloud, result, person = read_by(suit, fuser.fuse_frame(in_light(frame, (1, 0.55, 0.03))))
-    complaint = color_complaint(cloud, person.mask, result.reading.model)
+    complaint = color_complaint(cloud, person.mask, result.light)
     assert complaint is not None and " and " in complaint.text and "light" in complaint.text
 
 

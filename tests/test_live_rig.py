@@ -18,7 +18,7 @@ from annotate.label_source import run
 from annotate.live.live_frame import Labelling
 from annotate.live.rig_complaints import rig_complaints
 from annotate.person.extract import PersonMask
-from annotate.segmentation.segment import unlabelled
+from annotate.reader.segmentation import unlabelled
 from sensors.device.protocol import DepthImage, DeviceReading, Spot
 from sensors.errors import (
     CloudError,

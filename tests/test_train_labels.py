@@ -1,25 +1,206 @@
-"""Training the labelling engine: reproducible, resumable, and what it writes is what labels are made by."""
+"""Training the reader of suits: samples keep their truth, it can be broken off, its file is the network."""
 
 import json
-import shutil
 from contextlib import contextmanager
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+import torch
+from hypothesis import given
 from hypothesis import strategies as st
 
-from annotate.engine import Engine, load_weights, shipped_weights
-from annotate.label_source import label_source
-from annotate.suit.palette import DEFAULT_SUIT
-from eval.training.engine_data import Recording
-from eval.training.engine_odds import logistic
-from eval.training.fit_engine import train_labels
-from sensors.errors import CloudError, ExistsError, FormatError
-from sensors.session.reader import Session
-from synth.rig.simulate import suit_path, truth_path
+from annotate.parts import LEFT_RIGHT, UNDEFINED, swap_left_right
+from annotate.reader.channels import CHANNELS, SUBJECT, VALID, network_input
+from annotate.reader.network import CLASSES, SHIPPED_READER, Reader, shipped_reader
+from eval.training.reader import fit as fitting
+from eval.training.reader import train
+from eval.training.reader.examples import Example, Recording, Stock, store_examples
+from eval.training.reader.fit import fit
+from eval.training.reader.net import ReaderNet, export_reader, load_reader
+from eval.training.reader.outcome import outcome
+from eval.training.reader.samples import LIKE, LIKE_PARTS, Sample, as_labelling, drawn, known, mirrored, spoil
+from eval.training.reader.scenes import rig_examples
+from eval.training.reader.train import Stage
+from sensors.errors import CloudError, FormatError
+from synth.rig.simulate import suit_path
+from synth.rig.virtual_rig import DRAFT_PX, VirtualRig
+
+SEEDS = st.integers(0, 2**32 - 1)
+DEPTH, BEFORE = CHANNELS.index("depth"), CHANNELS.index("before")
+MIDDLE = np.minimum(np.arange(256), swap_left_right(np.arange(256, dtype=np.uint8)))
+"""What a part is called that has no side."""
+
+
+def example(rng: np.random.Generator, height: int = 60, width: int = 70) -> Example:
+    """A frame of random channels whose depth says the part, but not its side."""
+    planes = rng.integers(0, 256, (len(CHANNELS), height, width)).astype(np.uint8)
+    target = rng.integers(0, CLASSES, (height, width)).astype(np.uint8)
+    planes[DEPTH] = MIDDLE[target]
+    planes[BEFORE] = target
+    return Example(planes, target, np.array([100.0, 1.2]))
+
+
+@given(SEEDS)
+def test_nothing_that_is_done_to_a_sample_moves_it_from_its_truth(seed):
+    rng = np.random.default_rng(seed)
+    planes, target = drawn(example(rng), 0.02, 32, rng)
+    assert planes.shape == (len(CHANNELS), 32, 32) and target.shape == (32, 32)
+    there = target != UNDEFINED
+    assert there.any() and np.array_equal(there, (planes[0] & VALID) > 0)
+    assert np.array_equal(planes[DEPTH][there], MIDDLE[target[there]])
+
+
+@given(SEEDS)
+def test_a_mirrored_sample_has_left_and_right_exchanged(seed):
+    rng = np.random.default_rng(seed)
+    sample = Sample(*example(rng)[:2])
+    other, whole = mirrored(sample), mirrored(mirrored(sample))
+    assert np.array_equal(whole.planes, sample.planes) and np.array_equal(whole.target, sample.target)
+    for left, right in LEFT_RIGHT:
+        for one, two in ((left, right), (right, left)):
+            likeness = [
+                image[LIKE_PARTS][part - 1] for image, part in ((sample.planes, one), (other.planes, two))
+            ]
+            assert np.array_equal(likeness[0][:, ::-1], likeness[1])
+            for a, b in ((sample.planes[BEFORE], other.planes[BEFORE]), (sample.target, other.target)):
+                assert np.array_equal((a == one)[:, ::-1], b == two)
+
+
+@given(SEEDS)
+def test_spoiling_leaves_depth_and_what_is_measured_there(seed):
+    rng = np.random.default_rng(seed)
+    planes, kept = example(rng).planes, CHANNELS.index("off_plane") + 1
+    planes[LIKE, :, :9] = 0  # no colour was read there
+    spoilt = planes.copy()
+    spoil(spoilt, rng)
+    assert np.array_equal(spoilt[DEPTH:kept], planes[DEPTH:kept])
+    assert not (~planes[0] & spoilt[0]).any(), "nothing is measured that was not"
+    assert not spoilt[LIKE, :, :9].any(), "what was not read stays so"
+
+
+def test_held_out_frames_are_sampled_as_labelling_does():
+    whole = example(np.random.default_rng(0))
+    sample = as_labelling(whole, 0.024)
+    assert sample.target.shape == (32, 48) and np.array_equal(
+        sample.planes[:, :30, :35], whole.planes[:, ::2, ::2]
+    )
+    assert (sample.target[30:] == UNDEFINED).all() and (sample.target[:, 35:] == UNDEFINED).all()
+    assert np.array_equal(known(sample).target, sample.target)
+
+
+def trained_network(seed: int) -> ReaderNet:
+    """A network whose weights and statistics are all its own, as after a training."""
+    torch.manual_seed(seed)
+    network = ReaderNet().eval()
+    with torch.no_grad():
+        for values in network.state_dict().values():
+            if values.is_floating_point():
+                values += 0.02 * (torch.rand_like(values) - 0.5)
+    return network
+
+
+def scores_of(path, planes):
+    return Reader(path)._scores(planes)
+
+
+def test_a_file_is_the_network_and_reads_back(tmp_path):
+    network, rng = trained_network(1), np.random.default_rng(1)
+    export_reader(network, tmp_path / "w.onnx", 2.0)
+    export_reader(load_reader(tmp_path / "w.onnx"), tmp_path / "again.onnx")
+    for height, width in ((32, 48), (64, 16)):
+        planes = example(rng, height, width).planes
+        with torch.no_grad():
+            scores = network(torch.from_numpy(network_input(planes)[None]))[0].numpy()
+        for name in ("w.onnx", "again.onnx"):
+            np.testing.assert_allclose(scores_of(tmp_path / name, planes), scores / 2, atol=1e-3)
+
+
+def test_the_shipped_file_reads_back_and_others_are_refused_in_one_line(tmp_path):
+    planes = example(np.random.default_rng(2), 32, 32).planes
+    with torch.no_grad():
+        scores = load_reader(SHIPPED_READER)(torch.from_numpy(network_input(planes)[None]))[0].numpy()
+    np.testing.assert_allclose(shipped_reader()._scores(planes), scores, atol=1e-3)
+    (tmp_path / "w.onnx").write_bytes(b"no network")
+    with pytest.raises(FormatError, match="train-labels"):
+        load_reader(tmp_path / "w.onnx")
+
+
+@pytest.fixture
+def stocks(tmp_path):
+    rng = np.random.default_rng(3)
+    for name in "ab":
+        store_examples([example(rng) for _ in range(3)], tmp_path / f"{name}.npz")
+    return Stock([tmp_path / "a.npz"]), Stock([tmp_path / "b.npz"])
+
+
+def test_examples_are_read_as_stored_or_refused(stocks, tmp_path):
+    rng = np.random.default_rng(3)
+    for index in range(3):
+        for stored, given_one in zip(stocks[0][index], example(rng), strict=True):
+            assert np.array_equal(stored, given_one)
+    (tmp_path / "a.npz").write_bytes((tmp_path / "a.npz").read_bytes()[:-9])
+    with pytest.raises(FormatError, match=r"a\.npz cannot be read"):
+        Stock([tmp_path / "a.npz"])
+    store_examples([], tmp_path / "none.npz")
+    with pytest.raises(CloudError, match="no checked frame"):
+        Stock([tmp_path / "none.npz"])
+
+
+def test_a_broken_training_goes_on_to_the_same_file(stocks, tmp_path, monkeypatch):
+    monkeypatch.setattr(train, "BATCH", 2)
+    monkeypatch.setattr(train, "SAVED_S", -1.0)
+    stages = [Stage(0.02, 16, 3, 1e-3, 0.99), Stage(0.01, 32, 2, 1e-3, 0.99)]
+
+    def run(name: str, watch) -> bytes:
+        (tmp_path / name).mkdir(exist_ok=True)
+        torch.manual_seed(0)
+        fit(ReaderNet(), *stocks, stages, tmp_path / name, 0, watch)
+        return (tmp_path / name / "reader.onnx").read_bytes()
+
+    done: list[int] = []
+
+    def killed(step: int, loss: float) -> None:
+        done.append(step)
+        if len(done) in (3, 6):  # in the first stage, and in the second: that step is lost
+            raise KeyboardInterrupt
+
+    losses = []
+    whole = run("whole", lambda step, loss: losses.append(loss))
+    assert len(losses) == 5 and all(np.isfinite(losses))
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            run("broken", killed)
+    assert run("broken", killed) == whole and done == [1, 2, 3, 3, 1, 2, 2]
+
+
+def test_labels_drawn_at_a_temperature_give_it_back(tmp_path):
+    network, rng = trained_network(0), np.random.default_rng(0)
+    with torch.no_grad():
+        for values in network.leave.parameters():
+            values *= 50
+    examples = []
+    for _ in range(4):
+        planes = example(rng, 64, 48).planes
+        with torch.no_grad():
+            scores = network(torch.from_numpy(network_input(planes)[None]))[0].numpy()
+        target = (scores / 2 + rng.gumbel(size=scores.shape)).argmax(axis=0).astype(np.uint8)
+        examples.append(Example(planes, target, np.array([100.0, 1.2])))
+    store_examples(examples, tmp_path / "e.npz")
+    stock = Stock([tmp_path / "e.npz"])
+    found = outcome(network, stock, 0.012)
+    assert found.temperature == pytest.approx(2, rel=0.15)
+    export_reader(network, tmp_path / "w.onnx", found.temperature)
+    again = outcome(load_reader(tmp_path / "w.onnx"), stock, 0.012)
+    assert again.temperature == pytest.approx(1, abs=0.01) and again[:2] == found[:2]
+
+
+def test_frames_of_the_rig_are_learnt_from_without_encoding_them():
+    rig = VirtualRig(1, 1, "clean", 3, draft=True)
+    assert rig.calibration.color.width == DRAFT_PX
+    (one,) = rig_examples(rig)
+    own = (one.planes[0] & SUBJECT) > 0
+    assert own.sum() > 5000 and ((one.target[own] > 0) & (one.target[own] < CLASSES)).mean() > 0.9
+    assert 0.003 < one.pixel_m < 0.012
 
 
 @contextmanager
@@ -27,48 +208,33 @@ def silent(what, total):
     yield lambda n: None
 
 
-def recordings(session: Path) -> list[Recording]:
-    return [Recording.open(session, truth_path(session), suit_path(session)) for _ in range(2)]
-
-
-def same(a, b) -> bool:
-    return all(np.array_equal(a.arrays()[name], b.arrays()[name]) for name in b.arrays())
-
-
-@pytest.fixture(scope="module")
-def trained(rig_session, tmp_path_factory) -> Path:
-    out = tmp_path_factory.mktemp("trained") / "w"
-    train_labels(recordings(rig_session), out, 0, silent)
-    return out
-
-
-def test_labels_are_made_by_the_weights_written(trained, rig_session, rig_labels, tmp_path):
-    weights = load_weights(trained / "weights.npz")
-    assert not same(weights, shipped_weights())
-    run = label_source(
-        Session(rig_session), DEFAULT_SUIT, tmp_path / "l", lambda n: None, engine=Engine(weights=weights)
-    )
-    assert any((a.confidence != b.confidence).any() for a, b in zip(run.labels, rig_labels, strict=True))
-    manifest = json.loads((tmp_path / "l/labelset.json").read_text())
-    assert manifest["steps"]["label"]["weights_sha256"] == weights.sha256()
-    with pytest.raises(ExistsError):  # a run by other weights does not go on there
-        label_source(Session(rig_session), DEFAULT_SUIT, tmp_path / "l", lambda n: None)
-
-
-def test_a_broken_run_goes_on_to_the_same_weights_and_a_whole_one_is_kept(
-    trained, rig_session, tmp_path, annotate_cloud
+def test_the_verb_goes_on_and_labels_are_made_by_what_it_writes(
+    rig_session, tmp_path, annotate_cloud, monkeypatch
 ):
+    monkeypatch.setattr(fitting, "SIDE", 32)
     out = tmp_path / "w"
-    shutil.copytree(trained, out)
-    verb = ("train-labels", rig_session, rig_session, "--out", out, "--json")
-    assert "another training" in annotate_cloud(*verb).err
-    (out / "weights.npz").unlink()
-    (out / "rows/1.npz").unlink()
+    verb = ("train-labels", rig_session, rig_session, "--out", out, "--steps", 2, "--json")
+    with monkeypatch.context() as patch:
+        patch.setattr(fitting, "fit", lambda *given: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            fitting.train_labels([*map(_opened, [rig_session] * 2)], out, 2, 0, silent)
     assert "another training" in annotate_cloud(*verb, "--seed", 1).err
-    done = annotate_cloud(*verb).result
-    assert done["sha256"] == load_weights(trained / "weights.npz").sha256()
-    assert done["frames"] == done["frames_held_out"] == 3
-    assert min(done["mean_recall"], done["person_iou"]) > 0.9
+    with monkeypatch.context() as patch:
+        patch.setattr(Recording, "examples", None)  # they are there already
+        done = annotate_cloud(*verb).result
+    assert done["frames"] == done["frames_held_out"] == 3 and not (out / "examples").exists()
+    assert done["sha256"] == Reader(out / "reader.onnx").sha256 != shipped_reader().sha256
+    assert "another training" in annotate_cloud(*verb).err
+    suit = suit_path(rig_session)
+    assert not annotate_cloud(
+        "label", rig_session, "--suit", suit, "--weights", out / "reader.onnx", "--out", tmp_path / "l"
+    ).code
+    manifest = json.loads((tmp_path / "l/labelset.json").read_text())
+    assert manifest["steps"]["label"]["weights_sha256"] == done["sha256"]
+
+
+def _opened(session):
+    return Recording.open(session, session.with_suffix(".truth"), suit_path(session))
 
 
 @pytest.mark.parametrize(
@@ -83,33 +249,3 @@ def test_a_mistake_is_one_line(rig_session, tmp_path, annotate_cloud, more, reme
 def test_automatic_labels_are_not_trained_on(rig_session, rig_labels):
     with pytest.raises(CloudError, match="automatic labels only"):
         Recording.open(rig_session, rig_labels.path, suit_path(rig_session))
-
-
-def test_weights_are_read_as_written_or_refused(tmp_path):
-    path, weights = tmp_path / "w.npz", shipped_weights()
-    deeper = np.concatenate([weights.network["rounds"]] * 2)
-    honest = replace(weights, network=weights.network | {"rounds": deeper})
-    for kept in (weights, honest):
-        kept.save(path)
-        assert same(load_weights(path), kept)
-    for spoilt in (
-        replace(weights, confidence=weights.confidence[1:]),
-        replace(weights, touch=weights.touch * np.nan),
-        replace(weights, network=weights.network | {"enter": weights.network["enter"].astype(np.float64)}),
-    ):
-        spoilt.save(path)
-        with pytest.raises(FormatError, match="train-labels"):
-            load_weights(path)
-    path.write_bytes(b"no archive")
-    with pytest.raises(FormatError):
-        load_weights(path)
-
-
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
-def test_a_logistic_curve_is_found_again(seed):
-    rng = np.random.default_rng(seed)
-    columns, weights = rng.standard_normal((4000, 3)) * (1, 10, 0.1), rng.normal(0, (1, 0.1, 10, 1))
-    share = 1 / (1 + np.exp(-(columns @ weights[:3] + weights[3])))
-    found = logistic(columns, share, np.full(len(share), 100.0))
-    np.testing.assert_allclose(found, weights, rtol=0.01, atol=0.01)

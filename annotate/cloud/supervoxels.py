@@ -47,20 +47,6 @@ class Supervoxels:
             total[:] = np.bincount(ids, column, self.count)
         return (sums / self.sizes[:, None]).reshape(self.count, *values.shape[1:])
 
-    def centroids_m(self, points_m: Float32) -> Float64:
-        """Centroids (count, 3) in metres of the points (n, 3) the supervoxels were made of."""
-        return self.mean(points_m)
-
-
-def single_points(mask: Bool) -> Supervoxels:
-    """The points of a mask (h, w), row-major, each by itself; points side by side in the image touch."""
-    ids = np.full(mask.shape, -1, np.int32)
-    ids[mask] = np.arange(mask.sum())
-    pairs = ((ids[:, :-1], ids[:, 1:]), (ids[:-1], ids[1:]))
-    edges = np.concatenate([np.column_stack([a.ravel(), b.ravel()]) for a, b in pairs])
-    edges = edges[(edges >= 0).all(axis=1)]
-    return Supervoxels(ids[mask], len(ids[mask]), edges)
-
 
 def supervoxels(
     points_m: Float32, colors_rgb: UInt8, *, seed_m: float = 0.06, color_weight: float = 1.0

@@ -14,17 +14,16 @@ from sensors.rig.camera import Intrinsics
 
 LOST_SHARE = 0.25
 """Share of a person's colours lost to darkness or glare from which it is said: somewhat before a suit cannot
-be read (``segment.BAD_SHARE``). Chosen by eye."""
+be read (``annotate.reader.read.BAD_SHARE``). Chosen by eye."""
 LEAST_PIXELS = 400
 """Pixels of a person below which nothing is said of them. Chosen by eye: a head at 4 m."""
 LIMB_M, LEAST_LIMB_PX = 0.08, 8.0
 """Thickness of a forearm, and the pixels that it should have in the depth image: at 3.65 m of a Kinect v2.
 Chosen by eye."""
-APART = 1.0
+APART = 1.3
 """Least distance of two suit colours in the light of a frame, in standard deviations of both together: there
-the colour alone takes three pixels of ten for the other. Chosen by eye: it is 1.3 to 2.3 in the virtual rig's
-`normal` light (22 frames of five people, seeds 41 and 52), up to 0.8 by candle or sodium lamp, or in a third
-of the light without a longer exposure (12 frames)."""
+the colour alone takes a quarter of the pixels for the other. Chosen by eye: it is 1.7 to 2.5 in the virtual
+rig's `normal` light, up to 1.05 there by a sodium lamp (12 frames of six people, seeds 9341 and 9352)."""
 
 
 def person_complaints(cloud: ThermalCloud, person: Bool) -> Iterator[Complaint]:
@@ -73,7 +72,7 @@ def color_complaint(cloud: ThermalCloud, person: Bool, model: ColorModel) -> Com
     cloth = np.flatnonzero(~model.bare)
     part_of = model.wears[cloth].argmax(axis=1) + 1
     noise = float(np.median(blur(rgb)))
-    now = _apart(model.lit[cloth] + model.shift[cloth], model.variance[cloth] + noise**2)
+    now = _apart(model.lit[cloth], model.variance[cloth] + noise**2)
     ever = _apart(model.palette[cloth], model.variance[cloth])
     now[(ever < APART) | (part_of[:, None] == part_of)] = np.inf
     i, j = np.unravel_index(int(now.argmin()), now.shape)

@@ -23,7 +23,7 @@ from annotate.live.live_frame import Labelling, LiveFrame, Rig, Stance
 from annotate.live.rig_complaints import rig_complaints
 from annotate.live.shift_watch import ShiftWatch
 from annotate.person.extract import PersonMask
-from annotate.segmentation.segment import Segmentation
+from annotate.reader.segmentation import Segmentation
 from sensors.errors import CloudError, FormatError
 from sensors.recording.moments import Moment
 from sensors.recording.newest import Newest
@@ -177,8 +177,8 @@ class LivePipeline:
         if fused.unreadable:
             made.append(Complaint("frame", fused.unreadable))
         lit = not {"dark", "glare"} & {complaint.kind for complaint in made}
-        if lit and result.reading is not None:
-            made += filter(None, [color_complaint(cloud, person.mask, result.reading.model)])
+        if lit and result.light is not None:
+            made += filter(None, [color_complaint(cloud, person.mask, result.light)])
         made += filter(None, [self._shift.complaint(cloud, person.mask, fused.moment.arrival_ns)])
         return made
 

@@ -16,6 +16,7 @@ from annotate.array_types import Bool, Float32, Float64, Index, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.person.persons import MOST_PERSONS, Person
 from annotate.person.pieces import MIN_PERSON_M2, MOST_PERSON_M2
+from sensors.rig.nearest import Nearest
 
 FOCAL_PX = 183.0
 """Focal length in pixels of the images that the network is trained on, half of a Kinect v2's: a person at
@@ -159,8 +160,8 @@ def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
     # Votes that are no person by themselves are the nearest person's if one is near.
     among = np.flatnonzero(np.isin(person, kept))
     number = np.searchsorted(kept, person[among]) + 1
-    nearest, near_m = _nearest(votes_m, some[among])
-    return np.where(near_m < STRAY_M, number[nearest], 0).astype(np.uint8)
+    _, nearest = Nearest(some[among]).query(votes_m, within=STRAY_M)
+    return np.append(number, 0)[nearest].astype(np.uint8)
 
 
 @njit(cache=True, nogil=True)
@@ -184,22 +185,6 @@ def _leaders(votes: Float32, weight: Float32) -> Index:
                 if square <= least:
                     least, leader[i] = square, j
     return leader
-
-
-@njit(cache=True, nogil=True)
-def _nearest(points: Float32, among: Float32) -> tuple[Index, Float32]:
-    """Index (n,) of the nearest of points (m, 3) to each of points (n, 3), and the distances."""
-    index, distance = np.zeros(len(points), np.intp), np.zeros(len(points), np.float32)
-    for i in range(len(points)):
-        least = np.inf
-        for j in range(len(among)):
-            gap = 0.0
-            for axis in range(3):
-                gap += (points[i, axis] - among[j, axis]) ** 2
-            if gap < least:
-                least, index[i] = gap, j
-        distance[i] = np.sqrt(least)
-    return index, distance
 
 
 @njit(cache=True, nogil=True)

@@ -12,7 +12,6 @@ import numpy as np
 from annotate.array_types import Bool, Float32, UInt8
 from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.engine import Steps
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND
 from annotate.person.alignment import degrees, thermal_alignment
@@ -24,7 +23,6 @@ from annotate.person.pixel_odds import (
     warmth_share,
 )
 from annotate.person.planes import MIN_COLD_PLANE_M2, MIN_PANEL_M2, Plane, close_to, find_planes, panel_of
-from annotate.suit.palette import Suit
 
 LOCAL_M, COLD_REACH_M = 0.3, 0.3
 """Metres in which temperatures are compared, to each side, and in which a cold one holds for pixels without
@@ -51,7 +49,8 @@ class Evidence:
 
     candidates: bool (h, w), pixels to decide on; the others are background. cold: bool (h, w), background if
     close to a plane. nobody: the note where no person is found. notes: remarks on the frame. warnings:
-    reasons not to trust it.
+    reasons not to trust it. window_c, share: by temperature, a person's degrees Celsius, and the share
+    float32 (h, w) of the way there from the background's, NaN = not felt.
     """
 
     method: Literal["thermal", "before"]
@@ -62,26 +61,27 @@ class Evidence:
     nobody: str
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    window_c: tuple[float, float] = WINDOW_C
+    share: Float32 | None = None
 
 
 def thermal_evidence(
     cloud: ThermalCloud,
     window_c: tuple[float, float] | None,
     planes: tuple[Plane, ...],
-    suit: Suit | None,
-    steps: Steps,
+    *,
+    suited: bool,
 ) -> Evidence:
     """Evidence by temperature; arguments as of ``Survey``, planes: those of the whole cloud."""
     loose = cloud.valid & ~close_to(planes, cloud.points_m)
     low, high = window_c or find_window(cloud, loose) or WINDOW_C
     celsius = cloud.temperature_c
-    if steps.room_planes:
-        planes += find_planes(cloud, loose & (celsius < low), MIN_COLD_PLANE_M2)
+    planes += find_planes(cloud, loose & (celsius < low), MIN_COLD_PLANE_M2)
     loose &= ~close_to(planes, cloud.points_m)
     hot = loose & (celsius >= low)
     panel = np.zeros_like(hot)
     # A chest can be as flat as a screen; with a suit, colours part the two.
-    for plane in find_planes(cloud, hot, MIN_PANEL_M2) if suit is None and steps.room_planes else ():
+    for plane in find_planes(cloud, hot, MIN_PANEL_M2) if not suited else ():
         panel |= panel_of(plane, cloud, hot)
     loose &= ~panel
     warm = loose & (celsius >= low) & (celsius <= high)
@@ -106,7 +106,8 @@ def thermal_evidence(
     )
     odds = temperature_odds(share, celsius, high)
     odds += cold_surface_odds(odds, cloud, candidates, COLD_REACH_M * pixels_per_m)
-    return Evidence("thermal", odds, candidates, cold, planes, nobody, (), (warning,) * alignment.is_off)
+    warnings = (warning,) * alignment.is_off
+    return Evidence("thermal", odds, candidates, cold, planes, nobody, (), warnings, (low, high), share)
 
 
 def previous_evidence(

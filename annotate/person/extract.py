@@ -14,35 +14,25 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32, UInt8
+from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.color_odds import color_odds, lab_of
 from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.engine import Engine, Steps
 from annotate.frame_labels import FrameLabels
-from annotate.person.clothed_mask import PatchClues, clothed_odds, patch_clues
 from annotate.person.depth_finder import people_in
 from annotate.person.evidence import Evidence, previous_evidence, thermal_evidence
 from annotate.person.known import Known, numbers_of
 from annotate.person.persons import Person, persons_of, with_joined_halves
-from annotate.person.pixel_odds import plane_odds
+from annotate.person.pixel_odds import WINDOW_C, plane_odds
 from annotate.person.planes import Plane, close_to, find_planes, lies_on, normals_at
-from annotate.person.silhouette import Links
+from annotate.person.silhouette import smoothed
 from annotate.person.subject import crowd_warnings, cut_warnings, subject_score
-from annotate.suit.palette import Suit
 
 RIM_PX, LEARNT_PX = 2, 10
 """Pixels beyond the candidates in which the background counts, and in which its colours are learnt. Chosen by
 eye."""
 RIM_JUMP = 0.05
 """Depth difference, as a share of the depth, of a rim: 10 cm at 2 m. Chosen by eye."""
-BESIDE_SUBJECT_PX, LEAST_BESIDE_ODDS = 45, -3.0
-"""Pixels around the subject that surface as cold as the room (a lower leg) may lie in, with the least log
-odds: no plane of the room. Chosen by eye."""
-BODY_M, NEIGHBOUR_M = 1.3, 1.0
-"""Metres from a person's middle to their feet below a blanket, and to another's middle. Chosen by eye."""
-KEPT_ABOVE_ODDS, BETWEEN_PX = -0.5, 13
-"""Log odds by the suit down to which the mask without it stays, as most rooms have no blanket; side in pixels
-of the window that bridges gaps in one. Chosen by eye."""
 NOBODY = "no person in the depth image; let somebody step into the view"
 """Note of a frame in which depth alone shows nobody."""
 BY_DEPTH = "found by depth alone: record temperature for a surer outline"
@@ -51,26 +41,7 @@ LOST = (
     "no temperature in this frame, and the rig has moved since the one before: depth alone would take "
     "furniture for the person, parts are undefined; label it by hand, or hold still while the flag is closed"
 )
-"""Note of a frame without temperatures after the rig has moved."""
-
-
-@dataclass(frozen=True)
-class MaskCandidates:
-    """Pixels that may be the subject's, for a second decision on their mask.
-
-    clues: of patches of one colour; odds: log odds (h, w) by these. room: bool (h, w), background around.
-    silhouettes, persons: as found without the suit, the subject first.
-    """
-
-    clues: PatchClues
-    odds: Float32
-    room: Bool
-    silhouettes: "_Silhouettes"
-    persons: Sequence[Person]
-
-    def mask(self, odds: Float32) -> Bool:
-        """The subject's mask (h, w) by other log odds (h, w), 0 = unknown."""
-        return self.silhouettes.dressed(self.persons, odds)[0].mask
+"""Note of a frame without temperatures after the rig has moved; a suit's colours tell them from furniture."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +52,6 @@ class PersonMask:
     recordings without temperature. persons: uint8 (h, w), 0 nobody, 1 the subject, 2 and on others, whose
     numbers last over a recording; known: those seen so far. notes: remarks for the user, e.g. why the mask is
     empty. trusted: False where the frame is unreliable; a note then names the stream and the remedy.
-    candidates: with a suit, for a second decision.
     """
 
     mask: Bool
@@ -89,7 +59,6 @@ class PersonMask:
     persons: UInt8
     notes: tuple[str, ...] = ()
     trusted: bool = True
-    candidates: MaskCandidates | None = None
     known: Known = field(default_factory=list)
 
     @property
@@ -99,34 +68,36 @@ class PersonMask:
 
 
 class Survey:
-    """Everything about the persons of one cloud that needs no other frame, for work ahead of its turn.
+    """Everything about the persons of one frame that needs no other frame, for work ahead of its turn.
 
-    window_c: surface temperatures of a person, degrees Celsius; None = found from the frame itself. suit:
-    palette of the person's clothing, whose colours part them from things on them. everybody: all persons are
-    to be labelled: the earlier subject keeps number 1, and none has to stand out.
+    Persons are found in the coarse cloud, and their outlines enlarged. window_c: surface temperatures of a
+    person, degrees Celsius; None = found from the frame itself. suited: whether the subject wears a suit,
+    whose many colours then tell them from others. everybody: all persons are to be labelled: the earlier
+    subject keeps number 1, and none has to stand out.
     """
 
     def __init__(
         self,
-        cloud: ThermalCloud,
+        cloud: CoarseCloud,
         window_c: tuple[float, float] | None = None,
-        suit: Suit | None = None,
-        engine: Engine | None = None,
         *,
+        suited: bool = False,
         everybody: bool = False,
     ) -> None:
-        self.cloud, self._suit, self._engine, self._everybody = cloud, suit, engine or Engine(), everybody
-        steps = self._engine.steps
-        self._warm: _Silhouettes | None = None
-        if np.isfinite(cloud.temperature_c).any():
-            evidence = thermal_evidence(cloud, window_c, self.planes, suit, steps)
-            self._warm = _Silhouettes(cloud, evidence, steps)
-        self._by_depth = [] if self._warm else people_in(cloud)
+        self.cloud, self._coarse, self._everybody = cloud, cloud.cloud, everybody
+        self._wearing = cloud.cloud if suited else None
+        self._enlarged: dict[bytes, UInt8] = {}
+        self._evidence: Evidence | None = None
+        if np.isfinite(self._coarse.temperature_c).any():
+            self._evidence = thermal_evidence(self._coarse, window_c, self.planes, suited=suited)
+            self._persons = _persons(self._coarse, self._evidence)
+        else:
+            self._persons = people_in(self._coarse)
 
     @cached_property
     def planes(self) -> tuple[Plane, ...]:
-        """Planes of the whole cloud; none without that step."""
-        return find_planes(self.cloud, self.cloud.valid) if self._engine.steps.room_planes else ()
+        """Planes of the room."""
+        return find_planes(self._coarse, self._coarse.valid)
 
     def person(self, before: FrameLabels | None = None) -> PersonMask:
         """The person by temperature; while the flag is closed by the frame before; else by depth alone.
@@ -134,36 +105,48 @@ class Survey:
         before: labels of the previous frame of the same source. Without a person the mask is empty and a note
         gives the reason; that is no error.
         """
-        cloud, silhouettes = self.cloud, self._warm
-        if silhouettes is None:
+        found = self._person(None if before is None else self.cloud.coarse(before))
+        # With the frame before the persons are mostly the same as without.
+        key = found.persons.tobytes()
+        if key not in self._enlarged:
+            self._enlarged[key] = self.cloud.enlarged(found.persons)
+        persons = self._enlarged[key]
+        return replace(found, mask=persons == 1, persons=persons)
+
+    def _person(self, before: FrameLabels | None) -> PersonMask:
+        """The person in the coarse cloud; before: coarse, too."""
+        evidence, persons = self._evidence, self._persons
+        if evidence is None:
             felt = before is not None and before.notes.get("extraction") in ("thermal", "before")
-            previous = previous_evidence(cloud, before, self.planes) if felt else None
-            if previous is None:
+            evidence = previous_evidence(self._coarse, before, self.planes) if felt else None
+            if evidence is None:
                 found = self._depth_mask(before)
-                return replace(found, method="before", notes=(LOST,), trusted=False) if felt else found
-            silhouettes = _Silhouettes(cloud, previous, self._engine.steps)
-        evidence = silhouettes.evidence
-        persons, candidates = self._persons(silhouettes, before)
+                lost = felt and self._wearing is None
+                return replace(found, method="before", notes=(LOST,), trusted=False) if lost else found
+            persons = _persons(self._coarse, evidence)
+        persons = sorted(persons, key=lambda person: -subject_score(person, before, self._wearing))
+        found = self._numbered(persons, evidence.method, before)
         if not persons:
             notes = (evidence.nobody, *evidence.warnings)
-            return replace(
-                self._numbered([], evidence.method, before), notes=notes, trusted=not evidence.warnings
-            )
-        crowded = [] if self._everybody else crowd_warnings(persons, before, cloud if self._suit else None)
-        warnings = [*evidence.warnings, *crowded, *cut_warnings(persons[0].mask)]
-        found = self._numbered(persons, evidence.method, before)
-        notes = (*evidence.notes, *warnings)
-        return replace(found, notes=notes, trusted=not warnings, candidates=candidates)
+            return replace(found, notes=notes, trusted=not evidence.warnings)
+        warnings = [*evidence.warnings, *self._warnings(persons, before, self._wearing)]
+        return replace(found, notes=(*evidence.notes, *warnings), trusted=not warnings)
 
     def _depth_mask(self, before: FrameLabels | None) -> PersonMask:
         """Mask by depth alone; before: labels of the frame before, whose subject stays the subject."""
-        persons = sorted(self._by_depth, key=lambda person: -subject_score(person, before, None))
+        persons = sorted(self._persons, key=lambda person: -subject_score(person, before, None))
         found = self._numbered(persons, "depth", before)
         if not persons:
             return replace(found, notes=(NOBODY,))
-        crowded = [] if self._everybody else crowd_warnings(persons, before, None)
-        warnings = [*crowded, *cut_warnings(persons[0].mask)]
+        warnings = self._warnings(persons, before, None)
         return replace(found, notes=(BY_DEPTH, *warnings), trusted=not warnings)
+
+    def _warnings(
+        self, persons: Sequence[Person], before: FrameLabels | None, wearing: ThermalCloud | None
+    ) -> list[str]:
+        """Why not to trust the subject, the first of the persons; arguments as of ``subject_score``."""
+        crowded = [] if self._everybody else crowd_warnings(persons, before, wearing)
+        return [*crowded, *cut_warnings(persons[0].mask)]
 
     def _numbered(
         self,
@@ -173,99 +156,45 @@ class Survey:
     ) -> PersonMask:
         """Masks and numbers of persons, the subject first."""
         numbers, known = numbers_of(persons, before, subject_first=not self._everybody)
-        whose = np.zeros(self.cloud.valid.shape, np.uint8)
+        whose = np.zeros(self._coarse.valid.shape, np.uint8)
         for person, number in zip(reversed(persons), reversed(numbers), strict=True):
             whose[person.mask] = number
         return PersonMask(whose == 1, method, whose, known=known)
 
-    def _persons(
-        self, silhouettes: "_Silhouettes", before: FrameLabels | None
-    ) -> tuple[list[Person], MaskCandidates | None]:
-        """All persons, the subject first, with the mask by the suit; candidates where there is one."""
-        cloud, suit, weights = self.cloud, self._suit, self._engine.weights
-        wearing = cloud if suit else None
-        persons = sorted(silhouettes.persons, key=lambda person: -subject_score(person, before, wearing))
-        if suit is None or not persons:
-            return persons, None
-        beside, room = silhouettes.beside(persons), silhouettes.surroundings
-        clues = patch_clues(cloud, persons[0].mask, beside, room, suit, silhouettes.odds, weights)
-        if clues is None:
-            return persons, None
-        odds = clothed_odds(clues, weights)
-        if not self._engine.steps.suit_for_person:
-            odds = np.zeros_like(odds)
-        dressed = silhouettes.dressed(persons, odds) if odds.any() else persons
-        return dressed, MaskCandidates(clues, odds, room, silhouettes, persons)
+    @cached_property
+    def share(self) -> Float32:
+        """Share (h, w) of the way from the room's temperature to a person's; NaN = not felt."""
+        coarse = self._evidence.share if self._evidence else None
+        if coarse is None:
+            return np.full(self.cloud.depth_mm.shape, np.nan, np.float32)
+        rows, columns = (
+            np.minimum(np.arange(side) // self.cloud.stride, n - 1)
+            for side, n in zip(self.cloud.depth_mm.shape, coarse.shape, strict=True)
+        )
+        return np.asarray(coarse[np.ix_(rows, columns)], np.float32)
+
+    @property
+    def window_c(self) -> tuple[float, float]:
+        """Surface temperatures of a person in this frame."""
+        return self._evidence.window_c if self._evidence else WINDOW_C
 
 
-class _Silhouettes:
-    """Persons of a cloud by its evidence, the planes, colours and neighbours of its pixels.
-
-    evidence: of temperature or of the frame before. odds: log odds (h, w) with the planes. surroundings: bool
-    (h, w), background around the candidates. persons: all persons, in no order.
-    """
-
-    def __init__(self, cloud: ThermalCloud, evidence: Evidence, steps: Steps) -> None:
-        self._cloud, self.evidence, self._steps = cloud, evidence, steps
-        self._candidates = cloud.valid & grown(evidence.candidates, RIM_PX)
-        normals, own = np.full_like(cloud.points_m, np.nan), normals_at(cloud, *np.nonzero(self._candidates))
-        normals[self._candidates] = own
-        near, on = close_to(evidence.planes, cloud.points_m), evidence.cold.copy()
-        on[self._candidates] |= lies_on(evidence.planes, cloud.points_m[self._candidates], own)
-        on &= near
-        surface_m2 = cloud.points_m[..., 2] ** 2 / np.float32(cloud.camera.fx * cloud.camera.fy)
-        shaped = np.isfinite(normals[..., 0])
-        self.odds = evidence.odds + plane_odds(on, near, shaped, evidence.cold, surface_m2)
-        self._lab = lab_of(cloud.color_rgb, cloud.color_valid & ~_rims(cloud))
-        self._learnt = cloud.valid & grown(evidence.candidates, LEARNT_PX)
-        self._links = Links(self._candidates, cloud.points_m[..., 2], normals, self._lab)
-        self.surroundings = self._learnt & ~self._candidates
-        self.persons: list[Person] = []
-        if self._candidates.any():
-            self.persons = persons_of(cloud, self._links.belief(self._with_colors(self.odds)) > 0)
-            self.persons = with_joined_halves(cloud, self.persons) if steps.join_halves else self.persons
-
-    def beside(self, persons: Sequence[Person]) -> Bool:
-        """Pixels (h, w) around the first person that may be theirs too, as of persons too near: feet."""
-        first = persons[0]
-        away_m = np.linalg.norm(self._cloud.points_m - first.centre_m.astype(np.float32), axis=-1)
-        beside = grown(first.mask, BESIDE_SUBJECT_PX) & (self.odds > LEAST_BESIDE_ODDS)
-        beside |= (away_m < BODY_M) & (self.odds > 0)
-        beside &= self._candidates & ~first.mask
-        for person in persons[1:]:
-            if np.linalg.norm(person.centre_m - first.centre_m) > NEIGHBOUR_M:
-                beside &= ~person.mask
-        return np.asarray(beside, np.bool_)
-
-    def _with_colors(self, odds: Float32) -> Float32:
-        """Log odds (h, w) with those of the colours of person and room added."""
-        if not self._steps.room_colors:
-            return odds
-        return odds + color_odds(self._lab, odds, self._candidates, self._learnt)
-
-    def dressed(self, persons: Sequence[Person], suit_odds: Float32) -> list[Person]:
-        """Persons with the first one's mask by log odds (h, w) of their suit, 0 = unknown.
-
-        Their clothes belong to the mask, however far a blanket keeps them from the rest of the body.
-        """
-        first = persons[0]
-        kept = first.mask & (suit_odds < 0) & (suit_odds > KEPT_ABOVE_ODDS)
-        known = np.where(kept, np.float32(0), suit_odds)
-        odds = np.where(known != 0, known, self.odds + np.minimum(_between(known), 0))
-        odds = np.where(known != 0, known, self._with_colors(odds))
-        own = (self._links.belief(odds) > 0) & ((known > 0) | grown(first.mask, RIM_PX))
-        for person in persons[1:]:
-            own &= ~person.mask | (known > 0)
-        if not own.any():
-            return list(persons)
-        others = [replace(person, mask=person.mask & ~own) for person in persons[1:]]
-        return [replace(first, mask=np.asarray(own, np.bool_)), *(p for p in others if p.mask.any())]
-
-
-def _between(odds: Float32) -> Float32:
-    """Mean (h, w) of the known log odds (h, w) around each pixel, 0 where few are known (not 0)."""
-    total, count = (cv2.blur(plane, (BETWEEN_PX,) * 2) for plane in (odds, (odds != 0).astype(np.float32)))
-    return np.asarray(np.where(count > 0.1, total / np.maximum(count, 0.1), 0), np.float32)
+def _persons(cloud: ThermalCloud, evidence: Evidence) -> list[Person]:
+    """Persons of a cloud, in no order, by its evidence, the planes, colours and neighbours of its pixels."""
+    candidates = cloud.valid & grown(evidence.candidates, RIM_PX)
+    if not candidates.any():
+        return []
+    normals, own = np.full_like(cloud.points_m, np.nan), normals_at(cloud, *np.nonzero(candidates))
+    normals[candidates] = own
+    near, on = close_to(evidence.planes, cloud.points_m), evidence.cold.copy()
+    on[candidates] |= lies_on(evidence.planes, cloud.points_m[candidates], own)
+    surface_m2 = cloud.points_m[..., 2] ** 2 / np.float32(cloud.camera.fx * cloud.camera.fy)
+    shaped = np.isfinite(normals[..., 0])
+    odds = evidence.odds + plane_odds(on & near, near, shaped, evidence.cold, surface_m2)
+    lab = lab_of(cloud.color_rgb, cloud.color_valid & ~_rims(cloud))
+    odds += color_odds(lab, odds, candidates, cloud.valid & grown(evidence.candidates, LEARNT_PX))
+    person = smoothed(odds, candidates, cloud.points_m[..., 2], normals, lab) > 0
+    return with_joined_halves(cloud, persons_of(cloud, person))
 
 
 def _rims(cloud: ThermalCloud) -> Bool:

@@ -19,14 +19,12 @@ class Piece:
     """One connected piece of a cloud.
 
     label: its id in the label image. area_m2: its visible surface, taken as seen head-on. thickness_m: the
-    least standard deviation of its points over all directions. centre_m: the mean of its points (3,), depth
-    camera's frame.
+    least standard deviation of its points over all directions.
     """
 
     label: int
     area_m2: float
     thickness_m: float
-    centre_m: Float64
 
 
 def pieces_of(cloud: ThermalCloud, mask: Bool, least_m2: float) -> tuple[Int32, list[Piece]]:
@@ -45,7 +43,7 @@ def pieces_of(cloud: ThermalCloud, mask: Bool, least_m2: float) -> tuple[Int32, 
     pieces = []
     for i in np.flatnonzero(area >= least_m2):
         own = points[order[first[i] : first[i + 1]]]
-        pieces.append(Piece(int(i), float(area[i]), _thickness_m(own), own.mean(axis=0)))
+        pieces.append(Piece(int(i), float(area[i]), _thickness_m(own)))
     return labels, pieces
 
 

@@ -27,27 +27,21 @@ FIELD_ROUNDS, DAMPING = 6, 0.3
 eye."""
 
 
-class Links:
-    """Links between the candidate pixels of a frame, for evidence that is smoothed more than once.
+def smoothed(odds: Float32, candidates: Bool, depth_m: Float32, normals: Float32, lab: UInt8) -> Float32:
+    """Belief (h, w) in [-1, 1] by log odds (h, w), positive = person; -1 off the candidates.
 
-    candidates: bool (h, w). depth_m: (h, w), positive on the candidates. normals: (h, w, 3), unit, NaN =
+    candidates: bool (h, w), any. depth_m: (h, w), positive on the candidates. normals: (h, w, 3), unit, NaN =
     unknown. lab: uint8 (h, w, 3), its first channel 0 where there is no colour.
     """
-
-    def __init__(self, candidates: Bool, depth_m: Float32, normals: Float32, lab: UInt8) -> None:
-        left, top, width, height = cv2.boundingRect(candidates.astype(np.uint8))
-        self._box = np.s_[top : top + height, left : left + width]
-        self._candidates = np.pad(candidates[self._box], REACH)  # so that no neighbour is off the image
-        depth_m, normals = (np.ascontiguousarray(plane[self._box]) for plane in (depth_m, normals))
-        self._strength = _links(self._candidates, depth_m, normals, np.ascontiguousarray(lab[self._box]))
-
-    def belief(self, evidence: Float32) -> Float32:
-        """Belief (h, w) in [-1, 1] by log odds (h, w), positive = person; -1 off the candidates."""
-        belief = np.full(evidence.shape, np.float32(-1))
-        odds = np.where(self._candidates, np.pad(evidence[self._box], REACH), 0).astype(np.float32)
-        smooth = _mean_field(odds, self._strength)[REACH:-REACH, REACH:-REACH]
-        belief[self._box] = np.where(self._candidates[REACH:-REACH, REACH:-REACH], smooth, np.float32(-1))
-        return belief
+    left, top, width, height = cv2.boundingRect(candidates.astype(np.uint8))
+    box = np.s_[top : top + height, left : left + width]
+    asked = np.pad(candidates[box], REACH)  # so that no neighbour is off the image
+    compact = np.ascontiguousarray
+    strength = _links(asked, compact(depth_m[box]), compact(normals[box]), compact(lab[box]))
+    field = _mean_field(np.where(asked, np.pad(odds[box], REACH), 0).astype(np.float32), strength)
+    belief = np.full(odds.shape, np.float32(-1))
+    belief[box] = np.where(candidates[box], field[REACH:-REACH, REACH:-REACH], np.float32(-1))
+    return belief
 
 
 @njit(cache=True, nogil=True)

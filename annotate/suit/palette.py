@@ -65,7 +65,7 @@ class Suit:
         """Warnings for the wearer: parts that look alike."""
         return tuple(
             f"suit {self.name!r}: {PARTS[a].name} and {PARTS[b].name} have the same colour but for "
-            "brightness; where nothing else tells them apart they stay undefined: give one another hue"
+            "brightness, so shape and place alone tell them apart: give one another hue"
             for a, b in self.look_alikes
         )
 

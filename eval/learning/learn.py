@@ -22,7 +22,7 @@ from annotate.labelset.appearing import appearing
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.store import MANIFEST, LabelSet
 from annotate.parts import BACKGROUND
-from annotate.segmentation.segment import Segmentation
+from annotate.reader.segmentation import Segmentation
 from eval.learning.lesson import Taught, crops_of, divided, lessons
 from eval.network.checkpoint import load_weights, save_weights
 from eval.network.networks import NetworkConfig, export_onnx

@@ -17,7 +17,7 @@ from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
 from annotate.labelset.images import Probabilities
 from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.posture import POSTURES
-from annotate.segmentation.segment import Segmentation
+from annotate.reader.segmentation import Segmentation
 from eval.network.bearing import Bearing
 from eval.scores.joints import N_JOINTS
 from sensors.errors import CloudError, FormatError

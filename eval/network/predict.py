@@ -14,7 +14,7 @@ from annotate.label_source import Run, check_same, finished, notes_of
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.frames import LabelledFrames
 from annotate.labelset.store import LabelSet
-from annotate.segmentation.segment import Segmentation
+from annotate.reader.segmentation import Segmentation
 from eval.network.onnx_network import OnnxNetwork
 from sensors.errors import CloudError, FormatError
 

@@ -10,9 +10,8 @@ from annotate.array_types import Bool
 from annotate.cloud.coarse import CoarseCloud, CoarseFuser
 from annotate.frame_labels import FrameLabels
 from annotate.label_source import Run, run
-from annotate.person.coarse_survey import CoarseSurvey
-from annotate.person.extract import PersonMask
-from annotate.segmentation.segment import Segmentation, unlabelled
+from annotate.person.extract import PersonMask, Survey
+from annotate.reader.segmentation import Segmentation, unlabelled
 from eval.network.bearing import Bearing
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import step_of
@@ -69,7 +68,7 @@ class NetworkSurvey:
         probabilities: bool = False,
         everybody: bool = False,
     ) -> None:
-        self._survey = survey = CoarseSurvey(cloud, window_c, everybody=everybody)
+        self._survey = survey = Survey(cloud, window_c, everybody=everybody)
         self._network, self._things = network, things
         self._probabilities, self._everybody = probabilities, everybody
         self._known: dict[bytes, tuple[Segmentation, Bool]] = {}

@@ -7,7 +7,7 @@ import numpy as np
 from annotate.array_types import Float64
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES, swap_left_right
-from annotate.segmentation.segment import Segmentation
+from annotate.reader.segmentation import Segmentation
 from eval.network.bearing import Bearing, bearing_notes
 
 KEPT = 0.8

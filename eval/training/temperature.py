@@ -15,12 +15,16 @@ ROUNDS = 40
 
 
 def fitted_temperature(model: nn.Module, crops: Crops, batch: int = 32) -> float:
-    """The temperature at which a network's scores, divided by it, explain the labels of crops best.
+    """The temperature at which a network's scores, divided by it, explain the labels of crops best."""
+    return temperature_of(*_pixels(model, crops, batch))
+
+
+def temperature_of(scores: Tensor, target: Tensor) -> float:
+    """The temperature at which scores (N, K), divided by it, explain classes (N,) best; 1 without any.
 
     Source: Guo et al. 2017, On Calibration of Modern Neural Networks; least mean cross entropy, by bisection
-    of its slope. 1 where no crop shows a part.
+    of its slope.
     """
-    scores, target = _pixels(model, crops, batch)
     if not len(target):
         return 1.0
     low, high = math.log(0.1), math.log(10.0)

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from annotate.array_types import Bool, Float64, UInt16
+from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.crop import SIZE, crop_around, crop_from_note, person_of, window_of
 from annotate.frame_labels import FrameLabels
@@ -138,7 +139,10 @@ def _persons(source: Source) -> Iterator[Bool]:
     for frame in _spread(source, len(source)):
         depth_mm = fuser.fuse(frame.depth_mm).depth_mm
         # Every frame for itself: frames that lie apart tell nothing about each other's persons.
-        yield depth_mm > 0 if cut_out(depth_mm) else Survey(fuser.fuse_frame(frame)).person().mask
+        if cut_out(depth_mm):
+            yield depth_mm > 0
+        else:
+            yield Survey(CoarseCloud.of(fuser.fuse_frame(frame), 1)).person().mask
 
 
 def cut_out(depth_mm: UInt16) -> bool:

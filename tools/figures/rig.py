@@ -1,4 +1,4 @@
-"""Measures on the virtual rig: labels by the suit, the network, cameras, effort, a pyrometer, steps."""
+"""Measures on the virtual rig: labels by the suit, the network, cameras, effort, a pyrometer, inputs."""
 
 import tempfile
 from collections.abc import Callable
@@ -136,8 +136,8 @@ def drift(seed: int) -> Rows:
     }
 
 
-def steps(seed: int) -> Rows:
-    """The labelling engine without each of its steps: 24 frames of eight people."""
+def inputs(seed: int) -> Rows:
+    """The reader of suits without each of its inputs: 24 frames of eight people."""
     rows: dict[str, dict[str, Figure]] = {}
     for number, difficulty in enumerate(DIFFICULTIES):
         with tempfile.TemporaryDirectory() as folder:
@@ -145,5 +145,7 @@ def steps(seed: int) -> Rows:
             simulate(VirtualRig(24, 8, difficulty, seed + number), path, lambda n: None)
             assert suit_path(path).is_file()
             for name, found in ablation.measured(path):
-                rows[f"`{difficulty}`: {name}"] = figures_of(found)
+                rows[f"`{difficulty}`: {name}"] = figures_of(found.scored) | {
+                    "annotator, s": mean(found.seconds.tolist())
+                }
     return rows

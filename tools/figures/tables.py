@@ -93,13 +93,13 @@ TABLES = (
         measure=rig.drift,
     ),
     Table(
-        name="steps",
+        name="inputs",
         kind="virtual",
-        about="the labelling engine without each of its steps, 24 frames of eight people a difficulty; "
+        about="the reader of suits without each of its inputs, 24 frames of eight people a difficulty; "
         "intervals over people.",
         pages=("docs/ablation.md",),
-        columns=PLACES,
-        measure=rig.steps,
+        columns=PLACES | {"annotator, s": ".1f"},
+        measure=rig.inputs,
     ),
 )
 """Cheap ones and expensive ones; the order in which they are measured."""

@@ -1,24 +1,32 @@
-"""What each step of labelling gives: simulated sessions labelled without one step after the other.
+"""What each input of the reader of suits gives: simulated sessions labelled without one after the other.
 
 python -m tools.measure.ablation SESSION.mcap...
 
-Prints a Markdown table a session: scores without the step, and in brackets the 95 % interval of what they
-lose by that (Student's t over the people, the same frames on both sides; `eval.compare.paired`).
+Prints a Markdown table a session: scores without the input, an annotator's seconds a frame, and in brackets
+the 95 % interval of what that costs (Student's t over the people, the same frames on both sides).
 """
 
 import sys
 import tempfile
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-from annotate.engine import Engine, Steps
+import numpy as np
+
+from annotate.array_types import Float32, Float64, UInt8
+from annotate.correction.correction import Correction
+from annotate.effort.annotator import WHO, Annotator, correct_set
 from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from annotate.person.pixel_odds import WINDOW_C
+from annotate.reader.channels import CHANNELS, FELT, LIKENESS, OTHER, SEEN, SUBJECT
+from annotate.reader.network import Reader, shipped_reader
 from annotate.suit.palette import load_suit
 from eval.compare.compare import Comparison, compare_sets
 from eval.compare.paired import difference
 from eval.compare.results import Result
+from eval.scores.intervals import clusters_of, quantile
 from sensors.session.reader import Session
 from synth.rig.simulate import suit_path, truth_path
 
@@ -29,65 +37,120 @@ SHOWN = {
     "left_right_swap_rate": ("exchanged, %", 100, 2),
 }
 """Scores shown: heading, factor, digits."""
-ALL, WINDOW = "nothing: all steps", "the window found by itself (25 to 35 °C)"
-WITHOUT = {
-    "the second look": Steps(second_look=False),
-    "islands given away": Steps(tidying=False),
-    "colours fitted to the light": Steps(color_refit=False, joint_reading=False),
-    "patches read as one body": Steps(joint_reading=False),
-    "patches' second opinion": Steps(patch_belief=False),
-    "supervoxels": Steps(supervoxels=False),
-    "the part tree": Steps(part_tree=False),
-    "warmth of bare skin": Steps(skin_warmth=False),
-    "the sleeve that skin grows out of": Steps(sleeves=False),
-    "parts of the frame before": Steps(frame_before=False),
-    "refined borders": Steps(fine_borders=False),
-    "the suit in finding the person": Steps(suit_for_person=False),
-    "halves joined": Steps(join_halves=False),
-    "planes of the room": Steps(room_planes=False),
-    "colours of the room": Steps(room_colors=False),
+SECONDS = "annotator, s"
+ALL, WINDOW = "nothing: all inputs", "the window found by itself (25 to 35 °C)"
+MIDDLE, FAR = 127, 255
+"""Bytes of a scaled channel that say nothing: the middle of its range; far from every plane."""
+
+
+@dataclass(frozen=True)
+class Silence:
+    """Channels that say ``byte`` everywhere, and bits of the flags that are 0."""
+
+    channels: tuple[str, ...] = ()
+    byte: int = 0
+    flags: int = 0
+
+    def over(self, planes: UInt8) -> UInt8:
+        """Channels (24, h, w) with this left out."""
+        silent = planes.copy()
+        silent[0] &= np.uint8(255 - self.flags)
+        silent[[CHANNELS.index(name) for name in self.channels]] = self.byte
+        return silent
+
+
+INPUTS = {
+    "likeness to the suit's colours": Silence(LIKENESS),
+    "all colour": Silence(LIKENESS, flags=SEEN),
+    "shade and hue": Silence(("shade", "red", "green"), MIDDLE),
+    "colours learnt of the room": Silence(("room",), MIDDLE),
+    "temperature": Silence(flags=FELT),
+    "planes of the room": Silence(("off_plane",), FAR),
+    "depth against the person's": Silence(("depth",), MIDDLE),
+    "depth against what is around": Silence(("local",), MIDDLE),
+    "the rough outline": Silence(flags=SUBJECT | OTHER),
+    "parts of the frame before": Silence(("before",)),
 }
-"""The table's rows, and the steps that run in them."""
+"""The table's rows, and what the network is not told in them."""
 
 
-def labelled(path: Path, engine: Engine, window_c: tuple[float, float] | None = None) -> Comparison:
-    """Labels of a simulated session against its truth."""
+class Without(Reader):
+    """The shipped reader without an input."""
+
+    def __init__(self, silence: Silence) -> None:
+        self.__setstate__(shipped_reader().__getstate__())
+        self._silence = silence
+
+    def probabilities(self, planes: UInt8, step: int) -> Float32:
+        """Probabilities by what is left of the channels."""
+        return super().probabilities(self._silence.over(planes), step)
+
+
+@dataclass(frozen=True)
+class Found:
+    """Labels of a session against its truth. seconds: (F,), of an annotator for each frame compared."""
+
+    scored: Comparison
+    seconds: Float64
+
+
+def labelled(path: Path, reader: Reader, window_c: tuple[float, float] | None = None) -> Found:
+    """Labels of a simulated session by a reader."""
     with tempfile.TemporaryDirectory() as folder:
-        suit = load_suit(suit_path(path))
-        run = label_source(Session(path), suit, Path(folder) / "l", lambda n: None, window_c, engine)
+        suit, truth = load_suit(suit_path(path)), LabelSet.open(truth_path(path))
+        run = label_source(Session(path), suit, Path(folder) / "l", lambda n: None, window_c, reader)
         for frame_id, why in run.failed:
             print(f"frame {frame_id}: {why}", file=sys.stderr)
-        return compare_sets(run.labels, LabelSet.open(truth_path(path)))
+        scored, annotator = compare_sets(run.labels, truth), Annotator()
+        with Correction.open(run.labels.path, WHO, clock=annotator.clock) as correction:
+            done = list(correct_set(correction, truth, annotator, lambda frame_id: None))
+        seconds = {one.corrected.frame_id: one.seconds for one in done}
+    return Found(scored, np.array([seconds[frame_id] for frame_id in scored.frame_ids]))
 
 
-def row(name: str, whole: Comparison, without: Comparison) -> str:
+def more_s(whole: Found, without: Found) -> tuple[float, float]:
+    """95 % interval of the annotator's seconds a frame without less those with all, over people."""
+    both = sorted(set(whole.scored.frame_ids) & set(without.scored.frame_ids))
+    of_frame = [dict(zip(one.scored.frame_ids, one.seconds, strict=True)) for one in (whole, without)]
+    more = np.array([of_frame[1][frame_id] - of_frame[0][frame_id] for frame_id in both])
+    subject = dict(zip(whole.scored.frame_ids, whole.scored.subjects, strict=True))
+    owner = clusters_of([subject[frame_id] for frame_id in both])
+    by_person = np.bincount(owner, more) / np.bincount(owner)
+    people = len(by_person)
+    half = float(by_person.std(ddof=1) / np.sqrt(people) * quantile(people - 1)) if people > 1 else np.nan
+    return float(by_person.mean()) - half, float(by_person.mean()) + half
+
+
+def row(name: str, whole: Found, without: Found) -> str:
     """A line of the table."""
-    lost = difference(Result(ALL, whole), Result(name, without))
+    lost = difference(Result(ALL, whole.scored), Result(name, without.scored))
     cells = [name]
     for score, (_, factor, digits) in SHOWN.items():
         low, high = factor * lost.ci95[score]
-        value = factor * without.scores[score]
+        value = factor * without.scored.scores[score]
         cells.append(f"{value:.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}]")
+    low, high = more_s(whole, without)
+    cells.append(f"{without.seconds.mean():.1f} [{low:+.1f}, {high:+.1f}]")
     return f"| {' | '.join(cells)} |"
 
 
-def measured(path: Path) -> Iterator[tuple[str, Comparison]]:
-    """Name of a row and the scores in it, the whole engine's first."""
-    yield ALL, labelled(path, Engine())
-    for name, steps in WITHOUT.items():
-        yield name, labelled(path, Engine(steps))
-    yield WINDOW, labelled(path, Engine(), WINDOW_C)
+def measured(path: Path) -> Iterator[tuple[str, Found]]:
+    """Name of a row and what was found for it, with all inputs first."""
+    yield ALL, labelled(path, shipped_reader())
+    for name, silence in INPUTS.items():
+        yield name, labelled(path, Without(silence))
+    yield WINDOW, labelled(path, shipped_reader(), WINDOW_C)
 
 
 def print_table(path: Path) -> None:
-    """The engine's scores, then those without each step."""
+    """The reader's scores, then those without each input."""
     rows = measured(path)
     _, whole = next(rows)
-    print(f"{path.stem}: {len(whole.frame_ids)} frames of {whole.n_subjects} people\n")
-    print(f"| without | {' | '.join(heading for heading, _, _ in SHOWN.values())} |")
-    print("|---|" + "---:|" * len(SHOWN))
-    scores = (f"{f * whole.scores[name]:.{digits}f}" for name, (_, f, digits) in SHOWN.items())
-    print(f"| {ALL} | {' | '.join(scores)} |", flush=True)
+    print(f"{path.stem}: {len(whole.scored.frame_ids)} frames of {whole.scored.n_subjects} people\n")
+    print(f"| without | {' | '.join(heading for heading, _, _ in SHOWN.values())} | {SECONDS} |")
+    print("|---|" + "---:|" * (len(SHOWN) + 1))
+    scores = (f"{f * whole.scored.scores[name]:.{digits}f}" for name, (_, f, digits) in SHOWN.items())
+    print(f"| {ALL} | {' | '.join(scores)} | {whole.seconds.mean():.1f} |", flush=True)
     for name, without in rows:
         print(row(name, whole, without), flush=True)
 

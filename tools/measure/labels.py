@@ -1,4 +1,4 @@
-"""Measure the labelling engine against the truth of simulated sessions; prints a Markdown table.
+"""Measure labels by the suit against the truth of simulated sessions; prints a Markdown table.
 
 python -m tools.measure.labels SESSION.mcap...
 """
@@ -12,13 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from annotate.cloud.fuse import Fuser
-from annotate.cloud.supervoxels import supervoxels
+from annotate.cloud.supervoxels import Supervoxels, supervoxels
 from annotate.effort.agreement import Agreement
 from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND, UNDEFINED
-from annotate.segmentation.confidence import worst_first
-from annotate.segmentation.segment import SEED_M
 from annotate.suit.palette import load_suit
 from eval.compare.compare import compare_sets
 from sensors.session.reader import Session
@@ -26,7 +24,8 @@ from synth.rig.simulate import suit_path, truth_path
 
 BINS = 15
 AGREED = 0.99
-FIRST_SHARE = 0.3
+FIRST_SHARE, SEED_M = 0.3, 0.05
+"""Share of the supervoxels looked at first; metres between their seeds, as a forearm is 7 cm thick."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +43,11 @@ class Reliability:
         bins = np.minimum((self.confidence * BINS).astype(int), BINS - 1)
         gaps = np.bincount(bins, self.confidence - self.right, BINS)
         return float(np.abs(gaps).sum() / len(bins))
+
+
+def worst_first(confidence: np.ndarray, groups: Supervoxels) -> np.ndarray:
+    """Supervoxels (G,), most expected wrong pixels first; confidence: (n,), of the points."""
+    return np.argsort(-(1 - groups.mean(confidence)) * groups.sizes, kind="stable")
 
 
 def reliability(labels: LabelSet, truth: LabelSet, session: Session) -> Reliability:

@@ -1,0 +1,34 @@
+"""Parts and confidence (h, w) of a frame's subject, whoever named them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from annotate.array_types import Bool, Float32, UInt8
+from annotate.labelset.images import Probabilities
+from annotate.parts import BACKGROUND, UNDEFINED
+from annotate.suit.color_model import ColorModel
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """Parts uint8 (h, w) over the depth image, and their confidence float32 (h, w), 0 off the person.
+
+    notes: remarks for the reviewer. probabilities: of all classes, if a network's are to be kept. light: the
+    suit's colours in the frame's light, if read from a suit. bearing: what a network says of the whole
+    person, as a frame's note.
+    """
+
+    parts: UInt8
+    confidence: Float32
+    notes: tuple[str, ...] = ()
+    probabilities: Probabilities | None = None
+    light: ColorModel | None = None
+    bearing: dict[str, Any] | None = None
+
+
+def unlabelled(mask: Bool, *notes: str) -> Segmentation:
+    """Undefined parts on a person's mask (bool (h, w)); notes: the reasons."""
+    parts = np.where(mask, UNDEFINED, BACKGROUND).astype(np.uint8)
+    return Segmentation(parts, np.zeros(mask.shape, np.float32), notes)

@@ -1,1 +1,0 @@
-"""Person points to body parts, with a confidence for every pixel."""

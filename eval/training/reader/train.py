@@ -1,0 +1,104 @@
+"""Training of the reader for a stage, resumable at any moment.
+
+By seed, examples and plan alone, on one thread: a step draws from its own number, whenever it is taken.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from annotate.parts import BACKGROUND, UNDEFINED
+from annotate.reader.channels import network_input
+from annotate.reader.network import CLASSES
+from eval.network.checkpoint import Progress, load_checkpoint, save_checkpoint
+from eval.training.average import Average
+from eval.training.plan import one_cycle
+from eval.training.reader.examples import Stock
+from eval.training.reader.net import ReaderNet
+from eval.training.reader.samples import drawn
+from sensors.errors import CloudError
+
+BATCH, DECAY, CLIP = 8, 0.02, 2.0
+"""Samples a step, weight decay, largest norm of a gradient. Chosen by eye."""
+ROOM_WEIGHT = 0.7
+"""Weight of a sample of the room in the loss, beside 1 of the others: there are many. Chosen by eye."""
+SAVED_S = 60.0
+"""Seconds between two checkpoints."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stretch of a training, its learning rate up and down once (`eval.training.plan.one_cycle`).
+
+    sample_m: metres between two samples. side: samples along a drawn image's side, a multiple of 16.
+    averaged: decay of the weights' moving average, whose network goes on with the next stage.
+    """
+
+    sample_m: float
+    side: int
+    steps: int
+    peak_rate: float
+    averaged: float
+
+
+Watch = Callable[[int, float], None]
+"""Called after each step with its number, from 1, and its loss."""
+
+
+def trained(
+    network: ReaderNet, stock: Stock, stage: Stage, checkpoint: Path, seed: int, watch: Watch
+) -> ReaderNet:
+    """The moving average of a network trained for a stage, or for what is left of it.
+
+    checkpoint: file that the state is kept in. Raises FormatError where it is damaged.
+    """
+    network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    average, progress = Average(network, stage.averaged), Progress()
+    optimizer = torch.optim.AdamW(network.parameters(), stage.peak_rate, weight_decay=DECAY)
+    if checkpoint.exists():
+        progress = load_checkpoint(checkpoint, network, average.model, optimizer)
+    saved = time.monotonic()
+    while progress.step < stage.steps:
+        for group in optimizer.param_groups:
+            group["lr"] = stage.peak_rate * one_cycle(progress.step / stage.steps)
+        loss = _step(network, optimizer, _batch(stock, stage, seed, progress.step))
+        progress.step += 1
+        average.add(network, progress.step)
+        watch(progress.step, loss)
+        if time.monotonic() - saved > SAVED_S or progress.step == stage.steps:
+            save_checkpoint(checkpoint, network, average.model, optimizer, progress)
+            saved = time.monotonic()
+    result: ReaderNet = average.model.eval()  # type: ignore[assignment]
+    return result
+
+
+def _batch(stock: Stock, stage: Stage, seed: int, step: int) -> tuple[Tensor, Tensor]:
+    """Inputs (B, 38, s, s) and targets (B, s, s) of a step."""
+    rng = np.random.default_rng((seed, step))
+    samples = [
+        drawn(stock[int(rng.integers(len(stock)))], stage.sample_m, stage.side, rng) for _ in range(BATCH)
+    ]
+    inputs = torch.from_numpy(np.stack([network_input(sample.planes) for sample in samples]))
+    targets = torch.from_numpy(np.stack([sample.target for sample in samples])).long()
+    return inputs.contiguous(memory_format=torch.channels_last), targets
+
+
+def _step(network: ReaderNet, optimizer: torch.optim.Optimizer, batch: tuple[Tensor, Tensor]) -> float:
+    """One step of the optimizer; its loss, the mean cross entropy of the samples that are known."""
+    network.train()
+    weight = torch.ones(CLASSES)
+    weight[BACKGROUND] = ROOM_WEIGHT
+    loss = nn.functional.cross_entropy(network(batch[0]), batch[1], weight, ignore_index=UNDEFINED)
+    if not math.isfinite(loss.item()):
+        raise CloudError("the loss is no longer finite; train with another --seed")
+    optimizer.zero_grad()
+    loss.backward()  # type: ignore[no-untyped-call]
+    nn.utils.clip_grad_norm_(network.parameters(), CLIP)
+    optimizer.step()
+    return loss.item()

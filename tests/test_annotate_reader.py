@@ -1,0 +1,117 @@
+"""The reader of suits: what the network sees, and borders by colour."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from annotate.cloud.coarse import CoarseCloud
+from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.parts import N_CLASSES, PART_ID
+from annotate.person.extract import Survey
+from annotate.reader.borders import with_borders
+from annotate.reader.channels import CHANNELS, LIKENESS, RANGES, Rectangle, channels, network_input, rectangle
+from annotate.reader.light import fitted_to
+from annotate.reader.network import CLASSES, MULTIPLE, Reader, shipped_reader
+from annotate.suit.palette import DEFAULT_SUIT
+from sensors.errors import FormatError
+from sensors.rig.camera import Intrinsics, rays
+
+CAMERA = Intrinsics(96, 64, 80.0, 80.0, 47.5, 31.5)
+SEEDS = st.integers(0, 2**32 - 1)
+TORSO, ARM = PART_ID["torso"], PART_ID["left_upper_arm"]
+
+
+def color_of(part: int) -> np.ndarray:
+    return DEFAULT_SUIT.colors_rgb[list(DEFAULT_SUIT.parts).index(part)]
+
+
+def wall(worn: np.ndarray) -> ThermalCloud:
+    """A wall two metres away whose pixels (h, w) show the cloth of the parts named, 0 = a grey wall."""
+    depth_mm = np.full(CAMERA.shape, 2000, np.uint16)
+    rgb = np.full((*CAMERA.shape, 3), 120, np.uint8)
+    for part in np.unique(worn[worn > 0]):
+        rgb[worn == part] = color_of(part)
+    seen = np.ones(CAMERA.shape, bool)
+    celsius = np.where(worn > 0, 31, 21).astype(np.float32)
+    return ThermalCloud(CAMERA, depth_mm, (rays(CAMERA) * 2).astype(np.float32), rgb, seen, celsius)
+
+
+@given(st.integers(0, 90), st.integers(0, 60), st.integers(1, 40), st.integers(1, 40))
+def test_the_rectangle_holds_the_outline_and_an_arm_s_reach(column, row, width, height):
+    subject = np.zeros(CAMERA.shape, bool)
+    subject[row : row + height, column : column + width] = True
+    where, step = rectangle(wall(subject.astype(np.uint8)), subject)
+    assert step == 1  # samples are 12 mm apart, pixels 25
+    assert subject[where].sum() == subject.sum()
+    arm = 43  # 1.1 m at 2 m
+    middle = (row + min(row + height, 64) - 1) // 2
+    assert where.rows.start <= max(0, middle - arm) and where.rows.stop >= min(64, middle + arm)
+
+
+@given(SEEDS)
+def test_what_is_not_known_is_nothing_to_the_network(seed):
+    rng = np.random.default_rng(seed)
+    planes = rng.integers(0, 256, (len(CHANNELS), 8, 8)).astype(np.uint8)
+    planes[0], planes[1] = 0, 0
+    planes[-len(LIKENESS) + 2 :] = 0
+    assert not network_input(planes).any()
+
+
+def test_every_channel_keeps_its_range():
+    worn = np.zeros(CAMERA.shape, np.uint8)
+    worn[10:50, 30:60] = TORSO
+    cloud = wall(worn)
+    survey = Survey(CoarseCloud.of(cloud))
+    person = replace(survey.person(None), mask=worn > 0, persons=(worn > 0).astype(np.uint8))
+    light = fitted_to(DEFAULT_SUIT, cloud.color_rgb[worn > 0])
+    where = rectangle(cloud, worn > 0)[0]
+    planes = channels(cloud, survey, person, light, None, where)
+    assert planes.shape[0] == len(CHANNELS) and planes.dtype == np.uint8
+    torso, arm = (planes[CHANNELS.index(name)] for name in ("torso", "left_upper_arm"))
+    own = worn[where] > 0
+    assert torso[own].min() > arm[own].max() and set(RANGES) <= set(CHANNELS)
+    assert not channels(cloud, survey, person, None, None, where)[-len(LIKENESS) :].any()
+
+
+def test_colour_moves_a_border_that_the_network_leaves_open():
+    worn = np.where(np.arange(96) < 50, TORSO, ARM)[None].repeat(64, 0).astype(np.uint8)
+    cloud = wall(worn)
+    light = fitted_to(DEFAULT_SUIT, cloud.color_rgb.reshape(-1, 3))
+    chance = np.full((CLASSES, *CAMERA.shape), 1e-3, np.float32)
+    chance[TORSO, :, :44], chance[ARM, :, 56:] = 0.9, 0.9
+    chance[[TORSO, ARM], :, 44:56] = 0.5
+    everywhere = Rectangle(slice(0, 64), slice(0, 96))
+    named, sure = with_borders(cloud, everywhere, chance, light)
+    assert (named == worn).mean() > 0.999 and (sure[named == worn] >= 0.5).all()
+    chance[0], chance[1:] = 0.99, 1e-3
+    assert not with_borders(cloud, everywhere, chance, light)[0].any()
+
+
+def test_the_network_takes_any_size_and_damage_is_named(tmp_path):
+    reader = shipped_reader()
+    for shape, step in (((MULTIPLE, 3 * MULTIPLE), 1), ((37, 50), 1), ((37, 50), 3)):
+        found = reader.probabilities(np.zeros((len(CHANNELS), *shape), np.uint8), step)
+        assert found.shape == (N_CLASSES + 1, *shape)
+        np.testing.assert_allclose(found.sum(axis=0), 1, atol=1e-5)
+    (tmp_path / "w.onnx").write_bytes(b"no network")
+    with pytest.raises(FormatError, match="train-labels"):
+        Reader(tmp_path / "w.onnx")
+
+
+def test_a_pixel_is_seen_among_every_step_th():
+    reader, planes = shipped_reader(), np.random.default_rng(7).integers(0, 256, (len(CHANNELS), 33, 50))
+    planes = planes.astype(np.uint8)
+    found = reader.probabilities(planes, 3)
+    np.testing.assert_array_equal(found[:, 1::3, 2::3], reader.probabilities(planes[:, 1::3, 2::3], 1))
+
+
+def test_a_reader_sent_to_another_process_says_the_same():
+    reader, planes = shipped_reader(), np.random.default_rng(5).integers(0, 256, (len(CHANNELS), 32, 48))
+    sent = pickle.loads(pickle.dumps(reader))
+    assert sent.sha256 == reader.sha256
+    here, there = (one.probabilities(planes.astype(np.uint8), 2) for one in (reader, sent))
+    np.testing.assert_array_equal(here, there)
