@@ -91,7 +91,7 @@ def label_source(
         out,
         suit_labeller(suit, reader),
         progress,
-        lambda cloud: SuitSurvey.of(cloud, window_c, suited=suit is not None),
+        lambda cloud: SuitSurvey.of(cloud, suit, window_c),
     )
 
 
@@ -104,10 +104,10 @@ class SuitSurvey:
 
     @classmethod
     def of(
-        cls, cloud: ThermalCloud, window_c: tuple[float, float] | None = None, *, suited: bool
+        cls, cloud: ThermalCloud, suit: Suit | None, window_c: tuple[float, float] | None = None
     ) -> "SuitSurvey":
         """Survey of a cloud, coarse where a suit is to be read; arguments as of ``Survey``."""
-        return cls(cloud, Survey(CoarseCloud.of(cloud, None if suited else 1), window_c, suited=suited))
+        return cls(cloud, Survey(CoarseCloud.of(cloud, None if suit else 1), window_c, suit))
 
 
 def suit_labeller(suit: Suit | None, reader: Reader) -> Labeller:

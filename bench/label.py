@@ -41,7 +41,7 @@ def bench():
         color, truth = frame.decode_color(), truth_labels(frame, known).parts
         start = time.perf_counter()
         cloud = fuser.fuse(frame.depth_mm, color, frame.thermal_c)
-        parts = labeller(SuitSurvey.of(cloud, suited=True), None)[0].parts
+        parts = labeller(SuitSurvey.of(cloud, rig.suit), None)[0].parts
         times["ours"].append(time.perf_counter() - start)
         start = time.perf_counter()
         naive = label_naive(rig.calibration, rig.suit, frame.depth_mm, color, frame.thermal_c)

@@ -149,7 +149,7 @@ def labelling_by(suit: Suit | None) -> Labelling:
         return Labelling(
             lambda cloud: NetworkSurvey(CoarseCloud.of(cloud), network, things), NetworkSurvey.labels, _stance
         )
-    survey: Callable[[Any], SuitSurvey] = partial(SuitSurvey.of, suited=True)
+    survey: Callable[[Any], SuitSurvey] = partial(SuitSurvey.of, suit=suit)
     return Labelling(survey, suit_labeller(suit, shipped_reader()), partial(_stance_beside, network))
 
 

@@ -37,7 +37,7 @@ def frame_picture() -> NDArray[np.uint8]:
     rows = []
     for frame, known in rig.with_truth():
         cloud = fuser.fuse_frame(frame)
-        truth, survey = truth_labels(frame, known), SuitSurvey.of(cloud, suited=True)
+        truth, survey = truth_labels(frame, known), SuitSurvey.of(cloud, rig.suit)
         suit = FrameLabels(truth.frame_id, truth.depth_mm, labeller(survey, None)[0].parts)
         person = survey.persons.person().mask
         net = FrameLabels(truth.frame_id, truth.depth_mm, network.segment(cloud.depth_mm, person).parts)

@@ -17,7 +17,7 @@ from annotate.person.extract import Survey
 from annotate.person.persons import _joined
 from annotate.person.pixel_odds import WINDOW_C
 from annotate.person.planes import find_planes
-from annotate.person.subject import colors_worn
+from annotate.person.subject import suit_told
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.importers.pointcloud import CloudFile
 from sensors.rig.camera import Intrinsics, rays
@@ -383,16 +383,17 @@ def test_pieces_that_share_a_cluster_are_joined(seed, pieces, points):
     assert (found <= np.arange(pieces)).all()
 
 
-def test_a_suit_shows_more_colours_than_clothes_and_things_show_none():
-    cloud, white = sitting().cloud(), 180
+def test_a_suit_tells_more_of_parts_than_clothes_and_noise_tells_nothing():
+    cloud, rng = sitting().cloud(), np.random.default_rng(1)
     person = cloud.temperature_c > 25
-    cloud = replace(cloud, color_valid=cloud.valid, color_rgb=np.full((*CAMERA.shape, 3), white, np.uint8))
-    assert colors_worn(cloud, person, ~person) == 0
-    halves = np.array_split(np.flatnonzero(person), 2)
-    for half, rgb in zip(halves, ((150, 40, 40), (40, 40, 120)), strict=True):
-        cloud.color_rgb.reshape(-1, 3)[half] = rgb
-    clothes = colors_worn(cloud, person, ~person)
-    strips = np.array_split(np.flatnonzero(person), len(DEFAULT_SUIT.colors_rgb))
-    for strip, rgb in zip(strips, DEFAULT_SUIT.colors_rgb, strict=True):
-        cloud.color_rgb.reshape(-1, 3)[strip] = rgb
-    assert colors_worn(cloud, person, ~person) > 1.5 * clothes > 0
+    told = {}
+    for name, colors in {
+        "wall": np.array([[180, 180, 180]]),
+        "noise": rng.integers(18, 30, (5000, 3)),
+        "clothes": np.array([[150, 40, 40], [40, 40, 120]]),
+        "suit": DEFAULT_SUIT.colors_rgb,
+    }.items():
+        rgb = np.zeros((*CAMERA.shape, 3), np.uint8)
+        rgb[person] = np.repeat(colors, -(-person.sum() // len(colors)), axis=0)[: person.sum()]
+        told[name] = suit_told(DEFAULT_SUIT, replace(cloud, color_valid=cloud.valid, color_rgb=rgb), person)
+    assert told["suit"] > 2 * told["clothes"] > 0 and told["suit"] > 3 * max(told["wall"], told["noise"])

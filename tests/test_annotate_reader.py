@@ -14,8 +14,8 @@ from annotate.parts import N_CLASSES, PART_ID
 from annotate.person.extract import Survey
 from annotate.reader.borders import with_borders
 from annotate.reader.channels import CHANNELS, LIKENESS, RANGES, Rectangle, channels, network_input, rectangle
-from annotate.reader.light import fitted_to
 from annotate.reader.network import CLASSES, MULTIPLE, Reader, shipped_reader
+from annotate.suit.light import fitted_to
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.errors import FormatError
 from sensors.rig.camera import Intrinsics, rays

@@ -31,7 +31,7 @@ def color_of(part: int) -> np.ndarray:
 def read_in(
     cloud: ThermalCloud, suit: Suit = DEFAULT_SUIT, before: FrameLabels | None = None
 ) -> Segmentation:
-    return suit_labeller(suit, shipped_reader())(SuitSurvey.of(cloud, suited=True), before)[0]
+    return suit_labeller(suit, shipped_reader())(SuitSurvey.of(cloud, suit), before)[0]
 
 
 def body_of(truth: np.ndarray) -> np.ndarray:
@@ -132,7 +132,7 @@ def test_a_frame_without_readable_colours_is_diagnosed_and_not_guessed(seen, val
 def test_an_empty_room_gets_no_part(seen):
     cloud, _ = seen[0]
     empty = replace(cloud, temperature_c=np.where(cloud.valid, np.float32(20), np.float32(np.nan)))
-    result, person = suit_labeller(DEFAULT_SUIT, shipped_reader())(SuitSurvey.of(empty, suited=True), None)
+    result, person = suit_labeller(DEFAULT_SUIT, shipped_reader())(SuitSurvey.of(empty, DEFAULT_SUIT), None)
     assert not result.parts.any() and not person.mask.any()
     assert "no person" in (*person.notes, *result.notes)[0]
 
@@ -202,7 +202,7 @@ def test_the_frame_before_does_no_harm_whoever_s_it_is(seen, read):
 def test_while_the_flag_is_closed_the_suit_is_read_all_the_same(seen):
     cloud, truth = seen[0]
     labeller = suit_labeller(DEFAULT_SUIT, shipped_reader())
-    before = labels_of("x", cloud.depth_mm, *labeller(SuitSurvey.of(cloud, suited=True), None))
+    before = labels_of("x", cloud.depth_mm, *labeller(SuitSurvey.of(cloud, DEFAULT_SUIT), None))
     blind = replace(cloud, temperature_c=np.full_like(cloud.temperature_c, np.nan))
     for known in (before, None):
         assert right(read_in(blind, before=known), truth) > 0.9

@@ -161,7 +161,7 @@ def seen(rig_session):
 
 
 def read_by(suit, cloud):
-    result, person = suit_labeller(suit, shipped_reader())(SuitSurvey.of(cloud, suited=True), None)
+    result, person = suit_labeller(suit, shipped_reader())(SuitSurvey.of(cloud, suit), None)
     return suit, cloud, result, person
 
 

@@ -27,6 +27,7 @@ from annotate.person.pixel_odds import WINDOW_C, plane_odds
 from annotate.person.planes import Plane, close_to, find_planes, lies_on, normals_at
 from annotate.person.silhouette import smoothed
 from annotate.person.subject import crowd_warnings, cut_warnings, subject_score
+from annotate.suit.palette import Suit
 
 RIM_PX, LEARNT_PX = 2, 10
 """Pixels beyond the candidates in which the background counts, and in which its colours are learnt. Chosen by
@@ -71,8 +72,8 @@ class Survey:
     """Everything about the persons of one frame that needs no other frame, for work ahead of its turn.
 
     Persons are found in the coarse cloud, and their outlines enlarged. window_c: surface temperatures of a
-    person, degrees Celsius; None = found from the frame itself. suited: whether the subject wears a suit,
-    whose many colours then tell them from others. everybody: all persons are to be labelled: the earlier
+    person, degrees Celsius; None = found from the frame itself. suit: of the subject, if they wear one,
+    whose colours then tell them from others. everybody: all persons are to be labelled: the earlier
     subject keeps number 1, and none has to stand out.
     """
 
@@ -80,16 +81,16 @@ class Survey:
         self,
         cloud: CoarseCloud,
         window_c: tuple[float, float] | None = None,
+        suit: Suit | None = None,
         *,
-        suited: bool = False,
         everybody: bool = False,
     ) -> None:
         self.cloud, self._coarse, self._everybody = cloud, cloud.cloud, everybody
-        self._wearing = cloud.cloud if suited else None
+        self._suit = suit
         self._enlarged: dict[bytes, UInt8] = {}
         self._evidence: Evidence | None = None
         if np.isfinite(self._coarse.temperature_c).any():
-            self._evidence = thermal_evidence(self._coarse, window_c, self.planes, suited=suited)
+            self._evidence = thermal_evidence(self._coarse, window_c, self.planes, suited=suit is not None)
             self._persons = _persons(self._coarse, self._evidence)
         else:
             self._persons = people_in(self._coarse)
@@ -121,31 +122,39 @@ class Survey:
             evidence = previous_evidence(self._coarse, before, self.planes) if felt else None
             if evidence is None:
                 found = self._depth_mask(before)
-                lost = felt and self._wearing is None
+                lost = felt and self._suit is None
                 return replace(found, method="before", notes=(LOST,), trusted=False) if lost else found
             persons = _persons(self._coarse, evidence)
-        persons = sorted(persons, key=lambda person: -subject_score(person, before, self._wearing))
+        scores, persons = self._ranked(persons, before)
         found = self._numbered(persons, evidence.method, before)
         if not persons:
             notes = (evidence.nobody, *evidence.warnings)
             return replace(found, notes=notes, trusted=not evidence.warnings)
-        warnings = [*evidence.warnings, *self._warnings(persons, before, self._wearing)]
+        warnings = [*evidence.warnings, *self._warnings(persons, scores)]
         return replace(found, notes=(*evidence.notes, *warnings), trusted=not warnings)
 
     def _depth_mask(self, before: FrameLabels | None) -> PersonMask:
         """Mask by depth alone; before: labels of the frame before, whose subject stays the subject."""
-        persons = sorted(self._persons, key=lambda person: -subject_score(person, before, None))
+        scores, persons = self._ranked(self._persons, before)
         found = self._numbered(persons, "depth", before)
         if not persons:
             return replace(found, notes=(NOBODY,))
-        warnings = self._warnings(persons, before, None)
+        warnings = self._warnings(persons, scores)
         return replace(found, notes=(BY_DEPTH, *warnings), trusted=not warnings)
 
-    def _warnings(
-        self, persons: Sequence[Person], before: FrameLabels | None, wearing: ThermalCloud | None
-    ) -> list[str]:
-        """Why not to trust the subject, the first of the persons; arguments as of ``subject_score``."""
-        crowded = [] if self._everybody else crowd_warnings(persons, before, wearing)
+    def _ranked(
+        self, persons: Sequence[Person], before: FrameLabels | None
+    ) -> tuple[list[float], list[Person]]:
+        """Scores and persons, best first; the subject is the first."""
+        if len(persons) < 2:
+            return [1.0] * len(persons), list(persons)
+        scores = [subject_score(person, before, self._suit, self._coarse) for person in persons]
+        order = sorted(range(len(persons)), key=lambda i: -scores[i])
+        return [scores[i] for i in order], [persons[i] for i in order]
+
+    def _warnings(self, persons: Sequence[Person], scores: Sequence[float]) -> list[str]:
+        """Why not to trust the subject, the first of the persons; scores: of all, best first."""
+        crowded = [] if self._everybody else crowd_warnings(scores)
         return [*crowded, *cut_warnings(persons[0].mask)]
 
     def _numbered(

@@ -3,14 +3,16 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import entr
 
 from annotate.array_types import Bool
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.evidence import persons_before
 from annotate.person.persons import Person
-from annotate.suit.color_model import DARK
-from annotate.suit.palette import chromaticity
+from annotate.suit.color_model import STRAY, blur, readable
+from annotate.suit.light import fitted_to
+from annotate.suit.palette import Suit, chromaticity
 
 OFF_CENTRE = 0.3
 """Tangent of the angle off the view's middle column at which a score falls to 1/e: people are aimed at, half
@@ -21,55 +23,50 @@ best to the next among three persons and more. Chosen by eye."""
 EDGE_STRIP_PX, CUT_PX = 4, 12
 """Width in pixels of the strip along a border of the image that counts as touching it, and pixels of a person
 in it from which the border cuts them. Chosen by eye."""
-HUE_CELL, GREYISH = 0.06, 0.15
-"""Side of the cells of chromaticity that count as different colours, and distance from the light's own below
-which a colour is none. Chosen by eye."""
+COLORS_ASKED, LEAST_COLORS = 1000, 20
+"""Colours of a person that are asked for the suit, an even sample, and least number. Chosen by eye."""
 
 
-def colors_worn(cloud: ThermalCloud, person: Bool, room: Bool) -> float:
-    """Number of strong colours on a person: the perplexity of their hues times the share of coloured pixels.
+def suit_told(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
+    """How surely a person (bool (h, w)) wears the suit: number of cloths that their colours tell, less one.
 
-    A suit has many, ordinary clothes one or two, things none. person, room: bool (h, w); the room shows
-    the light's own colour.
+    The exponential of the mutual information of colour and swatch, in the light that explains them best: many
+    for a suit, few for clothes and for things, none for colours lost in noise, each of which fits everything.
     """
-    own, around = (np.flatnonzero(mask & cloud.color_valid) for mask in (person, room))
-    rgb, every = cloud.color_rgb.reshape(-1, 3)[own[::4]], cloud.color_rgb.reshape(-1, 3)[around[::29]]
-    white = np.median(chromaticity(every), axis=0)
-    chroma = chromaticity(rgb[(rgb >= DARK).any(axis=1)])
-    strong = chroma[np.linalg.norm(chroma - white, axis=1) > GREYISH]
-    if not len(strong):
+    mask = person & cloud.valid
+    rgb = cloud.color_rgb[mask]
+    rgb = rgb[readable(rgb, cloud.color_valid[mask])]
+    if len(rgb) < LEAST_COLORS:
         return 0.0
-    cells = np.unique((strong / HUE_CELL).astype(np.int64) @ (1000, 1), return_counts=True)[1]
-    share = cells / cells.sum()
-    return float(np.exp(-(share * np.log(share)).sum()) * len(strong) / len(chroma))
+    rgb = rgb[:: -(-len(rgb) // COLORS_ASKED)]
+    match = np.exp(fitted_to(suit, rgb).match(chromaticity(rgb), blur(rgb)))
+    share = np.concatenate([match, np.full((len(rgb), 1), STRAY)], axis=1)
+    share /= share.sum(axis=1, keepdims=True)
+    return float(np.exp(entr(share.mean(axis=0)).sum() - entr(share).sum(axis=1).mean()) - 1)
 
 
-def subject_score(person: Person, before: FrameLabels | None, wearing: ThermalCloud | None) -> float:
-    """Score in m2 of a person as the one to label: surface, near the view's middle, there before.
+def subject_score(
+    person: Person, before: FrameLabels | None, suit: Suit | None, cloud: ThermalCloud
+) -> float:
+    """Score in m2 of a person as the one to label: surface, near the middle, there before, in the suit.
 
-    before: labels of the previous frame. wearing: the cloud if the subject wears a suit, whose many colours
-    then count; else None.
+    before: labels of the previous frame. suit: what the subject wears, if anything; cloud: of the frame.
     """
     x, _, z = person.centre_m
     score = person.area_m2 * float(np.exp(-np.square(x / z / OFF_CENTRE)))
     if before is not None and before.depth_mm.shape == person.mask.shape:
         score *= 1 + BEFORE_GAIN * float((persons_before(before)[person.mask] == 1).mean())
-    if wearing is None or not wearing.color_valid.any():
+    if suit is None or not cloud.color_valid.any():
         return score
-    return score * (1 + colors_worn(wearing, person.mask, wearing.valid))
+    return score * suit_told(suit, cloud, person.mask) ** 2
 
 
-def crowd_warnings(
-    persons: Sequence[Person], before: FrameLabels | None, wearing: ThermalCloud | None
-) -> list[str]:
-    """A warning where none of three or more persons is clearly the subject; persons: best first."""
-    if len(persons) < 3:
-        return []
-    first, second = (subject_score(person, before, wearing) for person in persons[:2])
-    if first >= CLEAR_LEAD * second:
+def crowd_warnings(scores: Sequence[float]) -> list[str]:
+    """A warning where none of three or more persons is clearly the subject; scores: best first."""
+    if len(scores) < 3 or scores[0] >= CLEAR_LEAD * scores[1]:
         return []
     return [
-        f"{len(persons)} persons in the depth and thermal images, none clearly the subject: "
+        f"{len(scores)} persons in the depth and thermal images, none clearly the subject: "
         "let the others step aside or aim the cameras at one; parts are undefined"
     ]
 

@@ -169,10 +169,10 @@ def under(model: ColorModel, log_gain: Float64) -> ColorModel:
     return replace(model, shift=FADE * fading, unknown=_strays(model, fading))
 
 
-def refit_colors(model: ColorModel, rgb: UInt8) -> ColorModel:
-    """Model fitted by expectation maximisation to colours uint8 (n, 3) of parts that are all as likely."""
-    rgb = rgb[:: -(-len(rgb) // FITTED_POINTS)]
-    prior = model.wears.sum(axis=1) / _N
+def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
+    """Model fitted by expectation maximisation to colours uint8 (n, 3) of parts with beliefs (n, 11)."""
+    every = slice(None, None, -(-len(rgb) // FITTED_POINTS))
+    rgb, prior = rgb[every], belief[every] @ model.wears.T
     chroma, noise = chromaticity(rgb), blur(rgb)
     for _ in range(FIT_ROUNDS):
         match = np.exp(model.match(chroma, noise)) * prior

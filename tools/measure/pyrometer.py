@@ -13,6 +13,7 @@ import numpy as np
 from annotate.cloud.coarse import CoarseFuser
 from annotate.person.extract import Survey
 from annotate.person.pixel_odds import WINDOW_C
+from annotate.suit.palette import DEFAULT_SUIT
 from sensors.rig.frame import RigFrame
 from sensors.rig.thermal_reference import ThermalReference
 from synth.rig.truth import Truth, truth_labels
@@ -35,7 +36,7 @@ def iou(
     fuser: CoarseFuser, frame: RigFrame, truth: np.ndarray, window_c: tuple[float, float] | None
 ) -> float:
     """Of the person found in one frame alone, by warmth and suit."""
-    mask = Survey(fuser.fuse_frame(frame), window_c, suited=True).person().mask
+    mask = Survey(fuser.fuse_frame(frame), window_c, DEFAULT_SUIT).person().mask
     return float((mask & truth).sum() / max(1, (mask | truth).sum()))
 
 

@@ -50,7 +50,7 @@ def example_of(
     cloud: ThermalCloud, truth: FrameLabels, before: FrameLabels | None, suit: Suit
 ) -> Example | None:
     """Example of a frame, seen as labelling sees it; None where that would not read the suit."""
-    survey = SuitSurvey.of(cloud, suited=True).persons
+    survey = SuitSurvey.of(cloud, suit).persons
     person = survey.person(before)
     view = view_of(cloud, survey, person, suit, before) if person.trusted else None
     if view is None:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from annotate.array_types import Float64, UInt8
+from annotate.parts import BODY_PARTS
 from annotate.suit.color_model import (
     GAIN,
     GAIN_SIGMA,
@@ -21,25 +22,28 @@ LIT_COLORS, REFINED = 300, 3
 by eye."""
 
 
-def fitted_to(suit: Suit, rgb: UInt8) -> ColorModel:
+def fitted_to(suit: Suit, rgb: UInt8, belief: Float64 | None = None) -> ColorModel:
     """The suit's colours in the light that explains readable colours uint8 (n, 3) best, n > 0.
 
-    Of a grid of lights those of the highest likelihood are refined by expectation maximisation, every part
-    being as likely as any other, and the best of these is taken.
+    belief: (n, 11), of each colour's part; None = all are as likely. Of a grid of lights those of the highest
+    likelihood are refined by expectation maximisation, and the best of these is taken.
     """
     palette = unfitted(suit)
-    some = rgb[:: -(-len(rgb) // LIT_COLORS)]
+    if belief is None:
+        belief = np.full((len(rgb), len(BODY_PARTS)), 1 / len(BODY_PARTS))
+    every = slice(None, None, -(-len(rgb) // LIT_COLORS))
+    some, prior = rgb[every], belief[every] @ palette.wears.T
     chroma, noise = chromaticity(some), blur(some)
     red, green = np.meshgrid(GAIN[0] + GAIN_STEPS, GAIN[1] + GAIN_STEPS, indexing="ij")
     lights = np.stack([red.ravel(), green.ravel()], axis=1)
     match = palette.match_under(lights, chroma, noise).reshape(len(lights), len(some), -1)
-    order = np.argsort(-_score(match, lights))
-    found = [refit_colors(under(palette, lights[i]), rgb) for i in order[:REFINED]]
-    scores = [_score(model.match(chroma, noise)[None], model.log_gain[None])[0] for model in found]
+    order = np.argsort(-_score(match, prior, lights))
+    found = [refit_colors(under(palette, lights[i]), rgb, belief) for i in order[:REFINED]]
+    scores = [_score(model.match(chroma, noise)[None], prior, model.log_gain[None])[0] for model in found]
     return found[int(np.argmax(scores))]
 
 
-def _score(match: Float64, lights: Float64) -> Float64:
-    """Log likelihood (L,) of lights (L, 2) by the match (L, n, K) of colours, their prior included."""
-    mixed = np.log(np.exp(match) @ np.full(match.shape[2], 1 / match.shape[2]) + STRAY).sum(axis=1)
+def _score(match: Float64, prior: Float64, lights: Float64) -> Float64:
+    """Log likelihood (L,) of lights (L, 2) by the match (L, n, K) of colours, with priors (n, K)."""
+    mixed = np.log((np.exp(match) * prior).sum(axis=2) + STRAY).sum(axis=1)
     return np.asarray(mixed - 0.5 * np.square((lights - GAIN) / GAIN_SIGMA).sum(axis=1))
