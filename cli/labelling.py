@@ -63,16 +63,18 @@ def label(
 ) -> None:
     """Fuse the cameras, find the person by temperature, and read the body parts from the suit."""
     from annotate.labelset import store
-    from annotate.reader.network import Reader, shipped_reader
     from annotate.suit.palette import load_suit
 
     palette = load_suit(suit) if suit else None
+    sessions = sessions_in(session, scheduler)
+    source = None if sessions else open_source(session)
+    from annotate.reader.network import Reader, shipped_reader
+
     reader = Reader(weights) if weights else shipped_reader()
-    if sessions := sessions_in(session, scheduler):
+    if source is None:
         one = partial(_label, palette, window, reader)
         label_each("label", one, sessions, out, scheduler, overwrite, json)
         return
-    source = open_source(session)
     clear(out, store.MANIFEST, overwrite, session, *(given for given in (suit, weights) if given))
     notes = [*source.notes, *(palette.notes if palette else ())]
     for note in notes:

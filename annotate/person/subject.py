@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import entr
 
-from annotate.array_types import Bool
+from annotate.array_types import Bool, Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.evidence import persons_before
@@ -23,6 +22,8 @@ best to the next among three persons and more. Chosen by eye."""
 EDGE_STRIP_PX, CUT_PX = 4, 12
 """Width in pixels of the strip along a border of the image that counts as touching it, and pixels of a person
 in it from which the border cuts them. Chosen by eye."""
+TINY = 1e-12
+"""Least share whose logarithm is taken: less of nothing is nothing."""
 COLORS_ASKED, LEAST_COLORS = 1000, 20
 """Colours of a person that are asked for the suit, an even sample, and least number. Chosen by eye."""
 
@@ -42,7 +43,12 @@ def suit_told(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
     match = np.exp(fitted_to(suit, rgb).match(chromaticity(rgb), blur(rgb)))
     share = np.concatenate([match, np.full((len(rgb), 1), STRAY)], axis=1)
     share /= share.sum(axis=1, keepdims=True)
-    return float(np.exp(entr(share.mean(axis=0)).sum() - entr(share).sum(axis=1).mean()) - 1)
+    return float(np.exp(_entropy(share.mean(axis=0)) - _entropy(share).mean()) - 1)
+
+
+def _entropy(share: Float64) -> Float64:
+    """Entropy (...) in nats of shares (..., K)."""
+    return np.asarray(-(share * np.log(np.maximum(share, TINY))).sum(axis=-1))
 
 
 def subject_score(
