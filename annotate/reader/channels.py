@@ -108,14 +108,23 @@ def channels(
     planes = np.zeros((len(CHANNELS), *valid.shape), np.uint8)
     for name, values in made.items():
         planes[CHANNELS.index(name)] = _bytes(values, *RANGES[name])
-    if light is not None:
-        planes[-len(LIKENESS) :, seen & near] = _likeness(light, rgb[seen & near])
     if before is not None and before.parts.shape == cloud.valid.shape:
         planes[CHANNELS.index("before")] = before.parts[where]
     flags = ((VALID, valid), (FELT, valid & np.isfinite(celsius)), (SEEN, seen), (SUBJECT, own))
     for bit, there in (*flags, (OTHER, person.others[where])):
         planes[0] += np.uint8(bit) * there
-    return planes
+    return planes if light is None else relit(planes, light, rgb)
+
+
+def relit(planes: UInt8, light: ColorModel, rgb: UInt8) -> UInt8:
+    """Channels (24, h, w) of colours (h, w, 3) in another light: all but the likeness as in ``planes``."""
+    depth = planes[CHANNELS.index("depth")]
+    asked = ((planes[0] & SEEN) > 0) & (depth > 0) & (depth < 255)
+    match = light.match(chromaticity(rgb[asked]), blur(rgb[asked]))
+    likeness = np.concatenate([match[:, light.bare], light.by_part(match)], axis=1).T
+    made = planes.copy()
+    made[-len(LIKENESS) :, asked] = _bytes(likeness, *LOG_LIKELIHOOD)
+    return made
 
 
 def _around_m(z: Float32, near: Bool) -> Float32:
@@ -144,12 +153,6 @@ def _colors(rgb: UInt8, seen: Bool) -> dict[str, NDArray[np.floating]]:
         made[name] = np.zeros(seen.shape)
         made[name][seen] = own - np.median(own)
     return made
-
-
-def _likeness(light: ColorModel, rgb: UInt8) -> UInt8:
-    """Log likelihood as bytes (13, n) of colours (n, 3)."""
-    match = light.match(chromaticity(rgb), blur(rgb))
-    return _bytes(np.concatenate([match[:, light.bare], light.by_part(match)], axis=1).T, *LOG_LIKELIHOOD)
 
 
 def _bytes(values: NDArray[np.floating], low: float, high: float) -> UInt8:

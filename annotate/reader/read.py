@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from annotate.array_types import Bool, Float32, UInt8
+from annotate.array_types import Bool, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.person.extract import PersonMask, Survey
 from annotate.reader.borders import with_borders
-from annotate.reader.channels import Rectangle, channels, rectangle
+from annotate.reader.channels import Rectangle, channels, rectangle, relit
 from annotate.reader.network import Reader
 from annotate.reader.segmentation import Segmentation, unlabelled
 from annotate.suit.color_model import CLIPPED, ColorModel, readable
@@ -21,9 +21,6 @@ from annotate.suit.palette import Suit
 MIN_READABLE_SHARE, BAD_SHARE = 0.05, 0.3
 """Share of a person's points with a readable colour up to which the frame is not read, and share of colours
 lost to darkness or glare from which on a note is given. Chosen by eye."""
-SAME_LIGHT = 0.1
-"""Log gains up to which the light of what was read is the light that it was read in. Of 0.1 and 0.25 fitted
-to 80 frames of the virtual rig."""
 OTHER_PERSON = N_CLASSES
 """The network's class of another person."""
 
@@ -70,7 +67,7 @@ def read(
 
     survey, person: of the same frame, found without the suit. before: labels of the previous frame. Undefined
     stay all points of a frame without readable colours; a note gives the reason. Colours alone
-    may fit a wrong light; where the parts that were read show another one, they are read once more in it.
+    may fit a wrong light; so they are read roughly first, and then in the light of what was read.
     """
     mask = person.mask & cloud.valid
     notes = diagnosis(cloud.color_rgb[mask], cloud.color_valid[mask])
@@ -78,11 +75,9 @@ def read(
     if view is None:
         return unlabelled(mask, *notes), person
     where = view.where
-    chance = reader.probabilities(view.planes, view.step)
-    light = _light_of(cloud, where, chance, suit) or view.light
-    if np.abs(light.log_gain - view.light.log_gain).max() > SAME_LIGHT:
-        chance = reader.probabilities(channels(cloud, survey, person, light, before, where), view.step)
-    named, sure = with_borders(cloud, where, chance, light)
+    light = _light_of(cloud, view, suit, reader) or view.light
+    planes = relit(view.planes, light, cloud.color_rgb[where])
+    named, sure = with_borders(cloud, where, reader.probabilities(planes, view.step), light)
     own = (named != BACKGROUND) & (named != OTHER_PERSON)
     parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
     parts[where] = np.where(own, named, BACKGROUND)
@@ -93,11 +88,13 @@ def read(
     return found, replace(person, mask=on_body, persons=persons)
 
 
-def _light_of(cloud: ThermalCloud, where: Rectangle, chance: Float32, suit: Suit) -> ColorModel | None:
-    """The light of what was read as parts with ``chance`` (13, h, w); None where that has no colour."""
-    own = cloud.valid[where] & (chance[0] + chance[OTHER_PERSON] < 0.5)
-    rgb = cloud.color_rgb[where][own]
-    usable = readable(rgb, cloud.color_valid[where][own])
+def _light_of(cloud: ThermalCloud, view: View, suit: Suit, reader: Reader) -> ColorModel | None:
+    """The light of the parts by one image of samples alone; None where nothing coloured is a part in it."""
+    some = slice(None, None, view.step), slice(None, None, view.step)
+    chance = reader.probabilities(view.planes[:, *some], 1)
+    own = cloud.valid[view.where][some] & (chance[0] + chance[OTHER_PERSON] < 0.5)
+    rgb = cloud.color_rgb[view.where][some][own]
+    usable = readable(rgb, cloud.color_valid[view.where][some][own])
     if not usable.any():
         return None
     belief = chance[1:N_CLASSES, own].T[usable].astype(np.float64)
