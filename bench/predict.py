@@ -44,7 +44,7 @@ def paper_network(folder):
     """The paper's FCN with random weights, exported: 135 million parameters, 540 MB."""
     import torch
 
-    from eval.network.architectures import PaperFcn
+    from eval.network.compared import PaperFcn
     from eval.network.networks import export_onnx
 
     torch.manual_seed(0)

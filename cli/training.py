@@ -142,8 +142,8 @@ def _plan(
 
 
 def _config(network: NetworkName) -> "NetworkConfig":
-    from eval.network.architectures import PaperConfig, SmpConfig
     from eval.network.compact import CompactConfig
+    from eval.network.compared import PaperConfig, SmpConfig
 
     configs: dict[NetworkName, NetworkConfig] = {
         "compact": CompactConfig(),

@@ -20,9 +20,9 @@ from annotate.labelset.images import decode_parts  # noqa: E402
 from annotate.parts import N_CLASSES, UNDEFINED  # noqa: E402
 from eval.network import checkpoint  # noqa: E402
 from eval.network.answer import Answer  # noqa: E402
-from eval.network.architectures import PaperConfig  # noqa: E402
 from eval.network.checkpoint import Progress, load_weights, save_weights  # noqa: E402
 from eval.network.compact import CompactConfig  # noqa: E402
+from eval.network.compared import PaperConfig  # noqa: E402
 from eval.network.networks import build, export_onnx  # noqa: E402
 from eval.network.onnx_network import OnnxNetwork  # noqa: E402
 from eval.training.augment import Augmentation  # noqa: E402

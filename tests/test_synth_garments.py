@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from sensors.errors import CloudError, FormatError
 from synth.body.body import blend, shipped_bodies
 from synth.body.crowd import BASE_VERTICES, base_mesh_m, crowd
-from synth.clothes.garments import choose, kind_of, read_garment, read_garments, wear
+from synth.clothes.makehuman_garments import choose, kind_of, read_garment, read_garments, wear
 from synth.images.generate import Order
 from synth.images.people import Wardrobe
 from synth.images.presets import PRESETS, dressed_from

@@ -11,7 +11,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from annotate.parts import N_CLASSES
-from eval.network.architectures import SmpConfig
+from eval.network.compared import SmpConfig
 from eval.network.networks import NetworkConfig, build, config_from, described
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import replacing

@@ -7,11 +7,11 @@ import numpy as np
 from synth.body.body import Body, hair_faces
 from synth.clothes.attire import BAGS, Attire, draw_attire
 from synth.clothes.bags import Bag, backpack, shoulder_bag
-from synth.clothes.cover import Fitting, put_on_top, put_on_trousers
 from synth.clothes.dressed import Dressed, Piece, assembled
 from synth.clothes.hair import put_on_hair
 from synth.clothes.shoes import put_on_shoes
 from synth.clothes.skirt import hang_skirt
+from synth.clothes.tops_trousers import Fitting, put_on_top, put_on_trousers
 
 TUCKED = 0.08
 """How far a top reaches under a skirt's waist: share of the trunk."""

@@ -8,8 +8,8 @@ from annotate.array_types import Bool, Float32, Int64, UInt8
 from synth.body.body import Body
 from synth.body.skeleton import JOINT_ID
 from synth.clothes.attire import Hair
-from synth.clothes.cover import SLACK_LIMIT_M, Fitting, ramp
 from synth.clothes.skin_map import Limb
+from synth.clothes.tops_trousers import SLACK_LIMIT_M, Fitting, ramp
 from synth.clothes.tube import slack_m
 
 BROW = 0.55

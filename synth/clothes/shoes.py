@@ -5,8 +5,8 @@ import numpy as np
 from annotate.array_types import Float32, Int64
 from synth.body.skeleton import JOINT_ID
 from synth.clothes.attire import Shoes
-from synth.clothes.cover import Fitting, between, ramp
 from synth.clothes.skin_map import LEGS
+from synth.clothes.tops_trousers import Fitting, between, ramp
 from synth.clothes.tube import slack_m
 
 AXIS_M = 0.03

@@ -15,7 +15,7 @@ from synth.body.body import Body, blend, hair_faces, shipped_bodies
 from synth.body.crowd import crowd
 from synth.clothes.dress import dress, put_down
 from synth.clothes.dressed import Dressed, assembled
-from synth.clothes.garments import Garment, choose, read_garments, wear
+from synth.clothes.makehuman_garments import Garment, choose, read_garments, wear
 
 GARMENT_SHARE = 0.5
 """Of the people of a wardrobe, those in its garments. No source: chosen by eye."""
