@@ -13,6 +13,7 @@ from sensors.files.atomic import check_free, replacing
 if TYPE_CHECKING:
     from sensors.calibrate.bundle import Adjusted
     from sensors.calibrate.hole_plate import HolePlate
+    from sensors.calibrate.verdict import Finding
     from sensors.session.reader import Session
 
 
@@ -52,48 +53,64 @@ def calibrate(
     json: Json = False,
 ) -> None:
     """Solve intrinsics and relative poses of all cameras from a recording of the hole plate."""
-    from sensors.session.reader import Session
-
     if check:
-        _check(Session(board), json)
+        _check(board, json)
         return
     if out is None:
         raise typer.BadParameter("give a file for the calibration, or --check", param_hint="--out")
     if not live and (rig is not None or device):
         raise typer.BadParameter("needs --live; without it, record the plate first", param_hint="--rig")
-    plot = out.with_suffix(".png")
-    for path in (out, plot, *([yaml] if yaml else [])):
+    for path in (out, _plot(out), *([yaml] if yaml else [])):
         check_free(path, overwrite)
     # Opened before the imports, which take a second that a refusal need not spend.
-    session = None if live else Session(board)
+    session = None if live else _opened(board)
     with needing("rig"):
         from sensors.calibrate.hole_plate import HolePlate
         from sensors.calibrate.verdict import judge
-        from sensors.rig.calibration_yaml import write_yaml
-        from sensors.rig.rig_calibration import save_calibration
 
     plate = HolePlate(columns, rows, pitch_mm / 1000, hole_mm / 1000)
     if session is None:
         from cli.guided import guided_calibration
 
-        picture = out.with_suffix(".guide.png")
-        found = guided_calibration(board, plate, rig, device, picture, overwrite)
+        found = guided_calibration(board, plate, rig, device, out.with_suffix(".guide.png"), overwrite)
     else:
         found = _solve(session, plate)
+    _write(found, out, yaml)
+    _report(found, *judge(found), out, json)
+
+
+def _opened(path: Path) -> "Session":
+    from sensors.session.reader import Session
+
+    return Session(path)
+
+
+def _plot(out: Path) -> Path:
+    return out.with_suffix(".png")
+
+
+def _write(found: "Adjusted", out: Path, yaml: Path | None) -> None:
+    """The calibration, a plot of its errors beside it, and the same as YAML where that is wanted."""
+    from sensors.rig.calibration_yaml import write_yaml
+    from sensors.rig.rig_calibration import save_calibration
+
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as temporary:
         save_calibration(temporary, found.calibration)
-    _plot_residuals(plot, found)
+    _plot_residuals(_plot(out), found)
     if yaml is not None:
         write_yaml(yaml, found.calibration, found.depth_shift_mm[0])
-    good, findings = judge(found)
+
+
+def _report(found: "Adjusted", good: bool, findings: "list[Finding]", out: Path, json: bool) -> None:
     for finding in findings:
         say(finding.text + (f": {finding.remedy}" if finding.remedy else ""))
     verdict = "good" if good else "not reliable yet, see above"
-    finish(_result(found, good), json, f"{out}: {verdict}; errors drawn in {plot}")
+    finish(_result(found, good), json, f"{out}: {verdict}; errors drawn in {_plot(out)}")
 
 
-def _check(session: "Session", json: bool) -> None:
+def _check(path: Path, json: bool) -> None:
+    session = _opened(path)
     from annotate.person.alignment import measure_drift
 
     drift = measure_drift(session, session.calibration)

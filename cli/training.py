@@ -1,7 +1,7 @@
 """Verbs that train: train, a network; train-labels, the reader of suits."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
 from enum import StrEnum
@@ -80,32 +80,37 @@ def train(
     for path in (*data, *tests):
         open_frames(path)
     with needing("train"):
-        from eval.network.onnx_network import SHIPPED_WEIGHTS
-        from eval.training.crops import load_crops
         from eval.training.loader import ProcessGroup
         from eval.training.plan import best_precision
-        from eval.training.train import images_left
         from eval.training.train import train as run
-    if init == Path("shipped"):
-        init = SHIPPED_WEIGHTS.with_suffix(".safetensors")
+    init = _shipped() if init == Path("shipped") else init
     with ProcessGroup.join() as group:
         plan, start = _plan(network, recipe, init, without or [], batch)
         plan = replace(
             plan, epochs=epochs, minutes=minutes, seed=seed, precision=precision or best_precision()
         )
-        crops = load_crops(data, without=frozenset(hold_out or []))
-        measured = _measured(data, tests, hold_out or [], test_images)
+        crops, measured = _crops(data, tests, frozenset(hold_out or []), test_images)
         if group.first:
             clear(out, "plan.json", overwrite, *data, *tests, *([init] if init else []))
-        with _watching(group, images_left(out, plan, crops), epochs, checkpoint_minutes) as watch:
+        with _watching(group, out, plan, crops, checkpoint_minutes) as watch:
             model, done = run(crops, measured, out, plan, group, watch, start, workers)
     if group.first:
-        result = _written(out, model, plan, measured or crops)
-        history = [asdict(epoch) for epoch in done.epochs]
-        result |= {"epochs": len(history), "loss": done.epochs[-1].loss, "history": history}
-        result["seconds"] = round(time.monotonic() - started, 1)
-        text = f"{len(history)} epochs, loss {result['loss']:.4f}, weights in {result['weights']}"
-        finish(result, json, text)
+        _report(_written(out, model, plan, measured or crops), done.epochs, started, json)
+
+
+def _shipped() -> Path:
+    from eval.network.onnx_network import SHIPPED_WEIGHTS
+
+    return SHIPPED_WEIGHTS.with_suffix(".safetensors")
+
+
+def _report(written: dict[str, Any], epochs: "Sequence[Epoch]", started: float, json: bool) -> None:
+    """Finish. written: what ``_written`` gives; epochs: all of them; started: by the steady clock."""
+    history = [asdict(epoch) for epoch in epochs]
+    course = {"epochs": len(history), "loss": epochs[-1].loss, "history": history}
+    result = written | course | {"seconds": round(time.monotonic() - started, 1)}
+    text = f"{len(history)} epochs, loss {epochs[-1].loss:.4f}, weights in {written['weights']}"
+    finish(result, json, text)
 
 
 def _written(out: Path, model: "nn.Module", plan: "Plan", seen: "Crops") -> dict[str, Any]:
@@ -156,27 +161,33 @@ def _config(network: NetworkName) -> "NetworkConfig":
     return configs[network]
 
 
-def _measured(data: list[Path], tests: list[Path], hold_out: list[str], images: int) -> "Crops | None":
+def _crops(
+    data: list[Path], tests: list[Path], hold_out: frozenset[str], images: int
+) -> "tuple[Crops, Crops | None]":
+    """Images to train on, and so many to measure on, if any."""
     from eval.training.crops import load_crops
 
+    crops = load_crops(data, without=hold_out)
     if tests and hold_out:
         raise CloudError("--test and --hold-out exclude each other; give one of them")
     if hold_out:
-        return load_crops(data, only=frozenset(hold_out)).spread(images)
-    return load_crops(tests).spread(images) if tests else None
+        return crops, load_crops(data, only=hold_out).spread(images)
+    return crops, load_crops(tests).spread(images) if tests else None
 
 
 @contextmanager
-def _watching(group: "ProcessGroup", images: int, epochs: int, minutes: float) -> "Iterator[Watch]":
+def _watching(
+    group: "ProcessGroup", out: Path, plan: "Plan", crops: "Crops", minutes: float
+) -> "Iterator[Watch]":
     """Where a training reports, and when it is saved; only the first of several processes reports."""
-    from eval.training.train import Watch
+    from eval.training.train import Watch, images_left
 
     def ended(epoch: "Epoch") -> None:
         scores = "" if epoch.miou is None else f", mean recall {epoch.mean_recall:.4f}, mIoU {epoch.miou:.4f}"
-        say(f"epoch {epoch.number} of {epochs}: loss {epoch.loss:.4f}{scores}")
+        say(f"epoch {epoch.number} of {plan.epochs}: loss {epoch.loss:.4f}{scores}")
 
     if group.first:
-        with progress("train, images", images) as advance:
+        with progress("train, images", images_left(out, plan, crops)) as advance:
             yield Watch(advance, ended, 60 * minutes)
     else:
         yield Watch(checkpoint_s=60 * minutes)

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tools.fuzz.samples import READERS, Sample
+from tools.fuzz.reader import Sample
+from tools.fuzz.samples import READERS
 
 CORPUS = Path(__file__).parent / "corpus"
 law = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -14,8 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QSurface
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
+from shiboken6 import Shiboken
 
 from annotate.correction.correction import Correction
 from annotate.gui.background import Background
@@ -142,6 +144,21 @@ def test_qts_binding_keeps_its_references(qapp, folder):
         driver.window.palette_.repaint()
     assert sys.getrefcount(None) > before - 20
     driver.close()
+
+
+def test_a_closed_window_leaves_no_surface_behind(qapp, folder):
+    """Qt's binding would take for it whatever comes to lie at its address: it hears of a surface's end only
+    where it is dropped in time, since a ``QSurface`` is no ``QObject``.
+    """
+
+    def surfaces() -> set[int]:
+        return {id(one) for one in Shiboken.getAllValidWrappers() if type(one) is QSurface}
+
+    before = surfaces()
+    driver = Driver(folder)
+    assert surfaces() - before, "what the cloud is drawn on"
+    driver.close()
+    assert not surfaces() - before
 
 
 def test_read_only_changes_nothing(qapp, folder):

@@ -16,7 +16,7 @@ from synth.images.presets import PRESETS, preset_named, sample
 from synth.images.view import cut, occluder, visibility
 from synth.images.viewpoints import inside_image
 from synth.pose.postures import IN_BED, SITTING, UPRIGHT
-from synth.pose.standing import stances
+from synth.pose.stances import stances
 from synth.surface.rasterize import NEAR_M
 
 NAMES = sorted(PRESETS)

@@ -10,7 +10,8 @@ from synth.body.body import shipped_bodies
 from synth.body.flesh import flesh_of
 from synth.body.inverse import place_hand, plant
 from synth.body.skeleton import JOINT_ID, Posture, forward
-from synth.pose.standing import draw_standing, stances, stand
+from synth.pose.stances import draw_standing, stances
+from synth.pose.standing import stand
 from synth.shipped import table
 from tests.helpers.penetration import self_penetration_m
 

@@ -96,6 +96,16 @@ class CloudView(QWidget):
         self._still = QTimer(self, singleShot=True, interval=MOVING_MS)
         self._still.timeout.connect(lambda: self._set_moving(False))
 
+    def end(self) -> None:
+        """Draw no more, and let go of all graphics while they are still there.
+
+        pyvistaqt refers to the surface that it draws on. If Qt deleted that with the window, its binding
+        would take for it whatever comes to lie at the same address, another window's viewport for instance.
+        """
+        self.plotter.close()
+        # Qt takes a widget's graphics down, and says so, when it leaves its window.
+        self.plotter.setParent(None)
+
     # Showing
 
     def load(self, scene: FrameScene, colors: Colors, shown: Bool, *, keep: bool = False) -> None:

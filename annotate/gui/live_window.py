@@ -258,5 +258,5 @@ class LiveWindow(QMainWindow):
         self._timer.stop()
         self._act(self._end)
         if self.cloud_view is not None:
-            self.cloud_view.plotter.close()
+            self.cloud_view.end()
         event.accept()

@@ -323,5 +323,5 @@ class CorrectionWindow(Shell):
         self.background.close()
         self.walk.close()
         self.strip.frames.close()
-        self.cloud_view.plotter.close()
+        self.cloud_view.end()
         event.accept()

@@ -14,7 +14,8 @@ from synth.body.body import Body
 from synth.images.viewpoints import Around, Viewpoint, above, all_round, before, looking
 from synth.pose.moment import Posed
 from synth.pose.postures import FALLEN, IN_BED, SITTING, UPRIGHT, lie, rise, sit
-from synth.pose.standing import draw_standing, stand
+from synth.pose.stances import draw_standing
+from synth.pose.standing import stand
 from synth.surface.furniture import Bed, Chair, Ground, Seat, Sofa
 from synth.surface.rasterize import Mesh, merge
 

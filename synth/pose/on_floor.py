@@ -26,7 +26,8 @@ from synth.pose.postures import (
     risen,
 )  # fmt: skip
 from synth.pose.settle import settle
-from synth.pose.standing import draw_standing, stood
+from synth.pose.stances import draw_standing
+from synth.pose.standing import stood
 from synth.surface.furniture import FLOOR, Ground, Solid, Surface
 
 SHARES = {"standing": 0.4, "upright": 0.3, "slumped": 0.12, "fallen": 0.18}

@@ -1,13 +1,13 @@
-"""Standing people: legs, trunk and hands as numbers, and the body that follows from them.
+"""Standing people: the body that follows from the numbers of a stance (``synth/pose/stances.py``).
 
-The numbers are described in ``synth/data/poses/standing.toml``. Feet are put on the floor and hands to their
-places by inverse kinematics, the trunk's mass stands over the feet, and no limb is in another.
+Feet are put on the floor and hands to their places by inverse kinematics, the trunk's mass stands over the
+feet, and no limb is in another.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,19 +16,14 @@ from synth.body.body import Body, pose
 from synth.body.flesh import CHAINS, N_STATIONS, Flesh, flesh_of
 from synth.body.inverse import place_hand, plant
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, clamp, forward, turn
-from synth.pose.moment import Moment
+from synth.pose.carried import carried
 from synth.pose.settle import Pull, settle
+from synth.pose.stances import OTHER, SIDES, Standing
 from synth.shipped import table
-from synth.surface.furniture import FLOOR, Surface
-from synth.surface.rasterize import Mesh, box
+from synth.surface.furniture import FLOOR
+from synth.surface.rasterize import Mesh
 
-SIDES = ("left", "right")
-OTHER = {"left": "right", "right": "left"}
 SIGN = {"left": 1.0, "right": -1.0}
-GREATEST_TURN_DEG = 60.0
-"""The head turns no farther by itself."""
-ANKLES_M = (0.03, 0.9)
-"""Least and greatest lateral distance of the ankles."""
 BALANCE = 0.75
 """Share of the trunk's shift forwards that the hips make up for: the legs below are a third of the mass."""
 FOOT_HOLD = np.array([0.5, 0.5, 0.5])
@@ -41,21 +36,6 @@ _MASSES = {"pelvis": 0.3, "spine_middle": 0.25, "spine_upper": 0.15, "neck": 0.2
 """Shares of the trunk's mass by joint, roughly those of Winter 2009 (table 4.1)."""
 
 
-@dataclass(frozen=True)
-class Standing:
-    """How somebody stands. stance, hands: names in the data; stands: the side of the leg that carries more.
-
-    legs: the stance's numbers. arms: each side's, by side. sizes_m: (3,) of what is carried, by its kind.
-    """
-
-    stance: str
-    stands: str
-    legs: Moment
-    hands: Mapping[str, str]
-    arms: Mapping[str, Moment]
-    sizes_m: Mapping[str, Float64]
-
-
 class Stood(NamedTuple):
     """A standing body: vertices float32 (V, 3), joints (J, 3), world, metres, and what it carries."""
 
@@ -64,55 +44,12 @@ class Stood(NamedTuple):
     things: list[Mesh]
 
 
-@cache
-def stances() -> dict[str, dict[str, Any]]:
-    """Stances by name, each with all its numbers."""
-    known: dict[str, dict[str, Any]] = {}
-    for name, entry in table("poses/standing")["stances"].items():
-        known[name] = {**known.get(entry.get("like", ""), {}), **entry}
-    return known
-
-
-def _chosen(weights: Mapping[str, float], rng: np.random.Generator) -> str:
-    left = rng.random() * sum(weights.values())
-    for name, weight in weights.items():
-        left -= weight
-        if left < 0:
-            return name
-    return name
-
-
-def _numbers(entry: Mapping[str, Any], rng: np.random.Generator) -> dict[str, float]:
-    spreads = {name: spread for name, spread in entry.items() if isinstance(spread, list)}
-    means, deviations = np.array(list(spreads.values()), np.float64).T
-    return dict(zip(spreads, rng.normal(means, deviations).tolist(), strict=True))
-
-
-def draw_standing(rng: np.random.Generator) -> Standing:
-    """A random way of standing."""
-    data = table("poses/standing")
-    stance = _chosen({name: entry["share"] for name, entry in stances().items()}, rng)
-    entry = stances()[stance]
-    legs = _numbers(entry, rng)
-    median, deviation = entry["ankles"]
-    apart = float(np.clip(abs(median) * np.exp(deviation * rng.standard_normal()), *ANKLES_M))
-    legs["ankles"] = np.copysign(apart, median)
-    while abs(legs["turn"]) > GREATEST_TURN_DEG:
-        legs["turn"] = float(rng.normal(*entry["turn"]))
-    stands, first = (SIDES[int(rng.integers(2))] for _ in range(2))
-    pair = _chosen(data["arms"][entry["arms"]], rng).split("-")
-    hands = {first: pair[0], OTHER[first]: pair[1]}
-    arms = {side: _numbers(data["hands"][hands[side]], rng) for side in SIDES}
-    sizes = {kind: np.array([rng.uniform(*span) for span in spans]) for kind, spans in data["things"].items()}
-    return Standing(stance, stands, legs, hands, arms, sizes)
-
-
 def stand(body: Body, how: Standing) -> Stood:
     """A body on the floor, its pelvis facing -y, its feet about the origin."""
     vertices, joints = pose(body, stood(body, how))
     up = np.array([0.0, 0.0, -FLOOR.give_m - float(vertices[:, 2].min())])
     vertices, joints = vertices + up.astype(np.float32), joints + up
-    return Stood(vertices, joints, _things(how, joints))
+    return Stood(vertices, joints, carried(how, joints))
 
 
 def stood(body: Body, how: Standing) -> Posture:
@@ -325,28 +262,3 @@ def _hands_off(how: Standing, posture: Posture, scale: float) -> Posture:
         gap = max(how.arms[side].get("gap", 0.0), 0.0)
         angles[JOINT_ID[f"{side}_shoulder"], 1] += gap / 0.62 if gap else 0.0
     return Posture(clamp(angles), posture.pelvis_m)
-
-
-def _things(how: Standing, joints: Float64) -> list[Mesh]:
-    """What the hands carry, in the world."""
-    wrists = {side: joints[JOINT_ID[f"{side}_wrist"]] for side in SIDES}
-    across = wrists["left"] - wrists["right"]
-    heading = turn(2, float(np.arctan2(across[1], across[0])))
-    things = []
-    for kind in ("box", "tray"):
-        if how.hands["left"] == how.hands["right"] == kind:
-            size = how.sizes_m[kind].copy()
-            size[0] = np.clip(np.hypot(*across[:2]) + (-0.05 if kind == "box" else 0.12), 0.1, 0.6)
-            middle = (wrists["left"] + wrists["right"]) / 2
-            lift = size[2] / 2 + 0.03 if kind == "tray" else 0.0
-            things.append(_block(size, middle + heading @ (0.0, -0.05 - size[1] / 2 + 0.06, lift), heading))
-    for side in SIDES:
-        if how.hands[side] == "bag":
-            size = how.sizes_m["bag"]
-            things.append(_block(size, wrists[side] - (0.0, 0.0, 0.12 + size[2] / 2), np.eye(3)))
-    return things
-
-
-def _block(size: Float64, centre: Float64, rotation: Float64) -> Mesh:
-    half = tuple(size / 2)
-    return box((-half[0], -half[1], -half[2]), half, Surface.TABLE).placed(rotation, centre)

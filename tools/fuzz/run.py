@@ -22,7 +22,8 @@ import atheris
 with atheris.instrument_imports(
     include=["sensors", "annotate", "synth", "eval", "mcap", "rosbags", "tarfile"]
 ):
-    from tools.fuzz.samples import READERS, Sample
+    from tools.fuzz.reader import Sample
+    from tools.fuzz.samples import READERS
 
 PNG = b"\x89PNG\r\n\x1a\n"
 """First bytes of a PNG file."""

@@ -3,10 +3,7 @@
 import json
 import shutil
 import tempfile
-import traceback
-import warnings
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
@@ -28,7 +25,6 @@ from eval.network.checkpoint import load_weights, save_weights
 from eval.network.compact import CompactConfig
 from eval.network.networks import build, export_onnx
 from eval.network.onnx_network import OnnxNetwork
-from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
 from sensors.recording.rig_file import load_rig
 from sensors.rig.calibration_yaml import read_yaml, write_yaml
@@ -50,17 +46,10 @@ from tests.helpers.marker_samples import bvh_text, positions, write_c3d, write_t
 from tests.helpers.orbbec_files import jpeg_of, write_orbbec_bag
 from tests.helpers.realsense_files import write_old_bag
 from tests.helpers.samples import azure_mkv, las
+from tools.fuzz.reader import Reader
 
 CAMERA = Intrinsics(16, 12, 20.0, 21.0, 7.5, 5.5)
 RIG = RigCalibration(CAMERA, CAMERA, Pose.identity(), CAMERA, Pose.identity())
-
-
-@dataclass(frozen=True)
-class Reader:
-    """make: write a valid sample into an empty folder, return what to read. read: read all of it."""
-
-    make: Callable[[Path], Path]
-    read: Callable[[Path], object]
 
 
 def depth_image(seed: int = 0) -> np.ndarray:
@@ -329,28 +318,3 @@ READERS = {
     **{f"export-{name}": Reader(partial(_exported, name), _read_exported) for name in FORMATS},
 }
 """By name."""
-
-
-class Sample:
-    """A reader's files in a folder, of which some are replaced before they are read."""
-
-    def __init__(self, reader: Reader, folder: Path) -> None:
-        self._read = reader.read
-        folder.mkdir(exist_ok=True)
-        self._target = reader.make(folder)
-        found = (path for path in sorted(folder.rglob("*")) if path.is_file())
-        self.files = {path: path.read_bytes() for path in found}
-
-    def fault(self, changed: dict[Path, bytes]) -> str:
-        """What reading does beside these contents: "" where it goes well or is refused in one line."""
-        for path, data in (self.files | changed).items():
-            path.write_bytes(data)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                self._read(self._target)
-        except CloudError as error:
-            return "" if str(error).isprintable() else f"message of several lines: {error!r}"
-        except Exception:
-            return traceback.format_exc()
-        return ""

@@ -25,7 +25,8 @@ from synth.cameras.sensor import CleanDepth, Sensor
 from synth.clothes.dress import dress
 from synth.clothes.dressed import Dressed
 from synth.pose.postures import FALLEN, IN_BED, SITTING, UPRIGHT, lie, rise, sit
-from synth.pose.standing import draw_standing, stand
+from synth.pose.stances import draw_standing
+from synth.pose.standing import stand
 from synth.rig.difficulty import DIFFICULTIES, Difficulty
 from synth.rig.place import SCENES
 from synth.rig.stay import Stay
