@@ -103,8 +103,9 @@ class CloudView(QWidget):
         would take for it whatever comes to lie at the same address, another window's viewport for instance.
         """
         self.plotter.close()
-        # Qt takes a widget's graphics down, and says so, when it leaves its window.
+        # Qt takes a widget's graphics down, and says so, when it leaves its window, if only for a moment.
         self.plotter.setParent(None)
+        self.plotter.setParent(self)
 
     # Showing
 
