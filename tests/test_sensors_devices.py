@@ -568,6 +568,9 @@ class FakeOrbbec:
             assert profile.name in ("color 1920x1080", "depth")
 
     class Context:
+        def __init__(self, config: str):
+            assert "<EnumerateNetDevice>false<" in Path(config).read_text()
+
         def query_devices(self):
             return SimpleNamespace(
                 get_count=lambda: 1,

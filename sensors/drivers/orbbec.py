@@ -4,6 +4,7 @@ import os
 import sys
 from contextlib import suppress
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,8 @@ SdkObject = Any
 """An object of pyorbbecsdk, which need not be installed where the types are checked."""
 
 COLOR_SIZE = (1920, 1080)
+CONFIG = Path(__file__).with_suffix(".xml")
+"""What the library does otherwise than by default: it asks no network for cameras, which takes seconds."""
 
 
 def load_sdk() -> SdkObject:
@@ -69,7 +72,7 @@ class Orbbec(StreamingCamera):
         super().__init__(f"orbbec:{chosen}", chosen, DEPTH_CAMERA_RATES_HZ)
         try:
             # The list of devices must not outlive its context.
-            self._context = pyorbbecsdk.Context()
+            self._context = pyorbbecsdk.Context(str(CONFIG))
             device = self._context.query_devices().get_device_by_serial_number(chosen)
             self._pipeline = pyorbbecsdk.Pipeline(device)
         except pyorbbecsdk.OBError as error:
@@ -132,10 +135,10 @@ class Orbbec(StreamingCamera):
 
 
 def orbbec_serials() -> list[str]:
-    """Serial numbers of the cameras that are plugged in; none where the library is not installed."""
+    """Serial numbers of the cameras at USB ports; none where the library is not installed."""
     if find_spec("pyorbbecsdk") is None:
         return []
-    devices = load_sdk().Context().query_devices()
+    devices = load_sdk().Context(str(CONFIG)).query_devices()
     return [str(devices.get_device_serial_number_by_index(index)) for index in range(devices.get_count())]
 
 
