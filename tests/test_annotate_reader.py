@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from annotate.cloud.coarse import CoarseCloud
@@ -13,7 +13,16 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import N_CLASSES, PART_ID
 from annotate.person.extract import Survey
 from annotate.reader.borders import with_borders
-from annotate.reader.channels import CHANNELS, LIKENESS, RANGES, Rectangle, channels, network_input, rectangle
+from annotate.reader.channels import (
+    CHANNELS,
+    LIKENESS,
+    RANGES,
+    Rectangle,
+    channels,
+    in_light,
+    network_input,
+    rectangle,
+)
 from annotate.reader.network import CLASSES, MULTIPLE, Reader, shipped_reader
 from annotate.suit.light import fitted_to
 from annotate.suit.palette import DEFAULT_SUIT
@@ -44,8 +53,8 @@ def wall(worn: np.ndarray) -> ThermalCloud:
 def test_the_rectangle_holds_the_outline_and_an_arm_s_reach(column, row, width, height):
     subject = np.zeros(CAMERA.shape, bool)
     subject[row : row + height, column : column + width] = True
-    where, step = rectangle(wall(subject.astype(np.uint8)), subject)
-    assert step == 1  # samples are 12 mm apart, pixels 25
+    where, pixels_per_m = rectangle(wall(subject.astype(np.uint8)), subject)
+    assert round(pixels_per_m) == 40  # pixels are 25 mm apart
     assert subject[where].sum() == subject.sum()
     arm = 43  # 1.1 m at 2 m
     middle = (row + min(row + height, 64) - 1) // 2
@@ -69,12 +78,14 @@ def test_every_channel_keeps_its_range():
     person = replace(survey.person(None), mask=worn > 0, persons=(worn > 0).astype(np.uint8))
     light = fitted_to(DEFAULT_SUIT, cloud.color_rgb[worn > 0])
     where = rectangle(cloud, worn > 0)[0]
-    planes = channels(cloud, survey, person, light, None, where)
+    bare = channels(cloud, survey, person, None, where)
+    planes = in_light(bare, cloud.color_rgb[where], light)
     assert planes.shape[0] == len(CHANNELS) and planes.dtype == np.uint8
     torso, arm = (planes[CHANNELS.index(name)] for name in ("torso", "left_upper_arm"))
     own = worn[where] > 0
     assert torso[own].min() > arm[own].max() and set(RANGES) <= set(CHANNELS)
-    assert not channels(cloud, survey, person, None, None, where)[-len(LIKENESS) :].any()
+    assert not bare[-len(LIKENESS) :].any()
+    np.testing.assert_array_equal(planes[: -len(LIKENESS)], bare[: -len(LIKENESS)])
 
 
 def test_colour_moves_a_border_that_the_network_leaves_open():
@@ -106,7 +117,24 @@ def test_a_pixel_is_seen_among_every_step_th():
     reader, planes = shipped_reader(), np.random.default_rng(7).integers(0, 256, (len(CHANNELS), 33, 50))
     planes = planes.astype(np.uint8)
     found = reader.probabilities(planes, 3)
-    np.testing.assert_array_equal(found[:, 1::3, 2::3], reader.probabilities(planes[:, 1::3, 2::3], 1))
+    np.testing.assert_allclose(found[:, ::3, ::3], reader.probabilities(planes[:, ::3, ::3], 1), atol=1e-6)
+    # An image that repeats each pixel is the same in all samples, but for what is around moving on.
+    doubled = planes[:, :32, :48].repeat(2, axis=1).repeat(2, axis=2)
+    once, twice = reader.probabilities(planes[:, :32, :48], 1), reader.probabilities(doubled, 2)
+    assert (twice[:, 1::2, 1::2].argmax(axis=0) == once.argmax(axis=0)).mean() > 0.7
+
+
+@given(st.integers(0, 40), st.integers(0, 60), st.integers(1, 30), st.integers(1, 30), st.integers(1, 3))
+@settings(max_examples=8, deadline=None)
+def test_a_part_of_an_image_is_read_as_in_the_whole(top, left, height, width, step):
+    planes = np.random.default_rng(9).integers(0, 256, (len(CHANNELS), 48, 80)).astype(np.uint8)
+    near = Rectangle(slice(top, min(top + height, 48)), slice(left, min(left + width, 80)))
+    wide = Rectangle(*(slice(max(s.start - 32 * step, 0), s.stop + 32 * step) for s in near))
+    whole = shipped_reader().probabilities(planes, step)
+    wide = Rectangle(*(slice(s.start, min(s.stop, side)) for s, side in zip(wide, (48, 80), strict=True)))
+    found = shipped_reader().probabilities(planes, step, wide)
+    inner = (slice(n.start - w.start, n.stop - w.start) for n, w in zip(near, wide, strict=True))
+    np.testing.assert_allclose(found[:, *inner], whole[:, *near], atol=1e-4)
 
 
 def test_a_reader_sent_to_another_process_says_the_same():

@@ -41,14 +41,14 @@ def suit_told(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
         return 0.0
     rgb = rgb[:: -(-len(rgb) // COLORS_ASKED)]
     match = np.exp(fitted_to(suit, rgb).match(chromaticity(rgb), blur(rgb)))
-    share = np.concatenate([match, np.full((len(rgb), 1), STRAY)], axis=1)
-    share /= share.sum(axis=1, keepdims=True)
-    return float(np.exp(_entropy(share.mean(axis=0)) - _entropy(share).mean()) - 1)
+    share = np.concatenate([match, np.full((1, len(rgb)), STRAY)])
+    share /= share.sum(axis=0)
+    return float(np.exp(_entropy(share.mean(axis=1)) - _entropy(share).mean()) - 1)
 
 
 def _entropy(share: Float64) -> Float64:
-    """Entropy (...) in nats of shares (..., K)."""
-    return np.asarray(-(share * np.log(np.maximum(share, TINY))).sum(axis=-1))
+    """Entropy (...) in nats of shares (K, ...)."""
+    return np.asarray(-(share * np.log(np.maximum(share, TINY))).sum(axis=0))
 
 
 def subject_score(

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from annotate.array_types import Bool, Float32, Float64, Int32, UInt8
+from annotate.array_types import Bool, Float32, Int32, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import N_CLASSES
 from annotate.reader.channels import Rectangle
@@ -28,40 +28,39 @@ def with_borders(
     that are no part count as of the usual colour of the parts. By iterated conditional modes (Besag 1986).
     """
     asked = cloud.valid[where] & (chance[0] < SURELY_ROOM)
-    own = chance[:, asked].T
-    scores = np.log(own.astype(np.float64) + LEAST)
-    scores += OWN_COLOR * _by_color(cloud, where, asked, scores, light)
+    own = chance[:, asked]
+    scores = np.log(own + np.float32(LEAST))
+    scores += np.float32(OWN_COLOR) * _by_color(cloud, where, asked, scores, light)
     index = np.full(asked.shape, -1, np.int32)
-    index[asked] = np.arange(len(scores))
+    index[asked] = np.arange(scores.shape[1])
     named, sure = np.zeros(asked.shape, np.uint8), np.zeros(asked.shape, np.float32)
-    if len(scores):
+    if scores.size:
         depth_m = np.nan_to_num(cloud.points_m[where][..., 2])
-        chosen = _modes(scores, scores.argmax(axis=1).astype(np.uint8), depth_m, index)
-        named[asked], sure[asked] = chosen, own[np.arange(len(own)), chosen]
+        chosen = _modes(np.ascontiguousarray(scores.T), depth_m, index)
+        named[asked], sure[asked] = chosen, own[chosen, np.arange(len(chosen))]
     return named, sure
 
 
 def _by_color(
-    cloud: ThermalCloud, where: Rectangle, asked: Bool, scores: Float64, light: ColorModel
-) -> Float64:
-    """Log likelihood (n, 13) of the colours of the n pixels asked under each class; 0 without a colour."""
+    cloud: ThermalCloud, where: Rectangle, asked: Bool, scores: Float32, light: ColorModel
+) -> Float32:
+    """Log likelihood (13, n) of the colours of the n pixels asked under each class; 0 without a colour."""
     found, parts = np.zeros_like(scores), slice(1, N_CLASSES)
     rgb = cloud.color_rgb[where][asked]
     usable = readable(rgb, cloud.color_valid[where][asked])
-    of_parts = light.evidence(rgb[usable])
-    found[usable, parts] = of_parts
-    weight = np.exp(scores[usable, parts])
-    usual = (weight * of_parts).sum(axis=1) / weight.sum(axis=1)
-    found[usable, 0] = found[usable, N_CLASSES] = usual
+    of_parts, weight = light.evidence(rgb[usable]), np.exp(scores[parts, usable])
+    found[parts, usable] = of_parts
+    found[0, usable] = found[N_CLASSES, usable] = (weight * of_parts).sum(axis=0) / weight.sum(axis=0)
     return found
 
 
 @njit(cache=True, nogil=True)
-def _modes(scores: Float64, start: UInt8, depth_m: Float32, index: Int32) -> UInt8:
+def _modes(scores: Float32, depth_m: Float32, index: Int32) -> UInt8:
     """Classes (n,); index: (h, w), place of each pixel in ``scores`` (n, k), -1 elsewhere."""
     height, width = index.shape
-    chosen = start.copy()
-    total = np.empty(scores.shape[1])
+    chosen, total = np.empty(len(scores), np.uint8), np.empty(scores.shape[1], np.float32)
+    for i in range(len(scores)):
+        chosen[i] = np.argmax(scores[i])
     for _ in range(ROUNDS):
         last = chosen.copy()
         for v in range(height):
@@ -74,7 +73,7 @@ def _modes(scores: Float64, start: UInt8, depth_m: Float32, index: Int32) -> UIn
                     for c in range(max(u - 1, 0), min(u + 2, width)):
                         j = index[r, c]
                         if j >= 0 and j != i and abs(depth_m[r, c] - depth_m[v, u]) <= JUMP_M:
-                            total[last[j]] += NEIGHBOUR
+                            total[last[j]] += np.float32(NEIGHBOUR)
                 chosen[i] = np.argmax(total)
         if np.array_equal(chosen, last):
             break

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from annotate.array_types import Bool, Float32, UInt8
+from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.cloud.color_odds import color_odds, lab_of
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
@@ -25,9 +26,6 @@ MARGIN_M, ARM_M = 0.35, 1.1
 and to each side of its middle at least: feet seen below a blanket belong to no outline. Chosen by eye."""
 LOCAL_PX = 31
 """Side in pixels of the window that a depth is compared with. Chosen by eye."""
-SAMPLE_M, MOST_SAMPLES = 0.012, 256
-"""Metres between two samples of what the network sees, as in its training, so that people have the same size
-before every camera; samples along the longer side at most. Chosen by eye, for borders and for speed."""
 RANGES = {
     "depth": (-1.0, 1.0),  # metres behind the subject's median
     "local": (-0.12, 0.12),  # metres behind what is around
@@ -46,6 +44,8 @@ SURE = np.float32(2.0)
 """Log odds of the rough outline, from which the colours of person and room are learnt. Chosen by eye."""
 VALID, FELT, SEEN, SUBJECT, OTHER = 1, 2, 4, 8, 16
 """Bits of the channel ``flags``: depth, temperature, readable colour; roughly the subject's, another's."""
+MEDIAN_OF = 5000
+"""Colours whose median is taken, an even sample of those seen, for speed. Chosen by eye."""
 LIKENESS = ("skin", "dark", *(part.name for part in BODY_PARTS))
 """Channels of a colour's log likelihood: as skin, as hair or shoe, as what each part shows; 0 = not read."""
 CHANNELS = ("flags", "before", *RANGES, *LIKENESS)
@@ -58,9 +58,14 @@ class Rectangle(NamedTuple):
     rows: slice
     columns: slice
 
+    def part(self, inner: "Rectangle") -> "Rectangle":
+        """Rows and columns of a rectangle within this one, in the image."""
+        sides = ((out.start, own) for out, own in zip(self, inner, strict=True))
+        return Rectangle(*(slice(start + own.start, start + own.stop) for start, own in sides))
 
-def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, int]:
-    """What is around a subject's rough outline (h, w), not empty; pixels between two samples."""
+
+def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, float]:
+    """What is around a subject's rough outline (h, w), not empty; pixels per metre there."""
     pixels_per_m = cloud.camera.fx / float(np.median(cloud.points_m[..., 2][subject]))
     margin, arm = round(MARGIN_M * pixels_per_m), round(ARM_M * pixels_per_m)
     sides = []
@@ -70,23 +75,20 @@ def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, int]:
         middle = (first + last) // 2
         start, stop = min(first - margin, middle - arm), max(last + margin, middle + arm) + 1
         sides.append(slice(max(start, 0), min(stop, side)))
-    longest = max(side.stop - side.start for side in sides)
-    step = max(1, round(SAMPLE_M * pixels_per_m), -(-longest // MOST_SAMPLES))
-    return Rectangle(*sides), step
+    return Rectangle(*sides), pixels_per_m
 
 
 def channels(
     cloud: ThermalCloud,
     survey: Survey,
     person: PersonMask,
-    light: ColorModel | None,
     before: FrameLabels | None,
     where: Rectangle,
 ) -> UInt8:
     """Channels uint8 (24, h, w) in the order of ``CHANNELS``, of a rectangle's pixels around the subject.
 
-    survey, person: of the same frame, found without the suit. light: the suit's colours in the frame's light;
-    without, likeness is 0. before: labels of the previous frame.
+    survey, person: of the same frame, found without the suit. before: labels of the previous frame. The
+    likeness is 0: it is ``in_light``.
     """
     z, own = cloud.points_m[where][..., 2], person.mask[where]
     valid, celsius = cloud.valid[where], cloud.temperature_c[where]
@@ -113,17 +115,23 @@ def channels(
     flags = ((VALID, valid), (FELT, valid & np.isfinite(celsius)), (SEEN, seen), (SUBJECT, own))
     for bit, there in (*flags, (OTHER, person.others[where])):
         planes[0] += np.uint8(bit) * there
-    return planes if light is None else relit(planes, light, rgb)
+    return planes
 
 
-def relit(planes: UInt8, light: ColorModel, rgb: UInt8) -> UInt8:
-    """Channels (24, h, w) of colours (h, w, 3) in another light: all but the likeness as in ``planes``."""
+def in_light(planes: UInt8, rgb: UInt8, light: ColorModel, among: Bool | bool = True) -> UInt8:
+    """Channels (24, h, w) with the likeness of colours (h, w, 3) in a light; the others as in ``planes``.
+
+    among: bool (h, w), pixels whose likeness is wanted.
+    """
     depth = planes[CHANNELS.index("depth")]
-    asked = ((planes[0] & SEEN) > 0) & (depth > 0) & (depth < 255)
-    match = light.match(chromaticity(rgb[asked]), blur(rgb[asked]))
-    likeness = np.concatenate([match[:, light.bare], light.by_part(match)], axis=1).T
+    asked = np.flatnonzero(((planes[0] & SEEN) > 0) & (depth > 0) & (depth < 255) & among)
+    own = rgb.reshape(-1, 3).take(asked, axis=0)
+    match = light.match(chromaticity(own), blur(own))
     made = planes.copy()
-    made[-len(LIKENESS) :, asked] = _bytes(likeness, *LOG_LIKELIHOOD)
+    for plane, likeness in zip(
+        made[-len(LIKENESS) :], (*match[light.bare], *light.by_part(match)), strict=True
+    ):
+        plane.put(asked, _bytes(likeness, *LOG_LIKELIHOOD))
     return made
 
 
@@ -137,46 +145,90 @@ def _around_m(z: Float32, near: Bool) -> Float32:
 
 def _off_planes_m(points_m: Float32, planes: tuple[Plane, ...]) -> Float32:
     """Metres (h, w) from the nearest plane of the room, bounded."""
-    off_m = np.full(points_m.shape[:2], RANGES["off_plane"][1], np.float32)
-    for plane in planes:
-        np.fmin(off_m, np.abs(points_m @ plane.normal - np.float32(plane.offset_m)), out=off_m)
+    rows = [(*plane.normal, plane.offset_m) for plane in planes]
+    bounded = np.full(points_m.shape[:2], RANGES["off_plane"][1], np.float32)
+    return _nearest_m(points_m, np.array(rows, np.float32).reshape(-1, 4), bounded)
+
+
+@njit(cache=True, nogil=True)
+def _nearest_m(points_m: Float32, planes: Float32, off_m: Float32) -> Float32:
+    """Metres (h, w) to the nearest of planes (k, 4), normals and offsets; at most ``off_m`` (h, w)."""
+    for v in range(off_m.shape[0]):
+        for k in range(len(planes)):
+            a, b, c, offset = planes[k]
+            for u in range(off_m.shape[1]):
+                x, y, z = points_m[v, u]
+                away = abs(x * a + y * b + z * c - offset)
+                if away < off_m[v, u]:  # False for NaN
+                    off_m[v, u] = away
     return off_m
 
 
-def _colors(rgb: UInt8, seen: Bool) -> dict[str, NDArray[np.floating]]:
-    """Shade and chromaticity (h, w) of colours (h, w, 3) against the median of those seen."""
-    brightest = np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2])
-    usual = max(float(np.median(brightest[seen])), 1.0)
-    made: dict[str, NDArray[np.floating]] = {"shade": np.log(np.maximum(brightest, 1) / usual)}
-    chroma = chromaticity(rgb[seen])
-    for name, own in zip(("red", "green"), chroma.T, strict=True):
-        made[name] = np.zeros(seen.shape)
-        made[name][seen] = own - np.median(own)
-    return made
+def _colors(rgb: UInt8, seen: Bool) -> dict[str, Float64]:
+    """Shade and chromaticity (h, w) of colours (h, w, 3) against the median of those seen, any."""
+    brightest, chroma = np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2]), chromaticity(rgb)
+    some = np.flatnonzero(seen)
+    some = some[:: -(-len(some) // MEDIAN_OF)]
+    usual, red, green = (
+        float(np.median(values.take(some))) for values in (brightest, chroma[..., 0], chroma[..., 1])
+    )
+    shade = np.log(np.maximum(np.arange(256), 1) / max(usual, 1.0))
+    return {
+        "shade": shade[brightest],
+        "red": np.where(seen, chroma[..., 0] - red, 0),
+        "green": np.where(seen, chroma[..., 1] - green, 0),
+    }
 
 
 def _bytes(values: NDArray[np.floating], low: float, high: float) -> UInt8:
     """Values (...) as bytes, those from ``low`` to ``high`` as 0 to 255, NaN in the middle."""
-    scaled = (np.asarray(values, np.float32) - np.float32(low)) * np.float32(255 / (high - low))
-    scaled = np.where(np.isnan(scaled), np.float32(127.5), scaled)
-    return np.asarray(np.clip(scaled + np.float32(0.5), 0, 255), np.uint8)
+    flat = np.ascontiguousarray(values, np.float32).ravel()
+    return _scaled(flat, np.float32(low), np.float32(255 / (high - low))).reshape(values.shape)
 
 
+@njit(cache=True, nogil=True)
+def _scaled(values: Float32, low: np.float32, scale: np.float32) -> UInt8:
+    """Bytes (n,) of values (n,): (value - low) * scale, rounded and bounded; NaN in the middle."""
+    made = np.empty(len(values), np.uint8)
+    for i in range(len(values)):
+        byte = (values[i] - low) * scale + np.float32(0.5)
+        made[i] = np.uint8(min(max(byte, np.float32(0)), np.float32(255))) if byte == byte else np.uint8(128)
+    return made
+
+
+_FLAGS, _PARTS, _LIKE = len((VALID, FELT, SEEN, SUBJECT, OTHER)), len(BODY_PARTS), len(LIKENESS)
+_NEEDED = np.array((VALID,) * 3 + (FELT,) * 2 + (SEEN,) * 4, np.uint8)
+"""Flag without which a channel of ``RANGES`` says nothing."""
+_NEUTRAL = np.float32(round(-255 * LOG_LIKELIHOOD[0] / (LOG_LIKELIHOOD[1] - LOG_LIKELIHOOD[0])))
+"""Byte of a log likelihood of 0."""
+
+
+@njit(cache=True, nogil=True)
 def network_input(planes: UInt8) -> Float32:
     """Input float32 (38, h, w) of the network from channels (24, h, w): flags and parts one by one.
 
     What is not known is 0: temperature where none is felt, colour where none is readable.
     """
-    count = len(RANGES)
-    flags = [(planes[0] & bit) > 0 for bit in (VALID, FELT, SEEN, SUBJECT, OTHER)]
-    before = [planes[1] == part.id for part in BODY_PARTS]
-    scaled = (planes[2 : 2 + count].astype(np.float32) - np.float32(127.5)) / np.float32(64)
-    scaled[:3] *= flags[0]
-    scaled[3:5] *= flags[1]
-    scaled[5:] *= flags[2]
-    likeness = planes[2 + count :]
-    least, most = LOG_LIKELIHOOD
-    neutral = np.float32(round(-255 * least / (most - least)))
-    known = likeness[2:].max(axis=0) > 0
-    read = (likeness.astype(np.float32) - neutral) / np.float32(64) * known
-    return np.concatenate([np.stack([*flags, *before]).astype(np.float32), scaled, read])
+    count, height, width = planes.shape
+    first, unit = _FLAGS + _PARTS, np.float32(1 / 64)
+    made = np.zeros((first + count - 2, height, width), np.float32)
+    for v in range(height):
+        flags, before, read = planes[0, v], planes[1, v], np.zeros(width, np.bool_)
+        for bit in range(_FLAGS):
+            for u in range(width):
+                made[bit, v, u] = (flags[u] >> bit) & 1
+        for part in range(_PARTS):
+            for u in range(width):
+                made[_FLAGS + part, v, u] = before[u] == part + 1
+        for i in range(len(_NEEDED)):
+            for u in range(width):
+                value = (np.float32(planes[2 + i, v, u]) - np.float32(127.5)) * unit
+                made[first + i, v, u] = value if flags[u] & _NEEDED[i] else np.float32(0)
+        for i in range(count - _PARTS, count):
+            for u in range(width):
+                read[u] |= planes[i, v, u] > 0
+        for i in range(count - _LIKE, count):
+            for u in range(width):
+                value = (np.float32(planes[i, v, u]) - _NEUTRAL) * unit
+                made[first + i - 2, v, u] = value if read[u] else np.float32(0)
+    return made

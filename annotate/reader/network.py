@@ -14,7 +14,8 @@ import numpy as np
 
 from annotate.array_types import Float32, UInt8
 from annotate.parts import N_CLASSES
-from annotate.reader.channels import CHANNELS, network_input
+from annotate.reader.channels import CHANNELS, Rectangle, network_input
+from annotate.reader.halves import INPUT, PLACE, halves
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 
@@ -37,8 +38,8 @@ class Reader:
     def __init__(self, path: Path) -> None:
         try:
             self.__setstate__(read_bounded(path, MOST_BYTES, REMEDY))
-            trial = self._scores(np.zeros((len(CHANNELS), MULTIPLE, 2 * MULTIPLE), np.uint8))
-        except cv2.error as error:
+            trial = self.probabilities(np.zeros((len(CHANNELS), MULTIPLE, 2 * MULTIPLE), np.uint8), 1)
+        except (cv2.error, ValueError) as error:
             raise FormatError(f"weights {path} are no network for labels; {REMEDY}") from error
         if trial.shape != (CLASSES, MULTIPLE, 2 * MULTIPLE):
             raise FormatError(f"weights {path} give {trial.shape[0]} classes, not {CLASSES}; {REMEDY}")
@@ -51,33 +52,60 @@ class Reader:
         """Load the network from its file."""
         self._file, self.sha256 = file, hashlib.sha256(file).hexdigest()
         self._at_work = threading.Lock()
-        self._network = cv2.dnn.readNetFromONNX(np.frombuffer(file, np.uint8))
+        first, second, self._context = halves(file)
+        self._around, self._fine = (
+            cv2.dnn.readNetFromONNX(np.frombuffer(half, np.uint8)) for half in (first, second)
+        )
 
-    def probabilities(self, planes: UInt8, step: int) -> Float32:
-        """Probabilities (13, h, w) of the classes from channels (24, h, w).
+    def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
+        """Probabilities (13, h, w) of the classes from channels (24, h', w'); near: (h, w) of these, or all.
 
-        The network sees images of every ``step``-th pixel; each pixel is in one of them, with its
-        own depth, colour and temperature.
+        The network sees images of every ``step``-th pixel; each pixel is in one of them, with its own depth,
+        colour and temperature. What is around is seen in one image alone, and moved for the others.
         """
-        found = np.empty((CLASSES, *planes.shape[1:]), np.float32)
-        for top in range(min(step, planes.shape[1])):
-            for left in range(min(step, planes.shape[2])):
-                found[:, top::step, left::step] = self._scores(planes[:, top::step, left::step])
-        return _softmax(found)
+        near = near or Rectangle(*(slice(0, side) for side in planes.shape[1:]))
+        place = PLACE * step
+        sides = [slice(own.start // place, -(-own.stop // place)) for own in near]
+        with self._at_work:
+            around = self._of_all(planes[:, ::step, ::step])
+            around = np.pad(around, ((0, 0), (0, 1), (0, 1)), "edge")
+            around = around[:, *(slice(own.start, own.stop + 1) for own in sides)]
+            height, width = ((side.stop - side.start) * place for side in sides)
+            seen = planes[:, *(slice(side.start * place, side.stop * place) for side in sides)]
+            own = np.zeros((len(planes), height, width), np.uint8)
+            found = np.empty((CLASSES, height, width), np.float32)
+            own[:, : seen.shape[1], : seen.shape[2]] = seen
+            for top in range(step):
+                for left in range(step):
+                    moved = _between(around, top / place, left / place)
+                    found[:, top::step, left::step] = self._of_own(own[:, top::step, left::step], moved)
+        rows, columns = (slice(own.start % place, own.start % place + own.stop - own.start) for own in near)
+        return _softmax(found[:, rows, columns])
 
-    def _scores(self, planes: UInt8) -> Float32:
-        """Scores (13, h, w) of one image of channels (24, h, w)."""
+    def _of_all(self, planes: UInt8) -> Float32:
+        """What the first half says of an image's places (k, h / 4, w / 4), some more at the ends."""
         height, width = planes.shape[1:]
         padded = np.pad(planes, ((0, 0), (0, -height % MULTIPLE), (0, -width % MULTIPLE)))
-        with self._at_work:
-            self._network.setInput(network_input(padded)[None])
-            return np.asarray(self._network.forward()[0, :, :height, :width].copy(), np.float32)
+        self._around.setInput(network_input(padded)[None])
+        return np.asarray(self._around.forward()[0], np.float32)
+
+    def _of_own(self, planes: UInt8, around: Float32) -> Float32:
+        """Scores (13, h, w) by channels (24, h, w), and what is around (k, h / 4, w / 4)."""
+        self._fine.setInput(network_input(planes)[None], INPUT)
+        self._fine.setInput(around[None], self._context)
+        return np.asarray(self._fine.forward()[0], np.float32)
 
 
 @cache
 def shipped_reader() -> Reader:
     """The reader that comes with the package."""
     return Reader(SHIPPED_READER)
+
+
+def _between(around: Float32, down: float, right: float) -> Float32:
+    """Values (k, h, w) between places (k, h + 1, w + 1), shares of a place's side further down and right."""
+    rows = around[:, :-1] + np.float32(down) * (around[:, 1:] - around[:, :-1])
+    return np.ascontiguousarray(rows[..., :-1] + np.float32(right) * (rows[..., 1:] - rows[..., :-1]))
 
 
 def _softmax(scores: Float32) -> Float32:

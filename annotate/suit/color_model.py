@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from annotate.array_types import Bool, Float64, Index, UInt8
+from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.parts import BODY_PARTS
 from annotate.suit.palette import Suit, chromaticity
 
@@ -82,32 +82,33 @@ class ColorModel:
         lit, light = _lit(self.palette, self.log_gain)
         return np.asarray(light - lit)
 
-    def match(self, chroma: Float64, noise: Float64) -> Float64:
-        """Log likelihood (n, K) of colours under each swatch, 0 at the middle of one as wide as SIGMA.
+    def match(self, chroma: Float64, noise: Float64) -> Float32:
+        """Log likelihood (K, n) of colours under each swatch, 0 at the middle of one as wide as SIGMA.
 
         chroma (n, 2), noise (n,): chromaticities and their standard deviations.
         """
-        cost = np.where(self.bare, BARE_COST, 0.0)
-        return np.asarray(_match(chroma, noise, self.lit + self.shift, self.variance, self.unknown, cost))
+        return _match(chroma, noise, self.lit + self.shift, self.variance, self.unknown, self._cost)
 
-    def match_under(self, log_gains: Float64, chroma: Float64, noise: Float64) -> Float64:
-        """Log likelihood (L * n, K) by ``match`` of the unfitted model under log gains (L, 2)."""
+    def match_under(self, log_gains: Float64, chroma: Float64, noise: Float64) -> Float32:
+        """Log likelihood (L, K, n) by ``match`` of the unfitted model under log gains (L, 2)."""
         lit, light = _lit(self.palette, log_gains)
-        fading = light - lit
+        fading, lights = light - lit, len(log_gains)
         middle, unknown = (lit + FADE * fading).reshape(-1, 2), _strays(self, fading).reshape(-1, 2, 2)
-        lights = len(log_gains)
-        cost = np.tile(np.where(self.bare, BARE_COST, 0.0), lights)
-        match = _match(chroma, noise, middle, np.tile(self.variance, lights), unknown, cost)
-        return np.asarray(match.reshape(len(chroma), lights, -1).swapaxes(0, 1).reshape(-1, len(self.bare)))
+        variance, cost = np.tile(self.variance, lights), np.tile(self._cost, lights)
+        return _match(chroma, noise, middle, variance, unknown, cost).reshape(lights, -1, len(chroma))
 
-    def evidence(self, rgb: UInt8) -> Float64:
-        """Log likelihood (n, 11) of colours uint8 (n, 3) under every part; flat where no swatch is near."""
+    @property
+    def _cost(self) -> Float64:
+        return np.where(self.bare, BARE_COST, 0.0)
+
+    def evidence(self, rgb: UInt8) -> Float32:
+        """Log likelihood (11, n) of colours uint8 (n, 3) under every part; flat where no swatch is near."""
         match = self.match(chromaticity(rgb), blur(rgb))
-        return np.asarray(np.log(np.exp(self.by_part(match)) + STRAY))
+        return np.log(np.exp(self.by_part(match)) + np.float32(STRAY))
 
-    def by_part(self, match: Float64) -> Float64:
-        """Log likelihood (n, 11) of each part's best swatch, from that of all swatches (n, K)."""
-        return np.asarray(_best_of(match, *np.nonzero(self.wears)))
+    def by_part(self, match: Float32) -> Float32:
+        """Log likelihood (11, n) of each part's best swatch, from that of all swatches (K, n)."""
+        return np.stack([match[worn].max(axis=0) for worn in self.wears.T])
 
 
 def _lit(palette: Float64, log_gain: Float64) -> tuple[Float64, Float64]:
@@ -117,31 +118,34 @@ def _lit(palette: Float64, log_gain: Float64) -> tuple[Float64, Float64]:
     return rgb[..., :2] / rgb.sum(axis=-1, keepdims=True), light[..., :2] / light.sum(axis=-1, keepdims=True)
 
 
-@njit(cache=True, nogil=True)
-def _best_of(match: Float64, swatch: Index, part: Index) -> Float64:
-    """Highest match (n, 11) of each part's swatches; match: (n, K); part[j] wears swatch[j]."""
-    best = np.full((len(match), _N), -np.inf)
-    for i in range(len(match)):
-        for j in range(len(swatch)):
-            best[i, part[j]] = max(best[i, part[j]], match[i, swatch[j]])
-    return best
-
-
-@njit(cache=True, nogil=True)
 def _match(
     chroma: Float64, noise: Float64, middle: Float64, variance: Float64, unknown: Float64, cost: Float64
-) -> Float64:
-    """Log density (n, K) of normal distributions less each one's cost; as ``ColorModel.match``."""
-    score = np.empty((len(chroma), len(middle)))
-    for i in range(len(chroma)):
-        for k in range(len(middle)):
-            x, y = chroma[i, 0] - middle[k, 0], chroma[i, 1] - middle[k, 1]
-            own = noise[i] ** 2 + variance[k]
-            xx, xy, yy = own + unknown[k, 0, 0], unknown[k, 0, 1], own + unknown[k, 1, 1]
-            area = xx * yy - xy**2
-            away = (yy * x**2 - 2 * xy * x * y + xx * y**2) / area
-            score[i, k] = -0.5 * away - 0.5 * np.log(area / SIGMA**4) - cost[k]
-    return score
+) -> Float32:
+    """Log density (K, n) of normal distributions less each one's cost; as ``ColorModel.match``."""
+    of_colors = chroma[:, 0], chroma[:, 1], noise**2
+    of_swatches = *middle.T, variance + unknown[:, 0, 0], unknown[:, 0, 1], variance + unknown[:, 1, 1]
+    away, area = _away(np.array(of_colors, np.float32), np.array(of_swatches, np.float32))
+    least = (2 * np.log(SIGMA) - cost).astype(np.float32)[:, None]
+    return np.asarray(least - np.float32(0.5) * (away + np.log(area)), np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
+    """Squared distances (K, n) in standard deviations, and determinants (K, n) of the covariances.
+
+    colors: (3, n), chromaticities and variances. swatches: (5, K), chromaticities and covariances (xx, xy,
+    yy). In single precision and along the colours, so that loops vectorise.
+    """
+    shape = swatches.shape[1], colors.shape[1]
+    away, area = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    for k in range(shape[0]):
+        x0, y0, xx0, xy, yy0 = swatches[:, k]
+        for i in range(shape[1]):
+            x, y = colors[0, i] - x0, colors[1, i] - y0
+            xx, yy = colors[2, i] + xx0, colors[2, i] + yy0
+            area[k, i] = xx * yy - xy * xy
+            away[k, i] = (yy * x * x - np.float32(2) * xy * x * y + xx * y * y) / area[k, i]
+    return away, area
 
 
 def readable(rgb: UInt8, seen: Bool) -> Bool:
@@ -172,12 +176,12 @@ def under(model: ColorModel, log_gain: Float64) -> ColorModel:
 def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
     """Model fitted by expectation maximisation to colours uint8 (n, 3) of parts with beliefs (n, 11)."""
     every = slice(None, None, -(-len(rgb) // FITTED_POINTS))
-    rgb, prior = rgb[every], belief[every] @ model.wears.T
+    rgb, prior = rgb[every], (model.wears @ belief[every].T).astype(np.float32)
     chroma, noise = chromaticity(rgb), blur(rgb)
     for _ in range(FIT_ROUNDS):
         match = np.exp(model.match(chroma, noise)) * prior
-        share = match / (match.sum(axis=1, keepdims=True) + STRAY)
-        weight = share / (noise[:, None] ** 2 + model.variance)
+        share = match / (match.sum(axis=0) + STRAY)
+        weight = share / (noise**2 + model.variance[:, None])
         model = replace(model, log_gain=_fitted_gain(model, chroma, weight))
         model = _fitted_swatches(model, chroma, share)
     return model
@@ -201,12 +205,12 @@ def _clipped(rgb: UInt8) -> UInt8:
 
 
 def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64:
-    """Log gains (2,) after one Gauss-Newton step; weight: (n, K), responsibility over variance."""
+    """Log gains (2,) after one Gauss-Newton step; weight: (K, n), responsibility over variance."""
     x, y = model.lit.T
     z = 1 - x - y
     jacobian = np.stack([np.stack([x * (1 - x), -x * z], 1), np.stack([-x * y, -y * z], 1)], 1)
-    mass = weight.sum(axis=0)
-    residual = weight.T @ chroma - mass[:, None] * (model.lit + model.shift)
+    mass = weight.sum(axis=1)
+    residual = weight @ chroma - mass[:, None] * (model.lit + model.shift)
     worth = GAIN_POINTS / len(chroma)
     normal = worth * np.einsum("k,kij,kil->jl", mass, jacobian, jacobian) + np.eye(2) / GAIN_SIGMA**2
     slope = worth * np.einsum("kij,ki->j", jacobian, residual) - (model.log_gain - GAIN) / GAIN_SIGMA**2
@@ -214,19 +218,19 @@ def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64
 
 
 def _fitted_swatches(model: ColorModel, chroma: Float64, share: Float64) -> ColorModel:
-    """Model with each swatch's shift and spread fitted to its share (n, K) of the colours (n, 2).
+    """Model with each swatch's shift and spread fitted to its share (K, n) of the colours (n, 2).
 
     A shift's prior is a normal distribution drawn out towards the light's chromaticity, for cloth fades.
     """
     prior = np.linalg.inv(_strays(model, model.fading))
-    mass = share.sum(axis=0)
-    mean = share.T @ chroma / np.maximum(mass, 1e-9)[:, None]
-    gaps = (chroma[:, :1] - mean[:, 0]) ** 2 + (chroma[:, 1:] - mean[:, 1]) ** 2
-    variance = (share * gaps).sum(axis=0) / np.maximum(mass, 1e-9) / 2
+    mass, total = share.sum(axis=1), share @ chroma
+    mean = total / np.maximum(mass, 1e-9)[:, None]
+    gaps = (chroma[:, 0] - mean[:, :1]) ** 2 + (chroma[:, 1] - mean[:, 1:]) ** 2
+    variance = (share * gaps).sum(axis=1) / np.maximum(mass, 1e-9) / 2
     own = (variance * mass + SIGMA_POINTS * SIGMA**2) / (mass + SIGMA_POINTS)
     precision = POINT_WORTH * mass / own
     pull = np.einsum("kij,kj->ki", prior, FADE * model.fading)
-    pull += (POINT_WORTH / own)[:, None] * (share.T @ chroma - mass[:, None] * model.lit)
+    pull += (POINT_WORTH / own)[:, None] * (total - mass[:, None] * model.lit)
     unknown = np.linalg.inv(prior + precision[:, None, None] * np.eye(2))
     shift = np.einsum("kij,kj->ki", unknown, pull)
     return replace(model, shift=shift, unknown=unknown, variance=np.maximum(own, LEAST_SIGMA**2))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from annotate.array_types import Float64, UInt8
+from annotate.array_types import Float32, Float64, UInt8
 from annotate.parts import BODY_PARTS
 from annotate.suit.color_model import (
     GAIN,
@@ -32,18 +32,17 @@ def fitted_to(suit: Suit, rgb: UInt8, belief: Float64 | None = None) -> ColorMod
     if belief is None:
         belief = np.full((len(rgb), len(BODY_PARTS)), 1 / len(BODY_PARTS))
     every = slice(None, None, -(-len(rgb) // LIT_COLORS))
-    some, prior = rgb[every], belief[every] @ palette.wears.T
+    some, prior = rgb[every], (palette.wears @ belief[every].T).astype(np.float32)
     chroma, noise = chromaticity(some), blur(some)
     red, green = np.meshgrid(GAIN[0] + GAIN_STEPS, GAIN[1] + GAIN_STEPS, indexing="ij")
     lights = np.stack([red.ravel(), green.ravel()], axis=1)
-    match = palette.match_under(lights, chroma, noise).reshape(len(lights), len(some), -1)
-    order = np.argsort(-_score(match, prior, lights))
+    order = np.argsort(-_score(palette.match_under(lights, chroma, noise), prior, lights))
     found = [refit_colors(under(palette, lights[i]), rgb, belief) for i in order[:REFINED]]
     scores = [_score(model.match(chroma, noise)[None], prior, model.log_gain[None])[0] for model in found]
     return found[int(np.argmax(scores))]
 
 
-def _score(match: Float64, prior: Float64, lights: Float64) -> Float64:
-    """Log likelihood (L,) of lights (L, 2) by the match (L, n, K) of colours, with priors (n, K)."""
-    mixed = np.log((np.exp(match) * prior).sum(axis=2) + STRAY).sum(axis=1)
+def _score(match: Float32, prior: Float32, lights: Float64) -> Float64:
+    """Log likelihood (L,) of lights (L, 2) by the match (L, K, n) of colours, with priors (K, n)."""
+    mixed = np.log((np.exp(match) * prior).sum(axis=1) + STRAY).sum(axis=1)
     return np.asarray(mixed - 0.5 * np.square((lights - GAIN) / GAIN_SIGMA).sum(axis=1))

@@ -20,7 +20,7 @@ from annotate.effort.annotator import WHO, Annotator, correct_set
 from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from annotate.person.pixel_odds import WINDOW_C
-from annotate.reader.channels import CHANNELS, FELT, LIKENESS, OTHER, SEEN, SUBJECT
+from annotate.reader.channels import CHANNELS, FELT, LIKENESS, OTHER, SEEN, SUBJECT, Rectangle
 from annotate.reader.network import Reader, shipped_reader
 from annotate.suit.palette import load_suit
 from eval.compare.compare import Comparison, compare_sets
@@ -81,9 +81,9 @@ class Without(Reader):
         self.__setstate__(shipped_reader().__getstate__())
         self._silence = silence
 
-    def probabilities(self, planes: UInt8, step: int) -> Float32:
+    def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
         """Probabilities by what is left of the channels."""
-        return super().probabilities(self._silence.over(planes), step)
+        return super().probabilities(self._silence.over(planes), step, near)
 
 
 @dataclass(frozen=True)

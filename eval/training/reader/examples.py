@@ -17,13 +17,17 @@ from annotate.frame_labels import FrameLabels
 from annotate.label_source import SuitSurvey, calibrated
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND
-from annotate.reader.read import OTHER_PERSON, view_of
+from annotate.reader.channels import in_light
+from annotate.reader.network import shipped_reader
+from annotate.reader.read import OTHER_PERSON, looked_over, view_of
 from annotate.suit.palette import Suit, load_suit, suit_to_toml
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import replacing
 from sensors.files.npz import array_sizes
 from sensors.importers.open_source import Source, open_source
 
+ROUGH_EVERY = 3
+"""Every so many frames are seen as labelling reads them first, in the light of all colours. Chosen by eye."""
 OPEN_FILES = 256
 """Files that are held open at once; a process may have about a thousand."""
 
@@ -47,9 +51,12 @@ class Example(NamedTuple):
 
 
 def example_of(
-    cloud: ThermalCloud, truth: FrameLabels, before: FrameLabels | None, suit: Suit
+    cloud: ThermalCloud, truth: FrameLabels, before: FrameLabels | None, suit: Suit, *, rough: bool
 ) -> Example | None:
-    """Example of a frame, seen as labelling sees it; None where that would not read the suit."""
+    """Example of a frame, seen as labelling sees it; None where that would not read the suit.
+
+    rough: in the light of all colours, as labelling reads first, and not in that of the parts.
+    """
     survey = SuitSurvey.of(cloud, suit).persons
     person = survey.person(before)
     view = view_of(cloud, survey, person, suit, before) if person.trusted else None
@@ -58,8 +65,10 @@ def example_of(
     target = truth.parts[view.where].copy()
     if truth.persons is not None:
         target[(truth.persons[view.where] > 1) & (target == BACKGROUND)] = OTHER_PERSON
+    light = view.light if rough else looked_over(view, suit, shipped_reader())[1]
+    planes = in_light(view.planes, view.rgb, light)
     distance_m = np.median(cloud.points_m[..., 2][person.mask & cloud.valid])
-    return Example(view.planes, target, np.array([cloud.camera.fx, distance_m]))
+    return Example(planes, target, np.array([cloud.camera.fx, distance_m]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +111,7 @@ class Recording:
                         f"frame {frame_id} of {self.labels.path} shows another depth image than "
                         f"{self.source.name}; give the labels of this recording"
                     )
-                yield example_of(cloud, labels, before, self.suit)
+                yield example_of(cloud, labels, before, self.suit, rough=frame.index % ROUGH_EVERY == 0)
             before = labels
 
     def digest(self) -> str:

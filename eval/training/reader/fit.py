@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import torch
 
 from annotate.labelset.claim import Claim, login
-from annotate.reader.channels import SAMPLE_M
 from annotate.reader.network import SHIPPED_READER, shipped_reader
+from annotate.reader.read import SAMPLE_M
 from eval.training.reader.examples import Example, Recording, Stock, store_examples
 from eval.training.reader.net import ReaderNet, export_reader, load_reader
 from eval.training.reader.outcome import Outcome, outcome

@@ -9,7 +9,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.suit.palette import DEFAULT_SUIT
-from eval.training.reader.examples import Example, example_of
+from eval.training.reader.examples import ROUGH_EVERY, Example, example_of
 from sensors.recording.rig_templates import REFERENCE
 from synth.appearance.random_suit import random_suit
 from synth.rig.truth import truth_labels
@@ -56,7 +56,7 @@ def rig_examples(rig: VirtualRig) -> Iterator[Example]:
         cloud = fuser.fuse_frame(frame)
         if rng.random() < CLOSED:
             cloud = _unfelt(cloud)
-        example = example_of(cloud, truth, before, rig.suit)
+        example = example_of(cloud, truth, before, rig.suit, rough=frame.index % ROUGH_EVERY == 0)
         if example is not None:
             yield example
         before = truth

@@ -1,0 +1,87 @@
+"""The reader's network cut in two: what everything around a place says of it, and what its own pixels add.
+
+The first half sees an image whole and says something of every square of ``PLACE`` x ``PLACE`` samples; by
+that, the second names the samples of any part of an image. Of ONNX files only the few fields needed are read.
+"""
+
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf.message import DecodeError, Message
+
+PLACE = 4
+"""Samples along a side of the squares that the first half speaks of."""
+INPUT, OUTPUT = "channels", "scores"
+"""Names of the network's input and output."""
+JOINT = "up.2.0.weight"
+"""Weights of the layer that joins what the first half says, enlarged, with an image's own samples."""
+_FIELDS: dict[str, list[tuple[str, int, str, bool]]] = {
+    "Model": [("graph", 7, "Graph", False)],
+    "Graph": [("node", 1, "Node", True), ("initializer", 5, "Tensor", True),
+              ("input", 11, "Value", True), ("output", 12, "Value", True)],
+    "Node": [("input", 1, "", True), ("output", 2, "", True)],
+    "Tensor": [("name", 8, "", False)],
+    "Value": [("name", 1, "", False), ("type", 2, "Type", False)],
+    "Type": [("tensor", 1, "TensorType", False)],
+    "TensorType": [("shape", 2, "Shape", False)],
+    "Shape": [("dim", 1, "Dim", True)],
+    "Dim": [("param", 2, "", False)],
+}  # fmt: skip
+"""Messages of onnx.proto3 with the fields used: name, number, message or text, repeated. Others are kept."""
+
+
+def halves(file: bytes) -> tuple[bytes, bytes, str]:
+    """The ONNX files of both halves, and the name of what the first gives to the second.
+
+    Raises ValueError where the file is no such network.
+    """
+    try:
+        model = _model().FromString(file)
+    except DecodeError as error:
+        raise ValueError("no ONNX file") from error
+    makers = {name: node for node in model.graph.node for name in node.output}
+    joints = [node for node in model.graph.node if JOINT in node.input]
+    try:
+        enlarged = makers[makers[joints[0].input[0]].input[0]]
+        context = enlarged.input[0]
+    except (IndexError, KeyError) as error:
+        raise ValueError(f"no layer {JOINT}") from error
+    return _part(model, {INPUT}, context), _part(model, {INPUT, context}, OUTPUT), context
+
+
+def _part(model: Message, given: set[str], wanted: str) -> bytes:
+    """File of the nodes that make ``wanted`` of what is given."""
+    part = type(model)()
+    part.CopyFrom(model)
+    graph, needed, kept = part.graph, {wanted}, []
+    for node in reversed(model.graph.node):
+        if needed & set(node.output) - given:
+            needed |= set(node.input)
+            kept.append(node)
+    size = graph.input[0].type
+    size.tensor.shape.CopyFrom(type(size.tensor.shape)(dim=[{"param": name} for name in "nkhw"]))
+    for listed, new in (
+        (graph.node, kept[::-1]),
+        (graph.initializer, [tensor for tensor in model.graph.initializer if tensor.name in needed]),
+        (graph.input, [type(graph.input[0])(name=name, type=size) for name in sorted(given)]),
+        (graph.output, [type(graph.output[0])(name=wanted, type=size)]),
+    ):
+        del listed[:]
+        listed.extend(new)
+    return bytes(part.SerializeToString())
+
+
+def _model() -> type[Message]:
+    """Class of the message of a whole file."""
+    field = descriptor_pb2.FieldDescriptorProto
+    file = descriptor_pb2.FileDescriptorProto(name="outline.proto", package="outline")
+    for name, fields in _FIELDS.items():
+        message = file.message_type.add(name=name)
+        for own, number, kind, repeated in fields:
+            added = message.field.add(name=own, number=number)
+            added.label = field.LABEL_REPEATED if repeated else field.LABEL_OPTIONAL
+            added.type = field.TYPE_MESSAGE if kind else field.TYPE_STRING
+            if kind:
+                added.type_name = f".outline.{kind}"
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file)
+    whole: type[Message] = message_factory.GetMessageClass(pool.FindMessageTypeByName("outline.Model"))
+    return whole
