@@ -62,6 +62,11 @@ def calibrate(
         raise typer.BadParameter("needs --live; without it, record the plate first", param_hint="--rig")
     for path in (out, _plot(out), *([yaml] if yaml else [])):
         check_free(path, overwrite)
+    if live and (rig is not None or device):
+        from cli.rig_devices import asked_rig
+
+        check_free(board, overwrite)
+        asked_rig(rig, device)
     # Opened before the imports, which take a second that a refusal need not spend.
     session = None if live else _opened(board)
     with needing("rig"):

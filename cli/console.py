@@ -20,7 +20,8 @@ from rich.table import Table
 from rich.text import Text
 from typer import Option
 
-from sensors.errors import one_line
+from sensors.errors import ExistsError, one_line
+from sensors.files.atomic import is_taken
 
 if TYPE_CHECKING:
     from annotate.label_source import Run
@@ -156,6 +157,19 @@ def finish_run(result: dict[str, Any], run: "Run", as_json: bool, text: str) -> 
     finish(result, as_json, text)
     if run.failed:
         raise typer.Exit(3)
+
+
+def check_room(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
+    """Check that a folder is new, holds ``marker`` or may be replaced: before what writes it is imported.
+
+    Raises ExistsError for one that holds something else, or must not be removed.
+    """
+    from annotate.labelset.appearing import check_replaceable
+
+    if overwrite and out.exists():
+        check_replaceable(out, marker, *inputs)
+    elif is_taken(out) and not (out / marker).is_file():
+        raise ExistsError(f"{out} already exists; choose another folder or pass --overwrite")
 
 
 def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:

@@ -49,3 +49,14 @@ def check_extra(extra: str, *modules: str) -> None:
         for name in modules:
             if importlib.util.find_spec(name) is None:
                 raise ModuleNotFoundError(name=name)
+
+
+def check_window() -> None:
+    """Check that a window could be shown, without the seconds that importing its libraries takes.
+
+    Raises CloudError where its libraries are missing or there is no screen.
+    """
+    check_extra("gui", "PySide6", "pyvista", "pyvistaqt")
+    from annotate.gui.display import displays
+
+    displays()

@@ -45,7 +45,7 @@ def _motion(path: Path) -> Shown | None:
     if path.suffix != ".npz":
         return None
     from cli.motion import motion_info
-    from synth.markers.motion_file import is_motion
+    from synth.markers.archives import is_motion
 
     return motion_info(path) if is_motion(path) else None
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from cli.console import Json, Overwrite, clear, finish, finish_run, progress, say
+from cli.console import Json, Overwrite, check_room, clear, finish, finish_run, progress, say
 from cli.extras import check_extra, needing
 from cli.sessions import Scheduler, label_each, sessions_in
 from sensors.files.atomic import check_free, check_there, write_bytes
-from sensors.importers.open_source import open_source
+from sensors.importers.open_source import open_source, opener_at
 
 if TYPE_CHECKING:
     from annotate.label_source import Run
@@ -68,6 +68,10 @@ def label(
     palette = load_suit(suit) if suit else None
     sessions = sessions_in(session, scheduler)
     source = None if sessions else open_source(session)
+    given = [path for path in (suit, weights) if path]
+    check_there(*given)
+    if source is not None:
+        check_room(out, store.MANIFEST, overwrite, session, *given)
     from annotate.reader.network import Reader, shipped_reader
 
     reader = Reader(weights) if weights else shipped_reader()
@@ -75,7 +79,7 @@ def label(
         one = partial(_label, palette, window, reader)
         label_each("label", one, sessions, out, scheduler, overwrite, json)
         return
-    clear(out, store.MANIFEST, overwrite, session, *(given for given in (suit, weights) if given))
+    clear(out, store.MANIFEST, overwrite, session, *given)
     notes = [*source.notes, *(palette.notes if palette else ())]
     for note in notes:
         say(note)
@@ -173,6 +177,8 @@ def predict(
         check_free(joints, overwrite)
     if probabilities and everybody:
         raise typer.BadParameter("probabilities are kept of one person; leave it or --everybody out")
+    given = [weights] if weights else []
+    check_there(*given)
     if sessions := sessions_in(source, scheduler):
         if joints is not None:
             raise typer.BadParameter("--joints is for one session; its notes in each label set hold them")
@@ -182,8 +188,9 @@ def predict(
     opened = _opened(source, everybody)
     from annotate.labelset import store
 
+    check_room(out, store.MANIFEST, overwrite, source, *given)
     work = _work(opened, out, weights, window, probabilities, everybody)
-    clear(out, store.MANIFEST, overwrite, source, *([weights] if weights else []))
+    clear(out, store.MANIFEST, overwrite, source, *given)
     started, total = time.monotonic(), len(opened)
     with progress("predict", total) as advance:
         run = work(advance)
@@ -277,6 +284,10 @@ def fix(
 
     check_extra("gui", "PySide6", "pyvista", "pyvistaqt")
     LabelSet.open(labels)
+    if compare is not None:
+        LabelSet.open(compare)
+    if session is not None:
+        opener_at(session)
     with needing("gui"):
         from annotate.gui.app import run_window
         from annotate.gui.learning import Lesson

@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 from cli.console import Json, finish, progress, say
 from cli.extras import check_extra, needing
+from sensors.files.atomic import check_there
 
 LOW = 10
 """How much lower its priority is than that of other work, as a niceness. Chosen by eye."""
@@ -32,6 +33,8 @@ def learn(
 
     check_extra("train", "torch", "onnx", "safetensors")
     LabelSet.open(labels)
+    if weights is not None:
+        check_there(weights)
     with needing("train"):
         import torch
 

@@ -6,8 +6,10 @@ from typing import Annotated
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite
+from cli.extras import check_window
 from sensors.errors import DeviceError
-from sensors.files.atomic import check_there
+from sensors.files.atomic import check_free, check_there
+from sensors.importers.open_source import opener_at
 from sensors.session.paths import recording_at
 
 
@@ -35,7 +37,21 @@ def live(
     if sum((session is not None, rig is not None, bool(device))) != 1:
         raise DeviceError("nothing to show; give either a session, --rig, or one or more --device")
     if session is not None:
+        if record is not None:
+            raise DeviceError(f"{session} is played back, which cannot be recorded; leave out --record")
         check_there(recording_at(session))
+        opener_at(session)
+    else:
+        from cli.rig_devices import asked_rig
+
+        asked_rig(rig, device)
+    if record is not None:
+        check_free(record, overwrite)
+    from annotate.suit.palette import load_suit
+
+    palette = load_suit(suit) if suit else None
+    if not no_window:
+        check_window()
     from cli.live_view import watch
 
-    watch(session, rig, device, suit, record, subject, no_window, serve, port, seconds, overwrite, json)
+    watch(session, rig, device, palette, record, subject, no_window, serve, port, seconds, overwrite, json)

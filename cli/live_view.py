@@ -18,7 +18,7 @@ from annotate.label_source import SuitSurvey, suit_labeller
 from annotate.live.live_frame import Labelling, LiveFrame, Rig, Stance
 from annotate.live.pipeline import LivePipeline
 from annotate.reader.network import shipped_reader
-from annotate.suit.palette import Suit, load_suit
+from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
 from cli.rig_devices import ended_by_sigterm, open_rig
@@ -42,7 +42,7 @@ def watch(
     session: Path | None,
     rig: Path | None,
     device: list[str] | None,
-    suit: Path | None,
+    palette: Suit | None,
     record: Path | None,
     subject: str,
     no_window: bool,
@@ -53,7 +53,6 @@ def watch(
     json: bool,
 ) -> None:
     """What ``live`` does, with its arguments."""
-    palette = load_suit(suit) if suit else None
     with ended_by_sigterm(), serving(port if serve else None) as stream:
         opened: Rig = Playback(open_source(session)) if session else open_rig(rig, device)
         with closing(opened) as running:

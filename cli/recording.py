@@ -14,7 +14,9 @@ from rich.table import Table
 from typer import Argument, Option
 
 from cli.console import LINE_SECONDS, Json, Overwrite, cell, finish, say, table
+from cli.extras import check_window
 from sensors.errors import DeviceError
+from sensors.files.atomic import check_free
 from sensors.recording.how_tested import KINDS
 
 if TYPE_CHECKING:
@@ -41,12 +43,16 @@ def record(
         raise typer.BadParameter("--preview records people, not the hole plate; leave --infrared out")
     if (rig is None) == (not device):
         raise DeviceError("no device to record from; give either --rig or one or more --device")
+    check_free(out, overwrite)
     if preview:
         from annotate.suit.palette import load_suit
-        from cli.live_view import look_at
-        from cli.rig_devices import ended_by_sigterm, open_rig
+        from cli.rig_devices import asked_rig, ended_by_sigterm, open_rig
 
+        asked_rig(rig, device)
         palette = load_suit(suit) if suit else None
+        check_window()
+        from cli.live_view import look_at
+
         with ended_by_sigterm(), closing(open_rig(rig, device)) as running:
             look_at(running, palette, out, overwrite, seconds, json)
         return

@@ -6,16 +6,21 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cli.console import say
-from cli.extras import needing
+from cli.extras import check_extra, needing
+from sensors.device.address import Address
 from sensors.device.protocol import Device
 from sensors.errors import CalibrationError, DeviceError
 from sensors.recording.live_rig import LiveRig
-from sensors.recording.open_device import open_device
+from sensors.recording.open_device import check_kind, open_device
 from sensors.recording.rig_file import RecordingRig, load_rig
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
+
+if TYPE_CHECKING:
+    from synth.rig.virtual_rig import VirtualRig
 
 VIRTUAL_SEED = 7
 VIRTUAL_FRAMES = 30
@@ -26,10 +31,18 @@ class Shown:
     """The frames of the virtual cameras, rendered when the first of them is read."""
 
     def __init__(self) -> None:
+        check_extra("synth", "scipy")
+
+    @cached_property
+    def _rig(self) -> "VirtualRig":
         with needing("synth"):
             from synth.rig.virtual_rig import VirtualRig
-        self._rig = VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
-        self.calibration = self._rig.calibration
+        return VirtualRig(VIRTUAL_FRAMES, 1, "normal", VIRTUAL_SEED, frames_per_second=VIRTUAL_FRAMES)
+
+    @property
+    def calibration(self) -> RigCalibration:
+        """Of the virtual rig."""
+        return self._rig.calibration
 
     def __iter__(self) -> Iterator[RigFrame]:
         return iter(self._frames)
@@ -59,6 +72,19 @@ def open_rig(rig: Path | None, device: list[str] | None) -> LiveRig:
     return running
 
 
+def asked_rig(rig: Path | None, device: list[str] | None) -> RecordingRig:
+    """The rig that a file or addresses name, nothing opened yet.
+
+    Raises DeviceError for devices of no known kind, CalibrationError where the file cannot be read.
+    """
+    if (rig is None) == (not device):
+        raise DeviceError("no device to record from; give either --rig or one or more --device")
+    wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
+    for address in wanted.devices:
+        check_kind(Address(address))
+    return wanted
+
+
 def opened_rig(
     rig: Path | None, device: list[str] | None, stack: ExitStack
 ) -> tuple[RecordingRig, list[Device], RigCalibration, Callable[[str], Device]]:
@@ -66,9 +92,7 @@ def opened_rig(
 
     The rig names its devices, and their latency, by the addresses that they have themselves.
     """
-    if (rig is None) == (not device):
-        raise DeviceError("no device to record from; give either --rig or one or more --device")
-    wanted = load_rig(rig) if rig is not None else RecordingRig("rig", tuple(device or ()))
+    wanted = asked_rig(rig, device)
     shown = Shown() if any(address.startswith("virtual:") for address in wanted.devices) else None
 
     asked = dict[str, str]()

@@ -3,7 +3,7 @@
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import redirect_stdout, suppress
+from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from cli.console import Json, Overwrite, clear, finish, progress, table
+from cli.console import Json, Overwrite, check_room, clear, finish, progress, table
 from cli.extras import needing
 from cli.rigs import names
 from sensors.errors import CloudError
-from sensors.files.atomic import check_free
+from sensors.files.atomic import check_free, check_there
+from sensors.importers.open_source import opener_at
+from synth.choices import DIFFICULTIES, PRESETS, SCENES, check_choice, check_rig
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
     from synth.images.presets import Preset
 
 PICTURE = "bodies.png"
+PLATE = "plate"
+"""In place of a scene: the target of calibrate."""
 RANDOM = "random"
 """In place of a palette file: a suit drawn by the seed."""
 Beside = Annotated[
@@ -41,29 +45,17 @@ app = typer.Typer(help="Synthetic bodies and datasets of depth images.", no_args
 
 def scenes() -> list[str]:
     """Scenes of the virtual rig, and the plate for calibration."""
-    with suppress(ImportError):
-        from synth.rig.place import SCENES
-
-        return [*SCENES, "plate"]
-    return []
+    return [*SCENES, PLATE]
 
 
 def difficulties() -> list[str]:
     """Difficulties of the virtual rig."""
-    with suppress(ImportError):
-        from synth.rig.difficulty import DIFFICULTIES
-
-        return list(DIFFICULTIES)
-    return []
+    return list(DIFFICULTIES)
 
 
 def presets() -> list[str]:
     """Presets of `synth generate`."""
-    with suppress(ImportError):
-        from synth.images.presets import PRESETS
-
-        return list(PRESETS)
-    return []
+    return list(PRESETS)
 
 
 def simulate(
@@ -109,17 +101,20 @@ def simulate(
 
     cameras = template_named(rig or REFERENCE)
     check_free(out, overwrite)
-    if scene == "plate":
+    if scene == PLATE:
         _simulate_plate(out, frames, seed, cameras, overwrite, json)
         return
+    count = subjects or min(4, frames)
+    check_rig(frames, count, scene, difficulty)
     from annotate.suit.palette import DEFAULT_SUIT, load_suit
 
+    given = load_suit(Path(suit)) if suit not in (None, RANDOM) else DEFAULT_SUIT
     with needing("synth"):
         from synth.appearance.random_suit import random_suit
-        from synth.rig.simulate import simulate, suit_path, truth_path
+        from synth.rig.paths import suit_path, truth_path
+        from synth.rig.simulate import simulate
         from synth.rig.virtual_rig import VirtualRig
-    worn = random_suit(seed) if suit == RANDOM else load_suit(Path(suit)) if suit else DEFAULT_SUIT
-    count = subjects or min(4, frames)
+    worn = random_suit(seed) if suit == RANDOM else given
     virtual = VirtualRig(frames, count, difficulty, seed, scene, rig=cameras.name, suit=worn)
     with progress("simulate", frames) as advance:
         simulate(virtual, out, advance, overwrite=overwrite)
@@ -214,15 +209,37 @@ def _bake(names: list[str], sizes: "Sequence[BodySize | None]", rng: "np.random.
 def _preset(name: str | None, motion: Path | None) -> "Preset":
     """The preset of that name, or of a recorded motion's poses."""
     from synth.images.presets import preset_named, preset_of
-    from synth.motion.library import motion_files
+    from synth.motion.files import motion_files
     from synth.motion.repertoire import read_repertoire
 
-    if (name is None) == (motion is None):
-        raise CloudError("give either --preset or --motion")
     if motion is None:
         return preset_named(str(name))
     with progress("read motions", len(motion_files(motion))) as advance:
         return preset_of(read_repertoire(motion, advance))
+
+
+def _check_beside(recording: Path) -> None:
+    """Check that people can be shown beside a dataset's: a label set, or what ``import`` reads."""
+    from annotate.labelset.store import MANIFEST
+
+    if not (recording / MANIFEST).is_file():
+        opener_at(recording)
+
+
+def _check_order(preset: str | None, motion: Path | None, garments: Path | None, beside: Path | None) -> None:
+    """Check what a dataset is to be made of. Raises CloudError for what is unknown or not there."""
+    if (preset is None) == (motion is None):
+        raise CloudError("give either --preset or --motion")
+    if preset is not None:
+        check_choice("preset", preset, PRESETS)
+    if motion is not None:
+        from synth.motion.files import motion_files
+
+        motion_files(motion)
+    if garments is not None:
+        check_there(garments)
+    if beside is not None:
+        _check_beside(beside)
 
 
 @app.command("generate")
@@ -242,14 +259,20 @@ def generate_(
             "joint positions (.npz), or a folder of such files."
         ),
     ] = None,
-    count: Annotated[int | None, Option(help="Number of images. Default: the preset's own.")] = None,
+    count: Annotated[
+        int | None, Option(help="Number of images. Default: the preset's own.", min=1, max=1_000_000_000)
+    ] = None,
     workers: Annotated[int, Option(help="Processes on this machine.", min=1, max=256)] = 2,
     scheduler: Annotated[
         str | None, Option(help="Use a dask cluster instead: address of its scheduler, tcp://HOST:8786.")
     ] = None,
-    seed: Annotated[int, Option(help="The same seed gives the same bytes.")] = 0,
-    occluders: Annotated[float, Option(help="Share of images with objects in front of the person.")] = 0.0,
-    cut: Annotated[float, Option(help="Share of images with holes in the extracted person.")] = 0.0,
+    seed: Annotated[int, Option(help="The same seed gives the same bytes.", min=0)] = 0,
+    occluders: Annotated[
+        float, Option(help="Share of images with objects in front of the person.", min=0, max=1)
+    ] = 0.0,
+    cut: Annotated[
+        float, Option(help="Share of images with holes in the extracted person.", min=0, max=1)
+    ] = 0.0,
     garments: Annotated[
         Path | None, Option(help="Folder of MakeHuman garments (.mhclo) that half of the people wear.")
     ] = None,
@@ -258,9 +281,14 @@ def generate_(
     json: Json = False,
 ) -> None:
     """Generate labelled depth images of people as tar shards, with a page of pictures and statistics."""
+    _check_order(preset, motion, garments, beside)
+    from annotate.labelset.dataset import ORDER
+
+    inputs = [path for path in (motion, garments, beside) if path]
+    check_room(out, ORDER, overwrite, *inputs)
     with needing("synth"):
         from synth.images.distributions import distributions_at
-        from synth.images.generate import ORDER, Order, generate
+        from synth.images.generate import Order, generate
         from synth.images.presets import dressed_from
         from synth.images.workers import cluster, processes
 
@@ -275,7 +303,7 @@ def generate_(
         progress("generate", order.count) as advance,
     ):
         # Only once the workers have started: an unreachable scheduler must not cost the old dataset.
-        clear(out, ORDER, overwrite)
+        clear(out, ORDER, overwrite, *inputs)
         made = generate(order, out, hands, advance, recording)
     rate = made.images / (time.monotonic() - started)
     shards = len(made.dataset.shards)
@@ -290,16 +318,17 @@ def page(
     json: Json = False,
 ) -> None:
     """Draw the page of a dataset again, beside a recording of real people."""
-    with needing("synth"):
-        from synth.images.dataset_page import PAGE, write_page
-        from synth.images.distributions import distributions_at
-        from synth.images.generate import ORDER
-
-    from annotate.labelset.dataset import Dataset
+    from annotate.labelset.dataset import ORDER, Dataset
 
     opened = Dataset.open(dataset)
     if not (dataset / ORDER).is_file():
         raise CloudError(f"{dataset} was not made by synth generate; give a folder with {ORDER}")
+    if beside is not None:
+        _check_beside(beside)
+    with needing("synth"):
+        from synth.images.dataset_page import PAGE, write_page
+        from synth.images.distributions import distributions_at
+
     recording = None if beside is None else distributions_at(beside)
     write_page(opened, recording)
     finish({"page": str(dataset / PAGE)}, json, f"{dataset / PAGE}")
@@ -320,10 +349,16 @@ def film(
     json: Json = False,
 ) -> None:
     """Record a motion with the virtual rig, 30 frames a second; the true labels go to out.truth/."""
+    check_choice("difficulty", difficulty, DIFFICULTIES)
+    check_free(out, overwrite)
+    from synth.motion.files import check_motion
+
+    check_motion(motion)
     with needing("synth"):
         from synth.motion.library import read_take
         from synth.rig.film import FilmRig
-        from synth.rig.simulate import simulate, suit_path, truth_path
+        from synth.rig.paths import suit_path, truth_path
+        from synth.rig.simulate import simulate
 
     name, moved = read_take(motion, take)
     rig = FilmRig(name, moved, difficulty, seed)

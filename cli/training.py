@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from cli.console import Json, Overwrite, clear, finish, progress, say
+from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
 from cli.extras import check_extra, needing
 from sensors.errors import CloudError
+from sensors.files.atomic import check_there
+from sensors.importers.open_source import opener_at
 
 if TYPE_CHECKING:
     from torch import nn
@@ -26,6 +28,10 @@ if TYPE_CHECKING:
 
 CALIBRATED_ON = 512
 """Images, at most, on which confidences are made chances: the measured ones where there are any."""
+PLAN = "plan.json"
+"""What both trainings write first into their folder."""
+SHIPPED = Path("shipped")
+"""For ``--init``: the shipped network."""
 Without = StrEnum(
     "Without", ["mirror", "place", "turn", "noise", "holes", "occluders", "cuts", "borders", "extras"]
 )
@@ -74,16 +80,24 @@ def train(
 ) -> None:
     """Train a network; writes weights.onnx, weights.safetensors, history.json. Needs the extra 'train'."""
     started, tests = time.monotonic(), test or []
+    if tests and hold_out:
+        raise CloudError("--test and --hold-out exclude each other; give one of them")
+    if init and network:
+        raise CloudError(f"{init} determines the network; leave out --network {network}")
     from annotate.labelset.frames import open_frames
 
     check_extra("train", "torch", "onnx", "safetensors")
     for path in (*data, *tests):
         open_frames(path)
+    start_from = [] if init in (None, SHIPPED) else [init]
+    inputs = [*data, *tests, *start_from]
+    check_there(*start_from)
+    check_room(out, PLAN, overwrite, *inputs)
     with needing("train"):
         from eval.training.loader import ProcessGroup
         from eval.training.plan import best_precision
         from eval.training.train import train as run
-    init = _shipped() if init == Path("shipped") else init
+    init = _shipped() if init == SHIPPED else init
     with ProcessGroup.join() as group:
         plan, start = _plan(network, recipe, init, without or [], batch)
         plan = replace(
@@ -91,7 +105,7 @@ def train(
         )
         crops, measured = _crops(data, tests, frozenset(hold_out or []), test_images)
         if group.first:
-            clear(out, "plan.json", overwrite, *data, *tests, *([init] if init else []))
+            clear(out, PLAN, overwrite, *inputs)
         with _watching(group, out, plan, crops, checkpoint_minutes) as watch:
             model, done = run(crops, measured, out, plan, group, watch, start, workers)
     if group.first:
@@ -137,8 +151,6 @@ def _plan(
     from eval.training.augment import Augmentation
     from eval.training.plan import ModernRecipe, PaperRecipe, Plan
 
-    if init and network:
-        raise CloudError(f"{init} determines the network; leave out --network {network}")
     model, config = load_weights(init) if init else (None, _config(network or "compact"))
     how = Augmentation(**{f.name: f.name not in without for f in fields(Augmentation)})
     kind = PaperRecipe if recipe == "paper" else ModernRecipe
@@ -168,8 +180,6 @@ def _crops(
     from eval.training.crops import load_crops
 
     crops = load_crops(data, without=hold_out)
-    if tests and hold_out:
-        raise CloudError("--test and --hold-out exclude each other; give one of them")
     if hold_out:
         return crops, load_crops(data, only=hold_out).spread(images)
     return crops, load_crops(tests).spread(images) if tests else None
@@ -217,22 +227,29 @@ def train_labels(
 ) -> None:
     """Train the labelling on with your recordings, for 'label --weights'. Needs the extra 'train'."""
     from annotate.labelset.store import LabelSet
-    from annotate.reader.network import Reader
+    from annotate.suit.palette import load_suit
+    from synth.rig.paths import suit_path, truth_path
 
     check_extra("train", "torch", "onnx", "safetensors")
-    with needing("train", "synth"):
-        from synth.rig.simulate import suit_path, truth_path
+    check_extra("synth", "scipy")
+    if len(sessions) < 2:
+        raise CloudError("one recording is too few: confidence is fitted to another; give two or more")
     if truth and len(truth) != len(sessions):
         raise CloudError(f"{len(truth)} label sets for {len(sessions)} recordings; give one --truth for each")
     known = truth or [truth_path(session) for session in sessions]
     suits = [suit or suit_path(session) for session in sessions]
     triples = list(zip(sessions, known, suits, strict=True))
-    for path in known:
-        LabelSet.open(path)
+    for recording, labels, palette in triples:
+        opener_at(recording)
+        LabelSet.open(labels)
+        load_suit(palette)
+    inputs = [path for triple in triples for path in triple]
+    check_room(out, PLAN, overwrite, *inputs)
     with needing("train", "synth"):
+        from annotate.reader.network import Reader
         from eval.training.reader.examples import Recording
-        from eval.training.reader.fit import PLAN, train_labels
-    clear(out, PLAN, overwrite, *(path for triple in triples for path in triple))
+        from eval.training.reader.fit import train_labels
+    clear(out, PLAN, overwrite, *inputs)
     done = train_labels([Recording.open(*triple) for triple in triples], out, steps, seed, progress)
     result = {
         "weights": str(done.path),

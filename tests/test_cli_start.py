@@ -39,43 +39,110 @@ def started(*commands: list[object]) -> list[tuple[int, str, set[str]]]:
     return [(code, said, set(modules)) for code, said, modules in json.loads(done.stdout)]
 
 
-def test_help_imports_no_numbers_and_info_and_refusals_no_compiler(rig_session, rig_labels, tmp_path):
+def refusals(session, labels, tmp_path) -> list[list[object]]:
+    """What each verb refuses: what is missing, of another kind, taken, unknown by name, or no such number."""
     nowhere, out, text = tmp_path / "nowhere", tmp_path / "out", tmp_path / "notes.txt"
+    taken, filled = tmp_path / "taken.mcap", tmp_path / "filled"
     text.write_text("no recording")
-    helps = [["--help"], ["label", "--help"], ["synth", "generate", "--help"]]
-    shown = [["info", rig_session], ["info", rig_labels.path], ["devices"], ["rig"]]
-    refused = [
+    taken.write_text("a session")
+    filled.mkdir()
+    (filled / "something").write_text("else")
+    generate = ["synth", "generate", "--out", out]
+    people = [*generate, "--preset", "people"]
+    two = ["train-labels", session, session]
+    return [
         ["info", nowhere],
         ["info", text],
         ["validate", nowhere],
         ["label", nowhere, "--out", out],
-        ["label", rig_session, "--suit", text, "--out", out],
+        ["label", session, "--suit", text, "--out", out],
+        ["label", session, "--weights", nowhere, "--out", out],
+        ["label", session, "--out", filled],
+        ["label", session, "--out", filled, "--overwrite"],
         ["predict", nowhere, "--out", out],
-        ["diff", nowhere, rig_labels.path],
-        ["evaluate", nowhere, rig_labels.path],
+        ["predict", session, "--weights", nowhere, "--out", out],
+        ["predict", session, "--out", filled],
+        ["diff", nowhere, labels],
+        ["evaluate", nowhere, labels],
         ["fix", nowhere],
+        ["fix", labels, "--session", text],
+        ["fix", labels, "--compare", nowhere],
         ["train", nowhere, "--out", out],
+        ["train", labels, "--out", filled],
+        ["train", labels, "--out", out, "--init", nowhere],
+        ["train", labels, "--out", out, "--init", "shipped", "--network", "compact"],
+        ["train", labels, "--out", out, "--test", labels, "--hold-out", "anna"],
+        [*two[:2], "--out", out],
+        [*two, "--out", out, "--truth", nowhere],
+        [*two, "--out", out, "--truth", labels, "--truth", text],
+        [*two, "--out", out, "--suit", nowhere],
+        [*two, "--out", filled],
         ["learn", nowhere, "--out", out],
+        ["learn", labels, "--out", out, "--weights", nowhere],
         ["export", nowhere, out, "--format", "coco"],
+        ["export", labels, out, "--format", "unheard-of"],
         ["import", nowhere, out],
         ["import", text, tmp_path / "out.mcap"],
         ["repair", nowhere],
         ["record", out],
+        ["record", out, "--device", "toaster"],
+        ["record", out, "--device", "virtual:toaster"],
+        ["record", out, "--device", "virtual:kinect2?crumbs=1"],
+        ["record", taken, "--device", "virtual:kinect2"],
+        ["record", out, "--preview", "--device", "toaster"],
         ["simulate", out, "--rig", "none"],
+        ["simulate", out, "--scene", "moon"],
+        ["simulate", out, "--difficulty", "easy"],
+        ["simulate", out, "--suit", nowhere],
+        ["simulate", out, "--frames", "2", "--subjects", "3"],
         ["simulate", text],
+        generate,
+        [*generate, "--preset", "unheard-of"],
+        [*generate, "--motion", nowhere],
+        [*people, "--motion", nowhere],
+        [*people, "--garments", nowhere],
+        [*people, "--beside", text],
+        ["synth", "generate", "--out", filled, "--preset", "people"],
+        ["synth", "film", nowhere, out],
+        ["synth", "film", text, out],
+        ["synth", "film", text, taken],
+        ["synth", "film", text, out, "--difficulty", "easy"],
+        ["synth", "page", nowhere],
+        ["synth", "page", labels],
         ["solve", nowhere, "--out", out],
         ["calibrate", nowhere, "--out", out],
+        ["calibrate", out, "--live", "--device", "toaster", "--out", out],
         ["compare", nowhere, nowhere],
         ["report", nowhere, "--out", out],
         ["live", nowhere],
+        ["live", text],
+        ["live", "--device", "toaster"],
+        ["live", "--device", "virtual:kinect2", "--suit", nowhere],
+        ["live", "--device", "virtual:kinect2", "--record", taken],
+        ["live", session, "--record", out],
         ["demo", "--out", text],
     ]
+
+
+def test_help_imports_no_numbers_and_info_and_refusals_no_compiler(rig_session, rig_labels, tmp_path):
+    helps = [["--help"], ["label", "--help"], ["synth", "generate", "--help"]]
+    shown = [["info", rig_session], ["info", rig_labels.path], ["devices"], ["rig"]]
+    refused = refusals(rig_session, rig_labels.path, tmp_path)
     done = started(*helps, *shown, *refused)
     for (code, said, modules), command in zip(done, [*helps, *shown, *refused], strict=True):
         assert code == (command in refused), (command, said)
         assert not modules & set(HEAVY), command
         if command in helps:
             assert not modules & {"numpy", "cv2"}, command
+
+
+def test_names_of_choices_are_those_of_what_they_choose():
+    pytest.importorskip("scipy", reason="people need the extra synth")
+    from synth import choices
+    from synth.images.presets import PRESETS
+    from synth.rig.difficulty import DIFFICULTIES
+
+    assert tuple(PRESETS) == choices.PRESETS and tuple(DIFFICULTIES) == choices.DIFFICULTIES
 
 
 def test_every_augmentation_can_be_left_out():

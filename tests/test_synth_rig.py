@@ -16,7 +16,8 @@ from sensors.session.reader import Session
 from synth.cameras.sensor import Reading
 from synth.cameras.time_of_flight import TimeOfFlight
 from synth.rig.difficulty import DIFFICULTIES
-from synth.rig.simulate import simulate, suit_path, truth_path
+from synth.rig.paths import suit_path, truth_path
+from synth.rig.simulate import simulate
 from synth.rig.truth import FLYING_MM, Truth, truth_labels, whose_readings
 from synth.rig.virtual_rig import FLAG_CLOSED, VirtualRig
 from synth.surface.furniture import Surface

@@ -22,7 +22,7 @@ from eval.training.reader.samples import LIKE, LIKE_PARTS, Sample, as_labelling,
 from eval.training.reader.scenes import rig_examples
 from eval.training.reader.train import Stage
 from sensors.errors import CloudError, FormatError
-from synth.rig.simulate import suit_path
+from synth.rig.paths import suit_path
 from synth.rig.virtual_rig import DRAFT_PX, VirtualRig
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -9,6 +9,7 @@ import sys
 
 from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext, QSurfaceFormat
 
+from annotate.gui.display import displays
 from sensors.errors import CloudError
 
 OPENGL = (3, 2)
@@ -34,12 +35,7 @@ def main() -> None:
 
 def check_screen() -> None:
     """Raises CloudError with the remedy where the window could not be shown."""
-    names = [name for name in ("DISPLAY", "WAYLAND_DISPLAY") if os.environ.get(name)]
-    if not names:
-        raise CloudError(
-            "there is no screen (neither DISPLAY nor WAYLAND_DISPLAY is set); "
-            "start it on a desktop, over ssh -X, or with xvfb-run -a"
-        )
+    names = displays()
     command = [sys.executable, "-m", "annotate.gui.probe"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)

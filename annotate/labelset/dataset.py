@@ -17,6 +17,8 @@ from sensors.files.bounded import read_bounded
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 
 MANIFEST = "dataset.json"
+ORDER = "order.json"
+"""What the shards of a generated folder belong to, from the first one on."""
 SCHEMA = 1
 MAX_SHARD_BYTES = 2_000_000_000
 """Of a shard: its headers are held at once, and none is larger than the shard."""

@@ -1,5 +1,7 @@
 """Recorded frames of any kind, recognised by their content; only its reader is imported then."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -32,10 +34,18 @@ JPEG_MAGIC = b"\xff\xd8\xff"
 CLOUDS = (".pcd", ".ply", ".las", ".laz")
 
 
-def open_source(path: Path) -> "Source":
-    """The ``FrameSource`` at ``path``; files are recognised by their first bytes, clouds by their name.
+Opener: TypeAlias = "Callable[[], Source]"
 
-    Raises FormatError for anything else, and what the sources themselves raise.
+
+def open_source(path: Path) -> "Source":
+    """The ``FrameSource`` at ``path``. Raises FormatError for anything else, and what the sources raise."""
+    return opener_at(path)()
+
+
+def opener_at(path: Path) -> "Opener":
+    """What opens the ``FrameSource`` at ``path``, whose kind is known before it is read.
+
+    Files are recognised by their first bytes, clouds by their name. Raises FormatError for anything else.
     """
     path = recording_at(path)
     if path.is_dir():
@@ -47,47 +57,47 @@ def open_source(path: Path) -> "Source":
         from sensors.importers.bags.bag import Bag, is_bag
         from sensors.session.reader import Session
 
-        return Bag(path) if head.startswith(MAGIC) and is_bag(path) else Session(path)
+        return partial(Bag if head.startswith(MAGIC) and is_bag(path) else Session, path)
     if head.startswith((b"SQLite format 3\0", b"#ROSBAG V")):
         return _bag(path)
     return _other(path, head)
 
 
-def _folder(path: Path) -> "Source":
+def _folder(path: Path) -> "Opener":
     from sensors.importers.bags.bag import Bag, is_bag
     from sensors.importers.flir_images import FlirImages, is_flir_alone
     from sensors.importers.folder import ImageFolder
 
     if is_bag(path):
-        return Bag(path)
-    return FlirImages(path) if is_flir_alone(path) else ImageFolder(path)
+        return partial(Bag, path)
+    return partial(FlirImages if is_flir_alone(path) else ImageFolder, path)
 
 
-def _bag(path: Path) -> "BagSource":
+def _bag(path: Path) -> "Opener":
     from sensors.importers.bags.bag import Bag
     from sensors.importers.bags.orbbec import OrbbecRecording, is_orbbec
     from sensors.importers.bags.realsense import RealSenseRecording, is_realsense
 
     if is_realsense(path):
-        return RealSenseRecording(path)
-    return OrbbecRecording(path) if is_orbbec(path) else Bag(path)
+        return partial(RealSenseRecording, path)
+    return partial(OrbbecRecording if is_orbbec(path) else Bag, path)
 
 
-def _other(path: Path, head: bytes) -> "Source":
-    """The source of a file that is no recording of messages."""
+def _other(path: Path, head: bytes) -> "Opener":
+    """What opens the source of a file that is no recording of messages."""
     from sensors.importers.arrays import NPY_MAGIC, ZIP_MAGIC, DepthArrays
     from sensors.importers.azure_mkv import AzureRecording
     from sensors.importers.flir_images import FlirImages, is_flir_alone
     from sensors.importers.pointcloud import CloudFile
 
     if head.startswith(b"\x1a\x45\xdf\xa3"):
-        return AzureRecording(path)
+        return partial(AzureRecording, path)
     if head.startswith((NPY_MAGIC, ZIP_MAGIC)):
-        return DepthArrays(path)
+        return partial(DepthArrays, path)
     if head.startswith(JPEG_MAGIC) and is_flir_alone(path):
-        return FlirImages(path)
+        return partial(FlirImages, path)
     if path.suffix.lower() in CLOUDS:
-        return CloudFile(path)
+        return partial(CloudFile, path)
     raise FormatError(f"{path} is of no known kind; give {KINDS}")
 
 

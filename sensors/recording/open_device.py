@@ -24,7 +24,7 @@ from sensors.drivers.y16 import BOSON_HZ, BOSON_USB_ID, Boson, Y16Camera, radiom
 from sensors.errors import DeviceError, DeviceNotFoundError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.rig.frame import RigFrame
-from sensors.virtual.twins import open_twin
+from sensors.virtual.twins import TWINS, open_twin
 
 VIRTUAL = (
     "virtual:kinect2",
@@ -46,11 +46,18 @@ def open_device(address: str, frames: Iterable[RigFrame] = ()) -> Device:
     Raises DeviceError.
     """
     parsed = Address(address)
-    if not parsed.virtual and parsed.kind not in OPENERS:
-        raise DeviceError(f"{address!r} is of no known kind; use {', '.join(OPENERS)}, or virtual:KIND")
+    check_kind(parsed)
     mounting = Mounting() if parsed.kind == "pyrometer" else mounting_of(parsed)
     device = open_twin(parsed, frames) if parsed.virtual else OPENERS[parsed.kind](parsed)
     return device if mounting == Mounting() else Mounted(address, device, mounting)
+
+
+def check_kind(address: Address) -> None:
+    """Raise DeviceError for an address of no known kind."""
+    if address.virtual and address.kind not in TWINS:
+        raise DeviceError(f"{address.text!r} has no virtual twin; use virtual: with {', '.join(TWINS)}")
+    if not address.virtual and address.kind not in OPENERS:
+        raise DeviceError(f"{address.text!r} is of no known kind; use {', '.join(OPENERS)}, or virtual:KIND")
 
 
 def find_devices() -> list[Found]:

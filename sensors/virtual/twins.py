@@ -1,7 +1,7 @@
 """Opens virtual devices: each is the real driver, with a twin where its hardware would be."""
 
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from sensors.device.address import Address
@@ -59,20 +59,8 @@ class VirtualDevice:
 
 
 def open_twin(address: Address, frames: Iterable[RigFrame]) -> Device:
-    """The virtual device of an address; see ``sensors.recording.open_device``. Raises DeviceError."""
-    openers: dict[str, Callable[[Address, Iterable[RigFrame]], tuple[Device, Twin]]] = {
-        "kinect2": _kinect2,
-        "realsense": _realsense,
-        "optris": _optris,
-        "optris-direct": _optris_direct,
-        "lepton": _lepton,
-        "boson": _boson,
-        "y16": _y16,
-        "pyrometer": lambda address, _: _pyrometer(address),
-    }
-    if address.kind not in openers:
-        raise DeviceError(f"{address.text!r} has no virtual twin; use virtual: with {', '.join(openers)}")
-    return VirtualDevice(address.text, *openers[address.kind](address, frames))
+    """The virtual device of an address of one of ``TWINS``. Raises DeviceError."""
+    return VirtualDevice(address.text, *TWINS[address.kind](address, frames))
 
 
 def _kinect2(address: Address, frames: Iterable[RigFrame]) -> tuple[Device, Twin]:
@@ -152,3 +140,16 @@ def _faults(address: Address) -> Faults:
     )
     address.finish()
     return faults
+
+
+TWINS: Mapping[str, Callable[[Address, Iterable[RigFrame]], tuple[Device, Twin]]] = {
+    "kinect2": _kinect2,
+    "realsense": _realsense,
+    "optris": _optris,
+    "optris-direct": _optris_direct,
+    "lepton": _lepton,
+    "boson": _boson,
+    "y16": _y16,
+    "pyrometer": lambda address, _: _pyrometer(address),
+}
+"""Every kind of device that has a virtual twin, and what opens it."""

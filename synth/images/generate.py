@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from annotate.labelset.claim import Claim, login
-from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
+from annotate.labelset.dataset import MANIFEST, ORDER, SCHEMA, Dataset, encode_shard, sha256
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 from synth.images.dataset_page import write_page
@@ -19,9 +19,6 @@ from synth.images.motion_stage import Moved
 from synth.images.people import Wardrobe
 from synth.images.presets import Preset, sample
 from synth.images.workers import Workers
-
-ORDER = "order.json"
-"""What a folder's shards belong to, from the first one on."""
 
 
 def _versions() -> dict[str, str]:

@@ -17,6 +17,7 @@ from sensors.rig.camera import Intrinsics
 from synth.cameras.draw import draw_sensor
 from synth.cameras.sensor import CleanDepth, Reading, Sensor
 from synth.cameras.time_of_flight import TimeOfFlight
+from synth.choices import check_choice
 from synth.images.motion_stage import Moved
 from synth.images.people import Casting, Person, Wardrobe, crowd_person, paper_person
 from synth.images.stages import Stage, Staging, everybody, recumbent, sitting, standing, upright
@@ -251,8 +252,7 @@ def preset_of(repertoire: Repertoire) -> Preset:
 
 def preset_named(name: str) -> Preset:
     """The preset of that name. Raises CloudError naming those there are."""
-    if name not in PRESETS:
-        raise CloudError(f"preset {name!r} is unknown; use one of {', '.join(PRESETS)}")
+    check_choice("preset", name, PRESETS)
     return PRESETS[name]
 
 

@@ -8,9 +8,10 @@ import numpy as np
 from annotate.array_types import Float32, Float64, Int64, UInt8
 from sensors.errors import FormatError
 from sensors.files.atomic import check_free, replacing
-from sensors.files.npz import array_sizes, load_arrays
+from sensors.files.npz import load_arrays
 from synth.body.body import Body
 from synth.body.skeleton import N_JOINTS, Posture
+from synth.markers.archives import MOTION_REMEDY
 from synth.markers.person_body import bones_of_leg
 from synth.markers.person_fit import leg_length_m, zero_bones
 
@@ -19,7 +20,6 @@ SEEN, BRIDGED, MISSING, GHOST, SWAPPED = range(5)
 VERSION = 1
 MAX_BYTES = 500_000_000
 """Of a motion unpacked: three hours of 40 markers at 60 frames/s."""
-_REMEDY = "write it with 'solve'"
 _TYPES = {"angles_rad": "f8", "pelvis_m": "f8", "error_m": "f4", "status": "u1"}
 """Types of the arrays (``numpy.dtype.str`` without byte order) over frames."""
 
@@ -130,14 +130,9 @@ def save_motion(path: Path, motion: Motion, *, overwrite: bool = False) -> None:
         )
 
 
-def is_motion(path: Path) -> bool:
-    """Whether a file is an archive with joint angles. Raises FormatError where it is a damaged .npz."""
-    return path.suffix == ".npz" and path.is_file() and "angles_rad" in array_sizes(path, _REMEDY)
-
-
 def load_motion(path: Path) -> Motion:
     """Read a motion. Raises FormatError when the file is not one, damaged or too large."""
-    arrays = load_arrays(path, MAX_BYTES, _REMEDY)
+    arrays = load_arrays(path, MAX_BYTES, MOTION_REMEDY)
     try:
         if int(arrays["version"]) != VERSION:
             raise ValueError(f"it is of version {int(arrays['version'])}")
@@ -153,4 +148,4 @@ def load_motion(path: Path) -> Motion:
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise FormatError(f"motion {path} cannot be read ({error}); {_REMEDY}") from error
+        raise FormatError(f"motion {path} cannot be read ({error}); {MOTION_REMEDY}") from error

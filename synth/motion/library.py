@@ -5,36 +5,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from sensors.errors import CloudError
+from synth.markers.archives import is_joint_file
 from synth.markers.bvh import read_bvh
-from synth.markers.joint_file import is_joint_file, read_joint_file
+from synth.markers.joint_file import read_joint_file
 from synth.markers.marker_files import read_markers
-from synth.markers.motion_file import Motion, is_motion, load_motion
+from synth.markers.motion_file import Motion, load_motion
 from synth.markers.solve import solve, solve_takes
-
-SUFFIXES = (".npz", ".bvh", ".c3d", ".trc")
-"""Of files that may hold a motion."""
-
-
-def motion_files(path: Path) -> list[Path]:
-    """The file, or the files of a folder (and of folders within) that hold motions, sorted by name.
-
-    Raises CloudError when there are none.
-    """
-    if not path.is_dir():
-        if not path.exists():
-            raise CloudError(f"{path} does not exist; give a motion, or a folder of them")
-        if path.suffix.lower() not in SUFFIXES or (path.suffix == ".npz" and not _known(path)):
-            raise CloudError(f"{path} is not a motion; give .npz, .bvh, .c3d or .trc")
-        return [path]
-    inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
-    found = [p for p in inside if p.suffix.lower() != ".npz" or _known(p)]
-    if not found:
-        raise CloudError(f"{path} holds no motions; give a folder with .npz, .bvh, .c3d or .trc files")
-    return found
-
-
-def _known(path: Path) -> bool:
-    return is_motion(path) or is_joint_file(path)
+from synth.motion.files import check_motion
 
 
 def read_motions(path: Path, advance: Callable[[int], None] = lambda _: None) -> dict[str, Motion]:
@@ -55,9 +32,7 @@ def read_motions(path: Path, advance: Callable[[int], None] = lambda _: None) ->
 
 def read_take(path: Path, take: str | None) -> tuple[str, Motion]:
     """Name and motion of a file's take. Raises CloudError where it has several and none of them is named."""
-    if path.is_dir():
-        raise CloudError(f"{path} is a folder; give one motion of it")
-    motion_files(path)
+    check_motion(path)
     if path.suffix.lower() == ".npz" and is_joint_file(path):
         takes, places = read_joint_file(path)
         if take is None and len(takes) == 1:

@@ -8,6 +8,7 @@ import numpy as np
 
 from annotate.array_types import Float64
 from sensors.rig.rig_calibration import Pose
+from synth import choices
 from synth.body.body import Body
 from synth.pose.moment import Moment, Posed
 from synth.pose.on_floor import OnFloor
@@ -114,10 +115,7 @@ def _floor(rng: np.random.Generator) -> Place:
     return Place(Ground(length=FLOOR_M, width=FLOOR_M), wall_y, OnFloor(wall_y), False, view)
 
 
-SCENES: dict[str, Callable[[np.random.Generator], Place]] = {
-    "sofa": _sofa,
-    "chair": _chair,
-    "bed": _bed,
-    "floor": _floor,
-}
+SCENES: dict[str, Callable[[np.random.Generator], Place]] = dict(
+    zip(choices.SCENES, (_sofa, _chair, _bed, _floor), strict=True)
+)
 """Places by name, drawn at random."""

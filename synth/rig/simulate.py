@@ -12,18 +12,9 @@ from sensors.errors import ExistsError
 from sensors.files.atomic import check_free, replacing, sweep, temporary_of
 from sensors.session.messages import PYROMETER, spot_message
 from sensors.session.writer import SessionWriter
+from synth.rig.paths import suit_path, truth_path
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import FLAG_CLOSED, VirtualRig
-
-
-def truth_path(session: Path) -> Path:
-    """Where the truth of a simulated session lies: ``people.truth/`` beside ``people.mcap``."""
-    return session.with_suffix(".truth")
-
-
-def suit_path(session: Path) -> Path:
-    """Where the palette of a simulated session's suit lies."""
-    return session.with_suffix(".suit.toml")
 
 
 def simulate(rig: VirtualRig, out: Path, progress: Callable[[int], None], *, overwrite: bool = False) -> None:

@@ -25,6 +25,7 @@ from synth.cameras.pyrometer import Pyrometer
 from synth.cameras.sensor import CleanDepth, Sensor
 from synth.cameras.thermal_camera import ThermalState, thermograph, through_lens, warmth_seen
 from synth.cameras.time_of_flight import TimeOfFlight
+from synth.choices import check_rig
 from synth.rig.difficulty import DIFFICULTIES
 from synth.rig.place import SCENES
 from synth.rig.stay import Cast, Stay, Tableau
@@ -75,14 +76,7 @@ class VirtualRig:
         suit: Suit = DEFAULT_SUIT,
         draft: bool = False,
     ) -> None:
-        if not 1 <= subjects <= frames <= 1_000_000:
-            raise CloudError(
-                f"{frames} frames of {subjects} subjects are impossible; give at least one frame each"
-            )
-        if difficulty not in DIFFICULTIES:
-            raise CloudError(f"difficulty {difficulty!r} is unknown; use {', '.join(DIFFICULTIES)}")
-        if scene not in SCENES:
-            raise CloudError(f"scene {scene!r} is unknown; use {', '.join(SCENES)}")
+        check_rig(frames, subjects, scene, difficulty)
         if not 0.1 <= frames_per_second <= 30:
             raise CloudError(f"{frames_per_second} frames a second are impossible; give 0.1 to 30")
         kind = "" if rig == REFERENCE else f"{rig}-"

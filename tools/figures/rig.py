@@ -17,7 +17,8 @@ from eval.network.onnx_network import THINGS_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
 from sensors.recording.rig_templates import TEMPLATES
 from sensors.session.reader import Session
-from synth.rig.simulate import simulate, suit_path, truth_path
+from synth.rig.paths import suit_path, truth_path
+from synth.rig.simulate import simulate
 from synth.rig.virtual_rig import VirtualRig
 from tools.correction.effort import copy_of
 from tools.figures.figure import Figure, Rows, mean, median, share

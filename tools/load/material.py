@@ -7,13 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from annotate.labelset import dataset
-from annotate.labelset.dataset import Dataset
+from annotate.labelset.dataset import ORDER, Dataset
 from annotate.labelset.store import FRAMES, MANIFEST, LabelSet
 from sensors.rig.frame import FRAME_PERIOD_NS
 from sensors.rig.rig_calibration import calibration_to_json
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
-from synth.images.generate import ORDER
 
 SHARD = 256
 """Images of a shard that `synth generate` writes."""

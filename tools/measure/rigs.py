@@ -13,8 +13,9 @@ from eval.compare.compare import Comparison, compare_sets
 from eval.network.onnx_network import THINGS_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
 from sensors.session.reader import Session
+from synth.rig.paths import truth_path
 from synth.rig.place import SCENES
-from synth.rig.simulate import simulate, truth_path
+from synth.rig.simulate import simulate
 from synth.rig.virtual_rig import VirtualRig
 
 
