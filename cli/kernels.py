@@ -28,11 +28,14 @@ def compile_(json: Json = False) -> None:
 
 
 def _label() -> None:
-    """A recording of the virtual rig, labelled with its temperatures and without."""
+    """A recording of the virtual rig, labelled with temperatures and without, and compared with its truth."""
     from annotate.cloud.fuse import Fuser
     from annotate.label_source import label_source
+    from annotate.labelset.store import LabelSet
     from annotate.person.depth_finder import people_in
+    from eval.compare.compare import compare_sets
     from sensors.session.reader import Session
+    from synth.rig.paths import truth_path
     from synth.rig.simulate import simulate
     from synth.rig.virtual_rig import VirtualRig
 
@@ -40,7 +43,8 @@ def _label() -> None:
         path, rig = Path(folder) / "rig.mcap", VirtualRig(2, 1, "hard", 0)
         simulate(rig, path, _nothing)
         session = Session(path)
-        label_source(session, rig.suit, Path(folder) / "labels", _nothing)
+        found = label_source(session, rig.suit, Path(folder) / "labels", _nothing).labels
+        compare_sets(found, LabelSet.open(truth_path(path)))
         people_in(Fuser(session.calibration).fuse_frame(replace(session.frame(0), thermal_c=None)))
 
 

@@ -8,16 +8,20 @@ import pytest
 from annotate.crop import network_crop
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
-from annotate.parts import PART_ID, swap_left_right
+from annotate.parts import N_CLASSES, PART_ID, PARTS, swap_left_right
 from eval.scores.joint_errors import OBSERVED, joint_errors_mm, observe, summary
 from eval.scores.joints import (
+    HINGE,
     HINGES,
     IN_SKELETON,
     JOINT,
     JOINT_NAMES,
+    JUMP_MM,
     N_JOINTS,
+    STEPS,
     Evidence,
     _median,
+    crossings,
     joint_evidence,
 )
 from eval.scores.skeleton_fit import BONES, fit_skeletons
@@ -96,6 +100,28 @@ def test_the_joints_of_a_figure_of_capsules_are_found(turn_deg):
     off = np.linalg.norm(found(frame(joints))[0] - joints, axis=1)
     assert off.mean() < 40, dict(zip(JOINT_NAMES, off.round(), strict=True))
     assert off.max() < 90, dict(zip(JOINT_NAMES, off.round(), strict=True))
+
+
+def test_crossings_agree_with_a_slow_reference():
+    """Midpoints of neighbours of a hinge's two parts that touch, in the order of steps, then of pixels."""
+    rng = np.random.default_rng(4)
+    labels = rng.integers(0, N_CLASSES, (9, 8)).astype(np.uint8)
+    points = rng.uniform(1000, 1100, (9, 8, 3))
+    expected = {i: [] for i in range(len(HINGES))}
+    for dv, du in STEPS:
+        for v, u in np.ndindex(labels.shape):
+            if not (v + dv < 9 and 0 <= u + du < 8):
+                continue
+            if abs(points[v, u, 2] - points[v + dv, u + du, 2]) >= JUMP_MM:
+                continue
+            names = {PARTS[labels[v, u]].name, PARTS[labels[v + dv, u + du]].name}
+            for i, hinge in enumerate(HINGES):
+                if names == set(hinge.parts):
+                    expected[i].append((points[v, u] + points[v + dv, u + du]) / 2)
+    which, middles = crossings(labels, points, HINGE, np.array(STEPS))
+    assert len(which) == sum(map(len, expected.values())) > 30
+    for i, points_of in expected.items():
+        np.testing.assert_array_equal(middles[which == i], np.reshape(points_of, (-1, 3)))
 
 
 def test_a_border_on_a_wall_is_found_where_it_is():

@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.ndimage import distance_transform_edt
 
+from annotate.frame_labels import FrameLabels
 from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
 from eval.compare import paper
-from eval.scores import boundary, confusion
+from eval.scores import boundary, confusion, reliability
+from eval.scores.counts import NEAR_PX, count
 
 LABELS = st.sampled_from([0, 1, 2, 3, 4, 9, UNDEFINED])  # most classes absent, as in real frames
 PAIR = hnp.array_shapes(min_dims=2, max_dims=2, max_side=9).flatmap(
@@ -193,3 +195,61 @@ def test_errors_by_distance_agree_with_scipy() -> None:
 def test_without_a_border_everything_is_far() -> None:
     everywhere = np.ones((5, 5), np.uint8)
     assert np.isinf(boundary.distance_to(boundary.border_parts(everywhere))).all()
+
+
+def slow_counts(truth: np.ndarray, predicted: np.ndarray, sure: np.ndarray) -> dict[str, np.ndarray]:
+    """Borders, matches, bands, errors by distance and confidence of two maps, pixel after pixel."""
+    places = list(np.ndindex(truth.shape))
+    named = np.where(predicted == UNDEFINED, 0, predicted)
+    maps = truth, np.where(truth == UNDEFINED, truth, named)
+    borders, away = [], []
+    for labels in maps:
+        border = {}
+        for v, u in places:
+            around = [(v + 1, u), (v - 1, u), (v, u + 1), (v, u - 1)]
+            others = {int(labels[p]) for p in around if p in places} - {UNDEFINED, int(labels[v, u])}
+            if others and labels[v, u] not in (0, UNDEFINED):
+                border[v, u] = int(labels[v, u])
+        borders.append(border)
+        away.append({p: min((math.dist(p, q) for q in border), default=math.inf) for p in places})
+    matched = np.zeros((len(boundary.TOLERANCES_PX), 4), int)
+    for side, (own, other) in enumerate((borders[::-1], borders)):
+        for p, part in own.items():
+            nearest = min((math.dist(p, q) for q, same in other.items() if same == part), default=math.inf)
+            matched[:, 2 * side] += nearest <= np.array(boundary.TOLERANCES_PX)
+            matched[:, 2 * side + 1] += 1
+    bands = np.zeros((len(boundary.WIDTHS_PX), N_CLASSES, 2), int)
+    errors = np.zeros((N_CLASSES, boundary.N_DISTANCES, 2), int)
+    levels, quality = np.zeros((2, reliability.N_BINS, 3), int), np.zeros((N_CLASSES, 2), int)
+    for p in places:
+        own, drawn, part = int(maps[0][p]), int(maps[1][p]), int(named[p])
+        for i, width in enumerate(boundary.WIDTHS_PX):
+            inside = {(0, own)} if own not in (0, UNDEFINED) and away[0][p] < width else set()
+            inside |= {(1, drawn)} if drawn not in (0, UNDEFINED) and away[1][p] < width else set()
+            for part_in in {part_in for _, part_in in inside}:
+                bands[i, part_in] += len(inside) == 2 and own == drawn, 1
+        if own not in (0, UNDEFINED):
+            errors[own, sum(away[0][p] >= edge for edge in boundary.DISTANCE_EDGES_PX)] += own != part, 1
+        if own != UNDEFINED and part:
+            level = round(float(sure[p]) * 255)
+            where = min(level * reliability.N_BINS // 255, reliability.N_BINS - 1)
+            levels[int(away[0][p] < NEAR_PX), where] += 1, own == part, level
+            if own:
+                quality[own] += level if own == part else 255 - level, 1
+    return {
+        "borders_px": matched,
+        "bands_px": bands,
+        "by_distance": errors,
+        "reliability": levels,
+        "label_quality": quality,
+    }
+
+
+@given(PAIR, st.integers(0, 2**32 - 1))
+def test_compiled_counts_agree_with_a_slow_reference(pair: tuple[np.ndarray, np.ndarray], seed: int) -> None:
+    sure = np.random.default_rng(seed).integers(0, 256, pair[0].shape).astype(np.float32) / np.float32(255)
+    depth = np.ones(pair[0].shape, np.uint16)
+    truth, predicted = FrameLabels("f", depth, pair[0]), FrameLabels("f", depth, pair[1], sure)
+    counted = count(truth, predicted, math.nan)
+    for name, expected in slow_counts(*pair, sure).items():
+        np.testing.assert_array_equal(getattr(counted, name), expected, err_msg=name)

@@ -194,8 +194,8 @@ class Dataset:
         for name, _ in self.shards:
             yield from entries_of(self.path / name)
 
-    def load(self, entry: Entry) -> FrameLabels:
-        """The frame of an entry. Raises FormatError where it cannot be read."""
+    def load(self, entry: Entry, persons: bool = True) -> FrameLabels:
+        """The frame of an entry; datasets have no persons' numbers. Raises FormatError if it is broken."""
         return next(read_shard(self.path / entry.shard, entry.offset))
 
 

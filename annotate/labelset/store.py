@@ -143,12 +143,14 @@ class LabelSet:
         """Where the frames lie, by id."""
         return map(Entry, self.frame_ids)
 
-    def load(self, entry: Entry) -> FrameLabels:
+    def load(self, entry: Entry, persons: bool = True) -> FrameLabels:
         """The frame of an entry, see ``read``."""
-        return self.read(entry.frame_id)
+        return self.read(entry.frame_id, persons=persons)
 
-    def read(self, frame_id: str, original: bool = False) -> FrameLabels:
+    def read(self, frame_id: str, original: bool = False, persons: bool = True) -> FrameLabels:
         """Read one frame, or its labels as they were before the first correction (``keep_original``).
+
+        persons: whether the numbers of the persons are wanted too.
 
         Raises FormatError naming the file that is missing or corrupt.
         """
@@ -157,9 +159,9 @@ class LabelSet:
         depth = self._image(frame_id, "depth.png", images.decode_depth)
         parts = self._image(frame_id, "parts.png", images.decode_parts, folder)
         confidence = self.confidence(frame_id, _learnt_in(fields.get("notes")))
-        persons = self._optional_image(frame_id, "persons.png", images.decode_persons)
+        whose = self._optional_image(frame_id, "persons.png", images.decode_persons) if persons else None
         try:
-            return FrameLabels(frame_id, depth, parts, confidence, persons=persons, **fields)
+            return FrameLabels(frame_id, depth, parts, confidence, persons=whose, **fields)
         except TypeError as error:
             raise FormatError(
                 f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it"

@@ -100,7 +100,10 @@ def count_pairs(
 
 
 def _count_chunk(predicted: LabelledFrames, truth: LabelledFrames, pairs: Sequence[Pair]) -> list[Counted]:
-    return [count_frame(predicted.load(pair.predicted), truth.load(pair.truth), truth) for pair in pairs]
+    return [
+        count_frame(predicted.load(pair.predicted, False), truth.load(pair.truth, False), truth)
+        for pair in pairs
+    ]
 
 
 def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFrames) -> Counted:
@@ -125,7 +128,7 @@ def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFram
 
 
 def _digest(image: NDArray[np.generic]) -> str:
-    return hashlib.blake2b(image.tobytes(), digest_size=8).hexdigest()
+    return hashlib.blake2b(np.ascontiguousarray(image), digest_size=8).hexdigest()
 
 
 def _check_same(predicted: FrameLabels, truth: FrameLabels) -> None:

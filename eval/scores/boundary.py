@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Float64, Int64
-from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED, on_body
+from annotate.array_types import Float32
+from annotate.parts import BACKGROUND
+from eval.scores import passes
 from eval.scores.confusion import Counts, Labels, Scores, ratio
-from sensors.rig.nearest import Nearest
 
 TOLERANCES_PX = (1.0, 2.0, 3.0, 5.0)
 TOLERANCES_MM = (5.0, 10.0, 20.0, 40.0)
@@ -32,19 +32,14 @@ DISTANCE_EDGES_PX = (1.0, 2.0, 3.0, 5.0, 9.0, 17.0)
 
 N_DISTANCES = len(DISTANCE_EDGES_PX) + 1
 
-_PART_APART = np.array([1.0, 1.0, 1e6])
-"""Scale of row, column and part id: parts lie farther apart than any picture is wide."""
+FARTHEST_PX = 100.0
+"""No border is looked for farther away, whatever scale a file claims: 4 cm span as much 15 cm before a
+camera, nearer than any can see. Chosen by eye."""
 
 
 def border_parts(labels: Labels) -> Labels:
     """Part ids on the border pixels, 0 elsewhere: (h, w) -> (h, w)."""
-    border = np.zeros(labels.shape, np.bool_)
-    for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        a, b = labels[here], labels[there]
-        differ = (a != b) & (a != UNDEFINED) & (b != UNDEFINED)
-        border[here] |= differ
-        border[there] |= differ
-    return np.where(border & (labels != UNDEFINED), labels, np.uint8(BACKGROUND))
+    return np.asarray(passes.borders(np.ascontiguousarray(labels)))
 
 
 def distance_to(border: Labels) -> Float32:
@@ -61,28 +56,11 @@ def boundary_counts(of_truth: Labels, of_prediction: Labels, tolerances_px: Sequ
     A border pixel (of `border_parts`) is matched by one of the same part within the tolerance
     (Euclidean) in the other map. Counts of frames add up; `boundary_f` turns them into the score.
     """
-    drawn, true = _points(of_prediction), _points(of_truth)
-    met = of_truth == of_prediction
-    reach = max(tolerances_px)
-    apart = _apart(drawn, true, met, reach), _apart(true, drawn, met, reach)
-    within = [[np.count_nonzero(a <= tolerance) for a in apart] for tolerance in tolerances_px]
+    reach = min(max(tolerances_px), FARTHEST_PX)
+    drawn = passes.apart(of_prediction, of_truth, reach)
+    true = passes.apart(of_truth, of_prediction, reach)
+    within = [[np.count_nonzero(a <= tolerance) for a in (drawn, true)] for tolerance in tolerances_px]
     return np.array([[near, len(drawn), found, len(true)] for near, found in within], np.int64)
-
-
-def _points(border: Labels) -> Int64:
-    """Row, column and part of the border pixels (n, 3)."""
-    rows, columns = np.nonzero(border)
-    return np.stack([rows, columns, border[rows, columns]], axis=-1).astype(np.int64)
-
-
-def _apart(points: Int64, others: Int64, met: Bool, reach: float) -> Float64:
-    """Distance to the nearest of the others of the same part, exact within the reach; met: where it is 0."""
-    apart = np.where(met[points[:, 0], points[:, 1]], 0.0, np.inf)
-    open_ = apart > 0
-    if open_.any() and len(others):
-        tree = Nearest(others * _PART_APART)
-        apart[open_] = tree.query(points[open_] * _PART_APART, within=reach + 1)[0]
-    return apart
 
 
 def boundary_f(counts: Counts) -> Scores:
@@ -105,17 +83,9 @@ def band_counts(
     distances to the borders of truth and prediction, (h, w). Their ratio is the boundary IoU
     (Cheng et al., Boundary IoU, CVPR 2021), here with Euclidean bands and without the picture's edge.
     """
-    seen = on_body(truth), on_body(predicted)
-    counts = np.zeros((len(widths_px), N_CLASSES, 2), np.int64)
-    for i, width in enumerate(widths_px):
-        in_truth, in_prediction = seen[0] & (away[0] < width), seen[1] & (away[1] < width)
-        both = truth[in_truth & in_prediction & (truth == predicted)]
-        hit, true, drawn = (
-            np.bincount(parts, minlength=N_CLASSES)
-            for parts in (both, truth[in_truth], predicted[in_prediction])
-        )
-        counts[i] = np.stack([hit, true + drawn - hit], axis=-1)
-    return counts
+    maps = np.ascontiguousarray(truth), np.ascontiguousarray(predicted)
+    hit, true, drawn = np.moveaxis(passes.bands(*maps, *away, np.array(widths_px, np.float32)), -1, 0)
+    return np.stack([hit, true + drawn - hit], axis=-1)
 
 
 def errors_by_distance(truth: Labels, predicted: Labels, away: Float32) -> Counts:
@@ -123,15 +93,8 @@ def errors_by_distance(truth: Labels, predicted: Labels, away: Float32) -> Count
 
     away: distance to the borders of the truth, 0 on the border itself; bins end at `DISTANCE_EDGES_PX`.
     """
-    person = on_body(truth)
-    bins = np.searchsorted(np.array(DISTANCE_EDGES_PX), away[person], side="right")
-    where = truth[person].astype(np.int64) * N_DISTANCES + bins
-    wrong = (truth != predicted)[person]
-    size = N_CLASSES * N_DISTANCES
-    counts = np.stack(
-        [np.bincount(where[wrong], minlength=size), np.bincount(where, minlength=size)], axis=-1
-    )
-    return counts.reshape(N_CLASSES, N_DISTANCES, 2).astype(np.int64)
+    maps = np.ascontiguousarray(truth), np.ascontiguousarray(predicted)
+    return np.asarray(passes.errors(*maps, away, np.array(DISTANCE_EDGES_PX, np.float32)))
 
 
 def error_rate(counts: Counts) -> Scores:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float64, Int64, UInt8
 from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, NEIGHBOURS, UNDEFINED, swap_left_right
+from eval.scores import passes
 
 Labels = UInt8
 Counts = Int64
@@ -37,15 +38,12 @@ def confusion_matrix(truth: Labels, predicted: Labels) -> Counts:
     """
     if truth.shape != predicted.shape:
         raise ValueError(f"truth is {truth.shape} but the prediction is {predicted.shape}")
-    # One more than the id, in a byte: undefined, 255, becomes 0. Counting pairs of them all at once is faster
-    # than leaving the undefined out first.
-    rows, columns = truth + np.uint8(1), predicted + np.uint8(1)
-    highest = max(int(rows.max(initial=0)), int(columns.max(initial=0))) - 1
-    if highest >= N_CLASSES:
-        raise ValueError(f"label {highest} is not a part id; use 0 to {N_CLASSES - 1}, or {UNDEFINED}")
-    pairs = np.bincount((rows * np.uint8(16) + columns).ravel(), minlength=256).reshape(16, 16)
-    matrix = pairs[1 : N_CLASSES + 1, 1 : N_CLASSES + 1].astype(np.int64)
-    matrix[:, BACKGROUND] += pairs[1 : N_CLASSES + 1, 0]
+    counts = passes.pairs(np.ascontiguousarray(truth), np.ascontiguousarray(predicted))
+    odd = np.flatnonzero(counts.any(axis=0) | counts.any(axis=1))
+    if (odd := odd[(odd >= N_CLASSES) & (odd != UNDEFINED)]).size:
+        raise ValueError(f"label {odd[0]} is not a part id; use 0 to {N_CLASSES - 1}, or {UNDEFINED}")
+    matrix = counts[:N_CLASSES, :N_CLASSES].copy()
+    matrix[:, BACKGROUND] += counts[:N_CLASSES, UNDEFINED]
     return matrix
 
 

@@ -116,8 +116,8 @@ def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> Frame
     sure = {name: _zeros(name) for name in ("reliability", "label_quality")}
     if predicted.confidence is not None:
         confidence = predicted.confidence[box]
-        sure["reliability"] = reliability.reliability_counts(target, guess, confidence, near)
-        sure["label_quality"] = reliability.label_quality(target, guess, confidence)
+        counted = reliability.confidence_counts(target, guess, confidence, near)
+        sure = dict(zip(sure, counted, strict=True))
     return FrameCounts.of(
         confusion=confusion.confusion_matrix(truth.parts, predicted.parts),
         near=confusion.confusion_matrix(close, guess),

@@ -8,9 +8,10 @@ one of the limb's joints to the other. ``skeleton_fit`` makes a skeleton of thes
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from annotate.array_types import Float64, UInt8, UInt16
+from annotate.array_types import Float64, Int64, UInt8, UInt16
 from annotate.crop import window_of
 from annotate.parts import N_CLASSES, PART_ID, on_body
 from sensors.rig.camera import Intrinsics
@@ -39,7 +40,7 @@ BORDER_PIXELS, PART_PIXELS = 6, 20
 """Pixels of the smallest border and the smallest part that count; chosen by eye."""
 PART_POINTS = 500
 """Points of a part at most, evenly chosen: for speed; chosen by eye."""
-_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
+STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 """Neighbours (dv, du) compared: a line of pixels that nobody labelled may lie between; chosen by eye."""
 _END = 0.05
 """Share of a part that is its end; chosen by eye."""
@@ -90,6 +91,18 @@ LIMBS = (
     *(Limb(f"{s}_lower_leg", (f"{s}_knee", f"{s}_ankle"), 0.67, 30, 24) for s in _BOTH),
 )
 
+
+def _by_parts() -> Int64:
+    table = np.full((N_CLASSES, N_CLASSES), -1)
+    for i, hinge in enumerate(HINGES):
+        a, b = (PART_ID[part] for part in hinge.parts)
+        table[a, b] = table[b, a] = i
+    return table
+
+
+HINGE = _by_parts()
+"""Index among HINGES of the hinge between two parts' ids (12, 12), -1 without one."""
+
 EVIDENCE = np.dtype(
     [
         ("borders", np.float64, (len(HINGES), 3)),
@@ -121,10 +134,10 @@ def joint_evidence(parts: UInt8, depth_mm: UInt16, camera: Intrinsics) -> Eviden
     for i, limb in enumerate(LIMBS):
         if len(of_part[limb.part]) >= PART_PIXELS:
             middles[i] = _median(of_part[limb.part])
-    crossing = _crossings(labels, points)
+    which, middles_mm = crossings(labels, points, HINGE, np.array(STEPS))
     for i, hinge in enumerate(HINGES):
         a, b = hinge.parts
-        on_border = crossing.get(frozenset((PART_ID[a], PART_ID[b])), np.empty((0, 3)))
+        on_border = middles_mm[which == i]
         direct[i] = len(on_border) >= BORDER_PIXELS
         if direct[i]:
             borders[i] = _mode(on_border, _median(on_border))
@@ -157,23 +170,25 @@ def _by_part(labels: UInt8, points_mm: Float64) -> dict[str, Float64]:
     return of_part
 
 
-def _crossings(labels: UInt8, points_mm: Float64) -> dict[frozenset[int], Float64]:
-    """Midpoints (n, 3) of neighbouring pixels of different parts that touch, by pair of part ids."""
-    pairs, middles = [], []
+@njit(cache=True, nogil=True)
+def crossings(labels: UInt8, points_mm: Float64, hinge: Int64, steps: Int64) -> tuple[Int64, Float64]:
+    """Neighbouring pixels of a hinge's two parts that touch: its index (n,) and the midpoint (n, 3) of each.
+
+    hinge: HINGE (12, 12). steps: STEPS (S, 2).
+    """
     height, width = labels.shape
-    for dv, du in _STEPS:
-        one = np.s_[: height - dv, max(0, -du) : width - max(0, du)]
-        two = np.s_[dv:, max(0, du) : width - max(0, -du)]
-        v, u = np.nonzero((labels[one] != labels[two]) & (labels[one] > 0) & (labels[two] > 0))
-        a, b = points_mm[one][v, u], points_mm[two][v, u]
-        touch = np.abs(a[:, 2] - b[:, 2]) < JUMP_MM
-        ids = np.stack([labels[one][v, u], labels[two][v, u]], axis=1)[touch]
-        pairs.append(np.sort(ids, axis=1))
-        middles.append((a + b)[touch] / 2)
-    ids, where = np.concatenate(pairs), np.concatenate(middles)
-    return {
-        frozenset((int(a), int(b))): where[(ids == (a, b)).all(axis=1)] for a, b in np.unique(ids, axis=0)
-    }
+    which, middles = np.empty(len(steps) * labels.size, np.int64), np.empty((len(steps) * labels.size, 3))
+    n = 0
+    for dv, du in steps:
+        for v in range(height - dv):
+            for u in range(max(0, -du), width - max(0, du)):
+                found = hinge[labels[v, u], labels[v + dv, u + du]]
+                if found >= 0:
+                    a, b = points_mm[v, u], points_mm[v + dv, u + du]
+                    if abs(a[2] - b[2]) < JUMP_MM:
+                        which[n], middles[n] = found, (a + b) / 2
+                        n += 1
+    return which[:n].copy(), middles[:n].copy()
 
 
 def _median(points_mm: Float64) -> Float64:

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from annotate.array_types import Bool, Float32, Int64
-from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED, on_body
+from annotate.array_types import Bool, Float32
+from annotate.parts import BACKGROUND
+from eval.scores import passes
 from eval.scores.confusion import Counts, Labels, Scores, ratio
 
 N_BINS = 15
@@ -19,39 +20,31 @@ LEVELS = 255
 """Confidence is counted in steps of 1/255, as label sets store it: sums stay whole numbers."""
 
 
-def reliability_counts(truth: Labels, predicted: Labels, confidence: Float32, near: Bool) -> Counts:
-    """Pixels, right ones, sum of confidence in 1/255, by bin, inside and near borders: int64 (2, 15, 3)."""
-    seen = _compared(truth, predicted)
-    level = _level(confidence[seen])
-    where = near[seen] * N_BINS + np.minimum(level * N_BINS // LEVELS, N_BINS - 1)
-    right = (truth == predicted)[seen]
-    size = 2 * N_BINS
-    pixels = np.bincount(where, minlength=size)
-    hits = np.bincount(where[right], minlength=size)
-    # Weights make bincount count in float64, where whole numbers of this size are exact.
-    sums = np.bincount(where, weights=level, minlength=size).astype(np.int64)
-    return np.stack([pixels, hits, sums], axis=-1).reshape(2, N_BINS, 3).astype(np.int64)
+_BIN = np.minimum(np.arange(LEVELS + 1) * N_BINS // LEVELS, N_BINS - 1)
+"""Bin (256,) of each step of confidence."""
 
 
-def label_quality(truth: Labels, predicted: Labels, confidence: Float32) -> Counts:
-    """Sum of each true label's probability in 1/255, and pixels, by true part: int64 (12, 2).
+def confidence_counts(
+    truth: Labels, predicted: Labels, confidence: Float32, near: Bool
+) -> tuple[Counts, Counts]:
+    """Reliability (2, 15, 3) and quality of the labels (12, 2), int64.
 
-    A label that the prediction shares has the confidence as its probability, another one at most
-    the rest. Low means: the label is wrong, or the prediction is, with conviction.
+    Reliability: pixels, right ones, sum of confidence in 1/255, by bin, inside and near borders. Quality: sum
+    of each true label's probability in 1/255, and pixels, by true part. A label that the prediction shares
+    has the confidence as its probability, another one at most the rest. Low means: the label is wrong, or the
+    prediction is, with conviction. near: flags (h, w).
     """
-    seen = _compared(truth, predicted) & (truth != BACKGROUND)
-    level, parts = _level(confidence[seen]), truth[seen]
-    given = np.where((truth == predicted)[seen], level, LEVELS - level)
-    sums = np.bincount(parts, weights=given, minlength=N_CLASSES)
-    return np.stack([sums, np.bincount(parts, minlength=N_CLASSES)], axis=-1).astype(np.int64)
-
-
-def _compared(truth: Labels, predicted: Labels) -> Bool:
-    return np.asarray((truth != UNDEFINED) & on_body(predicted))
-
-
-def _level(confidence: Float32) -> Int64:
-    return np.rint(np.clip(confidence, 0, 1) * LEVELS).astype(np.int64)
+    images = truth, predicted, confidence, near
+    table = passes.confidences(*map(np.ascontiguousarray, images))  # (part, right, near, step)
+    by_step = table.sum(axis=0).swapaxes(0, 1)  # (near, right, step)
+    steps = np.arange(LEVELS + 1)
+    every = np.stack([by_step.sum(axis=1), by_step[:, 1], by_step.sum(axis=1) * steps], axis=-1)
+    binned = np.zeros((2, N_BINS, 3), np.int64)
+    np.add.at(binned, (slice(None), _BIN), every)
+    wrong, right = np.moveaxis(table.sum(axis=2), 1, 0)
+    quality = np.stack([right @ steps + wrong @ (LEVELS - steps), (right + wrong).sum(axis=1)], axis=-1)
+    quality[BACKGROUND] = 0
+    return binned, quality
 
 
 class Curve(NamedTuple):

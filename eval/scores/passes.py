@@ -1,0 +1,128 @@
+"""Compiled passes over a frame's pixels: each counts in one what NumPy would count in many.
+
+Images are C-contiguous and of one shape (h, w): label maps uint8, distances float32.
+"""
+
+import numpy as np
+from numba import njit
+
+from annotate.array_types import Float32, Float64, Int64, UInt8
+from annotate.parts import BACKGROUND, N_CLASSES, UNDEFINED
+
+CODES = 256
+"""Values of a byte."""
+
+
+@njit(cache=True, nogil=True)
+def pairs(truth: UInt8, predicted: UInt8) -> Int64:
+    """How often each two values stand at one pixel: int64 (256, 256)."""
+    counts = np.zeros((CODES, CODES), np.int64)
+    for a, b in zip(truth.flat, predicted.flat):  # noqa: B905 (compiled: it knows no strict)
+        counts[a, b] += 1
+    return counts
+
+
+@njit(cache=True, nogil=True)
+def _on_body(part: int) -> bool:
+    return part != BACKGROUND and part != UNDEFINED
+
+
+@njit(cache=True, nogil=True)
+def borders(labels: UInt8) -> UInt8:
+    """Part ids on the pixels with a 4-neighbour of another label, neither undefined; 0 elsewhere: (h, w)."""
+    height, width = labels.shape
+    found = np.zeros((height, width), np.uint8)
+    for v in range(height):
+        for u in range(width):
+            own = labels[v, u]
+            if own == UNDEFINED:
+                continue
+            for i, j in ((v - 1, u), (v + 1, u), (v, u - 1), (v, u + 1)):
+                if not (0 <= i < height and 0 <= j < width):
+                    continue
+                other = labels[i, j]
+                if other != own and other != UNDEFINED:
+                    found[v, u] = own
+    return found
+
+
+@njit(cache=True, nogil=True)
+def bands(
+    truth: UInt8, predicted: UInt8, of_truth: Float32, of_prediction: Float32, widths: Float32
+) -> Int64:
+    """Pixels of both, of the truth's and of the prediction's band by width and part: int64 (W, 12, 3).
+
+    of_truth, of_prediction: distances to the borders of either map; widths (W,).
+    """
+    counts = np.zeros((len(widths), N_CLASSES, 3), np.int64)
+    for a, b, away, off in zip(truth.flat, predicted.flat, of_truth.flat, of_prediction.flat):  # noqa: B905
+        true, drawn = _on_body(a), _on_body(b)
+        for i in range(len(widths)):
+            inside, within = true and away < widths[i], drawn and off < widths[i]
+            if inside:
+                counts[i, a, 1] += 1
+            if within:
+                counts[i, b, 2] += 1
+            if inside and within and a == b:
+                counts[i, a, 0] += 1
+    return counts
+
+
+@njit(cache=True, nogil=True)
+def errors(truth: UInt8, predicted: UInt8, away: Float32, edges: Float32) -> Int64:
+    """Wrong and all person pixels of the truth by part and bin of distance: int64 (12, E + 1, 2).
+
+    edges (E,): exclusive upper ends of the bins.
+    """
+    counts = np.zeros((N_CLASSES, len(edges) + 1, 2), np.int64)
+    for a, b, distance in zip(truth.flat, predicted.flat, away.flat):  # noqa: B905
+        if _on_body(a):
+            where = 0
+            while where < len(edges) and distance >= edges[where]:
+                where += 1
+            counts[a, where, 1] += 1
+            counts[a, where, 0] += a != b
+    return counts
+
+
+@njit(cache=True, nogil=True)
+def confidences(truth: UInt8, predicted: UInt8, confidence: Float32, near: UInt8) -> Int64:
+    """Pixels by the truth's part, whether it is predicted and near (0 or 1), and confidence: (12, 2, 2, 256).
+
+    Confidence in steps of 1/255, rounded; only where the prediction names a part and the truth is defined.
+    """
+    counts = np.zeros((N_CLASSES, 2, 2, CODES), np.int64)
+    for a, b, sure, close in zip(truth.flat, predicted.flat, confidence.flat, near.flat):  # noqa: B905
+        if a != UNDEFINED and _on_body(b):
+            level = int(np.rint(min(max(sure, np.float32(0)), np.float32(1)) * np.float32(255)))
+            counts[a, np.int64(a == b), np.int64(close), level] += 1
+    return counts
+
+
+@njit(cache=True, nogil=True)
+def apart(border: UInt8, other: UInt8, reach: float) -> Float64:
+    """Distance of each border pixel, by rows, to the nearest of its part in the other map: float64 (n,).
+
+    Euclidean, pixels; infinite where it is farther than ``reach``. Both maps as of ``borders``.
+    """
+    height, width = border.shape
+    found, n = np.full(np.count_nonzero(border), np.inf), 0
+    for v in range(height):
+        for u in range(width):
+            part = border[v, u]
+            if part == BACKGROUND:
+                continue
+            best, ring = reach * reach, 0
+            # A pixel of the next ring is at least as far as the ring's number.
+            while ring * ring <= best:
+                for i in range(max(v - ring, 0), min(v + ring, height - 1) + 1):
+                    step = 1 if abs(i - v) == ring else max(2 * ring, 1)
+                    for j in range(u - ring, u + ring + 1, step):
+                        if 0 <= j < width and other[i, j] == part:
+                            squared = (i - v) ** 2 + (j - u) ** 2
+                            if squared <= best:
+                                best = float(squared)
+                                found[n] = np.sqrt(best)
+                ring += 1
+            n += 1
+    return found
