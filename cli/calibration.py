@@ -62,12 +62,9 @@ def calibrate(
         raise typer.BadParameter("needs --live; without it, record the plate first", param_hint="--rig")
     for path in (out, _plot(out), *([yaml] if yaml else [])):
         check_free(path, overwrite)
-    if live and (rig is not None or device):
-        from cli.rig_devices import asked_rig
-
-        check_free(board, overwrite)
-        asked_rig(rig, device)
-    # Opened before the imports, which take a second that a refusal need not spend.
+    if rig is not None or device:
+        _check_rig(board, rig, device, overwrite)
+    # Opened before the imports: a refusal need not wait.
     session = None if live else _opened(board)
     with needing("rig"):
         from sensors.calibrate.hole_plate import HolePlate
@@ -88,6 +85,14 @@ def _opened(path: Path) -> "Session":
     from sensors.session.reader import Session
 
     return Session(path)
+
+
+def _check_rig(board: Path, rig: Path | None, device: list[str] | None, overwrite: bool) -> None:
+    """Check that views of a rig can be recorded, before anything is imported."""
+    from cli.rig_devices import asked_rig
+
+    check_free(board, overwrite)
+    asked_rig(rig, device)
 
 
 def _plot(out: Path) -> Path:

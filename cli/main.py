@@ -20,6 +20,7 @@ from cli import (
     motion,
     recording,
     rigs,
+    simulation,
     synthesis,
     training,
 )
@@ -37,7 +38,7 @@ app.add_typer(synthesis.app, name="synth", rich_help_panel="Synthetic people")
 VERBS = {
     "Getting started": (demo.demo, doctor.doctor, kernels.compile_),
     "Recordings": (
-        synthesis.simulate,
+        simulation.simulate,
         recording.devices,
         rigs.rig,
         recording.record,

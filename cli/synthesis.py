@@ -1,4 +1,4 @@
-"""Verbs on synthetic people: simulate, synth bodies, synth generate."""
+"""Verbs on synthetic people: synth bodies, generate, page and film."""
 
 import sys
 import time
@@ -13,25 +13,21 @@ from typer import Argument, Option
 
 from cli.console import Json, Overwrite, check_room, clear, finish, progress, table
 from cli.extras import needing
-from cli.rigs import names
+from cli.simulation import difficulties
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
 from sensors.importers.open_source import opener_at
-from synth.choices import DIFFICULTIES, PRESETS, SCENES, check_choice, check_rig
+from synth.choices import DIFFICULTIES, PRESETS, check_choice
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from sensors.recording.rig_templates import RigTemplate
     from synth.body.body import Body
     from synth.body.body_table import BodySize
+    from synth.images.generate import Made
     from synth.images.presets import Preset
 
 PICTURE = "bodies.png"
-PLATE = "plate"
-"""In place of a scene: the target of calibrate."""
-RANDOM = "random"
-"""In place of a palette file: a suit drawn by the seed."""
 Beside = Annotated[
     Path | None,
     Option(
@@ -43,95 +39,9 @@ Beside = Annotated[
 app = typer.Typer(help="Synthetic bodies and datasets of depth images.", no_args_is_help=True)
 
 
-def scenes() -> list[str]:
-    """Scenes of the virtual rig, and the plate for calibration."""
-    return [*SCENES, PLATE]
-
-
-def difficulties() -> list[str]:
-    """Difficulties of the virtual rig."""
-    return list(DIFFICULTIES)
-
-
 def presets() -> list[str]:
     """Presets of `synth generate`."""
     return list(PRESETS)
-
-
-def simulate(
-    out: Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")],
-    frames: Annotated[int, Option(help="Number of frames.", min=1)] = 40,
-    subjects: Annotated[
-        int | None,
-        Option(
-            help="Number of people, recorded one after another.",
-            min=1,
-            show_default="4, at most one per frame",
-        ),
-    ] = None,
-    scene: Annotated[
-        str,
-        Option(
-            help="sofa, chair, bed or floor; or plate, the target for calibrate.",
-            autocompletion=scenes,
-        ),
-    ] = "sofa",
-    difficulty: Annotated[str, Option(help="clean, normal or hard.", autocompletion=difficulties)] = "normal",
-    rig: Annotated[
-        str | None,
-        Option(
-            help="Which cameras; the verb rig lists them.",
-            autocompletion=names,
-            show_default="kinect2-optris",
-        ),
-    ] = None,
-    suit: Annotated[
-        str | None,
-        Option(
-            help="Palette of the suit (TOML); `random` draws one by the seed.",
-            show_default="the virtual rig's",
-        ),
-    ] = None,
-    seed: Annotated[int, Option(help="The same seed gives the same session.", min=0)] = 0,
-    overwrite: Overwrite = False,
-    json: Json = False,
-) -> None:
-    """Record people in a colour-coded suit with the virtual rig; the true labels go to out.truth/."""
-    from sensors.recording.rig_templates import REFERENCE, template_named
-
-    cameras = template_named(rig or REFERENCE)
-    check_free(out, overwrite)
-    if scene == PLATE:
-        _simulate_plate(out, frames, seed, cameras, overwrite, json)
-        return
-    count = subjects or min(4, frames)
-    check_rig(frames, count, scene, difficulty)
-    from annotate.suit.palette import DEFAULT_SUIT, load_suit
-
-    given = load_suit(Path(suit)) if suit not in (None, RANDOM) else DEFAULT_SUIT
-    with needing("synth"):
-        from synth.appearance.random_suit import random_suit
-        from synth.rig.paths import suit_path, truth_path
-        from synth.rig.simulate import simulate
-        from synth.rig.virtual_rig import VirtualRig
-    worn = random_suit(seed) if suit == RANDOM else given
-    virtual = VirtualRig(frames, count, difficulty, seed, scene, rig=cameras.name, suit=worn)
-    with progress("simulate", frames) as advance:
-        simulate(virtual, out, advance, overwrite=overwrite)
-    result = {"frames": frames, "truth": str(truth_path(out)), "suit": str(suit_path(out))}
-    finish(result, json, f"{frames} frames in {out}, truth in {truth_path(out)}, suit in {suit_path(out)}")
-
-
-def _simulate_plate(
-    out: Path, frames: int, seed: int, rig: "RigTemplate", overwrite: bool, json: bool
-) -> None:
-    with needing("synth"):
-        from synth.rig.plate_views import PlateViews, record_plate
-
-    with progress("simulate", frames) as advance:
-        truth = record_plate(PlateViews(rig, frames, seed), out, advance, overwrite=overwrite)
-    result = {"frames": frames, "truth": str(truth), "suit": None}
-    finish(result, json, f"{frames} views of the hole plate in {out}, the true calibration in {truth}")
 
 
 @app.command()
@@ -206,16 +116,18 @@ def _bake(names: list[str], sizes: "Sequence[BodySize | None]", rng: "np.random.
     return made
 
 
-def _preset(name: str | None, motion: Path | None) -> "Preset":
-    """The preset of that name, or of a recorded motion's poses."""
-    from synth.images.presets import preset_named, preset_of
+def _preset(name: str | None, motion: Path | None, garments: Path | None) -> "Preset":
+    """The preset of that name, or of a recorded motion's poses; in the garments of a folder, if any."""
+    from synth.images.presets import dressed_from, preset_named, preset_of
     from synth.motion.files import motion_files
     from synth.motion.repertoire import read_repertoire
 
     if motion is None:
-        return preset_named(str(name))
-    with progress("read motions", len(motion_files(motion))) as advance:
-        return preset_of(read_repertoire(motion, advance))
+        chosen = preset_named(str(name))
+    else:
+        with progress("read motions", len(motion_files(motion))) as advance:
+            chosen = preset_of(read_repertoire(motion, advance))
+    return chosen if garments is None else dressed_from(chosen, garments)
 
 
 def _check_beside(recording: Path) -> None:
@@ -226,8 +138,10 @@ def _check_beside(recording: Path) -> None:
         opener_at(recording)
 
 
-def _check_order(preset: str | None, motion: Path | None, garments: Path | None, beside: Path | None) -> None:
-    """Check what a dataset is to be made of. Raises CloudError for what is unknown or not there."""
+def _check_order(
+    preset: str | None, motion: Path | None, garments: Path | None, beside: Path | None
+) -> list[Path]:
+    """The files that a dataset is to be made of. Raises CloudError for what is unknown or not there."""
     if (preset is None) == (motion is None):
         raise CloudError("give either --preset or --motion")
     if preset is not None:
@@ -240,6 +154,7 @@ def _check_order(preset: str | None, motion: Path | None, garments: Path | None,
         check_there(garments)
     if beside is not None:
         _check_beside(beside)
+    return [path for path in (motion, garments, beside) if path]
 
 
 @app.command("generate")
@@ -281,20 +196,16 @@ def generate_(
     json: Json = False,
 ) -> None:
     """Generate labelled depth images of people as tar shards, with a page of pictures and statistics."""
-    _check_order(preset, motion, garments, beside)
     from annotate.labelset.dataset import ORDER
 
-    inputs = [path for path in (motion, garments, beside) if path]
+    inputs = _check_order(preset, motion, garments, beside)
     check_room(out, ORDER, overwrite, *inputs)
     with needing("synth"):
         from synth.images.distributions import distributions_at
         from synth.images.generate import Order, generate
-        from synth.images.presets import dressed_from
         from synth.images.workers import cluster, processes
 
-    chosen = replace(_preset(preset, motion), occluders=occluders, cut=cut)
-    if garments is not None:
-        chosen = dressed_from(chosen, garments)
+    chosen = replace(_preset(preset, motion, garments), occluders=occluders, cut=cut)
     order = Order(chosen, chosen.count if count is None else count, seed)
     recording = None if beside is None else distributions_at(beside)
     started = time.monotonic()
@@ -305,10 +216,13 @@ def generate_(
         # Only once the workers have started: an unreachable scheduler must not cost the old dataset.
         clear(out, ORDER, overwrite, *inputs)
         made = generate(order, out, hands, advance, recording)
-    rate = made.images / (time.monotonic() - started)
-    shards = len(made.dataset.shards)
-    result = {"images": order.count, "images_per_second": round(rate, 1), "shards": shards}
-    finish(result, json, f"{order.count} images in {shards} shards in {out}, {rate:.0f} a second")
+    _say_made(made, out, made.images / (time.monotonic() - started), json)
+
+
+def _say_made(made: "Made", out: Path, rate: float, json: bool) -> None:
+    count, shards = len(made.dataset), len(made.dataset.shards)
+    result = {"images": count, "images_per_second": round(rate, 1), "shards": shards}
+    finish(result, json, f"{count} images in {shards} shards in {out}, {rate:.0f} a second")
 
 
 @app.command()

@@ -84,14 +84,7 @@ def train(
         raise CloudError("--test and --hold-out exclude each other; give one of them")
     if init and network:
         raise CloudError(f"{init} determines the network; leave out --network {network}")
-    from annotate.labelset.frames import open_frames
-
-    check_extra("train", "torch", "onnx", "safetensors")
-    for path in (*data, *tests):
-        open_frames(path)
-    start_from = [] if init in (None, SHIPPED) else [init]
-    inputs = [*data, *tests, *start_from]
-    check_there(*start_from)
+    inputs = _checked([*data, *tests], None if init == SHIPPED else init)
     check_room(out, PLAN, overwrite, *inputs)
     with needing("train"):
         from eval.training.loader import ProcessGroup
@@ -100,9 +93,8 @@ def train(
     init = _shipped() if init == SHIPPED else init
     with ProcessGroup.join() as group:
         plan, start = _plan(network, recipe, init, without or [], batch)
-        plan = replace(
-            plan, epochs=epochs, minutes=minutes, seed=seed, precision=precision or best_precision()
-        )
+        precision = precision or best_precision()
+        plan = replace(plan, epochs=epochs, minutes=minutes, seed=seed, precision=precision)
         crops, measured = _crops(data, tests, frozenset(hold_out or []), test_images)
         if group.first:
             clear(out, PLAN, overwrite, *inputs)
@@ -110,6 +102,18 @@ def train(
             model, done = run(crops, measured, out, plan, group, watch, start, workers)
     if group.first:
         _report(_written(out, model, plan, measured or crops), done.epochs, started, json)
+
+
+def _checked(frames: list[Path], init: Path | None) -> list[Path]:
+    """What is trained on and started from, which is there."""
+    from annotate.labelset.frames import open_frames
+
+    check_extra("train", "torch", "onnx", "safetensors")
+    for path in frames:
+        open_frames(path)
+    inputs = [*frames, init] if init else frames
+    check_there(*inputs)
+    return inputs
 
 
 def _shipped() -> Path:
@@ -203,6 +207,28 @@ def _watching(
         yield Watch(checkpoint_s=60 * minutes)
 
 
+def _lessons(
+    sessions: list[Path], truth: list[Path] | None, suit: Path | None
+) -> list[tuple[Path, Path, Path]]:
+    """Each recording with its labels and palette. Raises CloudError for too few, or what is none."""
+    from annotate.labelset.store import LabelSet
+    from annotate.suit.palette import load_suit
+    from synth.rig.paths import suit_path, truth_path
+
+    if len(sessions) < 2:
+        raise CloudError("one recording is too few: confidence is fitted to another; give two or more")
+    if truth and len(truth) != len(sessions):
+        raise CloudError(f"{len(truth)} label sets for {len(sessions)} recordings; give one --truth for each")
+    known = truth or [truth_path(session) for session in sessions]
+    suits = [suit or suit_path(session) for session in sessions]
+    triples = list(zip(sessions, known, suits, strict=True))
+    for recording, labels, palette in triples:
+        opener_at(recording)
+        LabelSet.open(labels)
+        load_suit(palette)
+    return triples
+
+
 def train_labels(
     sessions: Annotated[list[Path], Argument(help="Two or more recordings of people in the suit.")],
     out: Annotated[Path, Option(help="Folder for reader.onnx; an interrupted run continues there.")],
@@ -226,23 +252,9 @@ def train_labels(
     json: Json = False,
 ) -> None:
     """Train the labelling on with your recordings, for 'label --weights'. Needs the extra 'train'."""
-    from annotate.labelset.store import LabelSet
-    from annotate.suit.palette import load_suit
-    from synth.rig.paths import suit_path, truth_path
-
     check_extra("train", "torch", "onnx", "safetensors")
     check_extra("synth", "scipy")
-    if len(sessions) < 2:
-        raise CloudError("one recording is too few: confidence is fitted to another; give two or more")
-    if truth and len(truth) != len(sessions):
-        raise CloudError(f"{len(truth)} label sets for {len(sessions)} recordings; give one --truth for each")
-    known = truth or [truth_path(session) for session in sessions]
-    suits = [suit or suit_path(session) for session in sessions]
-    triples = list(zip(sessions, known, suits, strict=True))
-    for recording, labels, palette in triples:
-        opener_at(recording)
-        LabelSet.open(labels)
-        load_suit(palette)
+    triples = _lessons(sessions, truth, suit)
     inputs = [path for triple in triples for path in triple]
     check_room(out, PLAN, overwrite, *inputs)
     with needing("train", "synth"):

@@ -10,7 +10,6 @@ import pytest
 from typer.testing import CliRunner
 
 from annotate.exchange.formats import FORMATS
-from cli import synthesis
 from cli.main import app
 from synth.images.presets import PRESETS
 from synth.rig.difficulty import DIFFICULTIES
@@ -88,9 +87,3 @@ def test_in_a_real_bash_a_name_is_completed(tmp_path):
         ["bash", "-c", script], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert done.stdout.strip() == "hard", done.stderr
-
-
-def test_names_of_what_is_not_installed_are_not_offered(monkeypatch):
-    for module in ("synth.rig.place", "synth.rig.difficulty", "synth.images.presets"):
-        monkeypatch.setitem(sys.modules, module, None)
-    assert synthesis.scenes() == synthesis.difficulties() == synthesis.presets() == []

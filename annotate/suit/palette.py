@@ -15,7 +15,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float64, UInt8
@@ -77,21 +76,13 @@ def chromaticity(rgb: NDArray[np.generic]) -> Float64:
     Shares of red and green in linear light: x = R / (R + G + B). Gamma: IEC 61966-2-1, taken as 2.2.
     """
     if rgb.dtype == np.uint8:
+        # Compiled: a palette is read, and refused, without a compiler.
+        from annotate.suit.shares import shares
+
         flat = np.ascontiguousarray(rgb, np.uint8).reshape(-1, 3)
-        return _shares(flat, _LINEAR).reshape(*rgb.shape[:-1], 2)
+        return shares(flat, _LINEAR).reshape(*rgb.shape[:-1], 2)
     linear = _linear(rgb)
     return np.asarray(linear[..., :2] / linear.sum(axis=-1, keepdims=True))
-
-
-@njit(cache=True, nogil=True)
-def _shares(rgb: UInt8, linear: Float64) -> Float64:
-    """Chromaticities (n, 2) of colours (n, 3); linear: (256,), light of every value."""
-    shares = np.empty((len(rgb), 2))
-    for i in range(len(rgb)):
-        red, green, blue = linear[rgb[i, 0]], linear[rgb[i, 1]], linear[rgb[i, 2]]
-        total = red + green + blue
-        shares[i, 0], shares[i, 1] = red / total, green / total
-    return shares
 
 
 def _linear(rgb: NDArray[np.generic]) -> Float64:

@@ -128,7 +128,7 @@ def count_frame(predicted: FrameLabels, truth: FrameLabels, frames: LabelledFram
 
 
 def _digest(image: NDArray[np.generic]) -> str:
-    return hashlib.blake2b(np.ascontiguousarray(image), digest_size=8).hexdigest()
+    return hashlib.blake2b(np.ascontiguousarray(image).data, digest_size=8).hexdigest()
 
 
 def _check_same(predicted: FrameLabels, truth: FrameLabels) -> None:

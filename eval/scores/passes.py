@@ -23,8 +23,8 @@ def pairs(truth: UInt8, predicted: UInt8) -> Int64:
 
 
 @njit(cache=True, nogil=True)
-def _on_body(part: int) -> bool:
-    return part != BACKGROUND and part != UNDEFINED
+def _on_body(part: np.uint8) -> bool:
+    return bool(part != BACKGROUND and part != UNDEFINED)
 
 
 @njit(cache=True, nogil=True)

@@ -39,8 +39,7 @@ def confidence_counts(
     by_step = table.sum(axis=0).swapaxes(0, 1)  # (near, right, step)
     steps = np.arange(LEVELS + 1)
     every = np.stack([by_step.sum(axis=1), by_step[:, 1], by_step.sum(axis=1) * steps], axis=-1)
-    binned = np.zeros((2, N_BINS, 3), np.int64)
-    np.add.at(binned, (slice(None), _BIN), every)
+    binned = np.add.reduceat(every, np.searchsorted(_BIN, np.arange(N_BINS)), axis=1)
     wrong, right = np.moveaxis(table.sum(axis=2), 1, 0)
     quality = np.stack([right @ steps + wrong @ (LEVELS - steps), (right + wrong).sum(axis=1)], axis=-1)
     quality[BACKGROUND] = 0
