@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import pickle
 import resource
 import shutil
 import sys
@@ -62,8 +63,23 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
 @pytest.fixture(scope="session")
 def rig_session(tmp_path_factory) -> Path:
     """A clean recording of the virtual rig, 3 frames of 2 people; truth and suit lie beside it."""
-    rig = VirtualRig(3, 2, "clean", 5)
-    return made_once(tmp_path_factory, "session.mcap", lambda path: simulate(rig, path, lambda n: None))
+
+    def record(path: Path) -> None:
+        rig = VirtualRig(3, 2, "clean", 5)
+        shot = list(rig.with_truth())
+        path.with_suffix(".shot").write_bytes(pickle.dumps(shot))
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(rig, "with_truth", lambda: iter(shot))
+            simulate(rig, path, lambda n: None)
+
+    return made_once(tmp_path_factory, "session.mcap", record)
+
+
+@pytest.fixture
+def shot_before(rig_session, monkeypatch) -> None:
+    """Virtual rigs show what the one of ``rig_session`` has shown, at once: for what happens to the files."""
+    shot = pickle.loads(rig_session.with_suffix(".shot").read_bytes())
+    monkeypatch.setattr(VirtualRig, "with_truth", lambda rig: iter(shot[: rig.frames]))
 
 
 @pytest.fixture(scope="session")

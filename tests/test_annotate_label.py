@@ -1,5 +1,6 @@
 """The labelling run keeps what it can, resumes to the bit, and mixes nothing."""
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -44,6 +45,12 @@ def silent(n: int) -> None:
 @pytest.fixture
 def session(rig_session) -> Session:
     return Session(rig_session)
+
+
+@pytest.fixture
+def labelled(tmp_path, rig_labels) -> Path:
+    """What labelling the session with its suit has made; all times of files are kept."""
+    return Path(shutil.copytree(rig_labels.path, tmp_path / "l"))
 
 
 def broken_color(at: set[int]):
@@ -96,18 +103,14 @@ def test_a_run_that_broke_off_goes_on_to_the_same_bytes(tmp_path, session, rig_l
     assert tree(out) == tree(rig_labels.path)
 
 
-def test_what_is_done_is_not_done_again(tmp_path, session):
-    out = tmp_path / "l"
-    label_source(session, DEFAULT_SUIT, out, silent)
-    files = {p: p.stat().st_mtime_ns for p in out.rglob("*")}
-    label_source(session, DEFAULT_SUIT, out, silent)
-    assert {p: p.stat().st_mtime_ns for p in out.rglob("*")} == files
+def test_what_is_done_is_not_done_again(session, labelled):
+    files = {p: p.stat().st_mtime_ns for p in labelled.rglob("*")}
+    label_source(session, DEFAULT_SUIT, labelled, silent)
+    assert {p: p.stat().st_mtime_ns for p in labelled.rglob("*")} == files
 
 
-def test_other_settings_or_another_recording_are_refused(tmp_path, session):
-    out = tmp_path / "l"
-    label_source(session, DEFAULT_SUIT, out, silent)
-    before = tree(out)
+def test_other_settings_or_another_recording_are_refused(session, labelled):
+    before = tree(labelled)
     other = Altered(session, lambda f: replace(f, depth_mm=np.roll(f.depth_mm, 5, axis=0)))
     for source, suit, window in (
         (session, None, None),
@@ -115,8 +118,8 @@ def test_other_settings_or_another_recording_are_refused(tmp_path, session):
         (other, DEFAULT_SUIT, None),
     ):
         with pytest.raises(ExistsError, match="choose another folder"):
-            label_source(source, suit, out, silent, window)
-        assert tree(out) == before
+            label_source(source, suit, labelled, silent, window)
+        assert tree(labelled) == before
 
 
 def test_when_all_fail_it_says_why_and_leaves_nothing(tmp_path, session):
@@ -145,15 +148,13 @@ def test_the_least_certain_frame_comes_first(tmp_path, session):
     assert sorted(run.review_order()) == run.labels.frame_ids
 
 
-def test_a_corrupt_frame_blocks_resuming_and_is_left_alone(tmp_path, session):
-    out = tmp_path / "l"
-    label_source(session, DEFAULT_SUIT, out, silent)
-    spoilt = Path(out / "frames" / "000001.depth.png")
+def test_a_corrupt_frame_blocks_resuming_and_is_left_alone(session, labelled):
+    spoilt = labelled / "frames" / "000001.depth.png"
     spoilt.write_bytes(spoilt.read_bytes()[:900])
-    before = tree(out)
+    before = tree(labelled)
     with pytest.raises(CloudError, match=r"000001\.depth\.png"):
-        label_source(session, DEFAULT_SUIT, out, silent)
-    assert tree(out) == before
+        label_source(session, DEFAULT_SUIT, labelled, silent)
+    assert tree(labelled) == before
 
 
 def stripes(shape: tuple[int, int], trusted: bool = True) -> PersonMask:

@@ -147,7 +147,7 @@ def test_corrections_are_never_overwritten(annotate_cloud, tmp_path, rig_session
     assert tree(labels) == before
 
 
-def test_an_interrupted_simulation_leaves_nothing(annotate_cloud, tmp_path, monkeypatch):
+def test_an_interrupted_simulation_leaves_nothing(annotate_cloud, tmp_path, shot_before, monkeypatch):
     truths = synth.rig.simulate.truth_labels
 
     def interrupted(frame, *truth):
@@ -181,10 +181,12 @@ def tiny_disk(tmp_path) -> Iterator[Path]:
     subprocess.run(["umount", path], check=True)
 
 
-def test_a_full_disk_leaves_no_simulation(annotate_cloud, tiny_disk):
+def test_a_full_disk_leaves_no_simulation(annotate_cloud, tiny_disk, shot_before):
+    filler = tiny_disk / "other"
+    filler.write_bytes(bytes(DISK_BYTES // 2))
     done = annotate_cloud("simulate", tiny_disk / "s.mcap", "--frames", 2)
     assert_refused(done, "No space left", "free some space")
-    assert not list(tiny_disk.iterdir())
+    assert list(tiny_disk.iterdir()) == [filler]
 
 
 def test_a_full_disk_leaves_no_import(annotate_cloud, tiny_disk, rig_session):
@@ -208,7 +210,9 @@ def test_a_full_disk_keeps_the_frames_that_are_done(annotate_cloud, tiny_disk, r
 
 
 @pytest.mark.parametrize("verb", ["simulate", "import", "label", "predict", "evaluate"])
-def test_a_write_that_fails_leaves_no_half_file(annotate_cloud, tmp_path, rig_session, rig_labels, verb):
+def test_a_write_that_fails_leaves_no_half_file(
+    annotate_cloud, tmp_path, rig_session, rig_labels, shot_before, verb
+):
     command = {
         "simulate": ("simulate", tmp_path / "out", "--frames", 1),
         "import": ("import", rig_session, tmp_path / "out.mcap"),

@@ -46,7 +46,7 @@ SMALLER = (
     (r"(simulate p\w+\.mcap) .*", r"\1 --frames 4 --subjects 2 --seed 6"),  # one recording for all pages
     (r"--hold-out subject-\d", "--hold-out subject-1"),
     (r"--subjects 8 --frames \d+", "--subjects 1 --frames 1"),
-    (r"--scene plate( --frames \d+)?", "--scene plate --frames 12"),
+    (r"--scene plate( --frames \d+)?", "--scene plate --frames 10"),
     (r"--count \d+", "--count 4"),
     (r"--epochs \d+", "--epochs 1"),
     (r"--seconds \d+", "--seconds 1"),
@@ -170,6 +170,7 @@ def test_the_commands_of_a_page_run_in_order(
     monkeypatch.setattr(cli.rig_devices, "VIRTUAL_FRAMES", 3)
     monkeypatch.setattr(annotate.person.alignment, "GROUPS", 3)
     monkeypatch.setattr(synth.rig.film, "SHORTEST_S", 0.1)
+    monkeypatch.setattr(synth.rig.film, "FRAMES_PER_SECOND", 15.0)
     if page == "docs/retrain.md":
         monkeypatch.setattr("eval.training.reader.fit.SIDE", 32)
     if page != "docs/cluster.md":

@@ -178,7 +178,7 @@ def test_a_killed_generate_goes_on_to_the_same_bytes(killed, whole):
     assert tree(out) == whole
 
 
-def test_a_killed_simulate_is_told_and_made_anew(annotate_cloud, killed):
+def test_a_killed_simulate_is_told_and_made_anew(annotate_cloud, killed, shot_before):
     command = ("simulate", killed / "s.mcap", "--frames", 1)
     assert not (killed / "s.mcap").exists()
     assert_refused(annotate_cloud(*command), "--overwrite")

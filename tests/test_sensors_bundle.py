@@ -28,7 +28,7 @@ from tests.conftest import assert_refused
 PLATE = HolePlate()
 RIG = RigCalibration(
     Intrinsics(512, 424, 365.2, 365.2, 254.0, 211.1, 0.092, -0.267, 0.0, 0.0, 0.09),
-    Intrinsics(1920, 1080, 1081.4, 1081.4, 959.5, 539.5, 0.056, -0.074, 0.0014, -0.0017, 0.024),
+    Intrinsics(960, 540, 540.7, 540.7, 479.5, 269.5, 0.056, -0.074, 0.0014, -0.0017, 0.024),
     Pose(Rotation.from_rotvec([0.002, 0.011, 0.017]).as_matrix(), np.array([-0.052, 0.0, 0.001])),
     Intrinsics(160, 120, 110.1, 110.1, 80.3, 59.2, -0.19, 0.04),
     Pose(Rotation.from_rotvec([-0.035, 0.0, 0.0]).as_matrix(), np.array([0.012, 0.06, -0.01])),

@@ -1,15 +1,13 @@
 """A scheduler or a worker of dask in a process of its own: forked from one that has imported everything."""
 
 import os
-from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 
 import dask
 import distributed.cli.dask_scheduler as scheduler_
 import distributed.cli.dask_worker as worker_
 
-FORKING = get_context("forkserver")
-FORKING.set_forkserver_preload(["tests.helpers.dask_warm"])
+from tests.helpers.forking import FORKING
 
 
 def begin(kind: str, line: str) -> BaseProcess:

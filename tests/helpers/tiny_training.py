@@ -1,7 +1,7 @@
 """A training small enough for tests, here or in processes forked from one that has imported torch."""
 
 import os
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from eval.training.plan import ModernRecipe, Plan
 from eval.training.train import Watch, train
 from eval.training.whole import FACING, POSTURE, nothing_known
 from sensors.errors import CloudError
+from tests.helpers.forking import FORKING
 
 PLAN = Plan(CompactConfig((4, 6, 6), 1), ModernRecipe(batch=2), epochs=3, seed=4)
 
@@ -38,9 +39,6 @@ def known(i: int) -> np.ndarray:
 
 
 CROPS = small_crops()
-
-FORKING = get_context("forkserver")
-FORKING.set_forkserver_preload(["tests.helpers.tiny_training"])
 
 
 def begin(out: Path, **environment: str) -> BaseProcess:
