@@ -16,7 +16,7 @@ FRAMES = 8
 
 @pytest.fixture(scope="module")
 def session():
-    rig = VirtualRig(FRAMES, 2, "clean", 3)
+    rig = VirtualRig(FRAMES, 2, "clean", 3, draft=True)
     return rig.calibration, list(rig)
 
 

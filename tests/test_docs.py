@@ -46,7 +46,7 @@ SMALLER = (
     (r"(simulate p\w+\.mcap) .*", r"\1 --frames 4 --subjects 2 --seed 6"),  # one recording for all pages
     (r"--hold-out subject-\d", "--hold-out subject-1"),
     (r"--subjects 8 --frames \d+", "--subjects 1 --frames 1"),
-    (r"--scene plate( --frames \d+)?", "--scene plate --frames 10"),
+    (r"--scene plate( --frames \d+)?", "--scene plate --frames 12"),
     (r"--count \d+", "--count 4"),
     (r"--epochs \d+", "--epochs 1"),
     (r"--seconds \d+", "--seconds 1"),
