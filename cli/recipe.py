@@ -1,7 +1,7 @@
 """The whole path in one function: simulate, label, correct, predict, evaluate, report."""
 
 import shutil
-from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -33,18 +33,13 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, Any]:
     with progress("simulate", frames) as advance:
         simulate(rig, session_path, advance)
     session, truth = Session(session_path), LabelSet.open(truth_path(session_path))
-    with progress("label", frames) as advance:
-        automatic = label_source(session, rig.suit, out / "automatic", advance).labels
-    fuser = Fuser(session.calibration)
-
-    def fused(frame_id: str) -> ThermalCloud:
-        return fuser.fuse_frame(session.frame(int(frame_id)))
-
-    corrected, seconds = _correct_all(automatic, truth, fused, out / "corrected")
-    with progress("predict", frames) as advance:
-        predicted = predict_source(
-            session, OnnxNetwork(), out / "network", advance, things=OnnxNetwork(THINGS_WEIGHTS)
-        ).labels
+    with ThreadPoolExecutor(1) as beside:
+        # The network needs no labels: it works while these are made and corrected.
+        predicting = beside.submit(_predict, session_path, out / "network")
+        with progress("label", frames) as advance:
+            automatic = label_source(session, rig.suit, out / "automatic", advance).labels
+        corrected, seconds = _correct_all(automatic, truth, session, out / "corrected")
+        predicted = predicting.result()
 
     sets = {"Automatic": automatic, "Corrected": corrected, "Network": predicted}
     compared = {name: compare_sets(labels, truth) for name, labels in sets.items()}
@@ -71,10 +66,21 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, Any]:
     }
 
 
+def _predict(session: Path, out: Path) -> LabelSet:
+    """Labels by the network."""
+    networks = OnnxNetwork(), OnnxNetwork(THINGS_WEIGHTS)
+    return predict_source(Session(session), networks[0], out, lambda _: None, things=networks[1]).labels
+
+
 def _correct_all(
-    automatic: LabelSet, truth: LabelSet, cloud_of: Callable[[str], ThermalCloud], out: Path
+    automatic: LabelSet, truth: LabelSet, session: Session, out: Path
 ) -> tuple[LabelSet, list[float]]:
     """A copy of the labels, corrected by the simulated annotator, and the seconds of each frame."""
+    fuser = Fuser(session.calibration)
+
+    def cloud_of(frame_id: str) -> ThermalCloud:
+        return fuser.fuse_frame(session.frame(int(frame_id)))
+
     shutil.copytree(automatic.path, out)
     annotator = Annotator()
     with Correction.open(out, WHO, clock=annotator.clock) as correction:

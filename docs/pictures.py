@@ -1,5 +1,6 @@
 """Make the README's pictures: python docs/pictures.py. Needs the virtual rig and the shipped network."""
 
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ from annotate.label_source import SuitSurvey, suit_labeller
 from annotate.parts import palette_rgb
 from annotate.reader.network import shipped_reader
 from eval.network.onnx_network import OnnxNetwork
-from eval.report.gallery import make_frame
+from eval.report.gallery import cloud_picture, make_frame
 from synth.body.body import shipped_bodies
 from synth.body.body_picture import save_picture
 from synth.images.dataset_page import contact_sheet
@@ -41,7 +42,9 @@ def frame_picture() -> NDArray[np.uint8]:
         suit = FrameLabels(truth.frame_id, truth.depth_mm, labeller(survey, None)[0].parts)
         person = survey.persons.person().mask
         net = FrameLabels(truth.frame_id, truth.depth_mm, network.segment(cloud.depth_mm, person).parts)
-        by_suit, by_net = (make_frame(truth, labels, cloud).columns for labels in (suit, net))
+        by_suit, by_net = (
+            make_frame(truth, labels, partial(cloud_picture, cloud)).columns for labels in (suit, net)
+        )
         rows.append(np.hstack([_framed(by_suit[k]) for k in COLUMNS] + [_framed(by_net[COLUMNS[-1]])]))
     return np.vstack(rows)
 

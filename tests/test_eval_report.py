@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,15 @@ from eval.compare.results import Result, save_result
 from eval.report import charts, figures, tables
 from eval.report.build import embedded_json, write_report
 from eval.report.figures import render_thermal_cloud
-from eval.report.gallery import SCENE_POINTS, make_frame, make_scene, make_shown_frame, pick_frames, points_of
+from eval.report.gallery import (
+    SCENE_POINTS,
+    cloud_picture,
+    make_frame,
+    make_scene,
+    make_shown_frame,
+    pick_frames,
+    points_of,
+)
 from eval.report.gather import Material, gather
 from eval.report.history import load_training
 from eval.report.views import view_of
@@ -86,7 +95,7 @@ def test_pictures_hold_what_they_show() -> None:
 
 def test_a_row_of_pictures_shows_the_person_large_and_whole() -> None:
     truth = person(0)
-    row = make_frame(truth, guessed(truth, 0), cloud(truth))
+    row = make_frame(truth, guessed(truth, 0), partial(cloud_picture, cloud(truth)))
     assert {image.shape for image in row.columns.values()} == {(SIZE, SIZE, 3)}
     shown = row.columns["Target labels"].reshape(-1, 3)
     assert {tuple(c) for c in shown} == {tuple(palette_rgb()[part]) for part in np.unique(truth.parts)}

@@ -115,10 +115,11 @@ def _difference(
 
 
 def _wilcoxon_p(first: Comparison, second: Comparison, name: str) -> float | None:
-    from scipy.stats import wilcoxon
-
     if first.n_subjects < MIN_SUBJECTS:
         return None
+    # Its import takes a second, which a report on few people need not spend.
+    from scipy.stats import wilcoxon
+
     means = [scores_of(FrameCounts(c.by_cluster))[name] for c in (first, second)]
     gaps = means[0] - means[1]
     gaps = gaps[~np.isnan(gaps) & (gaps != 0)]

@@ -1,6 +1,6 @@
 """Frames that a reader should see: laid out as the paper's Fig. 10 with their errors, or to turn in 3D."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -61,15 +61,19 @@ def pick_frames(comparison: Comparison, each: int = EACH, seed: int = 0) -> dict
     return {name: [comparison.frame_ids[i] for i in picked] for name, picked in groups.items()}
 
 
+Picture = Callable[[Bool, Crop], Image | None]
+"""Draws a frame's thermal cloud around a person (h, w) in a crop; None where there is no cloud."""
+
+
 def make_frame(
-    truth: FrameLabels, predicted: FrameLabels, cloud: ThermalCloud | None = None, group: str = ""
+    truth: FrameLabels, predicted: FrameLabels, picture: Picture | None = None, group: str = ""
 ) -> GalleryFrame:
     """One row: thermal cloud (where there is one), extracted depth, target, prediction, errors."""
     person = on_body(truth.parts) if on_body(truth.parts).any() else on_body(predicted.parts)
     crop = _square(person)
     target, guess = crop.cut(truth.parts, BACKGROUND), crop.cut(predicted.parts, BACKGROUND)
     columns = {
-        **_input_columns(truth, person, crop, cloud),
+        **_input_columns(truth, person, crop, picture),
         "Target labels": figures.colorize_parts(target),
         "Predicted labels": figures.colorize_parts(guess),
         "Errors": figures.colorize_error(target, guess),
@@ -82,12 +86,12 @@ def make_frame(
     return GalleryFrame(truth.frame_id, columns, group, subject, float(confusion.miou(matrix)), part_iou)
 
 
-def make_shown_frame(labels: FrameLabels, cloud: ThermalCloud | None = None) -> GalleryFrame:
+def make_shown_frame(labels: FrameLabels, picture: Picture | None = None) -> GalleryFrame:
     """One row without a truth: thermal cloud (where there is one), extracted depth, labels, confidence."""
     person = on_body(labels.parts)
     crop = _square(person)
     columns = {
-        **_input_columns(labels, person, crop, cloud),
+        **_input_columns(labels, person, crop, picture),
         "Labels": figures.colorize_parts(crop.cut(labels.parts, BACKGROUND)),
     }
     if labels.confidence is not None:
@@ -97,14 +101,12 @@ def make_shown_frame(labels: FrameLabels, cloud: ThermalCloud | None = None) -> 
     return GalleryFrame(labels.frame_id, columns, subject=labels.subject)
 
 
-def _input_columns(
-    frame: FrameLabels, person: Bool, crop: Crop, cloud: ThermalCloud | None
-) -> dict[str, Image]:
+def _input_columns(frame: FrameLabels, person: Bool, crop: Crop, picture: Picture | None) -> dict[str, Image]:
     """What the labelling had to go by: the thermal cloud, if any, and the person's depth."""
     depth = crop.cut(np.where(person, frame.depth_mm, np.uint16(0)), 0)
     columns = {"Extracted depth": figures.colorize_depth(depth)}
-    if cloud is not None:
-        columns = {"Thermal cloud": _cloud_picture(cloud, person, crop), **columns}
+    if picture is not None and (drawn := picture(person, crop)) is not None:
+        columns = {"Thermal cloud": drawn, **columns}
     return columns
 
 
@@ -122,7 +124,8 @@ def _square(person: Bool) -> Crop:
     return crop_around(person, MARGIN) if person.any() else Crop(0, 0, max(person.shape))
 
 
-def _cloud_picture(cloud: ThermalCloud, person: Bool, crop: Crop) -> Image:
+def cloud_picture(cloud: ThermalCloud, person: Bool, crop: Crop) -> Image:
+    """A cloud's part in a crop around a person (h, w), coloured by temperature: (212, 212, 3)."""
     side = crop.side
     points, temperature = crop.cut(cloud.points_m, np.nan, side), crop.cut(cloud.temperature_c, np.nan, side)
     shown = crop.cut(person & cloud.valid, False, side)

@@ -1,16 +1,19 @@
 """Material of a report, and how it is gathered from files before anything is drawn."""
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
+from annotate.array_types import Bool
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.correction.audit import Audit, audit
+from annotate.crop import Crop
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.frames import camera_of, holds_frames, open_frames
 from annotate.labelset.journal import Journal
@@ -18,10 +21,12 @@ from annotate.labelset.store import LabelSet
 from eval.compare.paired import Difference, difference
 from eval.compare.pairs import pair_up
 from eval.compare.results import Result
+from eval.report.figures import Image
 from eval.report.gallery import (
     EACH,
     GalleryFrame,
     Scene,
+    cloud_picture,
     make_frame,
     make_scene,
     make_shown_frame,
@@ -92,6 +97,7 @@ class Clouds:
 
     def __init__(self, sessions: Sequence[Session]) -> None:
         self._fusers = {session.name: (session, Fuser(session.calibration)) for session in sessions}
+        self._drawn: dict[str, Image | None] = {}
 
     def of(self, source: str, frame: FrameLabels) -> ThermalCloud | None:
         """The cloud of a frame labelled from ``source``; None where no session has this very depth image."""
@@ -102,6 +108,16 @@ class Clouds:
             return None
         cloud = fuser.fuse_frame(session.frame(int(frame.frame_id)))
         return cloud if np.array_equal(cloud.depth_mm, frame.depth_mm) else None
+
+    def picture(self, source: str, frame: FrameLabels, person: Bool, crop: Crop) -> Image | None:
+        """The cloud of a frame as ``cloud_picture`` draws it, once for all results that show it."""
+        pixels = hashlib.sha256(np.ascontiguousarray(frame.depth_mm).data)
+        pixels.update(np.packbits(person).data)
+        key = f"{source}/{frame.frame_id}/{pixels.hexdigest()}"
+        if key not in self._drawn:
+            cloud = self.of(source, frame)
+            self._drawn[key] = None if cloud is None else cloud_picture(cloud, person, crop)
+        return self._drawn[key]
 
 
 def gather(
@@ -153,13 +169,14 @@ def pictures_of(result: Result, clouds: Clouds, each: int) -> tuple[list[Gallery
         for place, frame_id in enumerate(frame_ids):
             pair = pairs.get(frame_id) or _changed(result, frame_id, sets)
             guess, target = predicted.load(pair.predicted), truth.load(pair.truth)
-            cloud = clouds.of(str(truth.info.get("source", "")), target)
-            frame = make_frame(target, guess, cloud, group)
+            source = str(truth.info.get("source", ""))
+            frame = make_frame(target, guess, partial(clouds.picture, source, target), group)
             if not np.isclose(frame.miou, scores[frame_id], rtol=0, atol=1e-9):
                 _changed(result, frame_id, sets)
             frames.append(frame)
             if not place:
                 title = f"{result.title} · {group.lower()} · {frame_id}"
+                cloud = clouds.of(source, target)
                 scenes.append(make_scene(title, guess, camera_of(truth, target), target, cloud))
     return frames, [scene for scene in scenes if scene is not None]
 
@@ -177,10 +194,10 @@ def shown_set(labels: LabelSet, note: str, clouds: Clouds) -> ShownSet:
     chosen = sorted({ids[i] for i in np.linspace(0, len(ids) - 1, min(SHOWN_FRAMES, len(ids))).astype(int)})
     source = str(labels.info.get("source", ""))
     title = source or labels.path.name
-    seen = [(frame, clouds.of(source, frame)) for frame in map(labels.read, chosen)]
-    frames = [make_shown_frame(*one) for one in seen]
+    seen = [labels.read(frame_id) for frame_id in chosen]
+    frames = [make_shown_frame(frame, partial(clouds.picture, source, frame)) for frame in seen]
     scenes = [
-        make_scene(f"{title} · {frame.frame_id}", frame, camera_of(labels, frame), None, cloud)
-        for frame, cloud in seen[:1]
+        make_scene(f"{title} · {f.frame_id}", f, camera_of(labels, f), None, clouds.of(source, f))
+        for f in seen[:1]
     ]
     return ShownSet(title, frames, [scene for scene in scenes if scene is not None], note)
