@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ import synth.images.workers
 import synth.rig.film
 from annotate.correction.correction import Correction
 from cli.main import app
+from sensors.recording.rig_templates import REFERENCE, TEMPLATES
 from sensors.session.reader import Session
 from synth.images.workers import Workers
 from synth.rig.paths import suit_path, truth_path
@@ -56,6 +58,11 @@ SMALLER = (
     (r"(train s\S+ .*)", r"\1 --network compact-small"),
 )
 """What makes a command small: what it is asked to do is the same, only less of it."""
+PLATE_RIG = TEMPLATES[REFERENCE]
+COLOR = PLATE_RIG.calibration.color
+SMALL_COLOR = replace(COLOR, width=960, height=540, fx=COLOR.fx / 2, fy=COLOR.fy / 2, cx=479.5, cy=269.5)
+SMALL_RIG = replace(PLATE_RIG, calibration=replace(PLATE_RIG.calibration, color=SMALL_COLOR))
+"""What sees the hole plate: a quarter of the pixels in colour."""
 
 
 def commands_of(page: str) -> list[str]:
@@ -171,6 +178,7 @@ def test_the_commands_of_a_page_run_in_order(
     monkeypatch.setattr(annotate.person.alignment, "GROUPS", 3)
     monkeypatch.setattr(synth.rig.film, "SHORTEST_S", 0.1)
     monkeypatch.setattr(synth.rig.film, "FRAMES_PER_SECOND", 15.0)
+    monkeypatch.setitem(TEMPLATES, REFERENCE, SMALL_RIG)
     if page == "docs/retrain.md":
         monkeypatch.setattr("eval.training.reader.fit.SIDE", 32)
     if page != "docs/cluster.md":
