@@ -1,9 +1,12 @@
 """Recording: virtual devices end up in a session that pairs, whole or killed; what cannot be is refused."""
 
+import os
+import signal
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -117,7 +120,7 @@ def test_the_virtual_clock_s_skew_does_not_part_pairs(tmp_path):
 
 
 SCRIPT = """
-import sys
+import os, sys
 from pathlib import Path
 from sensors.recording.open_device import open_device
 from sensors.recording.recorder import Recorder
@@ -131,23 +134,44 @@ class Telling(SessionWriter):
         super().write_depth(*image)
         print(image[-1], flush=True)
 
-devices = [open_device(address, swinging_ball()) for address in sys.argv[2:]]
-for device in devices:
-    device.start()
-with Telling(Path(sys.argv[1]), RigCalibration(KINECT2_DEPTH), "rig") as writer:
-    Recorder(devices, writer).run(lambda: False, lambda recorder: None)
+def record(path):
+    devices = [open_device(address, swinging_ball()) for address in sys.argv[1:]]
+    for device in devices:
+        device.start()
+    with Telling(Path(path), RigCalibration(KINECT2_DEPTH), "rig") as writer:
+        Recorder(devices, writer).run(lambda: False, lambda recorder: None)
+
+for path in sys.stdin:
+    child = os.fork()
+    if not child:
+        print(os.getpid(), flush=True)
+        record(path.strip())
+    os.waitpid(child, 0)
+    print("ended", flush=True)
 """
-"""Records without end; prints the arrival of each depth image once it has been written."""
+"""For each path given: records there without end, in a process of its own whose number is told first; prints
+the arrival of each depth image once it has been written, and when the process has ended."""
+
+
+@pytest.fixture(scope="module")
+def recording() -> Iterator[subprocess.Popen[str]]:
+    """SCRIPT."""
+    command, here = [sys.executable, "-c", SCRIPT, KINECT, FIR], Path(__file__).parents[1]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes, text=True, cwd=here) as process:
+        yield process
+        process.stdin.close()
 
 
 @pytest.mark.parametrize("images", [1, 12, 33])
-def test_kill_9_loses_at_most_a_tenth_of_a_second(tmp_path, images):
+def test_kill_9_loses_at_most_a_tenth_of_a_second(tmp_path, recording, images):
     path = tmp_path / "session.mcap"
-    command = [sys.executable, "-c", SCRIPT, path, KINECT, FIR]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=Path(__file__).parents[1]) as process:
-        told = [process.stdout.readline() for _ in range(images)]
-        process.kill()
-        told += process.stdout.readlines()
+    recording.stdin.write(f"{path}\n")
+    recording.stdin.flush()
+    number = int(recording.stdout.readline())
+    told = [recording.stdout.readline() for _ in range(images)]
+    os.kill(number, signal.SIGKILL)
+    told += iter(recording.stdout.readline, "ended\n")
     session = Session(path.with_name(path.name + ".partial"))
     assert session.truncated
     # What was written has left the process; what it had not written yet is younger than an image.
