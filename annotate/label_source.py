@@ -21,7 +21,7 @@ from annotate.labelset.store import LabelSet, as_read
 from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask, Survey
 from annotate.reader.network import Reader, shipped_reader
-from annotate.reader.read import read
+from annotate.reader.read import LIGHT, read
 from annotate.reader.segmentation import Segmentation, unlabelled
 from annotate.suit.palette import Suit, suit_to_toml
 from sensors.errors import CloudError, ExistsError, one_line
@@ -279,6 +279,7 @@ def labels_of(
     """Labels of a frame from what was found in it. depth_mm: (h, w), undistorted; left_out: notes."""
     notes = notes_of(result, [*left_out, *person.notes]) | {"extraction": person.method}
     notes |= {"people": person.known} if person.known else {}
+    notes |= {LIGHT: result.light.log_gain.round(3).tolist()} if result.light else {}
     persons = np.where(person.mask, np.uint8(1), np.where(person.others, person.persons, np.uint8(0)))
     return FrameLabels(frame_id, depth_mm, result.parts, result.confidence, notes=notes, persons=persons)
 

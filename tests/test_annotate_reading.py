@@ -230,3 +230,18 @@ def test_confidence_is_lower_along_seams_and_silhouettes(seen, read):
     within = result.confidence[deep & inner].mean()
     assert result.confidence[on & ~deep].mean() < within
     assert result.confidence[deep & ~inner].mean() < within
+
+
+@pytest.mark.parametrize(
+    "told", [None, "dark", [0.1], [0.1, "x"], [float("nan"), 0.0], [1e9, 0.0], [0.6, -0.6]]
+)
+def test_a_light_that_the_frame_before_tells_is_kept_or_found_anew(seen, read, told):
+    cloud = seen[0][0]
+    survey = SuitSurvey.of(cloud, DEFAULT_SUIT).persons.person(None)
+    before = labels_of("0", cloud.depth_mm, read[0], survey)
+    assert before.notes["light"] == read[0].light.log_gain.round(3).tolist()
+    if told is not None:
+        before = replace(before, notes=before.notes | {"light": told})
+    again = read_in(cloud, before=before)
+    assert np.abs(again.light.log_gain - read[0].light.log_gain).max() < 0.05
+    assert (again.parts != read[0].parts)[body_of(read[0].parts)].mean() < 0.03

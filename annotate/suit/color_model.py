@@ -106,6 +106,11 @@ class ColorModel:
         match = self.match(chromaticity(rgb), blur(rgb))
         return np.log(np.exp(self.by_part(match)) + np.float32(STRAY))
 
+    def worn(self, rgb: UInt8, belief: Float64) -> float:
+        """Share of colours uint8 (n, 3), n > 0, that parts with beliefs (n, 11) wear."""
+        likely = np.exp(self.by_part(self.match(chromaticity(rgb), blur(rgb))))
+        return float((belief.T * likely / (likely + STRAY)).sum() / len(rgb))
+
     def by_part(self, match: Float32) -> Float32:
         """Log likelihood (11, n) of each part's best swatch, from that of all swatches (K, n)."""
         return np.stack([match[worn].max(axis=0) for worn in self.wears.T])

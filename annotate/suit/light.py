@@ -17,7 +17,7 @@ from annotate.suit.color_model import (
 )
 from annotate.suit.palette import Suit, chromaticity
 
-LIT_COLORS, REFINED = 300, 3
+LIT_COLORS, REFINED = 300, 2
 """Colours that every light is tried on, an even sample; best lights that the swatches are fitted in. Chosen
 by eye."""
 

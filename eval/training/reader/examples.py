@@ -20,6 +20,7 @@ from annotate.parts import BACKGROUND
 from annotate.reader.channels import in_light
 from annotate.reader.network import shipped_reader
 from annotate.reader.read import OTHER_PERSON, looked_over, view_of
+from annotate.suit.light import fitted_to
 from annotate.suit.palette import Suit, load_suit, suit_to_toml
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import replacing
@@ -65,7 +66,7 @@ def example_of(
     target = truth.parts[view.where].copy()
     if truth.persons is not None:
         target[(truth.persons[view.where] > 1) & (target == BACKGROUND)] = OTHER_PERSON
-    light = view.light if rough else looked_over(view, suit, shipped_reader())[1]
+    light = fitted_to(suit, view.colors) if rough else looked_over(view, suit, shipped_reader())[1]
     planes = in_light(view.planes, view.rgb, light)
     distance_m = np.median(cloud.points_m[..., 2][person.mask & cloud.valid])
     return Example(planes, target, np.array([cloud.camera.fx, distance_m]))
