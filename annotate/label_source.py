@@ -110,8 +110,8 @@ class SuitSurvey:
         return cls(cloud, Survey(CoarseCloud.of(cloud, None if suit else 1), window_c, suit))
 
 
-def suit_labeller(suit: Suit | None, reader: Reader) -> Labeller:
-    """Labeller of surveys by a suit; without one, parts stay undefined."""
+def suit_labeller(suit: Suit | None, reader: Reader, *, glance: bool = False) -> Labeller:
+    """Labeller of surveys by a suit; without one, parts stay undefined. glance: as of ``read``."""
 
     def labeller(survey: SuitSurvey, before: FrameLabels | None) -> tuple[Segmentation, PersonMask]:
         person = survey.persons.person(before)
@@ -119,7 +119,7 @@ def suit_labeller(suit: Suit | None, reader: Reader) -> Labeller:
             return unlabelled(person.mask), person
         if suit is None:
             return unlabelled(person.mask, NO_SUIT), person
-        return read(survey.cloud, survey.persons, person, suit, before, reader)
+        return read(survey.cloud, survey.persons, person, suit, before, reader, glance=glance)
 
     return labeller
 

@@ -149,7 +149,9 @@ def labelling_by(suit: Suit | None) -> Labelling:
             lambda cloud: NetworkSurvey(CoarseCloud.of(cloud), network, things), NetworkSurvey.labels, _stance
         )
     survey: Callable[[Any], SuitSurvey] = partial(SuitSurvey.of, suit=suit)
-    return Labelling(survey, suit_labeller(suit, shipped_reader()), partial(_stance_beside, network))
+    return Labelling(
+        survey, suit_labeller(suit, shipped_reader(), glance=True), partial(_stance_beside, network)
+    )
 
 
 def _stance_beside(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics) -> Stance | None:

@@ -245,3 +245,14 @@ def test_a_light_that_the_frame_before_tells_is_kept_or_found_anew(seen, read, t
     again = read_in(cloud, before=before)
     assert np.abs(again.light.log_gain - read[0].light.log_gain).max() < 0.05
     assert (again.parts != read[0].parts)[body_of(read[0].parts)].mean() < 0.03
+
+
+def test_a_glance_names_what_a_reading_names(seen, read):
+    """But for borders; and only where there is depth."""
+    for (cloud, truth), whole in zip(seen[:3], read, strict=False):
+        found = suit_labeller(DEFAULT_SUIT, shipped_reader(), glance=True)(
+            SuitSurvey.of(cloud, DEFAULT_SUIT), None
+        )[0]
+        assert right(found, truth) > right(whole, truth) - 0.03 and not found.parts[~cloud.valid].any()
+        assert ((found.parts > 0) == (whole.parts > 0)).mean() > 0.99
+        assert (found.confidence[found.parts > 0] > 0).all()

@@ -60,8 +60,7 @@ class CoarseCloud:
 
     def enlarged(self, whose: UInt8) -> UInt8:
         """Numbers (h, w) of the whole image's pixels by those of the points, 0 where there is no reading."""
-        ends = np.stack([of(whose, np.ones((3, 3), np.uint8)) for of in (cv2.erode, cv2.dilate)])
-        return _enlarged(self.depth_mm, self.pixel, whose, ends.astype(np.uint8), self.stride)
+        return enlarged(self.depth_mm, self.pixel, whose, self.stride)
 
     def coarse(self, labels: FrameLabels) -> FrameLabels:
         """Labels of a whole image of this camera as those of a coarse one."""
@@ -104,6 +103,15 @@ class CoarseFuser:
         pixel = _chosen(whole, self._stride)
         coarse = np.where(pixel >= 0, whole.ravel()[pixel], np.uint16(0))
         return CoarseCloud(whole, self._fuser.fuse(coarse, color_rgb, thermal_c), pixel, self._stride)
+
+
+def enlarged(depth_mm: UInt16, pixel: Index, whose: UInt8, stride: int) -> UInt8:
+    """Numbers (h, w) of an image's pixels by those of points (rows, columns), 0 where there is no reading.
+
+    pixel: flat index of each point's pixel, -1 = none; one in every square of ``stride`` pixels.
+    """
+    ends = np.stack([of(whose, np.ones((3, 3), np.uint8)) for of in (cv2.erode, cv2.dilate)])
+    return _enlarged(depth_mm, pixel, whose, ends.astype(np.uint8), stride)
 
 
 def stride_of(camera: Intrinsics) -> int:

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from annotate.array_types import Bool, Float64, UInt8
+from annotate.array_types import Bool, Float32, Float64, UInt8
+from annotate.cloud.coarse import enlarged
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND, N_CLASSES
@@ -90,13 +91,15 @@ def read(
     suit: Suit,
     before: FrameLabels | None,
     reader: Reader,
+    *,
+    glance: bool = False,
 ) -> tuple[Segmentation, PersonMask]:
     """Labels of the subject, and the person with the mask that follows from them.
 
     survey, person: of the same frame, found without the suit. before: labels of the previous frame. Undefined
     stay all points of a frame without readable colours; a note gives the reason. Colours alone
     may fit a wrong light, and the rectangle is large; so a frame is read roughly first, and then again around
-    the parts that this shows, in their light.
+    the parts that this shows, in their light. glance: every second pixel or so alone, for a live picture.
     """
     mask = person.mask & cloud.valid
     notes = diagnosis(cloud.color_rgb[mask], cloud.color_valid[mask])
@@ -104,11 +107,7 @@ def read(
     if view is None:
         return unlabelled(mask, *notes), person
     near, light = looked_over(view, suit, reader)
-    where, step = view.where.part(near), view.step(SAMPLE_M)
-    seen = np.zeros(view.rgb.shape[:2], np.bool_)
-    seen[::step, ::step], seen[near] = True, True
-    chance = reader.probabilities(in_light(view.planes, view.rgb, light, seen), step, near)
-    named, sure = with_borders(cloud, where, chance, light)
+    where, named, sure = (_at_a_glance if glance else _finely)(cloud, view, near, light, reader)
     own = (named != BACKGROUND) & (named != OTHER_PERSON)
     parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
     parts[where] = np.where(own, named, BACKGROUND)
@@ -117,6 +116,35 @@ def read(
     persons = np.where(on_body, np.uint8(1), np.where(person.mask, np.uint8(0), person.persons))
     found = Segmentation(parts, confidence, notes, light=light)
     return found, replace(person, mask=on_body, persons=persons)
+
+
+def _finely(
+    cloud: ThermalCloud, view: View, near: Rectangle, light: ColorModel, reader: Reader
+) -> tuple[Rectangle, UInt8, Float32]:
+    """Where a view was read; the class (h, w) of each pixel there, and its probability (h, w)."""
+    where, step = view.where.part(near), view.step(SAMPLE_M)
+    seen = np.zeros(view.rgb.shape[:2], np.bool_)
+    seen[::step, ::step], seen[near] = True, True
+    chance = reader.probabilities(in_light(view.planes, view.rgb, light, seen), step, near)
+    return where, *with_borders(cloud, where, chance, light)
+
+
+def _at_a_glance(
+    cloud: ThermalCloud, view: View, near: Rectangle, light: ColorModel, reader: Reader
+) -> tuple[Rectangle, UInt8, Float32]:
+    """As ``_finely``, of one image of samples: other pixels are as the nearest sample of their surface."""
+    step = view.step(SAMPLE_M)
+    some = slice(None, None, step), slice(None, None, step)
+    samples = Rectangle(*(slice(own.start // step, -(-own.stop // step)) for own in near))
+    chance = reader.probabilities(in_light(view.planes[:, *some], view.rgb[some], light), 1, samples)
+    near = Rectangle(*(slice(own.start - own.start % step, own.stop) for own in near))
+    where = view.where.part(near)
+    depth_mm = np.ascontiguousarray(cloud.depth_mm[where])
+    pixel = np.arange(depth_mm.size).reshape(depth_mm.shape)[some]
+    pixel = np.where(depth_mm[some] > 0, pixel, -1)
+    named = enlarged(depth_mm, pixel, chance.argmax(axis=0).astype(np.uint8), step)
+    sure = chance.max(axis=0).repeat(step, axis=0).repeat(step, axis=1)
+    return where, named, sure[: named.shape[0], : named.shape[1]]
 
 
 def looked_over(view: View, suit: Suit, reader: Reader) -> tuple[Rectangle, ColorModel]:
