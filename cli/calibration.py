@@ -62,9 +62,7 @@ def calibrate(
         raise typer.BadParameter("needs --live; without it, record the plate first", param_hint="--rig")
     for path in (out, _plot(out), *([yaml] if yaml else [])):
         check_free(path, overwrite)
-    if rig is not None or device:
-        _check_rig(board, rig, device, overwrite)
-    # Opened before the imports: a refusal need not wait.
+    _check_rig(board, rig, device, overwrite)
     session = None if live else _opened(board)
     with needing("rig"):
         from sensors.calibrate.hole_plate import HolePlate
@@ -82,13 +80,16 @@ def calibrate(
 
 
 def _opened(path: Path) -> "Session":
+    """A session, opened before what else is imported: a refusal need not wait."""
     from sensors.session.reader import Session
 
     return Session(path)
 
 
 def _check_rig(board: Path, rig: Path | None, device: list[str] | None, overwrite: bool) -> None:
-    """Check that views of a rig can be recorded, before anything is imported."""
+    """Check that views of a rig can be recorded, if one is asked for, before anything is imported."""
+    if rig is None and not device:
+        return
     from cli.rig_devices import asked_rig
 
     check_free(board, overwrite)

@@ -145,11 +145,6 @@ class Intake:
         """Whether the depth camera is gone for good."""
         return self._reopen is None and self._depth in self.away
 
-    @property
-    def flag_open(self) -> bool:
-        """Whether the thermal camera sees."""
-        return self._flag_open
-
     def now_ns(self) -> int:
         """The host's clock as it stood at the start, whatever has been set since."""
         return time.monotonic_ns() + self._unix_from_monotonic

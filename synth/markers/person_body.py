@@ -6,7 +6,7 @@ import numpy as np
 
 from annotate.array_types import Float64
 from synth.body.body import Body, shipped_bodies
-from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, alignment
+from synth.body.skeleton import JOINT_ID, N_JOINTS, PARENTS, alignment
 from synth.markers.person_fit import REFERENCE_BODY, leg_length_m, zero_bones
 
 _CHILD = {
@@ -50,9 +50,3 @@ def person_body(bones_m: Float64) -> Body:
         vertices_m=(vertices - floor).astype(np.float32),
         joints_m=joints - floor,
     )
-
-
-def segment_lengths(bones_m: Float64) -> dict[str, float]:
-    """Length in metres of the bone to each joint but the pelvis, of bones (J, 3)."""
-    lengths = np.linalg.norm(bones_m, axis=1)
-    return {joint.name: round(float(lengths[j]), 4) for j, joint in enumerate(JOINTS) if joint.parent >= 0}
