@@ -7,7 +7,7 @@ import typer
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, progress, say
-from cli.extras import needing
+from cli.extras import check_extra, needing
 from sensors.files.atomic import check_free, replacing
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def calibrate(
     yaml: Annotated[
         Path | None, Option(help="Folder for the same calibration as YAML, for OpenCV and iai_kinect2.")
     ] = None,
-    columns: Annotated[int, Option(help="Holes per row.")] = 4,
+    columns: Annotated[int, Option(help="Holes per row.", min=2, max=50)] = 4,
     rows: Annotated[int, Option(help="Rows of holes.")] = 11,
     pitch_mm: Annotated[float, Option(help="Distance between neighbouring rows.")] = 35.0,
     hole_mm: Annotated[float, Option(help="Diameter of a hole.")] = 22.0,
@@ -64,6 +64,8 @@ def calibrate(
         check_free(path, overwrite)
     _check_rig(board, rig, device, overwrite)
     session = None if live else _opened(board)
+    if session is not None:
+        _check_views(session)
     with needing("rig"):
         from sensors.calibrate.hole_plate import HolePlate
         from sensors.calibrate.verdict import judge
@@ -84,6 +86,14 @@ def _opened(path: Path) -> "Session":
     from sensors.session.reader import Session
 
     return Session(path)
+
+
+def _check_views(session: "Session") -> None:
+    """Check that a session can be calibrated, before anything is imported."""
+    from cli.rig_devices import check_infrared
+
+    check_extra("rig", "scipy")
+    check_infrared(session)
 
 
 def _check_rig(board: Path, rig: Path | None, device: list[str] | None, overwrite: bool) -> None:
@@ -142,11 +152,9 @@ def _check(path: Path, json: bool) -> None:
 
 
 def _solve(session: "Session", plate: "HolePlate") -> "Adjusted":
-    from cli.guided import check_infrared
     from sensors.calibrate.bundle import adjust
     from sensors.calibrate.plate_view import view_plate, with_all_cameras
 
-    check_infrared(session)
     views, guess = [], session.calibration
     with progress("find the plate", len(session)) as advance:
         for frame in session:

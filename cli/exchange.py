@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, BadParameter, Option
 
 from cli.console import Json, Overwrite, finish, progress, say
-from sensors.importers.open_source import KINDS, open_source
+from sensors.files.atomic import check_free
+from sensors.importers.open_source import KINDS, open_source, opener_at
 
 if TYPE_CHECKING:
     from annotate.labelset.store import LabelSet
@@ -81,6 +82,9 @@ def export(
 def _export_foxglove(
     labels: "LabelSet", session: Path | None, out: Path, overwrite: bool, json: bool
 ) -> None:
+    check_free(out, overwrite)
+    if session is not None:
+        opener_at(session)
     from annotate.foxglove.file import export_foxglove
     from annotate.labelset.recorded import find_session
     from eval.network.joint_files import noted_joints

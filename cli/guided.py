@@ -9,7 +9,7 @@ import numpy as np
 
 from annotate.live.rig_complaints import rig_complaints
 from cli.console import say
-from cli.rig_devices import ended_by_sigterm, open_rig
+from cli.rig_devices import check_infrared, ended_by_sigterm, open_rig
 from sensors.calibrate.bundle import Adjusted
 from sensors.calibrate.guide import Guidance, Room, guide, is_new, next_wish
 from sensors.calibrate.guide_picture import guide_picture
@@ -112,14 +112,6 @@ def _looked(
     except FormatError as error:
         say(str(error))
         return None
-
-
-def check_infrared(session: Session) -> None:
-    """Raise CalibrationError where a session has no infrared images."""
-    if "/infrared/image" not in session.streams:
-        raise CalibrationError(
-            f"{session.path} has no infrared images; record with --infrared, or give --check"
-        )
 
 
 def rig_frames(running: LiveRig) -> Iterator[RigFrame]:

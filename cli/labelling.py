@@ -130,8 +130,12 @@ def learn(
     if not by_photo and (swatches is not None or labels is None or session is None):
         raise typer.BadParameter("give labels with --session, or --swatches alone")
     check_there(*(given for given in (swatches, labels) if given is not None))
+    from annotate.labelset.store import LabelSet
+
+    if labels is not None and session is not None:
+        LabelSet.open(labels)
+        opener_at(session)
     with needing("rig"):
-        from annotate.labelset.store import LabelSet
         from annotate.suit.learn import clouds_with, corrected_frames, suit_from_labels, suit_from_photo
         from annotate.suit.palette import suit_to_toml
 

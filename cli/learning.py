@@ -35,6 +35,9 @@ def learn(
     LabelSet.open(labels)
     if weights is not None:
         check_there(weights)
+    from eval.learning.folder import check_own
+
+    check_own(out)
     with needing("train"):
         import torch
 

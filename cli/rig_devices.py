@@ -20,6 +20,7 @@ from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 
 if TYPE_CHECKING:
+    from sensors.session.reader import Session
     from synth.rig.virtual_rig import VirtualRig
 
 VIRTUAL_SEED = 7
@@ -127,3 +128,11 @@ def _calibration(rig: RecordingRig, devices: list[Device], shown: Shown | None) 
         raise CalibrationError("no device reports depth intrinsics; name a calibration in a --rig file")
     say("only the depth camera's own calibration is known; run `calibrate` for the other cameras")
     return factory
+
+
+def check_infrared(session: "Session") -> None:
+    """Raise CalibrationError where a session has no infrared images."""
+    if "/infrared/image" not in session.streams:
+        raise CalibrationError(
+            f"{session.path} has no infrared images; record with --infrared, or give --check"
+        )

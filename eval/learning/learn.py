@@ -23,6 +23,7 @@ from annotate.labelset.claim import Claim, login
 from annotate.labelset.store import MANIFEST, LabelSet
 from annotate.parts import BACKGROUND
 from annotate.reader.segmentation import Segmentation
+from eval.learning.folder import RECORD, RUN, check_own
 from eval.learning.lesson import Taught, crops_of, divided, lessons
 from eval.network.checkpoint import load_weights, save_weights
 from eval.network.networks import NetworkConfig, export_onnx
@@ -33,9 +34,9 @@ from eval.training.loader import ProcessGroup
 from eval.training.plan import ModernRecipe, Plan
 from eval.training.train import Watch, train
 from sensors.errors import ExistsError
-from sensors.files.atomic import is_taken, write_bytes
+from sensors.files.atomic import write_bytes
 
-RECORD, WEIGHTS, LABELS, RUN = "learnt.json", "weights.onnx", "labels", "run"
+WEIGHTS, LABELS = "weights.onnx", "labels"
 STEPS, ALL_STEPS = 120, 60
 """Steps on the frames that are not held out, and then on all of them: two minutes of one core. Chosen by
 eye."""
@@ -79,8 +80,7 @@ def learn(path: Path, out: Path, start: Path, advance: Callable[[int], None]) ->
     learn from, ExistsError where ``out`` is something else, ClaimedError while another process learns there.
     """
     taught = lessons(path)
-    if is_taken(out) and not ((out / RECORD).is_file() or (out / RUN).is_dir()):
-        raise ExistsError(f"{out} was not made by this command (it has no {RECORD}); choose another folder")
+    check_own(out)
     out.mkdir(parents=True, exist_ok=True)
     with Claim.take(out, login()):
         network, config = load_weights(start)
