@@ -12,6 +12,7 @@ from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import N_CLASSES, PART_ID
 from annotate.person.extract import Survey
+from annotate.reader import halves
 from annotate.reader.borders import with_borders
 from annotate.reader.channels import (
     CHANNELS,
@@ -23,7 +24,7 @@ from annotate.reader.channels import (
     network_input,
     rectangle,
 )
-from annotate.reader.network import CLASSES, MULTIPLE, Reader, shipped_reader
+from annotate.reader.network import CLASSES, MULTIPLE, SHIPPED_READER, Reader, shipped_reader
 from annotate.suit.light import fitted_to
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.errors import FormatError
@@ -108,9 +109,14 @@ def test_the_network_takes_any_size_and_damage_is_named(tmp_path):
         found = reader.probabilities(np.zeros((len(CHANNELS), *shape), np.uint8), step)
         assert found.shape == (N_CLASSES + 1, *shape)
         np.testing.assert_allclose(found.sum(axis=0), 1, atol=1e-5)
-    (tmp_path / "w.onnx").write_bytes(b"no network")
-    with pytest.raises(FormatError, match="train-labels"):
-        Reader(tmp_path / "w.onnx")
+    whole, outline = SHIPPED_READER.read_bytes(), halves._model()
+    blind = outline.FromString(whole)
+    del blind.graph.input[:]
+    others = b"no network", whole[:-1000], blind.SerializeToString(), outline().SerializeToString()
+    for other in (*others, SHIPPED_READER.parents[1].joinpath("person", "finder.onnx").read_bytes()):
+        (tmp_path / "w.onnx").write_bytes(other)
+        with pytest.raises(FormatError, match="train-labels"):
+            Reader(tmp_path / "w.onnx")
 
 
 def test_a_pixel_is_seen_among_every_step_th():

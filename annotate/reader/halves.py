@@ -42,9 +42,9 @@ def halves(file: bytes) -> tuple[bytes, bytes, str]:
     try:
         enlarged = makers[makers[joints[0].input[0]].input[0]]
         context = enlarged.input[0]
+        return _part(model, {INPUT}, context), _part(model, {INPUT, context}, OUTPUT), context
     except (IndexError, KeyError) as error:
-        raise ValueError(f"no layer {JOINT}") from error
-    return _part(model, {INPUT}, context), _part(model, {INPUT, context}, OUTPUT), context
+        raise ValueError(f"no input, or no layer {JOINT}") from error
 
 
 def _part(model: Message, given: set[str], wanted: str) -> bytes:
