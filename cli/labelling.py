@@ -297,5 +297,6 @@ def fix(
         from annotate.gui.learning import Lesson
     model = labels.resolve().with_name(f"{labels.resolve().name}.learnt")
     command = (sys.executable, "-m", "cli.main", "learn", str(labels), "--out", str(model), "--json")
+    command += ("--session", str(session)) if session else ()
     states = run_window(labels, session, compare, who, read_only, Lesson(command, model / "labels"))
     print(f"{labels}: " + ", ".join(f"{count} {state}" for state, count in states.items()))

@@ -1,4 +1,4 @@
-"""The verb that adapts a network to the corrections of a label set."""
+"""The verb that adapts what labelled a set to its corrections."""
 
 import os
 import time
@@ -20,49 +20,55 @@ def learn(
     out: Annotated[
         Path, Option(metavar="MODEL", help="Folder for the network; an interrupted run continues there.")
     ],
+    session: Annotated[
+        Path | None,
+        Option(help="Recording, of labels read from a suit.", show_default="the one beside them"),
+    ] = None,
     weights: Annotated[
-        Path | None, Option(help="Network to start from (.safetensors).", show_default="the shipped one")
+        Path | None,
+        Option(
+            help="What to start from: with a suit reader.onnx, else a .safetensors.",
+            show_default="the shipped weights",
+        ),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Train the network on corrected frames, then label the untouched frames again. Needs the extra 'train'.
+    """Learn from corrected frames, then label the untouched frames again. Needs the extra 'train'.
 
-    It runs at low priority on one core. If the set is open in a window, the window takes over the new labels.
+    With a suit the reader of suits learns, else the network of 'predict'; at low priority on one core.
+    If the set is open in a window, the window takes over the new labels.
     """
     from annotate.labelset.store import LabelSet
 
     check_extra("train", "torch", "onnx", "safetensors")
-    LabelSet.open(labels)
-    if weights is not None:
-        check_there(weights)
+    known = LabelSet.open(labels)
+    check_there(*(given for given in (session, weights) if given))
     from eval.learning.folder import check_own
 
     check_own(out)
     with needing("train"):
         import torch
 
-        from eval.learning.learn import images
         from eval.learning.learn import learn as run
-        from eval.network.onnx_network import SHIPPED_WEIGHTS
+        from eval.learning.learn import learner_of
     os.nice(LOW)
     torch.set_num_threads(1)
     started = time.monotonic()
-    start = weights or SHIPPED_WEIGHTS.with_suffix(".safetensors")
-    with progress("learn, images", images()) as advance:
-        done = run(labels, out, start, advance)
+    done = run(labels, out, learner_of(known, session, weights), progress)
     result: dict[str, Any] = {
         "frames": done.frames,
         "held_out": done.held_out,
         "before": done.before,
         "after": done.after,
-        "weights": str(done.weights),
-        "labels": str(done.labels),
+        "weights": str(done.weights) if done.weights else None,
+        "labels": str(done.labels) if done.labels else None,
     }
-    text = f"{done.frames} corrected frames learnt"
-    if done.before is not None and done.after is not None:
-        text += f"; right on {done.held_out} held out: {done.before:.1%} before, {done.after:.1%} after"
-    if not done.better:
-        say("the labels stay: the network is no better on the frames held out; correct more frames")
+    text = (
+        f"{done.frames} corrected frames learnt; right on {done.held_out} held out: "
+        f"{done.before:.1%} before, {done.after:.1%} after"
+    )
+    if done.labels is None:
+        say("the labels stay: what was learnt is no better on the frames held out; correct more frames")
     else:
         taken = _taken_over(labels, done.labels)
         result |= taken

@@ -1,5 +1,6 @@
 """Learning from corrections: what teaches, that it helps on the next frames; a kill changes nothing."""
 
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,10 @@ from annotate.correction.relabel import relabel  # noqa: E402
 from annotate.frame_labels import FrameLabels  # noqa: E402
 from annotate.labelset.store import LabelSet  # noqa: E402
 from annotate.parts import BACKGROUND  # noqa: E402
+from eval.learning import by_depth  # noqa: E402
 from eval.learning import learn as learning  # noqa: E402
-from eval.learning.lesson import HELD_OUT, divided, lessons  # noqa: E402
+from eval.learning.by_depth import DepthLearner, crop_of  # noqa: E402
+from eval.learning.lesson import HELD_OUT, LEAST_FRAMES, divided, lessons  # noqa: E402
 from eval.network.checkpoint import save_weights  # noqa: E402
 from eval.network.compact import CompactConfig  # noqa: E402
 from eval.network.networks import build  # noqa: E402
@@ -24,6 +27,11 @@ from sensors.rig.camera import Intrinsics  # noqa: E402
 
 SIDE, IDS = 48, tuple(f"{i:06}" for i in range(8))
 DONE = IDS[:5]
+
+
+@contextmanager
+def silent(what, total):
+    yield lambda n: None
 
 
 def truth(n: int) -> np.ndarray:
@@ -62,10 +70,10 @@ def taught(tmp_path) -> Path:
 @pytest.fixture
 def start(tmp_path, monkeypatch) -> Path:
     """Weights of a small untrained network; few steps, which are enough for it."""
-    monkeypatch.setattr(learning, "STEPS", 24)
-    monkeypatch.setattr(learning, "ALL_STEPS", 4)
+    monkeypatch.setattr(by_depth, "STEPS", 24)
+    monkeypatch.setattr(by_depth, "MORE_STEPS", 4)
     # It has no statistics to keep.
-    monkeypatch.setattr(learning, "RECIPE", ModernRecipe(4, 3e-2, averaged=0.0, coarse=0.0))
+    monkeypatch.setattr(by_depth, "RECIPE", ModernRecipe(4, 3e-2, averaged=0.0, coarse=0.0))
     torch.manual_seed(1)
     config = CompactConfig((4, 6, 8), 1)
     save_weights(tmp_path / "start.safetensors", build(config), config)
@@ -75,31 +83,29 @@ def start(tmp_path, monkeypatch) -> Path:
 def test_a_lesson_shows_what_was_extracted_and_calls_the_seat_background(taught):
     found = lessons(taught)
     assert [one.first.frame_id for one in found] == list(DONE)
-    depth, parts, _ = found[0].crop()
+    depth, parts, _ = crop_of(found[0])
     assert set(np.unique(parts[depth > 0])) == {BACKGROUND, 1, 2}
     assert not parts[depth == 0].any()
 
 
-def test_every_fourth_frame_is_held_out_and_none_of_three(taught):
+def test_every_fourth_frame_is_held_out_and_one_of_three(taught):
     found = lessons(taught)
-    for count in range(1, len(found) + 1):
+    for count in range(LEAST_FRAMES, len(found) + 1):
         school, held = divided(found[:count])
-        assert len(held) == count // HELD_OUT
+        assert len(held) == max(1, count // HELD_OUT)
         assert sorted(one.first.frame_id for one in (*school, *held)) == list(DONE[:count])
 
 
-def test_a_suits_labels_and_too_few_frames_are_refused_in_one_line(tmp_path):
+def test_too_few_frames_are_refused_in_one_line(tmp_path):
     with pytest.raises(CloudError, match="accept at least 3"):
         lessons(written(tmp_path / "fresh"))
-    with pytest.raises(CloudError, match="suit"):
-        lessons(written(tmp_path / "suit", steps={"label": {"suit": "[head]"}}))
     with pytest.raises(CloudError, match="everybody"):
         lessons(written(tmp_path / "all", steps={"predict": {"everybody": True}}))
 
 
 def test_learning_helps_on_frames_it_has_not_seen_and_changes_nothing_by_itself(taught, start, tmp_path):
     before = {p: p.read_bytes() for p in sorted(taught.rglob("*")) if p.is_file()}
-    done = learning.learn(taught, tmp_path / "model", start, lambda n: None)
+    done = learning.learn(taught, tmp_path / "model", DepthLearner(start), silent)
     assert {p: p.read_bytes() for p in sorted(taught.rglob("*")) if p.is_file()} == before
     assert (done.frames, done.held_out) == (5, 1)
     assert done.better and done.before < 0.75 < done.after
@@ -112,21 +118,26 @@ def test_learning_helps_on_frames_it_has_not_seen_and_changes_nothing_by_itself(
 
 
 def test_a_killed_learning_goes_on_and_ends_with_the_same_network(taught, start, tmp_path, monkeypatch):
-    monkeypatch.setattr(learning, "STEPS", 3)
-    monkeypatch.setattr(learning, "ALL_STEPS", 2)
-    monkeypatch.setattr(learning, "CHECKPOINT_S", 0.0)
-    done = learning.learn(taught, tmp_path / "model", start, lambda n: None)
+    monkeypatch.setattr(by_depth, "STEPS", 3)
+    monkeypatch.setattr(by_depth, "MORE_STEPS", 2)
+    monkeypatch.setattr(by_depth, "CHECKPOINT_S", 0.0)
+    monkeypatch.setattr(learning.Learnt, "better", True)
+    done = learning.learn(taught, tmp_path / "model", DepthLearner(start), silent)
     seen = 0
 
-    def killed(n: int) -> None:
-        nonlocal seen
-        seen += n
-        if seen > 14:
-            raise KeyboardInterrupt
+    @contextmanager
+    def killed(what, total):
+        def advance(n):
+            nonlocal seen
+            seen += n
+            if seen > 14:
+                raise KeyboardInterrupt
+
+        yield advance
 
     with pytest.raises(KeyboardInterrupt):
-        learning.learn(taught, tmp_path / "again", start, killed)
-    again = learning.learn(taught, tmp_path / "again", start, lambda n: None)
+        learning.learn(taught, tmp_path / "again", DepthLearner(start), killed)
+    again = learning.learn(taught, tmp_path / "again", DepthLearner(start), silent)
     assert again.weights.read_bytes() == done.weights.read_bytes()
     assert not (tmp_path / "again" / "run").exists()
 
@@ -135,7 +146,7 @@ def test_another_folder_is_not_taken(taught, start, tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
     with pytest.raises(ExistsError, match="not made by this command"):
-        learning.learn(taught, tmp_path / "mine", start, lambda n: None)
+        learning.learn(taught, tmp_path / "mine", DepthLearner(start), silent)
 
 
 def test_the_frame_that_teaches_most_is_unsure_and_far_from_what_is_done(tmp_path):

@@ -20,7 +20,7 @@ from tests.helpers import gui_driver
 TORSO, HIP = PART_ID["torso"], PART_ID["hip"]
 SHAPE, IDS = (212, 256), ("000000", "000001", "000002")
 SAYS = "print('learn, images: 1/2', file=sys.stderr, flush=True);"
-RESULT = 'print(\'{"before": 0.9, "after": 0.97}\')'
+RESULT = 'print(\'{"before": 0.9, "after": 0.97, "labels": "learnt"}\')'
 
 
 @pytest.fixture(scope="module")

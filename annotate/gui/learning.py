@@ -82,12 +82,10 @@ class Learner(QObject):
             self._show(Done(f"Nothing learnt: {self._errors or f'the process ended with {code}'}", "warn"))
             return
         result = json.loads(said)
-        before, after = result.get("before"), result.get("after")
-        known = before is not None and after is not None
-        if known and after <= before:
+        if result["labels"] is None:
             self._show(Done(f"The labels stay: {self._errors}", "warn"))
             return
-        held = f"right on held-out frames: {before:.1%} before, {after:.1%} now; " if known else ""
+        held = f"right on held-out frames: {result['before']:.1%} before, {result['after']:.1%} now; "
         self._take(self._relabelled, held)
 
     def _relabelled(self) -> Relabelled:

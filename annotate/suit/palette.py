@@ -10,9 +10,11 @@ A palette file names every part once, with every colour it shows; bare hands go 
 """
 
 import re
+import tomllib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,26 +99,39 @@ _LINEAR = _linear(np.arange(256))
 def load_suit(path: Path) -> Suit:
     """Read a palette. Raises CloudError naming the part or value that is wrong."""
     fields = read_toml(path, MAX_TOML_BYTES, "give a palette file (TOML)", CloudError)
+    return _suit(fields, f"suit {path}", path.stem)
+
+
+def suit_from_toml(text: str, what: str) -> Suit:
+    """The palette that ``suit_to_toml`` wrote into ``what``. Raises CloudError naming what is wrong."""
+    try:
+        return _suit(tomllib.loads(text), what, "suit")
+    except (ValueError, RecursionError) as error:
+        raise CloudError(f"{what} cannot be read ({error}); restore it") from error
+
+
+def _suit(fields: dict[str, Any], what: str, name: str) -> Suit:
+    """The palette of a file's fields. Raises CloudError naming the part or value that is wrong."""
     colors = fields.get("colors")
     if not isinstance(colors, dict):
-        raise CloudError(f"suit {path} has no [colors] table; list the eleven parts there")
+        raise CloudError(f"{what} has no [colors] table; list the eleven parts there")
     entries = ((part, own if isinstance(own, list) else [own]) for part, own in colors.items())
-    swatches = [_swatch(path, part, color) for part, own in entries for color in own]
+    swatches = [_swatch(what, part, color) for part, own in entries for color in own]
     if len(swatches) > MAX_SWATCHES:
-        raise CloudError(f"suit {path} has {len(swatches)} colours; give at most {MAX_SWATCHES}")
+        raise CloudError(f"{what} has {len(swatches)} colours; give at most {MAX_SWATCHES}")
     return Suit(
-        str(fields.get("name", path.stem)),
+        str(fields.get("name", name)),
         np.array([rgb for _, rgb in swatches], np.uint8).reshape(-1, 3),
         np.array([part for part, _ in swatches], np.uint8),
     )
 
 
-def _swatch(path: Path, part: str, color: object) -> tuple[int, tuple[int, ...]]:
+def _swatch(what: str, part: str, color: object) -> tuple[int, tuple[int, ...]]:
     """Part id and sRGB of one entry of a palette file. Raises CloudError."""
     if part not in PART_ID or part == "background":
-        raise CloudError(f"suit {path}: {part!r} is not a part; use {', '.join(p.name for p in BODY_PARTS)}")
+        raise CloudError(f"{what}: {part!r} is not a part; use {', '.join(p.name for p in BODY_PARTS)}")
     if not isinstance(color, str) or not _HEX.fullmatch(color):
-        raise CloudError(f"suit {path}: {part} has colour {color!r}; give '#rrggbb'")
+        raise CloudError(f"{what}: {part} has colour {color!r}; give '#rrggbb'")
     return PART_ID[part], tuple(int(color[i : i + 2], 16) for i in (1, 3, 5))
 
 

@@ -1,34 +1,38 @@
-"""Measure learning: ``python -m tools.correction.learning LABELS TRUTH OUT``.
+"""Measure learning: ``python -m tools.correction.learning LABELS TRUTH OUT [--session S]``.
 
 A simulated annotator (``annotate.effort``) corrects two copies of a label set to 99 % within 2 px, each frame
 beginning with the corrections carried over: OUT/without in the order of time, OUT/with in the order that
 teaches most, with ``learn`` beside the work. A learning begins when so many frames are accepted; its labels
 come when the annotator has worked for as many seconds as it took of one processor. ``report`` with ``--audit
-OUT/without --audit OUT/with`` shows the seconds as curves over the frames.
+OUT/without --audit OUT/with`` shows the seconds as curves over the frames. With the session, supervoxels and
+what is carried over follow colour; labels from a suit need it, and their reader learns.
 """
 
 import argparse
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from annotate.cloud.fuse import Fuser
 from annotate.correction.correction import Correction
 from annotate.correction.queue import teaching_order
 from annotate.correction.relabel import relabel
 from annotate.effort.annotator import WHO, Annotator, correct_set
 from annotate.labelset.store import LabelSet
-from eval.learning.learn import learn
-from eval.network.onnx_network import SHIPPED_WEIGHTS
+from eval.learning.learn import learn, learner_of
+from sensors.session.reader import Session
 from tools.correction.effort import copy_of
 
 
 class Learning:
     """Frames in the order that teaches most, with learning beside the work."""
 
-    def __init__(self, correction: Correction, annotator: Annotator, after: list[int], model: Path) -> None:
+    def __init__(self, correction, annotator: Annotator, after: list[int], model: Path, session) -> None:
         self.correction, self.annotator, self.after, self.model = correction, annotator, after, model
+        self.session: Path | None = session
         self._due: tuple[float, LabelSet] | None = None
 
     def order(self):
@@ -46,25 +50,40 @@ class Learning:
 
     def _begin(self, done: int) -> None:
         began = time.process_time()
-        start = SHIPPED_WEIGHTS.with_suffix(".safetensors")
-        learnt = learn(self.correction.labels.path, self.model, start, lambda _: None)
+        labels = self.correction.labels
+        learnt = learn(labels.path, self.model, learner_of(labels, self.session, None), silent)
         seconds = time.process_time() - began
         held = f"{learnt.before} before, {learnt.after} after on {learnt.held_out} held out"
         print(f"  {done} frames learnt in {seconds:.0f} s of one processor: {held}", flush=True)
-        self._due = (self.annotator.clock() + seconds, LabelSet.open(learnt.labels))
+        if learnt.labels:
+            self._due = (self.annotator.clock() + seconds, LabelSet.open(learnt.labels))
 
 
-def worked(labels, truth, after, out):
+@contextmanager
+def silent(what, total):
+    yield lambda n: None
+
+
+def worked(labels, truth, after, out, session):
     """Work on a copy of a label set in a folder; seconds of every frame, in the order of work."""
     annotator = Annotator()
     with Correction.open(labels.path, WHO, clock=annotator.clock) as correction:
-        order = Learning(correction, annotator, after, out).order() if after else ()
+        order = Learning(correction, annotator, after, out, session).order() if after else ()
         seconds = []
-        for effort in correct_set(correction, truth, annotator, lambda _: None, True, order):
+        for effort in correct_set(correction, truth, annotator, clouds_of(session), True, order):
             seconds.append(effort.seconds)
             frame_id, right = effort.corrected.frame_id, effort.agreement
             print(f"  {len(seconds)}: frame {frame_id}, {effort.seconds:.2f} s, {right:.4f}", flush=True)
     return seconds
+
+
+def clouds_of(path):
+    """Colours and temperatures of a session's frames; without one, nothing."""
+    if path is None:
+        return lambda frame_id: None
+    session = Session(path)
+    fuser = Fuser(session.calibration)
+    return lambda frame_id: fuser.fuse_frame(session.frame(int(frame_id)))
 
 
 def main():
@@ -72,6 +91,7 @@ def main():
     parser.add_argument("labels", type=Path)
     parser.add_argument("truth", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--session", type=Path)
     parser.add_argument("--frames", type=int, help="only the first so many")
     parser.add_argument("--after", type=int, nargs="+", default=[4, 12, 30], help="accepted frames")
     options = parser.parse_args()
@@ -79,7 +99,7 @@ def main():
     labels, truth = LabelSet.open(options.labels), LabelSet.open(options.truth)
     for name, after in (("without", []), ("with", options.after)):
         copied = copy_of(labels, options.out / name, options.frames)
-        seconds = worked(copied, truth, after, options.out / "model")
+        seconds = worked(copied, truth, after, options.out / "model", options.session)
         print(f"{name} learning: {len(seconds)} frames, mean {np.mean(seconds):.2f} s", flush=True)
 
 

@@ -18,7 +18,7 @@ from annotate.label_source import SuitSurvey, calibrated
 from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND
 from annotate.reader.channels import in_light
-from annotate.reader.network import shipped_reader
+from annotate.reader.network import Reader, shipped_reader
 from annotate.reader.read import OTHER_PERSON, looked_over, view_of
 from annotate.suit.light import fitted_to
 from annotate.suit.palette import Suit, load_suit, suit_to_toml
@@ -58,15 +58,22 @@ def example_of(
 
     rough: in the light of all colours, as labelling reads first, and not in that of the parts.
     """
-    survey = SuitSurvey.of(cloud, suit).persons
-    person = survey.person(before)
-    view = view_of(cloud, survey, person, suit, before) if person.trusted else None
+    return example_in(SuitSurvey.of(cloud, suit), truth, before, suit, None if rough else shipped_reader())
+
+
+def example_in(
+    survey: SuitSurvey, truth: FrameLabels, before: FrameLabels | None, suit: Suit, reader: Reader | None
+) -> Example | None:
+    """Example of a surveyed frame as ``example_of``; reader: finds the parts' light, None = that of all
+    colours."""
+    cloud, person = survey.cloud, survey.persons.person(before)
+    view = view_of(cloud, survey.persons, person, suit, before) if person.trusted else None
     if view is None:
         return None
     target = truth.parts[view.where].copy()
     if truth.persons is not None:
         target[(truth.persons[view.where] > 1) & (target == BACKGROUND)] = OTHER_PERSON
-    light = fitted_to(suit, view.colors) if rough else looked_over(view, suit, shipped_reader())[1]
+    light = looked_over(view, suit, reader)[1] if reader else fitted_to(suit, view.colors)
     planes = in_light(view.planes, view.rgb, light)
     distance_m = np.median(cloud.points_m[..., 2][person.mask & cloud.valid])
     return Example(planes, target, np.array([cloud.camera.fx, distance_m]))

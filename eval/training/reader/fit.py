@@ -70,7 +70,7 @@ def train_labels(
         network = load_reader(SHIPPED_READER)
         before = outcome(network, held_out, SAMPLE_M)
         with progress("train, steps", steps) as advance:
-            after = fit(network, learnt, held_out, [stage], out, seed, _shown(advance))
+            after = fit(network, learnt, held_out, [stage], out, seed, shown(advance))
     shutil.rmtree(out / EXAMPLES)
     return Fitted(out / WEIGHTS, len(learnt), len(held_out), before, after)
 
@@ -84,7 +84,7 @@ def claim(out: Path, plan: dict[str, Any]) -> None:
     write_bytes(out / PLAN, text)
 
 
-def _shown(advance: Callable[[int], None]) -> Watch:
+def shown(advance: Callable[[int], None]) -> Watch:
     """What shows the steps, from the first that is left on."""
     last = 0
 

@@ -5,7 +5,7 @@ By seed, examples and plan alone, on one thread: a step draws from its own numbe
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from annotate.reader.network import CLASSES
 from eval.network.checkpoint import Progress, load_checkpoint, save_checkpoint
 from eval.training.average import Average
 from eval.training.plan import one_cycle
-from eval.training.reader.examples import Stock
+from eval.training.reader.examples import Example, Stock
 from eval.training.reader.net import ReaderNet
 from eval.training.reader.samples import drawn
 from sensors.errors import CloudError
@@ -37,7 +37,8 @@ class Stage:
     """A stretch of a training, its learning rate up and down once (`eval.training.plan.one_cycle`).
 
     sample_m: metres between two samples. side: samples along a drawn image's side, a multiple of 16.
-    averaged: decay of the weights' moving average, whose network goes on with the next stage.
+    averaged: decay of the weights' moving average, whose network goes on with the next stage. statistics:
+    whether normalisation learns those of the batches, or keeps its own.
     """
 
     sample_m: float
@@ -45,6 +46,7 @@ class Stage:
     steps: int
     peak_rate: float
     averaged: float
+    statistics: bool = True
 
 
 Watch = Callable[[int, float], None]
@@ -52,7 +54,12 @@ Watch = Callable[[int, float], None]
 
 
 def trained(
-    network: ReaderNet, stock: Stock, stage: Stage, checkpoint: Path, seed: int, watch: Watch
+    network: ReaderNet,
+    stock: Stock | Sequence[Example],
+    stage: Stage,
+    checkpoint: Path,
+    seed: int,
+    watch: Watch,
 ) -> ReaderNet:
     """The moving average of a network trained for a stage, or for what is left of it.
 
@@ -67,6 +74,7 @@ def trained(
     while progress.step < stage.steps:
         for group in optimizer.param_groups:
             group["lr"] = stage.peak_rate * one_cycle(progress.step / stage.steps)
+        network.train(stage.statistics)
         loss = _step(network, optimizer, _batch(stock, stage, seed, progress.step))
         progress.step += 1
         average.add(network, progress.step)
@@ -78,7 +86,7 @@ def trained(
     return result
 
 
-def _batch(stock: Stock, stage: Stage, seed: int, step: int) -> tuple[Tensor, Tensor]:
+def _batch(stock: Stock | Sequence[Example], stage: Stage, seed: int, step: int) -> tuple[Tensor, Tensor]:
     """Inputs (B, 38, s, s) and targets (B, s, s) of a step."""
     rng = np.random.default_rng((seed, step))
     samples = [
@@ -91,7 +99,6 @@ def _batch(stock: Stock, stage: Stage, seed: int, step: int) -> tuple[Tensor, Te
 
 def _step(network: ReaderNet, optimizer: torch.optim.Optimizer, batch: tuple[Tensor, Tensor]) -> float:
     """One step of the optimizer; its loss, the mean cross entropy of the samples that are known."""
-    network.train()
     weight = torch.ones(CLASSES)
     weight[BACKGROUND] = ROOM_WEIGHT
     loss = nn.functional.cross_entropy(network(batch[0]), batch[1], weight, ignore_index=UNDEFINED)
