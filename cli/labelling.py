@@ -296,7 +296,7 @@ def fix(
         from annotate.gui.app import run_window
         from annotate.gui.learning import Lesson
     model = labels.resolve().with_name(f"{labels.resolve().name}.learnt")
-    command = (sys.executable, "-m", "cli.main", "learn", str(labels), "--out", str(model), "--json")
-    command += ("--session", str(session)) if session else ()
+    verb = ("-m", "cli.main", "learn", str(labels), "--out", str(model), "--json")
+    command = (sys.executable, *verb, *(("--session", str(session)) if session else ()))
     states = run_window(labels, session, compare, who, read_only, Lesson(command, model / "labels"))
     print(f"{labels}: " + ", ".join(f"{count} {state}" for state, count in states.items()))
