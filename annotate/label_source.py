@@ -106,8 +106,8 @@ class SuitSurvey:
     def of(
         cls, cloud: ThermalCloud, suit: Suit | None, window_c: tuple[float, float] | None = None
     ) -> "SuitSurvey":
-        """Survey of a cloud, coarse where a suit is to be read; arguments as of ``Survey``."""
-        return cls(cloud, Survey(CoarseCloud.of(cloud, None if suit else 1), window_c, suit))
+        """Survey of a cloud, made coarse; arguments as of ``Survey``."""
+        return cls(cloud, Survey(CoarseCloud.of(cloud), window_c, suit))
 
 
 def suit_labeller(suit: Suit | None, reader: Reader, *, glance: bool = False) -> Labeller:

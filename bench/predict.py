@@ -122,7 +122,7 @@ def recording_seconds(folder, rig, network):
     labels = LabelSet.create(folder / "singly", fuser.camera, {})
     for frame in frames[:FRAMES]:
         cloud = fuser.fuse_frame(frame)
-        found = network.segment(cloud.depth_mm, Survey(CoarseCloud.of(cloud, 1)).person().mask)
+        found = network.segment(cloud.depth_mm, Survey(CoarseCloud.of(cloud)).person().mask)
         labels.write(FrameLabels(str(frame.index), cloud.depth_mm, found.parts, found.confidence))
     return ours, (time.perf_counter() - start) / FRAMES
 

@@ -4,7 +4,6 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 from cli.console import Json, finish, progress
@@ -28,11 +27,9 @@ def compile_(json: Json = False) -> None:
 
 
 def _label() -> None:
-    """A recording of the virtual rig, labelled with temperatures and without, and compared with its truth."""
-    from annotate.cloud.fuse import Fuser
+    """A recording of the virtual rig, labelled and compared with its truth."""
     from annotate.label_source import label_source
     from annotate.labelset.store import LabelSet
-    from annotate.person.depth_finder import people_in
     from eval.compare.compare import compare_sets
     from sensors.session.reader import Session
     from synth.rig.paths import truth_path
@@ -45,7 +42,6 @@ def _label() -> None:
         session = Session(path)
         found = label_source(session, rig.suit, Path(folder) / "labels", _nothing).labels
         compare_sets(found, LabelSet.open(truth_path(path)))
-        people_in(Fuser(session.calibration).fuse_frame(replace(session.frame(0), thermal_c=None)))
 
 
 def _generate() -> None:

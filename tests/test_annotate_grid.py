@@ -1,10 +1,10 @@
-"""Components and flood on the pixel grid against naive twins."""
+"""Components on the pixel grid against naive twins."""
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.cloud.grid import NO_PIXEL, components, flood
+from annotate.cloud.grid import components
 
 
 def joined(depth, a, b, jump=0.025):
@@ -42,39 +42,6 @@ def test_components_equal_a_plain_search(seed):
     expected, expected_count = naive_components(mask, depth)
     np.testing.assert_array_equal(labels, expected)
     assert count == expected_count
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 10**6))
-def test_flood_reaches_what_is_connected_to_a_mark_and_nothing_else(seed):
-    mask, depth = random_grid(seed)
-    rng = np.random.default_rng(seed + 1)
-    marks = np.where(mask, rng.choice([0, 0, 0, 1, 2], mask.shape), NO_PIXEL).astype(np.uint8)
-    flooded = flood(marks, depth, 1000)
-    labels, _ = components(mask, depth)
-    np.testing.assert_array_equal(flooded[marks != 0], marks[marks != 0])
-    for label in np.unique(labels[labels > 0]):
-        here = labels == label
-        marks_here = set(marks[here]) - {0}
-        assert set(flooded[here]) <= (marks_here or {0})
-
-
-def test_flood_prefers_the_smooth_surface_to_the_near_one():
-    """A crease of 2 cm beside mark 2, a flat way of many pixels from mark 1."""
-    depth = np.full((3, 12), 1.0, np.float32)
-    depth[:, 9:] = 1.02
-    marks = np.zeros(depth.shape, np.uint8)
-    marks[:, 0], marks[:, 9:] = 1, 2
-    np.testing.assert_array_equal(flood(marks, depth, 100)[:, :9], 1)
-
-
-def test_flood_stops_after_its_reach_and_at_jumps():
-    depth = np.ones((1, 40), np.float32)
-    depth[0, 20:] = 1.5
-    marks = np.zeros(depth.shape, np.uint8)
-    marks[0, 0] = 1
-    assert np.flatnonzero(flood(marks, depth, 1000)[0]).max() == 19
-    assert np.flatnonzero(flood(marks, depth, 4)[0]).max() == 8
 
 
 def test_a_surface_with_most_pixels_missing_holds_together():

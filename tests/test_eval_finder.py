@@ -4,11 +4,12 @@ import cv2
 import numpy as np
 import torch
 
-from annotate.person.depth_finder import FOCAL_PX
+from annotate.person.finder import FOCAL_PX
 from eval.training.finder import images as finder_images
 from eval.training.finder.images import HEIGHT, WIDTH, Stock, _votes, draw_batch, load_scenes, store_scenes
 from eval.training.finder.net import FinderNet, export_finder, loss_of
 from eval.training.finder.scenes import room_scenes
+from eval.training.finder.warm import UNFELT, invented, spoilt
 
 
 def test_rooms_are_the_same_for_a_seed_name_their_people_and_are_stored(tmp_path, monkeypatch):
@@ -18,12 +19,29 @@ def test_rooms_are_the_same_for_a_seed_name_their_people_and_are_stored(tmp_path
     store_scenes(tmp_path, 3)
     stock = load_scenes(tmp_path)
     stored = stock.rooms
-    assert not stock.rig and [set(np.unique(p)) for _, p in stored] == [
+    assert not stock.rig and [set(np.unique(p)) for _, _, p in stored] == [
         set(np.unique(scene.persons)) for scene in scenes
     ]
     assert all(np.array_equal(a.depth_mm, b.depth_mm) for a, b in zip(scenes, again, strict=True))
     assert all((scene.depth_mm[scene.persons > 0] > 0).all() for scene in scenes)
     assert {int(scene.persons.max()) for scene in scenes} >= {0, 1}
+
+
+def test_people_in_an_invented_warmth_are_warm_and_what_is_spoilt_was_felt():
+    persons = np.zeros((HEIGHT, WIDTH), np.uint8)
+    persons[40:150, 80:130] = 1
+    depth_mm = np.where(persons > 0, np.uint16(2000), np.uint16(3000))
+    unfelt = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        warmth = invented(depth_mm, persons, rng)
+        hidden = np.isnan(warmth)
+        assert hidden.mean() < 0.1 and not hidden[persons > 0].any()
+        assert np.nanmean(warmth[persons > 0]) > np.nanmedian(warmth[persons == 0]) + 0.25
+        worn = spoilt(warmth, rng)
+        assert worn.shape == warmth.shape and worn.dtype == np.float32
+        unfelt += not np.isfinite(worn).any()
+    assert 0.3 * UNFELT < unfelt / 60 < 2 * UNFELT
 
 
 def test_votes_of_a_person_meet_in_their_middle():
@@ -44,7 +62,8 @@ def test_votes_of_a_person_meet_in_their_middle():
 def test_a_step_learns_and_the_exported_network_answers_as_the_trained_one(tmp_path):
     persons = np.zeros((212, 256), np.uint8)
     cv2.ellipse(persons, (120, 100), (30, 70), 0, 0, 360, 1, -1)
-    images = [(np.where(persons > 0, np.uint16(2000), np.uint16(3000)), persons)]
+    depth_mm = np.where(persons > 0, np.uint16(2000), np.uint16(3000))
+    images = [(depth_mm, persons.astype(np.float16), persons)]
     batch = draw_batch(Stock(images, []), 4, np.random.default_rng(0))
     torch.manual_seed(0)
     network = FinderNet().train()
@@ -60,7 +79,7 @@ def test_a_step_learns_and_the_exported_network_answers_as_the_trained_one(tmp_p
     export_finder(network, tmp_path / "x.onnx")
     read = cv2.dnn.readNetFromONNX(str(tmp_path / "x.onnx"))
     for shape in ((32, 64), (96, 128)):
-        image = np.random.default_rng(1).normal(size=(1, 16, *shape)).astype(np.float32)
+        image = np.random.default_rng(1).normal(size=(1, 24, *shape)).astype(np.float32)
         read.setInput(image)
         with torch.no_grad():
             # Weights are stored in half precision.

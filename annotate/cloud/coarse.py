@@ -43,9 +43,9 @@ class CoarseCloud:
     stride: int
 
     @classmethod
-    def of(cls, whole: ThermalCloud, stride: int | None = None) -> "CoarseCloud":
-        """Cloud of every ``stride``-th pixel of a whole one; None = as outlines allow, 1 = whole."""
-        stride = stride or stride_of(whole.camera)
+    def of(cls, whole: ThermalCloud) -> "CoarseCloud":
+        """Cloud of every second pixel or so of a whole one, as outlines allow."""
+        stride = stride_of(whole.camera)
         pixel = _chosen(whole.depth_mm, stride)
         seen = pixel >= 0
         cloud = ThermalCloud(

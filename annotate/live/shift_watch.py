@@ -19,7 +19,7 @@ from annotate.person.alignment import (
     contrast_surface,
     peak_px,
 )
-from annotate.person.pixel_odds import WINDOW_C, find_window
+from annotate.person.warmth import WINDOW_C, find_window
 
 EVERY_NS, FRAMES = 500_000_000, 8
 """Nanoseconds from one frame looked at to the next, and frames whose contrasts are added: four seconds, in

@@ -18,7 +18,7 @@ from annotate.array_types import Bool, Float32, Float64, Int64
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.person.pixel_odds import WINDOW_C, find_window
+from annotate.person.warmth import WINDOW_C, find_window
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import RigFrame

@@ -6,7 +6,7 @@ from itertools import count
 import numpy as np
 
 from annotate.frame_labels import FrameLabels
-from annotate.person.persons import Person
+from annotate.person.finder import Person
 
 REACH_M = 0.8
 """Most metres between a person's middles in two frames: half a second of walking. Chosen by eye."""

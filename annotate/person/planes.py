@@ -3,25 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, Index, Int32
-from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
 
 MOST_PLANES, LEAST_PLANE_POINTS = 16, 30
 """Planes sought in one cloud, and points below which none is fitted. Chosen by eye."""
-MIN_PLANE_M2, MIN_COLD_PLANE_M2, MIN_PANEL_M2 = 0.12, 0.04, 0.025
-"""Least visible surface of a plane in m2: among all points, as flat patches of a body (back, thigh) are
-smaller; among cold ones, where no body can be (an arm rest); among warm ones, for a free-standing panel (half
-of a laptop's lid). Chosen by eye."""
-PANEL_RADIUS_M = 0.07
-"""Least radius in metres of a panel's largest disc: shins and arms are narrower. Chosen by eye."""
-BEND_M, FREE_SHARE = 0.03, 0.78
-"""Metres that a body's surface bends away by within four pixels of a flat patch, and the least share of a
-panel's rim with something farther behind it. Chosen by eye."""
+MIN_PLANE_M2 = 0.12
+"""Least visible surface in m2 of a plane: flat patches of a body (back, thigh) are smaller. Chosen by eye."""
 TOLERANCE = 0.006
 """Distance to a plane as a share of the depth: 12 mm at 2 m, three times a Kinect v2's measured noise
 (Fankhauser et al. 2015)."""
@@ -55,8 +46,8 @@ class Plane:
         return np.asarray(distance <= np.float32(TOLERANCE) * points_m[..., 2], np.bool_)
 
 
-def find_planes(cloud: ThermalCloud, among: Bool, least_m2: float = MIN_PLANE_M2) -> tuple[Plane, ...]:
-    """Planes of at least ``least_m2`` visible surface, the best supported first.
+def find_planes(cloud: ThermalCloud, among: Bool) -> tuple[Plane, ...]:
+    """Planes of at least ``MIN_PLANE_M2`` visible surface, the best supported first.
 
     among: bool (h, w), pixels to search. One-point RANSAC, since a point with its normal is a plane, then
     least squares on the inliers; the same cloud gives the same planes.
@@ -64,7 +55,7 @@ def find_planes(cloud: ThermalCloud, among: Bool, least_m2: float = MIN_PLANE_M2
     rows, columns = np.nonzero((among & cloud.valid)[1::PLANE_STRIDE, 1::PLANE_STRIDE])
     rows, columns = rows * PLANE_STRIDE + 1, columns * PLANE_STRIDE + 1
     points = cloud.points_m[rows, columns]
-    normals = normals_at(cloud, rows, columns)
+    normals = _normals_at(cloud, rows, columns)
     flat = np.isfinite(normals[:, 0])
     pixel_m2 = points[flat, 2] ** 2 * np.float32(PLANE_STRIDE**2 / (cloud.camera.fx * cloud.camera.fy))
     lines, whole = _lines(points[flat], normals[flat]), WHOLE / max(float(pixel_m2.sum()), 1e-9)
@@ -75,35 +66,12 @@ def find_planes(cloud: ThermalCloud, among: Bool, least_m2: float = MIN_PLANE_M2
         sample = rng.permutation(len(weight))[:SAMPLE]
         best = sample[_best(lines.take(sample, axis=1), weight[sample], TRIALS)]
         plane, on = _fitted(lines, pixel_m2, int(best))
-        if plane.area_m2 < least_m2:
+        if plane.area_m2 < MIN_PLANE_M2:
             break
         planes.append(plane)
         left = np.flatnonzero(~on)
         lines, weight, pixel_m2 = lines.take(left, axis=1), weight[left], pixel_m2[left]
     return tuple(planes)
-
-
-def panel_of(plane: Plane, cloud: ThermalCloud, among: Bool) -> Bool:
-    """Mask (h, w) of a plane's largest patch with its rim if it is broad and ends in steps, as a screen does.
-
-    Empty where the patch is narrow, as a shin, or bends at its border, as a chest. among: bool (h, w), pixels
-    that may belong to the patch.
-    """
-    nothing = np.zeros_like(among)
-    flat = (among & plane.close(cloud.points_m)).astype(np.uint8)
-    _, patches, stats, _ = cv2.connectedComponentsWithStats(flat)
-    if len(stats) < 2:
-        return nothing
-    patch = (patches == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())).astype(np.uint8)
-    behind_m = np.float32(plane.offset_m) - cloud.points_m @ plane.normal
-    with_rim = grown(patch > 0, 4)
-    rim_m = behind_m[with_rim & ~grown(patch > 0, 1)]
-    behind, beside = np.count_nonzero(rim_m > BEND_M), np.count_nonzero(np.abs(rim_m) <= BEND_M)
-    closed = cv2.morphologyEx(patch, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    radius_m = cv2.distanceTransform(np.pad(closed, 1), cv2.DIST_L2, 3)[1:-1, 1:-1] * cloud.points_m[..., 2]
-    if np.nanmax(radius_m) < PANEL_RADIUS_M * cloud.camera.fx or behind <= FREE_SHARE * (behind + beside):
-        return nothing
-    return np.asarray(with_rim & (np.abs(behind_m) <= BEND_M), np.bool_)
 
 
 def close_to(planes: Sequence[Plane], points_m: Float32) -> Bool:
@@ -114,14 +82,6 @@ def close_to(planes: Sequence[Plane], points_m: Float32) -> Bool:
     offsets = np.array([plane.offset_m for plane in planes], np.float32)
     flat = np.ascontiguousarray(points_m, np.float32).reshape(-1, 3)
     return _close(flat, normals, offsets).reshape(points_m.shape[:-1])
-
-
-def lies_on(planes: Sequence[Plane], points_m: Float32, normals: Float32) -> Bool:
-    """Flags (...) of points (..., 3) with unit normals (..., 3) close and parallel to any of the planes."""
-    on, lines = np.zeros(points_m.shape[:-1], np.bool_), _lines(points_m, normals)
-    for plane in planes:
-        on |= _on(plane, lines).reshape(on.shape)
-    return on
 
 
 def _lines(points_m: Float32, normals: Float32) -> Float32:
@@ -135,7 +95,7 @@ def _on(plane: Plane, lines: Float32) -> Bool:
     return _lie_on(lines, plane.normal, np.float32(plane.offset_m))
 
 
-def normals_at(cloud: ThermalCloud, rows: Index, columns: Index) -> Float32:
+def _normals_at(cloud: ThermalCloud, rows: Index, columns: Index) -> Float32:
     """Unit normals float32 (n, 3) of the surface at pixels, towards the camera; NaN for lack of readings.
 
     Least squares over 5 x 5 pixels two apart. 1/z is fitted, which is linear over the image of a plane.

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from annotate.array_types import Bool, Float64
+from annotate.array_types import Bool, Float64, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.person.evidence import persons_before
-from annotate.person.persons import Person
+from annotate.parts import BACKGROUND
+from annotate.person.finder import Person
 from annotate.suit.color_model import STRAY, blur, readable
 from annotate.suit.light import fitted_to
 from annotate.suit.palette import Suit, chromaticity
@@ -65,6 +65,11 @@ def subject_score(
     if suit is None or not cloud.color_valid.any():
         return score
     return score * suit_told(suit, cloud, person.mask) ** 2
+
+
+def persons_before(before: FrameLabels) -> UInt8:
+    """Persons uint8 (h, w) of a frame's labels: 0 nobody, 1 the labelled person, 2 and on others."""
+    return np.asarray(before.parts != BACKGROUND, np.uint8) if before.persons is None else before.persons
 
 
 def crowd_warnings(scores: Sequence[float]) -> list[str]:

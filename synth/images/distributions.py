@@ -142,7 +142,7 @@ def _persons(source: Source) -> Iterator[Bool]:
         if cut_out(depth_mm):
             yield depth_mm > 0
         else:
-            yield Survey(CoarseCloud.of(fuser.fuse_frame(frame), 1)).person().mask
+            yield Survey(CoarseCloud.of(fuser.fuse_frame(frame))).person().mask
 
 
 def cut_out(depth_mm: UInt16) -> bool:

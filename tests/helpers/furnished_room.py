@@ -16,13 +16,13 @@ from synth.surface.rasterize import Mesh, look_at, merge, rasterize
 CAMERA = Intrinsics(320, 264, 229.0, 229.0, 159.5, 131.5)
 
 
-def cloud_of(depth_m, camera=CAMERA):
+def cloud_of(depth_m, camera=CAMERA, celsius=None):
     depth_mm = np.rint(np.nan_to_num(depth_m) * 1000).astype(np.uint16)
     metres = np.where(depth_mm > 0, depth_mm / 1000, np.nan)
     points = (rays(camera) * metres[..., None]).astype(np.float32)
     nothing = np.zeros((*camera.shape, 3), np.uint8)
-    unseen = np.full(camera.shape, np.float32(np.nan))
-    return ThermalCloud(camera, depth_mm, points, nothing, depth_mm > 0, unseen)
+    felt = np.full(camera.shape, np.nan) if celsius is None else np.where(depth_mm > 0, celsius, np.nan)
+    return ThermalCloud(camera, depth_mm, points, nothing, depth_mm > 0, felt.astype(np.float32))
 
 
 @cache
@@ -50,3 +50,10 @@ def seen(people, *, room=True, camera=CAMERA, eye=(0.3, -2.4, 1.4), seed=0):
     image = rasterize(camera, points, whole.faces)
     depth = image.depth_m + np.random.default_rng(seed).normal(0, 0.003, camera.shape)
     return np.where(depth < 6, depth, np.nan), np.append(whole.tags, 0)[image.face]
+
+
+def celsius_of(whose, seed=0, person_c=30.0):
+    """Degrees (h, w) of a room at 20.5, and of the people in it, who are unevenly warm."""
+    rng = np.random.default_rng(seed)
+    uneven = np.kron(rng.normal(0, 1, (33, 40)), np.ones((8, 8)))[: whose.shape[0], : whose.shape[1]]
+    return np.where(whose > 0, person_c + uneven, 20.5) + rng.normal(0, 0.08, whose.shape)

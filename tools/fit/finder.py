@@ -1,4 +1,4 @@
-"""Trains the person finder: python -m tools.fit.finder FOLDER OUT.onnx [--seeds 400] [--minutes 60].
+"""Trains the person finder: python -m tools.fit.finder FOLDER OUT.onnx [--seeds 120] [--minutes 60].
 
 FOLDER keeps the scenes, rendered where they are not there yet, and OUT.pt the state of the training: a second
 run goes on with both.
@@ -20,7 +20,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--seeds", type=int, default=400, help="each makes 4 frames of the rig and 8 rooms")
+    parser.add_argument("--seeds", type=int, default=120, help="each makes 32 frames of the rig and 8 rooms")
     parser.add_argument(
         "--minutes", type=float, default=60, help="of training, those of earlier runs included"
     )

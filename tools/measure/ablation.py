@@ -19,7 +19,7 @@ from annotate.correction.correction import Correction
 from annotate.effort.annotator import WHO, Annotator, correct_set
 from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
-from annotate.person.pixel_odds import WINDOW_C
+from annotate.person.warmth import WINDOW_C
 from annotate.reader.channels import CHANNELS, FELT, LIKENESS, OTHER, SEEN, SUBJECT, Rectangle
 from annotate.reader.network import Reader, shipped_reader
 from annotate.suit.palette import load_suit

@@ -12,7 +12,7 @@ import numpy as np
 
 from annotate.cloud.coarse import CoarseFuser
 from annotate.person.extract import Survey
-from annotate.person.pixel_odds import WINDOW_C
+from annotate.person.warmth import WINDOW_C
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.rig.frame import RigFrame
 from sensors.rig.thermal_reference import ThermalReference

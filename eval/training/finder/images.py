@@ -5,10 +5,12 @@ from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float32, UInt8, UInt16
-from annotate.person.depth_finder import FOCAL_PX, network_input
+from annotate.person.finder import FOCAL_PX, network_input
 from eval.training.finder.scenes import Scene, rig_scenes, room_scenes
+from eval.training.finder.warm import invented, spoilt
 
 HEIGHT, WIDTH = 192, 256
 """Of a training image."""
@@ -19,8 +21,14 @@ CUT_OUT, FAR_CLIP, NEAR_CLIP = 0.15, 0.3, 0.35
 """Share of images of cut-out people, with these those without what is far, and with both those without what
 is near. Chosen by eye."""
 
-Image: TypeAlias = tuple[UInt16, UInt8]
-"""Depth in millimetres and people (h, w) of a scene at the finder's focal length."""
+NEARER, MOST_NEARER = 0.25, 0.9
+"""Share of images seen from nearer, as head and shoulders are, and the most by which they are, the log of a
+factor. Chosen by eye."""
+FEELABLE = 0.6
+"""Share of rooms whose warmth is invented; of the others nothing is felt. Chosen by eye."""
+
+Image: TypeAlias = tuple[UInt16, NDArray[np.float16], UInt8]
+"""Depth in millimetres, warmth and people (h, w) of a scene at the finder's focal length."""
 
 
 class Stock(NamedTuple):
@@ -33,7 +41,7 @@ class Stock(NamedTuple):
 class Batch(NamedTuple):
     """Images of one training step.
 
-    inputs: (B, 16, h / 2, w / 2). person, known: (B, h, w), 0 or 1. votes: (B, 3, h / 2, w / 2), as of
+    inputs: (B, 24, h / 2, w / 2). person, known: (B, h, w), 0 or 1. votes: (B, 3, h / 2, w / 2), as of
     ``_votes``, for every second pixel.
     """
 
@@ -44,13 +52,13 @@ class Batch(NamedTuple):
 
 
 def store_scenes(folder: Path, seed: int) -> None:
-    """Write one subject of the rig, ``rig_SEED.npz``, and one row of rooms, ``room_SEED.npz``, once."""
+    """Write a recording of the rig, ``rig_SEED.npz``, and one row of rooms, ``room_SEED.npz``, once."""
     for kind, scenes in (("rig", rig_scenes), ("room", room_scenes)):
         path = folder / f"{kind}_{seed:06d}.npz"
         if not path.exists():
             images = map(_stored, scenes(seed))
             arrays = {
-                f"{name}{i}": a for i, pair in enumerate(images) for name, a in zip("dp", pair, strict=True)
+                f"{name}{i}": a for i, pair in enumerate(images) for name, a in zip("dwp", pair, strict=True)
             }
             np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
@@ -64,18 +72,20 @@ def _loaded(paths: list[Path]) -> list[Image]:
     images = []
     for path in paths:
         with np.load(path) as arrays:
-            images += [(arrays[f"d{i}"], arrays[f"p{i}"]) for i in range(len(arrays.files) // 2)]
+            count = len(arrays.files) // 3
+            images += [(arrays[f"d{i}"], arrays[f"w{i}"], arrays[f"p{i}"]) for i in range(count)]
     return images
 
 
 def _stored(scene: Scene) -> Image:
-    """Depth and people of a scene at the finder's focal length."""
+    """Depth, warmth and people of a scene at the finder's focal length."""
     scale = FOCAL_PX / scene.camera.fx
     v, u = (
         np.minimum(((np.arange(round(side * scale)) + 0.5) / scale).astype(int), side - 1)
         for side in scene.depth_mm.shape
     )
-    return scene.depth_mm[np.ix_(v, u)], scene.persons[np.ix_(v, u)]
+    small = np.ix_(v, u)
+    return scene.depth_mm[small], scene.warmth[small].astype(np.float16), scene.persons[small]
 
 
 def draw_batch(stock: Stock, size: int, rng: np.random.Generator) -> Batch:
@@ -88,33 +98,40 @@ def draw_batch(stock: Stock, size: int, rng: np.random.Generator) -> Batch:
 
 def _example(image: Image, rng: np.random.Generator) -> Batch:
     """One image as a batch without its first axis."""
-    depth, persons = _moved(*image, rng)
+    depth_mm, felt, whose = image
+    warmth = felt.astype(np.float32)
+    if not np.isfinite(warmth).any() and rng.random() < FEELABLE:
+        warmth = invented(depth_mm, whose, rng)
+    depth, warmth, persons = _moved(depth_mm, warmth, whose, rng)
     depth = _worn(_cut(depth, persons, rng), rng)
     persons = np.where(depth > 0, persons, 0)
     votes = _votes(depth[::2, ::2], persons[::2, ::2])
-    return Batch(network_input(depth), _ones(persons > 0), votes, _ones(depth > 0))
+    return Batch(network_input(depth, spoilt(warmth, rng)), _ones(persons > 0), votes, _ones(depth > 0))
 
 
 def _ones(flags: Bool) -> Float32:
     return flags.astype(np.float32)
 
 
-def _moved(depth_mm: UInt16, persons: UInt8, rng: np.random.Generator) -> tuple[Float32, UInt8]:
-    """Depth in metres and people after zoom, turn, shift, mirror and another size of everything."""
-    zoom, turn = np.exp(rng.uniform(-0.22, 0.22)), np.radians(rng.normal(0, 5))
+def _moved(
+    depth_mm: UInt16, warmth: Float32, persons: UInt8, rng: np.random.Generator
+) -> tuple[Float32, Float32, UInt8]:
+    """Depth in metres, warmth and people after zoom, turn, shift, mirror and another size of everything."""
+    nearer = np.exp(rng.uniform(0, MOST_NEARER)) if rng.random() < NEARER else 1.0
+    zoom, turn = nearer * np.exp(rng.uniform(-0.22, 0.22)), np.radians(rng.normal(0, 5))
     c, s, mirror = np.cos(turn) / zoom, np.sin(turn) / zoom, rng.choice((-1, 1))
     linear = np.array([[c * mirror, -s], [s * mirror, c]])
     (height, width), shift = depth_mm.shape, rng.uniform((-33, -26), (33, 26))
     middle = np.array([width - 1, height - 1]) / 2 - linear @ (np.array([WIDTH - 1, HEIGHT - 1]) / 2 + shift)
     source_from_image = np.column_stack([linear, middle])
-    depth, whose = (
+    depth, felt, whose = (
         cv2.warpAffine(
             plane, source_from_image, (WIDTH, HEIGHT), flags=cv2.WARP_INVERSE_MAP | cv2.INTER_NEAREST
         )
-        for plane in (depth_mm, persons)
+        for plane in (depth_mm, warmth, persons)
     )
-    size = 0.001 * np.exp(rng.uniform(-0.15, 0.15))
-    return (depth * np.float32(size)).astype(np.float32), whose.astype(np.uint8)
+    size = 0.001 / nearer * np.exp(rng.uniform(-0.15, 0.15))
+    return (depth * np.float32(size)).astype(np.float32), felt.astype(np.float32), whose.astype(np.uint8)
 
 
 def _cut(depth: Float32, persons: UInt8, rng: np.random.Generator) -> Float32:

@@ -12,11 +12,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from annotate.person.depth_finder import MULTIPLE
+from annotate.person.finder import MULTIPLE
 from eval.network.halved import halve_onnx
 from eval.training.finder.images import Batch, Stock, draw_batch
 
-INPUTS, FINE = 16, 16
+INPUTS, FINE = 24, 16
 """Channels of the input, and of the layers at half of the image's sides."""
 WIDTHS = (16, 32, 48, 80, 112)
 """Channels at a quarter, an eighth and so on of the image's sides. Chosen by eye."""
@@ -31,7 +31,7 @@ SAVED_S = 60
 
 
 class FinderNet(nn.Module):
-    """Inputs (B, 16, h, w), sides multiples of 32 -> (B, 7, h, w).
+    """Inputs (B, 24, h, w), sides multiples of 32 -> (B, 7, h, w).
 
     Four log odds, of the pixels of the image at twice the sides as `network_input` lays them out, and the
     votes of `Batch`. Where a person is, is decided on a quarter of the image's sides and below; the rim on
@@ -170,17 +170,19 @@ def _follow(average: nn.Module, network: nn.Module, kept: float) -> None:
 
 
 def export_finder(network: FinderNet, path: Path) -> None:
-    """Write a network as `annotate.person.depth_finder` reads it, its weights in half precision."""
+    """Write a network as `annotate.person.finder` reads it, its weights in half precision."""
     sides = {2: "h", 3: "w"}
     with warnings.catch_warnings():
-        # The other exporter needs onnxscript.
-        warnings.simplefilter("ignore", DeprecationWarning)
+        # The other exporter needs onnxscript; the number of images, which is 1, is the only thing traced.
+        warnings.simplefilter("ignore")
         torch.onnx.export(
             network.eval(),
             (torch.zeros(1, INPUTS, MULTIPLE, MULTIPLE),),
             str(path),
             opset_version=17,
             dynamo=False,
+            # Leaves the layers' statistics apart from their weights: a training can go on with both.
+            training=torch.onnx.TrainingMode.PRESERVE,
             input_names=["image"],
             output_names=["found"],
             dynamic_axes={"image": sides, "found": sides},

@@ -1,7 +1,7 @@
 """Scenes for training the person finder: depth images with nobody, one or several people, and who is where.
 
-Some are the virtual rig's living rooms and bedrooms, the others rooms put together at random, down to none at
-all, with dressed people who stand, sit and lie, alone or side by side, before any depth sensor.
+Some are the virtual rig's recordings, with their temperatures, the others rooms put together at random, down
+to none at all, with dressed people who stand, sit and lie, alone or side by side, before any depth sensor.
 """
 
 from collections.abc import Iterator
@@ -12,38 +12,29 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float32, Float64, UInt8, UInt16
-from annotate.parts import N_CLASSES
-from annotate.suit.palette import DEFAULT_SUIT
+from annotate.cloud.coarse import CoarseCloud
+from annotate.cloud.fuse import Fuser
+from annotate.person.extract import Survey
+from annotate.person.subject import persons_before
 from eval.training.finder.rooms import surroundings
+from eval.training.reader.scenes import training_rig
 from sensors.rig.camera import Intrinsics
-from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 from synth.body.body import blend
 from synth.body.crowd import crowd
 from synth.cameras.draw import draw_sensor
-from synth.cameras.multipath import multipath_m
-from synth.cameras.sensor import CleanDepth, Sensor
+from synth.cameras.sensor import CleanDepth
 from synth.clothes.dress import dress
 from synth.clothes.dressed import Dressed
 from synth.pose.postures import FALLEN, IN_BED, SITTING, UPRIGHT, lie, rise, sit
 from synth.pose.stances import draw_standing
 from synth.pose.standing import stand
-from synth.rig.difficulty import DIFFICULTIES, Difficulty
-from synth.rig.place import SCENES
-from synth.rig.stay import Stay
+from synth.rig.truth import truth_labels
 from synth.surface.furniture import Bed, Chair, Ground, Sofa, Surface
 from synth.surface.rasterize import Mesh, beside, look_at, merge, rasterize
 
-FRAMES_OF_STAY, STAY_FPS = 4, 0.15
-"""Frames of one subject of the rig, and frames a second, so that postures differ. Chosen by eye."""
-COMPANY, HARD, EMPTY = 0.6, 0.6, 0.15
-"""Shares of the rig's subjects with a visitor, of its `hard` scenes, and of those that all people have left.
-Chosen by eye."""
-RIG_SENSOR, MULTIPATH = 0.6, 0.7
-"""Share of the rig's frames seen by its own camera, and share of these with light that bounces twice. Chosen
-by eye."""
 ROOMS_OF_PEOPLE, ACQUAINTED = 8, 3
 """Rooms in which the same people are, and how many these are. Chosen by eye."""
-PEOPLE = (0.1, 0.45, 0.3, 0.15)
+PEOPLE = (0.3, 0.35, 0.23, 0.12)
 """Shares of rooms with none, one, two and three people. Chosen by eye."""
 STANDING, RISING, SITTING_DOWN = 0.6, 0.72, 0.9
 """Of the people in rooms, those who stand, who stand or crouch or get up, and all but those who lie. Chosen
@@ -57,54 +48,26 @@ FIRST_PERSON = 1000
 
 
 class Scene(NamedTuple):
-    """Depth image uint16 (h, w) in millimetres, and who is where, uint8 (h, w): 0 nobody, 1 and on people."""
+    """Depth image uint16 (h, w) in millimetres, its warmth, and who is where.
+
+    warmth: float32 (h, w), as the finder has it, NaN = not felt. persons: uint8 (h, w), 0 nobody, 1 and on
+    people.
+    """
 
     camera: Intrinsics
     depth_mm: UInt16
+    warmth: Float32
     persons: UInt8
 
 
-def rig_scenes(seed: int) -> Iterator[Scene]:
-    """Some frames of one subject of the virtual rig."""
-    rng = np.random.default_rng((seed, 61))
-    place = str(rng.choice(("sofa", "sofa", "chair", "bed")))
-    rig = DIFFICULTIES["hard" if rng.random() < HARD else "normal"]
-    rig = replace(rig, clutter=replace(rig.clutter, company=COMPANY), warmth=0.0)
-    stay = Stay(SCENES[place], rig, DEFAULT_SUIT, seed, 0, STAY_FPS)
-    cast = stay.cast
-    whose = np.where(cast.tags == Surface.OTHER_PERSON, 2, (cast.tags > 0) & (cast.tags < N_CLASSES))
-    shown = np.flatnonzero(whose == 0) if rng.random() < EMPTY else np.arange(len(whose))
-    faces, whose, dark = cast.faces[shown], whose[shown], cast.dark[np.append(shown, -1)]
-    for _, tableau in zip(range(FRAMES_OF_STAY), stay.tableaux(), strict=False):
-        camera, sensor, reflectance = _rig_camera(rig, rng)
-        points = cast.camera_from_world.apply(tableau.vertices_m).astype(np.float32)
-        yield _seen(camera, sensor, Mesh(points, faces, whose), dark, reflectance, rng)
-
-
-def _rig_camera(rig: Difficulty, rng: np.random.Generator) -> tuple[Intrinsics, Sensor, float]:
-    """Camera, sensor and the room's reflectance of a frame: the rig's own, or any."""
-    if rng.random() < RIG_SENSOR:
-        return KINECT2_PINHOLE, rig.depth, rig.reflectance if rng.random() < MULTIPATH else 0.0
-    sensor = draw_sensor(rng)
-    return sensor.camera, sensor, 0.0
-
-
-def _seen(
-    camera: Intrinsics,
-    sensor: Sensor,
-    scene: Mesh,
-    dark: Float32,
-    reflectance: float,
-    rng: np.random.Generator,
-) -> Scene:
-    """Reading of a mesh in the camera's frame, its tags the people; dark: (F + 1,), the last for nothing."""
-    seen = rasterize(camera, scene.vertices_m, scene.faces)
-    depth_m = seen.depth_m
-    if reflectance:
-        depth_m = depth_m + multipath_m(camera, depth_m, reflectance)
-    reading = sensor.read(CleanDepth(camera, depth_m, dark[seen.face]), rng)
-    whose = np.append(scene.tags, 0)[seen.face].astype(np.uint8)
-    return Scene(camera, reading.depth_mm, reading.carry(whose))
+def rig_scenes(number: int) -> Iterator[Scene]:
+    """Frames of a recording of the virtual rig, one of those that the reader of suits is trained on."""
+    rig = training_rig(number)
+    fuser = Fuser(rig.calibration)
+    for frame, known in rig.with_truth():
+        survey = Survey(CoarseCloud.of(fuser.fuse_frame(frame)))
+        truth = survey.cloud.coarse(truth_labels(frame, known, rig.calibration.depth))
+        yield Scene(survey.cloud.cloud.camera, truth.depth_mm, survey.warmth, persons_before(truth))
 
 
 def room_scenes(seed: int) -> Iterator[Scene]:
@@ -139,8 +102,11 @@ def _room(rng: np.random.Generator, people: list[Dressed]) -> Scene:
     points = pose.apply(whole.vertices_m).astype(np.float32)
     darkness = np.concatenate([np.zeros(0, np.float32), *dark])
     darkness = np.pad(darkness, (0, len(whole.faces) + 1 - len(darkness)))
-    sensor, whose = draw_sensor(rng), np.maximum(whole.tags - FIRST_PERSON + 1, 0)
-    return _seen(sensor.camera, sensor, Mesh(points, whole.faces, whose), darkness, 0.0, rng)
+    sensor, tags = draw_sensor(rng), np.append(np.maximum(whole.tags - FIRST_PERSON + 1, 0), 0)
+    image = rasterize(sensor.camera, points, whole.faces)
+    reading = sensor.read(CleanDepth(sensor.camera, image.depth_m, darkness[image.face]), rng)
+    unfelt = np.full(reading.depth_mm.shape, np.nan, np.float32)
+    return Scene(sensor.camera, reading.depth_mm, unfelt, reading.carry(tags[image.face].astype(np.uint8)))
 
 
 def _place(rng: np.random.Generator) -> Float64:

@@ -1,4 +1,4 @@
-"""People found in depth alone: in rooms, cut out, cut off, side by side, and nobody where nobody is."""
+"""People found, felt or not: in rooms, cut out, cut off, side by side, and nobody where nobody is."""
 
 from itertools import pairwise
 
@@ -9,14 +9,14 @@ import pytest
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
-from annotate.person import depth_finder
+from annotate.person import finder
 from annotate.person.extract import Survey
+from annotate.person.finder import Person
 from annotate.person.known import numbers_of
-from annotate.person.persons import Person
 from sensors.rig.camera import Intrinsics
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
-from tests.helpers.furnished_room import CAMERA, cloud_of, seen
+from tests.helpers.furnished_room import CAMERA, celsius_of, cloud_of, seen
 
 
 def survey_of(cloud):
@@ -31,6 +31,7 @@ def test_somebody_in_a_furnished_room_is_found_and_nothing_else():
     depth, whose = seen([(1, 0.0)])
     found = survey_of(cloud_of(depth)).person()
     assert found.method == "depth" and found.trusted and not found.others.any()
+    assert "depth alone" in found.notes[0]
     assert iou(found.mask, whose == 1) > 0.9
 
 
@@ -40,10 +41,11 @@ def test_nobody_is_found_where_nobody_is():
     assert not found.mask.any() and not found.others.any() and "no person" in found.notes[0]
 
 
+@pytest.mark.parametrize("is_felt", [False, True])
 @pytest.mark.parametrize("apart", [0.5, 0.7, 1.1])
-def test_two_who_stand_side_by_side_are_two(apart):
+def test_two_who_stand_side_by_side_are_two(apart, is_felt):
     depth, whose = seen([(1, -apart / 2), (2, apart / 2)])
-    found = survey_of(cloud_of(depth)).person()
+    found = survey_of(cloud_of(depth, celsius=celsius_of(whose) if is_felt else None)).person()
     one, other = (1, 2) if found.mask[whose == 1].mean() > 0.5 else (2, 1)
     assert iou(found.mask, whose == one) > 0.85 and iou(found.others, whose == other) > 0.85
 
@@ -81,9 +83,10 @@ def test_on_the_virtual_rig_without_temperatures():
 
 
 def test_an_image_without_any_reading_or_of_one_pixel_shows_nobody():
-    assert depth_finder.people_in(cloud_of(np.full(CAMERA.shape, np.nan))) == []
+    nothing = np.full(CAMERA.shape, np.nan, np.float32)
+    assert finder.people_in(cloud_of(nothing), nothing) == []
     speck = Intrinsics(1, 1, 300.0, 300.0, 0.0, 0.0)
-    assert depth_finder.people_in(cloud_of(np.ones((1, 1)), speck)) == []
+    assert finder.people_in(cloud_of(np.ones((1, 1)), speck), nothing[:1, :1]) == []
 
 
 def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():
@@ -91,10 +94,10 @@ def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():
     votes = np.concatenate([rng.normal((x, 0, 2), 0.06, (300, 3)) for x in (-0.3, 0.3)]).astype(np.float32)
     votes = np.concatenate([votes, np.array([[-0.7, 0, 2], [9, 9, 9]], np.float32)])
     surface = np.full(len(votes), 0.001, np.float32)
-    whose = depth_finder._by_votes(votes, surface, np.full(len(votes), 5.0, np.float32))
+    whose = finder._by_votes(votes, surface, np.full(len(votes), 5.0, np.float32))
     assert set(whose[:300]) != set(whose[300:600]) and set(whose[:600]) == {1, 2}
     assert whose[600] == whose[0] and whose[601] == 0
-    assert not depth_finder._by_votes(votes, surface, np.full(len(votes), 0.1, np.float32)).any()
+    assert not finder._by_votes(votes, surface, np.full(len(votes), 0.1, np.float32)).any()
 
 
 def walked(places, before, *, subject_first):

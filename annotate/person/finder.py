@@ -1,10 +1,12 @@
-"""People in depth alone: a small network gives each pixel log odds and a vote for its person's middle.
+"""People in a cloud: a small network gives each pixel log odds and a vote for its person's middle.
 
-Pixels whose votes meet are one person, so that people who touch are told apart. The image is brought to one
-focal length first, whatever the camera. How the network was trained: `annotate/person/finder.md`.
+It sees depth and, where there is any, warmth. Pixels whose votes meet are one person, so that people who
+touch are told apart. The image is brought to one focal length first, whatever the camera. How the network was
+trained: `annotate/person/finder.md`.
 """
 
 import threading
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
@@ -14,8 +16,6 @@ from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, Index, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.person.persons import MOST_PERSONS, Person
-from annotate.person.pieces import MIN_PERSON_M2, MOST_PERSON_M2
 from sensors.rig.nearest import Nearest
 
 FOCAL_PX = 183.0
@@ -26,6 +26,8 @@ MULTIPLE = 64
 LOCAL_PX, LOCAL_GAINS, MOST_LOCAL = (61, 15), (8.0, 40.0), 4.0
 """Sides in pixels of the windows whose mean log depth is zero in the input's last channels; factors and bound
 of these channels. Chosen by eye; the network is trained on them."""
+WARMTH = (-1.0, 2.0)
+"""Least and most warmth that is told apart: a window pane, a radiator. Chosen by eye."""
 VOTE_M, MIDDLES_M = 0.1, 0.25
 """Metres by which votes for one middle scatter; least distance of the middles of two persons. Measured on
 training scenes: of 134 persons 8 fall apart and 9 are joined; 0.35 m: 6 and 12, 0.45 m: 4 and 13."""
@@ -41,17 +43,35 @@ SURE_ODDS = 1.0
 SAME_SURFACE = 0.03
 """Depth difference, as a share of the depth, at which a pixel of the small image counts 1/e for one of the
 whole image. Chosen by eye."""
+MIN_PERSON_M2, MOST_PERSON_M2 = 0.03, 2.5
+"""Least and largest visible surface of a person in m2: a head with a shoulder, and twice the front of a tall
+adult. Chosen by eye."""
+MOST_PERSONS = 250
+"""Most persons of one frame."""
 _AT_WORK = threading.Lock()
 
 
-def people_in(cloud: ThermalCloud) -> list[Person]:
-    """All people of a cloud by its depth alone, in no order."""
+@dataclass(frozen=True)
+class Person:
+    """One person: mask (h, w), visible surface in m2, mean of the points (3,) in the depth camera's frame."""
+
+    mask: Bool
+    area_m2: float
+    centre_m: Float64
+
+
+def people_in(cloud: ThermalCloud, warmth: Float32) -> list[Person]:
+    """All people of a cloud, in no order.
+
+    warmth: (h, w), of the way from the room's temperature, 0, to a person's, 1; NaN = not felt.
+    """
     v, u = (
         _grid(side, focal)
         for side, focal in zip(cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx), strict=True)
     )
-    small_m = np.nan_to_num(cloud.points_m[np.ix_(np.rint(v).astype(np.intp), np.rint(u).astype(np.intp))])
-    odds, votes_m = _found(small_m)
+    small = np.ix_(np.rint(v).astype(np.intp), np.rint(u).astype(np.intp))
+    small_m = np.nan_to_num(cloud.points_m[small])
+    odds, votes_m = _found(small_m, warmth[small])
     z = np.ascontiguousarray(small_m[..., 2])
     surface_m2 = z**2 * np.float32(_spacing(v) * _spacing(u) / (cloud.camera.fx * cloud.camera.fy))
     if surface_m2.sum() <= MOST_PERSON_M2:
@@ -89,11 +109,11 @@ def _spacing(grid: Float64) -> float:
     return float(grid[1] - grid[0]) if len(grid) > 1 else 1.0
 
 
-def network_input(depth_m: Float32) -> Float32:
-    """Input (16, h / 2, w / 2) of the network for depth (h, w) in metres, 0 = no reading; h, w even.
+def network_input(depth_m: Float32, warmth: Float32) -> Float32:
+    """Input (24, h / 2, w / 2) of the network for depth (h, w) in metres, 0 = no reading; h, w even.
 
-    Four channels (valid, log depth, log depth less its mean in a wide and in a narrow window), each as the
-    four images of every second pixel.
+    warmth: (h, w), as of ``people_in``. Six channels (valid, log depth, log depth less its mean in a wide and
+    in a narrow window, felt, warmth), each as the four images of every second pixel.
     """
     valid = (depth_m > 0).astype(np.float32)
     log = np.where(depth_m > 0, np.log(np.maximum(depth_m, 0.1)), 0).astype(np.float32)
@@ -104,6 +124,8 @@ def network_input(depth_m: Float32) -> Float32:
         )
         local = np.clip((log - total / np.maximum(count, 1e-3)) * gain, -MOST_LOCAL, MOST_LOCAL)
         channels.append((local * valid).astype(np.float32))
+    felt = np.isfinite(warmth) & (depth_m > 0)
+    channels += [felt.astype(np.float32), np.where(felt, np.clip(warmth, *WARMTH), 0).astype(np.float32)]
     return np.stack([image[v::2, u::2] for image in channels for v in (0, 1) for u in (0, 1)]).astype(
         np.float32
     )
@@ -115,17 +137,18 @@ def _network() -> cv2.dnn.Net:
     return cv2.dnn.readNetFromONNX(np.frombuffer(model, np.uint8))
 
 
-def _found(points_m: Float32) -> tuple[Float32, Float32]:
-    """Log odds (h, w) in the camera's frame of points (h, w, 3) in metres, 0 = none.
+def _found(points_m: Float32, warmth: Float32) -> tuple[Float32, Float32]:
+    """Log odds (h, w) in the camera's frame of points (h, w, 3) in metres, 0 = none, and of warmth (h, w).
 
     With votes (ceil(h / 2), ceil(w / 2), 3) of every second point.
     """
     height, width = points_m.shape[:2]
-    image = np.pad(points_m[..., 2], ((0, -height % MULTIPLE), (0, -width % MULTIPLE)))
+    more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
+    image = np.pad(points_m[..., 2], more)
     voters = points_m[::2, ::2]
     with _AT_WORK:
         network = _network()
-        network.setInput(network_input(image)[None])
+        network.setInput(network_input(image, np.pad(warmth, more))[None])
         found = network.forward()[0]
     odds = np.empty(image.shape, np.float32)
     for phase in range(4):

@@ -1,11 +1,9 @@
-"""Log odds (h, w) of a person at each pixel, by temperature and the room's planes."""
+"""Warmth (h, w) of each pixel between the room's temperature and a person's, whatever the two are."""
 
 import cv2
 import numpy as np
 
 from annotate.array_types import Bool, Float32
-from annotate.cloud.color_odds import SURE_ODDS
-from annotate.cloud.grid import NO_PIXEL, flood
 from annotate.cloud.thermal_cloud import ThermalCloud
 
 WINDOW_C = (25.0, 35.0)
@@ -35,24 +33,17 @@ UNEVEN_C = 2.0
 """Degrees Celsius of walls and floor below the room's commonest temperature. Chosen by eye."""
 COLD_SHARE = 0.25
 """Share of warmth (0 background, 1 person) below which a pixel is background. Chosen by eye."""
-UNSURE_SHARE, STEEPNESS = 0.22, 8.0
-"""The same share at which temperature is neutral, as cold cloth and hair reach down to 0.2, and the log odds
-per unit of it. Chosen by eye."""
-MOST_BY_WARMTH = 3.0
-"""Bound of the log odds of temperature: the lens blurs silhouettes. Chosen by eye."""
-HOT_MARGIN_C, BY_HEAT = 2.0, -4.0
-"""Degrees Celsius above the window from which nothing is a person (a PI200's accuracy, Optris), and the log
-odds of a pixel that hot (chosen by eye)."""
-ON_PLANE, ON_WARM_PLANE, OFF_PLANES = -4.0, -1.0, 0.6
-"""Log odds of lying on a plane of the room, which is large or has cold points about; on a small, all warm
-one, as a chest can be flat; and off all planes, as most of a room is flat. Chosen by eye."""
-PLANE_COLD_SHARE, PLANE_M2 = 0.2, 0.15
-"""Share of a connected patch on planes that is cold, and its surface in m2, above which it is the room's.
-Chosen by eye."""
-BY_COLD_SURFACE = -2.0
-"""Log odds of a pixel without a temperature on a surface that is cold farther on. Chosen by eye."""
-WARM_MARK, COLD_MARK = 1, 2
-"""Marks of surely warm and of surely cold pixels in a flood."""
+
+
+def warmth(celsius: Float32, window_c: tuple[float, float]) -> Float32:
+    """Share (h, w) of the way from the room's temperature, 0, to a person's, 1; NaN = no reading.
+
+    celsius: float32 (h, w) degrees. window_c: a person's least and most degrees, as ``find_window`` gives.
+    """
+    low_c, hottest_c = window_c
+    person_c = hottest_c - ABOVE_C
+    room_c = person_c - (person_c - low_c) / HALFWAY
+    return np.asarray((celsius - np.float32(room_c)) / np.float32(max(person_c - room_c, LEAST_CONTRAST_C)))
 
 
 def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
@@ -106,46 +97,6 @@ def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], si
         np.divide(celsius - background_c, np.maximum(person_c - background_c, LEAST_CONTRAST_C), out=share)
         cold &= share < COLD_SHARE
     return share
-
-
-def temperature_odds(share: Float32, celsius: Float32, hottest_c: float) -> Float32:
-    """Log odds (h, w) by ``warmth_share`` (h, w) and degrees Celsius (h, w); 0 where there is no reading."""
-    odds = np.clip(STEEPNESS * (share - UNSURE_SHARE), -MOST_BY_WARMTH, MOST_BY_WARMTH)
-    heat = (celsius - np.float32(hottest_c)) / HOT_MARGIN_C
-    odds = np.where(heat > 0, odds + np.minimum(heat, 1) * (BY_HEAT - odds), odds)
-    return np.asarray(np.nan_to_num(odds), np.float32)
-
-
-def cold_surface_odds(odds: Float32, cloud: ThermalCloud, candidates: Bool, reach_px: float) -> Float32:
-    """Log odds (h, w) of pixels without a temperature on a surface that is cold farther on; 0 elsewhere.
-
-    Beside a silhouette the thermal camera sees one surface in front of another, so a rim of the sofa has no
-    temperature. (A surface that is warm farther on may be either: cushions are warm.) odds: (h, w) by
-    temperature. candidates: bool (h, w), pixels the cold may reach. reach_px: how far, in pixels.
-    """
-    known = np.isfinite(cloud.temperature_c)
-    marks = np.zeros(odds.shape, np.uint8)
-    marks[known & (odds > SURE_ODDS)], marks[known & (odds < -SURE_ODDS)] = WARM_MARK, COLD_MARK
-    marks[~(cloud.valid & candidates)] = NO_PIXEL
-    reached = flood(marks, cloud.points_m[..., 2], reach_px)
-    return np.where(~known & (reached == COLD_MARK), np.float32(BY_COLD_SURFACE), np.float32(0))
-
-
-def plane_odds(on: Bool, near: Bool, shaped: Bool, cold: Bool, surface_m2: Float32) -> Float32:
-    """Log odds (h, w) by lying on or off the room's planes.
-
-    All (h, w). on: pixels on a plane; near: close to one, whatever their normal; shaped: with a known normal;
-    cold: at the background's temperature; surface_m2: surface in m2 of each pixel.
-    """
-    _, patch = cv2.connectedComponents(on.astype(np.uint8), connectivity=8)
-    patch = patch[on]
-    pixels = np.maximum(np.bincount(patch, minlength=1), 1)
-    cold_share = np.bincount(patch, cold[on], pixels.size) / pixels
-    area_m2 = np.bincount(patch, surface_m2[on], pixels.size)
-    of_room = (cold_share > PLANE_COLD_SHARE) | (area_m2 > PLANE_M2)
-    odds = np.where(shaped & ~near, np.float32(OFF_PLANES), np.float32(0))
-    odds[on] = np.where(of_room, ON_PLANE, ON_WARM_PLANE)[patch]
-    return odds
 
 
 def _local_mean(values: Float32, mask: Bool, size: int) -> Float32:
