@@ -83,7 +83,7 @@ class Learner(QObject):
             return
         result = json.loads(said)
         if result["labels"] is None:
-            self._show(Done(f"The labels stay: {self._errors}", "warn"))
+            self._show(Done(self._errors[:1].upper() + self._errors[1:], "warn"))
             return
         held = f"right on held-out frames: {result['before']:.1%} before, {result['after']:.1%} now; "
         self._take(self._relabelled, held)

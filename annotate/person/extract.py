@@ -19,7 +19,7 @@ from annotate.person.alignment import degrees, thermal_alignment
 from annotate.person.finder import Person, people_in
 from annotate.person.known import Known, numbers_of
 from annotate.person.planes import Plane, close_to, find_planes
-from annotate.person.subject import crowd_warnings, cut_warnings, subject_score
+from annotate.person.subject import crowd_warnings, cut_warnings, subject_score, with_pieces
 from annotate.person.warmth import WINDOW_C, find_window, warmth, warmth_share
 from annotate.suit.palette import Suit
 
@@ -159,7 +159,12 @@ class Survey:
             return [1.0] * len(persons), list(persons)
         scores = [subject_score(person, before, self._suit, self._coarse) for person in persons]
         order = sorted(range(len(persons)), key=lambda i: -scores[i])
-        return [scores[i] for i in order], [persons[i] for i in order]
+        ranked = [persons[i] for i in order]
+        if self._suit is not None and self._coarse.color_valid.any():
+            whole = with_pieces(ranked, self._suit, self._coarse)
+            order = [order[0], *(i for i in order[1:] if any(persons[i] is one for one in whole))]
+            ranked = whole
+        return [scores[i] for i in order], ranked
 
     def _numbered(self, persons: Sequence[Person], before: FrameLabels | None) -> PersonMask:
         """Masks and numbers of persons, the subject first."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from annotate.array_types import Bool, Float64, UInt8
+from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND
@@ -22,6 +23,8 @@ best to the next among three persons and more. Chosen by eye."""
 EDGE_STRIP_PX, CUT_PX = 4, 12
 """Width in pixels of the strip along a border of the image that counts as touching it, and pixels of a person
 in it from which the border cuts them. Chosen by eye."""
+TOUCHING_PX = 2
+"""Points between two pieces that touch. Chosen by eye."""
 TINY = 1e-12
 """Least share whose logarithm is taken: less of nothing is nothing."""
 COLORS_ASKED, LEAST_COLORS = 1000, 20
@@ -65,6 +68,25 @@ def subject_score(
     if suit is None or not cloud.color_valid.any():
         return score
     return score * suit_told(suit, cloud, person.mask) ** 2
+
+
+def with_pieces(persons: Sequence[Person], suit: Suit, cloud: ThermalCloud) -> list[Person]:
+    """Persons of a frame, the subject first: with them what touches them and wears the suit as well.
+
+    So somebody who lies towards the camera and was found in two pieces is one. People in two suits alike who
+    touch would be, too.
+    """
+    subject, *rest = persons
+    others, told = [], suit_told(suit, cloud, subject.mask)
+    for person in rest:
+        touches = bool((grown(subject.mask, TOUCHING_PX) & person.mask).any())
+        if touches and suit_told(suit, cloud, person.mask) > told / 2:
+            area_m2 = subject.area_m2 + person.area_m2
+            middle_m = (subject.area_m2 * subject.centre_m + person.area_m2 * person.centre_m) / area_m2
+            subject = Person(subject.mask | person.mask, area_m2, middle_m)
+        else:
+            others.append(person)
+    return [subject, *others]
 
 
 def persons_before(before: FrameLabels) -> UInt8:
