@@ -63,9 +63,7 @@ def calibrate(
     for path in (out, _plot(out), *([yaml] if yaml else [])):
         check_free(path, overwrite)
     _check_rig(board, rig, device, overwrite)
-    session = None if live else _opened(board)
-    if session is not None:
-        _check_views(session)
+    session = None if live else _with_views(board)
     with needing("rig"):
         from sensors.calibrate.hole_plate import HolePlate
         from sensors.calibrate.verdict import judge
@@ -88,12 +86,14 @@ def _opened(path: Path) -> "Session":
     return Session(path)
 
 
-def _check_views(session: "Session") -> None:
-    """Check that a session can be calibrated, before anything is imported."""
+def _with_views(path: Path) -> "Session":
+    """A session of the plate that can be calibrated, checked before anything is imported."""
     from cli.rig_devices import check_infrared
 
+    session = _opened(path)
     check_extra("rig", "scipy")
     check_infrared(session)
+    return session
 
 
 def _check_rig(board: Path, rig: Path | None, device: list[str] | None, overwrite: bool) -> None:

@@ -71,9 +71,8 @@ def learn(
         say("the labels stay: what was learnt is no better on the frames held out; correct more frames")
     else:
         taken = _taken_over(labels, done.labels)
+        text += f"; {taken.pop('text')}" if taken else ""
         result |= taken
-        text += f"; {taken['text']}" if taken else ""
-    result.pop("text", None)
     result["seconds"] = round(time.monotonic() - started, 1)
     finish(result, json, text)
 

@@ -55,7 +55,7 @@ def test_a_person_is_found_and_the_furniture_is_not():
     cloud, whose = warm()
     found = survey_of(cloud).person()
     assert found.method == "thermal" and found.notes == () and not found.others.any()
-    assert iou(found.mask, (whose == 1) & cloud.valid) > 0.95
+    assert iou(found.mask, (whose == 1) & cloud.valid) > 0.97
 
 
 def test_hair_and_shoes_below_the_window_are_recovered():
@@ -66,7 +66,7 @@ def test_hair_and_shoes_below_the_window_are_recovered():
     cloud = with_celsius(cloud, ends, 23.5)
     window_only = (cloud.temperature_c >= 25) & (cloud.temperature_c <= 35)
     truth = (whose == 1) & cloud.valid
-    assert iou(survey_of(cloud).person().mask, truth) > max(0.93, iou(window_only, truth) + 0.02)
+    assert iou(survey_of(cloud).person().mask, truth) > max(0.96, iou(window_only, truth) + 0.02)
 
 
 def test_points_without_temperature_go_with_their_surface():
@@ -82,7 +82,7 @@ def test_small_and_flat_warm_things_are_no_persons():
     things[40:130, 255:315] = things[150:162, 20:30] = True  # a sunlit wall, a mug
     cloud = with_celsius(cloud, things & (whose == 0) & cloud.valid, 32.0)
     found = survey_of(cloud).person()
-    assert not found.others.any() and iou(found.mask, (whose == 1) & cloud.valid) > 0.94
+    assert not found.others.any() and iou(found.mask, (whose == 1) & cloud.valid) > 0.97
 
 
 def test_nobody_there_gives_an_empty_mask_and_a_note():
@@ -120,7 +120,7 @@ def test_a_mirrored_cloud_gives_the_mirrored_mask():
     cloud, _ = warm()
     metres, celsius = cloud.points_m[:, ::-1, 2], cloud.temperature_c[:, ::-1]
     mirrored = survey_of(cloud_of(metres, celsius=celsius)).person().mask[:, ::-1]
-    assert iou(mirrored, survey_of(cloud).person().mask) > 0.95
+    assert iou(mirrored, survey_of(cloud).person().mask) > 0.98
 
 
 @settings(max_examples=12, deadline=None)
@@ -152,8 +152,8 @@ def test_on_the_virtual_rig_the_person_is_found_where_the_fixed_window_fails():
 def test_a_second_person_is_kept_apart():
     cloud, whose = warm(((1, -0.1), (2, 0.75)))
     found = survey_of(cloud).person()
-    assert found.trusted and iou(found.mask, (whose == 1) & cloud.valid) > 0.94
-    assert iou(found.others, (whose == 2) & cloud.valid) > 0.9 and not (found.others & found.mask).any()
+    assert found.trusted and iou(found.mask, (whose == 1) & cloud.valid) > 0.97
+    assert iou(found.others, (whose == 2) & cloud.valid) > 0.95 and not (found.others & found.mask).any()
 
 
 def test_halves_above_and_below_a_thing_held_before_the_body_are_one_person():
@@ -165,7 +165,7 @@ def test_halves_above_and_below_a_thing_held_before_the_body_are_one_person():
         np.where(board, 1.7, cloud.points_m[..., 2]), celsius=np.where(board, 20.5, cloud.temperature_c)
     )
     found = survey_of(held).person()
-    assert not found.others.any() and iou(found.mask, (whose == 1) & held.valid & ~board) > 0.85
+    assert not found.others.any() and iou(found.mask, (whose == 1) & held.valid & ~board) > 0.95
 
 
 def test_three_persons_alike_are_not_trusted_unless_one_was_the_subject_before():
@@ -268,7 +268,10 @@ def test_pieces_that_wear_the_suit_are_one_person_and_who_touches_them_is_not():
     cloud, rows = dressed(cloud, whose, 1), np.arange(CAMERA.height)[:, None]
     middle = np.flatnonzero((whose == 1).any(axis=1)).mean()
     upper, lower, other = (whose == 1) & (rows < middle), (whose == 1) & (rows >= middle), whose == 2
-    pieces = [Person(mask, 0.4, np.array([0.0, 0.0, z])) for mask, z in ((upper, 2), (lower, 3), (other, 2))]
-    subject, *others = with_pieces(pieces, DEFAULT_SUIT, cloud)
-    assert np.array_equal(subject.mask, whose == 1) and subject.centre_m[2] == 2.5
-    assert [np.array_equal(one.mask, other) for one in others] == [True]
+    pieces = [
+        (score, Person(mask, 0.4, np.array([0.0, 0.0, z])))
+        for score, mask, z in ((0.9, upper, 2), (0.8, lower, 3), (0.1, other, 2))
+    ]
+    (score, subject), *others = with_pieces(pieces, DEFAULT_SUIT, cloud)
+    assert score == 0.9 and np.array_equal(subject.mask, whose == 1) and subject.centre_m[2] == 2.5
+    assert others == pieces[2:]

@@ -133,7 +133,8 @@ class Survey:
 
     def _person(self, before: FrameLabels | None) -> PersonMask:
         """The person in the coarse cloud; before: coarse, too."""
-        scores, persons = self._ranked(self._persons, before)
+        ranked = self._ranked(before)
+        scores, persons = [score for score, _ in ranked], [person for _, person in ranked]
         found = self._numbered(persons, before)
         notes = () if self._is_felt else (BY_DEPTH,)
         if not persons:
@@ -151,20 +152,15 @@ class Survey:
         )
         return felt if self._is_felt else NOBODY
 
-    def _ranked(
-        self, persons: Sequence[Person], before: FrameLabels | None
-    ) -> tuple[list[float], list[Person]]:
-        """Scores and persons, best first; the subject is the first."""
-        if len(persons) < 2:
-            return [1.0] * len(persons), list(persons)
-        scores = [subject_score(person, before, self._suit, self._coarse) for person in persons]
-        order = sorted(range(len(persons)), key=lambda i: -scores[i])
-        ranked = [persons[i] for i in order]
-        if self._suit is not None and self._coarse.color_valid.any():
-            whole = with_pieces(ranked, self._suit, self._coarse)
-            order = [order[0], *(i for i in order[1:] if any(persons[i] is one for one in whole))]
-            ranked = whole
-        return [scores[i] for i in order], ranked
+    def _ranked(self, before: FrameLabels | None) -> list[tuple[float, Person]]:
+        """Persons with their scores, best first; the subject is the first."""
+        if len(self._persons) < 2:
+            return [(1.0, person) for person in self._persons]
+        scored = [(subject_score(one, before, self._suit, self._coarse), one) for one in self._persons]
+        scored.sort(key=lambda pair: -pair[0])
+        if self._suit is None or not self._coarse.color_valid.any():
+            return scored
+        return with_pieces(scored, self._suit, self._coarse)
 
     def _numbered(self, persons: Sequence[Person], before: FrameLabels | None) -> PersonMask:
         """Masks and numbers of persons, the subject first."""

@@ -70,23 +70,26 @@ def subject_score(
     return score * suit_told(suit, cloud, person.mask) ** 2
 
 
-def with_pieces(persons: Sequence[Person], suit: Suit, cloud: ThermalCloud) -> list[Person]:
-    """Persons of a frame, the subject first: with them what touches them and wears the suit as well.
+def with_pieces(
+    scored: Sequence[tuple[float, Person]], suit: Suit, cloud: ThermalCloud
+) -> list[tuple[float, Person]]:
+    """Scored persons, the subject first: with them what touches them and wears the suit as well.
 
     So somebody who lies towards the camera and was found in two pieces is one. People in two suits alike who
     touch would be, too.
     """
-    subject, *rest = persons
-    others, told = [], suit_told(suit, cloud, subject.mask)
-    for person in rest:
+    (score, subject), *rest = scored
+    others = []
+    for one in rest:
+        person = one[1]
         touches = bool((grown(subject.mask, TOUCHING_PX) & person.mask).any())
-        if touches and suit_told(suit, cloud, person.mask) > told / 2:
+        if touches and suit_told(suit, cloud, person.mask) > suit_told(suit, cloud, subject.mask) / 2:
             area_m2 = subject.area_m2 + person.area_m2
             middle_m = (subject.area_m2 * subject.centre_m + person.area_m2 * person.centre_m) / area_m2
             subject = Person(subject.mask | person.mask, area_m2, middle_m)
         else:
-            others.append(person)
-    return [subject, *others]
+            others.append(one)
+    return [(score, subject), *others]
 
 
 def persons_before(before: FrameLabels) -> UInt8:

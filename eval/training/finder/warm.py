@@ -7,7 +7,7 @@ eye.
 import cv2
 import numpy as np
 
-from annotate.array_types import Float32, UInt8, UInt16
+from annotate.array_types import Bool, Float32, UInt8, UInt16
 
 HIDDEN_STEP = 1.15
 """Depth behind a silhouette, as a share of that before it, from which the thermal camera beside the depth
@@ -31,7 +31,7 @@ def invented(depth_mm: UInt16, persons: UInt8, rng: np.random.Generator) -> Floa
     return np.where(_hidden(depth_mm, rng), np.nan, felt + noise).astype(np.float32)
 
 
-def _hidden(depth_mm: UInt16, rng: np.random.Generator) -> UInt8:
+def _hidden(depth_mm: UInt16, rng: np.random.Generator) -> Bool:
     """Strips (h, w) beside silhouettes, on one side, up to five pixels wide."""
     hidden, width = np.zeros(depth_mm.shape, np.bool_), int(rng.integers(6))
     if width:
@@ -40,7 +40,7 @@ def _hidden(depth_mm: UInt16, rng: np.random.Generator) -> UInt8:
             hidden[:, width:] = (right > left * HIDDEN_STEP) & (left > 0)
         else:
             hidden[:, :-width] = (left > right * HIDDEN_STEP) & (right > 0)
-    return hidden.astype(np.uint8)
+    return hidden
 
 
 def spoilt(warmth: Float32, rng: np.random.Generator) -> Float32:
