@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from annotate.labelset.frames import LabelledFrames
     from annotate.reader.network import Reader
     from annotate.suit.palette import Suit
-    from eval.network.onnx_network import OnnxNetwork
     from sensors.importers.open_source import Source
 
 suit_app = typer.Typer(help="Palettes of the colour-coded suit.", no_args_is_help=True)
@@ -227,10 +226,11 @@ def _work(
 ) -> "Callable[[Callable[[int], None]], Run]":
     """What labels frames or a recording by the network, given the progress."""
     from annotate.labelset.frames import LabelledFrames
+    from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
     from eval.network.predict import predict_frames
     from eval.network.predict_source import predict_source
 
-    network, things = _networks(weights)
+    network = OnnxNetwork(weights or SHIPPED_WEIGHTS)
     if isinstance(opened, LabelledFrames):
         return partial(predict_frames, opened, network, out, probabilities=probabilities)
     return partial(
@@ -239,18 +239,9 @@ def _work(
         network,
         out,
         window_c=window_c,
-        things=things,
         probabilities=probabilities,
         everybody=everybody,
     )
-
-
-def _networks(weights: Path | None) -> "tuple[OnnxNetwork, OnnxNetwork | None]":
-    """The chosen network, and for the shipped one that which takes things off."""
-    from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
-
-    shipped = weights is None or weights == SHIPPED_WEIGHTS
-    return OnnxNetwork(weights or SHIPPED_WEIGHTS), OnnxNetwork(THINGS_WEIGHTS) if shipped else None
 
 
 def _opened(source: Path, everybody: bool) -> "LabelledFrames | Source":

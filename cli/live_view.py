@@ -23,7 +23,7 @@ from cli.console import finish, say
 from cli.extras import needing
 from cli.rig_devices import ended_by_sigterm, open_rig
 from eval.network.bearing import Bearing, joint_row
-from eval.network.onnx_network import SHIPPED_WEIGHTS, THINGS_WEIGHTS, OnnxNetwork
+from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import NetworkSurvey
 from eval.network.sides import sided
 from eval.scores.joints import JOINT, JOINT_NAMES
@@ -144,9 +144,8 @@ def labelling_by(suit: Suit | None) -> Labelling:
     """Parts by a suit, or else by the shipped network, which gives joints, facing and posture to both."""
     network = OnnxNetwork(SHIPPED_WEIGHTS)
     if suit is None:
-        things = OnnxNetwork(THINGS_WEIGHTS)
         return Labelling(
-            lambda cloud: NetworkSurvey(CoarseCloud.of(cloud), network, things), NetworkSurvey.labels, _stance
+            lambda cloud: NetworkSurvey(CoarseCloud.of(cloud), network), NetworkSurvey.labels, _stance
         )
     survey: Callable[[Any], SuitSurvey] = partial(SuitSurvey.of, suit=suit)
     return Labelling(

@@ -16,7 +16,7 @@ from annotate.labelset.store import LabelSet
 from cli.console import progress
 from eval.compare.compare import compare_sets
 from eval.compare.results import Result, save_result
-from eval.network.onnx_network import THINGS_WEIGHTS, OnnxNetwork
+from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
 from eval.report.build import write_report
 from eval.report.gather import gather
@@ -68,8 +68,7 @@ def whole_path(out: Path, frames: int, seed: int) -> dict[str, Any]:
 
 def _predict(session: Path, out: Path) -> LabelSet:
     """Labels by the network."""
-    networks = OnnxNetwork(), OnnxNetwork(THINGS_WEIGHTS)
-    return predict_source(Session(session), networks[0], out, lambda _: None, things=networks[1]).labels
+    return predict_source(Session(session), OnnxNetwork(), out, lambda _: None).labels
 
 
 def _correct_all(

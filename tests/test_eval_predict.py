@@ -17,7 +17,7 @@ from annotate.labelset.images import encode_png
 from annotate.labelset.store import LabelSet, validate
 from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
 from eval.compare.compare import compare_sets
-from eval.network.onnx_network import THINGS_WEIGHTS, OnnxNetwork
+from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import predict_frames
 from eval.network.predict_source import predict_source
 from eval.training.crops import to_crop
@@ -119,10 +119,10 @@ def test_a_run_keeps_the_extraction_and_goes_on_to_the_same_bytes(tmp_path, rig_
     assert {predicted.notes(i)["extraction"] for i in predicted.frame_ids} == {"thermal"}
 
     class Interrupted(OnnxNetwork):
-        def segment_apart(self, depth_mm, person, things=None, *, probabilities=False):
+        def segment(self, depth_mm, person, *, probabilities=False):
             if np.array_equal(depth_mm, second.depth_mm):
                 raise KeyboardInterrupt
-            return super().segment_apart(depth_mm, person, things, probabilities=probabilities)
+            return super().segment(depth_mm, person, probabilities=probabilities)
 
     second = predicted.read("000001")
     out = tmp_path / "p"
@@ -191,12 +191,11 @@ def test_what_the_network_calls_no_person_is_left_out():
     person = np.zeros((424, 512), bool)
     person[100:200, 100:300] = True
     depth_mm = np.full(person.shape, 1500, np.uint16)
-    labelled, left = Thumbs().segment_apart(depth_mm, person)
-    np.testing.assert_array_equal(labelled.parts > 0, left)
+    left = Thumbs().without_things(depth_mm, person)
     assert not (left & ~person).any()
     np.testing.assert_array_equal(np.flatnonzero(left.any(axis=0))[[0, -1]], [200, 299])
     nobody = np.zeros_like(person)
-    np.testing.assert_array_equal(Thumbs().segment_apart(depth_mm, nobody)[1], nobody)
+    np.testing.assert_array_equal(Thumbs().without_things(depth_mm, nobody), nobody)
 
 
 def test_a_network_that_sees_nobody_at_all_is_not_believed():
@@ -205,47 +204,8 @@ def test_a_network_that_sees_nobody_at_all_is_not_believed():
 
     person = np.zeros((424, 512), bool)
     person[100:200, 100:300] = True
-    labelled, left = Lost().segment_apart(np.full(person.shape, 1500, np.uint16), person)
+    left = Lost().without_things(np.full(person.shape, 1500, np.uint16), person)
     np.testing.assert_array_equal(left, person)
-    np.testing.assert_array_equal(labelled.parts > 0, person)
-
-
-def test_a_board_on_the_lap_is_no_part_and_the_body_stays(truth):
-    """Needs the trained weights. The board is a screen's size, a hand's breadth before the belly.
-
-    The rig's clean frames have no noise at all, which no training image has: so the bound on the body is low.
-    """
-    things = OnnxNetwork(THINGS_WEIGHTS)
-    for frame in truth:
-        body = (frame.parts > 0) & (frame.parts < N_CLASSES) & (frame.depth_mm > 0)
-        belly = frame.parts == PART_ID["torso"]
-        rows, columns = (np.flatnonzero(belly.any(axis=axis)) for axis in (1, 0))
-        board = np.zeros(body.shape, bool)
-        board[int(np.quantile(rows, 0.7)) : rows[-1] + 15, columns[0] : columns[-1]] = True
-        near_mm = frame.depth_mm[body & board].min() - 100
-        depth_mm = np.where(board, near_mm, frame.depth_mm).astype(np.uint16)
-        left = OnnxNetwork().segment_apart(depth_mm, body | board, things)[1]
-        assert np.mean(left[board]) < 0.1
-        assert np.mean(left[body & ~board]) > 0.7
-
-
-def test_a_session_is_predicted_without_the_things(tmp_path, rig_session, predicted):
-    """Everything of the frames is kept but who is in them."""
-
-    class Halves(OnnxNetwork):
-        def segment_apart(self, depth_mm, person, things=None, *, probabilities=False):
-            left = person.copy()
-            left[: person.shape[0] // 2] = False
-            return self.segment(depth_mm, left), left
-
-    less = predict_source(Session(rig_session), Halves(), tmp_path / "less", silent).labels
-    for frame_id in less.frame_ids:
-        a, b = less.read(frame_id), predicted.read(frame_id)
-        half = len(a.parts) // 2
-        assert not (a.parts[:half] > 0).any()
-        assert a.persons is not None
-        np.testing.assert_array_equal(a.parts > 0, (a.persons == 1) & (a.depth_mm > 0))
-        assert (b.parts[:half] > 0).any()
 
 
 # Label sets and datasets

@@ -24,8 +24,6 @@ from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_bounded
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
-THINGS_WEIGHTS = SHIPPED_WEIGHTS.with_name("things.onnx")
-"""The network whose background is trusted: it was trained on more blankets and boards than the other."""
 MAX_WEIGHT_BYTES = 1_000_000_000
 """Of a network's file, which is read whole: the paper's at its published widths has 540 MB."""
 ROUNDING = 0.05
@@ -37,9 +35,6 @@ Training weighs background as the rarest part, and a pixel left out gets no part
 LEAST_BODY = 0.2
 """Least share of an extraction that is a person, chosen by eye: in the virtual rig's hardest frames it was
 half (measured)."""
-AGAIN = 0.05
-"""Share of an extraction that is things from which a second look follows at who is left without them. Chosen
-by eye."""
 AT_ONCE = min(4, os.cpu_count() or 1)
 """Crops through a network at once, one thread each: threads that share a crop wait for each other much of the
 time."""
@@ -141,30 +136,6 @@ class OnnxNetwork:
         for i, look in zip(there, self._looks([(images[i][0], masks[i]) for i in there]), strict=True):
             results[i] = look.labels(masks[i], probabilities)
         return results
-
-    def segment_apart(
-        self,
-        depth_mm: UInt16,
-        person: Bool,
-        things: "OnnxNetwork | None" = None,
-        *,
-        probabilities: bool = False,
-    ) -> tuple[Segmentation, Bool]:
-        """Labels of a person who may have been extracted along with things, and their pixels without these.
-
-        Blankets, laptops, furniture: what the network calls background. Where that is much, ``things``, by
-        default the same network, takes them off, and a second look labels who is left. Both (h, w).
-        """
-        mask = person & (depth_mm > 0)
-        if not mask.any():
-            return _nobody(mask.shape), mask
-        look = self._looks([(depth_mm, mask)])[0]
-        body = look.body(mask)
-        if np.count_nonzero(body) < (1 - AGAIN) * np.count_nonzero(mask):
-            if things is not None:
-                body = things.without_things(depth_mm, mask)
-            look = self._looks([(depth_mm, body)])[0]
-        return look.labels(body, probabilities), body
 
     def without_things(self, depth_mm: UInt16, person: Bool) -> Bool:
         """A person's pixels (h, w) but those that the network calls background."""

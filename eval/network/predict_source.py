@@ -28,26 +28,21 @@ def predict_source(
     progress: Callable[[int], None],
     window_c: tuple[float, float] | None = None,
     *,
-    things: OnnxNetwork | None = None,
     probabilities: bool = False,
     everybody: bool = False,
 ) -> Run:
     """Extract the person of every frame of a source and label it by the network; resumes.
 
-    What was extracted along with a person by its warmth, a blanket or a laptop, the network ``things`` takes
-    off again, by default the same one. everybody: label all persons, not the subject alone. Raises what
-    ``label_source.run`` raises; CloudError for the probabilities of everybody.
+    everybody: label all persons, not the subject alone. Raises what ``label_source.run`` raises; CloudError
+    for the probabilities of everybody.
     """
     if everybody and probabilities:
         raise CloudError("probabilities are kept of one person; leave --probabilities or --everybody out")
 
     def survey(cloud: CoarseCloud) -> NetworkSurvey:
-        return NetworkSurvey(
-            cloud, network, things, window_c, probabilities=probabilities, everybody=everybody
-        )
+        return NetworkSurvey(cloud, network, window_c, probabilities=probabilities, everybody=everybody)
 
     step = step_of(network, probabilities) | {"window_c": list(window_c) if window_c else None}
-    step |= {"things": things.sha256} if things else {}
     step |= {"everybody": True} if everybody else {}
     return run(source, {"predict": step}, out, NetworkSurvey.labels, progress, survey, CoarseFuser)
 
@@ -62,16 +57,14 @@ class NetworkSurvey:
         self,
         cloud: CoarseCloud,
         network: OnnxNetwork,
-        things: OnnxNetwork | None = None,
         window_c: tuple[float, float] | None = None,
         *,
         probabilities: bool = False,
         everybody: bool = False,
     ) -> None:
         self._survey = survey = Survey(cloud, window_c, everybody=everybody)
-        self._network, self._things = network, things
-        self._probabilities, self._everybody = probabilities, everybody
-        self._known: dict[bytes, tuple[Segmentation, Bool]] = {}
+        self._network, self._probabilities, self._everybody = network, probabilities, everybody
+        self._known: dict[bytes, Segmentation] = {}
         person = survey.person()
         if person.trusted:
             for number in self._numbers(person):
@@ -82,44 +75,34 @@ class NetworkSurvey:
         person = self._survey.person(before)
         if not person.trusted:
             return unlabelled(person.mask), person
-        whose, results = np.zeros_like(person.persons), []
-        for number in self._numbers(person):
-            result, body = self._labelled(person, number)
-            whose[body] = number
-            results.append((number, steady(result, before, number)))
-        if not self._everybody:
-            whose[person.others] = person.persons[person.others]
-        return _together(results, person.mask), replace(person, mask=whose == 1, persons=whose)
+        results = [
+            (number, steady(self._labelled(person, number), before, number))
+            for number in self._numbers(person)
+        ]
+        return _together(results, person.mask), person
 
     def _numbers(self, person: PersonMask) -> list[int]:
         """The persons to label."""
         return np.unique(person.persons[person.persons > 0]).tolist() if self._everybody else [1]
 
-    def _labelled(self, person: PersonMask, number: int) -> tuple[Segmentation, Bool]:
-        """Labels of a person and their pixels (h, w), remembered."""
+    def _labelled(self, person: PersonMask, number: int) -> Segmentation:
+        """Labels of a person, remembered."""
         mask = person.mask if number == 1 else person.persons == number
-        key = person.method.encode() + np.packbits(mask).tobytes()
+        key = np.packbits(mask).tobytes()
         if key not in self._known:
-            self._known[key] = self._looked(mask, person.method != "depth")
+            self._known[key] = self._looked(mask)
         return self._known[key]
 
-    def _looked(self, mask: Bool, felt: bool) -> tuple[Segmentation, Bool]:
-        """Labels and pixels of a mask (h, w); felt: by temperature, which takes warm things along.
-
-        Depth alone takes nothing along, and there real trousers were taken for a blanket.
-        """
-        depth_mm, keep = self._survey.cloud.depth_mm, self._probabilities
-        if felt:
-            result, mask = self._network.segment_apart(depth_mm, mask, self._things, probabilities=keep)
-        else:
-            result = self._network.segment_all([(depth_mm, mask)], probabilities=keep)[0]
+    def _looked(self, mask: Bool) -> Segmentation:
+        """Labels of a mask (h, w), with what the person lies or sits on."""
+        coarse = self._survey.cloud
+        result = self._network.segment(coarse.depth_mm, mask, probabilities=self._probabilities)
         bearing = Bearing.from_note(result.bearing)
         if bearing is None:
-            return result, mask
-        coarse = self._survey.cloud
+            return result
         parts = np.where(coarse.pixel >= 0, result.parts.ravel()[coarse.pixel], np.uint8(0))
         support = support_of(bearing.name, parts, coarse.cloud.points_m, self._survey.planes)
-        return replace(result, bearing=replace(bearing, support=support).note()), mask
+        return replace(result, bearing=replace(bearing, support=support).note())
 
 
 def _together(results: Sequence[tuple[int, Segmentation]], nobody: Bool) -> Segmentation:

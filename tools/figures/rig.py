@@ -13,7 +13,7 @@ from annotate.effort.annotator import AGREEMENT, WHO, Annotator, correct_set
 from annotate.label_source import Run, label_source
 from annotate.labelset.store import LabelSet
 from eval.compare.compare import Comparison, compare_sets
-from eval.network.onnx_network import THINGS_WEIGHTS, OnnxNetwork
+from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
 from sensors.recording.rig_templates import TEMPLATES
 from sensors.session.reader import Session
@@ -59,10 +59,9 @@ def labelled(rig: VirtualRig, folder: Path) -> dict[str, dict[str, Figure]]:
     path = folder / "session.mcap"
     simulate(rig, path, lambda n: None)
     session, truth = Session(path), LabelSet.open(truth_path(path))
-    things = OnnxNetwork(THINGS_WEIGHTS)
     works = {
         "suit": partial(label_source, session, rig.suit, folder / "suit"),
-        "network": partial(predict_source, session, OnnxNetwork(), folder / "network", things=things),
+        "network": partial(predict_source, session, OnnxNetwork(), folder / "network"),
     }
     found = {name: timed(work) for name, work in works.items()}
     sure = reliability(found["suit"][0], truth, session)

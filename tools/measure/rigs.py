@@ -10,7 +10,7 @@ from pathlib import Path
 from annotate.label_source import label_source
 from annotate.labelset.store import LabelSet
 from eval.compare.compare import Comparison, compare_sets
-from eval.network.onnx_network import THINGS_WEIGHTS, OnnxNetwork
+from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
 from sensors.session.reader import Session
 from synth.rig.paths import truth_path
@@ -26,8 +26,7 @@ def measured(rig: VirtualRig) -> tuple[Comparison, Comparison]:
         simulate(rig, path, lambda _: None)
         session, truth = Session(path), LabelSet.open(truth_path(path))
         suit = label_source(session, rig.suit, Path(folder) / "suit", lambda _: None).labels
-        things, out = OnnxNetwork(THINGS_WEIGHTS), Path(folder) / "net"
-        net = predict_source(session, OnnxNetwork(), out, lambda _: None, things=things).labels
+        net = predict_source(session, OnnxNetwork(), Path(folder) / "net", lambda _: None).labels
         return compare_sets(suit, truth), compare_sets(net, truth)
 
 
