@@ -7,6 +7,7 @@ import re
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -75,6 +76,20 @@ def running(seconds: float, skew=0.0, without: str = "", closed_from_s: float = 
     return [item for _, item in sorted(made, key=lambda pair: pair[0])]
 
 
+def untaken():
+    """A running rig whose readings nobody takes in time."""
+    return [replace(item, overrun=item.lost) for item in running(8, drop=0.1)]
+
+
+def every_other_color():
+    """A running rig in the dark: the colour camera exposes for two periods."""
+    return [
+        item
+        for item in running(8)
+        if not isinstance(item.reading.value, ColorImage) or int(item.reading.value.encoded) % 2
+    ]
+
+
 def watched(items, **changes) -> Health:
     """The health of a rig after these readings."""
     watch = Watch(RATES_HZ, {})
@@ -137,7 +152,10 @@ def test_nothing_is_said_of_a_good_rig_for_a_minute():
 @pytest.mark.parametrize(
     ("kind", "says", "health"),
     [
-        ("drops", "depth", lambda: watched(running(8, drop=0.1), at_s=8)),
+        ("drops", "a USB port of its own", lambda: watched(running(8, drop=0.1), at_s=8)),
+        ("drops", "computer is too slow", lambda: watched(untaken(), at_s=8)),
+        ("drops", "disk is too slow", lambda: watched(untaken(), at_s=8, recording=Path("a.mcap"))),
+        ("drops", "colour: 15 of 30", lambda: watched(every_other_color(), at_s=8)),
         ("silent", "colour", lambda: watched(running(8, without="color"), at_s=8)),
         ("clock", "kinect gains", lambda: watched(running(40, skew=5e-4), at_s=40)),
         ("flag", "flag", lambda: watched(running(8, closed_from_s=5), at_s=8)),

@@ -34,9 +34,11 @@ from sensors.recording.playback import Playback
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import RigCalibration
 from sensors.session.reader import Session
+from tests.helpers.slow_disk import on_disk_of
 
 CAMERA = Intrinsics(8, 6, 10.0, 10.0, 3.5, 2.5)
 PERIOD_S = 0.005
+KINECT = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)
 
 
 class Camera:
@@ -229,6 +231,48 @@ def test_a_full_disk_ends_the_recording_keeps_what_came_and_the_rig_runs_on(rig_
     seen = rig.moments.count
     wait_for(lambda: rig.moments.count > seen + 3)
     assert len(numbers_in(tmp_path / "a.mcap.partial")) == 10
+
+
+class Kinect(Camera):
+    """A camera of 434 kB an image that no disk compresses."""
+
+    def __init__(self, rate_hz: float) -> None:
+        super().__init__()
+        self.rates_hz, self._period_s = {"depth": rate_hz}, 1 / rate_hz
+        self._noise = np.random.default_rng(0).integers(1, 1 << 15, KINECT.shape, np.uint16)
+
+    def read(self, timeout_s: float) -> DeviceReading | None:
+        if self._ended.wait(self._period_s):
+            return None
+        image, now_ns = self._noise.copy(), time.monotonic_ns()
+        image[0, 0] = next(self._numbers)
+        return DeviceReading(now_ns, now_ns, DepthImage(image))
+
+
+@pytest.mark.parametrize(("rate_hz", "too_slow"), [(30, False), (200, True)])
+def test_a_disk_of_20_mb_a_second_loses_nothing_or_it_is_said(
+    rig_of, tmp_path, monkeypatch, rate_hz, too_slow
+):
+    """13 MB a second fit, 87 do not."""
+    if too_slow:
+        monkeypatch.setattr(sensors.recording.intake, "BACKLOG", 8)
+        monkeypatch.setattr(sensors.recording.intake, "BACKLOG_S", 0.0)
+    monkeypatch.setattr(sensors.recording.live_rig, "SessionWriter", on_disk_of(20e6))
+    rig = LiveRig("ward", [Kinect(rate_hz)], RigCalibration(KINECT), {}, never)
+    rig.start()
+    try:
+        rig.record(tmp_path / "a.mcap")
+        wait_for(lambda: rig.moments.count > 12)
+        if too_slow:
+            wait_for(lambda: any(c.kind == "drops" for c in rig_complaints(rig.health())))
+        said = [complaint.text for complaint in rig_complaints(rig.health())]
+    finally:
+        rig.close()
+    numbers, dropped = numbers_in(tmp_path / "a.mcap"), rig.health().dropped
+    missing = numbers[-1] - numbers[0] + 1 - len(numbers)
+    assert len(numbers) > 8 and (missing > 0) == too_slow and missing <= dropped
+    assert too_slow == bool(dropped)
+    assert [text for text in said if "the disk is too slow" in text] == said and too_slow == bool(said)
 
 
 def test_a_nearly_full_disk_ends_the_recording_in_time(rig_of, tmp_path, monkeypatch):

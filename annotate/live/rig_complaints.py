@@ -19,6 +19,9 @@ FLAG_S = 2.0
 LEAST_DISK_MINUTES = 10.0
 """Minutes of recording that should fit on the disk. Chosen by eye."""
 NAMES = {"depth": "depth", "color": "colour", "thermal": "thermal", "pyrometer": "pyrometer"}
+TOO_SLOW = ("this computer is too slow: close other programs",
+            "the disk is too slow: record to a faster one, or close other programs")  # fmt: skip
+"""What to do about images that nobody took in time: while nothing is recorded, and while something is."""
 REMEDIES = {"color": "light the room: in the dark a camera exposes for longer", "": "close other programs"}
 
 
@@ -61,10 +64,12 @@ def _of_stream(stream: str, state: StreamHealth, health: Health) -> Iterator[Com
             yield Complaint("silent", f"{name}: {since}; check the cable, then plug the device in again")
         return
     if state.lost > DROPPED_SHARE * (state.recent + state.lost) and state.lost > 1:
+        remedy = "close other programs, and give the camera a USB port of its own"
+        if state.overrun > state.lost / 2:
+            remedy = TOO_SLOW[health.recording is not None]
         yield Complaint(
             "drops",
-            f"{name}: {state.lost} of {state.recent + state.lost} images lost in the last five seconds; "
-            "close other programs, and give the camera a USB port of its own",
+            f"{name}: {state.lost} of {state.recent + state.lost} images lost in the last five seconds; {remedy}",
         )
     elif 0 < state.rate_hz < SLOW_SHARE * nominal_hz and health.running_s > SETTLING_S:
         remedy = REMEDIES.get(stream, REMEDIES[""])

@@ -21,8 +21,8 @@ RECENT_NS = 5_000_000_000
 class StreamHealth:
     """One stream. recent, lost: images that came, and that were lost, in the last five seconds.
 
-    rate_hz: over these; nominal_hz: stated by the device. silent_s: since the last image. count, dropped:
-    since the start.
+    overrun: how many of the lost ones were not taken in time. rate_hz: over these; nominal_hz: stated by the
+    device. silent_s: since the last image. count, dropped: since the start.
     """
 
     nominal_hz: float
@@ -32,6 +32,7 @@ class StreamHealth:
     silent_s: float = math.inf
     count: int = 0
     dropped: int = 0
+    overrun: int = 0
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class Watch:
     def __init__(self, rates_hz: Mapping[str, float], latency_ns: Mapping[str, int]) -> None:
         self._rates_hz, self._latency_ns = rates_hz, latency_ns
         self._clocks: dict[str, HostClock] = {}
-        self._recent = {stream: deque[tuple[int, int, int]]() for stream in rates_hz}
+        self._recent = {stream: deque[tuple[int, int, int, int]]() for stream in rates_hz}
         self._last_ns = dict[str, int]()
         self._count, self._dropped = dict.fromkeys(rates_hz, 0), dict.fromkeys(rates_hz, 0)
         self._start_ns = 0
@@ -81,7 +82,7 @@ class Watch:
         self._start_ns = self._start_ns or at_ns
         if stream == "thermal":
             self._closed_ns = 0 if item.usable else self._closed_ns or at_ns
-        self._recent[stream].append((at_ns, item.lost, _size(item.reading.value)))
+        self._recent[stream].append((at_ns, item.lost, item.overrun, _size(item.reading.value)))
         self._last_ns[stream] = at_ns
         self._count[stream] += 1
         self._dropped[stream] += item.lost
@@ -105,8 +106,8 @@ class Watch:
         else:
             silent_s = max(0.0, (now_ns - last_ns) * 1e-9)
         rate = (len(recent) - 1) / span_s if span_s > 0 else 0.0
-        lost = sum(lost for _, lost, _ in recent)
-        return StreamHealth(self._rates_hz[stream], rate, len(recent), lost, silent_s, count, dropped)
+        lost, overrun = (sum(row[i] for row in recent) for i in (1, 2))
+        return StreamHealth(self._rates_hz[stream], rate, len(recent), lost, silent_s, count, dropped, overrun)
 
     def running_s(self, now_ns: int) -> float:
         """Seconds since the first reading."""
@@ -122,7 +123,7 @@ class Watch:
 
     def bytes_per_s(self) -> float:
         """Bytes that come in a second, uncompressed."""
-        total = sum(size for recent in self._recent.values() for _, _, size in recent)
+        total = sum(size for recent in self._recent.values() for *_, size in recent)
         first = min((recent[0][0] for recent in self._recent.values() if recent), default=0)
         last = max((recent[-1][0] for recent in self._recent.values() if recent), default=0)
         return total / ((last - first) * 1e-9) if last > first else 0.0

@@ -63,8 +63,8 @@ class StreamState:
 class Arrived:
     """A reading and the address that it came from. stamp_ns, arrival_ns: since 1970, device's and host's.
 
-    lost: how many of its stream were lost before it. usable: False while the flag is closed. restarted:
-    whether it is the first after its device was away.
+    lost: how many of its stream were lost before it; overrun: how many of these had come, but the queue was
+    full. usable: False while the flag is closed. restarted: whether it is the first after its device was away.
     """
 
     address: str
@@ -74,6 +74,7 @@ class Arrived:
     lost: int
     usable: bool
     restarted: bool = False
+    overrun: int = 0
 
 
 @dataclass(frozen=True)
@@ -221,10 +222,11 @@ class Intake:
             self._zero_ns.pop(address, None)
             yield Event(arrival, f"{address} is back")
         stamp = reading.stamp_ns + self._zero_ns.setdefault(address, arrival - reading.stamp_ns)
-        stream, lost = self.streams[reading.stream], reading.dropped + self._overrun.pop(address, 0)
-        if lost:
+        stream, overrun = self.streams[reading.stream], self._overrun.pop(address, 0)
+        if lost := reading.dropped + overrun:
             stream.dropped += lost
-            yield Event(stamp, f"{reading.stream}: {lost} dropped", arrival)
+            why = f", {overrun} as writing was too slow" if overrun else ""
+            yield Event(stamp, f"{reading.stream}: {lost} dropped{why}", arrival)
         usable = True
         if isinstance(reading.value, ThermalImage | ThermalCounts):
             usable = reading.value.flag is Flag.OPEN
@@ -237,7 +239,7 @@ class Intake:
             stream.recent_ns.append(reading.arrival_ns)
             while reading.arrival_ns - stream.recent_ns[0] > RATE_S * 1e9:
                 stream.recent_ns.popleft()
-        yield Arrived(address, reading, stamp, arrival, lost, usable, restarted)
+        yield Arrived(address, reading, stamp, arrival, lost, usable, restarted, overrun)
 
 
 def in_words(value: Value) -> str:

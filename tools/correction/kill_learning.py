@@ -1,78 +1,156 @@
-"""Kills a correction amid steps of learning, and checks that all frames are before a step or all after it.
+"""Kills a correction with learning in the background, and checks that nothing is lost or half-replaced.
 
 python -m tools.correction.kill_learning [--kills N]
 
-A child takes over what was learnt, takes it back, and works on frames between; the parent kills it with -9.
-Then frames that nobody worked on all have the labels of one step, every stroke said to be done is there, and
-no file is broken. At the end all steps and strokes are taken back: frames that nobody worked on are the first
-ones, to the byte, the others have the labels that the work began from.
+As the window does, a process works on frames and has another one learn beside it, for real, a small network
+from the frames accepted so far; when that has ended well, it takes over the new labels, and now and then takes
+them back. At random moments both are killed with -9, or the learning alone, or the work alone, whose learning
+then lives on. Each time every frame that nobody worked on must have its labels of one and the same step, every
+stroke that was said to be done must be there, and no file may be broken. At the end all steps and strokes are
+taken back: then all is as at first, to the byte.
 """
 
 import argparse
 import os
+import signal
 import tempfile
-from functools import partial
+import time
+import traceback
+from collections import Counter
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from annotate.correction.correction import Correction
 from annotate.correction.relabel import relabel, take_back
-from annotate.frame_labels import FrameLabels
+from annotate.correction.replay import after, step_of
+from annotate.labelset.claim import ClaimedError
 from annotate.labelset.store import LabelSet, validate
-from sensors.rig.camera import Intrinsics
-from tools.correction.kill_editor import kill_once
+from eval.learning import by_depth, learn
+from eval.network.checkpoint import save_weights
+from eval.network.compact import CompactConfig
+from eval.network.networks import build
+from eval.training.plan import ModernRecipe
+from tests.test_eval_learning import DONE, IDS, SIDE, truth, written
 
-SHAPE, WORKED, FREE = (106, 128), ("000000", "000001"), tuple(f"{i:06}" for i in range(2, 8))
-PARTS = {"labels": 2, "first": 4, "second": 7}
+WORKED, FREE = DONE[:2], IDS[len(DONE) :]
+REFUSED = 2
+"""Status of a learning while another one, of a work that was killed, still goes on."""
+VICTIMS = ("both", "both", "learning", "work")
 
 
 def create(folder: Path) -> None:
-    """A set whose persons are torsos, and what two learnings say of them."""
-    height, width = SHAPE
-    for name, part in PARTS.items():
-        labels = LabelSet.create(folder / name, Intrinsics(width, height, 90, 90, 64, 53), {"source": name})
-        parts = np.zeros(SHAPE, np.uint8)
-        parts[20:90, 30:90] = part
-        sure = np.full(SHAPE, 0.9, np.float32)
-        for frame_id in (*WORKED, *FREE):
-            labels.write(FrameLabels(frame_id, np.full(SHAPE, 1500, np.uint16), parts, sure))
+    """A set that calls everybody a torso, five of its frames accepted, and a small network to start from."""
+    written(folder / "labels")
+    with Correction.open(folder / "labels", "ann") as correction:
+        for n, frame_id in enumerate(DONE):
+            editor = correction.edit(frame_id)
+            editor.replace("paint", truth(n))
+            editor.judge("accept")
+    by_depth.MORE_STEPS, by_depth.CHECKPOINT_S = 1, 0.0
+    # What is learnt in a few steps is taken over whether it is better or not.
+    learn.Learnt.better = True
+    by_depth.RECIPE = ModernRecipe(4, 3e-2, averaged=0.0, coarse=0.0)
+    config = CompactConfig((4, 6, 8), 1)
+    save_weights(folder / "start.safetensors", build(config), config)
+
+
+@contextmanager
+def silent(what: str, total: int):
+    yield lambda n: None
+
+
+def learning(folder: Path, seed: int) -> int:
+    """Start to learn in a process of its own; its number. What it learns differs from time to time."""
+    if child := os.fork():
+        return child
+    # A program of its own would not hold what the work has open: its claim above all.
+    os.closerange(3, 1 << 10)
+    by_depth.STEPS = 2 + seed % 4
+    try:
+        learn.learn(
+            folder / "labels", folder / "model", by_depth.DepthLearner(folder / "start.safetensors"), silent
+        )
+    except ClaimedError:
+        os._exit(REFUSED)
+    except BaseException:
+        traceback.print_exc()
+        os._exit(1)
+    os._exit(0)
 
 
 def work(folder: Path, said: int, seed: int) -> None:
-    """Learn, take back and paint for ever; one byte to ``said`` after each stroke."""
-    rng = np.random.default_rng(seed)
-    learnt = [LabelSet.open(folder / name) for name in ("first", "second")]
+    """Paint, learn, take over and take back for ever; tells of each, and of the learnings' numbers."""
+    rng, child = np.random.default_rng(seed), 0
     with Correction.open(folder / "labels", "ann") as correction:
         while True:
-            what = int(rng.integers(4))
-            if what == 0:
-                take_back(correction)
-            elif what < 3:
-                relabel(correction, learnt[what - 1])
+            if not child:
+                child = learning(folder, int(rng.integers(1000)))
+                os.write(said, f"[{child}]".encode())
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended:
+                child = 0
+                killed_or_refused = os.WIFSIGNALED(status) or os.WEXITSTATUS(status) == REFUSED
+                if status and not killed_or_refused:
+                    os.write(said, b"!")
+                if not status and (folder / "model" / learn.LABELS).exists():
+                    relabel(correction, LabelSet.open(folder / "model" / learn.LABELS))
+                    os.write(said, b"r")
+            if rng.integers(40) == 0 and take_back(correction):
+                os.write(said, b"b")
             editor = correction.edit(WORKED[int(rng.integers(2))])
-            start = SHAPE[1] * 30 + 40 + 5 * int(rng.integers(900))
-            if editor.paint(start + np.arange(4), int(rng.integers(1, 12))):
+            pixel = SIDE * 12 + int(rng.integers(SIDE * 20))
+            if editor.paint(pixel + np.arange(4), int(rng.integers(1, 12))):
                 os.write(said, b".")
+            time.sleep(0.02)
+
+
+def killed(folder: Path, seed: int, delay_s: float, victim: str) -> bytes:
+    """What a work said until it, its learning, or both were killed."""
+    heard, said = os.pipe()
+    child = os.fork()
+    if not child:
+        os.close(heard)
+        work(folder, said, seed)
+    os.close(said)
+    told = os.read(heard, 64)
+    time.sleep(delay_s)
+    os.set_blocking(heard, False)
+    with suppress(BlockingIOError):
+        told += os.read(heard, 1 << 16)
+    numbers = [int(part.partition(b"]")[0]) for part in told.split(b"[")[1:]]
+    if victim != "work" and numbers:
+        with suppress(ProcessLookupError):
+            os.kill(numbers[-1], signal.SIGKILL)
+    if victim == "learning":
+        time.sleep(delay_s / 2)
+    os.kill(child, signal.SIGKILL)
+    _, status = os.waitpid(child, 0)
+    assert os.WIFSIGNALED(status), f"the work ended by itself, with status {status}"
+    os.set_blocking(heard, True)
+    with os.fdopen(heard, "rb") as file:
+        return told + file.read()
 
 
 def check(folder: Path, said: int) -> str:
-    """Reopen; the labels that all free frames have. Raises AssertionError on any loss."""
+    """Reopen; the step that all free frames are of. Raises AssertionError on any loss."""
     with Correction.open(folder / "labels", "ann") as correction:
-        found = {int(correction.frame(i).parts[50, 60]) for i in FREE}
-        assert len(found) == 1, f"half a step: {found}"
-        there = sum(s.changes for i in WORKED for s in correction.journal.strokes(i))
+        entries = {i: correction.journal.strokes(i) for i in FREE}
+        steps = {step_of(strokes) for strokes in entries.values()}
+        assert len(steps) == 1, f"half a step: {steps}"
+        for frame_id, strokes in entries.items():
+            original = correction.labels.read(frame_id, original=correction.labels.has_original(frame_id))
+            np.testing.assert_array_equal(correction.frame(frame_id).parts, after(original, strokes).parts)
+        there = sum(
+            s.operation == "paint" and bool(s.changes) for i in WORKED for s in correction.journal.strokes(i)
+        )
         assert said <= there, f"{said} strokes were done, {there} are there"
         assert validate(correction.labels) == []
     assert not list(folder.glob("labels/**/.*.partial"))
-    return next(name for name, part in PARTS.items() if part in found)
-
-
-def free_images(folder: Path) -> dict[str, bytes]:
-    """Images of the frames that nobody works on, by name."""
-    files = sorted(folder.glob("labels/frames/*.png"))
-    return {file.name: file.read_bytes() for file in files if file.name[:6] in FREE}
+    return steps.pop() or ""
 
 
 def main() -> None:
@@ -81,27 +159,36 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
+    torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         create(folder)
-        first = free_images(folder)
-        rng, said, seen = np.random.default_rng(given.seed), 0, []
+        first = {f.name: f.read_bytes() for f in (folder / "labels/frames").iterdir() if f.name[:6] in FREE}
+        rng, done, seen, victims = np.random.default_rng(given.seed), Counter[str](), [], Counter[str]()
         for i in range(given.kills):
-            said += kill_once(
-                partial(work, folder, seed=given.seed + i), rng.uniform(0.0, 0.4), at_once=i % 5 == 0
+            victim = VICTIMS[int(rng.integers(len(VICTIMS)))]
+            told = killed(folder, given.seed + i, rng.uniform(0.0, 1.5), victim)
+            done.update(
+                {
+                    name: told.count(byte)
+                    for name, byte in (("strokes", b"."), ("taken", b"r"), ("back", b"b"))
+                }
             )
-            seen.append(check(folder, said))
+            victims[victim] += 1
+            assert b"!" not in told, "a learning failed"
+            seen.append(check(folder, done["strokes"]))
         with Correction.open(folder / "labels", "ann") as correction:
             while take_back(correction):
                 pass
-            for frame_id in WORKED:
+            for frame_id in DONE:
                 while correction.edit(frame_id).undo():
                     pass
                 begun = correction.begun(frame_id).parts
                 np.testing.assert_array_equal(correction.frame(frame_id).parts, begun)
-        assert free_images(folder) == first
+        assert {n: (folder / "labels/frames" / n).read_bytes() for n in first} == first
     turns = sum(a != b for a, b in pairwise(seen))
-    print(f"{given.kills} kills, {turns} with other labels than the one before; {said} strokes, none lost")
+    print(f"{given.kills} kills ({dict(victims)}), {turns} with labels of another step than the one before;")
+    print(f"{done['strokes']} strokes, none lost; learnt {done['taken']} times, {done['back']} taken back")
 
 
 if __name__ == "__main__":
