@@ -50,6 +50,26 @@ def test_nothing_that_is_done_to_a_sample_moves_it_from_its_truth(seed):
     assert np.array_equal(planes[DEPTH][there], MIDDLE[target[there]])
 
 
+def test_a_part_of_a_few_pixels_is_in_its_share_of_the_squares():
+    """A foot below a blanket, far from the rest; of squares about the subject none shows it."""
+    rng = np.random.default_rng(0)
+    planes, target = example(rng, 320, 320)[:2]
+    planes[0], target[:] = VALID, 0
+    planes[0, :120, :120] |= SUBJECT
+    target[20:100, 20:100], target[300:303, 300:303] = 2, 10
+    frame = Example(planes, target, np.array([100.0, 1.2]))
+    shares = [
+        np.mean(
+            [
+                np.isin(drawn(frame, 0.012, 48, rng, by_part=by_part).target, (10, 11)).any()
+                for _ in range(200)
+            ]
+        )
+        for by_part in (True, False)
+    ]
+    assert 0.4 < shares[0] < 0.6 and shares[1] == 0
+
+
 @given(SEEDS)
 def test_a_mirrored_sample_has_left_and_right_exchanged(seed):
     rng = np.random.default_rng(seed)

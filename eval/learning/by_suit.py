@@ -64,7 +64,9 @@ class SuitLearner:
         known = [self._examples[one.first.frame_id] for one in taught if one.first.frame_id in self._examples]
         if not known:
             raise CloudError(f"no accepted frame of {self._labels.path} shows a suit that can be read")
-        stage = Stage(SAMPLE_M, SIDE, MORE_STEPS if more else STEPS, RATE, AVERAGED, statistics=False)
+        # By part: feet below a blanket are few pixels, far from the rest, and what most is wrong with.
+        steps = MORE_STEPS if more else STEPS
+        stage = Stage(SAMPLE_M, SIDE, steps, RATE, AVERAGED, statistics=False, by_part=True)
         checkpoint = run / self._digest(taught) / f"{'all' if more else 'some'}.safetensors"
         checkpoint.parent.mkdir(parents=True, exist_ok=True)
         with progress("learn, steps", stage.steps) as advance:

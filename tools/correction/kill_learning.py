@@ -3,15 +3,16 @@
 python -m tools.correction.kill_learning [--kills N]
 
 As the window does, a process works on frames and has another one learn beside it, for real, a small network
-from the frames accepted so far; when that has ended well, it takes over the new labels, and now and then takes
-them back. At random moments both are killed with -9, or the learning alone, or the work alone, whose learning
-then lives on. Each time every frame that nobody worked on must have its labels of one and the same step, every
-stroke that was said to be done must be there, and no file may be broken. At the end all steps and strokes are
-taken back: then all is as at first, to the byte.
+from the frames accepted so far; when that has ended well, it takes over the new labels, and now and then
+takes them back. At random moments both are killed with -9, or the learning alone, or the work alone, whose
+learning then lives on. Each time every frame that nobody worked on must have its labels of one and the same
+step, every stroke that was said to be done must be there, and no file may be broken. At the end all steps and
+strokes are taken back: then all is as at first, to the byte.
 """
 
 import argparse
 import os
+import re
 import signal
 import tempfile
 import time
@@ -39,6 +40,8 @@ from tests.test_eval_learning import DONE, IDS, SIDE, truth, written
 WORKED, FREE = DONE[:2], IDS[len(DONE) :]
 REFUSED = 2
 """Status of a learning while another one, of a work that was killed, still goes on."""
+AMID = 0.4
+"""Share of the kills just after the work has begun to take over what was learnt."""
 VICTIMS = ("both", "both", "learning", "work")
 
 
@@ -96,6 +99,8 @@ def work(folder: Path, said: int, seed: int) -> None:
                 killed_or_refused = os.WIFSIGNALED(status) or os.WEXITSTATUS(status) == REFUSED
                 if status and not killed_or_refused:
                     os.write(said, b"!")
+                if not status:
+                    os.write(said, b"t")
                 if not status and (folder / "model" / learn.LABELS).exists():
                     relabel(correction, LabelSet.open(folder / "model" / learn.LABELS))
                     os.write(said, b"r")
@@ -108,31 +113,36 @@ def work(folder: Path, said: int, seed: int) -> None:
             time.sleep(0.02)
 
 
-def killed(folder: Path, seed: int, delay_s: float, victim: str) -> bytes:
-    """What a work said until it, its learning, or both were killed."""
+def killed(folder: Path, seed: int, victim: str) -> bytes:
+    """What a work said until it, its learning, or both were killed: some time after a stroke, or amid taking
+    over what was learnt."""
+    rng, told = np.random.default_rng(seed), b""
     heard, said = os.pipe()
     child = os.fork()
     if not child:
         os.close(heard)
         work(folder, said, seed)
     os.close(said)
-    told = os.read(heard, 64)
-    time.sleep(delay_s)
-    os.set_blocking(heard, False)
-    with suppress(BlockingIOError):
-        told += os.read(heard, 1 << 16)
-    numbers = [int(part.partition(b"]")[0]) for part in told.split(b"[")[1:]]
-    if victim != "work" and numbers:
-        with suppress(ProcessLookupError):
-            os.kill(numbers[-1], signal.SIGKILL)
+    wanted = b"t" if rng.random() < AMID else b"."
+    while wanted not in told:
+        told += os.read(heard, 1 << 10)
+    time.sleep(rng.uniform(0.0, 0.1))
+    if victim != "work":
+        kill_learning(told)
     if victim == "learning":
-        time.sleep(delay_s / 2)
+        time.sleep(rng.uniform(0.0, 0.3))
     os.kill(child, signal.SIGKILL)
     _, status = os.waitpid(child, 0)
     assert os.WIFSIGNALED(status), f"the work ended by itself, with status {status}"
-    os.set_blocking(heard, True)
     with os.fdopen(heard, "rb") as file:
         return told + file.read()
+
+
+def kill_learning(told: bytes) -> None:
+    """Kill the last learning that was told of, if it still goes on."""
+    if numbers := re.findall(rb"\[(\d+)\]", told):
+        with suppress(ProcessLookupError):
+            os.kill(int(numbers[-1]), signal.SIGKILL)
 
 
 def check(folder: Path, said: int) -> str:
@@ -167,7 +177,7 @@ def main() -> None:
         rng, done, seen, victims = np.random.default_rng(given.seed), Counter[str](), [], Counter[str]()
         for i in range(given.kills):
             victim = VICTIMS[int(rng.integers(len(VICTIMS)))]
-            told = killed(folder, given.seed + i, rng.uniform(0.0, 1.5), victim)
+            told = killed(folder, given.seed + i, victim)
             done.update(
                 {
                     name: told.count(byte)
@@ -177,6 +187,7 @@ def main() -> None:
             victims[victim] += 1
             assert b"!" not in told, "a learning failed"
             seen.append(check(folder, done["strokes"]))
+        kill_learning(told)
         with Correction.open(folder / "labels", "ann") as correction:
             while take_back(correction):
                 pass

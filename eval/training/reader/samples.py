@@ -25,6 +25,8 @@ ZOOM, TURNED, TURN_RAD, WIDER, SHIFT = 0.25, 0.6, 0.14, 0.06, 6.0
 """Largest log factor of the scale, as people and cameras differ; share of the samples that are turned and the
 angle's deviation, as cameras hang askew; deviation of a log factor of the width, as people are thinner or
 stouter; largest shift in samples, so that nothing depends on the grid. Chosen by eye."""
+BESIDE = 0.3
+"""Largest distance of a square's middle from the part it is about, in sides. Chosen by eye."""
 
 
 class Sample(NamedTuple):
@@ -34,10 +36,15 @@ class Sample(NamedTuple):
     target: UInt8
 
 
-def drawn(example: Example, sample_m: float, side: int, rng: np.random.Generator) -> Sample:
+def drawn(
+    example: Example, sample_m: float, side: int, rng: np.random.Generator, *, by_part: bool = False
+) -> Sample:
     """A square of ``side`` samples about ``sample_m`` apart, turned, scaled, spoilt, in half of the draws
-    mirrored. Where nothing is measured, nothing is known."""
-    rows, columns = _places(example, sample_m, side, rng)
+    mirrored. Where nothing is measured, nothing is known.
+
+    by_part: whether each part that there is lies about its middle as often; else the subject does.
+    """
+    rows, columns = _places(example, sample_m, side, by_part, rng)
     sample = taken(example, rows, columns)
     spoil(sample.planes, rng)
     if rng.random() < 0.5:
@@ -76,17 +83,23 @@ def taken(example: Example, rows: Index, columns: Index) -> Sample:
     return Sample(planes, example.target.ravel()[flat] * inside)
 
 
-def _places(example: Example, sample_m: float, side: int, rng: np.random.Generator) -> tuple[Index, Index]:
+def _places(
+    example: Example, sample_m: float, side: int, by_part: bool, rng: np.random.Generator
+) -> tuple[Index, Index]:
     """Rows and columns (side, side) of the pixels to take: about the middle, or towards some place on the
-    subject where the square is smaller than what is around them."""
+    subject or near one of a part, where the square is smaller than what is around them."""
     height, width = example.target.shape
     step = max(sample_m / example.pixel_m * np.exp(rng.uniform(-ZOOM, ZOOM)), 0.9)
     turn = rng.normal(0, TURN_RAD) if rng.random() < TURNED else 0.0
     wide = np.exp(rng.normal(0, WIDER))
     middle = np.array([height, width]) / 2
     if max(height, width) > side * step:
+        parts = np.intersect1d(example.target, [part.id for part in BODY_PARTS])
         own = np.argwhere(example.planes[FLAGS, ::8, ::8] & SUBJECT)
-        if len(own):
+        if by_part and len(parts):
+            own = np.argwhere(example.target == parts[rng.integers(len(parts))])
+            middle = own[rng.integers(len(own))] + rng.uniform(-BESIDE, BESIDE, 2) * side * step
+        elif len(own):
             middle = 0.5 * middle + 4 * own[rng.integers(len(own))]
     middle = middle + rng.uniform(-SHIFT, SHIFT, 2) * step
     along = (np.arange(side) - side / 2) * step

@@ -38,7 +38,7 @@ class Stage:
 
     sample_m: metres between two samples. side: samples along a drawn image's side, a multiple of 16.
     averaged: decay of the weights' moving average, whose network goes on with the next stage. statistics:
-    whether normalisation learns those of the batches, or keeps its own.
+    whether normalisation learns those of the batches, or keeps its own. by_part: as of ``drawn``.
     """
 
     sample_m: float
@@ -47,6 +47,7 @@ class Stage:
     peak_rate: float
     averaged: float
     statistics: bool = True
+    by_part: bool = False
 
 
 Watch = Callable[[int, float], None]
@@ -90,7 +91,8 @@ def _batch(stock: Stock | Sequence[Example], stage: Stage, seed: int, step: int)
     """Inputs (B, 38, s, s) and targets (B, s, s) of a step."""
     rng = np.random.default_rng((seed, step))
     samples = [
-        drawn(stock[int(rng.integers(len(stock)))], stage.sample_m, stage.side, rng) for _ in range(BATCH)
+        drawn(stock[int(rng.integers(len(stock)))], stage.sample_m, stage.side, rng, by_part=stage.by_part)
+        for _ in range(BATCH)
     ]
     inputs = torch.from_numpy(np.stack([network_input(sample.planes) for sample in samples]))
     targets = torch.from_numpy(np.stack([sample.target for sample in samples])).long()
