@@ -40,8 +40,10 @@ from tests.test_eval_learning import DONE, IDS, SIDE, truth, written
 WORKED, FREE = DONE[:2], IDS[len(DONE) :]
 REFUSED = 2
 """Status of a learning while another one, of a work that was killed, still goes on."""
-AMID = 0.4
+AMID = 0.2
 """Share of the kills just after the work has begun to take over what was learnt."""
+STROKE_S = 0.1
+"""Seconds between two strokes, so that the learning gets its share of the processor."""
 VICTIMS = ("both", "both", "learning", "work")
 
 
@@ -56,7 +58,8 @@ def create(folder: Path) -> None:
     by_depth.MORE_STEPS, by_depth.CHECKPOINT_S = 1, 0.0
     # What is learnt in a few steps is taken over whether it is better or not.
     learn.Learnt.better = True
-    by_depth.RECIPE = ModernRecipe(4, 3e-2, averaged=0.0, coarse=0.0)
+    by_depth.BATCH = 2
+    by_depth.RECIPE = ModernRecipe(by_depth.BATCH, 3e-2, averaged=0.0, coarse=0.0)
     config = CompactConfig((4, 6, 8), 1)
     save_weights(folder / "start.safetensors", build(config), config)
 
@@ -72,7 +75,7 @@ def learning(folder: Path, seed: int) -> int:
         return child
     # A program of its own would not hold what the work has open: its claim above all.
     os.closerange(3, 1 << 10)
-    by_depth.STEPS = 2 + seed % 4
+    by_depth.STEPS = 1 + seed % 3
     try:
         learn.learn(
             folder / "labels", folder / "model", by_depth.DepthLearner(folder / "start.safetensors"), silent
@@ -110,7 +113,7 @@ def work(folder: Path, said: int, seed: int) -> None:
             pixel = SIDE * 12 + int(rng.integers(SIDE * 20))
             if editor.paint(pixel + np.arange(4), int(rng.integers(1, 12))):
                 os.write(said, b".")
-            time.sleep(0.02)
+            time.sleep(STROKE_S)
 
 
 def killed(folder: Path, seed: int, victim: str) -> bytes:
