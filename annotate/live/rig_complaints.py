@@ -67,10 +67,8 @@ def _of_stream(stream: str, state: StreamHealth, health: Health) -> Iterator[Com
         remedy = "close other programs, and give the camera a USB port of its own"
         if state.overrun > state.lost / 2:
             remedy = TOO_SLOW[health.recording is not None]
-        yield Complaint(
-            "drops",
-            f"{name}: {state.lost} of {state.recent + state.lost} images lost in the last five seconds; {remedy}",
-        )
+        share = f"{state.lost} of {state.recent + state.lost} images"
+        yield Complaint("drops", f"{name}: {share} lost in the last five seconds; {remedy}")
     elif 0 < state.rate_hz < SLOW_SHARE * nominal_hz and health.running_s > SETTLING_S:
         remedy = REMEDIES.get(stream, REMEDIES[""])
         yield Complaint("drops", f"{name}: {state.rate_hz:.0f} of {nominal_hz:.0f} images a second; {remedy}")

@@ -105,9 +105,10 @@ class Watch:
             silent_s = self.running_s(now_ns) if self._start_ns else math.inf
         else:
             silent_s = max(0.0, (now_ns - last_ns) * 1e-9)
-        rate = (len(recent) - 1) / span_s if span_s > 0 else 0.0
+        rate_hz = (len(recent) - 1) / span_s if span_s > 0 else 0.0
         lost, overrun = (sum(row[i] for row in recent) for i in (1, 2))
-        return StreamHealth(self._rates_hz[stream], rate, len(recent), lost, silent_s, count, dropped, overrun)
+        nominal_hz = self._rates_hz[stream]
+        return StreamHealth(nominal_hz, rate_hz, len(recent), lost, silent_s, count, dropped, overrun)
 
     def running_s(self, now_ns: int) -> float:
         """Seconds since the first reading."""

@@ -63,8 +63,9 @@ class StreamState:
 class Arrived:
     """A reading and the address that it came from. stamp_ns, arrival_ns: since 1970, device's and host's.
 
-    lost: how many of its stream were lost before it; overrun: how many of these had come, but the queue was
-    full. usable: False while the flag is closed. restarted: whether it is the first after its device was away.
+    lost: how many of its stream were lost before it; overrun: how many of these came while the queue was
+    full. usable: False while the flag is closed. restarted: whether it is the first after its device was
+    away.
     """
 
     address: str
