@@ -21,7 +21,7 @@ BONES_PER_VERTEX = 4
 DENSITY_KG_M3 = 980.0
 """Mean density of a body, as anny's Anthropometry takes it."""
 MAX_BYTES = 50_000_000
-"""Of a body unpacked: a shipped one has 0.8 MB."""
+"""Of a body unpacked, or the crowd: a shipped one has 0.8 MB, the crowd 3 MB."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float32
 from sensors.files.npz import load_arrays
-from synth.body.body import Body, shipped_bodies
+from synth.body.body import MAX_BYTES, Body, shipped_bodies
 from synth.shipped import shipped
 
 STEP_M = 1e-4
 """Vertices of the crowd are stored in steps of 0.1 mm: far below what a depth camera sees."""
-MAX_BYTES = 50_000_000
-"""Of a shipped file unpacked: the crowd's has 3 MB."""
 BASE_VERTICES = 19_158
 """Vertices of MakeHuman's base mesh hm08, helpers included."""
 
