@@ -32,6 +32,86 @@ print(json.dumps(found))
 """Runs commands one after another in one process; after each: exit code, what it said, the modules so far."""
 
 
+REFUSALS = """
+info AT/nowhere
+info AT/notes.txt
+validate AT/nowhere
+label AT/nowhere --out AT/out
+label SESSION --suit AT/notes.txt --out AT/out
+label SESSION --weights AT/nowhere --out AT/out
+label SESSION --out AT/filled
+label SESSION --out AT/filled --overwrite
+predict AT/nowhere --out AT/out
+predict SESSION --weights AT/nowhere --out AT/out
+predict SESSION --out AT/filled
+diff AT/nowhere LABELS
+evaluate AT/nowhere LABELS
+fix AT/nowhere
+fix LABELS --session AT/notes.txt
+fix LABELS --compare AT/nowhere
+train AT/nowhere --out AT/out
+train LABELS --out AT/filled
+train LABELS --out AT/out --init AT/nowhere
+train LABELS --out AT/out --init shipped --network compact
+train LABELS --out AT/out --test LABELS --hold-out anna
+train-labels SESSION --out AT/out
+train-labels SESSION SESSION --out AT/out --truth AT/nowhere
+train-labels SESSION SESSION --out AT/out --truth LABELS --truth AT/notes.txt
+train-labels SESSION SESSION --out AT/out --suit AT/nowhere
+train-labels SESSION SESSION --out AT/filled
+learn AT/nowhere --out AT/out
+learn LABELS --out AT/out --weights AT/nowhere
+learn LABELS --out AT/filled
+suit learn AT/notes.txt --session SESSION --out AT/out
+suit learn LABELS --session AT/notes.txt --out AT/out
+export AT/nowhere AT/out --format coco
+export LABELS AT/out --format unheard-of
+export LABELS AT/taken.mcap --format foxglove
+import AT/nowhere AT/out
+import AT/notes.txt AT/out.mcap
+repair AT/nowhere
+record AT/out
+record AT/out --device toaster
+record AT/out --device virtual:toaster
+record AT/out --device virtual:kinect2?crumbs=1
+record AT/taken.mcap --device virtual:kinect2
+record AT/out --preview --device toaster
+simulate AT/out --rig none
+simulate AT/out --scene moon
+simulate AT/out --difficulty easy
+simulate AT/out --suit AT/nowhere
+simulate AT/out --frames 2 --subjects 3
+simulate AT/notes.txt
+synth generate --out AT/out
+synth generate --out AT/out --preset unheard-of
+synth generate --out AT/out --motion AT/nowhere
+synth generate --out AT/out --preset people --motion AT/nowhere
+synth generate --out AT/out --preset people --garments AT/nowhere
+synth generate --out AT/out --preset people --beside AT/notes.txt
+synth generate --out AT/filled --preset people
+synth film AT/nowhere AT/out
+synth film AT/notes.txt AT/out
+synth film AT/notes.txt AT/taken.mcap
+synth film AT/notes.txt AT/out --difficulty easy
+synth page AT/nowhere
+synth page LABELS
+solve AT/nowhere --out AT/out
+calibrate AT/nowhere --out AT/out
+calibrate SESSION --out AT/out
+calibrate AT/out --live --device toaster --out AT/out
+compare AT/nowhere AT/nowhere
+report AT/nowhere --out AT/out
+live AT/nowhere
+live AT/notes.txt
+live --device toaster
+live --device virtual:kinect2 --suit AT/nowhere
+live --device virtual:kinect2 --record AT/taken.mcap
+live SESSION --record AT/out
+demo --out AT/notes.txt
+"""
+"""Commands whose files or names are missing, of another kind, taken or unknown, or whose numbers are none."""
+
+
 def started(*commands: list[object]) -> list[tuple[int, str, set[str]]]:
     text = json.dumps([[str(word) for word in command] for command in commands])
     python = [sys.executable, "-c", STARTED]
@@ -39,94 +119,16 @@ def started(*commands: list[object]) -> list[tuple[int, str, set[str]]]:
     return [(code, said, set(modules)) for code, said, modules in json.loads(done.stdout)]
 
 
-def refusals(session, labels, tmp_path) -> list[list[object]]:
-    """What each verb refuses: what is missing, of another kind, taken, unknown by name, or no such number."""
-    nowhere, out, text = tmp_path / "nowhere", tmp_path / "out", tmp_path / "notes.txt"
-    taken, filled = tmp_path / "taken.mcap", tmp_path / "filled"
-    text.write_text("no recording")
-    taken.write_text("a session")
-    filled.mkdir()
-    (filled / "something").write_text("else")
-    generate = ["synth", "generate", "--out", out]
-    people = [*generate, "--preset", "people"]
-    two = ["train-labels", session, session]
-    return [
-        ["info", nowhere],
-        ["info", text],
-        ["validate", nowhere],
-        ["label", nowhere, "--out", out],
-        ["label", session, "--suit", text, "--out", out],
-        ["label", session, "--weights", nowhere, "--out", out],
-        ["label", session, "--out", filled],
-        ["label", session, "--out", filled, "--overwrite"],
-        ["predict", nowhere, "--out", out],
-        ["predict", session, "--weights", nowhere, "--out", out],
-        ["predict", session, "--out", filled],
-        ["diff", nowhere, labels],
-        ["evaluate", nowhere, labels],
-        ["fix", nowhere],
-        ["fix", labels, "--session", text],
-        ["fix", labels, "--compare", nowhere],
-        ["train", nowhere, "--out", out],
-        ["train", labels, "--out", filled],
-        ["train", labels, "--out", out, "--init", nowhere],
-        ["train", labels, "--out", out, "--init", "shipped", "--network", "compact"],
-        ["train", labels, "--out", out, "--test", labels, "--hold-out", "anna"],
-        [*two[:2], "--out", out],
-        [*two, "--out", out, "--truth", nowhere],
-        [*two, "--out", out, "--truth", labels, "--truth", text],
-        [*two, "--out", out, "--suit", nowhere],
-        [*two, "--out", filled],
-        ["learn", nowhere, "--out", out],
-        ["learn", labels, "--out", out, "--weights", nowhere],
-        ["learn", labels, "--out", filled],
-        ["suit", "learn", text, "--session", session, "--out", out],
-        ["suit", "learn", labels, "--session", text, "--out", out],
-        ["export", nowhere, out, "--format", "coco"],
-        ["export", labels, out, "--format", "unheard-of"],
-        ["export", labels, taken, "--format", "foxglove"],
-        ["import", nowhere, out],
-        ["import", text, tmp_path / "out.mcap"],
-        ["repair", nowhere],
-        ["record", out],
-        ["record", out, "--device", "toaster"],
-        ["record", out, "--device", "virtual:toaster"],
-        ["record", out, "--device", "virtual:kinect2?crumbs=1"],
-        ["record", taken, "--device", "virtual:kinect2"],
-        ["record", out, "--preview", "--device", "toaster"],
-        ["simulate", out, "--rig", "none"],
-        ["simulate", out, "--scene", "moon"],
-        ["simulate", out, "--difficulty", "easy"],
-        ["simulate", out, "--suit", nowhere],
-        ["simulate", out, "--frames", "2", "--subjects", "3"],
-        ["simulate", text],
-        generate,
-        [*generate, "--preset", "unheard-of"],
-        [*generate, "--motion", nowhere],
-        [*people, "--motion", nowhere],
-        [*people, "--garments", nowhere],
-        [*people, "--beside", text],
-        ["synth", "generate", "--out", filled, "--preset", "people"],
-        ["synth", "film", nowhere, out],
-        ["synth", "film", text, out],
-        ["synth", "film", text, taken],
-        ["synth", "film", text, out, "--difficulty", "easy"],
-        ["synth", "page", nowhere],
-        ["synth", "page", labels],
-        ["solve", nowhere, "--out", out],
-        ["calibrate", nowhere, "--out", out],
-        ["calibrate", session, "--out", out],
-        ["calibrate", out, "--live", "--device", "toaster", "--out", out],
-        ["compare", nowhere, nowhere],
-        ["report", nowhere, "--out", out],
-        ["live", nowhere],
-        ["live", text],
-        ["live", "--device", "toaster"],
-        ["live", "--device", "virtual:kinect2", "--suit", nowhere],
-        ["live", "--device", "virtual:kinect2", "--record", taken],
-        ["live", session, "--record", out],
-        ["demo", "--out", text],
-    ]
+def refusals(session, labels, tmp_path) -> list[list[str]]:
+    """The words of each of REFUSALS: with a recording, its labels, and a folder of what is there already."""
+    (tmp_path / "notes.txt").write_text("no recording")
+    (tmp_path / "taken.mcap").write_text("a session")
+    (tmp_path / "filled").mkdir()
+    (tmp_path / "filled" / "something").write_text("else")
+    text = (
+        REFUSALS.replace("AT", str(tmp_path)).replace("SESSION", str(session)).replace("LABELS", str(labels))
+    )
+    return [line.split() for line in text.strip().splitlines()]
 
 
 def test_help_imports_no_numbers_and_info_and_refusals_no_compiler(rig_session, rig_labels, tmp_path):

@@ -16,7 +16,7 @@ from synth.clothes.skin_map import LEGS, skin_map
 from synth.clothes.skirt import HangingSkirt
 from synth.clothes.tube import slack_m
 from synth.shipped import table
-from tools.measure.clothes import EDGE_M, covered, misplaced, poking
+from tools.measure.people.clothes import EDGE_M, covered, misplaced, poking
 
 BARE = Hair(dark=0, lift_mm=0, fall=1.4)
 TROUSERS = Trousers(dark=0, waist=0.2, hem=1.9, seat_mm=10, hem_mm=40, give=0, folds_mm=0)

@@ -14,7 +14,7 @@ from synth.pose.postures import height_to_rest, lift_needed
 from synth.pose.settle import RULES, Pull, settle, sink, stations_m
 from synth.surface.furniture import FLOOR, Solid, Surface
 from tests.helpers.penetration import furniture_penetration_m, penetrations_m, self_penetration_m
-from tools.measure.penetration import FAMILIES, blended_body
+from tools.measure.people.penetration import FAMILIES, blended_body
 
 BODY = shipped_bodies()[4]
 

@@ -30,7 +30,7 @@ from synth.markers.person_fit import Template, posture_prior, zero_bones
 from synth.markers.posture_fit import Observed, fit_posture
 from synth.markers.solve import bridge, solve
 from tests.helpers.marker_truth import joint_errors_deg, plug_in_gait, synthesise
-from tools.measure.lab_angles import LEG, PlugInGait, columns, errors_deg
+from tools.measure.people.lab_angles import LEG, PlugInGait, columns, errors_deg
 
 
 def random_posture(seed: int) -> Posture:

@@ -1,4 +1,4 @@
-"""Contact sheets of dressed people: ``python -m tools.measure.clothes_sheets FOLDER [PEOPLE] [SEED]``.
+"""Contact sheets of dressed people: ``python -m tools.measure.people.clothes_sheets FOLDER [PEOPLE] [SEED]``.
 
 Writes ``sheet_N.png``, six people each: a row a person, who stands, strides, crouches, sits and lies, seen
 from the front, the side and behind; shaded depth above, parts below.

@@ -1,4 +1,4 @@
-"""Motions on bodies: ``python -m tools.measure.motion LIBRARY OUT.jsonl [EVERY]``; run again to go on.
+"""Motions on bodies: ``python -m tools.measure.people.motion LIBRARY OUT.jsonl [EVERY]``; run again to go on.
 
 LIBRARY is a motion, or a folder of them; every EVERY-th (10th) frame drives three bodies: small and heavy,
 tall and thin, and of the paper. One line of OUT a motion and body: how far feet that stand in the motion are

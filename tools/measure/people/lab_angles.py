@@ -1,4 +1,4 @@
-"""Measure joint angles beside a laboratory's: ``python -m tools.measure.lab_angles TRIAL.c3d STATIC.c3d``.
+"""Joint angles beside a laboratory's: ``python -m tools.measure.people.lab_angles TRIAL.c3d STATIC.c3d``.
 
 TRIAL holds the segments and angles that Plug-in-Gait computed. Prints degrees RMS after a constant offset,
 flexion at hip, knee and ankle: of the solved angles as they are, and of the angles by Plug-in-Gait's own

@@ -1,4 +1,4 @@
-"""Measure penetration over sampled poses: ``python -m tools.measure.penetration [POSES] [SEED]``.
+"""Measure penetration over sampled poses: ``python -m tools.measure.people.penetration [POSES] [SEED]``.
 
 Prints, in millimetres, the median and the 99th percentile of the deepest self-penetration and of the deepest
 penetration into furniture beyond its give, by family and over all, and what goes into what.

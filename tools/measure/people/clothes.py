@@ -1,8 +1,9 @@
-"""Measure dressed people: ``python -m tools.measure.clothes [PEOPLE] [SEED]``.
+"""Measure dressed people: ``python -m tools.measure.people.clothes [PEOPLE] [SEED]``.
 
-Over the postures and views of ``tools.measure.clothes_sheets`` prints, in percent of a person's pixels: skin
-that a skirt covers at rest and that is seen all the same, through it, or (which is no fault) past its edges,
-as by looking into a hem; cloth over the other side's limb; and the milliseconds of CPU to dress and drape.
+Over the postures and views of ``tools.measure.people.clothes_sheets`` prints, in percent of a person's
+pixels: skin that a skirt covers at rest and that is seen all the same, through it, or (which is no fault)
+past its edges, as by looking into a hem; cloth over the other side's limb; and the milliseconds of CPU to
+dress and drape.
 """
 
 import sys
@@ -18,7 +19,7 @@ from synth.clothes.dress import dress
 from synth.clothes.dressed import Dressed
 from synth.clothes.rings import LINED, NODES, RING_M
 from synth.clothes.skirt import HangingSkirt
-from tools.measure.clothes_sheets import VIEWS, posed, random_person, seen
+from tools.measure.people.clothes_sheets import VIEWS, posed, random_person, seen
 
 EDGE_M = LINED * RING_M
 """Skin nearer than this to a piece's edges may be seen past them."""

@@ -1,6 +1,6 @@
 """Whether a dataset's people are as varied as real ones: ranges of figures, side by side.
 
-    python -m tools.measure.people DATASET [FRAMES] [--page]
+    python -m tools.measure.people.variety DATASET [FRAMES] [--page]
 
 FRAMES: a folder that `import` understands, persons cut out, with ``joints.json``: by image the places of 20
 joints of a Kinect v1's tracker, ``uv`` in pixels and ``z_mm``. Default: ../shared/data/real_people/frames.
@@ -24,7 +24,7 @@ from synth.images.comparison import Range, profile, ranges
 from synth.images.dataset_page import write_page
 from synth.images.distributions import Distributions, figures_of, figures_of_labels
 
-REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real_people" / "frames"
+REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "real_people" / "frames"
 TRACKED = (
     *("head", "neck", "spine_middle", "pelvis"),
     *(f"{side}_{kind}" for side in ("left", "right") for kind in ("shoulder", "elbow", "wrist", "hand")),
