@@ -60,7 +60,7 @@ def label(
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Fuse the cameras, find the person by temperature, and read the body parts from the suit."""
+    """Fuse the cameras, find the person by warmth and shape, and read the body parts from the suit."""
     from annotate.labelset import store
     from annotate.suit.palette import load_suit
 

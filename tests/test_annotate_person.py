@@ -13,7 +13,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.person.extract import Survey
 from annotate.person.finder import Person
 from annotate.person.planes import find_planes
-from annotate.person.subject import suit_told, with_pieces
+from annotate.person.subject import cloths_shown, with_pieces
 from annotate.person.warmth import WINDOW_C
 from annotate.suit.palette import DEFAULT_SUIT
 from sensors.importers.pointcloud import CloudFile
@@ -250,7 +250,9 @@ def test_a_suit_tells_more_of_parts_than_clothes_and_noise_tells_nothing():
     }.items():
         rgb = np.zeros((*CAMERA.shape, 3), np.uint8)
         rgb[person] = np.repeat(colors, -(-person.sum() // len(colors)), axis=0)[: person.sum()]
-        told[name] = suit_told(DEFAULT_SUIT, replace(cloud, color_valid=cloud.valid, color_rgb=rgb), person)
+        told[name] = cloths_shown(
+            DEFAULT_SUIT, replace(cloud, color_valid=cloud.valid, color_rgb=rgb), person
+        )
     assert told["suit"] > 2 * told["clothes"] > 0 and told["suit"] > 3 * max(told["wall"], told["noise"])
 
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -210,6 +211,13 @@ def test_hostile_titles_stay_text_in_every_table(compared: Comparison) -> None:
     assert list(csv.reader(io.StringIO(tables.to_csv([view]))))[1][0].startswith("'=1+1")
     latex = tables.to_latex([view])
     assert r"\textbackslash{}input\{x\}\%\_\&" in latex and r"\input{x}" not in latex
+
+
+def test_the_same_results_give_the_same_bytes(material: Material, tmp_path: Path) -> None:
+    """And none of them is the time of day, which a test within one minute would not find."""
+    one, other = (write_report(tmp_path / name / "report.html", material) for name in ("one", "other"))
+    assert [path.read_bytes() for path in one] == [path.read_bytes() for path in other]
+    assert not re.search(r"\d\d:\d\d UTC", one[-1].read_text())
 
 
 def test_a_report_is_not_overwritten_unasked(compared: Comparison, tmp_path: Path) -> None:

@@ -25,12 +25,12 @@ def grown(mask: Bool, reach_px: float) -> Bool:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0, np.bool_)
 
 
-def components(mask: Bool, depth_m: Float32, jump: float = JUMP) -> tuple[Int32, int]:
+def components(mask: Bool, depth_m: Float32) -> tuple[Int32, int]:
     """Labels int32 (h, w) of a mask's connected components, cut at depth jumps, and their count.
 
     Labels count from 1; 0 is off the mask (bool (h, w)). depth_m: float32 (h, w), positive on the mask.
     """
-    return _components(mask, depth_m.astype(np.float32), np.float32(jump))
+    return _components(mask, depth_m.astype(np.float32), np.float32(JUMP))
 
 
 @njit(cache=True, nogil=True, forceinline=True)

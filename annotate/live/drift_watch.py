@@ -12,11 +12,11 @@ from sensors.rig.thermal_reference import ThermalReference
 EVERY_S = 0.2
 """Seconds between readings that are kept: two minutes of them. Chosen by eye."""
 AGAIN_S = 10.0
-"""Seconds after which it is told again what the pyrometer points at. Chosen by eye."""
+"""Seconds from one search for the pyrometer's spot in the image to the next. Chosen by eye."""
 
 
 class DriftWatch:
-    """Temperatures of moments, corrected once it can be told what the pyrometer points at."""
+    """Temperatures of moments, corrected once the pyrometer's spot in the image is known."""
 
     def __init__(self, calibration: RigCalibration) -> None:
         self._reference = ThermalReference(calibration.thermal.fx) if calibration.thermal else None

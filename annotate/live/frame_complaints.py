@@ -8,7 +8,7 @@ from annotate.array_types import Bool, Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.live.complaint import Complaint
 from annotate.parts import PARTS
-from annotate.person.subject import CUT_PX, EDGE_STRIP_PX
+from annotate.person.subject import cut_borders
 from annotate.suit.color_model import CLIPPED, DARK, ColorModel, blur
 from sensors.rig.camera import Intrinsics
 
@@ -31,7 +31,7 @@ def person_complaints(cloud: ThermalCloud, person: Bool) -> Iterator[Complaint]:
     if np.count_nonzero(person) < LEAST_PIXELS:
         return
     yield from _light(cloud, person)
-    if borders := _cut(person):
+    if borders := cut_borders(person):
         yield Complaint(
             "cut off",
             f"the person is cut off at the {' and the '.join(borders)} of the picture: "
@@ -106,15 +106,3 @@ def _light(cloud: ThermalCloud, person: Bool) -> Iterator[Complaint]:
         yield Complaint(
             "glare", f"{glare:.0%} of the person is over-exposed: use less light, or a shorter exposure"
         )
-
-
-def _cut(person: Bool) -> list[str]:
-    """Borders of the image that cut the person's mask (h, w)."""
-    first, last = slice(EDGE_STRIP_PX), slice(-EDGE_STRIP_PX, None)
-    strips = {
-        "left": person[:, first],
-        "right": person[:, last],
-        "top": person[first],
-        "bottom": person[last],
-    }
-    return [name for name, strip in strips.items() if np.count_nonzero(strip) >= CUT_PX]

@@ -5,21 +5,17 @@ from collections import deque
 import numpy as np
 
 from annotate.array_types import Bool, Float64
-from annotate.cloud.grid import grown
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.live.complaint import Complaint
 from annotate.live.frame_complaints import shift_complaint
 from annotate.person.alignment import (
     CONTRAST_GAIN,
     LEAST_CONTRAST,
-    LEAST_EDGES,
     OFF_PX,
-    SILHOUETTES_PX,
     TOLERABLE_DEG,
-    contrast_surface,
     peak_px,
+    warm_contrast,
 )
-from annotate.person.warmth import WINDOW_C, find_window
 
 EVERY_NS, FRAMES = 500_000_000, 8
 """Nanoseconds from one frame looked at to the next, and frames whose contrasts are added: four seconds, in
@@ -38,10 +34,8 @@ class ShiftWatch:
         """The complaint as of the last frame that was looked at. person: mask (h, w)."""
         if now_ns - self._looked_ns >= EVERY_NS and np.isfinite(cloud.temperature_c).any():
             self._looked_ns = now_ns
-            window = find_window(cloud, cloud.valid) or WINDOW_C
-            warm = cloud.valid & (cloud.temperature_c >= window[0]) & (cloud.temperature_c <= window[1])
-            surface, edges = contrast_surface(cloud, window, grown(warm, SILHOUETTES_PX))
-            if edges >= LEAST_EDGES:
+            surface = warm_contrast(cloud)
+            if surface is not None:
                 self._surfaces.append(surface)
             self._complaint = self._judged(cloud)
         return self._complaint

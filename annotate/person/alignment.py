@@ -121,6 +121,14 @@ def contrast_surface(cloud: ThermalCloud, window_c: tuple[float, float], around:
     return _contrasts(_warmth_image(cloud, window_c), inside, outside, shifts), len(inside)
 
 
+def warm_contrast(cloud: ThermalCloud) -> Float64 | None:
+    """Contrast (n, n) of every shift at the silhouettes of all that is warm; None where these are too few."""
+    low_c, high_c = window = find_window(cloud, cloud.valid) or WINDOW_C
+    warm = cloud.valid & (cloud.temperature_c >= low_c) & (cloud.temperature_c <= high_c)
+    surface, edges = contrast_surface(cloud, window, grown(warm, SILHOUETTES_PX))
+    return surface if edges >= LEAST_EDGES else None
+
+
 def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> ThermalDrift:
     """Drift over all frames that have temperatures.
 
@@ -131,11 +139,8 @@ def measure_drift(frames: Iterable[RigFrame], calibration: RigCalibration) -> Th
     for frame in frames:
         if frame.thermal_c is None or calibration.thermal is None:
             continue
-        cloud = fuser.fuse(frame.depth_mm, None, frame.thermal_c)
-        window = find_window(cloud, cloud.valid) or WINDOW_C
-        warm = cloud.valid & (cloud.temperature_c >= window[0]) & (cloud.temperature_c <= window[1])
-        surface, edges = contrast_surface(cloud, window, grown(warm, SILHOUETTES_PX))
-        if edges >= LEAST_EDGES:
+        surface = warm_contrast(fuser.fuse(frame.depth_mm, None, frame.thermal_c))
+        if surface is not None:
             surfaces.append(surface)
     if len(surfaces) < GROUPS:
         raise CalibrationError(

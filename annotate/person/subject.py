@@ -27,12 +27,12 @@ TOUCHING_PX = 2
 """Points between two pieces that touch. Chosen by eye."""
 TINY = 1e-12
 """Least share whose logarithm is taken: less of nothing is nothing."""
-COLORS_ASKED, LEAST_COLORS = 1000, 20
-"""Colours of a person that are asked for the suit, an even sample, and least number. Chosen by eye."""
+COMPARED_COLORS, LEAST_COLORS = 1000, 20
+"""Colours of a person that are compared with the suit's, an even sample, and least number. Chosen by eye."""
 
 
-def suit_told(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
-    """How surely a person (bool (h, w)) wears the suit: number of cloths that their colours tell, less one.
+def cloths_shown(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
+    """Number of the suit's cloths that a person's (bool (h, w)) colours show, less one; not whole.
 
     The exponential of the mutual information of colour and swatch, in the light that explains them best: many
     for a suit, few for clothes and for things, none for colours lost in noise, each of which fits everything.
@@ -42,7 +42,7 @@ def suit_told(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
     rgb = rgb[readable(rgb, cloud.color_valid[mask])]
     if len(rgb) < LEAST_COLORS:
         return 0.0
-    rgb = rgb[:: -(-len(rgb) // COLORS_ASKED)]
+    rgb = rgb[:: -(-len(rgb) // COMPARED_COLORS)]
     match = np.exp(fitted_to(suit, rgb).match(chromaticity(rgb), blur(rgb)))
     share = np.concatenate([match, np.full((1, len(rgb)), STRAY)])
     share /= share.sum(axis=0)
@@ -67,7 +67,7 @@ def subject_score(
         score *= 1 + BEFORE_GAIN * float((persons_before(before)[person.mask] == 1).mean())
     if suit is None or not cloud.color_valid.any():
         return score
-    return score * suit_told(suit, cloud, person.mask) ** 2
+    return score * cloths_shown(suit, cloud, person.mask) ** 2
 
 
 def with_pieces(
@@ -83,7 +83,7 @@ def with_pieces(
     for one in rest:
         person = one[1]
         touches = bool((grown(subject.mask, TOUCHING_PX) & person.mask).any())
-        if touches and suit_told(suit, cloud, person.mask) > suit_told(suit, cloud, subject.mask) / 2:
+        if touches and cloths_shown(suit, cloud, person.mask) > cloths_shown(suit, cloud, subject.mask) / 2:
             area_m2 = subject.area_m2 + person.area_m2
             middle_m = (subject.area_m2 * subject.centre_m + person.area_m2 * person.centre_m) / area_m2
             subject = Person(subject.mask | person.mask, area_m2, middle_m)
@@ -107,14 +107,19 @@ def crowd_warnings(scores: Sequence[float]) -> list[str]:
     ]
 
 
+def cut_borders(mask: Bool) -> list[str]:
+    """Borders of the image that cut a person's mask (h, w)."""
+    first, last = slice(EDGE_STRIP_PX), slice(-EDGE_STRIP_PX, None)
+    strips = {"left": mask[:, first], "right": mask[:, last], "top": mask[first], "bottom": mask[last]}
+    return [name for name, strip in strips.items() if np.count_nonzero(strip) >= CUT_PX]
+
+
 def cut_warnings(mask: Bool) -> list[str]:
     """A warning where three or four borders of the image cut the person's mask (h, w)."""
-    first, last = slice(EDGE_STRIP_PX), slice(-EDGE_STRIP_PX, None)
-    borders = {"left": mask[:, first], "right": mask[:, last], "top": mask[first], "bottom": mask[last]}
-    borders_cut = [name for name, border in borders.items() if border.sum() >= CUT_PX]
-    if len(borders_cut) < 3:
+    borders = cut_borders(mask)
+    if len(borders) < 3:
         return []
     return [
-        f"the person is larger than the depth camera's view (cut at {', '.join(borders_cut)}): "
+        f"the person is larger than the depth camera's view (cut at {', '.join(borders)}): "
         "move the camera back; parts are undefined"
     ]

@@ -26,6 +26,7 @@ from eval.training.reader.fit import Progress
 from sensors.files.atomic import write_bytes
 
 WEIGHTS, LABELS = "weights.onnx", "labels"
+"""What a learning leaves in its folder: the adapted network, and the set with its labels."""
 
 
 class Learner(Protocol):

@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -113,14 +113,14 @@ def free_outputs(path: Path, overwrite: bool) -> list[Path]:
 
 
 def render(material: Material) -> str:
-    """The page as a string."""
+    """The page as a string: no clock and no chance, the same material gives the same bytes."""
     numbers = _numbers(material)
     contents = {name: title for name, (title, _) in SECTIONS.items() if numbers.get(name, True)}
     script = "\n".join((TEMPLATES / "scripts" / f"{name}.js").read_text() for name in SCRIPTS)
     plotly = PLOTLY.read_text()
     return _PAGE.get_template("report.html.j2").render(
         title=TITLE,
-        written=datetime.now(UTC).strftime("%d %B %Y, %H:%M UTC"),
+        version=version("annotate-cloud"),
         policy=policy(plotly, script),
         plotly=Markup(plotly),
         script=Markup(script),

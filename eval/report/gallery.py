@@ -50,13 +50,13 @@ class GalleryFrame:
     part_iou: Mapping[int, float] = field(default_factory=dict)
 
 
-def pick_frames(comparison: Comparison, each: int = EACH, seed: int = 0) -> dict[str, list[str]]:
+def pick_frames(comparison: Comparison, each: int = EACH) -> dict[str, list[str]]:
     """Frame ids by group: the worst and best by mIoU, and random ones of the rest; `each` at most."""
     ranked = np.argsort(comparison.frame_miou, kind="stable")
     ranked = ranked[~np.isnan(comparison.frame_miou[ranked])]
     worst, best = ranked[:each], ranked[each:][::-1][:each]
     rest = ranked[each : max(len(ranked) - each, each)]
-    drawn = np.random.default_rng(seed).permutation(rest)[:each]
+    drawn = np.random.default_rng(0).permutation(rest)[:each]
     groups = {"Worst": worst, "Random": drawn, "Best": best}
     return {name: [comparison.frame_ids[i] for i in picked] for name, picked in groups.items()}
 

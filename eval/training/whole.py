@@ -15,6 +15,7 @@ FACING, POSTURE, JOINTS = slice(0, 2), 2, slice(3, 3 + 3 * N_JOINTS)
 """Of a row: cosine and sine of the camera's azimuth about the trunk; index of the posture; joints (J, 3) as
 ``Answer.joints``. NaN is unknown."""
 ROW = JOINTS.stop
+"""Values of a row."""
 
 
 def nothing_known() -> Float32:
@@ -23,7 +24,7 @@ def nothing_known() -> Float32:
 
 
 def whole_person(frames: LabelledFrames, frame: FrameLabels) -> Float32:
-    """Row (ROW,) of a frame as its notes tell, joints in the frame's crop of ``to_crop``."""
+    """Row (ROW,) of a frame by its notes, joints in the frame's crop of ``to_crop``."""
     from synth.images.stance import facing_deg
 
     row = nothing_known()

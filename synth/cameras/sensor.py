@@ -24,9 +24,9 @@ class Reading(NamedTuple):
     depth_mm: UInt16
     source: Int32
 
-    def carry(self, image: UInt8, fill: int = 0) -> UInt8:
-        """Values (h, w) of a clean image (h, w) at the surfaces that the readings show."""
-        return np.where(self.source >= 0, image.ravel()[self.source], np.uint8(fill))
+    def carry(self, image: UInt8) -> UInt8:
+        """Values (h, w) of a clean image (h, w) at the surfaces that the readings show; 0 without one."""
+        return np.where(self.source >= 0, image.ravel()[self.source], np.uint8(0))
 
 
 @dataclass(frozen=True)

@@ -106,12 +106,10 @@ def _trials(
     return trial, standing
 
 
-def solve_takes(
-    takes: dict[str, Markers], markerset: MarkerSet, advance: Callable[[int], None] = lambda _: None
-) -> dict[str, Motion]:
+def solve_takes(takes: dict[str, Markers], markerset: MarkerSet) -> dict[str, Motion]:
     """Joint angles of many takes of joint positions; takes of one person are fitted together.
 
-    ``advance`` gets 1 a frame. Raises CloudError as ``solve`` does.
+    Raises CloudError as ``solve`` does.
     """
     trials = {name: known_markers(take, markerset) for name, take in takes.items()}
     people: list[tuple[Float64, list[str]]] = []
@@ -130,7 +128,7 @@ def solve_takes(
         person, _ = _person(frames, markerset)
         for name in names:
             rate = takes[name].frames_per_second
-            motions[name] = _track(trials[name], person, markerset, rate, advance)
+            motions[name] = _track(trials[name], person, markerset, rate)
     return {name: motions[name] for name in takes}
 
 
@@ -195,7 +193,11 @@ def _calibration_frames(trial: KnownMarkers, count: int) -> Float64:
 
 
 def _track(
-    trial: KnownMarkers, subject: Subject, markerset: MarkerSet, rate: float, advance: Callable[[int], None]
+    trial: KnownMarkers,
+    subject: Subject,
+    markerset: MarkerSet,
+    rate: float,
+    advance: Callable[[int], None] = lambda _: None,
 ) -> Motion:
     positions, status = bridge(trial.positions_m, round(BRIDGE_SECONDS * rate))
     used = np.asarray(trial.seen.any(axis=0))

@@ -1,7 +1,6 @@
 """Motions in files and folders: solved ones, BVH, C3D, TRC, and files of joint positions."""
 
 import hashlib
-from collections.abc import Callable
 from pathlib import Path
 
 from sensors.errors import CloudError
@@ -14,20 +13,20 @@ from synth.markers.solve import solve, solve_takes
 from synth.motion.files import check_motion
 
 
-def read_motions(path: Path, advance: Callable[[int], None] = lambda _: None) -> dict[str, Motion]:
+def read_motions(path: Path) -> dict[str, Motion]:
     """Motions of one file by name, solved where they are not yet: those of takes by the takes' names.
 
-    ``advance`` gets 1 a solved frame. Raises CloudError when the file holds none.
+    Raises CloudError when the file holds none.
     """
     kind = path.suffix.lower()
     if kind == ".npz" and is_joint_file(path):
-        return solve_takes(*read_joint_file(path), advance)
+        return solve_takes(*read_joint_file(path))
     if kind == ".npz":
         return {path.stem: load_motion(path)}
     if kind == ".bvh":
         markers, places = read_bvh(path)
-        return {path.stem: solve(markers, markerset=places, advance=advance)}
-    return {path.stem: solve(read_markers(path), advance=advance)}
+        return {path.stem: solve(markers, markerset=places)}
+    return {path.stem: solve(read_markers(path))}
 
 
 def read_take(path: Path, take: str | None) -> tuple[str, Motion]:

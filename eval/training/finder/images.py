@@ -13,7 +13,7 @@ from eval.training.finder.scenes import Scene, rig_scenes, room_scenes
 from eval.training.finder.warm import invented, spoilt
 
 HEIGHT, WIDTH = 192, 256
-"""Of a training image."""
+"""Sides of a training image in pixels. Chosen by eye."""
 LEAST_PX, FARTHEST_M = 20, 2.0
 """Pixels of a person, at half the sides, below which nothing votes, and longest vote along an axis. Chosen by
 eye."""

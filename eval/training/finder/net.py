@@ -1,9 +1,7 @@
 """The person finder's network, and its training for a given time on stored scenes."""
 
-import copy
 import math
 import time
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,10 +12,12 @@ from torch.nn import functional
 
 from annotate.person.finder import MULTIPLE
 from eval.network.halved import halve_onnx
+from eval.training.average import Average
 from eval.training.finder.images import Batch, Stock, draw_batch
+from eval.training.onnx_file import export_any_size
 
 INPUTS, FINE = 24, 16
-"""Channels of the input, and of the layers at half of the image's sides."""
+"""Channels of the input, and of the layers at half of the image's sides. Chosen by eye."""
 WIDTHS = (16, 32, 48, 80, 112)
 """Channels at a quarter, an eighth and so on of the image's sides. Chosen by eye."""
 BATCH, RATE, WARM_UP, LAST_RATE = 16, 2e-3, 80, 0.002
@@ -25,9 +25,9 @@ BATCH, RATE, WARM_UP, LAST_RATE = 16, 2e-3, 80, 0.002
 PERSON_WEIGHT, OVERLAP_WEIGHT, VOTE_WEIGHT = 0.5, 0.5, 0.4
 """Extra weight of a person's pixels, and weights of the losses by overlap and by votes. Chosen by eye."""
 AVERAGED = 0.998
-"""Share of the moving average that one step keeps. Chosen by eye."""
+"""Decay of the weights' moving average. Chosen by eye."""
 SAVED_S = 60
-"""Seconds between two checkpoints."""
+"""Seconds between two checkpoints. Chosen by eye."""
 
 
 class FinderNet(nn.Module):
@@ -103,9 +103,9 @@ def train_finder(
     """
     torch.manual_seed(0)
     network = FinderNet().to(memory_format=torch.channels_last).train()  # type: ignore[call-overload]
-    average = copy.deepcopy(network)
+    average = Average(network, AVERAGED)
     optimizer = torch.optim.AdamW(network.parameters(), RATE, weight_decay=1e-3)
-    parts = {"network": network, "average": average, "optimizer": optimizer}
+    parts = {"network": network, "average": average.model, "optimizer": optimizer}
     step, spent_s = 0, 0.0
     if checkpoint.exists():
         state = torch.load(checkpoint, weights_only=True)
@@ -124,13 +124,13 @@ def train_finder(
         nn.utils.clip_grad_norm_(network.parameters(), 2.0)
         optimizer.step()
         step += 1
-        _follow(average, network, min(AVERAGED, step / (step + 9)))
+        average.add(network, step)
         progress(step, loss.item())
         spent_s += time.monotonic() - start
         if spent_s - saved_s > SAVED_S:
             saved_s = spent_s
             _save(checkpoint, {name: part.state_dict() for name, part in parts.items()}, step, spent_s)
-    result: FinderNet = average.eval()
+    result: FinderNet = average.model.eval()  # type: ignore[assignment]
     return result
 
 
@@ -159,32 +159,7 @@ def loss_of(network: nn.Module, batch: Batch) -> Tensor:
     return loss
 
 
-@torch.no_grad()
-def _follow(average: nn.Module, network: nn.Module, kept: float) -> None:
-    """Move an average towards a network."""
-    for mean, now in zip(average.state_dict().values(), network.state_dict().values(), strict=True):
-        if mean.dtype.is_floating_point:
-            mean.mul_(kept).add_(now, alpha=1 - kept)
-        else:
-            mean.copy_(now)
-
-
 def export_finder(network: FinderNet, path: Path) -> None:
     """Write a network as `annotate.person.finder` reads it, its weights in half precision."""
-    sides = {2: "h", 3: "w"}
-    with warnings.catch_warnings():
-        # The other exporter needs onnxscript; the number of images, which is 1, is the only thing traced.
-        warnings.simplefilter("ignore")
-        torch.onnx.export(
-            network.eval(),
-            (torch.zeros(1, INPUTS, MULTIPLE, MULTIPLE),),
-            str(path),
-            opset_version=17,
-            dynamo=False,
-            # Leaves the layers' statistics apart from their weights: a training can go on with both.
-            training=torch.onnx.TrainingMode.PRESERVE,
-            input_names=["image"],
-            output_names=["found"],
-            dynamic_axes={"image": sides, "found": sides},
-        )
+    export_any_size(network, INPUTS, MULTIPLE, path, "image", "found")
     halve_onnx(path)

@@ -1,6 +1,5 @@
 """The reader of suits in torch, and its file: it stores the tensors of the network, so that it reads back."""
 
-import warnings
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from torch.nn.functional import interpolate, pixel_shuffle
 from annotate.reader.channels import CHANNELS, network_input
 from annotate.reader.network import CLASSES, MOST_BYTES, MULTIPLE, REMEDY
 from eval.network.checkpoint import check_fits
+from eval.training.onnx_file import export_any_size
 from sensors.errors import FormatError
 from sensors.files.atomic import replacing
 from sensors.files.bounded import read_bounded
@@ -107,22 +107,8 @@ def export_reader(network: ReaderNet, path: Path, temperature: float = 1.0) -> N
     with torch.no_grad():
         for values in cool.leave.parameters():
             values.div_(temperature)
-    sides = {2: "h", 3: "w"}
-    with replacing(path) as temporary, warnings.catch_warnings():
-        # The other exporter needs onnxscript; the number of images, which is 1, is the only thing traced.
-        warnings.simplefilter("ignore")
-        torch.onnx.export(
-            cool,
-            (torch.zeros(1, INPUTS, 2 * MULTIPLE, 3 * MULTIPLE),),
-            str(temporary),
-            opset_version=17,
-            dynamo=False,
-            # Leaves the layers' statistics apart from their weights: a training goes on with both.
-            training=torch.onnx.TrainingMode.PRESERVE,
-            input_names=["channels"],
-            output_names=["scores"],
-            dynamic_axes={"channels": sides, "scores": sides},
-        )
+    with replacing(path) as temporary:
+        export_any_size(cool, INPUTS, MULTIPLE, temporary, "channels", "scores")
 
 
 def load_reader(path: Path) -> ReaderNet:

@@ -16,7 +16,8 @@ from eval.training.reader.samples import as_labelling
 from eval.training.temperature import temperature_of
 
 MEASURED, SCATTERED = 200, 500
-"""Frames held out that are measured, at most, and samples of each that the temperature is fitted to."""
+"""Frames held out that are measured, at most, and samples of each that the temperature is fitted to.
+Chosen by eye."""
 
 
 class Outcome(NamedTuple):

@@ -17,6 +17,8 @@ FLAGS, BEFORE = CHANNELS.index("flags"), CHANNELS.index("before")
 WARMTH = slice(CHANNELS.index("share"), CHANNELS.index("celsius") + 1)
 COLORS = slice(CHANNELS.index("shade"), CHANNELS.index("room") + 1)
 LIKE, LIKE_PARTS = slice(-len(LIKENESS), None), slice(-len(BODY_PARTS), None)
+"""Places among the channels: flags, labels before, temperatures, colours, the likeness to every cloth and to
+those of the parts."""
 TWINS = swap_left_right(np.arange(1, len(BODY_PARTS) + 1, dtype=np.uint8)).astype(np.intp) - 1
 """Place of each part's other side among the parts."""
 JOINED = [tuple(sorted(pair)) for pair in sorted(map(sorted, NEIGHBOURS))]

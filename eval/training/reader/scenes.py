@@ -16,7 +16,7 @@ from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
 
 SUBJECTS, FRAMES = 8, 32
-"""Of one recording."""
+"""People and frames of one recording. Chosen by eye."""
 FIRST_SEED, FIRST_SUIT = 8_800_000, 880_000
 """Seeds of the first recording and of its suit: used for nothing else."""
 HARD, OTHER_SUIT, FULL_COLOR = 0.6, 0.7, 0.05

@@ -29,7 +29,7 @@ BATCH, DECAY, CLIP = 8, 0.02, 2.0
 ROOM_WEIGHT = 0.7
 """Weight of a sample of the room in the loss, beside 1 of the others: there are many. Chosen by eye."""
 SAVED_S = 60.0
-"""Seconds between two checkpoints."""
+"""Seconds between two checkpoints. Chosen by eye."""
 
 
 @dataclass(frozen=True)
