@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from eval.network.checkpoint import Epoch
     from eval.network.networks import NetworkConfig
     from eval.training.crops import Crops
-    from eval.training.loader import ProcessGroup
     from eval.training.plan import Plan
+    from eval.training.processes import ProcessGroup
     from eval.training.train import Watch
 
 CALIBRATED_ON = 512
@@ -87,8 +87,8 @@ def train(
     inputs = _checked([*data, *tests], None if init == SHIPPED else init)
     check_room(out, PLAN, overwrite, *inputs)
     with needing("train"):
-        from eval.training.loader import ProcessGroup
         from eval.training.plan import best_precision
+        from eval.training.processes import ProcessGroup
         from eval.training.train import train as run
     init = _shipped() if init == SHIPPED else init
     with ProcessGroup.join() as group:

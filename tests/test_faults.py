@@ -218,7 +218,7 @@ def test_a_read_only_place_is_left_as_it_is():
 
 def test_a_full_disk_is_one_line_of_train_and_it_goes_on(tmp_path):
     tiny = pytest.importorskip("tests.helpers.tiny_training", reason="training needs torch")
-    from eval.training.loader import ProcessGroup
+    from eval.training.processes import ProcessGroup
     from eval.training.train import Watch, train
 
     def trained(out: Path) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from annotate.array_types import Float32, UInt8, UInt16
 from annotate.correction.correction import Correction
@@ -25,8 +24,8 @@ from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.steady import steady
 from eval.training.augment import Augmentation
 from eval.training.crops import DEPTH_STEPS, Crops
-from eval.training.loader import ProcessGroup
 from eval.training.plan import ModernRecipe, Plan
+from eval.training.processes import ALONE
 from eval.training.reader.fit import Progress
 from eval.training.train import Watch, train
 from eval.training.whole import nothing_known
@@ -61,8 +60,8 @@ class DepthLearner:
         images, run = BATCH * (MORE_STEPS if more else STEPS), run / ("all" if more else "some")
         crops, plan = crops_of(taught, images), Plan(self._config, RECIPE, HOW, epochs=1)
         with progress("learn, images", images) as advance:
-            alone, watch = ProcessGroup(0, 1, torch.device("cpu")), Watch(advance, checkpoint_s=CHECKPOINT_S)
-            fit = partial(train, crops, None, run, plan, alone, watch, self._network)
+            watch = Watch(advance, checkpoint_s=CHECKPOINT_S)
+            fit = partial(train, crops, None, run, plan, ALONE, watch, self._network)
             try:
                 self._network = fit()[0]
             except ExistsError:

@@ -15,6 +15,7 @@ from eval.network.answer import Answer
 from eval.network.compact import CompactConfig
 from eval.network.networks import NetworkConfig, described
 from eval.training.augment import Augmentation
+from eval.training.processes import ALONE, ProcessGroup
 from eval.training.whole import FACING, JOINTS, POSTURE
 
 COARSE, COARSE_STEP = 0.7, 4
@@ -161,24 +162,33 @@ def class_weights(recipe: Recipe, parts: UInt8) -> Tensor:
 
 
 def loss_of(
-    recipe: Recipe, answer: Answer, depth: Tensor, parts: Tensor, whole: Tensor, weight: Tensor
+    recipe: Recipe,
+    answer: Answer,
+    depth: Tensor,
+    parts: Tensor,
+    whole: Tensor,
+    weight: Tensor,
+    group: ProcessGroup = ALONE,
 ) -> tuple[Tensor, float]:
     """The loss to minimise, and the parts' mean loss of a pixel.
 
     depth: (B, 1, h, w). parts: (B, h, w). whole: (B, ROW), see ``eval.training.whole``. weight: (12,).
+    group: whose images together make the batch; the mean of its processes' losses is that of the batch.
     """
     scores, target = answer.scores.float(), parts.long()
     if isinstance(recipe, ModernRecipe):
         target = torch.where(depth[:, 0] > 0, target, UNDEFINED)
-        counted = (target != UNDEFINED).sum().clamp(min=1)
-        summed = nn.functional.cross_entropy(scores, target, weight, ignore_index=UNDEFINED, reduction="sum")
-        mean = summed / counted
-        return mean + _loss_of_whole(recipe, answer, whole), float(mean.detach())
-    summed = nn.functional.cross_entropy(scores, target, ignore_index=UNDEFINED, reduction="sum")
-    return summed, float(summed.detach()) / max(1, int((target != UNDEFINED).sum()))
+    else:
+        weight = torch.ones_like(weight)
+    counted = group.total((target != UNDEFINED).sum()).clamp(min=1)
+    summed = nn.functional.cross_entropy(scores, target, weight, ignore_index=UNDEFINED, reduction="sum")
+    mean = float(group.total(summed) / counted)
+    if isinstance(recipe, ModernRecipe):
+        return group.world * summed / counted + _loss_of_whole(recipe, answer, whole, group), mean
+    return group.world * summed, mean
 
 
-def _loss_of_whole(recipe: ModernRecipe, answer: Answer, whole: Tensor) -> Tensor:
+def _loss_of_whole(recipe: ModernRecipe, answer: Answer, whole: Tensor, group: ProcessGroup) -> Tensor:
     """Weighted loss of facing, posture and joints, each where it is known; 0 of a network without them."""
     if answer.facing is None or answer.posture is None or answer.joints is None:
         return torch.zeros(())
@@ -190,12 +200,12 @@ def _loss_of_whole(recipe: ModernRecipe, answer: Answer, whole: Tensor) -> Tenso
     posture = torch.where(known[:, POSTURE], whole[:, POSTURE].long(), -1)
     named = nn.functional.cross_entropy(answer.posture.float(), posture, ignore_index=-1, reduction="sum")
     return (
-        recipe.facing * _mean((answer.facing.float() - whole[:, FACING]).square(), known[:, FACING])
-        + recipe.joints * _mean((answer.joints.float() - joints).abs(), seen)
-        + recipe.posture * named / known[:, POSTURE].sum().clamp(min=1)
+        recipe.facing * _mean((answer.facing.float() - whole[:, FACING]).square(), known[:, FACING], group)
+        + recipe.joints * _mean((answer.joints.float() - joints).abs(), seen, group)
+        + recipe.posture * group.world * named / group.total(known[:, POSTURE].sum()).clamp(min=1)
     )
 
 
-def _mean(values: Tensor, known: Tensor) -> Tensor:
-    """Mean of the values that are known; 0 where none is."""
-    return (values * known).sum() / known.sum().clamp(min=1)
+def _mean(values: Tensor, known: Tensor, group: ProcessGroup) -> Tensor:
+    """Mean of the values that are known; 0 where none is. Over a group: the mean of its processes' means."""
+    return group.world * (values * known).sum() / group.total(known.sum()).clamp(min=1)

@@ -22,8 +22,9 @@ from eval.network.networks import build
 from eval.scores.confusion import confusion_matrix, mean_recall, miou
 from eval.training.average import Average
 from eval.training.crops import Crops
-from eval.training.loader import BatchOrder, Images, ProcessGroup, batches, workers_watched
+from eval.training.loader import BatchOrder, Images, batches, workers_watched
 from eval.training.plan import Plan, class_weights, loss_of, optimizer_of, rate, seen_by
+from eval.training.processes import ProcessGroup
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 
@@ -155,7 +156,7 @@ class _Run:
             self._step(network, (depth, parts, whole), weight, share)
             self._count(order)
             now = time.monotonic()
-            progress.seconds = before + now - began
+            progress.seconds = self.group.by_the_first(before + now - began)
             over = plan.done(progress.step / order.epoch_steps, progress.seconds) >= 1
             ended = over or progress.step % order.epoch_steps == 0
             if ended:
@@ -188,7 +189,7 @@ class _Run:
         depth = depth.contiguous(memory_format=torch.channels_last)
         with torch.autocast(processes.device.type, torch.bfloat16, enabled=plan.precision == "bfloat16"):
             answer = network(depth)
-        loss, mean = loss_of(plan.recipe, answer, depth, parts, whole, weight)
+        loss, mean = loss_of(plan.recipe, answer, depth, parts, whole, weight, processes)
         if not math.isfinite(mean):
             raise CloudError(
                 f"the loss is no longer finite at step {progress.step}; train with --precision float32"

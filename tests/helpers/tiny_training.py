@@ -10,8 +10,8 @@ import torch
 
 from eval.network.compact import CompactConfig
 from eval.training.crops import Crops
-from eval.training.loader import ProcessGroup
 from eval.training.plan import ModernRecipe, Plan
+from eval.training.processes import ProcessGroup
 from eval.training.train import Watch, train
 from eval.training.whole import FACING, POSTURE, nothing_known
 from sensors.errors import CloudError

@@ -134,8 +134,8 @@ def train_ends(followed: Followed, folder: Path, images: int) -> None:
     from eval.network.checkpoint import load_checkpoint, save_checkpoint
     from eval.network.compact import CompactConfig
     from eval.network.networks import build
-    from eval.training.loader import ProcessGroup
     from eval.training.plan import ModernRecipe, Plan, optimizer_of
+    from eval.training.processes import ProcessGroup
     from eval.training.train import CHECKPOINT, Watch, train
 
     torch.set_num_threads(1)
