@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -137,6 +136,8 @@ def finish(result: dict[str, Any], as_json: bool, text: str) -> None:
 
 def provenance() -> dict[str, str]:
     """The command that is running and the version, for files that name their origin."""
+    from importlib.metadata import version
+
     return {"command": shlex.join(["annotate-cloud", *sys.argv[1:]]), "version": version("annotate-cloud")}
 
 

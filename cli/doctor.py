@@ -4,15 +4,16 @@ import os
 import platform
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
-
-from packaging.requirements import Requirement
+from typing import TYPE_CHECKING
 
 from cli.console import Json, finish
 from cli.extras import COSTS
 from sensors.errors import CloudError
 from sensors.recording.how_tested import KINDS
+
+if TYPE_CHECKING:
+    from packaging.requirements import Requirement
 
 NEEDED = ("packages", "PCL")
 """Findings without which labelling does not work."""
@@ -47,13 +48,18 @@ def doctor(json: Json = False) -> None:
 
 
 def _extras() -> list[Finding]:
+    # Here, since every command imports this module.
+    from importlib.metadata import requires
+
+    from packaging.requirements import Requirement
+
     wanted = [Requirement(line) for line in requires("annotate-cloud") or ()]
     base = _extra("", [one for one in wanted if one.marker is None])
     extras = {e: [one for one in wanted if one.marker and one.marker.evaluate({"extra": e})] for e in COSTS}
     return [base, *(_extra(extra, needed) for extra, needed in extras.items())]
 
 
-def _extra(extra: str, needed: list[Requirement]) -> Finding:
+def _extra(extra: str, needed: "list[Requirement]") -> Finding:
     wrong = [problem for problem in map(_problem, needed) if problem]
     name, target = (f"extra {extra}", f"annotate-cloud[{extra}]") if extra else ("packages", "annotate-cloud")
     known = f"{len(needed)} package" + "s" * (len(needed) > 1) if needed else "unknown to this installation"
@@ -62,8 +68,10 @@ def _extra(extra: str, needed: list[Requirement]) -> Finding:
     return Finding(name, ok, ", ".join(wrong) or known, cost, f"pip install '{target}'")
 
 
-def _problem(requirement: Requirement) -> str:
+def _problem(requirement: "Requirement") -> str:
     """What is wrong with a package; "" if nothing is."""
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
         found = version(requirement.name)
     except PackageNotFoundError:

@@ -133,6 +133,9 @@ def compare(
     """Show by how much result A is better than result B, and how certain that is."""
     check_extra("report", "scipy")
     check_there(a, b)
+    from eval.compare.result_file import check_results
+
+    check_results(a, b)
     from eval.compare.results import load_result
 
     first, second = load_result(a), load_result(b)
@@ -190,7 +193,11 @@ def report(
     if len(notes) > len(sets):
         raise typer.BadParameter(f"{len(notes)} notes for {len(sets)} label sets; give --shown for each")
     check_free(out, overwrite)
-    check_there(*results, *([ceiling] if ceiling else []), *sets)
+    given = [*results, *([ceiling] if ceiling else [])]
+    check_there(*given, *sets)
+    from eval.compare.result_file import check_results
+
+    check_results(*given)
     from eval.compare.results import load_result
     from sensors.session.reader import Session
 

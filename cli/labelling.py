@@ -15,6 +15,7 @@ from cli.console import Json, Overwrite, check_room, clear, finish, finish_run, 
 from cli.extras import check_extra, needing
 from cli.sessions import Scheduler, label_each, sessions_in
 from sensors.files.atomic import check_free, check_there, write_bytes
+from sensors.files.weights_file import check_onnx
 from sensors.importers.open_source import open_source, opener_at
 
 if TYPE_CHECKING:
@@ -69,6 +70,8 @@ def label(
     source = None if sessions else open_source(session)
     given = [path for path in (suit, weights) if path]
     check_there(*given)
+    if weights is not None:
+        check_onnx(weights)
     if source is not None:
         check_room(out, store.MANIFEST, overwrite, session, *given)
     from annotate.reader.network import Reader, shipped_reader
@@ -182,6 +185,8 @@ def predict(
         raise typer.BadParameter("probabilities are kept of one person; leave it or --everybody out")
     given = [weights] if weights else []
     check_there(*given)
+    if weights is not None:
+        check_onnx(weights)
     if sessions := sessions_in(source, scheduler):
         if joints is not None:
             raise typer.BadParameter("--joints is for one session; its notes in each label set hold them")

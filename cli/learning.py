@@ -10,6 +10,7 @@ from typer import Argument, Option
 from cli.console import Json, finish, progress, say
 from cli.extras import check_extra, needing
 from sensors.files.atomic import check_there
+from sensors.files.weights_file import check_onnx, check_safetensors
 
 LOW = 10
 """How much lower its priority is than that of other work, as a niceness. Chosen by eye."""
@@ -43,6 +44,8 @@ def learn(
     check_extra("train", "torch", "onnx", "safetensors")
     known = LabelSet.open(labels)
     check_there(*(given for given in (session, weights) if given))
+    if weights is not None:
+        (check_onnx if weights.suffix == ".onnx" else check_safetensors)(weights)
     from eval.learning.folder import check_own
 
     check_own(out)

@@ -151,7 +151,10 @@ def _check_order(
 
         motion_files(motion)
     if garments is not None:
+        from synth.clothes.garment_files import garment_files
+
         check_there(garments)
+        garment_files(garments)
     if beside is not None:
         _check_beside(beside)
     return [path for path in (motion, garments, beside) if path]

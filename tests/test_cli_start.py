@@ -3,11 +3,14 @@
 import json
 import subprocess
 import sys
+from importlib.resources import files
+from pathlib import Path
 
 import pytest
 
 from cli.training import Without
 
+SHIPPED = Path(str(files("eval").joinpath("weights")))
 HEAVY = (
     "numba", "scipy", "skimage", "torch", "onnxruntime",
     "pyvista", "PySide6", "matplotlib", "open3d", "pydantic",
@@ -39,10 +42,13 @@ validate AT/nowhere
 label AT/nowhere --out AT/out
 label SESSION --suit AT/notes.txt --out AT/out
 label SESSION --weights AT/nowhere --out AT/out
+label SESSION --weights AT/cut.onnx --out AT/out
 label SESSION --out AT/filled
 label SESSION --out AT/filled --overwrite
 predict AT/nowhere --out AT/out
 predict SESSION --weights AT/nowhere --out AT/out
+predict SESSION --weights AT/cut.onnx --out AT/out
+predict SESSION --weights AT/notes.txt --out AT/out
 predict SESSION --out AT/filled
 diff AT/nowhere LABELS
 evaluate AT/nowhere LABELS
@@ -52,6 +58,8 @@ fix LABELS --compare AT/nowhere
 train AT/nowhere --out AT/out
 train LABELS --out AT/filled
 train LABELS --out AT/out --init AT/nowhere
+train LABELS --out AT/out --init AT/cut.safetensors
+train LABELS --out AT/out --init AT/cut.onnx
 train LABELS --out AT/out --init shipped --network compact
 train LABELS --out AT/out --test LABELS --hold-out anna
 train-labels SESSION --out AT/out
@@ -61,6 +69,8 @@ train-labels SESSION SESSION --out AT/out --suit AT/nowhere
 train-labels SESSION SESSION --out AT/filled
 learn AT/nowhere --out AT/out
 learn LABELS --out AT/out --weights AT/nowhere
+learn LABELS --out AT/out --weights AT/cut.onnx
+learn LABELS --out AT/out --weights AT/cut.safetensors
 learn LABELS --out AT/filled
 suit learn AT/notes.txt --session SESSION --out AT/out
 suit learn LABELS --session AT/notes.txt --out AT/out
@@ -87,8 +97,10 @@ synth generate --out AT/out --preset unheard-of
 synth generate --out AT/out --motion AT/nowhere
 synth generate --out AT/out --preset people --motion AT/nowhere
 synth generate --out AT/out --preset people --garments AT/nowhere
+synth generate --out AT/out --preset people --garments AT/empty
 synth generate --out AT/out --preset people --beside AT/notes.txt
 synth generate --out AT/filled --preset people
+synth bodies --table AT/notes.txt --out AT/out
 synth film AT/nowhere AT/out
 synth film AT/notes.txt AT/out
 synth film AT/notes.txt AT/taken.mcap
@@ -100,7 +112,9 @@ calibrate AT/nowhere --out AT/out
 calibrate SESSION --out AT/out
 calibrate AT/out --live --device toaster --out AT/out
 compare AT/nowhere AT/nowhere
+compare AT/cut.npz AT/cut.npz
 report AT/nowhere --out AT/out
+report AT/cut.npz --out AT/out
 live AT/nowhere
 live AT/notes.txt
 live --device toaster
@@ -125,6 +139,10 @@ def refusals(session, labels, tmp_path) -> list[list[str]]:
     (tmp_path / "taken.mcap").write_text("a session")
     (tmp_path / "filled").mkdir()
     (tmp_path / "filled" / "something").write_text("else")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "cut.npz").write_bytes(b"PK\x03\x04 and no more")
+    for kind in ("onnx", "safetensors"):
+        (tmp_path / f"cut.{kind}").write_bytes((SHIPPED / f"compact.{kind}").read_bytes()[:3000])
     text = (
         REFUSALS.replace("AT", str(tmp_path)).replace("SESSION", str(session)).replace("LABELS", str(labels))
     )
@@ -140,7 +158,7 @@ def test_help_imports_no_numbers_and_info_and_refusals_no_compiler(rig_session, 
         assert code == (command in refused), (command, said)
         assert not modules & set(HEAVY), command
         if command in helps:
-            assert not modules & {"numpy", "cv2"}, command
+            assert not modules & {"numpy", "cv2", "packaging.requirements"}, command
 
 
 def test_names_of_choices_are_those_of_what_they_choose():

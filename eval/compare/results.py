@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from annotate.frame_labels import Status
 from eval.compare.compare import Comparison
 from eval.compare.pairs import Digests
+from eval.compare.result_file import REMEDY
 from eval.scores.counts import WIDTH, FrameCounts
 from eval.scores.joints import N_JOINTS
 from eval.scores.traits import Traits
@@ -23,7 +24,6 @@ from sensors.files.npz import load_arrays
 SCHEMA = 5
 MAX_BYTES = 2_000_000_000
 """Of a result in memory: 600,000 frames of 3.2 kB, twice as many as the paper's own set has."""
-REMEDY = "give a result of 'evaluate --out'; evaluate again where another version wrote it"
 NUMBERS = ("distance_m", "invalid_share", "mm_per_px")
 WORDS = ("activity", "view", "status", "predicted_status", "hard")
 """Fields of ``Traits``, kept as arrays and as JSON."""

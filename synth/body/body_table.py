@@ -4,9 +4,12 @@ import csv
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sensors.errors import CloudError
-from synth.body.body import Body
+
+if TYPE_CHECKING:
+    from synth.body.body import Body
 
 MEASURES = ("height_cm", "weight_kg", "waist_breadth_cm")
 MOST_BODIES = 1000
@@ -80,7 +83,7 @@ def read_sizes(path: Path) -> tuple[BodySize, ...]:
     return tuple(sizes)
 
 
-def describe(body: Body, size: BodySize | None) -> dict[str, str | float]:
+def describe(body: "Body", size: BodySize | None) -> dict[str, str | float]:
     """A body's measures, and, under ``asked_*``, those it should have."""
     row: dict[str, str | float] = {"model": body.name}
     row |= {measure: round(getattr(body, measure), 2) for measure in MEASURES}

@@ -11,13 +11,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from annotate.array_types import Bool, Float32, Float64, Int32, Int64, UInt8
-from sensors.errors import CloudError, FormatError
+from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from synth.body.body import BONES_PER_VERTEX, Body, hair_faces
 from synth.body.crowd import BASE_VERTICES, base_mesh_m, covered_skin
 from synth.body.skeleton import JOINT_ID, N_JOINTS
 from synth.clothes.cloth import smooth_normals
 from synth.clothes.dressed import Dressed, assembled
+from synth.clothes.garment_files import garment_files
 
 BASE_MESH = "hm08"
 MAX_FILE_BYTES = 100_000_000
@@ -67,10 +68,7 @@ class Garment:
 
 def read_garments(folder: Path) -> tuple[Garment, ...]:
     """Every garment of a folder and its subfolders, by path. Raises CloudError where there is none."""
-    paths = sorted(folder.rglob("*.mhclo"))
-    if not paths:
-        raise CloudError(f"{folder} holds no .mhclo garment; give a folder of MakeHuman's clothes")
-    return tuple(read_garment(path) for path in paths)
+    return tuple(read_garment(path) for path in garment_files(folder))
 
 
 def read_garment(path: Path) -> Garment:
