@@ -1,12 +1,12 @@
 """What ``doctor`` says of an installation, whole or broken."""
 
 import json
+from importlib import metadata
 from importlib.metadata import PackageNotFoundError
 
 import pytest
 from typer.testing import CliRunner
 
-from cli import doctor
 from cli.extras import COSTS
 from cli.main import app
 
@@ -32,14 +32,14 @@ def test_every_extra_is_known_to_doctor():
 
 
 def test_a_missing_and_an_old_package_are_named_with_what_they_cost(monkeypatch):
-    real = doctor.version
+    real = metadata.version
 
     def version(name):
         if name == "anny":
             raise PackageNotFoundError(name)
         return "2.0.0" if name == "torch" else real(name)
 
-    monkeypatch.setattr(doctor, "version", version)
+    monkeypatch.setattr(metadata, "version", version)
     shown = run_doctor().stdout
     assert "no anny" in shown and "no new bodies" in shown and "annotate-cloud[bodies]" in shown
     assert "torch==2.13.0 but 2.0.0" in shown
@@ -48,6 +48,6 @@ def test_a_missing_and_an_old_package_are_named_with_what_they_cost(monkeypatch)
 
 @pytest.mark.parametrize("name", ["numpy", "numba"])
 def test_without_a_needed_package_nothing_is_ok(monkeypatch, name):
-    real = doctor.version
-    monkeypatch.setattr(doctor, "version", lambda asked: "0.1" if asked == name else real(asked))
+    real = metadata.version
+    monkeypatch.setattr(metadata, "version", lambda asked: "0.1" if asked == name else real(asked))
     assert not json.loads(run_doctor("--json").stdout)["ok"]
