@@ -20,6 +20,7 @@ def check_onnx(path: Path) -> None:
 
     What is damaged within is found by whoever loads it.
     """
+    _check_file(path, ONNX_REMEDY)
     try:
         with path.open("rb") as file:
             whole = _is_model(file, path.stat().st_size)
@@ -31,6 +32,7 @@ def check_onnx(path: Path) -> None:
 
 def check_safetensors(path: Path) -> None:
     """Check that a file is as long as its header says. Raises FormatError where it is not."""
+    _check_file(path, SAFETENSORS_REMEDY)
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
@@ -47,6 +49,12 @@ def check_safetensors(path: Path) -> None:
         raise FormatError(
             f"{path} is not a safetensors file or is cut off ({str(error)[:80]}); {SAFETENSORS_REMEDY}"
         ) from error
+
+
+def _check_file(path: Path, remedy: str) -> None:
+    # Pipes block, and devices never end.
+    if not path.is_file():
+        raise FormatError(f"{path} is not a file; {remedy}")
 
 
 def _is_model(file: BinaryIO, size: int) -> bool:
