@@ -1,4 +1,4 @@
-"""Plan of a training: network, recipe, augmentation, seed. With the data it determines every bit."""
+"""Plan of a training: network, recipe, augmentation, seed. With data and threads it determines every bit."""
 
 import math
 from collections.abc import Iterable
