@@ -58,14 +58,8 @@ def learn(
     torch.set_num_threads(1)
     started = time.monotonic()
     done = run(labels, out, learner_of(known, session, weights), progress)
-    result: dict[str, Any] = {
-        "frames": done.frames,
-        "held_out": done.held_out,
-        "before": done.before,
-        "after": done.after,
-        "weights": str(done.weights) if done.weights else None,
-        "labels": str(done.labels) if done.labels else None,
-    }
+    fields = vars(done).items()
+    result: dict[str, Any] = {name: str(v) if isinstance(v, Path) else v for name, v in fields}
     text = (
         f"{done.frames} corrected frames learnt; right on {done.held_out} held out: "
         f"{done.before:.1%} before, {done.after:.1%} after"

@@ -64,9 +64,7 @@ def train(
     batch: Annotated[
         int | None, Option(min=1, max=1024, help="Images per step.", show_default="32, the paper's 12")
     ] = None,
-    seed: Annotated[
-        int, Option(min=0, help="The same seed, data and number of threads give the same network.")
-    ] = 0,
+    seed: Annotated[int, Option(min=0, help="The same seed, data and threads give the same network.")] = 0,
     precision: Annotated[
         Literal["float32", "bfloat16"] | None,
         Option(
