@@ -15,7 +15,7 @@ MARKER = ".annotate-cloud-demo"
 
 def demo(
     out: Annotated[Path, Option(help="Folder for all results of the demo.")],
-    frames: Annotated[int, Option(min=1, help="Number of frames, of up to four people.")] = 12,
+    frames: Annotated[int, Option(min=1, help="Number of frames, of up to four people.")] = 8,
     seed: Annotated[int, Option(min=0, help="The same seed gives the same people and poses.")] = 1,
     overwrite: Overwrite = False,
     json: Json = False,

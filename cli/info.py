@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument
 
+from annotate.labelset import manifests
 from cli.console import Json, cell, facts, finish, table
 from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
@@ -27,12 +28,14 @@ def info(
     json: Json = False,
 ) -> None:
     """Show what a path holds; for a label set, also who corrected what."""
-    from annotate.labelset import dataset, store
+    if (path / manifests.LABELSET).is_file():
+        from annotate.labelset.store import LabelSet
 
-    if (path / store.MANIFEST).is_file():
-        result, text = _labels(store.LabelSet.open(path))
-    elif (path / dataset.MANIFEST).is_file():
-        shards = dataset.Dataset.open(path)
+        result, text = _labels(LabelSet.open(path))
+    elif (path / manifests.DATASET).is_file():
+        from annotate.labelset.dataset import Dataset
+
+        shards = Dataset.open(path)
         result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
         text = facts(result)
     else:

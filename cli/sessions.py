@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import as_completed
 from contextlib import nullcontext
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -49,7 +48,7 @@ def sessions_in(folder: Path, scheduler: str | None) -> dict[str, Path]:
 
 def _is_piece(file: Path) -> bool:
     """Whether a file is of another tool's recording, which a killed recorder leaves without its metadata."""
-    from sensors.importers.bags.bag import is_bag
+    from sensors.importers.bags.bag_files import is_bag
 
     try:
         return is_bag(file)
@@ -116,6 +115,8 @@ def _outcomes(
 
 
 def _versions() -> dict[str, str]:
+    from importlib.metadata import PackageNotFoundError, version
+
     found = {}
     for name in DECISIVE:
         try:

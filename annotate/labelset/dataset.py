@@ -11,12 +11,13 @@ from typing import Any, NamedTuple
 
 from annotate.crop import SIZE, Crop
 from annotate.frame_labels import FrameLabels
+from annotate.labelset import manifests
 from annotate.labelset.images import decode_depth, decode_parts, encode_parts, encode_png
 from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 from sensors.rig.kinect2_factory import KINECT2_PINHOLE
 
-MANIFEST = "dataset.json"
+MANIFEST = manifests.DATASET
 ORDER = "order.json"
 """What the shards of a generated folder belong to, from the first one on."""
 SCHEMA = 1

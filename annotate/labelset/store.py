@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Float32
 from annotate.frame_labels import FrameLabels, Status
-from annotate.labelset import images
+from annotate.labelset import images, manifests
 from annotate.labelset.dataset import Entry
 from annotate.labelset.images import Probabilities
 from annotate.labelset.journal import Journal
@@ -26,7 +26,7 @@ from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
 
 SCHEMA = 1
-MANIFEST = "labelset.json"
+MANIFEST = manifests.LABELSET
 TOOLS = ("annotate-cloud", "numpy", "opencv-contrib-python-headless")
 FRAMES, ORIGINAL = "frames", "original"
 LEARNT = "learnt"

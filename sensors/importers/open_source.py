@@ -54,17 +54,22 @@ def opener_at(path: Path) -> "Opener":
     from sensors.session.mcap_records import MAGIC
 
     if head.startswith(MAGIC) or path.name.lower().endswith((".mcap", ".mcap.partial")):
-        from sensors.importers.bags.bag import Bag, is_bag
+        from sensors.importers.bags.bag_files import is_bag
         from sensors.session.reader import Session
 
-        return partial(Bag if head.startswith(MAGIC) and is_bag(path) else Session, path)
+        if not (head.startswith(MAGIC) and is_bag(path)):
+            return partial(Session, path)
+        from sensors.importers.bags.bag import Bag
+
+        return partial(Bag, path)
     if head.startswith((b"SQLite format 3\0", b"#ROSBAG V")):
         return _bag(path)
     return _other(path, head)
 
 
 def _folder(path: Path) -> "Opener":
-    from sensors.importers.bags.bag import Bag, is_bag
+    from sensors.importers.bags.bag import Bag
+    from sensors.importers.bags.bag_files import is_bag
     from sensors.importers.flir_images import FlirImages, is_flir_alone
     from sensors.importers.folder import ImageFolder
 

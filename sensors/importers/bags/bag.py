@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from mcap.records import Channel, Message, Metadata
 
 from sensors.errors import CalibrationError, FormatError
-from sensors.importers.bags.bag_files import METADATA, McapFile, index_topics, open_files, storage_files
+from sensors.importers.bags.bag_files import McapFile, index_topics, open_files
 from sensors.importers.bags.ros_images import COLORS, DEPTHS, color_encoded_from, depth_mm_from
 from sensors.importers.bags.ros_messages import CAMERAS, PICTURES, TRANSFORMS, Picture, picture_from
 from sensors.rig.camera import Intrinsics
@@ -17,9 +16,7 @@ from sensors.rig.camera_messages import intrinsics_from, links_from
 from sensors.rig.frame import RigFrame
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 from sensors.rig.rig_calibration import Pose, RigCalibration
-from sensors.session.mcap_records import is_complete, record_offsets, records_at
-from sensors.session.messages import DEPTH
-from sensors.session.messages import METADATA as SESSION_METADATA
+from sensors.session.mcap_records import is_complete
 
 _OTHERS = re.compile(
     r"infra|thermal|confidence|mask|segment|label|fisheye|amplitude|(?<![a-z])ir\d?(?![a-z])"
@@ -128,28 +125,6 @@ class Bag:
         for topic in sorted(topics, key=lambda topic: ("static" not in topic.name, topic.name)):
             for index in range(len(topic.messages)):
                 yield from links_from(topic.read(index))
-
-
-def is_bag(path: Path) -> bool:
-    """Whether a folder holds a ROS 2 bag, or an MCAP file is somebody else's rather than a session.
-
-    A file without topics is left to ``Session``, whose error names the cause. Raises FormatError.
-    """
-    if path.is_dir():
-        return bool(storage_files(path) or (path / METADATA).is_file()) and not (path / "depth").is_dir()
-    seen = False
-    with path.open("rb") as file:
-        for offset in record_offsets(file):
-            for record in records_at(file, offset):
-                if isinstance(record, Metadata) and record.name == SESSION_METADATA:
-                    return False
-                if isinstance(record, Channel):
-                    if record.topic == DEPTH and record.message_encoding == "protobuf":
-                        return False
-                    seen = True
-                elif isinstance(record, Message):
-                    return seen
-    return seen
 
 
 def choose_depth(first: dict[str, Picture]) -> str | None:

@@ -9,13 +9,15 @@ from typing import Any, NamedTuple
 from weakref import finalize
 
 import numpy as np
-from mcap.records import Channel, Message, Schema
+from mcap.records import Channel, Message, Metadata, Schema
 from numpy.typing import NDArray
 
 from sensors.errors import CloudError, FormatError
 from sensors.importers.bags.ros_messages import ENCODINGS, PICTURES, READ, decode, stamp_and_frame
 from sensors.rig.camera_messages import Decoded
 from sensors.session.mcap_records import MessageReader, record_offsets, records_at
+from sensors.session.messages import DEPTH
+from sensors.session.messages import METADATA as SESSION_METADATA
 
 METADATA = "metadata.yaml"
 """In a ROS 2 bag's folder; a recorder that was killed has not written it."""
@@ -23,6 +25,28 @@ METADATA = "metadata.yaml"
 Place = tuple[int, int]
 """Where a file has a message: offset and slot in MCAP; elsewhere the time it was logged, and how many
 messages of its topic logged at that time come before it."""
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a folder holds a ROS 2 bag, or an MCAP file is somebody else's rather than a session.
+
+    A file without topics is left to ``Session``, whose error names the cause. Raises FormatError.
+    """
+    if path.is_dir():
+        return bool(storage_files(path) or (path / METADATA).is_file()) and not (path / "depth").is_dir()
+    seen = False
+    with path.open("rb") as file:
+        for offset in record_offsets(file):
+            for record in records_at(file, offset):
+                if isinstance(record, Metadata) and record.name == SESSION_METADATA:
+                    return False
+                if isinstance(record, Channel):
+                    if record.topic == DEPTH and record.message_encoding == "protobuf":
+                        return False
+                    seen = True
+                elif isinstance(record, Message):
+                    return seen
+    return seen
 
 
 class Entry(NamedTuple):
