@@ -22,6 +22,7 @@ import sensors.recording.intake
 from annotate.correction.correction import Correction
 from annotate.correction.edit import IDLE_S, ActiveTime, steady_time
 from annotate.label_source import label_source
+from annotate.labelset.appearing import appearing
 from annotate.labelset.claim import CLAIM, Claim, ClaimedError
 from annotate.labelset.store import LabelSet, validate
 from annotate.suit.palette import DEFAULT_SUIT
@@ -168,6 +169,31 @@ def test_a_killed_export_leaves_nothing_of_that_name(annotate_cloud, killed, tmp
         assert annotate_cloud("export", rig_labels.path, out, "--format", "pairs").code == 0
     assert not list(killed.glob(".pairs.*.partial"))
     assert tree(killed / "pairs") == tree(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("removed", ["marker", "frames"])
+def test_a_result_that_replaces_another_is_never_half_of_one(tmp_path, monkeypatch, removed):
+    """Killed while it removes the old one; what comes next finds a whole result, and replaces it."""
+    out = tmp_path / "out"
+
+    def write(text: str) -> None:
+        with appearing(out, "marker", overwrite=True) as folder:
+            for name in ("marker", "frames"):
+                (folder / name).write_text(text)
+
+    def killed(path: Path, **_) -> None:
+        if path.exists():
+            (path / removed).unlink()
+            raise KeyboardInterrupt
+
+    write("old")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(shutil, "rmtree", killed)
+        write("new")
+    assert len({(out / name).read_text() for name in ("marker", "frames")}) == 1
+    write("newer")
+    assert (out / "marker").read_text() == "newer"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 def test_a_killed_generate_goes_on_to_the_same_bytes(killed, whole):

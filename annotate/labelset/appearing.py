@@ -41,14 +41,17 @@ def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterato
         if not overwrite:
             raise ExistsError(f"{out} already exists; choose another folder or pass --overwrite")
         check_replaceable(out, marker, *inputs)
-    folder = temporary_of(out)
+    folder, aside = temporary_of(out), temporary_of(out.with_name(f"{out.name}.old"))
     sweep(out.parent, f".{escape(out.name)}.*.partial")
-    shutil.rmtree(folder, ignore_errors=True)
+    for left in (folder, aside):
+        shutil.rmtree(left, ignore_errors=True)
     folder.mkdir(parents=True)
     try:
         yield folder
+        # Aside first: half removed by a process that is killed, it would be nobody's, and in everybody's way.
         if out.exists():
-            shutil.rmtree(out)
+            out.replace(aside)
         folder.replace(out)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+    shutil.rmtree(aside, ignore_errors=True)
