@@ -33,15 +33,15 @@ from annotate.labelset.store import LabelSet, validate
 from eval.learning import by_depth, learn
 from eval.network.checkpoint import save_weights
 from eval.network.compact import CompactConfig
-from eval.network.networks import build
+from eval.network.networks import build, export_onnx
 from eval.training.plan import ModernRecipe
 from tests.test_eval_learning import DONE, IDS, SIDE, truth, written
 
 WORKED, FREE = DONE[:2], IDS[len(DONE) :]
 REFUSED = 2
 """Status of a learning while another one, of a work that was killed, still goes on."""
-AMID = 0.2
-"""Share of the kills just after the work has begun to take over what was learnt."""
+MOMENTS, SHARES = (b".", b"t", b"r"), (0.6, 0.25, 0.15)
+"""What a kill waits for, and how often: a stroke, the beginning of a taking over, or its end."""
 STROKE_S = 0.1
 """Seconds between two strokes, so that the learning gets its share of the processor."""
 VICTIMS = ("both", "both", "learning", "work")
@@ -61,7 +61,12 @@ def create(folder: Path) -> None:
     by_depth.BATCH = 2
     by_depth.RECIPE = ModernRecipe(by_depth.BATCH, 3e-2, averaged=0.0, coarse=0.0)
     config = CompactConfig((4, 6, 8), 1)
-    save_weights(folder / "start.safetensors", build(config), config)
+    network = build(config)
+    save_weights(folder / "start.safetensors", network, config)
+    # Loads what takes seconds once here, not in every child.
+    import torch._dynamo  # noqa: F401
+
+    export_onnx(network.eval(), folder / "start.onnx")
 
 
 @contextmanager
@@ -117,8 +122,8 @@ def work(folder: Path, said: int, seed: int) -> None:
 
 
 def killed(folder: Path, seed: int, victim: str) -> bytes:
-    """What a work said until it, its learning, or both were killed: some time after a stroke, or amid taking
-    over what was learnt."""
+    """What a work said until it, its learning, or both were killed: soon after a stroke, or amid or after
+    taking over what was learnt."""
     rng, told = np.random.default_rng(seed), b""
     heard, said = os.pipe()
     child = os.fork()
@@ -126,7 +131,7 @@ def killed(folder: Path, seed: int, victim: str) -> bytes:
         os.close(heard)
         work(folder, said, seed)
     os.close(said)
-    wanted = b"t" if rng.random() < AMID else b"."
+    wanted = rng.choice(MOMENTS, p=SHARES)
     while wanted not in told:
         told += os.read(heard, 1 << 10)
     time.sleep(rng.uniform(0.0, 0.1))
@@ -190,6 +195,7 @@ def main() -> None:
             victims[victim] += 1
             assert b"!" not in told, "a learning failed"
             seen.append(check(folder, done["strokes"]))
+            print(f"\r{i + 1} kills", end="", flush=True)
         kill_learning(told)
         with Correction.open(folder / "labels", "ann") as correction:
             while take_back(correction):
@@ -201,7 +207,9 @@ def main() -> None:
                 np.testing.assert_array_equal(correction.frame(frame_id).parts, begun)
         assert {n: (folder / "labels/frames" / n).read_bytes() for n in first} == first
     turns = sum(a != b for a, b in pairwise(seen))
-    print(f"{given.kills} kills ({dict(victims)}), {turns} with labels of another step than the one before;")
+    print(
+        f"\r{given.kills} kills ({dict(victims)}), {turns} with labels of another step than the one before;"
+    )
     print(f"{done['strokes']} strokes, none lost; learnt {done['taken']} times, {done['back']} taken back")
 
 
