@@ -59,6 +59,7 @@ HONEST: dict[str, float] = {
     "annotate.labelset.dataset.MAX_SHARD_BYTES": 1_000_000_000,  # what WebDataset recommends
     "annotate.labelset.journal.MAX_BYTES": 1_000_000 * 2000,  # strokes
     "annotate.labelset.store.MAX_JSON_BYTES": 10_000_000,  # a step's list of 100,000 frames
+    "annotate.reader.network.MAX_BYTES": 10 * 2_088_498,  # ten times the shipped reader
     "annotate.suit.palette.MAX_SWATCHES": 11 * 12,  # colours of every part
     "annotate.suit.palette.MAX_TOML_BYTES": 11 * 12 * 400,
     "eval.compare.results.MAX_BYTES": 326_984 * (4 * WIDTH + 8 * (N_JOINTS + 3) + 300),  # the paper's images

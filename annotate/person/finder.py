@@ -47,7 +47,7 @@ MIN_PERSON_M2, MOST_PERSON_M2 = 0.03, 2.5
 """Least and largest visible surface of a person in m2: a head with a shoulder, and twice the front of a tall
 adult. Chosen by eye."""
 MOST_PERSONS = 250
-"""Most persons of one frame."""
+"""Most persons of one frame, numbered in a byte. Chosen by eye."""
 _AT_WORK = threading.Lock()
 
 

@@ -27,27 +27,27 @@ def with_borders(
     chance: float32 (13, h, w), of the network. light: the suit's colours in the frame's light; the classes
     that are no part count as of the usual colour of the parts. By iterated conditional modes (Besag 1986).
     """
-    asked = cloud.valid[where] & (chance[0] < SURELY_ROOM)
-    own = chance[:, asked]
+    undecided = cloud.valid[where] & (chance[0] < SURELY_ROOM)
+    own = chance[:, undecided]
     scores = np.log(own + np.float32(LEAST))
-    scores += np.float32(OWN_COLOR) * _by_color(cloud, where, asked, scores, light)
-    index = np.full(asked.shape, -1, np.int32)
-    index[asked] = np.arange(scores.shape[1])
-    named, sure = np.zeros(asked.shape, np.uint8), np.zeros(asked.shape, np.float32)
+    scores += np.float32(OWN_COLOR) * _by_color(cloud, where, undecided, scores, light)
+    index = np.full(undecided.shape, -1, np.int32)
+    index[undecided] = np.arange(scores.shape[1])
+    named, sure = np.zeros(undecided.shape, np.uint8), np.zeros(undecided.shape, np.float32)
     if scores.size:
         depth_m = np.nan_to_num(cloud.points_m[where][..., 2])
         chosen = _modes(np.ascontiguousarray(scores.T), depth_m, index)
-        named[asked], sure[asked] = chosen, own[chosen, np.arange(len(chosen))]
+        named[undecided], sure[undecided] = chosen, own[chosen, np.arange(len(chosen))]
     return named, sure
 
 
 def _by_color(
-    cloud: ThermalCloud, where: Rectangle, asked: Bool, scores: Float32, light: ColorModel
+    cloud: ThermalCloud, where: Rectangle, undecided: Bool, scores: Float32, light: ColorModel
 ) -> Float32:
-    """Log likelihood (13, n) of the colours of the n pixels asked under each class; 0 without a colour."""
+    """Log likelihood (13, n) of the colours of the n undecided pixels under each class; 0 without a colour."""
     found, parts = np.zeros_like(scores), slice(1, N_CLASSES)
-    rgb = cloud.color_rgb[where][asked]
-    usable = readable(rgb, cloud.color_valid[where][asked])
+    rgb = cloud.color_rgb[where][undecided]
+    usable = readable(rgb, cloud.color_valid[where][undecided])
     of_parts, weight = light.evidence(rgb[usable]), np.exp(scores[parts, usable])
     found[parts, usable] = of_parts
     found[0, usable] = found[N_CLASSES, usable] = (weight * of_parts).sum(axis=0) / weight.sum(axis=0)

@@ -124,14 +124,14 @@ def in_light(planes: UInt8, rgb: UInt8, light: ColorModel, among: Bool | bool = 
     among: bool (h, w), pixels whose likeness is wanted.
     """
     depth = planes[CHANNELS.index("depth")]
-    asked = np.flatnonzero(((planes[0] & SEEN) > 0) & (depth > 0) & (depth < 255) & among)
-    own = rgb.reshape(-1, 3).take(asked, axis=0)
+    wanted = np.flatnonzero(((planes[0] & SEEN) > 0) & (depth > 0) & (depth < 255) & among)
+    own = rgb.reshape(-1, 3).take(wanted, axis=0)
     match = light.match(chromaticity(own), blur(own))
     made = planes.copy()
     for plane, likeness in zip(
         made[-len(LIKENESS) :], (*match[light.bare], *light.by_part(match)), strict=True
     ):
-        plane.put(asked, _bytes(likeness, *LOG_LIKELIHOOD))
+        plane.put(wanted, _bytes(likeness, *LOG_LIKELIHOOD))
     return made
 
 

@@ -1,18 +1,18 @@
-"""The reader's network cut in two: what everything around a place says of it, and what its own pixels add.
+"""The reader's network cut in two: features of what is around a place, and scores from these and its own pixels.
 
-The first half sees an image whole and says something of every square of ``PLACE`` x ``PLACE`` samples; by
-that, the second names the samples of any part of an image. Of ONNX files only the few fields needed are read.
+The first half sees an image whole and gives features of every square of ``PLACE`` x ``PLACE`` samples; from
+them the second gives the scores of the samples of any part of an image. Of ONNX files only the few fields needed are read.
 """
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError, Message
 
 PLACE = 4
-"""Samples along a side of the squares that the first half speaks of."""
+"""Samples along a side of the squares that the first half gives features of."""
 INPUT, OUTPUT = "channels", "scores"
 """Names of the network's input and output."""
 JOINT = "up.2.0.weight"
-"""Weights of the layer that joins what the first half says, enlarged, with an image's own samples."""
+"""Weights of the layer that joins the features, enlarged, with an image's own samples."""
 _FIELDS: dict[str, list[tuple[str, int, str, bool]]] = {
     "Model": [("graph", 7, "Graph", False)],
     "Graph": [("node", 1, "Node", True), ("initializer", 5, "Tensor", True),

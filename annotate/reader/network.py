@@ -23,10 +23,12 @@ CLASSES = N_CLASSES + 1
 """The parts, the background first, and another person last."""
 MULTIPLE = 16
 """The network halves an image four times: its sides are padded to multiples of this."""
-MOST_BYTES = 1 << 26
+MAX_BYTES = 1 << 26
 """Largest file of weights that is read; the shipped one has 1.5 MB."""
 SHIPPED_READER = Path(str(files("annotate").joinpath("reader", "reader.onnx")))
+"""The reader that comes with the package."""
 REMEDY = "give a file that `annotate-cloud train-labels` wrote"
+"""End of the messages about a file that is no reader."""
 
 
 class Reader:
@@ -37,7 +39,7 @@ class Reader:
 
     def __init__(self, path: Path) -> None:
         try:
-            self.__setstate__(read_bounded(path, MOST_BYTES, REMEDY))
+            self.__setstate__(read_bounded(path, MAX_BYTES, REMEDY))
             trial = self.probabilities(np.zeros((len(CHANNELS), MULTIPLE, 2 * MULTIPLE), np.uint8), 1)
         except (cv2.error, ValueError) as error:
             raise FormatError(f"weights {path} are no network for labels; {REMEDY}") from error

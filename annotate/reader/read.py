@@ -40,7 +40,7 @@ OTHER_PERSON = N_CLASSES
 class View(NamedTuple):
     """What is seen of a subject, in a rectangle around them.
 
-    planes: channels uint8 (24, h, w), likeness not told. rgb: uint8 (h, w, 3). pixels_per_m: at the subject.
+    planes: channels uint8 (24, h, w), the likeness still 0. rgb: uint8 (h, w, 3). pixels_per_m: at the subject.
     colors: readable ones uint8 (n, 3) of the rough outline. kept: the suit's colours in the light of the
     frame before, if that was read.
     """
@@ -78,10 +78,10 @@ def view_of(
 
 def _kept(suit: Suit, before: FrameLabels | None) -> ColorModel | None:
     """The suit's colours in the light that a frame's labels tell, if they do."""
-    told = before.notes.get(LIGHT) if before else None
-    if not isinstance(told, list) or [type(gain) for gain in told] != [float, float]:
+    gains = before.notes.get(LIGHT) if before else None
+    if not isinstance(gains, list) or [type(gain) for gain in gains] != [float, float]:
         return None
-    return under(unfitted(suit), np.array(told)) if all(abs(gain) <= MOST_GAIN for gain in told) else None
+    return under(unfitted(suit), np.array(gains)) if all(abs(gain) <= MOST_GAIN for gain in gains) else None
 
 
 def read(
