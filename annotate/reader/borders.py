@@ -44,7 +44,7 @@ def with_borders(
 def _by_color(
     cloud: ThermalCloud, where: Rectangle, undecided: Bool, scores: Float32, light: ColorModel
 ) -> Float32:
-    """Log likelihood (13, n) of the colours of the n undecided pixels under each class; 0 without a colour."""
+    """Log likelihood (13, n) of the n undecided pixels' colours under each class; 0 without a colour."""
     found, parts = np.zeros_like(scores), slice(1, N_CLASSES)
     rgb = cloud.color_rgb[where][undecided]
     usable = readable(rgb, cloud.color_valid[where][undecided])

@@ -1,7 +1,8 @@
-"""The reader's network cut in two: features of what is around a place, and scores from these and its own pixels.
+"""The reader's network in two halves: features of what is around a place, and scores from these and pixels.
 
 The first half sees an image whole and gives features of every square of ``PLACE`` x ``PLACE`` samples; from
-them the second gives the scores of the samples of any part of an image. Of ONNX files only the few fields needed are read.
+them the second gives the scores of the samples of any part of an image. Of ONNX files only the few fields
+needed are read.
 """
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory

@@ -40,9 +40,9 @@ OTHER_PERSON = N_CLASSES
 class View(NamedTuple):
     """What is seen of a subject, in a rectangle around them.
 
-    planes: channels uint8 (24, h, w), the likeness still 0. rgb: uint8 (h, w, 3). pixels_per_m: at the subject.
-    colors: readable ones uint8 (n, 3) of the rough outline. kept: the suit's colours in the light of the
-    frame before, if that was read.
+    planes: channels uint8 (24, h, w), the likeness still 0. rgb: uint8 (h, w, 3). pixels_per_m: at the
+    subject. colors: readable ones uint8 (n, 3) of the rough outline. kept: the suit's colours in the light of
+    the frame before, if that was read.
     """
 
     where: Rectangle
