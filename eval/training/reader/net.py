@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn.functional import interpolate, pixel_shuffle
 
 from annotate.reader.channels import CHANNELS, network_input
-from annotate.reader.network import CLASSES, MOST_BYTES, MULTIPLE, REMEDY
+from annotate.reader.network import CLASSES, MAX_BYTES, MULTIPLE, REMEDY
 from eval.network.checkpoint import check_fits
 from eval.training.onnx_file import export_any_size
 from sensors.errors import FormatError
@@ -118,7 +118,7 @@ def load_reader(path: Path) -> ReaderNet:
 
     network = ReaderNet().eval()
     try:
-        stored = onnx.load_model_from_string(read_bounded(path, MOST_BYTES, REMEDY)).graph.initializer
+        stored = onnx.load_model_from_string(read_bounded(path, MAX_BYTES, REMEDY)).graph.initializer
         found = {tensor.name: torch.tensor(numpy_helper.to_array(tensor)) for tensor in stored}
     except Exception as error:  # protobuf and onnx raise several kinds at damaged bytes
         raise FormatError(f"weights {path} are no ONNX file; {REMEDY}") from error
