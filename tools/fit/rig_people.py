@@ -1,0 +1,51 @@
+"""Label sets of the virtual rig's people, to train the network: ``python -m tools.fit.rig_people FOLDER N``.
+
+FOLDER/NUMBER, for N recordings of those that the reader is trained on, holds the true parts of every person
+who is found, cut out as they were found: the outline takes some of the bed along and leaves a hand out, as it
+will before the network later. ``annotate-cloud train FOLDER/* DATASET... --out RUN`` learns from them. Where
+it was broken off, the same command goes on with the first recording that lacks.
+"""
+
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from annotate.cloud.coarse import CoarseCloud
+from annotate.cloud.fuse import Fuser
+from annotate.labelset.store import LabelSet
+from annotate.parts import BACKGROUND
+from annotate.person.extract import Survey
+from eval.training.reader.scenes import training_rig
+from synth.rig.truth import truth_labels
+from synth.rig.virtual_rig import VirtualRig
+
+
+def store_people(rig: VirtualRig, out: Path) -> int:
+    """Write a rig's frames with somebody in them to the new label set ``out``; returns their number."""
+    fuser = Fuser(rig.calibration)
+    labels = LabelSet.create(out, fuser.camera, {"source": rig.name})
+    for frame, known in rig.with_truth():
+        truth = truth_labels(frame, known, rig.calibration.depth)
+        person = Survey(CoarseCloud.of(fuser.fuse_frame(frame)), suit=rig.suit).person()
+        parts = np.where(person.mask, truth.parts, np.uint8(BACKGROUND))
+        if parts.any():
+            labels.write(replace(truth, parts=parts, persons=None))
+    return len(labels)
+
+
+def main() -> None:
+    """Make what lacks."""
+    folder, count = Path(sys.argv[1]), int(sys.argv[2])
+    for number in range(count):
+        out, unfinished = folder / f"{number:04d}", folder / f"{number:04d}.unfinished"
+        if not out.exists():
+            shutil.rmtree(unfinished, ignore_errors=True)
+            print(out, store_people(training_rig(number), unfinished), flush=True)
+            unfinished.rename(out)
+
+
+if __name__ == "__main__":
+    main()
