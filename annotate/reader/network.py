@@ -24,7 +24,7 @@ CLASSES = N_CLASSES + 1
 MULTIPLE = 16
 """The network halves an image four times: its sides are padded to multiples of this."""
 MAX_BYTES = 1 << 26
-"""Largest file of weights that is read; the shipped one has 1.5 MB."""
+"""Largest file of weights that is read; the shipped one has 2.1 MB."""
 SHIPPED_READER = Path(str(files("annotate").joinpath("reader", "reader.onnx")))
 """The reader that comes with the package."""
 REMEDY = "give a file that `annotate-cloud train-labels` wrote"
