@@ -23,7 +23,7 @@ from cli.console import finish, say
 from cli.extras import needing
 from cli.rig_devices import ended_by_sigterm, open_rig
 from eval.network.bearing import Bearing, joint_row
-from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import NetworkSurvey
 from eval.network.sides import sided
 from eval.scores.joints import JOINT, JOINT_NAMES
@@ -141,8 +141,11 @@ def _switching(seconds: float) -> Iterator[None]:
 
 
 def labelling_by(suit: Suit | None) -> Labelling:
-    """Parts by a suit, or else by the shipped network, which gives joints, facing and posture to both."""
-    network = OnnxNetwork(SHIPPED_WEIGHTS)
+    """Parts by a suit, or else by the shipped network, which gives joints, facing and posture to both.
+
+    It is asked once: a picture of now is worth more than the last hundredth (docs/adr/0024).
+    """
+    network = OnnxNetwork(mirrored=False)
     if suit is None:
         return Labelling(
             lambda cloud: NetworkSurvey(CoarseCloud.of(cloud), network), NetworkSurvey.labels, _stance

@@ -9,17 +9,19 @@ import numpy as np
 import pytest
 from conftest import assert_refused, tree
 
-from annotate.crop import SIZE, crop_around
+from annotate.crop import SIZE, crop_around, network_crop
 from annotate.frame_labels import FrameLabels
 from annotate.labelset import dataset
 from annotate.labelset.dataset import Dataset
 from annotate.labelset.images import encode_png
 from annotate.labelset.store import LabelSet, validate
-from annotate.parts import BACKGROUND, N_CLASSES, PART_ID
+from annotate.parts import BACKGROUND, N_CLASSES, PART_ID, swap_left_right
 from eval.compare.compare import compare_sets
+from eval.network.bearing import Bearing
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import predict_frames
 from eval.network.predict_source import predict_source
+from eval.scores.joints import TWIN
 from eval.training.crops import to_crop
 from sensors.errors import CloudError, ExistsError, FormatError
 from sensors.importers.open_source import open_source
@@ -69,6 +71,23 @@ def test_every_pixel_of_the_person_gets_a_part_and_no_other(network, truth):
         assert (result.confidence[~on] == 0).all()
         assert (result.confidence >= 0).all()
         assert (result.confidence <= 1).all()
+
+
+def test_a_mirror_image_gets_mirrored_labels(network, truth):
+    """To the bit: both are asked for the same two images."""
+    frame = truth.read("000000")
+    crop = network_crop(frame.parts > 0)
+    depth, person = crop.cut(frame.depth_mm, 0), crop.cut(frame.parts > 0, False)
+    found, other = (
+        network.segment(*images) for images in ((depth, person), (depth[:, ::-1], person[:, ::-1]))
+    )
+    np.testing.assert_array_equal(swap_left_right(other.parts)[:, ::-1], found.parts)
+    np.testing.assert_array_equal(other.confidence[:, ::-1], found.confidence)
+    bearing, mirrored = (Bearing.from_note(result.bearing) for result in (found, other))
+    assert mirrored.facing_deg == pytest.approx(-bearing.facing_deg)
+    np.testing.assert_allclose(mirrored.joints_px[TWIN, 0], SIZE - 1 - bearing.joints_px[:, 0], atol=0.11)
+    once = OnnxNetwork(mirrored=False).segment(depth, person)
+    assert (once.parts != found.parts).any()
 
 
 def test_the_room_behind_changes_nothing(network, truth):
@@ -169,7 +188,7 @@ def test_rims_that_a_small_crop_drops_get_the_part_beside_them():
             return [planes]
 
     person = np.random.default_rng(0).random((424, 512)) < 0.5
-    result = Forearms().segment(np.full(person.shape, 1500, np.uint16), person)
+    result = Forearms(mirrored=False).segment(np.full(person.shape, 1500, np.uint16), person)
     np.testing.assert_array_equal(result.parts, np.where(person, PART_ID["left_forearm"], 0))
     np.testing.assert_allclose(result.confidence, np.where(person, 0.9, 0), atol=1e-6)
 
@@ -191,11 +210,11 @@ def test_what_the_network_calls_no_person_is_left_out():
     person = np.zeros((424, 512), bool)
     person[100:200, 100:300] = True
     depth_mm = np.full(person.shape, 1500, np.uint16)
-    left = Thumbs().without_things(depth_mm, person)
+    left = Thumbs(mirrored=False).without_things(depth_mm, person)
     assert not (left & ~person).any()
     np.testing.assert_array_equal(np.flatnonzero(left.any(axis=0))[[0, -1]], [200, 299])
     nobody = np.zeros_like(person)
-    np.testing.assert_array_equal(Thumbs().without_things(depth_mm, nobody), nobody)
+    np.testing.assert_array_equal(Thumbs(mirrored=False).without_things(depth_mm, nobody), nobody)
 
 
 def test_a_network_that_sees_nobody_at_all_is_not_believed():
@@ -204,7 +223,7 @@ def test_a_network_that_sees_nobody_at_all_is_not_believed():
 
     person = np.zeros((424, 512), bool)
     person[100:200, 100:300] = True
-    left = Lost().without_things(np.full(person.shape, 1500, np.uint16), person)
+    left = Lost(mirrored=False).without_things(np.full(person.shape, 1500, np.uint16), person)
     np.testing.assert_array_equal(left, person)
 
 
@@ -232,8 +251,9 @@ def crops(tmp_path_factory, truth) -> Dataset:
     return write_dataset(tmp_path_factory.mktemp("dataset") / "d", frames)
 
 
-def test_a_dataset_is_labelled_as_its_frames_are(tmp_path, crops, truth, network):
+def test_a_dataset_is_labelled_as_its_frames_are(tmp_path, crops, truth):
     """Its frames are crops already: what training saw is what the network gets."""
+    network = OnnxNetwork(mirrored=False)
     run = predict_frames(crops, network, tmp_path / "p", silent)
     assert run.labels.frame_ids == sorted(frame.frame_id for frame in crops)
     for frame in crops:

@@ -2,7 +2,7 @@
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,11 +15,11 @@ from numba import njit
 from annotate.array_types import Bool, Float32, Index, UInt8, UInt16
 from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
 from annotate.labelset.images import Probabilities
-from annotate.parts import BACKGROUND, N_CLASSES
+from annotate.parts import BACKGROUND, N_CLASSES, swap_left_right
 from annotate.posture import POSTURES
 from annotate.reader.segmentation import Segmentation
 from eval.network.bearing import Bearing
-from eval.scores.joints import N_JOINTS
+from eval.scores.joints import N_JOINTS, TWIN
 from sensors.errors import CloudError, FormatError
 from sensors.files.bounded import read_bounded
 
@@ -38,8 +38,17 @@ half (measured)."""
 AT_ONCE = min(4, os.cpu_count() or 1)
 """Crops through a network at once, one thread each: threads that share a crop wait for each other much of the
 time."""
+TWIN_PARTS = swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))
+"""Each part's twin on the other side; a middle one is its own."""
 WHOLE = ("facing", "posture", "joints")
 """Names of what else a network may give."""
+TURNED_BACK: tuple[Callable[[Float32], Float32], ...] = (
+    lambda planes: planes[:, TWIN_PARTS, :, ::-1],
+    lambda facing: facing * np.array([1, -1], np.float32),
+    lambda posture: posture,
+    lambda joints: np.array([1, 0, 0], np.float32) + joints[:, TWIN] * np.array([-1, 1, 1], np.float32),
+)
+"""How an answer for mirror images becomes one for the people: probabilities, facing, posture and joints."""
 _NOWHERE = "/dev/null/no-external-data"
 """The folder of tensors outside the file, which does not exist: the file's hash would not cover them, and
 their paths are its author's choice."""
@@ -54,9 +63,11 @@ class OnnxNetwork:
     Any exporter's, of any precision (float16, or quantised to eight bits). sha256: hash of the file. Raises
     FormatError when the file is no network of this kind: (B, 1, 212, 212) -> probabilities (B, 12, 212, 212),
     all within the file. It may give ``facing``, ``posture`` and ``joints`` too, see `Answer`.
+    mirrored: labels are the mean of its answers for a person and for their mirror image (docs/adr/0024),
+    which takes twice as long.
     """
 
-    def __init__(self, path: Path = SHIPPED_WEIGHTS) -> None:
+    def __init__(self, path: Path = SHIPPED_WEIGHTS, *, mirrored: bool = True) -> None:
         try:
             import onnxruntime
         except ImportError as error:
@@ -99,7 +110,7 @@ class OnnxNetwork:
         shapes = [(2, 2), (2, len(POSTURES)), (2, N_JOINTS, 3)]
         if whole and [values.shape for values in whole] != shapes:
             raise FormatError(f"weights {path} give facing, posture and joints of other shapes than {shapes}")
-        self.sha256 = hashlib.sha256(data).hexdigest()
+        self.sha256, self._mirrored = hashlib.sha256(data).hexdigest(), mirrored
 
     def probabilities(self, crops: Float32) -> Float32:
         """Normalised crops (B, 212, 212) -> class probabilities (B, 12, 212, 212)."""
@@ -119,6 +130,13 @@ class OnnxNetwork:
         with ThreadPoolExecutor(AT_ONCE, "network") as threads:
             each = list(threads.map(run, crops))
         return [np.concatenate(answers, dtype=np.float32) for answers in zip(*each, strict=True)]
+
+    def _means(self, crops: Float32) -> list[Float32]:
+        """Means of the answers for crops (B, 212, 212) and for their mirror images, turned back."""
+        answers = self.answers(np.concatenate([crops, crops[..., ::-1]]))
+        pairs = ((answer[: len(crops)], answer[len(crops) :]) for answer in answers)
+        half = np.float32(0.5)
+        return [half * (own + back(other)) for (own, other), back in zip(pairs, TURNED_BACK, strict=False)]
 
     def segment(self, depth_mm: UInt16, person: Bool, *, probabilities: bool = False) -> Segmentation:
         """Label the person of a depth image; both (h, w), see ``segment_all``."""
@@ -147,7 +165,7 @@ class OnnxNetwork:
         if not images:
             return []
         crops, depths = zip(*(_input(*image) for image in images), strict=True)
-        planes, *wholes = self.answers(np.stack(depths))
+        planes, *wholes = self._means(np.stack(depths)) if self._mirrored else self.answers(np.stack(depths))
         return [
             _Look(image, crop, depth > 0, planes[k], [values[k] for values in wholes])
             for k, (image, crop, depth) in enumerate(zip(images, crops, depths, strict=True))

@@ -2,10 +2,11 @@
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from annotate.parts import UNDEFINED
+from annotate.parts import N_CLASSES, UNDEFINED, swap_left_right
 from eval.training.crops import Crops
 
 PIXELS = 200
@@ -15,15 +16,17 @@ ROUNDS = 40
 
 
 def fitted_temperature(model: nn.Module, crops: Crops, batch: int = 32) -> float:
-    """The temperature at which a network's scores, divided by it, explain the labels of crops best."""
+    """The temperature at which the chances that a network gives crops and their mirror images explain the
+    labels best, as `OnnxNetwork` takes their mean.
+    """
     return temperature_of(*_pixels(model, crops, batch))
 
 
 def temperature_of(scores: Tensor, target: Tensor) -> float:
-    """The temperature at which scores (N, K), divided by it, explain classes (N,) best; 1 without any.
+    """The temperature at which scores (V, N, K), divided by it, explain classes (N,) best; 1 without any.
 
-    Source: Guo et al. 2017, On Calibration of Modern Neural Networks; least mean cross entropy, by bisection
-    of its slope.
+    The chances of V views of each are averaged. Source: Guo et al. 2017, On Calibration of Modern Neural
+    Networks; least mean cross entropy, by bisection of its slope.
     """
     if not len(target):
         return 1.0
@@ -31,23 +34,27 @@ def temperature_of(scores: Tensor, target: Tensor) -> float:
     for _ in range(ROUNDS):
         middle = (low + high) / 2
         log_t = torch.tensor(middle, requires_grad=True)
-        (slope,) = torch.autograd.grad(nn.functional.cross_entropy(scores / log_t.exp(), target), log_t)
+        log_chances = nn.functional.log_softmax(scores / log_t.exp(), dim=2).logsumexp(dim=0)
+        (slope,) = torch.autograd.grad(nn.functional.nll_loss(log_chances, target), log_t)
         low, high = (middle, high) if slope < 0 else (low, middle)
     return math.exp((low + high) / 2)
 
 
 def _pixels(model: nn.Module, crops: Crops, batch: int) -> tuple[Tensor, Tensor]:
-    """Scores (N, 12) and parts (N,) of some pixels with depth of each crop."""
+    """Scores (2, N, 12), of the image and of its mirror image, and parts (N,) of some pixels of each crop."""
     model.eval()
     device = next(model.parameters()).device
-    scores, targets = [torch.empty(0, 12)], [torch.empty(0, dtype=torch.long)]
+    twins = torch.from_numpy(swap_left_right(np.arange(N_CLASSES, dtype=np.uint8)).astype(np.int64))
+    scores, targets = [torch.empty(2, 0, N_CLASSES)], [torch.empty(0, dtype=torch.long)]
     for depth, parts in crops.batches(batch):
+        images = torch.from_numpy(depth[:, None]).to(device)
         with torch.no_grad():
-            answer = model(torch.from_numpy(depth[:, None]).to(device)).scores.float().cpu()
+            own, other = (model(view).scores.float().cpu() for view in (images, images.flip(-1)))
+        views = torch.stack([own, other[:, twins].flip(-1)], dim=1)
         counted = torch.from_numpy((depth > 0) & (parts != UNDEFINED))
-        for image, true, seen in zip(answer, torch.from_numpy(parts).long(), counted, strict=True):
+        for image, true, seen in zip(views, torch.from_numpy(parts).long(), counted, strict=True):
             every = seen.flatten().nonzero()[:, 0]
             some = every[torch.linspace(0, max(len(every) - 1, 0), min(PIXELS, len(every))).long()]
-            scores.append(image.flatten(1)[:, some].T)
+            scores.append(image.flatten(2)[:, :, some].transpose(1, 2))
             targets.append(true.flatten()[some])
-    return torch.cat(scores), torch.cat(targets)
+    return torch.cat(scores, dim=1), torch.cat(targets)

@@ -41,7 +41,7 @@ def outcome(network: ReaderNet, stock: Stock, sample_m: float) -> Outcome:
         some = torch.linspace(0, max(len(target) - 1, 0), min(SCATTERED, len(target))).long()
         scores.append(found[some])
         targets.append(torch.from_numpy(target)[some])
-    return Outcome(*_figures(table), temperature_of(torch.cat(scores), torch.cat(targets)))
+    return Outcome(*_figures(table), temperature_of(torch.cat(scores)[None], torch.cat(targets)))
 
 
 def _read(network: ReaderNet, example: Example, sample_m: float) -> tuple[Tensor, Int64]:
