@@ -32,7 +32,7 @@ from synth.motion.resample import resampled
 from synth.rig.film import FilmRig
 from synth.rig.paths import truth_path
 from synth.rig.simulate import simulate
-from synth.surface.furniture import Chair
+from synth.surface.furniture import FLOOR, Chair
 from tests.helpers.penetration import self_penetration_m
 
 RATE = 30.0
@@ -97,6 +97,17 @@ def test_feet_stand_where_the_motion_stands(body):
         vertices, joints = stand(body, grounded, frame)
         assert max(abs(vertices[foot, 2].min()) for foot in feet) < STOOD_M
         assert self_penetration_m(body, vertices, joints) < 0.045
+
+
+@pytest.mark.parametrize("body", [shipped_bodies()[7], crowd()[2]], ids=["tall", "heavy"])
+def test_who_sits_on_the_floor_lies_on_the_trunk_and_its_feet(body):
+    grounded = ground(_bent(np.tile([-0.3, 1.3, -0.1, 0.0, 1.0], (20, 1)), np.zeros(20)))
+    assert (grounded.clear_m == 0).all() and not grounded.sits.any()
+    vertices, _ = stand(body, grounded, 0)
+    assert vertices[flesh_of(body).trunk, 2].min() == pytest.approx(-FLOOR.give_m, abs=1e-3)
+    for side in ("left", "right"):
+        foot = np.flatnonzero(body.strongest_joints == JOINT_ID[f"{side}_ankle"])
+        assert abs(vertices[foot, 2].min()) < STOOD_M
 
 
 def test_a_jump_stays_in_the_air():

@@ -50,7 +50,7 @@ def cleared(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]
     """A posture from ``standing``, its limbs clear of each other and of solids, its lowest at its height."""
     low = wanted_m.min()
     airborne = np.array([0.0, 0.0, low])
-    placed, goal = _moved(posture, -airborne), (wanted_m - low)[:2]
+    placed, goal = _trunk_up(body, _moved(posture, -airborne)), (wanted_m - low)[:2]
     near, feet = _near(wanted_m)[:2], _feet(body)
     best, least = placed, np.inf
     for _ in range(3):
@@ -66,8 +66,16 @@ def cleared(body: Body, posture: Posture, wanted_m: Float64, solids: list[Solid]
             break
         # Thighs that part, and skin that stands out, leave a foot in the air: hips lower, the other leg bent.
         goal = goal - high
-        placed = _bent(flesh_of(body), _moved(placed, np.array([0.0, 0.0, -astray])), wanted_m - low)
+        lower = _trunk_up(body, _moved(placed, np.array([0.0, 0.0, -astray])))
+        placed = _bent(flesh_of(body), lower, wanted_m - low)
     return _moved(best, airborne)
+
+
+def _trunk_up(body: Body, posture: Posture) -> Posture:
+    """The posture with its trunk out of the floor: limbs make room for it, but nothing moves a trunk."""
+    vertices, _ = pose(body, posture)
+    sunk = -FLOOR.give_m - float(vertices[flesh_of(body).trunk, 2].min())
+    return _moved(posture, np.array([0.0, 0.0, max(sunk, 0.0)]))
 
 
 @lru_cache(maxsize=16)
