@@ -10,16 +10,20 @@ SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Written last, so that a set-up that was cut short starts again: what the demo needs is there; and everything else.
+TRY := $(VENV)/.try
 READY := $(VENV)/.ready
-EXTRAS := synth,bodies,network,report,rig,clouds,train,gui,cluster,exchange,foxglove,realsense,kinect,orbbec,docs,dev
+TRIED := synth,network,report
+EXTRAS := $(TRIED),bodies,rig,clouds,train,gui,cluster,exchange,foxglove,realsense,kinect,orbbec,docs,dev
 
 # Python keeps what it has compiled, whatever the caller's environment wants: it saves every process of a test that.
 export PYTHONDONTWRITEBYTECODE :=
 
-# PCL and a compiler for the extension; Mesa for rendering without a screen; what Qt asks of X.
-PACKAGES := python3-venv python3-dev g++ cmake ninja-build pkg-config libpcl-dev libgl1 libegl1 libgomp1 \
-	libxcb-cursor0 libxkbcommon-x11-0 libxcb-icccm4 libxcb-keysyms1 libxcb-image0 libxcb-render-util0 \
-	libxcb-xinerama0 libxcb-shape0
+# PCL and a compiler for the extension.
+PACKAGES := python3-venv python3-dev g++ cmake ninja-build pkg-config libpcl-dev libgomp1
+# Mesa for rendering without a screen; what Qt asks of X.
+WINDOW := libgl1 libegl1 libxcb-cursor0 libxkbcommon-x11-0 libxcb-icccm4 libxcb-keysyms1 libxcb-image0 \
+	libxcb-render-util0 libxcb-xinerama0 libxcb-shape0
 # A screen for the window's tests, and a browser for the report's; the last is skipped where there is none
 # (Ubuntu has it only as a snap).
 OPTIONAL := xvfb chromium
@@ -38,9 +42,10 @@ help:
 
 setup: $(READY)
 
-# Written last, so that a set-up that was cut short starts again.
-$(READY): Makefile pyproject.toml constraints.txt CMakeLists.txt annotate/cpp/pcl.cpp
-	@$(MAKE) --no-print-directory system
+SOURCES := Makefile pyproject.toml constraints.txt CMakeLists.txt annotate/cpp/pcl.cpp
+
+# The packages of these extras, the extension and its kernels.
+define set-up
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
 		echo "$$($(PYTHON) --version) is too old; annotate-cloud needs 3.11 or newer:" \
 			"name one, as in 'make setup PYTHON=python3.12'" >&2
@@ -49,10 +54,21 @@ $(READY): Makefile pyproject.toml constraints.txt CMakeLists.txt annotate/cpp/pc
 	[ -x $(BIN)/pip ] || $(PYTHON) -m venv $(VENV)
 	echo "installing Python packages into $(VENV)"
 	$(BIN)/pip install --quiet --constraint constraints.txt scikit-build-core nanobind
-	$(BIN)/pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[$(EXTRAS)]'
+	$(BIN)/pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[$(1)]'
 	echo "compiling kernels, once"
 	$(BIN)/annotate-cloud compile
+endef
+
+# Gigabytes less than the rest, so that the first try does not wait for them.
+$(TRY): $(SOURCES)
+	@$(MAKE) --no-print-directory system
+	$(call set-up,$(TRIED))
 	touch $@
+
+$(READY): $(SOURCES)
+	@$(MAKE) --no-print-directory system WANTED="$(WINDOW)"
+	$(call set-up,$(EXTRAS))
+	touch $(TRY) $@
 
 # Asks apt for nothing, and needs no network, where everything is there already.
 system:
@@ -74,11 +90,11 @@ system:
 	"$${root[@]}" apt-get install -qq --yes --no-install-recommends \
 		-o Dpkg::Options::=--force-unsafe-io "$${found[@]}" >/dev/null
 
-demo: $(READY)
+demo: $(TRY)
 	$(BIN)/annotate-cloud demo --out demo-out --overwrite
 
 test: $(READY)
-	@$(MAKE) --no-print-directory system WANTED="$(OPTIONAL)"
+	@$(MAKE) --no-print-directory system WANTED="$(WINDOW) $(OPTIONAL)"
 	# The tests fill the cores by processes: BLAS threads beside them cost several times the work.
 	# Each starts with one half, in order, so that tests that share something follow each other; the one that
 	# is done first takes over from the other's end.
