@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -154,6 +153,9 @@ def nearest_seen(seen: Bool) -> Index:
     """Flat index (h, w) of the ``seen`` pixel nearest to each; its own where none is seen at all."""
     if not seen.any():
         return np.arange(seen.size).reshape(seen.shape)
+    # Its import takes a tenth of the time that info and refusals have.
+    import cv2
+
     _, label = cv2.distanceTransformWithLabels(
         (~seen).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
     )

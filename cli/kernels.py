@@ -3,7 +3,6 @@
 import tempfile
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from cli.console import Json, finish, progress
@@ -46,6 +45,8 @@ def _label() -> None:
 
 def _generate() -> None:
     """Images of each way of drawing people."""
+    from concurrent.futures import ThreadPoolExecutor
+
     from synth.images.generate import Order, generate
     from synth.images.presets import PRESETS
     from synth.images.workers import Workers

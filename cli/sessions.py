@@ -5,7 +5,6 @@ same path. A task goes on where a killed one ended, and its bytes are those of o
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import as_completed
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -108,6 +107,8 @@ def _outcomes(
     if workers is None:
         yield from ((name, partial(work, *job)) for name, job in jobs.items())
         return
+    from concurrent.futures import as_completed
+
     here = _versions()
     names = {workers.executor.submit(_checked, here, work, *job): name for name, job in jobs.items()}
     for future in as_completed(names):

@@ -159,6 +159,9 @@ def test_help_imports_no_numbers_and_info_and_refusals_no_compiler(rig_session, 
         assert not modules & set(HEAVY), command
         if command in helps:
             assert not modules & {"numpy", "cv2", "packaging.requirements"}, command
+        if command in shown[:2]:
+            # No image of a session is decoded, and of labels only the parts: by Pillow.
+            assert not modules & ({"cv2", "PIL.Image"} if command == shown[0] else {"cv2"}), command
 
 
 def test_names_of_choices_are_those_of_what_they_choose():

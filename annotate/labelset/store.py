@@ -6,14 +6,13 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self, TypeVar, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from annotate.array_types import Float32
+from annotate.array_types import Float32, UInt8
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset import images, manifests
 from annotate.labelset.dataset import Entry
@@ -58,6 +57,8 @@ class LabelSet:
         """Start an empty label set in a new or empty folder. Raises ExistsError otherwise."""
         if is_taken(path):
             raise ExistsError(f"{path} already exists; choose another folder or pass --overwrite")
+        from importlib.metadata import version
+
         (path / FRAMES).mkdir(parents=True, exist_ok=True)
         manifest = {
             "schema": SCHEMA,
@@ -166,6 +167,10 @@ class LabelSet:
             raise FormatError(
                 f"{self._file(frame_id, 'json')} has unknown fields ({error}); restore it"
             ) from error
+
+    def parts(self, frame_id: str) -> UInt8:
+        """A frame's parts alone, uint8 (h, w). Raises FormatError naming the file."""
+        return self._image(frame_id, "parts.png", images.decode_parts)
 
     def confidence(self, frame_id: str, step: str = "") -> Float32 | None:
         """Confidence (h, w) of the labels of a step of learning, or of a frame's first ones, if any."""

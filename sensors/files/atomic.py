@@ -5,12 +5,11 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from secrets import token_hex
 
 from sensors.errors import ExistsError, FormatError
 
 # Nobody can put a link to another file where this process will write.
-_TOKEN = token_hex(4)
+_TOKEN = os.urandom(4).hex()
 
 
 def check_free(path: Path, overwrite: bool) -> None:

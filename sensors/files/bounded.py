@@ -2,7 +2,6 @@
 
 import os
 import stat
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +48,8 @@ def _read(path: Path, limit: int) -> bytes | None:
 
 def read_toml(path: Path, limit: int, remedy: str, error: type[CloudError] = FormatError) -> dict[str, Any]:
     """A TOML file's content. Raises ``error`` where it cannot be read, or is larger than ``limit`` bytes."""
+    import tomllib
+
     data = read_bounded(path, limit, remedy, error)
     try:
         return tomllib.loads(data.decode())
