@@ -146,7 +146,7 @@ def smear(light: Float32, face: Int32, flow_by_face: Float32) -> Float32:
     return blurred
 
 
-@numba.njit(cache=True, fastmath=EXACT)
+@numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _gather(light: Float32, flow: Float32, moves: Float32) -> Float32:
     """Mean of ``TAPS`` places along each pixel's motion; a still pixel takes only what moves over it."""
     height, width, _ = light.shape
@@ -188,7 +188,7 @@ def develop(light: Float32, state: CameraState, faults: CameraFaults, rng: np.ra
     return np.asarray(_curve()[linear], np.uint8)
 
 
-@numba.njit(cache=True, fastmath=EXACT)
+@numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _expose(
     light: Float32, grain: Float32, exposure: float, balance: Float64, vignette: float, well: float,
     noise: float,

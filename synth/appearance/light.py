@@ -164,7 +164,7 @@ def _lit(surfaces: Surfaces, scene: Mesh, places_m: Float64) -> Float32:
     return lit
 
 
-@numba.njit(cache=True, fastmath=EXACT)
+@numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _look_up(point: Float32, normal: Float32, r: Float64, t: Float64, depth: Float32, lit: Float32) -> None:
     """0 where a map's surface lies before the point, between its four nearest pixels by their shares."""
     centre = (MAP_PX - 1) / 2
@@ -189,7 +189,7 @@ def _look_up(point: Float32, normal: Float32, r: Float64, t: Float64, depth: Flo
             lit[v, u] = 1 - shade
 
 
-@numba.njit(cache=True, fastmath=EXACT)
+@numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _shine(
     albedo: Float32, normal: Float32, point: Float32, shadow: Float32, lamps: Float32, size2: Float32,
     power: Float32, ambient: Float32, sky: float, light: Float32,

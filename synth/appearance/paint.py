@@ -157,7 +157,7 @@ def _normals(vertices: Float32, faces: Int32, smooth: int) -> tuple[Float32, Flo
     return flat, rounded
 
 
-@numba.njit(cache=True, fastmath=EXACT)
+@numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _paint(
     face: Int32, depth: Float32, eye: _Eye, shell: _Shell, clothes: _Clothes, room: RoomColors,
     tile: Float32, surfaces: Surfaces,

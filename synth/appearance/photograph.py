@@ -32,7 +32,7 @@ from synth.appearance.paint import RoomColors, paint
 from synth.shipped import table
 from synth.surface.facets import wavelength_cells
 from synth.surface.furniture import SURFACES, Surface
-from synth.surface.rasterize import Mesh, rasterize
+from synth.surface.rasterize import Mesh, face_means, rasterize
 
 
 @dataclass(frozen=True)
@@ -164,4 +164,4 @@ class ColorCamera:
         """Image motion (F + 1, 2) of every face during an exposure, pixels; the last, nothing hit, is 0."""
         turned = velocity_m_s @ self.color_from_world.rotation.T
         by_vertex = flow_px(self.pinhole, points_m, turned, seconds)
-        return np.concatenate([by_vertex[faces].mean(axis=1), np.zeros((1, 2), np.float32)])
+        return np.concatenate([face_means(by_vertex, faces), np.zeros((1, 2), np.float32)])

@@ -10,6 +10,7 @@ from annotate.parts import BODY_PARTS, N_CLASSES, PART_ID
 from synth.body.body import Body, hair_faces
 from synth.body.skeleton import JOINT_ID
 from synth.surface.furniture import SURFACES, Surface
+from synth.surface.rasterize import face_means
 
 PART_C = {
     "head": 33.5,
@@ -104,7 +105,7 @@ class BodyWarmth:
 
     def celsius(self) -> Float64:
         """Temperature (F,) of every body face now."""
-        touch = self._touch[self._body.faces].mean(axis=1)
+        touch = face_means(self._touch, self._body.faces)
         return np.asarray(self._apart + touch * np.maximum(CONTACT_C - self._apart, 0.0), np.float64)
 
 
@@ -132,7 +133,7 @@ def _apart(body: Body, clothing: Clothing, room_c: float, rng: np.random.Generat
         own = np.isin(joint, [JOINT_ID[f"{side}_{ends}"] for side in ("left", "right")])[body.faces[:, 0]]
         temperature[own] = warm + share * (cold - warm)
     temperature[hair_faces(body)] = HAIR_C
-    centre = body.vertices_m[body.faces].mean(axis=1)
+    centre = face_means(body.vertices_m, body.faces)
     waves = rng.normal(0, 9.0, (3, 6))
     patches = np.sin(centre @ waves + rng.uniform(0, 2 * np.pi, 6)).sum(axis=1) / np.sqrt(3)
     temperature += FOLLOWS_ROOM * (room_c - MEAN_ROOM_C) + clothing.patch_c * patches
@@ -143,7 +144,7 @@ def _looseness(body: Body, worn: Body) -> Float64:
     """How loose the cloth of faces (F,) is, in [0, 1]; shoes lift both bodies' soles to the floor."""
     lift = worn.joints_m[0] - body.joints_m[0]
     off_m = np.linalg.norm(worn.vertices_m - body.vertices_m - lift, axis=1)
-    return np.asarray(np.clip(off_m / LOOSE_M, 0, 1)[body.faces].mean(axis=1), np.float64)
+    return np.asarray(face_means(np.clip(off_m / LOOSE_M, 0, 1), body.faces), np.float64)
 
 
 def _limb_vertices(body: Body) -> list[tuple[Int64, Int64]]:
@@ -172,11 +173,16 @@ def _touching(vertices_m: Float32, pairs: list[tuple[Int64, Int64]]) -> Bool:
     touched = np.zeros(len(vertices_m), np.bool_)
     for one, other in pairs:
         a, b = vertices_m[one], vertices_m[other]
-        in_a = (a > b.min(axis=0) - CONTACT_M).all(axis=1) & (a < b.max(axis=0) + CONTACT_M).all(axis=1)
-        in_b = (b > a.min(axis=0) - CONTACT_M).all(axis=1) & (b < a.max(axis=0) + CONTACT_M).all(axis=1)
+        in_a, in_b = _beside(a, b), _beside(b, a)
         if not in_a.any() or not in_b.any():
             continue
         gap, nearest = cKDTree(b[in_b]).query(a[in_a], distance_upper_bound=CONTACT_M)
         touched[one[in_a][np.isfinite(gap)]] = True
         touched[other[in_b][np.unique(nearest[np.isfinite(gap)])]] = True
     return touched
+
+
+def _beside(points_m: Float32, others_m: Float32) -> Bool:
+    """Which points (N, 3) are within reach of the box around the others (M, 3)."""
+    near = (points_m > others_m.min(axis=0) - CONTACT_M) & (points_m < others_m.max(axis=0) + CONTACT_M)
+    return near[:, 0] & near[:, 1] & near[:, 2]  # in a third of the time that ``all`` takes

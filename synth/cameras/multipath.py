@@ -52,7 +52,7 @@ def _normals(points: Float32) -> Float32:
     return np.asarray(normal, np.float32)
 
 
-@numba.njit(cache=True, fastmath=EXACT)
+@numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _bounce(points: Float32, normals: Float32, area: Float32, reflectance: float) -> Float32:
     """Mean excess of path length (n,), metres, one way."""
     n = len(points)

@@ -133,7 +133,7 @@ def axial_sigma_mm(depth_m: Number, incidence_rad: Number) -> Number:
     return np.float32(straight + np.float32(0.1) * z * np.sqrt(z) * tilt * tilt)
 
 
-@numba.njit(cache=True, fastmath=EXACT)
+@numba.njit(cache=True, nogil=True, fastmath=EXACT)
 def _read(
     depth: Float32, dark: Float32, wanted: Bool, shown: Bool, strengths: Float32, pinhole: Float32,
     key: np.uint64, normals: Float32, log2: int, weights: Float32,

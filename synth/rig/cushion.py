@@ -5,7 +5,7 @@ import numpy as np
 
 from annotate.array_types import Float32, Float64
 from synth.surface.furniture import Side, Solid
-from synth.surface.rasterize import Mesh, grid_faces, tagged
+from synth.surface.rasterize import Mesh, face_means, grid_faces, tagged
 
 CELL_M = 0.025
 """Grid step: a thermal pixel covers 1.8 cm at 2 m."""
@@ -93,7 +93,7 @@ class Cushion:
     def celsius(self, room_c: float) -> Float64:
         """Temperature (F,) of every face of ``mesh`` in a room-warm solid."""
         heat = np.concatenate([np.zeros(8), cv2.GaussianBlur(self.heat, (0, 0), 1.0).ravel()])
-        return np.asarray(room_c + (CONTACT_C - room_c) * heat[self.mesh.faces].mean(axis=1), np.float64)
+        return np.asarray(room_c + (CONTACT_C - room_c) * face_means(heat, self.mesh.faces), np.float64)
 
     def _whole(self) -> Mesh:
         n, m = self.heat.shape

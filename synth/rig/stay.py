@@ -21,7 +21,7 @@ from synth.rig.difficulty import Difficulty
 from synth.rig.furnish import furnish, invite
 from synth.rig.place import Place
 from synth.surface.furniture import Surface, empty_room
-from synth.surface.rasterize import Mesh, merge, tagged
+from synth.surface.rasterize import Mesh, face_means, merge, tagged
 
 MOST_BLENDED = 0.35
 """Each subject is one of the shipped bodies with up to this share of another: all builds between them."""
@@ -151,7 +151,7 @@ class Stay:
 
     def _press(self, person_m: Float32, seconds: float) -> list[Float64]:
         """Let a posture last so long: it dents the cushions, and seat and person warm each other."""
-        points = np.concatenate([person_m, person_m[self._body.faces].mean(axis=1)])
+        points = np.concatenate([person_m, face_means(person_m, self._body.faces)])
         dents = [cushion.press(points) for cushion in self._cushions]
         if self._difficulty.warmth > 0:
             for cushion, dent in zip(self._cushions, dents, strict=True):

@@ -5,6 +5,7 @@ camera's faults are apart; ``Difficulty`` holds the strength of each.
 """
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -109,12 +110,21 @@ class VirtualRig:
         if isinstance(depth, TimeOfFlight):
             depth = replace(depth, offset_mm=float(offset_mm), scale=float(scale))
         thermal = ThermalState(self._twin.thermal(faults.thermal), rng)
-        for number in range(self.subjects):
+        for number, stay in enumerate(self._stays()):
             first, end = (-(-n * self.frames // self.subjects) for n in (number, number + 1))
-            stay = self._stay(number)
             cameras = _Cameras(depth, self._color_camera(stay.cast), thermal)
             for index, tableau in zip(range(first, end), stay.tableaux(), strict=False):
                 yield self._shoot(stay.cast, tableau, index, cameras)
+
+    def _stays(self) -> Iterator[Stay]:
+        """The people one after another; the next one settles while the one before is recorded."""
+        with ThreadPoolExecutor(1) as beside:
+            coming = beside.submit(self._stay, 0)
+            for number in range(self.subjects):
+                stay = coming.result()
+                if number + 1 < self.subjects:
+                    coming = beside.submit(self._stay, number + 1)
+                yield stay
 
     def _stay(self, number: int) -> Stay:
         place = SCENES[self.scene]
