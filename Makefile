@@ -29,7 +29,7 @@ WINDOW := libgl1 libegl1 libxcb-cursor0 libxkbcommon-x11-0 libxcb-icccm4 libxcb-
 OPTIONAL := xvfb chromium
 
 help:
-	@echo "make demo    set up, then run the whole path on the virtual rig into demo-out/"
+	@echo "make demo    set up what it needs, then run the whole path on the virtual rig into demo-out/"
 	echo "make test    set up, then run the tests"
 	echo "make check   set up, then run the linters, the types and the import contracts"
 	echo "make bench   set up, then run the benchmarks"

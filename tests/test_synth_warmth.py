@@ -21,9 +21,18 @@ from synth.cameras.thermal_camera import (
     warmth_seen,
 )
 from synth.surface.furniture import Surface
-from synth.surface.rasterize import ZBuffer
+from synth.surface.rasterize import ZBuffer, face_means
 
 BODY = shipped_bodies()[4]
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("shape", [(), (3,)])
+def test_means_of_faces_are_those_of_numpy_bit_for_bit(kind, shape):
+    by_vertex = np.random.default_rng(1).normal(0, 5, (len(BODY.vertices_m), *shape)).astype(kind)
+    means = face_means(by_vertex, BODY.faces)
+    assert means.dtype == kind
+    np.testing.assert_array_equal(means, by_vertex[BODY.faces].mean(axis=1))
 
 
 def arms(degrees):
