@@ -184,5 +184,6 @@ def _touching(vertices_m: Float32, pairs: list[tuple[Int64, Int64]]) -> Bool:
 
 def _beside(points_m: Float32, others_m: Float32) -> Bool:
     """Which points (N, 3) are within reach of the box around the others (M, 3)."""
-    near = (points_m > others_m.min(axis=0) - CONTACT_M) & (points_m < others_m.max(axis=0) + CONTACT_M)
-    return near[:, 0] & near[:, 1] & near[:, 2]  # in a third of the time that ``all`` takes
+    near: Bool = (points_m > others_m.min(axis=0) - CONTACT_M) & (points_m < others_m.max(axis=0) + CONTACT_M)
+    x, y, z = near.T  # in a third of the time that ``all`` takes
+    return np.asarray(x & y & z, np.bool_)
