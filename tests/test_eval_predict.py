@@ -188,7 +188,7 @@ def test_rims_that_a_small_crop_drops_get_the_part_beside_them():
             return [planes]
 
     person = np.random.default_rng(0).random((424, 512)) < 0.5
-    result = Forearms(mirrored=False).segment(np.full(person.shape, 1500, np.uint16), person)
+    result = Forearms().segment(np.full(person.shape, 1500, np.uint16), person)
     np.testing.assert_array_equal(result.parts, np.where(person, PART_ID["left_forearm"], 0))
     np.testing.assert_allclose(result.confidence, np.where(person, 0.9, 0), atol=1e-6)
 
@@ -210,11 +210,11 @@ def test_what_the_network_calls_no_person_is_left_out():
     person = np.zeros((424, 512), bool)
     person[100:200, 100:300] = True
     depth_mm = np.full(person.shape, 1500, np.uint16)
-    left = Thumbs(mirrored=False).without_things(depth_mm, person)
+    left = Thumbs().without_things(depth_mm, person)
     assert not (left & ~person).any()
     np.testing.assert_array_equal(np.flatnonzero(left.any(axis=0))[[0, -1]], [200, 299])
     nobody = np.zeros_like(person)
-    np.testing.assert_array_equal(Thumbs(mirrored=False).without_things(depth_mm, nobody), nobody)
+    np.testing.assert_array_equal(Thumbs().without_things(depth_mm, nobody), nobody)
 
 
 def test_a_network_that_sees_nobody_at_all_is_not_believed():
@@ -223,7 +223,7 @@ def test_a_network_that_sees_nobody_at_all_is_not_believed():
 
     person = np.zeros((424, 512), bool)
     person[100:200, 100:300] = True
-    left = Lost(mirrored=False).without_things(np.full(person.shape, 1500, np.uint16), person)
+    left = Lost().without_things(np.full(person.shape, 1500, np.uint16), person)
     np.testing.assert_array_equal(left, person)
 
 
@@ -251,9 +251,8 @@ def crops(tmp_path_factory, truth) -> Dataset:
     return write_dataset(tmp_path_factory.mktemp("dataset") / "d", frames)
 
 
-def test_a_dataset_is_labelled_as_its_frames_are(tmp_path, crops, truth):
+def test_a_dataset_is_labelled_as_its_frames_are(tmp_path, crops, truth, network):
     """Its frames are crops already: what training saw is what the network gets."""
-    network = OnnxNetwork(mirrored=False)
     run = predict_frames(crops, network, tmp_path / "p", silent)
     assert run.labels.frame_ids == sorted(frame.frame_id for frame in crops)
     for frame in crops:

@@ -94,7 +94,7 @@ class OnnxNetwork:
             self._whole = list(WHOLE) if named >= set(WHOLE) else []
             self._input, self._float = depth.name, np.float16 if "float16" in depth.type else np.float32
             # What a file declares of its inputs and outputs need not be true.
-            trial, *whole = self.answers(np.full((2, SIZE, SIZE), 0.5, np.float32))
+            trial, *whole = self._each(np.full((2, SIZE, SIZE), 0.5, np.float32))
         except Exception as error:  # ONNX Runtime's own errors share no public base
             why = "it keeps tensors in other files" if "xternal" in str(error) else type(error).__name__
             raise FormatError(
@@ -118,6 +118,14 @@ class OnnxNetwork:
 
     def answers(self, crops: Float32) -> list[Float32]:
         """Class probabilities, and facing, posture, joints where the network gives them."""
+        if not self._mirrored:
+            return self._each(crops)
+        pairs = (np.split(answer, 2) for answer in self._each(np.concatenate([crops, crops[..., ::-1]])))
+        half = np.float32(0.5)
+        return [half * (own + back(other)) for (own, other), back in zip(pairs, TURNED_BACK, strict=False)]
+
+    def _each(self, crops: Float32) -> list[Float32]:
+        """The network's own answers for crops."""
         first = self._session.get_outputs()[0].name
 
         # One crop at a time: products of matrices round otherwise with other crops beside it.
@@ -130,13 +138,6 @@ class OnnxNetwork:
         with ThreadPoolExecutor(AT_ONCE, "network") as threads:
             each = list(threads.map(run, crops))
         return [np.concatenate(answers, dtype=np.float32) for answers in zip(*each, strict=True)]
-
-    def _means(self, crops: Float32) -> list[Float32]:
-        """Means of the answers for crops (B, 212, 212) and for their mirror images, turned back."""
-        answers = self.answers(np.concatenate([crops, crops[..., ::-1]]))
-        pairs = ((answer[: len(crops)], answer[len(crops) :]) for answer in answers)
-        half = np.float32(0.5)
-        return [half * (own + back(other)) for (own, other), back in zip(pairs, TURNED_BACK, strict=False)]
 
     def segment(self, depth_mm: UInt16, person: Bool, *, probabilities: bool = False) -> Segmentation:
         """Label the person of a depth image; both (h, w), see ``segment_all``."""
@@ -165,7 +166,7 @@ class OnnxNetwork:
         if not images:
             return []
         crops, depths = zip(*(_input(*image) for image in images), strict=True)
-        planes, *wholes = self._means(np.stack(depths)) if self._mirrored else self.answers(np.stack(depths))
+        planes, *wholes = self.answers(np.stack(depths))
         return [
             _Look(image, crop, depth > 0, planes[k], [values[k] for values in wholes])
             for k, (image, crop, depth) in enumerate(zip(images, crops, depths, strict=True))

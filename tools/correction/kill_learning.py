@@ -7,7 +7,7 @@ from the frames accepted so far; when that has ended well, it takes over the new
 takes them back. At random moments both are killed with -9, or the learning alone, or the work alone, whose
 learning then lives on. Each time every frame that nobody worked on must have its labels of one and the same
 step, every stroke that was said to be done must be there, and no file may be broken. At the end all steps and
-strokes are taken back: then all is as at first, to the byte.
+strokes are taken back: then all images are as at first, to the byte; the notes say what was done.
 """
 
 import argparse
@@ -181,7 +181,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         create(folder)
-        first = {f.name: f.read_bytes() for f in (folder / "labels/frames").iterdir() if f.name[:6] in FREE}
+        images = [f for f in (folder / "labels/frames").glob("*.png") if f.name[:6] in FREE]
+        first = {f.name: f.read_bytes() for f in images}
         rng, done, seen, victims = np.random.default_rng(given.seed), Counter[str](), [], Counter[str]()
         for i in range(given.kills):
             victim = VICTIMS[int(rng.integers(len(VICTIMS)))]
