@@ -113,6 +113,25 @@ def test_whoever_turns_keeps_their_sides():
         np.testing.assert_array_equal(done.parts, frame(0, 0).parts)
 
 
+def test_a_wrong_beginning_is_outvoted():
+    frames = run([170, 170, -10, -10, -10, -10])
+    np.testing.assert_array_equal(frames[-1].parts, frame(0, -10).parts)
+    assert frames[-1].notes["bearing"]["facing_deg"] == pytest.approx(-10)
+
+
+def test_frames_that_were_less_sure_do_not_outweigh_a_sure_one():
+    before, there = run([-10], sure=0.4)[-1], frame(1, 170).notes["labelled"]
+    np.testing.assert_array_equal(steady(there, before).parts, there.parts)
+
+
+def test_somebody_else_in_the_next_frame_is_seen_as_they_are():
+    """After a pause, or where another person lies the other way round."""
+    done, there = run([-10, -10, -10])[-1], frame(3, 170).notes["labelled"]
+    elsewhere = replace(there, parts=np.roll(there.parts, 40, axis=1))
+    np.testing.assert_array_equal(steady(elsewhere, done).parts, elsewhere.parts)
+    np.testing.assert_array_equal(steady(there, done).parts, swap_left_right(there.parts))
+
+
 @pytest.mark.parametrize("name", ["joints.jsonl", "joints.csv"])
 def test_joints_are_written_as_a_table(tmp_path, name):
     labels = LabelSet.resume(tmp_path / "labels", CAMERA, {"source": "x", "steps": {}})
