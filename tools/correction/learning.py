@@ -5,8 +5,8 @@ beginning with the corrections carried over: OUT/without in the order of time, O
 the work, the first frames in the order that teaches most and the others in that of time, where more carries
 over. A learning begins when so many frames are accepted; its labels come when the annotator has worked for as
 many seconds as it took of one processor. ``report`` with ``--audit OUT/without --audit OUT/with`` shows the
-seconds as curves over the frames. With the session, supervoxels and what is carried over follow colour; labels
-from a suit need it, and their reader learns.
+seconds as curves over the frames. With the session, supervoxels and what is carried over follow colour;
+labels from a suit need it, and their reader learns.
 """
 
 import argparse
