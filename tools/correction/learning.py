@@ -1,12 +1,11 @@
 """Measure learning: ``python -m tools.correction.learning LABELS TRUTH OUT [--session S]``.
 
 A simulated annotator (``annotate.effort``) corrects two copies of a label set to 99 % within 2 px, each frame
-beginning with the corrections carried over: OUT/without in the order of time, OUT/with with ``learn`` beside
-the work, the first frames in the order that teaches most and the others in that of time, where more carries
-over. A learning begins when so many frames are accepted; its labels come when the annotator has worked for as
-many seconds as it took of one processor. ``report`` with ``--audit OUT/without --audit OUT/with`` shows the
-seconds as curves over the frames. With the session, supervoxels and what is carried over follow colour;
-labels from a suit need it, and their reader learns.
+beginning with the corrections carried over: OUT/without in the order of time, OUT/with in the order that
+teaches most, with ``learn`` beside the work. A learning begins when so many frames are accepted; its labels
+come when the annotator has worked for as many seconds as it took of one processor. ``report`` with ``--audit
+OUT/without --audit OUT/with`` shows the seconds as curves over the frames. With the session, supervoxels and
+what is carried over follow colour; labels from a suit need it, and their reader learns.
 """
 
 import argparse
@@ -29,13 +28,10 @@ from tools.correction.effort import copy_of
 
 
 class Learning:
-    """The first frames in the order that teaches most, the rest in that of time, learning beside the work."""
+    """Frames in the order that teaches most, with learning beside the work."""
 
-    def __init__(
-        self, correction, annotator: Annotator, after: list[int], teaching: int, model: Path, session
-    ) -> None:
+    def __init__(self, correction, annotator: Annotator, after: list[int], model: Path, session) -> None:
         self.correction, self.annotator, self.after, self.model = correction, annotator, after, model
-        self.teaching = teaching
         self.session: Path | None = session
         self._due: tuple[float, LabelSet] | None = None
 
@@ -43,7 +39,7 @@ class Learning:
         """Frame ids, one by one, the next chosen when it is asked for."""
         done = 0
         while coming := teaching_order(self.correction):
-            yield coming[0] if done < self.teaching else min(coming)
+            yield coming[0]
             done += 1
             if done in self.after:
                 self._begin(done)
@@ -68,11 +64,11 @@ def silent(what, total):
     yield lambda n: None
 
 
-def worked(labels, truth, after, teaching, out, session):
+def worked(labels, truth, after, out, session):
     """Work on a copy of a label set in a folder; seconds of every frame, in the order of work."""
     annotator = Annotator()
     with Correction.open(labels.path, WHO, clock=annotator.clock) as correction:
-        order = Learning(correction, annotator, after, teaching, out, session).order() if after else ()
+        order = Learning(correction, annotator, after, out, session).order() if after else ()
         seconds = []
         for effort in correct_set(correction, truth, annotator, clouds_of(session), True, order):
             seconds.append(effort.seconds)
@@ -97,14 +93,13 @@ def main():
     parser.add_argument("out", type=Path)
     parser.add_argument("--session", type=Path)
     parser.add_argument("--frames", type=int, help="only the first so many")
-    parser.add_argument("--teaching", type=int, default=4, help="frames in the order that teaches most")
     parser.add_argument("--after", type=int, nargs="+", default=[4, 12, 30], help="accepted frames")
     options = parser.parse_args()
     torch.set_num_threads(1)
     labels, truth = LabelSet.open(options.labels), LabelSet.open(options.truth)
     for name, after in (("without", []), ("with", options.after)):
         copied = copy_of(labels, options.out / name, options.frames)
-        seconds = worked(copied, truth, after, options.teaching, options.out / "model", options.session)
+        seconds = worked(copied, truth, after, options.out / "model", options.session)
         print(f"{name} learning: {len(seconds)} frames, mean {np.mean(seconds):.2f} s", flush=True)
 
 
