@@ -66,6 +66,10 @@ def swap_left_right(labels: UInt8) -> UInt8:
     return table[labels]
 
 
+TWIN_PARTS = swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))
+"""Part id (12,) of each part's other side; a middle part is its own."""
+
+
 def on_body(labels: UInt8) -> Bool:
     """Flags of labels of a body part, neither background nor undefined; any shape."""
     return np.asarray((labels != BACKGROUND) & (labels != UNDEFINED))

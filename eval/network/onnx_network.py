@@ -15,7 +15,7 @@ from numba import njit
 from annotate.array_types import Bool, Float32, Index, UInt8, UInt16
 from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
 from annotate.labelset.images import Probabilities
-from annotate.parts import BACKGROUND, N_CLASSES, swap_left_right
+from annotate.parts import BACKGROUND, N_CLASSES, TWIN_PARTS
 from annotate.posture import POSTURES
 from annotate.reader.segmentation import Segmentation
 from eval.network.bearing import Bearing
@@ -38,8 +38,6 @@ half (measured)."""
 AT_ONCE = min(4, os.cpu_count() or 1)
 """Crops through a network at once, one thread each: threads that share a crop wait for each other much of the
 time."""
-TWIN_PARTS = swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))
-"""Each part's twin on the other side; a middle one is its own."""
 WHOLE = ("facing", "posture", "joints")
 """Names of what else a network may give."""
 TURNED_BACK: tuple[Callable[[Float32], Float32], ...] = (

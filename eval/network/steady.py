@@ -6,7 +6,7 @@ import numpy as np
 
 from annotate.array_types import Float64, UInt8
 from annotate.frame_labels import FrameLabels
-from annotate.parts import BACKGROUND, N_CLASSES, swap_left_right
+from annotate.parts import BACKGROUND, TWIN_PARTS, swap_left_right
 from annotate.reader.segmentation import Segmentation
 from eval.network.bearing import Bearing, bearing_notes
 
@@ -51,7 +51,7 @@ def _exchanged(labelled: Segmentation) -> Segmentation:
     """Labels with left and right exchanged, their probabilities too."""
     kept = labelled.probabilities
     if kept is not None:
-        kept = replace(kept, planes=kept.planes[swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))])
+        kept = replace(kept, planes=kept.planes[TWIN_PARTS])
     return replace(labelled, parts=swap_left_right(labelled.parts), probabilities=kept)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, Float64, UInt8, UInt16
 from annotate.crop import SIZE
-from annotate.parts import BACKGROUND, UNDEFINED, palette_rgb
-from eval.scores.confusion import NEIGHBOUR, TWIN, Labels, named
+from annotate.parts import BACKGROUND, TWIN_PARTS, UNDEFINED, palette_rgb
+from eval.scores.confusion import NEIGHBOUR, Labels, named
 
 Image = UInt8
 
@@ -77,7 +77,7 @@ def error_kind_ids(truth: Labels, predicted: Labels) -> Labels:
         "correct": person & (truth == guess),
         "other_part": wrong,
         "neighbour_part": wrong & NEIGHBOUR[part, guess],
-        "left_right_swap": wrong & (TWIN[part] == guess),
+        "left_right_swap": wrong & (TWIN_PARTS[part] == guess),
         "missed_person": person & ~seen,
         "invented_person": ~person & seen,
         "undefined": truth == UNDEFINED,

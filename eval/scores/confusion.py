@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float64, Int64, UInt8
-from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, NEIGHBOURS, UNDEFINED, swap_left_right
+from annotate.parts import BACKGROUND, LEFT_RIGHT, N_CLASSES, NEIGHBOURS, TWIN_PARTS, UNDEFINED
 from eval.scores import passes
 
 Labels = UInt8
@@ -24,11 +24,9 @@ Scores = Float64
 WORST_SHARE = 0.05
 """Share of the frames, the worst by mIoU, whose mean is the worst case (Wang et al. 2023, q = 5)."""
 
-TWIN = swap_left_right(np.arange(N_CLASSES, dtype=np.uint8))
-"""Part id (12,) of each part's other side; a middle part is its own."""
 NEIGHBOUR = np.array([[frozenset((a, b)) in NEIGHBOURS for b in range(N_CLASSES)] for a in range(N_CLASSES)])
 """Bool (12, 12): parts joined by anatomy."""
-_MERGED_ID = np.unique(np.minimum(np.arange(N_CLASSES), TWIN), return_inverse=True)[1]
+_MERGED_ID = np.unique(np.minimum(np.arange(N_CLASSES), TWIN_PARTS), return_inverse=True)[1]
 
 
 def confusion_matrix(truth: Labels, predicted: Labels) -> Counts:
@@ -161,7 +159,7 @@ def left_right_swap_rate(matrix: Counts) -> Scores:
 
 def flip_helps(matrix: Counts) -> Bool:
     """Whether exchanging left and right in the whole prediction would raise mIoU (...)."""
-    return np.asarray(miou(matrix[..., TWIN]) > miou(matrix))
+    return np.asarray(miou(matrix[..., TWIN_PARTS]) > miou(matrix))
 
 
 def error_kinds(matrix: Counts) -> dict[str, Counts]:

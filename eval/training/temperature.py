@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from annotate.parts import N_CLASSES, UNDEFINED, swap_left_right
+from annotate.parts import N_CLASSES, TWIN_PARTS, UNDEFINED
 from eval.training.crops import Crops
 
 PIXELS = 200
@@ -44,7 +44,7 @@ def _pixels(model: nn.Module, crops: Crops, batch: int) -> tuple[Tensor, Tensor]
     """Scores (2, N, 12), of the image and of its mirror image, and parts (N,) of some pixels of each crop."""
     model.eval()
     device = next(model.parameters()).device
-    twins = torch.from_numpy(swap_left_right(np.arange(N_CLASSES, dtype=np.uint8)).astype(np.int64))
+    twins = torch.from_numpy(TWIN_PARTS.astype(np.int64))
     scores, targets = [torch.empty(2, 0, N_CLASSES)], [torch.empty(0, dtype=torch.long)]
     for depth, parts in crops.batches(batch):
         images = torch.from_numpy(depth[:, None]).to(device)
