@@ -106,7 +106,9 @@ def test_crossings_agree_with_a_slow_reference():
     """Midpoints of neighbours of a hinge's two parts that touch, in the order of steps, then of pixels."""
     rng = np.random.default_rng(4)
     labels = rng.integers(0, N_CLASSES, (9, 8)).astype(np.uint8)
-    points = rng.uniform(1000, 1100, (9, 8, 3))
+    depth = rng.integers(1000, 1100, (9, 8)).astype(np.uint16)
+    x_z, y_z = rng.uniform(-1, 1, 8), rng.uniform(-1, 1, 9)
+    points = np.stack([x_z * depth, y_z[:, None] * depth, depth], axis=-1)
     expected = {i: [] for i in range(len(HINGES))}
     for dv, du in STEPS:
         for v, u in np.ndindex(labels.shape):
@@ -118,7 +120,7 @@ def test_crossings_agree_with_a_slow_reference():
             for i, hinge in enumerate(HINGES):
                 if names == set(hinge.parts):
                     expected[i].append((points[v, u] + points[v + dv, u + du]) / 2)
-    which, middles = crossings(labels, points, HINGE, np.array(STEPS))
+    which, middles = crossings(labels, depth, x_z, y_z, HINGE, np.array(STEPS))
     assert len(which) == sum(map(len, expected.values())) > 30
     for i, points_of in expected.items():
         np.testing.assert_array_equal(middles[which == i], np.reshape(points_of, (-1, 3)))

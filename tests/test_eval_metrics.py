@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.ndimage import distance_transform_edt
 
 from annotate.frame_labels import FrameLabels
-from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
+from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, on_body, swap_left_right
 from eval.compare import paper
 from eval.scores import boundary, confusion, reliability
 from eval.scores.counts import NEAR_PX, count
@@ -86,9 +86,10 @@ def test_every_wrong_pixel_has_one_kind(pair: tuple[np.ndarray, np.ndarray]) -> 
 
 @given(PAIR)
 def test_pixel_counts_add_up(pair: tuple[np.ndarray, np.ndarray]) -> None:
-    ignored, unnamed, everything = confusion.undefined_pixels(*pair)
-    assert confusion.confusion_matrix(*pair).sum() + ignored == everything == pair[0].size
-    assert unnamed <= everything - ignored
+    matrix, (ignored, unnamed, everything) = confusion.counted(*pair)
+    assert matrix.sum() + ignored == everything == pair[0].size
+    undefined = pair[0] == UNDEFINED, pair[1] == UNDEFINED
+    assert (ignored, unnamed) == (undefined[0].sum(), (undefined[1] & ~undefined[0]).sum())
 
 
 def test_identity_scores_one() -> None:
@@ -127,11 +128,11 @@ def test_merging_twins_is_the_confusion_of_merged_labels() -> None:
 def test_absent_and_undefined_are_neither_right_nor_wrong() -> None:
     truth = np.array([[1, 1, 2, UNDEFINED]], np.uint8)
     predicted = np.array([[1, UNDEFINED, 2, 3]], np.uint8)
-    matrix = confusion.confusion_matrix(truth, predicted)
+    matrix, undefined = confusion.counted(truth, predicted)
     np.testing.assert_array_equal(confusion.recall(matrix)[1:3], [0.5, 1.0])
     assert np.isnan(confusion.iou(matrix)[3:]).all()
     assert confusion.mean_recall(matrix) == 0.75
-    np.testing.assert_array_equal(confusion.undefined_pixels(truth, predicted), [1, 1, 4])
+    np.testing.assert_array_equal(undefined, [1, 1, 4])
     assert np.isnan(confusion.mean_recall(np.zeros((12, 12), np.int64)))
 
 
@@ -166,12 +167,16 @@ def test_boundary_f_knows_how_far_a_border_moved() -> None:
     assert boundary.boundary_f(np.array([0, 9, 0, 0])) == 0.0
 
 
+def away_from(labels: np.ndarray, reach: float = 100, around: float = 100) -> np.ndarray:
+    return boundary.distance_to(boundary.border_parts(labels), labels, reach, around)
+
+
 def test_boundary_iou_sees_a_shift_that_plain_iou_forgives() -> None:
     """A square of 60 pixels, moved by 1: of a band 2 wide half stays along the two sides that moved."""
     truth = np.zeros((100, 100), np.uint8)
     truth[20:80, 20:80] = 1
     moved = np.roll(truth, 1, axis=1)
-    away = tuple(boundary.distance_to(boundary.border_parts(labels)) for labels in (truth, moved))
+    away = away_from(truth), away_from(moved)
     hit, either = boundary.band_counts(truth, moved, away, [2.0])[0, 1]
     band = 60 * 60 - 56 * 56
     kept = 2 * 2 * 59 + 2 * 56 * 1  # rows above and below but for a column; one of two columns beside
@@ -181,9 +186,8 @@ def test_boundary_iou_sees_a_shift_that_plain_iou_forgives() -> None:
 
 def test_errors_by_distance_agree_with_scipy() -> None:
     truth, predicted = body(3), body(4)
-    border = boundary.border_parts(truth)
-    away = distance_transform_edt(border == 0)
-    counts = boundary.errors_by_distance(truth, predicted, boundary.distance_to(border))
+    away = distance_transform_edt(boundary.border_parts(truth) == 0)
+    counts = boundary.errors_by_distance(truth, predicted, away_from(truth))
     edges = (0.0, *boundary.DISTANCE_EDGES_PX, np.inf)
     for i, (low, high) in enumerate(itertools.pairwise(edges)):
         for part in range(1, N_CLASSES):
@@ -194,7 +198,16 @@ def test_errors_by_distance_agree_with_scipy() -> None:
 
 def test_without_a_border_everything_is_far() -> None:
     everywhere = np.ones((5, 5), np.uint8)
-    assert np.isinf(boundary.distance_to(boundary.border_parts(everywhere))).all()
+    assert np.isinf(away_from(everywhere)).all()
+
+
+@given(PAIR, st.floats(0, 12), st.floats(0, 12))
+def test_distances_agree_with_scipy(pair: tuple[np.ndarray, np.ndarray], reach: float, around: float) -> None:
+    border = boundary.border_parts(pair[0])
+    away = distance_transform_edt(border == 0) if border.any() else np.full(border.shape, np.inf)
+    most = np.where(on_body(pair[0]), reach, around)
+    expected = np.where(away <= most, away, np.inf).astype(np.float32)
+    np.testing.assert_array_equal(away_from(pair[0], reach, around), expected)
 
 
 def slow_counts(truth: np.ndarray, predicted: np.ndarray, sure: np.ndarray) -> dict[str, np.ndarray]:

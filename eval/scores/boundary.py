@@ -7,11 +7,9 @@ only where the truth is defined.
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from annotate.array_types import Float32
-from annotate.parts import BACKGROUND
 from eval.scores import passes
 from eval.scores.confusion import Counts, Labels, Scores, ratio
 
@@ -42,12 +40,13 @@ def border_parts(labels: Labels) -> Labels:
     return np.asarray(passes.borders(np.ascontiguousarray(labels)))
 
 
-def distance_to(border: Labels) -> Float32:
-    """Distance of every pixel (h, w) to the nearest border pixel, Euclidean, pixels; inf without one."""
-    free = (border == BACKGROUND).astype(np.uint8)
-    if free.all():
-        return np.full(border.shape, np.inf, np.float32)
-    return np.asarray(cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
+def distance_to(border: Labels, labels: Labels, reach_px: float, around_px: float) -> Float32:
+    """Distance of every pixel (h, w) of label maps to the nearest pixel of their borders, Euclidean, pixels.
+
+    Infinite where it is farther than ``reach_px``, or than ``around_px`` off the body.
+    """
+    reach = min(reach_px, FARTHEST_PX)
+    return np.asarray(passes.distances(np.ascontiguousarray(labels), border, reach, around_px))
 
 
 def boundary_counts(of_truth: Labels, of_prediction: Labels, tolerances_px: Sequence[float]) -> Counts:

@@ -5,7 +5,7 @@ score takes (..., 12, 12), so that one frame, the frames of a set, their sum, an
 a bootstrap go through the same code.
 
 Three rules hold throughout:
-- A pixel undefined in the truth is ignored; `undefined_pixels` counts them.
+- A pixel undefined in the truth is ignored; `counted` says how many there are.
 - A pixel undefined in the prediction counts as background: who names no part has missed it.
 - A class without pixels has the score NaN, which means leave it out, so it is never scored 0 or 1.
 """
@@ -24,6 +24,11 @@ Scores = Float64
 WORST_SHARE = 0.05
 """Share of the frames, the worst by mIoU, whose mean is the worst case (Wang et al. 2023, q = 5)."""
 
+_UNNAMED, _ODD = N_CLASSES, N_CLASSES + 1
+_CODE = np.full(passes.CODES, _ODD, np.uint8)
+_CODE[:N_CLASSES], _CODE[UNDEFINED] = np.arange(N_CLASSES), _UNNAMED
+"""Row of each label in a table of pixels: parts by id, the undefined ones, those that should not be."""
+
 NEIGHBOUR = np.array([[frozenset((a, b)) in NEIGHBOURS for b in range(N_CLASSES)] for a in range(N_CLASSES)])
 """Bool (12, 12): parts joined by anatomy."""
 _MERGED_ID = np.unique(np.minimum(np.arange(N_CLASSES), TWIN_PARTS), return_inverse=True)[1]
@@ -34,27 +39,30 @@ def confusion_matrix(truth: Labels, predicted: Labels) -> Counts:
 
     Raises ValueError for different shapes or an id that is neither a part nor 255.
     """
+    return counted(truth, predicted)[0]
+
+
+def counted(truth: Labels, predicted: Labels) -> tuple[Counts, Counts]:
+    """Confusion matrix (12, 12), and pixels undefined in the truth, in the prediction only, and all (3,).
+
+    int64. Raises ValueError as ``confusion_matrix``.
+    """
     if truth.shape != predicted.shape:
         raise ValueError(f"truth is {truth.shape} but the prediction is {predicted.shape}")
-    counts = passes.pairs(np.ascontiguousarray(truth), np.ascontiguousarray(predicted))
-    odd = np.flatnonzero(counts.any(axis=0) | counts.any(axis=1))
-    if (odd := odd[(odd >= N_CLASSES) & (odd != UNDEFINED)]).size:
+    table = passes.pairs(np.ascontiguousarray(truth), np.ascontiguousarray(predicted), _CODE)
+    if table[_ODD].any() or table[:, _ODD].any():
+        found = np.union1d(truth, predicted)
+        odd = found[_CODE[found] == _ODD]
         raise ValueError(f"label {odd[0]} is not a part id; use 0 to {N_CLASSES - 1}, or {UNDEFINED}")
-    matrix = counts[:N_CLASSES, :N_CLASSES].copy()
-    matrix[:, BACKGROUND] += counts[:N_CLASSES, UNDEFINED]
-    return matrix
+    matrix = table[:N_CLASSES, :N_CLASSES].copy()
+    unnamed = table[:N_CLASSES, _UNNAMED]
+    matrix[:, BACKGROUND] += unnamed
+    return matrix, np.array([table[_UNNAMED].sum(), unnamed.sum(), truth.size], np.int64)
 
 
 def named(predicted: Labels) -> Labels:
     """A prediction with its undefined pixels turned to background, as every score reads it."""
     return np.where(predicted == UNDEFINED, np.uint8(BACKGROUND), predicted)
-
-
-def undefined_pixels(truth: Labels, predicted: Labels) -> Counts:
-    """Pixels undefined in the truth, undefined in the prediction only, and all: int64 (3,)."""
-    ignored = truth == UNDEFINED
-    unnamed = (predicted == UNDEFINED) & ~ignored
-    return np.array([ignored.sum(), unnamed.sum(), truth.size], np.int64)
 
 
 def ratio(part: NDArray[np.generic], whole: NDArray[np.generic]) -> Scores:

@@ -12,7 +12,14 @@ from annotate.crop import window_of
 from annotate.frame_labels import FrameLabels
 from annotate.parts import N_CLASSES, UNDEFINED, on_body
 from eval.scores import boundary, confusion, reliability
-from eval.scores.boundary import N_DISTANCES, TOLERANCES_MM, TOLERANCES_PX, WIDTHS_MM, WIDTHS_PX
+from eval.scores.boundary import (
+    DISTANCE_EDGES_PX,
+    N_DISTANCES,
+    TOLERANCES_MM,
+    TOLERANCES_PX,
+    WIDTHS_MM,
+    WIDTHS_PX,
+)
 from eval.scores.confusion import Counts, Labels
 
 NEAR_PX = 3.0
@@ -55,7 +62,7 @@ class FrameCounts:
     closer than `NEAR_PX` to a border of the truth. borders_px, borders_mm (..., 4, 4): by tolerance, see
     `boundary_counts`. bands_px, bands_mm (..., 3, 12, 2): by width and part, see `band_counts`. by_distance
     (..., 12, 7, 2), see `errors_by_distance`. reliability (..., 2, 15, 3), label_quality (..., 12, 2): see
-    `reliability`; 0 without confidence. undefined (..., 3): see `undefined_pixels`. What is counted in
+    `reliability`; 0 without confidence. undefined (..., 3): see `confusion.counted`. What is counted in
     millimetres is 0 where the scale is unknown. Raises ValueError for another number of counts.
     """
 
@@ -105,10 +112,14 @@ def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> Frame
     target, guess = truth.parts[box], confusion.named(predicted.parts[box])
     masked = np.where(target == UNDEFINED, target, guess)
     borders = boundary.border_parts(target), boundary.border_parts(masked)
-    away = boundary.distance_to(borders[0]), boundary.distance_to(borders[1])
     scaled = mm_per_px > 0
     tolerances = (*TOLERANCES_PX, *(mm / mm_per_px for mm in TOLERANCES_MM if scaled))
     widths = (*WIDTHS_PX, *(mm / mm_per_px for mm in WIDTHS_MM if scaled))
+    reach = max(NEAR_PX, *DISTANCE_EDGES_PX, *widths)
+    away = (
+        boundary.distance_to(borders[0], target, reach, NEAR_PX),
+        boundary.distance_to(borders[1], masked, reach, 0),
+    )
     matched = boundary.boundary_counts(*borders, tolerances)
     bands = boundary.band_counts(target, masked, away, widths)
     near = away[0] < NEAR_PX
@@ -118,8 +129,9 @@ def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> Frame
         confidence = predicted.confidence[box]
         counted = reliability.confidence_counts(target, guess, confidence, near)
         sure = dict(zip(sure, counted, strict=True))
+    matrix, undefined = confusion.counted(truth.parts, predicted.parts)
     return FrameCounts.of(
-        confusion=confusion.confusion_matrix(truth.parts, predicted.parts),
+        confusion=matrix,
         near=confusion.confusion_matrix(close, guess),
         borders_px=matched[: len(TOLERANCES_PX)],
         borders_mm=matched[len(TOLERANCES_PX) :] if scaled else _zeros("borders_mm"),
@@ -127,7 +139,7 @@ def count(truth: FrameLabels, predicted: FrameLabels, mm_per_px: float) -> Frame
         bands_mm=bands[len(WIDTHS_PX) :] if scaled else _zeros("bands_mm"),
         by_distance=boundary.errors_by_distance(target, guess, away[0]),
         **sure,
-        undefined=confusion.undefined_pixels(truth.parts, predicted.parts),
+        undefined=undefined,
     )
 
 

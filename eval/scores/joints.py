@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Float64, Int64, UInt8, UInt16
 from annotate.crop import window_of
-from annotate.parts import N_CLASSES, PART_ID, on_body
+from annotate.parts import BACKGROUND, N_CLASSES, PART_ID, on_body
 from sensors.rig.camera import Intrinsics
 from synth.body.skeleton import JOINT_ID
 
@@ -124,17 +124,17 @@ def joint_evidence(parts: UInt8, depth_mm: UInt16, camera: Intrinsics) -> Eviden
     found = np.zeros((), EVIDENCE)
     borders, middles, direct = found["borders"], found["middles"], found["direct"]
     borders[:], middles[:] = np.nan, np.nan
-    named = on_body(parts) & (depth_mm > 0)
-    if not named.any():
+    window = window_of(on_body(parts))
+    depth = depth_mm[window]
+    labels = np.where(on_body(parts[window]) & (depth > 0), parts[window], np.uint8(BACKGROUND))
+    if not labels.any():
         return found
-    window = window_of(named)
-    labels = np.where(named[window], parts[window], np.uint8(0))
-    points = _points(depth_mm[window], camera, window[0].start, window[1].start)
-    of_part = _by_part(labels, points)
+    rays = _rays(camera, window)
+    of_part = _by_part(labels, depth, rays)
     for i, limb in enumerate(LIMBS):
         if len(of_part[limb.part]) >= PART_PIXELS:
             middles[i] = _median(of_part[limb.part])
-    which, middles_mm = crossings(labels, points, HINGE, np.array(STEPS))
+    which, middles_mm = crossings(labels, depth, *rays, HINGE, np.array(STEPS))
     for i, hinge in enumerate(HINGES):
         a, b = hinge.parts
         on_border = middles_mm[which == i]
@@ -146,35 +146,36 @@ def joint_evidence(parts: UInt8, depth_mm: UInt16, camera: Intrinsics) -> Eviden
     return found
 
 
-def _points(depth_mm: UInt16, camera: Intrinsics, top: int, left: int) -> Float64:
-    """Points (h, w, 3) of a window of a depth image; (top, left) is its corner."""
-    points = np.empty((*depth_mm.shape, 3))
-    height, width = depth_mm.shape
-    points[..., 0] = (np.arange(left, left + width) - camera.cx) / camera.fx * depth_mm
-    points[..., 1] = (np.arange(top, top + height)[:, None] - camera.cy) / camera.fy * depth_mm
-    points[..., 2] = depth_mm
-    return points
+def _rays(camera: Intrinsics, window: tuple[slice, slice]) -> tuple[Float64, Float64]:
+    """x / z of a window's columns (w,) and y / z of its rows (h,)."""
+    rows, columns = (np.arange(side.start, side.stop) for side in window)
+    return (columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy
 
 
-def _by_part(labels: UInt8, points_mm: Float64) -> dict[str, Float64]:
-    """Points (n, 3) of every part by name, at most PART_POINTS, evenly chosen."""
+def _by_part(labels: UInt8, depth_mm: UInt16, rays: tuple[Float64, Float64]) -> dict[str, Float64]:
+    """Points (n, 3) of every part by name, at most PART_POINTS, evenly chosen. rays: of ``_rays``."""
     index = np.flatnonzero(labels)
     label = labels.ravel()[index]
     index = index[np.argsort(label, kind="stable")]
     ends = np.cumsum(np.bincount(label, minlength=N_CLASSES))
-    flat = points_mm.reshape(-1, 3)
-    of_part = {}
+    chosen = []
     for limb in LIMBS:
         first, end = ends[PART_ID[limb.part] - 1], ends[PART_ID[limb.part]]
-        of_part[limb.part] = flat[index[first : end : (end - first) // PART_POINTS + 1]]
-    return of_part
+        chosen.append(index[first : end : (end - first) // PART_POINTS + 1])
+    v, u = np.divmod(np.concatenate(chosen), labels.shape[1])
+    depth = depth_mm[v, u]
+    points = np.stack([rays[0][u] * depth, rays[1][v] * depth, depth], axis=-1)
+    of_each = np.split(points, np.cumsum([len(own) for own in chosen])[:-1])
+    return {limb.part: own for limb, own in zip(LIMBS, of_each, strict=True)}
 
 
 @njit(cache=True, nogil=True)
-def crossings(labels: UInt8, points_mm: Float64, hinge: Int64, steps: Int64) -> tuple[Int64, Float64]:
+def crossings(
+    labels: UInt8, depth_mm: UInt16, x_z: Float64, y_z: Float64, hinge: Int64, steps: Int64
+) -> tuple[Int64, Float64]:
     """Neighbouring pixels of a hinge's two parts that touch: its index (n,) and the midpoint (n, 3) of each.
 
-    hinge: HINGE (12, 12). steps: STEPS (S, 2).
+    x_z (w,), y_z (h,): the pixels' rays. hinge: HINGE (12, 12). steps: STEPS (S, 2).
     """
     height, width = labels.shape
     which, middles = np.empty(len(steps) * labels.size, np.int64), np.empty((len(steps) * labels.size, 3))
@@ -182,12 +183,16 @@ def crossings(labels: UInt8, points_mm: Float64, hinge: Int64, steps: Int64) -> 
     for dv, du in steps:
         for v in range(height - dv):
             for u in range(max(0, -du), width - max(0, du)):
-                found = hinge[labels[v, u], labels[v + dv, u + du]]
-                if found >= 0:
-                    a, b = points_mm[v, u], points_mm[v + dv, u + du]
-                    if abs(a[2] - b[2]) < JUMP_MM:
-                        which[n], middles[n] = found, (a + b) / 2
-                        n += 1
+                own, other = labels[v, u], labels[v + dv, u + du]
+                if own == other or hinge[own, other] < 0:
+                    continue
+                a, b = float(depth_mm[v, u]), float(depth_mm[v + dv, u + du])
+                if abs(a - b) < JUMP_MM:
+                    which[n] = hinge[own, other]
+                    middles[n, 0] = (x_z[u] * a + x_z[u + du] * b) / 2
+                    middles[n, 1] = (y_z[v] * a + y_z[v + dv] * b) / 2
+                    middles[n, 2] = (a + b) / 2
+                    n += 1
     return which[:n].copy(), middles[:n].copy()
 
 

@@ -14,11 +14,17 @@ CODES = 256
 
 
 @njit(cache=True, nogil=True)
-def pairs(truth: UInt8, predicted: UInt8) -> Int64:
-    """How often each two values stand at one pixel: int64 (256, 256)."""
-    counts = np.zeros((CODES, CODES), np.int64)
+def pairs(truth: UInt8, predicted: UInt8, code: UInt8) -> Int64:
+    """How often each two codes stand at one pixel: int64 (C, C). code (256,): of each label, below C."""
+    counts = np.zeros((code.max() + 1, code.max() + 1), np.int64)
+    # Most pixels repeat the one before: these are counted without touching the table.
+    last, drawn, run = np.uint8(BACKGROUND), np.uint8(BACKGROUND), 0
     for a, b in zip(truth.flat, predicted.flat):  # noqa: B905 (compiled: it knows no strict)
-        counts[a, b] += 1
+        if a != last or b != drawn:
+            counts[code[last], code[drawn]] += run
+            last, drawn, run = a, b, 0
+        run += 1
+    counts[code[last], code[drawn]] += run
     return counts
 
 
@@ -35,7 +41,7 @@ def borders(labels: UInt8) -> UInt8:
     for v in range(height):
         for u in range(width):
             own = labels[v, u]
-            if own == UNDEFINED:
+            if not _on_body(own):
                 continue
             for i, j in ((v - 1, u), (v + 1, u), (v, u - 1), (v, u + 1)):
                 if not (0 <= i < height and 0 <= j < width):
@@ -44,6 +50,39 @@ def borders(labels: UInt8) -> UInt8:
                 if other != own and other != UNDEFINED:
                     found[v, u] = own
     return found
+
+
+@njit(cache=True, nogil=True)
+def distances(labels: UInt8, border: UInt8, reach: float, around: float) -> Float32:
+    """Distance of every pixel to the nearest border pixel: float32 (h, w), Euclidean, pixels.
+
+    Infinite where it is farther than ``reach``, or than ``around`` off the body. border: of ``borders``.
+    """
+    height, width = labels.shape
+    # Down and up the columns, then along each row as far as something nearer may lie.
+    below = np.full((height, width), np.int64(max(reach, around)) + 1)
+    for v in range(height):
+        for u in range(width):
+            if border[v, u]:
+                below[v, u] = 0
+            elif v:
+                below[v, u] = below[v - 1, u] + 1
+    for v in range(height - 2, -1, -1):
+        for u in range(width):
+            below[v, u] = min(below[v, u], below[v + 1, u] + 1)
+    away = np.full((height, width), np.inf, np.float32)
+    for v in range(height):
+        for u in range(width):
+            most = reach if _on_body(labels[v, u]) else around
+            best = below[v, u] * below[v, u]
+            for step in range(1, min(int(most), max(u, width - 1 - u)) + 1):
+                if step * step >= best:
+                    break
+                for other in (max(u - step, 0), min(u + step, width - 1)):
+                    best = min(best, below[v, other] * below[v, other] + step * step)
+            if best <= most * most:
+                away[v, u] = np.sqrt(np.float32(best))
+    return away
 
 
 @njit(cache=True, nogil=True)
@@ -57,6 +96,8 @@ def bands(
     counts = np.zeros((len(widths), N_CLASSES, 3), np.int64)
     for a, b, away, off in zip(truth.flat, predicted.flat, of_truth.flat, of_prediction.flat):  # noqa: B905
         true, drawn = _on_body(a), _on_body(b)
+        if not (true or drawn):
+            continue
         for i in range(len(widths)):
             inside, within = true and away < widths[i], drawn and off < widths[i]
             if inside:

@@ -46,15 +46,17 @@ class Traits:
 
 def traits_of(truth: FrameLabels, predicted: FrameLabels, camera: Intrinsics) -> Traits:
     """Traits of a frame, from the truth's notes and depth. camera: of its depth image."""
-    person = on_body(truth.parts)
-    readings = truth.depth_mm[person & (truth.depth_mm > 0)]
+    whole = on_body(truth.parts)
+    box = window_of(whole)
+    person, depth_mm = whole[box], truth.depth_mm[box]
+    readings = depth_mm[person & (depth_mm > 0)]
     distance_mm = float(np.median(readings)) if readings.size else math.nan
     view = truth.notes.get("camera")
     return Traits(
         activity=_text(truth.notes.get("activity")),
         view=_side(view.get("azimuth_deg") if isinstance(view, Mapping) else None),
         distance_m=distance_mm / 1000,
-        invalid_share=_invalid_share(truth.depth_mm, person),
+        invalid_share=_invalid_share(depth_mm, person),
         status=cast(Status, intern(truth.status)),
         predicted_status=cast(Status, intern(predicted.status)),
         hard=_hard(truth.notes),
@@ -101,13 +103,13 @@ def _binned(values: Sequence[float], edges: tuple[float, ...], scale: float, uni
 
 
 def _invalid_share(depth_mm: UInt16, person: Bool) -> float:
-    box = window_of(person)
-    if not depth_mm[box].size:
+    """Of the person's box (h, w)."""
+    if not person.size:
         return math.nan
-    around = depth_mm[box][~person[box]]
+    around = depth_mm[~person]
     if around.size and not around.any():
         return math.nan
-    return float(np.mean(depth_mm[box] == 0))
+    return float(np.mean(depth_mm == 0))
 
 
 def _hard(notes: Mapping[str, Any]) -> tuple[str, ...]:
