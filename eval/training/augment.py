@@ -24,7 +24,7 @@ feet apart from a trunk exchanges them, and gives parts to what lies on a person
 WHOLE, CLEAN = 0.35, 0.2
 """Shares of the images that nothing hides or cuts, and of those that have no other noise than their sensor's;
 chosen by eye."""
-FRAMED, BORDERS = 0.4, (0.6, 0.15, 0.125, 0.125)
+FRAMED, BORDERS = 0.7, (0.6, 0.15, 0.125, 0.125)
 """Share of the others that a border cuts, and the shares in which their upper, lower, left and right part is
 left; chosen by eye."""
 WIDTHS = (0.85, 1.2)
