@@ -265,7 +265,8 @@ def test_a_disk_of_20_mb_a_second_loses_nothing_or_it_is_said(
         wait_for(lambda: rig.moments.count > 12)
         if too_slow:
             wait_for(lambda: any(c.kind == "drops" for c in rig_complaints(rig.health())))
-        said = [complaint.text for complaint in rig_complaints(rig.health())]
+        # How much room is left is this machine's own affair.
+        said = [complaint.text for complaint in rig_complaints(rig.health()) if complaint.kind != "disk"]
     finally:
         rig.close()
     numbers, dropped = numbers_in(tmp_path / "a.mcap"), rig.health().dropped

@@ -8,7 +8,15 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+
+
+def _answers(path: str) -> bool:
+    """Whether this is a browser: Ubuntu's package is a script that asks for a snap."""
+    return subprocess.run([path, "--version"], capture_output=True, check=False).returncode == 0
+
+
+CHROMIUM = next((path for name in NAMES if (path := shutil.which(name)) and _answers(path)), None)
 # Software rendering: 3D is to be drawn where there is no graphics card.
 _FLAGS = ("--headless", "--no-sandbox", "--hide-scrollbars", "--use-angle=swiftshader",
           "--enable-unsafe-swiftshader", "--remote-debugging-pipe")  # fmt: skip
