@@ -17,9 +17,8 @@ HASTY_S = 1.5
 UNSURE = 0.9
 """Mean confidence of a frame's labels below which accepting them unchanged is worth a look. Chosen by eye."""
 REACH = 10
-"""Frames in time within which one frame teaches little that the other does not. Chosen by eye."""
-LEAST_DOUBT = 0.01
-"""Doubt of a frame that is quite sure: then the farthest away comes first. Chosen by eye."""
+"""Frames in time around the farthest from what is done among which the least sure one teaches most. Chosen by
+eye."""
 _CARRIED = ("propagate", "copy_previous")
 
 
@@ -68,19 +67,20 @@ def review_queue(correction: Correction) -> list[Queued]:
 def teaching_order(correction: Correction) -> list[str]:
     """The frames that nobody has worked on, each the one that teaches most after those before it.
 
-    That is the least sure one, unless a frame near in time was worked on or stands before it: within REACH
-    frames of it, a frame counts the less the nearer it is.
+    That is one far in time from all that were worked on or stand before it, and of those around the farthest
+    the least sure; the first is the least sure of all.
     """
     ids, free = correction.labels.frame_ids, set(untouched(correction))
     doubt = np.array([1 - (confidence_of(correction, i) or 0.0) for i in ids])
     at, left = np.arange(len(ids)), np.array([i in free for i in ids])
-    away = np.full(len(ids), np.inf)
+    away = np.full(len(ids), len(ids))
     for known in np.flatnonzero(~left):
         away = np.minimum(away, abs(at - known))
     order = []
     while left.any():
-        score = np.where(left, (doubt + LEAST_DOUBT) * np.minimum(1, away / REACH), -np.inf)
-        best = int(score.argmax())
+        farthest = int(np.where(left, away, -1).argmax())
+        around = left & (abs(at - farthest) <= min(REACH, away[farthest] // 2)) if order or not left.all() else left
+        best = int(np.where(around, doubt, -np.inf).argmax())
         order.append(ids[best])
         left[best], away = False, np.minimum(away, abs(at - best))
     return order

@@ -20,17 +20,18 @@ metres of neighbours on different surfaces, and most rounds. Chosen by eye."""
 
 
 def with_borders(
-    cloud: ThermalCloud, where: Rectangle, chance: Float32, light: ColorModel
+    cloud: ThermalCloud, where: Rectangle, chance: Float32, light: ColorModel | None
 ) -> tuple[UInt8, Float32]:
     """Likeliest class uint8 (h, w) of the pixels of a rectangle, and its probability by the network (h, w).
 
-    chance: float32 (13, h, w), of the network. light: the suit's colours in the frame's light; the classes
-    that are no part count as of the usual colour of the parts. By iterated conditional modes (Besag 1986).
+    chance: float32 (13, h, w), of the network. light: the suit's colours in the frame's light, None = no
+    suit; the classes that are no part count as of the usual colour of the parts. By iterated conditional modes (Besag 1986).
     """
     undecided = cloud.valid[where] & (chance[0] < SURELY_ROOM)
     own = chance[:, undecided]
     scores = np.log(own + np.float32(LEAST))
-    scores += np.float32(OWN_COLOR) * _by_color(cloud, where, undecided, scores, light)
+    if light is not None:
+        scores += np.float32(OWN_COLOR) * _by_color(cloud, where, undecided, scores, light)
     index = np.full(undecided.shape, -1, np.int32)
     index[undecided] = np.arange(scores.shape[1])
     named, sure = np.zeros(undecided.shape, np.uint8), np.zeros(undecided.shape, np.float32)

@@ -4,7 +4,7 @@ Nothing here knows a colour of a suit: a channel says how well a pixel's colour 
 frame's light, whatever that cloth is. So one network reads any suit.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ from annotate.cloud.color_odds import color_odds, lab_of
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.parts import BODY_PARTS
-from annotate.person.extract import PersonMask, Survey
+from annotate.person.extract import PersonMask
 from annotate.person.planes import Plane
 from annotate.suit.color_model import ColorModel, blur, readable
 from annotate.suit.palette import chromaticity
@@ -64,6 +64,18 @@ class Rectangle(NamedTuple):
         return Rectangle(*(slice(start + own.start, start + own.stop) for start, own in sides))
 
 
+class Room(Protocol):
+    """What is known of a frame's room: its planes, the share (h, w) of the way from the background's
+    temperature to the person's, and the temperatures of a person, degrees Celsius."""
+
+    @property
+    def planes(self) -> tuple[Plane, ...]: ...
+    @property
+    def share(self) -> Float32: ...
+    @property
+    def window_c(self) -> tuple[float, float]: ...
+
+
 def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, float]:
     """What is around a subject's rough outline (h, w), not empty; pixels per metre there."""
     pixels_per_m = cloud.camera.fx / float(np.median(cloud.points_m[..., 2][subject]))
@@ -80,14 +92,14 @@ def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, float]:
 
 def channels(
     cloud: ThermalCloud,
-    survey: Survey,
+    room: Room,
     person: PersonMask,
     before: FrameLabels | None,
     where: Rectangle,
 ) -> UInt8:
     """Channels uint8 (24, h, w) in the order of ``CHANNELS``, of a rectangle's pixels around the subject.
 
-    survey, person: of the same frame, found without the suit. before: labels of the previous frame. The
+    room, person: of the same frame, found without the suit. before: labels of the previous frame. The
     likeness is 0: it is ``in_light``.
     """
     z, own = cloud.points_m[where][..., 2], person.mask[where]
@@ -99,9 +111,9 @@ def channels(
     made = {
         "depth": z - middle_m,
         "local": z - _around_m(z, near),
-        "off_plane": _off_planes_m(cloud.points_m[where], survey.planes),
-        "share": survey.share[where],
-        "celsius": celsius - np.float32(survey.window_c[0]),
+        "off_plane": _off_planes_m(cloud.points_m[where], room.planes),
+        "share": room.share[where],
+        "celsius": celsius - np.float32(room.window_c[0]),
         **(_colors(rgb, seen) if seen.any() else {}),
     }
     if seen.any():

@@ -107,7 +107,7 @@ def read(
     if view is None:
         return unlabelled(mask, *notes), person
     near, light = looked_over(view, suit, reader)
-    where, named, sure = (_at_a_glance if glance else _finely)(cloud, view, near, light, reader)
+    where, named, sure = (_at_a_glance if glance else finely)(cloud, view, near, light, reader)
     own = (named != BACKGROUND) & (named != OTHER_PERSON)
     parts, confidence = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
     parts[where] = np.where(own, named, BACKGROUND)
@@ -118,21 +118,25 @@ def read(
     return found, replace(person, mask=on_body, persons=persons)
 
 
-def _finely(
-    cloud: ThermalCloud, view: View, near: Rectangle, light: ColorModel, reader: Reader
+def finely(
+    cloud: ThermalCloud, view: View, near: Rectangle, light: ColorModel | None, reader: Reader
 ) -> tuple[Rectangle, UInt8, Float32]:
-    """Where a view was read; the class (h, w) of each pixel there, and its probability (h, w)."""
-    where, step = view.where.part(near), view.step(SAMPLE_M)
-    seen = np.zeros(view.rgb.shape[:2], np.bool_)
-    seen[::step, ::step], seen[near] = True, True
-    chance = reader.probabilities(in_light(view.planes, view.rgb, light, seen), step, near)
-    return where, *with_borders(cloud, where, chance, light)
+    """Where a view was read; the class (h, w) of each pixel there, and its probability (h, w).
+
+    near: what is read of the view. light: the suit's colours in the frame's light; None = no suit.
+    """
+    where, step, planes = view.where.part(near), view.step(SAMPLE_M), view.planes
+    if light is not None:
+        seen = np.zeros(view.rgb.shape[:2], np.bool_)
+        seen[::step, ::step], seen[near] = True, True
+        planes = in_light(planes, view.rgb, light, seen)
+    return where, *with_borders(cloud, where, reader.probabilities(planes, step, near), light)
 
 
 def _at_a_glance(
     cloud: ThermalCloud, view: View, near: Rectangle, light: ColorModel, reader: Reader
 ) -> tuple[Rectangle, UInt8, Float32]:
-    """As ``_finely``, of one image of samples: other pixels are as the nearest sample of their surface."""
+    """As ``finely``, of one image of samples: other pixels are as the nearest sample of their surface."""
     step = view.step(SAMPLE_M)
     some = slice(None, None, step), slice(None, None, step)
     samples = Rectangle(*(slice(own.start // step, -(-own.stop // step)) for own in near))

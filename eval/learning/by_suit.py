@@ -1,12 +1,10 @@
 """What learns of people in a suit: the reader, which sees the recording too."""
 
-import hashlib
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from annotate.array_types import UInt8
 from annotate.cloud.fuse import Fuser
@@ -17,26 +15,14 @@ from annotate.label_source import SuitSurvey, calibrated, labels_of, suit_labell
 from annotate.labelset.recorded import find_session
 from annotate.labelset.store import LabelSet, as_read
 from annotate.reader.network import SHIPPED_READER, Reader, shipped_reader
-from annotate.reader.read import SAMPLE_M
 from annotate.suit.palette import suit_from_toml
 from eval.learning.lesson import Taught
+from eval.learning.practice import Practice
 from eval.training.reader.examples import Example, example_in
-from eval.training.reader.fit import Progress, shown
+from eval.training.reader.fit import Progress
 from eval.training.reader.net import export_reader, load_reader
-from eval.training.reader.train import Stage, trained
 from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
-
-STEPS, MORE_STEPS = 60, 30
-"""Steps of eight samples on the frames that are not held out, and then on all of them: half a minute of one
-core. Of 45 and 90 steps in all, and rates of 0.001 and 0.002, the last are best on 18 frames of a virtual
-person of whom eight others were taught (seed 61001)."""
-SIDE = 112
-"""Samples along the side of a drawn image, 1.3 m. Chosen by eye."""
-RATE, AVERAGED = 2e-3, 0.9
-"""Highest learning rate (see above), and decay of the weights' average, which is chosen by eye."""
-SEED = 0
-"""Of the samples drawn: the same corrections teach the same."""
 
 
 class SuitLearner:
@@ -57,22 +43,16 @@ class SuitLearner:
         self._reader, self._network = Reader(start), load_reader(start)
         if self._reader.sha256 != how.get("weights_sha256", shipped_reader().sha256):
             raise CloudError(f"{labels.path} was not labelled by {start}; give its weights with --weights")
+        self._practice = Practice(self._reader.sha256, spoilt=True)
         self._ids, self._examples = set(labels.frame_ids), dict[str, Example]()
 
     def learn(self, taught: Sequence[Taught], more: bool, run: Path, progress: Progress) -> None:
         """Steps on these frames; goes on with what ``run`` holds of the same training."""
-        torch.set_num_threads(1)
         self._see(taught, progress)
         known = [self._examples[one.first.frame_id] for one in taught if one.first.frame_id in self._examples]
         if not known:
             raise CloudError(f"no accepted frame of {self._labels.path} shows a suit that can be read")
-        # By part: feet below a blanket are few pixels, far from the rest, and what most is wrong with.
-        steps = MORE_STEPS if more else STEPS
-        stage = Stage(SAMPLE_M, SIDE, steps, RATE, AVERAGED, statistics=False, by_part=True)
-        checkpoint = run / self._digest(taught) / f"{'all' if more else 'some'}.safetensors"
-        checkpoint.parent.mkdir(parents=True, exist_ok=True)
-        with progress("learn, steps", stage.steps) as advance:
-            self._network = trained(self._network, known, stage, checkpoint, SEED, shown(advance))
+        self._network = self._practice.trained(self._network, known, taught, more, run, progress)
 
     def save(self, path: Path) -> None:
         """Write the reader (.onnx); a training goes on from it, too."""
@@ -146,13 +126,6 @@ class SuitLearner:
         raise CloudError(
             f"{self._source.name} is not the recording of {self._labels.path}; give it with --session"
         )
-
-    def _digest(self, taught: Sequence[Taught]) -> str:
-        """SHA-256 of the weights at first and of the corrections, shortened: a folder's name."""
-        digest = hashlib.sha256(self._reader.sha256.encode())
-        for one in taught:
-            digest.update(one.corrected.frame_id.encode() + one.corrected.parts.tobytes())
-        return digest.hexdigest()[:16]
 
 
 def suit_step(labels: LabelSet) -> dict[str, Any]:

@@ -76,12 +76,12 @@ class Learnt:
 
 
 def learner_of(labels: LabelSet, session: Path | None, start: Path | None) -> Learner:
-    """What labelled a set: of people in a suit its reader, else the network for depth images.
+    """The reader that learns of a label set: as its suit was read, or from depth and the first labels.
 
     session: recording of the labels, of people in a suit only; None = the one beside them. start: weights to
     start from; None = the shipped ones. Raises CloudError where one of them is missing or does not fit.
     """
-    return SuitLearner(labels, session, start) if suit_step(labels) else DepthLearner(start)
+    return SuitLearner(labels, session, start) if suit_step(labels) else DepthLearner(labels, start)
 
 
 def learn(path: Path, out: Path, learner: Learner, progress: Progress) -> Learnt:

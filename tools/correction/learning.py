@@ -1,9 +1,10 @@
 """Measure learning: ``python -m tools.correction.learning LABELS TRUTH OUT [--session S]``.
 
 A simulated annotator (``annotate.effort``) corrects two copies of a label set to 99 % within 2 px, each frame
-beginning with the corrections carried over: OUT/without in the order of time, OUT/with in the order that
-teaches most, with ``learn`` beside the work. A learning begins when so many frames are accepted; its labels
-come when the annotator has worked for as many seconds as it took of one processor. ``report`` with ``--audit
+beginning with the corrections carried over: OUT/without in the order of time; OUT/with begins with so many
+frames (--every) in the order that teaches most and goes on in the order of time, with ``learn`` beside the
+work. A learning begins when so many more frames are accepted and the one before has ended; its labels come
+when the annotator has worked for as many seconds as it took of one processor. ``report`` with ``--audit
 OUT/without --audit OUT/with`` shows the seconds as curves over the frames. With the session, supervoxels and
 what is carried over follow colour; labels from a suit need it, and their reader learns.
 """
@@ -19,7 +20,7 @@ import torch
 from annotate.cloud.fuse import Fuser
 from annotate.correction.correction import Correction
 from annotate.correction.queue import teaching_order
-from annotate.correction.relabel import relabel
+from annotate.correction.relabel import relabel, untouched
 from annotate.effort.annotator import WHO, Annotator, correct_set
 from annotate.labelset.store import LabelSet
 from eval.learning.learn import learn, learner_of
@@ -28,25 +29,24 @@ from tools.correction.effort import copy_of
 
 
 class Learning:
-    """Frames in the order that teaches most, with learning beside the work."""
+    """Frames in the order to work in, with learning beside the work."""
 
-    def __init__(self, correction, annotator: Annotator, after: list[int], model: Path, session) -> None:
-        self.correction, self.annotator, self.after, self.model = correction, annotator, after, model
+    def __init__(self, correction, annotator: Annotator, every: int, model: Path, session) -> None:
+        self.correction, self.annotator, self.every, self.model = correction, annotator, every, model
         self.session: Path | None = session
-        self._due: tuple[float, LabelSet] | None = None
+        self._due: tuple[float, LabelSet | None] | None = None
+        self._learnt = 0
 
     def order(self):
         """Frame ids, one by one, the next chosen when it is asked for."""
         done = 0
-        while coming := teaching_order(self.correction):
+        while coming := teaching_order(self.correction) if done < self.every else untouched(self.correction):
             yield coming[0]
             done += 1
-            if done in self.after:
-                self._begin(done)
             if self._due and self.annotator.clock() >= self._due[0]:
-                changed = relabel(self.correction, self._due[1])
-                print(f"  after {done} frames: {changed.text}", flush=True)
-                self._due = None
+                self._take_over(done)
+            if not self._due and done - self._learnt >= self.every:
+                self._begin(done)
 
     def _begin(self, done: int) -> None:
         began = time.process_time()
@@ -55,8 +55,14 @@ class Learning:
         seconds = time.process_time() - began
         held = f"{learnt.before} before, {learnt.after} after on {learnt.held_out} held out"
         print(f"  {done} frames learnt in {seconds:.0f} s of one processor: {held}", flush=True)
-        if learnt.labels:
-            self._due = (self.annotator.clock() + seconds, LabelSet.open(learnt.labels))
+        made = LabelSet.open(learnt.labels) if learnt.labels else None
+        self._learnt, self._due = done, (self.annotator.clock() + seconds, made)
+
+    def _take_over(self, done: int) -> None:
+        assert self._due
+        if self._due[1]:
+            print(f"  after {done} frames: {relabel(self.correction, self._due[1]).text}", flush=True)
+        self._due = None
 
 
 @contextmanager
@@ -64,11 +70,11 @@ def silent(what, total):
     yield lambda n: None
 
 
-def worked(labels, truth, after, out, session):
+def worked(labels, truth, every, out, session):
     """Work on a copy of a label set in a folder; seconds of every frame, in the order of work."""
     annotator = Annotator()
     with Correction.open(labels.path, WHO, clock=annotator.clock) as correction:
-        order = Learning(correction, annotator, after, out, session).order() if after else ()
+        order = Learning(correction, annotator, every, out, session).order() if every else ()
         seconds = []
         for effort in correct_set(correction, truth, annotator, clouds_of(session), True, order):
             seconds.append(effort.seconds)
@@ -93,13 +99,13 @@ def main():
     parser.add_argument("out", type=Path)
     parser.add_argument("--session", type=Path)
     parser.add_argument("--frames", type=int, help="only the first so many")
-    parser.add_argument("--after", type=int, nargs="+", default=[4, 12, 30], help="accepted frames")
+    parser.add_argument("--every", type=int, default=6, help="accepted frames from learning to learning")
     options = parser.parse_args()
     torch.set_num_threads(1)
     labels, truth = LabelSet.open(options.labels), LabelSet.open(options.truth)
-    for name, after in (("without", []), ("with", options.after)):
+    for name, every in (("without", 0), ("with", options.every)):
         copied = copy_of(labels, options.out / name, options.frames)
-        seconds = worked(copied, truth, after, options.out / "model", options.session)
+        seconds = worked(copied, truth, every, options.out / "model", options.session)
         print(f"{name} learning: {len(seconds)} frames, mean {np.mean(seconds):.2f} s", flush=True)
 
 

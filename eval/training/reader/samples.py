@@ -39,16 +39,24 @@ class Sample(NamedTuple):
 
 
 def drawn(
-    example: Example, sample_m: float, side: int, rng: np.random.Generator, *, by_part: bool = False
+    example: Example,
+    sample_m: float,
+    side: int,
+    rng: np.random.Generator,
+    *,
+    by_part: bool = False,
+    spoilt: bool = True,
 ) -> Sample:
     """A square of ``side`` samples about ``sample_m`` apart, turned, scaled, spoilt, in half of the draws
     mirrored. Where nothing is measured, nothing is known.
 
-    by_part: whether each part that there is lies about its middle as often; else the subject does.
+    by_part: whether each part that there is lies about its middle as often; else the subject does. spoilt:
+    whether anything but depth and place may change.
     """
     rows, columns = _places(example, sample_m, side, by_part, rng)
     sample = taken(example, rows, columns)
-    spoil(sample.planes, rng)
+    if spoilt:
+        spoil(sample.planes, rng)
     if rng.random() < 0.5:
         sample = mirrored(sample)
     return known(sample)

@@ -38,7 +38,7 @@ class Stage:
 
     sample_m: metres between two samples. side: samples along a drawn image's side, a multiple of 16.
     averaged: decay of the weights' moving average, whose network goes on with the next stage. statistics:
-    whether normalisation learns those of the batches, or keeps its own. by_part: as of ``drawn``.
+    whether normalisation learns those of the batches, or keeps its own. by_part, spoilt: as of ``drawn``.
     """
 
     sample_m: float
@@ -48,6 +48,7 @@ class Stage:
     averaged: float
     statistics: bool = True
     by_part: bool = False
+    spoilt: bool = True
 
 
 Watch = Callable[[int, float], None]
@@ -90,8 +91,9 @@ def trained(
 def _batch(stock: Stock | Sequence[Example], stage: Stage, seed: int, step: int) -> tuple[Tensor, Tensor]:
     """Inputs (B, 38, s, s) and targets (B, s, s) of a step."""
     rng = np.random.default_rng((seed, step))
+    how = {"by_part": stage.by_part, "spoilt": stage.spoilt}
     samples = [
-        drawn(stock[int(rng.integers(len(stock)))], stage.sample_m, stage.side, rng, by_part=stage.by_part)
+        drawn(stock[int(rng.integers(len(stock)))], stage.sample_m, stage.side, rng, **how)
         for _ in range(BATCH)
     ]
     inputs = torch.from_numpy(np.stack([network_input(sample.planes) for sample in samples]))
