@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 from typer import Argument, Option
@@ -171,6 +171,12 @@ def predict(
     everybody: Annotated[
         bool, Option("--everybody", help="Label all persons of a recording, not the subject alone.")
     ] = False,
+    learnt: Annotated[
+        Path | None,
+        Option(
+            help="Reader (.onnx) from learn, of this person and room: reads the labels again, outlines too."
+        ),
+    ] = None,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -183,21 +189,26 @@ def predict(
         check_free(joints, overwrite)
     if probabilities and everybody:
         raise typer.BadParameter("probabilities are kept of one person; leave it or --everybody out")
-    given = [weights] if weights else []
+    if learnt and (probabilities or everybody):
+        raise typer.BadParameter(
+            "--learnt names parts of one person; leave --probabilities and --everybody out"
+        )
+    given = [path for path in (weights, learnt) if path]
     check_there(*given)
-    if weights is not None:
-        check_onnx(weights)
+    for path in given:
+        check_onnx(path)
+    how = _Prediction(weights, window, probabilities, everybody, learnt)
     if sessions := sessions_in(source, scheduler):
         if joints is not None:
             raise typer.BadParameter("--joints is for one session; its notes in each label set hold them")
-        one = partial(_predict, weights, window, probabilities, everybody)
+        one = partial(_predict, how)
         label_each("predict", one, sessions, out, scheduler, overwrite, json)
         return
     opened = _opened(source, everybody)
     from annotate.labelset import store
 
     check_room(out, store.MANIFEST, overwrite, source, *given)
-    work = _work(opened, out, weights, window, probabilities, everybody)
+    work = _work(opened, out, how)
     clear(out, store.MANIFEST, overwrite, source, *given)
     started, total = time.monotonic(), len(opened)
     with progress("predict", total) as advance:
@@ -209,43 +220,43 @@ def predict(
     finish_run(result, run, json, f"{len(run.labels)} frames in {out}, {ms:.0f} ms each")
 
 
-def _predict(
-    weights: Path | None,
-    window_c: tuple[float, float] | None,
-    probabilities: bool,
-    everybody: bool,
-    session: Path,
-    out: Path,
-) -> "Run":
+class _Prediction(NamedTuple):
+    """How ``predict`` labels, as its options say."""
+
+    weights: Path | None
+    window_c: tuple[float, float] | None
+    probabilities: bool
+    everybody: bool
+    learnt: Path | None
+
+
+def _predict(how: _Prediction, session: Path, out: Path) -> "Run":
     """Labels of one session of a folder by the network, on any machine that sees it."""
-    return _work(open_source(session), out, weights, window_c, probabilities, everybody)(lambda _: None)
+    return _work(open_source(session), out, how)(lambda _: None)
 
 
 def _work(
-    opened: "LabelledFrames | Source",
-    out: Path,
-    weights: Path | None,
-    window_c: tuple[float, float] | None,
-    probabilities: bool,
-    everybody: bool,
+    opened: "LabelledFrames | Source", out: Path, how: _Prediction
 ) -> "Callable[[Callable[[int], None]], Run]":
     """What labels frames or a recording by the network, given the progress."""
     from annotate.labelset.frames import LabelledFrames
+    from annotate.reader.network import Reader
     from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
     from eval.network.predict import predict_frames
     from eval.network.predict_source import predict_source
 
-    network = OnnxNetwork(weights or SHIPPED_WEIGHTS)
+    network, learnt = OnnxNetwork(how.weights or SHIPPED_WEIGHTS), Reader(how.learnt) if how.learnt else None
     if isinstance(opened, LabelledFrames):
-        return partial(predict_frames, opened, network, out, probabilities=probabilities)
+        return partial(predict_frames, opened, network, out, probabilities=how.probabilities, learnt=learnt)
     return partial(
         predict_source,
         opened,
         network,
         out,
-        window_c=window_c,
-        probabilities=probabilities,
-        everybody=everybody,
+        window_c=how.window_c,
+        probabilities=how.probabilities,
+        everybody=how.everybody,
+        learnt=learnt,
     )
 
 

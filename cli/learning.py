@@ -10,7 +10,7 @@ from typer import Argument, Option
 from cli.console import Json, finish, progress, say
 from cli.extras import check_extra, needing
 from sensors.files.atomic import check_there
-from sensors.files.weights_file import check_onnx, check_safetensors
+from sensors.files.weights_file import check_onnx
 
 LOW = 10
 """How much lower its priority is than that of other work, as a niceness. Chosen by eye."""
@@ -28,15 +28,16 @@ def learn(
     weights: Annotated[
         Path | None,
         Option(
-            help="What to start from: with a suit reader.onnx, else a .safetensors.",
-            show_default="the shipped weights",
+            help="Reader (.onnx) to start from.",
+            show_default="the shipped one",
         ),
     ] = None,
     json: Json = False,
 ) -> None:
     """Learn from corrected frames, then label the untouched frames again. Needs the extra 'train'.
 
-    With a suit the reader of suits learns, else the network of 'predict'; at low priority on one core.
+    The reader of suits learns; without a suit it reads depth and the labels there are. At low priority on
+    one core.
     If the set is open in a window, the window takes over the new labels.
     """
     from annotate.labelset.store import LabelSet
@@ -45,7 +46,7 @@ def learn(
     known = LabelSet.open(labels)
     check_there(*(given for given in (session, weights) if given))
     if weights is not None:
-        (check_onnx if weights.suffix == ".onnx" else check_safetensors)(weights)
+        check_onnx(weights)
     from eval.learning.folder import check_own
 
     check_own(out)

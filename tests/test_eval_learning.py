@@ -14,14 +14,12 @@ from annotate.correction.relabel import relabel  # noqa: E402
 from annotate.frame_labels import FrameLabels  # noqa: E402
 from annotate.labelset.store import LabelSet  # noqa: E402
 from annotate.parts import BACKGROUND  # noqa: E402
-from eval.learning import by_depth  # noqa: E402
+from annotate.reader.channels import CHANNELS, FELT, SEEN  # noqa: E402
 from eval.learning import learn as learning  # noqa: E402
-from eval.learning.by_depth import DepthLearner, crop_of  # noqa: E402
+from eval.learning import practice  # noqa: E402
+from eval.learning.by_depth import DepthLearner, example_of  # noqa: E402
 from eval.learning.lesson import HELD_OUT, LEAST_FRAMES, divided, lessons  # noqa: E402
-from eval.network.checkpoint import save_weights  # noqa: E402
-from eval.network.compact import CompactConfig  # noqa: E402
-from eval.network.networks import build  # noqa: E402
-from eval.training.plan import ModernRecipe  # noqa: E402
+from eval.training.reader import train  # noqa: E402
 from sensors.errors import CloudError, ExistsError  # noqa: E402
 from sensors.rig.camera import Intrinsics  # noqa: E402
 
@@ -68,24 +66,25 @@ def taught(tmp_path) -> Path:
 
 
 @pytest.fixture
-def start(tmp_path, monkeypatch) -> Path:
-    """Weights of a small untrained network; few steps, which are enough for it."""
-    monkeypatch.setattr(by_depth, "STEPS", 24)
-    monkeypatch.setattr(by_depth, "MORE_STEPS", 4)
-    # It has no statistics to keep.
-    monkeypatch.setattr(by_depth, "RECIPE", ModernRecipe(4, 3e-2, averaged=0.0, coarse=0.0))
-    torch.manual_seed(1)
-    config = CompactConfig((4, 6, 8), 1)
-    save_weights(tmp_path / "start.safetensors", build(config), config)
-    return tmp_path / "start.safetensors"
+def few_steps(monkeypatch) -> None:
+    """Few small steps."""
+    for name, small in (("STEPS_EACH", 6), ("SIDE", 32), ("RATE", 4e-3)):
+        monkeypatch.setattr(practice, name, small)
 
 
-def test_a_lesson_shows_what_was_extracted_and_calls_the_seat_background(taught):
+def learner(path: Path) -> DepthLearner:
+    return DepthLearner(LabelSet.open(path), None)
+
+
+def test_a_lesson_shows_the_room_the_first_labels_and_calls_the_seat_background(taught):
     found = lessons(taught)
     assert [one.first.frame_id for one in found] == list(DONE)
-    depth, parts, _ = crop_of(found[0])
-    assert set(np.unique(parts[depth > 0])) == {BACKGROUND, 1, 2}
-    assert not parts[depth == 0].any()
+    example = example_of(found[0], LabelSet.open(taught))
+    before = example.planes[CHANNELS.index("before")]
+    assert set(np.unique(before)) == {BACKGROUND, 2} and set(np.unique(example.target)) == {BACKGROUND, 1, 2}
+    assert (before > 0).sum() > (example.target > 0).sum()
+    assert not (example.planes[0] & (SEEN | FELT)).any()
+    assert example.pixel_m == pytest.approx(1.4 / 60)
 
 
 def test_every_fourth_frame_is_held_out_and_one_of_three(taught):
@@ -103,9 +102,9 @@ def test_too_few_frames_are_refused_in_one_line(tmp_path):
         lessons(written(tmp_path / "all", steps={"predict": {"everybody": True}}))
 
 
-def test_learning_helps_on_frames_it_has_not_seen_and_changes_nothing_by_itself(taught, start, tmp_path):
+def test_learning_helps_on_frames_it_has_not_seen_and_changes_nothing_by_itself(taught, few_steps, tmp_path):
     before = {p: p.read_bytes() for p in sorted(taught.rglob("*")) if p.is_file()}
-    done = learning.learn(taught, tmp_path / "model", DepthLearner(start), silent)
+    done = learning.learn(taught, tmp_path / "model", learner(taught), silent)
     assert {p: p.read_bytes() for p in sorted(taught.rglob("*")) if p.is_file()} == before
     assert (done.frames, done.held_out) == (5, 1)
     assert done.better and done.before < 0.75 < done.after
@@ -117,12 +116,11 @@ def test_learning_helps_on_frames_it_has_not_seen_and_changes_nothing_by_itself(
             assert (parts == truth(n)).mean() > (correction.begun(IDS[0]).parts == truth(0)).mean()
 
 
-def test_a_killed_learning_goes_on_and_ends_with_the_same_network(taught, start, tmp_path, monkeypatch):
-    monkeypatch.setattr(by_depth, "STEPS", 3)
-    monkeypatch.setattr(by_depth, "MORE_STEPS", 2)
-    monkeypatch.setattr(by_depth, "CHECKPOINT_S", 0.0)
+def test_a_killed_learning_goes_on_and_ends_with_the_same_network(taught, few_steps, tmp_path, monkeypatch):
+    monkeypatch.setattr(practice, "STEPS_EACH", 1)
+    monkeypatch.setattr(train, "SAVED_S", 0.0)
     monkeypatch.setattr(learning.Learnt, "better", True)
-    done = learning.learn(taught, tmp_path / "model", DepthLearner(start), silent)
+    done = learning.learn(taught, tmp_path / "model", learner(taught), silent)
     seen = 0
 
     @contextmanager
@@ -130,23 +128,23 @@ def test_a_killed_learning_goes_on_and_ends_with_the_same_network(taught, start,
         def advance(n):
             nonlocal seen
             seen += n
-            if seen > 14:
+            if seen > 3:
                 raise KeyboardInterrupt
 
         yield advance
 
     with pytest.raises(KeyboardInterrupt):
-        learning.learn(taught, tmp_path / "again", DepthLearner(start), killed)
-    again = learning.learn(taught, tmp_path / "again", DepthLearner(start), silent)
+        learning.learn(taught, tmp_path / "again", learner(taught), killed)
+    again = learning.learn(taught, tmp_path / "again", learner(taught), silent)
     assert again.weights.read_bytes() == done.weights.read_bytes()
     assert not (tmp_path / "again" / "run").exists()
 
 
-def test_another_folder_is_not_taken(taught, start, tmp_path):
+def test_another_folder_is_not_taken(taught, few_steps, tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
     with pytest.raises(ExistsError, match="not made by this command"):
-        learning.learn(taught, tmp_path / "mine", DepthLearner(start), silent)
+        learning.learn(taught, tmp_path / "mine", learner(taught), silent)
 
 
 def test_the_frame_that_teaches_most_is_unsure_and_far_from_what_is_done(tmp_path):
@@ -155,5 +153,6 @@ def test_the_frame_that_teaches_most_is_unsure_and_far_from_what_is_done(tmp_pat
         assert sorted(teaching_order(correction)) == list(IDS)
         assert teaching_order(correction)[0] == IDS[0]
         correction.edit(IDS[0]).judge("accept")
-        assert teaching_order(correction)[0] == IDS[-1]
+        last = teaching_order(correction)[0]
+        assert last == min(IDS[4:], key=lambda i: correction.labels.notes(i)["confidence"])
         assert IDS[0] not in teaching_order(correction)

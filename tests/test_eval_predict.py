@@ -193,40 +193,6 @@ def test_rims_that_a_small_crop_drops_get_the_part_beside_them():
     np.testing.assert_allclose(result.confidence, np.where(person, 0.9, 0), atol=1e-6)
 
 
-class Thumbs(OnnxNetwork):
-    """Calls what lies in a crop's left part background, the rest a head."""
-
-    share = 0.5
-
-    def answers(self, crops):
-        planes = np.zeros((len(crops), N_CLASSES, SIZE, SIZE), np.float32)
-        planes[:, PART_ID["head"]] = 0.4
-        planes[:, BACKGROUND] = np.arange(SIZE) < self.share * SIZE
-        planes /= planes.sum(axis=1, keepdims=True)
-        return [planes]
-
-
-def test_what_the_network_calls_no_person_is_left_out():
-    person = np.zeros((424, 512), bool)
-    person[100:200, 100:300] = True
-    depth_mm = np.full(person.shape, 1500, np.uint16)
-    left = Thumbs().without_things(depth_mm, person)
-    assert not (left & ~person).any()
-    np.testing.assert_array_equal(np.flatnonzero(left.any(axis=0))[[0, -1]], [200, 299])
-    nobody = np.zeros_like(person)
-    np.testing.assert_array_equal(Thumbs().without_things(depth_mm, nobody), nobody)
-
-
-def test_a_network_that_sees_nobody_at_all_is_not_believed():
-    class Lost(Thumbs):
-        share = 0.95
-
-    person = np.zeros((424, 512), bool)
-    person[100:200, 100:300] = True
-    left = Lost().without_things(np.full(person.shape, 1500, np.uint16), person)
-    np.testing.assert_array_equal(left, person)
-
-
 # Label sets and datasets
 
 

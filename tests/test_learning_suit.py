@@ -15,7 +15,7 @@ from annotate.correction.correction import Correction  # noqa: E402
 from annotate.correction.relabel import relabel, take_back  # noqa: E402
 from annotate.labelset.store import LabelSet  # noqa: E402
 from annotate.reader.network import SHIPPED_READER, Reader  # noqa: E402
-from eval.learning import by_suit, lesson  # noqa: E402
+from eval.learning import by_suit, lesson, practice  # noqa: E402
 from eval.learning import learn as learning  # noqa: E402
 from eval.training.reader.net import export_reader, load_reader  # noqa: E402
 from sensors.errors import CloudError  # noqa: E402
@@ -45,8 +45,8 @@ def taught(rig_session, rig_labels, tmp_path, monkeypatch) -> Path:
             editor.judge("accept")
     monkeypatch.setattr(lesson, "LEAST_FRAMES", 2)
     monkeypatch.setattr(learning, "divided", lambda all_: (all_[:1], all_[1:]))
-    for name, small in (("STEPS", 2), ("MORE_STEPS", 1), ("SIDE", 32)):
-        monkeypatch.setattr(by_suit, name, small)
+    for name, small in (("STEPS_EACH", 2), ("MORE", 0.5), ("SIDE", 32)):
+        monkeypatch.setattr(practice, name, small)
     return path
 
 
@@ -74,7 +74,7 @@ def test_frames_left_are_read_again_the_same_way_twice_and_after_a_kill(
         yield lambda n: steps.append(what)
 
     again = learning.learn(taught, tmp_path / "again", learner(taught, rig_session), counted)
-    assert steps.count("learn, steps") == by_suit.MORE_STEPS, "the others are not taken twice"
+    assert steps.count("learn, steps") == 2, "the others are not taken twice"
     assert again.weights.read_bytes() == done.weights.read_bytes()
     np.testing.assert_array_equal(
         LabelSet.open(again.labels).read(LEFT).parts, LabelSet.open(done.labels).read(LEFT).parts

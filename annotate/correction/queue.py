@@ -76,10 +76,14 @@ def teaching_order(correction: Correction) -> list[str]:
     away = np.full(len(ids), len(ids))
     for known in np.flatnonzero(~left):
         away = np.minimum(away, abs(at - known))
-    order = []
+    order: list[str] = []
     while left.any():
         farthest = int(np.where(left, away, -1).argmax())
-        around = left & (abs(at - farthest) <= min(REACH, away[farthest] // 2)) if order or not left.all() else left
+        around = (
+            left & (abs(at - farthest) <= min(REACH, away[farthest] // 2))
+            if order or not left.all()
+            else left
+        )
         best = int(np.where(around, doubt, -np.inf).argmax())
         order.append(ids[best])
         left[best], away = False, np.minimum(away, abs(at - best))

@@ -25,7 +25,8 @@ def with_borders(
     """Likeliest class uint8 (h, w) of the pixels of a rectangle, and its probability by the network (h, w).
 
     chance: float32 (13, h, w), of the network. light: the suit's colours in the frame's light, None = no
-    suit; the classes that are no part count as of the usual colour of the parts. By iterated conditional modes (Besag 1986).
+    suit; the classes that are no part count as of the usual colour of the parts. By iterated conditional
+    modes (Besag 1986).
     """
     undecided = cloud.valid[where] & (chance[0] < SURELY_ROOM)
     own = chance[:, undecided]

@@ -61,7 +61,7 @@ class DepthLearner:
 
 
 def example_of(taught: Taught, labels: LabelSet) -> Example | None:
-    """Example of a frame of a label set, as ``read_again`` sees it; None where its first labels show nobody."""
+    """Example of a frame of a label set, as ``read_again`` sees it; None where that shows nobody."""
     seen = depth_view(taught.first, camera_in(labels, taught.first))
     if seen is None:
         return None

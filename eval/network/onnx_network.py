@@ -5,14 +5,13 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 from numba import njit
 
-from annotate.array_types import Bool, Float32, Index, UInt8, UInt16
+from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
 from annotate.labelset.images import Probabilities
 from annotate.parts import BACKGROUND, N_CLASSES, TWIN_PARTS
@@ -29,12 +28,6 @@ MAX_WEIGHT_BYTES = 1_000_000_000
 ROUNDING = 0.05
 """How far a pixel's probabilities may sum from 1: each of twelve rounded to eight bits leaves 0.024 at most,
 to half precision 0.003."""
-SURE = 2.0
-"""Ratio of background's probability to the likeliest part's from which a pixel is no person; chosen by eye.
-Training weighs background as the rarest part, and a pixel left out gets no part at all."""
-LEAST_BODY = 0.2
-"""Least share of an extraction that is a person, chosen by eye: in the virtual rig's hardest frames it was
-half (measured)."""
 AT_ONCE = min(4, os.cpu_count() or 1)
 """Crops through a network at once, one thread each: threads that share a crop wait for each other much of the
 time."""
@@ -154,11 +147,6 @@ class OnnxNetwork:
             results[i] = look.labels(masks[i], probabilities)
         return results
 
-    def without_things(self, depth_mm: UInt16, person: Bool) -> Bool:
-        """A person's pixels (h, w) but those that the network calls background."""
-        mask = person & (depth_mm > 0)
-        return self._looks([(depth_mm, mask)])[0].body(mask) if mask.any() else mask
-
     def _looks(self, images: Sequence[Image]) -> list["_Look"]:
         """Answers for images whose masks have pixels."""
         if not images:
@@ -184,33 +172,14 @@ class _Look:
     planes: Float32
     whole: Sequence[Float32]
 
-    @cached_property
-    def _best(self) -> tuple[UInt8, Float32]:
-        """The likeliest part (212, 212) of every pixel, and its probability."""
-        # The extraction has decided what is person: background is no answer there.
-        best, certain = _likeliest(self.planes.reshape(N_CLASSES, -1))
-        return best.reshape(self.seen.shape), certain.reshape(self.seen.shape)
-
-    @cached_property
-    def _nearest(self) -> Index:
-        """Flat index (212, 212) of the nearest pixel that shows the person."""
-        return nearest_seen(self.seen)
-
-    def body(self, mask: Bool) -> Bool:
-        """The pixels of a mask (h, w) but those that the network calls background.
-
-        All of them where less than ``LEAST_BODY`` would be left: then it is the network that is lost.
-        """
-        body = self.planes[BACKGROUND] <= SURE * self._best[1]
-        left = mask & self.crop.paste(body.ravel()[self._nearest], mask.shape, False)
-        return left if np.count_nonzero(left) >= LEAST_BODY * np.count_nonzero(mask) else mask
-
     def labels(self, mask: Bool, probabilities: bool) -> Segmentation:
         """Labels of the pixels of a mask (h, w), all of the person's or some."""
+        # The extraction has decided what is person: background is no answer there.
+        best, certain = _likeliest(self.planes.reshape(N_CLASSES, -1))
         # A smaller crop drops pixels: on a rim the one that stands for one of the person may show the room.
-        best, certain = self._best
-        best = self.crop.paste(best.ravel()[self._nearest], mask.shape, BACKGROUND)
-        certain = self.crop.paste(certain.ravel()[self._nearest], mask.shape, 0.0)
+        nearest = nearest_seen(self.seen)
+        best = self.crop.paste(best[nearest], mask.shape, BACKGROUND)
+        certain = self.crop.paste(certain[nearest], mask.shape, 0.0)
         best[~mask], certain[~mask] = BACKGROUND, 0.0
         bearing = Bearing.of(self.crop, *self.image, *self.whole).note() if self.whole else None
         given = Probabilities(self.crop, self.planes) if probabilities else None

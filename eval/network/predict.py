@@ -14,8 +14,10 @@ from annotate.label_source import Run, check_same, finished, notes_of
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.frames import LabelledFrames
 from annotate.labelset.store import LabelSet
+from annotate.reader.network import Reader
 from annotate.reader.segmentation import Segmentation
 from eval.network.onnx_network import OnnxNetwork
+from eval.network.read_again import camera_in, read_again
 from sensors.errors import CloudError, FormatError
 
 BATCH = 8
@@ -33,20 +35,24 @@ def predict_frames(
     *,
     probabilities: bool = False,
     batch: int = BATCH,
+    learnt: Reader | None = None,
 ) -> Run:
     """Label the persons of a label set or a dataset by the network, within the same outlines; resumes.
 
+    learnt: a reader that reads the labels again, outlines too.
     Frames that cannot be read are left out and listed. Raises ExistsError when ``out`` holds something else
     than the beginning of this very run, ClaimedError while somebody else writes it, CloudError when there is
     no frame, or none that can be done; FormatError where a dataset breaks off.
     """
     if not len(frames):
         raise CloudError(f"{frames.path} holds no frames; give a label set or dataset with frames")
-    step = step_of(network, probabilities) | frames.identity
+    step = step_of(network, probabilities) | frames.identity | ({"learnt": learnt.sha256} if learnt else {})
     info = {"source": frames.source, "steps": {"predict": step}}
     predicted = LabelSet.resume(out, frames.intrinsics, info)
     with Claim.take(out, login()):
-        return finished(predicted, _predict(frames, network, predicted, progress, probabilities, batch))
+        return finished(
+            predicted, _predict(frames, network, predicted, progress, probabilities, batch, learnt)
+        )
 
 
 def _predict(
@@ -56,6 +62,7 @@ def _predict(
     progress: Callable[[int], None],
     probabilities: bool,
     batch: int,
+    learnt: Reader | None,
 ) -> list[tuple[str, str]]:
     """Label the frames that are not done yet; (frame id, why) of those that failed."""
     failed: list[tuple[str, str]] = []
@@ -67,7 +74,7 @@ def _predict(
             results = network.segment_all(images, probabilities=probabilities)
             for _ in writing:
                 progress(1)
-            writing = writers.map(partial(_write, predicted), some, results)
+            writing = writers.map(partial(_write, frames, predicted, learnt), some, results)
         for _ in writing:
             progress(1)
     return failed
@@ -108,8 +115,16 @@ def _todo(
             yield frame
 
 
-def _write(predicted: LabelSet, frame: FrameLabels, result: Segmentation) -> None:
+def _write(
+    frames: LabelledFrames,
+    predicted: LabelSet,
+    learnt: Reader | None,
+    frame: FrameLabels,
+    result: Segmentation,
+) -> None:
     notes = notes_of(result)
     notes |= {name: frame.notes[name] for name in ("crop", "intrinsics") if name in frame.notes}
     labelled = replace(frame, parts=result.parts, confidence=result.confidence, status="auto", notes=notes)
+    if learnt:
+        labelled = read_again(labelled, camera_in(frames, labelled), learnt)
     predicted.write(labelled, result.probabilities)

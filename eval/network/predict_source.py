@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,18 @@ from annotate.array_types import Bool
 from annotate.cloud.coarse import CoarseCloud, CoarseFuser
 from annotate.frame_labels import FrameLabels
 from annotate.label_source import Run, run
+from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask, Survey
+from annotate.reader.network import Reader
 from annotate.reader.segmentation import Segmentation, unlabelled
 from eval.network.bearing import Bearing
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import step_of
+from eval.network.read_again import read_again
 from eval.network.steady import steady
 from eval.network.support import support_of
 from sensors.errors import CloudError
+from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource
 
 
@@ -30,21 +35,24 @@ def predict_source(
     *,
     probabilities: bool = False,
     everybody: bool = False,
+    learnt: Reader | None = None,
 ) -> Run:
     """Extract the person of every frame of a source and label it by the network; resumes.
 
-    everybody: label all persons, not the subject alone. Raises what ``label_source.run`` raises; CloudError
-    for the probabilities of everybody.
+    everybody: label all persons, not the subject alone. learnt: a reader that reads the labels again. Raises
+    what ``label_source.run`` raises; CloudError for the probabilities of everybody.
     """
     if everybody and probabilities:
         raise CloudError("probabilities are kept of one person; leave --probabilities or --everybody out")
+    camera = source.calibration.depth.undistorted()
 
     def survey(cloud: CoarseCloud) -> NetworkSurvey:
         return NetworkSurvey(cloud, network, window_c, probabilities=probabilities, everybody=everybody)
 
     step = step_of(network, probabilities) | {"window_c": list(window_c) if window_c else None}
-    step |= {"everybody": True} if everybody else {}
-    return run(source, {"predict": step}, out, NetworkSurvey.labels, progress, survey, CoarseFuser)
+    step |= ({"everybody": True} if everybody else {}) | ({"learnt": learnt.sha256} if learnt else {})
+    labeller = partial(_labels_again, learnt, camera) if learnt else NetworkSurvey.labels
+    return run(source, {"predict": step}, out, labeller, progress, survey, CoarseFuser)
 
 
 class NetworkSurvey:
@@ -64,6 +72,7 @@ class NetworkSurvey:
     ) -> None:
         self._survey = survey = Survey(cloud, window_c, everybody=everybody)
         self._network, self._probabilities, self._everybody = network, probabilities, everybody
+        self.depth_mm = cloud.depth_mm
         self._known: dict[bytes, Segmentation] = {}
         person = survey.person()
         if person.trusted:
@@ -103,6 +112,22 @@ class NetworkSurvey:
         parts = np.where(coarse.pixel >= 0, result.parts.ravel()[coarse.pixel], np.uint8(0))
         support = support_of(bearing.name, parts, coarse.cloud.points_m, self._survey.planes)
         return replace(result, bearing=replace(bearing, support=support).note())
+
+
+def _labels_again(
+    learnt: Reader, camera: Intrinsics, survey: NetworkSurvey, before: FrameLabels | None
+) -> tuple[Segmentation, PersonMask]:
+    """Labels of a frame and its mask by the network, read again by a reader that has learnt."""
+    found, person = survey.labels(before)
+    if not person.trusted:
+        return found, person
+    first = FrameLabels("", survey.depth_mm, found.parts, found.confidence)
+    again = read_again(first, camera, learnt)
+    on_body = again.parts != BACKGROUND
+    persons = np.where(on_body, np.uint8(1), np.where(person.mask, np.uint8(0), person.persons))
+    assert again.confidence is not None
+    found = replace(found, parts=again.parts, confidence=again.confidence)
+    return found, replace(person, mask=on_body, persons=persons)
 
 
 def _together(results: Sequence[tuple[int, Segmentation]], nobody: Bool) -> Segmentation:

@@ -66,7 +66,9 @@ def read_again(first: FrameLabels, camera: Intrinsics, reader: Reader) -> FrameL
     confidence: Float32 = np.zeros(first.parts.shape, np.float32)
     parts[where], confidence[where] = np.where(own, named, BACKGROUND), np.where(own, sure, 0)
     on_body = parts != BACKGROUND
-    notes = first.notes | {"confidence": round(float(confidence[on_body].mean()), 4) if on_body.any() else 0.0}
+    notes = first.notes | {
+        "confidence": round(float(confidence[on_body].mean()), 4) if on_body.any() else 0.0
+    }
     return replace(first, parts=parts, confidence=confidence, notes=notes, persons=None)
 
 
@@ -75,6 +77,4 @@ def _bare_cloud(first: FrameLabels, camera: Intrinsics) -> ThermalCloud:
     unseen = np.full(first.depth_mm.shape, np.nan, np.float32)
     depth_m = np.where(first.depth_mm > 0, first.depth_mm * np.float32(1e-3), unseen)
     color = np.zeros((*unseen.shape, 3), np.uint8)
-    return ThermalCloud(
-        camera, first.depth_mm, unproject(camera, depth_m), color, color[..., 0] > 0, unseen
-    )
+    return ThermalCloud(camera, first.depth_mm, unproject(camera, depth_m), color, color[..., 0] > 0, unseen)
