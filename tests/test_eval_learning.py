@@ -79,7 +79,7 @@ def learner(path: Path) -> DepthLearner:
 def test_a_lesson_shows_the_room_the_first_labels_and_calls_the_seat_background(taught):
     found = lessons(taught)
     assert [one.first.frame_id for one in found] == list(DONE)
-    example = example_of(found[0], LabelSet.open(taught))
+    example = example_of(found[0].first, found[0].corrected.parts, LabelSet.open(taught).intrinsics)
     before = example.planes[CHANNELS.index("before")]
     assert set(np.unique(before)) == {BACKGROUND, 2} and set(np.unique(example.target)) == {BACKGROUND, 1, 2}
     assert (before > 0).sum() > (example.target > 0).sum()

@@ -11,30 +11,35 @@ from annotate.correction.correction import Correction
 from annotate.correction.relabel import untouched
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
-from annotate.reader.network import SHIPPED_READER, Reader
+from annotate.reader.network import Reader
 from eval.learning.lesson import Taught
 from eval.learning.practice import Practice
-from eval.network.read_again import camera_in, depth_view, read_again
+from eval.network.read_again import SHIPPED_AGAIN, camera_in, depth_view, read_again
 from eval.training.reader.examples import Example
 from eval.training.reader.fit import Progress
 from eval.training.reader.net import export_reader, load_reader
+from sensors.rig.camera import Intrinsics
 
 
 class DepthLearner:
     """The reader as ``learn.Learner`` for labels of a network.
 
-    labels: of people without a suit. start: weights (.onnx) to learn from; None = those for suits. Raises
+    labels: of people without a suit. start: weights (.onnx) to learn from; None = the shipped ones. Raises
     FormatError where they are no reader's.
     """
 
     def __init__(self, labels: LabelSet, start: Path | None) -> None:
-        start = start or SHIPPED_READER
+        start = start or SHIPPED_AGAIN
         self._labels, self._network = labels, load_reader(start)
         self._practice = Practice(Reader(start).sha256, spoilt=False)
 
     def learn(self, taught: Sequence[Taught], more: bool, run: Path, progress: Progress) -> None:
         """Steps on these frames; goes on with what ``run`` holds of the same training."""
-        known = [example for one in taught if (example := example_of(one, self._labels)) is not None]
+        known = [
+            example
+            for one in taught
+            if (example := example_of(one.first, one.corrected.parts, camera_in(self._labels, one.first)))
+        ]
         self._network = self._practice.trained(self._network, known, taught, more, run, progress)
 
     def save(self, path: Path) -> None:
@@ -60,11 +65,11 @@ class DepthLearner:
         return read_again(first, camera_in(self._labels, first), reader)
 
 
-def example_of(taught: Taught, labels: LabelSet) -> Example | None:
-    """Example of a frame of a label set, as ``read_again`` sees it; None where that shows nobody."""
-    seen = depth_view(taught.first, camera_in(labels, taught.first))
+def example_of(first: FrameLabels, parts: UInt8, camera: Intrinsics) -> Example | None:
+    """Example of a frame with true parts (h, w), as ``read_again`` sees it; None where that shows nobody."""
+    seen = depth_view(first, camera)
     if seen is None:
         return None
     cloud, view = seen
     meta = np.array([cloud.camera.fx, cloud.camera.fx / view.pixels_per_m])
-    return Example(view.planes, taught.corrected.parts[view.where].copy(), meta)
+    return Example(view.planes, parts[view.where].copy(), meta)

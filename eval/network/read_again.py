@@ -5,6 +5,8 @@ first labels of the same frame; no colour and no temperature (docs/adr/0025).
 """
 
 from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +24,10 @@ from annotate.reader.channels import Rectangle, channels, rectangle
 from annotate.reader.network import Reader
 from annotate.reader.read import OTHER_PERSON, View, finely
 from sensors.rig.camera import Intrinsics, unproject
+
+SHIPPED_AGAIN = Path(str(files("eval").joinpath("weights", "again.onnx")))
+"""The reader that learnings by depth begin with: it has learnt a network's labels, of nobody in particular
+(``python -m tools.fit.depth_reader``)."""
 
 
 class DepthRoom(NamedTuple):

@@ -2,7 +2,7 @@
 
 python -m tools.correction.kill_learning [--kills N]
 
-As the window does, a process works on frames and has another one learn beside it, for real, a small network
+As the window does, a process works on frames and has another one learn beside it, for real, a reader
 from the frames accepted so far; when that has ended well, it takes over the new labels, and now and then
 takes them back. At random moments both are killed with -9, or the learning alone, or the work alone, whose
 learning then lives on. Each time every frame that nobody worked on must have its labels of one and the same
@@ -30,11 +30,10 @@ from annotate.correction.relabel import relabel, take_back
 from annotate.correction.replay import after, step_of
 from annotate.labelset.claim import ClaimedError
 from annotate.labelset.store import LabelSet, validate
-from eval.learning import by_depth, learn
-from eval.network.checkpoint import save_weights
-from eval.network.compact import CompactConfig
-from eval.network.networks import build, export_onnx
-from eval.training.plan import ModernRecipe
+from eval.learning import by_depth, learn, practice
+from eval.network.read_again import SHIPPED_AGAIN
+from eval.training.reader import train
+from eval.training.reader.net import export_reader, load_reader
 from tests.test_eval_learning import DONE, IDS, SIDE, truth, written
 
 WORKED, FREE = DONE[:2], IDS[len(DONE) :]
@@ -48,25 +47,18 @@ VICTIMS = ("both", "both", "learning", "work")
 
 
 def create(folder: Path) -> None:
-    """A set that calls everybody a torso, five of its frames accepted, and a small network to start from."""
+    """A set that calls everybody a torso, five of its frames accepted."""
     written(folder / "labels")
     with Correction.open(folder / "labels", "ann") as correction:
         for n, frame_id in enumerate(DONE):
             editor = correction.edit(frame_id)
             editor.replace("paint", truth(n))
             editor.judge("accept")
-    by_depth.MORE_STEPS, by_depth.CHECKPOINT_S = 1, 0.0
+    practice.MORE, practice.SIDE, train.SAVED_S = 0.5, 32, 0.0
     # What is learnt in a few steps is taken over whether it is better or not.
     learn.Learnt.better = True
-    by_depth.BATCH = 2
-    by_depth.RECIPE = ModernRecipe(by_depth.BATCH, 3e-2, averaged=0.0, coarse=0.0)
-    config = CompactConfig((4, 6, 8), 1)
-    network = build(config)
-    save_weights(folder / "start.safetensors", network, config)
     # Loads what takes seconds once here, not in every child.
-    import torch._dynamo  # noqa: F401
-
-    export_onnx(network.eval(), folder / "start.onnx")
+    export_reader(load_reader(SHIPPED_AGAIN), folder / "start.onnx")
 
 
 @contextmanager
@@ -80,11 +72,10 @@ def learning(folder: Path, seed: int) -> int:
         return child
     # A program of its own would not hold what the work has open: its claim above all.
     os.closerange(3, 1 << 10)
-    by_depth.STEPS = 1 + seed % 3
+    practice.MOST_STEPS = 1 + seed % 3
     try:
-        learn.learn(
-            folder / "labels", folder / "model", by_depth.DepthLearner(folder / "start.safetensors"), silent
-        )
+        learner = by_depth.DepthLearner(LabelSet.open(folder / "labels"), None)
+        learn.learn(folder / "labels", folder / "model", learner, silent)
     except ClaimedError:
         os._exit(REFUSED)
     except BaseException:

@@ -49,7 +49,7 @@ def main() -> None:
         held_out = files[HELD_OUT - 1 :: HELD_OUT]
         learnt = [file for file in files if file not in held_out]
         torch.manual_seed(SEED)
-        found = fit(ReaderNet(), Stock(learnt), Stock(held_out), STAGES, given.folder, SEED, _lines())
+        found = fit(ReaderNet(), Stock(learnt), Stock(held_out), STAGES, given.folder, SEED, lines())
     print(f"{given.folder / WEIGHTS}: {found}")
 
 
@@ -60,7 +60,7 @@ def _store(path: Path) -> str:
     return f"{path}: {rig.name}, {rig.suit.name}"
 
 
-def _lines() -> Watch:
+def lines() -> Watch:
     """What prints the mean loss of some steps."""
     losses: list[float] = []
 
