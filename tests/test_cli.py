@@ -15,6 +15,7 @@ from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS
 from annotate.suit.palette import DEFAULT_SUIT, load_suit
 from cli.console import cell, table
+from eval.network.read_again import SHIPPED_AGAIN
 from sensors.session.messages import COLOR, THERMAL, color_message, thermal_message
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
@@ -125,8 +126,19 @@ def test_options_that_do_not_go_together_overwrite_nothing(annotate_cloud, tmp_p
     shutil.copytree(rig_labels.path, tmp_path / "l")
     before = tree(tmp_path)
     out = ("--out", tmp_path / "l", "--overwrite")
-    done = annotate_cloud("predict", rig_session, *out, "--everybody", "--probabilities")
-    assert done.code == 2 and tree(tmp_path) == before
+    for options in (("--everybody", "--probabilities"), ("--learnt", SHIPPED_AGAIN, "--everybody")):
+        done = annotate_cloud("predict", rig_session, *out, *options)
+        assert done.code == 2 and tree(tmp_path) == before
+
+
+def test_a_learnt_reader_is_given_to_predict(annotate_cloud, tmp_path, rig_session):
+    done = annotate_cloud(
+        "predict", rig_session, "--learnt", SHIPPED_AGAIN, "--out", tmp_path / "p", "--json"
+    )
+    assert (done.code, done.result["frames"]) == (0, 3)
+    (tmp_path / "cut.onnx").write_bytes(SHIPPED_AGAIN.read_bytes()[:1000])
+    done = annotate_cloud("predict", rig_session, "--learnt", tmp_path / "cut.onnx", "--out", tmp_path / "q")
+    assert done.code == 1 and not (tmp_path / "q").exists()
 
 
 def test_predict_on_a_session_and_within_given_outlines(annotate_cloud, tmp_path, rig_session, rig_labels):

@@ -1,0 +1,68 @@
+"""Labels read again by a reader that learns by depth: the same in every way there is, and no worse."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from annotate.labelset.store import LabelSet
+from annotate.reader.channels import CHANNELS, LIKENESS
+from annotate.reader.network import Reader
+from eval.compare.compare import compare_sets
+from eval.network.onnx_network import OnnxNetwork
+from eval.network.predict import predict_frames
+from eval.network.predict_source import predict_source
+from eval.network.read_again import SHIPPED_AGAIN, camera_in, depth_view, read_again
+from sensors.session.reader import Session
+from synth.rig.simulate import truth_path
+
+
+@pytest.fixture(scope="module")
+def learnt() -> Reader:
+    return Reader(SHIPPED_AGAIN)
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory, rig_session) -> LabelSet:
+    """A recording by the network alone."""
+    out = tmp_path_factory.mktemp("first") / "p"
+    return predict_source(Session(rig_session), OnnxNetwork(), out, lambda n: None).labels
+
+
+@pytest.fixture(scope="module")
+def again(tmp_path_factory, rig_session, learnt) -> LabelSet:
+    """The same recording, read again."""
+    out = tmp_path_factory.mktemp("again") / "p"
+    return predict_source(Session(rig_session), OnnxNetwork(), out, lambda n: None, learnt=learnt).labels
+
+
+def test_a_recording_is_read_again_as_its_labels_are(first, again, learnt):
+    for one, two in zip(first, again, strict=True):
+        read = read_again(one, camera_in(first, one), learnt)
+        np.testing.assert_array_equal(two.parts, read.parts)
+        assert two.notes["bearing"] == one.notes["bearing"] == read.notes["bearing"]
+        assert two.notes["confidence"] == read.notes["confidence"] != one.notes["confidence"]
+    assert again.info["steps"]["predict"]["learnt"] == learnt.sha256
+
+
+def test_a_label_set_is_read_again_as_a_recording_is(tmp_path, first, learnt):
+    network = OnnxNetwork()
+    one = predict_frames(first, network, tmp_path / "one", lambda n: None).labels
+    two = predict_frames(first, network, tmp_path / "two", lambda n: None, learnt=learnt).labels
+    for own, read in zip(one, two, strict=True):
+        np.testing.assert_array_equal(read.parts, read_again(own, camera_in(one, own), learnt).parts)
+
+
+def test_it_is_no_worse_than_the_network_alone(rig_session, first, again):
+    truth = LabelSet.open(truth_path(rig_session))
+    alone, both = (compare_sets(found, truth).scores for found in (first, again))
+    assert both["mean_recall"] > alone["mean_recall"] and both["person_iou"] > alone["person_iou"]
+
+
+def test_nobody_stays_nobody_and_no_colour_is_seen(first, learnt):
+    frame = next(iter(first))
+    nobody = replace(frame, parts=np.zeros_like(frame.parts))
+    assert read_again(nobody, first.intrinsics, learnt) is nobody
+    _, view = depth_view(frame, first.intrinsics)
+    dark = [CHANNELS.index(name) for name in ("shade", "red", "green", "room", *LIKENESS)]
+    assert not view.planes[dark].any() and len(view.colors) == 0
