@@ -48,7 +48,7 @@ LEAST_IOU = 0.5
 eye."""
 SHARD = 100
 """Frames of a dataset in one file."""
-STAGE = Stage(0.012, 128, 6_000, 1.5e-3, 0.998, spoilt=False)
+STAGE = Stage(0.012, 128, 4_000, 1.5e-3, 0.998, spoilt=False)
 """Chosen by eye."""
 
 
