@@ -171,11 +171,11 @@ def predict(
     everybody: Annotated[
         bool, Option("--everybody", help="Label all persons of a recording, not the subject alone.")
     ] = False,
+    again: Annotated[
+        bool, Option("--again", help="Read the labels again in the room's depth: better outlines, more time.")
+    ] = False,
     learnt: Annotated[
-        Path | None,
-        Option(
-            help="Reader (.onnx) from learn, of this person and room: reads the labels again, outlines too."
-        ),
+        Path | None, Option(help="Reader (.onnx) from learn that reads them again, of this person and room.")
     ] = None,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
@@ -189,15 +189,13 @@ def predict(
         check_free(joints, overwrite)
     if probabilities and everybody:
         raise typer.BadParameter("probabilities are kept of one person; leave it or --everybody out")
-    if learnt and (probabilities or everybody):
-        raise typer.BadParameter(
-            "--learnt names parts of one person; leave --probabilities and --everybody out"
-        )
+    if (again or learnt) and (probabilities or everybody):
+        raise typer.BadParameter("one person is read again; leave --probabilities and --everybody out")
     given = [path for path in (weights, learnt) if path]
     check_there(*given)
     for path in given:
         check_onnx(path)
-    how = _Prediction(weights, window, probabilities, everybody, learnt)
+    how = _Prediction(weights, window, probabilities, everybody, again, learnt)
     if sessions := sessions_in(source, scheduler):
         if joints is not None:
             raise typer.BadParameter("--joints is for one session; its notes in each label set hold them")
@@ -227,6 +225,7 @@ class _Prediction(NamedTuple):
     window_c: tuple[float, float] | None
     probabilities: bool
     everybody: bool
+    again: bool
     learnt: Path | None
 
 
@@ -244,10 +243,13 @@ def _work(
     from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
     from eval.network.predict import predict_frames
     from eval.network.predict_source import predict_source
+    from eval.network.read_again import shipped_again
 
-    network, learnt = OnnxNetwork(how.weights or SHIPPED_WEIGHTS), Reader(how.learnt) if how.learnt else None
+    network = OnnxNetwork(how.weights or SHIPPED_WEIGHTS)
+    readers = [shipped_again()] if how.again else []
+    readers += [Reader(how.learnt)] if how.learnt else []
     if isinstance(opened, LabelledFrames):
-        return partial(predict_frames, opened, network, out, probabilities=how.probabilities, learnt=learnt)
+        return partial(predict_frames, opened, network, out, probabilities=how.probabilities, readers=readers)
     return partial(
         predict_source,
         opened,
@@ -256,7 +258,7 @@ def _work(
         window_c=how.window_c,
         probabilities=how.probabilities,
         everybody=how.everybody,
-        learnt=learnt,
+        readers=readers,
     )
 
 

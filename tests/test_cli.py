@@ -126,7 +126,7 @@ def test_options_that_do_not_go_together_overwrite_nothing(annotate_cloud, tmp_p
     shutil.copytree(rig_labels.path, tmp_path / "l")
     before = tree(tmp_path)
     out = ("--out", tmp_path / "l", "--overwrite")
-    for options in (("--everybody", "--probabilities"), ("--learnt", SHIPPED_AGAIN, "--everybody")):
+    for options in (("--everybody", "--probabilities"), ("--again", "--everybody")):
         done = annotate_cloud("predict", rig_session, *out, *options)
         assert done.code == 2 and tree(tmp_path) == before
 

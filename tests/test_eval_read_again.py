@@ -33,24 +33,24 @@ def first(tmp_path_factory, rig_session) -> LabelSet:
 def again(tmp_path_factory, rig_session, learnt) -> LabelSet:
     """The same recording, read again."""
     out = tmp_path_factory.mktemp("again") / "p"
-    return predict_source(Session(rig_session), OnnxNetwork(), out, lambda n: None, learnt=learnt).labels
+    return predict_source(Session(rig_session), OnnxNetwork(), out, lambda n: None, readers=[learnt]).labels
 
 
 def test_a_recording_is_read_again_as_its_labels_are(first, again, learnt):
     for one, two in zip(first, again, strict=True):
-        read = read_again(one, camera_in(first, one), learnt)
+        read = read_again(camera_in(first, one), one, learnt)
         np.testing.assert_array_equal(two.parts, read.parts)
         assert two.notes["bearing"] == one.notes["bearing"] == read.notes["bearing"]
         assert two.notes["confidence"] == read.notes["confidence"] != one.notes["confidence"]
-    assert again.info["steps"]["predict"]["learnt"] == learnt.sha256
+    assert again.info["steps"]["predict"]["readers"] == [learnt.sha256]
 
 
 def test_a_label_set_is_read_again_as_a_recording_is(tmp_path, first, learnt):
     network = OnnxNetwork()
     one = predict_frames(first, network, tmp_path / "one", lambda n: None).labels
-    two = predict_frames(first, network, tmp_path / "two", lambda n: None, learnt=learnt).labels
+    two = predict_frames(first, network, tmp_path / "two", lambda n: None, readers=[learnt]).labels
     for own, read in zip(one, two, strict=True):
-        np.testing.assert_array_equal(read.parts, read_again(own, camera_in(one, own), learnt).parts)
+        np.testing.assert_array_equal(read.parts, read_again(camera_in(one, own), own, learnt).parts)
 
 
 def test_it_is_no_worse_than_the_network_alone(rig_session, first, again):
@@ -62,7 +62,7 @@ def test_it_is_no_worse_than_the_network_alone(rig_session, first, again):
 def test_nobody_stays_nobody_and_no_colour_is_seen(first, learnt):
     frame = next(iter(first))
     nobody = replace(frame, parts=np.zeros_like(frame.parts))
-    assert read_again(nobody, first.intrinsics, learnt) is nobody
+    assert read_again(first.intrinsics, nobody, learnt) is nobody
     _, view = depth_view(frame, first.intrinsics)
     dark = [CHANNELS.index(name) for name in ("shade", "red", "green", "room", *LIKENESS)]
     assert not view.planes[dark].any() and len(view.colors) == 0

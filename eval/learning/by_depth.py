@@ -62,7 +62,7 @@ class DepthLearner:
             yield self._again(labels.read(frame_id, original=labels.has_original(frame_id)), reader)
 
     def _again(self, first: FrameLabels, reader: Reader) -> FrameLabels:
-        return read_again(first, camera_in(self._labels, first), reader)
+        return read_again(camera_in(self._labels, first), first, reader)
 
 
 def example_of(first: FrameLabels, parts: UInt8, camera: Intrinsics) -> Example | None:

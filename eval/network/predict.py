@@ -1,9 +1,9 @@
 """Prediction on label sets and datasets by a trained network; the person's outlines stay as they are."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ from sensors.errors import CloudError, FormatError
 BATCH = 8
 """Frames through the network at once: more are no faster on a CPU (measured by bench/predict.py). The labels
 are the same bytes for any number."""
+ONE_PERSON = "one person is read again, and the labels then differ from the probabilities; leave one out"
+"""Refusal of what does not go together."""
 WRITERS = 4
 """Frames written at once: each waits for the disk most of the time; chosen by eye."""
 
@@ -35,23 +37,25 @@ def predict_frames(
     *,
     probabilities: bool = False,
     batch: int = BATCH,
-    learnt: Reader | None = None,
+    readers: Sequence[Reader] = (),
 ) -> Run:
     """Label the persons of a label set or a dataset by the network, within the same outlines; resumes.
 
-    learnt: a reader that reads the labels again, outlines too.
+    readers: what reads the labels again, outlines too, in turn.
     Frames that cannot be read are left out and listed. Raises ExistsError when ``out`` holds something else
     than the beginning of this very run, ClaimedError while somebody else writes it, CloudError when there is
     no frame, or none that can be done; FormatError where a dataset breaks off.
     """
     if not len(frames):
         raise CloudError(f"{frames.path} holds no frames; give a label set or dataset with frames")
-    step = step_of(network, probabilities) | frames.identity | ({"learnt": learnt.sha256} if learnt else {})
+    if readers and probabilities:
+        raise CloudError(ONE_PERSON)
+    step = step_of(network, probabilities, readers) | frames.identity
     info = {"source": frames.source, "steps": {"predict": step}}
     predicted = LabelSet.resume(out, frames.intrinsics, info)
     with Claim.take(out, login()):
         return finished(
-            predicted, _predict(frames, network, predicted, progress, probabilities, batch, learnt)
+            predicted, _predict(frames, network, predicted, progress, probabilities, batch, readers)
         )
 
 
@@ -62,7 +66,7 @@ def _predict(
     progress: Callable[[int], None],
     probabilities: bool,
     batch: int,
-    learnt: Reader | None,
+    readers: Sequence[Reader],
 ) -> list[tuple[str, str]]:
     """Label the frames that are not done yet; (frame id, why) of those that failed."""
     failed: list[tuple[str, str]] = []
@@ -74,7 +78,7 @@ def _predict(
             results = network.segment_all(images, probabilities=probabilities)
             for _ in writing:
                 progress(1)
-            writing = writers.map(partial(_write, frames, predicted, learnt), some, results)
+            writing = writers.map(partial(_write, frames, predicted, readers), some, results)
         for _ in writing:
             progress(1)
     return failed
@@ -88,9 +92,10 @@ def check_alone(frames: LabelledFrames) -> None:
         raise CloudError(f"{frames.path} labels everybody; give the labels of one person, or the recording")
 
 
-def step_of(network: OnnxNetwork, probabilities: bool) -> dict[str, Any]:
-    """Entry of a label set's manifest about the network that labels it."""
-    return {"weights": network.sha256, "probabilities": probabilities}
+def step_of(network: OnnxNetwork, probabilities: bool, readers: Sequence[Reader] = ()) -> dict[str, Any]:
+    """Entry of a label set's manifest about what labels it."""
+    again = {"readers": [reader.sha256 for reader in readers]} if readers else {}
+    return {"weights": network.sha256, "probabilities": probabilities} | again
 
 
 def _todo(
@@ -118,13 +123,13 @@ def _todo(
 def _write(
     frames: LabelledFrames,
     predicted: LabelSet,
-    learnt: Reader | None,
+    readers: Sequence[Reader],
     frame: FrameLabels,
     result: Segmentation,
 ) -> None:
     notes = notes_of(result)
     notes |= {name: frame.notes[name] for name in ("crop", "intrinsics") if name in frame.notes}
     labelled = replace(frame, parts=result.parts, confidence=result.confidence, status="auto", notes=notes)
-    if learnt:
-        labelled = read_again(labelled, camera_in(frames, labelled), learnt)
+    if readers:
+        labelled = reduce(partial(read_again, camera_in(frames, labelled)), readers, labelled)
     predicted.write(labelled, result.probabilities)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +11,12 @@ from annotate.array_types import Bool
 from annotate.cloud.coarse import CoarseCloud, CoarseFuser
 from annotate.frame_labels import FrameLabels
 from annotate.label_source import Run, run
-from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask, Survey
 from annotate.reader.network import Reader
 from annotate.reader.segmentation import Segmentation, unlabelled
 from eval.network.bearing import Bearing
 from eval.network.onnx_network import OnnxNetwork
-from eval.network.predict import step_of
+from eval.network.predict import ONE_PERSON, step_of
 from eval.network.read_again import read_again
 from eval.network.steady import steady
 from eval.network.support import support_of
@@ -35,23 +34,25 @@ def predict_source(
     *,
     probabilities: bool = False,
     everybody: bool = False,
-    learnt: Reader | None = None,
+    readers: Sequence[Reader] = (),
 ) -> Run:
     """Extract the person of every frame of a source and label it by the network; resumes.
 
-    everybody: label all persons, not the subject alone. learnt: a reader that reads the labels again. Raises
-    what ``label_source.run`` raises; CloudError for the probabilities of everybody.
+    everybody: label all persons, not the subject alone. readers: what reads the labels again, in turn. Raises
+    what ``label_source.run`` raises; CloudError where these do not go together.
     """
     if everybody and probabilities:
         raise CloudError("probabilities are kept of one person; leave --probabilities or --everybody out")
+    if readers and (everybody or probabilities):
+        raise CloudError(ONE_PERSON)
     camera = source.calibration.depth.undistorted()
 
     def survey(cloud: CoarseCloud) -> NetworkSurvey:
         return NetworkSurvey(cloud, network, window_c, probabilities=probabilities, everybody=everybody)
 
-    step = step_of(network, probabilities) | {"window_c": list(window_c) if window_c else None}
-    step |= ({"everybody": True} if everybody else {}) | ({"learnt": learnt.sha256} if learnt else {})
-    labeller = partial(_labels_again, learnt, camera) if learnt else NetworkSurvey.labels
+    step = step_of(network, probabilities, readers) | {"window_c": list(window_c) if window_c else None}
+    step |= {"everybody": True} if everybody else {}
+    labeller = partial(_labels_again, readers, camera) if readers else NetworkSurvey.labels
     return run(source, {"predict": step}, out, labeller, progress, survey, CoarseFuser)
 
 
@@ -115,19 +116,17 @@ class NetworkSurvey:
 
 
 def _labels_again(
-    learnt: Reader, camera: Intrinsics, survey: NetworkSurvey, before: FrameLabels | None
+    readers: Sequence[Reader], camera: Intrinsics, survey: NetworkSurvey, before: FrameLabels | None
 ) -> tuple[Segmentation, PersonMask]:
-    """Labels of a frame and its mask by the network, read again by a reader that has learnt."""
+    """Labels of a frame and its mask by the network, read again."""
     found, person = survey.labels(before)
-    if not person.trusted:
+    if not person.mask.any() or not person.trusted:
         return found, person
-    first = FrameLabels("", survey.depth_mm, found.parts, found.confidence)
-    again = read_again(first, camera, learnt)
-    on_body = again.parts != BACKGROUND
-    persons = np.where(on_body, np.uint8(1), np.where(person.mask, np.uint8(0), person.persons))
-    assert again.confidence is not None
-    found = replace(found, parts=again.parts, confidence=again.confidence)
-    return found, replace(person, mask=on_body, persons=persons)
+    first = FrameLabels("", survey.depth_mm, found.parts, found.confidence, persons=person.persons)
+    read = reduce(partial(read_again, camera), readers, first)
+    assert read.confidence is not None and read.persons is not None
+    found = replace(found, parts=read.parts, confidence=read.confidence)
+    return found, replace(person, mask=read.persons == 1, persons=read.persons)
 
 
 def _together(results: Sequence[tuple[int, Segmentation]], nobody: Bool) -> Segmentation:

@@ -5,6 +5,7 @@ first labels of the same frame; no colour and no temperature (docs/adr/0025).
 """
 
 from dataclasses import replace
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from annotate.labelset.frames import LabelledFrames, camera_of, pinhole_of
 from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask
 from annotate.person.planes import Plane, find_planes
-from annotate.reader.channels import Rectangle, channels, rectangle
+from annotate.reader.channels import SUBJECT, Rectangle, channels, rectangle
 from annotate.reader.network import Reader
 from annotate.reader.read import OTHER_PERSON, View, finely
 from sensors.rig.camera import Intrinsics, unproject
@@ -28,6 +29,15 @@ from sensors.rig.camera import Intrinsics, unproject
 SHIPPED_AGAIN = Path(str(files("eval").joinpath("weights", "again.onnx")))
 """The reader that learnings by depth begin with: it has learnt a network's labels, of nobody in particular
 (``python -m tools.fit.depth_reader``)."""
+
+NEAR_M = 0.2
+"""Metres around the first labels that are read; more changes nothing on two recordings (chosen by eye)."""
+
+
+@cache
+def shipped_again() -> Reader:
+    """The reader that comes with the package."""
+    return Reader(SHIPPED_AGAIN)
 
 
 class DepthRoom(NamedTuple):
@@ -50,32 +60,48 @@ def depth_view(first: FrameLabels, camera: Intrinsics) -> tuple[ThermalCloud, Vi
         return None
     cloud = _bare_cloud(first, camera)
     coarse = CoarseCloud.of(cloud).cloud
-    room = DepthRoom(find_planes(coarse, coarse.valid), cloud.temperature_c)
+    persons = mask.astype(np.uint8) if first.persons is None else first.persons
     where, pixels_per_m = rectangle(cloud, mask)
-    planes = channels(cloud, room, PersonMask(mask, "depth", mask.astype(np.uint8)), first, where)
-    return cloud, View(where, planes, cloud.color_rgb[where], pixels_per_m, np.zeros((0, 3), np.uint8), None)
+    room, person = (
+        DepthRoom(find_planes(coarse, coarse.valid), cloud.temperature_c),
+        PersonMask(mask, "depth", persons),
+    )
+    seen = channels(cloud, room, person, first, where)
+    return cloud, View(where, seen, cloud.color_rgb[where], pixels_per_m, np.zeros((0, 3), np.uint8), None)
 
 
-def read_again(first: FrameLabels, camera: Intrinsics, reader: Reader) -> FrameLabels:
-    """A frame with the labels of a reader that has learnt; the same where it shows nobody.
+def read_again(camera: Intrinsics, first: FrameLabels, reader: Reader) -> FrameLabels:
+    """A frame with a reader's labels of its person; the same where it shows nobody.
 
-    first: the frame as the network labelled it. What else that says of the person stays.
+    first: as the network labelled it. What else that says of the person stays, and so do other persons.
     """
     seen = depth_view(first, camera)
     if seen is None:
         return first
     cloud, view = seen
-    whole = Rectangle(*(slice(0, side) for side in view.planes.shape[1:]))
-    where, named, sure = finely(cloud, view, whole, None, reader)
+    where, named, sure = finely(cloud, view, _near(view), None, reader)
     own = (named != BACKGROUND) & (named != OTHER_PERSON)
+    if first.persons is not None:
+        own &= first.persons[where] <= 1
     parts: UInt8 = np.full(first.parts.shape, BACKGROUND, np.uint8)
     confidence: Float32 = np.zeros(first.parts.shape, np.float32)
     parts[where], confidence[where] = np.where(own, named, BACKGROUND), np.where(own, sure, 0)
     on_body = parts != BACKGROUND
+    persons = first.persons
+    if persons is not None:
+        persons = np.where(on_body, np.uint8(1), np.where(persons == 1, np.uint8(0), persons))
     notes = first.notes | {
         "confidence": round(float(confidence[on_body].mean()), 4) if on_body.any() else 0.0
     }
-    return replace(first, parts=parts, confidence=confidence, notes=notes, persons=None)
+    return replace(first, parts=parts, confidence=confidence, notes=notes, persons=persons)
+
+
+def _near(view: View) -> Rectangle:
+    """Rows and columns of a view around the person that the first labels show."""
+    own, margin = (view.planes[0] & SUBJECT) > 0, round(NEAR_M * view.pixels_per_m)
+    ends = (np.flatnonzero(own.any(axis=1 - axis))[[0, -1]] for axis in (0, 1))
+    sides = zip(ends, own.shape, strict=True)
+    return Rectangle(*(slice(max(a - margin, 0), min(b + margin + 1, side)) for (a, b), side in sides))
 
 
 def _bare_cloud(first: FrameLabels, camera: Intrinsics) -> ThermalCloud:
