@@ -15,6 +15,7 @@ from annotate.labelset.store import LabelSet
 from eval.compare.compare import Comparison, compare_sets
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
+from eval.network.read_again import shipped_again
 from sensors.recording.rig_templates import TEMPLATES
 from sensors.session.reader import Session
 from synth.rig.paths import suit_path, truth_path
@@ -62,6 +63,9 @@ def labelled(rig: VirtualRig, folder: Path) -> dict[str, dict[str, Figure]]:
     works = {
         "suit": partial(label_source, session, rig.suit, folder / "suit"),
         "network": partial(predict_source, session, OnnxNetwork(), folder / "network"),
+        "network, read again": partial(
+            predict_source, session, OnnxNetwork(), folder / "again", readers=[shipped_again()]
+        ),
     }
     found = {name: timed(work) for name, work in works.items()}
     sure = reliability(found["suit"][0], truth, session)
