@@ -79,12 +79,9 @@ def teaching_order(correction: Correction) -> list[str]:
     order: list[str] = []
     while left.any():
         farthest = int(np.where(left, away, -1).argmax())
-        around = (
-            left & (abs(at - farthest) <= min(REACH, away[farthest] // 2))
-            if order or not left.all()
-            else left
-        )
-        best = int(np.where(around, doubt, -np.inf).argmax())
+        is_first = away[farthest] == len(ids)
+        reach = len(ids) if is_first else min(REACH, away[farthest] // 2)
+        best = int(np.where(left & (abs(at - farthest) <= reach), doubt, -np.inf).argmax())
         order.append(ids[best])
         left[best], away = False, np.minimum(away, abs(at - best))
     return order

@@ -41,10 +41,10 @@ def predict_frames(
 ) -> Run:
     """Label the persons of a label set or a dataset by the network, within the same outlines; resumes.
 
-    readers: what reads the labels again, outlines too, in turn.
-    Frames that cannot be read are left out and listed. Raises ExistsError when ``out`` holds something else
-    than the beginning of this very run, ClaimedError while somebody else writes it, CloudError when there is
-    no frame, or none that can be done; FormatError where a dataset breaks off.
+    readers: what reads the labels again, outlines too, in turn. Frames that cannot be read are left out and
+    listed. Raises ExistsError when ``out`` holds something else than the beginning of this very run,
+    ClaimedError while somebody else writes it, CloudError when there is no frame, or none that can be done;
+    FormatError where a dataset breaks off.
     """
     if not len(frames):
         raise CloudError(f"{frames.path} holds no frames; give a label set or dataset with frames")

@@ -1,7 +1,7 @@
-"""Labels of people without a suit, read again by a reader that has learnt one person and room.
+"""Labels of a person without a suit, read again: by the shipped reader, or by one that has learnt.
 
-The reader of suits sees depth, the planes of the room, and in the place of the labels of the frame before the
-first labels of the same frame; no colour and no temperature (docs/adr/0025).
+Like the reader of suits it sees depth and the planes of the room, and in the place of the labels of the frame
+before the first labels of the same frame; no colour, no temperature (docs/adr/0025).
 """
 
 from dataclasses import replace
@@ -27,9 +27,8 @@ from annotate.reader.read import OTHER_PERSON, View, finely
 from sensors.rig.camera import Intrinsics, unproject
 
 SHIPPED_AGAIN = Path(str(files("eval").joinpath("weights", "again.onnx")))
-"""The reader that learnings by depth begin with: it has learnt a network's labels, of nobody in particular
+"""The reader that has learnt to read a network's labels, of nobody in particular: learnings begin with it
 (``python -m tools.fit.depth_reader``)."""
-
 NEAR_M = 0.2
 """Metres around the first labels that are read; more changes nothing on two recordings (chosen by eye)."""
 
@@ -62,11 +61,8 @@ def depth_view(first: FrameLabels, camera: Intrinsics) -> tuple[ThermalCloud, Vi
     coarse = CoarseCloud.of(cloud).cloud
     persons = mask.astype(np.uint8) if first.persons is None else first.persons
     where, pixels_per_m = rectangle(cloud, mask)
-    room, person = (
-        DepthRoom(find_planes(coarse, coarse.valid), cloud.temperature_c),
-        PersonMask(mask, "depth", persons),
-    )
-    seen = channels(cloud, room, person, first, where)
+    room = DepthRoom(find_planes(coarse, coarse.valid), cloud.temperature_c)
+    seen = channels(cloud, room, PersonMask(mask, "depth", persons), first, where)
     return cloud, View(where, seen, cloud.color_rgb[where], pixels_per_m, np.zeros((0, 3), np.uint8), None)
 
 
@@ -90,9 +86,8 @@ def read_again(camera: Intrinsics, first: FrameLabels, reader: Reader) -> FrameL
     persons = first.persons
     if persons is not None:
         persons = np.where(on_body, np.uint8(1), np.where(persons == 1, np.uint8(0), persons))
-    notes = first.notes | {
-        "confidence": round(float(confidence[on_body].mean()), 4) if on_body.any() else 0.0
-    }
+    sure_of = round(float(confidence[on_body].mean()), 4) if on_body.any() else 0.0
+    notes = first.notes | {"confidence": sure_of}
     return replace(first, parts=parts, confidence=confidence, notes=notes, persons=persons)
 
 
