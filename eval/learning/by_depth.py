@@ -53,7 +53,7 @@ class DepthLearner:
 
     def step(self, weights: Path) -> dict[str, Any]:
         """Entry of a label set's manifest about saved weights."""
-        return {"predict": {"learnt": Reader(weights).sha256}}
+        return {"predict": {"readers": [Reader(weights).sha256]}}
 
     def labels(self, correction: Correction, weights: Path) -> Iterator[FrameLabels]:
         """Labels of the frames that nobody has worked on, by saved weights."""
