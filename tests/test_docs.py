@@ -17,8 +17,8 @@ from typer.main import get_command
 
 import annotate.person.alignment
 import cli.rig_devices
-import eval.learning.by_depth
 import eval.learning.learn
+import eval.learning.practice
 import synth.images.workers
 import synth.rig.film
 from annotate.correction.correction import Correction
@@ -191,8 +191,8 @@ def test_the_commands_of_a_page_run_in_order(
         if small.startswith("annotate-cloud learn "):
             accept_all_but_one(tmp_path / shlex.split(small)[2])
             monkeypatch.setattr(os, "nice", lambda by: 0)
-            monkeypatch.setattr(eval.learning.by_depth, "STEPS", 1)
-            monkeypatch.setattr(eval.learning.by_depth, "MORE_STEPS", 1)
+            monkeypatch.setattr(eval.learning.practice, "MOST_STEPS", 1)
+            monkeypatch.setattr(eval.learning.practice, "MORE", 1.0)
             monkeypatch.setattr(eval.learning.learn.Learnt, "better", True)  # nothing was corrected
         wanted, before = asked(small), set(tmp_path.iterdir())
         if wanted in made:
