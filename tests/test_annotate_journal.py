@@ -101,6 +101,19 @@ def test_a_line_cut_off_anywhere_costs_that_line_only(tmp_path):
         assert lines_of(Journal.of(tmp_path)) == [to_line(stroke(0)), to_line(stroke(2))]
 
 
+def test_who_reads_beside_a_writer_gets_whole_lines_that_were_there(tmp_path):
+    """The writer cuts off a torn line, and what it appends reaches further than that did."""
+    written(tmp_path, stroke(0))
+    journal = Journal.of(tmp_path)
+    whole = journal.path.read_bytes()
+    journal.path.write_bytes(whole + to_line(stroke(1))[:-20])
+    reading = journal._lines()
+    first = next(reading)
+    written(tmp_path, stroke(2), stroke(3))
+    assert [first, *reading] == [whole]
+    assert len(Journal.of(tmp_path)) == 3
+
+
 def test_a_torn_line_longer_than_the_next_is_cut_off(tmp_path):
     journal = written(tmp_path, stroke(0))
     with journal.path.open("ab") as file:

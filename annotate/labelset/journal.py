@@ -143,7 +143,7 @@ class Journal:
             os.close(file)
 
     def _lines(self) -> Iterator[bytes]:
-        """Whole lines."""
+        """Whole lines that are there at first, whoever appends meanwhile."""
         try:
             with open(self.path, "rb", opener=lambda name, flags: os.open(name, flags | FLAGS)) as file:
                 found = os.fstat(file.fileno())
@@ -151,7 +151,13 @@ class Journal:
                     raise FormatError(f"{self.path} is not a file; {REMEDY}")
                 if found.st_size > MAX_BYTES:
                     raise FormatError(f"{self.path} is larger than {MAX_BYTES} bytes; {REMEDY}")
-                yield from (line for line in file if line.endswith(b"\n"))
+                left = found.st_size
+                for line in file:
+                    left -= len(line)
+                    # What is appended meanwhile may begin within a line that was cut off.
+                    if left < 0 or not line.endswith(b"\n"):
+                        return
+                    yield line
         except FileNotFoundError:
             return
         except OSError as error:
