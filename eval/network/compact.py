@@ -18,6 +18,8 @@ JOINT_LEVEL = 2
 """Halvings of the image after the first at which joints are located: 27 x 27 cells of a crop of 212."""
 HEAD_WIDTH = 32
 """Channels of one attention head; chosen by eye."""
+TURNING = 64
+"""Width of the layer between joints and the facing that they tell; chosen by eye."""
 
 
 def convolution(c_in: int, c_out: int, side: int = 3, pad: int = 1, stride: int = 1) -> nn.Sequential:
@@ -40,7 +42,7 @@ class CompactUNet(nn.Module):
 
     The stem halves the image at once and a pixel shuffle restores it at the end. At the coarsest level every
     cell attends to every other. Classes have no sides at first: one more score a pixel says left or right,
-    and its weights follow from the whole person.
+    and its weights follow from the whole person. The joints tell the facing, with the whole's features.
     """
 
     def __init__(self, config: CompactConfig = CompactConfig()) -> None:
@@ -59,6 +61,9 @@ class CompactUNet(nn.Module):
         self.kinds = nn.Conv2d(fine, 4 * len(KINDS), 1)
         self.sides = nn.Linear(whole, 4 * (fine + 1))
         self.facing = nn.Linear(whole, 2)
+        self.turned = nn.Sequential(
+            nn.Linear(3 * N_JOINTS, TURNING), nn.ReLU(inplace=True), nn.Linear(TURNING, 2)
+        )
         self.posture = nn.Linear(whole, len(POSTURES))
         self.places = nn.Conv2d(w[min(JOINT_LEVEL, len(w) - 1)], 2 * N_JOINTS, 1)
 
@@ -78,12 +83,12 @@ class CompactUNet(nn.Module):
             levels.append(x)
         # The raw pixels again, so that the last stage sees edges at full resolution.
         x = self.refine(torch.cat([x, nn.functional.pixel_unshuffle(depth, 2)], dim=1))
-        places = self.places(levels[max(0, len(levels) - 1 - JOINT_LEVEL)])
+        joints = _located(self.places(levels[max(0, len(levels) - 1 - JOINT_LEVEL)]))
         return Answer(
             _scores(nn.functional.pixel_shuffle(self.kinds(x), 2), self._side(x, whole)),
-            self.facing(whole),
+            self.facing(whole) + self.turned((joints - joints.mean(dim=1, keepdim=True)).flatten(1)),
             self.posture(whole),
-            _located(places),
+            joints,
         )
 
     def _attend(self, x: Tensor) -> tuple[Tensor, Tensor]:

@@ -21,7 +21,7 @@ CUT_OUT, FAR_CLIP, NEAR_CLIP = 0.15, 0.3, 0.35
 """Share of images of cut-out people, with these those without what is far, and with both those without what
 is near. Chosen by eye."""
 
-NEARER, MOST_NEARER = 0.25, 0.9
+NEARER, MOST_NEARER = 0.4, 0.9
 """Share of images seen from nearer, as head and shoulders are, and the most by which they are, the log of a
 factor. Chosen by eye."""
 FEELABLE = 0.6
