@@ -1,5 +1,6 @@
 """The subject of a frame: found by warmth and shape, told from others, and not trusted where that fails."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -186,7 +187,8 @@ def test_a_thermal_image_beside_the_depth_image_is_not_trusted():
     moved = replace(cloud, temperature_c=np.roll(cloud.temperature_c, 15, axis=1))
     found = survey_of(moved).person()
     assert not found.trusted and "thermal" in found.notes[-1] and "calibrate" in found.notes[-1]
-    assert "3.7 degrees" in found.notes[-1]
+    angle = re.search(r"([\d.]+) degrees", found.notes[-1])
+    assert float(angle[1]) == pytest.approx(3.75, abs=0.06) and "+15, +0 pixels" in found.notes[-1]
     assert survey_of(cloud).person().trusted
 
 

@@ -13,25 +13,17 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, UInt8
 from annotate.cloud.coarse import CoarseCloud
-from annotate.cloud.grid import grown
 from annotate.frame_labels import FrameLabels
-from annotate.person.alignment import degrees, thermal_alignment
+from annotate.person.alignment import contrasts, degrees, misplacement_px
 from annotate.person.finder import Person, people_in
 from annotate.person.known import Known, numbers_of
 from annotate.person.planes import Plane, close_to, find_planes
 from annotate.person.subject import crowd_warnings, cut_warnings, subject_score, with_pieces
-from annotate.person.warmth import WINDOW_C, find_window, warmth, warmth_share
+from annotate.person.warmth import WINDOW_C, find_window, is_warm, warmth, warmth_share
 from annotate.suit.palette import Suit
 
-EDGES_PX = 25
-"""Pixels around warm surface whose silhouettes are compared with the depth image's, four degrees. Chosen by
-eye."""
 LOCAL_M = 0.3
 """Metres in which temperatures are compared, to each side. Chosen by eye."""
-NOBODY = "no person in the depth image; let somebody step into the view"
-"""Note of a frame in which depth alone shows nobody."""
-BY_DEPTH = "found by depth alone: record temperature for a surer outline"
-"""Note of a person found without temperatures."""
 
 
 @dataclass(frozen=True)
@@ -100,22 +92,18 @@ class Survey:
     @cached_property
     def _warm(self) -> Bool:
         """Points (h, w) off the planes and as warm as a person."""
-        low_c, high_c = self.window_c
-        celsius = self._coarse.temperature_c
-        return self._loose & (celsius >= low_c) & (celsius <= high_c)
+        return self._loose & is_warm(self._coarse.temperature_c, self.window_c)
 
     def _misalignment(self) -> tuple[str, ...]:
         """Warning where the thermal image does not lie on the depth image."""
-        if not self._warm.any():
+        surface = contrasts(self._coarse, self.window_c, self._warm)
+        shift_px = None if surface is None else misplacement_px(surface)
+        if shift_px is None:
             return ()
-        alignment = thermal_alignment(self._coarse, self.window_c, grown(self._warm, EDGES_PX))
-        if not alignment.is_off:
-            return ()
-        right, down = alignment.shift_px
         return (
-            f"thermal image lies {right:+.0f}, {down:+.0f} pixels (right, down) off the depth image, "
-            f"{degrees(alignment.shift_px, self._coarse.camera):.1f} degrees: calibrate the thermal camera "
-            "again; parts are undefined",
+            "thermal image lies {:+.0f}, {:+.0f} pixels (right, down) off the depth image, ".format(*shift_px)
+            + f"{degrees(shift_px, self._coarse.camera):.1f} degrees: calibrate the thermal camera again; "
+            "parts are undefined",
         )
 
     def person(self, before: FrameLabels | None = None) -> PersonMask:
@@ -136,7 +124,7 @@ class Survey:
         ranked = self._ranked(before)
         scores, persons = [score for score, _ in ranked], [person for _, person in ranked]
         found = self._numbered(persons, before)
-        notes = () if self._is_felt else (BY_DEPTH,)
+        notes = () if self._is_felt else ("found by depth alone: record temperature for a surer outline",)
         if not persons:
             return replace(found, notes=(self._nobody(), *self._misaligned), trusted=not self._misaligned)
         crowded = [] if self._everybody else crowd_warnings(scores)
@@ -145,12 +133,13 @@ class Survey:
 
     def _nobody(self) -> str:
         """Note of a frame without a person."""
+        if not self._is_felt:
+            return "no person in the depth image; let somebody step into the view"
         low_c, high_c = self.window_c
-        felt = (
+        return (
             f"no person in the thermal and depth images: nothing of human shape and size is {low_c:.1f} to "
             f"{high_c:.1f} degrees warm; let somebody step into the view, or give the window of temperatures"
         )
-        return felt if self._is_felt else NOBODY
 
     def _ranked(self, before: FrameLabels | None) -> list[tuple[float, Person]]:
         """Persons with their scores, best first; the subject is the first."""

@@ -46,8 +46,8 @@ whole image. Chosen by eye."""
 MIN_PERSON_M2, MOST_PERSON_M2 = 0.03, 2.5
 """Least and largest visible surface of a person in m2: a head with a shoulder, and twice the front of a tall
 adult. Chosen by eye."""
-MOST_PERSONS = 250
-"""Most persons of one frame, numbered in a byte. Chosen by eye."""
+MOST_PERSONS = 255
+"""Most persons of one frame, and their highest number: an image of persons has eight bits."""
 _AT_WORK = threading.Lock()
 
 

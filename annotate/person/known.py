@@ -6,12 +6,10 @@ from itertools import count
 import numpy as np
 
 from annotate.frame_labels import FrameLabels
-from annotate.person.finder import Person
+from annotate.person.finder import MOST_PERSONS, Person
 
 REACH_M = 0.8
 """Most metres between a person's middles in two frames: half a second of walking. Chosen by eye."""
-HIGHEST = 255
-"""Highest number: the image of persons has eight bits."""
 
 Known = list[list[int]]
 """Everybody seen so far, [number, x, y, z]: the middle when last seen, millimetres, depth camera."""
@@ -39,6 +37,6 @@ def numbers_of(
     fresh = (number for number in count(1) if number not in taken)
     for i in range(len(people)):
         if i not in numbers:
-            numbers[i] = min(next(fresh), HIGHEST)
+            numbers[i] = min(next(fresh), MOST_PERSONS)
     known |= {numbers[i]: at_mm for i, at_mm in enumerate(middles_mm)}
     return [numbers[i] for i in range(len(people))], [[number, *known[number]] for number in sorted(known)]

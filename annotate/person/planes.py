@@ -40,11 +40,6 @@ class Plane:
     offset_m: float
     area_m2: float
 
-    def close(self, points_m: Float32) -> Bool:
-        """Flags (...) of points (..., 3) in metres within TOLERANCE of the plane; False for NaN."""
-        distance = np.abs(points_m @ self.normal - np.float32(self.offset_m))
-        return np.asarray(distance <= np.float32(TOLERANCE) * points_m[..., 2], np.bool_)
-
 
 def find_planes(cloud: ThermalCloud, among: Bool) -> tuple[Plane, ...]:
     """Planes of at least ``MIN_PLANE_M2`` visible surface, the best supported first.

@@ -46,6 +46,12 @@ def warmth(celsius: Float32, window_c: tuple[float, float]) -> Float32:
     return np.asarray((celsius - np.float32(room_c)) / np.float32(max(person_c - room_c, LEAST_CONTRAST_C)))
 
 
+def is_warm(celsius: Float32, window_c: tuple[float, float]) -> Bool:
+    """Flags (h, w) of degrees Celsius (h, w) in a person's window (least, most); False for no reading."""
+    low_c, high_c = window_c
+    return np.asarray((celsius >= low_c) & (celsius <= high_c), np.bool_)
+
+
 def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
     """Least and most degrees Celsius of a person in this frame, or None where nothing stands out.
 

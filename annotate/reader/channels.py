@@ -15,7 +15,7 @@ from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.cloud.color_odds import color_odds, lab_of
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.parts import BODY_PARTS
+from annotate.parts import BODY_PARTS, N_CLASSES
 from annotate.person.extract import PersonMask
 from annotate.person.planes import Plane
 from annotate.suit.color_model import ColorModel, blur, readable
@@ -208,7 +208,6 @@ def _scaled(values: Float32, low: np.float32, scale: np.float32) -> UInt8:
     return made
 
 
-_FLAGS, _PARTS, _LIKE = len((VALID, FELT, SEEN, SUBJECT, OTHER)), len(BODY_PARTS), len(LIKENESS)
 _NEEDED = np.array((VALID,) * 3 + (FELT,) * 2 + (SEEN,) * 4, np.uint8)
 """Flag without which a channel of ``RANGES`` says nothing."""
 _NEUTRAL = np.float32(round(-255 * LOG_LIKELIHOOD[0] / (LOG_LIKELIHOOD[1] - LOG_LIKELIHOOD[0])))
@@ -222,24 +221,25 @@ def network_input(planes: UInt8) -> Float32:
     What is not known is 0: temperature where none is felt, colour where none is readable.
     """
     count, height, width = planes.shape
-    first, unit = _FLAGS + _PARTS, np.float32(1 / 64)
+    bits = (VALID, FELT, SEEN, SUBJECT, OTHER)
+    first, unit = len(bits) + N_CLASSES - 1, np.float32(1 / 64)
     made = np.zeros((first + count - 2, height, width), np.float32)
     for v in range(height):
         flags, before, read = planes[0, v], planes[1, v], np.zeros(width, np.bool_)
-        for bit in range(_FLAGS):
+        for i, bit in enumerate(bits):
             for u in range(width):
-                made[bit, v, u] = (flags[u] >> bit) & 1
-        for part in range(_PARTS):
+                made[i, v, u] = (flags[u] & bit) > 0
+        for part in range(1, N_CLASSES):
             for u in range(width):
-                made[_FLAGS + part, v, u] = before[u] == part + 1
+                made[len(bits) + part - 1, v, u] = before[u] == part
         for i in range(len(_NEEDED)):
             for u in range(width):
                 value = (np.float32(planes[2 + i, v, u]) - np.float32(127.5)) * unit
                 made[first + i, v, u] = value if flags[u] & _NEEDED[i] else np.float32(0)
-        for i in range(count - _PARTS, count):
+        for i in range(count + 1 - N_CLASSES, count):
             for u in range(width):
                 read[u] |= planes[i, v, u] > 0
-        for i in range(count - _LIKE, count):
+        for i in range(2 + len(_NEEDED), count):
             for u in range(width):
                 value = (np.float32(planes[i, v, u]) - _NEUTRAL) * unit
                 made[first + i - 2, v, u] = value if read[u] else np.float32(0)

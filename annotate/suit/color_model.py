@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, UInt8
-from annotate.parts import BODY_PARTS
+from annotate.parts import BODY_PARTS, PARTS
 from annotate.suit.palette import Suit, chromaticity
 
 CLIPPED, DARK = 250, 20
@@ -49,8 +49,6 @@ STRAY = 0.02
 FIT_ROUNDS, FITTED_POINTS = 3, 2000
 """Rounds of expectation maximisation, and colours fitted to, an even sample of the person's. Chosen by
 eye."""
-
-_N = len(BODY_PARTS)
 
 
 @dataclass(frozen=True)
@@ -161,7 +159,8 @@ def readable(rgb: UInt8, seen: Bool) -> Bool:
 def unfitted(suit: Suit) -> ColorModel:
     """Model of a palette in the expected light, before any colour has been seen."""
     names = [part.name for part in BODY_PARTS]
-    wears = [part - 1 == np.arange(_N) for part in suit.parts] + [np.isin(names, worn) for _, worn in BARE]
+    wears = [np.isin(names, PARTS[part].name) for part in suit.parts]
+    wears += [np.isin(names, worn) for _, worn in BARE]
     palette = chromaticity(np.concatenate([suit.colors_rgb, np.array([rgb for rgb, _ in BARE])]))
     bare = np.arange(len(palette)) >= len(suit.parts)
     variance = np.full(len(palette), SIGMA**2)
