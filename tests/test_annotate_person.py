@@ -46,7 +46,7 @@ def test_planes_are_where_they_were_put_and_the_largest_come_first():
     ray = rays(CAMERA)
     floor = np.where(ray[..., 1] > 0.1, 0.95 / np.maximum(ray[..., 1], 0.1), np.inf)
     cloud = cloud_of(np.minimum(floor, 3.4) + np.random.default_rng(0).normal(0, 0.003, CAMERA.shape))
-    found = find_planes(cloud, cloud.valid)[:2]
+    found = find_planes(cloud)[:2]
     normals = [tuple(abs(plane.normal.round(1)).tolist()) for plane in found]
     assert normals == [(0, 0, 1), (0, 1, 0)]
     assert [round(abs(plane.offset_m), 2) for plane in found] == [3.4, 0.95]

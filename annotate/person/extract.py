@@ -82,7 +82,7 @@ class Survey:
     @cached_property
     def planes(self) -> tuple[Plane, ...]:
         """Planes of the room."""
-        return find_planes(self._coarse, self._coarse.valid)
+        return find_planes(self._coarse)
 
     @cached_property
     def _loose(self) -> Bool:
