@@ -25,13 +25,12 @@ from sensors.rig.rig_calibration import RigCalibration
 
 SILHOUETTE_JUMP = 0.08
 """Depth difference across a silhouette as a share of the nearer depth: 16 cm at 2 m. Chosen by eye."""
-SIDE_PX = 3
-"""Pixels from the jump to the points compared: a thermal pixel is three depth pixels wide. Chosen by eye."""
 SEARCHED = 0.115
 """Farthest shift tried to each side as a share of the focal length, 6.5 degrees, and how far from warm pixels
 silhouettes count. Chosen by eye."""
 SHIFT_PX = 3
-"""Spacing of the shifts in pixels: one thermal pixel of a PI200 on a Kinect v2."""
+"""Spacing of the shifts in pixels, and distance of the points compared from the jump between them: a thermal
+pixel of a PI200 on a Kinect v2."""
 LEAST_EDGES = 80
 """Pairs of points below which the contrast counts as unknown. Chosen by eye."""
 OFF_PX = 8.0
@@ -159,8 +158,8 @@ def _sides(depth_m: Float32, around: Bool) -> tuple[Int64, Int64]:
             middle = np.stack([v, u], axis=1)
             middle[:, axis] += 1
             direction = sign * np.eye(2, dtype=np.int64)[axis]
-            insides.append(middle - SIDE_PX * direction)
-            outsides.append(middle + SIDE_PX * direction)
+            insides.append(middle - SHIFT_PX * direction)
+            outsides.append(middle + SHIFT_PX * direction)
     return np.concatenate(insides), np.concatenate(outsides)
 
 

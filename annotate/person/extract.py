@@ -17,8 +17,8 @@ from annotate.frame_labels import FrameLabels
 from annotate.person.alignment import contrasts, degrees, misplacement_px
 from annotate.person.finder import Person, people_in
 from annotate.person.known import Known, numbers_of
-from annotate.person.planes import Plane, close_to, find_planes
-from annotate.person.subject import crowd_warnings, cut_warnings, subject_score, with_pieces
+from annotate.person.planes import TOLERANCE, Plane, distance_m, find_planes
+from annotate.person.subject import crowd_warnings, cut_warnings, subject_score
 from annotate.person.warmth import WINDOW_C, find_window, is_warm, warmth, warmth_share
 from annotate.suit.palette import Suit
 
@@ -68,7 +68,6 @@ class Survey:
     ) -> None:
         self.cloud, self._coarse, self._everybody = cloud, cloud.cloud, everybody
         self._suit = suit
-        self._enlarged: dict[bytes, UInt8] = {}
         self._is_felt = bool(np.isfinite(self._coarse.temperature_c).any())
         found = find_window(self._coarse, self._loose) if self._is_felt and window_c is None else window_c
         self.window_c = found or WINDOW_C
@@ -87,7 +86,8 @@ class Survey:
     @cached_property
     def _loose(self) -> Bool:
         """Points (h, w) off the planes: a sunlit wall is no person."""
-        return self._coarse.valid & ~close_to(self.planes, self._coarse.points_m)
+        points_m = self._coarse.points_m
+        return self._coarse.valid & (distance_m(self.planes, points_m) > TOLERANCE * points_m[..., 2])
 
     @cached_property
     def _warm(self) -> Bool:
@@ -112,11 +112,7 @@ class Survey:
         Without a person the mask is empty and a note gives the reason; that is no error.
         """
         found = self._person(None if before is None else self.cloud.coarse(before))
-        # With the frame before the persons are mostly the same as without.
-        key = found.persons.tobytes()
-        if key not in self._enlarged:
-            self._enlarged[key] = self.cloud.enlarged(found.persons)
-        persons = self._enlarged[key]
+        persons = self.cloud.enlarged(found.persons)
         return replace(found, mask=persons == 1, persons=persons)
 
     def _person(self, before: FrameLabels | None) -> PersonMask:
@@ -146,10 +142,7 @@ class Survey:
         if len(self._persons) < 2:
             return [(1.0, person) for person in self._persons]
         scored = [(subject_score(one, before, self._suit, self._coarse), one) for one in self._persons]
-        scored.sort(key=lambda pair: -pair[0])
-        if self._suit is None or not self._coarse.color_valid.any():
-            return scored
-        return with_pieces(scored, self._suit, self._coarse)
+        return sorted(scored, key=lambda pair: -pair[0])
 
     def _numbered(self, persons: Sequence[Person], before: FrameLabels | None) -> PersonMask:
         """Masks and numbers of persons, the subject first."""

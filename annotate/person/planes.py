@@ -18,7 +18,7 @@ LEAST_COSINE = 0.94
 """Least cosine between a point's and its plane's normals: a limb on a seat is turned. Chosen by eye."""
 NORMAL_JUMP = 0.02
 """Depth difference, as a share of the depth, to a neighbour on another surface. Chosen by eye."""
-PLANE_STRIDE = 4
+PLANE_STRIDE = 3
 """Pixels between the rows and the columns in which planes are sought. Chosen by eye."""
 TRIALS = 40
 """Points of these that are tried as the next plane. Chosen by eye."""
@@ -44,10 +44,12 @@ def find_planes(cloud: ThermalCloud) -> tuple[Plane, ...]:
     """
     rows, columns = np.nonzero(cloud.valid[1::PLANE_STRIDE, 1::PLANE_STRIDE])
     rows, columns = rows * PLANE_STRIDE + 1, columns * PLANE_STRIDE + 1
-    points, normals = cloud.points_m[rows, columns], _normals_at(cloud, rows, columns)
+    points, camera = cloud.points_m[rows, columns], cloud.camera
+    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    normals = _normals(np.ascontiguousarray(cloud.points_m[..., 2]), lens, rows, columns)
     # As rows x, y, z of both, so that loops vectorise.
     lines = np.concatenate([points, normals], axis=1).T[:, np.isfinite(normals[:, 0])]
-    pixel_m2 = lines[2] ** 2 * np.float32(PLANE_STRIDE**2 / (cloud.camera.fx * cloud.camera.fy))
+    pixel_m2 = lines[2] ** 2 * np.float32(PLANE_STRIDE**2 / (camera.fx * camera.fy))
     rng = np.random.default_rng(0)
     planes: list[Plane] = []
     while lines.size:
@@ -61,23 +63,10 @@ def find_planes(cloud: ThermalCloud) -> tuple[Plane, ...]:
     return tuple(planes)
 
 
-def close_to(planes: Sequence[Plane], points_m: Float32) -> Bool:
-    """Flags (...) of points (..., 3) in metres close to any of the planes, whatever their normals."""
-    if not planes:
-        return np.zeros(points_m.shape[:-1], np.bool_)
-    normals = np.stack([plane.normal for plane in planes])
-    offsets = np.array([plane.offset_m for plane in planes], np.float32)
-    flat = np.ascontiguousarray(points_m, np.float32).reshape(-1, 3)
-    return _close(flat, normals, offsets).reshape(points_m.shape[:-1])
-
-
-def _normals_at(cloud: ThermalCloud, rows: Index, columns: Index) -> Float32:
-    """Unit normals float32 (n, 3) of the surface at pixels, towards the camera; NaN for lack of readings.
-
-    Least squares over 5 x 5 pixels two apart. 1/z is fitted, which is linear over the image of a plane.
-    """
-    lens = np.array([cloud.camera.fx, cloud.camera.fy, cloud.camera.cx, cloud.camera.cy])
-    return _normals(np.ascontiguousarray(cloud.points_m[..., 2]), lens, rows, columns)
+def distance_m(planes: Sequence[Plane], points_m: Float32) -> Float32:
+    """Metres (h, w) from points (h, w, 3) to the nearest of planes; infinite for lack of either."""
+    rows = [(*plane.normal, plane.offset_m) for plane in planes]
+    return _nearest_m(points_m, np.array(rows, np.float32).reshape(-1, 4))
 
 
 def _fitted(lines: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]:
@@ -108,17 +97,18 @@ def _on(plane: Plane, lines: Float32) -> Bool:
 
 
 @njit(cache=True, nogil=True)
-def _close(points: Float32, normals: Float32, offsets: Float32) -> Bool:
-    """Flags (n,) of points (n, 3) within TOLERANCE of any plane; normals (k, 3), offsets (k,) in metres."""
-    close = np.zeros(len(points), np.bool_)
-    for i in range(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        for k in range(len(offsets)):
-            distance = abs(x * normals[k, 0] + y * normals[k, 1] + z * normals[k, 2] - offsets[k])
-            if distance <= np.float32(TOLERANCE) * z:
-                close[i] = True
-                break
-    return close
+def _nearest_m(points_m: Float32, planes: Float32) -> Float32:
+    """Metres (h, w) to the nearest of planes (k, 4), normals and offsets."""
+    found_m: Float32 = np.full(points_m.shape[:2], np.float32(np.inf))
+    for v in range(found_m.shape[0]):
+        for k in range(len(planes)):
+            a, b, c, offset = planes[k]
+            for u in range(found_m.shape[1]):
+                x, y, z = points_m[v, u]
+                away = abs(x * a + y * b + z * c - offset)
+                if away < found_m[v, u]:  # False for NaN
+                    found_m[v, u] = away
+    return found_m
 
 
 @njit(cache=True, nogil=True)
@@ -145,7 +135,11 @@ def _best(lines: Float32, tried: Index) -> int:
 
 @njit(cache=True, nogil=True)
 def _normals(depth_m: Float32, lens: Float64, rows: Index, columns: Index) -> Float32:
-    """Unit normals (n, 3) at pixels, NaN where unknown; lens: (fx, fy, cx, cy) in pixels."""
+    """Unit normals (n, 3) of the surface at pixels, towards the camera; NaN for lack of readings.
+
+    Least squares over 5 x 5 pixels two apart. 1/z is fitted, which is linear over the image of a plane.
+    lens: (fx, fy, cx, cy) in pixels.
+    """
     fx, fy, cx, cy = lens
     height, width = depth_m.shape
     normals = np.full((rows.size, 3), np.float32(np.nan))

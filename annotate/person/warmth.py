@@ -20,9 +20,6 @@ deviation: 6 above a hot room, 14 for skin in a cold one; a blanket or a sofa ne
 Chosen by eye."""
 LEAST_M2 = 0.02
 """Warm surface in m2, weighted by its contrast, below which no window is found. Chosen by eye."""
-HALFWAY = 0.5
-"""Beginning of the window on the way from the room's temperature to the person's, as a share; gives the
-paper's 25 degrees for a room of 20 and a person of 30."""
 ABOVE_C = 5.0
 """End of the window above the person's commonest temperature in degrees Celsius: bare skin is 3 to 4 degrees
 warmer than clothes (ISO 7933), plus a camera's noise."""
@@ -42,7 +39,7 @@ def warmth(celsius: Float32, window_c: tuple[float, float]) -> Float32:
     """
     low_c, hottest_c = window_c
     person_c = hottest_c - ABOVE_C
-    room_c = person_c - (person_c - low_c) / HALFWAY
+    room_c = 2 * low_c - person_c
     return np.asarray((celsius - np.float32(room_c)) / np.float32(max(person_c - room_c, LEAST_CONTRAST_C)))
 
 
@@ -56,8 +53,9 @@ def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
     """Least and most degrees Celsius of a person in this frame, or None where nothing stands out.
 
     loose: bool (h, w), pixels off the room's planes: a sunlit wall is no person. The room has the commonest
-    temperature of all pixels, the person the commonest of the loose and warmer ones, by surface. An offset of
-    all temperatures moves the window by as much.
+    temperature of all pixels, the person the commonest of the loose and warmer ones, by surface; the window
+    begins halfway, at the paper's 25 degrees for a room of 20 and a person of 30. An offset of all
+    temperatures moves it by as much.
     """
     known = cloud.valid & np.isfinite(cloud.temperature_c)
     if not known.any():
@@ -71,7 +69,7 @@ def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
     if belief[warm].sum() < LEAST_M2:
         return None
     person_c = _mode(cloud.temperature_c[warm], belief[warm].astype(np.float32), PERSON_SPREAD_C)
-    return room_c + HALFWAY * (person_c - room_c), person_c + ABOVE_C
+    return (room_c + person_c) / 2, person_c + ABOVE_C
 
 
 def _mode(celsius: Float32, weight: Float32, spread_c: float) -> float:

@@ -46,9 +46,10 @@ POINT_WORTH, GAIN_POINTS = 0.2, 100.0
 frame's colours are worth against the gains' prior. Chosen by eye."""
 STRAY = 0.02
 """Likelihood of any colour on any part, against a swatch's best: reflections, toys. Chosen by eye."""
-FIT_ROUNDS, FITTED_POINTS = 3, 2000
-"""Rounds of expectation maximisation, and colours fitted to, an even sample of the person's. Chosen by
-eye."""
+FIT_ROUNDS = 3
+"""Rounds of expectation maximisation. Chosen by eye."""
+MOST_COLORS = 2000
+"""Colours that stand for all of a person or of a picture, an even sample, for speed. Chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -179,8 +180,8 @@ def under(model: ColorModel, log_gain: Float64) -> ColorModel:
 
 def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
     """Model fitted by expectation maximisation to colours uint8 (n, 3) of parts with beliefs (n, 11)."""
-    every = slice(None, None, -(-len(rgb) // FITTED_POINTS))
-    rgb, prior = rgb[every], (model.wears @ belief[every].T).astype(np.float32)
+    some = evenly(len(rgb))
+    rgb, prior = rgb[some], (model.wears @ belief[some].T).astype(np.float32)
     chroma, noise = chromaticity(rgb), blur(rgb)
     for _ in range(FIT_ROUNDS):
         match = np.exp(model.match(chroma, noise)) * prior
@@ -189,6 +190,11 @@ def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
         model = replace(model, log_gain=_fitted_gain(model, chroma, weight))
         model = _fitted_swatches(model, chroma, share)
     return model
+
+
+def evenly(count: int) -> slice:
+    """Every how many-th of ``count`` colours are an even sample, ``MOST_COLORS`` at most."""
+    return slice(None, None, -(-count // MOST_COLORS))
 
 
 def blur(rgb: UInt8) -> Float64:

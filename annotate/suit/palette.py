@@ -76,7 +76,7 @@ def chromaticity(rgb: NDArray[Any]) -> Float64:
 
     Shares of red and green in linear light: x = R / (R + G + B). Gamma: IEC 61966-2-1, taken as 2.2.
     """
-    light = _LINEAR.take if rgb.dtype == np.uint8 else _linear
+    light = _linear(np.arange(256)).take if rgb.dtype == np.uint8 else _linear
     red, green, blue = (light(rgb[..., i]) for i in range(3))
     total = red + green + blue
     return np.stack([red / total, green / total], axis=-1)
@@ -85,10 +85,6 @@ def chromaticity(rgb: NDArray[Any]) -> Float64:
 def _linear(rgb: NDArray[Any]) -> Float64:
     """Linear light (...) of 8-bit sRGB values (...), all above 0."""
     return np.asarray(np.power(np.asarray(rgb, np.float64) / 255, 2.2) + 1e-6)
-
-
-_LINEAR = _linear(np.arange(256))
-"""Linear light (256,) of every 8-bit value."""
 
 
 def load_suit(path: Path) -> Suit:
