@@ -26,8 +26,6 @@ warmer than clothes (ISO 7933), plus a camera's noise."""
 LEAST_CONTRAST_C = 1.0
 """Least difference in degrees Celsius between person and background that a share is taken of: a camera's
 noise and a room's unevenness are 0.3 each. Chosen by eye."""
-UNEVEN_C = 2.0
-"""Degrees Celsius of walls and floor below the room's commonest temperature. Chosen by eye."""
 COLD_SHARE = 0.25
 """Share of warmth (0 background, 1 person) below which a pixel is background. Chosen by eye."""
 
@@ -88,16 +86,13 @@ def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], si
 
     celsius: float32 (h, w) degrees, NaN = no reading. warm: bool (h, w). window_c: a person's least and most
     degrees. Both ends are local means, of warm and of colder pixels, over windows of ``size_px`` pixels:
-    rooms and clothes are uneven. The background is at least the room's temperature, which lies as far below
-    the window's beginning as the person above it: a window pane would make warm everything beside it.
+    rooms and clothes are uneven.
     """
-    low_c, hottest_c = window_c
-    room_c = np.float32(2 * low_c - (hottest_c - ABOVE_C) - UNEVEN_C)
     person_c = _local_mean(celsius, warm, size_px)
-    cold = np.isfinite(celsius) & ~warm & (celsius < hottest_c)
+    cold = np.isfinite(celsius) & ~warm & (celsius < window_c[1])
     share = np.empty_like(celsius)
     for _ in range(2):  # the second time without cold cloth, which raises the mean
-        background_c = _local_mean(np.maximum(celsius, room_c), cold, size_px)
+        background_c = _local_mean(celsius, cold, size_px)
         np.divide(celsius - background_c, np.maximum(person_c - background_c, LEAST_CONTRAST_C), out=share)
         cold &= share < COLD_SHARE
     return share
