@@ -31,21 +31,15 @@ WARMTH = (-1.0, 2.0)
 VOTE_M, MIDDLES_M = 0.1, 0.25
 """Metres by which votes for one middle scatter; least distance of the middles of two persons. Measured on
 training scenes: of 134 persons 8 fall apart and 9 are joined; 0.35 m: 6 and 12, 0.45 m: 4 and 13."""
-STRAY_M = 0.7
-"""Metres from a person's votes within which scattered votes are still theirs. Chosen by eye."""
 MOST_VOTES = 500
 """Votes that decide on the middles, for speed. Chosen by eye."""
-CUT_OUT_ODDS = 4.0
-"""Added log odds where the whole image shows no more surface than a person has: the background has been cut
-away, and what was kept is the person. Chosen by eye."""
 SURE_ODDS = 1.0
 """Mean log odds of a person's pixels below which it is a thing. Chosen by eye."""
 SAME_SURFACE = 0.03
 """Depth difference, as a share of the depth, at which a pixel of the small image counts 1/e for one of the
 whole image. Chosen by eye."""
-MIN_PERSON_M2, MOST_PERSON_M2 = 0.03, 2.5
-"""Least and largest visible surface of a person in m2: a head with a shoulder, and twice the front of a tall
-adult. Chosen by eye."""
+MIN_PERSON_M2 = 0.03
+"""Least visible surface of a person in m2: a head with a shoulder. Chosen by eye."""
 MOST_PERSONS = 255
 """Most persons of one frame, and their highest number: an image of persons has eight bits."""
 _AT_WORK = threading.Lock()
@@ -74,8 +68,6 @@ def people_in(cloud: ThermalCloud, warmth: Float32) -> list[Person]:
     odds, votes_m = _found(small_m, warmth[small])
     z = np.ascontiguousarray(small_m[..., 2])
     surface_m2 = z**2 * np.float32(_spacing(v) * _spacing(u) / (cloud.camera.fx * cloud.camera.fy))
-    if surface_m2.sum() <= MOST_PERSON_M2:
-        odds += CUT_OUT_ODDS
     likely = (odds > 0) & (z > 0)
     voting = likely[::2, ::2]
     whose = np.zeros(odds.shape, np.uint8)
@@ -183,7 +175,7 @@ def _by_votes(votes_m: Float32, surface_m2: Float32, odds: Float32) -> UInt8:
     # Votes that are no person by themselves are the nearest person's if one is near.
     among = np.flatnonzero(np.isin(person, kept))
     number = np.searchsorted(kept, person[among]) + 1
-    _, nearest = Nearest(some[among]).query(votes_m, within=STRAY_M)
+    _, nearest = Nearest(some[among]).query(votes_m, within=MIDDLES_M)
     return np.append(number, 0)[nearest].astype(np.uint8)
 
 

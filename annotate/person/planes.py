@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, Index
+from annotate.cloud.grid import JUMP
 from annotate.cloud.thermal_cloud import ThermalCloud
 
 MIN_PLANE_M2 = 0.12
@@ -16,8 +17,6 @@ TOLERANCE = 0.006
 (Fankhauser et al. 2015)."""
 LEAST_COSINE = 0.94
 """Least cosine between a point's and its plane's normals: a limb on a seat is turned. Chosen by eye."""
-NORMAL_JUMP = 0.02
-"""Depth difference, as a share of the depth, to a neighbour on another surface. Chosen by eye."""
 PLANE_STRIDE = 3
 """Pixels between the rows and the columns in which planes are sought. Chosen by eye."""
 TRIALS = 40
@@ -152,7 +151,7 @@ def _normals(depth_m: Float32, lens: Float64, rows: Index, columns: Index) -> Fl
                 if not (0 <= v + y < height and 0 <= u + x < width):
                     continue
                 z = np.float64(depth_m[v + y, u + x])
-                if abs(z - z0) <= NORMAL_JUMP * z0:  # False for NaN
+                if abs(z - z0) <= JUMP * z0:  # False for NaN
                     d = 1 / z
                     n, sx, sy, sd = n + 1, sx + x, sy + y, sd + d
                     sxx, sxy, syy, sxd, syd = sxx + x * x, sxy + x * y, syy + y * y, sxd + x * d, syd + y * d

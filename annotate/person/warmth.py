@@ -9,11 +9,9 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 WINDOW_C = (25.0, 35.0)
 """Least and most surface temperature in degrees Celsius of a dressed person in a room, where the frame itself
 gives none (Nishi & Miura 2017, section 4.2.1)."""
-BIN_C, REACH_C = 0.25, 40.0
-"""Degrees Celsius of a histogram's bin, and of its reach to both sides of the median. Chosen by eye."""
-ROOM_SPREAD_C, PERSON_SPREAD_C = 0.5, 1.0
-"""Smoothing of the histograms of room and person in degrees Celsius: walls are even, a dressed person is not.
-Chosen by eye."""
+SPREAD_C, REACH_C = 1.0, 40.0
+"""Smoothing of the histograms of room and person in degrees Celsius, as a dressed person is uneven, and their
+reach to both sides of the median. Chosen by eye."""
 CONTRAST_C, CONTRAST_SPREAD_C = 9.0, 3.0
 """Expected degrees Celsius of clothes above the room, 20 and 29 degrees for most, and their standard
 deviation: 6 above a hot room, 14 for skin in a cold one; a blanket or a sofa near a radiator is some 3 above.
@@ -60,25 +58,24 @@ def find_window(cloud: ThermalCloud, loose: Bool) -> tuple[float, float] | None:
         return None
     depth_m = cloud.points_m[..., 2]
     surface_m2 = np.asarray(depth_m**2 / (cloud.camera.fx * cloud.camera.fy), np.float32)
-    room_c = _mode(cloud.temperature_c[known], surface_m2[known], ROOM_SPREAD_C)
+    room_c = _mode(cloud.temperature_c[known], surface_m2[known])
     above = cloud.temperature_c - room_c
     belief = surface_m2 * np.exp(-0.5 * np.square((above - CONTRAST_C) / CONTRAST_SPREAD_C))
     warm = known & loose & (np.abs(above - CONTRAST_C) < 2.5 * CONTRAST_SPREAD_C)
     if belief[warm].sum() < LEAST_M2:
         return None
-    person_c = _mode(cloud.temperature_c[warm], belief[warm].astype(np.float32), PERSON_SPREAD_C)
+    person_c = _mode(cloud.temperature_c[warm], belief[warm].astype(np.float32))
     return (room_c + person_c) / 2, person_c + ABOVE_C
 
 
-def _mode(celsius: Float32, weight: Float32, spread_c: float) -> float:
+def _mode(celsius: Float32, weight: Float32) -> float:
     """Commonest temperature in degrees Celsius of temperatures (n,) with weights (n,), histogram smoothed."""
     # Bins around the median: a common offset of all temperatures moves them along.
-    middle, bins = np.median(celsius), round(2 * REACH_C / BIN_C)
-    place = ((celsius - middle).astype(np.float64) + REACH_C) / BIN_C
-    within = (place >= 0) & (place < bins)
-    count = np.bincount(place[within].astype(np.intp), weight[within], bins)
-    smooth = cv2.GaussianBlur(count.astype(np.float32)[None], (0, 0), spread_c / BIN_C)[0]
-    return float(middle) + (int(smooth.argmax()) + 0.5) * BIN_C - REACH_C
+    middle, bin_c = float(np.median(celsius)), SPREAD_C / 4
+    bins, around = round(2 * REACH_C / bin_c), (-REACH_C, REACH_C)
+    count, edges_c = np.histogram(celsius - middle, bins, around, weights=weight)
+    smooth = cv2.GaussianBlur(count.astype(np.float32)[None], (0, 0), SPREAD_C / bin_c)[0]
+    return middle + float(edges_c[smooth.argmax()]) + bin_c / 2
 
 
 def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], size_px: int) -> Float32:

@@ -185,10 +185,6 @@ def _scaled(values: Float32, low: np.float32, scale: np.float32) -> UInt8:
     return made
 
 
-_NEEDED = np.array((VALID,) * 3 + (FELT,) * 2 + (SEEN,) * 4, np.uint8)
-"""Flag without which a channel of ``RANGES`` says nothing."""
-
-
 @njit(cache=True, nogil=True)
 def network_input(planes: UInt8) -> Float32:
     """Input float32 (38, h, w) of the network from channels (24, h, w): flags and parts one by one.
@@ -199,6 +195,8 @@ def network_input(planes: UInt8) -> Float32:
     low, high = LOG_LIKELIHOOD
     neutral = np.float32(round(255 * low / (low - high)))
     bits = (VALID, FELT, SEEN, SUBJECT, OTHER)
+    # The flag without which a channel of ``RANGES`` says nothing.
+    needed = (VALID, VALID, VALID, FELT, FELT, SEEN, SEEN, SEEN, SEEN)
     first, unit = len(bits) + N_CLASSES - 1, np.float32(1 / 64)
     made = np.zeros((first + count - 2, height, width), np.float32)
     for v in range(height):
@@ -209,14 +207,14 @@ def network_input(planes: UInt8) -> Float32:
         for part in range(1, N_CLASSES):
             for u in range(width):
                 made[len(bits) + part - 1, v, u] = before[u] == part
-        for i in range(len(_NEEDED)):
+        for i, bit in enumerate(needed):
             for u in range(width):
                 value = (np.float32(planes[2 + i, v, u]) - np.float32(127.5)) * unit
-                made[first + i, v, u] = value if flags[u] & _NEEDED[i] else np.float32(0)
+                made[first + i, v, u] = value if flags[u] & bit else np.float32(0)
         for i in range(count + 1 - N_CLASSES, count):
             for u in range(width):
                 read[u] |= planes[i, v, u] > 0
-        for i in range(2 + len(_NEEDED), count):
+        for i in range(2 + len(needed), count):
             for u in range(width):
                 value = (np.float32(planes[i, v, u]) - neutral) * unit
                 made[first + i - 2, v, u] = value if read[u] else np.float32(0)

@@ -18,9 +18,8 @@ from annotate.suit.palette import Suit, chromaticity
 CLIPPED, DARK = 250, 20
 """8-bit value from which on a channel has lost its upper end, and that of the brightest channel below which a
 colour is noise. Chosen by eye."""
-CLIP_SIGMA, NOISE_RGB = 0.08, 4.0
-"""Standard deviation of the chromaticity of a colour with one clipped channel; noise of an 8-bit channel,
-which blurs the chromaticity of dark pixels. Chosen by eye."""
+NOISE_RGB = 4.0
+"""Noise of an 8-bit channel, which blurs the chromaticity of dark pixels. Chosen by eye."""
 SIGMA, SIGMA_POINTS = 0.05, 60.0
 """Expected standard deviation of a swatch's chromaticity, on folds and under several lamps, and the number of
 points that it is worth. Chosen by eye."""
@@ -100,7 +99,7 @@ class ColorModel:
 
     def evidence(self, rgb: UInt8) -> Float32:
         """Log likelihood (11, n) of colours uint8 (n, 3) under every part; flat where no swatch is near."""
-        return np.log(self._likelihood(rgb) + np.float32(STRAY))
+        return np.asarray(np.log(self._likelihood(rgb) + np.float32(STRAY)), np.float32)
 
     def worn(self, rgb: UInt8, belief: Float64) -> float:
         """Share of colours uint8 (n, 3), n > 0, that parts with beliefs (n, 11) wear."""
@@ -154,7 +153,8 @@ def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
 
 def readable(rgb: UInt8, seen: Bool) -> Bool:
     """Flags (n,) of readable colours uint8 (n, 3): seen (bool (n,)), neither too dark nor clipped."""
-    return np.asarray(seen & (_brightest(rgb) >= DARK) & (_clipped(rgb) < 2))
+    red, green, blue = ((rgb[:, i] >= CLIPPED).view(np.uint8) for i in range(3))
+    return np.asarray(seen & (_brightest(rgb) >= DARK) & (red + green + blue < 2))
 
 
 def unfitted(suit: Suit) -> ColorModel:
@@ -198,20 +198,13 @@ def evenly(count: int) -> slice:
 
 
 def blur(rgb: UInt8) -> Float64:
-    """Standard deviation (n,) of the chromaticity of colours uint8 (n, 3), by darkness and clipping."""
-    brightest = np.maximum(_brightest(rgb), 1.0)
-    return np.asarray(np.hypot(NOISE_RGB / brightest, CLIP_SIGMA * _clipped(rgb)))
+    """Standard deviation (n,) of the chromaticity of colours uint8 (n, 3), by darkness."""
+    return np.asarray(NOISE_RGB / np.maximum(_brightest(rgb), 1.0))
 
 
 def _brightest(rgb: UInt8) -> UInt8:
     """Highest channel (n,) of colours (n, 3); written out, as numpy is slow along short axes."""
     return np.maximum(np.maximum(rgb[:, 0], rgb[:, 1]), rgb[:, 2])
-
-
-def _clipped(rgb: UInt8) -> UInt8:
-    """Number (n,) of clipped channels of colours (n, 3)."""
-    red, green, blue = ((rgb[:, i] >= CLIPPED).view(np.uint8) for i in range(3))
-    return red + green + blue
 
 
 def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64:
