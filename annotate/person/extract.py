@@ -16,7 +16,7 @@ from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.alignment import contrasts, degrees, misplacement_px
 from annotate.person.finder import Person, people_in
-from annotate.person.known import Known, numbers_of
+from annotate.person.known import numbers_of
 from annotate.person.planes import TOLERANCE, Plane, distance_m, find_planes
 from annotate.person.subject import crowd_warnings, cut_warnings, subject_score
 from annotate.person.warmth import WINDOW_C, find_window, is_warm, warmth, warmth_share
@@ -31,9 +31,9 @@ class PersonMask:
     """Pixels (h, w) of the person in the undistorted depth image, all with a reading.
 
     method: "thermal", or "depth" where the frame has no temperature. persons: uint8 (h, w), 0 nobody, 1 the
-    subject, 2 and on others, whose numbers last over a recording; known: those seen so far. notes: remarks
-    for the user, e.g. why the mask is empty. trusted: False where the frame is unreliable; a note then names
-    the stream and the remedy.
+    subject, 2 and on others, whose numbers last over a recording; known: those seen so far, as of
+    ``numbers_of``. notes: remarks for the user, e.g. why the mask is empty. trusted: False where the frame is
+    unreliable; a note then names the stream and the remedy.
     """
 
     mask: Bool
@@ -41,7 +41,7 @@ class PersonMask:
     persons: UInt8
     notes: tuple[str, ...] = ()
     trusted: bool = True
-    known: Known = field(default_factory=list)
+    known: list[list[int]] = field(default_factory=list)
 
     @property
     def others(self) -> Bool:

@@ -11,16 +11,14 @@ from annotate.person.finder import MOST_PERSONS, Person
 REACH_M = 0.8
 """Most metres between a person's middles in two frames: half a second of walking. Chosen by eye."""
 
-Known = list[list[int]]
-"""Everybody seen so far, [number, x, y, z]: the middle when last seen, millimetres, depth camera."""
-
 
 def numbers_of(
     people: Sequence[Person], before: FrameLabels | None, *, subject_first: bool
-) -> tuple[list[int], Known]:
-    """Number of each person of a frame, 1 and on, and everybody known by now.
+) -> tuple[list[int], list[list[int]]]:
+    """Number of each person of a frame, 1 and on, and everybody seen so far.
 
-    before: labels of the previous frame. subject_first: the first person gets number 1 in any case.
+    Of everybody: [number, x, y, z], the middle when last seen, millimetres, depth camera. before: labels of
+    the previous frame. subject_first: the first person gets number 1 in any case.
     """
     known = {number: at_mm for number, *at_mm in before.notes.get("people", ())} if before else {}
     middles_mm = [np.rint(person.centre_m * 1000).astype(int).tolist() for person in people]

@@ -20,9 +20,9 @@ frames of several people instead of in all (measured)."""
 BEFORE_GAIN, CLEAR_LEAD = 4.0, 2.0
 """Factor less one by which standing where the subject stood before raises a score, and least ratio of the
 best to the next among three persons and more. Chosen by eye."""
-EDGE_STRIP_PX, CUT_PX = 4, 12
-"""Width in pixels of the strip along a border of the image that counts as touching it, and pixels of a person
-in it from which the border cuts them. Chosen by eye."""
+EDGE_PX = 4
+"""Width in pixels of the strip along a border of the image; who fills as much of it as a square of this side
+is cut by the border. Chosen by eye."""
 
 
 def cloths_shown(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
@@ -81,9 +81,9 @@ def crowd_warnings(scores: Sequence[float]) -> list[str]:
 
 def cut_borders(mask: Bool) -> list[str]:
     """Borders of the image that cut a person's mask (h, w)."""
-    first, last = slice(EDGE_STRIP_PX), slice(-EDGE_STRIP_PX, None)
+    first, last = slice(EDGE_PX), slice(-EDGE_PX, None)
     strips = {"left": mask[:, first], "right": mask[:, last], "top": mask[first], "bottom": mask[last]}
-    return [name for name, strip in strips.items() if np.count_nonzero(strip) >= CUT_PX]
+    return [name for name, strip in strips.items() if np.count_nonzero(strip) >= EDGE_PX**2]
 
 
 def cut_warnings(mask: Bool) -> list[str]:

@@ -24,8 +24,6 @@ warmer than clothes (ISO 7933), plus a camera's noise."""
 LEAST_CONTRAST_C = 1.0
 """Least difference in degrees Celsius between person and background that a share is taken of: a camera's
 noise and a room's unevenness are 0.3 each. Chosen by eye."""
-COLD_SHARE = 0.25
-"""Share of warmth (0 background, 1 person) below which a pixel is background. Chosen by eye."""
 
 
 def warmth(celsius: Float32, window_c: tuple[float, float]) -> Float32:
@@ -85,14 +83,10 @@ def warmth_share(celsius: Float32, warm: Bool, window_c: tuple[float, float], si
     degrees. Both ends are local means, of warm and of colder pixels, over windows of ``size_px`` pixels:
     rooms and clothes are uneven.
     """
-    person_c = _local_mean(celsius, warm, size_px)
     cold = np.isfinite(celsius) & ~warm & (celsius < window_c[1])
-    share = np.empty_like(celsius)
-    for _ in range(2):  # the second time without cold cloth, which raises the mean
-        background_c = _local_mean(celsius, cold, size_px)
-        np.divide(celsius - background_c, np.maximum(person_c - background_c, LEAST_CONTRAST_C), out=share)
-        cold &= share < COLD_SHARE
-    return share
+    background_c = _local_mean(celsius, cold, size_px)
+    above_c = _local_mean(celsius, warm, size_px) - background_c
+    return np.asarray((celsius - background_c) / np.maximum(above_c, LEAST_CONTRAST_C), np.float32)
 
 
 def _local_mean(values: Float32, mask: Bool, size: int) -> Float32:

@@ -71,15 +71,11 @@ def _modes(scores: Float32, depth_m: Float32, index: Int32) -> UInt8:
                 i = index[v, u]
                 if i < 0:
                     continue
-                total[:] = scores[i]
+                total[:], jump_m = scores[i], np.float32(JUMP) * depth_m[v, u]
                 for r in range(max(v - 1, 0), min(v + 2, height)):
                     for c in range(max(u - 1, 0), min(u + 2, width)):
                         j = index[r, c]
-                        if (
-                            j >= 0
-                            and j != i
-                            and abs(depth_m[r, c] - depth_m[v, u]) <= np.float32(JUMP) * depth_m[v, u]
-                        ):
+                        if j >= 0 and j != i and abs(depth_m[r, c] - depth_m[v, u]) <= jump_m:
                             total[last[j]] += np.float32(NEIGHBOUR)
                 chosen[i] = np.argmax(total)
         if np.array_equal(chosen, last):
