@@ -129,7 +129,7 @@ def test_support_is_the_height_of_the_lowest_part(height_m, slab_m, carried):
     depth_m, body = box_on(height_m, slab_m)
     cloud = cloud_of(depth_m)
     parts = np.where(body, PART_ID["torso"], 0).astype(np.uint8)
-    planes = find_planes(cloud, cloud.valid)
+    planes = find_planes(cloud)
     assert support_of("lying", parts, cloud.points_m, planes) == carried
     assert support_of("standing", parts, cloud.points_m, planes) == ""  # No legs in view.
     assert support_of("lying", parts, cloud.points_m, ()) == ""
@@ -144,4 +144,4 @@ def test_on_the_rig_furniture_carries_them(scene):
     cloud = cloud_of(labels.depth_mm / 1000, camera)
     parts = np.where(labels.persons == 1, labels.parts, 0).astype(np.uint8)
     posture = "lying" if scene == "bed" else "sitting"
-    assert support_of(posture, parts, cloud.points_m, find_planes(cloud, cloud.valid)) == "furniture"
+    assert support_of(posture, parts, cloud.points_m, find_planes(cloud)) == "furniture"

@@ -8,14 +8,7 @@ from annotate.array_types import Bool, Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.live.complaint import Complaint
 from annotate.live.frame_complaints import shift_complaint
-from annotate.person.alignment import (
-    CONTRAST_GAIN,
-    LEAST_CONTRAST,
-    OFF_PX,
-    TOLERABLE_DEG,
-    peak_px,
-    warm_contrast,
-)
+from annotate.person.alignment import TOLERABLE_DEG, misplacement_px, warm_contrasts
 
 EVERY_NS, FRAMES = 500_000_000, 8
 """Nanoseconds from one frame looked at to the next, and frames whose contrasts are added: four seconds, in
@@ -34,19 +27,15 @@ class ShiftWatch:
         """The complaint as of the last frame that was looked at. person: mask (h, w)."""
         if now_ns - self._looked_ns >= EVERY_NS and np.isfinite(cloud.temperature_c).any():
             self._looked_ns = now_ns
-            surface = warm_contrast(cloud)
+            surface = warm_contrasts(cloud)
             if surface is not None:
                 self._surfaces.append(surface)
             self._complaint = self._judged(cloud)
         return self._complaint
 
     def _judged(self, cloud: ThermalCloud) -> Complaint | None:
-        """A far shift with a much larger contrast, as of ``Alignment.is_off``, but over several frames."""
+        """A complaint about the shift that the last frames together tell, if it is far."""
         if len(self._surfaces) < FRAMES:
             return None
-        surface = np.mean(self._surfaces, axis=0)
-        middle, best = surface[len(surface) // 2, len(surface) // 2], surface.max()
-        shift_px = peak_px(surface)
-        if np.hypot(*shift_px) < OFF_PX or best < max(LEAST_CONTRAST, CONTRAST_GAIN * middle):
-            return None
-        return shift_complaint(shift_px, cloud.camera, TOLERABLE_DEG)
+        shift_px = misplacement_px(np.mean(self._surfaces, axis=0))
+        return shift_px and shift_complaint(shift_px, cloud.camera, TOLERABLE_DEG)

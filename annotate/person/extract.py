@@ -13,25 +13,17 @@ import numpy as np
 
 from annotate.array_types import Bool, Float32, UInt8
 from annotate.cloud.coarse import CoarseCloud
-from annotate.cloud.grid import grown
 from annotate.frame_labels import FrameLabels
-from annotate.person.alignment import degrees, thermal_alignment
+from annotate.person.alignment import contrasts, degrees, misplacement_px
 from annotate.person.finder import Person, people_in
-from annotate.person.known import Known, numbers_of
-from annotate.person.planes import Plane, close_to, find_planes
-from annotate.person.subject import crowd_warnings, cut_warnings, subject_score, with_pieces
-from annotate.person.warmth import WINDOW_C, find_window, warmth, warmth_share
+from annotate.person.known import numbers_of
+from annotate.person.planes import TOLERANCE, Plane, distance_m, find_planes
+from annotate.person.subject import crowd_warnings, cut_warnings, subject_score
+from annotate.person.warmth import WINDOW_C, find_window, is_warm, warmth, warmth_share
 from annotate.suit.palette import Suit
 
-EDGES_PX = 25
-"""Pixels around warm surface whose silhouettes are compared with the depth image's, four degrees. Chosen by
-eye."""
 LOCAL_M = 0.3
 """Metres in which temperatures are compared, to each side. Chosen by eye."""
-NOBODY = "no person in the depth image; let somebody step into the view"
-"""Note of a frame in which depth alone shows nobody."""
-BY_DEPTH = "found by depth alone: record temperature for a surer outline"
-"""Note of a person found without temperatures."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +31,9 @@ class PersonMask:
     """Pixels (h, w) of the person in the undistorted depth image, all with a reading.
 
     method: "thermal", or "depth" where the frame has no temperature. persons: uint8 (h, w), 0 nobody, 1 the
-    subject, 2 and on others, whose numbers last over a recording; known: those seen so far. notes: remarks
-    for the user, e.g. why the mask is empty. trusted: False where the frame is unreliable; a note then names
-    the stream and the remedy.
+    subject, 2 and on others, whose numbers last over a recording; known: those seen so far, as of
+    ``numbers_of``. notes: remarks for the user, e.g. why the mask is empty. trusted: False where the frame is
+    unreliable; a note then names the stream and the remedy.
     """
 
     mask: Bool
@@ -49,7 +41,7 @@ class PersonMask:
     persons: UInt8
     notes: tuple[str, ...] = ()
     trusted: bool = True
-    known: Known = field(default_factory=list)
+    known: list[list[int]] = field(default_factory=list)
 
     @property
     def others(self) -> Bool:
@@ -76,7 +68,6 @@ class Survey:
     ) -> None:
         self.cloud, self._coarse, self._everybody = cloud, cloud.cloud, everybody
         self._suit = suit
-        self._enlarged: dict[bytes, UInt8] = {}
         self._is_felt = bool(np.isfinite(self._coarse.temperature_c).any())
         found = find_window(self._coarse, self._loose) if self._is_felt and window_c is None else window_c
         self.window_c = found or WINDOW_C
@@ -90,32 +81,29 @@ class Survey:
     @cached_property
     def planes(self) -> tuple[Plane, ...]:
         """Planes of the room."""
-        return find_planes(self._coarse, self._coarse.valid)
+        return find_planes(self._coarse)
 
     @cached_property
     def _loose(self) -> Bool:
         """Points (h, w) off the planes: a sunlit wall is no person."""
-        return self._coarse.valid & ~close_to(self.planes, self._coarse.points_m)
+        points_m = self._coarse.points_m
+        return self._coarse.valid & (distance_m(self.planes, points_m) > TOLERANCE * points_m[..., 2])
 
     @cached_property
     def _warm(self) -> Bool:
         """Points (h, w) off the planes and as warm as a person."""
-        low_c, high_c = self.window_c
-        celsius = self._coarse.temperature_c
-        return self._loose & (celsius >= low_c) & (celsius <= high_c)
+        return self._loose & is_warm(self._coarse.temperature_c, self.window_c)
 
     def _misalignment(self) -> tuple[str, ...]:
         """Warning where the thermal image does not lie on the depth image."""
-        if not self._warm.any():
+        surface = contrasts(self._coarse, self.window_c, self._warm)
+        shift_px = None if surface is None else misplacement_px(surface)
+        if shift_px is None:
             return ()
-        alignment = thermal_alignment(self._coarse, self.window_c, grown(self._warm, EDGES_PX))
-        if not alignment.is_off:
-            return ()
-        right, down = alignment.shift_px
         return (
-            f"thermal image lies {right:+.0f}, {down:+.0f} pixels (right, down) off the depth image, "
-            f"{degrees(alignment.shift_px, self._coarse.camera):.1f} degrees: calibrate the thermal camera "
-            "again; parts are undefined",
+            "thermal image lies {:+.0f}, {:+.0f} pixels (right, down) off the depth image, ".format(*shift_px)
+            + f"{degrees(shift_px, self._coarse.camera):.1f} degrees: calibrate the thermal camera again; "
+            "parts are undefined",
         )
 
     def person(self, before: FrameLabels | None = None) -> PersonMask:
@@ -124,11 +112,7 @@ class Survey:
         Without a person the mask is empty and a note gives the reason; that is no error.
         """
         found = self._person(None if before is None else self.cloud.coarse(before))
-        # With the frame before the persons are mostly the same as without.
-        key = found.persons.tobytes()
-        if key not in self._enlarged:
-            self._enlarged[key] = self.cloud.enlarged(found.persons)
-        persons = self._enlarged[key]
+        persons = self.cloud.enlarged(found.persons)
         return replace(found, mask=persons == 1, persons=persons)
 
     def _person(self, before: FrameLabels | None) -> PersonMask:
@@ -136,7 +120,7 @@ class Survey:
         ranked = self._ranked(before)
         scores, persons = [score for score, _ in ranked], [person for _, person in ranked]
         found = self._numbered(persons, before)
-        notes = () if self._is_felt else (BY_DEPTH,)
+        notes = () if self._is_felt else ("found by depth alone: record temperature for a surer outline",)
         if not persons:
             return replace(found, notes=(self._nobody(), *self._misaligned), trusted=not self._misaligned)
         crowded = [] if self._everybody else crowd_warnings(scores)
@@ -145,22 +129,20 @@ class Survey:
 
     def _nobody(self) -> str:
         """Note of a frame without a person."""
+        if not self._is_felt:
+            return "no person in the depth image; let somebody step into the view"
         low_c, high_c = self.window_c
-        felt = (
+        return (
             f"no person in the thermal and depth images: nothing of human shape and size is {low_c:.1f} to "
             f"{high_c:.1f} degrees warm; let somebody step into the view, or give the window of temperatures"
         )
-        return felt if self._is_felt else NOBODY
 
     def _ranked(self, before: FrameLabels | None) -> list[tuple[float, Person]]:
         """Persons with their scores, best first; the subject is the first."""
         if len(self._persons) < 2:
             return [(1.0, person) for person in self._persons]
         scored = [(subject_score(one, before, self._suit, self._coarse), one) for one in self._persons]
-        scored.sort(key=lambda pair: -pair[0])
-        if self._suit is None or not self._coarse.color_valid.any():
-            return scored
-        return with_pieces(scored, self._suit, self._coarse)
+        return sorted(scored, key=lambda pair: -pair[0])
 
     def _numbered(self, persons: Sequence[Person], before: FrameLabels | None) -> PersonMask:
         """Masks and numbers of persons, the subject first."""

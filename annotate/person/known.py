@@ -6,23 +6,19 @@ from itertools import count
 import numpy as np
 
 from annotate.frame_labels import FrameLabels
-from annotate.person.finder import Person
+from annotate.person.finder import MOST_PERSONS, Person
 
 REACH_M = 0.8
 """Most metres between a person's middles in two frames: half a second of walking. Chosen by eye."""
-HIGHEST = 255
-"""Highest number: the image of persons has eight bits."""
-
-Known = list[list[int]]
-"""Everybody seen so far, [number, x, y, z]: the middle when last seen, millimetres, depth camera."""
 
 
 def numbers_of(
     people: Sequence[Person], before: FrameLabels | None, *, subject_first: bool
-) -> tuple[list[int], Known]:
-    """Number of each person of a frame, 1 and on, and everybody known by now.
+) -> tuple[list[int], list[list[int]]]:
+    """Number of each person of a frame, 1 and on, and everybody seen so far.
 
-    before: labels of the previous frame. subject_first: the first person gets number 1 in any case.
+    Of everybody: [number, x, y, z], the middle when last seen, millimetres, depth camera. before: labels of
+    the previous frame. subject_first: the first person gets number 1 in any case.
     """
     known = {number: at_mm for number, *at_mm in before.notes.get("people", ())} if before else {}
     middles_mm = [np.rint(person.centre_m * 1000).astype(int).tolist() for person in people]
@@ -39,6 +35,6 @@ def numbers_of(
     fresh = (number for number in count(1) if number not in taken)
     for i in range(len(people)):
         if i not in numbers:
-            numbers[i] = min(next(fresh), HIGHEST)
+            numbers[i] = min(next(fresh), MOST_PERSONS)
     known |= {numbers[i]: at_mm for i, at_mm in enumerate(middles_mm)}
     return [numbers[i] for i in range(len(people))], [[number, *known[number]] for number in sorted(known)]

@@ -4,19 +4,20 @@ import numpy as np
 from numba import njit
 
 from annotate.array_types import Bool, Float32, Int32, UInt8
+from annotate.cloud.grid import JUMP
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.parts import N_CLASSES
 from annotate.reader.channels import Rectangle
 from annotate.suit.color_model import ColorModel, readable
 
-SURELY_ROOM, LEAST = 0.98, 1e-4
-"""Probability from which on a pixel stays the room's, and probability added to each. Chosen by eye."""
+SURELY_ROOM = 0.98
+"""Probability from which on a pixel stays the room's. Chosen by eye."""
 OWN_COLOR = 0.5
 """Weight of the log likelihood of a pixel's colour beside the network's log probability. Of 0, 0.5, 1 and 2
 fitted to 48 frames of the virtual rig, with an early network."""
-NEIGHBOUR, JUMP_M, ROUNDS = 0.5, 0.03, 4
-"""Log score that each of the eight neighbours adds to its own class at a pixel, the depth difference in
-metres of neighbours on different surfaces, and most rounds. Chosen by eye."""
+NEIGHBOUR, ROUNDS = 0.5, 4
+"""Log score that each of the eight neighbours on its surface adds to its own class at a pixel, and most
+rounds. Chosen by eye."""
 
 
 def with_borders(
@@ -30,7 +31,7 @@ def with_borders(
     """
     undecided = cloud.valid[where] & (chance[0] < SURELY_ROOM)
     own = chance[:, undecided]
-    scores = np.log(own + np.float32(LEAST))
+    scores = np.log(np.maximum(own, np.finfo(np.float32).tiny))
     if light is not None:
         scores += np.float32(OWN_COLOR) * _by_color(cloud, where, undecided, scores, light)
     index = np.full(undecided.shape, -1, np.int32)
@@ -70,11 +71,11 @@ def _modes(scores: Float32, depth_m: Float32, index: Int32) -> UInt8:
                 i = index[v, u]
                 if i < 0:
                     continue
-                total[:] = scores[i]
+                total[:], jump_m = scores[i], np.float32(JUMP) * depth_m[v, u]
                 for r in range(max(v - 1, 0), min(v + 2, height)):
                     for c in range(max(u - 1, 0), min(u + 2, width)):
                         j = index[r, c]
-                        if j >= 0 and j != i and abs(depth_m[r, c] - depth_m[v, u]) <= JUMP_M:
+                        if j >= 0 and j != i and abs(depth_m[r, c] - depth_m[v, u]) <= jump_m:
                             total[last[j]] += np.float32(NEIGHBOUR)
                 chosen[i] = np.argmax(total)
         if np.array_equal(chosen, last):

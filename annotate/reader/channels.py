@@ -15,10 +15,10 @@ from annotate.array_types import Bool, Float32, Float64, UInt8
 from annotate.cloud.color_odds import color_odds, lab_of
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.parts import BODY_PARTS
+from annotate.parts import BODY_PARTS, N_CLASSES
 from annotate.person.extract import PersonMask
-from annotate.person.planes import Plane
-from annotate.suit.color_model import ColorModel, blur, readable
+from annotate.person.planes import Plane, distance_m
+from annotate.suit.color_model import ColorModel, blur, evenly, readable
 from annotate.suit.palette import chromaticity
 
 MARGIN_M, ARM_M = 0.35, 1.1
@@ -44,8 +44,6 @@ SURE = np.float32(2.0)
 """Log odds of the rough outline, from which the colours of person and room are learnt. Chosen by eye."""
 VALID, FELT, SEEN, SUBJECT, OTHER = 1, 2, 4, 8, 16
 """Bits of the channel ``flags``: depth, temperature, readable colour; roughly the subject's, another's."""
-MEDIAN_OF = 5000
-"""Colours whose median is taken, an even sample of those seen, for speed. Chosen by eye."""
 LIKENESS = ("skin", "dark", *(part.name for part in BODY_PARTS))
 """Channels of a colour's log likelihood: as skin, as hair or shoe, as what each part shows; 0 = not read."""
 CHANNELS = ("flags", "before", *RANGES, *LIKENESS)
@@ -111,7 +109,7 @@ def channels(
     made = {
         "depth": z - middle_m,
         "local": z - _around_m(z, near),
-        "off_plane": _off_planes_m(cloud.points_m[where], room.planes),
+        "off_plane": distance_m(room.planes, cloud.points_m[where]),
         "share": room.share[where],
         "celsius": celsius - np.float32(room.window_c[0]),
         **(_colors(rgb, seen) if seen.any() else {}),
@@ -155,32 +153,11 @@ def _around_m(z: Float32, near: Bool) -> Float32:
     return np.asarray(total / np.maximum(count, np.float32(1e-3)), np.float32)
 
 
-def _off_planes_m(points_m: Float32, planes: tuple[Plane, ...]) -> Float32:
-    """Metres (h, w) from the nearest plane of the room, bounded."""
-    rows = [(*plane.normal, plane.offset_m) for plane in planes]
-    bounded = np.full(points_m.shape[:2], RANGES["off_plane"][1], np.float32)
-    return _nearest_m(points_m, np.array(rows, np.float32).reshape(-1, 4), bounded)
-
-
-@njit(cache=True, nogil=True)
-def _nearest_m(points_m: Float32, planes: Float32, off_m: Float32) -> Float32:
-    """Metres (h, w) to the nearest of planes (k, 4), normals and offsets; at most ``off_m`` (h, w)."""
-    for v in range(off_m.shape[0]):
-        for k in range(len(planes)):
-            a, b, c, offset = planes[k]
-            for u in range(off_m.shape[1]):
-                x, y, z = points_m[v, u]
-                away = abs(x * a + y * b + z * c - offset)
-                if away < off_m[v, u]:  # False for NaN
-                    off_m[v, u] = away
-    return off_m
-
-
 def _colors(rgb: UInt8, seen: Bool) -> dict[str, Float64]:
     """Shade and chromaticity (h, w) of colours (h, w, 3) against the median of those seen, any."""
     brightest, chroma = np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2]), chromaticity(rgb)
     some = np.flatnonzero(seen)
-    some = some[:: -(-len(some) // MEDIAN_OF)]
+    some = some[evenly(len(some))]
     usual, red, green = (
         float(np.median(values.take(some))) for values in (brightest, chroma[..., 0], chroma[..., 1])
     )
@@ -208,13 +185,6 @@ def _scaled(values: Float32, low: np.float32, scale: np.float32) -> UInt8:
     return made
 
 
-_FLAGS, _PARTS, _LIKE = len((VALID, FELT, SEEN, SUBJECT, OTHER)), len(BODY_PARTS), len(LIKENESS)
-_NEEDED = np.array((VALID,) * 3 + (FELT,) * 2 + (SEEN,) * 4, np.uint8)
-"""Flag without which a channel of ``RANGES`` says nothing."""
-_NEUTRAL = np.float32(round(-255 * LOG_LIKELIHOOD[0] / (LOG_LIKELIHOOD[1] - LOG_LIKELIHOOD[0])))
-"""Byte of a log likelihood of 0."""
-
-
 @njit(cache=True, nogil=True)
 def network_input(planes: UInt8) -> Float32:
     """Input float32 (38, h, w) of the network from channels (24, h, w): flags and parts one by one.
@@ -222,25 +192,30 @@ def network_input(planes: UInt8) -> Float32:
     What is not known is 0: temperature where none is felt, colour where none is readable.
     """
     count, height, width = planes.shape
-    first, unit = _FLAGS + _PARTS, np.float32(1 / 64)
+    low, high = LOG_LIKELIHOOD
+    neutral = np.float32(round(255 * low / (low - high)))
+    bits = (VALID, FELT, SEEN, SUBJECT, OTHER)
+    # The flag without which a channel of ``RANGES`` says nothing.
+    needed = (VALID, VALID, VALID, FELT, FELT, SEEN, SEEN, SEEN, SEEN)
+    first, unit = len(bits) + N_CLASSES - 1, np.float32(1 / 64)
     made = np.zeros((first + count - 2, height, width), np.float32)
     for v in range(height):
         flags, before, read = planes[0, v], planes[1, v], np.zeros(width, np.bool_)
-        for bit in range(_FLAGS):
+        for i, bit in enumerate(bits):
             for u in range(width):
-                made[bit, v, u] = (flags[u] >> bit) & 1
-        for part in range(_PARTS):
+                made[i, v, u] = (flags[u] & bit) > 0
+        for part in range(1, N_CLASSES):
             for u in range(width):
-                made[_FLAGS + part, v, u] = before[u] == part + 1
-        for i in range(len(_NEEDED)):
+                made[len(bits) + part - 1, v, u] = before[u] == part
+        for i, bit in enumerate(needed):
             for u in range(width):
                 value = (np.float32(planes[2 + i, v, u]) - np.float32(127.5)) * unit
-                made[first + i, v, u] = value if flags[u] & _NEEDED[i] else np.float32(0)
-        for i in range(count - _PARTS, count):
+                made[first + i, v, u] = value if flags[u] & bit else np.float32(0)
+        for i in range(count + 1 - N_CLASSES, count):
             for u in range(width):
                 read[u] |= planes[i, v, u] > 0
-        for i in range(count - _LIKE, count):
+        for i in range(2 + len(needed), count):
             for u in range(width):
-                value = (np.float32(planes[i, v, u]) - _NEUTRAL) * unit
+                value = (np.float32(planes[i, v, u]) - neutral) * unit
                 made[first + i - 2, v, u] = value if read[u] else np.float32(0)
     return made

@@ -12,24 +12,22 @@ import numpy as np
 from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, UInt8
-from annotate.parts import BODY_PARTS
+from annotate.parts import BODY_PARTS, PARTS
 from annotate.suit.palette import Suit, chromaticity
 
 CLIPPED, DARK = 250, 20
 """8-bit value from which on a channel has lost its upper end, and that of the brightest channel below which a
 colour is noise. Chosen by eye."""
-CLIP_SIGMA, NOISE_RGB = 0.08, 4.0
-"""Standard deviation of the chromaticity of a colour with one clipped channel; noise of an 8-bit channel,
-which blurs the chromaticity of dark pixels. Chosen by eye."""
-SIGMA, LEAST_SIGMA, SIGMA_POINTS = 0.05, 0.02, 60.0
-"""Standard deviation of a swatch's chromaticity: expected, on folds and under several lamps; least fitted;
-and the number of points that the expected one is worth. Chosen by eye."""
+NOISE_RGB = 4.0
+"""Noise of an 8-bit channel, which blurs the chromaticity of dark pixels. Chosen by eye."""
+SIGMA, SIGMA_POINTS = 0.05, 60.0
+"""Expected standard deviation of a swatch's chromaticity, on folds and under several lamps, and the number of
+points that it is worth. Chosen by eye."""
 FADE, FADE_SIGMA = 0.1, 0.2
 """Expected fading and its standard deviation: share of the way from a cloth's chromaticity to the light's.
 Chosen by eye."""
-HUE_SIGMA, BARE_HUE_SIGMA = 0.03, 0.05
-"""Standard deviations of chromaticity beside fading, of cloths and of what is bare: people differ more.
-Chosen by eye."""
+HUE_SIGMA = 0.03
+"""Standard deviation of a swatch's chromaticity beside fading. Chosen by eye."""
 BARE = (((176, 135, 105), ("head", "left_forearm", "right_forearm")),
         ((70, 62, 58), ("head", "left_lower_leg", "right_lower_leg")))  # fmt: skip
 """sRGB colours that are no cloth of the suit, and the parts that show them: skin of face and hands (the
@@ -41,16 +39,14 @@ GAIN, GAIN_SIGMA = np.array([0.0, 0.25]), 0.3
 deviation of each. Chosen by eye."""
 GAIN_STEPS = np.linspace(-0.7, 0.7, 11)
 """Offsets from them tried at first, in both; incandescent lamp to blue sky is about -0.6 to 0.6."""
-POINT_WORTH, GAIN_POINTS = 0.2, 100.0
-"""Worth of a point's colour for its swatch, as neighbours share their light and fold; number of points that a
-frame's colours are worth against the gains' prior. Chosen by eye."""
+POINT_WORTH = 0.2
+"""Worth of a point's colour against the priors, as neighbours share their light and fold. Chosen by eye."""
 STRAY = 0.02
 """Likelihood of any colour on any part, against a swatch's best: reflections, toys. Chosen by eye."""
-FIT_ROUNDS, FITTED_POINTS = 3, 2000
-"""Rounds of expectation maximisation, and colours fitted to, an even sample of the person's. Chosen by
-eye."""
-
-_N = len(BODY_PARTS)
+FIT_ROUNDS = 3
+"""Rounds of expectation maximisation. Chosen by eye."""
+MOST_COLORS = 2000
+"""Colours that stand for all of a person or of a picture, an even sample, for speed. Chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +89,7 @@ class ColorModel:
         """Log likelihood (L, K, n) by ``match`` of the unfitted model under log gains (L, 2)."""
         lit, light = _lit(self.palette, log_gains)
         fading, lights = light - lit, len(log_gains)
-        middle, unknown = (lit + FADE * fading).reshape(-1, 2), _strays(self, fading).reshape(-1, 2, 2)
+        middle, unknown = (lit + FADE * fading).reshape(-1, 2), _strays(fading).reshape(-1, 2, 2)
         variance, cost = np.tile(self.variance, lights), np.tile(self._cost, lights)
         return _match(chroma, noise, middle, variance, unknown, cost).reshape(lights, -1, len(chroma))
 
@@ -103,13 +99,15 @@ class ColorModel:
 
     def evidence(self, rgb: UInt8) -> Float32:
         """Log likelihood (11, n) of colours uint8 (n, 3) under every part; flat where no swatch is near."""
-        match = self.match(chromaticity(rgb), blur(rgb))
-        return np.log(np.exp(self.by_part(match)) + np.float32(STRAY))
+        return np.asarray(np.log(self._likelihood(rgb) + np.float32(STRAY)), np.float32)
 
     def worn(self, rgb: UInt8, belief: Float64) -> float:
         """Share of colours uint8 (n, 3), n > 0, that parts with beliefs (n, 11) wear."""
-        likely = np.exp(self.by_part(self.match(chromaticity(rgb), blur(rgb))))
+        likely = self._likelihood(rgb)
         return float((belief.T * likely / (likely + STRAY)).sum() / len(rgb))
+
+    def _likelihood(self, rgb: UInt8) -> Float32:
+        return np.exp(self.by_part(self.match(chromaticity(rgb), blur(rgb))))
 
     def by_part(self, match: Float32) -> Float32:
         """Log likelihood (11, n) of each part's best swatch, from that of all swatches (K, n)."""
@@ -155,13 +153,15 @@ def _away(colors: Float32, swatches: Float32) -> tuple[Float32, Float32]:
 
 def readable(rgb: UInt8, seen: Bool) -> Bool:
     """Flags (n,) of readable colours uint8 (n, 3): seen (bool (n,)), neither too dark nor clipped."""
-    return np.asarray(seen & (_brightest(rgb) >= DARK) & (_clipped(rgb) < 2))
+    red, green, blue = ((rgb[:, i] >= CLIPPED).view(np.uint8) for i in range(3))
+    return np.asarray(seen & (_brightest(rgb) >= DARK) & (red + green + blue < 2))
 
 
 def unfitted(suit: Suit) -> ColorModel:
     """Model of a palette in the expected light, before any colour has been seen."""
     names = [part.name for part in BODY_PARTS]
-    wears = [part - 1 == np.arange(_N) for part in suit.parts] + [np.isin(names, worn) for _, worn in BARE]
+    wears = [np.isin(names, PARTS[part].name) for part in suit.parts]
+    wears += [np.isin(names, worn) for _, worn in BARE]
     palette = chromaticity(np.concatenate([suit.colors_rgb, np.array([rgb for rgb, _ in BARE])]))
     bare = np.arange(len(palette)) >= len(suit.parts)
     variance = np.full(len(palette), SIGMA**2)
@@ -175,13 +175,13 @@ def under(model: ColorModel, log_gain: Float64) -> ColorModel:
     """Model of a palette in the light of log gains (2,), before any colour has been seen."""
     model = replace(model, log_gain=log_gain)
     fading = model.fading
-    return replace(model, shift=FADE * fading, unknown=_strays(model, fading))
+    return replace(model, shift=FADE * fading, unknown=_strays(fading))
 
 
 def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
     """Model fitted by expectation maximisation to colours uint8 (n, 3) of parts with beliefs (n, 11)."""
-    every = slice(None, None, -(-len(rgb) // FITTED_POINTS))
-    rgb, prior = rgb[every], (model.wears @ belief[every].T).astype(np.float32)
+    some = evenly(len(rgb))
+    rgb, prior = rgb[some], (model.wears @ belief[some].T).astype(np.float32)
     chroma, noise = chromaticity(rgb), blur(rgb)
     for _ in range(FIT_ROUNDS):
         match = np.exp(model.match(chroma, noise)) * prior
@@ -192,21 +192,19 @@ def refit_colors(model: ColorModel, rgb: UInt8, belief: Float64) -> ColorModel:
     return model
 
 
+def evenly(count: int) -> slice:
+    """Every how many-th of ``count`` colours are an even sample, ``MOST_COLORS`` at most."""
+    return slice(None, None, -(-count // MOST_COLORS))
+
+
 def blur(rgb: UInt8) -> Float64:
-    """Standard deviation (n,) of the chromaticity of colours uint8 (n, 3), by darkness and clipping."""
-    brightest = np.maximum(_brightest(rgb), 1.0)
-    return np.asarray(np.hypot(NOISE_RGB / brightest, CLIP_SIGMA * _clipped(rgb)))
+    """Standard deviation (n,) of the chromaticity of colours uint8 (n, 3), by darkness."""
+    return np.asarray(NOISE_RGB / np.maximum(_brightest(rgb), 1.0))
 
 
 def _brightest(rgb: UInt8) -> UInt8:
     """Highest channel (n,) of colours (n, 3); written out, as numpy is slow along short axes."""
     return np.maximum(np.maximum(rgb[:, 0], rgb[:, 1]), rgb[:, 2])
-
-
-def _clipped(rgb: UInt8) -> UInt8:
-    """Number (n,) of clipped channels of colours (n, 3)."""
-    red, green, blue = ((rgb[:, i] >= CLIPPED).view(np.uint8) for i in range(3))
-    return red + green + blue
 
 
 def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64:
@@ -216,9 +214,9 @@ def _fitted_gain(model: ColorModel, chroma: Float64, weight: Float64) -> Float64
     jacobian = np.stack([np.stack([x * (1 - x), -x * z], 1), np.stack([-x * y, -y * z], 1)], 1)
     mass = weight.sum(axis=1)
     residual = weight @ chroma - mass[:, None] * (model.lit + model.shift)
-    worth = GAIN_POINTS / len(chroma)
-    normal = worth * np.einsum("k,kij,kil->jl", mass, jacobian, jacobian) + np.eye(2) / GAIN_SIGMA**2
-    slope = worth * np.einsum("kij,ki->j", jacobian, residual) - (model.log_gain - GAIN) / GAIN_SIGMA**2
+    normal = POINT_WORTH * np.einsum("k,kij,kil->jl", mass, jacobian, jacobian) + np.eye(2) / GAIN_SIGMA**2
+    slope = POINT_WORTH * np.einsum("kij,ki->j", jacobian, residual)
+    slope -= (model.log_gain - GAIN) / GAIN_SIGMA**2
     return np.asarray(model.log_gain + np.linalg.solve(normal, slope))
 
 
@@ -227,21 +225,19 @@ def _fitted_swatches(model: ColorModel, chroma: Float64, share: Float64) -> Colo
 
     A shift's prior is a normal distribution drawn out towards the light's chromaticity, for cloth fades.
     """
-    prior = np.linalg.inv(_strays(model, model.fading))
+    prior = np.linalg.inv(_strays(model.fading))
     mass, total = share.sum(axis=1), share @ chroma
     mean = total / np.maximum(mass, 1e-9)[:, None]
     gaps = (chroma[:, 0] - mean[:, :1]) ** 2 + (chroma[:, 1] - mean[:, 1:]) ** 2
-    variance = (share * gaps).sum(axis=1) / np.maximum(mass, 1e-9) / 2
-    own = (variance * mass + SIGMA_POINTS * SIGMA**2) / (mass + SIGMA_POINTS)
+    own = ((share * gaps).sum(axis=1) / 2 + SIGMA_POINTS * SIGMA**2) / (mass + SIGMA_POINTS)
     precision = POINT_WORTH * mass / own
     pull = np.einsum("kij,kj->ki", prior, FADE * model.fading)
     pull += (POINT_WORTH / own)[:, None] * (total - mass[:, None] * model.lit)
     unknown = np.linalg.inv(prior + precision[:, None, None] * np.eye(2))
     shift = np.einsum("kij,kj->ki", unknown, pull)
-    return replace(model, shift=shift, unknown=unknown, variance=np.maximum(own, LEAST_SIGMA**2))
+    return replace(model, shift=shift, unknown=unknown, variance=own)
 
 
-def _strays(model: ColorModel, fading: Float64) -> Float64:
-    """Covariance (..., K, 2, 2) of the swatches' shifts of fading (..., K, 2) before any colour is seen."""
-    hue = np.where(model.bare, BARE_HUE_SIGMA, HUE_SIGMA)[:, None, None]
-    return np.asarray(FADE_SIGMA**2 * fading[..., :, None] * fading[..., None, :] + hue**2 * np.eye(2))
+def _strays(fading: Float64) -> Float64:
+    """Covariance (..., 2, 2) of the swatches' shifts of fading (..., 2) before any colour is seen."""
+    return FADE_SIGMA**2 * fading[..., :, None] * fading[..., None, :] + HUE_SIGMA**2 * np.eye(2)

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from skimage.color import rgb2lab
 
 from annotate.array_types import UInt8
 from annotate.cloud.fuse import Fuser
@@ -16,16 +15,15 @@ from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.store import LabelSet
 from annotate.parts import BODY_PARTS
-from annotate.suit.color_model import readable
+from annotate.suit.color_model import evenly, readable
 from annotate.suit.palette import MIN_CHROMA_DISTANCE, Suit, chromaticity
 from sensors.errors import CloudError
 from sensors.rig.frame import FrameSource
 
 SEAM_PX = 2
 """Pixels from another part within which a colour may be that part's. Chosen by eye."""
-LEAST_COLORS, MOST_COLORS = 30, 4000
-"""Readable points of a part that a swatch needs, and the most it is taken from, an even sample. Chosen by
-eye."""
+LEAST_COLORS = 30
+"""Readable points of a part that a swatch needs. Chosen by eye."""
 LEAST_SECOND_SHARE = 0.15
 """Least share of a part that a second colour, its skin, covers. Chosen by eye."""
 CONTRAST, LEAST_PATCH = 12.0, 0.002
@@ -90,9 +88,9 @@ def suit_from_photo(path: Path, name: str) -> Suit:
     Raises CloudError when the picture cannot be read or shows another number of patches.
     """
     rgb = _read(path)
-    border = np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]])
-    paper = np.median(border, axis=0).astype(np.uint8)
-    away = np.linalg.norm(rgb2lab(rgb) - rgb2lab(paper[None, None]), axis=2)
+    lab = cv2.cvtColor(rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+    paper = np.median(np.concatenate([lab[0], lab[-1], lab[:, 0], lab[:, -1]]), axis=0)
+    away = np.linalg.norm(lab - paper, axis=2)
     spots = cv2.morphologyEx((away > CONTRAST).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(spots)
     patches = [i for i in range(1, len(stats)) if stats[i, cv2.CC_STAT_AREA] >= LEAST_PATCH * spots.size]
@@ -107,11 +105,11 @@ def suit_from_photo(path: Path, name: str) -> Suit:
     for part, i in zip(BODY_PARTS, ordered, strict=True):
         colors = rgb[inner & (labels == patches[i])]
         found[part.id] = colors[readable(colors, np.ones(len(colors), np.bool_))]
-    return _suit(found, name, 1)
+    return _suit(found, name)
 
 
-def _suit(colors: dict[int, UInt8], name: str, most: int = 2) -> Suit:
-    """Palette of the parts' colours uint8 (n, 3) by part id, with at most ``most`` swatches a part."""
+def _suit(colors: dict[int, UInt8], name: str) -> Suit:
+    """Palette of the parts' colours uint8 (n, 3) by part id, with one or two swatches a part."""
     swatches = []
     for part in BODY_PARTS:
         own = colors.get(part.id, np.zeros((0, 3), np.uint8))
@@ -120,14 +118,14 @@ def _suit(colors: dict[int, UInt8], name: str, most: int = 2) -> Suit:
                 f"{part.name} shows {len(own)} readable colours, {LEAST_COLORS} are needed; "
                 "add a frame that shows it in even light"
             )
-        swatches += [(rgb, part.id) for rgb in _main_colors(own, most)]
+        swatches += [(rgb, part.id) for rgb in _main_colors(own)]
     colors_rgb, parts = (np.array(column, np.uint8) for column in zip(*swatches, strict=True))
     return Suit(name, colors_rgb, parts)
 
 
-def _main_colors(rgb: UInt8, most: int) -> list[tuple[int, ...]]:
+def _main_colors(rgb: UInt8) -> list[tuple[int, ...]]:
     """Typical sRGB colour of a part's colours (n, 3), or two where they fall apart; the commoner first."""
-    rgb = rgb[:: -(-len(rgb) // MOST_COLORS)]
+    rgb = rgb[evenly(len(rgb))]
     chroma = chromaticity(rgb)
     # Starts from the median and the point farthest from it: the same points give the same swatches.
     middle = np.median(chroma, axis=0)
@@ -135,7 +133,7 @@ def _main_colors(rgb: UInt8, most: int) -> list[tuple[int, ...]]:
     centres = np.stack([middle, far])
     for _ in range(20):
         side = np.linalg.norm(chroma[:, None] - centres, axis=2).argmin(axis=1)
-        if most == 1 or min((side == 0).mean(), (side == 1).mean()) < LEAST_SECOND_SHARE:
+        if min((side == 0).mean(), (side == 1).mean()) < LEAST_SECOND_SHARE:
             return [_typical(rgb)]
         centres = np.stack([np.median(chroma[side == i], axis=0) for i in (0, 1)])
     if np.linalg.norm(centres[0] - centres[1]) < MIN_CHROMA_DISTANCE:
@@ -165,8 +163,6 @@ def _read(path: Path) -> UInt8:
     """Photograph uint8 (h, w, 3), at most 1,000 pixels a side; Pillow itself bounds what it decodes."""
     try:
         with Image.open(path, formats=("JPEG", "PNG")) as image:
-            if min(image.size) < 2 * SEAM_PX + 1:
-                raise CloudError(f"swatches {path} have {image.size} pixels; give a photograph")
             image.thumbnail((1000, 1000))
             return np.array(image.convert("RGB"))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:

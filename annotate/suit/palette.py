@@ -30,7 +30,6 @@ MAX_SWATCHES = 200
 """Most colours of a palette: memory of labelling grows with it."""
 MIN_CHROMA_DISTANCE = 0.06
 """Distance in chromaticity below which two swatches look alike in a shaded image. Chosen by eye."""
-_HEX = re.compile(r"#[0-9a-fA-F]{6}")
 
 
 @dataclass(frozen=True)
@@ -72,28 +71,20 @@ class Suit:
         )
 
 
-def chromaticity(rgb: NDArray[np.generic]) -> Float64:
+def chromaticity(rgb: NDArray[Any]) -> Float64:
     """Chromaticity (..., 2) of sRGB colours (..., 3), 8-bit values, independent of shade.
 
     Shares of red and green in linear light: x = R / (R + G + B). Gamma: IEC 61966-2-1, taken as 2.2.
     """
-    if rgb.dtype == np.uint8:
-        # Compiled: a palette is read, and refused, without a compiler.
-        from annotate.suit.shares import shares
-
-        flat = np.ascontiguousarray(rgb, np.uint8).reshape(-1, 3)
-        return shares(flat, _LINEAR).reshape(*rgb.shape[:-1], 2)
-    linear = _linear(rgb)
-    return np.asarray(linear[..., :2] / linear.sum(axis=-1, keepdims=True))
+    light = _linear(np.arange(256)).take if rgb.dtype == np.uint8 else _linear
+    red, green, blue = (light(rgb[..., i]) for i in range(3))
+    total = red + green + blue
+    return np.stack([red / total, green / total], axis=-1)
 
 
-def _linear(rgb: NDArray[np.generic]) -> Float64:
+def _linear(rgb: NDArray[Any]) -> Float64:
     """Linear light (...) of 8-bit sRGB values (...), all above 0."""
     return np.asarray(np.power(np.asarray(rgb, np.float64) / 255, 2.2) + 1e-6)
-
-
-_LINEAR = _linear(np.arange(256))
-"""Linear light (256,) of every 8-bit value."""
 
 
 def load_suit(path: Path) -> Suit:
@@ -130,7 +121,7 @@ def _swatch(what: str, part: str, color: object) -> tuple[int, tuple[int, ...]]:
     """Part id and sRGB of one entry of a palette file. Raises CloudError."""
     if part not in PART_ID or part == "background":
         raise CloudError(f"{what}: {part!r} is not a part; use {', '.join(p.name for p in BODY_PARTS)}")
-    if not isinstance(color, str) or not _HEX.fullmatch(color):
+    if not isinstance(color, str) or not re.fullmatch("#[0-9a-fA-F]{6}", color):
         raise CloudError(f"{what}: {part} has colour {color!r}; give '#rrggbb'")
     return PART_ID[part], tuple(int(color[i : i + 2], 16) for i in (1, 3, 5))
 

@@ -61,7 +61,7 @@ def depth_view(first: FrameLabels, camera: Intrinsics) -> tuple[ThermalCloud, Vi
     coarse = CoarseCloud.of(cloud).cloud
     persons = mask.astype(np.uint8) if first.persons is None else first.persons
     where, pixels_per_m = rectangle(cloud, mask)
-    room = DepthRoom(find_planes(coarse, coarse.valid), cloud.temperature_c)
+    room = DepthRoom(find_planes(coarse), cloud.temperature_c)
     seen = channels(cloud, room, PersonMask(mask, "depth", persons), first, where)
     return cloud, View(where, seen, cloud.color_rgb[where], pixels_per_m, np.zeros((0, 3), np.uint8), None)
 
