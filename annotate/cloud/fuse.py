@@ -172,8 +172,8 @@ def _bilinear(projection: Projection, slack_m: Float32, sight: Float32) -> Float
             z, slack = ahead[v, u], slack_m[v, u]
             if not z > 0:
                 continue
-            own_row, own_column = nearest_pixel(row[v, u]) + np.uint32(1), nearest_pixel(column[v, u]) + np.uint32(1)
-            if z - sight[own_row, own_column, 1] > slack:
+            r, c = nearest_pixel(row[v, u]) + np.uint32(1), nearest_pixel(column[v, u]) + np.uint32(1)
+            if z - sight[r, c, 1] > slack:
                 continue
             x, y = column[v, u] + ONE, row[v, u] + ONE
             left, top = np.uint32(x), np.uint32(y)

@@ -187,13 +187,13 @@ def _slack(ahead_m: Float32, tolerance: np.float32, slope_reach: np.float32) -> 
 
 
 def _steps(half: int) -> tuple[np.uint32, ...]:
-    """Steps through a window of ``half`` pixels to each side; a tuple, so that their number is compiled in."""
+    """Steps through a window of ``half`` pixels to each side; as a tuple their number is compiled in."""
     return tuple(np.uint32(step) for step in range(2 * half + 1))
 
 
 @njit(cache=True, nogil=True)
 def _fill_zbuffer(projection: Projection, nearest: Float32, rows: tuple[np.uint32, ...]) -> None:
-    """Fill ``nearest`` with the least metres ahead of points on each pixel, or as many rows below as given."""
+    """Fill ``nearest`` with the least metres ahead of the points on each pixel and on the given rows below."""
     column, row, ahead = projection
     nearest[:] = np.float32(np.inf)
     for v in range(ahead.shape[0]):
@@ -209,7 +209,7 @@ def _fill_zbuffer(projection: Projection, nearest: Float32, rows: tuple[np.uint3
 def _visible(
     projection: Projection, tall: Float32, columns: tuple[np.uint32, ...], rows: np.uint32, slack_m: Float32
 ) -> Bool:
-    """As ``PointView.visible``; tall: z-buffer whose points fill their window's rows, ``rows`` further down."""
+    """As ``PointView.visible``; tall: z-buffer whose points fill their window, ``rows`` further down."""
     column, row, ahead = projection
     seen, width = np.zeros(ahead.shape, np.bool_), tall.shape[1]
     half, last = np.uint32(len(columns) // 2), np.uint32(width - 1)

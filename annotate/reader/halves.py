@@ -2,8 +2,8 @@
 
 The first half sees an image whole and gives features of every square of ``PLACE`` x ``PLACE`` samples; from
 them the second gives the scores of the samples of any part of an image, those of two by two samples as
-channels of one: OpenCV takes a fifth of the time to lay them out. Of ONNX files only the few fields needed are
-read.
+channels of one: to lay them out, OpenCV takes a fifth of the time. Of ONNX files only the few fields needed
+are read.
 """
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
