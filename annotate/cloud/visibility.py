@@ -193,7 +193,7 @@ def _steps(half: int) -> tuple[np.uint32, ...]:
 
 @njit(cache=True, nogil=True)
 def _fill_zbuffer(projection: Projection, nearest: Float32, rows: tuple[np.uint32, ...]) -> None:
-    """Fill ``nearest`` with the least metres ahead of the points on each pixel and on the given rows below."""
+    """Fill ``nearest`` with the least metres ahead of the points on each pixel and the given rows below."""
     column, row, ahead = projection
     nearest[:] = np.float32(np.inf)
     for v in range(ahead.shape[0]):
