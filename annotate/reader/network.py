@@ -81,14 +81,11 @@ class Reader:
                 for left in range(step):
                     moved = _between(around, top / place, left / place)
                     scores = self._of_own(own[:, top::step, left::step], moved)
-                    for i, phase in enumerate(np.ndindex(2, 2)):
-                        down, right = (
-                            slice(start + step * more, None, 2 * step)
-                            for start, more in zip((top, left), phase, strict=True)
-                        )
-                        found[:, down, right] = scores[i::4]
-        rows, columns = (slice(own.start % place, own.start % place + own.stop - own.start) for own in near)
-        return _softmax(found[:, rows, columns])
+                    for i, (down, right) in enumerate(np.ndindex(2, 2)):
+                        rows, columns = top + step * down, left + step * right
+                        found[:, rows :: 2 * step, columns :: 2 * step] = scores[i::4]
+        inner = (slice(own.start % place, own.start % place + own.stop - own.start) for own in near)
+        return _softmax(found[:, *inner])
 
     def _of_all(self, planes: UInt8) -> Float32:
         """What the first half says of an image's places (k, h / 4, w / 4), some more at the ends."""
