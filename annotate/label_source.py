@@ -113,7 +113,7 @@ class SuitSurvey:
     ) -> "SuitSurvey":
         """Survey of a cloud, made coarse; arguments as of ``Survey``."""
         persons = Survey(CoarseCloud.of(cloud), window_c, suit)
-        likely = persons.person()
+        likely = persons.person(None)
         read = suit is not None and likely.trusted
         return cls(cloud, persons, likely, view_of(cloud, persons, likely) if read else None)
 
