@@ -21,7 +21,7 @@ from annotate.labelset.store import LabelSet, as_read
 from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask, Survey
 from annotate.reader.network import Reader, shipped_reader
-from annotate.reader.read import LIGHT, read
+from annotate.reader.read import LIGHT, View, read, view_of
 from annotate.reader.segmentation import Segmentation, unlabelled
 from annotate.suit.palette import Suit, suit_to_toml
 from sensors.errors import CloudError, ExistsError, one_line
@@ -97,17 +97,31 @@ def label_source(
 
 @dataclass(frozen=True)
 class SuitSurvey:
-    """A cloud, and the persons in it."""
+    """A cloud, and the persons in it, with all that needs no other frame.
+
+    likely: the subject if no other frame tells; seen: what the reader sees of them, if they wear a suit.
+    """
 
     cloud: ThermalCloud
     persons: Survey
+    likely: PersonMask
+    seen: View | None
 
     @classmethod
     def of(
         cls, cloud: ThermalCloud, suit: Suit | None, window_c: tuple[float, float] | None = None
     ) -> "SuitSurvey":
         """Survey of a cloud, made coarse; arguments as of ``Survey``."""
-        return cls(cloud, Survey(CoarseCloud.of(cloud), window_c, suit))
+        persons = Survey(CoarseCloud.of(cloud), window_c, suit)
+        likely = persons.person(None)
+        read = suit is not None and likely.trusted
+        return cls(cloud, persons, likely, view_of(cloud, persons, likely) if read else None)
+
+    def view(self, person: PersonMask) -> View | None:
+        """What the reader sees of a trusted person of the frame; None where their colours cannot be read."""
+        if self.likely.trusted and person.persons is self.likely.persons:
+            return self.seen
+        return view_of(self.cloud, self.persons, person)
 
 
 def suit_labeller(suit: Suit | None, reader: Reader, *, glance: bool = False) -> Labeller:
@@ -119,7 +133,7 @@ def suit_labeller(suit: Suit | None, reader: Reader, *, glance: bool = False) ->
             return unlabelled(person.mask), person
         if suit is None:
             return unlabelled(person.mask, NO_SUIT), person
-        return read(survey.cloud, survey.persons, person, suit, before, reader, glance=glance)
+        return read(survey.cloud, survey.view(person), person, suit, before, reader, glance=glance)
 
     return labeller
 

@@ -79,7 +79,7 @@ def test_every_channel_keeps_its_range():
     person = replace(survey.person(None), mask=worn > 0, persons=(worn > 0).astype(np.uint8))
     light = fitted_to(DEFAULT_SUIT, cloud.color_rgb[worn > 0])
     where = rectangle(cloud, worn > 0)[0]
-    bare = channels(cloud, survey, person, None, where)
+    bare = channels(cloud, survey, person, where)
     planes = in_light(bare, cloud.color_rgb[where], light)
     assert planes.shape[0] == len(CHANNELS) and planes.dtype == np.uint8
     torso, arm = (planes[CHANNELS.index(name)] for name in ("torso", "left_upper_arm"))

@@ -47,14 +47,16 @@ class CoarseCloud:
         """Cloud of every second pixel or so of a whole one, as outlines allow."""
         stride = stride_of(whole.camera)
         pixel = _chosen(whole.depth_mm, stride)
-        seen = pixel >= 0
+        rows, columns = (stride * np.arange(side) for side in pixel.shape)
+        # Where a square has no reading, its first pixel has neither depth nor colour nor temperature.
+        at = np.where(pixel < 0, rows[:, None] * whole.camera.width + columns, pixel)
         cloud = ThermalCloud(
             reduced(whole.camera, stride),
-            np.where(seen, whole.depth_mm.ravel()[pixel], np.uint16(0)),
-            np.where(seen[..., None], whole.points_m.reshape(-1, 3)[pixel], np.float32(np.nan)),
-            np.where(seen[..., None], whole.color_rgb.reshape(-1, 3)[pixel], np.uint8(0)),
-            seen & whole.color_valid.ravel()[pixel],
-            np.where(seen, whole.temperature_c.ravel()[pixel], np.float32(np.nan)),
+            whole.depth_mm.take(at),
+            whole.points_m.reshape(-1, 3).take(at, axis=0),
+            whole.color_rgb.reshape(-1, 3).take(at, axis=0),
+            whole.color_valid.take(at),
+            whole.temperature_c.take(at),
         )
         return cls(whole.depth_mm, cloud, pixel, stride)
 

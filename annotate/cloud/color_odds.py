@@ -34,7 +34,7 @@ def color_odds(lab: UInt8, odds: Float32, candidates: Bool, among: Bool) -> Floa
 
 def lab_of(color_rgb: UInt8, color_valid: Bool) -> UInt8:
     """CIE Lab uint8 (h, w, 3) of sRGB colours; its first channel is at least 1, and 0 without a colour."""
-    lab = cv2.cvtColor(color_rgb, cv2.COLOR_RGB2Lab).astype(np.uint8)
+    lab = np.asarray(cv2.cvtColor(color_rgb, cv2.COLOR_RGB2Lab), np.uint8)
     lab[..., 0] = np.maximum(lab[..., 0], 1)
     lab[~color_valid] = 0
     return lab

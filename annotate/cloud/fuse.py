@@ -4,6 +4,7 @@ Every depth point has the colour and the temperature of its pixel in an image of
 (``annotate.cloud.visibility``), else none, so that a person's heat is never copied onto the wall behind.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,14 @@ from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float32, Int32, UInt8, UInt16
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.cloud.visibility import ONE, ZERO, PointView, Projection, nearest_pixel, visible
+from annotate.cloud.visibility import ONE, ZERO, PointView, Projection, nearest_pixel
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, rays
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
+
+BESIDE = 2
+"""Frames of one fuser whose temperatures are looked up at once. Chosen by eye, for two cores."""
 
 
 def undistortion_index(camera: Intrinsics) -> Int32:
@@ -46,7 +50,7 @@ class Fuser:
     """Fusion of the frames of one calibration, with maps computed once.
 
     calibration: the rig's. camera: the undistorted depth camera of the clouds. Safe to call from several
-    threads: the kernels release the interpreter lock.
+    threads: the kernels release the interpreter lock. Temperatures are looked up beside colours.
     """
 
     def __init__(self, calibration: RigCalibration) -> None:
@@ -55,6 +59,7 @@ class Fuser:
         self.camera = depth.undistorted()
         self._source = undistortion_index(depth)
         self._rays = rays(self.camera)[..., :2].astype(np.float32)
+        self._beside = ThreadPoolExecutor(BESIDE, "fuse")
         self._color: PointView | None = None
         self._thermal: PointView | None = None
         if calibration.color is not None and calibration.color_from_depth is not None:
@@ -81,33 +86,33 @@ class Fuser:
         undistorted, points = _undistort(np.ascontiguousarray(depth_mm).ravel(), self._source, self._rays)
         depth_m = np.ascontiguousarray(points[..., 2])
         color, seen = np.zeros(points.shape, np.uint8), np.zeros(undistorted.shape, np.bool_)
-        temperature = np.full(undistorted.shape, np.nan, np.float32)
+        felt = None
+        if thermal_c is not None:
+            view = _view_of("thermal", thermal_c, self._thermal)
+            felt = self._beside.submit(_temperatures, view, depth_m, thermal_c)
         if color_rgb is not None:
             color, seen = _colors(_view_of("colour", color_rgb, self._color), depth_m, color_rgb)
-        if thermal_c is not None:
-            temperature = _temperatures(_view_of("thermal", thermal_c, self._thermal), depth_m, thermal_c)
+        temperature = np.full(undistorted.shape, np.nan, np.float32) if felt is None else felt.result()
         return ThermalCloud(self.camera, undistorted, points, color, seen, temperature)
 
 
 def _colors(view: PointView, depth_m: Float32, color_rgb: UInt8) -> tuple[UInt8, Bool]:
     """Colours uint8 (h, w, 3) of points with depths (h, w), and flags (h, w) of those in view."""
     projection = view.project(depth_m)
-    slack_m = view.slack_m(projection.ahead_m)
-    seen = visible(projection, view.front(view.zbuffer(projection)), slack_m)
+    seen = view.visible(projection)
     return _nearest(projection, seen, np.ascontiguousarray(color_rgb)), seen
 
 
 def _temperatures(view: PointView, depth_m: Float32, thermal_c: Float32) -> Float32:
     """Degrees Celsius (h, w) of points with depths (h, w), NaN where out of view."""
     projection = view.project(depth_m)
-    slack_m, nearest = view.slack_m(projection.ahead_m), view.zbuffer(projection)
-    front = view.front(nearest)
-    seen = visible(projection, front, slack_m)
+    nearest = view.zbuffer(projection)
+    front, known = view.front(nearest), np.isfinite(thermal_c)
     # A border without readings spares the kernel every check of the image's edge.
-    nearest, front, image = (
-        np.pad(plane, 1, constant_values=np.nan) for plane in (nearest, front, thermal_c)
-    )
-    return _bilinear(projection, seen, slack_m, nearest, front, image)
+    sight = np.zeros((*(side + 2 for side in thermal_c.shape), 3), np.float32)
+    sight[..., 0] = np.inf
+    sight[1:-1, 1:-1] = np.stack([np.where(known, nearest, np.inf), front, np.where(known, thermal_c, 0)], -1)
+    return _bilinear(projection, view.slack_m(projection.ahead_m), sight)
 
 
 def _view_of(name: str, image: NDArray[Any], view: PointView | None) -> PointView:
@@ -154,33 +159,35 @@ def _nearest(projection: Projection, seen: Bool, image: UInt8) -> UInt8:
 
 
 @njit(cache=True, nogil=True)
-def _bilinear(
-    projection: Projection, seen: Bool, slack_m: Float32, nearest: Float32, front: Float32, image: Float32
-) -> Float32:
+def _bilinear(projection: Projection, slack_m: Float32, sight: Float32) -> Float32:
     """Bilinear mean (h, w) over the pixels with a reading of the point's own surface alone.
 
-    nearest, front, image: z-buffer, its window's minimum and temperatures with a border of one NaN.
+    sight: (h', w', 3), z-buffer, its window's minimum and temperatures, with a border of one pixel; the
+    z-buffer is inf where there is no reading.
     """
-    values = np.full(seen.shape, np.float32(np.nan))
-    for v in range(seen.shape[0]):
-        for u in range(seen.shape[1]):
-            if not seen[v, u]:
+    column, row, ahead = projection
+    values = np.full(ahead.shape, np.float32(np.nan))
+    for v in range(ahead.shape[0]):
+        for u in range(ahead.shape[1]):
+            z, slack = ahead[v, u], slack_m[v, u]
+            if not z > 0:
                 continue
-            x, y = projection.column[v, u] + ONE, projection.row[v, u] + ONE
+            r, c = nearest_pixel(row[v, u]) + np.uint32(1), nearest_pixel(column[v, u]) + np.uint32(1)
+            if z - sight[r, c, 1] > slack:
+                continue
+            x, y = column[v, u] + ONE, row[v, u] + ONE
             left, top = np.uint32(x), np.uint32(y)
             right_share, lower_share = x - np.float32(left), y - np.float32(top)
             total, weight = ZERO, ZERO
             for down in range(2):
                 for right in range(2):
-                    row, column = top + np.uint32(down), left + np.uint32(right)
+                    r, c = top + np.uint32(down), left + np.uint32(right)
+                    nearest, front, reading = sight[r, c, 0], sight[r, c, 1], sight[r, c, 2]
                     share = lower_share if down else ONE - lower_share
                     share *= right_share if right else ONE - right_share
-                    reading = image[row, column]
-                    z, slack = projection.ahead_m[v, u], slack_m[v, u]
-                    own = (abs(nearest[row, column] - z) <= slack) & (z - front[row, column] <= slack)
-                    if own & (reading == reading):  # not NaN
-                        total += share * reading
-                        weight += share
+                    share = share if (nearest - z <= slack) & (z - front <= slack) else ZERO
+                    total += share * reading
+                    weight += share
             if weight > 0:
                 values[v, u] = total / weight
     return values

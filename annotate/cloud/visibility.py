@@ -95,24 +95,37 @@ class PointView:
     def zbuffer(self, projection: Projection) -> Float32:
         """Least metres ahead (h', w') of the points on each pixel; inf where there is none.
 
-        The buffer belongs to the view and the calling thread: the next call overwrites it.
+        The buffer belongs to the view and the calling thread: the next call overwrites it, or ``visible``.
         """
-        nearest = self._buffer("nearest")
-        _fill_zbuffer(projection, nearest)
+        nearest = self._buffer(0)
+        _fill_zbuffer(projection, nearest, _steps(0))
         return nearest
 
     def front(self, nearest: Float32) -> Float32:
-        """Minimum (h', w') of the z-buffer over each pixel's window; overwritten like ``zbuffer``."""
+        """Minimum (h', w') of a z-buffer over each pixel's window."""
         rows, columns = self.half_window
         window = np.ones((2 * rows + 1, 2 * columns + 1), np.uint8)
-        return np.asarray(cv2.erode(nearest, window, dst=self._buffer("front")), np.float32)
+        return np.asarray(cv2.erode(nearest, window), np.float32)
 
-    def _buffer(self, name: str) -> Float32:
-        """An image (h', w') of this view and the calling thread, to overwrite."""
+    def visible(self, projection: Projection) -> Bool:
+        """Flags (h, w) of points that no other hides: those not behind ``front`` by more than ``slack_m``.
+
+        The window's rows are taken when points are entered, its columns when they are looked up, so that
+        millions of pixels on which no point falls cost nothing.
+        """
+        rows, columns = self.half_window
+        tall = self._buffer(rows)
+        _fill_zbuffer(projection, tall, _steps(rows))
+        return _visible(projection, tall, _steps(columns), np.uint32(rows), self.slack_m(projection.ahead_m))
+
+    def _buffer(self, rows: int) -> Float32:
+        """An image (h' + 2 * rows, w') of this view and the calling thread, to overwrite."""
         # Kept, because fresh pages for 1920x1080 floats cost more time than all the arithmetic.
-        if not hasattr(self._buffers, name):
-            setattr(self._buffers, name, np.empty(self.camera.shape, np.float32))
-        buffer: Float32 = getattr(self._buffers, name)
+        height, width = self.camera.shape
+        shape = height + 2 * rows, width
+        if getattr(self._buffers, "image", None) is None or self._buffers.image.shape != shape:
+            self._buffers.image = np.empty(shape, np.float32)
+        buffer: Float32 = self._buffers.image
         return buffer
 
 
@@ -173,26 +186,40 @@ def _slack(ahead_m: Float32, tolerance: np.float32, slope_reach: np.float32) -> 
     return slack
 
 
+def _steps(half: int) -> tuple[np.uint32, ...]:
+    """Steps through a window of ``half`` pixels to each side; as a tuple their number is compiled in."""
+    return tuple(np.uint32(step) for step in range(2 * half + 1))
+
+
 @njit(cache=True, nogil=True)
-def _fill_zbuffer(projection: Projection, nearest: Float32) -> None:
-    """Fill ``nearest`` (h', w') as of ``PointView.zbuffer``."""
-    columns, rows, ahead = projection
+def _fill_zbuffer(projection: Projection, nearest: Float32, rows: tuple[np.uint32, ...]) -> None:
+    """Fill ``nearest`` with the least metres ahead of the points on each pixel and the given rows below."""
+    column, row, ahead = projection
     nearest[:] = np.float32(np.inf)
     for v in range(ahead.shape[0]):
         for u in range(ahead.shape[1]):
-            if ahead[v, u] > 0:
-                row, column = nearest_pixel(rows[v, u]), nearest_pixel(columns[v, u])
-                nearest[row, column] = min(nearest[row, column], ahead[v, u])
+            z = ahead[v, u]
+            if z > 0:
+                y, x = nearest_pixel(row[v, u]), nearest_pixel(column[v, u])
+                for down in rows:
+                    nearest[y + down, x] = min(nearest[y + down, x], z)
 
 
 @njit(cache=True, nogil=True)
-def visible(projection: Projection, front: Float32, slack_m: Float32) -> Bool:
-    """Flags (h, w) of points not behind the window's front (h', w') by more than their slack (h, w)."""
-    columns, rows, ahead = projection
-    seen = np.zeros(ahead.shape, np.bool_)
+def _visible(
+    projection: Projection, tall: Float32, columns: tuple[np.uint32, ...], rows: np.uint32, slack_m: Float32
+) -> Bool:
+    """As ``PointView.visible``; tall: z-buffer whose points fill their window, ``rows`` further down."""
+    column, row, ahead = projection
+    seen, width = np.zeros(ahead.shape, np.bool_), tall.shape[1]
+    half, last = np.uint32(len(columns) // 2), np.uint32(width - 1)
     for v in range(ahead.shape[0]):
         for u in range(ahead.shape[1]):
-            if ahead[v, u] > 0:
-                row, column = nearest_pixel(rows[v, u]), nearest_pixel(columns[v, u])
-                seen[v, u] = ahead[v, u] - front[row, column] <= slack_m[v, u]
+            z = ahead[v, u]
+            if z > 0:
+                y, x = nearest_pixel(row[v, u]) + rows, nearest_pixel(column[v, u])
+                front = z
+                for right in columns:
+                    front = min(front, tall[y, min(max(x + right, half) - half, last)])
+                seen[v, u] = z - front <= slack_m[v, u]
     return seen

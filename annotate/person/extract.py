@@ -18,7 +18,7 @@ from annotate.person.alignment import contrasts, degrees, misplacement_px
 from annotate.person.finder import Person, people_in
 from annotate.person.known import numbers_of
 from annotate.person.planes import TOLERANCE, Plane, distance_m, find_planes
-from annotate.person.subject import crowd_warnings, cut_warnings, subject_score
+from annotate.person.subject import cloths_shown, crowd_warnings, cut_warnings, subject_score
 from annotate.person.warmth import WINDOW_C, find_window, is_warm, warmth, warmth_share
 from annotate.suit.palette import Suit
 
@@ -141,8 +141,15 @@ class Survey:
         """Persons with their scores, best first; the subject is the first."""
         if len(self._persons) < 2:
             return [(1.0, person) for person in self._persons]
-        scored = [(subject_score(one, before, self._suit, self._coarse), one) for one in self._persons]
+        shown = zip(self._persons, self._shown, strict=True)
+        scored = [(subject_score(one, before, cloths), one) for one, cloths in shown]
         return sorted(scored, key=lambda pair: -pair[0])
+
+    @cached_property
+    def _shown(self) -> list[float]:
+        """Cloths of the suit that each person shows, which take time to count; 1 where there is no suit."""
+        suit = self._suit if self._coarse.color_valid.any() else None
+        return [cloths_shown(suit, self._coarse, one.mask) if suit else 1.0 for one in self._persons]
 
     def _numbered(self, persons: Sequence[Person], before: FrameLabels | None) -> PersonMask:
         """Masks and numbers of persons, the subject first."""

@@ -48,20 +48,16 @@ def _entropy(share: Float64) -> Float64:
     return np.asarray(-(share * np.log(np.maximum(share, np.finfo(np.float64).tiny))).sum(axis=0))
 
 
-def subject_score(
-    person: Person, before: FrameLabels | None, suit: Suit | None, cloud: ThermalCloud
-) -> float:
+def subject_score(person: Person, before: FrameLabels | None, shown: float = 1.0) -> float:
     """Score in m2 of a person as the one to label: surface, near the middle, there before, in the suit.
 
-    before: labels of the previous frame. suit: what the subject wears, if anything; cloud: of the frame.
+    before: labels of the previous frame. shown: of ``cloths_shown``, 1 without a suit.
     """
     x, _, z = person.centre_m
     score = person.area_m2 * float(np.exp(-np.square(x / z / OFF_CENTRE)))
     if before is not None and before.depth_mm.shape == person.mask.shape:
         score *= 1 + BEFORE_GAIN * float((persons_before(before)[person.mask] == 1).mean())
-    if suit is None or not cloud.color_valid.any():
-        return score
-    return score * cloths_shown(suit, cloud, person.mask) ** 2
+    return score * shown**2
 
 
 def persons_before(before: FrameLabels) -> UInt8:

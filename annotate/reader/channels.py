@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from annotate.array_types import Bool, Float32, Float64, UInt8
+from annotate.array_types import Bool, Float32, Float64, Index, UInt8
 from annotate.cloud.color_odds import color_odds, lab_of
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
@@ -88,17 +88,11 @@ def rectangle(cloud: ThermalCloud, subject: Bool) -> tuple[Rectangle, float]:
     return Rectangle(*sides), pixels_per_m
 
 
-def channels(
-    cloud: ThermalCloud,
-    room: Room,
-    person: PersonMask,
-    before: FrameLabels | None,
-    where: Rectangle,
-) -> UInt8:
+def channels(cloud: ThermalCloud, room: Room, person: PersonMask, where: Rectangle) -> UInt8:
     """Channels uint8 (24, h, w) in the order of ``CHANNELS``, of a rectangle's pixels around the subject.
 
-    room, person: of the same frame, found without the suit. before: labels of the previous frame. The
-    likeness is 0: it is ``in_light``.
+    room, person: of the same frame, found without the suit. The likeness is 0: it is ``in_light``; so are
+    the parts before: they are ``with_before``.
     """
     z, own = cloud.points_m[where][..., 2], person.mask[where]
     valid, celsius = cloud.valid[where], cloud.temperature_c[where]
@@ -120,12 +114,17 @@ def channels(
     planes = np.zeros((len(CHANNELS), *valid.shape), np.uint8)
     for name, values in made.items():
         planes[CHANNELS.index(name)] = _bytes(values, *RANGES[name])
-    if before is not None and before.parts.shape == cloud.valid.shape:
-        planes[CHANNELS.index("before")] = before.parts[where]
     flags = ((VALID, valid), (FELT, valid & np.isfinite(celsius)), (SEEN, seen), (SUBJECT, own))
     for bit, there in (*flags, (OTHER, person.others[where])):
         planes[0] += np.uint8(bit) * there
     return planes
+
+
+def with_before(planes: UInt8, before: FrameLabels, where: Rectangle) -> UInt8:
+    """Channels (24, h, w) of a rectangle with the parts of the frame before; the others as in ``planes``."""
+    made = planes.copy()
+    made[CHANNELS.index("before")] = before.parts[where]
+    return made
 
 
 def in_light(planes: UInt8, rgb: UInt8, light: ColorModel, among: Bool | bool = True) -> UInt8:
@@ -138,10 +137,9 @@ def in_light(planes: UInt8, rgb: UInt8, light: ColorModel, among: Bool | bool = 
     own = rgb.reshape(-1, 3).take(wanted, axis=0)
     match = light.match(chromaticity(own), blur(own))
     made = planes.copy()
-    for plane, likeness in zip(
-        made[-len(LIKENESS) :], (*match[light.bare], *light.by_part(match)), strict=True
-    ):
-        plane.put(wanted, _bytes(likeness, *LOG_LIKELIHOOD))
+    rows = (*match[light.bare], *light.by_part(match))
+    for plane, likeness in zip(made[-len(LIKENESS) :], rows, strict=True):
+        _put(plane.reshape(-1), wanted, _bytes(likeness, *LOG_LIKELIHOOD))
     return made
 
 
@@ -183,6 +181,13 @@ def _scaled(values: Float32, low: np.float32, scale: np.float32) -> UInt8:
         byte = (values[i] - low) * scale + np.float32(0.5)
         made[i] = np.uint8(min(max(byte, np.float32(0)), np.float32(255))) if byte == byte else np.uint8(128)
     return made
+
+
+@njit(cache=True, nogil=True)
+def _put(made: UInt8, places: Index, values: UInt8) -> None:
+    """Write values (n,) to places (n,); a fifth of the time of numpy's."""
+    for i in range(len(places)):
+        made[places[i]] = values[i]
 
 
 @njit(cache=True, nogil=True)

@@ -80,9 +80,12 @@ class Reader:
             for top in range(step):
                 for left in range(step):
                     moved = _between(around, top / place, left / place)
-                    found[:, top::step, left::step] = self._of_own(own[:, top::step, left::step], moved)
-        rows, columns = (slice(own.start % place, own.start % place + own.stop - own.start) for own in near)
-        return _softmax(found[:, rows, columns])
+                    scores = self._of_own(own[:, top::step, left::step], moved)
+                    for i, (down, right) in enumerate(np.ndindex(2, 2)):
+                        rows, columns = top + step * down, left + step * right
+                        found[:, rows :: 2 * step, columns :: 2 * step] = scores[i::4]
+        inner = (slice(own.start % place, own.start % place + own.stop - own.start) for own in near)
+        return _softmax(found[:, *inner])
 
     def _of_all(self, planes: UInt8) -> Float32:
         """What the first half says of an image's places (k, h / 4, w / 4), some more at the ends."""
@@ -92,7 +95,7 @@ class Reader:
         return np.asarray(self._around.forward()[0], np.float32)
 
     def _of_own(self, planes: UInt8, around: Float32) -> Float32:
-        """Scores (13, h, w) by channels (24, h, w), and what is around (k, h / 4, w / 4)."""
+        """Scores (13 * 4, h / 2, w / 2) by channels (24, h, w), and what is around (k, h / 4, w / 4)."""
         self._fine.setInput(network_input(planes)[None], INPUT)
         self._fine.setInput(around[None], self._context)
         return np.asarray(self._fine.forward()[0], np.float32)

@@ -12,7 +12,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.person.extract import PersonMask, Survey
 from annotate.reader.borders import with_borders
-from annotate.reader.channels import SEEN, VALID, Rectangle, channels, in_light, rectangle
+from annotate.reader.channels import SEEN, VALID, Rectangle, channels, in_light, rectangle, with_before
 from annotate.reader.network import Reader
 from annotate.reader.segmentation import Segmentation, unlabelled
 from annotate.suit.color_model import CLIPPED, ColorModel, readable, refit_colors, under, unfitted
@@ -50,7 +50,14 @@ class View(NamedTuple):
     rgb: UInt8
     pixels_per_m: float
     colors: UInt8
-    kept: ColorModel | None
+    kept: ColorModel | None = None
+
+    def after(self, before: FrameLabels | None, suit: Suit) -> "View":
+        """The same with the labels of the frame before, if any, and the suit's colours in its light."""
+        if before is None:
+            return self
+        planes = with_before(self.planes, before, self.where)
+        return self._replace(planes=planes, kept=_kept(suit, before))
 
     def step(self, sample_m: float) -> int:
         """Pixels between two samples of images that the network sees, ``sample_m`` metres or more apart."""
@@ -58,27 +65,24 @@ class View(NamedTuple):
         return max(1, round(sample_m * self.pixels_per_m), -(-int(longest) // MOST_SAMPLES))
 
 
-def view_of(
-    cloud: ThermalCloud,
-    survey: Survey,
-    person: PersonMask,
-    suit: Suit,
-    before: FrameLabels | None,
-) -> View | None:
-    """View of the subject, arguments as of ``read``; None where hardly a colour of theirs is readable."""
+def view_of(cloud: ThermalCloud, survey: Survey, person: PersonMask) -> View | None:
+    """View of the subject before any other frame; None where hardly a colour of theirs is readable.
+
+    survey, person: of the same frame, found without the suit.
+    """
     mask = person.mask & cloud.valid
     rgb = cloud.color_rgb[mask]
     usable = readable(rgb, cloud.color_valid[mask])
     if usable.sum() <= MIN_READABLE_SHARE * len(usable):
         return None
     where, pixels_per_m = rectangle(cloud, mask)
-    planes, kept = channels(cloud, survey, person, before, where), _kept(suit, before)
-    return View(where, planes, cloud.color_rgb[where], pixels_per_m, rgb[usable], kept)
+    planes = channels(cloud, survey, person, where)
+    return View(where, planes, cloud.color_rgb[where], pixels_per_m, rgb[usable])
 
 
-def _kept(suit: Suit, before: FrameLabels | None) -> ColorModel | None:
+def _kept(suit: Suit, before: FrameLabels) -> ColorModel | None:
     """The suit's colours in the light that a frame's labels tell, if they do."""
-    gains = before.notes.get(LIGHT) if before else None
+    gains = before.notes.get(LIGHT)
     if not isinstance(gains, list) or [type(gain) for gain in gains] != [float, float]:
         return None
     return under(unfitted(suit), np.array(gains)) if all(abs(gain) <= MOST_GAIN for gain in gains) else None
@@ -86,7 +90,7 @@ def _kept(suit: Suit, before: FrameLabels | None) -> ColorModel | None:
 
 def read(
     cloud: ThermalCloud,
-    survey: Survey,
+    view: View | None,
     person: PersonMask,
     suit: Suit,
     before: FrameLabels | None,
@@ -96,16 +100,16 @@ def read(
 ) -> tuple[Segmentation, PersonMask]:
     """Labels of the subject, and the person with the mask that follows from them.
 
-    survey, person: of the same frame, found without the suit. before: labels of the previous frame. Undefined
-    stay all points of a frame without readable colours; a note gives the reason. Colours alone
+    view: of the person, who was found without the suit. before: labels of the previous frame. Undefined stay
+    all points of a frame without readable colours; a note gives the reason. Colours alone
     may fit a wrong light, and the rectangle is large; so a frame is read roughly first, and then again around
     the parts that this shows, in their light. glance: every second pixel or so alone, for a live picture.
     """
     mask = person.mask & cloud.valid
     notes = diagnosis(cloud.color_rgb[mask], cloud.color_valid[mask])
-    view = view_of(cloud, survey, person, suit, before)
     if view is None:
         return unlabelled(mask, *notes), person
+    view = view.after(before, suit)
     near, light = looked_over(view, suit, reader)
     where, named, sure = (_at_a_glance if glance else finely)(cloud, view, near, light, reader)
     own = (named != BACKGROUND) & (named != OTHER_PERSON)

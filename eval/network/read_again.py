@@ -21,7 +21,7 @@ from annotate.labelset.frames import LabelledFrames, camera_of, pinhole_of
 from annotate.parts import BACKGROUND
 from annotate.person.extract import PersonMask
 from annotate.person.planes import Plane, find_planes
-from annotate.reader.channels import SUBJECT, Rectangle, channels, rectangle
+from annotate.reader.channels import SUBJECT, Rectangle, channels, rectangle, with_before
 from annotate.reader.network import Reader
 from annotate.reader.read import OTHER_PERSON, View, finely
 from sensors.rig.camera import Intrinsics, unproject
@@ -62,8 +62,8 @@ def depth_view(first: FrameLabels, camera: Intrinsics) -> tuple[ThermalCloud, Vi
     persons = mask.astype(np.uint8) if first.persons is None else first.persons
     where, pixels_per_m = rectangle(cloud, mask)
     room = DepthRoom(find_planes(coarse), cloud.temperature_c)
-    seen = channels(cloud, room, PersonMask(mask, "depth", persons), first, where)
-    return cloud, View(where, seen, cloud.color_rgb[where], pixels_per_m, np.zeros((0, 3), np.uint8), None)
+    seen = with_before(channels(cloud, room, PersonMask(mask, "depth", persons), where), first, where)
+    return cloud, View(where, seen, cloud.color_rgb[where], pixels_per_m, np.zeros((0, 3), np.uint8))
 
 
 def read_again(camera: Intrinsics, first: FrameLabels, reader: Reader) -> FrameLabels:

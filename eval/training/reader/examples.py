@@ -19,7 +19,7 @@ from annotate.labelset.store import LabelSet
 from annotate.parts import BACKGROUND
 from annotate.reader.channels import in_light
 from annotate.reader.network import Reader, shipped_reader
-from annotate.reader.read import OTHER_PERSON, looked_over, view_of
+from annotate.reader.read import OTHER_PERSON, looked_over
 from annotate.suit.light import fitted_to
 from annotate.suit.palette import Suit, load_suit, suit_to_toml
 from sensors.errors import CloudError, FormatError
@@ -67,9 +67,10 @@ def example_in(
     """Example of a surveyed frame as ``example_of``; reader: finds the parts' light, None = that of all
     colours."""
     cloud, person = survey.cloud, survey.persons.person(before)
-    view = view_of(cloud, survey.persons, person, suit, before) if person.trusted else None
+    view = survey.view(person) if person.trusted else None
     if view is None:
         return None
+    view = view.after(before, suit)
     target = truth.parts[view.where].copy()
     if truth.persons is not None:
         target[(truth.persons[view.where] > 1) & (target == BACKGROUND)] = OTHER_PERSON
