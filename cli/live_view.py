@@ -161,7 +161,7 @@ def _stance_beside(network: OnnxNetwork, labels: FrameLabels, camera: Intrinsics
     assert labels.persons is not None
     note = network.segment(labels.depth_mm, labels.persons == 1).bearing
     bearing = Bearing.from_note(note)
-    return None if bearing is None else _as_stance(sided(bearing, labels.parts), camera)
+    return None if bearing is None else _as_stance(sided(bearing, labels.parts).seen_by(camera), camera)
 
 
 def _stance(labels: FrameLabels, camera: Intrinsics) -> Stance | None:

@@ -44,6 +44,24 @@ def frame(number: int, facing: float, sure: float = 0.9) -> FrameLabels:
     )
 
 
+@pytest.mark.parametrize("turn", [-170, -90, -30, 0, 45, 120])
+def test_joints_tell_the_facing_of_somebody_seen_from_any_side(turn):
+    """Shoulders and hips turned by some degrees about an upright trunk straight before the camera."""
+    azimuth = np.radians(turn)
+    leftward = np.array([np.cos(azimuth), 0, -np.sin(azimuth)])
+    height = {"head": -0.7, "neck": -0.5, "shoulder": -0.45, "hip": 0.0, "pelvis": 0.0}
+    at = np.zeros((N_JOINTS, 3))
+    for name, k in JOINT.items():
+        side = 150 * (name.startswith("left_") - name.startswith("right_"))
+        at[k] = np.array([0, 1000 * height.get(name.split("_")[-1], 0.3), 2000]) + side * leftward
+    u, v = (at[:, :2] / at[:, 2:] * 60 + (31.5, 23.5)).T
+    seen = replace(bearing(facing=10), joints_px=np.column_stack([u, v, at[:, 2]])).seen_by(CAMERA)
+    assert abs((seen.facing_deg - turn + 180) % 360 - 180) < 1e-6
+    assert seen.facing_sure == bearing().facing_sure
+    off = seen.exchanged().seen_by(CAMERA).facing_deg - seen.exchanged().facing_deg
+    assert abs((off + 180) % 360 - 180) < 1e-6
+
+
 def test_a_note_holds_it():
     back = Bearing.from_note(json.loads(json.dumps(bearing().note())))
     assert back is not None and back.note() == bearing().note()

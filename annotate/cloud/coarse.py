@@ -33,10 +33,11 @@ REDUCTIONS = (8, 4, 2)
 class CoarseCloud:
     """Coarse cloud of a frame, and what it was taken from.
 
-    depth_mm: uint16 (h, w), the whole undistorted image. cloud: of (h // stride, w // stride) points. pixel:
-    flat index of each point's pixel in the whole image, -1 = none.
+    camera: the undistorted depth camera. depth_mm: uint16 (h, w), its whole image. cloud: of (h // stride,
+    w // stride) points. pixel: flat index of each point's pixel in the whole image, -1 = none.
     """
 
+    camera: Intrinsics
     depth_mm: UInt16
     cloud: ThermalCloud
     pixel: Index
@@ -58,7 +59,7 @@ class CoarseCloud:
             whole.color_valid.take(at),
             whole.temperature_c.take(at),
         )
-        return cls(whole.depth_mm, cloud, pixel, stride)
+        return cls(whole.camera, whole.depth_mm, cloud, pixel, stride)
 
     def enlarged(self, whose: UInt8) -> UInt8:
         """Numbers (h, w) of the whole image's pixels by those of the points, 0 where there is no reading."""
@@ -104,7 +105,8 @@ class CoarseFuser:
         whole = _undistorted(np.ascontiguousarray(depth_mm).ravel(), self._source)
         pixel = _chosen(whole, self._stride)
         coarse = np.where(pixel >= 0, whole.ravel()[pixel], np.uint16(0))
-        return CoarseCloud(whole, self._fuser.fuse(coarse, color_rgb, thermal_c), pixel, self._stride)
+        cloud = self._fuser.fuse(coarse, color_rgb, thermal_c)
+        return CoarseCloud(self.camera, whole, cloud, pixel, self._stride)
 
 
 def enlarged(depth_mm: UInt16, pixel: Index, whose: UInt8, stride: int) -> UInt8:

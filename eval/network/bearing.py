@@ -8,8 +8,9 @@ import numpy as np
 from annotate.array_types import Bool, Float32, Float64, UInt16
 from annotate.crop import RANGE_MM, Crop
 from annotate.posture import POSTURES
-from eval.scores.joints import JOINT_NAMES, N_JOINTS, TWIN
+from eval.scores.joints import IN_SKELETON, JOINT_NAMES, N_JOINTS, TWIN
 from sensors.rig.camera import Intrinsics
+from synth.body.skeleton import N_JOINTS as N_SKELETON
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,18 @@ class Bearing:
         """Cosine and sine of the azimuth (2,), as long as it is sure."""
         azimuth = np.radians(self.facing_deg)
         return self.facing_sure * np.array([np.cos(azimuth), np.sin(azimuth)])
+
+    def seen_by(self, camera: Intrinsics) -> "Bearing":
+        """The person with the facing that the joints tell, which is surer than the network's own.
+
+        camera: the undistorted depth camera; a crop alone does not show from which side it is looked at.
+        """
+        from synth.images.stance import facing_deg
+
+        placed = np.full((N_SKELETON, 3), np.nan)
+        placed[IN_SKELETON] = self.joints_mm(camera)
+        azimuth_deg = facing_deg(placed)
+        return replace(self, facing_deg=azimuth_deg) if np.isfinite(azimuth_deg) else self
 
     def exchanged(self) -> "Bearing":
         """The person with left and right exchanged, and front and back with them."""

@@ -16,6 +16,7 @@ from annotate.labelset.frames import LabelledFrames
 from annotate.labelset.store import LabelSet
 from annotate.reader.network import Reader
 from annotate.reader.segmentation import Segmentation
+from eval.network.bearing import Bearing
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.read_again import camera_in, read_again
 from sensors.errors import CloudError, FormatError
@@ -128,6 +129,8 @@ def _write(
     result: Segmentation,
 ) -> None:
     notes = notes_of(result)
+    if (bearing := Bearing.from_note(result.bearing)) is not None:
+        notes["bearing"] = bearing.seen_by(camera_in(frames, frame)).note()
     notes |= {name: frame.notes[name] for name in ("crop", "intrinsics") if name in frame.notes}
     labelled = replace(frame, parts=result.parts, confidence=result.confidence, status="auto", notes=notes)
     if readers:

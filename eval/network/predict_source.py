@@ -112,7 +112,8 @@ class NetworkSurvey:
             return result
         parts = np.where(coarse.pixel >= 0, result.parts.ravel()[coarse.pixel], np.uint8(0))
         support = support_of(bearing.name, parts, coarse.cloud.points_m, self._survey.planes)
-        return replace(result, bearing=replace(bearing, support=support).note())
+        bearing = replace(bearing, support=support).seen_by(coarse.camera)
+        return replace(result, bearing=bearing.note())
 
 
 def _labels_again(

@@ -16,12 +16,14 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Float32, UInt8
-from annotate.crop import RANGE_MM, network_crop, normalize
+from annotate.crop import RANGE_MM, network_crop, normalize, person_of
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.frames import open_frames
 from annotate.parts import UNDEFINED
 from annotate.posture import POSTURES
+from eval.network.bearing import Bearing
 from eval.network.onnx_network import OnnxNetwork
+from eval.network.read_again import camera_in
 from eval.scores.confusion import confusion_matrix, left_right_swap_rate, mean_recall
 from eval.training.crops import to_crop
 from eval.training.whole import FACING, POSTURE, whole_person
@@ -114,21 +116,24 @@ def groups(frame: FrameLabels, row: Float32) -> Iterator[str]:
 def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
     """Counts of a dataset's images by group."""
     frames, tallies = open_frames(path), defaultdict[str, Tally](Tally)
-    waiting: list[tuple[Crop, str, list[str], Float32 | None]] = []
+    waiting: list[tuple[Crop, FrameLabels, list[str], Float32 | None]] = []
 
     def count() -> None:
         planes, *whole = network.answers(np.stack([crop[0] for crop, *_ in waiting]))
-        for k, ((depth, parts), frame_id, names, row) in enumerate(waiting):
+        for k, ((depth, parts), frame, names, row) in enumerate(waiting):
             found = np.where(depth > 0, planes[k][1:].argmax(0) + 1, 0).astype(np.uint8)
             matrix = confusion_matrix(np.where(depth > 0, parts, np.uint8(UNDEFINED)), found)
             facing = posture = (False, False)
             if whole and row is not None and np.isfinite(row[FACING]).all():
-                facing = bool(whole[0][k] @ row[FACING] > _COS * np.hypot(*whole[0][k])), True
+                mask = person_of(frame.parts) & (frame.depth_mm > 0)
+                own = Bearing.of(network_crop(mask), frame.depth_mm, mask, *(values[k] for values in whole))
+                azimuth = np.radians(own.seen_by(camera_in(frames, frame)).facing_deg)
+                facing = bool(np.array([np.cos(azimuth), np.sin(azimuth)]) @ row[FACING] > _COS), True
             if whole and row is not None and np.isfinite(row[POSTURE]):
                 posture = int(whole[1][k].argmax()) == row[POSTURE], True
             for name in names:
                 tally = tallies[name]
-                tally.ids.append(frame_id)
+                tally.ids.append(frame.frame_id)
                 tally.matrices.append(matrix)
                 tally.facing.append(facing)
                 tally.posture.append(posture)
@@ -136,10 +141,10 @@ def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
 
     for number, frame in enumerate(frames):
         crop, row = to_crop(frame), whole_person(frames, frame)
-        waiting.append((crop, frame.frame_id, list(groups(frame, row)), row))
+        waiting.append((crop, frame, list(groups(frame, row)), row))
         if number % EACH == 0:
             changed = ((name, change(crop)) for name, change in CHANGES.items())
-            waiting += [(crop, frame.frame_id, [name], None) for name, crop in changed if crop is not None]
+            waiting += [(crop, frame, [name], None) for name, crop in changed if crop is not None]
         if len(waiting) >= BATCH:
             count()
     if waiting:
