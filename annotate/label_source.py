@@ -119,7 +119,7 @@ class SuitSurvey:
 
     def view(self, person: PersonMask) -> View | None:
         """What the reader sees of a trusted person of the frame; None where their colours cannot be read."""
-        if self.likely.trusted and person.persons is self.likely.persons:
+        if self.likely.trusted and np.array_equal(person.persons, self.likely.persons):
             return self.seen
         return view_of(self.cloud, self.persons, person)
 

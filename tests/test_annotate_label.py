@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from conftest import tree
 
+from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.label_source import label_source, run
+from annotate.label_source import SuitSurvey, label_source, run
 from annotate.labelset.store import LabelSet
 from annotate.parts import UNDEFINED
 from annotate.person.extract import PersonMask
@@ -216,3 +217,10 @@ def test_remarks_name_the_frames(tmp_path, session):
     empty = Altered(session, lambda f: replace(f, depth_mm=np.zeros_like(f.depth_mm)) if f.index == 1 else f)
     remarks = label_source(empty, DEFAULT_SUIT, tmp_path / "l", silent).remarks()
     assert ["000001"] in remarks.values()
+
+
+def test_what_the_reader_sees_is_gathered_ahead_of_the_frames_turn(rig_session):
+    """Once: in its turn the same subject is not looked at again."""
+    source = Session(rig_session)
+    survey = SuitSurvey.of(Fuser(source.calibration).fuse_frame(next(iter(source))), DEFAULT_SUIT)
+    assert survey.seen is not None and survey.view(survey.persons.person(None)) is survey.seen
