@@ -180,6 +180,6 @@ def _contrasts(warmth: Float32, inside: Int64, outside: Int64, shifts: Int64) ->
                     if not np.isnan(difference):
                         total += difference
                         known += 1
-            if known and seen > inside.shape[0] // 2:
+            if known >= LEAST_EDGES and seen > inside.shape[0] // 2:
                 contrast[i, j] = total / known
     return contrast

@@ -117,16 +117,16 @@ def _best(lines: Float32, tried: Index) -> int:
     lines: (6, n), points in metres and normals.
     """
     x, y, z, right, down, ahead = lines
-    weight = np.rint(100 * z**2).astype(np.int32)  # whole numbers add up in any order
-    best, most = 0, np.int32(-1)
+    weight = np.rint(100 * z**2).astype(np.int64)  # whole numbers add up in any order
+    best, most = 0, np.int64(-1)
     for i in tried:
         a, b, c = right[i], down[i], ahead[i]
-        offset, area = a * x[i] + b * y[i] + c * z[i], np.int32(0)
+        offset, area = a * x[i] + b * y[i] + c * z[i], np.int64(0)
         for j in range(x.size):
             # Twice the tolerance: the trial plane has one point's noise.
             close = abs(a * x[j] + b * y[j] + c * z[j] - offset) < np.float32(2 * TOLERANCE) * z[j]
             along = a * right[j] + b * down[j] + c * ahead[j] > np.float32(LEAST_COSINE)
-            area += weight[j] * np.int32(close & along)
+            area += weight[j] * np.int64(close & along)
         if area > most:
             best, most = i, area
     return best
