@@ -49,7 +49,6 @@ MIN_PERSON_M2, MOST_PERSON_M2 = 0.03, 2.5
 adult. Chosen by eye."""
 MOST_PERSONS = 255
 """Most persons of one frame, and their highest number: an image of persons has eight bits."""
-_AT_WORK = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -133,9 +132,10 @@ def network_input(depth_m: Float32, warmth: Float32) -> Float32:
 
 
 @cache
-def _network() -> cv2.dnn.Net:
+def _network() -> tuple[cv2.dnn.Net, threading.Lock]:
+    """The shipped network, which one thread at a time may use, and what they wait for."""
     model = files("annotate").joinpath("person/finder.onnx").read_bytes()
-    return cv2.dnn.readNetFromONNX(np.frombuffer(model, np.uint8))
+    return cv2.dnn.readNetFromONNX(np.frombuffer(model, np.uint8)), threading.Lock()
 
 
 def _found(points_m: Float32, warmth: Float32) -> tuple[Float32, Float32]:
@@ -147,8 +147,8 @@ def _found(points_m: Float32, warmth: Float32) -> tuple[Float32, Float32]:
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
     image = np.pad(points_m[..., 2], more)
     voters = points_m[::2, ::2]
-    with _AT_WORK:
-        network = _network()
+    network, at_work = _network()
+    with at_work:
         network.setInput(network_input(image, np.pad(warmth, more))[None])
         found = network.forward()[0]
     odds = np.empty(image.shape, np.float32)

@@ -21,6 +21,8 @@ PLANE_STRIDE = 3
 """Pixels between the rows and the columns in which planes are sought. Chosen by eye."""
 TRIALS = 40
 """Points of these that are tried as the next plane. Chosen by eye."""
+MOST_PLANES = 16
+"""Planes of a cloud at most: a rough surface far away would fall apart into a hundred. Chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Plane:
 
 
 def find_planes(cloud: ThermalCloud) -> tuple[Plane, ...]:
-    """Planes of at least ``MIN_PLANE_M2`` visible surface, the best supported first.
+    """Planes of at least ``MIN_PLANE_M2`` visible surface, ``MOST_PLANES`` at most, the best supported first.
 
     One-point RANSAC, since a point with its normal is a plane, then least squares on the inliers; the same
     cloud gives the same planes.
@@ -51,7 +53,7 @@ def find_planes(cloud: ThermalCloud) -> tuple[Plane, ...]:
     pixel_m2 = lines[2] ** 2 * np.float32(PLANE_STRIDE**2 / (camera.fx * camera.fy))
     rng = np.random.default_rng(0)
     planes: list[Plane] = []
-    while lines.size:
+    while lines.size and len(planes) < MOST_PLANES:
         lines = np.ascontiguousarray(lines)
         best = _best(lines, rng.permutation(lines.shape[1])[:TRIALS])
         plane, on = _fitted(lines, pixel_m2, best)

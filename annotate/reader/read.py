@@ -100,10 +100,10 @@ def read(
 ) -> tuple[Segmentation, PersonMask]:
     """Labels of the subject, and the person with the mask that follows from them.
 
-    view: of the person, who was found without the suit. before: labels of the previous frame. Undefined stay
-    all points of a frame without readable colours; a note gives the reason. Colours alone
-    may fit a wrong light, and the rectangle is large; so a frame is read roughly first, and then again around
-    the parts that this shows, in their light. glance: every second pixel or so alone, for a live picture.
+    view: of the person, who was found without the suit. before: labels of the previous frame. All points of a
+    frame without readable colours stay undefined; a note gives the reason. Colours alone may fit a wrong
+    light, and the rectangle is large; so a frame is read roughly first, and then again around the parts that
+    this shows, in their light. glance: every second pixel or so alone, for a live picture.
     """
     mask = person.mask & cloud.valid
     notes = diagnosis(cloud.color_rgb[mask], cloud.color_valid[mask])

@@ -52,7 +52,8 @@ class Bearing:
         return self.facing_sure * np.array([np.cos(azimuth), np.sin(azimuth)])
 
     def seen_by(self, camera: Intrinsics) -> "Bearing":
-        """The person with the facing that the joints tell, which is surer than the network's own.
+        """The person with the facing that the joints tell, which is right more often than the network's own;
+        how sure it is, is still said by that.
 
         camera: the undistorted depth camera; a crop alone does not show from which side it is looked at.
         """
