@@ -168,12 +168,11 @@ def predict(
     joints: Annotated[
         Path | None, Option(help="Also write joints, facing and posture there: .jsonl or .csv.")
     ] = None,
-    everybody: Annotated[
-        bool, Option("--everybody", help="Label all persons of a recording, not the subject alone.")
-    ] = False,
+    everybody: Annotated[bool, Option("--everybody", help="Label all persons, not the subject.")] = False,
     again: Annotated[
-        bool, Option("--again", help="Read the labels again in the room's depth: better outlines, more time.")
-    ] = False,
+        bool | None,
+        Option(help="Read them again in the room's depth: better outlines.", show_default="recordings alone"),
+    ] = None,
     learnt: Annotated[
         Path | None, Option(help="Reader (.onnx) from learn that reads them again, of this person and room.")
     ] = None,
@@ -225,7 +224,7 @@ class _Prediction(NamedTuple):
     window_c: tuple[float, float] | None
     probabilities: bool
     everybody: bool
-    again: bool
+    again: bool | None
     learnt: Path | None
 
 
@@ -246,10 +245,11 @@ def _work(
     from eval.network.read_again import shipped_again
 
     network = OnnxNetwork(how.weights or SHIPPED_WEIGHTS)
-    readers = [shipped_again()] if how.again else []
-    readers += [Reader(how.learnt)] if how.learnt else []
+    readers = [Reader(how.learnt)] if how.learnt else []
     if isinstance(opened, LabelledFrames):
+        readers = [shipped_again(), *readers] if how.again else readers
         return partial(predict_frames, opened, network, out, probabilities=how.probabilities, readers=readers)
+    once = how.again is False or how.probabilities or how.everybody
     return partial(
         predict_source,
         opened,
@@ -258,6 +258,7 @@ def _work(
         window_c=how.window_c,
         probabilities=how.probabilities,
         everybody=how.everybody,
+        again=None if once else shipped_again(),
         readers=readers,
     )
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from annotate.crop import person_of
 from annotate.labelset.store import LabelSet
 from annotate.reader.channels import CHANNELS, LIKENESS
 from annotate.reader.network import Reader
@@ -16,6 +17,21 @@ from eval.network.read_again import SHIPPED_AGAIN, camera_in, depth_view, read_a
 from sensors.session.reader import Session
 from synth.rig.simulate import truth_path
 from tools.measure.read_again import Cold
+
+
+class CutOut(Cold):
+    """A recording of which persons (h, w) alone are left; its depth camera has no lens distortion."""
+
+    def __init__(self, source, persons):
+        super().__init__(source)
+        self._persons = persons
+        self.calibration = replace(source.calibration, depth=source.calibration.depth.undistorted())
+
+    def __iter__(self):
+        for frame, person in zip(self._source, self._persons, strict=True):
+            yield replace(
+                frame, thermal_c=None, depth_mm=np.where(person, frame.depth_mm, 0).astype(np.uint16)
+            )
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +60,20 @@ def test_a_recording_is_read_again_as_its_labels_are(first, again, learnt):
         assert two.notes["bearing"] == one.notes["bearing"] == read.notes["bearing"]
         assert two.notes["confidence"] == read.notes["confidence"] != one.notes["confidence"]
     assert again.info["steps"]["predict"]["readers"] == [learnt.sha256]
+
+
+def test_it_reads_again_where_a_frame_shows_the_room(tmp_path, rig_session, first, again, learnt):
+    session, network = Session(rig_session), OnnxNetwork()
+
+    def found(name: str, source) -> LabelSet:
+        return predict_source(source, network, tmp_path / name, lambda n: None, again=learnt).labels
+
+    for one, two in zip(found("room", session), again, strict=True):
+        np.testing.assert_array_equal(one.parts, two.parts)
+    cut_out = CutOut(session, [person_of(frame.parts) for frame in first])
+    alone = predict_source(cut_out, network, tmp_path / "alone", lambda n: None).labels
+    for one, two in zip(found("cut out", cut_out), alone, strict=True):
+        np.testing.assert_array_equal(one.parts, two.parts)
 
 
 def test_a_label_set_is_read_again_as_a_recording_is(tmp_path, first, learnt):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from annotate.array_types import Bool
+from annotate.array_types import Bool, UInt16
 from annotate.cloud.coarse import CoarseCloud, CoarseFuser
 from annotate.frame_labels import FrameLabels
 from annotate.label_source import Run, run
@@ -34,25 +34,28 @@ def predict_source(
     *,
     probabilities: bool = False,
     everybody: bool = False,
+    again: Reader | None = None,
     readers: Sequence[Reader] = (),
 ) -> Run:
     """Extract the person of every frame of a source and label it by the network; resumes.
 
-    everybody: label all persons, not the subject alone. readers: what reads the labels again, in turn. Raises
-    what ``label_source.run`` raises; CloudError where these do not go together.
+    everybody: label all persons, not the subject alone. again: reads the labels again where a frame shows the
+    room. readers: what reads them again everywhere, in turn. Raises what ``label_source.run`` raises;
+    CloudError where these do not go together.
     """
     if everybody and probabilities:
         raise CloudError("probabilities are kept of one person; leave --probabilities or --everybody out")
-    if readers and (everybody or probabilities):
+    every = [reader for reader in (again, *readers) if reader]
+    if every and (everybody or probabilities):
         raise CloudError(ONE_PERSON)
     camera = source.calibration.depth.undistorted()
 
     def survey(cloud: CoarseCloud) -> NetworkSurvey:
         return NetworkSurvey(cloud, network, window_c, probabilities=probabilities, everybody=everybody)
 
-    step = step_of(network, probabilities, readers) | {"window_c": list(window_c) if window_c else None}
+    step = step_of(network, probabilities, every) | {"window_c": list(window_c) if window_c else None}
     step |= {"everybody": True} if everybody else {}
-    labeller = partial(_labels_again, readers, camera) if readers else NetworkSurvey.labels
+    labeller = partial(_labels_again, again, readers, camera) if every else NetworkSurvey.labels
     return run(source, {"predict": step}, out, labeller, progress, survey, CoarseFuser)
 
 
@@ -117,17 +120,28 @@ class NetworkSurvey:
 
 
 def _labels_again(
-    readers: Sequence[Reader], camera: Intrinsics, survey: NetworkSurvey, before: FrameLabels | None
+    again: Reader | None,
+    readers: Sequence[Reader],
+    camera: Intrinsics,
+    survey: NetworkSurvey,
+    before: FrameLabels | None,
 ) -> tuple[Segmentation, PersonMask]:
     """Labels of a frame and its mask by the network, read again."""
     found, person = survey.labels(before)
     if not person.mask.any() or not person.trusted:
         return found, person
     first = FrameLabels("", survey.depth_mm, found.parts, found.confidence, persons=person.persons)
+    if again and _shows_more(survey.depth_mm, person.mask):
+        readers = again, *readers
     read = reduce(partial(read_again, camera), readers, first)
     assert read.confidence is not None and read.persons is not None
     found = replace(found, parts=read.parts, confidence=read.confidence)
     return found, replace(person, mask=read.persons == 1, persons=read.persons)
+
+
+def _shows_more(depth_mm: UInt16, person: Bool) -> bool:
+    """Whether a depth image (h, w) shows more than its person (h, w): one cut out has no room around."""
+    return int(np.count_nonzero(depth_mm)) > 2 * int(np.count_nonzero(person))
 
 
 def _together(results: Sequence[tuple[int, Segmentation]], nobody: Bool) -> Segmentation:
