@@ -1,7 +1,8 @@
 """What reading a network's labels again gives: python -m tools.measure.read_again.
 
 Mean recall, person IoU and swaps of the network alone and of `predict`, 24 frames of eight people, two
-seconds apart, on each recording of the virtual rig that nothing was chosen by, with its thermal camera and without.
+seconds apart, on each recording of the virtual rig that nothing was chosen by, with its thermal camera and
+without.
 """
 
 import tempfile
