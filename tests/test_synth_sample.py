@@ -15,6 +15,8 @@ from synth.body.skeleton import N_JOINTS
 from synth.images.presets import PRESETS, preset_named, sample
 from synth.images.view import cut, occluder, visibility
 from synth.images.viewpoints import inside_image
+from synth.pose.moment import NEARLY_THERE, PoseFamily
+from synth.pose.naming import posture_of
 from synth.pose.postures import IN_BED, SITTING, UPRIGHT
 from synth.pose.stances import stances
 from synth.surface.rasterize import NEAR_M
@@ -193,3 +195,17 @@ def test_people_stand_sit_lie_and_crouch():
     activities = {n["activity"] for n in drawn("people")}
     assert all(activities & set(family.activities) for family in (SITTING, IN_BED, UPRIGHT))
     assert activities & set(stances())
+
+
+def test_a_person_between_two_postures_has_none_and_else_that_of_the_nearer():
+    still, rng, seen = {"x": (0.0, 0.0)}, np.random.default_rng(5), set()
+    family = PoseFamily(still, {"kneeling": still, "standing": {"x": (1.0, 0.0)}})
+    for _ in range(300):
+        activities, moment = family.single(rng)
+        nearer = "kneeling" if moment["x"] <= 0.5 else "standing"
+        between = NEARLY_THERE < moment["x"] < 1 - NEARLY_THERE
+        assert activities[0] == nearer and len(activities) == 1 + between
+        assert posture_of(*activities) == (None if between else nearer)
+        seen.add(activities)
+    assert len(seen) == 4
+    assert posture_of("kneeling", "half_kneeling_left") == "kneeling" and posture_of("juggling") is None

@@ -28,8 +28,8 @@ def whole_person(frames: LabelledFrames, frame: FrameLabels) -> Float32:
     from synth.images.stance import facing_deg
 
     row = nothing_known()
-    posture = posture_of(str(frame.notes.get("activity", "")))
-    if posture is not None:
+    posture = frame.notes.get("posture", posture_of(str(frame.notes.get("activity", ""))))
+    if posture in POSTURES:
         row[POSTURE] = POSTURES.index(posture)
     joints_mm = np.array(frame.notes.get("joints_mm", ()), np.float64)
     if joints_mm.shape != (N_SKELETON, 3) or not np.isfinite(joints_mm).all():

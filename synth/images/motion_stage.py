@@ -22,7 +22,7 @@ class Moved:
         """A body as somebody was in a recording."""
         name, motion, frame = self.repertoire.draw(rng)
         if not motion.sits[frame]:
-            return Stage(name, *stand(body, motion, frame), Ground().mesh(), Around(), bags=True)
+            return Stage((name,), *stand(body, motion, frame), Ground().mesh(), Around(), bags=True)
         kind = Sofa if rng.random() < 0.5 else Chair
         posed, seat = take_seat(body, motion, frame, kind.sample(rng))
-        return Stage(name, *posed, seat.mesh(), Around())
+        return Stage((name,), *posed, seat.mesh(), Around())

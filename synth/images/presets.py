@@ -25,6 +25,7 @@ from synth.images.stance import facing_deg
 from synth.images.view import PersonView, cut, occluder, render_view, visibility
 from synth.images.viewpoints import Shot, inside_image
 from synth.motion.repertoire import Repertoire
+from synth.pose.naming import posture_of
 from synth.surface.rasterize import merge
 
 MIN_PIXELS, MIN_VISIBLE = 400, 0.4
@@ -67,11 +68,11 @@ class Preset:
 def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     """Image ``index`` of a preset: the person's crop, 212 x 212, depth in millimetres, parts, provenance.
 
-    Notes: activity; crop (top, left, side) in the sensor's image; joints_mm, camera frame; camera
-    (azimuth_deg from the sofa's front, the bed's foot or the pelvis of who stands, height_m, distance_m);
-    visible, the share of the person that furniture, occluders and extraction left, whole and per part;
-    occluders, how many things stand in front; cut, the share of the person's pixels that the extraction lost.
-    ``described`` presets add those of ``_description``.
+    Notes: activity, the nearer of two; posture, None on the way between two; crop (top, left, side) in the
+    sensor's image; joints_mm, camera frame; camera (azimuth_deg from the sofa's front, the bed's foot or the
+    pelvis of who stands, height_m, distance_m); visible, the share of the person that furniture, occluders
+    and extraction left, whole and per part; occluders, how many things stand in front; cut, the share of the
+    person's pixels that the extraction lost. ``described`` presets add those of ``_description``.
     """
     rng = np.random.default_rng((preset.stream, seed, index))
     person = _person(preset.people, preset.stream, seed, index // preset.each)
@@ -98,7 +99,8 @@ def sample(preset: Preset, seed: int, index: int) -> FrameLabels:
     else:
         raise AssertionError(f"sample {preset.name}/{seed}/{index} shows no person")
     notes = {
-        "activity": stage.activity,
+        "activity": stage.activities[0],
+        "posture": posture_of(*stage.activities),
         "crop": [crop.top + view.corner[0], crop.left + view.corner[1], crop.side],
         **_geometry(stage, shot, joints),
         "visible": _rounded(visibility(np.where(mask, view.parts, np.uint8(0)), view.whole)),

@@ -28,10 +28,11 @@ class Stage:
     """A posed person among furniture, world frame, metres.
 
     vertices_m: float32 (V, 3). joints_m: (J, 3). around: closed meshes. view: draws the camera's place.
-    notes: what else is known of the pose, for a frame's notes. bags: whether the person carries their bag.
+    activities: names of what the person does, or of the two that they are between, the nearer first. notes:
+    what else is known of the pose, for a frame's notes. bags: whether the person carries their bag.
     """
 
-    activity: str
+    activities: tuple[str, ...]
     vertices_m: Float32
     joints_m: Float64
     around: Mesh
@@ -43,8 +44,8 @@ class Stage:
 Staging = Callable[[np.random.Generator, Body], Stage]
 
 
-def _stage(activity: str, posed: Posed, around: Mesh, view: Viewpoint) -> Stage:
-    return Stage(activity, *posed, around, view)
+def _stage(activities: tuple[str, ...], posed: Posed, around: Mesh, view: Viewpoint) -> Stage:
+    return Stage(activities, *posed, around, view)
 
 
 def sitting(rng: np.random.Generator, body: Body) -> Stage:
@@ -54,24 +55,24 @@ def sitting(rng: np.random.Generator, body: Body) -> Stage:
 
 def _sitting(rng: np.random.Generator, body: Body, kind: type[Seat]) -> Stage:
     seat = kind.sample(rng)
-    activity, moment = SITTING.single(rng)
-    return _stage(activity, sit(body, seat, moment), seat.mesh(), looking(before))
+    activities, moment = SITTING.single(rng)
+    return _stage(activities, sit(body, seat, moment), seat.mesh(), looking(before))
 
 
 def recumbent(rng: np.random.Generator, body: Body) -> Stage:
     """In bed or fallen on the floor, seen from all around, several heights."""
     is_fallen = rng.random() < FALLEN_SHARE
-    activity, moment = (FALLEN if is_fallen else IN_BED).single(rng)
+    activities, moment = (FALLEN if is_fallen else IN_BED).single(rng)
     support = Ground() if is_fallen else Bed.sample(rng)
-    return _stage(activity, lie(body, support, moment), support.mesh(), looking(above))
+    return _stage(activities, lie(body, support, moment), support.mesh(), looking(above))
 
 
 def upright(rng: np.random.Generator, body: Body) -> Stage:
     """Standing, crouching, kneeling, getting up, in front of a seat or in the open, seen from all around."""
     kind = (None, Sofa, Chair)[int(rng.integers(3))]
     seat = None if kind is None else kind.sample(rng)
-    activity, moment = UPRIGHT.single(rng)
-    return _stage(activity, rise(body, seat, moment), (seat or Ground()).mesh(), looking(all_round))
+    activities, moment = UPRIGHT.single(rng)
+    return _stage(activities, rise(body, seat, moment), (seat or Ground()).mesh(), looking(all_round))
 
 
 def standing(rng: np.random.Generator, body: Body) -> Stage:
@@ -81,7 +82,7 @@ def standing(rng: np.random.Generator, body: Body) -> Stage:
     floor = Ground().mesh()
     around = merge([floor, *stood.things]) if stood.things else floor
     hands = {"hands": dict(how.hands), "stands": how.stands}
-    return Stage(how.stance, stood.vertices_m, stood.joints_m, around, Around(), hands, bags=True)
+    return Stage((how.stance,), stood.vertices_m, stood.joints_m, around, Around(), hands, bags=True)
 
 
 STANDING_SHARE = 0.4

@@ -29,6 +29,8 @@ PACE_PER_S = 110.0
 No source: chosen by eye."""
 SHARE_AT_REST = 0.6
 """Of single images, those in mid-activity; the others glide to another one. No source: chosen by eye."""
+NEARLY_THERE = 0.25
+"""Share of the way to another activity up to which a moment is one of the first. No source: chosen by eye."""
 _TO_THE_LEFT = {"heading", "roll", "off", "lean", "twist", "turn", "hand_x"}
 """Numbers that change their sign when left and right are exchanged."""
 
@@ -45,12 +47,16 @@ class PoseFamily:
         spreads = {**self.base, **self.activities[activity]}
         return {name: float(rng.normal(*spread)) for name, spread in spreads.items()}
 
-    def single(self, rng: np.random.Generator) -> tuple[str, Moment]:
-        """A moment of one activity, or on the way from it to another, and the first one's name."""
+    def single(self, rng: np.random.Generator) -> tuple[tuple[str, ...], Moment]:
+        """A moment of one activity, or on the way to another; its name, or both, the nearer one's first."""
         names = tuple(self.activities)
         first = str(rng.choice(names))
         second = first if rng.random() < SHARE_AT_REST else str(rng.choice(names))
-        return first, glide(self.draw(first, rng), self.draw(second, rng), float(rng.random()))
+        start, end, share = self.draw(first, rng), self.draw(second, rng), float(rng.random())
+        way = _eased(share)
+        nearer, other = (first, second) if way <= 0.5 else (second, first)
+        between = first != second and min(way, 1 - way) > NEARLY_THERE
+        return (nearer, other) if between else (nearer,), glide(start, end, share)
 
 
 @dataclass(frozen=True)
@@ -81,8 +87,12 @@ class Behaviour:
 
 def glide(start: Moment, end: Moment, share: float) -> Moment:
     """The moment a share in [0, 1] of the way, starting and ending at rest (smoothstep)."""
-    s = share * share * (3 - 2 * share)
+    s = _eased(share)
     return {name: (1 - s) * start[name] + s * end[name] for name in start}
+
+
+def _eased(share: float) -> float:
+    return share * share * (3 - 2 * share)
 
 
 @cache

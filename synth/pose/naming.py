@@ -19,9 +19,10 @@ _ON_THE_FLOOR = {
 """Upright and standing people; somebody who gets up is between two postures and has none."""
 
 
-def posture_of(activity: str) -> str | None:
-    """Posture of an activity of ``synth/data/poses``; None on the way between two, or of one not known."""
-    return _postures().get(activity)
+def posture_of(*activities: str) -> str | None:
+    """Posture that activities of ``synth/data/poses`` share; None between two, or of one not known."""
+    postures = {_postures().get(activity) for activity in activities}
+    return postures.pop() if len(postures) == 1 else None
 
 
 @lru_cache(maxsize=1)
