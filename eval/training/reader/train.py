@@ -18,7 +18,7 @@ from annotate.reader.channels import network_input
 from annotate.reader.network import CLASSES
 from eval.network.checkpoint import Progress, load_checkpoint, save_checkpoint
 from eval.training.average import Average
-from eval.training.plan import one_cycle
+from eval.training.plan import Precision, one_cycle
 from eval.training.reader.examples import Example, Stock
 from eval.training.reader.net import ReaderNet
 from eval.training.reader.samples import drawn
@@ -39,6 +39,7 @@ class Stage:
     sample_m: metres between two samples. side: samples along a drawn image's side, a multiple of 16.
     averaged: decay of the weights' moving average, whose network goes on with the next stage. statistics:
     whether normalisation learns those of the batches, or keeps its own. by_part, spoilt: as of ``drawn``.
+    precision: of the forward pass.
     """
 
     sample_m: float
@@ -49,6 +50,7 @@ class Stage:
     statistics: bool = True
     by_part: bool = False
     spoilt: bool = True
+    precision: Precision = "float32"
 
 
 Watch = Callable[[int, float], None]
@@ -77,7 +79,7 @@ def trained(
         for group in optimizer.param_groups:
             group["lr"] = stage.peak_rate * one_cycle(progress.step / stage.steps)
         network.train(stage.statistics)
-        loss = _step(network, optimizer, _batch(stock, stage, seed, progress.step))
+        loss = _step(network, optimizer, _batch(stock, stage, seed, progress.step), stage.precision)
         progress.step += 1
         average.add(network, progress.step)
         watch(progress.step, loss)
@@ -101,11 +103,16 @@ def _batch(stock: Stock | Sequence[Example], stage: Stage, seed: int, step: int)
     return inputs.contiguous(memory_format=torch.channels_last), targets
 
 
-def _step(network: ReaderNet, optimizer: torch.optim.Optimizer, batch: tuple[Tensor, Tensor]) -> float:
+def _step(
+    network: ReaderNet, optimizer: torch.optim.Optimizer, batch: tuple[Tensor, Tensor], precision: Precision
+) -> float:
     """One step of the optimizer; its loss, the mean cross entropy of the samples that are known."""
     weight = torch.ones(CLASSES)
     weight[BACKGROUND] = ROOM_WEIGHT
-    loss = nn.functional.cross_entropy(network(batch[0]), batch[1], weight, ignore_index=UNDEFINED)
+    # Left after each step: as long as it lasts, the weights that it once rounded are used.
+    with torch.autocast("cpu", torch.bfloat16, enabled=precision == "bfloat16"):
+        scores = network(batch[0])
+    loss = nn.functional.cross_entropy(scores.float(), batch[1], weight, ignore_index=UNDEFINED)
     if not math.isfinite(loss.item()):
         raise CloudError("the loss is no longer finite; train with another --seed")
     optimizer.zero_grad()
