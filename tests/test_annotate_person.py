@@ -12,7 +12,7 @@ from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
 from annotate.person.extract import Survey
-from annotate.person.planes import find_planes
+from annotate.person.planes import MOST_PLANES, find_planes
 from annotate.person.subject import cloths_shown
 from annotate.person.warmth import WINDOW_C
 from annotate.suit.palette import DEFAULT_SUIT
@@ -49,6 +49,17 @@ def test_planes_are_where_they_were_put_and_the_largest_come_first():
     normals = [tuple(abs(plane.normal.round(1)).tolist()) for plane in found]
     assert normals == [(0, 0, 1), (0, 1, 0)]
     assert [round(abs(plane.offset_m), 2) for plane in found] == [3.4, 0.95]
+
+
+def test_a_rough_surface_far_away_is_not_a_plane_for_each_of_its_facets():
+    rng, tile = np.random.default_rng(1), 50
+    v, u = np.indices(CAMERA.shape)
+    at, slopes = (
+        (v // tile, u // tile),
+        rng.uniform(-0.02, 0.02, (2, 1 + v.max() // tile, 1 + u.max() // tile)),
+    )
+    facets = slopes[0][at] * (v % tile) + slopes[1][at] * (u % tile)
+    assert len(find_planes(cloud_of(8 + facets))) == MOST_PLANES
 
 
 def test_a_person_is_found_and_the_furniture_is_not():
