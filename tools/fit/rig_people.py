@@ -22,6 +22,9 @@ from eval.training.reader.scenes import training_rig
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
 
+RESTING = {"sofa": "sitting", "chair": "sitting", "bed": "lying"}
+"""Postures of the scenes in which everybody has the same."""
+
 
 def store_people(rig: VirtualRig, out: Path) -> int:
     """Write a rig's frames with somebody in them to the new label set ``out``; returns their number."""
@@ -32,7 +35,8 @@ def store_people(rig: VirtualRig, out: Path) -> int:
         person = Survey(CoarseCloud.of(fuser.fuse_frame(frame)), suit=rig.suit).person()
         parts = np.where(person.mask, truth.parts, np.uint8(BACKGROUND))
         if parts.any():
-            labels.write(replace(truth, parts=parts, persons=None))
+            notes = truth.notes | {"posture": RESTING.get(rig.scene)}
+            labels.write(replace(truth, parts=parts, persons=None, notes=notes))
     return len(labels)
 
 
