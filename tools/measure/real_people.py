@@ -8,6 +8,7 @@ tracker are truth: they are a few centimetres off, hips sit high, and most take 
 import csv
 import json
 import re
+import runpy
 import subprocess
 import sys
 import tempfile
@@ -17,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from annotate.labelset.store import LabelSet
 from eval.network.bearing import Bearing
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
@@ -31,6 +33,8 @@ SCANS, PEOPLE = DATA / "kinect2_standing", DATA / "real_people"
 TRACKED = {"neck": 1, "pelvis": 3, "left_shoulder": 4, "right_shoulder": 8, "left_hip": 12, "right_hip": 16}
 """Index of the joints that give a facing among those of ``joints.json``."""
 NEAR_DEG = 30.0
+NEAR_PX = 3.0
+"""So near to its own side a tracker's joint may lie on the other: there is the seam of legs held together."""
 MICROSOFTS = {"head": "head", "neck": "neck", "pelvis": "spinebase"}
 
 
@@ -59,11 +63,13 @@ def tracked_facing_deg(joints, camera):
 class People:
     """What a network says of a folder of real people.
 
-    scored: by the recordings' own score.py. off_deg: of the facing, by frame; 180 where there is none.
-    postures: how often each was said.
+    scored: by the recordings' own score.py. far_swaps: share of the joints on the other side and more than
+    ``NEAR_PX`` from their own. off_deg: of the facing, by frame; 180 where there is none. postures: how often
+    each was said.
     """
 
     scored: dict[str, float]
+    far_swaps: float
     off_deg: np.ndarray
     postures: Counter[str]
 
@@ -76,6 +82,7 @@ def measure_people(folder: Path, network: OnnxNetwork) -> People:
         labels = predict_source(open_source(folder), network, Path(out) / "p", lambda n: None).labels
         command = [sys.executable, PEOPLE / "score.py", labels.path, folder]
         scored = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+        far = far_swaps(labels, joints) / scored["joints"]
         notes = [labels.notes(frame_id).get("bearing") for frame_id in labels.frame_ids]
     off, postures = [], Counter()
     for name, note in zip(sorted(joints), notes, strict=True):
@@ -83,7 +90,26 @@ def measure_people(folder: Path, network: OnnxNetwork) -> People:
         turned = 180.0 if bearing is None else bearing.facing_deg - tracked_facing_deg(joints[name], camera)
         off.append(abs((turned + 180) % 360 - 180))
         postures["nobody" if bearing is None else bearing.name] += 1
-    return People(scored, np.array(off), postures)
+    return People(scored, far, np.array(off), postures)
+
+
+def far_swaps(labels: LabelSet, joints: dict) -> int:
+    """Joints that score.py counts as on the other side, without those near a pixel of their own side."""
+    score = runpy.run_path(str(PEOPLE / "score.py"))
+    right, twin = score["RIGHT"], np.array(score["TWIN"])
+    count = 0
+    for frame, seen in zip(labels, (joints[name] for name in sorted(joints)), strict=True):
+        for (u, v), z, own in zip(np.rint(seen["uv"]).astype(int), seen["z_mm"], right, strict=True):
+            height, width = frame.parts.shape
+            if not (1 <= u < width - 1 and 1 <= v < height - 1):
+                continue
+            if frame.depth_mm[v, u] == 0 or not -60 < z - int(frame.depth_mm[v, u]) < 220:
+                continue
+            part = int(np.bincount(frame.parts[v - 1 : v + 2, u - 1 : u + 2].ravel()).argmax())
+            rows, columns = np.nonzero(np.isin(frame.parts, list(own)))
+            swapped = part < len(twin) and part not in own and twin[part] in own
+            count += swapped and not (np.hypot(rows - v, columns - u) <= NEAR_PX).any()
+    return count
 
 
 def folders() -> list[Path]:
@@ -96,9 +122,10 @@ def print_people(name: str, found: People) -> None:
     scored, off = found.scored, found.off_deg
     near = np.mean(off <= NEAR_DEG)
     print(
-        f"{name}: hits {scored['mean_hit_rate']:.3f}, swaps {scored['swap_rate']:.3f}, missing "
-        f"{scored['missing']}; facing to {NEAR_DEG:.0f} degrees {near:.3f} of {len(off)}, "
-        f"median {np.median(off):.0f}, 90 % {np.quantile(off, 0.9):.0f}; {dict(found.postures)}",
+        f"{name}: hits {scored['mean_hit_rate']:.3f}, swaps {scored['swap_rate']:.3f}, by more than "
+        f"{NEAR_PX:.0f} px {found.far_swaps:.4f}, missing {scored['missing']}; facing to {NEAR_DEG:.0f} "
+        f"degrees {near:.3f} of {len(off)}, median {np.median(off):.0f}, 90 % {np.quantile(off, 0.9):.0f}; "
+        f"{dict(found.postures)}",
         flush=True,
     )
 
