@@ -41,9 +41,9 @@ TABLES = (
         kind="real",
         about="the shipped network on four people before a Kinect v1, cut out (UTD-MHAD, for research; never "
         "trained on). A tracker's joint is right where the pixels around it carry a part that meets there, "
-        "and on the other side where they carry such a part of that. Most of these lie at the seam of legs held "
-        "together, so those farther than 3 pixels from their own side are counted too. Always the same frames, "
-        "so joints have no interval.",
+        "and on the other side where they carry such a part of that. Most of these lie at the seam of legs "
+        "held together, so those farther than 3 pixels from their own side are counted too. Always the same "
+        "frames, so joints have no interval.",
         pages=("eval/weights/compact.md", "docs/figures.md"),
         columns={
             "images": ".0f",
