@@ -6,13 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from annotate.parts import PART_ID
-from annotate.person.planes import find_planes
+from annotate.person.planes import Plane, find_planes
+from eval.network.bearing import Bearing
 from eval.network.joint_files import write_joints
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
-from eval.network.support import support_of
+from eval.network.support import LEAST_HIPS_M, STANDING_HIPS, floor_of, support_of, upright
+from eval.scores.joints import JOINT
 from sensors.rig.camera import rays
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
@@ -129,10 +133,10 @@ def test_support_is_the_height_of_the_lowest_part(height_m, slab_m, carried):
     depth_m, body = box_on(height_m, slab_m)
     cloud = cloud_of(depth_m)
     parts = np.where(body, PART_ID["torso"], 0).astype(np.uint8)
-    planes = find_planes(cloud)
-    assert support_of("lying", parts, cloud.points_m, planes) == carried
-    assert support_of("standing", parts, cloud.points_m, planes) == ""  # No legs in view.
-    assert support_of("lying", parts, cloud.points_m, ()) == ""
+    floor = floor_of(find_planes(cloud), cloud.points_m)
+    assert support_of("lying", parts, cloud.points_m, floor) == carried
+    assert support_of("standing", parts, cloud.points_m, floor) == ""  # No legs in view.
+    assert support_of("lying", parts, cloud.points_m, None) == ""
 
 
 @pytest.mark.parametrize("scene", ["sofa", "bed"])
@@ -144,4 +148,24 @@ def test_on_the_rig_furniture_carries_them(scene):
     cloud = cloud_of(labels.depth_mm / 1000, camera)
     parts = np.where(labels.persons == 1, labels.parts, 0).astype(np.uint8)
     posture = "lying" if scene == "bed" else "sitting"
-    assert support_of(posture, parts, cloud.points_m, find_planes(cloud)) == "furniture"
+    floor = floor_of(find_planes(cloud), cloud.points_m)
+    assert support_of(posture, parts, cloud.points_m, floor) == "furniture"
+
+
+@given(hips_m=st.floats(0.0, 1.0), head_m=st.floats(1.0, 1.8), tilt_deg=st.floats(-30, 30))
+def test_nobody_stands_whose_hips_are_too_low(hips_m, head_m, tilt_deg):
+    """Of heights alone, however the camera is tilted; near the floor, or without one, nothing changes."""
+    assume(min(abs(hips_m - LEAST_HIPS_M), abs(hips_m - STANDING_HIPS * head_m)) > 1e-6)
+    up = np.array([0, -np.cos(np.radians(tilt_deg)), -np.sin(np.radians(tilt_deg))])
+    floor = Plane(up.astype(np.float32), -1.2, 4.0)
+    joints_mm = 1000 * (np.array([0.0, 0.0, 2.5]) + np.zeros((len(JOINT), 3)))
+    for name, height_m in (("pelvis", hips_m), ("head", head_m)):
+        joints_mm[JOINT[name]] += 1000 * (height_m + floor.offset_m - up @ [0, 0, 2.5]) * up
+    z = joints_mm[:, 2]
+    pixels = [CAMERA.fx * joints_mm[:, 0] / z + CAMERA.cx, CAMERA.fy * joints_mm[:, 1] / z + CAMERA.cy, z]
+    said = np.array([0.8, 0.15, 0.05, 0, 0, 0], np.float32)
+    bearing = Bearing(0.0, 1.0, said, np.column_stack(pixels))
+    low = LEAST_HIPS_M < hips_m < STANDING_HIPS * head_m
+    found = upright(bearing, CAMERA, floor)
+    assert found.name == ("sitting" if low else "standing") and np.isclose(found.posture.sum(), 1)
+    assert upright(bearing, CAMERA, None) is bearing
