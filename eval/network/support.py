@@ -57,8 +57,9 @@ def upright(bearing: Bearing, camera: Intrinsics, floor: Plane | None) -> Bearin
     height_m = bearing.joints_mm(camera) @ floor.normal / 1000 - floor.offset_m
     if not LEAST_HIPS_M < height_m[JOINT["pelvis"]] < STANDING_HIPS * height_m[JOINT["head"]]:
         return bearing
-    others = np.where(np.array(POSTURES) == "standing", np.float32(0), bearing.posture)
-    return replace(bearing, posture=others / max(float(others.sum()), 1e-6))
+    others = bearing.posture.copy()
+    others[POSTURES.index("standing")] = 0
+    return replace(bearing, posture=others / max(others.sum(), np.float32(1e-6)))
 
 
 def floor_of(planes: Sequence[Plane], points_m: Float32) -> Plane | None:
