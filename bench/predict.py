@@ -35,9 +35,9 @@ class Silent(OnnxNetwork):
 
     @cache  # noqa: B019
     def _answer(self, n):
-        return super().probabilities(np.full((n, SIZE, SIZE), 0.5, np.float32))
+        return super().answers(np.full((n, SIZE, SIZE), 0.5, np.float32))
 
-    def probabilities(self, crops):
+    def answers(self, crops):
         return self._answer(len(crops))
 
 
