@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from eval.network.bearing import Bearing
 from eval.network.joint_files import write_joints
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict_source import predict_source
-from eval.network.support import LEAST_HIPS_M, STANDING_HIPS, floor_of, support_of, upright
+from eval.network.support import LEAST_HIPS_M, STANDING_HIPS, by_height, floor_of, support_of
 from eval.scores.joints import JOINT
 from sensors.rig.camera import rays
 from sensors.rig.frame import RigFrame
@@ -166,6 +166,8 @@ def test_nobody_stands_whose_hips_are_too_low(hips_m, head_m, tilt_deg):
     said = np.array([0.8, 0.15, 0.05, 0, 0, 0], np.float32)
     bearing = Bearing(0.0, 1.0, said, np.column_stack(pixels))
     low = LEAST_HIPS_M < hips_m < STANDING_HIPS * head_m
-    found = upright(bearing, CAMERA, floor)
+    found = by_height(bearing, CAMERA, floor)
     assert found.name == ("sitting" if low else "standing") and np.isclose(found.posture.sum(), 1)
-    assert upright(bearing, CAMERA, None) is bearing
+    assert by_height(bearing, CAMERA, None) is bearing
+    sure = replace(bearing, posture=np.array([1, 0, 0, 0, 0, 0], np.float32))
+    assert by_height(sure, CAMERA, floor) is sure  # Nothing else was thought of.

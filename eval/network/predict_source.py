@@ -19,7 +19,7 @@ from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import ONE_PERSON, step_of
 from eval.network.read_again import read_again
 from eval.network.steady import steady
-from eval.network.support import floor_of, support_of, upright
+from eval.network.support import by_height, floor_of, support_of
 from sensors.errors import CloudError
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource
@@ -115,7 +115,7 @@ class NetworkSurvey:
             return result
         parts = np.where(coarse.pixel >= 0, result.parts.ravel()[coarse.pixel], np.uint8(0))
         floor = floor_of(self._survey.planes, coarse.cloud.points_m)
-        bearing = upright(bearing, coarse.camera, floor)
+        bearing = by_height(bearing, coarse.camera, floor)
         support = support_of(bearing.name, parts, coarse.cloud.points_m, floor)
         bearing = replace(bearing, support=support).seen_by(coarse.camera)
         return replace(result, bearing=bearing.note())

@@ -26,8 +26,8 @@ LOW_SHARE, LEAST_POINTS = 0.1, 20
 """Share of a part's points below its height, which leaves out stray ones; least points. Chosen by eye."""
 STANDING_HIPS, LEAST_HIPS_M = 0.51, 0.35
 """Least height of a standing person's hips, as a share of that of the head: it is 0.57 (Drillis and Contini
-1966), and 0.44 on a seat. Hips that are nearer to the floor than so many metres tell nothing: it may be a
-table's top. Chosen by eye."""
+1966) of adults, less of small children, and 0.44 on a seat. Hips that are nearer to the floor than so many
+metres tell nothing: it may be a table's top. Chosen by eye."""
 _TRUNK, _LEGS = ("torso", "hip"), ("left_lower_leg", "right_lower_leg")
 CARRIED = {"sitting": _TRUNK, "lying": _TRUNK}
 """Parts that lie on what carries a person, by posture; all others stand or kneel on their lower legs."""
@@ -47,7 +47,7 @@ def support_of(posture: str, parts: UInt8, points_m: Float32, floor: Plane | Non
     return "floor" if height_m < STEP_M else "furniture"
 
 
-def upright(bearing: Bearing, camera: Intrinsics, floor: Plane | None) -> Bearing:
+def by_height(bearing: Bearing, camera: Intrinsics, floor: Plane | None) -> Bearing:
     """A bearing that does not stand where the hips are too low: whose legs a blanket hides seems to stand.
 
     camera: the undistorted depth camera. floor: of ``floor_of``; None = nothing is known.
@@ -59,7 +59,7 @@ def upright(bearing: Bearing, camera: Intrinsics, floor: Plane | None) -> Bearin
         return bearing
     others = bearing.posture.copy()
     others[POSTURES.index("standing")] = 0
-    return replace(bearing, posture=others / max(others.sum(), np.float32(1e-6)))
+    return replace(bearing, posture=others / others.sum()) if others.any() else bearing
 
 
 def floor_of(planes: Sequence[Plane], points_m: Float32) -> Plane | None:
