@@ -83,6 +83,11 @@ def main() -> None:
         _fail(str(error))
     except KeyboardInterrupt:
         _fail(INTERRUPTED, 130)
+    except SystemError as error:
+        # Numba's dispatcher returns in spite of an interrupt, which Python then reports as its mistake.
+        if not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
+        _fail(INTERRUPTED, 130)
     except SystemExit as end:
         # Typer turns Ctrl-C into an exit without a message.
         if end.code == 130:

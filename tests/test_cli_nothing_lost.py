@@ -147,10 +147,15 @@ def test_corrections_are_never_overwritten(annotate_cloud, tmp_path, rig_session
     assert tree(labels) == before
 
 
-def test_an_interrupted_simulation_leaves_nothing(annotate_cloud, tmp_path, shot_before, monkeypatch):
+@pytest.mark.parametrize("in_numba", [False, True])
+def test_an_interrupted_simulation_leaves_nothing(
+    annotate_cloud, tmp_path, shot_before, monkeypatch, in_numba
+):
     truths = synth.rig.simulate.truth_labels
 
     def interrupted(frame, *truth):
+        if frame.index == 1 and in_numba:
+            raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
         if frame.index == 1:
             raise KeyboardInterrupt
         return truths(frame, *truth)
