@@ -13,7 +13,7 @@ BIN := $(VENV)/bin
 # Written last, so that a set-up that was cut short starts again: what the demo needs is there; and everything else.
 TRY := $(VENV)/.try
 READY := $(VENV)/.ready
-TRIED := synth,network,report
+TRIED := synth,report
 EXTRAS := $(TRIED),bodies,rig,clouds,train,gui,cluster,exchange,foxglove,realsense,kinect,orbbec,docs,dev
 
 # Python keeps what it has compiled, whatever the caller's environment wants: it saves every process of a test that.

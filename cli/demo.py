@@ -22,9 +22,7 @@ def demo(
 ) -> None:
     """Run all steps on the virtual rig, from recording to report."""
     check_free(out, overwrite)
-    with needing("synth", "network", "report"):
-        import onnxruntime  # noqa: F401, fails before the rig records rather than after
-
+    with needing("synth", "report"):
         from cli.recipe import whole_path
 
     started = time.monotonic()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.parts import N_CLASSES, PART_ID
+from annotate.parts import N_CLASSES, PART_ID, swap_left_right
 from annotate.person.extract import Survey
 from annotate.reader import halves
 from annotate.reader.borders import with_borders
@@ -24,6 +24,7 @@ from annotate.reader.channels import (
     network_input,
     rectangle,
 )
+from annotate.reader.mirror import mirrored, read_twice
 from annotate.reader.network import CLASSES, MULTIPLE, SHIPPED_READER, Reader, shipped_reader
 from annotate.suit.light import fitted_to
 from annotate.suit.palette import DEFAULT_SUIT
@@ -141,6 +142,36 @@ def test_a_part_of_an_image_is_read_as_in_the_whole(top, left, height, width, st
     found = shipped_reader().probabilities(planes, step, wide)
     inner = (slice(n.start - w.start, n.stop - w.start) for n, w in zip(near, wide, strict=True))
     np.testing.assert_allclose(found[:, *inner], whole[:, *near], atol=1e-4)
+
+
+@given(st.integers(40, 50), st.integers(1, 3))
+@settings(max_examples=8, deadline=None)
+def test_a_frame_and_its_mirror_image_are_read_alike(width, step):
+    planes = np.random.default_rng(11).integers(0, 256, (len(CHANNELS), 36, width)).astype(np.uint8)
+    near, twins = Rectangle(slice(3, 30), slice(7, 29)), [*swap_left_right(np.arange(12, dtype=np.uint8)), 12]
+    there = Rectangle(near.rows, slice(width - 29, width - 7))
+    assert (mirrored(mirrored(planes)) == planes).all() and (mirrored(planes) != planes).any()
+    found = read_twice(shipped_reader(), planes, step, near)
+    assert found.shape == (N_CLASSES + 1, 27, 22)
+    if (width - 1) % step == 0:
+        other = read_twice(shipped_reader(), mirrored(planes), step, there)
+        np.testing.assert_allclose(other[twins][:, :, ::-1], found, atol=1e-6)
+
+
+@pytest.mark.parametrize("width", [48, 49, 50])
+def test_around_a_place_the_mirror_shows_the_same_pixels(width):
+    """The likeness is known of every step-th column alone, but near the parts."""
+    seen = []
+
+    class Watched:
+        def probabilities(self, planes, step, near):
+            seen.append((planes[:, ::step, ::step], planes[:, *near]))
+            return np.zeros((CLASSES, *planes[0, *near].shape), np.float32)
+
+    planes = np.random.default_rng(12).integers(0, 256, (len(CHANNELS), 20, width)).astype(np.uint8)
+    read_twice(Watched(), planes, 3, Rectangle(slice(4, 9), slice(8, width)))
+    for one, other in zip(*seen, strict=True):
+        np.testing.assert_array_equal(mirrored(one), other)
 
 
 def test_a_reader_sent_to_another_process_says_the_same():

@@ -17,7 +17,7 @@ from annotate.labelset.store import LabelSet  # noqa: E402
 from annotate.reader.network import SHIPPED_READER, Reader  # noqa: E402
 from eval.learning import by_suit, lesson, practice  # noqa: E402
 from eval.learning import learn as learning  # noqa: E402
-from eval.training.reader.net import export_reader, load_reader  # noqa: E402
+from eval.training.reader.net import FULL_READER, export_reader, load_reader  # noqa: E402
 from sensors.errors import CloudError  # noqa: E402
 from synth.rig.simulate import truth_path  # noqa: E402
 
@@ -102,7 +102,7 @@ def test_what_is_no_better_on_the_frame_held_out_is_not_kept(taught, rig_session
 def test_recording_and_weights_must_be_those_of_the_labels(taught, rig_session, tmp_path):
     with pytest.raises(CloudError, match="--session"):
         learner(taught, None)
-    network = load_reader(SHIPPED_READER)
+    network = load_reader(FULL_READER)
     with torch.no_grad():
         network.leave.bias += 1
     export_reader(network, tmp_path / "other.onnx")

@@ -97,13 +97,12 @@ def test_what_an_extra_is_missing_for_is_said_in_one_line(rig_session, tmp_path)
         "synth": [["simulate", out], ["simulate", out, "--scene", "plate"], ["solve", "a.trc", "--out", out],
                   ["synth", "generate", "--preset", "upright", "--out", out]],
         "bodies": [["synth", "bodies", "--out", out]],
-        "network": [["predict", rig_session, "--out", out]],
         "report": [["evaluate", "a", "b"], ["compare", "a", "b"], ["report", "a", "--out", out]],
         "rig": [["calibrate", rig_session, "--out", out], ["suit", "learn", "a", "--out", out]],
         "gui": [["fix", "a"]],
         "train": [["train", "a", "--out", out]],
         "clouds": [["import", tmp_path / "cloud.ply", tmp_path / "out.mcap"]],
-        "synth,network,report": [["demo", "--out", out]],
+        "synth,report": [["demo", "--out", out]],
     }  # fmt: skip
     pairs = [(extra, command) for extra, commands in wanted.items() for command in commands]
     said = run_with_base_only([command for _, command in pairs])

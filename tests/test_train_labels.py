@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from annotate.parts import LEFT_RIGHT, UNDEFINED, swap_left_right
 from annotate.reader.channels import CHANNELS, SUBJECT, VALID, network_input
-from annotate.reader.network import CLASSES, SHIPPED_READER, Reader, shipped_reader
+from annotate.reader.network import CLASSES, Reader, shipped_reader
 from eval.training.reader import fit as fitting
 from eval.training.reader import train
 from eval.training.reader.examples import Example, Recording, Stock, store_examples
 from eval.training.reader.fit import fit
-from eval.training.reader.net import ReaderNet, export_reader, load_reader
+from eval.training.reader.net import FULL_READER, ReaderNet, export_reader, load_reader
 from eval.training.reader.outcome import outcome
 from eval.training.reader.samples import LIKE, LIKE_PARTS, Sample, as_labelling, drawn, known, mirrored, spoil
 from eval.training.reader.scenes import rig_examples
@@ -139,8 +139,8 @@ def test_a_file_is_the_network_and_reads_back(tmp_path):
 
 def test_the_shipped_file_reads_back_and_others_are_refused_in_one_line(tmp_path):
     planes = example(np.random.default_rng(2), 32, 32).planes
-    found = shipped_reader().probabilities(planes, 1)
-    np.testing.assert_allclose(found, chances(load_reader(SHIPPED_READER), planes), atol=1e-4)
+    found = Reader(FULL_READER).probabilities(planes, 1)
+    np.testing.assert_allclose(found, chances(load_reader(FULL_READER), planes), atol=1e-4)
     (tmp_path / "w.onnx").write_bytes(b"no network")
     with pytest.raises(FormatError, match="train-labels"):
         load_reader(tmp_path / "w.onnx")
@@ -222,6 +222,11 @@ def test_frames_of_the_rig_are_learnt_from_without_encoding_them():
     own = (one.planes[0] & SUBJECT) > 0
     assert own.sum() > 5000 and ((one.target[own] > 0) & (one.target[own] < CLASSES)).mean() > 0.9
     assert 0.003 < one.pixel_m < 0.012
+    # Eight bits are enough for what labels are made of.
+    seen = as_labelling(one, 0.012).planes
+    few, all_ = (reader.probabilities(seen, 1) for reader in (shipped_reader(), Reader(FULL_READER)))
+    assert (few.argmax(axis=0) == all_.argmax(axis=0)).mean() > 0.995 and np.abs(few - all_).mean() < 0.005
+    assert shipped_reader().sha256 != Reader(FULL_READER).sha256
 
 
 @contextmanager

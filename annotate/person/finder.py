@@ -5,10 +5,10 @@ touch are told apart. The image is brought to one focal length first, whatever t
 trained: `annotate/person/finder.md`.
 """
 
-import threading
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -16,7 +16,11 @@ from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, Index, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
+from annotate.onnx_session import onnx_session
 from sensors.rig.nearest import Nearest
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
 
 FOCAL_PX = 183.0
 """Focal length in pixels of the images that the network is trained on, half of a Kinect v2's: a person at
@@ -132,10 +136,9 @@ def network_input(depth_m: Float32, warmth: Float32) -> Float32:
 
 
 @cache
-def _network() -> tuple[cv2.dnn.Net, threading.Lock]:
-    """The shipped network, which one thread at a time may use, and what they wait for."""
-    model = files("annotate").joinpath("person/finder.onnx").read_bytes()
-    return cv2.dnn.readNetFromONNX(np.frombuffer(model, np.uint8)), threading.Lock()
+def _network() -> "InferenceSession":
+    """The shipped network."""
+    return onnx_session(files("annotate").joinpath("person/finder.onnx").read_bytes())
 
 
 def _found(points_m: Float32, warmth: Float32) -> tuple[Float32, Float32]:
@@ -147,10 +150,7 @@ def _found(points_m: Float32, warmth: Float32) -> tuple[Float32, Float32]:
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
     image = np.pad(points_m[..., 2], more)
     voters = points_m[::2, ::2]
-    network, at_work = _network()
-    with at_work:
-        network.setInput(network_input(image, np.pad(warmth, more))[None])
-        found = network.forward()[0]
+    found: Float32 = _network().run(None, {"image": network_input(image, np.pad(warmth, more))[None]})[0][0]
     odds = np.empty(image.shape, np.float32)
     for phase in range(4):
         odds[phase // 2 :: 2, phase % 2 :: 2] = found[phase]

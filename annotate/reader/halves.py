@@ -1,9 +1,8 @@
 """The reader's network in two halves: features of what is around a place, and scores from these and pixels.
 
 The first half sees an image whole and gives features of every square of ``PLACE`` x ``PLACE`` samples; from
-them the second gives the scores of the samples of any part of an image, those of two by two samples as
-channels of one: to lay them out, OpenCV takes a fifth of the time. Of ONNX files only the few fields needed
-are read.
+them the second gives the scores of the samples of any part of an image. Of ONNX files only the few fields
+needed are read.
 """
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
@@ -13,13 +12,13 @@ PLACE = 4
 """Samples along a side of the squares that the first half gives features of."""
 INPUT, OUTPUT = "channels", "scores"
 """Names of the network's input and output."""
-JOINT = "up.2.0.weight"
-"""Weights of the layer that joins the features, enlarged, with an image's own samples."""
+ENLARGED = "Resize"
+"""Kind of the nodes that enlarge features; the last of them joins these with an image's own samples."""
 _FIELDS: dict[str, list[tuple[str, int, str, bool]]] = {
     "Model": [("graph", 7, "Graph", False)],
     "Graph": [("node", 1, "Node", True), ("initializer", 5, "Tensor", True),
               ("input", 11, "Value", True), ("output", 12, "Value", True)],
-    "Node": [("input", 1, "", True), ("output", 2, "", True)],
+    "Node": [("input", 1, "", True), ("output", 2, "", True), ("kind", 4, "", False)],
     "Tensor": [("name", 8, "", False)],
     "Value": [("name", 1, "", False), ("type", 2, "Type", False)],
     "Type": [("tensor", 1, "TensorType", False)],
@@ -39,15 +38,11 @@ def halves(file: bytes) -> tuple[bytes, bytes, str]:
         model = _model().FromString(file)
     except DecodeError as error:
         raise ValueError("no ONNX file") from error
-    makers = {name: node for node in model.graph.node for name in node.output}
-    joints = [node for node in model.graph.node if JOINT in node.input]
-    try:
-        enlarged = makers[makers[joints[0].input[0]].input[0]]
-        context = enlarged.input[0]
-        scores = makers[OUTPUT].input[0]
-        return _part(model, {INPUT}, context), _part(model, {INPUT, context}, scores), context
-    except (IndexError, KeyError) as error:
-        raise ValueError(f"no input, or no layer {JOINT}") from error
+    enlargements = [node for node in model.graph.node if node.kind == ENLARGED]
+    if not enlargements or not enlargements[-1].input:
+        raise ValueError("nothing is enlarged")
+    context = enlargements[-1].input[0]
+    return _part(model, {INPUT}, context), _part(model, {INPUT, context}, OUTPUT), context
 
 
 def _part(model: Message, given: set[str], wanted: str) -> bytes:

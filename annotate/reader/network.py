@@ -4,15 +4,14 @@ How it was trained: `annotate/reader/reader.md`.
 """
 
 import hashlib
-import threading
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from annotate.array_types import Float32, UInt8
+from annotate.onnx_session import onnx_session
 from annotate.parts import N_CLASSES
 from annotate.reader.channels import CHANNELS, Rectangle, network_input
 from annotate.reader.halves import INPUT, PLACE, halves
@@ -32,16 +31,17 @@ REMEDY = "give a file that `annotate-cloud train-labels` wrote"
 
 
 class Reader:
-    """A trained network. sha256: of its file. Safe to call from several threads: they take turns.
+    """A trained network. sha256: of its file. Several threads may call it at once.
 
     Raises FormatError where the file is no network for these channels.
     """
 
     def __init__(self, path: Path) -> None:
+        file = read_bounded(path, MAX_BYTES, REMEDY)
         try:
-            self.__setstate__(read_bounded(path, MAX_BYTES, REMEDY))
+            self.__setstate__(file)
             trial = self.probabilities(np.zeros((len(CHANNELS), MULTIPLE, 2 * MULTIPLE), np.uint8), 1)
-        except (cv2.error, ValueError) as error:
+        except Exception as error:  # ONNX Runtime's own errors share no public base
             raise FormatError(f"weights {path} are no network for labels; {REMEDY}") from error
         if trial.shape != (CLASSES, MULTIPLE, 2 * MULTIPLE):
             raise FormatError(f"weights {path} give {trial.shape[0]} classes, not {CLASSES}; {REMEDY}")
@@ -53,11 +53,8 @@ class Reader:
     def __setstate__(self, file: bytes) -> None:
         """Load the network from its file."""
         self._file, self.sha256 = file, hashlib.sha256(file).hexdigest()
-        self._at_work = threading.Lock()
         first, second, self._context = halves(file)
-        self._around, self._fine = (
-            cv2.dnn.readNetFromONNX(np.frombuffer(half, np.uint8)) for half in (first, second)
-        )
+        self._around, self._fine = onnx_session(first), onnx_session(second)
 
     def probabilities(self, planes: UInt8, step: int, near: Rectangle | None = None) -> Float32:
         """Probabilities (13, h, w) of the classes from channels (24, h', w'); near: (h, w) of these, or all.
@@ -68,22 +65,18 @@ class Reader:
         near = near or Rectangle(*(slice(0, side) for side in planes.shape[1:]))
         place = PLACE * step
         sides = [slice(own.start // place, -(-own.stop // place)) for own in near]
-        with self._at_work:
-            around = self._of_all(planes[:, ::step, ::step])
-            around = np.pad(around, ((0, 0), (0, 1), (0, 1)), "edge")
-            around = around[:, *(slice(own.start, own.stop + 1) for own in sides)]
-            height, width = ((side.stop - side.start) * place for side in sides)
-            seen = planes[:, *(slice(side.start * place, side.stop * place) for side in sides)]
-            own = np.zeros((len(planes), height, width), np.uint8)
-            found = np.empty((CLASSES, height, width), np.float32)
-            own[:, : seen.shape[1], : seen.shape[2]] = seen
-            for top in range(step):
-                for left in range(step):
-                    moved = _between(around, top / place, left / place)
-                    scores = self._of_own(own[:, top::step, left::step], moved)
-                    for i, (down, right) in enumerate(np.ndindex(2, 2)):
-                        rows, columns = top + step * down, left + step * right
-                        found[:, rows :: 2 * step, columns :: 2 * step] = scores[i::4]
+        around = self._of_all(planes[:, ::step, ::step])
+        around = np.pad(around, ((0, 0), (0, 1), (0, 1)), "edge")
+        around = around[:, *(slice(own.start, own.stop + 1) for own in sides)]
+        height, width = ((side.stop - side.start) * place for side in sides)
+        seen = planes[:, *(slice(side.start * place, side.stop * place) for side in sides)]
+        own = np.zeros((len(planes), height, width), np.uint8)
+        found = np.empty((CLASSES, height, width), np.float32)
+        own[:, : seen.shape[1], : seen.shape[2]] = seen
+        for top in range(step):
+            for left in range(step):
+                moved = _between(around, top / place, left / place)
+                found[:, top::step, left::step] = self._of_own(own[:, top::step, left::step], moved)
         inner = (slice(own.start % place, own.start % place + own.stop - own.start) for own in near)
         return _softmax(found[:, *inner])
 
@@ -91,14 +84,14 @@ class Reader:
         """What the first half says of an image's places (k, h / 4, w / 4), some more at the ends."""
         height, width = planes.shape[1:]
         padded = np.pad(planes, ((0, 0), (0, -height % MULTIPLE), (0, -width % MULTIPLE)))
-        self._around.setInput(network_input(padded)[None])
-        return np.asarray(self._around.forward()[0], np.float32)
+        found: Float32 = self._around.run(None, {INPUT: network_input(padded)[None]})[0][0]
+        return found
 
     def _of_own(self, planes: UInt8, around: Float32) -> Float32:
-        """Scores (13 * 4, h / 2, w / 2) by channels (24, h, w), and what is around (k, h / 4, w / 4)."""
-        self._fine.setInput(network_input(planes)[None], INPUT)
-        self._fine.setInput(around[None], self._context)
-        return np.asarray(self._fine.forward()[0], np.float32)
+        """Scores (13, h, w) by channels (24, h, w), and what is around (k, h / 4, w / 4)."""
+        given = {INPUT: network_input(planes)[None], self._context: around[None]}
+        scores: Float32 = self._fine.run(None, given)[0][0]
+        return scores
 
 
 @cache

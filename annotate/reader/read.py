@@ -13,6 +13,7 @@ from annotate.parts import BACKGROUND, N_CLASSES
 from annotate.person.extract import PersonMask, Survey
 from annotate.reader.borders import with_borders
 from annotate.reader.channels import SEEN, VALID, Rectangle, channels, in_light, rectangle, with_before
+from annotate.reader.mirror import read_twice
 from annotate.reader.network import Reader
 from annotate.reader.segmentation import Segmentation, unlabelled
 from annotate.suit.color_model import CLIPPED, ColorModel, readable, refit_colors, under, unfitted
@@ -134,7 +135,7 @@ def finely(
         seen = np.zeros(view.rgb.shape[:2], np.bool_)
         seen[::step, ::step], seen[near] = True, True
         planes = in_light(planes, view.rgb, light, seen)
-    return where, *with_borders(cloud, where, reader.probabilities(planes, step, near), light)
+    return where, *with_borders(cloud, where, read_twice(reader, planes, step, near), light)
 
 
 def _at_a_glance(

@@ -14,10 +14,10 @@ from annotate.labelset.store import LabelSet
 from annotate.reader.network import Reader
 from eval.learning.lesson import Taught
 from eval.learning.practice import Practice
-from eval.network.read_again import SHIPPED_AGAIN, camera_in, depth_view, read_again
+from eval.network.read_again import camera_in, depth_view, read_again, shipped_again
 from eval.training.reader.examples import Example
 from eval.training.reader.fit import Progress
-from eval.training.reader.net import export_reader, load_reader
+from eval.training.reader.net import FULL_AGAIN, export_reader, load_reader
 from sensors.rig.camera import Intrinsics
 
 
@@ -29,9 +29,8 @@ class DepthLearner:
     """
 
     def __init__(self, labels: LabelSet, start: Path | None) -> None:
-        start = start or SHIPPED_AGAIN
-        self._labels, self._network = labels, load_reader(start)
-        self._practice = Practice(Reader(start).sha256, spoilt=False)
+        self._labels, self._network = labels, load_reader(start or FULL_AGAIN)
+        self._practice = Practice((Reader(start) if start else shipped_again()).sha256, spoilt=False)
 
     def learn(self, taught: Sequence[Taught], more: bool, run: Path, progress: Progress) -> None:
         """Steps on these frames; goes on with what ``run`` holds of the same training."""

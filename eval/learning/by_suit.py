@@ -14,13 +14,13 @@ from annotate.frame_labels import FrameLabels
 from annotate.label_source import SuitSurvey, calibrated, labels_of, suit_labeller
 from annotate.labelset.recorded import find_session
 from annotate.labelset.store import LabelSet, as_read
-from annotate.reader.network import SHIPPED_READER, Reader, shipped_reader
+from annotate.reader.network import Reader, shipped_reader
 from annotate.suit.palette import suit_from_toml
 from eval.learning.lesson import Taught
 from eval.learning.practice import Practice
 from eval.training.reader.examples import Example, example_in
 from eval.training.reader.fit import Progress
-from eval.training.reader.net import export_reader, load_reader
+from eval.training.reader.net import FULL_READER, export_reader, load_reader
 from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
 
@@ -34,15 +34,19 @@ class SuitLearner:
     """
 
     def __init__(self, labels: LabelSet, session: Path | None, start: Path | None) -> None:
-        session, start, how = session or find_session(labels), start or SHIPPED_READER, suit_step(labels)
+        session, how = session or find_session(labels), suit_step(labels)
         if session is None:
             raise CloudError(f"{labels.path} was read from a suit; give its recording with --session")
         self._labels, self._source = labels, open_source(session)
         self._suit = suit_from_toml(how["suit"], f"the suit in {labels.path}")
         self._window_c = tuple(how["window_c"]) if how.get("window_c") else None
-        self._reader, self._network = Reader(start), load_reader(start)
+        self._reader = Reader(start) if start else shipped_reader()
+        self._network = load_reader(start or FULL_READER)
         if self._reader.sha256 != how.get("weights_sha256", shipped_reader().sha256):
-            raise CloudError(f"{labels.path} was not labelled by {start}; give its weights with --weights")
+            raise CloudError(
+                f"{labels.path} was not labelled by {start or 'the shipped reader'}; give its weights with "
+                "--weights"
+            )
         self._practice = Practice(self._reader.sha256, spoilt=True)
         self._ids, self._examples = set(labels.frame_ids), dict[str, Example]()
 

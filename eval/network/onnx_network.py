@@ -14,12 +14,13 @@ from numba import njit
 from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
 from annotate.labelset.images import Probabilities
+from annotate.onnx_session import onnx_session
 from annotate.parts import BACKGROUND, N_CLASSES, TWIN_PARTS
 from annotate.posture import POSTURES
 from annotate.reader.segmentation import Segmentation
 from eval.network.bearing import Bearing
 from eval.scores.joints import N_JOINTS, TWIN
-from sensors.errors import CloudError, FormatError
+from sensors.errors import FormatError
 from sensors.files.bounded import read_bounded
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
@@ -40,9 +41,6 @@ TURNED_BACK: tuple[Callable[[Float32], Float32], ...] = (
     lambda joints: np.array([1, 0, 0], np.float32) + joints[:, TWIN] * np.array([-1, 1, 1], np.float32),
 )
 """How an answer for mirror images becomes one for the people: probabilities, facing, posture and joints."""
-_NOWHERE = "/dev/null/no-external-data"
-"""The folder of tensors outside the file, which does not exist: the file's hash would not cover them, and
-their paths are its author's choice."""
 
 Image = tuple[UInt16, Bool]
 """Depth in millimetres (h, w) and the person's pixels (h, w)."""
@@ -59,27 +57,11 @@ class OnnxNetwork:
     """
 
     def __init__(self, path: Path = SHIPPED_WEIGHTS, *, mirrored: bool = True) -> None:
-        try:
-            import onnxruntime
-        except ImportError as error:
-            raise CloudError(
-                f"{error.name} is not installed; pip install 'annotate-cloud[network]'"
-            ) from error
         data = read_bounded(path, MAX_WEIGHT_BYTES, "give an exported network (.onnx)")
         if not data:
             raise FormatError(f"weights {path} are empty; give an exported network (.onnx)")
-        options = onnxruntime.SessionOptions()
-        options.add_session_config_entry("session.model_external_initializers_file_folder_path", _NOWHERE)
-        options.add_session_config_entry("session.load_model_format", "ONNX")
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 4  # errors become one line below
         try:
-            self._session = onnxruntime.InferenceSession(
-                data,
-                options,
-                providers=["CPUExecutionProvider"],
-                enable_fallback=0,  # or it prints, and tries again
-            )
+            self._session = onnx_session(data)
             depth = self._session.get_inputs()[0]
             named = {output.name for output in self._session.get_outputs()}
             self._whole = list(WHOLE) if named >= set(WHOLE) else []

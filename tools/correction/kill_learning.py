@@ -31,9 +31,8 @@ from annotate.correction.replay import after, step_of
 from annotate.labelset.claim import ClaimedError
 from annotate.labelset.store import LabelSet, validate
 from eval.learning import by_depth, learn, practice
-from eval.network.read_again import SHIPPED_AGAIN
 from eval.training.reader import train
-from eval.training.reader.net import export_reader, load_reader
+from eval.training.reader.net import FULL_AGAIN, export_reader, load_reader
 from tests.test_eval_learning import DONE, IDS, SIDE, truth, written
 
 WORKED, FREE = DONE[:2], IDS[len(DONE) :]
@@ -58,7 +57,7 @@ def create(folder: Path) -> None:
     # What is learnt in a few steps is taken over whether it is better or not.
     learn.Learnt.better = True
     # Loads what takes seconds once here, not in every child.
-    export_reader(load_reader(SHIPPED_AGAIN), folder / "start.onnx")
+    export_reader(load_reader(FULL_AGAIN), folder / "start.onnx")
 
 
 @contextmanager

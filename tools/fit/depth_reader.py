@@ -2,7 +2,8 @@
 
 It reads a network's labels again (`eval.network.read_again`): of people on the virtual rig, whose suit it
 does not see, and of those cut out in datasets. FOLDER gets examples, ``examples/NAME.npz``, the states of the
-training, and ``reader.onnx``, for eval/weights/again.onnx. Where it was broken off, the same command goes on.
+training, and ``reader.onnx``, for eval/weights/full/again.onnx, from where tools.fit.eight_bits takes it. Where
+it was broken off, the same command goes on.
 """
 
 import argparse
@@ -22,7 +23,7 @@ from annotate.labelset.claim import Claim, login
 from annotate.labelset.frames import open_frames
 from annotate.parts import BACKGROUND
 from annotate.reader.channels import CHANNELS, VALID
-from annotate.reader.network import SHIPPED_READER, Reader
+from annotate.reader.network import Reader
 from annotate.reader.read import OTHER_PERSON, SAMPLE_M
 from eval.learning.by_depth import example_of
 from eval.network.onnx_network import OnnxNetwork
@@ -30,7 +31,7 @@ from eval.network.predict_source import NetworkSurvey
 from eval.network.read_again import camera_in
 from eval.training.reader.examples import Example, Stock, store_examples
 from eval.training.reader.fit import EXAMPLES, WEIGHTS, claim, fit
-from eval.training.reader.net import load_reader
+from eval.training.reader.net import FULL_READER, load_reader
 from eval.training.reader.scenes import OTHER_RIGS
 from eval.training.reader.train import Stage
 from sensors.recording.rig_templates import REFERENCE
@@ -88,7 +89,7 @@ def main() -> None:
         once = given.folder / "once"
         if not (once / WEIGHTS).exists():
             once.mkdir(exist_ok=True)
-            fit(load_reader(SHIPPED_READER), Stock(learnt), Stock(held_out), STAGES[:1], once, SEED, lines())
+            fit(load_reader(FULL_READER), Stock(learnt), Stock(held_out), STAGES[:1], once, SEED, lines())
         twice = [path if n % 2 else path.with_stem(f"{path.stem}-again") for n, path in enumerate(learnt)]
         missing = [path for path in twice if not path.exists()]
         with processes(given.workers) as pool:

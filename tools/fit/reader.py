@@ -1,7 +1,8 @@
 """Trains the shipped reader of suits: python -m tools.fit.reader FOLDER [--recordings 160] [--workers 2].
 
 FOLDER gets the examples of each recording of the virtual rig, ``examples/NUMBER.npz``, the states of the
-training, and ``reader.onnx``, for annotate/reader/. Where it was broken off, the same command goes on.
+training, and ``reader.onnx``, for eval/weights/full/, from where tools.fit.eight_bits takes it. Where it was
+broken off, the same command goes on.
 """
 
 import argparse

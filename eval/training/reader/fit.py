@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import torch
 
 from annotate.labelset.claim import Claim, login
-from annotate.reader.network import SHIPPED_READER, shipped_reader
+from annotate.reader.network import shipped_reader
 from annotate.reader.read import SAMPLE_M
 from eval.training.reader.examples import Example, Recording, Stock, store_examples
-from eval.training.reader.net import ReaderNet, export_reader, load_reader
+from eval.training.reader.net import FULL_READER, ReaderNet, export_reader, load_reader
 from eval.training.reader.outcome import Outcome, outcome
 from eval.training.reader.train import Stage, Watch, trained
 from sensors.errors import CloudError, ExistsError
@@ -67,7 +67,7 @@ def train_labels(
         files = [_stored(one, out / EXAMPLES / f"{i}.npz", progress) for i, one in enumerate(recordings)]
         test = files[::-HELD_OUT]
         learnt, held_out = Stock([file for file in files if file not in test]), Stock(test)
-        network = load_reader(SHIPPED_READER)
+        network = load_reader(FULL_READER)
         before = outcome(network, held_out, SAMPLE_M)
         with progress("train, steps", steps) as advance:
             after = fit(network, learnt, held_out, [stage], out, seed, shown(advance))

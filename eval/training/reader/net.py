@@ -1,5 +1,6 @@
 """The reader of suits in torch, and its file: it stores the tensors of the network, so that it reads back."""
 
+from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,6 +17,11 @@ from sensors.errors import FormatError
 from sensors.files.atomic import replacing
 from sensors.files.bounded import read_bounded
 
+FULL_READER, FULL_AGAIN = (
+    Path(str(files("eval").joinpath("weights", "full", name))) for name in ("reader.onnx", "again.onnx")
+)
+"""The shipped readers in full precision: trainings go on from them. Those that label compute in eight bits
+(``python -m tools.fit.eight_bits``)."""
 INPUTS = len(network_input(np.zeros((len(CHANNELS), 1, 1), np.uint8)))
 """Channels of the network's input."""
 WIDTHS = (20, 32, 64, 96)

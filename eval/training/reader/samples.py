@@ -10,6 +10,7 @@ import numpy as np
 from annotate.array_types import Index, UInt8
 from annotate.parts import BACKGROUND, BODY_PARTS, NEIGHBOURS, UNDEFINED, swap_left_right
 from annotate.reader.channels import CHANNELS, FELT, LIKENESS, SEEN, SUBJECT, VALID
+from annotate.reader.mirror import mirrored as mirrored_channels
 from annotate.reader.network import MULTIPLE
 from eval.training.reader.examples import Example
 
@@ -19,8 +20,6 @@ COLORS = slice(CHANNELS.index("shade"), CHANNELS.index("room") + 1)
 LIKE, LIKE_PARTS = slice(-len(LIKENESS), None), slice(-len(BODY_PARTS), None)
 """Places among the channels: flags, labels before, temperatures, colours, the likeness to every cloth and to
 those of the parts."""
-TWINS = swap_left_right(np.arange(1, len(BODY_PARTS) + 1, dtype=np.uint8)).astype(np.intp) - 1
-"""Place of each part's other side among the parts."""
 JOINED = [tuple(sorted(pair)) for pair in sorted(map(sorted, NEIGHBOURS))]
 """Parts that touch, which a reader takes for each other."""
 ZOOM, TURNED, TURN_RAD, WIDER, SHIFT = 0.25, 0.6, 0.14, 0.06, 6.0
@@ -77,11 +76,8 @@ def known(sample: Sample) -> Sample:
 
 
 def mirrored(sample: Sample) -> Sample:
-    """The sample as a mirror shows it: left parts are right ones, in the labels before and likenesses too."""
-    planes = sample.planes[:, :, ::-1].copy()
-    planes[BEFORE] = swap_left_right(planes[BEFORE])
-    planes[LIKE_PARTS] = planes[LIKE_PARTS][TWINS]
-    return Sample(planes, swap_left_right(sample.target[:, ::-1]))
+    """The sample as a mirror shows it."""
+    return Sample(mirrored_channels(sample.planes), swap_left_right(sample.target[:, ::-1]))
 
 
 def taken(example: Example, rows: Index, columns: Index) -> Sample:
