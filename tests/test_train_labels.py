@@ -202,9 +202,10 @@ def test_labels_drawn_at_a_temperature_give_it_back(tmp_path):
     examples = []
     for _ in range(4):
         planes = example(rng, 64, 48).planes
-        with torch.no_grad():
-            scores = network(torch.from_numpy(network_input(planes)[None]))[0].numpy()
-        target = (scores / 2 + rng.gumbel(size=scores.shape)).argmax(axis=0).astype(np.uint8)
+        turned = mirrored(Sample(planes, planes[0])).planes
+        twins = [*swap_left_right(np.arange(CLASSES - 1, dtype=np.uint8)), CLASSES - 1]
+        mean = (chances(network, planes, 2) + chances(network, turned, 2)[twins][:, :, ::-1]) / 2
+        target = (np.log(mean) + rng.gumbel(size=mean.shape)).argmax(axis=0).astype(np.uint8)
         examples.append(Example(planes, target, np.array([100.0, 1.2])))
     store_examples(examples, tmp_path / "e.npz")
     stock = Stock([tmp_path / "e.npz"])
@@ -212,7 +213,8 @@ def test_labels_drawn_at_a_temperature_give_it_back(tmp_path):
     assert found.temperature == pytest.approx(2, rel=0.15)
     export_reader(network, tmp_path / "w.onnx", found.temperature)
     again = outcome(load_reader(tmp_path / "w.onnx"), stock, 0.012)
-    assert again.temperature == pytest.approx(1, abs=0.01) and again[:2] == found[:2]
+    assert again.temperature == pytest.approx(1, abs=0.01)
+    assert again[:2] == pytest.approx(found[:2], abs=0.01)
 
 
 def test_frames_of_the_rig_are_learnt_from_without_encoding_them():

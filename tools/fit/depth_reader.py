@@ -2,8 +2,8 @@
 
 It reads a network's labels again (`eval.network.read_again`): of people on the virtual rig, whose suit it
 does not see, and of those cut out in datasets. FOLDER gets examples, ``examples/NAME.npz``, the states of the
-training, and ``reader.onnx``, for eval/weights/full/again.onnx, from where tools.fit.eight_bits takes it. Where
-it was broken off, the same command goes on.
+training, and ``reader.onnx``, for eval/weights/full/again.onnx, from where tools.fit.eight_bits takes it.
+Where it was broken off, the same command goes on.
 """
 
 import argparse

@@ -6,7 +6,7 @@ newest. Source: Jacob et al. 2018, after training; ranges of what layers give ar
 """
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -24,6 +24,8 @@ from sensors.files.atomic import replacing
 
 SEEN = 96
 """Inputs that the ranges are taken from. Chosen by eye."""
+EXACT = ("leave",)
+"""Layers that stay in full precision: the last, which decides."""
 Inputs = dict[str, Float32]
 """Arrays by the names of a network's inputs."""
 
@@ -36,19 +38,23 @@ class _Seen(CalibrationDataReader):  # type: ignore[misc]
         return next(self._left, None)
 
 
-def eight_bits(source: Path, inputs: Iterable[Inputs], out: Path) -> None:
-    """Write the network of an ONNX file with convolutions in eight bits, but for the last, which decides."""
+def eight_bits(source: Path, inputs: Iterable[Inputs], out: Path, exact: Sequence[str]) -> None:
+    """Write the network of an ONNX file with convolutions in eight bits.
+
+    inputs: those that ranges are taken from. exact: names of layers that stay in full precision.
+    """
     with TemporaryDirectory() as folder, replacing(out) as unfinished:
         whole = Path(folder) / "whole.onnx"
         quant_pre_process(source, whole, skip_symbolic_shape=True)
-        last = [node.name for node in onnx.load(whole).graph.node if node.op_type == "Conv"][-1]
+        names = [node.name for node in onnx.load(whole).graph.node if node.op_type == "Conv"]
+        kept = [name for name in names if any(f"/{layer}/" in name for layer in exact)]
         quantize_static(
             whole,
             unfinished,
             _Seen(inputs),
             quant_format=QuantFormat.QDQ,
             op_types_to_quantize=["Conv"],
-            nodes_to_exclude=[last],
+            nodes_to_exclude=kept,
             per_channel=True,
             reduce_range=True,
             activation_type=QuantType.QUInt8,
@@ -62,7 +68,7 @@ def main() -> None:
     full, out, *examples = map(Path, sys.argv[1:])
     stock = Stock(examples)
     seen = (as_labelling(stock[i], SAMPLE_M).planes for i in stock.spread(SEEN))
-    eight_bits(full, ({INPUT: network_input(planes)[None]} for planes in seen), out)
+    eight_bits(full, ({INPUT: network_input(planes)[None]} for planes in seen), out, EXACT)
 
 
 if __name__ == "__main__":

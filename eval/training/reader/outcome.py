@@ -7,12 +7,12 @@ import torch
 from torch import Tensor
 
 from annotate.array_types import Int64
-from annotate.parts import N_CLASSES, UNDEFINED
+from annotate.parts import N_CLASSES, TWIN_PARTS, UNDEFINED
 from annotate.reader.channels import network_input
 from annotate.reader.network import CLASSES
 from eval.training.reader.examples import Example, Stock
 from eval.training.reader.net import ReaderNet
-from eval.training.reader.samples import as_labelling
+from eval.training.reader.samples import as_labelling, mirrored
 from eval.training.temperature import temperature_of
 
 MEASURED, SCATTERED = 200, 500
@@ -34,23 +34,24 @@ def outcome(network: ReaderNet, stock: Stock, sample_m: float) -> Outcome:
     network.eval()
     table, scores, targets = np.zeros((CLASSES, CLASSES), np.int64), [], []
     for index in stock.spread(MEASURED):
-        found, target = _read(network, stock[index], sample_m)
-        table += np.bincount(target * CLASSES + found.argmax(1).numpy(), minlength=CLASSES**2).reshape(
-            CLASSES, -1
-        )
+        views, target = _read(network, stock[index], sample_m)
+        found = torch.softmax(views, 2).mean(0).argmax(1).numpy()
+        table += np.bincount(target * CLASSES + found, minlength=CLASSES**2).reshape(CLASSES, -1)
         some = torch.linspace(0, max(len(target) - 1, 0), min(SCATTERED, len(target))).long()
-        scores.append(found[some])
+        scores.append(views[:, some])
         targets.append(torch.from_numpy(target)[some])
-    return Outcome(*_figures(table), temperature_of(torch.cat(scores)[None], torch.cat(targets)))
+    return Outcome(*_figures(table), temperature_of(torch.cat(scores, dim=1), torch.cat(targets)))
 
 
 def _read(network: ReaderNet, example: Example, sample_m: float) -> tuple[Tensor, Int64]:
-    """Scores (n, 13) and targets (n,) of the known samples of a frame."""
+    """Scores (2, n, 13) and targets (n,) of the known samples of a frame, as it is and in a mirror."""
     sample = as_labelling(example, sample_m)
+    views = [network_input(view.planes) for view in (sample, mirrored(sample))]
     with torch.no_grad():
-        scores = network(torch.from_numpy(network_input(sample.planes)[None]))[0]
+        own, other = network(torch.from_numpy(np.stack(views)))
+    scores = torch.stack([own, other[[*TWIN_PARTS, N_CLASSES]].flip(-1)])
     known = sample.target != UNDEFINED
-    return scores[:, torch.from_numpy(known)].T, sample.target[known].astype(np.int64)
+    return scores[:, :, torch.from_numpy(known)].transpose(1, 2), sample.target[known].astype(np.int64)
 
 
 def _figures(table: Int64) -> tuple[float, float]:
