@@ -82,7 +82,7 @@ def label_source(
     step = {
         "suit": suit_to_toml(suit) if suit else None,
         "window_c": list(window_c) if window_c else None,
-        **({} if reader.sha256 == shipped_reader().sha256 else {"weights_sha256": reader.sha256}),
+        "weights_sha256": reader.sha256,
     }
 
     return run(

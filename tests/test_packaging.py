@@ -80,6 +80,7 @@ def test_labelling_needs_no_extra(rig_session, tmp_path):
         ["export", labels, coco, "--format", "coco"],
         ["import", coco, back],
         ["diff", back, labels],
+        ["predict", session, "--out", tmp_path / "predicted"],
         ["devices"],
         ["doctor"],
     ]

@@ -10,20 +10,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from annotate.parts import LEFT_RIGHT, UNDEFINED, swap_left_right
-from annotate.reader.channels import CHANNELS, SUBJECT, VALID, network_input
-from annotate.reader.network import CLASSES, Reader, shipped_reader
+from annotate.reader.channels import CHANNELS, FELT, SEEN, SUBJECT, VALID, network_input
+from annotate.reader.network import CLASSES, SHIPPED_READER, Reader, shipped_reader
+from eval.network.read_again import SHIPPED_AGAIN
 from eval.training.reader import fit as fitting
 from eval.training.reader import train
 from eval.training.reader.examples import Example, Recording, Stock, store_examples
 from eval.training.reader.fit import fit
-from eval.training.reader.net import FULL_READER, ReaderNet, export_reader, load_reader
+from eval.training.reader.net import FULL_AGAIN, FULL_READER, ReaderNet, export_reader, load_reader
 from eval.training.reader.outcome import outcome
-from eval.training.reader.samples import LIKE, LIKE_PARTS, Sample, as_labelling, drawn, known, mirrored, spoil
+from eval.training.reader.samples import (
+    COLORS,
+    LIKE,
+    LIKE_PARTS,
+    Sample,
+    as_labelling,
+    drawn,
+    known,
+    mirrored,
+    spoil,
+)
 from eval.training.reader.scenes import rig_examples
 from eval.training.reader.train import Stage
 from sensors.errors import CloudError, FormatError
 from synth.rig.paths import suit_path
 from synth.rig.virtual_rig import DRAFT_PX, VirtualRig
+from tools.fit.eight_bits import eight_bits
 
 SEEDS = st.integers(0, 2**32 - 1)
 DEPTH, BEFORE = CHANNELS.index("depth"), CHANNELS.index("before")
@@ -224,11 +236,32 @@ def test_frames_of_the_rig_are_learnt_from_without_encoding_them():
     own = (one.planes[0] & SUBJECT) > 0
     assert own.sum() > 5000 and ((one.target[own] > 0) & (one.target[own] < CLASSES)).mean() > 0.9
     assert 0.003 < one.pixel_m < 0.012
-    # Eight bits are enough for what labels are made of.
+
+
+@pytest.mark.parametrize(("shipped", "full"), [(SHIPPED_READER, FULL_READER), (SHIPPED_AGAIN, FULL_AGAIN)])
+def test_a_shipped_reader_in_eight_bits_says_what_it_says_in_full_precision(shipped, full):
+    (one,) = rig_examples(VirtualRig(1, 1, "clean", 3, draft=True))
+    if full == FULL_AGAIN:
+        one.planes[LIKE], one.planes[COLORS] = 0, 0
+        one.planes[0] &= np.uint8(255 ^ SEEN ^ FELT)
+        one.planes[CHANNELS.index("before")] = np.where(one.target < CLASSES - 1, one.target, 0)
     seen = as_labelling(one, 0.012).planes
-    few, all_ = (reader.probabilities(seen, 1) for reader in (shipped_reader(), Reader(FULL_READER)))
+    few, all_ = (Reader(path).probabilities(seen, 1) for path in (shipped, full))
     assert (few.argmax(axis=0) == all_.argmax(axis=0)).mean() > 0.995 and np.abs(few - all_).mean() < 0.005
-    assert shipped_reader().sha256 != Reader(FULL_READER).sha256
+    with pytest.raises(FormatError, match="full precision"):
+        load_reader(shipped)
+
+
+def test_eight_bits_leave_the_layers_that_are_named_and_no_other_name_passes(tmp_path):
+    export_reader(trained_network(1), tmp_path / "w.onnx")
+    planes = example(np.random.default_rng(5), 48, 64).planes
+    inputs = [{"channels": network_input(planes)[None]}]
+    eight_bits(tmp_path / "w.onnx", inputs, tmp_path / "few.onnx", ["leave"])
+    full, few = (Reader(tmp_path / name).probabilities(planes, 1) for name in ("w.onnx", "few.onnx"))
+    assert 0 < np.abs(full - few).mean() < 0.02
+    with pytest.raises(ValueError, match="leaf"):
+        eight_bits(tmp_path / "w.onnx", inputs, tmp_path / "none.onnx", ["leave", "leaf"])
+    assert not (tmp_path / "none.onnx").exists()
 
 
 @contextmanager

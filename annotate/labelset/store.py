@@ -26,7 +26,7 @@ from sensors.rig.camera import Intrinsics
 
 SCHEMA = 1
 MANIFEST = manifests.LABELSET
-TOOLS = ("annotate-cloud", "numpy", "opencv-contrib-python-headless")
+TOOLS = ("annotate-cloud", "numpy", "opencv-contrib-python-headless", "onnxruntime")
 FRAMES, ORIGINAL = "frames", "original"
 LEARNT = "learnt"
 """Folder of the confidences of each step of learning, and the note of the step whose labels a frame has."""

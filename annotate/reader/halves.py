@@ -39,8 +39,8 @@ def halves(file: bytes) -> tuple[bytes, bytes, str]:
     except DecodeError as error:
         raise ValueError("no ONNX file") from error
     enlargements = [node for node in model.graph.node if node.kind == ENLARGED]
-    if not enlargements or not enlargements[-1].input:
-        raise ValueError("nothing is enlarged")
+    if not enlargements or not enlargements[-1].input or not model.graph.input:
+        raise ValueError("no input, or nothing is enlarged")
     context = enlargements[-1].input[0]
     return _part(model, {INPUT}, context), _part(model, {INPUT, context}, OUTPUT), context
 
@@ -55,7 +55,8 @@ def _part(model: Message, given: set[str], wanted: str) -> bytes:
             needed |= set(node.input)
             kept.append(node)
     size = graph.input[0].type
-    size.tensor.shape.CopyFrom(type(size.tensor.shape)(dim=[{"param": name} for name in "nkhw"]))
+    # Without its sides: those of the two inputs differ.
+    size.tensor.ClearField("shape")
     for listed, new in (
         (graph.node, kept[::-1]),
         (graph.initializer, [tensor for tensor in model.graph.initializer if tensor.name in needed]),

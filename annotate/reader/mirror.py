@@ -20,7 +20,8 @@ def mirrored(planes: UInt8) -> UInt8:
 def read_twice(reader: Reader, planes: UInt8, step: int, near: Rectangle) -> Float32:
     """Mean of a reader's probabilities for channels and for their mirror image; arguments as it has them."""
     # What is around is seen in every step-th column, which the mirror has to keep.
-    planes = np.pad(planes, ((0, 0), (0, 0), (0, (1 - planes.shape[2]) % step)))
+    if more := (1 - planes.shape[2]) % step:
+        planes = np.pad(planes, ((0, 0), (0, 0), (0, more)))
     rows, columns = near
     there = Rectangle(rows, slice(planes.shape[2] - columns.stop, planes.shape[2] - columns.start))
     other = reader.probabilities(mirrored(planes), step, there)[np.append(TWIN_PARTS, N_CLASSES), :, ::-1]

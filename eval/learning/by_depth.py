@@ -10,11 +10,12 @@ from annotate.array_types import UInt8
 from annotate.correction.correction import Correction
 from annotate.correction.relabel import untouched
 from annotate.frame_labels import FrameLabels
+from annotate.labelset.dataset import sha256
 from annotate.labelset.store import LabelSet
 from annotate.reader.network import Reader
 from eval.learning.lesson import Taught
 from eval.learning.practice import Practice
-from eval.network.read_again import camera_in, depth_view, read_again, shipped_again
+from eval.network.read_again import camera_in, depth_view, read_again
 from eval.training.reader.examples import Example
 from eval.training.reader.fit import Progress
 from eval.training.reader.net import FULL_AGAIN, export_reader, load_reader
@@ -29,8 +30,9 @@ class DepthLearner:
     """
 
     def __init__(self, labels: LabelSet, start: Path | None) -> None:
-        self._labels, self._network = labels, load_reader(start or FULL_AGAIN)
-        self._practice = Practice((Reader(start) if start else shipped_again()).sha256, spoilt=False)
+        start = start or FULL_AGAIN
+        self._labels, self._network = labels, load_reader(start)
+        self._practice = Practice(sha256(start), spoilt=False)
 
     def learn(self, taught: Sequence[Taught], more: bool, run: Path, progress: Progress) -> None:
         """Steps on these frames; goes on with what ``run`` holds of the same training."""

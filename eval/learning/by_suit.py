@@ -12,6 +12,7 @@ from annotate.correction.correction import Correction
 from annotate.correction.relabel import untouched
 from annotate.frame_labels import FrameLabels
 from annotate.label_source import SuitSurvey, calibrated, labels_of, suit_labeller
+from annotate.labelset.dataset import sha256
 from annotate.labelset.recorded import find_session
 from annotate.labelset.store import LabelSet, as_read
 from annotate.reader.network import Reader, shipped_reader
@@ -47,7 +48,7 @@ class SuitLearner:
                 f"{labels.path} was not labelled by {start or 'the shipped reader'}; give its weights with "
                 "--weights"
             )
-        self._practice = Practice(self._reader.sha256, spoilt=True)
+        self._practice = Practice(sha256(start or FULL_READER), spoilt=True)
         self._ids, self._examples = set(labels.frame_ids), dict[str, Example]()
 
     def learn(self, taught: Sequence[Taught], more: bool, run: Path, progress: Progress) -> None:

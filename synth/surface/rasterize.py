@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float32, Float64, Int32
 from sensors.rig.camera import Intrinsics
@@ -216,6 +215,8 @@ def look_at(eye_m: Float64, target_m: Float64, roll_rad: float = 0.0) -> Pose:
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-6:
         right = np.array([1.0, 0.0, 0.0])
+    from scipy.spatial.transform import Rotation  # `predict`, which places nobody, works without
+
     right = right / np.linalg.norm(right)
     level = np.stack([right, np.cross(forward, right), forward])
     rotation = Rotation.from_euler("z", roll_rad).as_matrix() @ level

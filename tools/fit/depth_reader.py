@@ -22,7 +22,8 @@ from annotate.label_source import labels_of
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.frames import open_frames
 from annotate.parts import BACKGROUND
-from annotate.reader.channels import CHANNELS, VALID
+from annotate.reader.channels import CHANNELS, VALID, Rectangle
+from annotate.reader.mirror import read_twice
 from annotate.reader.network import Reader
 from annotate.reader.read import OTHER_PERSON, SAMPLE_M
 from eval.learning.by_depth import example_of
@@ -125,7 +126,8 @@ def _store_again(weights: Path, path: Path) -> Path:
         for n in range(len(first)):
             example = first[n]
             step = max(1, round(SAMPLE_M / example.pixel_m))
-            named = reader.probabilities(example.planes, step).argmax(axis=0).astype(np.uint8)
+            everywhere = Rectangle(*(slice(0, side) for side in example.target.shape))
+            named = read_twice(reader, example.planes, step, everywhere).argmax(axis=0).astype(np.uint8)
             there = (example.planes[0] & VALID > 0) & (named != OTHER_PERSON)
             example.planes[CHANNELS.index("before")] = np.where(there, named, np.uint8(BACKGROUND))
             yield example

@@ -41,12 +41,15 @@ class _Seen(CalibrationDataReader):  # type: ignore[misc]
 def eight_bits(source: Path, inputs: Iterable[Inputs], out: Path, exact: Sequence[str]) -> None:
     """Write the network of an ONNX file with convolutions in eight bits.
 
-    inputs: those that ranges are taken from. exact: names of layers that stay in full precision.
+    inputs: those that ranges are taken from. exact: names of layers that stay in full precision. Raises
+    ValueError where one of these is missing.
     """
     with TemporaryDirectory() as folder, replacing(out) as unfinished:
         whole = Path(folder) / "whole.onnx"
         quant_pre_process(source, whole, skip_symbolic_shape=True)
         names = [node.name for node in onnx.load(whole).graph.node if node.op_type == "Conv"]
+        if missing := [layer for layer in exact if not any(f"/{layer}/" in name for name in names)]:
+            raise ValueError(f"{source} has no layers {missing}")
         kept = [name for name in names if any(f"/{layer}/" in name for layer in exact)]
         quantize_static(
             whole,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import torch
 
 from annotate.labelset.claim import Claim, login
-from annotate.reader.network import shipped_reader
+from annotate.labelset.dataset import sha256
 from annotate.reader.read import SAMPLE_M
 from eval.training.reader.examples import Example, Recording, Stock, store_examples
 from eval.training.reader.net import FULL_READER, ReaderNet, export_reader, load_reader
@@ -59,7 +59,7 @@ def train_labels(
     torch.set_num_threads(1)
     stage = Stage(SAMPLE_M, SIDE, steps, PEAK_RATE, AVERAGED)
     given = {
-        "start": shipped_reader().sha256,
+        "start": sha256(FULL_READER),
         "recordings": [[r.source.name, r.digest()] for r in recordings],
     }
     claim(out, {"seed": seed, "stages": [asdict(stage)], **given})

@@ -128,6 +128,8 @@ def load_reader(path: Path) -> ReaderNet:
         found = {tensor.name: torch.tensor(numpy_helper.to_array(tensor)) for tensor in stored}
     except Exception as error:  # protobuf and onnx raise several kinds at damaged bytes
         raise FormatError(f"weights {path} are no ONNX file; {REMEDY}") from error
+    if any(values.dtype == torch.int8 for values in found.values()):
+        raise FormatError(f"weights {path} compute in eight bits; give those in full precision")
     counts = {name: value for name, value in network.state_dict().items() if value.dtype == torch.int64}
     check_fits(path, network, found | counts)
     network.load_state_dict(found | counts)
