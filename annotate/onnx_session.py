@@ -1,16 +1,18 @@
 """Networks of ONNX files, each run by ONNX Runtime on one thread of the processor."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
+Network: TypeAlias = "InferenceSession"
+"""A network that can be run."""
 _NOWHERE = "/dev/null/no-external-data"
 """The folder of tensors outside a file, which does not exist: the file's hash would not cover them, and
 their paths are its author's choice."""
 
 
-def onnx_session(file: bytes) -> "InferenceSession":
+def onnx_session(file: bytes) -> Network:
     """The network of a file, which several threads may run at once; loading executes no code from the file.
 
     Raises ONNX Runtime's errors, which share no public base, where it is no network.

@@ -8,7 +8,6 @@ trained: `annotate/person/finder.md`.
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -16,11 +15,8 @@ from numba import njit
 
 from annotate.array_types import Bool, Float32, Float64, Index, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.onnx_session import onnx_session
+from annotate.onnx_session import Network, onnx_session
 from sensors.rig.nearest import Nearest
-
-if TYPE_CHECKING:
-    from onnxruntime import InferenceSession
 
 FOCAL_PX = 183.0
 """Focal length in pixels of the images that the network is trained on, half of a Kinect v2's: a person at
@@ -130,13 +126,11 @@ def network_input(depth_m: Float32, warmth: Float32) -> Float32:
         channels.append((local * valid).astype(np.float32))
     felt = np.isfinite(warmth) & (depth_m > 0)
     channels += [felt.astype(np.float32), np.where(felt, np.clip(warmth, *WARMTH), 0).astype(np.float32)]
-    return np.stack([image[v::2, u::2] for image in channels for v in (0, 1) for u in (0, 1)]).astype(
-        np.float32
-    )
+    return np.stack([image[v::2, u::2] for image in channels for v in (0, 1) for u in (0, 1)])
 
 
 @cache
-def _network() -> "InferenceSession":
+def _network() -> Network:
     """The shipped network."""
     return onnx_session(files("annotate").joinpath("person/finder.onnx").read_bytes())
 

@@ -1,8 +1,7 @@
 """The reader's network in two halves: features of what is around a place, and scores from these and pixels.
 
 The first half sees an image whole and gives features of every square of ``PLACE`` x ``PLACE`` samples; from
-them the second gives the scores of the samples of any part of an image. Of ONNX files only the few fields
-needed are read.
+them the second gives the scores of the samples of any part of an image. Of files few fields are read.
 """
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
@@ -12,8 +11,6 @@ PLACE = 4
 """Samples along a side of the squares that the first half gives features of."""
 INPUT, OUTPUT = "channels", "scores"
 """Names of the network's input and output."""
-ENLARGED = "Resize"
-"""Kind of the nodes that enlarge features; the last of them joins these with an image's own samples."""
 _FIELDS: dict[str, list[tuple[str, int, str, bool]]] = {
     "Model": [("graph", 7, "Graph", False)],
     "Graph": [("node", 1, "Node", True), ("initializer", 5, "Tensor", True),
@@ -23,8 +20,7 @@ _FIELDS: dict[str, list[tuple[str, int, str, bool]]] = {
     "Value": [("name", 1, "", False), ("type", 2, "Type", False)],
     "Type": [("tensor", 1, "TensorType", False)],
     "TensorType": [("shape", 2, "Shape", False)],
-    "Shape": [("dim", 1, "Dim", True)],
-    "Dim": [("param", 2, "", False)],
+    "Shape": [],
 }  # fmt: skip
 """Messages of onnx.proto3 with the fields used: name, number, message or text, repeated. Others are kept."""
 
@@ -38,7 +34,8 @@ def halves(file: bytes) -> tuple[bytes, bytes, str]:
         model = _model().FromString(file)
     except DecodeError as error:
         raise ValueError("no ONNX file") from error
-    enlargements = [node for node in model.graph.node if node.kind == ENLARGED]
+    # What is enlarged last joins an image's own samples.
+    enlargements = [node for node in model.graph.node if node.kind == "Resize"]
     if not enlargements or not enlargements[-1].input or not model.graph.input:
         raise ValueError("no input, or nothing is enlarged")
     context = enlargements[-1].input[0]
@@ -55,8 +52,7 @@ def _part(model: Message, given: set[str], wanted: str) -> bytes:
             needed |= set(node.input)
             kept.append(node)
     size = graph.input[0].type
-    # Without its sides: those of the two inputs differ.
-    size.tensor.ClearField("shape")
+    size.tensor.ClearField("shape")  # that of the two inputs differs
     for listed, new in (
         (graph.node, kept[::-1]),
         (graph.initializer, [tensor for tensor in model.graph.initializer if tensor.name in needed]),

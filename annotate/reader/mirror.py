@@ -22,7 +22,7 @@ def read_twice(reader: Reader, planes: UInt8, step: int, near: Rectangle) -> Flo
     # What is around is seen in every step-th column, which the mirror has to keep.
     if more := (1 - planes.shape[2]) % step:
         planes = np.pad(planes, ((0, 0), (0, 0), (0, more)))
-    rows, columns = near
-    there = Rectangle(rows, slice(planes.shape[2] - columns.stop, planes.shape[2] - columns.start))
+    left, right = (planes.shape[2] - end for end in (near.columns.stop, near.columns.start))
+    there = Rectangle(near.rows, slice(left, right))
     other = reader.probabilities(mirrored(planes), step, there)[np.append(TWIN_PARTS, N_CLASSES), :, ::-1]
     return np.float32(0.5) * (reader.probabilities(planes, step, near) + other)
