@@ -152,7 +152,7 @@ def test_what_is_no_network_is_refused_in_one_line_and_not_run(tmp_path, capfd):
     shipped = SHIPPED_WEIGHTS.read_bytes()
     contents = [
         pickle.dumps(Bomb(trace)), b"", np.random.default_rng(0).bytes(4000),
-        shipped[: len(shipped) // 2], shipped[:-1000], b"PK\x03\x04" + bytes(100),
+        shipped[: len(shipped) // 2], shipped[:-99], b"PK\x03\x04" + bytes(100),
     ]  # fmt: skip
     for content in contents:
         path.write_bytes(content)
