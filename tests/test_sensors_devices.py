@@ -652,8 +652,8 @@ def played_by_orbbec(sdk, path, count):
 def test_the_driver_reads_what_orbbecs_sdk_plays(tmp_path, monkeypatch):
     """A Femto Bolt's recording, written as the SDK writes it: all comes, bit for bit, and losses are counted.
 
-    On a busy machine the SDK itself drops images, others each time it plays, and then waits for ever: it plays
-    until all have come. Its streams start one after the other: about every second time it hands out the first
+    On a busy machine the SDK itself drops images, others each time it plays, and then waits for ever: it is
+    played until all have come. Its streams start one after the other: about every second time it hands out the first
     depth image without its infrared one, whichever way it is asked to gather them.
     """
     try:
