@@ -653,8 +653,8 @@ def test_the_driver_reads_what_orbbecs_sdk_plays(tmp_path, monkeypatch):
     """A Femto Bolt's recording, written as the SDK writes it: all comes, bit for bit, and losses are counted.
 
     On a busy machine the SDK itself drops images, others each time it plays, and then waits for ever: it is
-    played until all have come. Its streams start one after the other: about every second time it hands out the first
-    depth image without its infrared one, whichever way it is asked to gather them.
+    played until all have come. Its streams start one after the other: about every second time the first depth
+    image comes without its infrared one, whichever way the SDK is asked to gather them.
     """
     try:
         sdk = load_sdk()
