@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from annotate.cloud.thermal_cloud import ThermalCloud
-from annotate.person.alignment import SHIFT_PX, contrasts, degrees, misplacement_px, peak_px
+from annotate.person.alignment import SHIFT_PX, contrasts, degrees, is_warmer, misplacement_px, peak_px
 from sensors.rig.camera import Intrinsics, rays
 
 CAMERA = Intrinsics(200, 160, 150.0, 150.0, 99.5, 79.5)
@@ -45,6 +45,15 @@ def test_the_shift_of_the_temperatures_is_found(shift):
     np.testing.assert_allclose(shift_px, shift, atol=2 * SHIFT_PX)
     expected = np.degrees(np.arctan(np.hypot(*shift_px) / 150.0))
     assert degrees(shift_px, CAMERA) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("shift", [(18, 0), (0, -15), (-12, 12)])
+def test_a_person_is_warmer_where_the_temperatures_went(shift):
+    disc = warm_disc()
+    warmth, person = (disc.temperature_c - 20) / 10, disc.color_valid
+    moved = np.roll(warmth, shift[::-1], axis=(0, 1))
+    assert is_warmer(moved, person, shift) and not is_warmer(moved, person, (-shift[0], -shift[1]))
+    assert not is_warmer(warmth, person, shift) and is_warmer(warmth, person & False, shift)
 
 
 def test_gaps_in_the_temperatures_do_not_matter():

@@ -14,7 +14,7 @@ import numpy as np
 from annotate.array_types import Bool, Float32, UInt8
 from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
-from annotate.person.alignment import contrasts, degrees, misplacement_px
+from annotate.person.alignment import contrasts, degrees, is_warmer, misplacement_px
 from annotate.person.finder import Person, people_in
 from annotate.person.known import numbers_of
 from annotate.person.planes import TOLERANCE, Plane, distance_m, find_planes
@@ -98,10 +98,12 @@ class Survey:
         """Warning where the thermal image does not lie on the depth image."""
         surface = contrasts(self._coarse, self.window_c, self._warm)
         shift_px = None if surface is None else misplacement_px(surface)
-        if shift_px is None:
+        persons = self._numbered(self._persons, None).persons > 0
+        if shift_px is None or not is_warmer(self.warmth.clip(0, 1), persons, shift_px):
             return ()
+        right, down = (self.cloud.stride * px for px in shift_px)
         return (
-            "thermal image lies {:+.0f}, {:+.0f} pixels (right, down) off the depth image, ".format(*shift_px)
+            f"thermal image lies {right:+.0f}, {down:+.0f} pixels (right, down) off the depth image, "
             + f"{degrees(shift_px, self._coarse.camera):.1f} degrees: calibrate the thermal camera again; "
             "parts are undefined",
         )

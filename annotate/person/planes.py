@@ -19,10 +19,9 @@ LEAST_COSINE = 0.94
 """Least cosine between a point's and its plane's normals: a limb on a seat is turned. Chosen by eye."""
 PLANE_STRIDE = 3
 """Pixels between the rows and the columns in which planes are sought. Chosen by eye."""
-TRIALS = 40
-"""Points of these that are tried as the next plane. Chosen by eye."""
-MOST_PLANES = 16
-"""Planes of a cloud at most: a rough surface far away would fall apart into a hundred. Chosen by eye."""
+TRIALS, MOST_PLANES = 40, 16
+"""Points of these that are tried as the next plane; planes of a cloud at most, as a rough surface far away
+would fall apart into a hundred. Chosen by eye."""
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,9 @@ NOISE_RGB = 4.0
 SIGMA, SIGMA_POINTS = 0.05, 60.0
 """Expected standard deviation of a swatch's chromaticity, on folds and under several lamps, and the number of
 points that it is worth. Chosen by eye."""
-FADE, FADE_SIGMA = 0.1, 0.2
-"""Expected fading and its standard deviation: share of the way from a cloth's chromaticity to the light's.
-Chosen by eye."""
-HUE_SIGMA = 0.03
-"""Standard deviation of a swatch's chromaticity beside fading. Chosen by eye."""
+FADE, FADE_SIGMA, HUE_SIGMA = 0.1, 0.2, 0.03
+"""Expected fading, a share of the way from a cloth's chromaticity to the light's, and its standard deviation;
+that of a swatch's chromaticity beside fading. Chosen by eye."""
 BARE = (((176, 135, 105), ("head", "left_forearm", "right_forearm")),
         ((70, 62, 58), ("head", "left_lower_leg", "right_lower_leg")))  # fmt: skip
 """sRGB colours that are no cloth of the suit, and the parts that show them: skin of face and hands (the
@@ -43,10 +41,9 @@ POINT_WORTH = 0.2
 """Worth of a point's colour against the priors, as neighbours share their light and fold. Chosen by eye."""
 STRAY = 0.02
 """Likelihood of any colour on any part, against a swatch's best: reflections, toys. Chosen by eye."""
-FIT_ROUNDS = 3
-"""Rounds of expectation maximisation. Chosen by eye."""
-MOST_COLORS = 2000
-"""Colours that stand for all of a person or of a picture, an even sample, for speed. Chosen by eye."""
+FIT_ROUNDS, MOST_COLORS = 3, 2000
+"""Rounds of expectation maximisation; colours that stand for all of a person or of a picture, an even sample,
+for speed. Chosen by eye."""
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,9 @@ from annotate.suit.palette import MIN_CHROMA_DISTANCE, Suit, chromaticity
 from sensors.errors import CloudError
 from sensors.rig.frame import FrameSource
 
-SEAM_PX = 2
-"""Pixels from another part within which a colour may be that part's. Chosen by eye."""
-LEAST_COLORS = 30
-"""Readable points of a part that a swatch needs. Chosen by eye."""
-LEAST_SECOND_SHARE = 0.15
-"""Least share of a part that a second colour, its skin, covers. Chosen by eye."""
+SEAM_PX, LEAST_COLORS, LEAST_SECOND_SHARE = 2, 30, 0.15
+"""Pixels from another part within which a colour may be that part's; readable points of a part that a swatch
+needs; least share of a part that a second colour, its skin, covers. Chosen by eye."""
 CONTRAST, LEAST_PATCH = 12.0, 0.002
 """CIELAB distance of a patch from the paper, where 2.3 is just noticeable (Sharma 2003), and the share of the
 photograph below which a spot is no patch. Chosen by eye."""
