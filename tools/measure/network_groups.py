@@ -1,8 +1,9 @@
 """What a network reaches by kind of image: ``python -m tools.measure.network_groups W.onnx DATASET...``.
 
 Prints a Markdown table a dataset: mean recall, left/right swaps (share of the limbs' pixels), share of the
-images whose facing is right to 20 degrees and whose posture is right; of all images, by facing, sensor and
-posture, and of those that the image cuts. Then of every fourth image as it is, with 5 % of its pixels lost,
+images whose facing is right to 20 degrees and whose posture is right; of all images, by facing (without a
+skirt, too, below which no image tells where the one leg ends), sensor and posture, and of those that the
+image cuts. Then of every fourth image as it is, with 5 % of its pixels lost,
 squeezed, and cut off.
 """
 
@@ -27,6 +28,7 @@ from eval.network.read_again import camera_in
 from eval.scores.confusion import confusion_matrix, left_right_swap_rate, mean_recall
 from eval.training.crops import to_crop
 from eval.training.whole import FACING, POSTURE, whole_person
+from synth.shipped import table
 
 Crop = tuple[Float32, UInt8]
 BATCH, EACH = 32, 4
@@ -104,7 +106,11 @@ def groups(frame: FrameLabels, row: Float32) -> Iterator[str]:
     yield "all"
     azimuth = abs(np.degrees(np.arctan2(row[FACING][1], row[FACING][0])))
     if np.isfinite(azimuth):
-        yield "from the front" if azimuth < 45 else "from the side" if azimuth < 135 else "from behind"
+        view = "from the front" if azimuth < 45 else "from the side" if azimuth < 135 else "from behind"
+        yield view
+        if "clothes" in frame.notes:
+            in_skirt = not set(frame.notes["clothes"]).isdisjoint(table("clothes")["skirts"])
+            yield f"{view}, {'in a skirt' if in_skirt else 'without a skirt'}"
     if "sensor" in frame.notes:
         yield f"sensor: {frame.notes['sensor']['kind']}"
     if np.isfinite(row[POSTURE]):
