@@ -8,7 +8,8 @@ from annotate.array_types import Bool, Float64
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.live.complaint import Complaint
 from annotate.live.frame_complaints import shift_complaint
-from annotate.person.alignment import TOLERABLE_DEG, misplacement_px, warm_contrasts
+from annotate.person.alignment import TOLERABLE_DEG, is_warmer, misplacement_px, warm_contrasts
+from annotate.person.warmth import WINDOW_C, find_window, warmth
 
 EVERY_NS, FRAMES = 500_000_000, 8
 """Nanoseconds from one frame looked at to the next, and frames whose contrasts are added: four seconds, in
@@ -30,12 +31,15 @@ class ShiftWatch:
             surface = warm_contrasts(cloud)
             if surface is not None:
                 self._surfaces.append(surface)
-            self._complaint = self._judged(cloud)
+            self._complaint = self._judged(cloud, person)
         return self._complaint
 
-    def _judged(self, cloud: ThermalCloud) -> Complaint | None:
+    def _judged(self, cloud: ThermalCloud, person: Bool) -> Complaint | None:
         """A complaint about the shift that the last frames together tell, if it is far."""
         if len(self._surfaces) < FRAMES:
             return None
         shift_px = misplacement_px(np.mean(self._surfaces, axis=0))
-        return shift_px and shift_complaint(shift_px, cloud.camera, TOLERABLE_DEG)
+        warm = warmth(cloud.temperature_c, find_window(cloud, cloud.valid) or WINDOW_C).clip(0, 1)
+        if shift_px is None or not is_warmer(warm, person, shift_px):
+            return None
+        return shift_complaint(shift_px, cloud.camera, TOLERABLE_DEG)
