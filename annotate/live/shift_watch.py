@@ -39,7 +39,9 @@ class ShiftWatch:
         if len(self._surfaces) < FRAMES:
             return None
         shift_px = misplacement_px(np.mean(self._surfaces, axis=0))
+        if shift_px is None:
+            return None
         warm = warmth(cloud.temperature_c, find_window(cloud, cloud.valid) or WINDOW_C).clip(0, 1)
-        if shift_px is None or not is_warmer(warm, person, shift_px):
+        if not is_warmer(warm, person, shift_px):
             return None
         return shift_complaint(shift_px, cloud.camera, TOLERABLE_DEG)
