@@ -35,8 +35,8 @@ class Browser:
         os.close(answers)
         self._buffer, self._asked, self._session = b"", 0, ""
         self.events: list[dict[str, Any]] = []
-        pages = self.ask("Target.getTargets")["targetInfos"]
-        target = next(page["targetId"] for page in pages if page["type"] == "page")
+        # The first page may not be there yet.
+        target = self.ask("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.ask(f"{domain}.enable")
