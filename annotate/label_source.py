@@ -119,7 +119,9 @@ class SuitSurvey:
 
     def view(self, person: PersonMask) -> View | None:
         """What the reader sees of a trusted person of the frame; None where their colours cannot be read."""
-        if self.likely.trusted and np.array_equal(person.persons, self.likely.persons):
+        # Which number another person has is not seen.
+        own, likely = (np.minimum(one.persons, 2) for one in (person, self.likely))
+        if self.likely.trusted and np.array_equal(own, likely):
             return self.seen
         return view_of(self.cloud, self.persons, person)
 

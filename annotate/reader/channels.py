@@ -203,24 +203,25 @@ def network_input(planes: UInt8) -> Float32:
     # The flag without which a channel of ``RANGES`` says nothing.
     needed = (VALID, VALID, VALID, FELT, FELT, SEEN, SEEN, SEEN, SEEN)
     first, unit = len(bits) + N_CLASSES - 1, np.float32(1 / 64)
-    made = np.zeros((first + count - 2, height, width), np.float32)
+    made = np.empty((first + count - 2, height, width), np.float32)
+    row, read = np.empty((count, width), np.uint8), np.empty(width, np.uint8)
     for v in range(height):
-        flags, before, read = planes[0, v], planes[1, v], np.zeros(width, np.bool_)
-        for i, bit in enumerate(bits):
-            for u in range(width):
-                made[i, v, u] = (flags[u] & bit) > 0
-        for part in range(1, N_CLASSES):
-            for u in range(width):
-                made[len(bits) + part - 1, v, u] = before[u] == part
-        for i, bit in enumerate(needed):
-            for u in range(width):
-                value = (np.float32(planes[2 + i, v, u]) - np.float32(127.5)) * unit
-                made[first + i, v, u] = value if flags[u] & bit else np.float32(0)
+        row[:], read[:] = planes[:, v], 0  # a copy side by side, so that the loops vectorise
         for i in range(count + 1 - N_CLASSES, count):
             for u in range(width):
-                read[u] |= planes[i, v, u] > 0
+                read[u] |= row[i, u]
+        for i, bit in enumerate(bits):
+            for u in range(width):
+                made[i, v, u] = np.float32((row[0, u] & bit) > 0)
+        for part in range(1, N_CLASSES):
+            for u in range(width):
+                made[len(bits) + part - 1, v, u] = np.float32(row[1, u] == part)
+        for i, bit in enumerate(needed):
+            for u in range(width):
+                value = (np.float32(row[2 + i, u]) - np.float32(127.5)) * unit
+                made[first + i, v, u] = value if row[0, u] & bit else np.float32(0)
         for i in range(2 + len(needed), count):
             for u in range(width):
-                value = (np.float32(planes[i, v, u]) - neutral) * unit
+                value = (np.float32(row[i, u]) - neutral) * unit
                 made[first + i - 2, v, u] = value if read[u] else np.float32(0)
     return made

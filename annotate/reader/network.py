@@ -65,8 +65,7 @@ class Reader:
         near = near or Rectangle(*(slice(0, side) for side in planes.shape[1:]))
         place = PLACE * step
         sides = [slice(own.start // place, -(-own.stop // place)) for own in near]
-        around = self._of_all(planes[:, ::step, ::step])
-        around = np.pad(around, ((0, 0), (0, 1), (0, 1)), "edge")
+        around = np.pad(self._of_all(planes[:, ::step, ::step]), ((0, 0), (0, 1), (0, 1)), "edge")
         around = around[:, *(slice(own.start, own.stop + 1) for own in sides)]
         height, width = ((side.stop - side.start) * place for side in sides)
         seen = planes[:, *(slice(side.start * place, side.stop * place) for side in sides)]

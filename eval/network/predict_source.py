@@ -76,7 +76,7 @@ class NetworkSurvey:
     ) -> None:
         self._survey = survey = Survey(cloud, window_c, everybody=everybody)
         self._network, self._probabilities, self._everybody = network, probabilities, everybody
-        self.depth_mm = cloud.depth_mm
+        self.depth_mm, self.planes = cloud.depth_mm, survey.planes
         self._known: dict[bytes, Segmentation] = {}
         person = survey.person()
         if person.trusted:
@@ -114,7 +114,7 @@ class NetworkSurvey:
         if bearing is None:
             return result
         parts = np.where(coarse.pixel >= 0, result.parts.ravel()[coarse.pixel], np.uint8(0))
-        floor = floor_of(self._survey.planes, coarse.cloud.points_m)
+        floor = floor_of(self.planes, coarse.cloud.points_m)
         bearing = by_height(bearing, coarse.camera, floor)
         support = support_of(bearing.name, parts, coarse.cloud.points_m, floor)
         bearing = replace(bearing, support=support).seen_by(coarse.camera)
@@ -135,7 +135,8 @@ def _labels_again(
     first = FrameLabels("", survey.depth_mm, found.parts, found.confidence, persons=person.persons)
     if again and _shows_more(survey.depth_mm, person.mask):
         readers = again, *readers
-    read = reduce(partial(read_again, camera), readers, first)
+    reread = partial(read_again, camera, planes=survey.planes)
+    read = reduce(reread, readers, first)
     assert read.confidence is not None and read.persons is not None
     found = replace(found, parts=read.parts, confidence=read.confidence)
     return found, replace(person, mask=read.persons == 1, persons=read.persons)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from annotate.array_types import Float32, UInt8
+from annotate.array_types import Float32, UInt8, UInt16
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.crop import person_of
@@ -52,26 +52,36 @@ def camera_in(labels: LabelledFrames, first: FrameLabels) -> Intrinsics:
     return pinhole_of(first, camera_of(labels, first))
 
 
-def depth_view(first: FrameLabels, camera: Intrinsics) -> tuple[ThermalCloud, View] | None:
-    """Cloud of a frame, and what the reader sees of the person that its first labels show; None: nobody."""
+def depth_view(
+    first: FrameLabels, camera: Intrinsics, planes: tuple[Plane, ...] | None = None
+) -> tuple[ThermalCloud, View] | None:
+    """Cloud of a frame, and what the reader sees of the person that its first labels show; None: nobody.
+
+    planes: of the room, None = found here.
+    """
     mask = person_of(first.parts) & (first.depth_mm > 0)
     if not mask.any():
         return None
-    cloud = _bare_cloud(first, camera)
-    coarse = CoarseCloud.of(cloud).cloud
+    cloud = _bare_cloud(first.depth_mm, camera)
     persons = mask.astype(np.uint8) if first.persons is None else first.persons
     where, pixels_per_m = rectangle(cloud, mask)
-    room = DepthRoom(find_planes(coarse), cloud.temperature_c)
+    if planes is None:
+        coarse = CoarseCloud.of(cloud).cloud
+        planes = find_planes(_bare_cloud(coarse.depth_mm, coarse.camera))
+    room = DepthRoom(planes, cloud.temperature_c)
     seen = with_before(channels(cloud, room, PersonMask(mask, "depth", persons), where), first, where)
     return cloud, View(where, seen, cloud.color_rgb[where], pixels_per_m, np.zeros((0, 3), np.uint8))
 
 
-def read_again(camera: Intrinsics, first: FrameLabels, reader: Reader) -> FrameLabels:
+def read_again(
+    camera: Intrinsics, first: FrameLabels, reader: Reader, planes: tuple[Plane, ...] | None = None
+) -> FrameLabels:
     """A frame with a reader's labels of its person; the same where it shows nobody.
 
     first: as the network labelled it. What else that says of the person stays, and so do other persons.
+    planes: of the room, None = found from depth.
     """
-    seen = depth_view(first, camera)
+    seen = depth_view(first, camera, planes)
     if seen is None:
         return first
     cloud, view = seen
@@ -99,9 +109,9 @@ def _near(view: View) -> Rectangle:
     return Rectangle(*(slice(max(a - margin, 0), min(b + margin + 1, side)) for (a, b), side in sides))
 
 
-def _bare_cloud(first: FrameLabels, camera: Intrinsics) -> ThermalCloud:
+def _bare_cloud(depth_mm: UInt16, camera: Intrinsics) -> ThermalCloud:
     """Cloud of a depth image without colour and temperature."""
-    unseen = np.full(first.depth_mm.shape, np.nan, np.float32)
-    depth_m = np.where(first.depth_mm > 0, first.depth_mm * np.float32(1e-3), unseen)
+    unseen = np.full(depth_mm.shape, np.nan, np.float32)
+    depth_m = np.where(depth_mm > 0, depth_mm * np.float32(1e-3), unseen)
     color = np.zeros((*unseen.shape, 3), np.uint8)
-    return ThermalCloud(camera, first.depth_mm, unproject(camera, depth_m), color, color[..., 0] > 0, unseen)
+    return ThermalCloud(camera, depth_mm, unproject(camera, depth_m), color, color[..., 0] > 0, unseen)
