@@ -37,10 +37,7 @@ def test_its_points_are_points_of_the_whole_cloud(rig):
     assert (off <= 0.51 * whole.points_m.reshape(-1, 3)[at, 2] / calibration.depth.fx).all()
     celsius = coarse.cloud.temperature_c[seen] - whole.temperature_c.ravel()[at]
     assert np.mean(np.abs(celsius) < 0.5) > 0.85
-    same = coarse.cloud.color_valid[seen] & whole.color_valid.ravel()[at]
-    rgb = coarse.cloud.color_rgb[seen].astype(int) - whole.color_rgb.reshape(-1, 3)[at]
-    assert np.mean(np.abs(rgb[same]).max(axis=1) < 40) > 0.85
-    assert same.mean() > 0.9 * whole.color_valid.ravel()[at].mean()
+    assert not coarse.cloud.color_valid.any()
 
 
 def test_a_whole_cloud_gives_the_coarse_one_of_its_depth(rig):
@@ -108,11 +105,3 @@ def test_a_reduced_camera_sees_the_same_rays():
     for pixel, size in ((0.5, 0), (100.5, 50), (510.5, 255)):
         assert (pixel - camera.cx) / camera.fx == pytest.approx((size - half.cx) / half.fx)
         assert (pixel - camera.cy) / camera.fy == pytest.approx((size - half.cy) / half.fy)
-
-
-def test_a_colour_image_is_decoded_smaller(rig):
-    _, frame = rig
-    whole, quarter = frame.decode_color(), frame.decode_color(4)
-    assert quarter.shape == (whole.shape[0] // 4, whole.shape[1] // 4, 3)
-    means = whole.reshape(quarter.shape[0], 4, quarter.shape[1], 4, 3).mean(axis=(1, 3))
-    assert np.median(np.abs(means - quarter)) < 4

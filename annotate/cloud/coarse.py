@@ -25,8 +25,6 @@ of the virtual rig)."""
 SAME_SURFACE = 0.01
 """Depth difference, as a share of the depth, that counts as much as a pixel's distance. Chosen by eye; twice
 as much changes the IoU of a person by 0.001 (measured)."""
-REDUCTIONS = (8, 4, 2)
-"""Shares of a colour image's side at which it can be decoded."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ class CoarseCloud:
 
 
 class CoarseFuser:
-    """Fusion of coarse clouds, as `Fuser` does of whole ones; safe to call from several threads.
+    """Fusion of coarse clouds of depth and temperature, without colour; safe to call from several threads.
 
     calibration: the rig's. camera: the undistorted depth camera of the whole images.
     """
@@ -88,24 +86,20 @@ class CoarseFuser:
         self.camera = calibration.depth.undistorted()
         self._source = undistortion_index(calibration.depth)
         self._stride = stride_of(self.camera)
-        depth, color = reduced(self.camera, self._stride), calibration.color
-        self._reduction = 1 if color is None else _reduction(color, depth)
-        color = color and reduced(color, self._reduction)
-        self._fuser = Fuser(replace(calibration, depth=depth, color=color))
+        coarse = replace(calibration, depth=reduced(self.camera, self._stride))
+        self._fuser = Fuser(replace(coarse, color=None, color_from_depth=None))
 
     def fuse_frame(self, frame: RigFrame) -> CoarseCloud:
-        """Coarse cloud of a frame. Raises FormatError, CalibrationError."""
-        return self.fuse(frame.depth_mm, frame.decode_color(self._reduction), frame.thermal_c)
+        """Coarse cloud of a frame, whose colour image is not decoded. Raises CalibrationError."""
+        return self.fuse(frame.depth_mm, frame.thermal_c)
 
-    def fuse(
-        self, depth_mm: UInt16, color_rgb: UInt8 | None = None, thermal_c: Float32 | None = None
-    ) -> CoarseCloud:
-        """Coarse cloud of one moment; arguments as of ``Fuser.fuse``, the colour image as it is decoded."""
+    def fuse(self, depth_mm: UInt16, thermal_c: Float32 | None = None) -> CoarseCloud:
+        """Coarse cloud of one moment; arguments as of ``Fuser.fuse``."""
         self.camera.check_size("depth image", depth_mm.shape)
         whole = _undistorted(np.ascontiguousarray(depth_mm).ravel(), self._source)
         pixel = _chosen(whole, self._stride)
         coarse = np.where(pixel >= 0, whole.ravel()[pixel], np.uint16(0))
-        cloud = self._fuser.fuse(coarse, color_rgb, thermal_c)
+        cloud = self._fuser.fuse(coarse, None, thermal_c)
         return CoarseCloud(self.camera, whole, cloud, pixel, self._stride)
 
 
@@ -134,12 +128,6 @@ def reduced(camera: Intrinsics, share: int) -> Intrinsics:
         cx=(camera.cx + 0.5) / share - 0.5,
         cy=(camera.cy + 0.5) / share - 0.5,
     )
-
-
-def _reduction(color: Intrinsics, depth: Intrinsics) -> int:
-    """How many times smaller a colour image may be with a pixel of it for each point."""
-    enough = (r for r in REDUCTIONS if color.fx >= r * depth.fx and color.width % r == color.height % r == 0)
-    return next(enough, 1)
 
 
 @njit(cache=True, nogil=True)

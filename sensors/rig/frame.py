@@ -16,8 +16,6 @@ FARTHEST_MM = 65535
 """Farthest depth of 16 bits."""
 FRAME_PERIOD_NS = 33_333_333
 """Stamps of images that carry none: 30 a second."""
-_REDUCED = {1: "COLOR", 2: "REDUCED_COLOR_2", 4: "REDUCED_COLOR_4", 8: "REDUCED_COLOR_8"}
-"""Names of OpenCV's ways to decode an image, without ``IMREAD_``."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +58,10 @@ class RigFrame:
                 camera.check_size(f"{name} image of frame {self.index}", image.shape)
         return self
 
-    def decode_color(self, reduction: int = 1) -> NDArray[np.uint8] | None:
+    def decode_color(self) -> NDArray[np.uint8] | None:
         """Colour image (h, w, 3) RGB, or None where the frame has none.
 
-        reduction: 2, 4 or 8 for as many times fewer rows and columns, whose decoding takes less time. Raises
-        FormatError when the bytes are no image.
+        Raises FormatError when the bytes are no image.
         """
         if self.color_encoded is None:
             return None
@@ -79,11 +76,10 @@ class RigFrame:
             raise self._broken_color(str(error)) from error
         if max(size) > MAX_IMAGE_SIDE:
             raise self._broken_color(f"it claims {size[0]}x{size[1]} pixels")
-        way = getattr(cv2, f"IMREAD_{_REDUCED[reduction]}")
-        image = cv2.imdecode(np.frombuffer(self.color_encoded, np.uint8), way)
+        image = cv2.imdecode(np.frombuffer(self.color_encoded, np.uint8), cv2.IMREAD_COLOR_RGB)
         if image is None:
             raise self._broken_color("it is cut off or corrupt")
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+        return np.asarray(image, np.uint8)
 
     def _broken_color(self, why: str) -> FormatError:
         return FormatError(

@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from annotate.cloud.coarse import CoarseFuser
+from annotate.cloud.coarse import CoarseCloud
+from annotate.cloud.fuse import Fuser
 from annotate.person.extract import Survey
 from annotate.person.warmth import WINDOW_C
 from annotate.suit.palette import DEFAULT_SUIT
@@ -32,18 +33,16 @@ def corrections_k(pairs: list[tuple[RigFrame, Truth]], focal_px: float) -> np.nd
     return np.zeros(len(pairs)) if spot is None else reference.offsets_k(spot, times_s)
 
 
-def iou(
-    fuser: CoarseFuser, frame: RigFrame, truth: np.ndarray, window_c: tuple[float, float] | None
-) -> float:
+def iou(fuser: Fuser, frame: RigFrame, truth: np.ndarray, window_c: tuple[float, float] | None) -> float:
     """Of the person found in one frame alone, by warmth and suit."""
-    mask = Survey(fuser.fuse_frame(frame), window_c, DEFAULT_SUIT).person().mask
+    mask = Survey(CoarseCloud.of(fuser.fuse_frame(frame)), window_c, DEFAULT_SUIT).person().mask
     return float((mask & truth).sum() / max(1, (mask | truth).sum()))
 
 
 def measure(seed: int, frames: int) -> tuple[list[list[float]], list[list[float]]]:
     """By frame: error of temperatures without and with, kelvin; IoU by window, without and with."""
     rig = VirtualRig(frames, 2, "hard", seed, pyrometer=True)
-    pairs, fuser, off, ious = list(rig.with_truth()), CoarseFuser(rig.calibration), [], []
+    pairs, fuser, off, ious = list(rig.with_truth()), Fuser(rig.calibration), [], []
     for (frame, truth), more_k in zip(pairs, corrections_k(pairs, rig.calibration.thermal.fx), strict=True):
         off.append([abs(truth.drift_c), abs(truth.drift_c + more_k)])
         if frame.thermal_c is not None:
