@@ -5,15 +5,16 @@ before the first labels of the same frame; no colour, no temperature (docs/adr/0
 """
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from annotate.array_types import Float32, UInt8, UInt16
-from annotate.cloud.coarse import CoarseCloud
+from annotate.array_types import Float32, UInt8
+from annotate.cloud.coarse import CoarseFuser
+from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.crop import person_of
 from annotate.frame_labels import FrameLabels
@@ -24,7 +25,8 @@ from annotate.person.planes import Plane, find_planes
 from annotate.reader.channels import SUBJECT, Rectangle, channels, rectangle, with_before
 from annotate.reader.network import Reader
 from annotate.reader.read import OTHER_PERSON, View, finely
-from sensors.rig.camera import Intrinsics, unproject
+from sensors.rig.camera import Intrinsics
+from sensors.rig.rig_calibration import RigCalibration
 
 SHIPPED_AGAIN = Path(str(files("eval").joinpath("weights", "again.onnx")))
 """The reader that has learnt to read a network's labels, of nobody in particular: learnings begin with it
@@ -62,12 +64,11 @@ def depth_view(
     mask = person_of(first.parts) & (first.depth_mm > 0)
     if not mask.any():
         return None
-    cloud = _bare_cloud(first.depth_mm, camera)
+    whole, coarse = _fusers(camera)
+    cloud = whole.fuse(first.depth_mm)
     persons = mask.astype(np.uint8) if first.persons is None else first.persons
     where, pixels_per_m = rectangle(cloud, mask)
-    if planes is None:
-        coarse = CoarseCloud.of(cloud).cloud
-        planes = find_planes(_bare_cloud(coarse.depth_mm, coarse.camera))
+    planes = find_planes(coarse.fuse(first.depth_mm).cloud) if planes is None else planes
     room = DepthRoom(planes, cloud.temperature_c)
     seen = with_before(channels(cloud, room, PersonMask(mask, "depth", persons), where), first, where)
     return cloud, View(where, seen, cloud.color_rgb[where], pixels_per_m, np.zeros((0, 3), np.uint8))
@@ -109,9 +110,8 @@ def _near(view: View) -> Rectangle:
     return Rectangle(*(slice(max(a - margin, 0), min(b + margin + 1, side)) for (a, b), side in sides))
 
 
-def _bare_cloud(depth_mm: UInt16, camera: Intrinsics) -> ThermalCloud:
-    """Cloud of a depth image without colour and temperature."""
-    unseen = np.full(depth_mm.shape, np.nan, np.float32)
-    depth_m = np.where(depth_mm > 0, depth_mm * np.float32(1e-3), unseen)
-    color = np.zeros((*unseen.shape, 3), np.uint8)
-    return ThermalCloud(camera, depth_mm, unproject(camera, depth_m), color, color[..., 0] > 0, unseen)
+@lru_cache(maxsize=2)
+def _fusers(camera: Intrinsics) -> tuple[Fuser, CoarseFuser]:
+    """Fusion of a pinhole camera's depth images, without colour and temperature."""
+    alone = RigCalibration(camera)
+    return Fuser(alone), CoarseFuser(alone)
