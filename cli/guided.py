@@ -17,6 +17,7 @@ from sensors.calibrate.hole_plate import HolePlate
 from sensors.calibrate.plate_view import PlateView, view_plate, with_all_cameras
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.atomic import check_free, write_bytes
+from sensors.interrupt import interruptible
 from sensors.recording.live_rig import LiveRig
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
@@ -80,24 +81,25 @@ def guided(
     now, before = Guidance((), next_wish(()), None, False), None
     say(f"hold the plate {now.wanted.text if now.wanted else ''}; {picture} shows where")
     try:
-        for frame in frames:
-            if (looked := _looked(frame, plate, guess)) is None:
-                continue
-            view, now_known = looked
-            if now_known is not guess:
-                guess, room = now_known, Room.of(now_known, plate)
-            still = keep is None or _still(before, view)
-            if still and is_new(view, views, plate, guess):
-                views.append(view)
-                if keep is not None:
-                    keep(frame)
-                now = guide(views, plate, guess, room)
-                _report(now)
-            drawn = guide_picture(now, views, view, frame.infrared, guess.depth, plate, room)
-            write_bytes(picture, cv2.imencode(".png", drawn)[1].tobytes())
-            if now.wanted is None:
-                break
-            before = view
+        with interruptible():
+            for frame in frames:
+                if (looked := _looked(frame, plate, guess)) is None:
+                    continue
+                view, now_known = looked
+                if now_known is not guess:
+                    guess, room = now_known, Room.of(now_known, plate)
+                still = keep is None or _still(before, view)
+                if still and is_new(view, views, plate, guess):
+                    views.append(view)
+                    if keep is not None:
+                        keep(frame)
+                    now = guide(views, plate, guess, room)
+                    _report(now)
+                drawn = guide_picture(now, views, view, frame.infrared, guess.depth, plate, room)
+                write_bytes(picture, cv2.imencode(".png", drawn)[1].tobytes())
+                if now.wanted is None:
+                    break
+                before = view
     except KeyboardInterrupt:
         say("stopped by Ctrl-C")
     return now

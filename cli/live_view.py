@@ -5,7 +5,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from eval.network.sides import sided
 from eval.scores.joints import JOINT, JOINT_NAMES
 from eval.scores.skeleton_fit import BONES
 from sensors.importers.open_source import open_source
+from sensors.interrupt import interruptible
 from sensors.recording.playback import Playback
 from sensors.rig.camera import Intrinsics
 
@@ -184,7 +185,7 @@ def _as_stance(bearing: Bearing, camera: Intrinsics) -> Stance:
 def show_lines(pipeline: LivePipeline, end_s: float, show: Callable[[LiveFrame], None] | None) -> None:
     """Hand on every newest frame until the time is over, the rig ends, or Ctrl-C; complaints go to stderr."""
     seen, said = 0, set[str]()
-    try:
+    with suppress(KeyboardInterrupt), interruptible():
         while time.monotonic() < end_s:
             newest = pipeline.frames.after(seen, 0.2)
             # Not those of a frame: none comes of a camera that is silent.
@@ -200,8 +201,6 @@ def show_lines(pipeline: LivePipeline, end_s: float, show: Callable[[LiveFrame],
             seen, frame = newest
             if show is not None:
                 show(frame)
-    except KeyboardInterrupt:
-        return
 
 
 def print_joints(frame: LiveFrame) -> None:

@@ -25,6 +25,7 @@ from cli import (
     training,
 )
 from sensors.errors import CloudError, one_line
+from sensors.interrupt import interruptible
 
 app = typer.Typer(
     name="annotate-cloud",
@@ -78,15 +79,11 @@ INTERRUPTED = "interrupted; run the same command again, without --overwrite, to 
 def main() -> None:
     """Run the command; exit 0 done, 1 a user's error in one line, 2 wrong usage, 3 done in part."""
     try:
-        app()
+        with interruptible():
+            app()
     except CloudError as error:
         _fail(str(error))
     except KeyboardInterrupt:
-        _fail(INTERRUPTED, 130)
-    except SystemError as error:
-        # Numba's dispatcher returns in spite of an interrupt, which Python then reports as its mistake.
-        if not isinstance(error.__cause__, KeyboardInterrupt):
-            raise
         _fail(INTERRUPTED, 130)
     except SystemExit as end:
         # Typer turns Ctrl-C into an exit without a message.

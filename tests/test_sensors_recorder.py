@@ -180,6 +180,22 @@ def test_kill_9_loses_at_most_a_tenth_of_a_second(tmp_path, recording, images):
     assert "truncated" in " ".join(session.notes)
 
 
+@pytest.mark.parametrize("in_numba", [False, True])
+def test_ctrl_c_ends_a_recording_that_is_whole(tmp_path, in_numba):
+    def enough() -> bool:
+        if time.monotonic() < end:
+            return False
+        if in_numba:
+            raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+        raise KeyboardInterrupt
+
+    path, devices, end = tmp_path / "session.mcap", started(KINECT), time.monotonic() + 0.5
+    with SessionWriter(path, RIG, "rig", metadata=clock_metadata(devices, {})) as writer:
+        assert Recorder(devices, writer).run(enough, lambda recorder: None).why == "asked"
+    session = Session(path)
+    assert len(session) and not session.truncated
+
+
 class _Ahead:
     """A depth camera that has always one more image than was taken: faster than any disk."""
 

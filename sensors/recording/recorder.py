@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from sensors.device.protocol import ColorImage, DepthImage, Device, Spot, ThermalCounts, ThermalImage
+from sensors.interrupt import interruptible
 from sensors.recording.intake import Arrived, Event, Intake, StreamState
 from sensors.rig.pairing import CLOCK, LATENCY
 from sensors.session.messages import (
@@ -115,7 +116,7 @@ class Recorder:
         """
         started = time.monotonic()
         try:
-            with self._intake:
+            with interruptible(), self._intake:
                 why = self._write(enough, show)
         except KeyboardInterrupt:
             why = "asked"
