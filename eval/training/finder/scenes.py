@@ -36,7 +36,7 @@ ROOMS_OF_PEOPLE, ACQUAINTED = 8, 3
 """Rooms in which the same people are, and how many these are. Chosen by eye."""
 PEOPLE = (0.3, 0.35, 0.23, 0.12)
 """Shares of rooms with none, one, two and three people. Chosen by eye."""
-STANDING, RISING, SITTING_DOWN = 0.6, 0.72, 0.9
+STANDING, RISING, SITTING_DOWN = 0.45, 0.57, 0.75
 """Of the people in rooms, those who stand, who stand or crouch or get up, and all but those who lie. Chosen
 by eye."""
 BESIDE, BESIDE_M, APART_M = 0.5, (0.35, 0.7), (0.7, 2.5)
