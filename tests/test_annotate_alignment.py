@@ -56,6 +56,16 @@ def test_a_person_is_warmer_where_the_temperatures_went(shift):
     assert not is_warmer(warmth, person, shift) and is_warmer(warmth, person & False, shift)
 
 
+def test_the_few_pixels_of_a_person_that_a_shift_still_meets_tell_nothing():
+    person = np.zeros((120, 80), np.bool_)
+    person[10:110, 30:50] = True
+    warmth = np.where(person, np.float32(1), np.float32(np.nan))  # nothing is seen around them
+    warmth[85:110, 30:50] = 0.4  # shoes and trouser legs
+    assert not is_warmer(warmth, person, (17.0, -27.0))
+    warmth[~person] = 0
+    assert is_warmer(np.roll(warmth, (-27, 17), axis=(0, 1)), person, (17.0, -27.0))
+
+
 def test_gaps_in_the_temperatures_do_not_matter():
     cloud = warm_disc()
     celsius = cloud.temperature_c.copy()
