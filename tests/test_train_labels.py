@@ -9,7 +9,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from annotate.parts import LEFT_RIGHT, UNDEFINED, swap_left_right
+from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
 from annotate.reader.channels import CHANNELS, FELT, SEEN, SUBJECT, VALID, network_input
 from annotate.reader.network import CLASSES, SHIPPED_READER, Reader, shipped_reader
 from eval.network.read_again import SHIPPED_AGAIN
@@ -31,7 +31,7 @@ from eval.training.reader.samples import (
     spoil,
 )
 from eval.training.reader.scenes import rig_examples
-from eval.training.reader.train import Stage
+from eval.training.reader.train import Stage, weights_of
 from sensors.errors import CloudError, FormatError
 from synth.rig.paths import suit_path
 from synth.rig.virtual_rig import DRAFT_PX, VirtualRig
@@ -108,6 +108,26 @@ def test_spoiling_leaves_depth_and_what_is_measured_there(seed):
     assert np.array_equal(spoilt[DEPTH:kept], planes[DEPTH:kept])
     assert not (~planes[0] & spoilt[0]).any(), "nothing is measured that was not"
     assert not spoilt[LIKE, :, :9].any(), "what was not read stays so"
+
+
+@given(SEEDS)
+def test_in_the_loss_a_narrow_part_weighs_as_much_as_its_neighbours(seed):
+    rng = np.random.default_rng(seed)
+    classes = np.append(rng.choice(np.arange(1, N_CLASSES), rng.integers(1, N_CLASSES), replace=False), 0)
+    often = rng.choice(classes, (2, 24, 20), p=rng.dirichlet(np.full(len(classes), 5.0)))
+    targets = torch.from_numpy(np.where(rng.random(often.shape) < 0.1, UNDEFINED, often)).long()
+    targets[0, 0, 0] = CLASSES - 1
+    weights = weights_of(targets)
+    assert (weights[targets == UNDEFINED] == 0).all() and weights[0, 0, 0] == 1
+    for image, weight in zip(targets, weights, strict=True):
+        body = (image > 0) & (image < N_CLASSES)
+        count = torch.bincount(image[body], minlength=N_CLASSES)
+        seen = count > train.RAREST * body.sum()
+        each = torch.bincount(image[body], weight[body].double(), minlength=N_CLASSES)[seen]
+        if body.any():
+            assert weight[body].mean().item() == pytest.approx(1, rel=1e-4)
+            as_many = count[seen].double() ** (1 - train.BALANCE)
+            assert (each / as_many).numpy() == pytest.approx(float(each[0] / as_many[0]), rel=1e-4)
 
 
 def test_held_out_frames_are_sampled_as_labelling_does():
