@@ -29,9 +29,9 @@ BATCH, DECAY, CLIP = 8, 0.02, 2.0
 ROOM_WEIGHT = 0.7
 """Weight of a sample of the room in the loss, beside 1 of the others: there are many. Chosen by eye."""
 BALANCE, RAREST = 0.75, 0.01
-"""A part weighs its share of an image's parts to the power of minus this in the loss: 0 gives the borders of a
+"""A part weighs its share of an image's parts to the power of minus this in the loss: 0 gives borders of a
 narrow part, as of a hip that is sat on, to its large neighbours, 1 lets all weigh the same and takes as much
-from these. Least share that counts. Chosen by eye."""
+from these. Least share that counts. Chosen by eye (docs/adr/0027)."""
 SAVED_S = 60.0
 """Seconds between two checkpoints. Chosen by eye."""
 
