@@ -111,7 +111,7 @@ def test_spoiling_leaves_depth_and_what_is_measured_there(seed):
 
 
 @given(SEEDS)
-def test_in_the_loss_a_narrow_part_weighs_as_much_as_its_neighbours(seed):
+def test_in_the_loss_parts_weigh_by_their_share_of_the_image(seed):
     rng = np.random.default_rng(seed)
     classes = np.append(rng.choice(np.arange(1, N_CLASSES), rng.integers(1, N_CLASSES), replace=False), 0)
     often = rng.choice(classes, (2, 24, 20), p=rng.dirichlet(np.full(len(classes), 5.0)))
