@@ -128,8 +128,9 @@ def _step(
 
 
 def weights_of(targets: Tensor) -> Tensor:
-    """Weights (B, h, w) of samples in the loss by their targets, of mean 1 over the parts of each image; 0
-    where these are not known, 1 where they are another person's."""
+    """Weights (B, h, w) of samples in the loss by their targets (B, h, w), of mean 1 over the parts of each
+    image; ``ROOM_WEIGHT`` in the room, 1 on another person, 0 where nothing is known.
+    """
     known = nn.functional.one_hot(targets.clamp(max=CLASSES), CLASSES + 1)
     count = known.sum(dim=(1, 2))[:, 1:N_CLASSES].float()
     share = count / count.sum(dim=1, keepdim=True).clamp(min=1)
