@@ -78,10 +78,12 @@ def _fitted(lines: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]
     plane = Plane(normal, float(normal @ lines[:3, start]), 0.0)
     on = _on(plane, lines)
     for _ in range(3):
-        points = lines[:3, on].astype(np.float64)
+        points = lines[:3].take(np.flatnonzero(on), axis=1).astype(np.float64)
         if points.shape[1] < 3:
             break
-        centre, normal = points.mean(axis=1), np.linalg.eigh(np.cov(points))[1][:, 0]
+        centre = points.mean(axis=1)
+        away = points - centre[:, None]
+        normal = np.linalg.eigh(away @ away.T)[1][:, 0]
         normal *= np.sign(normal @ plane.normal)
         plane = Plane(normal.astype(np.float32), float(normal @ centre), float(pixel_m2[on].sum()))
         fitted, on = on, _on(plane, lines)
