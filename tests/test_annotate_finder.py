@@ -50,6 +50,20 @@ def test_two_who_stand_side_by_side_are_two(apart, is_felt):
     assert iou(found.mask, whose == one) > 0.85 and iou(found.others, whose == other) > 0.85
 
 
+def test_an_image_and_its_mirror_image_have_the_same_odds_and_votes_turned():
+    depth, whose = seen([(1, -0.3), (2, 0.4)])
+    points, felt = np.nan_to_num(cloud_of(depth).points_m), (whose > 0).astype(np.float32)
+    odds, votes = finder._found(points, felt)
+    other_odds, other_votes = finder._found(points[:, ::-1] * np.array([-1, 1, 1], np.float32), felt[:, ::-1])
+    np.testing.assert_allclose(other_odds[:, ::-1], odds, atol=1e-5)
+    # Of two columns side by side the left one votes.
+    away = np.abs(other_votes[:, ::-1] * (-1, 1, 1) - votes)[odds[::2, ::2] > 0]
+    assert (odds > 0).sum() > 1000 and np.median(away) < 0.02
+    for number in (1, 2):
+        middle = points[(whose == number) & (points[..., 2] > 0)].mean(axis=0)
+        assert np.median(np.linalg.norm(votes[whose[::2, ::2] == number] - middle, axis=1)) < 0.12
+
+
 @pytest.mark.parametrize("rows", [np.s_[:], np.s_[:150], np.s_[130:]])
 def test_somebody_cut_out_is_all_that_is_there_whole_or_cut_off(rows):
     depth, whose = seen([(4, 0.0)], room=False)

@@ -32,8 +32,7 @@ VOTE_M, MIDDLES_M = 0.1, 0.25
 """Metres by which votes for one middle scatter; least distance of the middles of two persons. Measured on
 training scenes: of 134 persons 8 fall apart and 9 are joined; 0.35 m: 6 and 12, 0.45 m: 4 and 13."""
 STRAY_M = 0.7
-"""Metres from a person's votes within which scattered votes are still theirs. Chosen by eye; with
-0.25 less is found of cut-out people in 16 frames of `hard` (0.987 instead of 0.997)."""
+"""Metres from a person's votes within which scattered votes are still theirs; 0.25 finds less. By eye."""
 MOST_VOTES = 500
 """Votes that decide on the middles, for speed. Chosen by eye."""
 CUT_OUT_ODDS = 4.0
@@ -65,10 +64,7 @@ def people_in(cloud: ThermalCloud, warmth: Float32) -> list[Person]:
 
     warmth: (h, w), of the way from the room's temperature, 0, to a person's, 1; NaN = not felt.
     """
-    v, u = (
-        _grid(side, focal)
-        for side, focal in zip(cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx), strict=True)
-    )
+    v, u = map(_grid, cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx))
     small = np.ix_(np.rint(v).astype(np.intp), np.rint(u).astype(np.intp))
     small_m = np.nan_to_num(cloud.points_m[small])
     odds, votes_m = _found(small_m, warmth[small])
@@ -79,9 +75,8 @@ def people_in(cloud: ThermalCloud, warmth: Float32) -> list[Person]:
     likely = (odds > 0) & (z > 0)
     voting = likely[::2, ::2]
     whose = np.zeros(odds.shape, np.uint8)
-    whose[::2, ::2][voting] = _by_votes(
-        votes_m[voting], 4 * surface_m2[::2, ::2][voting], odds[::2, ::2][voting]
-    )
+    some = (votes_m, 4 * surface_m2[::2, ::2], odds[::2, ::2])
+    whose[::2, ::2][voting] = _by_votes(*(values[voting] for values in some))
     # Every second pixel votes; those between are whose their neighbours are.
     between = cv2.dilate(whose, np.ones((3, 3), np.uint8))
     whose = np.where(whose > 0, whose, np.where(likely, between, 0)).astype(np.uint8)
@@ -135,19 +130,25 @@ def _network() -> Network:
     return onnx_session(files("annotate").joinpath("person/finder.onnx").read_bytes())
 
 
+def _answer(depth_m: Float32, warmth: Float32) -> Float32:
+    """Odds and votes (7, h / 2, w / 2) by the network; arguments as of ``network_input``."""
+    return np.asarray(_network().run(None, {"image": network_input(depth_m, warmth)[None]})[0][0], np.float32)
+
+
 def _found(points_m: Float32, warmth: Float32) -> tuple[Float32, Float32]:
     """Log odds (h, w) in the camera's frame of points (h, w, 3) in metres, 0 = none, and of warmth (h, w).
 
-    With votes (ceil(h / 2), ceil(w / 2), 3) of every second point.
+    With votes (ceil(h / 2), ceil(w / 2), 3) of every second point; both by the image and its mirror image.
     """
     height, width = points_m.shape[:2]
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
-    image = np.pad(points_m[..., 2], more)
+    image, felt = np.pad(points_m[..., 2], more), np.pad(warmth, more)
     voters = points_m[::2, ::2]
-    found: Float32 = _network().run(None, {"image": network_input(image, np.pad(warmth, more))[None]})[0][0]
-    odds = np.empty(image.shape, np.float32)
-    for phase in range(4):
-        odds[phase // 2 :: 2, phase % 2 :: 2] = found[phase]
+    # In a mirror columns change places two by two, and votes to the right go to the left.
+    other = _answer(image[:, ::-1], felt[:, ::-1])[[1, 0, 3, 2, 4, 5, 6], :, ::-1]
+    other[4] *= -1
+    found = np.float32(0.5) * (_answer(image, felt) + other)
+    odds = found[:4].reshape(2, 2, *found.shape[1:]).transpose(2, 0, 3, 1).reshape(image.shape)
     right, down, away = found[4:, : voters.shape[0], : voters.shape[1]]
     # The network's votes lie beside the point at its depth, and behind or before that on the ray.
     z = np.maximum(voters[..., 2], 0.1)

@@ -20,8 +20,7 @@ LEAST_COSINE = 0.94
 PLANE_STRIDE = 3
 """Pixels between the rows and the columns in which planes are sought. Chosen by eye."""
 TRIALS, MOST_PLANES = 40, 16
-"""Points of these that are tried as the next plane; planes of a cloud at most, as a rough surface far away
-would fall apart into a hundred. Chosen by eye."""
+"""Points tried as the next plane; most planes, as a rough surface falls into a hundred. Chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,8 @@ def find_planes(cloud: ThermalCloud) -> tuple[Plane, ...]:
     One-point RANSAC, since a point with its normal is a plane, then least squares on the inliers; the same
     cloud gives the same planes.
     """
-    rows, columns = np.nonzero(cloud.valid[1::PLANE_STRIDE, 1::PLANE_STRIDE])
-    rows, columns = rows * PLANE_STRIDE + 1, columns * PLANE_STRIDE + 1
+    some = slice(1, None, PLANE_STRIDE)
+    rows, columns = (1 + PLANE_STRIDE * at for at in np.nonzero(cloud.valid[some, some]))
     points, camera = cloud.points_m[rows, columns], cloud.camera
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
     normals = _normals(np.ascontiguousarray(cloud.points_m[..., 2]), lens, rows, columns)
@@ -81,9 +80,8 @@ def _fitted(lines: Float32, pixel_m2: Float32, start: int) -> tuple[Plane, Bool]
         points = lines[:3].take(np.flatnonzero(on), axis=1).astype(np.float64)
         if points.shape[1] < 3:
             break
-        centre = points.mean(axis=1)
-        away = points - centre[:, None]
-        normal = np.linalg.eigh(away @ away.T)[1][:, 0]
+        points -= (centre := points.mean(axis=1))[:, None]
+        normal = np.linalg.eigh(points @ points.T)[1][:, 0]
         normal *= np.sign(normal @ plane.normal)
         plane = Plane(normal.astype(np.float32), float(normal @ centre), float(pixel_m2[on].sum()))
         fitted, on = on, _on(plane, lines)

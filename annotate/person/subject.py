@@ -21,8 +21,7 @@ BEFORE_GAIN, CLEAR_LEAD = 4.0, 2.0
 """Factor less one by which standing where the subject stood before raises a score, and least ratio of the
 best to the next among three persons and more. Chosen by eye."""
 EDGE_PX = 4
-"""Width in pixels of the strip along a border of the image; who fills as much of it as a square of this side
-is cut by the border. Chosen by eye."""
+"""Width in pixels of an image's rim; who fills as much of a side as a square is cut by it. Chosen by eye."""
 
 
 def cloths_shown(suit: Suit, cloud: ThermalCloud, person: Bool) -> float:
