@@ -65,9 +65,10 @@ def people_in(cloud: ThermalCloud, warmth: Float32) -> list[Person]:
     warmth: (h, w), of the way from the room's temperature, 0, to a person's, 1; NaN = not felt.
     """
     v, u = map(_grid, cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx))
-    small = np.ix_(np.rint(v).astype(np.intp), np.rint(u).astype(np.intp))
-    small_m = np.nan_to_num(cloud.points_m[small])
-    odds, votes_m = _found(small_m, warmth[small])
+    rows, columns = (np.rint(grid).astype(np.intp) for grid in (v, u))
+    small_m, felt = (plane.take(rows, axis=0).take(columns, axis=1) for plane in (cloud.points_m, warmth))
+    small_m = np.nan_to_num(small_m, copy=False)
+    odds, votes_m = _found(small_m, felt)
     z = np.ascontiguousarray(small_m[..., 2])
     surface_m2 = z**2 * np.float32(_spacing(v) * _spacing(u) / (cloud.camera.fx * cloud.camera.fy))
     if surface_m2.sum() <= MOST_PERSON_M2:
@@ -130,11 +131,6 @@ def _network() -> Network:
     return onnx_session(files("annotate").joinpath("person/finder.onnx").read_bytes())
 
 
-def _answer(depth_m: Float32, warmth: Float32) -> Float32:
-    """Odds and votes (7, h / 2, w / 2) by the network; arguments as of ``network_input``."""
-    return np.asarray(_network().run(None, {"image": network_input(depth_m, warmth)[None]})[0][0], np.float32)
-
-
 def _found(points_m: Float32, warmth: Float32) -> tuple[Float32, Float32]:
     """Log odds (h, w) in the camera's frame of points (h, w, 3) in metres, 0 = none, and of warmth (h, w).
 
@@ -142,13 +138,15 @@ def _found(points_m: Float32, warmth: Float32) -> tuple[Float32, Float32]:
     """
     height, width = points_m.shape[:2]
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
-    image, felt = np.pad(points_m[..., 2], more), np.pad(warmth, more)
+    seen = network_input(np.pad(points_m[..., 2], more), np.pad(warmth, more))
     voters = points_m[::2, ::2]
     # In a mirror columns change places two by two, and votes to the right go to the left.
-    other = _answer(image[:, ::-1], felt[:, ::-1])[[1, 0, 3, 2, 4, 5, 6], :, ::-1]
-    other[4] *= -1
-    found = np.float32(0.5) * (_answer(image, felt) + other)
-    odds = found[:4].reshape(2, 2, *found.shape[1:]).transpose(2, 0, 3, 1).reshape(image.shape)
+    both = seen, seen[np.arange(len(seen)) ^ 1, :, ::-1]
+    direct, turned = (_network().run(None, {"image": image[None]})[0][0] for image in both)
+    turned = turned[[1, 0, 3, 2, 4, 5, 6], :, ::-1]
+    turned[4] *= -1
+    found = np.float32(0.5) * (direct + turned)
+    odds = found[:4].reshape(2, 2, *found.shape[1:]).transpose(2, 0, 3, 1).reshape(2 * seen.shape[1], -1)
     right, down, away = found[4:, : voters.shape[0], : voters.shape[1]]
     # The network's votes lie beside the point at its depth, and behind or before that on the ray.
     z = np.maximum(voters[..., 2], 0.1)
